@@ -1,0 +1,24 @@
+"""Errors the user can put right: each message names the thing, the value and the remedy.
+
+Uses nothing else of the package.
+"""
+
+
+class EchoAvatarError(Exception):
+    """The user can put it right; the message says how. The command line prints it as one line and exits 1."""
+
+
+class AudioError(EchoAvatarError):
+    """Audio that cannot be read or used: wrong shape, not a number, no sound in the file."""
+
+
+class MotionError(EchoAvatarError):
+    """Motion that cannot be read or used: broken BVH, wrong rig, values that are not finite."""
+
+
+class CheckpointError(EchoAvatarError):
+    """A checkpoint or bundle that is missing, damaged or of another shape."""
+
+
+class DependencyError(EchoAvatarError):
+    """An optional package or program is missing; the message says what to install."""

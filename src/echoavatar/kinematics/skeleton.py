@@ -1,0 +1,168 @@
+"""A skeleton is data: names, parents, rest offsets, mirror pairs, body parts, foot joints, VRM map.
+
+Paper, Motion Tokenizer: the body is tokenised in three anatomical parts, lower body, upper body and hands.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from pydantic import Field, model_validator
+from torch import Tensor
+from typing_extensions import Self
+
+from ..config import Config
+
+
+class SkeletonConfig(Config):
+    """The stored form of a skeleton; travels inside every checkpoint and clip."""
+
+    names: tuple[str, ...] = Field(description="joint names, parents before children")
+    parents: tuple[int, ...] = Field(description="index of each joint's parent, -1 for the root")
+    offsets: tuple[tuple[float, float, float], ...] = Field(description="rest offset from the parent, metres")
+    parts: dict[str, tuple[int, ...]] = Field(default_factory=dict, description="joints of each body part")
+    mirror: tuple[int, ...] = Field(default=(), description="for each joint the joint on the other side")
+    feet: tuple[int, ...] = Field(default=(), description="left ankle, left toes, right ankle, right toes")
+    vrm: dict[str, int] = Field(default_factory=dict, description="VRM 1.0 humanoid bone name to joint")
+
+    @model_validator(mode="after")
+    def _is_a_tree(self) -> Self:
+        if not (len(self.names) == len(self.parents) == len(self.offsets)):
+            raise ValueError(f"{len(self.names)} names, {len(self.parents)} parents, {len(self.offsets)} offsets differ")
+        if len(set(self.names)) != len(self.names):
+            raise ValueError("joint names must be unique")
+        if not self.names or self.parents[0] != -1:
+            raise ValueError("the first joint must be the root (parent -1)")
+        for joint, parent in enumerate(self.parents[1:], start=1):
+            if not 0 <= parent < joint:
+                raise ValueError(f"joint {self.names[joint]} must come after its parent, got parent {parent}")
+        return self
+
+
+@dataclass(frozen=True)
+class Skeleton:
+    """A `SkeletonConfig` with the derived tables that forward kinematics needs."""
+
+    config: SkeletonConfig
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Joint names."""
+        return self.config.names
+
+    @property
+    def parents(self) -> tuple[int, ...]:
+        """Parent of each joint, -1 for the root."""
+        return self.config.parents
+
+    @property
+    def joints(self) -> int:
+        """How many joints there are."""
+        return len(self.config.names)
+
+    @cached_property
+    def offsets(self) -> Float[Tensor, "j 3"]:
+        """Rest offset of each joint from its parent, metres."""
+        return torch.tensor(self.config.offsets, dtype=torch.float32)
+
+    @cached_property
+    def levels(self) -> tuple[tuple[int, ...], ...]:
+        """Joints grouped by tree depth, root first: one batched product per level instead of one per joint."""
+        depth = [0] * self.joints
+        for joint, parent in enumerate(self.parents[1:], start=1):
+            depth[joint] = depth[parent] + 1
+        return tuple(tuple(j for j in range(self.joints) if depth[j] == d) for d in range(max(depth) + 1))
+
+    @cached_property
+    def rest_positions(self) -> Float[Tensor, "j 3"]:
+        """World position of each joint in the rest pose, metres."""
+        positions = self.offsets.clone()
+        for joint, parent in enumerate(self.parents[1:], start=1):
+            positions[joint] += positions[parent]
+        return positions
+
+    def index(self, name: str) -> int:
+        """Index of a joint by name; raises KeyError for an unknown name."""
+        try:
+            return self.names.index(name)
+        except ValueError:
+            raise KeyError(f"no joint {name!r}; there are {', '.join(self.names[:6])}, ...") from None
+
+    def indices(self, names: Sequence[str]) -> list[int]:
+        """Indices of several joints by name."""
+        return [self.index(name) for name in names]
+
+
+def _humanoid() -> SkeletonConfig:
+    """The project's rig: the 52 bones of the VRM 1.0 humanoid set, T-pose, 1.70 m, metres, Y up, facing +Z, left is +X."""
+    rows: list[tuple[str, str | None, tuple[float, float, float]]] = [
+        ("hips", None, (0.0, 0.950, 0.0)),
+        ("spine", "hips", (0.0, 0.075, -0.005)),
+        ("chest", "spine", (0.0, 0.115, -0.010)),
+        ("upperChest", "chest", (0.0, 0.125, -0.005)),
+        ("neck", "upperChest", (0.0, 0.165, -0.005)),
+        ("head", "neck", (0.0, 0.095, 0.020)),
+    ]
+    for side, x in (("left", 1.0), ("right", -1.0)):
+        rows += [
+            (f"{side}Shoulder", "upperChest", (0.030 * x, 0.120, 0.005)),
+            (f"{side}UpperArm", f"{side}Shoulder", (0.130 * x, 0.010, -0.010)),
+            (f"{side}LowerArm", f"{side}UpperArm", (0.265 * x, 0.0, 0.0)),
+            (f"{side}Hand", f"{side}LowerArm", (0.245 * x, 0.0, 0.0)),
+        ]
+        fingers = {
+            "Thumb": [("Metacarpal", (0.022, -0.012, 0.024)), ("Proximal", (0.034, -0.004, 0.026)), ("Distal", (0.026, 0.0, 0.018))],
+            "Index": [("Proximal", (0.088, 0.002, 0.026)), ("Intermediate", (0.040, 0.0, 0.002)), ("Distal", (0.023, 0.0, 0.001))],
+            "Middle": [("Proximal", (0.090, 0.004, 0.004)), ("Intermediate", (0.044, 0.0, 0.0)), ("Distal", (0.027, 0.0, 0.0))],
+            "Ring": [("Proximal", (0.085, 0.002, -0.017)), ("Intermediate", (0.040, 0.0, -0.001)), ("Distal", (0.025, 0.0, 0.0))],
+            "Little": [("Proximal", (0.077, -0.002, -0.037)), ("Intermediate", (0.030, 0.0, -0.002)), ("Distal", (0.019, 0.0, -0.001))],
+        }  # fmt: skip
+        for finger, bones in fingers.items():
+            parent = f"{side}Hand"
+            for bone, (dx, dy, dz) in bones:
+                rows.append((f"{side}{finger}{bone}", parent, (dx * x, dy, dz)))
+                parent = f"{side}{finger}{bone}"
+    for side, x in (("left", 1.0), ("right", -1.0)):
+        rows += [
+            (f"{side}UpperLeg", "hips", (0.092 * x, -0.035, 0.0)),
+            (f"{side}LowerLeg", f"{side}UpperLeg", (0.0, -0.410, 0.005)),
+            (f"{side}Foot", f"{side}LowerLeg", (0.0, -0.420, -0.020)),
+            (f"{side}Toes", f"{side}Foot", (0.0, -0.065, 0.130)),
+        ]
+    names = tuple(row[0] for row in rows)
+    legs = [i for i, name in enumerate(names) if name.endswith(("Leg", "Foot", "Toes"))]
+    hands = [i for i, name in enumerate(names) if any(f in name for f in ("Thumb", "Index", "Middle", "Ring", "Little"))]
+    lower = (0, *legs)
+    swap = {"left": "right", "right": "left"}
+    mirror = tuple(
+        names.index(swap[side] + name[len(side) :]) if (side := _side(name)) else i for i, name in enumerate(names)
+    )
+    return SkeletonConfig(
+        names=names,
+        parents=tuple(-1 if row[1] is None else names.index(row[1]) for row in rows),
+        offsets=tuple(row[2] for row in rows),
+        parts={
+            "lower": lower,
+            "upper": tuple(i for i in range(len(names)) if i not in lower and i not in hands),
+            "hands": tuple(hands),
+        },
+        mirror=mirror,
+        feet=tuple(names.index(n) for n in ("leftFoot", "leftToes", "rightFoot", "rightToes")),
+        vrm={name: i for i, name in enumerate(names)},
+    )
+
+
+def _side(name: str) -> str:
+    return next((side for side in ("left", "right") if name.startswith(side)), "")
+
+
+HUMANOID = Skeleton(_humanoid())
+
+
+def rest_height(skeleton: Skeleton) -> float:
+    """Height of the root above the lowest joint in the rest pose, metres: the scale used when retargeting."""
+    positions = skeleton.rest_positions.numpy()
+    return float(positions[0, 1] - np.min(positions[:, 1]))

@@ -1,0 +1,28 @@
+"""The clock: every rate of the system, counted in samples at 24 kHz and derived once.
+
+Uses nothing else of the package. Paper, Settings: 30 fps motion, 7.5 Hz motion tokens, EnCodec at 75 Hz,
+steps of 8 frames (0.266 s).
+"""
+
+
+def exact_div(numerator: int, denominator: int) -> int:
+    """Divide where a remainder would be a mistake in the clock."""
+    quotient, remainder = divmod(numerator, denominator)
+    if remainder:
+        raise ValueError(f"{numerator} is not a multiple of {denominator}")
+    return quotient
+
+
+SAMPLE_RATE_HZ = 24_000
+FRAME_RATE_HZ = 30
+AUDIO_TOKEN_RATE_HZ = 75
+
+SAMPLES_PER_FRAME = exact_div(SAMPLE_RATE_HZ, FRAME_RATE_HZ)  # 800
+SAMPLES_PER_AUDIO_TOKEN = exact_div(SAMPLE_RATE_HZ, AUDIO_TOKEN_RATE_HZ)  # 320
+FRAMES_PER_MOTION_TOKEN = 4
+SAMPLES_PER_MOTION_TOKEN = FRAMES_PER_MOTION_TOKEN * SAMPLES_PER_FRAME  # 3,200 samples, 7.5 Hz
+CHUNK_FRAMES = 8
+CHUNK_SAMPLES = CHUNK_FRAMES * SAMPLES_PER_FRAME  # 6,400: what one step consumes and produces
+CHUNK_SECONDS = CHUNK_SAMPLES / SAMPLE_RATE_HZ  # 0.2667
+AUDIO_FRAMES_PER_CHUNK = exact_div(CHUNK_SAMPLES, SAMPLES_PER_AUDIO_TOKEN)  # 20, times two RVQ layers
+MOTION_TOKENS_PER_CHUNK = exact_div(CHUNK_FRAMES, FRAMES_PER_MOTION_TOKEN)  # 2 time steps
