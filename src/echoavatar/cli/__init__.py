@@ -1,0 +1,53 @@
+"""The command line: parse, dispatch, print. May import every room; imports only the one the command needs.
+
+Each command is one module with `add_arguments(parser)` and `run(args) -> int`. Exit codes: 0 done, 1 an error the
+user can put right (one line), 2 wrong usage.
+"""
+
+import argparse
+import importlib
+import logging
+import sys
+from collections.abc import Sequence
+
+from ..errors import EchoAvatarError
+
+COMMANDS = {
+    "demo": "render bundled speech and music to MP4, GLB and a page that plays them",
+    "animate": "turn an audio file into full-body motion (BVH, GLB, NPZ, CSV or MP4)",
+    "doctor": "say what works on this machine and what to do about the rest",
+    "bench": "measure latency, real-time factor and memory",
+    "evaluate": "score a bundle; the last line is JSON",
+    "data": "make training data",
+    "train": "train the codec, the motion tokenizer or the generator",
+    "bundle": "assemble trained parts into a bundle",
+}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit code."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
+    parser = argparse.ArgumentParser(
+        prog="echoavatar",
+        description="An audio stream becomes full-body motion, in real time.",
+        epilog="`echoavatar COMMAND --help` explains each command with examples.",
+    )
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    asked = next((word for word in words if not word.startswith("-")), None)
+    for name, summary in COMMANDS.items():
+        child = commands.add_parser(
+            name, help=summary, description=summary, formatter_class=argparse.RawDescriptionHelpFormatter
+        )
+        if name == asked:
+            importlib.import_module(f".{name}", __name__).add_arguments(child)
+    args = parser.parse_args(words)
+    try:
+        code: int = importlib.import_module(f".{args.command}", __name__).run(args)
+    except EchoAvatarError as error:
+        print(f"echoavatar: {' '.join(str(error).split())}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("echoavatar: interrupted", file=sys.stderr)
+        return 130
+    return code

@@ -1,0 +1,149 @@
+"""The rehearsal corpus: paired audio and motion made by rule, so that the whole pipeline can be rehearsed offline.
+
+Every clip is made from its own seed alone, so the corpus is the same on any number of workers, and a broken run
+continues where it stopped. It is synthetic and says so in its manifest.
+"""
+
+import multiprocessing
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..audio.io import read_audio
+from ..data.clip import Clip
+from ..data.corpus import write_manifest
+from ..errors import EchoAvatarError
+from ..timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
+from .perform import perform
+from .solver import solve
+from .sound import SoundTrack
+from .track import compose_track, track_from_recording
+
+CLIP_SECONDS = 64.0
+TEST_EVERY = 16  # one clip in sixteen is held out
+RECORDING_EVERY = 4  # with recordings at hand, one clip in four is made to fit one
+AUDIO_SUFFIXES = (".wav", ".ogg", ".flac", ".mp3", ".opus", ".m4a")
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to make: total length, seed, where, and which recorded material to weave in."""
+
+    hours: float
+    seed: int
+    folder: Path
+    library: Path | None = None
+    recordings: Path | None = None
+    clip_seconds: float = CLIP_SECONDS
+
+    @property
+    def clips(self) -> int:
+        """How many clips make up the hours."""
+        return max(2, round(self.hours * 3600 / self.clip_seconds))
+
+
+def rehearse(plan: Plan, *, workers: int = 1, progress: Callable[[int, int], None] | None = None) -> int:
+    """Make (or complete) the corpus; return the number of clips.
+
+    Raises:
+        EchoAvatarError: the folder cannot be written, or hours is not positive.
+    """
+    if plan.hours <= 0:
+        raise EchoAvatarError(f"--hours must be positive, got {plan.hours}")
+    folder = plan.folder / "clips"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise EchoAvatarError(f"cannot write the corpus to {plan.folder}: {error.strerror}; choose another -o") from error
+    wanted = [i for i in range(plan.clips) if not _path(plan, i).exists()]
+    done = plan.clips - len(wanted)
+    for _ in _made(plan, wanted, workers):
+        done += 1
+        if progress:
+            progress(done, plan.clips)
+    write_manifest(
+        plan.folder,
+        {
+            "kind": "synthetic rehearsal corpus (motion made by rule, not captured)",
+            "hours": plan.hours,
+            "seed": plan.seed,
+            "clip_seconds": plan.clip_seconds,
+            "library": plan.library.name if plan.library else None,
+            "recordings": plan.recordings.name if plan.recordings else None,
+        },
+    )
+    return plan.clips
+
+
+def make_clip(plan: Plan, index: int) -> Clip:
+    """One clip from the plan's seed and its own index."""
+    seed = int(np.random.SeedSequence([plan.seed, index]).generate_state(1)[0])
+    split = "test" if index % TEST_EVERY == TEST_EVERY - 1 else "train"
+    track = _track(plan, index, seed, split)
+    controls = perform(track, seed)
+    rotations, root = solve(controls)
+    frames = min(len(rotations), len(track.audio) // SAMPLES_PER_FRAME)
+    return Clip(
+        name=f"rehearsal-{plan.seed}-{index:05d}",
+        audio=track.audio[: frames * SAMPLES_PER_FRAME].astype(np.float32),
+        rotations=rotations[:frames].astype(np.float32),
+        root=root[:frames].astype(np.float32),
+        domain=domains(track, frames),
+        events={
+            "beats": np.asarray(track.beats, np.float64),
+            "downbeats": np.asarray(track.downbeats, np.float64),
+            "stress": np.array([s.vowel for s in track.syllables if s.prominence >= 0.45], np.float64),
+        },
+        split=split,
+    )
+
+
+def domains(track: SoundTrack, frames: int) -> np.ndarray:
+    """Per frame: 0 silence, 1 speech, 2 music."""
+    codes = {"silence": 0, "speech": 1, "music": 2}
+    domain = np.zeros(frames, np.uint8)
+    for span in track.spans:
+        domain[round(span.start * FRAME_RATE_HZ) : round(span.end * FRAME_RATE_HZ)] = codes[span.kind]
+    return domain
+
+
+def _track(plan: Plan, index: int, seed: int, split: str) -> SoundTrack:
+    recordings = _recordings(plan)
+    if not recordings or index % RECORDING_EVERY != RECORDING_EVERY - 2:
+        return compose_track(seed, plan.clip_seconds, split=split)
+    path = recordings[(index // RECORDING_EVERY) % len(recordings)]
+    audio = read_audio(path)
+    rng = np.random.default_rng(seed)
+    wanted = int(plan.clip_seconds * 24_000)
+    if len(audio) > wanted:
+        start = int(rng.integers(0, len(audio) - wanted))
+        audio = audio[start : start + wanted]
+    kind = "music" if "music" in str(path.relative_to(plan.recordings or path)).lower() else "speech"
+    return track_from_recording(audio, kind, seed)
+
+
+def _recordings(plan: Plan) -> list[Path]:
+    if plan.recordings is None:
+        return []
+    return sorted(p for p in plan.recordings.rglob("*") if p.suffix.lower() in AUDIO_SUFFIXES)
+
+
+def _path(plan: Plan, index: int) -> Path:
+    return plan.folder / "clips" / f"{index:05d}.npz"
+
+
+def _work(job: tuple[Plan, int]) -> int:
+    plan, index = job
+    make_clip(plan, index).save(_path(plan, index))
+    return index
+
+
+def _made(plan: Plan, wanted: list[int], workers: int) -> Iterator[int]:
+    jobs = [(replace(plan), index) for index in wanted]
+    if workers <= 1:
+        yield from map(_work, jobs)
+        return
+    with multiprocessing.get_context("spawn").Pool(workers) as pool:
+        yield from pool.imap_unordered(_work, jobs)
