@@ -4,7 +4,36 @@ May import `nn` and below. Metres, radians, Y up, character facing +Z with its l
 rotations relative to the parent; anything else says so in its name.
 """
 
+from .features import (
+    FeatureStatistics,
+    MotionFrames,
+    feature_size,
+    from_features,
+    join_parts,
+    measure_features,
+    part_sizes,
+    split_parts,
+    to_features,
+)
 from .forward import Pose, forward_kinematics
+from .mirror import mirror_features, mirror_rotations
 from .skeleton import HUMANOID, Skeleton, SkeletonConfig
 
-__all__ = ["HUMANOID", "Pose", "Skeleton", "SkeletonConfig", "forward_kinematics"]
+__all__ = [
+    "HUMANOID",
+    "FeatureStatistics",
+    "MotionFrames",
+    "Pose",
+    "Skeleton",
+    "SkeletonConfig",
+    "feature_size",
+    "forward_kinematics",
+    "from_features",
+    "join_parts",
+    "measure_features",
+    "mirror_features",
+    "mirror_rotations",
+    "part_sizes",
+    "split_parts",
+    "to_features",
+]

@@ -24,19 +24,14 @@ def forward_kinematics(
     skeleton: Skeleton, rotations: Float[Tensor, "*n j 3 3"], root: Float[Tensor, "*n 3"]
 ) -> Pose:
     """World pose from parent-relative rotations and the root's world position (metres)."""
-    offsets = skeleton.offsets.to(rotations)
-    world = [rotations[..., 0, :, :]]
-    place = [root]
-    order = [0]
-    for level in skeleton.levels[1:]:
-        joints = list(level)
-        above = torch.tensor([order.index(skeleton.parents[j]) for j in joints], device=rotations.device)
-        parent_rotation = torch.stack(world, -3).index_select(-3, above)
-        parent_place = torch.stack(place, -2).index_select(-2, above)
-        turned = parent_rotation @ rotations[..., joints, :, :]
-        moved = parent_place + (parent_rotation @ offsets[joints, :, None]).squeeze(-1)
-        world += list(turned.unbind(-3))
-        place += list(moved.unbind(-2))
-        order += joints
-    back = [order.index(j) for j in range(skeleton.joints)]
-    return Pose(torch.stack([world[i] for i in back], -3), torch.stack([place[i] for i in back], -2))
+    tables = skeleton.level_tables(rotations.device)
+    local = rotations.index_select(-3, tables.order).split(tables.sizes, -3)
+    turns, places = [local[0]], [root[..., None, :]]
+    for turn, parents, offsets in zip(local[1:], tables.parents, tables.offsets, strict=True):
+        above = turns[-1].index_select(-3, parents)
+        places.append(places[-1].index_select(-2, parents) + (above @ offsets.to(above)).squeeze(-1))
+        turns.append(above @ turn)
+    return Pose(
+        torch.cat(turns, -3).index_select(-3, tables.back),
+        torch.cat(places, -2).index_select(-2, tables.back),
+    )

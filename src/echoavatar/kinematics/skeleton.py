@@ -6,10 +6,11 @@ Paper, Motion Tokenizer: the body is tokenised in three anatomical parts, lower 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from pydantic import Field, model_validator
 from torch import Tensor
 from typing_extensions import Self
@@ -31,7 +32,9 @@ class SkeletonConfig(Config):
     @model_validator(mode="after")
     def _is_a_tree(self) -> Self:
         if not (len(self.names) == len(self.parents) == len(self.offsets)):
-            raise ValueError(f"{len(self.names)} names, {len(self.parents)} parents, {len(self.offsets)} offsets differ")
+            raise ValueError(
+                f"{len(self.names)} names, {len(self.parents)} parents, {len(self.offsets)} offsets differ"
+            )
         if len(set(self.names)) != len(self.names):
             raise ValueError("joint names must be unique")
         if not self.names or self.parents[0] != -1:
@@ -40,6 +43,16 @@ class SkeletonConfig(Config):
             if not 0 <= parent < joint:
                 raise ValueError(f"joint {self.names[joint]} must come after its parent, got parent {parent}")
         return self
+
+
+class LevelTables(NamedTuple):
+    """Joints sorted by tree depth. A parent is always one level above its child, so each level needs only the last."""
+
+    order: Int[Tensor, " j"]  # level order -> joint
+    back: Int[Tensor, " j"]  # joint -> level order
+    sizes: tuple[int, ...]  # joints in each level
+    parents: tuple[Int[Tensor, " l"], ...]  # per level below the root: the parent's place in the level above
+    offsets: tuple[Float[Tensor, "l 3 1"], ...]  # per level below the root, metres
 
 
 @dataclass(frozen=True)
@@ -77,6 +90,21 @@ class Skeleton:
         return tuple(tuple(j for j in range(self.joints) if depth[j] == d) for d in range(max(depth) + 1))
 
     @cached_property
+    def feature_joints(self) -> tuple[int, ...]:
+        """Joints in the order of the motion features: part after part, ascending inside each."""
+        return tuple(joint for part in self.config.parts.values() for joint in part)
+
+    @cached_property
+    def _tables(self) -> dict[torch.device, "LevelTables"]:
+        return {}
+
+    def level_tables(self, device: torch.device) -> "LevelTables":
+        """The index tensors of forward kinematics on a device; made once and kept."""
+        if device not in self._tables:
+            self._tables[device] = _level_tables(self, device)
+        return self._tables[device]
+
+    @cached_property
     def rest_positions(self) -> Float[Tensor, "j 3"]:
         """World position of each joint in the rest pose, metres."""
         positions = self.offsets.clone()
@@ -94,6 +122,19 @@ class Skeleton:
     def indices(self, names: Sequence[str]) -> list[int]:
         """Indices of several joints by name."""
         return [self.index(name) for name in names]
+
+
+def _level_tables(skeleton: Skeleton, device: torch.device) -> LevelTables:
+    order = torch.tensor([joint for level in skeleton.levels for joint in level])
+    pairs = list(zip(skeleton.levels, skeleton.levels[1:], strict=False))
+    parents = [torch.tensor([above.index(skeleton.parents[j]) for j in level]) for above, level in pairs]
+    return LevelTables(
+        order=order.to(device),
+        back=order.argsort().to(device),
+        sizes=tuple(len(level) for level in skeleton.levels),
+        parents=tuple(index.to(device) for index in parents),
+        offsets=tuple(skeleton.offsets[list(level)][..., None].to(device) for _, level in pairs),
+    )
 
 
 def _humanoid() -> SkeletonConfig:
@@ -134,11 +175,16 @@ def _humanoid() -> SkeletonConfig:
         ]
     names = tuple(row[0] for row in rows)
     legs = [i for i, name in enumerate(names) if name.endswith(("Leg", "Foot", "Toes"))]
-    hands = [i for i, name in enumerate(names) if any(f in name for f in ("Thumb", "Index", "Middle", "Ring", "Little"))]
+    hands = [
+        i
+        for i, name in enumerate(names)
+        if any(f in name for f in ("Thumb", "Index", "Middle", "Ring", "Little"))
+    ]
     lower = (0, *legs)
     swap = {"left": "right", "right": "left"}
     mirror = tuple(
-        names.index(swap[side] + name[len(side) :]) if (side := _side(name)) else i for i, name in enumerate(names)
+        names.index(swap[side] + name[len(side) :]) if (side := _side(name)) else i
+        for i, name in enumerate(names)
     )
     return SkeletonConfig(
         names=names,

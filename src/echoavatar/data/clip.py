@@ -1,0 +1,144 @@
+"""A clip: a stretch of sound and the motion that goes with it, on our clock (24 kHz, 30 frames per second).
+
+Stored as one `.npz` without pickles. Sound is kept as 16-bit PCM (samples beyond +-1 are clipped, as a sound card
+would), motion as float32.
+"""
+
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import MotionError
+from ..timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
+
+DOMAINS = ("silence", "speech", "music")
+SPLITS = ("train", "test")
+_PCM = 32767.0
+_EVENT = "event."
+
+
+@dataclass(frozen=True)
+class Clip:
+    """Sound and motion of equal length. Arrays are not copied and must not be written to.
+
+    Attributes:
+        name: file-safe name, unique in its corpus.
+        audio: (800 t,) float32 mono at 24 kHz.
+        rotations: (t, j, 4) float32 parent-relative unit quaternions `wxyz`, joints of `HUMANOID`.
+        root: (t, 3) float32 world position of the hips, metres.
+        domain: (t,) uint8 per frame, an index into `DOMAINS`.
+        events: sorted times in seconds by kind: "beats", "downbeats", "stress".
+        split: "train" or "test".
+    """
+
+    name: str
+    audio: NDArray[np.float32]
+    rotations: NDArray[np.float32]
+    root: NDArray[np.float32]
+    domain: NDArray[np.uint8]
+    events: Mapping[str, NDArray[np.float64]] = field(default_factory=lambda: MappingProxyType({}))
+    split: str = "train"
+
+    def __post_init__(self) -> None:
+        """Raises MotionError for shapes that do not fit, values that are not finite or an unknown split."""
+        t = self.frames
+        self._want(self.split in SPLITS, f"split is {self.split!r}, use one of {', '.join(SPLITS)}")
+        self._want(t > 0, "it has no frames")
+        self._want(
+            self.rotations.ndim == 3 and self.rotations.shape[-1] == 4,
+            f"rotations have shape {self.rotations.shape}, expected (frames, joints, 4)",
+        )
+        self._want(self.root.shape == (t, 3), f"root has shape {self.root.shape}, expected ({t}, 3)")
+        self._want(self.domain.shape == (t,), f"domain has shape {self.domain.shape}, expected ({t},)")
+        samples = t * SAMPLES_PER_FRAME
+        self._want(
+            self.audio.shape == (samples,),
+            f"audio has shape {self.audio.shape}, expected ({samples},): {SAMPLES_PER_FRAME} samples a frame",
+        )
+        self._want(int(self.domain.max()) < len(DOMAINS), f"domain goes to {self.domain.max()}, highest is 2")
+        for label, values in (("audio", self.audio), ("rotations", self.rotations), ("root", self.root)):
+            self._want(
+                bool(np.isfinite(values).all()), f"{label} holds values that are not finite; make it again"
+            )
+        off = float(np.abs(np.linalg.norm(self.rotations, axis=-1) - 1).max())
+        self._want(off < 1e-3, f"rotations are not unit quaternions (off by {off:.3g}); normalise them")
+
+    def _want(self, is_met: bool, complaint: str) -> None:
+        if not is_met:
+            raise MotionError(f"clip {self.name!r}: {complaint}")
+
+    @property
+    def frames(self) -> int:
+        """How many motion frames there are."""
+        return int(self.rotations.shape[0])
+
+    @property
+    def seconds(self) -> float:
+        """Length in seconds."""
+        return self.frames / FRAME_RATE_HZ
+
+    def save(self, path: Path | str) -> None:
+        """Write to `.npz`, complete or not at all."""
+        path = Path(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        arrays: dict[str, Any] = {
+            "name": np.array(self.name),
+            "split": np.array(self.split),
+            "audio": np.round(np.clip(self.audio, -1, 1) * _PCM).astype(np.int16),
+            "rotations": self.rotations.astype(np.float32),
+            "root": self.root.astype(np.float32),
+            "domain": self.domain.astype(np.uint8),
+            **{_EVENT + kind: np.asarray(times, np.float64) for kind, times in self.events.items()},
+        }
+        partial = path.with_name(path.name + ".part")
+        try:
+            with partial.open("wb") as file:
+                np.savez(file, **arrays)
+            partial.replace(path)
+        finally:
+            partial.unlink(missing_ok=True)
+
+    @classmethod
+    def load(cls, path: Path | str) -> "Clip":
+        """Read what `save` wrote; raises MotionError for a missing, damaged or foreign file."""
+        with open_clip(path) as stored:
+            return cls(
+                name=str(stored["name"]),
+                audio=stored["audio"].astype(np.float32) / np.float32(_PCM),
+                rotations=stored["rotations"],
+                root=stored["root"],
+                domain=stored["domain"],
+                events={key[len(_EVENT) :]: stored[key] for key in stored.files if key.startswith(_EVENT)},
+                split=str(stored["split"]),
+            )
+
+
+class open_clip:  # noqa: N801  reads like `open`
+    """Context manager: the stored arrays of a clip, each read only when asked for; trouble becomes MotionError."""
+
+    def __init__(self, path: Path | str) -> None:
+        self.path = Path(path)
+
+    def __enter__(self) -> Any:
+        try:
+            self._stored = np.load(self.path, allow_pickle=False)
+        except FileNotFoundError as error:
+            raise MotionError(f"clip {self.path} does not exist; make the corpus again") from error
+        except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+            raise MotionError(
+                f"clip {self.path} is damaged or no clip at all; make the corpus again"
+            ) from error
+        return self._stored
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
+        self._stored.close()
+        if isinstance(error, KeyError):
+            raise MotionError(f"clip {self.path} lacks {error.args[0]!r}; make the corpus again") from error
+        if isinstance(error, OSError | ValueError | EOFError | zipfile.BadZipFile):
+            raise MotionError(f"clip {self.path} is damaged ({error}); make the corpus again") from error

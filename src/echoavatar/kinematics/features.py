@@ -1,0 +1,179 @@
+"""Motion features: what the tokenizer sees of a frame (paper, Motion Tokenizer and Settings).
+
+Per frame, part after part in the skeleton's order (lower body, upper body, hands): the 6D rotation of each joint of
+the part in ascending order; the first part also carries three values of travel: the root's horizontal velocity
+(metres per frame along the world's axes, frame t minus t-1, zero on the first frame) and its height (metres).
+
+The paper's released data measure height from the clip's first frame, with Z up and in centimetres: that is
+`FeatureConvention(up=2, is_height_from_start=True)` with everything in centimetres. Ours is absolute.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from ..timing import FRAME_RATE_HZ
+from .rotations import matrix_from_6d, matrix_to_6d
+from .skeleton import Skeleton
+
+TRAVEL_SIZE = 3
+CONSTANT_STD = 1e-4  # a feature that varies less than this is held at its mean
+
+
+@dataclass(frozen=True)
+class FeatureConvention:
+    """How travel is expressed. Lengths have the unit of the skeleton that is passed along."""
+
+    up: int = 1  # 0, 1, 2 for x, y, z
+    is_height_from_start: bool = False  # height of frame 0 becomes the rest height, later ones relative to it
+
+    @property
+    def ground(self) -> tuple[int, int]:
+        """The two horizontal axes, ascending."""
+        first, second = (axis for axis in range(3) if axis != self.up)
+        return first, second
+
+
+OURS = FeatureConvention()
+REFERENCE = FeatureConvention(up=2, is_height_from_start=True)
+
+
+class MotionFrames(NamedTuple):
+    """Parent-relative rotation matrices and the root's world position."""
+
+    rotations: Float[Tensor, "*n t j 3 3"]
+    root: Float[Tensor, "*n t 3"]
+
+
+def part_sizes(skeleton: Skeleton) -> dict[str, int]:
+    """Feature channels of each part, in order: 57, 78 and 180 for our rig."""
+    sizes = {name: 6 * len(joints) for name, joints in skeleton.config.parts.items()}
+    if not sizes:
+        raise ValueError("the skeleton names no body parts, so it has no motion features")
+    sizes[next(iter(sizes))] += TRAVEL_SIZE
+    return sizes
+
+
+def feature_size(skeleton: Skeleton) -> int:
+    """Channels of the whole feature vector: 315 for our rig."""
+    return sum(part_sizes(skeleton).values())
+
+
+def travel_slice(skeleton: Skeleton) -> slice:
+    """Where the two velocities and the height lie, in the whole vector and in the first part alike."""
+    end = next(iter(part_sizes(skeleton).values()))
+    return slice(end - TRAVEL_SIZE, end)
+
+
+def to_features(
+    skeleton: Skeleton,
+    rotations: Float[Tensor, "*n t j 3 3"],
+    root: Float[Tensor, "*n t 3"],
+    *,
+    previous_ground: Float[Tensor, "*n 2"] | None = None,
+    convention: FeatureConvention = OURS,
+) -> Float[Tensor, "*n t c"]:
+    """Features of a clip.
+
+    Args:
+        skeleton: a rig with body parts.
+        rotations: parent-relative rotation matrices.
+        root: world position of the root, in the unit of the skeleton.
+        previous_ground: horizontal position of the frame before the first one, when the clip goes on from an
+            earlier piece (then any cutting gives the features of the whole); None when it starts here.
+        convention: how travel is expressed.
+    """
+    ground = root[..., list(convention.ground)]
+    before = ground[..., :1, :] if previous_ground is None else previous_ground[..., None, :]
+    velocity = ground - torch.cat([before, ground[..., :-1, :]], -2)
+    height = root[..., convention.up, None]
+    if convention.is_height_from_start:
+        height = skeleton.offsets[0, convention.up].item() + height - height[..., :1, :]
+    six = matrix_to_6d(rotations[..., list(skeleton.feature_joints), :, :]).flatten(-2)
+    start = travel_slice(skeleton).start
+    return torch.cat([six[..., :start], velocity, height, six[..., start:]], -1)
+
+
+def from_features(
+    skeleton: Skeleton,
+    features: Float[Tensor, "*n t c"],
+    start_ground: Float[Tensor, "*n 2"] | None = None,
+    *,
+    convention: FeatureConvention = OURS,
+) -> MotionFrames:
+    """Rotations and root of features; joints outside all parts stay at rest.
+
+    `start_ground` is the horizontal position of the frame before the first (zero without): hand the last frame's
+    on to the next piece and any cutting gives the motion of the whole.
+    """
+    travel = travel_slice(skeleton)
+    joints = list(skeleton.feature_joints)
+    six = torch.cat([features[..., : travel.start], features[..., travel.stop :]], -1)
+    turns = matrix_from_6d(six.unflatten(-1, (len(joints), 6)))
+    if sorted(joints) == list(range(skeleton.joints)):
+        rotations = turns[..., torch.tensor(joints, device=turns.device).argsort(), :, :]
+    else:
+        eye = torch.eye(3, dtype=features.dtype, device=features.device)
+        rotations = eye.expand(*features.shape[:-1], skeleton.joints, 3, 3).clone()
+        rotations[..., joints, :, :] = turns
+    ground = features[..., travel.start : travel.start + 2].cumsum(-2)
+    if start_ground is not None:
+        ground = ground + start_ground[..., None, :]
+    columns = list(ground.unbind(-1))
+    columns.insert(convention.up, features[..., travel.start + 2])
+    return MotionFrames(rotations, torch.stack(columns, -1))
+
+
+def split_parts(skeleton: Skeleton, features: Float[Tensor, "*n c"]) -> dict[str, Float[Tensor, "*n d"]]:
+    """The features of each part."""
+    sizes = part_sizes(skeleton)
+    return dict(zip(sizes, features.split(list(sizes.values()), -1), strict=True))
+
+
+def join_parts(skeleton: Skeleton, parts: Mapping[str, Float[Tensor, "*n d"]]) -> Float[Tensor, "*n c"]:
+    """Inverse of `split_parts`."""
+    return torch.cat([parts[name] for name in skeleton.config.parts], -1)
+
+
+class FeatureStatistics(NamedTuple):
+    """Mean and spread of each feature; `varies` is False where it hardly moves (std under 1e-4)."""
+
+    mean: Float[Tensor, " c"]
+    std: Float[Tensor, " c"]
+    varies: Bool[Tensor, " c"]
+
+    def normalize(self, features: Float[Tensor, "*n c"]) -> Float[Tensor, "*n c"]:
+        """Zero mean, unit spread; exactly 0 for features that do not vary (else noise would grow 1e4-fold)."""
+        return torch.where(self.varies, (features - self.mean) / self.std.clamp_min(CONSTANT_STD), 0.0)
+
+    def denormalize(self, normal: Float[Tensor, "*n c"]) -> Float[Tensor, "*n c"]:
+        """Inverse of `normalize`; features that do not vary come back as their mean."""
+        return torch.where(self.varies, normal * self.std, 0.0) + self.mean
+
+
+def measure_features(clips: Iterable[Float[Tensor, "t c"]]) -> FeatureStatistics:
+    """Mean and std over all frames of all clips, one clip in memory at a time (pairwise updates, in double)."""
+    count, mean, square = 0, torch.zeros(()), torch.zeros(())
+    for clip in clips:
+        frames = clip.double()
+        new, new_mean = frames.shape[0], frames.mean(0)
+        new_square = (frames - new_mean).square().sum(0)
+        total = count + new
+        shift = new_mean - mean
+        square = square + new_square + shift.square() * (count * new / total)
+        mean = mean + shift * (new / total)
+        count = total
+    if not count:
+        raise ValueError("no clip to measure")
+    std = (square / count).sqrt()
+    return FeatureStatistics(mean.float(), std.float(), std >= CONSTANT_STD)
+
+
+def ground_speed(skeleton: Skeleton, features: Float[Tensor, "*n t c"]) -> Float[Tensor, "*n t"]:
+    """Horizontal speed of the root, metres per second, at our 30 frames per second."""
+    travel = travel_slice(skeleton)
+    return features[..., travel.start : travel.start + 2].norm(dim=-1) * FRAME_RATE_HZ
