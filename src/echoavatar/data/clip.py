@@ -1,7 +1,7 @@
 """A clip: a stretch of sound and the motion that goes with it, on our clock (24 kHz, 30 frames per second).
 
-Stored as one `.npz` without pickles. Sound is kept as 16-bit PCM (samples beyond +-1 are clipped, as a sound card
-would), motion as float32.
+Stored as one `.npz` without pickles. Sound is kept as 16-bit PCM (samples beyond +-1 are clipped, as a
+sound card would), motion as float32.
 """
 
 import zipfile
@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import MotionError
-from ..timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
+from echoavatar.errors import MotionError
+from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
 
 DOMAINS = ("silence", "speech", "music")
 SPLITS = ("train", "test")
@@ -63,9 +63,7 @@ class Clip:
         )
         self._want(int(self.domain.max()) < len(DOMAINS), f"domain goes to {self.domain.max()}, highest is 2")
         for label, values in (("audio", self.audio), ("rotations", self.rotations), ("root", self.root)):
-            self._want(
-                bool(np.isfinite(values).all()), f"{label} holds values that are not finite; make it again"
-            )
+            self._want(bool(np.isfinite(values).all()), f"{label} is not finite everywhere; make it again")
         off = float(np.abs(np.linalg.norm(self.rotations, axis=-1) - 1).max())
         self._want(off < 1e-3, f"rotations are not unit quaternions (off by {off:.3g}); normalise them")
 
@@ -120,7 +118,7 @@ class Clip:
 
 
 class open_clip:  # noqa: N801  reads like `open`
-    """Context manager: the stored arrays of a clip, each read only when asked for; trouble becomes MotionError."""
+    """Context manager: the stored arrays of a clip, read when asked for; trouble becomes MotionError."""
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
@@ -131,9 +129,7 @@ class open_clip:  # noqa: N801  reads like `open`
         except FileNotFoundError as error:
             raise MotionError(f"clip {self.path} does not exist; make the corpus again") from error
         except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-            raise MotionError(
-                f"clip {self.path} is damaged or no clip at all; make the corpus again"
-            ) from error
+            raise MotionError(f"clip {self.path} is damaged or no clip; make the corpus again") from error
         return self._stored
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:

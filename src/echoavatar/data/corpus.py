@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, ValidationError
 
-from ..config import Config
-from ..errors import MotionError
+from echoavatar.config import Config
+from echoavatar.errors import MotionError
+
 from .clip import DOMAINS, Clip, open_clip
 
 
@@ -51,7 +52,7 @@ class Corpus:
             self.manifest = Manifest.model_validate_json(path.read_text(encoding="utf-8"))
         except OSError as error:
             raise MotionError(
-                f"{self.folder} is not a corpus: manifest.json cannot be read; make one with `echoavatar data rehearse`"
+                f"{self.folder} is no corpus: manifest.json is missing; make one: `echoavatar data rehearse`"
             ) from error
         except (ValidationError, UnicodeDecodeError) as error:
             raise MotionError(f"{path} is damaged; make the corpus again") from error
@@ -72,9 +73,7 @@ class Corpus:
     def path(self, name: str) -> Path:
         """File of a clip; raises MotionError for a name that is not listed."""
         if name not in self._entries:
-            raise MotionError(
-                f"corpus {self.folder} has no clip {name!r}; it has {len(self._entries)} others"
-            )
+            raise MotionError(f"corpus {self.folder} has no clip {name!r}; only {len(self._entries)} others")
         return clip_path(self.folder, name)
 
     def load(self, name: str) -> Clip:
@@ -91,7 +90,7 @@ class Corpus:
             return ClipMotion(stored["rotations"], stored["root"])
 
     def verify(self) -> None:
-        """Raise MotionError for the first clip whose file is missing or changed since the manifest was written."""
+        """Raise MotionError for the first clip whose file is missing or was changed since."""
         for entry in self.manifest.clips:
             path = self.path(entry.name)
             if not path.is_file():
@@ -108,7 +107,7 @@ def clip_path(folder: Path | str, name: str) -> Path:
 def write_manifest(
     folder: Path | str, info: Mapping[str, Any] | None = None, names: Sequence[str] | None = None
 ) -> Corpus:
-    """List the clips of a folder (or only the named ones) and write `manifest.json`, complete or not at all."""
+    """List the clips of a folder (or only the named ones) and write `manifest.json`, whole or not at all."""
     folder = Path(folder)
     paths = (
         sorted((folder / "clips").glob("*.npz"))

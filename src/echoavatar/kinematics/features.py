@@ -1,8 +1,8 @@
 """Motion features: what the tokenizer sees of a frame (paper, Motion Tokenizer and Settings).
 
-Per frame, part after part in the skeleton's order (lower body, upper body, hands): the 6D rotation of each joint of
-the part in ascending order; the first part also carries three values of travel: the root's horizontal velocity
-(metres per frame along the world's axes, frame t minus t-1, zero on the first frame) and its height (metres).
+Per frame, part after part in the skeleton's order (lower body, upper body, hands): the 6D rotation of each
+joint of the part in ascending order; the first part also carries three values of travel: the root's horizontal
+velocity (metres per frame along the world's axes, frame t minus t-1, zero on the first frame) and its height.
 
 The paper's released data measure height from the clip's first frame, with Z up and in centimetres: that is
 `FeatureConvention(up=2, is_height_from_start=True)` with everything in centimetres. Ours is absolute.
@@ -16,7 +16,6 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from ..timing import FRAME_RATE_HZ
 from .rotations import matrix_from_6d, matrix_to_6d
 from .skeleton import Skeleton
 
@@ -107,13 +106,13 @@ def from_features(
 ) -> MotionFrames:
     """Rotations and root of features; joints outside all parts stay at rest.
 
-    `start_ground` is the horizontal position of the frame before the first (zero without): hand the last frame's
-    on to the next piece and any cutting gives the motion of the whole.
+    `start_ground` is the horizontal position of the frame before the first (zero without): hand the last
+    frame's on to the next piece and any cutting gives the motion of the whole.
     """
     travel = travel_slice(skeleton)
     joints = list(skeleton.feature_joints)
     six = torch.cat([features[..., : travel.start], features[..., travel.stop :]], -1)
-    turns = matrix_from_6d(six.unflatten(-1, (len(joints), 6)))
+    turns = matrix_from_6d(six.reshape(*six.shape[:-1], len(joints), 6))
     if sorted(joints) == list(range(skeleton.joints)):
         rotations = turns[..., torch.tensor(joints, device=turns.device).argsort(), :, :]
     else:
@@ -131,7 +130,7 @@ def from_features(
 def split_parts(skeleton: Skeleton, features: Float[Tensor, "*n c"]) -> dict[str, Float[Tensor, "*n d"]]:
     """The features of each part."""
     sizes = part_sizes(skeleton)
-    return dict(zip(sizes, features.split(list(sizes.values()), -1), strict=True))
+    return dict(zip(sizes, torch.split(features, list(sizes.values()), -1), strict=True))
 
 
 def join_parts(skeleton: Skeleton, parts: Mapping[str, Float[Tensor, "*n d"]]) -> Float[Tensor, "*n c"]:
@@ -147,7 +146,7 @@ class FeatureStatistics(NamedTuple):
     varies: Bool[Tensor, " c"]
 
     def normalize(self, features: Float[Tensor, "*n c"]) -> Float[Tensor, "*n c"]:
-        """Zero mean, unit spread; exactly 0 for features that do not vary (else noise would grow 1e4-fold)."""
+        """Zero mean, unit spread; exactly 0 for features that do not vary (else noise would grow)."""
         return torch.where(self.varies, (features - self.mean) / self.std.clamp_min(CONSTANT_STD), 0.0)
 
     def denormalize(self, normal: Float[Tensor, "*n c"]) -> Float[Tensor, "*n c"]:
@@ -156,7 +155,7 @@ class FeatureStatistics(NamedTuple):
 
 
 def measure_features(clips: Iterable[Float[Tensor, "t c"]]) -> FeatureStatistics:
-    """Mean and std over all frames of all clips, one clip in memory at a time (pairwise updates, in double)."""
+    """Mean and std over all frames of all clips, one clip in memory at a time (in double)."""
     count, mean, square = 0, torch.zeros(()), torch.zeros(())
     for clip in clips:
         frames = clip.double()
@@ -171,9 +170,3 @@ def measure_features(clips: Iterable[Float[Tensor, "t c"]]) -> FeatureStatistics
         raise ValueError("no clip to measure")
     std = (square / count).sqrt()
     return FeatureStatistics(mean.float(), std.float(), std >= CONSTANT_STD)
-
-
-def ground_speed(skeleton: Skeleton, features: Float[Tensor, "*n t c"]) -> Float[Tensor, "*n t"]:
-    """Horizontal speed of the root, metres per second, at our 30 frames per second."""
-    travel = travel_slice(skeleton)
-    return features[..., travel.start : travel.start + 2].norm(dim=-1) * FRAME_RATE_HZ

@@ -1,7 +1,7 @@
-"""Forward kinematics, batched, differentiable and vectorised by tree depth (paper, appendix Forward Kinematics).
+"""Forward kinematics: batched, differentiable, one product a tree level (paper, appendix Forward Kinematics).
 
-Departs from the paper's formula in one point: the root's position is the given world position, not its constant
-rest offset, so that travel through the room is part of the result. Pass zeros plus the rest offset to get theirs.
+Departs from the paper's formula in one point: the root's position is the given world position, not its
+constant rest offset, so that travel through the room is part of the result.
 """
 
 from typing import NamedTuple
@@ -25,7 +25,7 @@ def forward_kinematics(
 ) -> Pose:
     """World pose from parent-relative rotations and the root's world position (metres)."""
     tables = skeleton.level_tables(rotations.device)
-    local = rotations.index_select(-3, tables.order).split(tables.sizes, -3)
+    local = torch.split(rotations.index_select(-3, tables.order), list(tables.sizes), -3)
     turns, places = [local[0]], [root[..., None, :]]
     for turn, parents, offsets in zip(local[1:], tables.parents, tables.offsets, strict=True):
         above = turns[-1].index_select(-3, parents)

@@ -1,4 +1,4 @@
-"""Left becomes right: reflection across the plane x = 0, for augmentation (doubles the gestures a corpus holds).
+"""Left becomes right: reflection across the plane x = 0, for augmentation (twice the gestures).
 
 With M = diag(-1, 1, 1) a mirrored joint turns by M R M of the joint on the other side. Needs a rig whose rest
 offsets mirror too; `is_symmetric` says whether they do.
@@ -36,7 +36,7 @@ def mirror_features(skeleton: Skeleton, features: Float[Tensor, "*n c"]) -> Floa
     travel = travel_slice(skeleton)
     six = torch.cat([features[..., : travel.start], features[..., travel.stop :]], -1)
     source = [joints.index(pairs[joint]) for joint in joints]
-    six = six.unflatten(-1, (len(joints), 6))[..., source, :] * six.new_tensor([1, -1, -1, -1, 1, 1])
+    six = six.reshape(*six.shape[:-1], len(joints), 6)[..., source, :] * six.new_tensor([1, -1, -1, -1, 1, 1])
     moved = features[..., travel] * features.new_tensor([-1.0, 1.0, 1.0])
     six = six.flatten(-2)
     return torch.cat([six[..., : travel.start], moved, six[..., travel.start :]], -1)

@@ -39,7 +39,7 @@ def matrix_from_quaternion(quaternion: Float[Tensor, "*n 4"]) -> Float[Tensor, "
 
 
 def quaternion_from_matrix(matrix: Float[Tensor, "*n 3 3"]) -> Float[Tensor, "*n 4"]:
-    """Unit quaternions `wxyz` with w >= 0, from the largest of the four candidate components (stable everywhere)."""
+    """Unit quaternions `wxyz` with w >= 0, from the largest of the four candidates (stable everywhere)."""
     m = matrix
     diagonal = torch.stack([m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]], -1)
     x, y, z = diagonal.unbind(-1)
@@ -111,7 +111,7 @@ def matrix_from_euler(angles: Float[Tensor, "*n 3"], order: str) -> Float[Tensor
 
 
 def euler_from_matrix(matrix: Float[Tensor, "*n 3 3"], order: str) -> Float[Tensor, "*n 3"]:
-    """Inverse of `matrix_from_euler` for the six orders of three different axes; at gimbal lock the last is 0."""
+    """Inverse of `matrix_from_euler` for the six orders of different axes; at gimbal lock the last is 0."""
     i, j, k = (_AXES[axis] for axis in _check_order(order))
     sign = 1.0 if (i, j, k) in ((0, 1, 2), (1, 2, 0), (2, 0, 1)) else -1.0
     middle = torch.atan2(sign * matrix[..., i, k], torch.hypot(matrix[..., i, i], matrix[..., i, j]))
@@ -155,7 +155,7 @@ def _about(axis: str, angle: Tensor) -> Tensor:
         "y": [cos, zero, sin, zero, one, zero, -sin, zero, cos],
         "z": [cos, -sin, zero, sin, cos, zero, zero, zero, one],
     }[axis]
-    return torch.stack(rows, -1).unflatten(-1, (3, 3))
+    return torch.stack(rows, -1).reshape(*angle.shape, 3, 3)
 
 
 def _check_order(order: str) -> str:

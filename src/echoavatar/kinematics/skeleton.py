@@ -6,14 +6,13 @@ Paper, Motion Tokenizer: the body is tokenised in three anatomical parts, lower 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 import torch
 from jaxtyping import Float, Int
 from pydantic import Field, model_validator
 from torch import Tensor
-from typing_extensions import Self
 
 from ..config import Config
 
