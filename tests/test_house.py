@@ -21,7 +21,14 @@ def test_packages_that_break_on_cpu_torch_are_absent(name: str) -> None:
 
 def test_help_does_not_load_torch() -> None:
     """`echoavatar --help` must answer at once: parsing imports only the command that is asked for."""
-    code = "import sys; from echoavatar.cli import main\ntry:\n    main(['--help'])\nexcept SystemExit:\n    pass\nprint('torch' in sys.modules)"
+    code = """
+import sys
+from echoavatar.cli import main
+try:
+    main(["--help"])
+except SystemExit:
+    print("torch" in sys.modules)
+"""
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip().endswith("False")
 

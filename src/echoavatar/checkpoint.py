@@ -93,7 +93,10 @@ def save(
     """Write a checkpoint folder whole or not at all; `dtype` stores floating weights in that precision."""
     folder.mkdir(parents=True, exist_ok=True)
     stored = {
-        key: (value.to(dtype) if dtype is not None and value.is_floating_point() else value).detach().cpu().contiguous()
+        key: (value.to(dtype) if dtype is not None and value.is_floating_point() else value)
+        .detach()
+        .cpu()
+        .contiguous()
         for key, value in weights.items()
     }
     partial = folder / "model.safetensors.partial"

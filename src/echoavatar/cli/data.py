@@ -17,10 +17,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         epilog="example: echoavatar data rehearse --hours 0.2 --seed 1 -o corpus --workers 2",
     )
     rehearse.add_argument("--hours", type=float, default=0.2, help="how much to make (default: %(default)s)")
-    rehearse.add_argument("--seed", type=int, default=0, help="everything follows from it (default: %(default)s)")
-    rehearse.add_argument("-o", "--output", type=Path, default=Path("corpus"), help="folder (default: %(default)s)")
+    rehearse.add_argument(
+        "--seed", type=int, default=0, help="everything follows from it (default: %(default)s)"
+    )
+    rehearse.add_argument(
+        "-o", "--output", type=Path, default=Path("corpus"), help="folder (default: %(default)s)"
+    )
     rehearse.add_argument("--library", type=Path, help="folder of recorded BVH clips to weave in")
-    rehearse.add_argument("--recordings", type=Path, help="folder of recorded audio; paths containing 'music' are danced to")
+    rehearse.add_argument(
+        "--recordings", type=Path, help="folder of recorded audio; paths containing 'music' are danced to"
+    )
     rehearse.add_argument("--workers", type=int, default=2, help="processes (default: %(default)s)")
 
 

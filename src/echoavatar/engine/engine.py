@@ -28,7 +28,9 @@ class Engine:
         """
         free = [seat for seat in range(self._seats) if seat not in self._sessions]
         if not free:
-            raise EchoAvatarError(f"all {self._seats} seats are taken; close a session or open the engine with more seats")
+            raise EchoAvatarError(
+                f"all {self._seats} seats are taken; close a session or open the engine with more seats"
+            )
         rows = torch.zeros(self._seats, dtype=torch.bool)
         rows[free[0]] = True
         self._pipeline.reset(self._state, rows, seed=seed)

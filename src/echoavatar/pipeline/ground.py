@@ -42,7 +42,10 @@ class Ground:
         """Standing at the origin, nothing seen yet."""
         n = len(self.points)
         return GroundState(
-            torch.zeros(rows, 2), torch.zeros(rows, n, 3), torch.zeros(rows, n), torch.zeros(rows, dtype=torch.bool)
+            torch.zeros(rows, 2),
+            torch.zeros(rows, n, 3),
+            torch.zeros(rows, n),
+            torch.zeros(rows, dtype=torch.bool),
         )
 
     def step(
@@ -54,11 +57,17 @@ class Ground:
     ) -> Float[Tensor, "b t 3"]:
         """World position of the root, metres, from rotations and [vx, vz (metres per frame), height]."""
         hips = torch.zeros_like(travel)
-        relative = forward_kinematics(self.legs, rotations[:, :, self.joints], hips).positions[:, :, self.points]
+        relative = forward_kinematics(self.legs, rotations[:, :, self.joints], hips).positions[
+            :, :, self.points
+        ]
         clearance = relative[..., 1] + travel[..., 2:] - self.rest
         weights = 1 - _smoothstep(clearance / RELEASE_HEIGHT)
-        before = torch.cat([torch.where(state.seen[:, None, None], state.points, relative[:, 0])[:, None], relative], 1)
-        firm = torch.cat([torch.where(state.seen[:, None], state.weights, weights[:, 0])[:, None], weights], 1)
+        before = torch.cat(
+            [torch.where(state.seen[:, None, None], state.points, relative[:, 0])[:, None], relative], 1
+        )
+        firm = torch.cat(
+            [torch.where(state.seen[:, None], state.weights, weights[:, 0])[:, None], weights], 1
+        )
         both = torch.minimum(firm[:, 1:], firm[:, :-1])
         share = both**SHARPNESS / (both**SHARPNESS).sum(-1, keepdim=True).clamp_min(1e-6)
         held = -(share[..., None] * (before[:, 1:] - before[:, :-1])[..., [0, 2]]).sum(-2)
@@ -86,7 +95,9 @@ def _leg_chain(skeleton: Skeleton) -> Skeleton:
     config = skeleton.config.model_copy(
         update={
             "names": tuple(skeleton.names[j] for j in chain),
-            "parents": tuple(-1 if skeleton.parents[j] < 0 else chain.index(skeleton.parents[j]) for j in chain),
+            "parents": tuple(
+                -1 if skeleton.parents[j] < 0 else chain.index(skeleton.parents[j]) for j in chain
+            ),
             "offsets": tuple(skeleton.config.offsets[j] for j in chain),
             "parts": {},
             "mirror": (),

@@ -56,7 +56,9 @@ def rehearse(plan: Plan, *, workers: int = 1, progress: Callable[[int, int], Non
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise EchoAvatarError(f"cannot write the corpus to {plan.folder}: {error.strerror}; choose another -o") from error
+        raise EchoAvatarError(
+            f"cannot write the corpus to {plan.folder}: {error.strerror}; choose another -o"
+        ) from error
     wanted = [i for i in range(plan.clips) if not _path(plan, i).exists()]
     done = plan.clips - len(wanted)
     for _ in _made(plan, wanted, workers):
