@@ -1,30 +1,30 @@
 """Choreography controls: the common language of gesture, dance and idle (paper: none; our rehearsal corpus).
 
-A performance is a table of low-dimensional, blendable curves at 30 fps; `solver.solve` turns it into joint rotations.
+A performance is a table of low-dimensional, blendable curves at 30 fps; `solver.solve` makes joint rotations of it.
 Conventions, all metres and radians, Y up, facing +Z, left at +X:
 
-* yaw > 0 turns left, pitch > 0 bows forward, roll > 0 leans to the right; a triple means Ry(yaw) Rx(pitch) Rz(roll);
-* axis 1 of a paired array is (left, right); feet live in world axes, arms in mirrored chest axes (+x outwards for both);
-* palm: flex > 0 towards the palm, deviation > 0 towards the thumb, pronation > 0 turns the palm down (0 = handshake);
-* a foot is flat at `ANKLE_HEIGHT`; `foot_pitch` > 0 lifts the heel about the ball, < 0 lifts the toes about the heel.
+* yaw > 0 turns left, pitch > 0 bows forward, roll > 0 leans right; a triple means Ry(yaw) Rx(pitch) Rz(roll);
+* axis 1 of a paired array is (left, right); feet live in world axes, arms in mirrored chest axes (+x outwards);
+* palm: flex > 0 towards the palm, deviation > 0 towards the thumb, pronation > 0 palm down (0 = handshake);
+* a flat foot has its ankle at `ANKLE_HEIGHT`; `foot_pitch` > 0 lifts the heel about the ball, < 0 the toes.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Self
 
 import numpy as np
 from jaxtyping import Float
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
-from typing_extensions import Self
 
 from ..timing import FRAME_RATE_HZ
 
 Array = NDArray[np.float32]
 
 ANKLE_HEIGHT = 0.085
-STANDING_PELVIS = (0.0, 0.938, 0.0)
+STANDING_PELVIS = (0.0, 0.944, 0.0)
 STANDING_FEET = ((0.105, ANKLE_HEIGHT, -0.015), (-0.105, ANKLE_HEIGHT, -0.015))
 STANDING_FOOT_YAW = (0.14, -0.14)
 HANGING_WRIST = (0.125, -0.465, 0.070)
@@ -76,7 +76,7 @@ class Controls:
 
 
 def neutral(frames: int) -> Controls:
-    """Standing at ease: arms hanging a little away from the body, fingers slightly bent, toes slightly out."""
+    """Standing at ease: arms hanging a little off the body, fingers slightly bent, toes slightly out."""
 
     def still(value: Sequence[float] | Sequence[Sequence[float]]) -> Array:
         one = np.asarray(value, np.float32)
@@ -106,7 +106,7 @@ def concatenated(parts: Sequence[Controls]) -> Controls:
 def blended(start: Controls, end: Controls, weight: Float[Array, " t"]) -> Controls:
     """Linear mix per frame: weight 0 gives `start`, 1 gives `end`.
 
-    Feet mix like everything else, so planted feet slide unless both sides agree on them: step first, blend after.
+    Feet mix like everything else, so planted feet slide unless both sides agree on them: step first.
     """
     share = np.asarray(weight, np.float32)[:, None]
     first, second = start.packed(), end.packed()
@@ -134,14 +134,14 @@ def mirrored(controls: Controls) -> Controls:
 
 
 def minimum_jerk(phase: Float[NDArray[np.floating], "*n"]) -> Float[Array, "*n"]:
-    """Smoothest point-to-point progress: 0 before phase 0, 1 after phase 1, no velocity or acceleration at the ends."""
+    """Smoothest progress: 0 before phase 0, 1 after phase 1, no velocity or acceleration at the ends."""
     p = np.clip(phase, 0.0, 1.0)
     return np.asarray(p**3 * (10 - 15 * p + 6 * p * p), np.float32)
 
 
 def through_keys(
-    times: Float[NDArray[np.floating], " k"], values: Float[NDArray[np.floating], "k *c"], frames: int
-) -> Float[Array, "t *c"]:
+    times: Float[NDArray[np.floating], " k"], values: Float[NDArray[np.floating], "k ..."], frames: int
+) -> Float[Array, "t ..."]:
     """Minimum-jerk moves from key to key (seconds, ascending), resting at each; constant outside."""
     clock = np.arange(frames) / FRAME_RATE_HZ
     keys = np.asarray(values, np.float32)
@@ -154,15 +154,15 @@ def through_keys(
     return np.asarray(keys[after - 1] + (keys[after] - keys[after - 1]) * progress, np.float32)
 
 
-def critically_damped(signal: Float[Array, "t *c"], seconds: float) -> Float[Array, "t *c"]:
-    """Causal follow-through: the answer of a critically damped spring that closes most of a step in `seconds`."""
+def critically_damped(signal: Float[Array, "t ..."], seconds: float) -> Float[Array, "t ..."]:
+    """Causal follow-through: a critically damped spring that closes most of a step in `seconds`."""
     keep = float(np.exp(-4.0 / (FRAME_RATE_HZ * seconds)))
     first = np.asarray(signal[:1], np.float64)
     moved = lfilter([(1 - keep) ** 2], [1.0, -2 * keep, keep * keep], signal - first, axis=0)
     return np.asarray(moved + first, np.float32)
 
 
-def smoothed(signal: Float[Array, "t *c"], seconds: float) -> Float[Array, "t *c"]:
+def smoothed(signal: Float[Array, "t ..."], seconds: float) -> Float[Array, "t ..."]:
     """Zero-phase Gaussian blur with a standard deviation in seconds; ends stay where they are."""
     return np.asarray(gaussian_filter1d(signal, seconds * FRAME_RATE_HZ, axis=0, mode="nearest"), np.float32)
 

@@ -1,8 +1,8 @@
-"""Controls to joint rotations: analytic limbs, spread spine and neck, anatomical fingers (our rehearsal corpus).
+"""Controls to joint rotations: analytic limbs, spread spine and neck, anatomical fingers (rehearsal corpus).
 
-Everything is closed form and vectorised over frames. Both arms are solved as left arms in mirrored chest axes; the
-right one is mirrored back. Limbs never lock: reach is limited softly, and where planted feet would be out of reach the
-pelvis sinks instead, because planted feet do not move.
+Everything is closed form and vectorised over frames. Both arms are solved as left arms in mirrored chest axes;
+the right one is mirrored back. Limbs never lock: reach is limited softly, and where planted feet would be out of
+reach the pelvis sinks instead, because planted feet do not move.
 """
 
 import numpy as np
@@ -27,7 +27,7 @@ THUMB_CURL = (0.30, 0.75, 1.05)
 FINGERS = ("Index", "Middle", "Ring", "Little")
 SIDES = ("left", "right")
 _EASY_REACH = torch.tensor([0.30, -0.75, 0.60], dtype=torch.float64)
-_EASY_ELBOW = torch.tensor([0.55, -0.35, -0.75], dtype=torch.float64)
+_EASY_ELBOW = torch.tensor([0.40, -0.45, -0.80], dtype=torch.float64)
 
 
 def solve(
@@ -129,7 +129,7 @@ def _arm(controls: Controls, side: int, local: Tensor) -> None:
 def _elbow_direction(line: Float[Tensor, "t 3"], swing: Float[Tensor, " t"]) -> Float[Tensor, "t 3"]:
     """Where the elbow points off the shoulder-wrist line.
 
-    An easy pose is carried along by the smallest rotation; the only singular direction lies up behind the neck.
+    An easy pose is carried along by the smallest rotation; its only singular direction is up behind the neck.
     """
     easy = F.normalize(_EASY_REACH, dim=-1)
     elbow = F.normalize(_EASY_ELBOW - (_EASY_ELBOW @ easy) * easy, dim=-1)
@@ -151,7 +151,7 @@ def _two_bones(
 
 
 def _fingers(fingers: Float[Tensor, "t 7"], side: int, local: Tensor) -> None:
-    """Write one hand's finger rotations: hinges across the palm, a spread at the knuckles, and the thumb's own axes."""
+    """Write one hand's fingers: hinges across the palm, a spread at the knuckles, and the thumb's own axes."""
     curl = fingers[:, :5].clamp(-0.12, 1.0)
     spread = fingers[:, 5].clamp(-1.0, 1.0)
     for i, finger in enumerate(FINGERS):
