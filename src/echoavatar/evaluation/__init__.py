@@ -1,1 +1,4 @@
-"""What a bundle is worth: reconstruction, audio reliance, behaviour, alignment, latency. May import `engine` and below."""
+"""What a bundle is worth: reconstruction, audio reliance, behaviour, alignment, latency.
+
+May import `engine` and below.
+"""

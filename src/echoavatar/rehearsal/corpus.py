@@ -13,7 +13,7 @@ import numpy as np
 
 from ..audio.io import read_audio
 from ..data.clip import Clip
-from ..data.corpus import write_manifest
+from ..data.corpus import clip_path, write_manifest
 from ..errors import EchoAvatarError
 from ..timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
 from .perform import perform
@@ -88,7 +88,7 @@ def make_clip(plan: Plan, index: int) -> Clip:
     rotations, root = solve(controls)
     frames = min(len(rotations), len(track.audio) // SAMPLES_PER_FRAME)
     return Clip(
-        name=f"rehearsal-{plan.seed}-{index:05d}",
+        name=_name(plan, index),
         audio=track.audio[: frames * SAMPLES_PER_FRAME].astype(np.float32),
         rotations=rotations[:frames].astype(np.float32),
         root=root[:frames].astype(np.float32),
@@ -132,8 +132,12 @@ def _recordings(plan: Plan) -> list[Path]:
     return sorted(p for p in plan.recordings.rglob("*") if p.suffix.lower() in AUDIO_SUFFIXES)
 
 
+def _name(plan: Plan, index: int) -> str:
+    return f"rehearsal-{plan.seed}-{index:05d}"
+
+
 def _path(plan: Plan, index: int) -> Path:
-    return plan.folder / "clips" / f"{index:05d}.npz"
+    return clip_path(plan.folder, _name(plan, index))
 
 
 def _work(job: tuple[Plan, int]) -> int:

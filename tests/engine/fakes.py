@@ -1,0 +1,36 @@
+"""A pipeline of twenty lines: its motion is the running sum of what each row heard."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from echoavatar.engine import Engine
+from echoavatar.nn import StreamState
+from echoavatar.pipeline import MotionChunk
+
+
+@dataclass
+class Heard(StreamState):
+    total: torch.Tensor
+    seed: torch.Tensor
+
+
+class FakePipeline:
+    def init_state(self, rows: int) -> Heard:
+        return Heard(torch.zeros(rows), torch.zeros(rows, dtype=torch.int64))
+
+    def reset(self, state: Heard, rows: torch.Tensor, *, seed: int) -> None:
+        state.reset(rows)
+        state.seed[rows] = seed
+
+    def step(self, audio: torch.Tensor, state: Heard, active: torch.Tensor) -> list[MotionChunk]:
+        state.total += torch.where(active, audio.sum(1), torch.zeros(1))
+        return [
+            MotionChunk(np.zeros((8, 52, 4)), np.full((8, 3), float(total)))
+            for total in state.total + state.seed
+        ]
+
+
+def engine(seats: int = 1) -> Engine:
+    return Engine(FakePipeline(), seats=seats)  # type: ignore[arg-type]
