@@ -1,0 +1,111 @@
+"""Text made up by rule: a recursive template grammar with focus, pauses and meaning, so that no foreign text is used.
+
+Markup of a template: `{slot}` is expanded, `*word` is the focus, `word^tag` carries a meaning, `[p]` is a pause.
+Training and test scripts share no sentence template and no pair of neighbouring slot words. Not in the paper.
+"""
+
+import re
+from dataclasses import dataclass
+from zlib import crc32
+
+import numpy as np
+
+from .vocabulary import PHRASES, SENTENCES, WORDS
+
+_HELD_OUT_IN_100 = 12
+_TEST_EVERY = 6  # each sixth template of a shape is the test's
+
+
+@dataclass(frozen=True)
+class Word:
+    """A written word; `pause` asks for a gap after it, `mark` is the punctuation that follows ("" , . ?)."""
+
+    text: str
+    is_focus: bool = False
+    meaning: str = ""
+    mark: str = ""
+    pause: bool = False
+
+
+@dataclass(frozen=True)
+class Sentence:
+    """Words of one sentence and the template they came from."""
+
+    words: tuple[Word, ...]
+    template: str
+
+    @property
+    def text(self) -> str:
+        """Plain text with punctuation."""
+        return " ".join(word.text + word.mark for word in self.words)
+
+
+def write_sentence(rng: np.random.Generator, split: str = "train") -> Sentence:
+    """Draw one sentence of a split ("train" or "test")."""
+    while True:
+        template = _draw_template(rng, split)
+        fills: list[str] = []
+        text = _expand(template, rng, fills)
+        held_out = [_is_held_out(a, b) for a, b in zip(fills, fills[1:], strict=False)]
+        if any(held_out) if split == "test" and held_out else not any(held_out):
+            return Sentence(_parse(text), template)
+
+
+def write_monologue(rng: np.random.Generator, sentences: int, split: str = "train") -> tuple[Sentence, ...]:
+    """Several sentences of one speaker, the first sometimes a greeting's neighbour; no repeats in a row."""
+    out: list[Sentence] = []
+    while len(out) < sentences:
+        sentence = write_sentence(rng, split)
+        if not out or sentence.template != out[-1].template:
+            out.append(sentence)
+    return tuple(out)
+
+
+def templates(split: str) -> tuple[str, ...]:
+    """All sentence templates of a split."""
+    return tuple(t for shape in SENTENCES for t in _of_split(shape, split))
+
+
+def _of_split(shape: str, split: str) -> list[str]:
+    rank = list(SENTENCES).index(shape)
+    every = SENTENCES[shape]
+    return [t for i, t in enumerate(every) if ((i + rank) % _TEST_EVERY == 0) == (split == "test")]
+
+
+def _draw_template(rng: np.random.Generator, split: str) -> str:
+    shapes = [shape for shape in SENTENCES if _of_split(shape, split)]
+    choices = _of_split(shapes[rng.integers(len(shapes))], split)
+    return choices[rng.integers(len(choices))]
+
+
+def _expand(template: str, rng: np.random.Generator, fills: list[str]) -> str:
+    """Replace slots from left to right; words of the lists are noted in `fills`."""
+
+    def fill(match: re.Match[str]) -> str:
+        slot = match.group(1)
+        if slot in WORDS:
+            word = WORDS[slot][rng.integers(len(WORDS[slot]))]
+            fills.append(word)
+            return word
+        choices = PHRASES[slot]
+        return _expand(choices[rng.integers(len(choices))], rng, fills)
+
+    return re.sub(r"\{(\w+)\}", fill, template)
+
+
+def _is_held_out(first: str, second: str) -> bool:
+    return crc32(f"{first}|{second}".encode()) % 100 < _HELD_OUT_IN_100
+
+
+def _parse(text: str) -> tuple[Word, ...]:
+    words: list[Word] = []
+    for piece in text.split():
+        if piece == "[p]":
+            if words:
+                last = words[-1]
+                words[-1] = Word(last.text, last.is_focus, last.meaning, last.mark or ",", True)
+            continue
+        marks = re.sub(r"[^,.?!]", "", piece)
+        body, _, meaning = re.sub(r"[,.?!]", "", piece).partition("^")
+        words.append(Word(body.lstrip("*"), body.startswith("*"), meaning, marks[:1].replace("!", ".")))
+    return tuple(words)

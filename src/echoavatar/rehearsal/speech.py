@@ -1,0 +1,84 @@
+"""Speech with known labels: script sentences spoken by flite or by our own formant synthesiser.
+
+Engine "auto" takes flite where it is installed; "flite" insists (DependencyError if it is missing); "own" needs no
+package. Pauses between breath groups are true gaps in the sound. Not in the paper.
+"""
+
+import numpy as np
+
+from ..errors import DependencyError
+from ..timing import SAMPLE_RATE_HZ
+from .flite import VOICES, flite
+from .formant import FORMANT_VOICES
+from .formant import say as formant_say
+from .prosody import Delivery, Utterance, draw_delivery
+from .script import Sentence, Word
+from .sound import FloatArray, SoundTrack, Span, Syllable, concatenate, whole_frames
+
+
+def resolve_engine(engine: str) -> str:
+    """ "flite" or "own", whichever `engine` ("auto", "flite", "own") means on this machine."""
+    if engine == "own":
+        return "own"
+    try:
+        flite()
+    except DependencyError:
+        if engine == "flite":
+            raise
+        return "own"
+    return "flite"
+
+
+def draw_speaker(rng: np.random.Generator, engine: str = "auto") -> Delivery:
+    """A random speaker of an engine."""
+    return draw_delivery(rng, VOICES if resolve_engine(engine) == "flite" else FORMANT_VOICES)
+
+
+def speak(
+    sentences: tuple[Sentence, ...], speaker: Delivery, rng: np.random.Generator, engine: str = "auto"
+) -> SoundTrack:
+    """Speak sentences in turn with short pauses; the track begins and ends with speech."""
+    tool = resolve_engine(engine)
+    tracks: list[SoundTrack] = []
+    for sentence in sentences:
+        for group in _breaths(sentence):
+            if tracks:
+                tracks.append(silence(float(rng.choice([rng.uniform(0.2, 0.6), rng.uniform(0.6, 1.6)]))))
+            seed = int(rng.integers(2**31))
+            said = flite().say(group, speaker, seed) if tool == "flite" else formant_say(group, speaker, seed)
+            tracks.append(_as_track(said, group))
+    return concatenate(tracks)
+
+
+def silence(seconds: float) -> SoundTrack:
+    """Digital silence inside speech: no span label of its own is wanted, so short gaps count as speech."""
+    audio = whole_frames(np.zeros(round(seconds * SAMPLE_RATE_HZ), np.float32))
+    return SoundTrack(
+        audio, spans=(Span(0.0, len(audio) / SAMPLE_RATE_HZ, "speech" if seconds < 0.7 else "silence"),)
+    )
+
+
+def _breaths(sentence: Sentence) -> list[tuple[Word, ...]]:
+    """Split a sentence after words that ask for a pause."""
+    groups: list[list[Word]] = [[]]
+    for word in sentence.words:
+        groups[-1].append(word)
+        if word.pause:
+            groups.append([])
+    return [tuple(group) for group in groups if group]
+
+
+def _as_track(said: Utterance, words: tuple[Word, ...]) -> SoundTrack:
+    audio: FloatArray = whole_frames(said.audio)
+    syllables = tuple(
+        Syllable(s.start, s.end, s.vowel, s.prominence, words[s.word].text, words[s.word].meaning)
+        for s in said.syllables
+    )
+    phrase = (said.phones[0][0], said.phones[-1][1])
+    return SoundTrack(
+        audio=audio,
+        spans=(Span(0.0, len(audio) / SAMPLE_RATE_HZ, "speech"),),
+        syllables=syllables,
+        phrases=(phrase,),
+        phones=said.phones,
+    )
