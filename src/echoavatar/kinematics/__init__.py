@@ -4,6 +4,7 @@ May import `nn` and below. Metres, radians, Y up, character facing +Z with its l
 rotations relative to the parent; anything else says so in its name.
 """
 
+from .bvh import read_bvh, write_bvh
 from .features import (
     FeatureStatistics,
     MotionFrames,
@@ -17,11 +18,13 @@ from .features import (
 )
 from .forward import Pose, forward_kinematics
 from .mirror import mirror_features, mirror_rotations
+from .motion import Motion
 from .skeleton import HUMANOID, Skeleton, SkeletonConfig
 
 __all__ = [
     "HUMANOID",
     "FeatureStatistics",
+    "Motion",
     "MotionFrames",
     "Pose",
     "Skeleton",
@@ -34,6 +37,8 @@ __all__ = [
     "mirror_features",
     "mirror_rotations",
     "part_sizes",
+    "read_bvh",
     "split_parts",
     "to_features",
+    "write_bvh",
 ]

@@ -1,8 +1,9 @@
 """Motion features: what the tokenizer sees of a frame (paper, Motion Tokenizer and Settings).
 
 Per frame, part after part in the skeleton's order (lower body, upper body, hands): the 6D rotation of each
-joint of the part in ascending order; the first part also carries three values of travel: the root's horizontal
-velocity (metres per frame along the world's axes, frame t minus t-1, zero on the first frame) and its height.
+joint of the part in ascending order; the first part also carries three values of travel: the root's
+horizontal velocity (metres per frame along the world's axes, frame t minus t-1, zero on the first frame) and
+its height.
 
 The paper's released data measure height from the clip's first frame, with Z up and in centimetres: that is
 `FeatureConvention(up=2, is_height_from_start=True)` with everything in centimetres. Ours is absolute.

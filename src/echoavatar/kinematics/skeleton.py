@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 from pydantic import Field, model_validator
 from torch import Tensor
 
-from ..config import Config
+from echoavatar.config import Config
 
 
 class SkeletonConfig(Config):
@@ -26,6 +26,9 @@ class SkeletonConfig(Config):
     parts: dict[str, tuple[int, ...]] = Field(default_factory=dict, description="joints of each body part")
     mirror: tuple[int, ...] = Field(default=(), description="for each joint the joint on the other side")
     feet: tuple[int, ...] = Field(default=(), description="left ankle, left toes, right ankle, right toes")
+    tips: dict[str, tuple[float, float, float]] = Field(
+        default_factory=dict, description="offset from a joint to the free end of its bone, metres"
+    )
     vrm: dict[str, int] = Field(default_factory=dict, description="VRM 1.0 humanoid bone name to joint")
 
     @model_validator(mode="after")
@@ -45,7 +48,7 @@ class SkeletonConfig(Config):
 
 
 class LevelTables(NamedTuple):
-    """Joints sorted by tree depth. A parent is always one level above its child, so each level needs only the last."""
+    """Joints sorted by tree depth. A parent is always one level up, so each level needs only the last."""
 
     order: Int[Tensor, " j"]  # level order -> joint
     back: Int[Tensor, " j"]  # joint -> level order
@@ -82,7 +85,7 @@ class Skeleton:
 
     @cached_property
     def levels(self) -> tuple[tuple[int, ...], ...]:
-        """Joints grouped by tree depth, root first: one batched product per level instead of one per joint."""
+        """Joints grouped by tree depth, root first: one batched product a level, not one a joint."""
         depth = [0] * self.joints
         for joint, parent in enumerate(self.parents[1:], start=1):
             depth[joint] = depth[parent] + 1
@@ -136,8 +139,46 @@ def _level_tables(skeleton: Skeleton, device: torch.device) -> LevelTables:
     )
 
 
+_FINGERS: dict[str, dict[str, tuple[float, float, float]]] = {  # bone offsets of the left hand
+    "Thumb": {
+        "Metacarpal": (0.022, -0.012, 0.024),
+        "Proximal": (0.034, -0.004, 0.026),
+        "Distal": (0.026, 0.0, 0.018),
+    },
+    "Index": {
+        "Proximal": (0.088, 0.002, 0.026),
+        "Intermediate": (0.040, 0.0, 0.002),
+        "Distal": (0.023, 0.0, 0.001),
+    },
+    "Middle": {
+        "Proximal": (0.090, 0.004, 0.004),
+        "Intermediate": (0.044, 0.0, 0.0),
+        "Distal": (0.027, 0.0, 0.0),
+    },
+    "Ring": {
+        "Proximal": (0.085, 0.002, -0.017),
+        "Intermediate": (0.040, 0.0, -0.001),
+        "Distal": (0.025, 0.0, 0.0),
+    },
+    "Little": {
+        "Proximal": (0.077, -0.002, -0.037),
+        "Intermediate": (0.030, 0.0, -0.002),
+        "Distal": (0.019, 0.0, -0.001),
+    },
+}
+_TIPS: dict[str, tuple[float, float, float]] = {  # ends of the chains, left side
+    "head": (0.0, 0.185, 0.0),
+    "leftThumbDistal": (0.024, 0.0, 0.014),
+    "leftIndexDistal": (0.021, 0.0, 0.0),
+    "leftMiddleDistal": (0.023, 0.0, 0.0),
+    "leftRingDistal": (0.022, 0.0, 0.0),
+    "leftLittleDistal": (0.018, 0.0, 0.0),
+    "leftToes": (0.0, 0.0, 0.065),
+}
+
+
 def _humanoid() -> SkeletonConfig:
-    """The project's rig: the 52 bones of the VRM 1.0 humanoid set, T-pose, 1.70 m, metres, Y up, facing +Z, left is +X."""
+    """The project's rig: 52 bones of the VRM 1.0 humanoid set, T-pose, 1.70 m, Y up, facing +Z, left is +X."""
     rows: list[tuple[str, str | None, tuple[float, float, float]]] = [
         ("hips", None, (0.0, 0.950, 0.0)),
         ("spine", "hips", (0.0, 0.075, -0.005)),
@@ -153,16 +194,9 @@ def _humanoid() -> SkeletonConfig:
             (f"{side}LowerArm", f"{side}UpperArm", (0.265 * x, 0.0, 0.0)),
             (f"{side}Hand", f"{side}LowerArm", (0.245 * x, 0.0, 0.0)),
         ]
-        fingers = {
-            "Thumb": [("Metacarpal", (0.022, -0.012, 0.024)), ("Proximal", (0.034, -0.004, 0.026)), ("Distal", (0.026, 0.0, 0.018))],
-            "Index": [("Proximal", (0.088, 0.002, 0.026)), ("Intermediate", (0.040, 0.0, 0.002)), ("Distal", (0.023, 0.0, 0.001))],
-            "Middle": [("Proximal", (0.090, 0.004, 0.004)), ("Intermediate", (0.044, 0.0, 0.0)), ("Distal", (0.027, 0.0, 0.0))],
-            "Ring": [("Proximal", (0.085, 0.002, -0.017)), ("Intermediate", (0.040, 0.0, -0.001)), ("Distal", (0.025, 0.0, 0.0))],
-            "Little": [("Proximal", (0.077, -0.002, -0.037)), ("Intermediate", (0.030, 0.0, -0.002)), ("Distal", (0.019, 0.0, -0.001))],
-        }  # fmt: skip
-        for finger, bones in fingers.items():
+        for finger, bones in _FINGERS.items():
             parent = f"{side}Hand"
-            for bone, (dx, dy, dz) in bones:
+            for bone, (dx, dy, dz) in bones.items():
                 rows.append((f"{side}{finger}{bone}", parent, (dx * x, dy, dz)))
                 parent = f"{side}{finger}{bone}"
     for side, x in (("left", 1.0), ("right", -1.0)):
@@ -174,11 +208,7 @@ def _humanoid() -> SkeletonConfig:
         ]
     names = tuple(row[0] for row in rows)
     legs = [i for i, name in enumerate(names) if name.endswith(("Leg", "Foot", "Toes"))]
-    hands = [
-        i
-        for i, name in enumerate(names)
-        if any(f in name for f in ("Thumb", "Index", "Middle", "Ring", "Little"))
-    ]
+    hands = [i for i, name in enumerate(names) if any(digit in name for digit in _FINGERS)]
     lower = (0, *legs)
     swap = {"left": "right", "right": "left"}
     mirror = tuple(
@@ -196,6 +226,8 @@ def _humanoid() -> SkeletonConfig:
         },
         mirror=mirror,
         feet=tuple(names.index(n) for n in ("leftFoot", "leftToes", "rightFoot", "rightToes")),
+        tips=_TIPS
+        | {"right" + name[4:]: (-x, y, z) for name, (x, y, z) in _TIPS.items() if name.startswith("left")},
         vrm={name: i for i, name in enumerate(names)},
     )
 
