@@ -1,0 +1,49 @@
+"""Causal attention in a sliding band, computed in query blocks so that keys out of the band cost nothing."""
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+BLOCK = 256
+
+
+def in_band(
+    query: Int[Tensor, " t"], key: Int[Tensor, " s"], lookback: int | None
+) -> Bool[Tensor, "t s"]:
+    """Which key positions a query position sees: itself and the `lookback` - 1 before it."""
+    gap = query[:, None] - key[None, :]
+    return gap >= 0 if lookback is None else (gap >= 0) & (gap < lookback)
+
+
+def banded_attention(
+    q: Float[Tensor, "b h t d"], k: Float[Tensor, "b h t d"], v: Float[Tensor, "b h t d"], lookback: int | None
+) -> Float[Tensor, "b h t d"]:
+    """Each position attends to itself and the `lookback` - 1 positions before it."""
+    length = q.shape[2]
+    if length <= BLOCK and (lookback is None or lookback >= length):
+        return F.scaled_dot_product_attention(q, k, v, is_causal=True)
+    at = torch.arange(length, device=q.device)
+    parts = []
+    for start in range(0, length, BLOCK):
+        stop = min(start + BLOCK, length)
+        first = 0 if lookback is None else max(0, start - lookback + 1)
+        mask = in_band(at[start:stop], at[first:stop], lookback)
+        block = F.scaled_dot_product_attention(
+            q[:, :, start:stop], k[:, :, first:stop], v[:, :, first:stop], attn_mask=mask
+        )
+        parts.append(block)
+    return torch.cat(parts, dim=2)
+
+
+def masked_attention(
+    q: Float[Tensor, "b h t d"],
+    k: Float[Tensor, "b h t d"],
+    v: Float[Tensor, "b h t d"],
+    lookback: int | None,
+    valid: Bool[Tensor, "b t"],
+) -> Float[Tensor, "b h t d"]:
+    """The same where some positions do not count; an invalid position sees itself alone."""
+    at = torch.arange(q.shape[2], device=q.device)
+    mask = in_band(at, at, lookback) & valid[:, None, :] | torch.eye(len(at), dtype=torch.bool, device=q.device)
+    return F.scaled_dot_product_attention(q, k, v, attn_mask=mask[:, None])

@@ -1,0 +1,158 @@
+"""The generator's body rearranged for decoding: fused projections, folded norms, keys and values in preallocated rings.
+
+Computes what `Generator.forward` computes (a test holds it to that), with few operations per token: norm scales are
+folded into the next projection, q, k and v are one product, gate and up are one product, and the rotary turn is one
+complex product, for which the channels of each q and k head are reordered into pairs.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Bool, Complex, Float, Int
+from torch import Tensor
+
+from ..nn.stream import StreamState
+from .linear import FrozenLinear, Precision, frozen_linear
+from .model import DecoderLayer, Generator
+from .rotary import rotary_angles
+
+
+@dataclass
+class KeyValueRing(StreamState):
+    """Keys (already turned) and values of one layer; the last slot takes the writes of rows that must not change."""
+
+    keys: Float[Tensor, "b h s d"]
+    values: Float[Tensor, "b h s d"]
+
+
+class Places(NamedTuple):
+    """Where the positions of one step live: turned how, written where, seeing what."""
+
+    turns: Complex[Tensor, "b t half"]
+    writes: Int[Tensor, "b h t"]  # rows of the flattened ring
+    bias: Float[Tensor, "b t s"]  # 0 where a slot is seen, -inf where not
+
+    def part(self, start: int, stop: int) -> "Places":
+        """The positions from `start` to `stop` of the step."""
+        return Places(
+            self.turns[:, start:stop], self.writes[:, :, start:stop], self.bias[:, start:stop]
+        )
+
+
+class Decoder:
+    """Frozen weights of a generator, on its device."""
+
+    def __init__(self, generator: Generator, precision: Precision) -> None:
+        config = self.config = generator.config
+        self._pairs = config.heads + config.kv_heads
+        self._embedding = generator.model.embed_tokens.weight.detach().float()
+        self._layers = [_FrozenLayer(layer, config.head_width, precision) for layer in generator.model.layers]
+        head = generator.segment_head().detach().float() * generator.model.norm.weight.detach().float()
+        self._heads = [frozen_linear(precision, segment) for segment in head]
+
+    @property
+    def device(self) -> torch.device:
+        """Where the weights are."""
+        return self._embedding.device
+
+    def rings(self, rows: int, slots: int) -> list[KeyValueRing]:
+        """Empty rings of `slots` positions and the spare slot."""
+        config = self.config
+        shape = (rows, config.kv_heads, slots + 1, config.head_width)
+        return [
+            KeyValueRing(torch.zeros(shape, device=self.device), torch.zeros(shape, device=self.device))
+            for _ in range(config.layers)
+        ]
+
+    def places(
+        self,
+        positions: Int[Tensor, "b t"],
+        slots: Int[Tensor, "b t"],
+        seen: Bool[Tensor, "b t s"],
+        active: Bool[Tensor, " b"],
+    ) -> Places:
+        """Turns, writes and biases of a step; rows that are not active write to the spare slot."""
+        config, rows, spare = self.config, positions.shape[0], seen.shape[2] - 1
+        angles = rotary_angles(positions, width=config.head_width, theta=config.rope_theta)
+        turns = torch.polar(torch.ones_like(angles), angles).to(torch.complex64)
+        ring = torch.arange(rows * config.kv_heads, device=positions.device).view(rows, config.kv_heads, 1)
+        slots = torch.where(active[:, None], slots, spare)
+        bias = torch.zeros(seen.shape, device=positions.device).masked_fill_(~seen, -torch.inf)
+        return Places(turns, ring * (spare + 1) + slots[:, None], bias)
+
+    def run(
+        self, ids: Int[Tensor, "b t"], places: Places, rings: Sequence[KeyValueRing]
+    ) -> Float[Tensor, "b c"]:
+        """Read ids, write their keys and values, return the (unscaled) hidden state of the last position."""
+        rows, length = ids.shape
+        x = self._embedding[ids].flatten(0, 1)
+        writes, bias = places.writes.flatten(), places.bias[:, None, None]
+        turns = places.turns[:, :, None]
+        for layer, ring in zip(self._layers, rings, strict=True):
+            y = self._attend(layer.qkv(self._norm(x)), turns, writes, bias, ring, rows, length)
+            x = x + layer.out(y)
+            gate, up = layer.gate_up(self._norm(x)).chunk(2, dim=1)
+            x = x + layer.down(F.silu(gate) * up)
+        return self._norm(x.view(rows, length, -1)[:, -1])
+
+    def logits(self, hidden: Float[Tensor, "b c"], segment: int) -> Float[Tensor, "b K"]:
+        """The K logits of one segment."""
+        return self._heads[segment](hidden)
+
+    def _norm(self, x: Float[Tensor, "n c"]) -> Float[Tensor, "n c"]:
+        return F.rms_norm(x, x.shape[-1:], None, self.config.norm_eps)
+
+    def _attend(
+        self,
+        qkv: Float[Tensor, "n c"],
+        turns: Complex[Tensor, "b t 1 half"],
+        writes: Int[Tensor, " w"],
+        bias: Float[Tensor, "b 1 1 t s"],
+        ring: KeyValueRing,
+        rows: int,
+        length: int,
+    ) -> Float[Tensor, "n c"]:
+        heads, kv, width = self.config.heads, self.config.kv_heads, self.config.head_width
+        group, slots = heads // kv, ring.keys.shape[2]
+        turned = qkv[:, : self._pairs * width].view(rows, length, self._pairs, width // 2, 2)
+        turned = torch.view_as_real(torch.view_as_complex(turned) * turns).flatten(3)
+        q = turned[:, :, :heads].unflatten(2, (kv, group)).permute(0, 2, 3, 1, 4)
+        keys, values = ring.keys.view(-1, width), ring.values.view(-1, width)
+        new = qkv[:, self._pairs * width :].view(rows, length, kv, width)
+        keys.index_copy_(0, writes, turned[:, :, heads:].transpose(1, 2).reshape(-1, width))
+        values.index_copy_(0, writes, new.transpose(1, 2).reshape(-1, width))
+        q = q.reshape(rows * kv, group * length, width)  # scaled already: folded into the q projection
+        scores = torch.bmm(q, keys.view(rows * kv, slots, width).transpose(1, 2))
+        weights = torch.softmax(scores.view(rows, kv, group, length, slots).add_(bias), dim=-1)
+        y = torch.bmm(weights.view(rows * kv, group * length, slots), values.view(rows * kv, slots, width))
+        return y.view(rows, heads, length, width).transpose(1, 2).reshape(rows * length, heads * width)
+
+
+class _FrozenLayer:
+    """Four fused products of a layer."""
+
+    def __init__(self, layer: DecoderLayer, head_width: int, precision: Precision) -> None:
+        attention, mlp = layer.self_attn, layer.mlp
+        scale = head_width**-0.5
+        q = _pair(attention.q_proj.weight * scale, attention.q_proj.bias * scale, head_width)
+        k = _pair(attention.k_proj.weight, attention.k_proj.bias, head_width)
+        weight = torch.cat([q[0], k[0], attention.v_proj.weight])
+        bias = torch.cat([q[1], k[1], attention.v_proj.bias])
+        before, between = layer.input_layernorm.weight, layer.post_attention_layernorm.weight
+        gate_up = torch.cat([mlp.gate_proj.weight, mlp.up_proj.weight])
+        self.qkv: FrozenLinear = frozen_linear(precision, weight * before, bias)
+        self.out: FrozenLinear = frozen_linear(precision, attention.o_proj.weight)
+        self.gate_up: FrozenLinear = frozen_linear(precision, gate_up * between)
+        self.down: FrozenLinear = frozen_linear(precision, mlp.down_proj.weight)
+
+
+def _pair(
+    weight: Float[Tensor, "o i"], bias: Float[Tensor, " o"], head_width: int
+) -> tuple[Float[Tensor, "o i"], Float[Tensor, " o"]]:
+    """Reorder the outputs of each head from (all firsts, all seconds) to (first, second) pairs."""
+    order = torch.arange(weight.shape[0], device=weight.device)
+    order = order.view(-1, 2, head_width // 2).transpose(1, 2).flatten()
+    return weight[order], bias[order]

@@ -1,0 +1,208 @@
+"""Streaming generation: one chunk of audio codes in, two time steps of motion codes out.
+
+`InterleavedStream` keeps a ring of keys and values of constant size: a step reads the previous id and 40 audio ids in one
+pass, then decodes 6 Q ids one by one. `PrefixStream` is the paper's sliding window: its state is the code history and
+every step reads the whole window again. Callers cannot tell which.
+"""
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import TypeVar
+
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+from ..nn.stream import StreamingModule, StreamState, write_rows
+from ..timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
+from ..tokens import Interleaved, Prefix
+from .decoder import Decoder, KeyValueRing, Places
+from .linear import Precision
+from .model import Generator
+from .sampling import Sampler, gumbel_noise
+
+StateT = TypeVar("StateT", bound=StreamState)
+
+
+class GeneratorStream(StreamingModule[StateT]):
+    """What both sequence orders share. Built from a generator's present weights, on its device."""
+
+    def __init__(self, generator: Generator, precision: Precision = "float32") -> None:
+        super().__init__()
+        self.config, self.layout = generator.config, generator.config.layout
+        with torch.no_grad():
+            self._decoder = Decoder(generator, precision)
+
+    @abstractmethod
+    def init_state(self, rows: int) -> StateT:
+        """A state in which nothing was heard yet."""
+
+    @torch.no_grad()
+    def step(
+        self,
+        x: Int[Tensor, "b f q"],
+        state: StateT,
+        active: Bool[Tensor, " b"],
+        *,
+        seeds: Int[Tensor, " b"] | None = None,
+        temperature: Float[Tensor, " b"] | None = None,
+        top_p: Float[Tensor, " b"] | None = None,
+    ) -> Int[Tensor, "b n p q"]:
+        """Hear the audio codes (b, 20, 2) of one chunk, return its motion codes (b, 2, 3, Q).
+
+        `seeds` (default 0) key the noise of each row; `temperature` and `top_p` default to the config's.
+        """
+        rows, device = x.shape[0], self._decoder.device
+        assert x.shape[1:] == (AUDIO_FRAMES_PER_CHUNK, self.layout.audio_layers), "one chunk of audio codes"
+        count = MOTION_TOKENS_PER_CHUNK * self.layout.segments
+        seeds = torch.zeros(rows, dtype=torch.int64, device=device) if seeds is None else seeds
+        noise = gumbel_noise(seeds, self._heard(state) * count, count=count, codes=self.layout.motion_codes)
+        if temperature is None:
+            temperature = torch.full((rows,), self.config.temperature, device=device)
+        top_p = torch.full((rows,), self.config.top_p, device=device) if top_p is None else top_p
+        return self._generate(x, state, active, Sampler(noise, temperature, top_p))
+
+    @abstractmethod
+    def _heard(self, state: StateT) -> Int[Tensor, " b"]:
+        """Chunks each row has heard."""
+
+    @abstractmethod
+    def _generate(
+        self, x: Int[Tensor, "b f q"], state: StateT, active: Bool[Tensor, " b"], sampler: Sampler
+    ) -> Int[Tensor, "b n p q"]: ...
+
+    def _decode(
+        self, prompt: Int[Tensor, "b t"], places: Places, rings: list[KeyValueRing], sampler: Sampler
+    ) -> Int[Tensor, "b n"]:
+        """Read the prompt, then draw 6 Q codes; the last one is not read back."""
+        decoder, layout, length = self._decoder, self.layout, prompt.shape[1]
+        count = MOTION_TOKENS_PER_CHUNK * layout.segments
+        hidden = decoder.run(prompt, places.part(0, length), rings)
+        codes = []
+        for index in range(count):
+            segment = index % layout.segments
+            codes.append(sampler.draw(decoder.logits(hidden, segment), index))
+            if index < count - 1:
+                ids = codes[-1][:, None] + layout.segment_start(segment)
+                hidden = decoder.run(ids, places.part(length + index, length + index + 1), rings)
+        return torch.stack(codes, dim=1)
+
+
+@dataclass
+class RingState(StreamState):
+    """Keys and values of the window, the id not yet read, and how many chunks were heard."""
+
+    rings: list[KeyValueRing]
+    last: Int[Tensor, " b"]  # id relative to the start id, so that zero is a fresh row
+    chunks: Int[Tensor, " b"]
+
+
+class InterleavedStream(GeneratorStream[RingState]):
+    """Bounded memory, no re-reading: a step costs 41 ids in one pass and 6 Q - 1 single ones."""
+
+    def __init__(self, generator: Generator, precision: Precision = "float32") -> None:
+        super().__init__(generator, precision)
+        assert isinstance(generator.config.order, Interleaved)
+        self._order = generator.config.order
+        self._slots = self._order.lookback + self._order.audio_per_chunk
+
+    def init_state(self, rows: int) -> RingState:
+        """A state in which nothing was heard yet."""
+        zero = torch.zeros(rows, dtype=torch.int64, device=self._decoder.device)
+        return RingState(self._decoder.rings(rows, self._slots), zero, zero.clone())
+
+    def _heard(self, state: RingState) -> Int[Tensor, " b"]:
+        return state.chunks
+
+    def _generate(
+        self, x: Int[Tensor, "b f q"], state: RingState, active: Bool[Tensor, " b"], sampler: Sampler
+    ) -> Int[Tensor, "b n p q"]:
+        last = state.last[:, None] + self.layout.start_id
+        prompt = torch.cat([last, self.layout.audio_ids(x)], dim=1)
+        flat = self._decode(prompt, self._places(state, active), state.rings, sampler)
+        codes = self.layout.unflatten(flat)
+        for ring in state.rings:
+            ring.keys[:, :, -1] = 0
+            ring.values[:, :, -1] = 0
+        write_rows(state.last, self.layout.motion_ids(codes)[:, -1] - self.layout.start_id, active)
+        write_rows(state.chunks, state.chunks + 1, active)
+        return codes
+
+    def _places(self, state: RingState, active: Bool[Tensor, " b"]) -> Places:
+        """Absolute positions of the chunk's ids, their slots, and which slots each one sees."""
+        device, each = state.chunks.device, self._order.ids_per_chunk
+        positions = state.chunks[:, None] * each + torch.arange(each, device=device)
+        slots = positions % self._slots
+        age = slots[..., None] - torch.arange(self._slots + 1, device=device)
+        age = torch.where(age < 0, age + self._slots, age)  # of what the slot holds, seen from the position
+        seen = (age < self._order.lookback) & (age <= positions[..., None])
+        seen[..., -1] = False
+        return self._decoder.places(positions, slots, seen, active)
+
+
+@dataclass
+class HistoryState(StreamState):
+    """The codes of the window, newest last, and how many chunks were heard."""
+
+    audio: Int[Tensor, "b f q"]
+    motion: Int[Tensor, "b n p q"]
+    chunks: Int[Tensor, " b"]
+
+
+class PrefixStream(GeneratorStream[HistoryState]):
+    """The paper's window: every step reads up to 4 s of audio and the motion before the new chunk, then decodes."""
+
+    def __init__(self, generator: Generator, precision: Precision = "float32") -> None:
+        super().__init__(generator, precision)
+        assert isinstance(generator.config.order, Prefix)
+        self._order = generator.config.order
+
+    def init_state(self, rows: int) -> HistoryState:
+        """A state in which nothing was heard yet."""
+        device, chunks, layout = self._decoder.device, self.config.window_chunks, self.layout
+
+        def zeros(*shape: int) -> Tensor:
+            return torch.zeros(rows, *shape, dtype=torch.int64, device=device)
+
+        audio = zeros(chunks * AUDIO_FRAMES_PER_CHUNK, layout.audio_layers)
+        motion = zeros(chunks * MOTION_TOKENS_PER_CHUNK, 3, layout.motion_layers)
+        return HistoryState(audio, motion, zeros())
+
+    def _heard(self, state: HistoryState) -> Int[Tensor, " b"]:
+        return state.chunks
+
+    def _generate(
+        self, x: Int[Tensor, "b f q"], state: HistoryState, active: Bool[Tensor, " b"], sampler: Sampler
+    ) -> Int[Tensor, "b n p q"]:
+        audio = torch.cat([state.audio, x.long()], dim=1)[:, AUDIO_FRAMES_PER_CHUNK:]
+        context = state.motion[:, MOTION_TOKENS_PER_CHUNK:]
+        missing = (self.config.window_chunks - 1 - state.chunks).clamp(min=0)
+        prompt, valid = self._order.prompt(audio, context, missing)
+        places, slots = self._places(valid)
+        flat = self._decode(prompt, places, self._decoder.rings(len(x), slots), sampler)
+        codes = self.layout.unflatten(flat)
+        write_rows(state.audio, audio, active)
+        write_rows(state.motion, torch.cat([context, codes], dim=1), active)
+        write_rows(state.chunks, state.chunks + 1, active)
+        return codes
+
+    def _places(self, valid: Bool[Tensor, "b t"]) -> tuple[Places, int]:
+        rows, device = valid.shape[0], valid.device
+        new = torch.ones(rows, self._order.motion_per_chunk, dtype=torch.bool, device=device)
+        valid = torch.cat([valid, new], dim=1)
+        length = valid.shape[1]
+        at = torch.arange(length, device=device)
+        earlier = at[:, None] >= at
+        seen = earlier & valid[:, None] | torch.eye(length, dtype=torch.bool, device=device)
+        seen = torch.cat([seen, torch.zeros(rows, length, 1, dtype=torch.bool, device=device)], dim=2)
+        positions = (valid.long().cumsum(1) - 1).clamp(min=0)
+        everyone = torch.ones(rows, dtype=torch.bool, device=device)
+        return self._decoder.places(positions, at.expand(rows, -1), seen, everyone), length
+
+
+def open_stream(
+    generator: Generator, precision: Precision = "float32"
+) -> InterleavedStream | PrefixStream:
+    """The stream of this generator's sequence order."""
+    kind = InterleavedStream if generator.config.sequence == "interleaved" else PrefixStream
+    return kind(generator, precision)
