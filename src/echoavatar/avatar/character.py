@@ -1,0 +1,89 @@
+"""The shipped character as data: a skinned mesh on the rest pose of `HUMANOID`, made by `scripts/make_character.py`."""
+
+from dataclasses import dataclass, fields
+from functools import cached_property
+from importlib.resources import as_file, files
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+
+from ..errors import CheckpointError
+from ..kinematics import HUMANOID
+
+
+class Material(NamedTuple):
+    """How a surface takes light; colours are per vertex."""
+
+    name: str
+    roughness: float
+    metallic: float = 0.0
+
+
+MATERIALS = (
+    Material("skin", 0.55),
+    Material("hair", 0.45),
+    Material("eye", 0.12),
+    Material("cloth", 0.85),
+    Material("denim", 0.90),
+    Material("shoe", 0.50),
+    Material("metal", 0.35, 0.6),
+)
+
+
+@dataclass(frozen=True)
+class Character:
+    """A skinned mesh: metres, Y up, facing +Z, T-pose; joints index `HUMANOID.names`; triangles counter-clockwise."""
+
+    positions: Float[np.ndarray, "v 3"]
+    normals: Float[np.ndarray, "v 3"]
+    colours: UInt8[np.ndarray, "v 3"]  # sRGB
+    materials: UInt8[np.ndarray, " v"]  # index into MATERIALS
+    joints: UInt8[np.ndarray, "v 4"]
+    weights: Float[np.ndarray, "v 4"]  # rows sum to 1
+    triangles: Int[np.ndarray, "f 3"]
+
+    @cached_property
+    def dense_weights(self) -> Float[np.ndarray, "v j"]:
+        """Weights as one matrix over all joints, for skinning by one product."""
+        dense = np.zeros((len(self.positions), HUMANOID.joints), np.float32)
+        rows = np.arange(len(dense))
+        for column in range(self.joints.shape[1]):
+            np.add.at(dense, (rows, self.joints[:, column]), self.weights[:, column])
+        return dense
+
+    @cached_property
+    def rest_joints(self) -> Float[np.ndarray, "j 3"]:
+        """World positions of the joints in the rest pose."""
+        return HUMANOID.rest_positions.numpy()
+
+    def save(self, path: Path) -> None:
+        """Write an npz: normals and weights as integers, small triangles indices."""
+        np.savez_compressed(
+            path,
+            positions=self.positions.astype(np.float32),
+            normals=np.round(self.normals * 32767).astype(np.int16),
+            colours=self.colours,
+            materials=self.materials,
+            joints=self.joints,
+            weights=np.round(self.weights * 65535).astype(np.uint16),
+            triangles=self.triangles.astype(np.uint16 if len(self.positions) < 65536 else np.int32),
+        )
+
+
+def load_character(path: Path | None = None) -> Character:
+    """Read a character file; without a path, the one that ships. Raises `CheckpointError` for a damaged file."""
+    if path is None:
+        with as_file(files("echoavatar") / "assets" / "character.npz") as shipped:
+            return load_character(shipped)
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            raw = {field.name: stored[field.name] for field in fields(Character)}
+    except (OSError, KeyError, ValueError) as error:
+        raise CheckpointError(f"{path} is not a character: {error}; run scripts/make_character.py") from error
+    normals, weights = raw["normals"].astype(np.float32), raw["weights"].astype(np.float32)
+    raw["normals"] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    raw["weights"] = weights / weights.sum(1, keepdims=True)
+    raw["triangles"] = raw["triangles"].astype(np.int32)
+    return Character(**raw)

@@ -1,0 +1,100 @@
+"""The character as a list of pieces: what each is made of, its colour, and how finely it is meshed.
+
+One designed look: a friendly young person in a teal bomber jacket over a cream T-shirt, indigo turned-up trousers
+and white trainers with coral laces and socks. Colours are sRGB, 0..255.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from . import figure_body as body
+from . import figure_head as head
+from .sculpt import Mesh, sculpt
+from .sdf import Field, Points
+
+Colour = tuple[int, int, int]
+
+SKIN, LIPS, HAIR, LASH = (222, 165, 134), (192, 104, 96), (58, 38, 32), (34, 24, 22)
+JACKET, RIBBING, ZIP = (24, 110, 116), (16, 78, 86), (196, 200, 204)
+SHIRT, SHIRT_COLLAR, TROUSERS, TURN_UP = (243, 233, 216), (232, 220, 200), (47, 52, 82), (66, 73, 110)
+SHOE, SOLE, CORAL = (242, 239, 233), (250, 249, 246), (232, 104, 76)
+EYE_WHITE, IRIS, IRIS_RIM, PUPIL = (246, 244, 240), (122, 78, 42), (62, 38, 22), (14, 11, 10)
+
+
+class Piece(NamedTuple):
+    """One closed surface of the figure."""
+
+    name: str
+    material: str
+    colour: Colour
+    field: Field
+    low: tuple[float, float, float]
+    high: tuple[float, float, float]
+    cell: float
+    triangles: int
+    buried: float = 0.015  # triangles deeper than this inside other pieces are never seen and dropped
+
+
+PIECES = (
+    Piece("head", "skin", SKIN, head.head_skin, (-0.17, 1.36, -0.13), (0.17, 1.72, 0.14), 0.0018, 8400),
+    Piece("hair", "hair", HAIR, head.hair, (-0.13, 1.45, -0.16), (0.13, 1.76, 0.14), 0.0025, 4600, 0.006),
+    Piece("brows", "hair", HAIR, head.brow, (-0.07, 1.58, 0.03), (0.07, 1.64, 0.11), 0.0011, 420, 0.004),
+    Piece("lashes", "hair", LASH, head.lashes, (-0.07, 1.56, 0.04), (0.07, 1.62, 0.11), 0.0006, 500, 0.003),
+    Piece("hands", "skin", SKIN, body.hands, (-0.88, 1.34, -0.12), (0.88, 1.44, 0.10), 0.0020, 7400, 0.03),
+    Piece("jacket", "cloth", JACKET, body.jacket, (-0.70, 0.94, -0.18), (0.70, 1.50, 0.16), 0.004, 5200),
+    Piece("ribbing", "cloth", RIBBING, body.ribbing, (-0.71, 0.88, -0.18), (0.71, 1.52, 0.16), 0.003, 3200),
+    Piece("zips", "metal", ZIP, body.zips, (-0.10, 0.90, -0.02), (0.10, 1.47, 0.16), 0.0016, 500, 0.004),
+    Piece("shirt", "cloth", SHIRT, body.shirt, (-0.20, 0.90, -0.16), (0.20, 1.48, 0.16), 0.005, 1600),
+    Piece("shirt collar", "cloth", SHIRT_COLLAR, body.shirt_collar, (-0.12, 1.36, -0.12), (0.12, 1.48, 0.08), 0.0025, 700),
+    Piece("trousers", "denim", TROUSERS, body.trousers, (-0.24, 0.08, -0.16), (0.24, 1.08, 0.16), 0.005, 3200),
+    Piece("turn-ups", "denim", TURN_UP, body.turn_ups, (-0.17, 0.07, -0.10), (0.17, 0.16, 0.08), 0.003, 700),
+    Piece("socks", "cloth", CORAL, body.socks, (-0.15, 0.02, -0.08), (0.15, 0.20, 0.04), 0.004, 400, 0.025),
+    Piece("shoes", "shoe", SHOE, body.shoes, (-0.17, -0.02, -0.12), (0.17, 0.15, 0.21), 0.0025, 1900),
+    Piece("soles", "shoe", SOLE, body.soles, (-0.17, -0.02, -0.12), (0.17, 0.06, 0.21), 0.0025, 1300),
+    Piece("laces", "shoe", CORAL, body.laces, (-0.14, 0.04, 0.00), (0.14, 0.12, 0.11), 0.0018, 560, 0.005),
+)  # fmt: skip
+
+
+def piece_mesh(piece: Piece) -> Mesh:
+    """The piece's surface in the rest pose."""
+    return sculpt(piece.field, piece.low, piece.high, cell=piece.cell, triangles=piece.triangles)
+
+
+def piece_colours(piece: Piece, points: Points) -> np.ndarray:
+    """sRGB colour of each point, float 0..255: the piece's own with what is painted on it."""
+    paint = np.tile(np.asarray(piece.colour, np.float64), (len(points), 1))
+    if piece.name == "head":
+        paint = _blend(paint, LIPS, head.lip_mask(points), 0.0014)
+        rosy = np.exp(-(np.linalg.norm((np.abs(points) - (0.042, 1.552, 0.070)) / (0.022, 0.016, 0.03), axis=1) ** 2))
+        paint = paint + rosy[:, None] * np.array([4.0, -16.0, -14.0])
+    if piece.name == "hands":
+        paint = _blend(paint, (240, 198, 178), body.nail_mask(points), 0.0014)
+    return paint
+
+
+def eyeball(side: float) -> tuple[Mesh, np.ndarray]:
+    """One eyeball with its colours; rings about the line of sight, so that iris and pupil have clean edges."""
+    rings = np.radians([0, 8, 14, 15.5, 24, 33, 36, 38, 48, 60, 80, 105])
+    shades = [PUPIL, PUPIL, PUPIL, IRIS_RIM, IRIS, IRIS, IRIS_RIM, EYE_WHITE, EYE_WHITE, EYE_WHITE, EYE_WHITE, EYE_WHITE]
+    spokes = 28
+    turn = np.arange(spokes) * 2 * np.pi / spokes
+    normals = np.stack(
+        [np.outer(np.sin(rings), np.cos(turn)), np.outer(np.sin(rings), np.sin(turn)), np.tile(np.cos(rings)[:, None], spokes)], -1
+    ).reshape(-1, 3)
+    ring, spoke = np.meshgrid(np.arange(len(rings) - 1), np.arange(spokes), indexing="ij")
+    a, b = ring * spokes + spoke, ring * spokes + (spoke + 1) % spokes
+    faces = np.concatenate([np.stack([a, a + spokes, b + spokes], -1), np.stack([a, b + spokes, b], -1)]).reshape(-1, 3)
+    faces = faces[(faces[:, 0] >= spokes) | (faces[:, 1] >= spokes)]
+    points = head.EYE * (side, 1, 1) + normals * head.EYE_RADIUS
+    colours = np.repeat(np.asarray(shades, np.float64), spokes, axis=0)
+    return Mesh(points.astype(np.float32), normals.astype(np.float32), faces.astype(np.int32)), colours
+
+
+def _blend(paint: np.ndarray, colour: Colour, mask: np.ndarray, soft: float) -> np.ndarray:
+    """Mix `colour` in where `mask` (a distance) is negative, over a border of `soft` metres."""
+    share = np.clip(0.5 - mask / (2 * soft), 0, 1)[:, None]
+    mixed: np.ndarray = paint * (1 - share) + np.asarray(colour, np.float64) * share
+    return mixed
+
+

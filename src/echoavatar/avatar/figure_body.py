@@ -1,0 +1,276 @@
+"""The character's clothes and hands as signed distances, built on the rest pose of `HUMANOID` (metres, T-pose).
+
+A bomber jacket worn open over a T-shirt, slim turned-up trousers, low trainers. Lofts carry the silhouette; every
+piece closes, so that each can be meshed on its own. Left half modelled, right half mirrored.
+"""
+
+import numpy as np
+
+from ..kinematics import HUMANOID
+from .sdf import (
+    Distances,
+    Points,
+    carve,
+    ellipsoid,
+    loft,
+    mirrored,
+    rounded_cone,
+    slab,
+    smooth_max,
+    smooth_min,
+    tube,
+)
+
+REST = HUMANOID.rest_positions.numpy().astype(np.float64)
+HEM, CUFF = 0.985, 0.632  # where the jacket's ribbing begins: height, and distance from the middle along the arm
+
+# height, half width, centre x, half depth, centre z
+TORSO = [
+    (0.90, 0.160, 0, 0.104, -0.010),
+    (0.96, 0.163, 0, 0.108, -0.008),
+    (1.03, 0.146, 0, 0.100, -0.002),
+    (1.10, 0.134, 0, 0.094, 0.000),
+    (1.18, 0.139, 0, 0.099, 0.000),
+    (1.27, 0.152, 0, 0.108, -0.006),
+    (1.34, 0.152, 0, 0.102, -0.014),
+    (1.40, 0.128, 0, 0.080, -0.024),
+    (1.44, 0.066, 0, 0.062, -0.028),
+    (1.47, 0.054, 0, 0.054, -0.026),
+]
+JACKET = [
+    (0.90, 0.158, 0, 0.113, -0.006),
+    (0.960, 0.166, 0, 0.118, -0.005),
+    (1.000, 0.184, 0, 0.132, -0.004),
+    (1.040, 0.184, 0, 0.134, -0.002),
+    (1.12, 0.170, 0, 0.124, -0.002),
+    (1.20, 0.167, 0, 0.123, -0.003),
+    (1.28, 0.172, 0, 0.126, -0.007),
+    (1.34, 0.168, 0, 0.118, -0.014),
+    (1.40, 0.135, 0, 0.094, -0.024),
+    (1.445, 0.078, 0, 0.074, -0.029),
+    (1.48, 0.066, 0, 0.066, -0.029),
+]
+# distance from the middle, half height, centre y, half depth, centre z
+SLEEVE = [
+    (0.08, 0.082, 1.372, 0.082, -0.022),
+    (0.15, 0.072, 1.378, 0.076, -0.024),
+    (0.20, 0.063, 1.387, 0.069, -0.025),
+    (0.30, 0.056, 1.392, 0.061, -0.025),
+    (0.425, 0.051, 1.394, 0.055, -0.025),
+    (0.52, 0.049, 1.394, 0.052, -0.024),
+    (0.60, 0.047, 1.393, 0.049, -0.024),
+    (0.635, 0.042, 1.394, 0.044, -0.024),
+    (0.67, 0.034, 1.394, 0.037, -0.024),
+]
+LEG = [
+    (0.06, 0.046, 0.092, 0.050, -0.014),
+    (0.12, 0.046, 0.092, 0.051, -0.017),
+    (0.20, 0.048, 0.092, 0.054, -0.019),
+    (0.32, 0.055, 0.093, 0.062, -0.016),
+    (0.42, 0.055, 0.093, 0.061, -0.006),
+    (0.505, 0.057, 0.092, 0.061, 0.002),
+    (0.58, 0.062, 0.092, 0.066, 0.003),
+    (0.70, 0.073, 0.093, 0.079, 0.000),
+    (0.80, 0.082, 0.092, 0.090, -0.004),
+    (0.88, 0.087, 0.090, 0.100, -0.008),
+    (0.93, 0.085, 0.086, 0.104, -0.010),
+]
+# distance from the heel's end (z), half width, centre x, half height, centre y
+SHOE = [
+    (-0.086, 0.026, 0.092, 0.036, 0.040),
+    (-0.070, 0.034, 0.092, 0.046, 0.046),
+    (-0.030, 0.037, 0.092, 0.054, 0.048),
+    (0.010, 0.039, 0.092, 0.055, 0.040),
+    (0.050, 0.043, 0.093, 0.046, 0.030),
+    (0.095, 0.048, 0.095, 0.034, 0.026),
+    (0.135, 0.047, 0.096, 0.028, 0.024),
+    (0.165, 0.038, 0.096, 0.023, 0.022),
+    (0.184, 0.022, 0.095, 0.016, 0.021),
+]
+SOLE = [(z, w + 0.0045, x, 0.03, 0.01) for z, w, x, _, _ in SHOE]
+
+
+def shirt(p: Points) -> Distances:
+    """A crew-neck T-shirt, seen in the jacket's opening."""
+    d = loft(p, 1, [(y, w + 0.007, x, h + 0.008, z) for y, w, x, h, z in TORSO])
+    return smooth_max(d, slab(p, 1, 0.93, 1.437), 0.006) + _neck_line(p)
+
+
+def shirt_collar(p: Points) -> Distances:
+    """The ribbed neckline of the T-shirt."""
+    ring = _tilted_ring(p, 1.434, 0.30)
+    d = loft(p, 1, [(y, w + 0.007, x, h + 0.008, z) for y, w, x, h, z in TORSO])
+    return np.hypot(d, ring) - 0.0060
+
+
+def jacket(p: Points) -> Distances:
+    """The jacket without its ribbing: blouson body, sleeves, open front."""
+    q = mirrored(p)
+    d = loft(q, 1, JACKET)
+    d = smooth_max(d, slab(q, 1, HEM - 0.004, 1.452), 0.008)
+    sleeve = smooth_max(loft(q, 0, SLEEVE), slab(q, 0, 0.02, CUFF + 0.004), 0.006)
+    d = smooth_min(d, sleeve, 0.055)
+    d = d - _folds(q)
+    return carve(d, _opening(q, 0.0), 0.007)
+
+
+def ribbing(p: Points) -> Distances:
+    """Hem, cuffs and collar."""
+    q = mirrored(p)
+    hem = smooth_max(loft(q, 1, [(y, w + 0.002, x, h + 0.002, z) for y, w, x, h, z in JACKET[:3]]), slab(q, 1, 0.925, HEM), 0.010)
+    hem = carve(hem - _ribs(np.arctan2(q[:, 0], q[:, 2]), 40), _opening(q, 0.0), 0.007)
+    cuff = smooth_max(loft(q, 0, [(x, h + 0.000, y, w + 0.000, z) for x, h, y, w, z in SLEEVE[-3:]]), slab(q, 0, CUFF, 0.678), 0.007)
+    wall = loft(q, 1, [(1.40, 0.080, 0, 0.080, -0.030), (1.44, 0.070, 0, 0.071, -0.029), (1.50, 0.064, 0, 0.066, -0.030)])
+    collar = smooth_max(np.abs(wall) - 0.0060, _tilted_band(q, 1.425, 1.478), 0.010)
+    collar = carve(collar, _opening(q, 0.010), 0.007)
+    return np.minimum(np.minimum(hem, cuff), collar)
+
+
+def zips(p: Points) -> Distances:
+    """The two metal edges of the open zip."""
+    q = mirrored(p)
+    surface = np.abs(loft(q, 1, JACKET) + 0.001)
+    return np.maximum(np.hypot(surface, _opening(q, 0.0)) - 0.0032, np.maximum(slab(q, 1, 0.935, 1.43), -q[:, 2]))
+
+
+def trousers(p: Points) -> Distances:
+    """Slim trousers down to the turn-ups."""
+    q = mirrored(p)
+    pelvis = smooth_max(loft(q, 1, [(y, w + 0.004, x, h + 0.005, z) for y, w, x, h, z in TORSO[:4]]), slab(q, 1, 0.90, 1.00), 0.03)
+    leg = smooth_max(loft(q, 1, LEG), slab(q, 1, 0.105, 0.93), 0.006)
+    return smooth_min(pelvis, leg, 0.05)
+
+
+def turn_ups(p: Points) -> Distances:
+    """The turned-up hems of the trousers."""
+    q = mirrored(p)
+    return smooth_max(loft(q, 1, [(y, w + 0.004, x, h + 0.004, z) for y, w, x, h, z in LEG[:3]]), slab(q, 1, 0.098, 0.136), 0.006)
+
+
+def socks(p: Points) -> Distances:
+    """Ankles, seen when a foot bends."""
+    return rounded_cone(mirrored(p), (0.092, 0.070, -0.020), (0.092, 0.150, -0.020), 0.034, 0.034)
+
+
+def shoes(p: Points) -> Distances:
+    """Uppers of the trainers, open at the ankle."""
+    q = mirrored(p)
+    d = smooth_max(loft(q, 2, SHOE), slab(q, 2, -0.084, 0.183), 0.016)
+    d = smooth_max(d, 0.012 - q[:, 1], 0.004)
+    collar = ellipsoid(q, (0.092, 0.128, -0.026), (0.036, 0.052, 0.046))
+    return carve(d, collar, 0.008)
+
+
+def soles(p: Points) -> Distances:
+    """Flat soles that stand on the floor."""
+    q = mirrored(p)
+    d = smooth_max(loft(q, 2, SOLE), slab(q, 2, -0.089, 0.187), 0.012)
+    spring = 0.012 * np.clip((q[:, 2] - 0.12) / 0.07, 0, 1) ** 2
+    return smooth_max(d, np.maximum(0.0005 + spring - q[:, 1], q[:, 1] - 0.0245 - 0.4 * spring), 0.006)
+
+
+def laces(p: Points) -> Distances:
+    """Four bars across each instep."""
+    q = mirrored(p)
+    bars = [
+        rounded_cone(q, (0.072, y, z), (0.114, y, z), 0.0038, 0.0038)
+        for z, y in ((0.018, 0.0905), (0.038, 0.0815), (0.058, 0.0715), (0.078, 0.0625))
+    ]
+    return np.minimum.reduce(bars)
+
+
+def hands(p: Points) -> Distances:
+    """Both hands with ten separate fingers, and the wrists."""
+    q = mirrored(p)
+    at = {name[4:]: REST[i] for i, name in enumerate(HUMANOID.names) if name.startswith("left")}
+    wrist = at["Hand"]
+    d = _flat_cone(q, wrist + (-0.05, 0, 0.001), wrist + (0.004, 0, 0.001), 0.0270, 0.0245)
+    for finger, radius in (("Index", 0.0135), ("Middle", 0.0140), ("Ring", 0.0130), ("Little", 0.0120)):
+        knuckle = at[f"{finger}Proximal"]
+        root = wrist + (0.012, 0.0, 0.55 * (knuckle - wrist)[2])
+        d = smooth_min(d, rounded_cone(q, root, knuckle - (0.004, 0.0030, 0), 0.0165, radius - 0.001), 0.016)
+    thumb = at["ThumbMetacarpal"], at["ThumbProximal"]
+    d = smooth_min(d, rounded_cone(q, thumb[0] + (0.002, 0, -0.004), thumb[1], 0.0165, 0.0112), 0.022)
+    d = smooth_min(d, rounded_cone(q, thumb[0] + (0.010, -0.002, 0), wrist + (0.070, -0.004, 0.010), 0.0130, 0.0100), 0.020)
+    for finger, (r0, r1, r2, r3), reach in FINGERS:
+        bones = [at[f"{finger}{bone}"] for bone in (("Proximal", "Intermediate", "Distal") if finger != "Thumb" else ("Metacarpal", "Proximal", "Distal"))]
+        way = bones[2] - bones[1]
+        tip = bones[2] + way / np.linalg.norm(way) * reach
+        rows = [(*point, r) for point, r in zip([*bones, tip], (r0, r1, r2, r3), strict=True)]
+        d = smooth_min(d, tube(q, rows if finger != "Thumb" else rows[1:], 0.004), 0.007)
+    return d
+
+
+def nail_mask(p: Points) -> Distances:
+    """Negative on the finger nails: where the skin takes the nails' colour."""
+    q = mirrored(p)
+    at = {name[4:]: REST[i] for i, name in enumerate(HUMANOID.names) if name.startswith("left")}
+    nails = []
+    for finger, radii, reach in FINGERS:
+        bone = at[f"{finger}Distal"]
+        way = bone - at[f"{finger}Intermediate" if finger != "Thumb" else f"{finger}Proximal"]
+        way = way / np.linalg.norm(way)
+        up = np.array([-0.35, 0.94, 0.0]) if finger == "Thumb" else np.array([0.0, 1.0, 0.0])
+        up = up - (up @ way) * way
+        axes = np.stack([way, up / np.linalg.norm(up), np.cross(way, up / np.linalg.norm(up))])
+        r = radii[3]
+        nails.append(ellipsoid(q, bone + way * (reach + 0.0005) + axes[1] * r, (0.0062, 0.0060, 0.72 * r), axes))
+    return np.minimum.reduce(nails)
+
+
+FINGERS = (
+    ("Thumb", (0.014, 0.0110, 0.0102, 0.0078), 0.0205),
+    ("Index", (0.0098, 0.0087, 0.0080, 0.0064), 0.0165),
+    ("Middle", (0.0100, 0.0089, 0.0082, 0.0065), 0.0175),
+    ("Ring", (0.0096, 0.0084, 0.0077, 0.0062), 0.0170),
+    ("Little", (0.0086, 0.0074, 0.0068, 0.0055), 0.0150),
+)
+
+
+def _flat_cone(q: Points, a: np.ndarray, b: np.ndarray, radius_a: float, radius_b: float) -> Distances:
+    """A rounded cone squashed to 80 % of its height."""
+    squash = np.array([1, 1.25, 1])
+    return rounded_cone(q * squash.astype(q.dtype), a * squash, b * squash, radius_a, radius_b) * 0.9
+
+
+def _opening(q: Points, extra: float) -> Distances:
+    """The open front: a gap that is widest at the chest, in front of the body's middle."""
+    half = np.interp(q[:, 1], [0.92, 1.05, 1.25, 1.38, 1.50], [0.052, 0.046, 0.050, 0.056, 0.050]) + extra
+    gap: Distances = np.maximum(q[:, 0] - half.astype(q.dtype), -0.01 - q[:, 2])
+    return gap
+
+
+def _neck_line(p: Points) -> Distances:
+    """Lowers the shirt's front edge to a round neckline."""
+    return np.maximum(0, _tilted_ring(p, 1.436, 0.30)) * 1.0
+
+
+def _tilted_ring(p: Points, height: float, tilt: float) -> Distances:
+    """Height above a plane that falls towards the front."""
+    ring: Distances = p[:, 1] - height + tilt * (p[:, 2] + 0.028)
+    return ring
+
+
+def _tilted_band(p: Points, low: float, high: float) -> Distances:
+    """The layer between two planes that fall towards the front."""
+    above = _tilted_ring(p, high, 0.22)
+    below = -_tilted_ring(p, low, 0.22)
+    return np.maximum(above, below)
+
+
+def _ribs(angle: Distances, count: int) -> Distances:
+    ribs: Distances = (0.0007 * np.sin(count * angle)).astype(angle.dtype)
+    return ribs
+
+
+def _folds(q: Points) -> Distances:
+    """Soft cloth folds: gathered above the hem and cuffs, at the elbow, and fanning from the armpit."""
+    angle = np.arctan2(q[:, 0], q[:, 2])
+    hem = np.exp(-(((q[:, 1] - 1.02) / 0.035) ** 2)) * np.sin(13 * angle + 9 * q[:, 1]) * (q[:, 0] < 0.25)
+    around = np.arctan2(q[:, 1] - 1.394, q[:, 2] + 0.024)
+    elbow = np.exp(-(((q[:, 0] - 0.43) / 0.05) ** 2)) * np.sin(150 * q[:, 0] + 1.5 * np.sin(around))
+    cuff = np.exp(-(((q[:, 0] - 0.59) / 0.03) ** 2)) * np.sin(190 * q[:, 0] + 2 * np.sin(around + 1))
+    pit = np.exp(-(((q[:, 0] - 0.19) / 0.05) ** 2 + ((q[:, 1] - 1.33) / 0.05) ** 2)) * np.sin(90 * (q[:, 0] + q[:, 1]))
+    folds: Distances = (0.0022 * hem + 0.0016 * elbow + 0.0014 * cuff + 0.0022 * pit).astype(q.dtype)
+    return folds
+

@@ -1,0 +1,147 @@
+"""Pictures of the character without a display: a small rasteriser that needs nothing but pip packages.
+
+Off-screen OpenGL needs system libraries that bare machines lack, so the loops are our own, compiled by numba
+(extra `render`). Perspective camera, one soft-shadowed key light, sky and ground light, rim light, floor with a one-metre
+grid, filmic tone curve, 2 x 2 supersampling.
+"""
+
+import importlib
+from dataclasses import dataclass
+from types import ModuleType
+
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+from numpy.typing import NDArray
+
+from ..errors import DependencyError
+
+SHADOW_TEXELS = 1024
+SHADOW_METRES = 3.6
+LIGHT = np.array([0.45, 0.8, 0.55], np.float32) / np.float32(np.linalg.norm([0.45, 0.8, 0.55]))
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Where the picture is taken from: metres, Y up; vertical field of view in radians."""
+
+    position: tuple[float, float, float] = (0.0, 1.25, 4.1)
+    target: tuple[float, float, float] = (0.0, 0.92, 0.0)
+    field_of_view: float = 0.52
+
+    def axes(self) -> Float[np.ndarray, "3 3"]:
+        """Rows: right, up, backward."""
+        back = np.array(self.position) - np.array(self.target)
+        back = back / np.linalg.norm(back)
+        right = np.cross([0.0, 1.0, 0.0], back)
+        right = right / np.linalg.norm(right)
+        return np.stack([right, np.cross(back, right), back])
+
+
+@dataclass(frozen=True)
+class Surface:
+    """What is drawn: world positions and normals of one moment, linear colours, triangles."""
+
+    points: Float[np.ndarray, "v 3"]
+    normals: Float[np.ndarray, "v 3"]
+    colours: Float[np.ndarray, "v 3"]
+    triangles: Int[np.ndarray, "f 3"]
+
+
+class Renderer:
+    """Draws surfaces at one size; keeps its buffers between frames."""
+
+    def __init__(self, width: int = 1280, height: int = 720, *, camera: Camera | None = None, samples: int = 2) -> None:
+        """`samples` is the supersampling per axis; 1 is fast and jagged.
+
+        Raises:
+            DependencyError: numba is not installed.
+        """
+        self._loops = _compiled()
+        self.width, self.height, self.samples = width, height, samples
+        self.camera = camera or Camera()
+        wide, high = width * samples, height * samples
+        self._depth = np.zeros((high, wide), np.float32)
+        self._ids = np.zeros((high, wide), np.int32)
+        self._image = np.zeros((height, width, 3), np.uint8)
+        self._shadow = np.zeros((SHADOW_TEXELS, SHADOW_TEXELS), np.float32)
+        self._tone = _tone_curve()
+
+    def draw(self, surface: Surface) -> UInt8[np.ndarray, "h w 3"]:
+        """One picture, sRGB."""
+        points = np.ascontiguousarray(surface.points, np.float32)
+        triangles = np.ascontiguousarray(surface.triangles, np.int32)
+        screen, rays = self._project(points)
+        to_light = _light_space(points)
+        light = (points @ to_light[:, :3].T + to_light[:, 3]).astype(np.float32)
+        self._loops.shadow_depth(light, triangles, self._shadow)
+        self._loops.visible(screen, triangles, self._depth, self._ids)
+        self._loops.shade(
+            screen,
+            points,
+            np.ascontiguousarray(surface.normals, np.float32),
+            np.ascontiguousarray(surface.colours, np.float32),
+            triangles,
+            self._ids,
+            self._depth,
+            self.samples,
+            np.array(self.camera.position, np.float32),
+            rays,
+            to_light,
+            self._shadow,
+            _LOOK,
+            self._tone,
+            self._image,
+        )
+        return self._image.copy()
+
+    def _project(self, points: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Screen x, y, 1/depth of points, and the affine map from pixels to ray directions."""
+        high, wide = self._depth.shape
+        axes = self.camera.axes()
+        focal = 0.5 * high / np.tan(self.camera.field_of_view / 2)
+        seen = (points - np.array(self.camera.position)) @ axes.T
+        near = 1.0 / np.maximum(-seen[:, 2], 1e-3)
+        near[seen[:, 2] > -0.05] = 0
+        screen = np.stack([wide / 2 + focal * seen[:, 0] * near, high / 2 - focal * seen[:, 1] * near, near], 1)
+        right, up, back = axes
+        corner = -back - right * (wide / 2) / focal + up * (high / 2) / focal
+        return screen.astype(np.float32), np.stack([corner, right / focal, -up / focal]).astype(np.float32)
+
+
+def _light_space(points: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(3, 4) map from world to shadow texels and height towards the light, centred on the surface."""
+    side = np.cross([0.0, 1.0, 0.0], LIGHT)
+    side /= np.linalg.norm(side)
+    axes = np.stack([side, np.cross(LIGHT, side), LIGHT])
+    middle = axes @ ((points.min(0) + points.max(0)) / 2)
+    scale = np.array([SHADOW_TEXELS / SHADOW_METRES] * 2 + [1.0])
+    shift = np.array([SHADOW_TEXELS / 2] * 2 + [0.0]) - scale * middle
+    return np.concatenate([axes * scale[:, None], shift[:, None]], 1).astype(np.float32)
+
+
+def _tone_curve() -> NDArray[np.uint8]:
+    """Linear light 0..4 in 4,096 steps to sRGB bytes through a filmic shoulder."""
+    x = np.arange(4096) / 1024
+    filmic = x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14)
+    srgb = np.where(filmic <= 0.0031308, 12.92 * filmic, 1.055 * np.maximum(filmic, 1e-9) ** (1 / 2.4) - 0.055)
+    return np.round(np.clip(srgb, 0, 1) * 255).astype(np.uint8)
+
+
+def _compiled() -> ModuleType:
+    try:
+        return importlib.import_module(".raster", __package__)
+    except ImportError as error:
+        raise DependencyError("pictures need numba; run: pip install 'echoavatar[render]'") from error
+
+
+_LOOK = np.array(
+    [
+        LIGHT,
+        [0.92, 0.87, 0.78],  # key light
+        [0.36, 0.41, 0.50],  # from the sky
+        [0.18, 0.16, 0.15],  # from the ground
+        [0.24, 0.25, 0.27],  # floor
+        [0.10, 0.115, 0.14],  # backdrop
+    ],
+    np.float32,
+)

@@ -1,0 +1,115 @@
+"""Signed distances as plain functions of points: the clay the character is modelled in.
+
+Every primitive takes points (n, 3) in metres and returns distances (n,), negative inside. Distances are exact for
+spheres and rounded cones and first-order accurate near the surface for ellipsoids and lofts, which is all that
+meshing, projecting and normals need. Uses numpy and nothing else of the package.
+"""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import ArrayLike
+
+Points = Float[np.ndarray, "n 3"]
+Distances = Float[np.ndarray, " n"]
+Field = Callable[[Points], Distances]
+
+
+def smooth_min(a: Distances, b: Distances, k: float) -> Distances:
+    """Union whose seam is rounded over about `k` metres (polynomial; not associative, so order matters)."""
+    h = np.maximum(k - np.abs(a - b), 0.0) / k
+    return np.minimum(a, b) - h * h * (k / 4)
+
+
+def smooth_max(a: Distances, b: Distances, k: float) -> Distances:
+    """Intersection whose edge is rounded over about `k` metres."""
+    return -smooth_min(-a, -b, k)
+
+
+def carve(solid: Distances, tool: Distances, k: float) -> Distances:
+    """`solid` without `tool`, the rim rounded over about `k` metres."""
+    return smooth_max(solid, -tool, k)
+
+
+def mirrored(p: Points) -> Points:
+    """Points folded onto the left half (+X): model one side, get both."""
+    folded = p.copy()
+    folded[:, 0] = np.abs(folded[:, 0])
+    return folded
+
+
+def sphere(p: Points, centre: ArrayLike, radius: float) -> Distances:
+    """Distance to a sphere."""
+    return _length(p - np.asarray(centre, p.dtype)) - radius
+
+
+def ellipsoid(p: Points, centre: ArrayLike, radii: ArrayLike, axes: np.ndarray | None = None) -> Distances:
+    """First-order distance to an ellipsoid; the rows of `axes` are its own axes in the world."""
+    local = p - np.asarray(centre, p.dtype)
+    if axes is not None:
+        local = local @ axes.T.astype(p.dtype)
+    r = np.asarray(radii, p.dtype)
+    k0, k1 = _length(local / r), _length(local / (r * r))
+    return k0 * (k0 - 1) / np.maximum(k1, 1e-9)
+
+
+def rounded_cone(p: Points, a: ArrayLike, b: ArrayLike, radius_a: float, radius_b: float) -> Distances:
+    """Distance to the hull of two spheres, radius interpolated along the segment (near exact for mild tapers)."""
+    start, along = np.asarray(a, p.dtype), np.asarray(b, p.dtype) - np.asarray(a, p.dtype)
+    local = p - start
+    t = np.clip(local @ along / (along @ along), 0, 1)
+    return _length(local - t[:, None] * along) - (radius_a + (radius_b - radius_a) * t)
+
+
+def tube(p: Points, path: Sequence[Sequence[float]], k: float) -> Distances:
+    """Rounded cones along `path` rows (x, y, z, radius), joined smoothly over `k`."""
+    total: Distances | None = None
+    for start, end in zip(path[:-1], path[1:], strict=True):
+        part = rounded_cone(p, start[:3], end[:3], start[3], end[3])
+        total = part if total is None else smooth_min(total, part, k)
+    assert total is not None
+    return total
+
+
+def loft(p: Points, axis: int, stations: Sequence[Sequence[float]]) -> Distances:
+    """Ellipses swept along a world axis, ends open (intersect with `slab`).
+
+    `stations` rows: position along the axis, half size and centre on the first other axis, half size and centre on
+    the second (other axes in ascending order). Values between stations follow a monotone cubic.
+    """
+    from scipy.interpolate import PchipInterpolator
+
+    table = np.asarray(stations, np.float64)
+    at = np.clip(p[:, axis], table[0, 0], table[-1, 0])
+    half_u, centre_u, half_v, centre_v = PchipInterpolator(table[:, 0], table[:, 1:])(at).T.astype(p.dtype)
+    u, v = (p[:, i] for i in range(3) if i != axis)
+    u, v = u - centre_u, v - centre_v
+    k0 = np.sqrt((u / half_u) ** 2 + (v / half_v) ** 2)
+    k1 = np.sqrt((u / half_u**2) ** 2 + (v / half_v**2) ** 2)
+    return k0 * (k0 - 1) / np.maximum(k1, 1e-9)
+
+
+def slab(p: Points, axis: int, low: float, high: float) -> Distances:
+    """Distance to the layer low <= p[axis] <= high."""
+    return np.maximum(low - p[:, axis], p[:, axis] - high)
+
+
+def gradient(field: Field, p: Points, step: float = 5e-4) -> Points:
+    """Unit gradient by central differences: the outward normal of the nearest surface."""
+    offsets = np.eye(3, dtype=p.dtype) * step
+    g = np.stack([field(p + offset) - field(p - offset) for offset in offsets], axis=1)
+    unit: Points = g / np.maximum(_length(g), 1e-12)[:, None]
+    return unit
+
+
+def project(field: Field, p: Points, passes: int = 3) -> Points:
+    """Move points onto the zero surface along the gradient."""
+    for _ in range(passes):
+        p = p - field(p)[:, None] * gradient(field, p)
+    return p
+
+
+def _length(v: Points) -> Distances:
+    length: Distances = np.sqrt(np.einsum("ni,ni->n", v, v))
+    return length
