@@ -1,0 +1,282 @@
+"""Speech to gesture: units of rest, preparation, stroke, hold and retraction, one unit per phrase (Kendon, McNeill).
+
+Motion is later predicted from audio heard so far, so strokes end 0.10 to 0.18 s after the stressed vowel's centre,
+preparations begin with the word, hands rise with the phrase and sink after it. Beats fall on prominent syllables,
+words with a meaning get a gesture of their own, and everything else (head, torso, clavicles) takes part.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from ..timing import FRAME_RATE_HZ
+from .accents import head_accents, speech_activity
+from .controls import Array, Controls, critically_damped, wander
+from .handpath import FINGERS, PALM, WRIST, HandPath
+from .handshapes import count_shape, hand_shape
+from .idle import Manner, hands_of, idle, living_fingers, manner, resting_hands, with_hands
+from .lexicon import ACCENTS, MEANINGS, Form, aim_at, home_of, meant_form
+from .sound import Syllable, SoundTrack
+
+SINK_AFTER, REST_AFTER = 0.10, 0.30  # seconds after a phrase: first let go, then drop
+SHORTEST_REST_GAP = 0.55  # in shorter pauses the hands wait where they are
+LEFT, RIGHT = 0, 1
+
+
+@dataclass(frozen=True)
+class Cue:
+    """A syllable worth a gesture: the word's onset, the stroke's end, its weight 0..1 and the word's meaning."""
+
+    onset: float
+    stroke_end: float
+    weight: float
+    meaning: str
+    word: str
+
+
+def gesture(track: SoundTrack, seed: int) -> Controls:
+    """Speak with the body for the whole track: idle motion in silence, gesture units over every phrase."""
+    who, rng = manner(seed), np.random.default_rng([seed, 3])
+    body = idle(track, seed)
+    frames = len(body)
+    rest = resting_hands(who.rest)
+    speaker = _Speaker(who, rng, [HandPath(rest[LEFT].copy()), HandPath(rest[RIGHT].copy())], rest)
+    starts = [begin for begin, _ in track.phrases] + [np.inf]
+    for phrase, following in zip(track.phrases, starts[1:], strict=True):
+        speaker.say(phrase, cues_of(track, phrase, who, rng), following)
+    moved = np.stack([path.curve(frames) for path in speaker.hands], axis=1) - rest
+    active = speech_activity(track, frames)
+    lively = np.clip(np.abs(moved[..., :3]).sum(-1) / 0.2, 0, 1)[..., None]
+    moved[..., FINGERS] += living_fingers(frames, rng) * (0.4 + 0.8 * lively)
+    moved[..., :3] += wander(frames, 6, period=1.4, rng=rng).reshape(frames, 2, 3) * 0.006 * lively
+    head, spine = head_accents(track, who.nod, rng)
+    body = replace(body, head=body.head + head, spine=body.spine + spine)
+    return joined_in(with_hands(body, hands_of(body) + moved), hands_of(body), active)
+
+
+def cues_of(
+    track: SoundTrack, phrase: tuple[float, float], who: Manner, rng: np.random.Generator
+) -> list[Cue]:
+    """The syllables of a phrase that get a gesture, strongest first choice, not too close together."""
+    begin, end = phrase
+    inside = [s for s in track.syllables if begin - 0.02 <= s.vowel < end]
+    spoken: set[tuple[float, str]] = set()
+    cues: list[Cue] = []
+    for i in sorted(range(len(inside)), key=lambda k: -_urge(inside[k])):
+        syllable, onset = inside[i], _word_onset(inside, i)
+        wanted = _urge(syllable) * (0.9 + 0.2 * rng.random()) * who.pace
+        gap = 0.40 / who.pace if wanted < 0.8 else 0.46
+        stroke_end = syllable.vowel + float(rng.uniform(0.10, 0.18))
+        if (
+            wanted < 0.42
+            or any(abs(cue.stroke_end - stroke_end) < gap for cue in cues)
+            or rng.random() < 0.08
+        ):
+            continue
+        meaning = syllable.meaning if rng.random() < 0.85 and (onset, syllable.word) not in spoken else ""
+        spoken.add((onset, syllable.word))
+        cues.append(Cue(onset, stroke_end, min(syllable.prominence, 1.0), meaning, syllable.word))
+    return sorted(cues, key=lambda cue: cue.stroke_end)
+
+
+def _urge(syllable: Syllable) -> float:
+    return syllable.prominence + (0.35 if syllable.meaning and syllable.prominence > 0.3 else 0.0)
+
+
+def _word_onset(syllables: list[Syllable], index: int) -> float:
+    """Start of the word a syllable belongs to."""
+    while (
+        index
+        and syllables[index - 1].word == syllables[index].word
+        and syllables[index].start - syllables[index - 1].end < 0.05
+    ):
+        index -= 1
+    return syllables[index].start
+
+
+class _Speaker:
+    """Both hands' plans while a speech goes on: which hand leads, where home is, what was contrasted last."""
+
+    def __init__(self, who: Manner, rng: np.random.Generator, hands: list[HandPath], rest: Array) -> None:
+        self.who, self.rng, self.hands, self.rest = who, rng, hands, rest
+        self.lead = RIGHT if rng.random() < who.handed else LEFT
+        self.both = bool(rng.random() < 0.5)
+        self.up = [False, False]
+        self.homes = [home_of(who.space, rng), home_of(who.space, rng)]
+        taste = rng.dirichlet(np.full(len(ACCENTS), 1.4))
+        self.taste = 0.5 * taste + 0.5 / len(ACCENTS)
+        self.beat_way = self._beat_way()
+        self.free_at = 0.0
+
+    def say(self, phrase: tuple[float, float], cues: list[Cue], following: float) -> None:
+        """Plan one gesture unit: rise, strokes, and the way back if the pause is long enough."""
+        begin, end = phrase
+        self._choose_hands()
+        if cues and self.rng.random() > 0.05:
+            self._raise(begin, cues[0])
+            for cue in cues:
+                if cue.stroke_end > self.free_at:
+                    self._do(cue, end)
+        if following - end > SHORTEST_REST_GAP:
+            self._retract(end)
+
+    def _choose_hands(self) -> None:
+        """Stay with the same hands for a while."""
+        rng = self.rng
+        if rng.random() < 0.35:
+            self.lead = RIGHT if rng.random() < self.who.handed else LEFT
+        if rng.random() < 0.40:
+            self.both = bool(rng.random() < 0.52)
+        if rng.random() < 0.5:
+            self.homes = [home_of(self.who.space, rng) for _ in self.hands]
+            self.homes[1 - self.lead][3:] = self.homes[self.lead][3:]
+            self.beat_way = self._beat_way()
+
+    def _beat_way(self) -> Array:
+        """The direction beats go for a while: mostly down, some out or in."""
+        ways = ((0.15, -1.0, 0.25), (0.6, -0.7, 0.35), (-0.35, -0.8, 0.25), (0.25, -0.45, 0.8))
+        way = np.array(ways[self.rng.choice(4, p=(0.45, 0.25, 0.12, 0.18))]) + self.rng.normal(0, 0.12, 3)
+        return np.asarray(way / np.linalg.norm(way), np.float32)
+
+    def _raise(self, begin: float, first: Cue) -> None:
+        """Hands rise with the phrase, in an arc that leads away from the body."""
+        sides = [self.lead, 1 - self.lead] if self.both else [self.lead]
+        for delay, side in zip((0.0, float(self.rng.uniform(0.0, 0.12))), sides, strict=False):
+            start = begin + float(self.rng.uniform(0.0, 0.10)) + delay
+            length = float(np.clip(first.stroke_end - start - 0.15, 0.50, 0.80))
+            arc = np.array([0.03, 0.0, 0.05]) if not self.up[side] else np.zeros(3)
+            self.hands[side].move(start, start + length, self.homes[side], arc)
+            self.up[side] = True
+
+    def _do(self, cue: Cue, phrase_end: float) -> None:
+        if cue.meaning:
+            self._mean(cue, phrase_end)
+        elif cue.weight >= 0.80 and self.rng.random() < 0.75:
+            self._accent(cue)
+        else:
+            self._beat(cue)
+
+    def _beat(self, cue: Cue) -> None:
+        """Up with the word, down with the vowel, and a little rebound."""
+        size = (0.035 + 0.115 * cue.weight**1.5) * self.who.energy * float(self.rng.uniform(0.75, 1.25))
+        time = cue.stroke_end - cue.onset
+        for side in self._moving():
+            share = size * (1.0 if side == self.lead else float(self.rng.uniform(0.45, 1.0)))
+            home, way = self.homes[side], self.beat_way + self.rng.normal(0, 0.10, 3)
+            high, low = home.copy(), home.copy()
+            high[WRIST] -= way * share * 0.50
+            high[PALM] += (0.35 * share / 0.1 * -0.5, 0.10 * share / 0.1, 0.0)
+            low[WRIST] += way * share * 0.50
+            low[PALM] += self.rng.normal(0, 0.10, 3) + (0.08, -0.10 * share / 0.1, 0.0)
+            low[FINGERS] += self.rng.normal(0, 0.05, 7)
+            if time > 0.24:
+                self.hands[side].move(cue.onset, cue.onset + 0.55 * time, high)
+            begin = cue.onset + (0.42 * time if time > 0.24 else 0.0)
+            self.hands[side].stroke(begin, max(cue.stroke_end, begin + 0.15), low, overshoot=0.15)
+        self.homes[self.lead][WRIST] += self.rng.normal(0, 0.012, 3)
+
+    def _accent(self, cue: Cue) -> None:
+        """A larger gesture for the phrase's nucleus; home stays there for what follows."""
+        names = list(ACCENTS)
+        form = ACCENTS[names[self.rng.choice(len(names), p=self.taste)]]
+        size = self.who.energy * self.who.space * float(self.rng.uniform(0.8, 1.25))
+        for side in self._moving():
+            self._reach(side, cue, form, size * (1.0 if side == self.lead else 0.85))
+
+    def _mean(self, cue: Cue, phrase_end: float) -> None:
+        """The gesture a word's meaning asks for, held a moment."""
+        name = meant_form(cue.meaning, cue.word)
+        form, size = MEANINGS[name], self.who.space * float(self.rng.uniform(0.9, 1.15))
+        two_handed = name in ("size", "small", "question") or (name == "negation" and self.rng.random() < 0.5)
+        if name == "contrast":
+            self.lead = 1 - self.lead
+        if name == "count":
+            form = replace(form, shape=count_shape(cue.word))
+        if name == "negation":
+            self._inwards(cue, two_handed)
+        sides = [LEFT, RIGHT] if two_handed else [self.lead]
+        for side in sides:
+            self._reach(side, cue, form, size)
+        if name == "greeting":
+            self._wave(cue, phrase_end)
+        self.free_at = cue.stroke_end + (0.35 if name in ("size", "count", "there", "question") else 0.15)
+
+    def _inwards(self, cue: Cue, two_handed: bool) -> None:
+        """The hand crosses to the middle before it wipes away."""
+        for side in [LEFT, RIGHT] if two_handed else [self.lead]:
+            inner = self.homes[side].copy()
+            inner[WRIST] = (-0.05, -0.20 if side == self.lead else -0.24, 0.28)
+            inner[5] = 1.0
+            self.hands[side].move(cue.onset, max(cue.stroke_end - 0.14, cue.onset + 0.15), inner)
+
+    def _reach(self, side: int, cue: Cue, form: Form, size: float) -> None:
+        """A stroke along an arc from wherever the hand is; sooner or later than planned if it is far."""
+        path = self.hands[side]
+        aim = aim_at(form, self.homes[side], size=size, space=self.who.space, rng=self.rng)
+        way = float(np.linalg.norm(aim[WRIST] - path.aim[WRIST]))
+        end = cue.stroke_end
+        begin = max(cue.onset - 0.03, end - 0.55)
+        if end - begin < way / 0.9:
+            begin = max(begin - 0.12, end - way / 0.9)
+            end = max(end, begin + way / 1.0)
+        arc = np.array(form.arc) * min(1.0, way / 0.12)
+        path.stroke(begin, end, aim, overshoot=float(self.rng.uniform(0.06, 0.14)), arc=arc)
+        self.up[side] = True
+        self.homes[side] = aim.copy()
+        self.homes[side][FINGERS] = 0.5 * aim[FINGERS] + 0.5 * hand_shape("relaxed")
+
+    def _wave(self, cue: Cue, phrase_end: float) -> None:
+        """The forearm swings from side to side, dying away."""
+        path, time, reach = self.hands[self.lead], cue.stroke_end, 0.055
+        middle = path.aim.copy()
+        for turn in range(int(self.rng.integers(4, 7))):
+            aim = middle.copy()
+            sign = 1.0 if turn % 2 == 0 else -1.0
+            aim[0] += sign * reach
+            aim[4] += sign * -0.18
+            path.move(time, time + 0.21, aim)
+            time, reach = time + 0.19, reach * 0.9
+        path.move(time, time + 0.22, middle)
+        self.free_at = time + 0.1
+
+    def _moving(self) -> list[int]:
+        """The hands that make this stroke: sometimes the second one rests."""
+        if self.up[1 - self.lead] and self.both and self.rng.random() < 0.85:
+            return [self.lead, 1 - self.lead]
+        return [self.lead]
+
+    def _retract(self, end: float) -> None:
+        """Let go at once, then drop to rest, in about 0.8 s."""
+        end = max(end, min(self.free_at, end + 0.25))
+        for side, path in enumerate(self.hands):
+            if not self.up[side]:
+                continue
+            lag = float(self.rng.uniform(0.0, 0.06))
+            sunk = path.aim + 0.25 * (self.rest[side] - path.aim)
+            path.move(end + SINK_AFTER + lag, end + SINK_AFTER + 0.40, sunk)
+            path.move(
+                end + REST_AFTER + lag,
+                end + REST_AFTER + 0.52 + lag,
+                self.rest[side],
+                np.array([0.03, 0, 0.02]),
+            )
+            self.up[side] = False
+
+
+def joined_in(controls: Controls, resting: Float[Array, "t 2 14"], active: Float[Array, " t"]) -> Controls:
+    """Clavicles and torso follow the hands: shoulders lift and reach, the chest turns towards what the hands do."""
+    wrist, calm = controls.wrist, resting[..., WRIST]
+    high = np.clip(wrist[..., 1] + 0.15, 0, 0.6)
+    forward = np.clip(wrist[..., 2] - 0.28, -0.1, 0.3)
+    clavicle = np.stack([0.45 * high + 0.10 * np.clip(wrist[..., 0] - 0.2, 0, 1), 0.6 * forward], axis=-1)
+    shoulder = controls.shoulder + critically_damped(clavicle.astype(np.float32), 0.22)
+    moved = critically_damped((wrist - calm).astype(np.float32), 0.40)
+    turn = 0.22 * (moved[:, LEFT, 0] - moved[:, RIGHT, 0]) - 0.16 * (moved[:, LEFT, 2] - moved[:, RIGHT, 2])
+    spine = controls.spine.copy()
+    spine[:, 0] += turn
+    spine[:, 1] += 0.03 * critically_damped(active, 0.8)
+    spine[:, 2] -= 0.05 * (moved[:, LEFT, 1] - moved[:, RIGHT, 1])
+    head = controls.head.copy()
+    head[:, 0] -= 0.6 * turn
+    return replace(controls, shoulder=shoulder, spine=spine, head=head)

@@ -1,0 +1,93 @@
+"""A hand's journey as overlapping minimum-jerk submovements (Flash and Henis 1991), never a velocity step.
+
+A hand is one vector: wrist 3, palm 3, elbow swing 1, fingers 7 (`pack_hand`). A move adds the difference between the
+previous aim and the new one, so moves may overlap: a stroke that starts before the last one ended bends into it.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import NDArray
+
+from ..timing import FRAME_RATE_HZ
+from .controls import minimum_jerk
+
+Array = NDArray[np.float32]
+
+HAND_WIDTH = 14
+WRIST, PALM, SWING, FINGERS = slice(0, 3), slice(3, 6), slice(6, 7), slice(7, 14)
+_LIMITS = ((WRIST, 1.7, 0.0), (PALM, 8.5, 0.03), (SWING, 5.0, 0.0), (FINGERS, 5.0, 0.05))  # top speed, lag
+
+
+def pack_hand(
+    wrist: tuple[float, float, float] | Float[Array, " 3"],
+    palm: tuple[float, float, float],
+    fingers: Float[Array, " 7"],
+    swing: float = 0.0,
+) -> Float[Array, " 14"]:
+    """One hand as a vector."""
+    return np.concatenate([wrist, palm, [swing], fingers]).astype(np.float32)
+
+
+@dataclass
+class HandPath:
+    """Moves of one hand, added in order of their starts; `aim` is where the last one ends."""
+
+    aim: Float[Array, " 14"]
+    _start: Float[Array, " 14"] = field(init=False)
+    _moves: list[tuple[float, float, Array, Array]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self._start = self.aim.copy()
+
+    def move(
+        self, begin: float, end: float, aim: Float[Array, " 14"], arc: Float[Array, " 3"] | None = None
+    ) -> None:
+        """Go to `aim` between two times (seconds); `arc` is the wrist's sideways bulge half-way, metres."""
+        bulge = np.zeros(3, np.float32) if arc is None else np.asarray(arc, np.float32)
+        self._moves.append((begin, end, aim - self.aim, bulge))
+        self.aim = aim.copy()
+
+    def stroke(
+        self,
+        begin: float,
+        end: float,
+        aim: Float[Array, " 14"],
+        *,
+        overshoot: float,
+        arc: Array | None = None,
+    ) -> None:
+        """A move that shoots past its aim by a share of the way and settles within a fifth of a second."""
+        past = (aim - self.aim) * overshoot
+        past[PALM] *= 1.5
+        goal = aim.copy()
+        goal[:7] += past[:7]
+        self.move(begin, end, goal, arc)
+        self.move(end - 0.03, end + 0.24, aim)
+
+    def curve(self, frames: int) -> Float[Array, "t 14"]:
+        """The journey sampled at the frame rate; too fast a move takes longer, fingers and palm lag the wrist."""
+        out = np.zeros((frames, HAND_WIDTH), np.float64)
+        done = np.zeros((frames + 1, HAND_WIDTH), np.float64)
+        for begin, end, change, bulge in self._moves:
+            for channels, fastest, lag in _LIMITS:
+                way = float(np.linalg.norm(change[channels])) if channels == WRIST else float(np.abs(change[channels]).max())  # fmt: skip
+                seconds = max(end - begin, 1.875 * way / fastest, 0.1)
+                first, last = _window(begin + lag, begin + lag + seconds, frames)
+                done[last, channels] += change[channels]
+                if last > first:
+                    phase = (np.arange(first, last) / FRAME_RATE_HZ - begin - lag) / seconds
+                    progress = minimum_jerk(phase)[:, None]
+                    out[first:last, channels] += progress * change[channels]
+                    if channels == WRIST and bulge.any():
+                        p = np.clip(phase, 0, 1)[:, None]
+                        out[first:last, channels] += 64 * (p * (1 - p)) ** 3 * bulge
+        return (self._start + out + done.cumsum(axis=0)[:-1]).astype(np.float32)
+
+
+def _window(begin: float, end: float, frames: int) -> tuple[int, int]:
+    """Frames strictly inside a move, clipped to the clip."""
+    first = int(np.ceil(begin * FRAME_RATE_HZ))
+    last = int(np.ceil(end * FRAME_RATE_HZ))
+    return min(max(first, 0), frames), min(max(last, 0), frames)

@@ -1,0 +1,168 @@
+"""Silence and listening: breath, slow weight shifts, a living head, hands at rest.
+
+The body under everything else: gestures add to it, so a speaker breathes and stands like the listener they were.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from ..timing import FRAME_RATE_HZ
+from .controls import HANGING_WRIST, STANDING_PELVIS, Array, Controls, neutral, smoothed, wander
+from .handpath import FINGERS, pack_hand
+from .handshapes import hand_shape
+from .sound import SoundTrack
+from .stance import Feet, restless, walked, weight_curve
+
+
+@dataclass(frozen=True)
+class Manner:
+    """How somebody moves: drawn once per performance, moderate on purpose."""
+
+    energy: float  # size of gestures
+    space: float  # how far from the body
+    handed: float  # chance of the right hand when one is used
+    pace: float  # > 1 gestures more often
+    nod: float  # size of head accents
+    breath_hz: float
+    restless_s: float  # seconds between weight shifts
+    rest: str  # "sides" or "clasped"
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator) -> "Manner":
+        """A person."""
+        right = rng.random() < 0.85
+        return cls(
+            energy=float(rng.uniform(0.8, 1.25)),
+            space=float(rng.uniform(0.88, 1.12)),
+            handed=float(rng.uniform(0.62, 0.88) if right else rng.uniform(0.15, 0.38)),
+            pace=float(rng.uniform(0.85, 1.15)),
+            nod=float(rng.uniform(0.7, 1.3)),
+            breath_hz=float(rng.uniform(0.21, 0.30)),
+            restless_s=float(rng.uniform(4.5, 9.0)),
+            rest="clasped" if rng.random() < 0.3 else "sides",
+        )
+
+
+def manner(seed: int) -> Manner:
+    """The person behind a seed."""
+    return Manner.drawn(np.random.default_rng([seed, 1]))
+
+
+def resting_hands(rest: str) -> Float[Array, "2 14"]:
+    """Both hands at rest: hanging at the sides, or one laid in the other before the belly."""
+    if rest == "clasped":
+        left = pack_hand((-0.095, -0.385, 0.190), (0.10, 0.05, 0.45), hand_shape("clasp"), 0.10)
+        right = pack_hand((-0.095, -0.405, 0.235), (0.15, 0.05, 0.40), hand_shape("clasp"), 0.10)
+        return np.stack([left, right])
+    hand = pack_hand(HANGING_WRIST, (0.08, 0.0, 0.35), hand_shape("relaxed"))
+    return np.stack([hand, hand])
+
+
+def idle(track: SoundTrack, seed: int) -> Controls:
+    """Stand, breathe and listen for the whole track."""
+    frames = round(track.seconds * FRAME_RATE_HZ)
+    who, rng = manner(seed), np.random.default_rng([seed, 2])
+    cues = sorted([begin for begin, _ in track.phrases] + [span.start for span in track.spans])
+    steps, shifts = restless(track.seconds, cues, rng, pace=who.restless_s, step_every=28.0)
+    start = float(rng.choice([-0.5, 0.5]))
+    body = standing(walked(frames, steps), weight_curve(frames, shifts, start), rng)
+    breath = breathing(frames, who.breath_hz, rng)
+    head = (
+        body.head
+        + looking_around(track, rng)
+        + wander(frames, 3, period=2.2, rng=rng) * (0.012, 0.010, 0.008)
+    )
+    hands = np.repeat(resting_hands(who.rest)[None], frames, axis=0)
+    hands[:, :, :3] += wander(frames, 6, period=3.5, rng=rng).reshape(frames, 2, 3) * 0.003
+    hands[:, :, FINGERS] += living_fingers(frames, rng) * 0.5
+    spine = body.spine + wander(frames, 3, period=4.0, rng=rng) * (0.010, 0.006, 0.006)
+    spine[:, 1] -= 0.012 * breath
+    shoulder = body.shoulder + 0.022 * breath[:, None, None] * np.array([1.0, -0.4])
+    head[:, 1] += 0.009 * breath
+    return with_hands(replace(body, head=_f32(head), spine=_f32(spine), shoulder=_f32(shoulder)), hands)
+
+
+def with_hands(body: Controls, hands: Float[Array, "t 2 14"]) -> Controls:
+    """The same body with other hands."""
+    return replace(
+        body,
+        wrist=_f32(hands[..., 0:3]),
+        palm=_f32(hands[..., 3:6]),
+        elbow_swing=_f32(hands[..., 6]),
+        fingers=_f32(hands[..., 7:14]),
+    )
+
+
+def hands_of(controls: Controls) -> Float[Array, "t 2 14"]:
+    """Inverse of `with_hands`."""
+    swing = controls.elbow_swing[..., None]
+    return np.concatenate([controls.wrist, controls.palm, swing, controls.fingers], axis=-1)
+
+
+def standing(feet: Feet, weight: Float[Array, " t"], rng: np.random.Generator) -> Controls:
+    """Pelvis and spine over given feet; `weight` -1 on the right leg, +1 on the left."""
+    frames = len(weight)
+    base = neutral(frames)
+    middle = smoothed(feet.position.mean(axis=1), 0.25)
+    across = smoothed(feet.position[:, 0] - feet.position[:, 1], 0.25)
+    sway = wander(frames, 2, period=2.5, rng=rng) * (0.004, 0.003)
+    pelvis = base.pelvis_position.copy()
+    pelvis[:, 0] = middle[:, 0] + across[:, 0] * 0.24 * weight + sway[:, 0]
+    pelvis[:, 2] = middle[:, 2] + 0.015 + across[:, 2] * 0.24 * weight + sway[:, 1]
+    pelvis[:, 1] = STANDING_PELVIS[1] - 0.006 * weight**2
+    heading = smoothed(feet.yaw.mean(axis=1), 0.3)
+    rotation = base.pelvis_rotation.copy()
+    rotation[:, 0] = heading * 0.7 - 0.05 * weight
+    rotation[:, 2] = 0.045 * weight
+    spine, head = base.spine.copy(), base.head.copy()
+    spine[:, 0] += 0.04 * weight
+    spine[:, 2] -= 0.055 * weight
+    head[:, 2] += 0.012 * weight
+    return replace(
+        base,
+        pelvis_position=_f32(pelvis),
+        pelvis_rotation=_f32(rotation),
+        spine=_f32(spine),
+        head=_f32(head),
+        foot_position=feet.position,
+        foot_yaw=feet.yaw,
+        foot_pitch=feet.pitch,
+    )
+
+
+def breathing(frames: int, rate_hz: float, rng: np.random.Generator) -> Float[Array, " t"]:
+    """A breath curve about zero, in about two fifths of the cycle and out in the rest, never quite regular."""
+    rate = rate_hz * (1 + 0.12 * wander(frames, 1, period=9.0, rng=rng)[:, 0])
+    phase = 2 * np.pi * (rng.random() + np.cumsum(rate) / FRAME_RATE_HZ)
+    return np.asarray(np.sin(phase + 0.35 * np.sin(phase)), np.float32)
+
+
+def living_fingers(frames: int, rng: np.random.Generator) -> Float[Array, "t 2 7"]:
+    """Small slow finger motion: neighbours move together, no finger is ever quite still."""
+    one = wander(frames, 14, period=1.6, rng=rng).reshape(frames, 2, 7)
+    together = wander(frames, 2, period=2.6, rng=rng)[..., None]
+    scale = np.array([0.025, 0.035, 0.035, 0.035, 0.035, 0.05, 0.04], np.float32)
+    return np.asarray((0.6 * one + 0.7 * together) * scale, np.float32)
+
+
+def looking_around(track: SoundTrack, rng: np.random.Generator) -> Float[Array, "t 3"]:
+    """Glances: the head settles on a new direction every few seconds of silence, more rarely otherwise."""
+    frames = round(track.seconds * FRAME_RATE_HZ)
+    quiet = [(span.start, span.end) for span in track.spans if span.kind == "silence"]
+    steps = np.zeros((frames + 1, 3))
+    time, last = 1.0, np.zeros(3)
+    while time < track.seconds:
+        is_quiet = any(begin + 1 < time < end for begin, end in quiet)
+        goal = rng.normal(0.0, 1.0, 3) * ((0.13, 0.035, 0.03) if is_quiet else (0.05, 0.02, 0.02))
+        goal = np.clip(goal, -0.22, 0.22)
+        steps[int(time * FRAME_RATE_HZ)] = goal - last
+        last = goal
+        time += rng.uniform(2.2, 5.0)
+    return smoothed(steps.cumsum(axis=0)[:-1].astype(np.float32), 0.17)
+
+
+def _f32(array: Float[Array, "..."]) -> Array:
+    return np.asarray(array, np.float32)

@@ -1,0 +1,87 @@
+"""Forms of gestures: where a hand goes, how it is turned and shaped, for accents and for meanings."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from .controls import Array
+from .handpath import pack_hand
+from .handshapes import hand_shape
+
+HOME = (-0.015, -0.275, 0.255)  # the wrist's easy place in gesture space, from the shoulder
+HOME_SHAPES = ("relaxed", "open", "bowl", "pinch", "flat", "loose fist")
+
+
+@dataclass(frozen=True)
+class Form:
+    """An aim relative to home: wrist offset (metres), palm angles, hand shape, elbow swing, the way's bulge."""
+
+    wrist: tuple[float, float, float]
+    palm: tuple[float, float, float]
+    shape: str
+    swing: float = 0.0
+    arc: tuple[float, float, float] = (0.0, 0.04, 0.02)
+
+
+ACCENTS: dict[str, Form] = {
+    "offer": Form((0.07, 0.04, 0.10), (-0.15, 0.0, -1.05), "offer", -0.10),
+    "open out": Form((0.16, 0.06, 0.05), (-0.20, -0.05, -0.80), "open", 0.05, (0.0, 0.03, 0.05)),
+    "chop": Form((0.02, -0.05, 0.09), (0.0, -0.20, 0.15), "flat", 0.0, (0.0, 0.07, -0.02)),
+    "precision": Form((0.02, 0.09, 0.05), (0.15, 0.05, 0.60), "pinch", 0.05, (0.02, 0.05, 0.0)),
+    "push": Form((0.05, 0.09, 0.13), (-0.55, 0.0, 1.10), "open", 0.10, (0.0, -0.02, -0.02)),
+    "brush": Form((0.19, 0.0, 0.04), (-0.25, -0.20, 0.75), "relaxed", 0.15, (-0.03, 0.05, 0.03)),
+    "hold": Form((-0.03, 0.06, 0.05), (0.10, 0.0, 0.05), "bowl", 0.0, (0.03, 0.02, 0.02)),
+    "grip": Form((0.0, 0.08, 0.05), (0.10, 0.05, 0.45), "loose fist", 0.05, (0.02, 0.03, 0.0)),
+    "turn over": Form((0.09, -0.01, 0.07), (-0.10, 0.0, -1.20), "open", -0.05, (0.03, 0.06, 0.0)),
+}
+
+MEANINGS: dict[str, Form] = {
+    "size": Form((0.15, 0.09, 0.07), (0.05, 0.0, 0.12), "bowl", 0.12, (0.0, 0.02, 0.06)),
+    "small": Form((-0.055, 0.10, 0.07), (0.12, 0.0, 0.30), "pinch", 0.12, (0.05, 0.04, 0.0)),
+    "there": Form((0.20, 0.19, 0.15), (-0.05, 0.05, 0.55), "point", 0.12, (0.0, 0.02, 0.03)),
+    "here": Form((0.02, -0.04, 0.15), (0.30, -0.15, 0.85), "point", 0.05, (0.0, 0.09, 0.0)),
+    "you": Form((0.02, 0.07, 0.17), (-0.20, 0.0, -0.95), "offer", -0.05, (0.0, 0.03, 0.0)),
+    "me": Form((-0.115, 0.085, -0.035), (0.20, 0.0, 0.40), "open", 0.12, (0.06, 0.03, 0.08)),
+    "negation": Form((0.22, 0.0, 0.06), (-0.25, -0.15, 1.15), "flat", 0.25, (0.0, 0.0, 0.09)),
+    "count": Form((0.05, 0.20, 0.02), (-0.20, 0.0, 0.75), "one", 0.02, (0.02, 0.03, 0.04)),
+    "contrast": Form((0.17, 0.03, 0.07), (-0.10, 0.0, -0.95), "offer", -0.05, (0.0, 0.06, 0.03)),
+    "question": Form((0.14, 0.02, 0.08), (-0.15, 0.0, -1.20), "open", -0.10, (0.0, 0.02, 0.05)),
+    "greeting": Form((0.17, 0.36, 0.0), (-0.25, 0.0, 1.25), "spread", 0.05, (0.03, 0.0, 0.06)),
+}
+
+_SMALL = frozenset("tiny small little short thin narrow less least".split())
+_ME = frozenset("i me my mine myself we us our".split())
+_YOU = frozenset("you your yours yourself everybody everyone".split())
+_HERE = frozenset("here this these down now".split())
+
+
+def meant_form(meaning: str, word: str) -> str:
+    """The name in `MEANINGS` of what a word with a meaning asks for."""
+    bare = word.lower().strip(".,;:!?'\"")
+    if meaning == "size":
+        return "small" if bare in _SMALL else "size"
+    if meaning == "deixis":
+        groups = (("me", _ME), ("you", _YOU), ("here", _HERE))
+        return next((name for name, words in groups if bare in words), "there")
+    return meaning
+
+
+def aim_at(
+    form: Form, home: Float[Array, " 14"], *, size: float, space: float, rng: np.random.Generator
+) -> Float[Array, " 14"]:
+    """A hand doing a form from its present home; never twice quite the same."""
+    base = np.array(HOME) * (1.0, 1.0, space)
+    wrist = 0.65 * base + 0.35 * home[:3] + np.array(form.wrist) * size + rng.normal(0, 0.014, 3)
+    palm = np.array(form.palm) + rng.normal(0, 0.09, 3)
+    fingers = hand_shape(form.shape) + rng.normal(0, 0.03, 7)
+    swing = form.swing + float(rng.normal(0, 0.05))
+    return pack_hand(wrist.astype(np.float32), (palm[0], palm[1], palm[2]), fingers, swing)
+
+
+def home_of(space: float, rng: np.random.Generator) -> Float[Array, " 14"]:
+    """A ready hand in gesture space, from which beats are made."""
+    wrist = np.array(HOME) * (1.0, 1.0, space) + rng.normal(0, (0.03, 0.03, 0.02))
+    shape = HOME_SHAPES[rng.choice(len(HOME_SHAPES), p=(0.30, 0.25, 0.16, 0.13, 0.08, 0.08))]
+    palm = (float(rng.normal(-0.05, 0.10)), float(rng.normal(0, 0.05)), float(rng.uniform(-0.75, 0.80)))
+    return pack_hand(wrist.astype(np.float32), palm, hand_shape(shape), float(rng.normal(0.02, 0.06)))
