@@ -4,6 +4,8 @@ The averages (sums, counts) are buffers and can be saved (`training_state`), so 
 they are left out of the state dict, whose only key is `codebook`.
 """
 
+import math
+
 import torch
 import torch.nn.functional as F
 from jaxtyping import Bool, Float, Int
@@ -115,10 +117,9 @@ class Codebook(nn.Module):
         if count >= self.codes:
             return vectors[: self.codes]
         tiled: Tensor = vectors.repeat(-(-self.codes // count), 1)[: self.codes]
-        noise = torch.randn(
-            tiled.shape, generator=generator, device=tiled.device if generator is None else generator.device
-        )
-        return tiled + noise.to(tiled) * (0.01 / self.width**0.5)
+        device = tiled.device if generator is None else generator.device
+        noise = torch.randn(tiled.shape, generator=generator, device=device)
+        return tiled + noise.to(tiled) * (0.01 / math.sqrt(self.width))
 
 
 def _adopt_loaded(module: nn.Module, incompatible: object) -> None:

@@ -26,7 +26,7 @@ class Quantized(NamedTuple):
 
 
 class ResidualVectorQuantizer(nn.Module):
-    """`layers` codebooks of `codes` entries in `width` channels; always computes in float32.
+    """`layers` codebooks of `codes` entries in `width` channels; autocast does not reach inside.
 
     State dict: `layers.{q}.codebook`, as in the released checkpoints. Departs from the release in the
     straight-through estimator, taken once over the sum (theirs, once per layer, multiplies the encoder's
@@ -62,7 +62,7 @@ class ResidualVectorQuantizer(nn.Module):
 
     def encode(self, latents: Float[Tensor, "b n c"]) -> Int[Tensor, "b n q"]:
         """Codes of the nearest entries, layer by layer."""
-        residual = latents.detach().float().flatten(0, 1)
+        residual = latents.detach().to(self._dtype()).flatten(0, 1)
         chosen = []
         with torch.autocast(latents.device.type, enabled=False):
             for book in self.books():
@@ -95,7 +95,7 @@ class ResidualVectorQuantizer(nn.Module):
             generator: source of all randomness; None: the global one, and first vectors for initialisation.
         """
         with torch.autocast(latents.device.type, enabled=False):
-            flat = latents.float().flatten(0, 1)
+            flat = latents.to(self._dtype()).flatten(0, 1)
             used = self._layers_used(dropout, generator)
             residual = flat
             losses: list[Tensor] = []
@@ -140,6 +140,9 @@ class ResidualVectorQuantizer(nn.Module):
         if learns:
             book.update(residual, codes, generator)
         return codes, vectors
+
+    def _dtype(self) -> torch.dtype:
+        return self.books()[0].codebook.dtype
 
     def _layers_used(self, dropout: float, generator: torch.Generator | None) -> int:
         if not self.training or dropout <= 0:

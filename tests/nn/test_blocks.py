@@ -1,0 +1,38 @@
+import sys
+from pathlib import Path
+
+import torch
+
+from echoavatar.nn import CausalBlock, Mlp
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "laws"))
+import streaming
+
+
+def frames(rows: int, length: int, generator: torch.Generator) -> torch.Tensor:
+    return torch.randn(rows, length, 16, generator=generator, dtype=torch.double)
+
+
+def test_the_five_laws():
+    torch.manual_seed(0)
+    with torch.no_grad():
+        streaming.hold(CausalBlock(width=16, heads=2, lookback=3).double().eval(), frames, atol=1e-6)
+
+
+def test_a_block_is_two_pre_norm_residuals():
+    """With both output projections at zero the block is the identity."""
+    block = CausalBlock(width=16, heads=2, lookback=3)
+    for layer in (block.attn.proj, block.mlp.fc2):
+        torch.nn.init.zeros_(layer.weight)
+        torch.nn.init.zeros_(layer.bias)
+    x = torch.randn(1, 5, 16)
+    assert torch.equal(block(x), x)
+
+
+def test_mlp_uses_the_exact_gelu():
+    """Identity weights: gelu(1) = Phi(1) = 0.841345 (the tanh approximation gives 0.841192)."""
+    mlp = Mlp(inputs=1, hidden=1, outputs=1).double()
+    for layer in (mlp.fc1, mlp.fc2):
+        torch.nn.init.ones_(layer.weight)
+        torch.nn.init.zeros_(layer.bias)
+    torch.testing.assert_close(mlp(torch.ones(1, 1, dtype=torch.double)).item(), 0.841345, atol=1e-6, rtol=0)
