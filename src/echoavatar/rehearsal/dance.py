@@ -1,0 +1,243 @@
+"""Dance to labelled music: full-body curves locked to counts, from standing to standing (our rehearsal corpus).
+
+The paper trains on recorded dance; ours is composed. Legs follow planned footholds, the pelvis rides over the foot that
+carries, the chest opposes the hips, arms hit on counts, the head keeps to the front. Outside music the dancer stands.
+"""
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import NDArray
+
+from ..timing import FRAME_RATE_HZ
+from .controls import STANDING_PELVIS, Array, Controls, minimum_jerk, neutral, smoothed
+from .footwork import Foothold, Footwork, Stance, walk
+from .grooves import listen
+from .keys import bump, glide, progress
+from .phrases import Plan, compose
+from .sound import SoundTrack
+
+FloatArray = NDArray[np.floating]
+ARM = 16  # values of one arm in a body vector
+FASTEST_WRIST = 2.4  # metres per second, at the peak of a glide
+REST_SECONDS = 0.9  # for the arms to sink when the music stops
+
+
+def dance(track: SoundTrack, seed: int) -> Controls:
+    """Dance in the music spans of a track; stand at ease elsewhere. Same seed, same dance."""
+    frames = round(track.seconds * FRAME_RATE_HZ)
+    return draw(plan_dance(track, seed), frames)
+
+
+def plan_dance(track: SoundTrack, seed: int) -> list[Plan]:
+    """The plan of each music span: footholds (`Plan.holds`), keys and when the dancer starts to settle."""
+    spans = [span for span in track.spans if span.kind == "music" and span.end - span.start > 0.5]
+    return [compose(listen(track, span), np.random.default_rng([seed, 7, i])) for i, span in enumerate(spans)]
+
+
+def footholds(plans: list[Plan]) -> list[Foothold]:
+    """All planned steps in order, for those who join other motion before or after."""
+    return [hold for plan in plans for hold in plan.holds]
+
+
+def draw(plans: list[Plan], frames: int) -> Controls:
+    """Curves at 30 fps from plans."""
+    t = np.arange(frames) / FRAME_RATE_HZ
+    feet = walk(t, footholds(plans), Stance(), [shift for plan in plans for shift in plan.shifts])
+    body = _body(t, plans)
+    beat, level = _pulse(t, plans)
+    base = neutral(frames)
+    pelvis, turn = _pelvis(t, plans, feet, beat, level)
+    chest, head = _torso(plans, body, turn, beat, level)
+    wrist = body[:, : 2 * ARM].reshape(frames, 2, ARM)
+    return Controls(
+        pelvis_position=_f32(pelvis),
+        pelvis_rotation=_f32(turn + base.pelvis_rotation),
+        spine=_f32(chest + base.spine),
+        head=_f32(head + base.head),
+        foot_position=_f32(feet.position),
+        foot_yaw=_f32(feet.yaw),
+        foot_pitch=_f32(feet.pitch),
+        shoulder=_f32(wrist[..., 7:9] + 0.03 * (beat * level[:, 0])[:, None, None] * np.array([1.0, 0.0])),
+        wrist=_f32(wrist[..., 0:3]),
+        palm=_f32(_follow_through(wrist)),
+        elbow_swing=_f32(wrist[..., 6]),
+        fingers=_f32(smoothed(wrist[..., 9:16].astype(np.float32), 0.05)),
+    )
+
+
+def _pelvis(
+    t: FloatArray, plans: list[Plan], feet: Footwork, beat: FloatArray, level: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Position over the carrying foot and rotation (yaw, pitch, roll)."""
+    share = 0.5 + 0.86 * (feet.share - 0.5)
+    over = feet.position[:, 0] * share[:, None] + feet.position[:, 1] * (1 - share)[:, None]
+    over = np.asarray(smoothed(over.astype(np.float32), 0.06), np.float64)
+    bounce, hips = level[:, 0], level[:, 1]
+    crouch, lean, roll = (_groove(t, plans, name) for name in ("crouch", "lean", "hips"))
+    dip = _keyed(t, plans, "dip")
+    low = crouch + dip + bounce * beat
+    position = np.stack([over[:, 0], STANDING_PELVIS[1] - low, over[:, 2] + 0.015 - 0.35 * low], 1)
+    heading = np.asarray(smoothed(feet.yaw.mean(1).astype(np.float32), 0.10), np.float64)
+    yaw = heading + _keyed(t, plans, "twist")
+    return position, np.stack([yaw, lean + 0.9 * low, roll * hips * (2 * feet.share - 1)], 1)
+
+
+def _torso(
+    plans: list[Plan], body: FloatArray, turn: FloatArray, beat: FloatArray, level: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Chest on pelvis and head on chest: the chest stays upright over rolling hips, the eyes keep to the front."""
+    t = np.arange(len(body)) / FRAME_RATE_HZ
+    chest = body[:, 2 * ARM : 2 * ARM + 3].copy()
+    push, nod = (_groove(t, plans, name) * level[:, 2] for name in ("chest", "nod"))
+    heading = turn[:, 0]
+    chest[:, 0] -= 0.5 * np.tanh(heading - _lagging(heading, 0.35))
+    chest[:, 1] += push * beat - 0.35 * turn[:, 1]
+    chest[:, 2] -= 0.95 * turn[:, 2]
+    head = body[:, 2 * ARM + 3 :].copy()
+    facing = heading + chest[:, 0]
+    head[:, 0] -= 0.75 * np.tanh(facing / 0.75)
+    head[:, 1] += nod * _lagging(beat, 0.03) - 0.7 * (chest[:, 1] + turn[:, 1])
+    head[:, 2] -= 0.5 * chest[:, 2] + 0.4 * turn[:, 2]
+    return chest, head
+
+
+def _lagging(x: FloatArray, seconds: float) -> FloatArray:
+    """The slow part of a curve."""
+    return np.asarray(smoothed(x[:, None].astype(np.float32), seconds), np.float64)[:, 0]
+
+
+def _pulse(t: FloatArray, plans: list[Plan]) -> tuple[FloatArray, FloatArray]:
+    """How far down the body is in each count, 0..1, and the levels (bounce in metres, hips scale, presence 0..1)."""
+    beat = np.zeros(len(t))
+    level = np.zeros((len(t), 3))
+    for plan in plans:
+        counts, groove = plan.counts, plan.counts.groove
+        first, last = np.searchsorted(t, [plan.begin - 0.5, plan.settle + 1.5])
+        own = t[first:last]
+        number = _count(own, counts.times)
+        period = counts.metre if counts.metre == 3 else (2 if groove.name in ("ballet", "rest") else 1)
+        wave = (0.5 + 0.5 * np.cos(2 * np.pi * number / period)) ** groove.sharp
+        beat[first:last] = 1.0 - wave if groove.is_up else wave
+        ready = 4.0 * counts.length(0)
+        presence = minimum_jerk((own - plan.begin + 0.1) / ready) * (
+            1 - minimum_jerk((own - plan.settle + 0.05) / 0.7)
+        )
+        keys = np.array([(time, b, h) for time, b, h in plan.level])
+        scale = glide(own, keys[:, 0], keys[:, 1:], np.full(len(keys), 0.6))
+        level[first:last, 0] = groove.bounce * scale[:, 0] * presence
+        level[first:last, 1] = scale[:, 1] * presence
+        level[first:last, 2] = presence
+    return beat, level
+
+
+def _count(t: FloatArray, times: FloatArray) -> FloatArray:
+    """Continuous count number at times `t`, on a smooth clock; the tempo goes on beyond both ends."""
+    gap0, gap1 = times[1] - times[0], times[-1] - times[-2]
+    number = np.interp(t, times, np.arange(len(times), dtype=np.float64))
+    number = np.where(t < times[0], (t - times[0]) / gap0, number)
+    number = np.where(t > times[-1], len(times) - 1 + (t - times[-1]) / gap1, number)
+    return _lagging(number - number[0], 0.05) + number[0] if len(t) else number
+
+
+def _groove(t: FloatArray, plans: list[Plan], name: str) -> FloatArray:
+    """A standing property of each span's groove, eased in and out."""
+    result = np.zeros(len(t))
+    for plan in plans:
+        rise = minimum_jerk((t - plan.begin) / 1.2)
+        fall = 1 - minimum_jerk((t - plan.settle) / 0.8)
+        result += float(getattr(plan.counts.groove, name)) * rise * fall
+    return result
+
+
+def _keyed(t: FloatArray, plans: list[Plan], name: str) -> FloatArray:
+    """A pelvis curve through all plans' keys of that name."""
+    keys = sorted((time, value) for plan in plans for time, value in getattr(plan, name))
+    if not keys:
+        return np.zeros(len(t))
+    starts = [(plan.begin, 0.0) for plan in plans]
+    table = np.array(sorted([*starts, *keys]))
+    table = table[np.append(np.diff(table[:, 0]) > 1e-3, True)]
+    curve = glide(t, table[:, 0], table[:, 1:], np.full(len(table), 1.2))
+    return _lagging(curve[:, 0], 0.04)
+
+
+def _body(t: FloatArray, plans: list[Plan]) -> FloatArray:
+    """Arms, chest and head, (frames, 38): glides from key to key, rounded where a move flows."""
+    rest = _resting()
+    rows: list[tuple[float, FloatArray, float, float]] = [(-1.0, rest, 0.5, 0.0)]
+    for plan in plans:
+        rows.append((plan.begin + 0.05, rest, 0.5, 0.3))
+        rows += [
+            (key.time, key.vector, key.travel, key.flow) for key in plan.body if key.time > plan.begin + 0.3
+        ]
+        rows.append((max(plan.settle, rows[-1][0]) + REST_SECONDS, rest, REST_SECONDS, 0.2))
+    times = np.array([row[0] for row in rows])
+    values = np.stack([row[1] for row in rows])
+    travel = np.maximum(np.array([row[2] for row in rows]), _needed(values))
+    curve = glide(t, times, values, travel)
+    _arch(curve, t, times, values, travel)
+    sharp = np.asarray(smoothed(curve.astype(np.float32), 0.028), np.float64)
+    gap = float(np.median([plan.counts.length(0) for plan in plans])) if plans else 0.5
+    soft = np.asarray(smoothed(curve.astype(np.float32), float(np.clip(0.22 * gap, 0.06, 0.22))), np.float64)
+    flow = glide(t, times, np.array([[row[3]] for row in rows]))
+    return sharp + (soft - sharp) * smoothed(flow.astype(np.float32), 0.15)
+
+
+def _needed(values: FloatArray) -> FloatArray:
+    """Seconds each move needs for its wrists not to be too fast."""
+    wrists = values[:, : 2 * ARM].reshape(len(values), 2, ARM)[..., :3]
+    far = np.linalg.norm(np.diff(wrists, axis=0, prepend=wrists[:1]), axis=-1).max(1)
+    return 1.875 * far / FASTEST_WRIST
+
+
+def _arch(
+    curve: FloatArray, t: FloatArray, times: FloatArray, values: FloatArray, travel: FloatArray
+) -> None:
+    """Bow long wrist paths outwards and forwards, so that arms swing round instead of folding through the shoulder."""
+    gap = np.minimum(np.diff(times, prepend=times[0] - 1.0), travel)
+    index, phase = progress(t, times, gap)
+    after = np.minimum(index, len(times) - 1)
+    before = np.maximum(index - 1, 0)
+    shape = bump(phase)[:, None]
+    for side in (0, 1):
+        cut = slice(side * ARM, side * ARM + 3)
+        start, end = values[:, cut][before], values[:, cut][after]
+        middle = (start + end) / 2
+        radius = (np.linalg.norm(start, axis=1) + np.linalg.norm(end, axis=1)) / 2
+        away = middle + np.array([0.10, 0.0, 0.16])
+        away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-6)
+        short = np.clip(0.96 * radius - np.linalg.norm(middle, axis=1), 0.0, 0.3)
+        curve[:, cut] += away * short[:, None] * shape
+
+
+def _follow_through(arms: FloatArray) -> Float[FloatArray, "t 2 3"]:
+    """Hand angles with drag: the hand trails the wrist's way up, down and across."""
+    speed = (
+        np.gradient(np.asarray(smoothed(arms[..., :3].astype(np.float32), 0.05), np.float64), axis=0)
+        * FRAME_RATE_HZ
+    )
+    palm = np.asarray(smoothed(arms[..., 3:6].astype(np.float32), 0.03), np.float64)
+    palm[..., 0] += 0.35 * np.tanh(speed[..., 1] / 1.2)
+    palm[..., 1] += 0.12 * np.tanh(-speed[..., 2] / 1.5)
+    return palm
+
+
+def _resting() -> FloatArray:
+    base = neutral(1)
+    parts = [
+        np.concatenate(
+            [
+                base.wrist[0, s],
+                base.palm[0, s],
+                base.elbow_swing[0, s : s + 1],
+                base.shoulder[0, s],
+                base.fingers[0, s],
+            ]
+        )
+        for s in (0, 1)
+    ]
+    return np.concatenate([*parts, np.zeros(6)]).astype(np.float64)
+
+
+def _f32(array: FloatArray) -> Array:
+    return np.asarray(array, np.float32)

@@ -1,0 +1,144 @@
+"""From planned footholds to curves: swing arcs, heel and toe, and the share of the weight on each foot.
+
+A foothold that is held does not move at all; everything in between is twice continuously differentiable.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import NDArray
+
+from .controls import ANKLE_HEIGHT, STANDING_FEET, STANDING_FOOT_YAW, minimum_jerk, smoothed
+from .keys import bump, glide
+
+FloatArray = NDArray[np.floating]
+TOE_OFF = 0.32  # radians of heel lift as the foot leaves the floor
+SUPPORT = 0.95  # share of the weight on the standing foot while the other swings
+ROLL_SECONDS = 0.10  # from the first touch of heel or ball to the flat foot
+
+
+@dataclass(frozen=True)
+class Foothold:
+    """A planned step in the world: when it leaves the floor and lands (seconds), and where (metres, radians)."""
+
+    side: int
+    lift_off: float
+    landing: float
+    place: tuple[float, float]  # x, z of the flat ankle
+    yaw: float
+    weight: float = 1.0
+    lift: float = 0.07
+    pitch: float = 0.0
+    strike: float = 0.0  # pitch at the first touch
+    air: tuple[float, float, float, float] | None = None  # time, x, height, z
+
+
+@dataclass(frozen=True)
+class Stance:
+    """Where both feet stand: places (x, z) and yaws, left then right."""
+
+    places: tuple[tuple[float, float], tuple[float, float]] = (
+        (STANDING_FEET[0][0], STANDING_FEET[0][2]),
+        (STANDING_FEET[1][0], STANDING_FEET[1][2]),
+    )
+    yaws: tuple[float, float] = STANDING_FOOT_YAW
+
+
+@dataclass(frozen=True)
+class Footwork:
+    """Curves of both feet and the weight they carry, frames first."""
+
+    position: Float[FloatArray, "t 2 3"]
+    yaw: Float[FloatArray, "t 2"]
+    pitch: Float[FloatArray, "t 2"]
+    share: Float[FloatArray, " t"]  # of the weight on the left foot
+
+
+def walk(
+    t: FloatArray, holds: Sequence[Foothold], stance: Stance, shifts: Sequence[tuple[float, float]] = ()
+) -> Footwork:
+    """Curves at times `t` from footholds in order; `shifts` are (seconds, share of weight on the left foot)."""
+    sides = [[hold for hold in holds if hold.side == side] for side in (0, 1)]
+    place, yaw = zip(*(_path(t, sides[s], stance.places[s], stance.yaws[s]) for s in (0, 1)), strict=True)
+    pitch = [_pitch(t, sides[s]) for s in (0, 1)]
+    return Footwork(np.stack(place, 1), np.stack(yaw, 1), np.stack(pitch, 1), _share(t, holds, shifts))
+
+
+def _path(
+    t: FloatArray, holds: Sequence[Foothold], start: tuple[float, float], yaw: float
+) -> tuple[FloatArray, FloatArray]:
+    position = np.zeros((len(t), 3))
+    position[:] = (start[0], ANKLE_HEIGHT, start[1])
+    heading = np.full(len(t), yaw)
+    before, before_yaw = np.array(start), yaw
+    for hold in holds:
+        first, last = np.searchsorted(t, [hold.lift_off, hold.landing])
+        phase = (t[first:last] - hold.lift_off) / (hold.landing - hold.lift_off)
+        place = np.array(hold.place)
+        if hold.air is None:
+            share = minimum_jerk(phase)[:, None]
+            position[first:last, ::2] = before + (place - before) * share
+            position[first:last, 1] += hold.lift * bump(phase)
+        else:
+            position[first:last] = _through_air(t[first:last], hold, before)
+        heading[first:last] = before_yaw + (hold.yaw - before_yaw) * minimum_jerk(phase)
+        position[last:] = (place[0], ANKLE_HEIGHT, place[1])
+        heading[last:] = hold.yaw
+        before, before_yaw = place, hold.yaw
+    return position, heading
+
+
+def _through_air(t: FloatArray, hold: Foothold, before: FloatArray) -> FloatArray:
+    assert hold.air is not None
+    at, x, height, z = hold.air
+    keys = np.array(
+        [
+            (before[0], ANKLE_HEIGHT, before[1]),
+            (x, ANKLE_HEIGHT + height, z),
+            (hold.place[0], ANKLE_HEIGHT, hold.place[1]),
+        ]
+    )
+    return glide(t, np.array([hold.lift_off, at, hold.landing]), keys)
+
+
+def _pitch(t: FloatArray, holds: Sequence[Foothold]) -> FloatArray:
+    """Heel up before the foot leaves, through zero at rest, first touch by heel or ball, then as it is to stand."""
+    keys: list[tuple[float, float, float]] = [(float(t[0]) - 1.0, 0.0, 0.1)] if len(t) else []
+    standing = 0.0
+    for hold in holds:
+        length = hold.landing - hold.lift_off
+        push = TOE_OFF if standing >= 0 else 0.0
+        touch = hold.strike if hold.pitch == 0 else hold.pitch
+        wanted = [(hold.lift_off + 0.25 * length, max(push, standing), 0.25 * length + 0.13)]
+        if touch <= 0:
+            wanted.append((hold.lift_off + 0.72 * length, 0.0, 0.5 * length))
+        wanted.append((hold.landing, touch, 0.28 * length if touch <= 0 else 0.6 * length))
+        wanted.append((hold.landing + ROLL_SECONDS, hold.pitch, ROLL_SECONDS))
+        for key in wanted:
+            while keys and keys[-1][0] > key[0] - 0.03 and len(keys) > 1:
+                keys.pop()
+            keys.append(key)
+        standing = hold.pitch
+    table = np.array(keys)
+    return glide(t, table[:, 0], table[:, 1:2], table[:, 2])[:, 0]
+
+
+def _share(t: FloatArray, holds: Sequence[Foothold], shifts: Sequence[tuple[float, float]]) -> FloatArray:
+    keys = [(-1e3, 0.5)]
+    for hold in sorted(holds, key=lambda h: h.lift_off):
+        standing = 1 - SUPPORT if hold.side == 0 else SUPPORT
+        keys.append((hold.lift_off + 0.04, standing))
+        carried = (
+            standing
+            if hold.weight < 0.02
+            else (0.92 * hold.weight if hold.side == 0 else 1 - 0.92 * hold.weight)
+        )
+        keys.append((hold.landing + 0.09, carried))
+    keys = sorted([*keys, *shifts])
+    times = np.array([time for time, _ in keys])
+    times = np.maximum.accumulate(times + 1e-6 * np.arange(len(times)))
+    travel = np.minimum(np.diff(times, prepend=times[0] - 1.0), 1.6)
+    curve = glide(t, times, np.array([[share] for _, share in keys]), travel)
+    return np.asarray(smoothed(curve, 0.05), np.float64)[:, 0]
