@@ -1,0 +1,234 @@
+"""How the rest frame of each bone of one rig lies in that of another: the rest-pose aware part of retargeting.
+
+For every mapped bone a constant rotation A with: target world rotation = source world rotation @ A. Three cases:
+
+* torso and shoulders of a rig whose rest pose stands upright: only the facing differs;
+* limbs and fingers: on top of the parent's A, the least turn that lays the target's bone direction onto the
+  source's (so a T-pose and an A-pose meet);
+* feet and toes: taken from the motion, so that they are flat on the floor when they stand.
+
+Rigs whose zero pose is no pose at all (bones along a local axis, as Bandai-Namco's) give no rest facing. There the
+twist about each bone is chosen so that, in the mean over the clip, it does not twist against its parent; elbows and
+knees take it from the axis they bend about.
+"""
+
+from collections.abc import Mapping
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor
+
+from .forward import Pose
+from .rotations import matrix_from_axis_angle
+from .skeleton import Skeleton
+
+_LIMBS = ("Arm", "Hand", "Leg", "Thumb", "Index", "Middle", "Ring", "Little")
+_HINGES = ("UpperArm", "LowerArm", "UpperLeg", "LowerLeg")
+_UP = (0.0, 1.0, 0.0)
+
+
+def align(
+    source: Skeleton,
+    pose: Pose,
+    source_map: Mapping[str, int],
+    target: Skeleton,
+    target_map: Mapping[str, int],
+) -> dict[str, Float[Tensor, "3 3"]]:
+    """The rotation A of each bone that both rigs have. `pose` is the source's motion, in double."""
+    bones = [bone for bone in target_map if bone in source_map]
+    bones.sort(key=lambda bone: target_map[bone])
+    has_rest = _stands_upright(source, source_map)
+    facing = _turn_about_up(source, source_map, target, target_map) if has_rest else torch.eye(3).double()
+    found: dict[str, Tensor] = {}
+    for bone in bones:
+        above = _mapped_parent(target, target_map, bone, found)
+        ours, theirs = _direction(target, target_map, bone), _direction(source, source_map, bone)
+        turns = pose.rotations[:, source_map[bone]]
+        if bone.endswith(("Foot", "Toes")):
+            found[bone] = _flat(pose, source_map, bone) @ _level_rest(target, target_map, bone).T
+        elif has_rest:
+            is_limb = any(part in bone for part in _LIMBS)
+            base = found[above] if above is not None else facing
+            found[bone] = (
+                base
+                if not is_limb or ours is None or theirs is None
+                else least_turn(base @ ours, theirs) @ base
+            )
+        else:
+            mean = _mean_without_twist(turns, pose, source_map, found, above)
+            if bone == "hips":
+                found[bone] = _from_hips(source, source_map)
+            elif ours is None or theirs is None:
+                found[bone] = mean
+            elif bone.endswith(_HINGES):
+                found[bone] = _from_hinge(pose, source_map, bone, ours, theirs)
+            else:
+                found[bone] = least_turn(mean @ ours, theirs) @ mean
+    return found
+
+
+def least_turn(start: Float[Tensor, "*n 3"], end: Float[Tensor, "*n 3"]) -> Float[Tensor, "*n 3 3"]:
+    """The smallest rotation that lays one direction onto another; opposite ones turn about any axis across."""
+    a, b = _unit(start), _unit(end)
+    axis, cosine = torch.linalg.cross(a, b), (a * b).sum(-1, keepdim=True)
+    sine = axis.norm(dim=-1, keepdim=True)
+    across = torch.linalg.cross(
+        a, torch.where(a[..., :1].abs() < 0.9, a.new_tensor([1.0, 0, 0]), a.new_tensor(_UP))
+    )
+    axis = torch.where(sine > 1e-9, axis / sine.clamp_min(1e-9), _unit(across))
+    return matrix_from_axis_angle(axis * torch.atan2(sine, cosine))
+
+
+def project_rotation(matrix: Float[Tensor, "*n 3 3"]) -> Float[Tensor, "*n 3 3"]:
+    """The rotation nearest to a matrix, as the mean of rotations needs."""
+    u, _, v = torch.linalg.svd(matrix)
+    last = torch.linalg.det(u @ v)[..., None]
+    nearest: Tensor = u @ torch.cat([v[..., :2, :], v[..., 2:, :] * last[..., None]], -2)
+    return nearest
+
+
+def _direction(skeleton: Skeleton, bones: Mapping[str, int], bone: str) -> Tensor | None:
+    """Rest direction from a bone to the one it carries, in its own frame; None for a bone without length."""
+    joint = bones[bone]
+    if bone.endswith("Hand"):
+        named = [
+            bones[name]
+            for name in (f"{bone[:-4]}MiddleProximal", f"{bone[:-4]}IndexProximal")
+            if name in bones
+        ]
+        child = named[0] if named else None
+    else:
+        child = next((bones[b] for b in _BELOW.get(bone, ()) if b in bones), None)
+    if child is not None:
+        offset = torch.zeros(3)
+        while child != joint:  # bones in between that nobody mapped count as straight on
+            if child < 0:
+                return None
+            offset = offset + skeleton.offsets[child]
+            child = skeleton.parents[child]
+    else:
+        offset = torch.tensor(skeleton.config.tips.get(skeleton.names[joint], (0.0, 0.0, 0.0)))
+    if bone.endswith("Distal") and child is None and offset.norm() < 1e-3:
+        offset = skeleton.offsets[joint]  # a fingertip nobody measured: straight on
+    return _unit(offset.double()) if offset.norm() > 1e-3 else None
+
+
+def _below() -> dict[str, tuple[str, ...]]:
+    table: dict[str, tuple[str, ...]] = {
+        "hips": ("spine",),
+        "spine": ("chest", "upperChest", "neck"),
+        "chest": ("upperChest", "neck"),
+        "upperChest": ("neck",),
+        "neck": ("head",),
+    }
+    for side in ("left", "right"):
+        chains: list[tuple[str, ...]]
+        chains = [("Shoulder", "UpperArm", "LowerArm", "Hand"), ("UpperLeg", "LowerLeg", "Foot", "Toes")]
+        chains += [
+            (f"{digit}Proximal", f"{digit}Intermediate", f"{digit}Distal")
+            for digit in ("Index", "Middle", "Ring", "Little")
+        ]
+        chains.append(("ThumbMetacarpal", "ThumbProximal", "ThumbDistal"))
+        for chain in chains:
+            table |= {side + a: (side + b,) for a, b in zip(chain, chain[1:], strict=False)}
+    return table
+
+
+_BELOW = _below()
+
+
+def _mapped_parent(
+    target: Skeleton, bones: Mapping[str, int], bone: str, found: Mapping[str, Tensor]
+) -> str | None:
+    names = {joint: name for name, joint in bones.items()}
+    joint = target.parents[bones[bone]]
+    while joint >= 0:
+        if names.get(joint) in found:
+            return names[joint]
+        joint = target.parents[joint]
+    return None
+
+
+def _stands_upright(source: Skeleton, bones: Mapping[str, int]) -> bool:
+    """Whether the rest pose is one: head over hips over feet, left of the character on its left."""
+    rest = source.rest_positions
+    heights = [float(rest[bones[bone], 1]) for bone in ("head", "hips", "leftLowerLeg", "leftFoot")]
+    is_descending = all(a > b + 0.1 for a, b in zip(heights, heights[1:], strict=False))
+    return is_descending and float((rest[bones["leftUpperLeg"]] - rest[bones["rightUpperLeg"]]).norm()) > 0.05
+
+
+def _turn_about_up(source: Skeleton, a: Mapping[str, int], target: Skeleton, b: Mapping[str, int]) -> Tensor:
+    """Rotation about the vertical from the target's rest facing to the source's."""
+    across = [
+        skeleton.rest_positions[bones["leftUpperLeg"]] - skeleton.rest_positions[bones["rightUpperLeg"]]
+        for skeleton, bones in ((target, b), (source, a))
+    ]
+    flat = [vector.double() * torch.tensor([1.0, 0, 1.0]).double() for vector in across]
+    return least_turn(flat[0], flat[1])
+
+
+def _flat(pose: Pose, bones: Mapping[str, int], bone: str) -> Tensor:
+    """The level frame that looks along the foot, seen from the bone, while the foot stands."""
+    side = "left" if bone.startswith("left") else "right"
+    ankle = pose.positions[:, bones[f"{side}Foot"]]
+    stands = ankle[:, 1] <= torch.quantile(ankle[:, 1], 0.15) + 0.01
+    turns = pose.rotations[stands, bones[bone]]
+    if f"{side}Toes" not in bones:
+        return project_rotation(turns.transpose(-1, -2).mean(0))
+    ahead = (pose.positions[:, bones[f"{side}Toes"]] - ankle)[stands]
+    return project_rotation((turns.transpose(-1, -2) @ _level(ahead)).mean(0))
+
+
+def _level_rest(target: Skeleton, bones: Mapping[str, int], bone: str) -> Tensor:
+    side = "left" if bone.startswith("left") else "right"
+    if f"{side}Toes" not in bones:
+        return torch.eye(3).double()
+    rest = target.rest_positions.double()
+    return _level(rest[bones[f"{side}Toes"]] - rest[bones[f"{side}Foot"]])
+
+
+def _level(ahead: Float[Tensor, "*n 3"]) -> Float[Tensor, "*n 3 3"]:
+    """Axes left, up, ahead; upright, looking along the horizontal part of `ahead`."""
+    up = ahead.new_tensor(_UP).expand_as(ahead)
+    left = _unit(torch.linalg.cross(up, ahead))
+    return torch.stack([left, up, torch.linalg.cross(left, up)], -1)
+
+
+def _mean_without_twist(
+    turns: Tensor, pose: Pose, bones: Mapping[str, int], found: Mapping[str, Tensor], above: str | None
+) -> Tensor:
+    if above is None:
+        return torch.eye(3).double()
+    parent = pose.rotations[:, bones[above]] @ found[above]
+    return project_rotation((turns.transpose(-1, -2) @ parent).mean(0))
+
+
+def _from_hips(source: Skeleton, bones: Mapping[str, int]) -> Tensor:
+    """Left hip minus right hip is +X; the spine is nearest to +Y."""
+    across = _unit((source.offsets[bones["leftUpperLeg"]] - source.offsets[bones["rightUpperLeg"]]).double())
+    up = source.offsets[bones["spine"]].double()
+    up = _unit(up - (up * across).sum() * across)
+    return torch.stack([across, up, torch.linalg.cross(across, up)], -1)
+
+
+def _from_hinge(pose: Pose, bones: Mapping[str, int], bone: str, ours: Tensor, theirs: Tensor) -> Tensor:
+    """Elbows bend about -Y (left) or +Y (right) of our T-pose, knees about +X; theirs is measured, weighed by bend."""
+    side, is_arm = ("left" if bone.startswith("left") else "right"), "Arm" in bone
+    chain = ("UpperArm", "LowerArm", "Hand") if is_arm else ("UpperLeg", "LowerLeg", "Foot")
+    a, b, c = (pose.positions[:, bones[side + name]] for name in chain)
+    bend = torch.linalg.cross(_unit(b - a), _unit(c - b))
+    theirs_axis = (pose.rotations[:, bones[bone]].transpose(-1, -2) @ bend[..., None]).squeeze(-1).mean(0)
+    up = -1.0 if side == "left" else 1.0
+    ours_axis = ours.new_tensor([0.0, up, 0.0] if is_arm else [1.0, 0.0, 0.0])
+    return _frame(theirs, theirs_axis) @ _frame(ours, ours_axis).T
+
+
+def _frame(first: Tensor, second: Tensor) -> Tensor:
+    x = _unit(first)
+    y = _unit(second - (second * x).sum() * x)
+    return torch.stack([x, y, torch.linalg.cross(x, y)], -1)
+
+
+def _unit(vector: Tensor) -> Tensor:
+    return F.normalize(vector, dim=-1, eps=1e-12)

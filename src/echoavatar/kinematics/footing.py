@@ -1,0 +1,217 @@
+"""Feet that stand: planted feet are put on the floor and kept still, by leg IK, without a jerk at either end.
+
+While a foot is planted its toe joint is held at one place at standing height; while the heel is down too, the foot
+is held level in one direction. What that changes is faded in and out over the frames around, so that the foot's
+path stays smooth; the hips are lowered a little where a leg would not reach.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from .contact import planted
+from .forward import forward_kinematics
+from .motion import Motion
+from .rigs import bone_map
+from .rotations import (
+    axis_angle_from_quaternion,
+    matrix_from_axis_angle,
+    quaternion_from_matrix,
+)
+from .two_bone import REACH, reach
+
+FADE_SECONDS = 0.25
+MAX_SLIDE_SPEED = 0.35  # metres per second: a foot that moves faster steps or is dragged on purpose
+MAX_DRIFT_M = 0.06  # a planted foot that strays further starts a new stand
+_Array = NDArray[np.float64]
+
+
+class Stand(NamedTuple):
+    """Frames `start` to `stop` (not included) during which a foot stays where it is."""
+
+    start: int
+    stop: int
+
+
+def settle_feet(motion: Motion, contacts: NDArray[np.bool_] | None = None) -> Motion:
+    """The same motion with its feet on the floor (y = 0 of the rig's rest pose) and planted feet still.
+
+    Args:
+        motion: a rig with legs of two bones and toes, in metres.
+        contacts: (t, 2, 2) left and right, heel and toe, True where they touch; measured from `motion` when None.
+    """
+    skeleton, bones = motion.skeleton, bone_map(motion.skeleton)
+    rest = skeleton.rest_positions.double()
+    turns, root = motion.matrices().double(), torch.from_numpy(motion.root).double()
+    legs = [_Leg(bones, side, rest) for side in ("left", "right")]
+    contacts = foot_contacts(motion) if contacts is None else contacts
+    pose = forward_kinematics(skeleton, turns, root)
+    goals = [
+        leg.goal(pose.rotations, pose.positions, contacts[:, i], motion.fps) for i, leg in enumerate(legs)
+    ]
+    root = root - _lowering(legs, goals, pose.positions, motion.fps)
+    pose = forward_kinematics(skeleton, turns, root)
+    for leg, goal in zip(legs, goals, strict=True):
+        turns = leg.bring(turns, pose.rotations, pose.positions, goal)
+    quaternions = quaternion_from_matrix(turns).numpy().astype(np.float32)
+    return replace(motion, rotations=quaternions, root=root.numpy().astype(np.float32))
+
+
+def foot_contacts(motion: Motion) -> NDArray[np.bool_]:
+    """(t, 2, 2): left and right, heel (ankle height) and toe; slow sliding feet count, fast ones do not."""
+    bones = bone_map(motion.skeleton)
+    names = ("leftFoot", "leftToes", "rightFoot", "rightToes")
+    joints = [bones[name] if name in bones else bones[name.replace("Toes", "Foot")] for name in names]
+    places = motion.pose().positions[:, joints].numpy().astype(np.float64)
+    is_low = planted(places, motion.fps)
+    speed = (
+        np.linalg.norm(np.gradient(places[..., [0, 2]], axis=0), axis=-1) * motion.fps
+        if len(places) > 1
+        else 0.0
+    )
+    both = (is_low & (_smooth(speed, 3) < MAX_SLIDE_SPEED)).reshape(-1, 2, 2)
+    both[:, :, 1] |= both[:, :, 0]  # a heel that stands has a toe that stands
+    return both
+
+
+def stands(is_planted: NDArray[np.bool_], path: _Array, fps: float) -> list[Stand]:
+    """Stretches of contact, cut where the foot has strayed, joined over gaps of a frame or two."""
+    closed = is_planted.copy()
+    for gap in (1, 2):
+        if len(closed) > 2 * gap:
+            inside = closed[: -2 * gap] & closed[2 * gap :]
+            closed[gap:-gap] |= inside
+    found: list[Stand] = []
+    start = -1
+    for t in range(len(closed) + 1):
+        is_on = t < len(closed) and bool(closed[t])
+        has_strayed = (
+            is_on and start >= 0 and bool(np.linalg.norm((path[t] - path[start])[[0, 2]]) > MAX_DRIFT_M)
+        )
+        if start >= 0 and (not is_on or has_strayed):
+            found.append(Stand(start, t))
+            start = -1
+        if is_on and start < 0:
+            start = t
+    return [stand for stand in found if stand.stop - stand.start >= max(2, round(0.1 * fps))]
+
+
+class _Leg:
+    def __init__(self, bones: dict[str, int], side: str, rest: Tensor) -> None:
+        self.hip, self.knee, self.ankle = (bones[side + name] for name in ("UpperLeg", "LowerLeg", "Foot"))
+        self.toes = bones.get(f"{side}Toes", self.ankle)
+        self.parent_of_hip = bones["hips"]
+        floor = float(rest[:, 1].min()) if self.toes == self.ankle else 0.0
+        self.toe_height = float(rest[self.toes, 1]) - floor
+        self.toe_offset = rest[self.toes] - rest[self.ankle]
+        self.length = float(
+            (rest[self.knee] - rest[self.hip]).norm() + (rest[self.ankle] - rest[self.knee]).norm()
+        )
+
+    def goal(
+        self, turns: Tensor, places: Tensor, contact: NDArray[np.bool_], fps: float
+    ) -> tuple[Tensor, Tensor]:
+        """World rotation of the foot and position of the ankle, corrected."""
+        foot, ankle = turns[:, self.ankle], places[:, self.ankle]
+        toes = places[:, self.toes].numpy()
+        fade = max(1, round(FADE_SECONDS * fps))
+        change = np.zeros_like(toes)
+        is_held = np.zeros(len(toes), np.bool_)
+        for stand in stands(contact[:, 0], toes, fps):
+            span = slice(stand.start, stand.stop)
+            level = _level_mean(foot[span])
+            change[span] = axis_angle_from_quaternion(
+                quaternion_from_matrix(level @ foot[span].transpose(-1, -2))
+            ).numpy()
+            is_held[span] = True
+        foot = matrix_from_axis_angle(torch.from_numpy(_faded(change, is_held, fade))) @ foot
+        carried = (foot @ self.toe_offset[:, None]).squeeze(-1).numpy()
+        path = ankle.numpy() + carried
+        shift, is_held = np.zeros_like(path), np.zeros(len(path), np.bool_)
+        for stand in stands(contact[:, 1], path, fps):
+            span = slice(stand.start, stand.stop)
+            spot = path[span].mean(0)
+            spot[1] = self.toe_height
+            shift[span] = spot - path[span]
+            is_held[span] = True
+        path = path + _faded(shift, is_held, fade)
+        path[:, 1] = np.maximum(path[:, 1], self.toe_height)
+        return foot, torch.from_numpy(path - carried)
+
+    def bring(self, turns: Tensor, world: Tensor, places: Tensor, goal: tuple[Tensor, Tensor]) -> Tensor:
+        """Local rotations with this leg bent so that ankle and foot meet the goal."""
+        foot, ankle = goal
+        hinge = world[:, self.knee][:, :, 0]
+        first, second = reach(
+            hip=places[:, self.hip],
+            knee=places[:, self.knee],
+            ankle=places[:, self.ankle],
+            hinge=hinge,
+            target=ankle,
+        )
+        thigh, shin = first @ world[:, self.hip], second @ world[:, self.knee]
+        turns = turns.clone()
+        turns[:, self.hip] = world[:, self.parent_of_hip].transpose(-1, -2) @ thigh
+        turns[:, self.knee] = thigh.transpose(-1, -2) @ shin
+        turns[:, self.ankle] = shin.transpose(-1, -2) @ foot
+        return turns
+
+
+def _level_mean(foot: Tensor) -> Tensor:
+    """Upright rotation with the mean heading of a foot."""
+    ahead = foot[:, :, 2].mean(0)
+    angle = torch.atan2(ahead[0], ahead[2])
+    return matrix_from_axis_angle(torch.stack([torch.zeros_like(angle), angle, torch.zeros_like(angle)]))
+
+
+def _lowering(legs: list[_Leg], goals: list[tuple[Tensor, Tensor]], places: Tensor, fps: float) -> Tensor:
+    """(t, 3): how far the hips must come down for both ankles to be in reach; smooth."""
+    need = np.zeros(len(places))
+    for leg, (_, ankle) in zip(legs, goals, strict=True):
+        hip = places[:, leg.hip].numpy()
+        gap = ankle.numpy() - hip
+        flat = np.linalg.norm(gap[:, [0, 2]], axis=1)
+        depth = np.sqrt(np.maximum((REACH * leg.length * 0.998) ** 2 - flat**2, 0.0))
+        need = np.maximum(need, -gap[:, 1] - depth)
+    half = max(1, round(0.2 * fps))
+    padded = np.pad(np.maximum(need, 0.0), half, mode="edge")
+    peak = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1).max(-1)
+    drop = torch.zeros(len(places), 3, dtype=torch.double)
+    drop[:, 1] = torch.from_numpy(_smooth(peak, half))
+    return drop
+
+
+def _faded(change: _Array, is_held: NDArray[np.bool_], fade: int) -> _Array:
+    """Held frames keep their value; between them it goes over smoothly, and to zero far from any."""
+    held = np.flatnonzero(is_held)
+    if not held.size:
+        return np.zeros_like(change)
+    t = np.arange(len(change))
+    after = np.searchsorted(held, t)
+    right, left = held[np.minimum(after, held.size - 1)], held[np.maximum(after - 1, 0)]
+    to_left, to_right = np.abs(t - left), np.abs(right - t)
+    weight_left, weight_right = (_ease(1 - gap / fade) for gap in (to_left, to_right))
+    total = np.maximum(weight_left + weight_right, 1.0)[:, None]
+    blend: _Array = (weight_left[:, None] * change[left] + weight_right[:, None] * change[right]) / total
+    return np.where(is_held[:, None], change, blend)
+
+
+def _ease(share: _Array) -> _Array:
+    clipped = np.clip(share, 0.0, 1.0)
+    return clipped**3 * (10 - 15 * clipped + 6 * clipped**2)
+
+
+def _smooth(values: _Array, half: int) -> _Array:
+    """Mean over a Hann window of 2 half + 1 frames along time."""
+    window = np.hanning(2 * half + 3)[1:-1]
+    window /= window.sum()
+    padded = np.pad(
+        np.asarray(values, np.float64), [(half, half)] + [(0, 0)] * (np.ndim(values) - 1), mode="edge"
+    )
+    view = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1, axis=0)
+    smooth: _Array = view @ window
+    return smooth

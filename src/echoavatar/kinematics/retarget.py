@@ -1,0 +1,106 @@
+"""Motion of one rig carried to another of other bones, proportions and rest pose.
+
+Each bone takes over the world rotation of its counterpart, corrected by what the two rest poses differ in
+(`alignment`); the hips travel in proportion to leg length; then planted feet are put down and kept still
+(`footing`). Bones without counterpart stay at rest on their parent, spine bones share the turn around them.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from .alignment import align
+from .footing import foot_contacts, settle_feet
+from .forward import Pose, forward_kinematics
+from .motion import Motion
+from .rigs import bone_map
+from .rotations import matrix_from_quaternion, quaternion_from_matrix, slerp
+from .skeleton import HUMANOID, Skeleton
+
+
+def retarget(
+    motion: Motion,
+    target: Skeleton = HUMANOID,
+    *,
+    source_map: Mapping[str, int] | None = None,
+    has_footing: bool = True,
+) -> Motion:
+    """The motion on the target rig, in metres, with the floor at y = 0.
+
+    Args:
+        motion: any rig whose bones are known.
+        target: the rig to move; its rest pose must stand upright.
+        source_map: VRM bone name to joint of the source; found by the joints' names when None.
+        has_footing: keep planted feet still (leg IK); False carries only rotations and root over.
+
+    Raises:
+        MotionError: when the source's joint names are not known.
+    """
+    source, theirs, ours = motion.skeleton, dict(source_map or bone_map(motion.skeleton)), bone_map(target)
+    turns = motion.matrices().double()
+    pose = forward_kinematics(source, turns, torch.from_numpy(motion.root).double())
+    world = {
+        ours[bone]: pose.rotations[:, theirs[bone]] @ turn
+        for bone, turn in align(source, pose, theirs, target, ours).items()
+    }
+    local = _local_rotations(target, world, motion.frames)
+    root = _root(motion, pose, theirs, target, ours, local)
+    quaternions = quaternion_from_matrix(local).numpy().astype(np.float32)
+    moved = Motion(target, quaternions, root.numpy().astype(np.float32), motion.fps)
+    contacts = foot_contacts(motion) if source.config.vrm else foot_contacts(_with_map(motion, theirs))
+    return settle_feet(moved, contacts) if has_footing else moved
+
+
+def leg_length(skeleton: Skeleton, bones: Mapping[str, int]) -> float:
+    """Thigh plus shin, mean of both sides, metres."""
+    joints = [bones[f"{side}{bone}"] for side in ("left", "right") for bone in ("LowerLeg", "Foot")]
+    return float(skeleton.offsets[joints].norm(dim=-1).sum() / 2)
+
+
+def _with_map(motion: Motion, bones: Mapping[str, int]) -> Motion:
+    config = motion.skeleton.config.model_copy(update={"vrm": dict(bones)})
+    return Motion(Skeleton(config), motion.rotations, motion.root, motion.fps)
+
+
+def _local_rotations(target: Skeleton, world: dict[int, Tensor], frames: int) -> Tensor:
+    """Parent-relative rotations; a spine bone nobody drives turns half as far as the one above it."""
+    full: list[Tensor] = []
+    eye = torch.eye(3, dtype=torch.double).expand(frames, 3, 3)
+    for joint, parent in enumerate(target.parents):
+        if joint in world:
+            full.append(world[joint])
+            continue
+        above = full[parent] if parent >= 0 else eye
+        below = [j for j in world if target.parents[j] == joint]
+        if len(below) == 1 and parent in world:
+            both = [quaternion_from_matrix(turn) for turn in (above, world[below[0]])]
+            above = matrix_from_quaternion(slerp(both[0], both[1], 0.5))
+        full.append(above)
+    local = [
+        turn if parent < 0 else full[parent].transpose(-1, -2) @ turn
+        for turn, parent in zip(full, target.parents, strict=True)
+    ]
+    return torch.stack(local, 1)
+
+
+def _root(
+    motion: Motion,
+    pose: Pose,
+    theirs: Mapping[str, int],
+    target: Skeleton,
+    ours: Mapping[str, int],
+    local: Tensor,
+) -> Tensor:
+    """Hips so that the midpoint of the hip joints travels as the source's, scaled; lowest stance at the floor."""
+    scale = leg_length(target, ours) / leg_length(motion.skeleton, theirs)
+    legs = ("leftUpperLeg", "rightUpperLeg")
+    middle = pose.positions[:, [theirs[leg] for leg in legs]].mean(1) * scale
+    zero = torch.zeros(motion.frames, 3, dtype=torch.double)
+    placed = forward_kinematics(target, local, zero).positions
+    root = middle - placed[:, [ours[leg] for leg in legs]].mean(1)
+    feet = [ours[name] for name in ("leftFoot", "rightFoot")]
+    standing = torch.quantile((placed[:, feet, 1] + root[:, None, 1]).min(1).values, 0.1)
+    ankle = float(target.rest_positions[feet, 1].mean())
+    return root + torch.tensor([0.0, ankle - float(standing), 0.0], dtype=torch.double)

@@ -1,0 +1,43 @@
+"""A leg (or arm) of two bones brought to a target in closed form."""
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from .alignment import least_turn
+from .rotations import matrix_from_axis_angle
+
+REACH = 0.9995  # of the stretched length
+
+
+def reach(
+    *,
+    hip: Float[Tensor, "*n 3"],
+    knee: Float[Tensor, "*n 3"],
+    ankle: Float[Tensor, "*n 3"],
+    hinge: Float[Tensor, "*n 3"],
+    target: Float[Tensor, "*n 3"],
+) -> tuple[Float[Tensor, "*n 3 3"], Float[Tensor, "*n 3 3"]]:
+    """World rotations to put on top of the upper and of the lower bone so that the ankle meets the target.
+
+    The lower bone first turns about `hinge` (a world unit axis; a positive angle flexes) until the distance fits,
+    then both turn by the least rotation that points at the target. Targets out of reach are met as far as the
+    limb goes.
+    """
+    upper, lower = knee - hip, ankle - knee
+    a, b = upper.norm(dim=-1), lower.norm(dim=-1)
+    distance = (target - hip).norm(dim=-1).minimum(REACH * (a + b)).maximum((a - b).abs() + 1e-4)
+    wanted = (distance.square() - a.square() - b.square()) / 2  # upper . lower when the distance fits
+    along = (lower * hinge).sum(-1, keepdim=True) * hinge
+    across = lower - along
+    constant = (upper * along).sum(-1)
+    cosine = (upper * across).sum(-1)
+    sine = (upper * torch.linalg.cross(hinge, across)).sum(-1)
+    size = torch.hypot(cosine, sine).clamp_min(1e-9)
+    straight = torch.atan2(sine, cosine)  # the turn that stretches the limb
+    bend = ((wanted - constant) / size).clamp(-1, 1).acos()
+    turn = torch.remainder(straight + bend + torch.pi, 2 * torch.pi) - torch.pi  # flexed side
+    fold = matrix_from_axis_angle(hinge * turn[..., None])
+    reached = upper + (fold @ lower[..., None]).squeeze(-1)
+    point = least_turn(reached, target - hip)
+    return point, point @ fold
