@@ -5,6 +5,8 @@ the right one is mirrored back. Limbs never lock: reach is limited softly, and w
 reach the pelvis sinks instead, because planted feet do not move.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 import torch
 import torch.nn.functional as F
@@ -96,8 +98,20 @@ def _ankle(controls: Controls, side: int) -> tuple[Float[Tensor, "t 3"], Float[T
     return place + ((heading - foot) @ pivot[..., None]).squeeze(-1), foot
 
 
-def _arm(controls: Controls, side: int, local: Tensor) -> None:
-    """Write clavicle, upper arm, forearm and hand of one side, solved as a left arm."""
+class ArmFrames(NamedTuple):
+    """One arm as a left arm in mirrored chest axes: world-like rotations and the vectors along its bones, metres."""
+
+    clavicle: Float[Tensor, "t 3 3"]
+    upper: Float[Tensor, "t 3 3"]
+    lower: Float[Tensor, "t 3 3"]
+    half_turn: Float[Tensor, "t 3 3"]
+    hand: Float[Tensor, "t 3 3"]
+    elbow: Float[Tensor, "t 3"]
+    wrist: Float[Tensor, "t 3"]
+
+
+def arm_frames(controls: Controls, side: int) -> ArmFrames:
+    """Solve one arm; `elbow` and `wrist` are measured from the shoulder joint."""
     lift, forward = _tensor(controls.shoulder[:, side]).clamp(-0.5, 0.7).unbind(-1)
     clavicle = _about("z", lift) @ _about("y", -forward)
     reach = _tensor(controls.wrist[:, side])
@@ -116,11 +130,18 @@ def _arm(controls: Controls, side: int, local: Tensor) -> None:
         for angle, limits in zip(_tensor(controls.palm[:, side]).unbind(-1), PALM_LIMITS, strict=True)
     )
     half = _about("x", pronation / 2)
+    hand = half @ _about("y", -deviation) @ _about("z", -flex)
+    return ArmFrames(clavicle, upper, lower, half, hand, first * upper_length, distance * line)
+
+
+def _arm(controls: Controls, side: int, local: Tensor) -> None:
+    """Write clavicle, upper arm, forearm and hand of one side, solved as a left arm."""
+    arm = arm_frames(controls, side)
     chain = {
-        "Shoulder": clavicle,
-        "UpperArm": clavicle.mT @ upper,
-        "LowerArm": upper.mT @ lower @ half,
-        "Hand": half @ _about("y", -deviation) @ _about("z", -flex),
+        "Shoulder": arm.clavicle,
+        "UpperArm": arm.clavicle.mT @ arm.upper,
+        "LowerArm": arm.upper.mT @ arm.lower @ arm.half_turn,
+        "Hand": arm.hand,
     }
     for bone, rotation in chain.items():
         local[:, HUMANOID.index(SIDES[side] + bone)] = _for_side(rotation, side)
