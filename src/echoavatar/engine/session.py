@@ -76,7 +76,7 @@ class Session:
         """No more audio will come: the rest is completed with silence to a whole chunk."""
         if not self._finished:
             self._flush()
-            if 0 < len(self._waiting) % CHUNK_SAMPLES:
+            if len(self._waiting) % CHUNK_SAMPLES:
                 self._waiting = np.pad(self._waiting, (0, -len(self._waiting) % CHUNK_SAMPLES))
             self._finished = True
 

@@ -1,0 +1,65 @@
+"""`echoavatar demo`: the first minute. Bundled speech and music become an avatar that moves to them."""
+
+import argparse
+import webbrowser
+from importlib.resources import as_file, files
+from pathlib import Path
+
+from tqdm import tqdm
+
+from ..errors import EchoAvatarError
+
+CLIPS = (("speech", "Speech"), ("music", "Music"))
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.epilog = "Writes speech.mp4, music.mp4, speech.glb, music.glb and index.html, and opens the page."
+    parser.add_argument("-o", "--output", type=Path, default=Path("demo"), help="folder (default: %(default)s)")
+    parser.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=0, help="same seed, same motion (default: %(default)s)")
+    parser.add_argument("--no-video", action="store_true", help="leave out the MP4s, which take the most time")
+    parser.add_argument("--no-browser", action="store_true", help="do not open the page")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Animate the bundled sound, write the files, open the page."""
+    from ..audio import read_audio
+    from ..avatar import PageClip, load_character, write_glb, write_page
+    from ..avatar.render import Renderer
+    from ..avatar.video import write_mp4
+    from ..engine import animate, in_blocks
+    from ..pipeline import Pipeline, load_bundle
+
+    try:
+        args.output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise EchoAvatarError(f"cannot write to {args.output}: {error.strerror}; choose another -o") from error
+    if not args.no_video:
+        Renderer(64, 64)  # complains at once when numba is missing
+    pipeline, character = Pipeline(load_bundle(args.model)), load_character()
+    clips = []
+    for name, title in CLIPS:
+        with as_file(files("echoavatar") / "assets" / f"{name}.ogg") as source:
+            sound = source.read_bytes()
+            audio = read_audio(source)
+        print(f"{title}: {len(audio) / 24_000:.1f} s of sound")
+        with tqdm(unit="s", desc="  animating", bar_format="{desc}: {n:.1f} s of motion [{elapsed}]") as bar:
+            done = animate(pipeline, in_blocks(audio), seed=args.seed, progress=lambda to, bar=bar: bar.update(to - bar.n))
+        print(f"  real-time factor {done.real_time_factor:.2f} (below 1 is faster than real time)")
+        write_glb(args.output / f"{name}.glb", character, done.motion.rotations, done.motion.root, fps=30)
+        if not args.no_video:
+            with tqdm(total=done.motion.frames, unit="frame", desc="  filming") as bar:
+                write_mp4(
+                    args.output / f"{name}.mp4",
+                    done.motion,
+                    done.audio,
+                    progress=lambda made, _, bar=bar: bar.update(made - bar.n),
+                )
+        clips.append(PageClip(title, done.motion.rotations, done.motion.root, sound, "audio/ogg"))
+    page = args.output / "index.html"
+    write_page(page, character, clips)
+    print(f"open {page.resolve().as_uri()}")
+    if not args.no_browser:
+        webbrowser.open(page.resolve().as_uri())
+    return 0

@@ -1,0 +1,80 @@
+"""A file through the streaming engine: the same code path as live, pushed as fast as it goes."""
+
+import time
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ..errors import AudioError
+from ..kinematics import Motion
+from ..pipeline import MotionChunk, Pipeline
+from ..timing import CHUNK_FRAMES, FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
+from .engine import Engine
+
+
+class Animation(NamedTuple):
+    """Motion beside the sound that drove it."""
+
+    motion: Motion  # 30 fps, one frame per 800 samples
+    audio: Float[np.ndarray, " s"]  # 24 kHz mono
+    seconds: float  # wall time spent in the engine
+
+    @property
+    def real_time_factor(self) -> float:
+        """Seconds of work per second of sound."""
+        return self.seconds / max(self.motion.seconds, 1e-9)
+
+
+def animate(
+    pipeline: Pipeline,
+    blocks: Iterable[Float[np.ndarray, " s"]],
+    *,
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
+) -> Animation:
+    """Motion for a stream of 24 kHz blocks, of exactly the sound's length (rounded up to a frame).
+
+    `progress` is told the seconds of motion made so far.
+
+    Raises:
+        AudioError: there is no sound at all, or a value is not finite.
+    """
+    chunks: list[MotionChunk] = []
+    heard: list[Float[np.ndarray, " s"]] = []
+    started = time.perf_counter()
+    with Engine(pipeline).open(seed=seed) as session:
+        for block in blocks:
+            heard.append(block)
+            session.push(block)
+            _collect(session, chunks, progress)
+        session.finish()
+        _collect(session, chunks, progress)
+    audio = np.concatenate(heard) if heard else np.zeros(0, np.float32)
+    if not len(audio):
+        raise AudioError("there is no sound in it; give a file with at least one sample")
+    frames = -(-len(audio) // SAMPLES_PER_FRAME)
+    motion = Motion(
+        pipeline.skeleton,
+        np.concatenate([chunk.rotations for chunk in chunks])[:frames],
+        np.concatenate([chunk.root for chunk in chunks])[:frames],
+        float(FRAME_RATE_HZ),
+    )
+    padded = np.pad(audio, (0, frames * SAMPLES_PER_FRAME - len(audio)))
+    return Animation(motion, padded.astype(np.float32), time.perf_counter() - started)
+
+
+def in_blocks(audio: Float[np.ndarray, " s"], seconds: float = 2.0) -> Iterable[Float[np.ndarray, " s"]]:
+    """Cut an array into blocks, as a file reader would give them."""
+    size = int(seconds * SAMPLE_RATE_HZ)
+    return (audio[start : start + size] for start in range(0, len(audio), size))
+
+
+def _collect(
+    session: Iterable[MotionChunk], chunks: list[MotionChunk], progress: Callable[[float], None] | None
+) -> None:
+    for chunk in session:
+        chunks.append(chunk)
+        if progress:
+            progress(len(chunks) * CHUNK_FRAMES / FRAME_RATE_HZ)

@@ -1,0 +1,7 @@
+"""From an audio chunk to a motion chunk: the trained parts of a bundle in a row. May import `generator` and below."""
+
+from .bundle import Bundle, load_bundle, shipped
+from .motion_chunk import MotionChunk
+from .pipeline import Pipeline, PipelineState
+
+__all__ = ["Bundle", "MotionChunk", "Pipeline", "PipelineState", "load_bundle", "shipped"]

@@ -1,0 +1,92 @@
+"""A bundle: the three trained parts that belong together, in one folder.
+
+`codec/`, `tokenizer/` and `generator/` are checkpoints of their own; `card.json` beside them says what the whole is.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.resources import as_file, files
+from pathlib import Path
+
+from torch import nn
+
+from ..audio import AudioCodec
+from ..checkpoint import read_card
+from ..errors import CheckpointError
+from ..generator import Generator
+from ..kinematics import Skeleton
+from ..tokenizer import BodyTokenizer
+
+PARTS = ("codec", "tokenizer", "generator")
+
+
+@dataclass(frozen=True)
+class Bundle:
+    """Audio codec, motion tokenizer and generator, loaded and checked against each other."""
+
+    name: str
+    codec: AudioCodec
+    tokenizer: BodyTokenizer
+    generator: Generator
+    card: dict[str, object]
+
+    @property
+    def skeleton(self) -> Skeleton:
+        """The rig the motion is for."""
+        return self.tokenizer.skeleton
+
+    @property
+    def parameters(self) -> int:
+        """How many weights there are in all."""
+        modules: tuple[nn.Module, ...] = (self.codec, self.tokenizer, self.generator)
+        return sum(weight.numel() for module in modules for weight in module.parameters())
+
+
+def load_bundle(name: str | Path = "default") -> Bundle:
+    """Load a bundle by the name of a shipped one, or from a folder.
+
+    Raises:
+        CheckpointError: no such bundle, a part is missing or damaged, or the parts do not fit together.
+    """
+    with _folder(name) as folder:
+        missing = [part for part in PARTS if not (folder / part).is_dir()]
+        if missing:
+            raise CheckpointError(f"{folder} is not a bundle: {', '.join(missing)} missing; see `echoavatar bundle`")
+        codec = AudioCodec.load(folder / "codec").eval()
+        tokenizer = BodyTokenizer.load(folder / "tokenizer").eval()
+        generator = Generator.load(folder / "generator").eval()
+        bundle = Bundle(str(name), codec, tokenizer, generator, read_card(folder))
+    _check(bundle)
+    return bundle
+
+
+def shipped() -> list[str]:
+    """Names of the bundles inside the package."""
+    root = files("echoavatar") / "bundles"
+    return sorted(entry.name for entry in root.iterdir() if entry.is_dir()) if root.is_dir() else []
+
+
+@contextmanager
+def _folder(name: str | Path) -> Iterator[Path]:
+    if str(name) in shipped():
+        with as_file(files("echoavatar") / "bundles" / str(name)) as folder:
+            yield folder
+        return
+    folder = Path(name)
+    if not folder.is_dir():
+        known = ", ".join(shipped()) or "none"
+        raise CheckpointError(f"no bundle {str(name)!r}: not a folder and not shipped (shipped: {known})")
+    yield folder
+
+
+def _check(bundle: Bundle) -> None:
+    layout, tokenizer = bundle.generator.config.layout, bundle.tokenizer.config
+    pairs = [
+        ("audio codes", layout.audio_codes, bundle.codec.config.codes),
+        ("motion layers", layout.motion_layers, tokenizer.layers),
+        ("motion codes", layout.motion_codes, tokenizer.codes),
+    ]
+    for what, wanted, has in pairs:
+        if wanted != has:
+            raise CheckpointError(f"bundle {bundle.name}: the generator speaks {wanted} {what}, the other part {has}")

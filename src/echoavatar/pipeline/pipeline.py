@@ -1,0 +1,99 @@
+"""One chunk of audio in, one chunk of motion out, for many sessions at once (paper, Real-time Deployment).
+
+    level control -> codec -> generator -> tokenizer decoder -> ground
+
+Offline and live are the same: a file is a session that is pushed faster. Nothing here depends on the wall clock.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+from ..audio import LevelControl
+from ..generator import Precision, open_stream
+from ..kinematics.features import from_features, travel_slice
+from ..kinematics.rotations import quaternion_from_matrix
+from ..nn import StreamState
+from ..timing import CHUNK_FRAMES, MOTION_TOKENS_PER_CHUNK
+from .bundle import Bundle
+from .ground import Ground, GroundState
+from .motion_chunk import MotionChunk
+
+Lap = Callable[[str], None]
+STAGES = ("level", "codec", "generator", "decoder", "ground")
+
+
+@dataclass
+class PipelineState(StreamState):
+    """What every stage remembers, and each row's seed."""
+
+    level: StreamState
+    codec: StreamState
+    generator: StreamState
+    decoder: StreamState
+    ground: GroundState
+    seeds: Int[Tensor, " b"]
+
+
+class Pipeline:
+    """The trained parts of a bundle as one streaming machine."""
+
+    def __init__(self, bundle: Bundle, *, precision: Precision = "float32") -> None:
+        self.skeleton = bundle.skeleton
+        self.level = LevelControl()
+        self.codec = bundle.codec
+        self.generator = open_stream(bundle.generator, precision)
+        self.tokenizer = bundle.tokenizer
+        self.ground = Ground(bundle.skeleton)
+        self.lap: Lap = _no_lap
+
+    def init_state(self, rows: int) -> PipelineState:
+        """Sessions that have heard nothing."""
+        return PipelineState(
+            self.level.init_state(rows),
+            self.codec.init_state(rows),
+            self.generator.init_state(rows),
+            self.tokenizer.init_decoder(rows),
+            self.ground.init_state(rows),
+            torch.zeros(rows, dtype=torch.int64),
+        )
+
+    def reset(self, state: PipelineState, rows: Bool[Tensor, " b"], *, seed: int) -> None:
+        """Begin new sessions in these rows."""
+        state.reset(rows)
+        state.seeds[rows] = seed
+
+    @torch.inference_mode()
+    def step(
+        self, audio: Float[Tensor, "b 6400"], state: PipelineState, active: Bool[Tensor, " b"]
+    ) -> list[MotionChunk]:
+        """Advance the active rows by one chunk; rows that are not active return what must be ignored.
+
+        After each stage `lap(stage)` is called, so that a benchmark can time them.
+        """
+        level = self.level.step(audio, state.level, active)
+        self.lap("level")
+        sounds = self.codec.step(level, state.codec, active)
+        self.lap("codec")
+        codes = self.generator.step(sounds, state.generator, active, seeds=state.seeds)
+        self.lap("generator")
+        features = self.tokenizer.decode_step(codes, state.decoder, active)
+        self.lap("decoder")
+        chunks = self._grounded(features, state, active)
+        self.lap("ground")
+        return chunks
+
+    def _grounded(self, features: Float[Tensor, "b t c"], state: PipelineState, active: Tensor) -> list[MotionChunk]:
+        assert features.shape[1] == CHUNK_FRAMES == 4 * MOTION_TOKENS_PER_CHUNK
+        rotations = from_features(self.skeleton, features).rotations
+        travel = features[..., travel_slice(self.skeleton)]
+        root = self.ground.step(rotations, travel, state.ground, active)
+        quaternions = quaternion_from_matrix(rotations)
+        return [MotionChunk(q, r) for q, r in zip(quaternions.numpy(), root.numpy(), strict=True)]
+
+
+def _no_lap(stage: str) -> None:
+    del stage
