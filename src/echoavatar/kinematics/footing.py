@@ -68,11 +68,9 @@ def foot_contacts(motion: Motion) -> NDArray[np.bool_]:
     joints = [bones[name] if name in bones else bones[name.replace("Toes", "Foot")] for name in names]
     places = motion.pose().positions[:, joints].numpy().astype(np.float64)
     is_low = planted(places, motion.fps)
-    speed = (
-        np.linalg.norm(np.gradient(places[..., [0, 2]], axis=0), axis=-1) * motion.fps
-        if len(places) > 1
-        else 0.0
-    )
+    speed = np.zeros(places.shape[:2])
+    if len(places) > 1:
+        speed = np.linalg.norm(np.gradient(places[..., [0, 2]], axis=0), axis=-1) * motion.fps
     both = (is_low & (_smooth(speed, 3) < MAX_SLIDE_SPEED)).reshape(-1, 2, 2)
     both[:, :, 1] |= both[:, :, 0]  # a heel that stands has a toe that stands
     return both
