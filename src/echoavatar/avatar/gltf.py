@@ -1,0 +1,184 @@
+"""Our own glTF 2.0 binary writer: the skinned character with one or more animations, by struct and json alone.
+
+Node names are the VRM 1.0 humanoid bone names. The mesh node stays outside the joint hierarchy, inverse bind matrices
+are column-major, COLOR_0 is linear, every accessor is aligned to four bytes.
+"""
+
+import json
+import struct
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import ArrayLike
+
+from ..errors import MotionError
+from ..kinematics import HUMANOID
+from .character import MATERIALS, Character
+
+FLOAT, UBYTE, USHORT, SHORT, UINT = 5126, 5121, 5123, 5122, 5125
+ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
+COMPONENT = {"float32": FLOAT, "uint8": UBYTE, "uint16": USHORT, "int16": SHORT, "uint32": UINT}
+SHAPE = {(): "SCALAR", (3,): "VEC3", (4,): "VEC4", (4, 4): "MAT4"}
+
+
+class Animation(NamedTuple):
+    """Motion to embed: parent-relative quaternions `wxyz` and the hips' world position in metres."""
+
+    name: str
+    rotations: Float[np.ndarray, "t j 4"]
+    root: Float[np.ndarray, "t 3"]
+    fps: float = 30.0
+
+
+def write_glb(
+    path: str | Path,
+    character: Character,
+    rotations: Float[ArrayLike, "t j 4"],
+    root: Float[ArrayLike, "t 3"],
+    fps: float = 30.0,
+    name: str = "motion",
+) -> None:
+    """Write the character with one animation; raises `MotionError` for motion that is not finite or of another rig."""
+    animation = Animation(name, np.asarray(rotations), np.asarray(root), fps)
+    Path(path).write_bytes(pack_glb(character, [animation]))
+
+
+def pack_glb(character: Character, animations: Sequence[Animation], *, compact: bool = False) -> bytes:
+    """The GLB's bytes; `compact` stores rotations as 16-bit integers (error below 0.01 degrees)."""
+    buffer = _Buffer()
+    document: dict[str, Any] = {
+        "asset": {"version": "2.0", "generator": "EchoAvatar"},
+        "scene": 0,
+        "scenes": [{"name": "EchoAvatar", "nodes": [0, HUMANOID.joints]}],
+        "nodes": [*_joint_nodes(), {"name": "character", "mesh": 0, "skin": 0}],
+        "materials": [_material(i) for i in range(len(MATERIALS))],
+        "meshes": [{"name": "character", "primitives": _primitives(buffer, character)}],
+        "skins": [{"name": "humanoid", "inverseBindMatrices": _inverse_binds(buffer), "joints": list(range(HUMANOID.joints)), "skeleton": 0}],
+    }  # fmt: skip
+    if animations:
+        document["animations"] = [_animation(buffer, animation, compact=compact) for animation in animations]
+    document |= {"accessors": buffer.accessors, "bufferViews": buffer.views, "buffers": [{"byteLength": len(buffer.data)}]}
+    return _container(document, bytes(buffer.data))
+
+
+class _Buffer:
+    """The binary chunk as it grows, with its views and accessors."""
+
+    def __init__(self) -> None:
+        self.data = bytearray()
+        self.views: list[dict[str, Any]] = []
+        self.accessors: list[dict[str, Any]] = []
+
+    def add(
+        self, values: np.ndarray, *, target: int | None = None, bounds: bool = False, normalized: bool = False, shape: str = ""
+    ) -> int:
+        """Append one array as view and accessor; return the accessor's index."""
+        values = np.ascontiguousarray(values)
+        view: dict[str, Any] = {"buffer": 0, "byteOffset": len(self.data), "byteLength": values.nbytes}
+        if target is not None:
+            view["target"] = target
+        accessor: dict[str, Any] = {
+            "bufferView": len(self.views),
+            "componentType": COMPONENT[values.dtype.name],
+            "count": len(values),
+            "type": shape or SHAPE[values.shape[1:]],
+        }
+        if normalized:
+            accessor["normalized"] = True
+        if bounds:
+            accessor |= {"min": np.atleast_1d(values.min(0)).tolist(), "max": np.atleast_1d(values.max(0)).tolist()}
+        self.data += values.tobytes()
+        self.data += b"\0" * (-len(self.data) % 4)
+        self.views.append(view)
+        self.accessors.append(accessor)
+        return len(self.accessors) - 1
+
+
+def _primitives(buffer: _Buffer, character: Character) -> list[dict[str, Any]]:
+    """One primitive per material, all on the same vertices."""
+    linear = (character.colours / 255.0) ** 2.2
+    colours = np.concatenate([linear, np.ones((len(linear), 1))], 1)
+    attributes = {
+        "POSITION": buffer.add(character.positions.astype(np.float32), target=ARRAY_BUFFER, bounds=True),
+        "NORMAL": buffer.add(character.normals.astype(np.float32), target=ARRAY_BUFFER),
+        "COLOR_0": buffer.add(np.round(colours * 65535).astype(np.uint16), target=ARRAY_BUFFER, normalized=True),
+        "JOINTS_0": buffer.add(np.where(character.weights > 0, character.joints, 0).astype(np.uint8), target=ARRAY_BUFFER),
+        "WEIGHTS_0": buffer.add(character.weights.astype(np.float32), target=ARRAY_BUFFER),
+    }
+    material_of = character.materials[character.triangles[:, 0]]
+    small = np.uint16 if len(character.positions) < 65535 else np.uint32
+    return [
+        {"attributes": attributes, "material": int(i), "indices": buffer.add(character.triangles[material_of == i].reshape(-1).astype(small), target=ELEMENT_ARRAY_BUFFER)}
+        for i in np.unique(material_of)
+    ]  # fmt: skip
+
+
+def _material(index: int) -> dict[str, Any]:
+    material = MATERIALS[index]
+    light = {"baseColorFactor": [1, 1, 1, 1], "metallicFactor": material.metallic, "roughnessFactor": material.roughness}
+    return {"name": material.name, "pbrMetallicRoughness": light}
+
+
+def _joint_nodes() -> list[dict[str, Any]]:
+    nodes: list[dict[str, Any]] = [
+        {"name": name, "translation": [round(float(x), 6) for x in offset]}
+        for name, offset in zip(HUMANOID.names, HUMANOID.config.offsets, strict=True)
+    ]
+    for joint, parent in enumerate(HUMANOID.parents):
+        if parent >= 0:
+            nodes[parent].setdefault("children", []).append(joint)
+    return nodes
+
+
+def _inverse_binds(buffer: _Buffer) -> int:
+    """Column-major inverse bind matrices: the rest pose has no rotations, so each undoes one translation."""
+    matrices = np.tile(np.eye(4, dtype=np.float32), (HUMANOID.joints, 1, 1))
+    matrices[:, 3, :3] = -HUMANOID.rest_positions.numpy()
+    return buffer.add(matrices)
+
+
+def _animation(buffer: _Buffer, animation: Animation, *, compact: bool) -> dict[str, Any]:
+    """Linear tracks: one rotation per joint, one translation of the hips."""
+    rotations, root = checked(animation.rotations, animation.root)
+    times = (np.arange(len(root)) / animation.fps).astype(np.float32)
+    clock = buffer.add(times, bounds=True)
+    xyzw = _continuous(rotations)[..., [1, 2, 3, 0]]
+    samplers = [{"input": clock, "interpolation": "LINEAR", "output": buffer.add(root.astype(np.float32))}]
+    channels: list[dict[str, Any]] = [{"sampler": 0, "target": {"node": 0, "path": "translation"}}]
+    for joint in range(HUMANOID.joints):
+        track = xyzw[:, joint]
+        stored = np.round(track * 32767).astype(np.int16) if compact else track.astype(np.float32)
+        channels.append({"sampler": len(samplers), "target": {"node": joint, "path": "rotation"}})
+        samplers.append({"input": clock, "interpolation": "LINEAR", "output": buffer.add(stored, normalized=compact)})
+    return {"name": animation.name, "samplers": samplers, "channels": channels}
+
+
+def checked(rotations: ArrayLike, root: ArrayLike) -> tuple[Float[np.ndarray, "t j 4"], Float[np.ndarray, "t 3"]]:
+    """Unit quaternions and root as float64; raises `MotionError` when they do not fit our rig."""
+    q, p = np.asarray(rotations, np.float64), np.asarray(root, np.float64)
+    if q.ndim != 3 or q.shape[1:] != (HUMANOID.joints, 4) or p.shape != (len(q), 3) or not len(q):
+        raise MotionError(
+            f"motion has shapes {q.shape} and {p.shape}; the character takes (t, {HUMANOID.joints}, 4) and (t, 3): retarget it first"
+        )
+    length = np.linalg.norm(q, axis=-1, keepdims=True)
+    if not (np.isfinite(q).all() and np.isfinite(p).all() and (length > 1e-6).all()):
+        raise MotionError("motion holds values that are not finite or quaternions of length 0; repair it before export")
+    return q / length, p
+
+
+def _continuous(q: Float[np.ndarray, "t j 4"]) -> Float[np.ndarray, "t j 4"]:
+    """Signs chosen so that neighbouring frames lie on the same half of the sphere."""
+    flips = np.where(np.einsum("tji,tji->tj", q[1:], q[:-1]) < 0, -1.0, 1.0)
+    signs = np.concatenate([np.ones((1, q.shape[1])), np.cumprod(flips, axis=0)])
+    return q * signs[..., None]
+
+
+def _container(document: dict[str, Any], binary: bytes) -> bytes:
+    text = json.dumps(document, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 4)
+    total = 12 + 8 + len(text) + 8 + len(binary)
+    head = struct.pack("<4sII", b"glTF", 2, total)
+    return head + struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(binary), b"BIN\0") + binary

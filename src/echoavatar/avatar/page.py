@@ -1,0 +1,52 @@
+"""One self-contained HTML file that plays the avatar with its sound: no network, no server, the audio is the clock."""
+
+import base64
+import html
+import json
+from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import NamedTuple
+
+from ..errors import MotionError
+
+MIME_TYPES = {".ogg": "audio/ogg", ".opus": "audio/ogg", ".mp3": "audio/mpeg", ".wav": "audio/wav", ".m4a": "audio/mp4", ".webm": "audio/webm"}  # fmt: skip
+
+
+class PageClip(NamedTuple):
+    """One entry of the page: a title, the name of its animation in the GLB, and its encoded sound."""
+
+    title: str
+    animation: str
+    audio: bytes
+    suffix: str = ".ogg"  # file ending of the encoding, a key of MIME_TYPES
+    note: str = ""
+
+
+def write_page(path: str | Path, glb: bytes, clips: Sequence[PageClip], *, title: str = "EchoAvatar", note: str = "") -> None:
+    """Write the page. All clips share the one mesh in `glb` and name its animations (`gltf.pack_glb`)."""
+    assets = files("echoavatar") / "assets"
+    filled = (assets / "page.html").read_text("utf-8")
+    data = {
+        "glb": base64.b64encode(glb).decode(),
+        "clips": [_entry(clip, glb) for clip in clips],
+    }
+    parts = {
+        "@TITLE@": html.escape(title),
+        "@NOTE@": html.escape(note),
+        "@DATA@": json.dumps(data).replace("<", "\\u003c"),
+        "@VIEWER@": (assets / "viewer.js").read_text("utf-8").replace("</script", "<\\/script"),
+    }
+    for mark, text in parts.items():
+        before, after = filled.split(mark, 1)
+        filled = before + text + after
+    Path(path).write_text(filled, "utf-8")
+
+
+def _entry(clip: PageClip, glb: bytes) -> dict[str, str]:
+    if json.dumps(clip.animation).encode() not in glb:
+        raise MotionError(f"clip {clip.title!r} names the animation {clip.animation!r}, which the GLB does not hold")
+    if clip.suffix not in MIME_TYPES:
+        raise MotionError(f"clip {clip.title!r} has sound of type {clip.suffix!r}; use one of {', '.join(MIME_TYPES)}")
+    sound = f"data:{MIME_TYPES[clip.suffix]};base64,{base64.b64encode(clip.audio).decode()}"
+    return {"title": clip.title, "animation": clip.animation, "audio": sound, "note": clip.note}
