@@ -29,16 +29,16 @@ class KeyValueRing(StreamState):
 
 
 class Places(NamedTuple):
-    """Where the positions of one step live: turned how, written where, seeing what."""
+    """Where the positions of one step live: turned how, written where, seeing what. h are key and value heads."""
 
-    turns: Complex[Tensor, "b t half"]
+    turns: Complex[Tensor, "b t 1 half"]
     writes: Int[Tensor, "b h t"]  # rows of the flattened ring
-    bias: Float[Tensor, "b t s"]  # 0 where a slot is seen, -inf where not
+    bias: Float[Tensor, "b 1 1 t s"]  # 0 where a slot is seen, -inf where not
 
     def part(self, start: int, stop: int) -> "Places":
         """The positions from `start` to `stop` of the step."""
         return Places(
-            self.turns[:, start:stop], self.writes[:, :, start:stop], self.bias[:, start:stop]
+            self.turns[:, start:stop], self.writes[:, :, start:stop], self.bias[:, :, :, start:stop]
         )
 
 
@@ -47,11 +47,12 @@ class Decoder:
 
     def __init__(self, generator: Generator, precision: Precision) -> None:
         config = self.config = generator.config
-        self._pairs = config.heads + config.kv_heads
+        width = config.width
         self._embedding = generator.model.embed_tokens.weight.detach().float()
         self._layers = [_FrozenLayer(layer, config.head_width, precision) for layer in generator.model.layers]
-        head = generator.segment_head().detach().float() * generator.model.norm.weight.detach().float()
-        self._heads = [frozen_linear(precision, segment) for segment in head]
+        scale = generator.model.norm.weight.detach().float() * width**0.5
+        self._heads = [frozen_linear(precision, segment * scale) for segment in generator.segment_head().detach()]
+        self._root_eps = torch.full((1, 1), (width * config.norm_eps) ** 0.5, device=self.device)
 
     @property
     def device(self) -> torch.device:
@@ -81,50 +82,72 @@ class Decoder:
         ring = torch.arange(rows * config.kv_heads, device=positions.device).view(rows, config.kv_heads, 1)
         slots = torch.where(active[:, None], slots, spare)
         bias = torch.zeros(seen.shape, device=positions.device).masked_fill_(~seen, -torch.inf)
-        return Places(turns, ring * (spare + 1) + slots[:, None], bias)
+        return Places(turns[:, :, None], ring * (spare + 1) + slots[:, None], bias[:, None, None])
 
     def run(
         self, ids: Int[Tensor, "b t"], places: Places, rings: Sequence[KeyValueRing]
     ) -> Float[Tensor, "b c"]:
-        """Read ids, write their keys and values, return the (unscaled) hidden state of the last position."""
+        """Read ids, write their keys and values, return the normed hidden state of the last position."""
         rows, length = ids.shape
-        x = self._embedding[ids].flatten(0, 1)
-        writes, bias = places.writes.flatten(), places.bias[:, None, None]
-        turns = places.turns[:, :, None]
+        x = self._embedding[ids.flatten()]
+        turns, writes, bias = places.turns, places.writes.flatten(), places.bias
+        attend = self._attend_one if length == 1 else self._attend_many
         for layer, ring in zip(self._layers, rings, strict=True):
-            y = self._attend(layer.qkv(self._norm(x)), turns, writes, bias, ring, rows, length)
-            x = x + layer.out(y)
-            gate, up = layer.gate_up(self._norm(x)).chunk(2, dim=1)
-            x = x + layer.down(F.silu(gate) * up)
-        return self._norm(x.view(rows, length, -1)[:, -1])
+            qkv = layer.qkv(self._norm(x, layer.dtype)).float()
+            x = x + layer.out(attend(qkv, turns, writes, bias, ring).to(layer.dtype))
+            gate, up = layer.gate_up(self._norm(x, layer.dtype)).chunk(2, dim=1)
+            x = x + layer.down((F.silu(gate) * up).to(layer.dtype))
+        last = x if length == 1 else x.view(rows, length, -1)[:, -1]
+        return self._norm(last, self._heads[0].dtype)
 
     def logits(self, hidden: Float[Tensor, "b c"], segment: int) -> Float[Tensor, "b K"]:
         """The K logits of one segment."""
-        return self._heads[segment](hidden)
+        return self._heads[segment](hidden).float()
 
-    def _norm(self, x: Float[Tensor, "n c"]) -> Float[Tensor, "n c"]:
-        return F.rms_norm(x, x.shape[-1:], None, self.config.norm_eps)
+    def _norm(self, x: Float[Tensor, "n c"], dtype: torch.dtype) -> Float[Tensor, "n c"]:
+        """x / sqrt(|x|^2 + c eps); the missing sqrt(c) is folded into the weights."""
+        length = torch.linalg.vector_norm(x, dim=1, keepdim=True)
+        return (x / torch.hypot(length, self._root_eps)).to(dtype)
 
-    def _attend(
+    def _attend_one(
+        self,
+        qkv: Float[Tensor, "b c"],
+        turns: Complex[Tensor, "b 1 1 half"],
+        writes: Int[Tensor, " w"],
+        bias: Float[Tensor, "b 1 1 1 s"],
+        ring: KeyValueRing,
+    ) -> Float[Tensor, "b c"]:
+        """One position per row: no axes to reorder."""
+        heads, kv, width = self.config.heads, self.config.kv_heads, self.config.head_width
+        slots = ring.keys.shape[2]
+        pairs = torch.view_as_complex(qkv.view(-1, heads + 2 * kv, width // 2, 2))
+        turned = torch.view_as_real(pairs[:, : heads + kv] * turns[:, 0])
+        ring.keys.view(-1, width).index_copy_(0, writes, turned[:, heads:].reshape(-1, width))
+        ring.values.view(-1, width).index_copy_(0, writes, qkv[:, (heads + kv) * width :].reshape(-1, width))
+        q = turned[:, :heads].reshape(-1, heads // kv, width)
+        scores = torch.bmm(q, ring.keys.view(-1, slots, width).transpose(1, 2))
+        scores.view(-1, heads, slots).add_(bias[:, 0, 0])
+        y = torch.bmm(torch.softmax(scores, dim=-1), ring.values.view(-1, slots, width))
+        return y.view(-1, heads * width)
+
+    def _attend_many(
         self,
         qkv: Float[Tensor, "n c"],
         turns: Complex[Tensor, "b t 1 half"],
         writes: Int[Tensor, " w"],
         bias: Float[Tensor, "b 1 1 t s"],
         ring: KeyValueRing,
-        rows: int,
-        length: int,
     ) -> Float[Tensor, "n c"]:
         heads, kv, width = self.config.heads, self.config.kv_heads, self.config.head_width
-        group, slots = heads // kv, ring.keys.shape[2]
-        turned = qkv[:, : self._pairs * width].view(rows, length, self._pairs, width // 2, 2)
-        turned = torch.view_as_real(torch.view_as_complex(turned) * turns).flatten(3)
-        q = turned[:, :, :heads].unflatten(2, (kv, group)).permute(0, 2, 3, 1, 4)
+        (rows, length), group, slots = turns.shape[:2], heads // kv, ring.keys.shape[2]
+        split = qkv.view(rows, length, heads + 2 * kv, width)
+        pairs = torch.view_as_complex(split.unflatten(3, (-1, 2)))
+        turned = torch.view_as_real(pairs[:, :, : heads + kv] * turns).flatten(3)
         keys, values = ring.keys.view(-1, width), ring.values.view(-1, width)
-        new = qkv[:, self._pairs * width :].view(rows, length, kv, width)
         keys.index_copy_(0, writes, turned[:, :, heads:].transpose(1, 2).reshape(-1, width))
-        values.index_copy_(0, writes, new.transpose(1, 2).reshape(-1, width))
-        q = q.reshape(rows * kv, group * length, width)  # scaled already: folded into the q projection
+        values.index_copy_(0, writes, split[:, :, heads + kv :].transpose(1, 2).reshape(-1, width))
+        q = turned[:, :, :heads].unflatten(2, (kv, group)).permute(0, 2, 3, 1, 4)
+        q = q.reshape(rows * kv, group * length, width)
         scores = torch.bmm(q, keys.view(rows * kv, slots, width).transpose(1, 2))
         weights = torch.softmax(scores.view(rows, kv, group, length, slots).add_(bias), dim=-1)
         y = torch.bmm(weights.view(rows * kv, group * length, slots), values.view(rows * kv, slots, width))
@@ -132,7 +155,7 @@ class Decoder:
 
 
 class _FrozenLayer:
-    """Four fused products of a layer."""
+    """Four fused products of a layer; the scores' 1 / sqrt(d) is folded into the q projection."""
 
     def __init__(self, layer: DecoderLayer, head_width: int, precision: Precision) -> None:
         attention, mlp = layer.self_attn, layer.mlp
@@ -141,12 +164,15 @@ class _FrozenLayer:
         k = _pair(attention.k_proj.weight, attention.k_proj.bias, head_width)
         weight = torch.cat([q[0], k[0], attention.v_proj.weight])
         bias = torch.cat([q[1], k[1], attention.v_proj.bias])
-        before, between = layer.input_layernorm.weight, layer.post_attention_layernorm.weight
+        root = weight.shape[1] ** 0.5
+        before = layer.input_layernorm.weight * root
+        between = layer.post_attention_layernorm.weight * root
         gate_up = torch.cat([mlp.gate_proj.weight, mlp.up_proj.weight])
         self.qkv: FrozenLinear = frozen_linear(precision, weight * before, bias)
         self.out: FrozenLinear = frozen_linear(precision, attention.o_proj.weight)
         self.gate_up: FrozenLinear = frozen_linear(precision, gate_up * between)
         self.down: FrozenLinear = frozen_linear(precision, mlp.down_proj.weight)
+        self.dtype = self.qkv.dtype
 
 
 def _pair(

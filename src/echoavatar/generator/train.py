@@ -1,0 +1,271 @@
+"""Training on tokenised clips: hierarchical loss scaling, Hierarchical Token Corruption, resumable to the same curve.
+
+Paper, Audio Driven Motion Generation. Everything random in a step follows from the seed and the step's number, so a run
+that was killed and resumed repeats the curve it would have had.
+"""
+
+import json
+import math
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import torch
+from jaxtyping import Float, Int
+from pydantic import Field
+from safetensors.torch import load_file, save_file
+from torch import Tensor, nn
+
+from .. import checkpoint
+from ..config import Config
+from ..errors import CheckpointError
+from ..tokens import PARTS, Sequences, corrupt_hierarchically, corrupt_uniformly
+from .config import GeneratorConfig
+from .initial import align_embeddings
+from .loss import code_nll, hierarchical_loss
+from .model import Generator
+from .windows import DOMAINS, TokenClip, Window, WindowSampler
+
+
+class GeneratorTraining(Config):
+    """How a generator is trained. The defaults suit a small model from scratch on a CPU."""
+
+    steps: int = Field(3000, gt=0, description="optimiser steps of the whole schedule")
+    batch: int = Field(8, gt=0, description="windows per step")
+    chunks: int = Field(24, gt=0, description="chunks per window; more than window_chunks trains the steady stream")
+    learning_rate: float = Field(1e-3, gt=0, description="peak of the schedule (paper: 5e-5 from Qwen's weights)")
+    warmup: int = Field(100, ge=0, description="steps of linear warm-up")
+    final_rate: float = Field(0.05, ge=0, le=1, description="share of the peak at the end of the cosine")
+    weight_decay: float = Field(0.05, ge=0, description="AdamW decay of matrices")
+    clip: float = Field(1.0, gt=0, description="largest norm of the gradient")
+    depth_weights: tuple[float, ...] = Field((1.0, 0.7, 0.5, 0.35), description="loss weight of each RVQ layer")
+    corruption: Literal["hierarchical", "uniform", "none"] = Field(
+        "hierarchical", description="what is done to the context motion codes"
+    )
+    corruption_low: float = Field(0.0, ge=0, le=1, description="smallest corruption rate of a window")
+    corruption_high: float = Field(0.5, ge=0, le=1, description="largest; the paper gives no rate")
+    short_windows: float = Field(0.2, ge=0, le=1, description="prefix order: share of windows cut short in front")
+    seed: int = Field(0, description="of weights, windows and corruption")
+    autocast: bool = Field(False, description="bfloat16 products; faster on processors that have them")
+    save_every: int = Field(200, gt=0, description="steps between checkpoints")
+
+
+class Trainer:
+    """A generator, its optimiser and the number of the next step."""
+
+    def __init__(
+        self,
+        config: GeneratorConfig,
+        training: GeneratorTraining,
+        *,
+        device: str = "cpu",
+        audio_codebooks: Float[Tensor, "q K c"] | None = None,
+        motion_codebooks: Float[Tensor, "p q K c"] | None = None,
+    ) -> None:
+        if len(training.depth_weights) != config.layout.motion_layers:
+            raise CheckpointError(
+                f"depth_weights has {len(training.depth_weights)} values for {config.layout.motion_layers} RVQ layers"
+            )
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(training.seed)
+            self.generator = Generator(config)
+        align_embeddings(self.generator, audio_codebooks=audio_codebooks, motion_codebooks=motion_codebooks)
+        self.generator.to(device)
+        self.training, self.next_step, self._device = training, 0, device
+        decayed = [p for p in self.generator.parameters() if p.dim() > 1]
+        others = [p for p in self.generator.parameters() if p.dim() == 1]
+        groups = [{"params": decayed, "weight_decay": training.weight_decay}, {"params": others, "weight_decay": 0.0}]
+        self._optimiser = torch.optim.AdamW(groups, lr=training.learning_rate, betas=(0.9, 0.95), fused=True)
+
+    def step(self, window: Window) -> dict[str, Any]:
+        """One optimiser step; returns its metrics."""
+        training, number = self.training, self.next_step
+        batch = self._corrupted(window, number)
+        for group in self._optimiser.param_groups:
+            group["lr"] = training.learning_rate * self._schedule(number)
+        with torch.autocast(torch.device(self._device).type, torch.bfloat16, enabled=training.autocast):
+            nll = code_nll(self.generator, batch)
+        loss = hierarchical_loss(nll, batch, training.depth_weights)
+        self._optimiser.zero_grad(set_to_none=True)
+        loss.backward()  # type: ignore[no-untyped-call]
+        norm = nn.utils.clip_grad_norm_(self.generator.parameters(), training.clip)
+        self._optimiser.step()
+        self.next_step += 1
+        return {"step": number, "loss": loss.item(), "gradient": norm.item()} | summary(nll.detach(), batch, window)
+
+    def _schedule(self, number: int) -> float:
+        training = self.training
+        warm = min(1.0, (number + 1) / max(1, training.warmup))
+        done = min(1.0, number / training.steps)
+        return warm * (training.final_rate + (1 - training.final_rate) * 0.5 * (1 + math.cos(math.pi * done)))
+
+    def _corrupted(self, window: Window, number: int) -> Sequences:
+        """The step's sequences: context corrupted, targets clean."""
+        training, config = self.training, self.generator.config
+        random = torch.Generator().manual_seed(training.seed * 1_000_003 + number)
+        rows, context = len(window.motion), window.motion
+        low, high = training.corruption_low, training.corruption_high
+        rates = low + (high - low) * torch.rand(rows, generator=random)
+        codebook = config.layout.motion_codes
+        if training.corruption == "hierarchical":
+            context = corrupt_hierarchically(context, rates, codebook=codebook, generator=random)
+        elif training.corruption == "uniform":
+            context = corrupt_uniformly(context, rates, codebook=codebook, generator=random)
+        missing = torch.zeros(rows, dtype=torch.int64)
+        if config.sequence == "prefix":
+            cut = torch.rand(rows, generator=random) < training.short_windows
+            missing = torch.randint(training.chunks, (rows,), generator=random) * cut
+        return to_device(config.order.build(window.audio, context, window.motion, missing), self._device)
+
+    def save(self, folder: Path) -> None:
+        """Write model and optimiser; the model alone is a checkpoint that `Generator.load` reads."""
+        state: dict[str, Tensor] = {}
+        for index, values in self._optimiser.state_dict()["state"].items():
+            state |= {f"{index}.{name}": value.contiguous() for name, value in values.items()}
+        folder.mkdir(parents=True, exist_ok=True)
+        partial = folder / "optimiser.safetensors.partial"
+        save_file(state, partial, metadata={"step": str(self.next_step)})
+        card = {"kind": "generator", "step": self.next_step, "training": self.training.model_dump()}
+        self.generator.save(folder, card)
+        partial.replace(folder / "optimiser.safetensors")
+
+    def resume(self, folder: Path) -> bool:
+        """Continue from a folder written by `save`; False where there is none.
+
+        Raises:
+            CheckpointError: the folder holds another model, or another schedule.
+        """
+        if not (folder / "optimiser.safetensors").exists():
+            return False
+        card = checkpoint.read_card(folder)
+        if checkpoint.read_config(folder, GeneratorConfig) != self.generator.config:
+            raise CheckpointError(f"{folder} holds a generator of another config; train into another folder")
+        if GeneratorTraining.model_validate(card["training"]) != self.training:
+            raise CheckpointError(f"{folder} was trained with other settings; train into another folder")
+        checkpoint.load_into(self.generator, checkpoint.read_weights(folder), origin=str(folder))
+        stored: dict[int, dict[str, Tensor]] = {}
+        for key, value in load_file(folder / "optimiser.safetensors").items():
+            index, name = key.split(".", 1)
+            stored.setdefault(int(index), {})[name] = value
+        groups = self._optimiser.state_dict()["param_groups"]
+        self._optimiser.load_state_dict({"state": stored, "param_groups": groups})
+        self.next_step = int(str(card["step"]))
+        return True
+
+
+def to_device(batch: Sequences, device: str) -> Sequences:
+    """Move every tensor."""
+    return Sequences(*(None if part is None else part.to(device) for part in batch))
+
+
+def summary(nll: Float[Tensor, "b k n"], batch: Sequences, window: Window) -> dict[str, float]:
+    """Mean NLL per domain, and per RVQ layer."""
+    counts = batch.mask[:, None].expand_as(nll)
+    domain = window.domain.to(nll.device)[:, None].expand_as(nll)
+    means = {
+        f"nll_{name}": nll[counts & (domain == index)].mean().item()
+        for index, name in enumerate(DOMAINS)
+        if bool((counts & (domain == index)).any())
+    }
+    layers = nll.unflatten(1, (PARTS, -1)).transpose(1, 2)
+    there = counts.unflatten(1, (PARTS, -1)).transpose(1, 2)
+    return means | {f"nll_layer_{q}": layers[:, q][there[:, q]].mean().item() for q in range(layers.shape[1])}
+
+
+def train_generator(
+    config: GeneratorConfig,
+    training: GeneratorTraining,
+    clips: Sequence[TokenClip],
+    folder: Path,
+    *,
+    minutes: float | None = None,
+    device: str = "cpu",
+    audio_codebooks: Float[Tensor, "q K c"] | None = None,
+    motion_codebooks: Float[Tensor, "p q K c"] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Generator:
+    """Train on the clips of split "train", checkpointing into `folder`; continues what is there.
+
+    Stops after the schedule's steps, or after `minutes` of this call; metrics go to `folder`/metrics.jsonl.
+    """
+    trainer = Trainer(
+        config, training, device=device, audio_codebooks=audio_codebooks, motion_codebooks=motion_codebooks
+    )
+    trainer.resume(folder)
+    chunks = training.chunks if config.sequence == "interleaved" else config.window_chunks
+    sampler = WindowSampler([c for c in clips if c.split == "train"], chunks=chunks, seed=training.seed)
+    folder.mkdir(parents=True, exist_ok=True)
+    log = _truncated_log(folder / "metrics.jsonl", trainer.next_step)
+    deadline = math.inf if minutes is None else time.monotonic() + 60 * minutes
+    trainer.generator.train()
+    with log.open("a") as out:
+        while trainer.next_step < training.steps and time.monotonic() < deadline:
+            began = time.monotonic()
+            metrics = trainer.step(sampler.batch(trainer.next_step, training.batch))
+            out.write(json.dumps(metrics | {"seconds": round(time.monotonic() - began, 3)}) + "\n")
+            out.flush()
+            if trainer.next_step % training.save_every == 0:
+                trainer.save(folder)
+            if progress is not None:
+                progress(trainer.next_step, training.steps)
+    trainer.save(folder)
+    return trainer.generator.eval()
+
+
+def _truncated_log(path: Path, steps: int) -> Path:
+    """Drop the lines of steps that a resumed run will repeat."""
+    if path.exists():
+        kept = [line for line in path.read_text().splitlines() if line and json.loads(line)["step"] < steps]
+        path.write_text("".join(line + "\n" for line in kept))
+    return path
+
+
+@torch.no_grad()
+def nll_by_domain(
+    generator: Generator,
+    clips: Sequence[TokenClip],
+    *,
+    shuffled_audio: bool = False,
+    chunks: int | None = None,
+    batch: int = 8,
+    most_batches: int | None = None,
+    corruption: float = 0.0,
+) -> dict[str, float]:
+    """Mean NLL per motion code in nats by domain ("silence", "speech", "music", "all"): how much the audio matters.
+
+    `shuffled_audio` gives every window the audio of another window: compare with the true audio. `corruption` damages the
+    context hierarchically at that rate. Time steps before the first full window are counted too.
+    """
+    order, device = generator.config.order, str(next(generator.parameters()).device)
+    length = chunks or (generator.config.window_chunks if generator.config.sequence == "prefix" else 24)
+    total, count = torch.zeros(len(DOMAINS)).double(), torch.zeros(len(DOMAINS)).double()
+    random = torch.Generator().manual_seed(0)
+    windows = WindowSampler(clips, chunks=length).grid(batch)
+    everything = Window(*(torch.cat(parts) for parts in zip(*windows, strict=True)))
+    audio = _swapped(everything, random) if shuffled_audio else everything.audio
+    for number, at in enumerate(range(0, len(audio), batch)):
+        if number == most_batches:
+            break
+        motion = everything.motion[at : at + batch]
+        context = motion
+        if corruption > 0:
+            codebook = generator.config.layout.motion_codes
+            context = corrupt_hierarchically(motion, corruption, codebook=codebook, generator=random)
+        missing = torch.zeros(len(motion), dtype=torch.int64)
+        sequences = to_device(order.build(audio[at : at + batch], context, motion, missing), device)
+        nll = code_nll(generator, sequences).mean(dim=1).double().cpu()
+        for index in range(len(DOMAINS)):
+            here = everything.domain[at : at + batch] == index
+            total[index] += nll[here].sum()
+            count[index] += here.sum()
+    means = {name: (total[i] / count[i]).item() for i, name in enumerate(DOMAINS) if count[i] > 0}
+    return means | {"all": (total.sum() / count.sum()).item()}
+
+
+def _swapped(windows: Window, random: torch.Generator) -> Int[Tensor, "b f q"]:
+    """The audio of another window for each, never its own: a random cycle through all windows."""
+    order = torch.randperm(len(windows.audio), generator=random)
+    swapped = torch.empty_like(windows.audio)
+    swapped[order] = windows.audio[order.roll(1)]
+    return swapped

@@ -1,0 +1,122 @@
+"""Training windows: whole chunks cut from clips that were encoded continuously, so that tokens look as they do live.
+
+A token file is one clip: an npz with `audio_codes` (f, 2) int16 at 75 Hz, `motion_codes` (n, 3, Q) int16 at 7.5 Hz,
+`domain` (n,) uint8 (0 silence, 1 speech, 2 music) and `split` ("train" or "test").
+"""
+
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple, Self
+
+import numpy as np
+import torch
+from jaxtyping import Int, UInt8
+from torch import Tensor
+
+from ..errors import MotionError
+from ..timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
+
+DOMAINS = ("silence", "speech", "music")
+
+
+@dataclass(frozen=True)
+class TokenClip:
+    """One clip as codes, cut to whole chunks."""
+
+    audio: Int[np.ndarray, "f q"]
+    motion: Int[np.ndarray, "n p q"]
+    domain: UInt8[np.ndarray, " n"]
+    split: str = "train"
+
+    def __post_init__(self) -> None:
+        chunks = min(len(self.audio) // AUDIO_FRAMES_PER_CHUNK, len(self.motion) // MOTION_TOKENS_PER_CHUNK)
+        object.__setattr__(self, "audio", self.audio[: chunks * AUDIO_FRAMES_PER_CHUNK])
+        object.__setattr__(self, "motion", self.motion[: chunks * MOTION_TOKENS_PER_CHUNK])
+        object.__setattr__(self, "domain", self.domain[: chunks * MOTION_TOKENS_PER_CHUNK])
+
+    @property
+    def chunks(self) -> int:
+        """Whole chunks of 8 frames."""
+        return len(self.motion) // MOTION_TOKENS_PER_CHUNK
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Read a token file.
+
+        Raises:
+            MotionError: the file is missing, damaged or lacks an array.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                return cls(file["audio_codes"], file["motion_codes"], file["domain"], str(file["split"]))
+        except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
+            raise MotionError(f"{path} is not a token file ({error}); tokenize the corpus again") from error
+
+    def save(self, path: Path) -> None:
+        """Write a token file."""
+        np.savez_compressed(
+            path,
+            audio_codes=self.audio.astype(np.int16),
+            motion_codes=self.motion.astype(np.int16),
+            domain=self.domain.astype(np.uint8),
+            split=np.array(self.split),
+        )
+
+
+class Window(NamedTuple):
+    """A batch of windows of codes."""
+
+    audio: Int[Tensor, "b f q"]
+    motion: Int[Tensor, "b n p q"]
+    domain: Int[Tensor, "b n"]
+
+
+class WindowSampler:
+    """Draws windows of `chunks` chunks at chunk borders; a batch depends on the seed and its number alone."""
+
+    def __init__(self, clips: Sequence[TokenClip], *, chunks: int, seed: int = 0) -> None:
+        self._clips = [clip for clip in clips if clip.chunks >= chunks]
+        if not self._clips:
+            raise MotionError(
+                f"no clip is as long as a training window of {chunks} chunks; use longer clips or shorter windows"
+            )
+        self._chunks, self._seed = chunks, seed
+        starts = np.array([clip.chunks - chunks + 1 for clip in self._clips])
+        self._ends = starts.cumsum()
+
+    def __len__(self) -> int:
+        """How many different windows there are."""
+        return int(self._ends[-1])
+
+    def batch(self, number: int, size: int) -> Window:
+        """Batch `number` of `size` windows, uniform over all windows."""
+        rng = np.random.default_rng([self._seed, number])
+        return self._gather([self._locate(int(at)) for at in rng.integers(len(self), size=size)])
+
+    def grid(self, size: int) -> list[Window]:
+        """All windows without overlap, in order, in batches of up to `size`."""
+        spots = [
+            (clip, start)
+            for clip in range(len(self._clips))
+            for start in range(0, self._clips[clip].chunks - self._chunks + 1, self._chunks)
+        ]
+        return [self._gather(spots[at : at + size]) for at in range(0, len(spots), size)]
+
+    def _locate(self, at: int) -> tuple[int, int]:
+        clip = int(np.searchsorted(self._ends, at, side="right"))
+        return clip, at - (int(self._ends[clip - 1]) if clip else 0)
+
+    def _gather(self, spots: Sequence[tuple[int, int]]) -> Window:
+        def cut(name: str, each: int) -> Tensor:
+            parts = [
+                getattr(self._clips[clip], name)[start * each : (start + self._chunks) * each] for clip, start in spots
+            ]
+            return torch.from_numpy(np.stack(parts).astype(np.int64))
+
+        return Window(
+            cut("audio", AUDIO_FRAMES_PER_CHUNK),
+            cut("motion", MOTION_TOKENS_PER_CHUNK),
+            cut("domain", MOTION_TOKENS_PER_CHUNK),
+        )
