@@ -7,6 +7,7 @@ carries, the chest opposes the hips, arms hit on counts, the head keeps to the f
 import numpy as np
 from jaxtyping import Float
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
 
 from ..timing import FRAME_RATE_HZ
 from .controls import STANDING_PELVIS, Array, Controls, minimum_jerk, neutral, smoothed
@@ -18,6 +19,7 @@ from .sound import SoundTrack
 
 FloatArray = NDArray[np.floating]
 ARM = 16  # values of one arm in a body vector
+LEG, HIP_OUT, HIP_DOWN = 0.808, 0.092, 0.035  # metres: easy reach of a leg, hip joints from the pelvis
 FASTEST_WRIST = 2.4  # metres per second, at the peak of a glide
 REST_SECONDS = 0.9  # for the arms to sink when the music stops
 
@@ -76,10 +78,25 @@ def _pelvis(
     crouch, lean, roll = (_groove(t, plans, name) for name in ("crouch", "lean", "hips"))
     dip = _keyed(t, plans, "dip")
     low = crouch + dip + bounce * beat
+    low += _eased_down(feet, over, STANDING_PELVIS[1] - low)
     position = np.stack([over[:, 0], STANDING_PELVIS[1] - low, over[:, 2] + 0.015 - 0.35 * low], 1)
     heading = np.asarray(smoothed(feet.yaw.mean(1).astype(np.float32), 0.10), np.float64)
     yaw = heading + _keyed(t, plans, "twist")
     return position, np.stack([yaw, lean + 0.9 * low, roll * hips * (2 * feet.share - 1)], 1)
+
+
+def _eased_down(feet: Footwork, over: FloatArray, height: FloatArray) -> FloatArray:
+    """How much lower the pelvis must ride for both legs to reach, known a little ahead so that it sinks softly."""
+    lack = np.zeros(len(over))
+    for side in (0, 1):
+        outwards = HIP_OUT if side == 0 else -HIP_OUT
+        away = feet.position[:, side] - over
+        heel = np.maximum(feet.pitch[:, side], 0.0)
+        flat = np.maximum(np.hypot(away[:, 0] - outwards, away[:, 2] - 0.015) - 0.06 * heel, 0.0)
+        ceiling = feet.position[:, side, 1] + 0.12 * heel + np.sqrt(LEG**2 - np.minimum(flat, 0.6) ** 2) + HIP_DOWN
+        lack = np.maximum(lack, height - ceiling)
+    lack = maximum_filter1d(np.maximum(lack, 0.0), 7, mode="nearest")
+    return _lagging(lack, 0.07)
 
 
 def _torso(
@@ -117,6 +134,10 @@ def _pulse(t: FloatArray, plans: list[Plan]) -> tuple[FloatArray, FloatArray]:
         number = _count(own, counts.times)
         period = counts.metre if counts.metre == 3 else (2 if groove.name in ("ballet", "rest") else 1)
         wave = (0.5 + 0.5 * np.cos(2 * np.pi * number / period)) ** groove.sharp
+        if counts.unit > 1 or counts.metre == 3:  # every beat is felt, under the longer wave
+            every = counts.unit if counts.unit > 1 else 1
+            quick = 0.5 + 0.5 * np.cos(2 * np.pi * number * every)
+            wave = 0.62 * wave + 0.38 * (1.0 - quick if groove.is_up else quick)
         beat[first:last] = 1.0 - wave if groove.is_up else wave
         ready = 4.0 * counts.length(0)
         presence = minimum_jerk((own - plan.begin + 0.1) / ready) * (

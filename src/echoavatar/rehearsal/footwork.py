@@ -16,6 +16,7 @@ from .keys import bump, glide
 FloatArray = NDArray[np.floating]
 TOE_OFF = 0.32  # radians of heel lift as the foot leaves the floor
 SUPPORT = 0.95  # share of the weight on the standing foot while the other swings
+WEIGHT_SECONDS = 0.03  # from landing to the weight having arrived: a dancer is on the foot on the count
 ROLL_SECONDS = 0.10  # from the first touch of heel or ball to the flat foot
 
 
@@ -129,16 +130,16 @@ def _share(t: FloatArray, holds: Sequence[Foothold], shifts: Sequence[tuple[floa
     keys = [(-1e3, 0.5)]
     for hold in sorted(holds, key=lambda h: h.lift_off):
         standing = 1 - SUPPORT if hold.side == 0 else SUPPORT
-        keys.append((hold.lift_off + 0.04, standing))
+        keys.append((hold.lift_off + 0.02, standing))
         carried = (
             standing
             if hold.weight < 0.02
             else (0.92 * hold.weight if hold.side == 0 else 1 - 0.92 * hold.weight)
         )
-        keys.append((hold.landing + 0.09, carried))
+        keys.append((hold.landing + WEIGHT_SECONDS, carried))
     keys = sorted([*keys, *shifts])
     times = np.array([time for time, _ in keys])
     times = np.maximum.accumulate(times + 1e-6 * np.arange(len(times)))
     travel = np.minimum(np.diff(times, prepend=times[0] - 1.0), 1.6)
     curve = glide(t, times, np.array([[share] for _, share in keys]), travel)
-    return np.asarray(smoothed(curve, 0.05), np.float64)[:, 0]
+    return np.asarray(smoothed(curve, 0.04), np.float64)[:, 0]

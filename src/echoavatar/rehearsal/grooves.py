@@ -28,20 +28,16 @@ class Groove:
 GROOVES = {
     groove.name: groove
     for groove in (
-        Groove("house", 0.040, crouch=0.028, nod=0.07),
-        Groove("hip_hop", 0.050, sharp=1.9, crouch=0.045, nod=0.11, chest=0.06, lean=0.07),
-        Groove("drum_and_bass", 0.045, sharp=1.6, crouch=0.035, nod=0.08, lean=0.05),
-        Groove("rock", 0.036, nod=0.10, lean=0.04),
-        Groove("swing", 0.034, is_up=True, crouch=0.030, nod=0.05),
-        Groove("salsa", 0.016, hips=0.11, nod=0.03, chest=0.02),
-        Groove(
-            "waltz", 0.026, is_up=True, sharp=1.0, hips=0.04, nod=0.02, chest=0.01, crouch=0.020, lean=0.0
-        ),
-        Groove(
-            "ballet", 0.020, is_up=True, sharp=1.0, hips=0.03, nod=0.02, chest=0.015, crouch=0.014, lean=0.0
-        ),
-        Groove("ballad", 0.022, sharp=1.0, hips=0.06, nod=0.04, chest=0.02),
-        Groove("pop", 0.034),
+        Groove("house", 0.052, crouch=0.028, nod=0.08, hips=0.10),
+        Groove("hip_hop", 0.066, sharp=1.9, crouch=0.045, nod=0.12, chest=0.06, lean=0.07, hips=0.10),
+        Groove("drum_and_bass", 0.058, sharp=1.6, crouch=0.035, nod=0.09, lean=0.05, hips=0.09),
+        Groove("rock", 0.048, nod=0.11, lean=0.04, hips=0.08),
+        Groove("swing", 0.042, is_up=True, crouch=0.030, nod=0.05, hips=0.09),
+        Groove("salsa", 0.024, hips=0.15, nod=0.03, chest=0.02),
+        Groove("waltz", 0.034, is_up=True, sharp=1.0, hips=0.05, nod=0.02, chest=0.01, lean=0.0),
+        Groove("ballet", 0.024, is_up=True, sharp=1.0, hips=0.04, nod=0.02, chest=0.015, crouch=0.014, lean=0.0),
+        Groove("ballad", 0.028, sharp=1.0, hips=0.09, nod=0.04, chest=0.02),
+        Groove("pop", 0.046, hips=0.10),
         Groove("rest", 0.010, sharp=1.0, hips=0.05, nod=0.02, chest=0.01, crouch=0.006, lean=0.0),
     )
 }
@@ -57,6 +53,7 @@ class Counts:
     sections: tuple[tuple[int, int, float], ...]  # first count, end count, energy
     start: float
     end: float
+    unit: int = 1  # beats in a count
 
     def at(self, count: float) -> float:
         """Time of a count or a place between counts; beyond the ends the tempo goes on."""
@@ -90,7 +87,7 @@ def listen(track: SoundTrack, span: Span) -> Counts:
     first = int(downs[0]) % (unit if unit > 1 else beats_per_bar) if len(downs) else 0
     times = beats[first::unit]
     groove = GROOVES[_style(track, bpm, beats_per_bar)]
-    return Counts(times, metre, groove, _sections(track, times, span), span.start, span.end)
+    return Counts(times, metre, groove, _sections(track, times, span), span.start, span.end, unit)
 
 
 def _style(track: SoundTrack, bpm: float, beats_per_bar: int) -> str:

@@ -34,7 +34,7 @@ class ArmPose:
     hand: str = "relaxed"
 
     def vector(self) -> NDArray[np.float64]:
-        """wrist 3, palm 3, elbow 1, shoulder 2, fingers 7: (16,)."""
+        """Wrist 3, palm 3, elbow 1, shoulder 2, fingers 7: (16,)."""
         return np.array([*self.wrist, *self.palm, self.elbow, *self.shoulder, *HANDS[self.hand]])
 
 
@@ -112,6 +112,7 @@ class Move:
     travel: float = 0.8
     flow: float = 0.0
     exact: bool = False  # hands meet or touch: never scaled
+    is_fixed: bool = False  # never mirrored
 
 
 def mirrored(move: Move) -> Move:
@@ -189,7 +190,7 @@ MOVES: tuple[Move, ...] = (
          energy=(0.4, 0.9), styles=("hip_hop", "drum_and_bass", "rock", "swing"), travel=0.6),
     Move("frame", 4,
          (Key(0, "frame_left", "frame_right", (0.08, -0.03, 0.07), (0.15, -0.03, 0.05)), Key(2, "frame_left", "frame_right", (-0.08, -0.03, -0.07), (0.15, -0.03, -0.05))),
-         energy=(0.0, 1.0), styles=("waltz",), travel=2.0, flow=0.8),
+         energy=(0.0, 1.0), styles=("waltz",), travel=2.0, flow=0.8, is_fixed=True),
     Move("open_arms", 4,
          (Key(0, "first", "first", (0.0, 0.06, 0.0), (0.0, 0.08, 0.0)), Key(1, "second", "second", (0.0, -0.06, 0.0), (0.0, -0.06, 0.0)), Key(2, "second", "second", (0.10, -0.05, -0.08), (0.2, 0.0, 0.0)), Key(3, "demi", "demi")),
          energy=(0.3, 1.0), styles=("waltz", "ballet", "ballad"), travel=1.4, flow=1.0),

@@ -120,7 +120,7 @@ def _phrase(
     if is_mirrored:
         figure = steps.mirrored(figure)
     plan.names.append((counts.at(at), figure.name, move.name))
-    size = float(np.clip(0.62 + 0.5 * energy, 0.6, 1.1))
+    size = float(np.clip(0.62 + 0.56 * energy, 0.6, 1.15))
     plan.level.append((counts.at(at), figure.bounce * size, figure.hips * size))
     for lap in range(-(-length // figure.counts)):
         offset = at + lap * figure.counts
@@ -137,7 +137,7 @@ def _phrase(
         plan.twist.append((counts.at(at + 1), 0.0))
     if not figure.dip:
         plan.dip.append((counts.at(at + 1), 0.0))
-    _arms(plan, moves.mirrored(move) if is_mirrored else move, at, length, energy)
+    _arms(plan, moves.mirrored(move) if is_mirrored and not move.is_fixed else move, at, length, energy)
 
 
 def _place(plan: Plan, step: Step, offset: int, size: float, facing: float) -> None:
@@ -195,7 +195,7 @@ def _arms(plan: Plan, move: Move, at: int, length: int, energy: float) -> None:
     size = 1.0 if move.exact else float(np.clip(0.66 + 0.42 * energy, 0.66, 1.06))
     beats = move.counts * 3 // 2 if counts.metre == 3 else move.counts
     for lap in range(-(-length // beats)):
-        turn = moves.mirrored(move) if lap % 2 and move.counts >= 4 else move
+        turn = moves.mirrored(move) if lap % 2 and move.counts >= 4 and not move.is_fixed else move
         for key in turn.keys:
             count = key.count if counts.metre == 4 else 3 * (key.count // 2) + key.count % 2
             if lap * beats + count < length - 0.2:
@@ -230,7 +230,7 @@ def _close(plan: Plan) -> None:
         home = NEUTRAL.places[side]
         far = np.hypot(own[-1].place[0] - home[0], own[-1].place[1] - home[1])
         if far > 0 or own[-1].pitch != 0 or own[-1].yaw != NEUTRAL.yaws[side]:
-            lift = float(np.clip(0.035 + 0.08 * far, 0.03, 0.06))
+            lift = float(np.clip(0.035 + 0.08 * far, 0.042, 0.06))
             plan.holds.append(Foothold(side, at, at + SECONDS_TO_CLOSE, home, NEUTRAL.yaws[side], 0.54, lift))
     rest = max([plan.settle + 0.6, *(h.landing for h in plan.holds)])
     plan.shifts.append((rest + 0.25, 0.5))

@@ -111,7 +111,7 @@ FIGURES: tuple[Figure, ...] = (
          Step(4, R, 0.20), Step(5, L, 0.02, -0.25, lift=0.05, pitch=0.3), Step(6, R, -0.04), Step(7, L, -0.06, 0.02, weight=0.0, lift=0.08)),
         energy=(0.4, 1.0), twist=((0, 0.05), (1, -0.22), (2, 0.05), (3, 0.1), (4, -0.05), (5, 0.22), (6, -0.05), (7, -0.1)),
     ),
-    Figure("march", 8, _march(0.11), energy=(0.45, 1.0), twist=tuple((c, 0.10 * (-1) ** c) for c in range(8))),
+    Figure("march", 8, _march(0.14), energy=(0.45, 1.0), twist=tuple((c, 0.10 * (-1) ** c) for c in range(8))),
     Figure(
         "knee_lifts", 8,
         (Step(0, L, 0.05), _knee(2, R, 0.25, 0.14), _knee(4, L, 0.25, 0.14), _knee(6, R, 0.25, 0.14), Step(7, L, weight=0.0, lift=0.05, pitch=0.2)),
@@ -197,8 +197,8 @@ FIGURES: tuple[Figure, ...] = (
     ),
     Figure(
         "degage", 8,
-        (Step(2, L, 0.10, 0.14, yaw=0.2, travel=1.7, lift=0.06, air=(1.0, 0.22, 0.14, 0.24)), Step(4, L, 0.0, 0.0, travel=0.9, lift=0.05),
-         Step(6, R, -0.10, 0.14, yaw=-0.2, travel=1.7, lift=0.06, air=(5.0, -0.22, 0.14, 0.24)), Step(7.4, R, 0.0, 0.0, travel=0.8, lift=0.05)),
+        (Step(2, L, 0.10, 0.14, yaw=0.2, travel=1.7, lift=0.06, air=(1.0, 0.22, 0.18, 0.42)), Step(4, L, 0.0, 0.0, travel=0.9, lift=0.05),
+         Step(6, R, -0.10, 0.14, yaw=-0.2, travel=1.7, lift=0.06, air=(5.0, -0.22, 0.18, 0.42)), Step(7.4, R, 0.0, 0.0, travel=0.8, lift=0.05)),
         energy=(0.35, 1.0), styles=("ballet",), bounce=0.5, hips=0.4,
     ),
 )  # fmt: skip
