@@ -5,7 +5,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.resources import as_file, files
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from torch import nn
 from ..audio import AudioCodec
 from ..checkpoint import read_card
 from ..errors import CheckpointError
-from ..generator import Generator
+from ..generator import Generator, qwen_half_billion
 from ..kinematics import Skeleton
 from ..tokenizer import BodyTokenizer
 
@@ -90,3 +90,10 @@ def _check(bundle: Bundle) -> None:
     for what, wanted, has in pairs:
         if wanted != has:
             raise CheckpointError(f"bundle {bundle.name}: the generator speaks {wanted} {what}, the other part {has}")
+
+
+def with_random_generator(bundle: Bundle) -> Bundle:
+    """The same bundle with a generator of the paper's size and random weights: to time it, not to look at."""
+    layout = bundle.generator.config.layout
+    generator = Generator(qwen_half_billion(layout, "interleaved")).eval()
+    return replace(bundle, name=f"{bundle.name}, 0.5B random generator", generator=generator)

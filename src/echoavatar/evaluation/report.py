@@ -1,0 +1,177 @@
+"""`echoavatar evaluate`: one bundle, held-out sound and motion, one table.
+
+Held-out rehearsal clips give the truth to compare with; recordings (no truth) show whether it carries over.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from ..data import Clip
+from ..engine import animate, in_blocks
+from ..generator import TokenClip, nll_by_domain
+from ..kinematics.contact import planted, skate
+from ..kinematics.features import from_features, travel_slice
+from ..pipeline import Bundle, Pipeline
+from ..pipeline.tokenize import audio_codes, clip_features, motion_codes
+from ..timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
+from . import beats, behaviour
+from .behaviour import MUSIC, SILENCE, SPEECH, Track
+from .reconstruction import codebook_use, reconstruction
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A real recording: what it is, and its sound at 24 kHz."""
+
+    name: str
+    kind: int  # SPEECH or MUSIC
+    audio: np.ndarray
+
+
+def evaluate(
+    bundle: Bundle,
+    clips: Sequence[Clip],
+    recordings: Sequence[Recording] = (),
+    *,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> dict[str, float]:
+    """All scores of a bundle; the README of `evaluation` keys is the issue of their names: units are in them."""
+    say = progress or (lambda what, done, total: None)
+    scores = tokenizer_scores(bundle, clips)
+    scores |= reliance_scores(bundle, clips)
+    pipeline = Pipeline(bundle)
+    made: list[Track] = []
+    for index, clip in enumerate(clips):
+        motion = animate(pipeline, in_blocks(clip.audio), seed=seed + index).motion
+        made.append(behaviour.track(bundle.skeleton, motion.rotations, motion.root, clip.domain[: motion.frames]))
+        say("held-out clips", index + 1, len(clips))
+    truth = [behaviour.track(bundle.skeleton, clip.rotations, clip.root, clip.domain) for clip in clips]
+    scores |= behaviour_scores(bundle, made, truth)
+    scores |= beat_scores(bundle, clips, made, truth)
+    scores |= recording_scores(pipeline, bundle, recordings, seed=seed, say=say)
+    return scores
+
+
+def tokenizer_scores(bundle: Bundle, clips: Sequence[Clip]) -> dict[str, float]:
+    """Reconstruction errors weighted by length, and the least used layer-0 codebook."""
+    tokenizer, travel = bundle.tokenizer, travel_slice(bundle.skeleton)
+    rows, codes = [], []
+    for clip in clips:
+        features = clip_features(tokenizer, clip)
+        with torch.inference_mode():
+            coded = tokenizer.encode(features[None])
+            rebuilt = tokenizer.decode(coded)[0]
+        codes.append(coded[0])
+        rows.append(
+            reconstruction(
+                bundle.skeleton,
+                from_features(bundle.skeleton, features).rotations,
+                from_features(bundle.skeleton, rebuilt).rotations,
+                features[:, travel][:, :2],
+                rebuilt[:, travel][:, :2],
+            )
+        )
+    mean = np.average(np.array(rows), axis=0, weights=[clip.frames for clip in clips])
+    use = codebook_use(torch.cat(codes), tokenizer.config.codes)[:, 0]
+    names = ("mpjpe_body_mm", "mpjpe_hands_mm", "root_velocity_mm")
+    return dict(zip(names, map(float, mean), strict=True)) | {"codebook_use_min": float(use.min())}
+
+
+def reliance_scores(bundle: Bundle, clips: Sequence[Clip]) -> dict[str, float]:
+    """How many nats per code the true audio is worth over another clip's, by domain."""
+    tokens = [
+        TokenClip(audio_codes(bundle.codec, c.audio), motion_codes(bundle.tokenizer, c), c.domain[::4], c.split)
+        for c in clips
+    ]
+    true = nll_by_domain(bundle.generator, tokens)
+    shuffled = nll_by_domain(bundle.generator, tokens, shuffled_audio=True)
+    scores = {"nll": true["all"], "nll_shuffled": shuffled["all"]}
+    return scores | {
+        f"nll_gain_{name}": shuffled[name] - true[name] for name in ("silence", "speech", "music") if name in true
+    }
+
+
+def behaviour_scores(bundle: Bundle, made: Sequence[Track], truth: Sequence[Track]) -> dict[str, float]:
+    """Energy by domain, stillness, feet, smoothness; the truth's own values stand beside as `..._truth`."""
+    scores: dict[str, float] = {}
+    for suffix, clips in (("", made), ("_truth", truth)):
+        scores |= {key + suffix: value for key, value in _behaviour(bundle, clips).items()}
+    scores["jerk_ratio"] = scores["jerk_m_s3"] / scores["jerk_m_s3_truth"]
+    return scores
+
+
+def _behaviour(bundle: Bundle, clips: Sequence[Track]) -> dict[str, float]:
+    names = bundle.skeleton.names
+    legs = [0, *(i for i, name in enumerate(names) if name.endswith(("LowerLeg", "Foot", "Toes")))]
+    hands = [names.index("leftHand"), names.index("rightHand")]
+    energy = [behaviour.leg_energy(clip, legs) for clip in clips]
+    speed = [behaviour.hand_speed_m_s(clip, hands) for clip in clips]
+    balls = list(bundle.skeleton.config.feet)[1::2]  # the ankle swings over a planted ball; the ball must not move
+    standing = bundle.skeleton.rest_positions[balls, 1].numpy()
+    sliding, weight = [], []
+    for clip in clips:
+        positions = clip.positions[:, balls]
+        sliding.append(skate(positions, FRAME_RATE_HZ, standing_height=standing))
+        weight.append(float(planted(positions, FRAME_RATE_HZ, standing_height=standing).sum()) + 1e-6)
+    return {
+        "leg_energy_music_over_speech": behaviour.by_domain(energy, clips, MUSIC)
+        / behaviour.by_domain(energy, clips, SPEECH),
+        "silence_hand_speed_ratio": behaviour.by_domain(speed, clips, SILENCE)
+        / behaviour.by_domain(speed, clips, SPEECH),
+        "hand_speed_speech_m_s": behaviour.by_domain(speed, clips, SPEECH),
+        "hand_speed_music_m_s": behaviour.by_domain(speed, clips, MUSIC),
+        "skate_cm_s": float(np.average(sliding, weights=weight)),
+        "jerk_m_s3": float(np.mean([behaviour.jerk_m_s3(clip) for clip in clips])),
+        "max_joint_deg_s": float(max(clip.angular_speed.max() for clip in clips)),
+        "border_ratio": behaviour.border_ratio(clips),
+    }
+
+
+def beat_scores(
+    bundle: Bundle, clips: Sequence[Clip], made: Sequence[Track], truth: Sequence[Track]
+) -> dict[str, float]:
+    """BA on stressed syllables and on music beats, with chance levels, beside the truth's."""
+    arms = bundle.skeleton.indices(beats.ARM_JOINTS)
+    events = {"onset": [clip.events.get("stress", np.zeros(0)) for clip in clips]}
+    events["beat"] = [clip.events.get("beats", np.zeros(0)) for clip in clips]
+    scores: dict[str, float] = {}
+    for suffix, tracks in (("", made), ("_truth", truth)):
+        found = {
+            "onset": [beats.speech_motion_beats(track.positions[:, arms]) for track in tracks],
+            "beat": [beats.dance_motion_beats(track.positions) for track in tracks],
+        }
+        for kind, times in events.items():
+            own, chance = beats.alignment_and_chance(times, found[kind])
+            scores[f"ba_{kind}{suffix}"], scores[f"ba_{kind}_chance{suffix}"] = own, chance
+    return scores
+
+
+def recording_scores(
+    pipeline: Pipeline, bundle: Bundle, recordings: Sequence[Recording], *, seed: int, say: Progress
+) -> dict[str, float]:
+    """On real speech and music: does it dance to music only, and on the beat that librosa hears?"""
+    if not recordings:
+        return {}
+    arms = bundle.skeleton.indices(beats.ARM_JOINTS)
+    tracks, events = [], []
+    for index, recording in enumerate(recordings):
+        motion = animate(pipeline, in_blocks(recording.audio), seed=seed + index).motion
+        domain = np.full(motion.frames, recording.kind, np.uint8)
+        tracks.append(behaviour.track(bundle.skeleton, motion.rotations, motion.root, domain))
+        detect = beats.speech_onsets if recording.kind == SPEECH else beats.music_beats
+        events.append(detect(recording.audio, SAMPLE_RATE_HZ))
+        say("recordings", index + 1, len(recordings))
+    scores = {f"recordings_{key}": value for key, value in _behaviour(bundle, tracks).items()}
+    for kind, name in ((SPEECH, "onset"), (MUSIC, "beat")):
+        picked = [i for i, recording in enumerate(recordings) if recording.kind == kind]
+        find = (lambda t: beats.speech_motion_beats(t.positions[:, arms])) if kind == SPEECH else None
+        found = [find(tracks[i]) if find else beats.dance_motion_beats(tracks[i].positions) for i in picked]
+        own, chance = beats.alignment_and_chance([events[i] for i in picked], found)
+        scores[f"recordings_ba_{name}"], scores[f"recordings_ba_{name}_chance"] = own, chance
+    return scores

@@ -1,0 +1,123 @@
+"""`echoavatar bench stream`: what one session costs, stage by stage (paper, Table Real-time Performance Evaluation).
+
+Times are wall times of one process. The sound is a mixture of noise bursts and tones: cost does not depend on content.
+"""
+
+import resource
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from ..engine import Engine
+from ..pipeline import Pipeline
+from ..pipeline.pipeline import STAGES
+from ..timing import CHUNK_SAMPLES, CHUNK_SECONDS, SAMPLE_RATE_HZ
+
+WARM_UP_CHUNKS = 20  # longer than the attention window, so that the ring is full when counting begins
+
+
+@dataclass
+class Laps:
+    """Milliseconds of each stage, chunk by chunk."""
+
+    stages: dict[str, list[float]] = field(default_factory=lambda: {stage: [] for stage in STAGES})
+    last: float = 0.0
+
+    def start(self) -> None:
+        """A chunk begins."""
+        self.last = time.perf_counter()
+
+    def __call__(self, stage: str) -> None:
+        """A stage has ended."""
+        now = time.perf_counter()
+        self.stages[stage].append((now - self.last) * 1000)
+        self.last = now
+
+
+@dataclass(frozen=True)
+class StreamReport:
+    """What was measured."""
+
+    stages_ms: dict[str, tuple[float, float, float]]  # p50, p95, p99
+    summary: dict[str, float]
+
+
+def bench_stream(
+    pipeline: Pipeline, *, seconds: float = 60.0, sessions: int = 1, progress: Callable[[int, int], None] | None = None
+) -> StreamReport:
+    """Push `seconds` of sound through `sessions` seats at once and time every chunk."""
+    first_ms = _first_motion_ms(pipeline)
+    engine = Engine(pipeline, seats=sessions)
+    seats = [engine.open(seed=seat) for seat in range(sessions)]
+    laps, chunk_ms, memory = Laps(), [], []
+    pipeline.lap = laps
+    chunks = max(2, round(seconds / CHUNK_SECONDS)) + WARM_UP_CHUNKS
+    rng = np.random.default_rng(0)
+    for index in range(chunks):
+        for seat in seats:
+            seat.push(_sound(rng, index))
+        laps.start()
+        began = time.perf_counter()
+        engine.tick()
+        chunk_ms.append((time.perf_counter() - began) * 1000)
+        for seat in seats:
+            seat.take()
+        if index >= WARM_UP_CHUNKS and (index - WARM_UP_CHUNKS) % 50 == 0:
+            memory.append(resident_mb())
+        if progress:
+            progress(index + 1, chunks)
+    memory.append(resident_mb())
+    for seat in seats:
+        seat.close()
+    counted = np.array(chunk_ms[WARM_UP_CHUNKS:])
+    rows = {stage: _percentiles(np.array(values[WARM_UP_CHUNKS:])) for stage, values in laps.stages.items()}
+    rows["whole chunk"] = _percentiles(counted)
+    summary = {
+        "rtf": float(counted.mean() / 1000 / CHUNK_SECONDS),
+        "chunk_ms_p50": rows["whole chunk"][0],
+        "chunk_ms_p95": rows["whole chunk"][1],
+        "chunk_ms_p99": rows["whole chunk"][2],
+        "first_motion_ms": first_ms,
+        "rss_mb_start": memory[0],
+        "rss_mb_end": memory[-1],
+        "seconds": float(len(counted) * CHUNK_SECONDS),
+        "sessions": float(sessions),
+        "threads": float(torch.get_num_threads()),
+    }
+    return StreamReport(rows, {key: round(value, 3) for key, value in summary.items()})
+
+
+def _first_motion_ms(pipeline: Pipeline) -> float:
+    """From the first sample of a live source to the first frame: one chunk of waiting, then its computation."""
+    best = []
+    for attempt in range(3):
+        with Engine(pipeline).open(seed=attempt) as session:
+            session.push(_sound(np.random.default_rng(attempt), 0))
+            began = time.perf_counter()
+            next(iter(session))
+            best.append((time.perf_counter() - began) * 1000)
+    return CHUNK_SECONDS * 1000 + float(np.median(best))
+
+
+def _sound(rng: np.random.Generator, index: int) -> np.ndarray:
+    time_s = (np.arange(CHUNK_SAMPLES) + index * CHUNK_SAMPLES) / SAMPLE_RATE_HZ
+    tone = 0.1 * np.sin(2 * np.pi * 220 * time_s) * (index % 4 < 3)
+    return (tone + 0.02 * rng.standard_normal(CHUNK_SAMPLES)).astype(np.float32)
+
+
+def _percentiles(values: np.ndarray) -> tuple[float, float, float]:
+    p50, p95, p99 = np.percentile(values, [50, 95, 99])
+    return float(p50), float(p95), float(p99)
+
+
+def resident_mb() -> float:
+    """Memory of this process now, MB (its peak where the system does not tell)."""
+    status = Path("/proc/self/statm")
+    if status.exists():
+        return int(status.read_text().split()[1]) * resource.getpagesize() / 1e6
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1e6 if sys.platform == "darwin" else 1e3)

@@ -1,0 +1,74 @@
+"""A corpus as codes: what the generator is trained on.
+
+Every clip is encoded continuously from its first sample, exactly as a stream would hear it (level control, then the
+codec), and once more mirrored: the same sound, left and right exchanged.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from ..audio import AudioCodec, LevelControl
+from ..data import Clip, Corpus
+from ..generator import TokenClip
+from ..kinematics import mirror_features, to_features
+from ..kinematics.rotations import matrix_from_quaternion
+from ..timing import FRAMES_PER_MOTION_TOKEN, SAMPLES_PER_AUDIO_TOKEN
+from ..tokenizer import BodyTokenizer
+
+
+def tokenize_corpus(
+    corpus: Corpus,
+    codec: AudioCodec,
+    tokenizer: BodyTokenizer,
+    folder: Path,
+    *,
+    is_mirrored_too: bool = True,
+    progress: Callable[[int, int], None] | None = None,
+) -> int:
+    """Write a token file for each clip (and its mirror image); clips that have one are kept. Returns the number."""
+    folder.mkdir(parents=True, exist_ok=True)
+    names = corpus.names()
+    for done, name in enumerate(names, start=1):
+        targets = [(folder / f"{name}.npz", False)]
+        if is_mirrored_too:
+            targets.append((folder / f"{name}.mirror.npz", True))
+        if not all(path.exists() for path, _ in targets):
+            clip = corpus.load(name)
+            sound = audio_codes(codec, clip.audio)
+            for path, is_mirrored in targets:
+                codes = motion_codes(tokenizer, clip, is_mirrored=is_mirrored)
+                domain = clip.domain[: len(codes) * FRAMES_PER_MOTION_TOKEN : FRAMES_PER_MOTION_TOKEN]
+                TokenClip(sound, codes, domain, clip.split).save(path)
+        if progress:
+            progress(done, len(names))
+    return len(list(folder.glob("*.npz")))
+
+
+@torch.inference_mode()
+def audio_codes(codec: AudioCodec, audio: Float[np.ndarray, " s"]) -> Int[np.ndarray, "f 2"]:
+    """Codes of a whole clip of 24 kHz audio, as the stream hears it."""
+    level = LevelControl()
+    one = torch.ones(1, dtype=torch.bool)
+    usable = len(audio) // SAMPLES_PER_AUDIO_TOKEN * SAMPLES_PER_AUDIO_TOKEN
+    heard = level.step(torch.from_numpy(audio[None, :usable].copy()), level.init_state(1), one)
+    return codec.encode(heard)[0].numpy().astype(np.int16)
+
+
+@torch.inference_mode()
+def motion_codes(tokenizer: BodyTokenizer, clip: Clip, *, is_mirrored: bool = False) -> Int[np.ndarray, "n 3 q"]:
+    """Codes of a whole clip of motion."""
+    features = clip_features(tokenizer, clip, is_mirrored=is_mirrored)
+    return tokenizer.encode(features[None])[0].numpy().astype(np.int16)
+
+
+def clip_features(tokenizer: BodyTokenizer, clip: Clip, *, is_mirrored: bool = False) -> Float[Tensor, "t c"]:
+    """Motion features of a clip, cut to whole motion tokens."""
+    frames = clip.frames // FRAMES_PER_MOTION_TOKEN * FRAMES_PER_MOTION_TOKEN
+    rotations = matrix_from_quaternion(torch.from_numpy(clip.rotations[:frames]))
+    features = to_features(tokenizer.skeleton, rotations, torch.from_numpy(clip.root[:frames]))
+    return mirror_features(tokenizer.skeleton, features) if is_mirrored else features
