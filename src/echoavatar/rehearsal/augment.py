@@ -31,7 +31,7 @@ def set_loudness(audio: FloatArray, target_db: float) -> FloatArray:
     scaled = audio * 10 ** ((target_db - level) / 20)
     over = np.abs(scaled) > 0.7
     soft = np.sign(scaled) * (0.7 + (_PEAK - 0.7) * np.tanh((np.abs(scaled) - 0.7) / (_PEAK - 0.7)))
-    return np.where(over, soft, scaled).astype(np.float32)
+    return np.asarray(np.where(over, soft, scaled), dtype=np.float32)
 
 
 def fill_band(audio: FloatArray, rng: np.random.Generator, gain: float = 0.5) -> FloatArray:
@@ -40,7 +40,7 @@ def fill_band(audio: FloatArray, rng: np.random.Generator, gain: float = 0.5) ->
     top = butter(4, (7600, 11_500), "bandpass", fs=SAMPLE_RATE_HZ, output="sos")
     envelope = lfilter([0.02], [1, -0.98], np.abs(sosfilt(sides, audio)))
     noise = sosfilt(top, rng.standard_normal(len(audio)))
-    return (audio + gain * 1.7 * envelope * noise).astype(np.float32)
+    return np.asarray(audio + gain * 1.7 * envelope * noise, dtype=np.float32)
 
 
 def equalise(audio: FloatArray, rng: np.random.Generator, bands: int = 3, db: float = 6.0) -> FloatArray:
@@ -50,7 +50,7 @@ def equalise(audio: FloatArray, rng: np.random.Generator, bands: int = 3, db: fl
         hertz = float(np.exp(rng.uniform(np.log(90), np.log(8000))))
         b, a = _peaking(hertz, float(rng.uniform(-db, db)), float(rng.uniform(0.5, 1.5)))
         out = lfilter(b, a, out)
-    return out.astype(np.float32)
+    return np.asarray(out, dtype=np.float32)
 
 
 def _peaking(
@@ -97,17 +97,17 @@ def add_background(audio: FloatArray, rng: np.random.Generator, snr_db: float, k
     """Quiet noise under everything, `snr_db` below the loud parts."""
     noise = background(rng, len(audio), kind)
     level = 10 ** ((loudness(audio) - snr_db) / 20)
-    return (audio + level * noise).astype(np.float32)
+    return np.asarray(audio + level * noise, dtype=np.float32)
 
 
 def low_pass(audio: FloatArray, hertz: float) -> FloatArray:
     """Take the top away, as telephones and cheap microphones do."""
-    return sosfilt(butter(4, hertz, fs=SAMPLE_RATE_HZ, output="sos"), audio).astype(np.float32)
+    return np.asarray(sosfilt(butter(4, hertz, fs=SAMPLE_RATE_HZ, output="sos"), audio), dtype=np.float32)
 
 
 def saturate(audio: FloatArray, drive: float) -> FloatArray:
     """Soft clipping at the same small-signal level."""
-    return (np.tanh(drive * audio) / drive).astype(np.float32)
+    return np.asarray(np.tanh(drive * audio) / drive, dtype=np.float32)
 
 
 def treat(audio: FloatArray, rng: np.random.Generator) -> FloatArray:

@@ -220,7 +220,8 @@ class Flite:
         smooth = lib.mlpg(track, database)
         wave = lib.mlsa_resynthesis(smooth, strengths, self._warped(database, delivery.alpha), None, 0)
         content = wave.contents
-        samples = np.ctypeslib.as_array(content.samples, (content.num_samples,)).astype(np.float32) / 32768
+        integers = np.ctypeslib.as_array(content.samples, (content.num_samples,))
+        samples = np.asarray(integers / 32768, dtype=np.float32)
         rate_hz = int(content.sample_rate)
         lib.delete_wave(wave)
         lib.delete_track(smooth)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from scipy.signal import lfilter
 
 from ..timing import SAMPLE_RATE_HZ
-from .music import Note, Piece
+from .score import Note, Piece
 from .sound import FloatArray
 
 _TABLE = 2048

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from .score import Note, Piece
 from .sound import Section, TimeArray
 from .styles import STYLES, Style
 
@@ -28,31 +29,6 @@ _FORMS = (
     (("a", 0.7), ("a", 0.75), ("b", 0.9), ("bridge", 0.5), ("b", 0.9)),
 )
 _DRUM_ENERGY = {"kick": 0.3, "snare": 0.4, "clap": 0.4, "hat": 0.35, "ride": 0.3}
-
-
-@dataclass(frozen=True)
-class Note:
-    """One note: seconds, pitch (MIDI number; 0 for drums), velocity 0..1, and what plays it."""
-
-    start: float
-    duration: float
-    pitch: int
-    velocity: float
-    instrument: str
-
-
-@dataclass(frozen=True)
-class Piece:
-    """A score with its true times."""
-
-    notes: tuple[Note, ...]
-    beats: TimeArray
-    downbeats: TimeArray
-    sections: tuple[Section, ...]
-    style: str
-    bpm: float
-    seconds: float  # where the music stops, tails apart
-    is_cut: bool  # stops dead instead of on a final chord
 
 
 @dataclass(frozen=True)
@@ -151,7 +127,8 @@ def _plan_sections(rng: np.random.Generator, bars: int) -> list[tuple[str, float
     """Sections as (name, energy, first bar, bars) that fill `bars`."""
     form = _FORMS[rng.integers(len(_FORMS))]
     length = 4 if bars < 28 else 8
-    plan, first = [], 0
+    plan: list[tuple[str, float, int, int]] = []
+    first = 0
     while first < bars:
         name, energy = form[len(plan) % len(form)]
         count = min(length // 2 if name == "break" else length, bars - first)
@@ -192,7 +169,6 @@ def _play_bar(
     chord = band.progression[bar % len(band.progression)]
     loud = 0.35 + 0.5 * energy
     is_break = section == "break"
-    bar_s = grid.time(bar, 0), grid.time(bar + 1, 0)
     if band.has_drums and not is_break:
         _play_drums(grid, rng, bar, energy, loud, has_fill=is_last)
     if not is_break and not band.is_solo:
@@ -223,7 +199,6 @@ def _play_bar(
             step = beat * style.steps_per_beat
             voice = band.lead if band.is_solo and band.lead not in _SUNG else band.comp
             _add(grid, rng, bar, step, style.steps_per_beat * 0.9, pitch, loud + grid.accent(step), voice)
-    assert bar_s[1] > bar_s[0]
 
 
 _SUNG = ("voice_aah", "voice_ooh", "flute", "clarinet", "trumpet")

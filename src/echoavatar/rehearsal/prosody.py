@@ -12,9 +12,12 @@ import numpy.typing as npt
 from .script import Word
 from .sound import FloatArray
 
-_WEAK_WORDS = frozenset(
-    ["i", "you", "we", "they", "he", "she", "it", "me", "them", "us", "my", "your", "his", "her", "our", "their", "mine", "yours", "do", "did", "does", "is", "are", "was", "were", "am", "be", "the", "a", "an", "and", "or", "but", "if", "when", "while", "so", "to", "of", "in", "on", "at", "by", "near", "for", "than", "that", "this", "there", "with", "not", "no", "too", "very", "can", "could", "would", "will", "until", "because"]
-)
+_WEAK_TEXT = """
+    i you we they he she it me them us my your his her our their mine yours do did does is are was were am be the a an
+    and or but if when while so to of in on at by near for than that this there with not no too very can could would
+    will until because
+"""
+_WEAK_WORDS = frozenset(_WEAK_TEXT.split())
 _BUMP_SD_S = 0.07
 
 

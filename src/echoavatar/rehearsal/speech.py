@@ -17,7 +17,7 @@ from .sound import FloatArray, SoundTrack, Span, Syllable, concatenate, whole_fr
 
 
 def resolve_engine(engine: str) -> str:
-    """ "flite" or "own", whichever `engine` ("auto", "flite", "own") means on this machine."""
+    """Name the tool, "flite" or "own", that `engine` ("auto", "flite", "own") means on this machine."""
     if engine == "own":
         return "own"
     try:
@@ -43,11 +43,17 @@ def speak(
     for sentence in sentences:
         for group in _breaths(sentence):
             if tracks:
-                tracks.append(silence(float(rng.choice([rng.uniform(0.2, 0.6), rng.uniform(0.6, 1.6)]))))
+                tracks.append(silence(_draw_pause(rng)))
             seed = int(rng.integers(2**31))
             said = flite().say(group, speaker, seed) if tool == "flite" else formant_say(group, speaker, seed)
             tracks.append(_as_track(said, group))
     return concatenate(tracks)
+
+
+def _draw_pause(rng: np.random.Generator) -> float:
+    """Mostly short breaths, some thoughts, a few long waits (seconds)."""
+    low, high = ((0.25, 0.6), (0.6, 1.6), (1.6, 4.0))[rng.choice(3, p=[0.55, 0.35, 0.1])]
+    return float(rng.uniform(low, high))
 
 
 def silence(seconds: float) -> SoundTrack:
@@ -68,17 +74,29 @@ def _breaths(sentence: Sentence) -> list[tuple[Word, ...]]:
     return [tuple(group) for group in groups if group]
 
 
+def _phrases(said: Utterance) -> tuple[tuple[float, float], ...]:
+    """Stretches between pauses of more than 150 ms."""
+    phrases: list[tuple[float, float]] = []
+    for start, end, name in said.phones:
+        if name == "pau":
+            continue
+        if phrases and start - phrases[-1][1] < 0.15:
+            phrases[-1] = (phrases[-1][0], end)
+        else:
+            phrases.append((start, end))
+    return tuple(phrases)
+
+
 def _as_track(said: Utterance, words: tuple[Word, ...]) -> SoundTrack:
     audio: FloatArray = whole_frames(said.audio)
     syllables = tuple(
         Syllable(s.start, s.end, s.vowel, s.prominence, words[s.word].text, words[s.word].meaning)
         for s in said.syllables
     )
-    phrase = (said.phones[0][0], said.phones[-1][1])
     return SoundTrack(
         audio=audio,
         spans=(Span(0.0, len(audio) / SAMPLE_RATE_HZ, "speech"),),
         syllables=syllables,
-        phrases=(phrase,),
+        phrases=_phrases(said),
         phones=said.phones,
     )

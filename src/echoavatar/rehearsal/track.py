@@ -3,84 +3,122 @@
 Not in the paper, which trains on recorded corpora.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
-from ..timing import SAMPLE_RATE_HZ
+from ..timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from .augment import add_background, background, fill_band, set_loudness, treat
 from .instruments import render
 from .music import compose_piece
 from .prosody import Delivery
 from .script import write_monologue
-from .sound import FloatArray, SoundTrack, Span, concatenate, cut, whole_frames
+from .sound import (
+    FloatArray,
+    Section,
+    SoundTrack,
+    Span,
+    TimeArray,
+    concatenate,
+    cut,
+    merge_spans,
+    shift,
+    whole_frames,
+)
+from .soundfont import render_soundfont
 from .speech import draw_speaker, resolve_engine, speak
 
 _MIXES = ("mixed", "speech", "music", "silence")
 
 
 def compose_track(
-    seed: int, seconds: float, mix: str = "mixed", engine: str = "auto", split: str = "train"
+    seed: int,
+    seconds: float,
+    mix: str = "mixed",
+    engine: str = "auto",
+    split: str = "train",
+    soundfont: Path | None = None,
 ) -> SoundTrack:
     """Compose `seconds` of sound (rounded to whole frames), bit-identical for equal arguments.
 
-    `mix` is "mixed", "speech", "music" or "silence"; `engine` "auto", "flite" or "own"; `split` "train" or "test".
+    `mix` is "mixed", "speech", "music" or "silence"; `engine` "auto", "flite" or "own" (speech); `split` "train" or
+    "test" (scripts). With a `soundfont` half of the music is played by fluidsynth. Raises DependencyError for an
+    engine or player that is asked for and missing.
     """
     if mix not in _MIXES:
         raise ValueError(f"mix is {mix!r}; one of {', '.join(_MIXES)}")
     rng = np.random.default_rng([seed, _MIXES.index(mix), int(split == "test")])
-    tool = resolve_engine(engine) if mix in ("mixed", "speech") else "own"
-    level = float(np.clip(rng.normal(-24, 6), -38, -15))
-    speaker = draw_speaker(rng, tool) if mix in ("mixed", "speech") else None
+    stage = _Stage(
+        rng=rng,
+        engine=resolve_engine(engine) if mix in ("mixed", "speech") else "own",
+        split=split,
+        level_db=float(np.clip(rng.normal(-25, 6), -40, -14)),
+        soundfont=soundfont,
+    )
+    speaker = draw_speaker(rng, stage.engine)
     parts: list[SoundTrack] = []
     total, previous = 0.0, ""
     while total < seconds:
         kind = _next_kind(rng, mix, previous)
-        if kind == "speech" and speaker is not None:
-            if rng.random() < 0.15:
-                speaker = draw_speaker(rng, tool)
-            part = _speech_part(rng, speaker, tool, split, level)
-        elif kind == "music":
-            part = _music_part(rng, min(float(rng.uniform(12, 40)), max(6.0, seconds - total + 1)), level)
+        if rng.random() < 0.1:
+            speaker = draw_speaker(rng, stage.engine)
+        length = min(float(rng.uniform(12, 40)), max(6.0, seconds - total + 1))
+        if kind == "both":
+            part = _speech_over_music(stage, speaker, length)
+        elif kind == "speech":
+            part = _speech_part(stage, speaker)
         else:
-            part = _silence_part(rng, level)
+            part = _music_part(stage, length) if kind == "music" else _silence_part(stage)
         parts.append(part)
         total += part.seconds
         previous = kind
-    track = cut(concatenate(parts), seconds)
-    return _finish(track, rng)
+    return _finish(cut(concatenate(parts), seconds), rng)
+
+
+@dataclass(frozen=True)
+class _Stage:
+    """What the parts of one track share."""
+
+    rng: np.random.Generator
+    engine: str
+    split: str
+    level_db: float
+    soundfont: Path | None
 
 
 def _next_kind(rng: np.random.Generator, mix: str, previous: str) -> str:
-    """What follows: music usually ends in silence, sometimes speech sets in at once."""
+    """What follows: after sound usually silence; speech may follow music at once, and sometimes lies over it."""
     if mix == "silence":
         return "silence"
-    if previous == "silence" or not previous:
+    if previous in ("silence", ""):
         if mix != "mixed":
             return mix if previous or rng.random() < 0.7 else "silence"
-        return str(rng.choice(["speech", "music", "silence"], p=[0.58, 0.35, 0.07]))
+        return str(rng.choice(["speech", "music", "both", "silence"], p=[0.54, 0.33, 0.08, 0.05]))
     if mix == "mixed" and rng.random() < 0.25:
         return "speech" if previous == "music" else "music"
     return "silence"
 
 
-def _speech_part(
-    rng: np.random.Generator, speaker: Delivery, engine: str, split: str, level_db: float
-) -> SoundTrack:
-    sentences = write_monologue(rng, int(rng.integers(2, 9)), split)
-    said = speak(sentences, speaker, rng, engine)
+def _speech_part(stage: _Stage, speaker: Delivery) -> SoundTrack:
+    rng = stage.rng
+    said = speak(write_monologue(rng, int(rng.integers(2, 9)), stage.split), speaker, rng, stage.engine)
     audio = treat(fill_band(said.audio, rng), rng)
-    return replace(said, audio=set_loudness(audio, level_db + float(rng.normal(0, 1.5))))
+    return replace(said, audio=set_loudness(audio, stage.level_db + float(rng.normal(0, 1.5))))
 
 
-def _music_part(rng: np.random.Generator, seconds: float, level_db: float) -> SoundTrack:
+def _music_part(stage: _Stage, seconds: float) -> SoundTrack:
+    rng = stage.rng
     piece = compose_piece(rng, seconds)
-    audio = treat(render(piece, rng), rng)
-    audio = whole_frames(set_loudness(audio, level_db + float(rng.normal(1, 2))))
-    end = len(audio) / SAMPLE_RATE_HZ
+    if stage.soundfont is not None and rng.random() < 0.5:
+        audio = render_soundfont(piece, rng, stage.soundfont)
+    else:
+        audio = render(piece, rng)
+    audio = treat(audio, rng)
+    audio = whole_frames(set_loudness(audio, stage.level_db + float(rng.normal(1, 2))))
     return SoundTrack(
         audio=audio,
-        spans=(Span(0.0, end, "music"),),
+        spans=(Span(0.0, len(audio) / SAMPLE_RATE_HZ, "music"),),
         beats=piece.beats,
         downbeats=piece.downbeats,
         sections=piece.sections,
@@ -89,12 +127,52 @@ def _music_part(rng: np.random.Generator, seconds: float, level_db: float) -> So
     )
 
 
-def _silence_part(rng: np.random.Generator, level_db: float) -> SoundTrack:
+def _speech_over_music(stage: _Stage, speaker: Delivery, seconds: float) -> SoundTrack:
+    """Music that ducks 12-20 dB under a speaker; labelled by the louder: speech there, music before and after."""
+    rng = stage.rng
+    said = _speech_part(stage, speaker)
+    lead = int(rng.integers(0, 5 * 30)) * SAMPLES_PER_FRAME
+    music = _music_part(stage, max(seconds, said.seconds + lead / SAMPLE_RATE_HZ + float(rng.uniform(1, 6))))
+    length = max(len(music.audio), lead + len(said.audio))
+    start, stop = lead / SAMPLE_RATE_HZ, (lead + len(said.audio)) / SAMPLE_RATE_HZ
+    bed = np.zeros(length, np.float32)
+    bed[: len(music.audio)] = music.audio
+    time = np.arange(length) / SAMPLE_RATE_HZ
+    outside = np.clip(np.maximum(start - time, time - stop) / 0.3, 0, 1)
+    gain = 10 ** (-float(rng.uniform(12, 20)) / 20 * (1 - outside))
+    audio = (bed * gain).astype(np.float32)
+    audio[lead : lead + len(said.audio)] += said.audio
+    voice = shift(said, start)
+    end = length / SAMPLE_RATE_HZ
+    return replace(
+        voice,
+        audio=audio,
+        spans=merge_spans([Span(0.0, start, "music"), Span(start, stop, "speech"), Span(stop, end, "music")]),
+        beats=_outside(music.beats, start, stop),
+        downbeats=_outside(music.downbeats, start, stop),
+        sections=_sections_outside(music.sections, start, stop),
+        style=music.style,
+        bpm=music.bpm,
+    )
+
+
+def _outside(times: TimeArray, start: float, stop: float) -> TimeArray:
+    return times[(times < start) | (times >= stop)]
+
+
+def _sections_outside(sections: tuple[Section, ...], start: float, stop: float) -> tuple[Section, ...]:
+    before = [replace(s, end=min(s.end, start)) for s in sections if s.start < start]
+    after = [replace(s, start=max(s.start, stop)) for s in sections if s.end > stop]
+    return tuple(before + after)
+
+
+def _silence_part(stage: _Stage) -> SoundTrack:
     """Digital zero, or room noise or hum well under the level of the track."""
+    rng = stage.rng
     samples = round(float(rng.uniform(1, 6)) * SAMPLE_RATE_HZ)
     audio: FloatArray = np.zeros(samples, np.float32)
     if rng.random() < 0.6:
-        loud = 10 ** (min(level_db - rng.uniform(22, 45), -42) / 20)
+        loud = 10 ** (min(stage.level_db - rng.uniform(22, 45), -42) / 20)
         fade = np.minimum(1, np.arange(samples) / 1200)
         audio = (loud * background(rng, samples) * fade * fade[::-1]).astype(np.float32)
     audio = whole_frames(audio)
