@@ -26,6 +26,9 @@ from .two_bone import REACH, reach
 
 FADE_SECONDS = 0.25
 MAX_SLIDE_SPEED = 0.35  # metres per second: a foot that moves faster steps or is dragged on purpose
+STEP_SECONDS = 0.27  # between two stands of one foot
+STEP_HEIGHT_M = 0.03  # lifted in between, where it would have slid
+SOFT_FLOOR_M = 0.006
 MAX_DRIFT_M = 0.06  # a planted foot that strays further starts a new stand
 _Array = NDArray[np.float64]
 
@@ -76,26 +79,42 @@ def foot_contacts(motion: Motion) -> NDArray[np.bool_]:
     return both
 
 
-def stands(is_planted: NDArray[np.bool_], path: _Array, fps: float) -> list[Stand]:
-    """Stretches of contact, cut where the foot has strayed, joined over gaps of a frame or two."""
-    closed = is_planted.copy()
-    for gap in (1, 2):
-        if len(closed) > 2 * gap:
-            inside = closed[: -2 * gap] & closed[2 * gap :]
-            closed[gap:-gap] |= inside
-    found: list[Stand] = []
+def stands(is_planted: NDArray[np.bool_], paths: _Array, fps: float) -> list[Stand]:
+    """Stretches of contact, with time for a step between any two.
+
+    A stretch ends where one of the foot's points (t, k, 3) has strayed 6 cm; stretches that touch nearly the same
+    spot within the time of a step are one.
+    """
+    step, shortest = max(2, round(STEP_SECONDS * fps)), max(2, round(0.1 * fps))
+    pieces: list[Stand] = []
     start = -1
-    for t in range(len(closed) + 1):
-        is_on = t < len(closed) and bool(closed[t])
-        has_strayed = (
-            is_on and start >= 0 and bool(np.linalg.norm((path[t] - path[start])[[0, 2]]) > MAX_DRIFT_M)
-        )
-        if start >= 0 and (not is_on or has_strayed):
-            found.append(Stand(start, t))
+    for t in range(len(is_planted) + 1):
+        is_on = t < len(is_planted) and bool(is_planted[t])
+        if start >= 0 and (not is_on or _spread(paths[start : t + 1]) > MAX_DRIFT_M):
+            pieces.append(Stand(start, t))
             start = -1
         if is_on and start < 0:
             start = t
-    return [stand for stand in found if stand.stop - stand.start >= max(2, round(0.1 * fps))]
+    found: list[Stand] = []
+    for stand in pieces:
+        last = found[-1] if found else None
+        gap = stand.start - last.stop if last else step
+        if last and gap < step and _spread(paths[last.start : stand.stop]) <= MAX_DRIFT_M:
+            found[-1] = Stand(last.start, stand.stop)
+            continue
+        if last and gap < step:
+            missing = step - gap
+            found[-1] = Stand(last.start, last.stop - missing // 2)
+            stand = Stand(stand.start + missing - missing // 2, stand.stop)
+            if found[-1].stop - found[-1].start < shortest:
+                found.pop()
+        if stand.stop - stand.start >= shortest:
+            found.append(stand)
+    return found
+
+
+def _spread(paths: _Array) -> float:
+    return float(np.ptp(paths[..., [0, 2]], axis=0).max())
 
 
 class _Leg:
@@ -114,30 +133,27 @@ class _Leg:
         self, turns: Tensor, places: Tensor, contact: NDArray[np.bool_], fps: float
     ) -> tuple[Tensor, Tensor]:
         """World rotation of the foot and position of the ankle, corrected."""
-        foot, ankle = turns[:, self.ankle], places[:, self.ankle]
-        toes = places[:, self.toes].numpy()
+        foot, ankle = turns[:, self.ankle], places[:, self.ankle].numpy()
+        points = places[:, [self.ankle, self.toes]].numpy()
         fade = max(1, round(FADE_SECONDS * fps))
-        change = np.zeros_like(toes)
-        is_held = np.zeros(len(toes), np.bool_)
-        for stand in stands(contact[:, 0], toes, fps):
+        change, is_held = np.zeros_like(ankle), np.zeros(len(ankle), np.bool_)
+        for stand in stands(contact[:, 0], points, fps):
             span = slice(stand.start, stand.stop)
-            level = _level_mean(foot[span])
-            change[span] = axis_angle_from_quaternion(
-                quaternion_from_matrix(level @ foot[span].transpose(-1, -2))
-            ).numpy()
+            level = _level_mean(foot[span]) @ foot[span].transpose(-1, -2)
+            change[span] = axis_angle_from_quaternion(quaternion_from_matrix(level)).numpy()
             is_held[span] = True
         foot = matrix_from_axis_angle(torch.from_numpy(_faded(change, is_held, fade))) @ foot
         carried = (foot @ self.toe_offset[:, None]).squeeze(-1).numpy()
-        path = ankle.numpy() + carried
+        path = ankle + carried
         shift, is_held = np.zeros_like(path), np.zeros(len(path), np.bool_)
-        for stand in stands(contact[:, 1], path, fps):
+        found = stands(contact[:, 1], path[:, None], fps)
+        for stand in found:
             span = slice(stand.start, stand.stop)
-            spot = path[span].mean(0)
-            spot[1] = self.toe_height
+            spot = np.append(path[span].mean(0)[[0, 2]], self.toe_height)[[0, 2, 1]]
             shift[span] = spot - path[span]
             is_held[span] = True
         path = path + _faded(shift, is_held, fade)
-        path[:, 1] = np.maximum(path[:, 1], self.toe_height)
+        path[:, 1] = _soft_floor(path[:, 1] + _lifts(found, contact[:, 1], path), self.toe_height)
         return foot, torch.from_numpy(path - carried)
 
     def bring(self, turns: Tensor, world: Tensor, places: Tensor, goal: tuple[Tensor, Tensor]) -> Tensor:
@@ -181,6 +197,26 @@ def _lowering(legs: list[_Leg], goals: list[tuple[Tensor, Tensor]], places: Tens
     drop = torch.zeros(len(places), 3, dtype=torch.double)
     drop[:, 1] = torch.from_numpy(_smooth(peak, half))
     return drop
+
+
+def _lifts(found: list[Stand], is_planted: NDArray[np.bool_], path: _Array) -> _Array:
+    """Height added between two stands where the foot never left the floor but has to get elsewhere: a small step."""
+    lift = np.zeros(len(path))
+    for before, after in zip(found, found[1:], strict=False):
+        gap = slice(before.stop, after.start)
+        if (
+            is_planted[gap].all()
+            and np.linalg.norm((path[after.start] - path[before.stop - 1])[[0, 2]]) > 0.01
+        ):
+            share = np.arange(1, after.start - before.stop + 1) / (after.start - before.stop + 1)
+            lift[gap] = STEP_HEIGHT_M * np.sin(np.pi * share) ** 2
+    return lift
+
+
+def _soft_floor(height: _Array, floor: float) -> _Array:
+    """Not below the floor, but for 3 mm at most, and without a kink; exact where the foot stands."""
+    over = height - floor
+    return floor + (over + np.hypot(over, SOFT_FLOOR_M) - SOFT_FLOOR_M) / 2
 
 
 def _faded(change: _Array, is_held: NDArray[np.bool_], fade: int) -> _Array:
