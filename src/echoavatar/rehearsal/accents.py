@@ -33,13 +33,14 @@ def head_accents(
             _meaning(syllable, size, rng, head)
     active = speech_activity(track, frames)[:, None]
     head += _addressees(track, frames, rng) * active
-    head += wander(frames, 3, period=1.1, rng=rng) * np.array([0.030, 0.022, 0.018]) * active
+    head += wander(frames, 3, period=1.1, rng=rng) * np.array([0.040, 0.026, 0.026]) * active
+    spine += wander(frames, 3, period=1.7, rng=rng) * np.array([0.028, 0.016, 0.014]) * active
     return head, spine
 
 
 def _nod(syllable: Syllable, size: float, rng: np.random.Generator, head: Array, spine: Array) -> None:
     """Down with the vowel and up again; strong ones take the chest along. Some go up instead."""
-    strength = (0.03 + 0.11 * syllable.prominence**2) * size * float(rng.uniform(0.7, 1.3))
+    strength = (0.035 + 0.13 * syllable.prominence**2) * size * float(rng.uniform(0.7, 1.3))
     way = -0.6 if rng.random() < 0.15 else 1.0
     length = float(rng.uniform(0.40, 0.58))
     begin = syllable.vowel + 0.12 - length / 2
@@ -70,9 +71,9 @@ def _addressees(track: SoundTrack, frames: int, rng: np.random.Generator) -> Flo
     goal = np.zeros((frames, 3), np.float32)
     for begin, _ in track.phrases:
         first = round((begin - 0.05) * FRAME_RATE_HZ)
-        chosen = rng.normal(0, 1, 3) * (0.11, 0.03, 0.045) if rng.random() < 0.6 else np.zeros(3)
+        chosen = rng.normal(0, 1, 3) * (0.14, 0.035, 0.05) if rng.random() < 0.65 else np.zeros(3)
         goal[max(first, 0) :] = np.clip(chosen, -0.25, 0.25)
-    return critically_damped(smoothed(goal, 0.06), 0.5)
+    return critically_damped(smoothed(goal, 0.06), 0.42)
 
 
 def _add(curve: Array, axis: int, begin: float, seconds: float, size: float) -> None:

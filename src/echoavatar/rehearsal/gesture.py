@@ -20,7 +20,8 @@ from .lexicon import ACCENTS, MEANINGS, Form, aim_at, home_of, meant_form
 from .sound import Syllable, SoundTrack
 
 SINK_AFTER, REST_AFTER = 0.10, 0.30  # seconds after a phrase: first let go, then drop
-SHORTEST_REST_GAP = 0.55  # in shorter pauses the hands wait where they are
+SHORTEST_SINK_GAP, SHORTEST_REST_GAP = 0.50, 1.35  # in shorter pauses hands wait, in longer ones they go to rest
+LOW = np.array([-0.045, -0.385, 0.190], np.float32)  # a hand that is up but does not lead
 LEFT, RIGHT = 0, 1
 
 
@@ -49,7 +50,7 @@ def gesture(track: SoundTrack, seed: int) -> Controls:
     active = speech_activity(track, frames)
     lively = np.clip(np.abs(moved[..., :3]).sum(-1) / 0.2, 0, 1)[..., None]
     moved[..., FINGERS] += living_fingers(frames, rng) * (0.4 + 0.8 * lively)
-    moved[..., :3] += wander(frames, 6, period=1.4, rng=rng).reshape(frames, 2, 3) * 0.006 * lively
+    moved[..., :3] += wander(frames, 6, period=1.2, rng=rng).reshape(frames, 2, 3) * 0.009 * lively
     head, spine = head_accents(track, who.nod, rng)
     body = replace(body, head=body.head + head, spine=body.spine + spine)
     return joined_in(with_hands(body, hands_of(body) + moved), hands_of(body), active)
@@ -101,7 +102,7 @@ class _Speaker:
     def __init__(self, who: Manner, rng: np.random.Generator, hands: list[HandPath], rest: Array) -> None:
         self.who, self.rng, self.hands, self.rest = who, rng, hands, rest
         self.lead = RIGHT if rng.random() < who.handed else LEFT
-        self.both = bool(rng.random() < 0.5)
+        self.second = self._role()
         self.up = [False, False]
         self.homes = [home_of(who.space, rng), home_of(who.space, rng)]
         taste = rng.dirichlet(np.full(len(ACCENTS), 1.4))
@@ -118,8 +119,11 @@ class _Speaker:
             for cue in cues:
                 if cue.stroke_end > self.free_at:
                     self._do(cue, end)
-        if following - end > SHORTEST_REST_GAP:
+        gap = following - end
+        if gap > SHORTEST_REST_GAP or (gap > SHORTEST_SINK_GAP and self.rng.random() < 0.3):
             self._retract(end)
+        elif gap > SHORTEST_SINK_GAP:
+            self._sink(end, 0.28)
 
     def _choose_hands(self) -> None:
         """Stay with the same hands for a while."""
@@ -127,11 +131,18 @@ class _Speaker:
         if rng.random() < 0.35:
             self.lead = RIGHT if rng.random() < self.who.handed else LEFT
         if rng.random() < 0.40:
-            self.both = bool(rng.random() < 0.52)
+            self.second = self._role()
         if rng.random() < 0.5:
             self.homes = [home_of(self.who.space, rng) for _ in self.hands]
             self.homes[1 - self.lead][3:] = self.homes[self.lead][3:]
             self.beat_way = self._beat_way()
+        if 0 < self.second < 0.4:
+            self.homes[1 - self.lead][WRIST] = LOW + rng.normal(0, 0.02, 3)
+
+    def _role(self) -> float:
+        """How much the second hand does of what the first does: all of it, a little, or nothing."""
+        kind = self.rng.random()
+        return float(self.rng.uniform(0.6, 1.0)) if kind < 0.55 else 0.3 if kind < 0.82 else 0.0
 
     def _beat_way(self) -> Array:
         """The direction beats go for a while: mostly down, some out or in."""
@@ -141,7 +152,7 @@ class _Speaker:
 
     def _raise(self, begin: float, first: Cue) -> None:
         """Hands rise with the phrase, in an arc that leads away from the body."""
-        sides = [self.lead, 1 - self.lead] if self.both else [self.lead]
+        sides = [self.lead, 1 - self.lead] if self.second else [self.lead]
         for delay, side in zip((0.0, float(self.rng.uniform(0.0, 0.12))), sides, strict=False):
             start = begin + float(self.rng.uniform(0.0, 0.10)) + delay
             length = float(np.clip(first.stroke_end - start - 0.15, 0.50, 0.80))
@@ -162,7 +173,7 @@ class _Speaker:
         size = (0.035 + 0.115 * cue.weight**1.5) * self.who.energy * float(self.rng.uniform(0.75, 1.25))
         time = cue.stroke_end - cue.onset
         for side in self._moving():
-            share = size * (1.0 if side == self.lead else float(self.rng.uniform(0.45, 1.0)))
+            share = size * (1.0 if side == self.lead else self.second * float(self.rng.uniform(0.7, 1.1)))
             home, way = self.homes[side], self.beat_way + self.rng.normal(0, 0.10, 3)
             high, low = home.copy(), home.copy()
             high[WRIST] -= way * share * 0.50
@@ -181,8 +192,8 @@ class _Speaker:
         names = list(ACCENTS)
         form = ACCENTS[names[self.rng.choice(len(names), p=self.taste)]]
         size = self.who.energy * self.who.space * float(self.rng.uniform(0.8, 1.25))
-        for side in self._moving():
-            self._reach(side, cue, form, size * (1.0 if side == self.lead else 0.85))
+        for side in self._moving() if self.second > 0.4 else [self.lead]:
+            self._reach(side, cue, form, size * (1.0 if side == self.lead else self.second))
 
     def _mean(self, cue: Cue, phrase_end: float) -> None:
         """The gesture a word's meaning asks for, held a moment."""
@@ -242,25 +253,26 @@ class _Speaker:
 
     def _moving(self) -> list[int]:
         """The hands that make this stroke: sometimes the second one rests."""
-        if self.up[1 - self.lead] and self.both and self.rng.random() < 0.85:
+        if self.up[1 - self.lead] and self.second and self.rng.random() < 0.85:
             return [self.lead, 1 - self.lead]
         return [self.lead]
 
-    def _retract(self, end: float) -> None:
-        """Let go at once, then drop to rest, in about 0.8 s."""
-        end = max(end, min(self.free_at, end + 0.25))
+    def _sink(self, end: float, share: float) -> None:
+        """Let the hands go part of the way to rest; speech may take them up again."""
         for side, path in enumerate(self.hands):
-            if not self.up[side]:
-                continue
-            lag = float(self.rng.uniform(0.0, 0.06))
-            sunk = path.aim + 0.25 * (self.rest[side] - path.aim)
-            path.move(end + SINK_AFTER + lag, end + SINK_AFTER + 0.40, sunk)
-            path.move(
-                end + REST_AFTER + lag,
-                end + REST_AFTER + 0.52 + lag,
-                self.rest[side],
-                np.array([0.03, 0, 0.02]),
-            )
+            if self.up[side]:
+                begin = end + SINK_AFTER + float(self.rng.uniform(0.0, 0.06))
+                path.move(begin, begin + 0.45, path.aim + share * (self.rest[side] - path.aim))
+
+    def _retract(self, end: float) -> None:
+        """Let go at once, then drop to rest, in about 0.8 s; now and then somewhat later."""
+        end = max(end, min(self.free_at, end + 0.20))
+        self._sink(end, 0.25)
+        late = float(self.rng.uniform(0.2, 0.45)) if self.rng.random() < 0.12 else 0.0
+        for side, path in enumerate(self.hands):
+            if self.up[side]:
+                begin = end + REST_AFTER + late + float(self.rng.uniform(0.0, 0.06))
+                path.move(begin, begin + 0.52, self.rest[side], np.array([0.03, 0.0, 0.02]))
             self.up[side] = False
 
 

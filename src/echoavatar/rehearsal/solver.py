@@ -196,7 +196,7 @@ def _soft_reach(distance: Tensor, length: float) -> Tensor:
     """Distance eased below the limb's reach and above the folded limb's, without a corner."""
     least, width = 0.30 * length, 0.03 * length
     distance = least + width * F.softplus((distance - least) / width)
-    easy, most = 0.90 * length, REACH * length
+    easy, most = 0.94 * length, REACH * length
     far = most - (most - easy) * torch.exp(-(distance - easy).clamp_min(0) / (most - easy))
     return torch.where(distance > easy, far, distance)
 
