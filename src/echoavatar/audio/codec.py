@@ -18,12 +18,12 @@ from ..errors import CheckpointError
 from ..nn import StreamingModule
 from ..timing import SAMPLE_RATE_HZ, SAMPLES_PER_AUDIO_TOKEN
 from .config import CODE_LAYERS, CodecConfig
-from .stream import EncoderState, advance_encoder, init_encoder_state, shortest_start
+from .stream import NetworkState, advance, init_network_state, shortest_start
 
 _BLOCK_SAMPLES = 60 * SAMPLE_RATE_HZ  # what `encode` works on at a time, to bound its memory
 
 
-class AudioCodec(StreamingModule[EncoderState]):
+class AudioCodec(StreamingModule[NetworkState]):
     """Encoder, two codebooks, decoder.
 
     `encode` is one step from a fresh state. Departs from transformers in a ragged end: the audio is filled up with
@@ -79,13 +79,13 @@ class AudioCodec(StreamingModule[EncoderState]):
             codec.codebooks[q] = network.quantizer.layers[q].codebook.embed
         return codec.eval()
 
-    def init_state(self, rows: int) -> EncoderState:
+    def init_state(self, rows: int) -> NetworkState:
         """A state in which no row has heard anything."""
-        return init_encoder_state(self.encoder, rows)
+        return init_network_state(self.encoder, rows)
 
     @torch.no_grad()
     def step(
-        self, x: Float[Tensor, "b s"], state: EncoderState, active: Bool[Tensor, " b"]
+        self, x: Float[Tensor, "b s"], state: NetworkState, active: Bool[Tensor, " b"]
     ) -> Int[Tensor, "b n 2"]:
         """Codes of the next samples (a multiple of 320); inactive rows return codes without meaning.
 
@@ -116,13 +116,13 @@ class AudioCodec(StreamingModule[EncoderState]):
         return self.synthesize(self.dequantize(codes))
 
     def latents(
-        self, audio: Float[Tensor, "b s"], state: EncoderState, active: Bool[Tensor, " b"]
+        self, audio: Float[Tensor, "b s"], state: NetworkState, active: Bool[Tensor, " b"]
     ) -> Float[Tensor, "b n c"]:
         """Encoder output before quantisation; differentiable from a fresh state."""
         audio = audio.to(self.codebooks)
         if not audio.shape[1]:
             return audio.new_zeros(len(audio), 0, self.config.width)
-        return advance_encoder(self.encoder, audio, state, active, padding=self.config.padding)
+        return advance(self.encoder, audio.unsqueeze(2), state, active, padding=self.config.padding)
 
     def dequantize(self, codes: Int[Tensor, "b n q"]) -> Float[Tensor, "b n c"]:
         """Sum of the codebook vectors."""
@@ -132,7 +132,9 @@ class AudioCodec(StreamingModule[EncoderState]):
         """Decoder of latents, quantised or not."""
         if not latents.shape[1]:
             return latents.new_zeros(len(latents), 0)
-        return self.decoder(latents.transpose(1, 2)).squeeze(1)  # type: ignore[no-any-return]
+        state = init_network_state(self.decoder, len(latents))
+        active = state.seen == 0
+        return advance(self.decoder, latents, state, active, padding=self.config.padding).squeeze(2)
 
     def _codes(self, latents: Float[Tensor, "b n c"]) -> Int[Tensor, "b n 2"]:
         residual, chosen = latents.double(), []
@@ -180,7 +182,8 @@ def _own_config(theirs: Any, *, origin: str) -> CodecConfig:
     """Our fields of a transformers config; refuses models that cannot stream at our clock."""
     if not theirs.use_causal_conv or theirs.sampling_rate != SAMPLE_RATE_HZ or theirs.audio_channels != 1:
         raise CheckpointError(f"{origin} is not the causal, mono, 24 kHz EnCodec; use facebook/encodec_24khz")
-    if theirs.normalize or theirs.norm_type != "weight_norm" or theirs.chunk_length_s is not None:
+    can_stream = theirs.norm_type == "weight_norm" and theirs.trim_right_ratio == 1.0
+    if theirs.normalize or not can_stream or theirs.chunk_length_s is not None:
         raise CheckpointError(f"{origin} normalises over time and cannot stream; use facebook/encodec_24khz")
     return CodecConfig(
         filters=theirs.num_filters,

@@ -1,8 +1,8 @@
-"""The exact streaming form of EnCodec's encoder: every convolution keeps its left context, the LSTM its state.
+"""The exact streaming form of EnCodec's networks: each convolution keeps its left context, the LSTM its state.
 
 Offline, EnCodec pads the input of each convolution on the left; in a stream that padding is needed once per row,
-at its first chunk, and is what the last chunk left behind ever after. Chunks are multiples of 320 samples, so the
-strides always start in phase.
+at its first chunk, and is what the last chunk left behind ever after. Encoder chunks are multiples of 320 samples,
+so the strides always start in phase.
 
 May import `nn` and below.
 """
@@ -16,81 +16,81 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
 from ..nn import StreamState, write_rows
+from .convolution import convolve, convolve_transposed, lookback
 
 
 @dataclass
-class ConvPast(StreamState):
+class ConvolutionPast(StreamState):
     """The last inputs of one convolution."""
 
-    inputs: Float[Tensor, "b c k"]
+    inputs: Float[Tensor, "b k c"]
 
 
 @dataclass
-class EncoderState(StreamState):
-    """What the encoder remembers: left contexts, LSTM state, and the frames seen so far (0: a fresh row)."""
+class NetworkState(StreamState):
+    """What an encoder or decoder remembers; `seen` counts its inputs (0: a fresh row)."""
 
-    convolutions: list[ConvPast]
+    convolutions: list[ConvolutionPast]
     hidden: Float[Tensor, "b l c"]
     cell: Float[Tensor, "b l c"]
     seen: Int[Tensor, " b"]
 
 
-def init_encoder_state(encoder: nn.Module, rows: int) -> EncoderState:
-    """A state of zeros for `rows` sessions of a transformers `EncodecEncoder`."""
-    like = next(encoder.parameters())
-    lstm = next(module for module in encoder.modules() if isinstance(module, nn.LSTM))
+def init_network_state(network: nn.Module, rows: int) -> NetworkState:
+    """A state of zeros for `rows` sessions of a transformers `EncodecEncoder` or `EncodecDecoder`."""
+    like = next(network.parameters())
+    lstm = next(module for module in network.modules() if isinstance(module, nn.LSTM))
     pasts = [
-        ConvPast(like.new_zeros(rows, conv.in_channels, _lookback(conv)))
-        for conv in encoder.modules()
-        if isinstance(conv, nn.Conv1d) and _lookback(conv)
+        ConvolutionPast(like.new_zeros(rows, lookback(conv), conv.in_channels))
+        for conv in _convolutions(network)
+        if lookback(conv)
     ]
     cells = like.new_zeros(rows, lstm.num_layers, lstm.hidden_size)
-    return EncoderState(pasts, cells, cells.clone(), torch.zeros(rows, dtype=torch.int64, device=like.device))
+    return NetworkState(pasts, cells, cells.clone(), torch.zeros(rows, dtype=torch.int64, device=like.device))
 
 
-def advance_encoder(
-    encoder: nn.Module,
-    audio: Float[Tensor, "b s"],
-    state: EncoderState,
+def advance(
+    network: nn.Module,
+    x: Float[Tensor, "b t c"],
+    state: NetworkState,
     active: Bool[Tensor, " b"],
     *,
     padding: str,
-) -> Float[Tensor, "b n c"]:
-    """Latents of the next samples; `state` moves on in place, in the active rows only.
+) -> Float[Tensor, "b n d"]:
+    """Outputs for the next inputs; `state` moves on in place, in the active rows only.
 
-    A first chunk that is shorter than a reflection is padded with zeros on the right before it is reflected, as
-    EnCodec does offline; such a row must not be continued (`AudioCodec.step` refuses it).
+    Differentiable within the call. A first chunk that is shorter than a reflection is padded with zeros on the
+    right before it is reflected, as EnCodec does offline; such a row must not be continued.
     """
     run = _Run(iter(state.convolutions), state, active, state.seen == 0, padding)
-    latents = run.layers(encoder.layers, audio.unsqueeze(1)).transpose(1, 2)
-    write_rows(state.seen, state.seen + latents.shape[1], active)
-    return latents
+    out = run.layers(network.layers, x)
+    write_rows(state.seen, state.seen + x.shape[1], active)
+    return out
 
 
 def shortest_start(encoder: nn.Module, padding: str) -> int:
     """Frames that the first chunk of a row must have at least."""
     if padding != "reflect":
         return 1
-    total, needed = 1, 1  # input samples per sample of the layer; frames
-    strides = [conv.stride[0] for conv in encoder.modules() if isinstance(conv, nn.Conv1d)]
-    hop = int(torch.tensor(strides).prod())
-    for conv in encoder.modules():
-        if isinstance(conv, nn.Conv1d):
-            needed = max(needed, -(-(_lookback(conv) + 1) * total // hop))
-            total *= conv.stride[0]
+    hop, needed, scale = 1, 1, 1
+    for conv in _convolutions(encoder):
+        hop *= conv.stride[0]
+    for conv in _convolutions(encoder):
+        needed = max(needed, -(-(lookback(conv) + 1) * scale // hop) if lookback(conv) else 1)
+        scale *= conv.stride[0]
     return needed
 
 
-def _lookback(conv: nn.Conv1d) -> int:
-    return (conv.kernel_size[0] - 1) * conv.dilation[0] + 1 - conv.stride[0]
+def _convolutions(network: nn.Module) -> list[nn.Conv1d | nn.ConvTranspose1d]:
+    return [module for module in network.modules() if isinstance(module, nn.Conv1d | nn.ConvTranspose1d)]
 
 
 @dataclass
 class _Run:
     """One pass through the layers, in the order in which the state lists them."""
 
-    pasts: Iterator[ConvPast]
-    state: EncoderState
+    pasts: Iterator[ConvolutionPast]
+    state: NetworkState
     active: Tensor
     fresh: Tensor
     padding: str
@@ -101,39 +101,46 @@ class _Run:
         return x
 
     def layer(self, layer: nn.Module, x: Tensor) -> Tensor:
+        if isinstance(layer, nn.ELU):
+            return F.elu(x)
+        if isinstance(layer, nn.Identity):
+            return x
         conv, lstm = getattr(layer, "conv", None), getattr(layer, "lstm", None)
+        if isinstance(conv, nn.ConvTranspose1d):
+            return convolve_transposed(conv, self.remember(x, lookback(conv), padding="constant"))
         if isinstance(conv, nn.Conv1d):
-            return self.convolve(conv, x)
+            return convolve(conv, self.remember(x, lookback(conv), padding=self.padding))
         if isinstance(lstm, nn.LSTM):
             return self.recur(lstm, x)
-        if hasattr(layer, "block"):
-            inner = self.layers(layer.block, x)
-            return inner + (self.layer(layer.shortcut, x) if layer.shortcut is not None else x)
-        return layer(x)  # type: ignore[no-any-return]
+        block, shortcut = layer.block, layer.shortcut
+        assert isinstance(block, nn.Module) and isinstance(shortcut, nn.Module)
+        inner = self.layers(block, x)
+        return inner + self.layer(shortcut, x)
 
-    def convolve(self, conv: nn.Conv1d, x: Tensor) -> Tensor:
-        keep = _lookback(conv)
-        if keep:
-            past = next(self.pasts).inputs
-            left = past
-            if self.padding == "reflect":
-                left = torch.where(self.fresh[:, None, None], _reflection(x, keep), past)
-            x = torch.cat([left, x], dim=2)
-            write_rows(past, x[..., -keep:], self.active)
-        return F.conv1d(x, conv.weight, conv.bias, stride=conv.stride, dilation=conv.dilation)
+    def remember(self, x: Tensor, length: int, *, padding: str) -> Tensor:
+        """`x` behind the last inputs, which `x` then becomes."""
+        if not length:
+            return x
+        past = next(self.pasts).inputs
+        left = past.clone()
+        if padding == "reflect":
+            left = torch.where(self.fresh[:, None, None], _reflection(x, length), left)
+        x = torch.cat([left, x], dim=1)
+        write_rows(past, x[:, -length:].detach(), self.active)
+        return x
 
     def recur(self, lstm: nn.LSTM, x: Tensor) -> Tensor:
-        frames = x.permute(2, 0, 1)
-        before = (self.state.hidden.transpose(0, 1).contiguous(), self.state.cell.transpose(0, 1).contiguous())
-        out, (hidden, cell) = lstm(frames, before)
-        write_rows(self.state.hidden, hidden.transpose(0, 1), self.active)
-        write_rows(self.state.cell, cell.transpose(0, 1), self.active)
-        return (out + frames).permute(1, 2, 0)
+        frames = x.transpose(0, 1)
+        hidden, cell = (part.transpose(0, 1).clone() for part in (self.state.hidden, self.state.cell))
+        out, (hidden, cell) = lstm(frames, (hidden.contiguous(), cell.contiguous()))
+        write_rows(self.state.hidden, hidden.transpose(0, 1).detach(), self.active)
+        write_rows(self.state.cell, cell.transpose(0, 1).detach(), self.active)
+        return out.transpose(0, 1) + x
 
 
 def _reflection(x: Tensor, length: int) -> Tensor:
-    """The `length` samples that mirror x[1:] before x[0]."""
-    missing = length + 1 - x.shape[-1]
+    """The `length` inputs that mirror x[1:] before x[0]."""
+    missing = length + 1 - x.shape[1]
     if missing > 0:
-        x = F.pad(x, (0, missing))
-    return x[..., 1 : length + 1].flip(-1)
+        x = F.pad(x, (0, 0, 0, missing))
+    return x[:, 1 : length + 1].flip(1)
