@@ -25,14 +25,16 @@ class MotionTokenizerConfig(Config):
     """Sizes of one part's tokenizer; the defaults are the paper recipe's."""
 
     features: int = Field(gt=0, description="channels of the motion features")
-    width: int = Field(512, gt=0, description="latent channels")
-    heads: int = Field(8, gt=0, description="attention heads")
-    lookback: int = Field(15, ge=0, description="past frames each frame may see")
-    layers: int = Field(6, gt=0, description="RVQ layers Q")
-    codes: int = Field(512, gt=1, description="codes per layer K")
-    decay: float = Field(0.99, gt=0, lt=1, description="moving average of the codebooks")
-    dead_below: float = Field(1.0, ge=0, description="average use per step under which a code is replaced")
-    kmeans_steps: int = Field(0, ge=0, description="k-means steps when the codebooks are initialised")
+    width: int = Field(default=512, gt=0, description="latent channels")
+    heads: int = Field(default=8, gt=0, description="attention heads")
+    lookback: int = Field(default=15, ge=0, description="past frames each frame may see")
+    layers: int = Field(default=6, gt=0, description="RVQ layers Q")
+    codes: int = Field(default=512, gt=1, description="codes per layer K")
+    decay: float = Field(default=0.99, gt=0, lt=1, description="moving average of the codebooks")
+    dead_below: float = Field(
+        default=1.0, ge=0, description="average use per step under which a code is replaced"
+    )
+    kmeans_steps: int = Field(default=0, ge=0, description="k-means steps when the codebooks are initialised")
 
     @model_validator(mode="after")
     def _heads_divide_width(self) -> Self:
