@@ -8,16 +8,17 @@ from torch import Tensor
 BLOCK = 256
 
 
-def in_band(
-    query: Int[Tensor, " t"], key: Int[Tensor, " s"], lookback: int | None
-) -> Bool[Tensor, "t s"]:
+def in_band(query: Int[Tensor, " t"], key: Int[Tensor, " s"], lookback: int | None) -> Bool[Tensor, "t s"]:
     """Which key positions a query position sees: itself and the `lookback` - 1 before it."""
     gap = query[:, None] - key[None, :]
     return gap >= 0 if lookback is None else (gap >= 0) & (gap < lookback)
 
 
 def banded_attention(
-    q: Float[Tensor, "b h t d"], k: Float[Tensor, "b h t d"], v: Float[Tensor, "b h t d"], lookback: int | None
+    q: Float[Tensor, "b h t d"],
+    k: Float[Tensor, "b h t d"],
+    v: Float[Tensor, "b h t d"],
+    lookback: int | None,
 ) -> Float[Tensor, "b h t d"]:
     """Each position attends to itself and the `lookback` - 1 positions before it."""
     length = q.shape[2]
@@ -45,5 +46,7 @@ def masked_attention(
 ) -> Float[Tensor, "b h t d"]:
     """The same where some positions do not count; an invalid position sees itself alone."""
     at = torch.arange(q.shape[2], device=q.device)
-    mask = in_band(at, at, lookback) & valid[:, None, :] | torch.eye(len(at), dtype=torch.bool, device=q.device)
+    mask = in_band(at, at, lookback) & valid[:, None, :] | torch.eye(
+        len(at), dtype=torch.bool, device=q.device
+    )
     return F.scaled_dot_product_attention(q, k, v, attn_mask=mask[:, None])

@@ -11,18 +11,26 @@ from ..tokens import SequenceOrder, TokenLayout, sequence_order
 class GeneratorConfig(Config):
     """The default is the small streaming model; `qwen_half_billion` is the paper's."""
 
-    layout: TokenLayout = Field(default_factory=TokenLayout, description="rows of the vocabulary")
-    sequence: Literal["interleaved", "prefix"] = Field("interleaved", description="order of audio and motion ids")
-    window_chunks: int = Field(15, gt=0, description="chunks a position sees; 15 chunks are the paper's 4 s")
-    width: int = Field(256, gt=0, description="channels of the residual stream")
-    layers: int = Field(6, gt=0, description="transformer layers")
-    heads: int = Field(4, gt=0, description="query heads")
-    kv_heads: int = Field(2, gt=0, description="key and value heads")
-    mlp: int = Field(768, gt=0, description="channels inside the SwiGLU block")
-    rope_theta: float = Field(1e4, gt=0, description="rotary base; Qwen2.5 has 1e6, a short window from scratch less")
-    norm_eps: float = Field(1e-6, gt=0, description="epsilon of the RMS norms")
-    temperature: float = Field(1.0, ge=0, description="default sampling temperature; 0 takes the likeliest code")
-    top_p: float = Field(0.95, gt=0, le=1, description="default nucleus mass")
+    layout: TokenLayout = Field(default=TokenLayout(), description="rows of the vocabulary")
+    sequence: Literal["interleaved", "prefix"] = Field(
+        default="interleaved", description="order of audio and motion ids"
+    )
+    window_chunks: int = Field(
+        default=15, gt=0, description="chunks a position sees; 15 chunks are the paper's 4 s"
+    )
+    width: int = Field(default=256, gt=0, description="channels of the residual stream")
+    layers: int = Field(default=6, gt=0, description="transformer layers")
+    heads: int = Field(default=4, gt=0, description="query heads")
+    kv_heads: int = Field(default=2, gt=0, description="key and value heads")
+    mlp: int = Field(default=768, gt=0, description="channels inside the SwiGLU block")
+    rope_theta: float = Field(
+        default=1e4, gt=0, description="rotary base; Qwen2.5 has 1e6, a short window from scratch less"
+    )
+    norm_eps: float = Field(default=1e-6, gt=0, description="epsilon of the RMS norms")
+    temperature: float = Field(
+        default=1.0, ge=0, description="default sampling temperature; 0 takes the likeliest code"
+    )
+    top_p: float = Field(default=0.95, gt=0, le=1, description="default nucleus mass")
 
     @model_validator(mode="after")
     def _heads_divide(self) -> Self:
@@ -43,7 +51,9 @@ class GeneratorConfig(Config):
         return sequence_order(self.sequence, self.layout, self.window_chunks)
 
 
-def qwen_half_billion(layout: TokenLayout, sequence: Literal["interleaved", "prefix"] = "prefix") -> GeneratorConfig:
+def qwen_half_billion(
+    layout: TokenLayout, sequence: Literal["interleaved", "prefix"] = "prefix"
+) -> GeneratorConfig:
     """Qwen2.5-0.5B's body over our vocabulary (paper, Settings)."""
     return GeneratorConfig(
         layout=layout,

@@ -49,9 +49,15 @@ class Decoder:
         config = self.config = generator.config
         width = config.width
         self._embedding = generator.model.embed_tokens.weight.detach().float()
-        self._layers = [_FrozenLayer(layer, config.head_width, precision) for layer in generator.model.layers]
+        self._layers = [
+            _FrozenLayer(layer, config.head_width, precision)
+            for layer in generator.model.layers
+            if isinstance(layer, DecoderLayer)
+        ]
         scale = generator.model.norm.weight.detach().float() * width**0.5
-        self._heads = [frozen_linear(precision, segment * scale) for segment in generator.segment_head().detach()]
+        self._heads = [
+            frozen_linear(precision, segment * scale) for segment in generator.segment_head().detach()
+        ]
         self._root_eps = torch.full((1, 1), (width * config.norm_eps) ** 0.5, device=self.device)
 
     @property
@@ -105,7 +111,7 @@ class Decoder:
         return self._heads[segment](hidden).float()
 
     def _norm(self, x: Float[Tensor, "n c"], dtype: torch.dtype) -> Float[Tensor, "n c"]:
-        """x / sqrt(|x|^2 + c eps); the missing sqrt(c) is folded into the weights."""
+        """Bring to unit length, x / sqrt(|x|^2 + c eps); the missing sqrt(c) is folded into the weights."""
         length = torch.linalg.vector_norm(x, dim=1, keepdim=True)
         return (x / torch.hypot(length, self._root_eps)).to(dtype)
 
@@ -141,12 +147,12 @@ class Decoder:
         heads, kv, width = self.config.heads, self.config.kv_heads, self.config.head_width
         (rows, length), group, slots = turns.shape[:2], heads // kv, ring.keys.shape[2]
         split = qkv.view(rows, length, heads + 2 * kv, width)
-        pairs = torch.view_as_complex(split.unflatten(3, (-1, 2)))
+        pairs = torch.view_as_complex(split.view(rows, length, -1, width // 2, 2))
         turned = torch.view_as_real(pairs[:, :, : heads + kv] * turns).flatten(3)
         keys, values = ring.keys.view(-1, width), ring.values.view(-1, width)
         keys.index_copy_(0, writes, turned[:, :, heads:].transpose(1, 2).reshape(-1, width))
         values.index_copy_(0, writes, split[:, :, heads + kv :].transpose(1, 2).reshape(-1, width))
-        q = turned[:, :, :heads].unflatten(2, (kv, group)).permute(0, 2, 3, 1, 4)
+        q = turned[:, :, :heads].reshape(rows, length, kv, group, width).permute(0, 2, 3, 1, 4)
         q = q.reshape(rows * kv, group * length, width)
         scores = torch.bmm(q, keys.view(rows * kv, slots, width).transpose(1, 2))
         weights = torch.softmax(scores.view(rows, kv, group, length, slots).add_(bias), dim=-1)

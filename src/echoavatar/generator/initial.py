@@ -1,8 +1,8 @@
 """Where a generator begins: Qwen2.5's body, and embeddings that already know the codebooks.
 
-Paper, Audio Driven Motion Generation, stage 1 (Embedding Space Alignment): audio and motion codes are projected into the
-model's latent space. `align_embeddings` does it without training: one fixed random orthogonal map per modality keeps the
-distances between code vectors. Departs from the paper, which trains the embeddings with a frozen backbone.
+Paper, Audio Driven Motion Generation, stage 1 (Embedding Space Alignment): audio and motion codes are projected
+into the model's latent space. `align_embeddings` does it without training: one fixed random orthogonal map per modality
+keeps the distances between code vectors. Departs from the paper, which trains the embeddings with a frozen backbone.
 """
 
 from pathlib import Path
@@ -36,7 +36,9 @@ def init_from_qwen(generator: Generator, folder: Path) -> None:
     body = {key: value for key, value in weights.items() if key in own and _is_body(key)}
     wrong = [key for key in own if _is_body(key) and (key not in body or body[key].shape != own[key].shape)]
     if wrong:
-        raise CheckpointError(f"{folder} does not fit this generator: {wrong[0]} and {len(wrong) - 1} more differ")
+        raise CheckpointError(
+            f"{folder} does not fit this generator: {wrong[0]} and {len(wrong) - 1} more differ"
+        )
     generator.load_state_dict(body, strict=False)
     text = generator.config.layout.audio_base
     with torch.no_grad():
@@ -84,4 +86,5 @@ def _project(
     basis = torch.linalg.qr(square).Q[: books.shape[2], :width]
     spread = books @ basis * (width / basis.square().sum()) ** 0.5
     name = torch.randn(books.shape[0], 1, width, generator=random)
-    return ((spread + name) / 2**0.5).flatten(0, 1)
+    rows: Tensor = ((spread + name) / 2**0.5).flatten(0, 1)
+    return rows

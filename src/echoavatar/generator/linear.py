@@ -1,8 +1,8 @@
-"""Linear maps for decoding one position at a time: weights are read from memory once per token, so their size is the cost.
+"""Linear maps for decoding one position at a time: weights are read once per token, so their size is the cost.
 
-float32 is exact; bfloat16 halves the memory (and is slow on processors without bfloat16 instructions); int8 (one scale per
-output row, activations in bfloat16) quarters it. Quantising weights alone keeps every row independent of its neighbours
-in the batch, which dynamically quantised activations do not.
+float32 is exact; bfloat16 halves the memory (and is slow on processors without bfloat16 instructions); int8 (one
+scale per output row, activations in bfloat16) quarters it. Quantising weights alone keeps every row independent of
+its neighbours in the batch, which dynamically quantised activations do not.
 """
 
 from abc import ABC, abstractmethod
@@ -80,5 +80,10 @@ def frozen_linear(
     precision: Precision, weight: Float[Tensor, "o i"], bias: Float[Tensor, " o"] | None = None
 ) -> FrozenLinear:
     """A linear map in that precision."""
-    kinds = {"float32": FloatLinear, "bfloat16": HalfLinear, "int8": Int8Linear}
-    return kinds[precision](weight, bias)
+    match precision:
+        case "float32":
+            return FloatLinear(weight, bias)
+        case "bfloat16":
+            return HalfLinear(weight, bias)
+        case "int8":
+            return Int8Linear(weight, bias)

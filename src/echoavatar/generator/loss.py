@@ -9,6 +9,7 @@ from torch import Tensor
 
 from ..tokens import PARTS, Sequences
 from .model import Generator
+from .windows import DOMAINS, Window
 
 
 def code_nll(generator: Generator, batch: Sequences) -> Float[Tensor, "b k n"]:
@@ -23,5 +24,28 @@ def hierarchical_loss(
     nll: Float[Tensor, "b k n"], batch: Sequences, depth_weights: Sequence[float]
 ) -> Float[Tensor, ""]:
     """Mean over codes, each layer weighted by `depth_weights` (one per RVQ layer, the first is the coarsest)."""
-    weights = torch.tensor(depth_weights, device=nll.device).repeat(PARTS)[None, :, None] * batch.mask[:, None]
+    weights = (
+        torch.tensor(depth_weights, device=nll.device).repeat(PARTS)[None, :, None] * batch.mask[:, None]
+    )
     return (nll * weights).sum() / weights.sum()
+
+
+def to_device(batch: Sequences, device: str) -> Sequences:
+    """Move every tensor."""
+    ids, valid, predictors, targets, mask = batch
+    valid = None if valid is None else valid.to(device)
+    return Sequences(ids.to(device), valid, predictors.to(device), targets.to(device), mask.to(device))
+
+
+def summary(nll: Float[Tensor, "b k n"], batch: Sequences, window: Window) -> dict[str, float]:
+    """Mean NLL per domain, and per RVQ layer."""
+    counts = batch.mask[:, None].expand_as(nll)
+    domain = window.domain.to(nll.device)[:, None].expand_as(nll)
+    means = {
+        f"nll_{name}": nll[counts & (domain == index)].mean().item()
+        for index, name in enumerate(DOMAINS)
+        if bool((counts & (domain == index)).any())
+    }
+    layers = nll.view(len(nll), PARTS, -1, nll.shape[2]).transpose(1, 2)
+    there = counts.reshape(len(nll), PARTS, -1, nll.shape[2]).transpose(1, 2)
+    return means | {f"nll_layer_{q}": layers[:, q][there[:, q]].mean().item() for q in range(layers.shape[1])}

@@ -1,9 +1,9 @@
 """The generator: a Qwen2 transformer over audio and motion ids, with the output head cut to one segment at a time.
 
-Paper, Settings: Qwen2.5-0.5B-Instruct with its tied embeddings detached. The state-dict names are those of transformers'
-`Qwen2ForCausalLM`, so that its weights initialise the body (`initial.init_from_qwen`). Departure: only the K rows of the
-position's segment are ever computed, in training, scoring and sampling alike; the paper's full softmax spends mass on
-codes that the cyclic grammar forbids.
+Paper, Settings: Qwen2.5-0.5B-Instruct with its tied embeddings detached. The state-dict names are those of
+transformers' `Qwen2ForCausalLM`, so that its weights initialise the body (`initial.init_from_qwen`). Departure:
+only the K rows of the position's segment are ever computed, in training, scoring and sampling alike; the paper's
+full softmax spends mass on codes that the cyclic grammar forbids.
 """
 
 from pathlib import Path
@@ -57,7 +57,11 @@ class SelfAttention(nn.Module):
         q, k = rotate(q, angles).to(v.dtype), rotate(k, angles).to(v.dtype)
         group = self.heads // self.kv_heads
         k, v = k.repeat_interleave(group, dim=1), v.repeat_interleave(group, dim=1)
-        y = banded_attention(q, k, v, lookback) if valid is None else masked_attention(q, k, v, lookback, valid)
+        y = (
+            banded_attention(q, k, v, lookback)
+            if valid is None
+            else masked_attention(q, k, v, lookback, valid)
+        )
         mixed: Tensor = self.o_proj(y.transpose(1, 2).flatten(2))
         return mixed
 
@@ -127,7 +131,9 @@ class Generator(nn.Module):
                 nn.init.zeros_(parameter)
             elif parameter.dim() > 1:
                 into_residual = name.endswith(("o_proj.weight", "down_proj.weight"))
-                nn.init.normal_(parameter, std=0.02 / ((2 * self.config.layers) ** 0.5 if into_residual else 1))
+                nn.init.normal_(
+                    parameter, std=0.02 / ((2 * self.config.layers) ** 0.5 if into_residual else 1)
+                )
 
     def forward(
         self, ids: Int[Tensor, "b t"], valid: Bool[Tensor, "b t"] | None = None
@@ -156,8 +162,9 @@ class Generator(nn.Module):
     ) -> Float[Tensor, "k b n K"]:
         """For each segment its K logits at the positions that predict it: one grouped product."""
         rows = hidden.shape[0]
-        chosen = hidden[:, predictors.flatten()].unflatten(1, predictors.shape).transpose(0, 1).flatten(1, 2)
-        return torch.bmm(chosen, self.segment_head().transpose(1, 2)).unflatten(1, (rows, -1))
+        chosen = hidden[:, predictors].transpose(0, 1).flatten(1, 2)
+        logits = torch.bmm(chosen, self.segment_head().transpose(1, 2))
+        return logits.view(len(logits), rows, -1, self.config.layout.motion_codes)
 
     def save(self, folder: Path, card: dict[str, object], dtype: torch.dtype | None = None) -> None:
         """Write a checkpoint folder."""

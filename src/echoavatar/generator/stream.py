@@ -1,8 +1,8 @@
-"""Streaming generation: one chunk of audio codes in, two time steps of motion codes out.
+"""Streaming generation: each chunk of audio codes in, two time steps of motion codes out.
 
-`InterleavedStream` keeps a ring of keys and values of constant size: a step reads the previous id and 40 audio ids in one
-pass, then decodes 6 Q ids one by one. `PrefixStream` is the paper's sliding window: its state is the code history and
-every step reads the whole window again. Callers cannot tell which.
+`InterleavedStream` keeps a ring of keys and values of constant size: a step reads the previous id and 40 audio ids
+in one pass, then decodes 6 Q ids one by one. `PrefixStream` is the paper's sliding window: its state is the code
+history and every step reads the whole window again. Callers cannot tell which.
 """
 
 from abc import abstractmethod
@@ -48,19 +48,27 @@ class GeneratorStream(StreamingModule[StateT]):
         temperature: Float[Tensor, " b"] | None = None,
         top_p: Float[Tensor, " b"] | None = None,
     ) -> Int[Tensor, "b n p q"]:
-        """Hear the audio codes (b, 20, 2) of one chunk, return its motion codes (b, 2, 3, Q).
+        """Hear the audio codes of whole chunks (b, 20 each, 2), return their motion codes (b, 2 each, 3, Q).
 
         `seeds` (default 0) key the noise of each row; `temperature` and `top_p` default to the config's.
         """
         rows, device = x.shape[0], self._decoder.device
-        assert x.shape[1:] == (AUDIO_FRAMES_PER_CHUNK, self.layout.audio_layers), "one chunk of audio codes"
-        count = MOTION_TOKENS_PER_CHUNK * self.layout.segments
         seeds = torch.zeros(rows, dtype=torch.int64, device=device) if seeds is None else seeds
-        noise = gumbel_noise(seeds, self._heard(state) * count, count=count, codes=self.layout.motion_codes)
         if temperature is None:
             temperature = torch.full((rows,), self.config.temperature, device=device)
         top_p = torch.full((rows,), self.config.top_p, device=device) if top_p is None else top_p
-        return self._generate(x, state, active, Sampler(noise, temperature, top_p))
+        count, codes = MOTION_TOKENS_PER_CHUNK * self.layout.segments, self.layout.motion_codes
+        parts = []
+        for chunk in torch.split(x, AUDIO_FRAMES_PER_CHUNK, dim=1):
+            noise = gumbel_noise(seeds, self._heard(state) * count, count=count, codes=codes)
+            parts.append(self._generate(chunk, state, active, Sampler(noise, temperature, top_p)))
+        return torch.cat(parts, dim=1)
+
+    def forward(self, x: Int[Tensor, "b f q"]) -> Int[Tensor, "b n p q"]:
+        """A whole clip: one step from a fresh state, seed 0."""
+        rows = x.shape[0]
+        everyone = torch.ones(rows, dtype=torch.bool, device=self._decoder.device)
+        return self.step(x, self.init_state(rows), everyone)
 
     @abstractmethod
     def _heard(self, state: StateT) -> Int[Tensor, " b"]:
@@ -200,9 +208,7 @@ class PrefixStream(GeneratorStream[HistoryState]):
         return self._decoder.places(positions, at.expand(rows, -1), seen, everyone), length
 
 
-def open_stream(
-    generator: Generator, precision: Precision = "float32"
-) -> InterleavedStream | PrefixStream:
+def open_stream(generator: Generator, precision: Precision = "float32") -> InterleavedStream | PrefixStream:
     """The stream of this generator's sequence order."""
     kind = InterleavedStream if generator.config.sequence == "interleaved" else PrefixStream
     return kind(generator, precision)

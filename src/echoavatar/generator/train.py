@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from pydantic import Field
 from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
@@ -20,35 +20,47 @@ from torch import Tensor, nn
 from .. import checkpoint
 from ..config import Config
 from ..errors import CheckpointError
-from ..tokens import PARTS, Sequences, corrupt_hierarchically, corrupt_uniformly
+from ..tokens import Sequences, corrupt_hierarchically, corrupt_uniformly
 from .config import GeneratorConfig
 from .initial import align_embeddings
-from .loss import code_nll, hierarchical_loss
+from .loss import code_nll, hierarchical_loss, summary, to_device
 from .model import Generator
-from .windows import DOMAINS, TokenClip, Window, WindowSampler
+from .windows import TokenClip, Window, WindowSampler
 
 
 class GeneratorTraining(Config):
     """How a generator is trained. The defaults suit a small model from scratch on a CPU."""
 
-    steps: int = Field(3000, gt=0, description="optimiser steps of the whole schedule")
-    batch: int = Field(8, gt=0, description="windows per step")
-    chunks: int = Field(24, gt=0, description="chunks per window; more than window_chunks trains the steady stream")
-    learning_rate: float = Field(1e-3, gt=0, description="peak of the schedule (paper: 5e-5 from Qwen's weights)")
-    warmup: int = Field(100, ge=0, description="steps of linear warm-up")
-    final_rate: float = Field(0.05, ge=0, le=1, description="share of the peak at the end of the cosine")
-    weight_decay: float = Field(0.05, ge=0, description="AdamW decay of matrices")
-    clip: float = Field(1.0, gt=0, description="largest norm of the gradient")
-    depth_weights: tuple[float, ...] = Field((1.0, 0.7, 0.5, 0.35), description="loss weight of each RVQ layer")
-    corruption: Literal["hierarchical", "uniform", "none"] = Field(
-        "hierarchical", description="what is done to the context motion codes"
+    steps: int = Field(default=3000, gt=0, description="optimiser steps of the whole schedule")
+    batch: int = Field(default=8, gt=0, description="windows per step")
+    chunks: int = Field(
+        default=24, gt=0, description="chunks per window; more than window_chunks trains the steady stream"
     )
-    corruption_low: float = Field(0.0, ge=0, le=1, description="smallest corruption rate of a window")
-    corruption_high: float = Field(0.5, ge=0, le=1, description="largest; the paper gives no rate")
-    short_windows: float = Field(0.2, ge=0, le=1, description="prefix order: share of windows cut short in front")
-    seed: int = Field(0, description="of weights, windows and corruption")
-    autocast: bool = Field(False, description="bfloat16 products; faster on processors that have them")
-    save_every: int = Field(200, gt=0, description="steps between checkpoints")
+    learning_rate: float = Field(
+        default=1e-3, gt=0, description="peak of the schedule (paper: 5e-5 from Qwen's weights)"
+    )
+    warmup: int = Field(default=100, ge=0, description="steps of linear warm-up")
+    final_rate: float = Field(
+        default=0.05, ge=0, le=1, description="share of the peak at the end of the cosine"
+    )
+    weight_decay: float = Field(default=0.05, ge=0, description="AdamW decay of matrices")
+    clip: float = Field(default=1.0, gt=0, description="largest norm of the gradient")
+    depth_weights: tuple[float, ...] = Field(
+        default=(1.0, 0.7, 0.5, 0.35), description="loss weight of each RVQ layer"
+    )
+    corruption: Literal["hierarchical", "uniform", "none"] = Field(
+        default="hierarchical", description="what is done to the context motion codes"
+    )
+    corruption_low: float = Field(default=0.0, ge=0, le=1, description="smallest corruption rate of a window")
+    corruption_high: float = Field(default=0.5, ge=0, le=1, description="largest; the paper gives no rate")
+    short_windows: float = Field(
+        default=0.2, ge=0, le=1, description="prefix order: share of windows cut short in front"
+    )
+    seed: int = Field(default=0, description="of weights, windows and corruption")
+    autocast: bool = Field(
+        default=False, description="bfloat16 products; faster on processors that have them"
+    )
+    save_every: int = Field(default=200, gt=0, description="steps between checkpoints")
 
 
 class Trainer:
@@ -75,7 +87,10 @@ class Trainer:
         self.training, self.next_step, self._device = training, 0, device
         decayed = [p for p in self.generator.parameters() if p.dim() > 1]
         others = [p for p in self.generator.parameters() if p.dim() == 1]
-        groups = [{"params": decayed, "weight_decay": training.weight_decay}, {"params": others, "weight_decay": 0.0}]
+        groups = [
+            {"params": decayed, "weight_decay": training.weight_decay},
+            {"params": others, "weight_decay": 0.0},
+        ]
         self._optimiser = torch.optim.AdamW(groups, lr=training.learning_rate, betas=(0.9, 0.95), fused=True)
 
     def step(self, window: Window) -> dict[str, Any]:
@@ -92,7 +107,9 @@ class Trainer:
         norm = nn.utils.clip_grad_norm_(self.generator.parameters(), training.clip)
         self._optimiser.step()
         self.next_step += 1
-        return {"step": number, "loss": loss.item(), "gradient": norm.item()} | summary(nll.detach(), batch, window)
+        return {"step": number, "loss": loss.item(), "gradient": norm.item()} | summary(
+            nll.detach(), batch, window
+        )
 
     def _schedule(self, number: int) -> float:
         training = self.training
@@ -154,25 +171,6 @@ class Trainer:
         return True
 
 
-def to_device(batch: Sequences, device: str) -> Sequences:
-    """Move every tensor."""
-    return Sequences(*(None if part is None else part.to(device) for part in batch))
-
-
-def summary(nll: Float[Tensor, "b k n"], batch: Sequences, window: Window) -> dict[str, float]:
-    """Mean NLL per domain, and per RVQ layer."""
-    counts = batch.mask[:, None].expand_as(nll)
-    domain = window.domain.to(nll.device)[:, None].expand_as(nll)
-    means = {
-        f"nll_{name}": nll[counts & (domain == index)].mean().item()
-        for index, name in enumerate(DOMAINS)
-        if bool((counts & (domain == index)).any())
-    }
-    layers = nll.unflatten(1, (PARTS, -1)).transpose(1, 2)
-    there = counts.unflatten(1, (PARTS, -1)).transpose(1, 2)
-    return means | {f"nll_layer_{q}": layers[:, q][there[:, q]].mean().item() for q in range(layers.shape[1])}
-
-
 def train_generator(
     config: GeneratorConfig,
     training: GeneratorTraining,
@@ -219,53 +217,3 @@ def _truncated_log(path: Path, steps: int) -> Path:
         kept = [line for line in path.read_text().splitlines() if line and json.loads(line)["step"] < steps]
         path.write_text("".join(line + "\n" for line in kept))
     return path
-
-
-@torch.no_grad()
-def nll_by_domain(
-    generator: Generator,
-    clips: Sequence[TokenClip],
-    *,
-    shuffled_audio: bool = False,
-    chunks: int | None = None,
-    batch: int = 8,
-    most_batches: int | None = None,
-    corruption: float = 0.0,
-) -> dict[str, float]:
-    """Mean NLL per motion code in nats by domain ("silence", "speech", "music", "all"): how much the audio matters.
-
-    `shuffled_audio` gives every window the audio of another window: compare with the true audio. `corruption` damages the
-    context hierarchically at that rate. Time steps before the first full window are counted too.
-    """
-    order, device = generator.config.order, str(next(generator.parameters()).device)
-    length = chunks or (generator.config.window_chunks if generator.config.sequence == "prefix" else 24)
-    total, count = torch.zeros(len(DOMAINS)).double(), torch.zeros(len(DOMAINS)).double()
-    random = torch.Generator().manual_seed(0)
-    windows = WindowSampler(clips, chunks=length).grid(batch)
-    everything = Window(*(torch.cat(parts) for parts in zip(*windows, strict=True)))
-    audio = _swapped(everything, random) if shuffled_audio else everything.audio
-    for number, at in enumerate(range(0, len(audio), batch)):
-        if number == most_batches:
-            break
-        motion = everything.motion[at : at + batch]
-        context = motion
-        if corruption > 0:
-            codebook = generator.config.layout.motion_codes
-            context = corrupt_hierarchically(motion, corruption, codebook=codebook, generator=random)
-        missing = torch.zeros(len(motion), dtype=torch.int64)
-        sequences = to_device(order.build(audio[at : at + batch], context, motion, missing), device)
-        nll = code_nll(generator, sequences).mean(dim=1).double().cpu()
-        for index in range(len(DOMAINS)):
-            here = everything.domain[at : at + batch] == index
-            total[index] += nll[here].sum()
-            count[index] += here.sum()
-    means = {name: (total[i] / count[i]).item() for i, name in enumerate(DOMAINS) if count[i] > 0}
-    return means | {"all": (total.sum() / count.sum()).item()}
-
-
-def _swapped(windows: Window, random: torch.Generator) -> Int[Tensor, "b f q"]:
-    """The audio of another window for each, never its own: a random cycle through all windows."""
-    order = torch.randperm(len(windows.audio), generator=random)
-    swapped = torch.empty_like(windows.audio)
-    swapped[order] = windows.audio[order.roll(1)]
-    return swapped

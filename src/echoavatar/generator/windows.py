@@ -90,6 +90,11 @@ class WindowSampler:
         """How many different windows there are."""
         return int(self._ends[-1])
 
+    @property
+    def most_per_clip(self) -> int:
+        """Most windows that `grid` takes from one clip."""
+        return max(clip.chunks // self._chunks for clip in self._clips)
+
     def batch(self, number: int, size: int) -> Window:
         """Batch `number` of `size` windows, uniform over all windows."""
         rng = np.random.default_rng([self._seed, number])
@@ -111,7 +116,8 @@ class WindowSampler:
     def _gather(self, spots: Sequence[tuple[int, int]]) -> Window:
         def cut(name: str, each: int) -> Tensor:
             parts = [
-                getattr(self._clips[clip], name)[start * each : (start + self._chunks) * each] for clip, start in spots
+                getattr(self._clips[clip], name)[start * each : (start + self._chunks) * each]
+                for clip, start in spots
             ]
             return torch.from_numpy(np.stack(parts).astype(np.int64))
 

@@ -1,4 +1,4 @@
-"""Codes and vocabulary ids, the grammar of sequences, token corruption."""
+"""Codes and vocabulary ids, the grammar of sequences, token corruption. May import `tokenizer` and below."""
 
 from .corruption import corrupt_hierarchically, corrupt_uniformly
 from .layout import PARTS, REFERENCE_LAYOUT, TokenLayout

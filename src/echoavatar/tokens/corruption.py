@@ -6,25 +6,34 @@ defines one RVQ token grid of T x Q and does not say how three parts share it.
 """
 
 import torch
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 
 def corrupt_uniformly(
-    codes: Int[Tensor, "b n p q"], rate: float, *, codebook: int, generator: torch.Generator
+    codes: Int[Tensor, "b n p q"],
+    rate: float | Float[Tensor, " b"],
+    *,
+    codebook: int,
+    generator: torch.Generator,
 ) -> Int[Tensor, "b n p q"]:
-    """Replace each code with probability `rate` by one drawn uniformly from 0..`codebook` - 1."""
-    chosen = torch.rand(codes.shape, generator=generator) < rate
+    """Replace each code with probability `rate` (one, or one per row) by one drawn from 0..`codebook` - 1."""
+    rates = torch.as_tensor(rate).expand(len(codes))
+    chosen = torch.rand(codes.shape, generator=generator) < rates[:, None, None, None]
     return _replace(codes, chosen, codebook, generator)
 
 
 def corrupt_hierarchically(
-    codes: Int[Tensor, "b n p q"], rate: float | Tensor, *, codebook: int, generator: torch.Generator
+    codes: Int[Tensor, "b n p q"],
+    rate: float | Float[Tensor, " b"],
+    *,
+    codebook: int,
+    generator: torch.Generator,
 ) -> Int[Tensor, "b n p q"]:
     """Replace, in floor(rate x n) time steps of each row and part, all layers from a random depth on.
 
-    The depth q* is uniform over 0..Q-1 for each chosen time step; layers q >= q* are drawn uniformly, coarser ones stay.
-    `rate` is one number or one per row (b,).
+    The depth q* is uniform over 0..Q-1 for each chosen time step; layers q >= q* are drawn uniformly, coarser ones
+    stay. `rate` is one number or one per row (b,).
     """
     rows, steps, parts, layers = codes.shape
     rates = torch.as_tensor(rate, dtype=torch.float64).expand(rows)

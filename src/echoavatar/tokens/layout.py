@@ -1,8 +1,9 @@
 """Where codes live in the vocabulary: codes <-> ids by arithmetic, both ways, and the cyclic grammar of motion.
 
 Paper, Audio Driven Motion Generation: the multi-layer RVQ indices of audio and motion are flattened into one
-autoregressive stream (after MusicGen). One time step of motion is 3 Q ids in the order of the segments: the layers of the
-lower body, then of the upper body, then of the hands. Position k of the motion stream may hold segment k mod 3 Q only.
+autoregressive stream (after MusicGen). One time step of motion is 3 Q ids in the order of the segments: the layers
+of the lower body, then of the upper body, then of the hands. Position k of the motion stream may hold segment k
+mod 3 Q only.
 """
 
 from typing import Self
@@ -20,16 +21,18 @@ PARTS = 3  # lower body, upper body, hands
 class TokenLayout(Config):
     """Rows of the vocabulary. The defaults are the compact vocabulary of our own models."""
 
-    audio_layers: int = Field(2, gt=0, description="RVQ layers of the audio codec that are used")
-    audio_codes: int = Field(512, gt=0, description="codes in each audio codebook")
-    motion_layers: int = Field(4, gt=0, description="RVQ layers Q of each motion tokenizer")
-    motion_codes: int = Field(512, gt=0, description="codes K in each motion codebook")
-    start_id: int = Field(0, ge=0, description="the id that opens a sequence")
-    before_audio: tuple[int, ...] = Field((1,), description="ids before the audio of a prefix prompt")
-    before_motion: tuple[int, ...] = Field((2,), description="ids between audio and motion of a prefix prompt")
-    audio_base: int = Field(4, ge=0, description="id of code 0 in audio layer 0")
-    motion_base: int = Field(4 + 2 * 512, ge=0, description="id of code 0 in segment 0")
-    vocabulary: int = Field(4 + 2 * 512 + 12 * 512, gt=0, description="rows of the embedding table")
+    audio_layers: int = Field(default=2, gt=0, description="RVQ layers of the audio codec that are used")
+    audio_codes: int = Field(default=512, gt=0, description="codes in each audio codebook")
+    motion_layers: int = Field(default=4, gt=0, description="RVQ layers Q of each motion tokenizer")
+    motion_codes: int = Field(default=512, gt=0, description="codes K in each motion codebook")
+    start_id: int = Field(default=0, ge=0, description="the id that opens a sequence")
+    before_audio: tuple[int, ...] = Field(default=(1,), description="ids before the audio of a prefix prompt")
+    before_motion: tuple[int, ...] = Field(
+        default=(2,), description="ids between audio and motion of a prefix prompt"
+    )
+    audio_base: int = Field(default=4, ge=0, description="id of code 0 in audio layer 0")
+    motion_base: int = Field(default=4 + 2 * 512, ge=0, description="id of code 0 in segment 0")
+    vocabulary: int = Field(default=4 + 2 * 512 + 12 * 512, gt=0, description="rows of the embedding table")
 
     @model_validator(mode="after")
     def _rows_do_not_overlap(self) -> Self:
@@ -45,7 +48,9 @@ class TokenLayout(Config):
         return self
 
     @classmethod
-    def compact(cls, *, audio_codes: int, motion_layers: int, motion_codes: int, audio_layers: int = 2) -> Self:
+    def compact(
+        cls, *, audio_codes: int, motion_layers: int, motion_codes: int, audio_layers: int = 2
+    ) -> Self:
         """The smallest vocabulary for these codebooks: four specials, audio rows, motion rows."""
         motion_base = 4 + audio_layers * audio_codes
         return cls(
@@ -70,7 +75,7 @@ class TokenLayout(Config):
     def audio_codes_of(self, ids: Int[Tensor, "b t"]) -> Int[Tensor, "b f q"]:
         """The inverse of `audio_ids`."""
         layer = torch.arange(self.audio_layers, device=ids.device) * self.audio_codes + self.audio_base
-        return ids.unflatten(1, (-1, self.audio_layers)) - layer
+        return ids.reshape(len(ids), -1, self.audio_layers) - layer
 
     def flatten(self, codes: Int[Tensor, "b n p q"]) -> Int[Tensor, "b t"]:
         """Motion codes (b, n, 3, Q) to codes (b, n x 3 Q) in grammar order (codes, not ids)."""
@@ -78,7 +83,7 @@ class TokenLayout(Config):
 
     def unflatten(self, flat: Int[Tensor, "b t"]) -> Int[Tensor, "b n p q"]:
         """The inverse of `flatten`."""
-        return flat.unflatten(1, (-1, PARTS, self.motion_layers))
+        return flat.reshape(len(flat), -1, PARTS, self.motion_layers)
 
     def motion_ids(self, codes: Int[Tensor, "b n p q"]) -> Int[Tensor, "b t"]:
         """Flatten motion codes into ids (b, n x 3 Q), segment by segment."""
@@ -86,7 +91,9 @@ class TokenLayout(Config):
 
     def motion_codes_of(self, ids: Int[Tensor, "b t"]) -> Int[Tensor, "b n p q"]:
         """The inverse of `motion_ids`."""
-        return self.unflatten((ids.unflatten(1, (-1, self.segments)) - self._segment_rows(ids.device)).flatten(1))
+        return self.unflatten(
+            (ids.reshape(len(ids), -1, self.segments) - self._segment_rows(ids.device)).flatten(1)
+        )
 
     def segment_start(self, segment: int) -> int:
         """The id of code 0 in a segment of the motion grammar."""

@@ -92,14 +92,14 @@ class Interleaved(SequenceOrder):
         missing: Int[Tensor, " b"],
     ) -> Sequences:
         """See `SequenceOrder.build`. A band needs no short windows: `missing` chunks only lose their loss."""
-        sound = self.layout.audio_ids(audio).unflatten(1, (-1, self.audio_per_chunk))
-        moves = self.layout.motion_ids(context).unflatten(1, (-1, self.motion_per_chunk))
+        sound = self.layout.audio_ids(audio).view(len(audio), -1, self.audio_per_chunk)
+        moves = self.layout.motion_ids(context).view(len(audio), -1, self.motion_per_chunk)
         body = torch.cat([sound, moves], dim=2).flatten(1)
         start = torch.full_like(body[:, :1], self.layout.start_id)
         chunks = sound.shape[1]
         motion = torch.arange(self.motion_per_chunk, device=body.device) + self.audio_per_chunk
         at = (torch.arange(chunks, device=body.device)[:, None] * self.ids_per_chunk + motion).flatten()
-        predictors = at.unflatten(0, (-1, self.layout.segments)).T.contiguous()
+        predictors = at.view(-1, self.layout.segments).T.contiguous()
         mask = self._present(missing, chunks, MOTION_TOKENS_PER_CHUNK)
         return Sequences(torch.cat([start, body[:, :-1]], 1), None, predictors, self._targets(target), mask)
 
@@ -141,7 +141,7 @@ class Prefix(SequenceOrder):
         count = context.shape[1] * self.layout.segments
         first = ids.shape[1] - count - 1
         at = torch.arange(first, first + count, device=ids.device)
-        predictors = at.unflatten(0, (-1, self.layout.segments)).T.contiguous()
+        predictors = at.view(-1, self.layout.segments).T.contiguous()
         mask = self._present(missing, context.shape[1] // MOTION_TOKENS_PER_CHUNK, MOTION_TOKENS_PER_CHUNK)
         return Sequences(ids[:, :-1], valid[:, :-1], predictors, self._targets(target), mask)
 
