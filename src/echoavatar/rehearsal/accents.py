@@ -5,7 +5,7 @@ from jaxtyping import Float
 
 from ..timing import FRAME_RATE_HZ
 from .controls import Array, critically_damped, smoothed, wander
-from .sound import Syllable, SoundTrack
+from .sound import SoundTrack, Syllable
 from .stance import air
 
 NOD_FROM = 0.45  # prominence

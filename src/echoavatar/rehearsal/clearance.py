@@ -5,7 +5,6 @@ The body is a rounded column and a ball in chest axes; what enters is pushed out
 
 from dataclasses import replace
 
-import numpy as np
 import torch
 import torch.nn.functional as F
 from torch import Tensor
@@ -74,4 +73,5 @@ def _out_of_body(points: Tensor) -> Tensor:
 
 def _short(value: Tensor, least: float, width: float) -> Tensor:
     """How much `value` lacks to `least`, without a corner; nothing well above it."""
-    return width * F.softplus((least - value) / width)
+    lack: Tensor = width * F.softplus((least - value) / width)
+    return lack

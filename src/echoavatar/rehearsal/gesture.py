@@ -5,35 +5,28 @@ preparations begin with the word, hands rise with the phrase and sink after it. 
 words with a meaning get a gesture of their own, and everything else (head, torso, clavicles) takes part.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
 
-from ..timing import FRAME_RATE_HZ
 from .accents import head_accents, speech_activity
 from .controls import Array, Controls, critically_damped, wander
+from .cues import Cue, cues_of
 from .handpath import FINGERS, PALM, WRIST, HandPath
 from .handshapes import count_shape, hand_shape
 from .idle import Manner, hands_of, idle, living_fingers, manner, resting_hands, with_hands
 from .lexicon import ACCENTS, MEANINGS, Form, aim_at, home_of, meant_form
-from .sound import Syllable, SoundTrack
+from .sound import SoundTrack
 
 SINK_AFTER, REST_AFTER = 0.10, 0.30  # seconds after a phrase: first let go, then drop
-SHORTEST_SINK_GAP, SHORTEST_REST_GAP = 0.50, 1.35  # in shorter pauses hands wait, in longer ones they go to rest
+SHORTEST_SINK_GAP, SHORTEST_REST_GAP = (
+    0.50,
+    1.35,
+)  # in shorter pauses hands wait, in longer ones they go to rest
 LOW = np.array([-0.045, -0.385, 0.190], np.float32)  # a hand that is up but does not lead
+RISING, SINKING = np.array([0.03, 0.0, 0.05], np.float32), np.array([0.03, 0.0, 0.02], np.float32)
 LEFT, RIGHT = 0, 1
-
-
-@dataclass(frozen=True)
-class Cue:
-    """A syllable worth a gesture: the word's onset, the stroke's end, its weight 0..1 and the word's meaning."""
-
-    onset: float
-    stroke_end: float
-    weight: float
-    meaning: str
-    word: str
 
 
 def gesture(track: SoundTrack, seed: int) -> Controls:
@@ -54,46 +47,6 @@ def gesture(track: SoundTrack, seed: int) -> Controls:
     head, spine = head_accents(track, who.nod, rng)
     body = replace(body, head=body.head + head, spine=body.spine + spine)
     return joined_in(with_hands(body, hands_of(body) + moved), hands_of(body), active)
-
-
-def cues_of(
-    track: SoundTrack, phrase: tuple[float, float], who: Manner, rng: np.random.Generator
-) -> list[Cue]:
-    """The syllables of a phrase that get a gesture, strongest first choice, not too close together."""
-    begin, end = phrase
-    inside = [s for s in track.syllables if begin - 0.02 <= s.vowel < end]
-    spoken: set[tuple[float, str]] = set()
-    cues: list[Cue] = []
-    for i in sorted(range(len(inside)), key=lambda k: -_urge(inside[k])):
-        syllable, onset = inside[i], _word_onset(inside, i)
-        wanted = _urge(syllable) * (0.9 + 0.2 * rng.random()) * who.pace
-        gap = 0.40 / who.pace if wanted < 0.8 else 0.46
-        stroke_end = syllable.vowel + float(rng.uniform(0.10, 0.18))
-        if (
-            wanted < 0.42
-            or any(abs(cue.stroke_end - stroke_end) < gap for cue in cues)
-            or rng.random() < 0.08
-        ):
-            continue
-        meaning = syllable.meaning if rng.random() < 0.85 and (onset, syllable.word) not in spoken else ""
-        spoken.add((onset, syllable.word))
-        cues.append(Cue(onset, stroke_end, min(syllable.prominence, 1.0), meaning, syllable.word))
-    return sorted(cues, key=lambda cue: cue.stroke_end)
-
-
-def _urge(syllable: Syllable) -> float:
-    return syllable.prominence + (0.35 if syllable.meaning and syllable.prominence > 0.3 else 0.0)
-
-
-def _word_onset(syllables: list[Syllable], index: int) -> float:
-    """Start of the word a syllable belongs to."""
-    while (
-        index
-        and syllables[index - 1].word == syllables[index].word
-        and syllables[index].start - syllables[index - 1].end < 0.05
-    ):
-        index -= 1
-    return syllables[index].start
 
 
 class _Speaker:
@@ -156,7 +109,7 @@ class _Speaker:
         for delay, side in zip((0.0, float(self.rng.uniform(0.0, 0.12))), sides, strict=False):
             start = begin + float(self.rng.uniform(0.0, 0.10)) + delay
             length = float(np.clip(first.stroke_end - start - 0.15, 0.50, 0.80))
-            arc = np.array([0.03, 0.0, 0.05]) if not self.up[side] else np.zeros(3)
+            arc = RISING if not self.up[side] else None
             self.hands[side].move(start, start + length, self.homes[side], arc)
             self.up[side] = True
 
@@ -231,7 +184,7 @@ class _Speaker:
         if end - begin < way / 0.9:
             begin = max(begin - 0.12, end - way / 0.9)
             end = max(end, begin + way / 1.0)
-        arc = np.array(form.arc) * min(1.0, way / 0.12)
+        arc = np.array(form.arc, np.float32) * min(1.0, way / 0.12)
         path.stroke(begin, end, aim, overshoot=float(self.rng.uniform(0.06, 0.14)), arc=arc)
         self.up[side] = True
         self.homes[side] = aim.copy()
@@ -272,7 +225,7 @@ class _Speaker:
         for side, path in enumerate(self.hands):
             if self.up[side]:
                 begin = end + REST_AFTER + late + float(self.rng.uniform(0.0, 0.06))
-                path.move(begin, begin + 0.52, self.rest[side], np.array([0.03, 0.0, 0.02]))
+                path.move(begin, begin + 0.52, self.rest[side], SINKING)
             self.up[side] = False
 
 

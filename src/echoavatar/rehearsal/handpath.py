@@ -72,7 +72,8 @@ class HandPath:
         done = np.zeros((frames + 1, HAND_WIDTH), np.float64)
         for begin, end, change, bulge in self._moves:
             for channels, fastest, lag in _LIMITS:
-                way = float(np.linalg.norm(change[channels])) if channels == WRIST else float(np.abs(change[channels]).max())  # fmt: skip
+                part = change[channels]
+                way = float(np.linalg.norm(part) if channels == WRIST else np.abs(part).max())
                 seconds = max(end - begin, 1.875 * way / fastest, 0.1)
                 first, last = _window(begin + lag, begin + lag + seconds, frames)
                 done[last, channels] += change[channels]
@@ -83,7 +84,7 @@ class HandPath:
                     if channels == WRIST and bulge.any():
                         p = np.clip(phase, 0, 1)[:, None]
                         out[first:last, channels] += 64 * (p * (1 - p)) ** 3 * bulge
-        return (self._start + out + done.cumsum(axis=0)[:-1]).astype(np.float32)
+        return np.asarray(self._start + out + done.cumsum(axis=0)[:-1], np.float32)
 
 
 def _window(begin: float, end: float, frames: int) -> tuple[int, int]:

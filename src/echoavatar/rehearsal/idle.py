@@ -3,7 +3,6 @@
 The body under everything else: gestures add to it, so a speaker breathes and stands like the listener they were.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np

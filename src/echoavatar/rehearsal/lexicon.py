@@ -44,16 +44,16 @@ MEANINGS: dict[str, Form] = {
     "you": Form((0.02, 0.07, 0.17), (-0.20, 0.0, -0.95), "offer", -0.05, (0.0, 0.03, 0.0)),
     "me": Form((-0.115, 0.085, -0.035), (0.20, 0.0, 0.40), "open", 0.12, (0.06, 0.03, 0.08)),
     "negation": Form((0.22, 0.0, 0.06), (-0.25, -0.15, 1.15), "flat", 0.25, (0.0, 0.0, 0.09)),
-    "count": Form((0.05, 0.20, 0.02), (-0.20, 0.0, 0.75), "one", 0.02, (0.02, 0.03, 0.04)),
+    "count": Form((0.06, 0.22, 0.02), (-0.15, 0.0, 0.85), "one", -0.15, (0.02, 0.03, 0.04)),
     "contrast": Form((0.17, 0.03, 0.07), (-0.10, 0.0, -0.95), "offer", -0.05, (0.0, 0.06, 0.03)),
     "question": Form((0.14, 0.02, 0.08), (-0.15, 0.0, -1.20), "open", -0.10, (0.0, 0.02, 0.05)),
     "greeting": Form((0.17, 0.36, 0.0), (-0.25, 0.0, 1.25), "spread", 0.05, (0.03, 0.0, 0.06)),
 }
 
-_SMALL = frozenset("tiny small little short thin narrow less least".split())
-_ME = frozenset("i me my mine myself we us our".split())
-_YOU = frozenset("you your yours yourself everybody everyone".split())
-_HERE = frozenset("here this these down now".split())
+_SMALL = frozenset(["tiny", "small", "little", "short", "thin", "narrow", "less", "least"])
+_ME = frozenset(["i", "me", "my", "mine", "myself", "we", "us", "our"])
+_YOU = frozenset(["you", "your", "yours", "yourself", "everybody", "everyone"])
+_HERE = frozenset(["here", "this", "these", "down", "now"])
 
 
 def meant_form(meaning: str, word: str) -> str:
@@ -74,7 +74,7 @@ def aim_at(
     base = np.array(HOME) * (1.0, 1.0, space)
     wrist = 0.65 * base + 0.35 * home[:3] + np.array(form.wrist) * size + rng.normal(0, 0.014, 3)
     palm = np.array(form.palm) + rng.normal(0, 0.09, 3)
-    fingers = hand_shape(form.shape) + rng.normal(0, 0.03, 7)
+    fingers = (hand_shape(form.shape) + rng.normal(0, 0.03, 7)).astype(np.float32)
     swing = form.swing + float(rng.normal(0, 0.05))
     return pack_hand(wrist.astype(np.float32), (palm[0], palm[1], palm[2]), fingers, swing)
 

@@ -159,7 +159,9 @@ def _elbow_direction(line: Float[Tensor, "t 3"], swing: Float[Tensor, " t"]) -> 
     along = (axis @ elbow)[:, None]
     carried = cosine * elbow + torch.linalg.cross(axis, elbow.expand_as(axis)) + axis * along / (1 + cosine)
     carried = F.normalize(carried - (carried * line).sum(-1, keepdim=True) * line, dim=-1)
-    return swing.cos()[:, None] * carried + swing.sin()[:, None] * torch.linalg.cross(line, carried)
+    aside = torch.linalg.cross(line, carried)
+    turned: Tensor = swing.cos()[:, None] * carried + swing.sin()[:, None] * aside
+    return turned
 
 
 def _two_bones(
