@@ -5,6 +5,7 @@ sound card would), motion as float32.
 """
 
 import zipfile
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,6 +22,7 @@ DOMAINS = ("silence", "speech", "music")
 SPLITS = ("train", "test")
 _PCM = 32767.0
 _EVENT = "event."
+_DAMAGE = (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error)
 
 
 @dataclass(frozen=True)
@@ -125,16 +127,25 @@ class open_clip:  # noqa: N801  reads like `open`
 
     def __enter__(self) -> Any:
         try:
-            self._stored = np.load(self.path, allow_pickle=False)
+            self._file = self.path.open("rb")
         except FileNotFoundError as error:
             raise MotionError(f"clip {self.path} does not exist; make the corpus again") from error
-        except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        except OSError as error:
+            raise MotionError(f"clip {self.path} cannot be read ({error.strerror})") from error
+        try:
+            self._stored = np.load(self._file, allow_pickle=False)
+        except _DAMAGE as error:
+            self._file.close()
             raise MotionError(f"clip {self.path} is damaged or no clip; make the corpus again") from error
+        if not isinstance(self._stored, np.lib.npyio.NpzFile):
+            self._file.close()
+            raise MotionError(f"clip {self.path} is no clip; make the corpus again")
         return self._stored
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
         self._stored.close()
+        self._file.close()
         if isinstance(error, KeyError):
             raise MotionError(f"clip {self.path} lacks {error.args[0]!r}; make the corpus again") from error
-        if isinstance(error, OSError | ValueError | EOFError | zipfile.BadZipFile):
+        if isinstance(error, _DAMAGE):
             raise MotionError(f"clip {self.path} is damaged ({error}); make the corpus again") from error

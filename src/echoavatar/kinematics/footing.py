@@ -27,7 +27,7 @@ from .two_bone import REACH, reach
 FADE_SECONDS = 0.25
 MAX_SLIDE_SPEED = 0.35  # metres per second: a foot that moves faster steps or is dragged on purpose
 STEP_SECONDS = 0.27  # between two stands of one foot
-STEP_HEIGHT_M = 0.03  # lifted in between, where it would have slid
+STEP_HEIGHT_M = 0.045  # lifted in between, where it would have slid
 SOFT_FLOOR_M = 0.006
 MAX_DRIFT_M = 0.06  # a planted foot that strays further starts a new stand
 _Array = NDArray[np.float64]

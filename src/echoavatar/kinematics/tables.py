@@ -41,12 +41,12 @@ def write_npz(path: Path | str, motion: Motion) -> None:
 def read_npz(path: Path | str) -> Motion:
     """Read what `write_npz` wrote; raises MotionError for a missing, damaged or foreign file."""
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as stored:
             skeleton = Skeleton(SkeletonConfig.model_validate_json(str(stored["skeleton"])))
             return Motion(skeleton, stored["rotations"], stored["root"], float(stored["fps"]))
     except FileNotFoundError as error:
         raise MotionError(f"{path} does not exist; check the name") from error
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, ValidationError) as error:
+    except (OSError, ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile, ValidationError) as error:
         raise MotionError(f"{path} holds no motion of ours or is damaged; write it again") from error
 
 

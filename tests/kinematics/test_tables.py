@@ -1,0 +1,47 @@
+import csv
+
+import numpy as np
+import pytest
+from tests.kinematics.samples import swaying
+
+from echoavatar.errors import MotionError
+from echoavatar.kinematics.tables import read_npz, write_csv, write_npz
+
+
+def test_npz_comes_back(tmp_path):
+    motion = swaying(7)
+    write_npz(tmp_path / "a.npz", motion)
+    back = read_npz(tmp_path / "a.npz")
+    assert back.skeleton == motion.skeleton
+    assert back.fps == motion.fps
+    assert np.array_equal(back.rotations, motion.rotations)
+    assert np.array_equal(back.root, motion.root)
+
+
+def test_csv_names_its_columns(tmp_path):
+    motion = swaying(4)
+    write_csv(tmp_path / "a.csv", motion)
+    with (tmp_path / "a.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 4
+    assert float(rows[3]["time"]) == pytest.approx(0.1, abs=1e-6)
+    assert float(rows[2]["root.y"]) == pytest.approx(motion.root[2, 1], abs=1e-6)
+    hand = motion.skeleton.index("leftHand")
+    found = [float(rows[2][f"leftHand.{axis}"]) for axis in "wxyz"]
+    np.testing.assert_allclose(found, motion.rotations[2, hand], atol=1e-6)
+
+
+@pytest.mark.parametrize("content", [b"", b"text", b"PK\x03\x04broken"])
+def test_foreign_files_are_refused(tmp_path, content):
+    (tmp_path / "a.npz").write_bytes(content)
+    with pytest.raises(MotionError, match="write it again"):
+        read_npz(tmp_path / "a.npz")
+
+
+def test_missing_and_unwritable_files_are_explained(tmp_path):
+    with pytest.raises(MotionError, match="does not exist"):
+        read_npz(tmp_path / "none.npz")
+    for write in (write_csv, write_npz):
+        with pytest.raises(MotionError, match="cannot be written"):
+            write(tmp_path / "missing" / "a", swaying(1))
+    assert list(tmp_path.iterdir()) == []
