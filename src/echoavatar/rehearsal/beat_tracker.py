@@ -52,7 +52,8 @@ def onset_strength(audio: FloatArray) -> Onsets:
 
 
 def _whiten(strength: Array) -> Array:
-    kernel = np.ones(151) / 151
+    size = min(151, len(strength))
+    kernel = np.ones(size) / size
     strength = np.maximum(0, strength - np.convolve(strength, kernel, mode="same"))
     return np.asarray(strength / (np.std(strength) + 1e-9))
 
