@@ -27,6 +27,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     rehearse.add_argument(
         "--recordings", type=Path, help="folder of recorded audio; paths containing 'music' are danced to"
     )
+    rehearse.add_argument(
+        "--soundfont", type=Path, help="SF2 file: fluidsynth plays half of the music with it"
+    )
     rehearse.add_argument("--workers", type=int, default=2, help="processes (default: %(default)s)")
 
 
@@ -34,7 +37,14 @@ def run(args: argparse.Namespace) -> int:
     """Make the corpus."""
     from ..rehearsal.corpus import Plan, rehearse
 
-    plan = Plan(args.hours, args.seed, args.output, library=args.library, recordings=args.recordings)
+    plan = Plan(
+        args.hours,
+        args.seed,
+        args.output,
+        library=args.library,
+        recordings=args.recordings,
+        soundfont=args.soundfont,
+    )
     with tqdm(total=plan.clips, unit="clip") as bar:
         made = rehearse(plan, workers=args.workers, progress=lambda done, _: bar.update(done - bar.n))
     print(f"{made} clips, {plan.clips * plan.clip_seconds / 3600:.2f} hours in {plan.folder}")

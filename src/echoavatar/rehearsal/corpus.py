@@ -6,7 +6,8 @@ continues where it stopped. It is synthetic and says so in its manifest.
 
 import multiprocessing
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -15,11 +16,14 @@ from ..audio.io import read_audio
 from ..data.clip import Clip
 from ..data.corpus import clip_path, write_manifest
 from ..errors import EchoAvatarError
+from ..kinematics import HUMANOID, Motion
 from ..timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
+from .library import Library, load_library, weave
 from .perform import perform
+from .recording import track_from_recording
 from .solver import solve
 from .sound import SoundTrack
-from .track import compose_track, track_from_recording
+from .track import compose_track
 
 CLIP_SECONDS = 64.0
 TEST_EVERY = 16  # one clip in sixteen is held out
@@ -36,6 +40,7 @@ class Plan:
     folder: Path
     library: Path | None = None
     recordings: Path | None = None
+    soundfont: Path | None = None
     clip_seconds: float = CLIP_SECONDS
 
     @property
@@ -73,6 +78,7 @@ def rehearse(plan: Plan, *, workers: int = 1, progress: Callable[[int, int], Non
             "seed": plan.seed,
             "clip_seconds": plan.clip_seconds,
             "library": plan.library.name if plan.library else None,
+            "soundfont": plan.soundfont.name if plan.soundfont else None,
             "recordings": plan.recordings.name if plan.recordings else None,
         },
     )
@@ -86,6 +92,10 @@ def make_clip(plan: Plan, index: int) -> Clip:
     track = _track(plan, index, seed, split)
     controls = perform(track, seed)
     rotations, root = solve(controls)
+    if plan.library is not None:
+        motion = Motion(HUMANOID, rotations, root, float(FRAME_RATE_HZ))
+        woven = weave(_library(plan.library), track, motion, seed)
+        rotations, root = woven.rotations, woven.root
     frames = min(len(rotations), len(track.audio) // SAMPLES_PER_FRAME)
     return Clip(
         name=_name(plan, index),
@@ -114,7 +124,7 @@ def domains(track: SoundTrack, frames: int) -> np.ndarray:
 def _track(plan: Plan, index: int, seed: int, split: str) -> SoundTrack:
     recordings = _recordings(plan)
     if not recordings or index % RECORDING_EVERY != RECORDING_EVERY - 2:
-        return compose_track(seed, plan.clip_seconds, split=split)
+        return compose_track(seed, plan.clip_seconds, split=split, soundfont=plan.soundfont)
     path = recordings[(index // RECORDING_EVERY) % len(recordings)]
     audio = read_audio(path)
     rng = np.random.default_rng(seed)
@@ -124,6 +134,11 @@ def _track(plan: Plan, index: int, seed: int, split: str) -> SoundTrack:
         audio = audio[start : start + wanted]
     kind = "music" if "music" in str(path.relative_to(plan.recordings or path)).lower() else "speech"
     return track_from_recording(audio, kind, seed)
+
+
+@cache
+def _library(folder: Path) -> Library:
+    return load_library(folder)
 
 
 def _recordings(plan: Plan) -> list[Path]:
@@ -147,7 +162,7 @@ def _work(job: tuple[Plan, int]) -> int:
 
 
 def _made(plan: Plan, wanted: list[int], workers: int) -> Iterator[int]:
-    jobs = [(replace(plan), index) for index in wanted]
+    jobs = [(plan, index) for index in wanted]
     if workers <= 1:
         yield from map(_work, jobs)
         return
