@@ -14,7 +14,7 @@ from echoavatar.avatar.rigging import smooth, strongest, weigh
 from echoavatar.avatar.sculpt import Mesh
 
 SHIPPED = Path(__file__).parents[1] / "src" / "echoavatar" / "assets" / "character.npz"
-SMOOTHED = ("jacket", "ribbing", "zips", "shirt", "shirt collar", "trousers", "turn-ups")
+SMOOTHED = ("jacket", "ribbing", "zips", "stripes", "pockets", "shirt", "shirt collar", "trousers", "turn-ups")
 
 
 def main() -> None:

@@ -4,7 +4,7 @@ import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 import { RoomEnvironment } from "three/examples/jsm/environments/RoomEnvironment.js";
 
 const VIEWS = [
-  { height: 0.92, distance: 3.9 },
+  { height: 0.88, distance: 4.3 },
   { height: 1.32, distance: 2.0 },
 ];
 
@@ -62,7 +62,7 @@ export function makeStage(canvas, low) {
       const narrow = Math.min(1, camera.aspect / 0.62);
       const { height, distance } = VIEWS[view];
       controls.target.set(centre.x, height, centre.z);
-      camera.position.set(centre.x + 0.42 * distance, height + 0.13 * distance, centre.z + (0.92 * distance) / Math.sqrt(narrow));
+      camera.position.set(centre.x + 0.42 * distance, height + 0.10 * distance, centre.z + (0.92 * distance) / Math.sqrt(narrow));
       controls.update();
     },
     nextView() {
@@ -87,7 +87,7 @@ export function makeStage(canvas, low) {
       renderer.setPixelRatio(low ? 1 : Math.min(window.devicePixelRatio, 2));
       renderer.setSize(width, height, false);
       camera.aspect = width / height;
-      camera.setViewOffset(width, height, 0, height * 0.045, width, height);
+      camera.setViewOffset(width, height, 0, height * 0.06, width, height);
       camera.updateProjectionMatrix();
     },
     render() {
@@ -99,7 +99,7 @@ export function makeStage(canvas, low) {
 
 function makeRing() {
   const material = new THREE.MeshBasicMaterial({ transparent: true, opacity: 0.16, depthWrite: false });
-  const ring = new THREE.Mesh(new THREE.RingGeometry(0.985, 1.0, 96), material);
+  const ring = new THREE.Mesh(new THREE.RingGeometry(0.744, 0.75, 96), material);
   ring.rotation.x = -Math.PI / 2;
   ring.position.y = 0.001;
   return ring;

@@ -38,14 +38,14 @@ TORSO = [
     (1.47, 0.054, 0, 0.054, -0.026),
 ]
 JACKET = [
-    (0.90, 0.158, 0, 0.113, -0.006),
-    (0.960, 0.166, 0, 0.118, -0.005),
-    (1.000, 0.184, 0, 0.132, -0.004),
-    (1.040, 0.184, 0, 0.134, -0.002),
-    (1.12, 0.170, 0, 0.124, -0.002),
-    (1.20, 0.167, 0, 0.123, -0.003),
-    (1.28, 0.172, 0, 0.126, -0.007),
-    (1.34, 0.168, 0, 0.118, -0.014),
+    (0.90, 0.177, 0, 0.127, -0.007),
+    (0.960, 0.175, 0, 0.125, -0.006),
+    (1.000, 0.183, 0, 0.133, -0.004),
+    (1.040, 0.180, 0, 0.132, -0.002),
+    (1.12, 0.164, 0, 0.120, -0.001),
+    (1.20, 0.162, 0, 0.119, -0.003),
+    (1.28, 0.170, 0, 0.124, -0.007),
+    (1.34, 0.167, 0, 0.117, -0.014),
     (1.40, 0.135, 0, 0.094, -0.024),
     (1.445, 0.078, 0, 0.074, -0.029),
     (1.48, 0.066, 0, 0.066, -0.029),
@@ -72,8 +72,8 @@ LEG = [
     (0.58, 0.062, 0.092, 0.066, 0.003),
     (0.70, 0.073, 0.093, 0.079, 0.000),
     (0.80, 0.082, 0.092, 0.090, -0.004),
-    (0.88, 0.087, 0.090, 0.100, -0.008),
-    (0.93, 0.085, 0.086, 0.104, -0.010),
+    (0.88, 0.083, 0.087, 0.097, -0.008),
+    (0.93, 0.078, 0.081, 0.098, -0.009),
 ]
 # distance from the heel's end (z), half width, centre x, half height, centre y
 SHOE = [
@@ -93,14 +93,15 @@ SOLE = [(z, w + 0.0045, x, 0.03, 0.01) for z, w, x, _, _ in SHOE]
 def shirt(p: Points) -> Distances:
     """A crew-neck T-shirt, seen in the jacket's opening."""
     d = loft(p, 1, [(y, w + 0.007, x, h + 0.008, z) for y, w, x, h, z in TORSO])
-    return smooth_max(d, slab(p, 1, 0.93, 1.437), 0.006) + _neck_line(p)
+    d = smooth_max(d, slab(p, 1, 0.943, 1.50), 0.006)
+    return smooth_max(d, _tilted_ring(p, 1.444, 0.40), 0.006)
 
 
 def shirt_collar(p: Points) -> Distances:
     """The ribbed neckline of the T-shirt."""
-    ring = _tilted_ring(p, 1.434, 0.30)
+    ring = _tilted_ring(p, 1.442, 0.40)
     d = loft(p, 1, [(y, w + 0.007, x, h + 0.008, z) for y, w, x, h, z in TORSO])
-    return np.hypot(d, ring) - 0.0060
+    return np.hypot(d + 0.001, 0.55 * ring) - 0.0052
 
 
 def jacket(p: Points) -> Distances:
@@ -126,19 +127,37 @@ def ribbing(p: Points) -> Distances:
     return np.minimum(np.minimum(hem, cuff), collar)
 
 
+def stripes(p: Points) -> Distances:
+    """Coral bands woven into the cuffs and the hem."""
+    q = mirrored(p)
+    cuff = loft(q, 0, [(x, h + 0.0012, y, w + 0.0012, z) for x, h, y, w, z in SLEEVE[-3:]])
+    cuff = smooth_max(cuff, slab(q, 0, 0.650, 0.658), 0.002)
+    hem = loft(q, 1, [(y, w + 0.0040, x, h + 0.0040, z) for y, w, x, h, z in JACKET[:3]])
+    hem = carve(smooth_max(hem, slab(q, 1, 0.947, 0.957), 0.002), _opening(q, -0.001), 0.006)
+    return np.minimum(cuff, hem)
+
+
+def pockets(p: Points) -> Distances:
+    """Slanted welts on the jacket's front."""
+    q = mirrored(p)
+    flat = np.stack([q[:, 0], q[:, 1], loft(q, 1, JACKET)], 1)
+    welt = rounded_cone(flat * (1, 1, 1.6), (0.098, 1.105, 0.002), (0.128, 1.040, 0.002), 0.0062, 0.0062)
+    return np.maximum(welt, -q[:, 2])
+
+
 def zips(p: Points) -> Distances:
     """The two metal edges of the open zip."""
     q = mirrored(p)
     surface = np.abs(loft(q, 1, JACKET) + 0.001)
-    return np.maximum(np.hypot(surface, _opening(q, 0.0)) - 0.0032, np.maximum(slab(q, 1, 0.935, 1.43), -q[:, 2]))
+    return np.maximum(np.hypot(surface, _opening(q, 0.0)) - 0.0036, np.maximum(slab(q, 1, 0.932, 1.395), -q[:, 2]))
 
 
 def trousers(p: Points) -> Distances:
     """Slim trousers down to the turn-ups."""
     q = mirrored(p)
-    pelvis = smooth_max(loft(q, 1, [(y, w + 0.004, x, h + 0.005, z) for y, w, x, h, z in TORSO[:4]]), slab(q, 1, 0.90, 1.00), 0.03)
+    pelvis = smooth_max(loft(q, 1, [(y, w - 0.010, x, h - 0.007, z) for y, w, x, h, z in TORSO[:4]]), slab(q, 1, 0.89, 1.03), 0.02)
     leg = smooth_max(loft(q, 1, LEG), slab(q, 1, 0.105, 0.93), 0.006)
-    return smooth_min(pelvis, leg, 0.05)
+    return smooth_min(pelvis, leg, 0.05) - _creases(q)
 
 
 def turn_ups(p: Points) -> Distances:
@@ -188,7 +207,7 @@ def hands(p: Points) -> Distances:
     for finger, radius in (("Index", 0.0135), ("Middle", 0.0140), ("Ring", 0.0130), ("Little", 0.0120)):
         knuckle = at[f"{finger}Proximal"]
         root = wrist + (0.012, 0.0, 0.55 * (knuckle - wrist)[2])
-        d = smooth_min(d, rounded_cone(q, root, knuckle - (0.004, 0.0030, 0), 0.0165, radius - 0.001), 0.016)
+        d = smooth_min(d, rounded_cone(q, root, knuckle - (0.007, 0.0030, 0), 0.0165, radius - 0.002), 0.016)
     thumb = at["ThumbMetacarpal"], at["ThumbProximal"]
     d = smooth_min(d, rounded_cone(q, thumb[0] + (0.002, 0, -0.004), thumb[1], 0.0165, 0.0112), 0.022)
     d = smooth_min(d, rounded_cone(q, thumb[0] + (0.010, -0.002, 0), wrist + (0.070, -0.004, 0.010), 0.0130, 0.0100), 0.020)
@@ -240,11 +259,6 @@ def _opening(q: Points, extra: float) -> Distances:
     return gap
 
 
-def _neck_line(p: Points) -> Distances:
-    """Lowers the shirt's front edge to a round neckline."""
-    return np.maximum(0, _tilted_ring(p, 1.436, 0.30)) * 1.0
-
-
 def _tilted_ring(p: Points, height: float, tilt: float) -> Distances:
     """Height above a plane that falls towards the front."""
     ring: Distances = p[:, 1] - height + tilt * (p[:, 2] + 0.028)
@@ -266,11 +280,22 @@ def _ribs(angle: Distances, count: int) -> Distances:
 def _folds(q: Points) -> Distances:
     """Soft cloth folds: gathered above the hem and cuffs, at the elbow, and fanning from the armpit."""
     angle = np.arctan2(q[:, 0], q[:, 2])
-    hem = np.exp(-(((q[:, 1] - 1.02) / 0.035) ** 2)) * np.sin(13 * angle + 9 * q[:, 1]) * (q[:, 0] < 0.25)
+    gather = np.sin(11 * angle + 14 * q[:, 1]) + 0.6 * np.sin(17 * angle - 20 * q[:, 1])
+    hem = np.exp(-(((q[:, 1] - 1.015) / 0.032) ** 2)) * gather * (q[:, 0] < 0.25)
     around = np.arctan2(q[:, 1] - 1.394, q[:, 2] + 0.024)
-    elbow = np.exp(-(((q[:, 0] - 0.43) / 0.05) ** 2)) * np.sin(150 * q[:, 0] + 1.5 * np.sin(around))
-    cuff = np.exp(-(((q[:, 0] - 0.59) / 0.03) ** 2)) * np.sin(190 * q[:, 0] + 2 * np.sin(around + 1))
-    pit = np.exp(-(((q[:, 0] - 0.19) / 0.05) ** 2 + ((q[:, 1] - 1.33) / 0.05) ** 2)) * np.sin(90 * (q[:, 0] + q[:, 1]))
-    folds: Distances = (0.0022 * hem + 0.0016 * elbow + 0.0014 * cuff + 0.0022 * pit).astype(q.dtype)
+    inner = 0.5 + 0.5 * np.cos(around)  # towards the front, where the elbow bends
+    elbow = np.exp(-(((q[:, 0] - 0.425) / 0.05) ** 2)) * inner * np.sin(125 * q[:, 0] + 1.2 * np.sin(2 * around))
+    sleeve = np.exp(-(((q[:, 0] - 0.60) / 0.035) ** 2)) * np.sin(150 * q[:, 0] + 2.2 * np.sin(around + 1) + np.sin(3 * around))
+    pit = np.exp(-(((q[:, 0] - 0.18) / 0.06) ** 2 + ((q[:, 1] - 1.33) / 0.05) ** 2)) * np.sin(75 * (q[:, 0] + 0.8 * q[:, 1]))
+    folds: Distances = (0.0017 * hem + 0.0022 * elbow + 0.0016 * sleeve + 0.0030 * pit).astype(q.dtype)
     return folds
 
+
+def _creases(q: Points) -> Distances:
+    """Trouser folds: fanning from the crotch, behind and over the knee, stacked above the turn-ups."""
+    around = np.arctan2(q[:, 0] - 0.092, q[:, 2])
+    stack = np.exp(-(((q[:, 1] - 0.175) / 0.035) ** 2)) * np.sin(120 * q[:, 1] + 1.5 * np.sin(around) + 0.8 * np.sin(3 * around))
+    knee = np.exp(-(((q[:, 1] - 0.50) / 0.06) ** 2)) * np.sin(80 * q[:, 1] + 2.0 * np.cos(around)) * (0.6 - 0.4 * np.cos(around))
+    fan = np.exp(-(((q[:, 0] - 0.03) / 0.06) ** 2 + ((q[:, 1] - 0.86) / 0.045) ** 2)) * np.sin(70 * (q[:, 1] + 0.7 * q[:, 0]))
+    creases: Distances = (0.0018 * stack + 0.0016 * knee + 0.0020 * fan).astype(q.dtype)
+    return creases

@@ -12,6 +12,8 @@ from .sdf import (
     Distances,
     Points,
     carve,
+    curve,
+    draped,
     ellipsoid,
     mirrored,
     rounded_cone,
@@ -30,13 +32,13 @@ LID_WIDTH = 0.0150  # half width of the opening between the lids
 class FaceShape:
     """What an expression moves; the defaults are the neutral face, lengths in metres."""
 
-    lid_upper: float = 0.0076  # height of the upper lid above the eye's centre line, at its middle
-    lid_lower: float = 0.0072  # depth of the lower lid below it
+    lid_upper: float = 0.0074  # height of the upper lid above the eye's centre line, at its middle
+    lid_lower: float = 0.0066  # depth of the lower lid below it
     brow_raise: float = 0.0
     brow_tilt: float = 0.0  # inner ends up
     jaw_drop: float = 0.0
     mouth_wide: float = 0.0  # corners outwards
-    mouth_smile: float = 0.0018  # corners upwards
+    mouth_smile: float = 0.0034  # corners upwards
     mouth_pucker: float = 0.0  # lips forwards
 
 
@@ -46,19 +48,25 @@ NEUTRAL = FaceShape()
 def head_skin(p: Points, face: FaceShape = NEUTRAL) -> Distances:
     """Neck, skull, face, ears and lids, with the openings for the eyes."""
     q = mirrored(p)
-    d = ellipsoid(q, (0, 1.612, -0.010), (0.0755, 0.082, 0.092))
-    d = smooth_min(d, ellipsoid(q, (0, 1.556, 0.022), (0.0635, 0.066, 0.066)), 0.045)
-    d = smooth_min(d, _jaw(q, face), 0.035)
-    d = smooth_min(d, sphere(q, (0.036, 1.550, 0.055), 0.0245), 0.025)
-    d = smooth_min(d, rounded_cone(q, (0.010, 1.609, 0.0755), (0.044, 1.611, 0.058), 0.010, 0.009), 0.022)
-    d = carve(d, ellipsoid(q, EYE + (0.000, 0.001, 0.034), (0.026, 0.0165, 0.0200)), 0.018)
+    d = _face(q, face)
     d = smooth_min(d, _neck(q), 0.030)
     d = smooth_min(d, _nose(q), 0.010)
-    d = carve(d, ellipsoid(q, (0.0060, 1.5455, 0.0935), (0.0030, 0.0028, 0.0045)), 0.003)
+    d = carve(d, ellipsoid(q, (0.0062, 1.5440, 0.0930), (0.0034, 0.0030, 0.0052)), 0.005)
     d = _mouth(d, q, face)
     d = smooth_min(d, _ear(q), 0.007)
     d = smooth_min(d, sphere(q, EYE, EYE_RADIUS + 0.0022), 0.006)
     return carve(d, lid_opening(q, face), 0.0016)
+
+
+def _face(q: Points, face: FaceShape) -> Distances:
+    """Skull, jaw, cheeks, brow ridge and eye sockets: the ground on which brows and lips are draped."""
+    d = ellipsoid(q, (0, 1.612, -0.010), (0.0755, 0.082, 0.092))
+    d = smooth_min(d, ellipsoid(q, (0, 1.556, 0.022), (0.0620, 0.066, 0.066)), 0.045)
+    d = smooth_min(d, _jaw(q, face), 0.035)
+    d = smooth_min(d, sphere(q, (0.036, 1.550, 0.055), 0.0245), 0.025)
+    d = smooth_min(d, rounded_cone(q, (0.010, 1.609, 0.0755), (0.044, 1.611, 0.058), 0.010, 0.009), 0.022)
+    d = carve(d, ellipsoid(q, EYE + (0.000, 0.001, 0.034), (0.026, 0.0165, 0.0200)), 0.018)
+    return smooth_min(d, ellipsoid(q, (0, 1.5215, 0.0640), (0.0310, 0.0250, 0.0220)), 0.020)
 
 
 def lid_opening(q: Points, face: FaceShape = NEUTRAL) -> Distances:
@@ -76,13 +84,13 @@ def lid_opening(q: Points, face: FaceShape = NEUTRAL) -> Distances:
 def lip_mask(p: Points, face: FaceShape = NEUTRAL) -> Distances:
     """Negative on the lips: where the skin takes the lips' colour."""
     q = mirrored(p)
-    upper, lower = _lips(q, face)
-    edge = 1 - np.clip(q[:, 0] / (0.0235 + face.mouth_wide), 0, 1.2) ** 2
-    middle = 1.5205 + face.mouth_smile * (1 - edge)
-    bow = 0.0012 * np.exp(-((q[:, 0] / 0.004) ** 2))
-    above = q[:, 1] - (middle + 0.0072 * edge - bow)
-    below = middle - 0.0082 * edge - q[:, 1]
-    return np.maximum(np.maximum(np.maximum(above, below), 0.070 - q[:, 2]), np.minimum(upper, lower) - 0.004)
+    wide = 0.0258 + face.mouth_wide
+    edge = np.clip(1 - (q[:, 0] / wide) ** 2, -0.5, 1)
+    middle = _mouth_height(q, face)
+    bow = 0.0013 * np.exp(-((q[:, 0] / 0.0045) ** 2))
+    above = q[:, 1] - (middle + 0.0082 * edge - bow)
+    below = middle - face.jaw_drop - 0.0094 * edge - q[:, 1]
+    return np.maximum(np.maximum(above, below), 0.060 - q[:, 2])
 
 
 def brow(p: Points, face: FaceShape = NEUTRAL) -> Distances:
@@ -90,12 +98,13 @@ def brow(p: Points, face: FaceShape = NEUTRAL) -> Distances:
     q = mirrored(p)
     up, tilt = face.brow_raise, face.brow_tilt
     path = [
-        (0.0135, 1.6085 + up + tilt, 0.0880, 0.0030),
-        (0.0240, 1.6125 + up, 0.0860, 0.0034),
-        (0.0360, 1.6140 + up, 0.0790, 0.0030),
-        (0.0475, 1.6095 + up - tilt, 0.0660, 0.0016),
+        (0.0140, 1.6090 + up + tilt, 0.0000, 0.0024),
+        (0.0230, 1.6128 + up + tilt / 2, 0.0004, 0.0031),
+        (0.0350, 1.6150 + up, 0.0004, 0.0028),
+        (0.0480, 1.6105 + up - tilt, -0.0002, 0.0011),
     ]
-    return tube(q, path, 0.006)
+    stroke = tube(draped(q, _face(q, NEUTRAL)), curve(path, 14), 0.002)
+    return np.maximum(stroke, 0.02 - q[:, 2])
 
 
 def lashes(p: Points, face: FaceShape = NEUTRAL) -> Distances:
@@ -112,29 +121,34 @@ def lashes(p: Points, face: FaceShape = NEUTRAL) -> Distances:
 
 def hair(p: Points) -> Distances:
     """A short side-swept cut: cropped sides and nape, a full top, sculpted strands."""
-    d = ellipsoid(p, (0, 1.618, -0.013), (0.0845, 0.088, 0.100))
-    nape = rounded_cone(p, (0, 1.560, -0.066), (0, 1.515, -0.060), 0.042, 0.026)
-    d = smooth_min(d, nape, 0.03)
-    d = carve(d, ellipsoid(p, (0, 1.545, 0.088), (0.0735, 0.088, 0.088)), 0.010)
-    q = mirrored(p)
-    d = carve(d, ellipsoid(q, (0.078, 1.555, 0.006), (0.030, 0.040, 0.026)), 0.012)
-    below = q[:, 1] - (1.500 + 0.35 * np.maximum(q[:, 0] - 0.02, 0) + 0.25 * np.maximum(q[:, 2] + 0.06, 0))
-    d = smooth_max(d, -below, 0.010)
+    d = ellipsoid(p, (0, 1.617, -0.013), (0.0835, 0.087, 0.099))
+    nape = rounded_cone(p, (0, 1.565, -0.060), (0, 1.515, -0.056), 0.046, 0.030)
+    d = smooth_min(d, nape, 0.03) + _strands(p)
     for path in LOCKS:
-        d = smooth_min(d, tube(p, path, 0.012), 0.012)
-    return d + _strands(p)
+        d = smooth_min(d, tube(p, path, 0.006), 0.014)
+    q = mirrored(p)
+    d = carve(d, ellipsoid(q, (0, 1.546, 0.090), (0.0750, 0.098, 0.088)), 0.006)
+    d = carve(d, ellipsoid(q, (0.080, 1.555, 0.010), (0.030, 0.042, 0.030)), 0.008)
+    below = q[:, 1] - (1.502 + 0.40 * np.maximum(q[:, 0] - 0.02, 0) + 0.25 * np.maximum(q[:, 2] + 0.06, 0))
+    return smooth_max(d, -below, 0.006)
 
 
-LOCKS = (
-    # swept from the parting on the character's left across to its right, front to crown; rows x, y, z, radius
-    [(0.034, 1.682, 0.052, 0.012), (0.008, 1.696, 0.068, 0.018), (-0.030, 1.684, 0.070, 0.017), (-0.062, 1.655, 0.052, 0.008)],
-    [(0.036, 1.680, 0.050, 0.011), (0.018, 1.683, 0.077, 0.016), (-0.014, 1.675, 0.086, 0.016), (-0.048, 1.652, 0.074, 0.010), (-0.062, 1.634, 0.060, 0.004)],
-    [(0.030, 1.692, 0.030, 0.012), (-0.005, 1.708, 0.040, 0.019), (-0.045, 1.692, 0.036, 0.018), (-0.074, 1.655, 0.026, 0.008)],
-    [(0.026, 1.698, 0.000, 0.012), (-0.010, 1.710, 0.008, 0.019), (-0.050, 1.692, 0.004, 0.018), (-0.078, 1.650, 0.000, 0.008)],
-    [(0.038, 1.680, 0.048, 0.010), (0.055, 1.664, 0.050, 0.012), (0.068, 1.642, 0.040, 0.010), (0.073, 1.618, 0.032, 0.004)],
-    [(0.036, 1.686, 0.020, 0.012), (0.060, 1.672, 0.016, 0.014), (0.078, 1.640, 0.010, 0.008)],
-    [(0.015, 1.702, -0.030, 0.014), (-0.020, 1.704, -0.040, 0.020), (-0.055, 1.680, -0.045, 0.014)],
-    [(0.030, 1.694, -0.030, 0.014), (0.058, 1.672, -0.040, 0.016), (0.076, 1.640, -0.045, 0.008)],
+LOCKS = tuple(
+    curve(path, 12)
+    for path in (
+        # swept from the parting on the character's left across to its right, front to crown; rows x, y, z, radius
+        [(0.040, 1.676, 0.050, 0.010), (0.022, 1.688, 0.076, 0.016), (-0.012, 1.680, 0.086, 0.017), (-0.046, 1.658, 0.074, 0.012), (-0.066, 1.630, 0.056, 0.003)],
+        [(0.038, 1.682, 0.040, 0.012), (0.010, 1.700, 0.058, 0.018), (-0.030, 1.690, 0.062, 0.018), (-0.064, 1.656, 0.048, 0.009), (-0.074, 1.636, 0.040, 0.003)],
+        [(0.034, 1.690, 0.024, 0.013), (0.000, 1.709, 0.034, 0.019), (-0.040, 1.696, 0.034, 0.019), (-0.072, 1.660, 0.022, 0.010), (-0.082, 1.632, 0.016, 0.003)],
+        [(0.030, 1.695, 0.000, 0.013), (-0.006, 1.710, 0.006, 0.019), (-0.046, 1.695, 0.004, 0.019), (-0.076, 1.656, -0.004, 0.010), (-0.084, 1.626, -0.008, 0.003)],
+        [(0.020, 1.699, -0.026, 0.015), (-0.014, 1.705, -0.032, 0.020), (-0.050, 1.684, -0.036, 0.017), (-0.074, 1.650, -0.042, 0.008)],
+        [(0.038, 1.682, 0.044, 0.011), (0.056, 1.668, 0.048, 0.012), (0.070, 1.644, 0.040, 0.010), (0.076, 1.614, 0.030, 0.003)],
+        [(0.036, 1.688, 0.018, 0.012), (0.060, 1.674, 0.014, 0.014), (0.077, 1.646, 0.008, 0.010), (0.083, 1.612, 0.002, 0.003)],
+        [(0.030, 1.694, -0.014, 0.014), (0.056, 1.678, -0.020, 0.016), (0.074, 1.648, -0.026, 0.011), (0.082, 1.610, -0.032, 0.003)],
+        [(0.014, 1.698, -0.048, 0.014), (0.036, 1.680, -0.062, 0.018), (0.052, 1.650, -0.074, 0.014), (0.058, 1.612, -0.078, 0.004)],
+        [(-0.004, 1.698, -0.052, 0.015), (-0.012, 1.678, -0.080, 0.019), (-0.016, 1.640, -0.096, 0.016), (-0.014, 1.596, -0.098, 0.004)],
+        [(-0.020, 1.696, -0.046, 0.015), (-0.046, 1.672, -0.062, 0.018), (-0.062, 1.636, -0.068, 0.012), (-0.066, 1.600, -0.066, 0.003)],
+    )
 )  # fmt: skip
 
 
@@ -159,28 +173,33 @@ def _neck(q: Points) -> Distances:
 
 
 def _nose(q: Points) -> Distances:
-    d = tube(q, [(0, 1.594, 0.0805, 0.0070), (0, 1.570, 0.0905, 0.0078), (0, 1.5535, 0.0985, 0.0098)], 0.012)
-    return smooth_min(d, ellipsoid(q, (0.0098, 1.5505, 0.0875), (0.0070, 0.0068, 0.0090)), 0.008)
+    bridge = [(0, 1.596, 0.0800, 0.0068), (0, 1.572, 0.0895, 0.0076), (0, 1.5545, 0.0975, 0.0106)]
+    return smooth_min(tube(q, bridge, 0.012), ellipsoid(q, (0.0105, 1.5505, 0.0870), (0.0074, 0.0070, 0.0092)), 0.009)
 
 
-def _lips(q: Points, face: FaceShape) -> tuple[Distances, Distances]:
-    wide, up, out = face.mouth_wide, face.mouth_smile, face.mouth_pucker
-    corner = (0.0215 + wide, 1.5205 + up, 0.0745)
-    upper_path = [(0, 1.5247, 0.0905 + out, 0.0040), (0.0055, 1.5252, 0.0903 + out, 0.0042), (0.0135, 1.5235 + up / 3, 0.0855 + out / 2, 0.0036), (*corner, 0.0020)]  # fmt: skip
-    drop = face.jaw_drop
-    lower_path = [(0, 1.5155 - drop, 0.0885 + out, 0.0056), (0.0100, 1.5165 - 0.8 * drop + up / 4, 0.0860 + out, 0.0050), (*corner, 0.0020)]  # fmt: skip
-    return tube(q, upper_path, 0.004), tube(q, lower_path, 0.006)
+def _mouth_height(q: Points, face: FaceShape) -> Distances:
+    """Height of the line between the lips: level in the middle, rising to the corners."""
+    height: Distances = 1.5200 + face.mouth_smile * np.clip(np.abs(q[:, 0]) / 0.0250, 0, 1.2) ** 2
+    return height
+
+
+def _lips(face: FaceShape) -> tuple[list[list[float]], list[list[float]], list[list[float]]]:
+    """Upper lip, lower lip and the line between, as strokes draped on the face: x, y, height, radius."""
+    wide, up, out, drop = 0.0245 + face.mouth_wide, face.mouth_smile, face.mouth_pucker, face.jaw_drop
+    upper = [(-0.002, 1.5238, out, 0.0040), (0.0060, 1.5243, out, 0.0043), (0.0150, 1.5230 + up / 3, out / 2, 0.0036), (wide, 1.5203 + up, -0.0010, 0.0016)]
+    lower = [(-0.002, 1.5148 - drop, out, 0.0054), (0.0080, 1.5150 - drop, out, 0.0052), (0.0165, 1.5168 - 0.7 * drop + up / 3, out / 2, 0.0040), (wide, 1.5198 + up, -0.0010, 0.0016)]
+    line = [(-0.002, 1.5200, 0.0042, 0.0014), (0.0100, 1.5202 + up / 8, 0.0040, 0.0013), (0.0190, 1.5200 + up * 0.6, 0.0024, 0.0013), (wide + 0.0022, 1.5202 + up * 1.15, 0.0004, 0.0008)]
+    return curve(upper, 9), curve(lower, 9), curve(line, 9)  # fmt: skip
 
 
 def _mouth(d: Distances, q: Points, face: FaceShape) -> Distances:
-    d = smooth_min(d, ellipsoid(q, (0, 1.5225, 0.0660), (0.0275, 0.0240, 0.0200)), 0.018)
-    upper, lower = _lips(q, face)
-    d = smooth_min(d, upper, 0.005)
-    d = smooth_min(d, lower, 0.006)
-    up = face.mouth_smile
-    line = [(0, 1.5207, 0.0945, 0.0012), (0.0110, 1.5203 + up / 4, 0.0905, 0.0011), (0.0205 + face.mouth_wide, 1.5205 + up, 0.0775, 0.0013), (0.0240 + face.mouth_wide, 1.5215 + 1.2 * up, 0.0735, 0.0006)]  # fmt: skip
-    d = carve(d, tube(q, line, 0.002), 0.0028)
-    return carve(d, rounded_cone(q, (0, 1.5400, 0.0945), (0, 1.5320, 0.0945), 0.0030, 0.0035), 0.008)
+    flat = draped(q, _face(q, face))
+    flat[:, 2] = np.where(q[:, 2] > 0.03, flat[:, 2], 1.0)  # the front only
+    upper, lower, line = (path for path in _lips(face))
+    d = smooth_min(d, tube(flat, upper, 0.004), 0.005)
+    d = smooth_min(d, tube(flat, lower, 0.004), 0.006)
+    d = carve(d, tube(flat, line, 0.002), 0.0032)
+    return carve(d, rounded_cone(q, (0, 1.5400, 0.0955), (0, 1.5330, 0.0950), 0.0028, 0.0034), 0.008)
 
 
 def _ear(q: Points) -> Distances:
@@ -188,6 +207,6 @@ def _ear(q: Points) -> Distances:
     out = np.array([np.cos(turn), 0.0, -np.sin(turn)])
     up = np.array([0.0, np.cos(lean), -np.sin(lean)])
     axes = np.stack([out, up, np.cross(out, up)])
-    d = ellipsoid(q, (0.0775, 1.572, -0.014), (0.0085, 0.0300, 0.0185), axes)
+    d = ellipsoid(q, (0.0765, 1.572, -0.014), (0.0078, 0.0270, 0.0170), axes)
     d = smooth_min(d, sphere(q, (0.0750, 1.548, -0.006), 0.0070), 0.008)
-    return carve(d, ellipsoid(q, (0.0880, 1.574, -0.0125), (0.0080, 0.0190, 0.0105), axes), 0.005)
+    return carve(d, ellipsoid(q, (0.0865, 1.5745, -0.0125), (0.0075, 0.0165, 0.0098), axes), 0.005)

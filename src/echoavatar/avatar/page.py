@@ -26,20 +26,14 @@ class PageClip(NamedTuple):
 def write_page(path: str | Path, glb: bytes, clips: Sequence[PageClip], *, title: str = "EchoAvatar", note: str = "") -> None:
     """Write the page. All clips share the one mesh in `glb` and name its animations (`gltf.pack_glb`)."""
     assets = files("echoavatar") / "assets"
+    data = {"glb": base64.b64encode(glb).decode(), "clips": [_entry(clip, glb) for clip in clips]}
+    viewer = (assets / "viewer.js").read_text("utf-8").replace("</script", "<\\/script")
     filled = (assets / "page.html").read_text("utf-8")
-    data = {
-        "glb": base64.b64encode(glb).decode(),
-        "clips": [_entry(clip, glb) for clip in clips],
-    }
-    parts = {
-        "@TITLE@": html.escape(title),
-        "@NOTE@": html.escape(note),
-        "@DATA@": json.dumps(data).replace("<", "\\u003c"),
-        "@VIEWER@": (assets / "viewer.js").read_text("utf-8").replace("</script", "<\\/script"),
-    }
-    for mark, text in parts.items():
-        before, after = filled.split(mark, 1)
-        filled = before + text + after
+    for mark, text in (("@TITLE@", html.escape(title)), ("@NOTE@", html.escape(note))):
+        filled = filled.replace(mark, text)
+    start, rest = filled.split("@DATA@")
+    middle, end = rest.split("@VIEWER@")
+    filled = start + json.dumps(data).replace("<", "\\u003c") + middle + viewer + end
     Path(path).write_text(filled, "utf-8")
 
 

@@ -72,6 +72,24 @@ def tube(p: Points, path: Sequence[Sequence[float]], k: float) -> Distances:
     return total
 
 
+def curve(rows: Sequence[Sequence[float]], count: int) -> list[list[float]]:
+    """`count` rows along the smooth curve through `rows`; every column, a radius too, is interpolated."""
+    from scipy.interpolate import CubicSpline
+
+    table = np.asarray(rows, np.float64)
+    steps = np.linalg.norm(np.diff(table[:, :3], axis=0), axis=1)
+    at = np.concatenate([[0], np.cumsum(steps)])
+    bent = CubicSpline(at, table)(np.linspace(0, at[-1], count))
+    bent[:, 3] = np.maximum(bent[:, 3], table[:, 3].min())
+    smooth: list[list[float]] = bent.tolist()
+    return smooth
+
+
+def draped(p: Points, surface: Distances) -> Points:
+    """Points with their depth (z) replaced by their height above a surface: draw in x and y, lie on the surface."""
+    return np.stack([p[:, 0], p[:, 1], surface], 1)
+
+
 def loft(p: Points, axis: int, stations: Sequence[Sequence[float]]) -> Distances:
     """Ellipses swept along a world axis, ends open (intersect with `slab`).
 
