@@ -68,7 +68,8 @@ def _out_of_body(points: Tensor) -> Tensor:
     distance = away.norm(dim=-1, keepdim=True).clamp_min(1e-3)
     ways = torso + away / distance * _short(distance, HEAD_RADIUS, 0.008)
     depth = ways.norm(dim=-1, keepdim=True) + 1e-6
-    return (ways * depth).sum(dim=1) / depth.sum(dim=1)
+    mean: Tensor = (ways * depth).sum(dim=1) / depth.sum(dim=1)
+    return mean
 
 
 def _short(value: Tensor, least: float, width: float) -> Tensor:

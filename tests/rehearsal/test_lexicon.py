@@ -1,0 +1,41 @@
+"""Words ask for the gestures one would make with them."""
+
+import numpy as np
+import pytest
+
+from echoavatar.rehearsal.handpath import FINGERS, WRIST
+from echoavatar.rehearsal.lexicon import ACCENTS, HOME, MEANINGS, aim_at, home_of, meant_form
+
+TAGS = ("size", "deixis", "negation", "count", "contrast", "question", "greeting")
+
+
+@pytest.mark.parametrize("tag", TAGS)
+def test_every_meaning_has_a_form(tag: str):
+    assert meant_form(tag, "word") in MEANINGS
+
+
+def test_words_choose_among_forms():
+    assert meant_form("size", "tiny") == "small"
+    assert meant_form("size", "Huge,") == "size"
+    assert [meant_form("deixis", word) for word in ("we", "you", "this", "over")] == [
+        "me",
+        "you",
+        "here",
+        "there",
+    ]
+
+
+@pytest.mark.parametrize("form", [*ACCENTS.values(), *MEANINGS.values()], ids=[*ACCENTS, *MEANINGS])
+def test_aims_are_within_an_arms_reach(form):
+    rng = np.random.default_rng(0)
+    for _ in range(10):
+        aim = aim_at(form, home_of(1.12, rng), size=1.4, space=1.12, rng=rng)
+        assert np.linalg.norm(aim[WRIST]) < 0.66
+        assert np.abs(aim[FINGERS]).max() < 1.2
+
+
+def test_home_varies_about_its_place():
+    rng = np.random.default_rng(1)
+    homes = np.stack([home_of(1.0, rng)[WRIST] for _ in range(200)])
+    np.testing.assert_allclose(homes.mean(axis=0), HOME, atol=0.01)
+    assert homes.std(axis=0).min() > 0.01
