@@ -4,6 +4,8 @@ The paper trains on recorded dance; ours is composed. Legs follow planned footho
 carries, the chest opposes the hips, arms hit on counts, the head keeps to the front. Outside music the dancer stands.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float
 from numpy.typing import NDArray
@@ -14,13 +16,15 @@ from .controls import STANDING_PELVIS, Array, Controls, minimum_jerk, neutral, s
 from .footwork import Foothold, Footwork, Stance, walk
 from .grooves import listen
 from .keys import bump, glide, progress
-from .phrases import Plan, compose
+from .phrases import BodyKey, Plan, compose
 from .sound import SoundTrack
 
 FloatArray = NDArray[np.floating]
 ARM = 16  # values of one arm in a body vector
 LEG, HIP_OUT, HIP_DOWN = 0.808, 0.092, 0.035  # metres: easy reach of a leg, hip joints from the pelvis
-FASTEST_WRIST = 2.4  # metres per second, at the peak of a glide
+FASTEST_ARM = 8.0  # radians per second, likewise
+FASTEST_WRIST = 2.2  # metres per second, at the peak of a glide
+LINGER, LINGER_HALF_TIME = 0.25, 0.55  # how much slower the dancer's clock runs on a beat
 REST_SECONDS = 0.9  # for the arms to sink when the music stops
 
 
@@ -44,11 +48,12 @@ def footholds(plans: list[Plan]) -> list[Foothold]:
 def draw(plans: list[Plan], frames: int) -> Controls:
     """Curves at 30 fps from plans."""
     t = np.arange(frames) / FRAME_RATE_HZ
-    feet = walk(t, footholds(plans), Stance(), [shift for plan in plans for shift in plan.shifts])
-    body = _body(t, plans)
+    felt = _felt(t, plans)
+    feet = walk(felt, footholds(plans), Stance(), [shift for plan in plans for shift in plan.shifts])
+    body = _body(felt, plans)
     beat, level = _pulse(t, plans)
     base = neutral(frames)
-    pelvis, turn = _pelvis(t, plans, feet, beat, level)
+    pelvis, turn = _pelvis(felt, plans, feet, beat, level)
     chest, head = _torso(plans, body, turn, beat, level)
     wrist = body[:, : 2 * ARM].reshape(frames, 2, ARM)
     return Controls(
@@ -65,6 +70,21 @@ def draw(plans: list[Plan], frames: int) -> Controls:
         elbow_swing=_f32(wrist[..., 6]),
         fingers=_f32(smoothed(wrist[..., 9:16].astype(np.float32), 0.05)),
     )
+
+
+def _felt(t: FloatArray, plans: list[Plan]) -> FloatArray:
+    """The dancer's clock: it lingers on every beat, also on those between the counts, and agrees with ours on beats."""
+    result = t.copy()
+    for plan in plans:
+        counts = plan.counts
+        first, last = np.searchsorted(t, [plan.begin, plan.settle + 0.3])
+        own = t[first:last]
+        beat = _count(own, counts.times) * counts.unit
+        length = float(np.median(np.diff(counts.times))) / counts.unit
+        ease = minimum_jerk((own - plan.begin) / 1.0) * minimum_jerk((plan.settle + 0.3 - own) / 0.5)
+        linger = LINGER_HALF_TIME if counts.unit > 1 else LINGER
+        result[first:last] -= ease * linger * length / (2 * np.pi) * np.sin(2 * np.pi * beat)
+    return result
 
 
 def _pelvis(
@@ -93,7 +113,9 @@ def _eased_down(feet: Footwork, over: FloatArray, height: FloatArray) -> FloatAr
         away = feet.position[:, side] - over
         heel = np.maximum(feet.pitch[:, side], 0.0)
         flat = np.maximum(np.hypot(away[:, 0] - outwards, away[:, 2] - 0.015) - 0.06 * heel, 0.0)
-        ceiling = feet.position[:, side, 1] + 0.12 * heel + np.sqrt(LEG**2 - np.minimum(flat, 0.6) ** 2) + HIP_DOWN
+        ceiling = (
+            feet.position[:, side, 1] + 0.12 * heel + np.sqrt(LEG**2 - np.minimum(flat, 0.6) ** 2) + HIP_DOWN
+        )
         lack = np.maximum(lack, height - ceiling)
     lack = maximum_filter1d(np.maximum(lack, 0.0), 7, mode="nearest")
     return _lagging(lack, 0.07)
@@ -185,30 +207,46 @@ def _keyed(t: FloatArray, plans: list[Plan], name: str) -> FloatArray:
 def _body(t: FloatArray, plans: list[Plan]) -> FloatArray:
     """Arms, chest and head, (frames, 38): glides from key to key, rounded where a move flows."""
     rest = _resting()
-    rows: list[tuple[float, FloatArray, float, float]] = [(-1.0, rest, 0.5, 0.0)]
+    rows = [BodyKey(-1.0, rest, 0.5, 0.0)]
     for plan in plans:
-        rows.append((plan.begin + 0.05, rest, 0.5, 0.3))
-        rows += [
-            (key.time, key.vector, key.travel, key.flow) for key in plan.body if key.time > plan.begin + 0.3
-        ]
-        rows.append((max(plan.settle, rows[-1][0]) + REST_SECONDS, rest, REST_SECONDS, 0.2))
-    times = np.array([row[0] for row in rows])
-    values = np.stack([row[1] for row in rows])
-    travel = np.maximum(np.array([row[2] for row in rows]), _needed(values))
+        rows.append(BodyKey(plan.begin + 0.05, rest, 0.5, 0.3))
+        rows = _unhurried([*rows, *(key for key in plan.body if key.time > plan.begin + 0.3)])
+        rows.append(BodyKey(max(plan.settle, rows[-1].time) + REST_SECONDS, rest, REST_SECONDS, 0.2))
+    times = np.array([row.time for row in rows])
+    values = np.stack([row.vector for row in rows])
+    travel = np.maximum(np.array([row.travel for row in rows]), _needed(values))
     curve = glide(t, times, values, travel)
     _arch(curve, t, times, values, travel)
     sharp = np.asarray(smoothed(curve.astype(np.float32), 0.028), np.float64)
     gap = float(np.median([plan.counts.length(0) for plan in plans])) if plans else 0.5
     soft = np.asarray(smoothed(curve.astype(np.float32), float(np.clip(0.22 * gap, 0.06, 0.22))), np.float64)
-    flow = glide(t, times, np.array([[row[3]] for row in rows]))
-    return sharp + (soft - sharp) * smoothed(flow.astype(np.float32), 0.15)
+    flow = glide(t, times, np.array([[row.flow] for row in rows]))
+    return np.asarray(sharp + (soft - sharp) * smoothed(flow.astype(np.float32), 0.15), np.float64)
+
+
+def _unhurried(rows: list[BodyKey]) -> list[BodyKey]:
+    """Fast music makes small moves: ways for which there is no time are shortened, or left out where they are long."""
+    kept = [rows[0]]
+    for row in rows[1:]:
+        needed = float(_needed(np.stack([kept[-1].vector, row.vector]))[1])
+        short = needed / max(row.time - kept[-1].time, 1e-3)
+        if short > 1.3:
+            continue
+        if short > 1.0:
+            way = row.vector - kept[-1].vector
+            row = replace(row, vector=kept[-1].vector + way / short)
+        kept.append(row)
+    return kept
 
 
 def _needed(values: FloatArray) -> FloatArray:
-    """Seconds each move needs for its wrists not to be too fast."""
+    """Seconds each move needs for its wrists and upper arms not to be too fast."""
     wrists = values[:, : 2 * ARM].reshape(len(values), 2, ARM)[..., :3]
-    far = np.linalg.norm(np.diff(wrists, axis=0, prepend=wrists[:1]), axis=-1).max(1)
-    return 1.875 * far / FASTEST_WRIST
+    before = np.concatenate([wrists[:1], wrists[:-1]])
+    far = np.linalg.norm(wrists - before, axis=-1).max(1)
+    lengths = np.linalg.norm(wrists, axis=-1) * np.linalg.norm(before, axis=-1)
+    angle = np.arccos(np.clip((wrists * before).sum(-1) / lengths, -1.0, 1.0)).max(1)
+    return np.asarray(1.875 * np.maximum(far / FASTEST_WRIST, angle / FASTEST_ARM), np.float64)
 
 
 def _arch(

@@ -10,14 +10,15 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from . import moves, steps
+from . import figures, moves, poses, steps
 from .footwork import Foothold, Stance
 from .grooves import Counts
-from .moves import ARMS, Key, Move
+from .poses import ARMS, Key, Move
 from .steps import Figure, Step
 
 SECONDS_TO_CLOSE = 0.42
 SHORTEST_SWING = 0.16
+EASY_SWING = 0.46  # seconds to raise a knee or a kick in full
 NEUTRAL = Stance()
 
 
@@ -57,12 +58,13 @@ class Material:
     @classmethod
     def drawn(cls, counts: Counts, energy: float, rng: np.random.Generator) -> "Material":
         """Two figures and three moves that fit."""
-        legs = steps.fitting(counts.groove.name, counts.metre, energy)
+        legs = figures.fitting(counts.groove.name, counts.metre, energy)
         arms = moves.fitting(counts.groove.name, energy)
-        pick = rng.permutation(len(legs))
+        typical = np.array([2.5 if figure.styles else 1.0 for figure in legs])
+        pick = rng.choice(len(legs), len(legs), replace=False, p=typical / typical.sum())
         hand = rng.permutation(len(arms))
         return cls(
-            (legs[pick[0]], legs[pick[-1]]),
+            (legs[pick[0]], legs[pick[1 % len(pick)]]),
             (arms[hand[0]], arms[hand[1 % len(hand)]], arms[hand[2 % len(hand)]]),
         )
 
@@ -97,7 +99,7 @@ def _section(
         if at == 0:
             figure, move = _listening(plan.counts)
         elif length < figure.counts:
-            figure = steps.FIGURE["waltz_balance" if plan.counts.metre == 3 else "bounce"]
+            figure = _short(plan.counts, length)
         lively = energy * (0.6 if at == 0 else 1.0) * float(rng.uniform(0.94, 1.06))
         facing = float(rng.choice([-0.25, 0.0, 0.0, 0.25])) if energy > 0.4 and number % 4 in (2, 3) else 0.0
         _phrase(plan, figure, move, at, length, lively, facing)
@@ -107,8 +109,17 @@ def _section(
 
 def _listening(counts: Counts) -> tuple[Figure, Move]:
     if counts.groove.name in moves.FLOWING:
-        return steps.FIGURE["bounce"], moves.MOVE["soft_sway"]
-    return steps.FIGURE["bounce"], moves.MOVE["loose_bounce"]
+        return figures.FIGURE["bounce"], moves.MOVE["soft_sway"]
+    return figures.FIGURE["bounce"], moves.MOVE["loose_bounce"]
+
+
+def _short(counts: Counts, length: int) -> Figure:
+    """A figure for the rest of a section that is shorter than a phrase."""
+    if counts.metre == 3:
+        return figures.FIGURE["waltz_balance"]
+    return figures.FIGURE[
+        "step_touch" if length >= 4 and counts.groove.name not in moves.FLOWING else "bounce"
+    ]
 
 
 def _phrase(
@@ -137,7 +148,7 @@ def _phrase(
         plan.twist.append((counts.at(at + 1), 0.0))
     if not figure.dip:
         plan.dip.append((counts.at(at + 1), 0.0))
-    _arms(plan, moves.mirrored(move) if is_mirrored and not move.is_fixed else move, at, length, energy)
+    _arms(plan, poses.mirrored(move) if is_mirrored and not move.is_fixed else move, at, length, energy)
 
 
 def _place(plan: Plan, step: Step, offset: int, size: float, facing: float) -> None:
@@ -152,9 +163,12 @@ def _place(plan: Plan, step: Step, offset: int, size: float, facing: float) -> N
         lift_off = max(lift_off, own[-1].landing + 0.09)
     air = None
     if step.air is not None:
-        x, z = _world(step.side, step.air[1] * size, step.air[3] * size, facing)
-        air = (counts.at(offset + step.air[0]) - 0.012, x, step.air[2] * min(size, 1.0), z)
-        lift_off = min(lift_off, air[0] - 0.2)
+        top = counts.at(offset + step.air[0]) - 0.012
+        lift_off = min(lift_off, top - 0.2)
+        time = min(top - lift_off, landing - top) * (1.0 if counts.unit == 1 else 0.66)
+        size_air = min(size, 1.0, time / EASY_SWING)
+        x, z = _world(step.side, step.air[1] * size_air, step.air[3] * size_air, facing)
+        air = (top, x, step.air[2] * size_air, z)
     earliest = max((h.landing for h in plan.holds), default=-1.0)
     if landing - lift_off < SHORTEST_SWING or lift_off < earliest or lift_off < plan.begin:
         return
@@ -195,7 +209,7 @@ def _arms(plan: Plan, move: Move, at: int, length: int, energy: float) -> None:
     size = 1.0 if move.exact else float(np.clip(0.66 + 0.42 * energy, 0.66, 1.06))
     beats = move.counts * 3 // 2 if counts.metre == 3 else move.counts
     for lap in range(-(-length // beats)):
-        turn = moves.mirrored(move) if lap % 2 and move.counts >= 4 and not move.is_fixed else move
+        turn = poses.mirrored(move) if lap % 2 and move.counts >= 4 and not move.is_fixed else move
         for key in turn.keys:
             count = key.count if counts.metre == 4 else 3 * (key.count // 2) + key.count % 2
             if lap * beats + count < length - 0.2:
