@@ -1,14 +1,9 @@
-import sys
-from pathlib import Path
-
 import pytest
 import torch
+from tests.laws import streaming
 
 from echoavatar.nn import CausalAttention, lookback_mask, rotary
 from echoavatar.nn.attention import rotary_table
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "laws"))
-import streaming
 
 
 def frames(rows: int, length: int, generator: torch.Generator) -> torch.Tensor:

@@ -1,12 +1,7 @@
-import sys
-from pathlib import Path
-
 import torch
+from tests.laws import streaming
 
 from echoavatar.nn import CausalBlock, Mlp
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "laws"))
-import streaming
 
 
 def frames(rows: int, length: int, generator: torch.Generator) -> torch.Tensor:

@@ -1,16 +1,12 @@
-import sys
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import pytest
 import torch
 from pydantic import ValidationError
+from tests.laws import streaming
 
 from echoavatar.tokenizer import MotionTokenizer, MotionTokenizerConfig
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "laws"))
-import streaming
 
 CONFIG = MotionTokenizerConfig(features=10, width=16, heads=2, layers=3, codes=24)
 

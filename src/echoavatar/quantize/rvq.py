@@ -116,6 +116,17 @@ class ResidualVectorQuantizer(nn.Module):
             torch.stack(losses).mean(),
         )
 
+    @torch.no_grad()
+    def initialise(self, latents: Float[Tensor, "n c"], generator: torch.Generator | None = None) -> None:
+        """Take all codebooks from many latents at once, layer by layer on what is left over.
+
+        Ours, for short runs: `forward` would take them from the first batch alone.
+        """
+        residual = latents.to(self._dtype())
+        for book in self.books():
+            book.initialise(residual, generator)
+            residual = residual - book.lookup(book.nearest(residual))
+
     def training_state(self) -> dict[str, Tensor]:
         """Moving averages of all layers (`layers.{q}.sums`, ...), for a faithful resume."""
         return {

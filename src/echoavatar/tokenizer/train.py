@@ -15,14 +15,15 @@ from pydantic import Field
 from torch import Tensor, nn
 
 from ..config import Config
-from ..kinematics import Skeleton
+from ..kinematics import Skeleton, split_parts
 from .body import BodyTokenizer, BodyTokenizerConfig, body_config
 from .losses import LossWeights, MotionLoss, total
 from .measure import TokenizerScores, measure
-from .model import MotionTokenizerConfig
+from .model import MotionTokenizer, MotionTokenizerConfig, TokenizerPass
 from .training_state import STATE_NAME, load_training, save_training
 from .windows import MovingBody, WindowSampler, clip_features, floored_statistics
 
+START_BATCHES = 12  # how many batches the codebooks are taken from after a start as an auto-encoder
 log = logging.getLogger(__name__)
 
 
@@ -45,6 +46,7 @@ class TokenizerTraining(Config):
     dropout: float = Field(
         default=0.2, ge=0, le=1, description="probability of using only the first RVQ layers"
     )
+    quantize_from: int = Field(default=0, ge=0, description="ours: steps before it as a plain auto-encoder")
     is_mirrored: bool = Field(default=True, description="mirror half of the windows")
     seed: int = Field(default=0, description="seed of everything random")
     evaluate_every: int = Field(default=500, gt=0, description="steps between measurements on test clips")
@@ -61,7 +63,7 @@ class TokenizerTraining(Config):
 def bundle_recipe(skeleton: Skeleton, steps: int) -> tuple[BodyTokenizerConfig, TokenizerTraining]:
     """Sizes and schedule of the default bundle: minutes on a CPU, streams on one core."""
     template = MotionTokenizerConfig(
-        features=1, width=128, heads=4, layers=4, codes=512, dead_below=0.03, kmeans_steps=4
+        features=1, width=128, heads=4, layers=4, codes=512, decay=0.98, dead_below=0.05, kmeans_steps=8
     )
     training = TokenizerTraining(
         steps=steps,
@@ -71,7 +73,8 @@ def bundle_recipe(skeleton: Skeleton, steps: int) -> tuple[BodyTokenizerConfig, 
         decay_at=(0.6, 0.8, 0.92),
         decay_factor=0.4,
         temperature=0.0,
-        dropout=0.1,
+        dropout=0.0,
+        quantize_from=steps // 4,
         losses=LossWeights(position=0.05, travel=0.02, planted=0.3, root=0.5),
     )
     return body_config(skeleton, template), training
@@ -159,7 +162,9 @@ class TokenizerRun:
         """One optimiser step; returns the loss terms."""
         for group in self.optimizer.param_groups:
             group["lr"] = self.training.rate_at(self.step)
-        windows = self.sampler.draw(self.training.batch, self.generator).to(self.tokenizer.mean)
+        if self.step == self.training.quantize_from > 0:
+            self._initialise_codebooks()
+        windows = self._draw()
         terms = self._terms(windows)
         self.optimizer.zero_grad(set_to_none=True)
         total(terms).backward()  # type: ignore[no-untyped-call]
@@ -173,12 +178,7 @@ class TokenizerRun:
         truth = statistics.normalize(windows)
         sizes = [part.features for part in tokenizer.config.parts.values()]
         passes = [
-            part(
-                x,
-                temperature=self.training.temperature,
-                dropout=self.training.dropout,
-                generator=self.generator,
-            )
+            self._pass(part, x)
             for part, x in zip(tokenizer.tokenizers().values(), torch.split(truth, sizes, -1), strict=True)
         ]
         decoded = torch.cat([result.features for result in passes], -1)
@@ -187,6 +187,33 @@ class TokenizerRun:
         commitment = torch.stack([result.commitment for result in passes]).mean()
         terms["commitment"] = self.training.losses.commitment * commitment
         return dict(terms)
+
+    def _pass(self, part: MotionTokenizer, x: Tensor) -> TokenizerPass:
+        if self.step < self.training.quantize_from:
+            none = torch.full((x.shape[0], 0, part.config.layers), -1)
+            return TokenizerPass(part.from_latents(part.to_latents(x)), none, x.new_zeros(()))
+        result: TokenizerPass = part(
+            x,
+            temperature=self.training.temperature,
+            dropout=self.training.dropout,
+            generator=self.generator,
+        )
+        return result
+
+    def _draw(self) -> Tensor:
+        return self.sampler.draw(self.training.batch, self.generator).to(self.tokenizer.mean)
+
+    @torch.no_grad()
+    def _initialise_codebooks(self) -> None:
+        """From the latents of several batches, once the auto-encoder has found its feet."""
+        parts = self.tokenizer.tokenizers()
+        latents: dict[str, list[Tensor]] = {name: [] for name in parts}
+        for _ in range(START_BATCHES):
+            normal = self.tokenizer.statistics.normalize(self._draw())
+            for name, x in split_parts(self.tokenizer.skeleton, normal).items():
+                latents[name].append(parts[name].to_latents(x).flatten(0, 1))
+        for name, part in parts.items():
+            part.quantizer.initialise(torch.cat(latents[name]), self.generator)
 
 
 def _optimizer(tokenizer: BodyTokenizer, training: TokenizerTraining) -> torch.optim.AdamW:
