@@ -35,7 +35,7 @@ def test_a_hand_in_the_head_is_pushed_out():
 
 
 def test_hands_in_each_other_are_parted():
-    controls = sent(-0.20, -0.25, 0.33)
+    controls = sent(-0.12, -0.25, 0.33)
 
     def gap(c: Controls) -> float:
         left, right = _points(c, 0).numpy()[:, 1], _points(c, 1).numpy()[:, 1] * [-1, 1, 1]
