@@ -70,3 +70,11 @@ def test_no_speed_jumps_anywhere(show: Controls):
 
 def test_tracks_without_music_need_no_dancer(talk: SoundTrack):
     assert len(perform(talk, 0)) == 456
+
+
+@pytest.mark.parametrize("left", [2, 3, 5, 9, 13, 20, 30])
+def test_music_may_end_just_before_the_track_does(left: int):
+    """Switching late once asked for a foot step after the last frame."""
+    joined = switched(neutral(60), elsewhere(60), at=60 - left, seconds=1.0)
+    assert len(joined) == 60
+    assert np.abs(np.diff(joined.packed(), axis=0)).max() < 0.2

@@ -64,6 +64,8 @@ def _with_lift(
 ) -> dict[str, Array]:
     """Lift each foot while it changes place, higher over longer ways, and never through the floor."""
     for side, first in enumerate(moments):
+        if first >= len(before) - 1:
+            continue
         last = min(first + round(STEP_S * FRAME_RATE_HZ), len(before) - 1)
         way = after.foot_position[last, side] - before.foot_position[first, side]
         turn = abs(float(after.foot_yaw[last, side] - before.foot_yaw[first, side]))
@@ -100,8 +102,9 @@ def _step_moments(after: Controls, at: int) -> list[int]:
 def _carried_over(old: Float[Array, "t ..."], new: Float[Array, "t ..."], at: int, seconds: float) -> Array:
     """`old` until `at`, then `new` plus what is left of their difference, which dies along a quintic."""
     out = new.copy()
-    at = min(at, len(old) - 1)
     out[:at] = old[:at]
+    if at >= len(old):
+        return out
     place = old[at] - new[at]
     previous = max(at - 1, 0)
     speed = (old[at] - old[previous]) - (new[at] - new[previous])
