@@ -27,7 +27,8 @@ from .two_bone import REACH, reach
 FADE_SECONDS = 0.25
 MAX_SLIDE_SPEED = 0.35  # metres per second: a foot that moves faster steps or is dragged on purpose
 STEP_SECONDS = 0.27  # between two stands of one foot
-STEP_HEIGHT_M = 0.045  # lifted in between, where it would have slid
+STEP_HEIGHT_M = 0.045  # how high at least, where it would have slid
+LONGEST_STEP_SECONDS = 0.8  # what takes longer is a slide on purpose
 SOFT_FLOOR_M = 0.006
 MAX_DRIFT_M = 0.06  # a planted foot that strays further starts a new stand
 _Array = NDArray[np.float64]
@@ -64,13 +65,17 @@ def settle_feet(motion: Motion, contacts: NDArray[np.bool_] | None = None) -> Mo
     return replace(motion, rotations=quaternions, root=root.numpy().astype(np.float32))
 
 
-def foot_contacts(motion: Motion) -> NDArray[np.bool_]:
-    """(t, 2, 2): left and right, heel (ankle height) and toe; slow sliding feet count, fast ones do not."""
+def foot_contacts(motion: Motion, *, stands_on_rest: bool = False) -> NDArray[np.bool_]:
+    """(t, 2, 2): left and right, heel (ankle height) and toe; slow sliding feet count, fast ones do not.
+
+    Standing height is measured from the clip, or is the rest pose's with `stands_on_rest`.
+    """
     bones = bone_map(motion.skeleton)
     names = ("leftFoot", "leftToes", "rightFoot", "rightToes")
     joints = [bones[name] if name in bones else bones[name.replace("Toes", "Foot")] for name in names]
     places = motion.pose().positions[:, joints].numpy().astype(np.float64)
-    is_low = planted(places, motion.fps)
+    heights = motion.skeleton.rest_positions[joints, 1].numpy() if stands_on_rest else None
+    is_low = planted(places, motion.fps, standing_height=heights)
     speed = np.zeros(places.shape[:2])
     if len(places) > 1:
         speed = np.linalg.norm(np.gradient(places[..., [0, 2]], axis=0), axis=-1) * motion.fps
@@ -153,7 +158,7 @@ class _Leg:
             shift[span] = spot - path[span]
             is_held[span] = True
         path = path + _faded(shift, is_held, fade)
-        path[:, 1] = _soft_floor(path[:, 1] + _lifts(found, contact[:, 1], path), self.toe_height)
+        path[:, 1] = _soft_floor(path[:, 1] + _lifts(found, path, self.toe_height, fps), self.toe_height)
         return foot, torch.from_numpy(path - carried)
 
     def bring(self, turns: Tensor, world: Tensor, places: Tensor, goal: tuple[Tensor, Tensor]) -> Tensor:
@@ -199,17 +204,16 @@ def _lowering(legs: list[_Leg], goals: list[tuple[Tensor, Tensor]], places: Tens
     return drop
 
 
-def _lifts(found: list[Stand], is_planted: NDArray[np.bool_], path: _Array) -> _Array:
-    """Height added between two stands where the foot never left the floor but has to get elsewhere: a small step."""
+def _lifts(found: list[Stand], path: _Array, floor: float, fps: float) -> _Array:
+    """Height added between two stands where the foot hardly left the floor but has to get elsewhere: a step."""
     lift = np.zeros(len(path))
     for before, after in zip(found, found[1:], strict=False):
         gap = slice(before.stop, after.start)
-        if (
-            is_planted[gap].all()
-            and np.linalg.norm((path[after.start] - path[before.stop - 1])[[0, 2]]) > 0.01
-        ):
+        missing = STEP_HEIGHT_M - float(path[gap, 1].max() - floor)
+        travel = np.linalg.norm((path[after.start] - path[before.stop - 1])[[0, 2]])
+        if missing > 0 and travel > 0.01 and after.start - before.stop <= LONGEST_STEP_SECONDS * fps:
             share = np.arange(1, after.start - before.stop + 1) / (after.start - before.stop + 1)
-            lift[gap] = STEP_HEIGHT_M * np.sin(np.pi * share) ** 2
+            lift[gap] = missing * np.sin(np.pi * share) ** 2
     return lift
 
 

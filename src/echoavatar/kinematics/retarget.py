@@ -49,8 +49,10 @@ def retarget(
     root = _root(motion, pose, theirs, target, ours, local)
     quaternions = quaternion_from_matrix(local).numpy().astype(np.float32)
     moved = Motion(target, quaternions, root.numpy().astype(np.float32), motion.fps)
-    contacts = foot_contacts(motion) if source.config.vrm else foot_contacts(_with_map(motion, theirs))
-    return settle_feet(moved, contacts) if has_footing else moved
+    if not has_footing:
+        return moved
+    contacts = foot_contacts(_with_map(motion, theirs)) | foot_contacts(moved, stands_on_rest=True)
+    return settle_feet(moved, contacts)
 
 
 def leg_length(skeleton: Skeleton, bones: Mapping[str, int]) -> float:
