@@ -98,7 +98,7 @@ def _pelvis(
     crouch, lean, roll = (_groove(t, plans, name) for name in ("crouch", "lean", "hips"))
     dip = _keyed(t, plans, "dip")
     low = crouch + dip + bounce * beat
-    low += _eased_down(feet, over, STANDING_PELVIS[1] - low)
+    low += level[:, 2] * _eased_down(feet, over, STANDING_PELVIS[1] - low)
     position = np.stack([over[:, 0], STANDING_PELVIS[1] - low, over[:, 2] + 0.015 - 0.35 * low], 1)
     heading = np.asarray(smoothed(feet.yaw.mean(1).astype(np.float32), 0.10), np.float64)
     yaw = heading + _keyed(t, plans, "twist")
@@ -281,7 +281,7 @@ def _follow_through(arms: FloatArray) -> Float[FloatArray, "t 2 3"]:
     return palm
 
 
-def _resting() -> FloatArray:
+def _resting() -> NDArray[np.float64]:
     base = neutral(1)
     parts = [
         np.concatenate(

@@ -168,7 +168,7 @@ FIGURES: tuple[Figure, ...] = (
     Figure(
         "charleston",
         4,
-        score("0 L z.14; 2 R z-.1 t1.6 air:1/.02/.2/.38; 3 L z-.26 w0 l.09 p.35"),
+        score("0 L z.14; 2 R z-.1 t1.6 air:1/.02/.17/.32; 3 L z-.26 w0 l.09 p.35"),
         energy=(0.4, 1.0),
         styles=("swing", "rock", "drum_and_bass"),
         twist=pairs("0 .1, 1 -.12, 2 -.1, 3 .12"),

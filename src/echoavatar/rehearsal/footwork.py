@@ -17,6 +17,7 @@ FloatArray = NDArray[np.floating]
 TOE_OFF = 0.32  # radians of heel lift as the foot leaves the floor
 SUPPORT = 0.95  # share of the weight on the standing foot while the other swings
 WEIGHT_SECONDS = 0.03  # from landing to the weight having arrived: a dancer is on the foot on the count
+TRANSFER_SECONDS = 0.38  # before a landing the weight begins to fall towards it, at the earliest
 ROLL_SECONDS = 0.10  # from the first touch of heel or ball to the flat foot
 
 
@@ -127,19 +128,16 @@ def _pitch(t: FloatArray, holds: Sequence[Foothold]) -> FloatArray:
 
 
 def _share(t: FloatArray, holds: Sequence[Foothold], shifts: Sequence[tuple[float, float]]) -> FloatArray:
-    keys = [(-1e3, 0.5)]
+    keys = [(-1e3, 0.5, 1.0)]  # time, share, longest travel
     for hold in sorted(holds, key=lambda h: h.lift_off):
         standing = 1 - SUPPORT if hold.side == 0 else SUPPORT
-        keys.append((hold.lift_off + 0.02, standing))
-        carried = (
-            standing
-            if hold.weight < 0.02
-            else (0.92 * hold.weight if hold.side == 0 else 1 - 0.92 * hold.weight)
-        )
-        keys.append((hold.landing + WEIGHT_SECONDS, carried))
-    keys = sorted([*keys, *shifts])
-    times = np.array([time for time, _ in keys])
-    times = np.maximum.accumulate(times + 1e-6 * np.arange(len(times)))
-    travel = np.minimum(np.diff(times, prepend=times[0] - 1.0), 1.6)
-    curve = glide(t, times, np.array([[share] for _, share in keys]), travel)
+        carried = 0.92 * hold.weight if hold.side == 0 else 1 - 0.92 * hold.weight
+        keys.append((hold.lift_off + 0.02, standing, 0.8))
+        if hold.landing - TRANSFER_SECONDS > hold.lift_off + 0.05:
+            keys.append((hold.landing - TRANSFER_SECONDS, standing, 0.8))
+        keys.append((hold.landing + WEIGHT_SECONDS, standing if hold.weight < 0.02 else carried, 0.8))
+    keys = sorted([*keys, *((time, share, 1.6) for time, share in shifts)])
+    table = np.array(keys)
+    times = np.maximum.accumulate(table[:, 0] + 1e-6 * np.arange(len(table)))
+    curve = glide(t, times, table[:, 1:2], table[:, 2])
     return np.asarray(smoothed(curve, 0.04), np.float64)[:, 0]

@@ -263,10 +263,13 @@ MOVES: tuple[Move, ...] = (
     Move(
         "soft_sway",
         8,
-        keys("0 demi/bras_bas c:.06/.03/.06 h:.08/.04/.04; 4 bras_bas/demi c:-.06/.03/-.06 h:-.08/.04/-.04"),
+        keys(
+            "0 demi/bras_bas c:.06/.03/.06 h:.08/.04/.04; 1 demi c:.03/.02/.03; "
+            "4 bras_bas/demi c:-.06/.03/-.06 h:-.08/.04/-.04; 6 bras_bas c:-.03/.03/0"
+        ),
         energy=(0.0, 0.5),
         styles=FLOWING,
-        travel=4.0,
+        travel=2.5,
         flow=1.0,
     ),
     Move(

@@ -18,6 +18,7 @@ from .steps import Figure, Step
 
 SECONDS_TO_CLOSE = 0.42
 SHORTEST_SWING = 0.16
+SLOW_COUNT = 0.75  # seconds; slower than this, two counts are enough to listen in
 EASY_SWING = 0.46  # seconds to raise a knee or a kick in full
 NEUTRAL = Stance()
 
@@ -92,8 +93,9 @@ def _section(
     number, at = 0, first
     while at < end:
         length = min(size, end - at)
-        if first == 0 and at < size:  # listen in: half a phrase small, half a phrase of the first figure
-            length = min(half, end - at)
+        if first == 0 and at < size:  # listen in, small, then finish the phrase with the first figure
+            listening = half // 2 if plan.counts.length(0) > SLOW_COUNT else half
+            length = min(listening if at == 0 else size - at, end - at)
         figure = material.figures[1 if number % 4 == 2 else 0]
         move = material.moves[(0, 0, 1, 2)[number % 4]]
         if at == 0:
@@ -103,7 +105,7 @@ def _section(
         lively = energy * (0.6 if at == 0 else 1.0) * float(rng.uniform(0.94, 1.06))
         facing = float(rng.choice([-0.25, 0.0, 0.0, 0.25])) if energy > 0.4 and number % 4 in (2, 3) else 0.0
         _phrase(plan, figure, move, at, length, lively, facing)
-        number += at >= half or first > 0
+        number += at > 0 or first > 0
         at += length
 
 
@@ -117,9 +119,8 @@ def _short(counts: Counts, length: int) -> Figure:
     """A figure for the rest of a section that is shorter than a phrase."""
     if counts.metre == 3:
         return figures.FIGURE["waltz_balance"]
-    return figures.FIGURE[
-        "step_touch" if length >= 4 and counts.groove.name not in moves.FLOWING else "bounce"
-    ]
+    is_slow = counts.groove.name in ("ballet", "rest")
+    return figures.FIGURE["bounce" if length < 4 else "sway" if is_slow else "step_touch"]
 
 
 def _phrase(
