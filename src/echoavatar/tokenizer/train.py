@@ -20,9 +20,11 @@ from .body import BodyTokenizer, BodyTokenizerConfig, body_config
 from .losses import LossWeights, MotionLoss, total
 from .measure import TokenizerScores, measure
 from .model import MotionTokenizer, MotionTokenizerConfig, TokenizerPass
+from .start import start_from_principal_axes
 from .training_state import STATE_NAME, load_training, save_training
 from .windows import MovingBody, WindowSampler, clip_features, floored_statistics
 
+START_WINDOWS = 400  # windows the principal axes are taken from
 START_BATCHES = 12  # how many batches the codebooks are taken from after a start as an auto-encoder
 log = logging.getLogger(__name__)
 
@@ -47,6 +49,9 @@ class TokenizerTraining(Config):
         default=0.2, ge=0, le=1, description="probability of using only the first RVQ layers"
     )
     quantize_from: int = Field(default=0, ge=0, description="ours: steps before it as a plain auto-encoder")
+    is_principal_start: bool = Field(
+        default=False, description="ours: start as a principal component analysis"
+    )
     is_mirrored: bool = Field(default=True, description="mirror half of the windows")
     seed: int = Field(default=0, description="seed of everything random")
     evaluate_every: int = Field(default=500, gt=0, description="steps between measurements on test clips")
@@ -74,7 +79,8 @@ def bundle_recipe(skeleton: Skeleton, steps: int) -> tuple[BodyTokenizerConfig, 
         decay_factor=0.4,
         temperature=0.0,
         dropout=0.0,
-        quantize_from=steps // 4,
+        quantize_from=steps // 10,
+        is_principal_start=True,
         losses=LossWeights(position=0.05, travel=0.02, planted=0.3, root=0.5),
     )
     return body_config(skeleton, template), training
@@ -154,6 +160,8 @@ class TokenizerRun:
         self.tokenizer.set_statistics(
             floored_statistics(skeleton, features, is_mirrored=training.is_mirrored)
         )
+        if training.is_principal_start:
+            self._start_from_principal_axes()
         self.tokenizer.to(device).train()
         self.loss = MotionLoss(skeleton, training.losses).to(device)
         self.optimizer = _optimizer(self.tokenizer, training)
@@ -199,6 +207,13 @@ class TokenizerRun:
             generator=self.generator,
         )
         return result
+
+    def _start_from_principal_axes(self) -> None:
+        generator = torch.Generator().manual_seed(self.training.seed)
+        frames = self.sampler.draw(START_WINDOWS, generator).flatten(0, 1)
+        normal = split_parts(self.tokenizer.skeleton, self.tokenizer.statistics.normalize(frames))
+        for name, part in self.tokenizer.tokenizers().items():
+            start_from_principal_axes(part, normal[name])
 
     def _draw(self) -> Tensor:
         return self.sampler.draw(self.training.batch, self.generator).to(self.tokenizer.mean)
