@@ -16,7 +16,7 @@ from .cues import Cue, cues_of
 from .handpath import FINGERS, PALM, WRIST, HandPath
 from .handshapes import count_shape, hand_shape
 from .idle import Manner, hands_of, idle, living_fingers, manner, resting_hands, with_hands
-from .lexicon import ACCENTS, MEANINGS, Form, aim_at, home_of, meant_form
+from .lexicon import ACCENTS, MEANINGS, Form, aim_at, eased_reach, home_of, meant_form
 from .sound import SoundTrack
 
 SINK_AFTER, REST_AFTER = 0.10, 0.30  # seconds after a phrase: first let go, then drop
@@ -132,6 +132,7 @@ class _Speaker:
             high[WRIST] -= way * share * 0.50
             high[PALM] += (0.35 * share / 0.1 * -0.5, 0.10 * share / 0.1, 0.0)
             low[WRIST] += way * share * 0.50
+            low[WRIST] = eased_reach(low[WRIST])
             low[PALM] += self.rng.normal(0, 0.10, 3) + (0.08, -0.10 * share / 0.1, 0.0)
             low[FINGERS] += self.rng.normal(0, 0.05, 7)
             if time > 0.24:

@@ -9,7 +9,8 @@ from .controls import Array
 from .handpath import pack_hand
 from .handshapes import hand_shape
 
-HOME = (-0.015, -0.275, 0.255)  # the wrist's easy place in gesture space, from the shoulder
+HOME = (-0.015, -0.265, 0.240)  # the wrist's easy place in gesture space, from the shoulder
+EASY_REACH = 0.43  # metres from the shoulder
 HOME_SHAPES = ("relaxed", "open", "bowl", "pinch", "flat", "loose fist")
 
 
@@ -76,7 +77,14 @@ def aim_at(
     palm = np.array(form.palm) + rng.normal(0, 0.09, 3)
     fingers = (hand_shape(form.shape) + rng.normal(0, 0.03, 7)).astype(np.float32)
     swing = form.swing + float(rng.normal(0, 0.05))
-    return pack_hand(wrist.astype(np.float32), (palm[0], palm[1], palm[2]), fingers, swing)
+    return pack_hand(eased_reach(wrist.astype(np.float32)), (palm[0], palm[1], palm[2]), fingers, swing)
+
+
+def eased_reach(wrist: Float[Array, " 3"]) -> Float[Array, " 3"]:
+    """A wrist aim with the elbow left bent: a nearly straight arm would have to snap."""
+    far = float(np.linalg.norm(wrist))
+    easy = EASY_REACH + 0.4 * (far - EASY_REACH) if far > EASY_REACH else far
+    return np.asarray(wrist * (easy / far), np.float32)
 
 
 def home_of(space: float, rng: np.random.Generator) -> Float[Array, " 14"]:
