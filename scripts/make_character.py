@@ -14,7 +14,17 @@ from echoavatar.avatar.rigging import smooth, strongest, weigh
 from echoavatar.avatar.sculpt import Mesh
 
 SHIPPED = Path(__file__).parents[1] / "src" / "echoavatar" / "assets" / "character.npz"
-SMOOTHED = ("jacket", "ribbing", "zips", "stripes", "pockets", "shirt", "shirt collar", "trousers", "turn-ups")
+SMOOTHED = (
+    "jacket",
+    "ribbing",
+    "zips",
+    "stripes",
+    "pockets",
+    "shirt",
+    "crew neck",
+    "trousers",
+    "turn-ups",
+)
 
 
 def main() -> None:
@@ -23,7 +33,9 @@ def main() -> None:
     out.parent.mkdir(parents=True, exist_ok=True)
     character = build()
     character.save(out)
-    print(f"{out}: {len(character.positions)} vertices, {len(character.triangles)} triangles, {out.stat().st_size} bytes")
+    print(
+        f"{out}: {len(character.positions)} vertices, {len(character.triangles)} triangles, {out.stat().st_size} bytes"
+    )
 
 
 def build() -> Character:
@@ -42,10 +54,14 @@ def build() -> Character:
         positions=np.concatenate([mesh.positions for _, _, mesh, _ in parts]),
         normals=np.concatenate([mesh.normals for _, _, mesh, _ in parts]),
         colours=np.clip(np.round(np.concatenate([c for _, _, _, c in parts])), 0, 255).astype(np.uint8),
-        materials=np.concatenate([np.full(len(m.positions), names.index(kind), np.uint8) for _, kind, m, _ in parts]),
+        materials=np.concatenate(
+            [np.full(len(m.positions), names.index(kind), np.uint8) for _, kind, m, _ in parts]
+        ),
         joints=joints,
         weights=weights,
-        triangles=np.concatenate([mesh.triangles + start for (_, _, mesh, _), start in zip(parts, starts, strict=False)]),
+        triangles=np.concatenate(
+            [mesh.triangles + start for (_, _, mesh, _), start in zip(parts, starts, strict=False)]
+        ),
     )
 
 
@@ -54,7 +70,9 @@ def all_weights(parts: list[tuple[str, str, Mesh, np.ndarray]]) -> np.ndarray:
     points = [mesh.positions.astype(np.float64) for _, _, mesh, _ in parts]
     weights = [weigh(name, p) for (name, *_), p in zip(parts, points, strict=True)]
     cloth = [i for i, (name, *_) in enumerate(parts) if name in SMOOTHED]
-    merged = smooth(np.concatenate([weights[i] for i in cloth]), np.concatenate([points[i] for i in cloth]), passes=8)
+    merged = smooth(
+        np.concatenate([weights[i] for i in cloth]), np.concatenate([points[i] for i in cloth]), passes=8
+    )
     for i, part in zip(cloth, np.split(merged, np.cumsum([len(points[i]) for i in cloth])[:-1]), strict=True):
         weights[i] = part
     return np.concatenate(weights)

@@ -9,6 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from . import figure_body as body
+from . import figure_hair as hair
+from . import figure_hands as hands
 from . import figure_head as head
 from .sculpt import Mesh, sculpt
 from .sdf import Field, Points
@@ -37,23 +39,23 @@ class Piece(NamedTuple):
 
 
 PIECES = (
-    Piece("head", "skin", SKIN, head.head_skin, (-0.17, 1.36, -0.13), (0.17, 1.72, 0.14), 0.0015, 9000),
-    Piece("hair", "hair", HAIR, head.hair, (-0.13, 1.45, -0.16), (0.13, 1.76, 0.14), 0.002, 5200, 0.008),
+    Piece("head", "skin", SKIN, head.head_skin, (-0.17, 1.325, -0.13), (0.17, 1.72, 0.14), 0.0015, 9000),
+    Piece("hair", "hair", HAIR, hair.hair, (-0.13, 1.45, -0.16), (0.13, 1.76, 0.14), 0.002, 6000, 0.008),
     Piece("brows", "hair", HAIR, head.brow, (-0.07, 1.58, 0.03), (0.07, 1.64, 0.11), 0.0010, 420, 0.002),
     Piece("lashes", "hair", LASH, head.lashes, (-0.07, 1.56, 0.04), (0.07, 1.62, 0.11), 0.0006, 420, 0.003),
-    Piece("hands", "skin", SKIN, body.hands, (-0.88, 1.34, -0.12), (0.88, 1.44, 0.10), 0.0018, 6800, 0.03),
-    Piece("jacket", "cloth", JACKET, body.jacket, (-0.70, 0.94, -0.18), (0.70, 1.50, 0.16), 0.003, 5200),
+    Piece("hands", "skin", SKIN, hands.hands, (-0.88, 1.34, -0.12), (0.88, 1.44, 0.10), 0.0018, 6000, 0.03),
+    Piece("jacket", "cloth", JACKET, body.jacket, (-0.70, 0.94, -0.18), (0.70, 1.50, 0.16), 0.003, 5800),
     Piece("ribbing", "cloth", RIBBING, body.ribbing, (-0.71, 0.88, -0.18), (0.71, 1.52, 0.16), 0.003, 2600),
-    Piece("zips", "metal", ZIP, body.zips, (-0.10, 0.90, -0.02), (0.10, 1.47, 0.16), 0.0016, 1100, 0.012),
+    Piece("zips", "metal", ZIP, body.zips, (-0.10, 0.90, -0.02), (0.10, 1.47, 0.16), 0.0016, 800, 0.012),
     Piece("stripes", "cloth", CORAL, body.stripes, (-0.70, 0.92, -0.18), (0.70, 1.46, 0.18), 0.002, 1800, 0.003),
     Piece("pockets", "cloth", RIBBING, body.pockets, (-0.16, 1.00, 0.04), (0.16, 1.14, 0.16), 0.0016, 300, 0.004),
     Piece("shirt", "cloth", SHIRT, body.shirt, (-0.20, 0.90, -0.16), (0.20, 1.48, 0.16), 0.005, 1600),
-    Piece("shirt collar", "cloth", SHIRT_COLLAR, body.shirt_collar, (-0.12, 1.36, -0.12), (0.12, 1.48, 0.08), 0.0025, 700),
+    Piece("crew neck", "cloth", SHIRT_COLLAR, body.shirt_collar, (-0.12, 1.36, -0.12), (0.12, 1.48, 0.08), 0.003, 700),
     Piece("trousers", "denim", TROUSERS, body.trousers, (-0.24, 0.08, -0.16), (0.24, 1.08, 0.16), 0.005, 3200),
     Piece("turn-ups", "denim", TURN_UP, body.turn_ups, (-0.17, 0.07, -0.10), (0.17, 0.16, 0.08), 0.003, 700),
     Piece("socks", "cloth", CORAL, body.socks, (-0.15, 0.02, -0.08), (0.15, 0.20, 0.04), 0.004, 400, 0.025),
-    Piece("shoes", "shoe", SHOE, body.shoes, (-0.17, -0.02, -0.12), (0.17, 0.15, 0.21), 0.0025, 1900),
-    Piece("soles", "shoe", SOLE, body.soles, (-0.17, -0.02, -0.12), (0.17, 0.06, 0.21), 0.0025, 1300),
+    Piece("shoes", "shoe", SHOE, body.shoes, (-0.17, -0.02, -0.12), (0.17, 0.15, 0.21), 0.0025, 1600),
+    Piece("soles", "shoe", SOLE, body.soles, (-0.17, -0.02, -0.12), (0.17, 0.06, 0.21), 0.0025, 1000),
     Piece("laces", "shoe", CORAL, body.laces, (-0.14, 0.04, 0.00), (0.14, 0.12, 0.11), 0.0018, 420, 0.005),
 )  # fmt: skip
 
@@ -64,30 +66,50 @@ def piece_mesh(piece: Piece) -> Mesh:
 
 
 def piece_colours(piece: Piece, points: Points) -> np.ndarray:
-    """sRGB colour of each point, float 0..255: the piece's own with what is painted on it."""
+    """Colour (sRGB, float 0..255) of each point: the piece's own with what is painted on it."""
     paint = np.tile(np.asarray(piece.colour, np.float64), (len(points), 1))
     if piece.name == "head":
         paint = _blend(paint, LIPS, head.lip_mask(points), 0.0014)
-        rosy = np.exp(-(np.linalg.norm((np.abs(points) - (0.042, 1.552, 0.070)) / (0.022, 0.016, 0.03), axis=1) ** 2))
+        rosy = np.exp(
+            -(np.linalg.norm((np.abs(points) - (0.042, 1.552, 0.070)) / (0.022, 0.016, 0.03), axis=1) ** 2)
+        )
         paint = paint + rosy[:, None] * np.array([4.0, -16.0, -14.0])
     if piece.name == "hands":
-        paint = _blend(paint, (240, 198, 178), body.nail_mask(points), 0.0014)
+        paint = _blend(paint, (240, 198, 178), hands.nail_mask(points), 0.0014)
     return paint
 
 
 def eyeball(side: float) -> tuple[Mesh, np.ndarray]:
     """One eyeball with its colours; rings about the line of sight, so that iris and pupil have clean edges."""
     rings = np.radians([0, 8, 14, 15.5, 24, 33, 36, 38, 48, 60, 80, 105])
-    shades = [PUPIL, PUPIL, PUPIL, IRIS_RIM, IRIS, IRIS, IRIS_RIM, EYE_WHITE, EYE_WHITE, EYE_WHITE, EYE_WHITE, EYE_WHITE]
+    shades = [
+        PUPIL,
+        PUPIL,
+        PUPIL,
+        IRIS_RIM,
+        IRIS,
+        IRIS,
+        IRIS_RIM,
+        EYE_WHITE,
+        EYE_WHITE,
+        EYE_WHITE,
+        EYE_WHITE,
+        EYE_WHITE,
+    ]
     spokes = 28
     turn = np.arange(spokes) * 2 * np.pi / spokes
     normals = np.stack(
-        [np.outer(np.sin(rings), np.cos(turn)), np.outer(np.sin(rings), np.sin(turn)), np.tile(np.cos(rings)[:, None], spokes)], -1
+        [
+            np.outer(np.sin(rings), np.cos(turn)),
+            np.outer(np.sin(rings), np.sin(turn)),
+            np.tile(np.cos(rings)[:, None], spokes),
+        ],
+        -1,
     ).reshape(-1, 3)
     ring, spoke = np.meshgrid(np.arange(len(rings) - 1), np.arange(spokes), indexing="ij")
     a, b = ring * spokes + spoke, ring * spokes + (spoke + 1) % spokes
-    faces = np.concatenate([np.stack([a, a + spokes, b + spokes], -1), np.stack([a, b + spokes, b], -1)]).reshape(-1, 3)
-    faces = faces[(faces[:, 0] >= spokes) | (faces[:, 1] >= spokes)]
+    inner, outer = np.stack([a, a + spokes, b + spokes], -1), np.stack([a, b + spokes, b], -1)
+    faces = np.concatenate([inner.reshape(-1, 3), outer.reshape(-1, 3)[spokes:]])  # the first ring is a point
     points = head.EYE * (side, 1, 1) + normals * head.EYE_RADIUS
     colours = np.repeat(np.asarray(shades, np.float64), spokes, axis=0)
     return Mesh(points.astype(np.float32), normals.astype(np.float32), faces.astype(np.int32)), colours
@@ -98,5 +120,3 @@ def _blend(paint: np.ndarray, colour: Colour, mask: np.ndarray, soft: float) -> 
     share = np.clip(0.5 - mask / (2 * soft), 0, 1)[:, None]
     mixed: np.ndarray = paint * (1 - share) + np.asarray(colour, np.float64) * share
     return mixed
-
-

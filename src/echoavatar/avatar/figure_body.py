@@ -6,11 +6,11 @@ piece closes, so that each can be meshed on its own. Left half modelled, right h
 
 import numpy as np
 
-from ..kinematics import HUMANOID
 from .sdf import (
     Distances,
     Points,
     carve,
+    common,
     ellipsoid,
     loft,
     mirrored,
@@ -18,11 +18,13 @@ from .sdf import (
     slab,
     smooth_max,
     smooth_min,
-    tube,
+    union,
 )
 
-REST = HUMANOID.rest_positions.numpy().astype(np.float64)
-HEM, CUFF = 0.985, 0.632  # where the jacket's ribbing begins: height, and distance from the middle along the arm
+HEM, CUFF = (
+    0.985,
+    0.632,
+)  # where the jacket's ribbing begins: height, and distance from the middle along the arm
 
 # height, half width, centre x, half depth, centre z
 TORSO = [
@@ -101,7 +103,8 @@ def shirt_collar(p: Points) -> Distances:
     """The ribbed neckline of the T-shirt."""
     ring = _tilted_ring(p, 1.442, 0.40)
     d = loft(p, 1, [(y, w + 0.007, x, h + 0.008, z) for y, w, x, h, z in TORSO])
-    return np.hypot(d + 0.001, 0.55 * ring) - 0.0052
+    rim: Distances = np.hypot(d + 0.001, 0.55 * ring) - 0.0052
+    return rim
 
 
 def jacket(p: Points) -> Distances:
@@ -118,23 +121,35 @@ def jacket(p: Points) -> Distances:
 def ribbing(p: Points) -> Distances:
     """Hem, cuffs and collar."""
     q = mirrored(p)
-    hem = smooth_max(loft(q, 1, [(y, w + 0.002, x, h + 0.002, z) for y, w, x, h, z in JACKET[:3]]), slab(q, 1, 0.925, HEM), 0.010)
+    hem = smooth_max(
+        loft(q, 1, [(y, w + 0.002, x, h + 0.002, z) for y, w, x, h, z in JACKET[:3]]),
+        slab(q, 1, 0.925, HEM),
+        0.010,
+    )
     hem = carve(hem - _ribs(np.arctan2(q[:, 0], q[:, 2]), 40), _opening(q, 0.0), 0.007)
-    cuff = smooth_max(loft(q, 0, [(x, h + 0.000, y, w + 0.000, z) for x, h, y, w, z in SLEEVE[-3:]]), slab(q, 0, CUFF, 0.678), 0.007)
-    wall = loft(q, 1, [(1.40, 0.080, 0, 0.080, -0.030), (1.44, 0.070, 0, 0.071, -0.029), (1.50, 0.064, 0, 0.066, -0.030)])
+    cuff = smooth_max(
+        loft(q, 0, [(x, h + 0.000, y, w + 0.000, z) for x, h, y, w, z in SLEEVE[-3:]]),
+        slab(q, 0, CUFF, 0.678),
+        0.007,
+    )
+    wall = loft(
+        q,
+        1,
+        [(1.40, 0.080, 0, 0.080, -0.030), (1.44, 0.070, 0, 0.071, -0.029), (1.50, 0.064, 0, 0.066, -0.030)],
+    )
     collar = smooth_max(np.abs(wall) - 0.0060, _tilted_band(q, 1.425, 1.478), 0.010)
     collar = carve(collar, _opening(q, 0.010), 0.007)
-    return np.minimum(np.minimum(hem, cuff), collar)
+    return union(hem, cuff, collar)
 
 
 def stripes(p: Points) -> Distances:
     """Coral bands woven into the cuffs and the hem."""
     q = mirrored(p)
-    cuff = loft(q, 0, [(x, h + 0.0012, y, w + 0.0012, z) for x, h, y, w, z in SLEEVE[-3:]])
+    cuff = loft(q, 0, [(x, h + 0.0018, y, w + 0.0018, z) for x, h, y, w, z in SLEEVE[-3:]])
     cuff = smooth_max(cuff, slab(q, 0, 0.650, 0.658), 0.002)
-    hem = loft(q, 1, [(y, w + 0.0040, x, h + 0.0040, z) for y, w, x, h, z in JACKET[:3]])
+    hem = loft(q, 1, [(y, w + 0.0060, x, h + 0.0060, z) for y, w, x, h, z in JACKET[:3]])
     hem = carve(smooth_max(hem, slab(q, 1, 0.947, 0.957), 0.002), _opening(q, -0.001), 0.006)
-    return np.minimum(cuff, hem)
+    return union(cuff, hem)
 
 
 def pockets(p: Points) -> Distances:
@@ -142,20 +157,26 @@ def pockets(p: Points) -> Distances:
     q = mirrored(p)
     flat = np.stack([q[:, 0], q[:, 1], loft(q, 1, JACKET)], 1)
     welt = rounded_cone(flat * (1, 1, 1.6), (0.098, 1.105, 0.002), (0.128, 1.040, 0.002), 0.0062, 0.0062)
-    return np.maximum(welt, -q[:, 2])
+    return common(welt, -q[:, 2])
 
 
 def zips(p: Points) -> Distances:
     """The two metal edges of the open zip."""
     q = mirrored(p)
     surface = np.abs(loft(q, 1, JACKET) + 0.001)
-    return np.maximum(np.hypot(surface, _opening(q, 0.0)) - 0.0036, np.maximum(slab(q, 1, 0.932, 1.395), -q[:, 2]))
+    return common(
+        np.hypot(surface, _opening(q, 0.0)) - 0.0036, np.maximum(slab(q, 1, 0.932, 1.395), -q[:, 2])
+    )
 
 
 def trousers(p: Points) -> Distances:
     """Slim trousers down to the turn-ups."""
     q = mirrored(p)
-    pelvis = smooth_max(loft(q, 1, [(y, w - 0.010, x, h - 0.007, z) for y, w, x, h, z in TORSO[:4]]), slab(q, 1, 0.89, 1.03), 0.02)
+    pelvis = smooth_max(
+        loft(q, 1, [(y, w - 0.010, x, h - 0.007, z) for y, w, x, h, z in TORSO[:4]]),
+        slab(q, 1, 0.89, 1.03),
+        0.02,
+    )
     leg = smooth_max(loft(q, 1, LEG), slab(q, 1, 0.105, 0.93), 0.006)
     return smooth_min(pelvis, leg, 0.05) - _creases(q)
 
@@ -163,7 +184,11 @@ def trousers(p: Points) -> Distances:
 def turn_ups(p: Points) -> Distances:
     """The turned-up hems of the trousers."""
     q = mirrored(p)
-    return smooth_max(loft(q, 1, [(y, w + 0.004, x, h + 0.004, z) for y, w, x, h, z in LEG[:3]]), slab(q, 1, 0.098, 0.136), 0.006)
+    return smooth_max(
+        loft(q, 1, [(y, w + 0.004, x, h + 0.004, z) for y, w, x, h, z in LEG[:3]]),
+        slab(q, 1, 0.098, 0.136),
+        0.006,
+    )
 
 
 def socks(p: Points) -> Distances:
@@ -185,7 +210,7 @@ def soles(p: Points) -> Distances:
     q = mirrored(p)
     d = smooth_max(loft(q, 2, SOLE), slab(q, 2, -0.089, 0.187), 0.012)
     spring = 0.012 * np.clip((q[:, 2] - 0.12) / 0.07, 0, 1) ** 2
-    return smooth_max(d, np.maximum(0.0005 + spring - q[:, 1], q[:, 1] - 0.0245 - 0.4 * spring), 0.006)
+    return smooth_max(d, common(0.0005 + spring - q[:, 1], q[:, 1] - 0.0245 - 0.4 * spring), 0.006)
 
 
 def laces(p: Points) -> Distances:
@@ -195,67 +220,13 @@ def laces(p: Points) -> Distances:
         rounded_cone(q, (0.072, y, z), (0.114, y, z), 0.0038, 0.0038)
         for z, y in ((0.018, 0.0905), (0.038, 0.0815), (0.058, 0.0715), (0.078, 0.0625))
     ]
-    return np.minimum.reduce(bars)
-
-
-def hands(p: Points) -> Distances:
-    """Both hands with ten separate fingers, and the wrists."""
-    q = mirrored(p)
-    at = {name[4:]: REST[i] for i, name in enumerate(HUMANOID.names) if name.startswith("left")}
-    wrist = at["Hand"]
-    d = _flat_cone(q, wrist + (-0.05, 0, 0.001), wrist + (0.004, 0, 0.001), 0.0270, 0.0245)
-    for finger, radius in (("Index", 0.0135), ("Middle", 0.0140), ("Ring", 0.0130), ("Little", 0.0120)):
-        knuckle = at[f"{finger}Proximal"]
-        root = wrist + (0.012, 0.0, 0.55 * (knuckle - wrist)[2])
-        d = smooth_min(d, rounded_cone(q, root, knuckle - (0.007, 0.0030, 0), 0.0165, radius - 0.002), 0.016)
-    thumb = at["ThumbMetacarpal"], at["ThumbProximal"]
-    d = smooth_min(d, rounded_cone(q, thumb[0] + (0.002, 0, -0.004), thumb[1], 0.0165, 0.0112), 0.022)
-    d = smooth_min(d, rounded_cone(q, thumb[0] + (0.010, -0.002, 0), wrist + (0.070, -0.004, 0.010), 0.0130, 0.0100), 0.020)
-    for finger, (r0, r1, r2, r3), reach in FINGERS:
-        bones = [at[f"{finger}{bone}"] for bone in (("Proximal", "Intermediate", "Distal") if finger != "Thumb" else ("Metacarpal", "Proximal", "Distal"))]
-        way = bones[2] - bones[1]
-        tip = bones[2] + way / np.linalg.norm(way) * reach
-        rows = [(*point, r) for point, r in zip([*bones, tip], (r0, r1, r2, r3), strict=True)]
-        d = smooth_min(d, tube(q, rows if finger != "Thumb" else rows[1:], 0.004), 0.007)
-    return d
-
-
-def nail_mask(p: Points) -> Distances:
-    """Negative on the finger nails: where the skin takes the nails' colour."""
-    q = mirrored(p)
-    at = {name[4:]: REST[i] for i, name in enumerate(HUMANOID.names) if name.startswith("left")}
-    nails = []
-    for finger, radii, reach in FINGERS:
-        bone = at[f"{finger}Distal"]
-        way = bone - at[f"{finger}Intermediate" if finger != "Thumb" else f"{finger}Proximal"]
-        way = way / np.linalg.norm(way)
-        up = np.array([-0.35, 0.94, 0.0]) if finger == "Thumb" else np.array([0.0, 1.0, 0.0])
-        up = up - (up @ way) * way
-        axes = np.stack([way, up / np.linalg.norm(up), np.cross(way, up / np.linalg.norm(up))])
-        r = radii[3]
-        nails.append(ellipsoid(q, bone + way * (reach + 0.0005) + axes[1] * r, (0.0062, 0.0060, 0.72 * r), axes))
-    return np.minimum.reduce(nails)
-
-
-FINGERS = (
-    ("Thumb", (0.014, 0.0110, 0.0102, 0.0078), 0.0205),
-    ("Index", (0.0098, 0.0087, 0.0080, 0.0064), 0.0165),
-    ("Middle", (0.0100, 0.0089, 0.0082, 0.0065), 0.0175),
-    ("Ring", (0.0096, 0.0084, 0.0077, 0.0062), 0.0170),
-    ("Little", (0.0086, 0.0074, 0.0068, 0.0055), 0.0150),
-)
-
-
-def _flat_cone(q: Points, a: np.ndarray, b: np.ndarray, radius_a: float, radius_b: float) -> Distances:
-    """A rounded cone squashed to 80 % of its height."""
-    squash = np.array([1, 1.25, 1])
-    return rounded_cone(q * squash.astype(q.dtype), a * squash, b * squash, radius_a, radius_b) * 0.9
+    return union(*bars)
 
 
 def _opening(q: Points, extra: float) -> Distances:
     """The open front: a gap that is widest at the chest, in front of the body's middle."""
     half = np.interp(q[:, 1], [0.92, 1.05, 1.25, 1.38, 1.50], [0.052, 0.046, 0.050, 0.056, 0.050]) + extra
-    gap: Distances = np.maximum(q[:, 0] - half.astype(q.dtype), -0.01 - q[:, 2])
+    gap: Distances = common(q[:, 0] - half.astype(q.dtype), -0.01 - q[:, 2])
     return gap
 
 
@@ -269,7 +240,7 @@ def _tilted_band(p: Points, low: float, high: float) -> Distances:
     """The layer between two planes that fall towards the front."""
     above = _tilted_ring(p, high, 0.22)
     below = -_tilted_ring(p, low, 0.22)
-    return np.maximum(above, below)
+    return common(above, below)
 
 
 def _ribs(angle: Distances, count: int) -> Distances:
@@ -284,9 +255,15 @@ def _folds(q: Points) -> Distances:
     hem = np.exp(-(((q[:, 1] - 1.015) / 0.032) ** 2)) * gather * (q[:, 0] < 0.25)
     around = np.arctan2(q[:, 1] - 1.394, q[:, 2] + 0.024)
     inner = 0.5 + 0.5 * np.cos(around)  # towards the front, where the elbow bends
-    elbow = np.exp(-(((q[:, 0] - 0.425) / 0.05) ** 2)) * inner * np.sin(125 * q[:, 0] + 1.2 * np.sin(2 * around))
-    sleeve = np.exp(-(((q[:, 0] - 0.60) / 0.035) ** 2)) * np.sin(150 * q[:, 0] + 2.2 * np.sin(around + 1) + np.sin(3 * around))
-    pit = np.exp(-(((q[:, 0] - 0.18) / 0.06) ** 2 + ((q[:, 1] - 1.33) / 0.05) ** 2)) * np.sin(75 * (q[:, 0] + 0.8 * q[:, 1]))
+    elbow = (
+        np.exp(-(((q[:, 0] - 0.425) / 0.05) ** 2)) * inner * np.sin(125 * q[:, 0] + 1.2 * np.sin(2 * around))
+    )
+    sleeve = np.exp(-(((q[:, 0] - 0.60) / 0.035) ** 2)) * np.sin(
+        150 * q[:, 0] + 2.2 * np.sin(around + 1) + np.sin(3 * around)
+    )
+    pit = np.exp(-(((q[:, 0] - 0.18) / 0.06) ** 2 + ((q[:, 1] - 1.33) / 0.05) ** 2)) * np.sin(
+        75 * (q[:, 0] + 0.8 * q[:, 1])
+    )
     folds: Distances = (0.0017 * hem + 0.0022 * elbow + 0.0016 * sleeve + 0.0030 * pit).astype(q.dtype)
     return folds
 
@@ -294,8 +271,16 @@ def _folds(q: Points) -> Distances:
 def _creases(q: Points) -> Distances:
     """Trouser folds: fanning from the crotch, behind and over the knee, stacked above the turn-ups."""
     around = np.arctan2(q[:, 0] - 0.092, q[:, 2])
-    stack = np.exp(-(((q[:, 1] - 0.175) / 0.035) ** 2)) * np.sin(120 * q[:, 1] + 1.5 * np.sin(around) + 0.8 * np.sin(3 * around))
-    knee = np.exp(-(((q[:, 1] - 0.50) / 0.06) ** 2)) * np.sin(80 * q[:, 1] + 2.0 * np.cos(around)) * (0.6 - 0.4 * np.cos(around))
-    fan = np.exp(-(((q[:, 0] - 0.03) / 0.06) ** 2 + ((q[:, 1] - 0.86) / 0.045) ** 2)) * np.sin(70 * (q[:, 1] + 0.7 * q[:, 0]))
+    stack = np.exp(-(((q[:, 1] - 0.175) / 0.035) ** 2)) * np.sin(
+        120 * q[:, 1] + 1.5 * np.sin(around) + 0.8 * np.sin(3 * around)
+    )
+    knee = (
+        np.exp(-(((q[:, 1] - 0.50) / 0.06) ** 2))
+        * np.sin(80 * q[:, 1] + 2.0 * np.cos(around))
+        * (0.6 - 0.4 * np.cos(around))
+    )
+    fan = np.exp(-(((q[:, 0] - 0.03) / 0.06) ** 2 + ((q[:, 1] - 0.86) / 0.045) ** 2)) * np.sin(
+        70 * (q[:, 1] + 0.7 * q[:, 0])
+    )
     creases: Distances = (0.0018 * stack + 0.0016 * knee + 0.0020 * fan).astype(q.dtype)
     return creases

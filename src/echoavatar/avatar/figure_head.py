@@ -12,12 +12,12 @@ from .sdf import (
     Distances,
     Points,
     carve,
+    common,
     curve,
     draped,
     ellipsoid,
     mirrored,
     rounded_cone,
-    smooth_max,
     smooth_min,
     sphere,
     tube,
@@ -77,7 +77,7 @@ def lid_opening(q: Points, face: FaceShape = NEUTRAL) -> Distances:
     lean = 0.0012 * x  # outer corner a little higher
     upper = np.asarray(local[:, 1] - (face.lid_upper * arch * (1 + 0.12 * x) + lean))
     lower = np.asarray(-face.lid_lower * arch + lean - local[:, 1])
-    d: Distances = np.maximum(np.maximum(upper, lower), -local[:, 2])
+    d: Distances = common(upper, lower, -local[:, 2])
     return d
 
 
@@ -90,7 +90,7 @@ def lip_mask(p: Points, face: FaceShape = NEUTRAL) -> Distances:
     bow = 0.0013 * np.exp(-((q[:, 0] / 0.0045) ** 2))
     above = q[:, 1] - (middle + 0.0082 * edge - bow)
     below = middle - face.jaw_drop - 0.0094 * edge - q[:, 1]
-    return np.maximum(np.maximum(above, below), 0.060 - q[:, 2])
+    return common(above, below, 0.060 - q[:, 2])
 
 
 def brow(p: Points, face: FaceShape = NEUTRAL) -> Distances:
@@ -104,7 +104,7 @@ def brow(p: Points, face: FaceShape = NEUTRAL) -> Distances:
         (0.0480, 1.6105 + up - tilt, -0.0002, 0.0011),
     ]
     stroke = tube(draped(q, _face(q, NEUTRAL)), curve(path, 14), 0.002)
-    return np.maximum(stroke, 0.02 - q[:, 2])
+    return common(stroke, 0.02 - q[:, 2])
 
 
 def lashes(p: Points, face: FaceShape = NEUTRAL) -> Distances:
@@ -117,47 +117,6 @@ def lashes(p: Points, face: FaceShape = NEUTRAL) -> Distances:
     radius = np.interp(x, [-0.98, 0.3, 0.9, 1.1], [0.0004, 0.0011, 0.0013, 0.0005])
     rows = np.column_stack([EYE[0] + x * LID_WIDTH, EYE[1] + y + 0.0004, EYE[2] + z, radius])
     return tube(q, rows.tolist(), 0.001)
-
-
-def hair(p: Points) -> Distances:
-    """A short side-swept cut: cropped sides and nape, a full top, sculpted strands."""
-    d = ellipsoid(p, (0, 1.617, -0.013), (0.0835, 0.087, 0.099))
-    nape = rounded_cone(p, (0, 1.565, -0.060), (0, 1.515, -0.056), 0.046, 0.030)
-    d = smooth_min(d, nape, 0.03) + _strands(p)
-    for path in LOCKS:
-        d = smooth_min(d, tube(p, path, 0.006), 0.014)
-    q = mirrored(p)
-    d = carve(d, ellipsoid(q, (0, 1.546, 0.090), (0.0750, 0.098, 0.088)), 0.006)
-    d = carve(d, ellipsoid(q, (0.080, 1.555, 0.010), (0.030, 0.042, 0.030)), 0.008)
-    below = q[:, 1] - (1.502 + 0.40 * np.maximum(q[:, 0] - 0.02, 0) + 0.25 * np.maximum(q[:, 2] + 0.06, 0))
-    return smooth_max(d, -below, 0.006)
-
-
-LOCKS = tuple(
-    curve(path, 12)
-    for path in (
-        # swept from the parting on the character's left across to its right, front to crown; rows x, y, z, radius
-        [(0.040, 1.676, 0.050, 0.010), (0.022, 1.688, 0.076, 0.016), (-0.012, 1.680, 0.086, 0.017), (-0.046, 1.658, 0.074, 0.012), (-0.066, 1.630, 0.056, 0.003)],
-        [(0.038, 1.682, 0.040, 0.012), (0.010, 1.700, 0.058, 0.018), (-0.030, 1.690, 0.062, 0.018), (-0.064, 1.656, 0.048, 0.009), (-0.074, 1.636, 0.040, 0.003)],
-        [(0.034, 1.690, 0.024, 0.013), (0.000, 1.709, 0.034, 0.019), (-0.040, 1.696, 0.034, 0.019), (-0.072, 1.660, 0.022, 0.010), (-0.082, 1.632, 0.016, 0.003)],
-        [(0.030, 1.695, 0.000, 0.013), (-0.006, 1.710, 0.006, 0.019), (-0.046, 1.695, 0.004, 0.019), (-0.076, 1.656, -0.004, 0.010), (-0.084, 1.626, -0.008, 0.003)],
-        [(0.020, 1.699, -0.026, 0.015), (-0.014, 1.705, -0.032, 0.020), (-0.050, 1.684, -0.036, 0.017), (-0.074, 1.650, -0.042, 0.008)],
-        [(0.038, 1.682, 0.044, 0.011), (0.056, 1.668, 0.048, 0.012), (0.070, 1.644, 0.040, 0.010), (0.076, 1.614, 0.030, 0.003)],
-        [(0.036, 1.688, 0.018, 0.012), (0.060, 1.674, 0.014, 0.014), (0.077, 1.646, 0.008, 0.010), (0.083, 1.612, 0.002, 0.003)],
-        [(0.030, 1.694, -0.014, 0.014), (0.056, 1.678, -0.020, 0.016), (0.074, 1.648, -0.026, 0.011), (0.082, 1.610, -0.032, 0.003)],
-        [(0.014, 1.698, -0.048, 0.014), (0.036, 1.680, -0.062, 0.018), (0.052, 1.650, -0.074, 0.014), (0.058, 1.612, -0.078, 0.004)],
-        [(-0.004, 1.698, -0.052, 0.015), (-0.012, 1.678, -0.080, 0.019), (-0.016, 1.640, -0.096, 0.016), (-0.014, 1.596, -0.098, 0.004)],
-        [(-0.020, 1.696, -0.046, 0.015), (-0.046, 1.672, -0.062, 0.018), (-0.062, 1.636, -0.068, 0.012), (-0.066, 1.600, -0.066, 0.003)],
-    )
-)  # fmt: skip
-
-
-def _strands(p: Points) -> Distances:
-    """Shallow grooves that run from the parting over the top and down the back."""
-    angle = np.arctan2(p[:, 0] - 0.030, p[:, 2] + 0.030) + 3.0 * (p[:, 1] - 1.64)
-    reach = np.clip(np.hypot(p[:, 0] - 0.030, p[:, 2] + 0.030) / 0.05, 0, 1)
-    strands: Distances = (0.0011 * reach * (np.sin(21 * angle) + 0.5 * np.sin(34 * angle + 1.0))).astype(p.dtype)
-    return strands
 
 
 def _jaw(q: Points, face: FaceShape) -> Distances:
@@ -174,7 +133,9 @@ def _neck(q: Points) -> Distances:
 
 def _nose(q: Points) -> Distances:
     bridge = [(0, 1.596, 0.0800, 0.0068), (0, 1.572, 0.0895, 0.0076), (0, 1.5545, 0.0975, 0.0106)]
-    return smooth_min(tube(q, bridge, 0.012), ellipsoid(q, (0.0105, 1.5505, 0.0870), (0.0074, 0.0070, 0.0092)), 0.009)
+    return smooth_min(
+        tube(q, bridge, 0.012), ellipsoid(q, (0.0105, 1.5505, 0.0870), (0.0074, 0.0070, 0.0092)), 0.009
+    )
 
 
 def _mouth_height(q: Points, face: FaceShape) -> Distances:
@@ -186,9 +147,24 @@ def _mouth_height(q: Points, face: FaceShape) -> Distances:
 def _lips(face: FaceShape) -> tuple[list[list[float]], list[list[float]], list[list[float]]]:
     """Upper lip, lower lip and the line between, as strokes draped on the face: x, y, height, radius."""
     wide, up, out, drop = 0.0245 + face.mouth_wide, face.mouth_smile, face.mouth_pucker, face.jaw_drop
-    upper = [(-0.002, 1.5238, out, 0.0040), (0.0060, 1.5243, out, 0.0043), (0.0150, 1.5230 + up / 3, out / 2, 0.0036), (wide, 1.5203 + up, -0.0010, 0.0016)]
-    lower = [(-0.002, 1.5148 - drop, out, 0.0054), (0.0080, 1.5150 - drop, out, 0.0052), (0.0165, 1.5168 - 0.7 * drop + up / 3, out / 2, 0.0040), (wide, 1.5198 + up, -0.0010, 0.0016)]
-    line = [(-0.002, 1.5200, 0.0042, 0.0014), (0.0100, 1.5202 + up / 8, 0.0040, 0.0013), (0.0190, 1.5200 + up * 0.6, 0.0024, 0.0013), (wide + 0.0022, 1.5202 + up * 1.15, 0.0004, 0.0008)]
+    upper = [
+        (-0.002, 1.5238, out, 0.0040),
+        (0.0060, 1.5243, out, 0.0043),
+        (0.0150, 1.5230 + up / 3, out / 2, 0.0036),
+        (wide, 1.5203 + up, -0.0010, 0.0016),
+    ]
+    lower = [
+        (-0.002, 1.5148 - drop, out, 0.0054),
+        (0.0080, 1.5150 - drop, out, 0.0052),
+        (0.0165, 1.5168 - 0.7 * drop + up / 3, out / 2, 0.0040),
+        (wide, 1.5198 + up, -0.0010, 0.0016),
+    ]
+    line = [
+        (-0.002, 1.5200, 0.0042, 0.0014),
+        (0.0100, 1.5202 + up / 8, 0.0040, 0.0013),
+        (0.0190, 1.5200 + up * 0.6, 0.0024, 0.0013),
+        (wide + 0.0022, 1.5202 + up * 1.15, 0.0004, 0.0008),
+    ]
     return curve(upper, 9), curve(lower, 9), curve(line, 9)  # fmt: skip
 
 

@@ -56,11 +56,15 @@ def pack_glb(character: Character, animations: Sequence[Animation], *, compact: 
         "nodes": [*_joint_nodes(), {"name": "character", "mesh": 0, "skin": 0}],
         "materials": [_material(i) for i in range(len(MATERIALS))],
         "meshes": [{"name": "character", "primitives": _primitives(buffer, character)}],
-        "skins": [{"name": "humanoid", "inverseBindMatrices": _inverse_binds(buffer), "joints": list(range(HUMANOID.joints)), "skeleton": 0}],
+        "skins": [_skin(buffer)],
     }  # fmt: skip
     if animations:
         document["animations"] = [_animation(buffer, animation, compact=compact) for animation in animations]
-    document |= {"accessors": buffer.accessors, "bufferViews": buffer.views, "buffers": [{"byteLength": len(buffer.data)}]}
+    document |= {
+        "accessors": buffer.accessors,
+        "bufferViews": buffer.views,
+        "buffers": [{"byteLength": len(buffer.data)}],
+    }
     return _container(document, bytes(buffer.data))
 
 
@@ -73,7 +77,13 @@ class _Buffer:
         self.accessors: list[dict[str, Any]] = []
 
     def add(
-        self, values: np.ndarray, *, target: int | None = None, bounds: bool = False, normalized: bool = False, shape: str = ""
+        self,
+        values: np.ndarray,
+        *,
+        target: int | None = None,
+        bounds: bool = False,
+        normalized: bool = False,
+        shape: str = "",
     ) -> int:
         """Append one array as view and accessor; return the accessor's index."""
         values = np.ascontiguousarray(values)
@@ -89,7 +99,10 @@ class _Buffer:
         if normalized:
             accessor["normalized"] = True
         if bounds:
-            accessor |= {"min": np.atleast_1d(values.min(0)).tolist(), "max": np.atleast_1d(values.max(0)).tolist()}
+            accessor |= {
+                "min": np.atleast_1d(values.min(0)).tolist(),
+                "max": np.atleast_1d(values.max(0)).tolist(),
+            }
         self.data += values.tobytes()
         self.data += b"\0" * (-len(self.data) % 4)
         self.views.append(view)
@@ -104,21 +117,35 @@ def _primitives(buffer: _Buffer, character: Character) -> list[dict[str, Any]]:
     attributes = {
         "POSITION": buffer.add(character.positions.astype(np.float32), target=ARRAY_BUFFER, bounds=True),
         "NORMAL": buffer.add(character.normals.astype(np.float32), target=ARRAY_BUFFER),
-        "COLOR_0": buffer.add(np.round(colours * 65535).astype(np.uint16), target=ARRAY_BUFFER, normalized=True),
-        "JOINTS_0": buffer.add(np.where(character.weights > 0, character.joints, 0).astype(np.uint8), target=ARRAY_BUFFER),
+        "COLOR_0": buffer.add(
+            np.round(colours * 65535).astype(np.uint16), target=ARRAY_BUFFER, normalized=True
+        ),
+        "JOINTS_0": buffer.add(
+            np.where(character.weights > 0, character.joints, 0).astype(np.uint8), target=ARRAY_BUFFER
+        ),
         "WEIGHTS_0": buffer.add(character.weights.astype(np.float32), target=ARRAY_BUFFER),
     }
     material_of = character.materials[character.triangles[:, 0]]
     small = np.uint16 if len(character.positions) < 65535 else np.uint32
     return [
-        {"attributes": attributes, "material": int(i), "indices": buffer.add(character.triangles[material_of == i].reshape(-1).astype(small), target=ELEMENT_ARRAY_BUFFER)}
+        {
+            "attributes": attributes,
+            "material": int(i),
+            "indices": buffer.add(
+                character.triangles[material_of == i].reshape(-1).astype(small), target=ELEMENT_ARRAY_BUFFER
+            ),
+        }
         for i in np.unique(material_of)
-    ]  # fmt: skip
+    ]
 
 
 def _material(index: int) -> dict[str, Any]:
     material = MATERIALS[index]
-    light = {"baseColorFactor": [1, 1, 1, 1], "metallicFactor": material.metallic, "roughnessFactor": material.roughness}
+    light = {
+        "baseColorFactor": [1, 1, 1, 1],
+        "metallicFactor": material.metallic,
+        "roughnessFactor": material.roughness,
+    }
     return {"name": material.name, "pbrMetallicRoughness": light}
 
 
@@ -133,11 +160,12 @@ def _joint_nodes() -> list[dict[str, Any]]:
     return nodes
 
 
-def _inverse_binds(buffer: _Buffer) -> int:
+def _skin(buffer: _Buffer) -> dict[str, Any]:
     """Column-major inverse bind matrices: the rest pose has no rotations, so each undoes one translation."""
     matrices = np.tile(np.eye(4, dtype=np.float32), (HUMANOID.joints, 1, 1))
     matrices[:, 3, :3] = -HUMANOID.rest_positions.numpy()
-    return buffer.add(matrices)
+    joints = list(range(HUMANOID.joints))
+    return {"name": "humanoid", "inverseBindMatrices": buffer.add(matrices), "joints": joints, "skeleton": 0}
 
 
 def _animation(buffer: _Buffer, animation: Animation, *, compact: bool) -> dict[str, Any]:
@@ -152,20 +180,27 @@ def _animation(buffer: _Buffer, animation: Animation, *, compact: bool) -> dict[
         track = xyzw[:, joint]
         stored = np.round(track * 32767).astype(np.int16) if compact else track.astype(np.float32)
         channels.append({"sampler": len(samplers), "target": {"node": joint, "path": "rotation"}})
-        samplers.append({"input": clock, "interpolation": "LINEAR", "output": buffer.add(stored, normalized=compact)})
+        samplers.append(
+            {"input": clock, "interpolation": "LINEAR", "output": buffer.add(stored, normalized=compact)}
+        )
     return {"name": animation.name, "samplers": samplers, "channels": channels}
 
 
-def checked(rotations: ArrayLike, root: ArrayLike) -> tuple[Float[np.ndarray, "t j 4"], Float[np.ndarray, "t 3"]]:
+def checked(
+    rotations: ArrayLike, root: ArrayLike
+) -> tuple[Float[np.ndarray, "t j 4"], Float[np.ndarray, "t 3"]]:
     """Unit quaternions and root as float64; raises `MotionError` when they do not fit our rig."""
     q, p = np.asarray(rotations, np.float64), np.asarray(root, np.float64)
     if q.ndim != 3 or q.shape[1:] != (HUMANOID.joints, 4) or p.shape != (len(q), 3) or not len(q):
         raise MotionError(
-            f"motion has shapes {q.shape} and {p.shape}; the character takes (t, {HUMANOID.joints}, 4) and (t, 3): retarget it first"
+            f"motion has shapes {q.shape} and {p.shape}; the character takes (t, {HUMANOID.joints}, 4) "
+            "and (t, 3): retarget it first"
         )
     length = np.linalg.norm(q, axis=-1, keepdims=True)
     if not (np.isfinite(q).all() and np.isfinite(p).all() and (length > 1e-6).all()):
-        raise MotionError("motion holds values that are not finite or quaternions of length 0; repair it before export")
+        raise MotionError(
+            "motion holds values that are not finite or quaternions of length 0; repair it before export"
+        )
     return q / length, p
 
 
@@ -173,7 +208,8 @@ def _continuous(q: Float[np.ndarray, "t j 4"]) -> Float[np.ndarray, "t j 4"]:
     """Signs chosen so that neighbouring frames lie on the same half of the sphere."""
     flips = np.where(np.einsum("tji,tji->tj", q[1:], q[:-1]) < 0, -1.0, 1.0)
     signs = np.concatenate([np.ones((1, q.shape[1])), np.cumprod(flips, axis=0)])
-    return q * signs[..., None]
+    steady: Float[np.ndarray, "t j 4"] = q * signs[..., None]
+    return steady
 
 
 def _container(document: dict[str, Any], binary: bytes) -> bytes:
@@ -181,4 +217,10 @@ def _container(document: dict[str, Any], binary: bytes) -> bytes:
     text += b" " * (-len(text) % 4)
     total = 12 + 8 + len(text) + 8 + len(binary)
     head = struct.pack("<4sII", b"glTF", 2, total)
-    return head + struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(binary), b"BIN\0") + binary
+    return (
+        head
+        + struct.pack("<I4s", len(text), b"JSON")
+        + text
+        + struct.pack("<I4s", len(binary), b"BIN\0")
+        + binary
+    )

@@ -10,7 +10,14 @@ from typing import NamedTuple
 
 from ..errors import MotionError
 
-MIME_TYPES = {".ogg": "audio/ogg", ".opus": "audio/ogg", ".mp3": "audio/mpeg", ".wav": "audio/wav", ".m4a": "audio/mp4", ".webm": "audio/webm"}  # fmt: skip
+MIME_TYPES = {
+    ".ogg": "audio/ogg",
+    ".opus": "audio/ogg",
+    ".mp3": "audio/mpeg",
+    ".wav": "audio/wav",
+    ".m4a": "audio/mp4",
+    ".webm": "audio/webm",
+}
 
 
 class PageClip(NamedTuple):
@@ -23,7 +30,9 @@ class PageClip(NamedTuple):
     note: str = ""
 
 
-def write_page(path: str | Path, glb: bytes, clips: Sequence[PageClip], *, title: str = "EchoAvatar", note: str = "") -> None:
+def write_page(
+    path: str | Path, glb: bytes, clips: Sequence[PageClip], *, title: str = "EchoAvatar", note: str = ""
+) -> None:
     """Write the page. All clips share the one mesh in `glb` and name its animations (`gltf.pack_glb`)."""
     assets = files("echoavatar") / "assets"
     data = {"glb": base64.b64encode(glb).decode(), "clips": [_entry(clip, glb) for clip in clips]}
@@ -39,8 +48,12 @@ def write_page(path: str | Path, glb: bytes, clips: Sequence[PageClip], *, title
 
 def _entry(clip: PageClip, glb: bytes) -> dict[str, str]:
     if json.dumps(clip.animation).encode() not in glb:
-        raise MotionError(f"clip {clip.title!r} names the animation {clip.animation!r}, which the GLB does not hold")
+        raise MotionError(
+            f"clip {clip.title!r} names the animation {clip.animation!r}, which the GLB does not hold"
+        )
     if clip.suffix not in MIME_TYPES:
-        raise MotionError(f"clip {clip.title!r} has sound of type {clip.suffix!r}; use one of {', '.join(MIME_TYPES)}")
+        raise MotionError(
+            f"clip {clip.title!r} has sound of type {clip.suffix!r}; use one of {', '.join(MIME_TYPES)}"
+        )
     sound = f"data:{MIME_TYPES[clip.suffix]};base64,{base64.b64encode(clip.audio).decode()}"
     return {"title": clip.title, "animation": clip.animation, "audio": sound, "note": clip.note}

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..kinematics import HUMANOID
-from .sdf import Points, rounded_cone
+from .sdf import Points, rounded_cone, union
 
 INFLUENCES = 4
 SOFTNESS = 0.016  # metres over which a joint's influence fades
@@ -12,9 +12,10 @@ REST = HUMANOID.rest_positions.numpy().astype(np.float64)
 Weights = Float[np.ndarray, "v j"]
 
 RADII = {
-    "hips": 0.115, "spine": 0.115, "chest": 0.118, "upperChest": 0.105, "neck": 0.05, "head": 0.08, "Shoulder": 0.055,
-    "UpperArm": 0.052, "LowerArm": 0.045, "Hand": 0.026, "UpperLeg": 0.078, "LowerLeg": 0.055, "Foot": 0.040, "Toes": 0.030,
-}  # fmt: skip
+    **{"hips": 0.115, "spine": 0.115, "chest": 0.118, "upperChest": 0.105, "neck": 0.05, "head": 0.08},
+    **{"Shoulder": 0.055, "UpperArm": 0.052, "LowerArm": 0.045, "Hand": 0.026},
+    **{"UpperLeg": 0.078, "LowerLeg": 0.055, "Foot": 0.040, "Toes": 0.030},
+}
 TRUNK = ("hips", "spine", "chest", "upperChest")
 ARMS = ("Shoulder", "UpperArm", "LowerArm")
 
@@ -25,8 +26,12 @@ def weigh(piece: str, points: Points) -> Weights:
         return _ramp(points, ("head",), [])
     if piece == "head":
         tilted = points[:, 1] + 0.6 * (points[:, 2] + 0.005)
-        return _ramp(points, ("upperChest", "neck", "head"), [_rise(points[:, 1], 1.40, 1.46), _rise(tilted, 1.46, 1.53)])
-    if piece == "shirt collar":
+        return _ramp(
+            points,
+            ("upperChest", "neck", "head"),
+            [_rise(points[:, 1], 1.40, 1.46), _rise(tilted, 1.46, 1.53)],
+        )
+    if piece == "crew neck":
         return _ramp(points, ("upperChest", "neck"), [0.25 * _rise(points[:, 1], 1.40, 1.46)])
     if piece == "hands":
         return _hand_weights(points)
@@ -78,7 +83,13 @@ def _bone_distance(points: Points, name: str) -> Float[np.ndarray, " v"]:
     joint = HUMANOID.index(name)
     kind = name.removeprefix("left").removeprefix("right")
     follow = {"hips": "spine", "spine": "chest", "chest": "upperChest", "upperChest": "neck"}
-    chain = {"Shoulder": "UpperArm", "UpperArm": "LowerArm", "LowerArm": "Hand", "UpperLeg": "LowerLeg", "LowerLeg": "Foot"}
+    chain = {
+        "Shoulder": "UpperArm",
+        "UpperArm": "LowerArm",
+        "LowerArm": "Hand",
+        "UpperLeg": "LowerLeg",
+        "LowerLeg": "Foot",
+    }
     end = follow.get(name) or name[: -len(kind)] + chain[kind]
     start, stop = REST[joint], REST[HUMANOID.index(end)]
     if name == "hips":
@@ -92,7 +103,9 @@ def _hand_weights(points: Points) -> Weights:
     weights = np.zeros((len(points), HUMANOID.joints))
     folded = points * np.stack([np.sign(points[:, 0]), *np.ones((2, len(points)))], 1)
     left = {name[4:]: i for i, name in enumerate(HUMANOID.names) if name.startswith("left")}
-    chains = [[left[n] for n in left if n.startswith(f)] for f in ("Thumb", "Index", "Middle", "Ring", "Little")]
+    chains = [
+        [left[n] for n in left if n.startswith(f)] for f in ("Thumb", "Index", "Middle", "Ring", "Little")
+    ]
     gaps = np.stack([_chain_distance(folded, chain) for chain in chains], 1)
     nearest = gaps.argmin(1)
     local = np.zeros((len(points), HUMANOID.joints))
@@ -114,11 +127,11 @@ def _bend(weights: Weights, rows: np.ndarray, points: Points, chain: list[int], 
         if joint == chain[1] and not thumb:
             way = np.array([1.0, 0.0, 0.0])
         along = (points - REST[joint]) @ (way / np.linalg.norm(way))
-        first = joint == chain[1]
-        reach = (0.016 if thumb else 0.012) if first else 0.007
-        share = _rise(along, -reach, reach)
-        if thumb and first:
-            share = share * _rise(-np.abs((points - REST[joint]) @ [0, 0, 1.0] - 0.012), -0.030, -0.012)
+        if joint == chain[1]:
+            low, high = (-0.008, 0.024) if thumb else (-0.012, 0.012)
+        else:
+            low, high = -0.007, 0.007
+        share = _rise(along, low, high)
         moved = weights[rows, parent] * share
         weights[rows, joint] += moved
         weights[rows, parent] -= moved
@@ -128,7 +141,9 @@ def _chain_distance(points: Points, chain: list[int]) -> Float[np.ndarray, " v"]
     bones = REST[chain]
     tip = bones[-1] + (bones[-1] - bones[-2])
     ends = [*bones, tip]
-    return np.minimum.reduce([rounded_cone(points, a, b, 0.009, 0.009) for a, b in zip(ends[:-1], ends[1:], strict=True)])
+    return union(
+        *(rounded_cone(points, a, b, 0.009, 0.009) for a, b in zip(ends[:-1], ends[1:], strict=True))
+    )
 
 
 def _ramp(points: Points, names: tuple[str, ...], rises: list[np.ndarray]) -> Weights:

@@ -29,7 +29,9 @@ def sculpt(field: Field, low: ArrayLike, high: ArrayLike, *, cell: float, triang
         import fast_simplification
         from skimage.measure import marching_cubes
     except ImportError as error:
-        raise DependencyError(f"making a mesh needs {error.name}; pip install 'echoavatar[character]'") from error
+        raise DependencyError(
+            f"making a mesh needs {error.name}; pip install 'echoavatar[character]'"
+        ) from error
 
     origin, volume = sample(field, np.asarray(low, np.float32), np.asarray(high, np.float32), cell)
     points, faces, _, _ = marching_cubes(volume, 0.0, spacing=(cell,) * 3)

@@ -16,10 +16,23 @@ Distances = Float[np.ndarray, " n"]
 Field = Callable[[Points], Distances]
 
 
+def union(*parts: Distances) -> Distances:
+    """Sharp union of solids."""
+    nearest: Distances = np.minimum.reduce(parts)
+    return nearest
+
+
+def common(*parts: Distances) -> Distances:
+    """Sharp intersection of solids."""
+    farthest: Distances = np.maximum.reduce(parts)
+    return farthest
+
+
 def smooth_min(a: Distances, b: Distances, k: float) -> Distances:
     """Union whose seam is rounded over about `k` metres (polynomial; not associative, so order matters)."""
     h = np.maximum(k - np.abs(a - b), 0.0) / k
-    return np.minimum(a, b) - h * h * (k / 4)
+    blend: Distances = union(a, b) - h * h * (k / 4)
+    return blend
 
 
 def smooth_max(a: Distances, b: Distances, k: float) -> Distances:
@@ -51,7 +64,8 @@ def ellipsoid(p: Points, centre: ArrayLike, radii: ArrayLike, axes: np.ndarray |
         local = local @ axes.T.astype(p.dtype)
     r = np.asarray(radii, p.dtype)
     k0, k1 = _length(local / r), _length(local / (r * r))
-    return k0 * (k0 - 1) / np.maximum(k1, 1e-9)
+    distance: Distances = k0 * (k0 - 1) / np.maximum(k1, 1e-9)
+    return distance
 
 
 def rounded_cone(p: Points, a: ArrayLike, b: ArrayLike, radius_a: float, radius_b: float) -> Distances:
@@ -59,7 +73,8 @@ def rounded_cone(p: Points, a: ArrayLike, b: ArrayLike, radius_a: float, radius_
     start, along = np.asarray(a, p.dtype), np.asarray(b, p.dtype) - np.asarray(a, p.dtype)
     local = p - start
     t = np.clip(local @ along / (along @ along), 0, 1)
-    return _length(local - t[:, None] * along) - (radius_a + (radius_b - radius_a) * t)
+    distance: Distances = _length(local - t[:, None] * along) - (radius_a + (radius_b - radius_a) * t)
+    return distance
 
 
 def tube(p: Points, path: Sequence[Sequence[float]], k: float) -> Distances:
@@ -87,7 +102,8 @@ def curve(rows: Sequence[Sequence[float]], count: int) -> list[list[float]]:
 
 def draped(p: Points, surface: Distances) -> Points:
     """Points with their depth (z) replaced by their height above a surface: draw in x and y, lie on the surface."""
-    return np.stack([p[:, 0], p[:, 1], surface], 1)
+    flat: Points = np.stack([p[:, 0], p[:, 1], surface], 1)
+    return flat
 
 
 def loft(p: Points, axis: int, stations: Sequence[Sequence[float]]) -> Distances:
@@ -105,12 +121,13 @@ def loft(p: Points, axis: int, stations: Sequence[Sequence[float]]) -> Distances
     u, v = u - centre_u, v - centre_v
     k0 = np.sqrt((u / half_u) ** 2 + (v / half_v) ** 2)
     k1 = np.sqrt((u / half_u**2) ** 2 + (v / half_v**2) ** 2)
-    return k0 * (k0 - 1) / np.maximum(k1, 1e-9)
+    distance: Distances = k0 * (k0 - 1) / np.maximum(k1, 1e-9)
+    return distance
 
 
 def slab(p: Points, axis: int, low: float, high: float) -> Distances:
     """Distance to the layer low <= p[axis] <= high."""
-    return np.maximum(low - p[:, axis], p[:, axis] - high)
+    return common(low - p[:, axis], p[:, axis] - high)
 
 
 def gradient(field: Field, p: Points, step: float = 5e-4) -> Points:
