@@ -16,7 +16,8 @@ def test_moves_use_known_poses_and_stay_within_their_counts() -> None:
         assert all({key.left, key.right} <= set(ARMS) for key in move.keys), move.name
         counts = [key.count for key in move.keys]
         assert counts == sorted(set(counts))
-        assert counts[0] >= 0 and counts[-1] < move.counts
+        assert counts[0] >= 0
+        assert counts[-1] < move.counts
 
 
 @pytest.mark.parametrize("energy", [0.0, 0.5, 1.0])
