@@ -27,7 +27,14 @@ def visible(screen, triangles, depth, ids):  # type: ignore[no-untyped-def]
                 ids[row, column] = -1
         for t in range(triangles.shape[0]):
             a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
-            ax, ay, bx, by, cx, cy = screen[a, 0], screen[a, 1], screen[b, 0], screen[b, 1], screen[c, 0], screen[c, 1]
+            ax, ay, bx, by, cx, cy = (
+                screen[a, 0],
+                screen[a, 1],
+                screen[b, 0],
+                screen[b, 1],
+                screen[c, 0],
+                screen[c, 1],
+            )
             if min(screen[a, 2], screen[b, 2], screen[c, 2]) <= ZERO:
                 continue
             area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
@@ -194,7 +201,23 @@ def ray_through(rays, px, py):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, fastmath=True, parallel=True)
-def shade(screen, points, normals, colours, triangles, ids, depth, samples, camera, rays, to_light, shadow, look, tone, image):  # type: ignore[no-untyped-def]
+def shade(
+    screen,
+    points,
+    normals,
+    colours,
+    triangles,
+    ids,
+    depth,
+    samples,
+    camera,
+    rays,
+    to_light,
+    shadow,
+    look,
+    tone,
+    image,
+):  # type: ignore[no-untyped-def]
     """Colour every pixel of `image` (h, w, 3) uint8 from `samples` x `samples` visibility samples each.
 
     `look` rows: light direction, key light, sky, ground, floor, backdrop. Samples that see the same stretch of surface

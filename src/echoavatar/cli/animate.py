@@ -24,12 +24,20 @@ The format is that of the output's suffix. Input may be anything FFmpeg reads, a
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.epilog = EXAMPLES
-    parser.add_argument("audio", type=Path, metavar="AUDIO", help="sound file: wav, mp3, ogg, flac, m4a, mp4, ...")
-    parser.add_argument("-o", "--output", type=Path, required=True, help=f"where to write; {', '.join(FORMATS)}")
+    parser.add_argument(
+        "audio", type=Path, metavar="AUDIO", help="sound file: wav, mp3, ogg, flac, m4a, mp4, ..."
+    )
+    parser.add_argument(
+        "-o", "--output", type=Path, required=True, help=f"where to write; {', '.join(FORMATS)}"
+    )
     parser.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="same seed, same motion (default: %(default)s)")
-    parser.add_argument("--fps", type=int, choices=(30, 60), default=30, help="frame rate (default: %(default)s)")
-    parser.add_argument("--in-place", action="store_true", help="stay over one spot: remove the root's travel")
+    parser.add_argument(
+        "--fps", type=int, choices=(30, 60), default=30, help="frame rate (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--in-place", action="store_true", help="stay over one spot: remove the root's travel"
+    )
     parser.add_argument("--upper-body", action="store_true", help="stand still from the hips down")
 
 
@@ -41,9 +49,14 @@ def run(args: argparse.Namespace) -> int:
     from ..pipeline import Pipeline, load_bundle
 
     pipeline = Pipeline(load_bundle(args.model))
-    with tqdm(unit="s", desc="animating", bar_format="{desc}: {n:.1f} s of motion [{elapsed}]", disable=_is_quiet()) as bar:
+    with tqdm(
+        unit="s", desc="animating", bar_format="{desc}: {n:.1f} s of motion [{elapsed}]", disable=_is_quiet()
+    ) as bar:
         done = animate(
-            pipeline, stream_audio(args.audio), seed=args.seed, progress=lambda seconds: _advance(bar, seconds)
+            pipeline,
+            stream_audio(args.audio),
+            seed=args.seed,
+            progress=lambda seconds: _advance(bar, seconds),
         )
     from ..kinematics.resample import resample
     from ..pipeline.modes import in_place, upper_body
@@ -72,7 +85,9 @@ def _writer(output: Path) -> Callable[..., None]:
     if not parent.is_dir():
         raise EchoAvatarError(f"cannot write {output}: {parent} is not a folder; make it first")
     if not os.access(parent, os.W_OK) or output.is_dir():
-        raise EchoAvatarError(f"cannot write {output}: no permission or a folder of that name; choose another -o")
+        raise EchoAvatarError(
+            f"cannot write {output}: no permission or a folder of that name; choose another -o"
+        )
     if suffix == ".mp4":
         from ..avatar.render import Renderer
 

@@ -27,7 +27,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     stream.add_argument("--sessions", type=int, default=1, help="seats in the batch (default: %(default)s)")
     stream.add_argument("--threads", type=int, help="torch threads (default: torch's own choice)")
     stream.add_argument(
-        "--precision", choices=("float32", "bfloat16", "int8"), default="float32", help="of the generator's weights"
+        "--precision",
+        choices=("float32", "bfloat16", "int8"),
+        default="float32",
+        help="of the generator's weights",
     )
 
 
@@ -47,7 +50,10 @@ def run(args: argparse.Namespace) -> int:
     pipeline = Pipeline(bundle, precision=args.precision)
     with tqdm(unit="chunk", disable=not sys.stderr.isatty()) as bar:
         report = bench_stream(
-            pipeline, seconds=args.seconds, sessions=args.sessions, progress=lambda done, _: bar.update(done - bar.n)
+            pipeline,
+            seconds=args.seconds,
+            sessions=args.sessions,
+            progress=lambda done, _: bar.update(done - bar.n),
         )
     print(f"{'stage':<14}{'p50 ms':>10}{'p95 ms':>10}{'p99 ms':>10}")
     for stage, values in report.stages_ms.items():

@@ -15,10 +15,14 @@ CLIPS = (("speech", "Speech"), ("music", "Music"))
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.epilog = "Writes speech.mp4, music.mp4, speech.glb, music.glb and index.html, and opens the page."
-    parser.add_argument("-o", "--output", type=Path, default=Path("demo"), help="folder (default: %(default)s)")
+    parser.add_argument(
+        "-o", "--output", type=Path, default=Path("demo"), help="folder (default: %(default)s)"
+    )
     parser.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="same seed, same motion (default: %(default)s)")
-    parser.add_argument("--no-video", action="store_true", help="leave out the MP4s, which take the most time")
+    parser.add_argument(
+        "--no-video", action="store_true", help="leave out the MP4s, which take the most time"
+    )
     parser.add_argument("--no-browser", action="store_true", help="do not open the page")
 
 
@@ -34,7 +38,9 @@ def run(args: argparse.Namespace) -> int:
     try:
         args.output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise EchoAvatarError(f"cannot write to {args.output}: {error.strerror}; choose another -o") from error
+        raise EchoAvatarError(
+            f"cannot write to {args.output}: {error.strerror}; choose another -o"
+        ) from error
     if not args.no_video:
         Renderer(64, 64)  # complains at once when numba is missing
     pipeline, character = Pipeline(load_bundle(args.model)), load_character()
@@ -45,7 +51,12 @@ def run(args: argparse.Namespace) -> int:
             audio = read_audio(source)
         print(f"{title}: {len(audio) / 24_000:.1f} s of sound")
         with tqdm(unit="s", desc="  animating", bar_format="{desc}: {n:.1f} s of motion [{elapsed}]") as bar:
-            done = animate(pipeline, in_blocks(audio), seed=args.seed, progress=lambda to, bar=bar: bar.update(to - bar.n))
+            done = animate(
+                pipeline,
+                in_blocks(audio),
+                seed=args.seed,
+                progress=lambda to, bar=bar: bar.update(to - bar.n),
+            )
         print(f"  real-time factor {done.real_time_factor:.2f} (below 1 is faster than real time)")
         write_glb(args.output / f"{name}.glb", character, done.motion.rotations, done.motion.root, fps=30)
         if not args.no_video:

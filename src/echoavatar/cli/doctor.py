@@ -18,7 +18,9 @@ Finding = tuple[str, str, str]  # mark, what, remark
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """No arguments: it only looks."""
-    parser.epilog = "ok works; -- optional and absent; !! needed and broken. Exits 1 when something needed is broken."
+    parser.epilog = (
+        "ok works; -- optional and absent; !! needed and broken. Exits 1 when something needed is broken."
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -37,7 +39,10 @@ def _python() -> list[Finding]:
     version = platform.python_version()
     mark = OK if sys.version_info >= (3, 11) else BROKEN
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    return [(mark, "python", version if mark == OK else f"{version}; needs 3.11 or newer"), (OK, "cores", str(cores))]
+    return [
+        (mark, "python", version if mark == OK else f"{version}; needs 3.11 or newer"),
+        (OK, "cores", str(cores)),
+    ]
 
 
 def _torch() -> list[Finding]:
@@ -45,7 +50,11 @@ def _torch() -> list[Finding]:
         torch = importlib.import_module("torch")
     except (ImportError, OSError) as error:
         return [(BROKEN, "torch", f"does not load ({error}); pip install torch==2.13.0")]
-    gpu = torch.cuda.get_device_name() if torch.cuda.is_available() else "none; the default bundle runs on the CPU"
+    gpu = (
+        torch.cuda.get_device_name()
+        if torch.cuda.is_available()
+        else "none; the default bundle runs on the CPU"
+    )
     return [(OK, "torch", torch.__version__), (OK if torch.cuda.is_available() else OPTIONAL, "gpu", gpu)]
 
 
@@ -74,8 +83,16 @@ def _programs() -> list[Finding]:
     flite = find_library("flite") is not None
     fluid = shutil.which("fluidsynth") is not None
     return [
-        (OK if flite else OPTIONAL, "flite", "speech for the corpus" if flite else "absent; our own voice is used instead"),
-        (OK if fluid else OPTIONAL, "fluidsynth", "music for the corpus" if fluid else "absent; our own synthesiser is used"),
+        (
+            OK if flite else OPTIONAL,
+            "flite",
+            "speech for the corpus" if flite else "absent; our own voice is used instead",
+        ),
+        (
+            OK if fluid else OPTIONAL,
+            "fluidsynth",
+            "music for the corpus" if fluid else "absent; our own synthesiser is used",
+        ),
     ]
 
 

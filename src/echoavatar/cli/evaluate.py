@@ -14,11 +14,21 @@ from ..errors import EchoAvatarError
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.epilog = "example: echoavatar evaluate default --recordings folder/of/speech/and/music"
-    parser.add_argument("model", nargs="?", default="default", help="bundle name or folder (default: %(default)s)")
-    parser.add_argument("--corpus", type=Path, help="take the test clips of this corpus instead of making some")
-    parser.add_argument("--clips", type=int, default=10, help="how many held-out clips (default: %(default)s)")
-    parser.add_argument("--recordings", type=Path, help="folder of real sound; paths containing 'music' are music")
-    parser.add_argument("--seconds", type=float, default=30.0, help="use this much of a recording (default: %(default)s)")
+    parser.add_argument(
+        "model", nargs="?", default="default", help="bundle name or folder (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--corpus", type=Path, help="take the test clips of this corpus instead of making some"
+    )
+    parser.add_argument(
+        "--clips", type=int, default=10, help="how many held-out clips (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--recordings", type=Path, help="folder of real sound; paths containing 'music' are music"
+    )
+    parser.add_argument(
+        "--seconds", type=float, default=30.0, help="use this much of a recording (default: %(default)s)"
+    )
     parser.add_argument("--seed", type=int, default=0, help="of the sampling (default: %(default)s)")
 
 
@@ -69,7 +79,9 @@ def _recordings(folder: Path, seconds: float) -> list:  # type: ignore[type-arg]
 
     paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in AUDIO_SUFFIXES)
     if not paths:
-        raise EchoAvatarError(f"{folder} holds no sound ({', '.join(AUDIO_SUFFIXES)}); give another --recordings")
+        raise EchoAvatarError(
+            f"{folder} holds no sound ({', '.join(AUDIO_SUFFIXES)}); give another --recordings"
+        )
     found = []
     for path in paths:
         audio = read_audio(path)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from ..audio import Resampler
+from ..audio import StreamResampler
 from ..errors import EchoAvatarError
 from ..pipeline import MotionChunk
 from ..timing import CHUNK_SAMPLES, SAMPLE_RATE_HZ
@@ -28,7 +28,7 @@ class Session:
         self.seat = seat
         self.seed = seed
         self._engine = engine
-        self._resampler: Resampler | None = None
+        self._resampler: StreamResampler | None = None
         self._waiting = np.zeros(0, np.float32)
         self._out: deque[MotionChunk] = deque()
         self._pushed = 0
@@ -51,7 +51,7 @@ class Session:
             raise EchoAvatarError("this session is finished; open a new one to push more audio")
         if self._resampler is None or self._resampler.rate != rate:
             self._flush()
-            self._resampler = Resampler(rate)
+            self._resampler = StreamResampler(rate)
         samples = self._resampler.push(audio)
         if len(self._waiting) + len(samples) > INBOX_SECONDS * SAMPLE_RATE_HZ:
             raise EchoAvatarError(

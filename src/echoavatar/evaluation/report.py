@@ -49,7 +49,9 @@ def evaluate(
     made: list[Track] = []
     for index, clip in enumerate(clips):
         motion = animate(pipeline, in_blocks(clip.audio), seed=seed + index).motion
-        made.append(behaviour.track(bundle.skeleton, motion.rotations, motion.root, clip.domain[: motion.frames]))
+        made.append(
+            behaviour.track(bundle.skeleton, motion.rotations, motion.root, clip.domain[: motion.frames])
+        )
         say("held-out clips", index + 1, len(clips))
     truth = [behaviour.track(bundle.skeleton, clip.rotations, clip.root, clip.domain) for clip in clips]
     scores |= behaviour_scores(bundle, made, truth)
@@ -86,14 +88,18 @@ def tokenizer_scores(bundle: Bundle, clips: Sequence[Clip]) -> dict[str, float]:
 def reliance_scores(bundle: Bundle, clips: Sequence[Clip]) -> dict[str, float]:
     """How many nats per code the true audio is worth over another clip's, by domain."""
     tokens = [
-        TokenClip(audio_codes(bundle.codec, c.audio), motion_codes(bundle.tokenizer, c), c.domain[::4], c.split)
+        TokenClip(
+            audio_codes(bundle.codec, c.audio), motion_codes(bundle.tokenizer, c), c.domain[::4], c.split
+        )
         for c in clips
     ]
     true = nll_by_domain(bundle.generator, tokens)
     shuffled = nll_by_domain(bundle.generator, tokens, shuffled_audio=True)
     scores = {"nll": true["all"], "nll_shuffled": shuffled["all"]}
     return scores | {
-        f"nll_gain_{name}": shuffled[name] - true[name] for name in ("silence", "speech", "music") if name in true
+        f"nll_gain_{name}": shuffled[name] - true[name]
+        for name in ("silence", "speech", "music")
+        if name in true
     }
 
 
@@ -112,7 +118,9 @@ def _behaviour(bundle: Bundle, clips: Sequence[Track]) -> dict[str, float]:
     hands = [names.index("leftHand"), names.index("rightHand")]
     energy = [behaviour.leg_energy(clip, legs) for clip in clips]
     speed = [behaviour.hand_speed_m_s(clip, hands) for clip in clips]
-    balls = list(bundle.skeleton.config.feet)[1::2]  # the ankle swings over a planted ball; the ball must not move
+    balls = list(bundle.skeleton.config.feet)[
+        1::2
+    ]  # the ankle swings over a planted ball; the ball must not move
     standing = bundle.skeleton.rest_positions[balls, 1].numpy()
     sliding, weight = [], []
     for clip in clips:

@@ -48,7 +48,11 @@ class StreamReport:
 
 
 def bench_stream(
-    pipeline: Pipeline, *, seconds: float = 60.0, sessions: int = 1, progress: Callable[[int, int], None] | None = None
+    pipeline: Pipeline,
+    *,
+    seconds: float = 60.0,
+    sessions: int = 1,
+    progress: Callable[[int, int], None] | None = None,
 ) -> StreamReport:
     """Push `seconds` of sound through `sessions` seats at once and time every chunk."""
     first_ms = _first_motion_ms(pipeline)

@@ -52,7 +52,9 @@ def load_bundle(name: str | Path = "default") -> Bundle:
     with _folder(name) as folder:
         missing = [part for part in PARTS if not (folder / part).is_dir()]
         if missing:
-            raise CheckpointError(f"{folder} is not a bundle: {', '.join(missing)} missing; see `echoavatar bundle`")
+            raise CheckpointError(
+                f"{folder} is not a bundle: {', '.join(missing)} missing; see `echoavatar bundle`"
+            )
         codec = AudioCodec.load(folder / "codec").eval()
         tokenizer = BodyTokenizer.load(folder / "tokenizer").eval()
         generator = Generator.load(folder / "generator").eval()
@@ -89,7 +91,9 @@ def _check(bundle: Bundle) -> None:
     ]
     for what, wanted, has in pairs:
         if wanted != has:
-            raise CheckpointError(f"bundle {bundle.name}: the generator speaks {wanted} {what}, the other part {has}")
+            raise CheckpointError(
+                f"bundle {bundle.name}: the generator speaks {wanted} {what}, the other part {has}"
+            )
 
 
 def with_random_generator(bundle: Bundle) -> Bundle:

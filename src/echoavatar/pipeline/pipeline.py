@@ -13,7 +13,8 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from ..audio import LevelControl
-from ..generator import Precision, open_stream
+from ..generator import open_stream
+from ..generator.linear import Precision
 from ..kinematics.features import from_features, travel_slice
 from ..kinematics.rotations import quaternion_from_matrix
 from ..nn import StreamState
@@ -86,7 +87,9 @@ class Pipeline:
         self.lap("ground")
         return chunks
 
-    def _grounded(self, features: Float[Tensor, "b t c"], state: PipelineState, active: Tensor) -> list[MotionChunk]:
+    def _grounded(
+        self, features: Float[Tensor, "b t c"], state: PipelineState, active: Tensor
+    ) -> list[MotionChunk]:
         assert features.shape[1] == CHUNK_FRAMES == 4 * MOTION_TOKENS_PER_CHUNK
         rotations = from_features(self.skeleton, features).rotations
         travel = features[..., travel_slice(self.skeleton)]

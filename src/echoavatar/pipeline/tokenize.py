@@ -60,7 +60,9 @@ def audio_codes(codec: AudioCodec, audio: Float[np.ndarray, " s"]) -> Int[np.nda
 
 
 @torch.inference_mode()
-def motion_codes(tokenizer: BodyTokenizer, clip: Clip, *, is_mirrored: bool = False) -> Int[np.ndarray, "n 3 q"]:
+def motion_codes(
+    tokenizer: BodyTokenizer, clip: Clip, *, is_mirrored: bool = False
+) -> Int[np.ndarray, "n 3 q"]:
     """Codes of a whole clip of motion."""
     features = clip_features(tokenizer, clip, is_mirrored=is_mirrored)
     return tokenizer.encode(features[None])[0].numpy().astype(np.int16)

@@ -5,29 +5,31 @@ continues where it stopped. It is synthetic and says so in its manifest.
 """
 
 import multiprocessing
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..audio.io import read_audio
 from ..data.clip import Clip
 from ..data.corpus import clip_path, write_manifest
 from ..errors import EchoAvatarError
 from ..kinematics import HUMANOID, Motion
-from ..timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
+from ..timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
+from .augment import set_loudness, treat
 from .library import Library, load_library, weave
 from .perform import perform
 from .recording import track_from_recording
 from .solver import solve
-from .sound import SoundTrack
+from .sound import SoundTrack, concatenate, cut, whole_frames
 from .track import compose_track
 
 CLIP_SECONDS = 64.0
 TEST_EVERY = 16  # one clip in sixteen is held out
-RECORDING_EVERY = 4  # with recordings at hand, one clip in four is made to fit one
+RECORDING_EVERY = 3  # with recordings at hand, one clip in three is made of them
 AUDIO_SUFFIXES = (".wav", ".ogg", ".flac", ".mp3", ".opus", ".m4a")
 
 
@@ -112,7 +114,7 @@ def make_clip(plan: Plan, index: int) -> Clip:
     )
 
 
-def domains(track: SoundTrack, frames: int) -> np.ndarray:
+def domains(track: SoundTrack, frames: int) -> NDArray[np.uint8]:
     """Per frame: 0 silence, 1 speech, 2 music."""
     codes = {"silence": 0, "speech": 1, "music": 2}
     domain = np.zeros(frames, np.uint8)
@@ -122,18 +124,25 @@ def domains(track: SoundTrack, frames: int) -> np.ndarray:
 
 
 def _track(plan: Plan, index: int, seed: int, split: str) -> SoundTrack:
-    recordings = _recordings(plan)
-    if not recordings or index % RECORDING_EVERY != RECORDING_EVERY - 2:
+    if plan.recordings is None or index % RECORDING_EVERY != 1:
         return compose_track(seed, plan.clip_seconds, split=split, soundfont=plan.soundfont)
-    path = recordings[(index // RECORDING_EVERY) % len(recordings)]
-    audio = read_audio(path)
-    rng = np.random.default_rng(seed)
-    wanted = int(plan.clip_seconds * 24_000)
-    if len(audio) > wanted:
-        start = int(rng.integers(0, len(audio) - wanted))
-        audio = audio[start : start + wanted]
-    kind = "music" if "music" in str(path.relative_to(plan.recordings or path)).lower() else "speech"
-    return track_from_recording(audio, kind, seed)
+    return _recorded_track(_recordings(plan.recordings), plan.clip_seconds, seed)
+
+
+def _recorded_track(recordings: Mapping[str, Sequence[Path]], seconds: float, seed: int) -> SoundTrack:
+    """Stretches of recorded speech and music with pauses between, treated so that no two sound alike."""
+    rng = np.random.default_rng([seed, 0x2EC])
+    level_db = float(np.clip(rng.normal(-25, 6), -40, -14))
+    parts: list[SoundTrack] = []
+    while sum(part.seconds for part in parts) < seconds:
+        kind = str(rng.choice(sorted(recordings)))
+        audio = _read(recordings[kind][int(rng.integers(len(recordings[kind])))])
+        wanted = int(rng.uniform(10, 26) * SAMPLE_RATE_HZ)
+        start = int(rng.integers(0, max(1, len(audio) - wanted)))
+        heard = set_loudness(treat(audio[start : start + wanted], rng), level_db + float(rng.normal(0, 2)))
+        pause = compose_track(int(rng.integers(2**31)), float(rng.uniform(0.6, 4.5)), mix="silence")
+        parts += [track_from_recording(whole_frames(heard), kind, seed), pause]
+    return cut(concatenate(parts), seconds)
 
 
 @cache
@@ -141,10 +150,23 @@ def _library(folder: Path) -> Library:
     return load_library(folder)
 
 
-def _recordings(plan: Plan) -> list[Path]:
-    if plan.recordings is None:
-        return []
-    return sorted(p for p in plan.recordings.rglob("*") if p.suffix.lower() in AUDIO_SUFFIXES)
+@cache
+def _recordings(folder: Path) -> Mapping[str, Sequence[Path]]:
+    """Sound files by kind; a path that contains "music" is music."""
+    found: dict[str, list[Path]] = {}
+    for path in sorted(p for p in folder.rglob("*") if p.suffix.lower() in AUDIO_SUFFIXES):
+        kind = "music" if "music" in str(path.relative_to(folder)).lower() else "speech"
+        found.setdefault(kind, []).append(path)
+    if not found:
+        raise EchoAvatarError(
+            f"{folder} holds no sound ({', '.join(AUDIO_SUFFIXES)}); give another --recordings"
+        )
+    return found
+
+
+@lru_cache(maxsize=4)
+def _read(path: Path) -> NDArray[np.float32]:
+    return read_audio(path)
 
 
 def _name(plan: Plan, index: int) -> str:

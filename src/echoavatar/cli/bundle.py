@@ -1,0 +1,75 @@
+"""`echoavatar bundle`: put a trained codec, tokenizer and generator together, or show what a bundle is."""
+
+import argparse
+import json
+import shutil
+from pathlib import Path
+
+from ..errors import EchoAvatarError
+
+FILES = ("config.json", "model.safetensors", "card.json")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.epilog = (
+        "examples:\n  echoavatar bundle runs -o my-bundle     from runs/codec, runs/tokenizer and runs/generator\n"
+        "  echoavatar bundle default               show the shipped bundle's card"
+    )
+    parser.add_argument("source", help="folder with codec/, tokenizer/ and generator/; or a bundle to show")
+    parser.add_argument(
+        "-o", "--output", type=Path, help="folder of the new bundle; without it the card is shown"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Assemble or show."""
+    from ..pipeline import load_bundle
+
+    if args.output is None:
+        bundle = load_bundle(args.source)
+        print(f"{bundle.name}: {bundle.parameters / 1e6:.1f} M parameters, {bundle.skeleton.joints} joints")
+        print(json.dumps(bundle.card, indent=2))
+        return 0
+    assemble(Path(args.source), args.output)
+    bundle = load_bundle(args.output)
+    print(
+        f"{args.output}: {bundle.parameters / 1e6:.1f} M parameters; try `echoavatar evaluate {args.output}`"
+    )
+    return 0
+
+
+def assemble(source: Path, output: Path) -> None:
+    """Copy the three checkpoints (not their training state), weights in half precision, and check that they fit.
+
+    Raises:
+        EchoAvatarError: a part is missing.
+    """
+    from ..audio import AudioCodec
+    from ..checkpoint import read_card
+    from ..generator import Generator
+    from ..tokenizer import BodyTokenizer
+
+    for part in ("codec", "tokenizer", "generator"):
+        missing = [name for name in FILES if not (source / part / name).exists()]
+        if missing:
+            raise EchoAvatarError(
+                f"{source / part} lacks {', '.join(missing)}; train it first (`echoavatar train`)"
+            )
+    output.mkdir(parents=True, exist_ok=True)
+    BodyTokenizer.load(source / "tokenizer").save(output / "tokenizer", read_card(source / "tokenizer"))
+    import torch
+
+    generator_card = {"data": "codes", "licence": "Apache-2.0", "command": "echoavatar train generator"}
+    Generator.load(source / "generator").save(
+        output / "generator", generator_card | read_card(source / "generator"), dtype=torch.float16
+    )
+    AudioCodec.load(source / "codec")
+    (output / "codec").mkdir(exist_ok=True)
+    for name in FILES:
+        shutil.copyfile(source / "codec" / name, output / "codec" / name)
+    if not (output / "card.json").exists():
+        parts = {part: read_card(output / part) for part in ("codec", "tokenizer", "generator")}
+        (output / "card.json").write_text(
+            json.dumps({"licence": "Apache-2.0", "parts": parts}, indent=2) + "\n"
+        )

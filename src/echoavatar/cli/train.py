@@ -1,0 +1,162 @@
+"""`echoavatar train`: codec, tokenizer, generator, in this order; each run resumes where it was stopped."""
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+
+from tqdm import tqdm
+
+from ..errors import EchoAvatarError
+
+ORDER = """the whole way from nothing to a bundle:
+  echoavatar data rehearse --hours 3.5 --seed 1 -o corpus
+  echoavatar train codec corpus -o runs/codec --minutes 40
+  echoavatar train tokenizer corpus -o runs/tokenizer --steps 6000
+  echoavatar train tokens corpus -o runs/tokens --codec runs/codec --tokenizer runs/tokenizer
+  echoavatar train generator runs/tokens -o runs/generator --codec runs/codec --tokenizer runs/tokenizer
+  echoavatar bundle runs -o my-bundle
+
+Training resumes from its output folder. Sizes are those of the default bundle.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the sub-commands."""
+    parser.epilog = ORDER
+    kinds = parser.add_subparsers(dest="kind", metavar="WHAT", required=True)
+    codec = kinds.add_parser("codec", help="the audio codec, on the corpus's sound and other recordings")
+    codec.add_argument("--recordings", type=Path, help="folder of real sound to learn from as well")
+    codec.add_argument("--minutes", type=float, default=40.0, help="training time (default: %(default)s)")
+    tokenizer = kinds.add_parser("tokenizer", help="the motion tokenizer, on the corpus's motion")
+    tokenizer.add_argument("--steps", type=int, default=6000, help="optimiser steps (default: %(default)s)")
+    tokens = kinds.add_parser("tokens", help="turn the corpus into codes with a trained codec and tokenizer")
+    generator = kinds.add_parser("generator", help="the generator, on a folder of codes")
+    generator.add_argument("--steps", type=int, default=3000, help="optimiser steps (default: %(default)s)")
+    generator.add_argument("--batch", type=int, default=8, help="windows per step (default: %(default)s)")
+    generator.add_argument(
+        "--rate", type=float, default=1e-3, help="peak learning rate (default: %(default)s)"
+    )
+    generator.add_argument("--width", type=int, default=256, help="channels (default: %(default)s)")
+    generator.add_argument("--layers", type=int, default=6, help="transformer layers (default: %(default)s)")
+    generator.add_argument(
+        "--corruption",
+        choices=("hierarchical", "uniform", "none"),
+        default="hierarchical",
+        help="of the motion codes in the context (default: %(default)s)",
+    )
+    generator.add_argument(
+        "--minutes", type=float, help="stop this call after so many minutes; call again to go on"
+    )
+    for child in (codec, tokenizer, tokens, generator):
+        source = (
+            "folder of codes (`train tokens`)" if child is generator else "corpus folder (`data rehearse`)"
+        )
+        child.add_argument("source", type=Path, metavar="SOURCE", help=source)
+        child.add_argument(
+            "-o", "--output", type=Path, required=True, help="folder to train in, or to go on in"
+        )
+    for child in (tokens, generator):
+        child.add_argument("--codec", type=Path, required=True, help="trained codec")
+        child.add_argument("--tokenizer", type=Path, required=True, help="trained tokenizer")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Train one part."""
+    if not args.source.is_dir():
+        raise EchoAvatarError(f"{args.source} is not a folder; make a corpus with `echoavatar data rehearse`")
+    with tqdm(unit="step", smoothing=0.05) as bar:
+
+        def progress(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        {"codec": _codec, "tokenizer": _tokenizer, "tokens": _tokens, "generator": _generator}[args.kind](
+            args, progress
+        )
+    print(f"{args.kind} in {args.output}")
+    return 0
+
+
+Progress = Callable[[int, int], None]
+
+
+def _card(args: argparse.Namespace) -> dict[str, object]:
+    """What every card must say: data, command, licence."""
+    given = " ".join(
+        f"--{key} {value}" for key, value in vars(args).items() if key not in ("command", "kind", "source")
+    )
+    return {
+        "data": str(args.source),
+        "command": f"echoavatar train {args.kind} {args.source} {given}",
+        "licence": "Apache-2.0",
+    }
+
+
+def _codec(args: argparse.Namespace, progress: Progress) -> None:
+    from ..audio.pool import AudioPool, read_group
+    from ..audio.train import CodecTrainingConfig, train_codec
+
+    groups = [read_group(args.source / "clips")]
+    if args.recordings:
+        groups.append(read_group(args.recordings, weight=0.5))
+    config = CodecTrainingConfig(minutes=args.minutes, steps=100_000)
+    train_codec(config, args.output, AudioPool(groups), card=_card(args), progress=progress)
+
+
+def _tokenizer(args: argparse.Namespace, progress: Progress) -> None:
+    from ..data import Corpus
+    from ..kinematics import HUMANOID
+    from ..tokenizer.train import bundle_recipe, train_tokenizer
+
+    corpus = Corpus(args.source)
+    clips = [corpus.motion(name) for name in corpus.names("train")]
+    tests = [corpus.motion(name) for name in corpus.names("test")]
+    config, training = bundle_recipe(HUMANOID, args.steps)
+    train_tokenizer(config, training, clips, tests, args.output, card=_card(args), progress=progress)
+
+
+def _tokens(args: argparse.Namespace, progress: Progress) -> None:
+    from ..audio import AudioCodec
+    from ..data import Corpus
+    from ..pipeline.tokenize import tokenize_corpus
+    from ..tokenizer import BodyTokenizer
+
+    codec = AudioCodec.load(args.codec).eval()
+    tokenizer = BodyTokenizer.load(args.tokenizer).eval()
+    tokenize_corpus(Corpus(args.source), codec, tokenizer, args.output, progress=progress)
+
+
+def _generator(args: argparse.Namespace, progress: Progress) -> None:
+    from ..audio import AudioCodec
+    from ..generator import GeneratorConfig, TokenClip
+    from ..generator.train import GeneratorTraining, train_generator
+    from ..tokenizer import BodyTokenizer
+    from ..tokens import TokenLayout
+
+    codec, tokenizer = AudioCodec.load(args.codec), BodyTokenizer.load(args.tokenizer)
+    layout = TokenLayout.compact(
+        audio_codes=codec.config.codes,
+        motion_layers=tokenizer.config.layers,
+        motion_codes=tokenizer.config.codes,
+    )
+    config = GeneratorConfig(layout=layout, width=args.width, layers=args.layers, mlp=3 * args.width)
+    weights = tuple(0.7**layer for layer in range(layout.motion_layers))
+    training = GeneratorTraining(
+        steps=args.steps,
+        batch=args.batch,
+        learning_rate=args.rate,
+        corruption=args.corruption,
+        depth_weights=weights,
+        autocast=True,
+    )
+    clips = [TokenClip.load(path) for path in sorted(args.source.glob("*.npz"))]
+    train_generator(
+        config,
+        training,
+        clips,
+        args.output,
+        minutes=args.minutes,
+        audio_codebooks=codec.codebooks,
+        motion_codebooks=tokenizer.codebooks(),
+        progress=progress,
+    )
