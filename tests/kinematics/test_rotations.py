@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from echoavatar.kinematics import rotations as r
@@ -93,6 +93,7 @@ def test_half_turns_are_exact():
         assert r.quaternion_from_matrix(matrix).abs().tolist() == [0.0, *axis]
 
 
+@settings(deadline=None)
 @given(st.floats(0, 1))
 def test_slerp_turns_at_even_speed(share):
     start, end = (

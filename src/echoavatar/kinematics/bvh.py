@@ -189,7 +189,7 @@ def _numbers(path: Path, lines: Sequence[str], motion_line: int, width: int) -> 
     if flat.size != count * width or not np.isfinite(flat).all():
         _explain(path, fields, count, width)
     fps = 1 / frame_time
-    return flat.reshape(count, width), round(fps) if abs(fps - round(fps)) < 2e-3 * fps else fps
+    return flat.reshape(count, width), float(round(fps)) if abs(fps - round(fps)) < 2e-3 * fps else fps
 
 
 def _explain(path: Path, fields: list[tuple[int, str]], count: int, width: int) -> NoReturn:

@@ -6,7 +6,7 @@ Paper, Motion Tokenizer: the body is tokenised in three anatomical parts, lower 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -32,7 +32,7 @@ class SkeletonConfig(Config):
     vrm: dict[str, int] = Field(default_factory=dict, description="VRM 1.0 humanoid bone name to joint")
 
     @model_validator(mode="after")
-    def _is_a_tree(self) -> Self:
+    def _is_a_tree(self) -> "SkeletonConfig":
         if not (len(self.names) == len(self.parents) == len(self.offsets)):
             raise ValueError(
                 f"{len(self.names)} names, {len(self.parents)} parents, {len(self.offsets)} offsets differ"
