@@ -82,7 +82,7 @@ def test_the_avatar_moves_with_the_sound(tmp_path: Path, wave: Wave) -> None:
         page.set_default_timeout(120_000)
         page.on("console", lambda message: message.type == "error" and troubles.append(message.text))
         page.on("pageerror", lambda error: troubles.append(str(error)))
-        page.goto(f"{(tmp_path / 'page.html').as_uri()}?quality=low", wait_until="commit")
+        page.goto(f"{(tmp_path / 'page.html').as_uri()}?quality=low", wait_until="domcontentloaded")
         page.evaluate("async () => { await window.echoavatar; }")
         first, second = page.evaluate(where, 0.2), page.evaluate(where, 1.2)
         page.click("#start")

@@ -4,7 +4,7 @@ import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 import { RoomEnvironment } from "three/examples/jsm/environments/RoomEnvironment.js";
 
 const VIEWS = [
-  { height: 0.88, distance: 4.3 },
+  { height: 0.88, distance: 4.5 },
   { height: 1.32, distance: 2.0 },
 ];
 
@@ -60,9 +60,10 @@ export function makeStage(canvas, low) {
     frame(index = view) {
       view = index % VIEWS.length;
       const narrow = Math.min(1, camera.aspect / 0.62);
-      const { height, distance } = VIEWS[view];
+      const { height, distance: wide } = VIEWS[view];
+      const distance = wide / narrow ** 0.7;
       controls.target.set(centre.x, height, centre.z);
-      camera.position.set(centre.x + 0.42 * distance, height + 0.10 * distance, centre.z + (0.92 * distance) / Math.sqrt(narrow));
+      camera.position.set(centre.x + 0.36 * distance, height + 0.1 * distance, centre.z + 0.92 * distance);
       controls.update();
     },
     nextView() {
@@ -87,7 +88,7 @@ export function makeStage(canvas, low) {
       renderer.setPixelRatio(low ? 1 : Math.min(window.devicePixelRatio, 2));
       renderer.setSize(width, height, false);
       camera.aspect = width / height;
-      camera.setViewOffset(width, height, 0, height * 0.06, width, height);
+      camera.setViewOffset(width, height, 0, height * 0.055, width, height);
       camera.updateProjectionMatrix();
     },
     render() {
