@@ -117,7 +117,7 @@ class Decoder:
 
     def _attend_one(
         self,
-        qkv: Float[Tensor, "b c"],
+        qkv: Float[Tensor, "b qkv"],
         turns: Complex[Tensor, "b 1 1 half"],
         writes: Int[Tensor, " w"],
         bias: Float[Tensor, "b 1 1 1 s"],
@@ -138,7 +138,7 @@ class Decoder:
 
     def _attend_many(
         self,
-        qkv: Float[Tensor, "n c"],
+        qkv: Float[Tensor, "n qkv"],
         turns: Complex[Tensor, "b t 1 half"],
         writes: Int[Tensor, " w"],
         bias: Float[Tensor, "b 1 1 t s"],

@@ -55,7 +55,7 @@ def _is_body(key: str) -> bool:
 def align_embeddings(
     generator: Generator,
     *,
-    audio_codebooks: Float[Tensor, "q K c"] | None = None,
+    audio_codebooks: Float[Tensor, "l A a"] | None = None,
     motion_codebooks: Float[Tensor, "p q K c"] | None = None,
     scale: float = 0.02,
     seed: int = 0,

@@ -47,7 +47,7 @@ class SelfAttention(nn.Module):
     def forward(
         self,
         x: Float[Tensor, "b t c"],
-        angles: Float[Tensor, "b t half"],
+        angles: Float[Tensor, "#b t half"],
         lookback: int | None,
         valid: Bool[Tensor, "b t"] | None,
     ) -> Float[Tensor, "b t c"]:
@@ -94,7 +94,7 @@ class DecoderLayer(nn.Module):
     def forward(
         self,
         x: Float[Tensor, "b t c"],
-        angles: Float[Tensor, "b t half"],
+        angles: Float[Tensor, "#b t half"],
         lookback: int | None,
         valid: Bool[Tensor, "b t"] | None,
     ) -> Float[Tensor, "b t c"]:

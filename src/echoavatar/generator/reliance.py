@@ -62,7 +62,7 @@ def nll_by_domain(
 
 def _windows(
     clips: Sequence[TokenClip], chunks: int, shuffled_audio: bool
-) -> tuple[Window, Int[Tensor, "b f q"]]:
+) -> tuple[Window, Int[Tensor, "b f l"]]:
     """All windows, and the audio that each one hears.
 
     Windows lie in the order of the clips, so a shift by the most windows of one clip always reaches another clip.

@@ -16,7 +16,7 @@ def rotary_angles(positions: Int[Tensor, "b t"], *, width: int, theta: float) ->
     return (positions.double()[..., None] * theta**-exponent) % (2 * math.pi)
 
 
-def rotate(x: Float[Tensor, "b h t d"], angles: Float[Tensor, "b t half"]) -> Float[Tensor, "b h t d"]:
+def rotate(x: Float[Tensor, "b h t d"], angles: Float[Tensor, "#b t half"]) -> Float[Tensor, "b h t d"]:
     """Turn the pairs (i, i + d / 2) of each head, the order of Qwen2's weights."""
     cos, sin = (f(angles).to(torch.float32)[:, None] for f in (torch.cos, torch.sin))
     if x.dtype == torch.float64:

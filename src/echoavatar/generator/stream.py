@@ -40,7 +40,7 @@ class GeneratorStream(StreamingModule[StateT]):
     @torch.no_grad()
     def step(
         self,
-        x: Int[Tensor, "b f q"],
+        x: Int[Tensor, "b f l"],
         state: StateT,
         active: Bool[Tensor, " b"],
         *,
@@ -64,7 +64,7 @@ class GeneratorStream(StreamingModule[StateT]):
             parts.append(self._generate(chunk, state, active, Sampler(noise, temperature, top_p)))
         return torch.cat(parts, dim=1)
 
-    def forward(self, x: Int[Tensor, "b f q"]) -> Int[Tensor, "b n p q"]:
+    def forward(self, x: Int[Tensor, "b f l"]) -> Int[Tensor, "b n p q"]:
         """A whole clip: one step from a fresh state, seed 0."""
         rows = x.shape[0]
         everyone = torch.ones(rows, dtype=torch.bool, device=self._decoder.device)
@@ -76,7 +76,7 @@ class GeneratorStream(StreamingModule[StateT]):
 
     @abstractmethod
     def _generate(
-        self, x: Int[Tensor, "b f q"], state: StateT, active: Bool[Tensor, " b"], sampler: Sampler
+        self, x: Int[Tensor, "b f l"], state: StateT, active: Bool[Tensor, " b"], sampler: Sampler
     ) -> Int[Tensor, "b n p q"]: ...
 
     def _decode(
@@ -123,7 +123,7 @@ class InterleavedStream(GeneratorStream[RingState]):
         return state.chunks
 
     def _generate(
-        self, x: Int[Tensor, "b f q"], state: RingState, active: Bool[Tensor, " b"], sampler: Sampler
+        self, x: Int[Tensor, "b f l"], state: RingState, active: Bool[Tensor, " b"], sampler: Sampler
     ) -> Int[Tensor, "b n p q"]:
         last = state.last[:, None] + self.layout.start_id
         prompt = torch.cat([last, self.layout.audio_ids(x)], dim=1)
@@ -152,7 +152,7 @@ class InterleavedStream(GeneratorStream[RingState]):
 class HistoryState(StreamState):
     """The codes of the window, newest last, and how many chunks were heard."""
 
-    audio: Int[Tensor, "b f q"]
+    audio: Int[Tensor, "b f l"]
     motion: Int[Tensor, "b n p q"]
     chunks: Int[Tensor, " b"]
 
@@ -180,7 +180,7 @@ class PrefixStream(GeneratorStream[HistoryState]):
         return state.chunks
 
     def _generate(
-        self, x: Int[Tensor, "b f q"], state: HistoryState, active: Bool[Tensor, " b"], sampler: Sampler
+        self, x: Int[Tensor, "b f l"], state: HistoryState, active: Bool[Tensor, " b"], sampler: Sampler
     ) -> Int[Tensor, "b n p q"]:
         audio = torch.cat([state.audio, x.long()], dim=1)[:, AUDIO_FRAMES_PER_CHUNK:]
         context = state.motion[:, MOTION_TOKENS_PER_CHUNK:]

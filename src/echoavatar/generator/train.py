@@ -72,7 +72,7 @@ class Trainer:
         training: GeneratorTraining,
         *,
         device: str = "cpu",
-        audio_codebooks: Float[Tensor, "q K c"] | None = None,
+        audio_codebooks: Float[Tensor, "l A a"] | None = None,
         motion_codebooks: Float[Tensor, "p q K c"] | None = None,
     ) -> None:
         if len(training.depth_weights) != config.layout.motion_layers:
@@ -179,7 +179,7 @@ def train_generator(
     *,
     minutes: float | None = None,
     device: str = "cpu",
-    audio_codebooks: Float[Tensor, "q K c"] | None = None,
+    audio_codebooks: Float[Tensor, "l A a"] | None = None,
     motion_codebooks: Float[Tensor, "p q K c"] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Generator:

@@ -25,9 +25,9 @@ DOMAINS = ("silence", "speech", "music")
 class TokenClip:
     """One clip as codes, cut to whole chunks."""
 
-    audio: Int[np.ndarray, "f q"]
+    audio: Int[np.ndarray, "f layers"]
     motion: Int[np.ndarray, "n p q"]
-    domain: UInt8[np.ndarray, " n"]
+    domain: UInt8[np.ndarray, " labels"]
     split: str = "train"
 
     def __post_init__(self) -> None:
@@ -68,7 +68,7 @@ class TokenClip:
 class Window(NamedTuple):
     """A batch of windows of codes."""
 
-    audio: Int[Tensor, "b f q"]
+    audio: Int[Tensor, "b f l"]
     motion: Int[Tensor, "b n p q"]
     domain: Int[Tensor, "b n"]
 

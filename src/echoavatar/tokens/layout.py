@@ -67,12 +67,12 @@ class TokenLayout(Config):
         """Period 3 Q of the motion grammar."""
         return PARTS * self.motion_layers
 
-    def audio_ids(self, codes: Int[Tensor, "b f q"]) -> Int[Tensor, "b t"]:
+    def audio_ids(self, codes: Int[Tensor, "b f l"]) -> Int[Tensor, "b t"]:
         """Flatten audio codes (b, f, layers) into ids (b, f x layers): per frame layer 0, then layer 1."""
         layer = torch.arange(self.audio_layers, device=codes.device) * self.audio_codes + self.audio_base
         return (codes.long() + layer).flatten(1)
 
-    def audio_codes_of(self, ids: Int[Tensor, "b t"]) -> Int[Tensor, "b f q"]:
+    def audio_codes_of(self, ids: Int[Tensor, "b t"]) -> Int[Tensor, "b f l"]:
         """The inverse of `audio_ids`."""
         layer = torch.arange(self.audio_layers, device=ids.device) * self.audio_codes + self.audio_base
         return ids.reshape(len(ids), -1, self.audio_layers) - layer

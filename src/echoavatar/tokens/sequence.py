@@ -58,7 +58,7 @@ class SequenceOrder(ABC):
     @abstractmethod
     def build(
         self,
-        audio: Int[Tensor, "b f q"],
+        audio: Int[Tensor, "b f l"],
         context: Int[Tensor, "b n p q"],
         target: Int[Tensor, "b n p q"],
         missing: Int[Tensor, " b"],
@@ -86,7 +86,7 @@ class Interleaved(SequenceOrder):
 
     def build(
         self,
-        audio: Int[Tensor, "b f q"],
+        audio: Int[Tensor, "b f l"],
         context: Int[Tensor, "b n p q"],
         target: Int[Tensor, "b n p q"],
         missing: Int[Tensor, " b"],
@@ -113,7 +113,7 @@ class Prefix(SequenceOrder):
         return None
 
     def prompt(
-        self, audio: Int[Tensor, "b f q"], context: Int[Tensor, "b n p q"], missing: Int[Tensor, " b"]
+        self, audio: Int[Tensor, "b f l"], context: Int[Tensor, "b n p q"], missing: Int[Tensor, " b"]
     ) -> tuple[Int[Tensor, "b t"], Bool[Tensor, "b t"]]:
         """Ids and validity of audio followed by as much motion as `context` holds."""
         rows, device = audio.shape[0], audio.device
@@ -131,7 +131,7 @@ class Prefix(SequenceOrder):
 
     def build(
         self,
-        audio: Int[Tensor, "b f q"],
+        audio: Int[Tensor, "b f l"],
         context: Int[Tensor, "b n p q"],
         target: Int[Tensor, "b n p q"],
         missing: Int[Tensor, " b"],
