@@ -1,8 +1,8 @@
 """Pictures of the character without a display: a small rasteriser that needs nothing but pip packages.
 
 Off-screen OpenGL needs system libraries that bare machines lack, so the loops are our own, compiled by numba
-(extra `render`). Perspective camera, one soft-shadowed key light, sky and ground light, rim light, floor with a one-metre
-grid, filmic tone curve, 2 x 2 supersampling.
+(extra `render`). Perspective camera, one soft-shadowed key light, sky and ground light, rim light, floor with a
+one-metre grid, filmic tone curve, 2 x 2 supersampling.
 """
 
 import importlib

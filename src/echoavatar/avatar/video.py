@@ -71,7 +71,7 @@ def film(
 
 
 def linear(colours: UInt8[np.ndarray, "v 3"]) -> Float[np.ndarray, "v 3"]:
-    """sRGB bytes to linear light in [0, 1]."""
+    """Linear light in [0, 1] of sRGB bytes."""
     c = colours.astype(np.float32) / 255
     return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4).astype(np.float32)
 
