@@ -85,3 +85,9 @@ def test_other_settings_or_another_model_are_not_resumed(tmp_path):
         train_generator(config(mlp=56), settings(steps=1), clips(), tmp_path)
     with pytest.raises(CheckpointError, match="depth_weights"):
         Trainer(config(), settings(depth_weights=(1.0,)))
+
+
+def test_a_damaged_resume_file_is_named(tmp_path):
+    (tmp_path / "resume.safetensors").write_bytes(b"half a file")
+    with pytest.raises(CheckpointError, match="resume.safetensors is damaged"):
+        Trainer(config(), settings()).resume(tmp_path)

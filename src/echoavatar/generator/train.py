@@ -14,6 +14,7 @@ from typing import Any, Literal
 import torch
 from jaxtyping import Float
 from pydantic import Field
+from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 
@@ -26,6 +27,8 @@ from .initial import align_embeddings
 from .loss import code_nll, hierarchical_loss, summary, to_device
 from .model import Generator
 from .windows import TokenClip, Window, WindowSampler
+
+RESUME = "resume.safetensors"
 
 
 class GeneratorTraining(Config):
@@ -136,38 +139,48 @@ class Trainer:
         return to_device(config.order.build(window.audio, context, window.motion, missing), self._device)
 
     def save(self, folder: Path) -> None:
-        """Write model and optimiser; the model alone is a checkpoint that `Generator.load` reads."""
-        state: dict[str, Tensor] = {}
+        """Write everything a resumed run needs as one file, at once or not at all; then the model as a checkpoint."""
+        state = {
+            f"model.{key}": value.detach().contiguous() for key, value in self.generator.state_dict().items()
+        }
         for index, values in self._optimiser.state_dict()["state"].items():
-            state |= {f"{index}.{name}": value.contiguous() for name, value in values.items()}
+            state |= {f"optimiser.{index}.{name}": value.contiguous() for name, value in values.items()}
+        facts = {"step": str(self.next_step), "training": self.training.model_dump_json()}
         folder.mkdir(parents=True, exist_ok=True)
-        partial = folder / "optimiser.safetensors.partial"
-        save_file(state, partial, metadata={"step": str(self.next_step)})
+        partial = folder / f"{RESUME}.partial"
+        save_file(state, partial, metadata=facts | {"config": self.generator.config.model_dump_json()})
+        partial.replace(folder / RESUME)
         card = {"kind": "generator", "step": self.next_step, "training": self.training.model_dump()}
         self.generator.save(folder, card)
-        partial.replace(folder / "optimiser.safetensors")
 
     def resume(self, folder: Path) -> bool:
         """Continue from a folder written by `save`; False where there is none.
 
         Raises:
-            CheckpointError: the folder holds another model, or another schedule.
+            CheckpointError: the folder holds another model, or another schedule, or is damaged.
         """
-        if not (folder / "optimiser.safetensors").exists():
+        path = folder / RESUME
+        if not path.exists():
             return False
-        card = checkpoint.read_card(folder)
-        if checkpoint.read_config(folder, GeneratorConfig) != self.generator.config:
+        try:
+            with safe_open(path, "pt") as file:
+                facts = file.metadata()
+            tensors = load_file(path)
+        except SafetensorError as error:
+            raise CheckpointError(f"{path} is damaged ({error}); delete it to begin again") from error
+        if GeneratorConfig.model_validate_json(facts["config"]) != self.generator.config:
             raise CheckpointError(f"{folder} holds a generator of another config; train into another folder")
-        if GeneratorTraining.model_validate(card["training"]) != self.training:
+        if GeneratorTraining.model_validate_json(facts["training"]) != self.training:
             raise CheckpointError(f"{folder} was trained with other settings; train into another folder")
-        checkpoint.load_into(self.generator, checkpoint.read_weights(folder), origin=str(folder))
+        weights = {key[len("model.") :]: value for key, value in tensors.items() if key.startswith("model.")}
+        checkpoint.load_into(self.generator, weights, origin=str(path))
         stored: dict[int, dict[str, Tensor]] = {}
-        for key, value in load_file(folder / "optimiser.safetensors").items():
-            index, name = key.split(".", 1)
-            stored.setdefault(int(index), {})[name] = value
+        for key in tensors.keys() - {f"model.{name}" for name in weights}:
+            _, index, name = key.split(".", 2)
+            stored.setdefault(int(index), {})[name] = tensors[key]
         groups = self._optimiser.state_dict()["param_groups"]
         self._optimiser.load_state_dict({"state": stored, "param_groups": groups})
-        self.next_step = int(str(card["step"]))
+        self.next_step = int(facts["step"])
         return True
 
 
