@@ -147,7 +147,6 @@ def _generator(args: argparse.Namespace, progress: Progress) -> None:
         learning_rate=args.rate,
         corruption=args.corruption,
         depth_weights=weights,
-        autocast=True,
     )
     clips = [TokenClip.load(path) for path in sorted(args.source.glob("*.npz"))]
     train_generator(
