@@ -22,19 +22,23 @@ class CodecConfig(Config):
     of a clip are coded like all others.
     """
 
-    filters: int = Field(8, gt=0, description="channels after the first convolution; doubled at each ratio")
-    width: int = Field(64, gt=0, description="latent channels")
-    codes: int = Field(512, gt=1, description="entries of each codebook; a power of two")
-    ratios: tuple[int, ...] = Field((8, 5, 4, 2), description="upsampling ratios of the decoder")
-    lstm_layers: int = Field(2, gt=0, description="LSTM layers in encoder and decoder")
-    residual_blocks: int = Field(0, ge=0, description="residual blocks per ratio")
-    kernel: int = Field(7, gt=0, description="samples seen by the first convolution")
-    last_kernel: int = Field(7, gt=0, description="frames seen by the last convolution")
-    residual_kernel: int = Field(3, gt=0, description="kernel inside the residual blocks")
-    dilation_growth: int = Field(2, gt=0, description="dilation from one residual block to the next")
-    compress: int = Field(2, gt=0, description="channel reduction inside the residual blocks")
-    has_conv_shortcut: bool = Field(False, description="a 1x1 convolution beside each residual block")
-    padding: Literal["constant", "reflect"] = Field("constant", description="what stands before the first sample")
+    filters: int = Field(
+        default=8, gt=0, description="channels after the first convolution; doubled at each ratio"
+    )
+    width: int = Field(default=64, gt=0, description="latent channels")
+    codes: int = Field(default=512, gt=1, description="entries of each codebook; a power of two")
+    ratios: tuple[int, ...] = Field(default=(8, 5, 4, 2), description="upsampling ratios of the decoder")
+    lstm_layers: int = Field(default=2, gt=0, description="LSTM layers in encoder and decoder")
+    residual_blocks: int = Field(default=0, ge=0, description="residual blocks per ratio")
+    kernel: int = Field(default=7, gt=0, description="samples seen by the first convolution")
+    last_kernel: int = Field(default=7, gt=0, description="frames seen by the last convolution")
+    residual_kernel: int = Field(default=3, gt=0, description="kernel inside the residual blocks")
+    dilation_growth: int = Field(default=2, gt=0, description="dilation from one residual block to the next")
+    compress: int = Field(default=2, gt=0, description="channel reduction inside the residual blocks")
+    has_conv_shortcut: bool = Field(default=False, description="a 1x1 convolution beside each residual block")
+    padding: Literal["constant", "reflect"] = Field(
+        default="constant", description="what stands before the first sample"
+    )
 
     @model_validator(mode="after")
     def _ratios_give_the_clock(self) -> Self:

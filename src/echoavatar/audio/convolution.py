@@ -6,6 +6,7 @@ and summed; transformers' layout (channels first) costs two to three times as mu
 May import nothing of the package.
 """
 
+import torch
 import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
@@ -24,24 +25,35 @@ def convolve(conv: nn.Conv1d, x: Float[Tensor, "b t c"]) -> Float[Tensor, "b n d
     frames = (x.shape[1] - lookback(conv)) // stride
     if conv.in_channels == 1 and stride == 1 and dilation == 1:
         return F.linear(x.squeeze(2).unfold(1, kernel, 1), conv.weight.squeeze(1), conv.bias)
-    taps = kernel // stride
-    blocks = x.reshape(x.shape[0], -1, stride * conv.in_channels)
-    weight = conv.weight.unflatten(2, (taps, stride)).permute(2, 0, 3, 1)  # taps out stride in
-    products = F.linear(blocks, weight.reshape(taps * conv.out_channels, -1)).unflatten(2, (taps, -1))
-    out = products[:, :frames, 0] if conv.bias is None else products[:, :frames, 0] + conv.bias
-    for tap in range(1, taps):
-        out = out + products[:, tap * dilation : tap * dilation + frames, tap]
-    return out
+    taps, rows, channels = kernel // stride, x.shape[0], conv.out_channels
+    blocks = x.reshape(rows, -1, stride * conv.in_channels)
+    weight = conv.weight.reshape(channels, conv.in_channels, taps, stride)
+    if taps <= 3:  # side by side, then one product
+        beside = [blocks[:, tap * dilation : tap * dilation + frames] for tap in range(taps)]
+        return F.linear(_joined(beside), weight.permute(0, 2, 3, 1).reshape(channels, -1), conv.bias)
+    products = F.linear(blocks, weight.permute(2, 0, 3, 1).reshape(taps * channels, -1))
+    parts = products.view(rows, -1, taps, channels).unbind(2)
+    shifted = [part[:, tap * dilation : tap * dilation + frames] for tap, part in enumerate(parts)]
+    return _total(shifted) if conv.bias is None else _total(shifted) + conv.bias
 
 
 def convolve_transposed(conv: nn.ConvTranspose1d, x: Float[Tensor, "b n c"]) -> Float[Tensor, "b t d"]:
     """The transposed convolution, causal: x begins with `lookback` old inputs; t = (n - lookback) stride."""
     stride, old = conv.stride[0], lookback(conv)
-    taps, frames = old + 1, x.shape[1] - old
-    weight = conv.weight.unflatten(2, (taps, stride)).permute(2, 3, 1, 0)  # taps stride out in
-    products = F.linear(x, weight.reshape(taps * stride * conv.out_channels, -1)).unflatten(2, (taps, -1))
-    out = products[:, old:, 0]
-    for tap in range(1, taps):
-        out = out + products[:, old - tap : old - tap + frames, tap]
-    out = out.reshape(x.shape[0], frames * stride, conv.out_channels)
+    taps, rows, frames = old + 1, x.shape[0], x.shape[1] - old
+    beside = [x[:, old - tap : old - tap + frames] for tap in range(taps)]
+    weight = conv.weight.reshape(conv.in_channels, conv.out_channels, taps, stride).permute(3, 1, 2, 0)
+    out = F.linear(_joined(beside), weight.reshape(stride * conv.out_channels, -1))
+    out = out.view(rows, frames * stride, conv.out_channels)
     return out if conv.bias is None else out + conv.bias
+
+
+def _joined(parts: list[Tensor]) -> Tensor:
+    return parts[0] if len(parts) == 1 else torch.cat(parts, dim=2)
+
+
+def _total(parts: list[Tensor]) -> Tensor:
+    total = parts[0]
+    for part in parts[1:]:
+        total = total + part
+    return total

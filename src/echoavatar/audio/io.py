@@ -51,7 +51,10 @@ def stream_audio(path: Path | str) -> Iterator[Mono]:
     for piece, rate in _decoded(path):
         resampler = resampler or StreamResampler(rate)
         given += len(piece)
-        yield resampler.push(piece)
+        try:
+            yield resampler.push(piece)
+        except AudioError as error:
+            raise AudioError(f"{path}: {error}") from error
     if resampler is None or not given:
         raise AudioError(f"{path} holds no sound that can be decoded; convert it to WAV first")
     yield resampler.flush()
@@ -70,7 +73,9 @@ def write_wav(path: Path | str, audio: Mono, *, rate: int = SAMPLE_RATE_HZ) -> N
         partial.replace(path)
     except (OSError, soundfile.SoundFileError) as error:
         partial.unlink(missing_ok=True)
-        raise AudioError(f"cannot write {path} ({error}); choose a folder that exists and can be written") from error
+        raise AudioError(
+            f"cannot write {path} ({error}); choose a folder that exists and can be written"
+        ) from error
 
 
 def _decoded(path: Path) -> Iterator[tuple[Float[np.ndarray, "s c"], int]]:
@@ -81,7 +86,9 @@ def _decoded(path: Path) -> Iterator[tuple[Float[np.ndarray, "s c"], int]]:
                 raise AudioError(f"{path} has no sound track; choose a file with sound")
             yield from _frames(container, path)
     except av.FFmpegError as error:
-        raise AudioError(f"{path} is not a sound file that ffmpeg's libraries can read ({error.strerror})") from error
+        raise AudioError(
+            f"{path} is not a sound file that ffmpeg's libraries can read ({error.strerror})"
+        ) from error
 
 
 def _frames(container: Any, path: Path) -> Iterator[tuple[Float[np.ndarray, "s c"], int]]:

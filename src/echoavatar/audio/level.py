@@ -72,7 +72,7 @@ class LevelControl(StreamingModule[LevelState]):
         samples = x.shape[1]
         x = F.pad(x, (0, -samples % LEVEL_BLOCK_SAMPLES))
         state, active = self.init_state(len(x)), x.new_ones(len(x), dtype=torch.bool)
-        parts = [self.step(part, state, active) for part in x.split(_PIECE, dim=1) if part.shape[1]]
+        parts = [self.step(part, state, active) for part in torch.split(x, _PIECE, dim=1) if part.shape[1]]
         return torch.cat([x[:, :0], *parts], dim=1)[:, :samples]
 
     @torch.no_grad()
@@ -82,7 +82,7 @@ class LevelControl(StreamingModule[LevelState]):
         """The next samples (a multiple of 160), same length out, no delay."""
         if x.shape[1] % LEVEL_BLOCK_SAMPLES or not x.shape[1]:
             raise ValueError(f"a step takes a multiple of {LEVEL_BLOCK_SAMPLES} samples, got {x.shape[1]}")
-        blocks = x.double().unflatten(1, (-1, LEVEL_BLOCK_SAMPLES))
+        blocks = x.double().reshape(len(x), -1, LEVEL_BLOCK_SAMPLES)
         energies = (blocks.clamp(-2, 2) * _RESOLUTION).round().square().sum(-1).long()
         before, fresh = state.gain.clone(), state.seen == 0
         gains = 10 ** (self._gain_db(energies, state, active) / 20)
@@ -119,7 +119,7 @@ class LevelControl(StreamingModule[LevelState]):
         return gain - gate
 
     def _floor_db(self, level: Tensor, index: Tensor, state: LevelState) -> Float[Tensor, "b k"]:
-        """floor = min(floor + rise, level), unrolled: the rise is taken off before a running minimum."""
+        """The recursion floor = min(floor + rise, level), unrolled: the rise is taken off before a running minimum."""
         before = torch.where(state.seen > 0, state.floor_db, math.inf)[:, None]
         slope = index * _FLOOR_RISE_DB
         lowest = torch.cat([before, level - slope], dim=1).cummin(1).values[:, 1:]
@@ -128,7 +128,7 @@ class LevelControl(StreamingModule[LevelState]):
     def _loudness_db(
         self, level: Tensor, is_sound: Tensor, heard: Tensor, state: LevelState
     ) -> Float[Tensor, "b k"]:
-        """loudness = max(loudness - decay, level) in blocks that hold sound, unrolled in the same way."""
+        """Where there is sound, loudness = max(loudness - decay, level); unrolled in the same way."""
         before = torch.where(state.heard > 0, state.loudness_db, -math.inf)[:, None]
         slope = (heard - state.heard[:, None]) * _DECAY_DB
         candidates = torch.where(is_sound, level + slope, -math.inf)

@@ -31,6 +31,7 @@ class SpectrumProbe(nn.Module):
             nn.ELU(),
             nn.Conv1d(hidden, _PROBE_STEPS * _PROBE_BANDS, 3, padding=1),
         )
+        nn.init.constant_(self.layers[-1].bias, -8.0)  # type: ignore[arg-type]  # the logarithm of soft sound
 
     def forward(self, latents: Float[Tensor, "b n c"]) -> Float[Tensor, "b t m"]:
         """Predicted log-mel, t = 4 n."""

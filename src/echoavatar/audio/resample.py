@@ -14,7 +14,7 @@ Mono = Float[np.ndarray, " s"]
 _LOUDEST = 64.0  # floats beyond this are integers that nobody scaled
 
 
-def as_mono(samples: Shaped[np.ndarray, "s *c"], *, position: int = 0, rate: int = SAMPLE_RATE_HZ) -> Mono:
+def as_mono(samples: Shaped[np.ndarray, "..."], *, position: int = 0, rate: int = SAMPLE_RATE_HZ) -> Mono:
     """Check samples and mix them down: (s,) or (s, channels), floats in -1..1 or integers of any width.
 
     Args:
@@ -27,7 +27,9 @@ def as_mono(samples: Shaped[np.ndarray, "s *c"], *, position: int = 0, rate: int
     """
     if samples.ndim not in (1, 2):
         raise AudioError(f"audio of shape {samples.shape}; wanted (samples,) or (samples, channels)")
-    if samples.ndim == 2 and (samples.shape[1] == 0 or (samples.shape[1] > 64 and len(samples) < samples.shape[1])):
+    if samples.ndim == 2 and (
+        samples.shape[1] == 0 or (samples.shape[1] > 64 and len(samples) < samples.shape[1])
+    ):
         raise AudioError(f"audio of shape {samples.shape}; wanted (samples, channels): transpose it first")
     scaled = _scaled(samples)
     bad = ~(np.abs(scaled) <= _LOUDEST)
@@ -41,7 +43,7 @@ def as_mono(samples: Shaped[np.ndarray, "s *c"], *, position: int = 0, rate: int
     return scaled if scaled.ndim == 1 else np.asarray(scaled.mean(axis=1), np.float32)
 
 
-def _scaled(samples: Shaped[np.ndarray, "s *c"]) -> Float[np.ndarray, "s *c"]:
+def _scaled(samples: Shaped[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
     """Float32 in -1..1; unsigned bytes are centred on 128 as in WAV files."""
     kind = samples.dtype
     if kind.kind == "f":
@@ -67,9 +69,11 @@ class StreamResampler:
         self._given = 0
         self._returned = 0
         self._is_flushed = False
-        self._soxr = None if rate == SAMPLE_RATE_HZ else soxr.ResampleStream(rate, SAMPLE_RATE_HZ, 1, dtype="float32")
+        self._soxr = (
+            None if rate == SAMPLE_RATE_HZ else soxr.ResampleStream(rate, SAMPLE_RATE_HZ, 1, dtype="float32")
+        )
 
-    def push(self, samples: Shaped[np.ndarray, "s *c"]) -> Mono:
+    def push(self, samples: Shaped[np.ndarray, "..."]) -> Mono:
         """What is ready after these samples: (s,) or (s, channels), see `as_mono`.
 
         Raises:
@@ -86,7 +90,9 @@ class StreamResampler:
         if self._is_flushed:
             return np.zeros(0, np.float32)
         self._is_flushed = True
-        rest = np.zeros(0, np.float32) if self._soxr is None else self._run(np.zeros(0, np.float32), last=True)
+        rest = (
+            np.zeros(0, np.float32) if self._soxr is None else self._run(np.zeros(0, np.float32), last=True)
+        )
         due = (2 * self._given * SAMPLE_RATE_HZ + self.rate) // (2 * self.rate) - self._returned
         rest = np.pad(rest, (0, max(0, due - len(rest))))[: max(0, due)]
         return self._count(rest)

@@ -63,7 +63,9 @@ def advance(
     right before it is reflected, as EnCodec does offline; such a row must not be continued.
     """
     run = _Run(iter(state.convolutions), state, active, state.seen == 0, padding)
-    out = run.layers(network.layers, x)
+    layers = network.layers
+    assert isinstance(layers, nn.Module)
+    out = run.layers(layers, x)
     write_rows(state.seen, state.seen + x.shape[1], active)
     return out
 
@@ -113,7 +115,8 @@ class _Run:
         if isinstance(lstm, nn.LSTM):
             return self.recur(lstm, x)
         block, shortcut = layer.block, layer.shortcut
-        assert isinstance(block, nn.Module) and isinstance(shortcut, nn.Module)
+        assert isinstance(block, nn.Module)
+        assert isinstance(shortcut, nn.Module)
         inner = self.layers(block, x)
         return inner + self.layer(shortcut, x)
 
@@ -135,7 +138,8 @@ class _Run:
         out, (hidden, cell) = lstm(frames, (hidden.contiguous(), cell.contiguous()))
         write_rows(self.state.hidden, hidden.transpose(0, 1).detach(), self.active)
         write_rows(self.state.cell, cell.transpose(0, 1).detach(), self.active)
-        return out.transpose(0, 1) + x
+        after: Tensor = out.transpose(0, 1) + x
+        return after
 
 
 def _reflection(x: Tensor, length: int) -> Tensor:

@@ -28,6 +28,8 @@ from .loss import SpectrumProbe, sound_loss
 from .pool import AudioPool
 from .training_state import load_training, save_training
 
+_START_BATCHES = 20
+
 Progress = Callable[[int, int], None]
 
 
@@ -35,18 +37,24 @@ class CodecTrainingConfig(Config):
     """How the codec is trained; its sizes are in `codec`."""
 
     codec: CodecConfig = CodecConfig()
-    steps: int = Field(3_000, gt=0, description="optimiser steps")
-    minutes: float = Field(0.0, ge=0, description="stop after this many, the schedule fitted to them; 0: no limit")
-    batch: int = Field(10, gt=0, description="pieces of sound per step")
-    decoded: int = Field(3, gt=0, description="of these, how many pass the decoder, the dearest part")
-    crop_frames: int = Field(75, gt=0, description="length of a piece in frames of 320 samples")
-    learning_rate: float = Field(2e-3, gt=0, description="peak, after the warm-up")
-    warmup: int = Field(100, ge=0, description="steps of linear warm-up")
-    unquantized: int = Field(150, ge=0, description="first steps without codebooks, so that they start sensible")
-    commitment: float = Field(0.25, ge=0, description="weight of the distance to the codes")
-    dropout: float = Field(0.15, ge=0, lt=1, description="chance of a batch with the first layer only")
-    seed: int = Field(0, description="of weights, sound and augmentation")
-    save_every: int = Field(250, gt=0, description="steps between checkpoints")
+    steps: int = Field(default=3_000, gt=0, description="optimiser steps")
+    minutes: float = Field(
+        0.0, ge=0, description="stop after this many, the schedule fitted to them; 0: no limit"
+    )
+    batch: int = Field(default=6, gt=0, description="pieces of sound per step")
+    decoded: int = Field(default=2, gt=0, description="of these, how many pass the decoder, the dearest part")
+    crop_frames: int = Field(default=75, gt=0, description="length of a piece in frames of 320 samples")
+    learning_rate: float = Field(default=1e-3, gt=0, description="peak, after the warm-up")
+    warmup: int = Field(default=100, ge=0, description="steps of linear warm-up")
+    unquantized: int = Field(
+        300, ge=0, description="first steps without codebooks, so that they start sensible"
+    )
+    commitment: float = Field(default=0.25, ge=0, description="weight of the distance to the codes")
+    dropout: float = Field(
+        default=0.15, ge=0, lt=1, description="chance of a batch with the first layer only"
+    )
+    seed: int = Field(default=0, description="of weights, sound and augmentation")
+    save_every: int = Field(default=250, gt=0, description="steps between checkpoints")
 
 
 class CodecTrainer(nn.Module):
@@ -58,12 +66,13 @@ class CodecTrainer(nn.Module):
             torch.manual_seed(config.seed)
             self.codec = AudioCodec(config.codec)
             self.probe = SpectrumProbe(width=config.codec.width)
+        balance(self.codec, seed=config.seed)
         self.quantizer = ResidualVectorQuantizer(
             codes=config.codec.codes,
             width=config.codec.width,
             layers=CODE_LAYERS,
             decay=0.98,
-            dead_below=0.1,
+            dead_below=0.3,
             kmeans_steps=10,
         )
         self.config = config
@@ -85,6 +94,8 @@ class CodecTrainer(nn.Module):
         losses: dict[str, Tensor] = {}
         metrics: dict[str, float] = {}
         if self.steps_done >= config.unquantized:
+            if self.steps_done == config.unquantized:
+                self._start_codebooks(pool)
             noise = torch.Generator().manual_seed(config.seed * 1_000_003 + self.steps_done)
             quantized = self.quantizer(latents, dropout=config.dropout, generator=noise)
             latents, losses["commitment"] = quantized.latents, config.commitment * quantized.commitment
@@ -109,15 +120,49 @@ class CodecTrainer(nn.Module):
             self.codec.codebooks[q] = book.codebook
         return self.codec
 
+    @torch.no_grad()
+    def _start_codebooks(self, pool: AudioPool) -> None:
+        """K-means over the latents of many batches: one batch has fewer vectors than a codebook."""
+        vectors = []
+        for ahead in range(1, 1 + _START_BATCHES):
+            heard, _ = make_batch(self.config, pool, self.steps_done + ahead)
+            state = self.codec.init_state(len(heard))
+            vectors.append(self.codec.latents(heard, state, state.seen == 0).flatten(0, 1))
+        residual = torch.cat(vectors)
+        noise = torch.Generator().manual_seed(self.config.seed)
+        for book in self.quantizer.books():
+            book.initialise(residual, noise)
+            residual = residual - book.lookup(book.nearest(residual))
+
     def _descend(self, loss: Tensor) -> None:
         warm = min(1.0, (self.steps_done + 1) / max(1, self.config.warmup))
         cooled = 0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * self.fraction_done()))
         for group in self.optimizer.param_groups:
             group["lr"] = self.config.learning_rate * warm * cooled
         self.optimizer.zero_grad(set_to_none=True)
-        loss.backward()
+        torch.autograd.backward(loss)
         nn.utils.clip_grad_norm_([*self.codec.parameters(), *self.probe.parameters()], 1.0)
         self.optimizer.step()
+
+
+@torch.no_grad()
+def balance(codec: AudioCodec, *, seed: int) -> None:
+    """Scale fresh weights so that every convolution answers noise at speaking level with unit variance.
+
+    At -23 dBFS the nonlinearities are all but linear, and a linear encoder cannot hear loudness. (EnCodec, trained
+    for weeks, finds this out by itself.)
+    """
+    noise = torch.Generator().manual_seed(seed)
+    x = 0.07 * torch.randn(2, 1, 48 * SAMPLES_PER_AUDIO_TOKEN, generator=noise)
+    for network, loudness in ((codec.encoder, 1.0), (codec.decoder, 0.07)):
+        assert isinstance(network.layers, nn.Module)
+        layers = list(network.layers.children())
+        for layer in layers:
+            conv = getattr(layer, "conv", None)
+            if conv is not None:
+                size = loudness if layer is layers[-1] else 1.0
+                conv.weight.mul_(size / layer(x).std().clamp_min(1e-6))
+            x = layer(x)
 
 
 def make_batch(
@@ -157,7 +202,9 @@ def train_codec(
             metrics = trainer.learn(pool)
             if trainer.steps_done % 25 == 0:
                 line = {"step": trainer.steps_done, "seconds": round(trainer.seconds, 1)}
-                log.write(json.dumps(line | {name: round(value, 4) for name, value in metrics.items()}) + "\n")
+                log.write(
+                    json.dumps(line | {name: round(value, 4) for name, value in metrics.items()}) + "\n"
+                )
                 log.flush()
             if trainer.steps_done % config.save_every == 0:
                 _save(folder, trainer, pool, card)

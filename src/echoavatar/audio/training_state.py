@@ -22,7 +22,7 @@ class Trainer(Protocol):
     """The parts of a trainer that are kept."""
 
     quantizer: ResidualVectorQuantizer
-    optimizer: torch.optim.Optimizer
+    optimizer: torch.optim.AdamW
     steps_done: int
     seconds: float
 
