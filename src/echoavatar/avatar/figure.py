@@ -39,17 +39,17 @@ class Piece(NamedTuple):
 
 
 PIECES = (
-    Piece("head", "skin", SKIN, head.head_skin, (-0.17, 1.325, -0.13), (0.17, 1.72, 0.14), 0.0015, 9000),
-    Piece("hair", "hair", HAIR, hair.hair, (-0.13, 1.45, -0.16), (0.13, 1.76, 0.14), 0.002, 6000, 0.008),
+    Piece("head", "skin", SKIN, head.head_skin, (-0.17, 1.325, -0.13), (0.17, 1.72, 0.14), 0.0015, 8400),
+    Piece("hair", "hair", HAIR, hair.hair, (-0.13, 1.45, -0.16), (0.13, 1.76, 0.14), 0.002, 5000, 0.008),
     Piece("brows", "hair", HAIR, head.brow, (-0.07, 1.58, 0.03), (0.07, 1.64, 0.11), 0.0010, 420, 0.002),
     Piece("lashes", "hair", LASH, head.lashes, (-0.07, 1.56, 0.04), (0.07, 1.62, 0.11), 0.0006, 420, 0.003),
     Piece("hands", "skin", SKIN, hands.hands, (-0.88, 1.34, -0.12), (0.88, 1.44, 0.10), 0.0018, 6000, 0.03),
-    Piece("jacket", "cloth", JACKET, body.jacket, (-0.70, 0.94, -0.18), (0.70, 1.50, 0.16), 0.003, 5800),
+    Piece("jacket", "cloth", JACKET, body.jacket, (-0.70, 0.94, -0.18), (0.70, 1.50, 0.16), 0.003, 7000),
     Piece("ribbing", "cloth", RIBBING, body.ribbing, (-0.71, 0.88, -0.18), (0.71, 1.52, 0.16), 0.003, 2600),
     Piece("zips", "metal", ZIP, body.zips, (-0.10, 0.90, -0.02), (0.10, 1.47, 0.16), 0.0016, 800, 0.012),
     Piece("stripes", "cloth", CORAL, body.stripes, (-0.70, 0.92, -0.18), (0.70, 1.46, 0.18), 0.002, 1800, 0.003),
     Piece("pockets", "cloth", RIBBING, body.pockets, (-0.16, 1.00, 0.04), (0.16, 1.14, 0.16), 0.0016, 300, 0.004),
-    Piece("shirt", "cloth", SHIRT, body.shirt, (-0.20, 0.90, -0.16), (0.20, 1.48, 0.16), 0.005, 1600),
+    Piece("shirt", "cloth", SHIRT, body.shirt, (-0.20, 0.90, -0.16), (0.20, 1.48, 0.16), 0.005, 1600, 0.007),
     Piece("crew neck", "cloth", SHIRT_COLLAR, body.shirt_collar, (-0.12, 1.36, -0.12), (0.12, 1.48, 0.08), 0.003, 700),
     Piece("trousers", "denim", TROUSERS, body.trousers, (-0.24, 0.08, -0.16), (0.24, 1.08, 0.16), 0.005, 3200),
     Piece("turn-ups", "denim", TURN_UP, body.turn_ups, (-0.17, 0.07, -0.10), (0.17, 0.16, 0.08), 0.003, 700),

@@ -178,7 +178,8 @@ def trousers(p: Points) -> Distances:
         0.02,
     )
     leg = smooth_max(loft(q, 1, LEG), slab(q, 1, 0.105, 0.93), 0.006)
-    return smooth_min(pelvis, leg, 0.05) - _creases(q)
+    d: Distances = smooth_min(pelvis, leg, 0.05) - _creases(q)
+    return d
 
 
 def turn_ups(p: Points) -> Distances:

@@ -41,8 +41,6 @@ def weigh(piece: str, points: Points) -> Weights:
         return _sided(points, ("LowerLeg", "Foot"), [1 - _rise(points[:, 1], 0.075, 0.125)])
     if piece in ("trousers", "turn-ups"):
         return _near(points, ("hips", "spine"), ("UpperLeg", "LowerLeg"))
-    if piece in ("shirt", "zips", "pockets"):
-        return _near(points, TRUNK, ("Shoulder",))
     return _near(points, TRUNK, ARMS)
 
 
