@@ -43,7 +43,19 @@ def write_glb(
 ) -> None:
     """Write the character with one animation; raises `MotionError` for motion that is not finite or of another rig."""
     animation = Animation(name, np.asarray(rotations), np.asarray(root), fps)
-    Path(path).write_bytes(pack_glb(character, [animation]))
+    _write_whole(Path(path), pack_glb(character, [animation]))
+
+
+def _write_whole(path: Path, data: bytes) -> None:
+    """Write a file complete or not at all."""
+    partial = path.with_name(path.name + ".partial")
+    try:
+        partial.write_bytes(data)
+        partial.replace(path)
+    except OSError as error:
+        raise MotionError(f"cannot write {path} ({error.strerror}); choose another place") from error
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def pack_glb(character: Character, animations: Sequence[Animation], *, compact: bool = False) -> bytes:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from ..errors import EchoAvatarError, MotionError
+from ..errors import EchoAvatarError
 
 FORMATS = (".bvh", ".glb", ".npz", ".csv", ".mp4")
 EXAMPLES = """examples:
@@ -103,13 +103,11 @@ def _bvh(path: Path, motion, audio: np.ndarray) -> None:  # type: ignore[no-unty
 
 
 def _glb(path: Path, motion, audio: np.ndarray) -> None:  # type: ignore[no-untyped-def]
-    from ..avatar import load_character, write_glb
+    from ..avatar import load_character
+    from ..avatar.gltf import write_glb
 
     del audio
-    try:
-        write_glb(path, load_character(), motion.rotations, motion.root, fps=motion.fps)
-    except OSError as error:
-        raise MotionError(f"cannot write {path} ({error.strerror}); choose another place") from error
+    write_glb(path, load_character(), motion.rotations, motion.root, fps=motion.fps)
 
 
 def _npz(path: Path, motion, audio: np.ndarray) -> None:  # type: ignore[no-untyped-def]

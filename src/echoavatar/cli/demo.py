@@ -29,7 +29,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Animate the bundled sound, write the files, open the page."""
     from ..audio import read_audio
-    from ..avatar import PageClip, load_character, write_glb, write_page
+    from ..avatar import load_character
+    from ..avatar.gltf import Animation, pack_glb, write_glb
+    from ..avatar.page import PageClip, write_page
     from ..avatar.render import Renderer
     from ..avatar.video import write_mp4
     from ..engine import animate, in_blocks
@@ -44,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
     if not args.no_video:
         Renderer(64, 64)  # complains at once when numba is missing
     pipeline, character = Pipeline(load_bundle(args.model)), load_character()
-    clips = []
+    clips, animations = [], []
     for name, title in CLIPS:
         with as_file(files("echoavatar") / "assets" / f"{name}.ogg") as source:
             sound = source.read_bytes()
@@ -67,9 +69,10 @@ def run(args: argparse.Namespace) -> int:
                     done.audio,
                     progress=lambda made, _, bar=bar: bar.update(made - bar.n),
                 )
-        clips.append(PageClip(title, done.motion.rotations, done.motion.root, sound, "audio/ogg"))
+        animations.append(Animation(name, done.motion.rotations, done.motion.root))
+        clips.append(PageClip(title, name, sound))
     page = args.output / "index.html"
-    write_page(page, character, clips)
+    write_page(page, pack_glb(character, animations, compact=True), clips)
     print(f"open {page.resolve().as_uri()}")
     if not args.no_browser:
         webbrowser.open(page.resolve().as_uri())
