@@ -1,10 +1,13 @@
 """Many sessions, one batch: each session owns one row of the pipeline's state, and nothing happens except in `tick`."""
 
+from pathlib import Path
+
 import numpy as np
 import torch
 
 from ..errors import EchoAvatarError
-from ..pipeline import Pipeline
+from ..generator.linear import Precision
+from ..pipeline import Pipeline, load_bundle
 from ..timing import CHUNK_SAMPLES
 from .session import Session
 
@@ -56,3 +59,12 @@ class Engine:
         for seat in ready:
             self._sessions[seat].deliver(chunks[seat])
         return len(ready)
+
+
+def load(bundle: str | Path = "default", *, seats: int = 1, precision: Precision = "int8") -> Engine:
+    """An engine for a bundle: the name of a shipped one, or a folder.
+
+    Raises:
+        CheckpointError: no such bundle, or a damaged one.
+    """
+    return Engine(Pipeline(load_bundle(bundle), precision=precision), seats=seats)

@@ -42,7 +42,7 @@ class PipelineState(StreamState):
 class Pipeline:
     """The trained parts of a bundle as one streaming machine."""
 
-    def __init__(self, bundle: Bundle, *, precision: Precision = "float32") -> None:
+    def __init__(self, bundle: Bundle, *, precision: Precision = "int8") -> None:
         self.skeleton = bundle.skeleton
         self.level = LevelControl()
         self.codec = bundle.codec
