@@ -14,9 +14,9 @@ CONFIG = CodecTrainingConfig(
     codec=CodecConfig(filters=2, width=8, codes=16, lstm_layers=1),
     steps=30,
     learning_rate=3e-3,
-    batch=4,
+    batch=3,
     decoded=2,
-    crop_frames=24,
+    crop_frames=12,
     warmup=5,
     unquantized=5,
     save_every=10,
@@ -44,7 +44,7 @@ def test_training_lowers_the_losses_and_uses_the_codes(pool):
     trainer = CodecTrainer(CONFIG)
     history = [trainer.learn(pool) for _ in range(30)]
     early, late = (np.mean([line["probe"] for line in part]) for part in (history[:3], history[-5:]))
-    assert late < 0.75 * early
+    assert late < 0.8 * early
     assert history[-1]["perplexity_0"] > 3
     assert trainer.fraction_done() == 1
 
@@ -92,4 +92,4 @@ def test_fresh_weights_answer_speech_with_unit_variance():
     with torch.no_grad():
         latents = codec.latents(audio, state, state.seen == 0)
     assert 0.7 < float(latents.std()) < 1.5
-    assert 0.02 < float(codec.synthesize(latents).std()) < 0.2
+    assert 0.02 < float(codec.synthesize(latents).detach().std()) < 0.2
