@@ -18,12 +18,12 @@ def test_paper_weights_are_the_defaults():
     weights = LossWeights()
     assert (weights.commitment, weights.position, weights.velocity) == (0.5, 0.02, 0.2)
     assert (weights.acceleration, weights.foot_velocity, weights.foot_position) == (0.2, 0.3, 0.05)
-    assert (weights.travel, weights.planted, weights.root) == (0, 0, 0)
+    assert (weights.travel, weights.planted, weights.root, weights.fingers) == (0, 0, 0, 0)
 
 
 def test_perfect_reconstruction_costs_nothing():
     x = features()
-    weights = LossWeights(travel=1, planted=1, root=1)
+    weights = LossWeights(travel=1, planted=1, root=1, fingers=1)
     assert total(MotionLoss(HUMANOID, weights)(x, x, **PLAIN)).item() == pytest.approx(0, abs=1e-6)
 
 
@@ -73,3 +73,15 @@ def test_the_loss_reaches_every_part():
     guess = (x + 0.01 * torch.randn(x.shape, generator=torch.Generator().manual_seed(0))).requires_grad_()
     total(MotionLoss(HUMANOID, LossWeights())(guess, x, **PLAIN)).backward()
     assert all(part.abs().sum() > 0 for part in guess.grad.split([57, 78, 180], -1))
+
+
+def test_finger_errors_are_seen_from_the_wrist():
+    """A raised body moves fingers and wrists alike: no finger error."""
+    x = features()
+    raised = x.clone()
+    raised[..., 56] += 0.02
+    terms = MotionLoss(HUMANOID, LossWeights(fingers=1))(raised, x, **PLAIN)
+    assert terms["fingers"].item() == pytest.approx(0, abs=1e-4)
+    bent = x.clone()
+    bent[..., 135:141] = torch.tensor([1.0, 0, 0, 0, 0, 1.0])
+    assert MotionLoss(HUMANOID, LossWeights(fingers=1))(bent, x, **PLAIN)["fingers"].item() > 0

@@ -2,7 +2,7 @@ import pytest
 import torch
 
 from echoavatar.kinematics import HUMANOID, Skeleton, forward_kinematics, from_features
-from echoavatar.tokenizer.planes import PlaneKinematics, travel_columns
+from echoavatar.tokenizer.planes import PlaneKinematics, travel_columns, wrist_of
 
 
 def test_planes_give_the_positions_of_forward_kinematics():
@@ -34,3 +34,8 @@ def test_a_rig_with_joints_outside_the_parts_is_refused():
     parts = {"lower": HUMANOID.config.parts["lower"]}
     with pytest.raises(ValueError, match="every joint"):
         PlaneKinematics(Skeleton(HUMANOID.config.model_copy(update={"parts": parts})))
+
+
+def test_a_finger_hangs_on_its_wrist():
+    tip = HUMANOID.index("leftIndexDistal")
+    assert wrist_of(HUMANOID, tip) == HUMANOID.index("leftHand")

@@ -5,7 +5,13 @@ from tests.tokenizer.fixtures import dance
 from echoavatar.errors import MotionError
 from echoavatar.kinematics import HUMANOID, mirror_features
 from echoavatar.tokenizer import clip_features
-from echoavatar.tokenizer.windows import ROTATION_FLOOR, WindowSampler, floored_statistics
+from echoavatar.tokenizer.windows import (
+    ROTATION_FLOOR,
+    WindowSampler,
+    floored_statistics,
+    joint_reach,
+    reach_statistics,
+)
 
 
 def test_windows_are_true_cuts_of_the_clips_or_their_mirror_images():
@@ -48,3 +54,30 @@ def test_quiet_features_are_not_blown_up():
     assert statistics.std[200] == pytest.approx(ROTATION_FLOOR)
     assert not statistics.varies[201]
     assert statistics.normalize(clip)[:, 201].abs().max() == 0
+
+
+def test_reach_grows_towards_the_root():
+    """An index tip carries its own 5 cm; the joint before it also the 2.3 cm to the tip: sqrt(0.05^2 + 0.023^2)."""
+    reach = joint_reach(HUMANOID)
+    tip, middle = (HUMANOID.index(f"leftIndex{bone}") for bone in ("Distal", "Intermediate"))
+    assert reach[tip] == pytest.approx(0.05)
+    assert reach[middle] == pytest.approx((0.05**2 + 0.023**2 + 0.001**2) ** 0.5, rel=1e-4)
+    assert reach.argmax() == 0
+
+
+def test_joints_that_carry_more_of_the_body_get_a_finer_scale():
+    """Equal own spread, but the chest carries the arms and the head nothing: its features are divided by less."""
+    clip = clip_features(HUMANOID, dance(0, 60))
+    plain = floored_statistics(HUMANOID, [clip], is_mirrored=False)
+    scaled = reach_statistics(HUMANOID, [clip], is_mirrored=False)
+    joints = list(HUMANOID.feature_joints)
+
+    def change(name: str) -> torch.Tensor:
+        place = joints.index(HUMANOID.index(name))
+        start = 6 * place + (3 if place >= 9 else 0)
+        ratio = scaled.std[start : start + 6] ** 2 / plain.std[start : start + 6]
+        return ratio.mean()
+
+    expected = joint_reach(HUMANOID)[HUMANOID.index("head")] / joint_reach(HUMANOID)[HUMANOID.index("chest")]
+    assert change("chest") / change("head") == pytest.approx(float(expected), rel=1e-3)
+    assert torch.equal(scaled.std[54:57], plain.std[54:57])

@@ -4,7 +4,8 @@ All three parts are decoded first and go through one forward kinematics together
 where the joints of the real, whole decoded body end up. The paper's weights are for centimetres; so are ours.
 
 Our additions, zero in the paper recipe: `travel`, the drift of the integrated root path over the window; `planted`, the
-world velocity of feet that stand still in the data (planted feet must not skate); `root`, an extra weight on the
+world velocity of feet that stand still in the data (planted feet must not skate); `fingers`, finger joints seen
+from their wrist, where errors of the arm's length do not drown them; `root`, an extra weight on the
 three travel features, which are 3 of 57 channels but move the whole body.
 """
 
@@ -15,7 +16,7 @@ from torch import Tensor, nn
 
 from ..config import Config
 from ..kinematics import Skeleton
-from .planes import PlaneKinematics, travel_columns
+from .planes import PlaneKinematics, travel_columns, wrist_of
 
 CENTIMETRES = 100.0
 PLANTED_BELOW = 0.2  # cm per frame (6 cm/s): a foot slower than this in the data stands still
@@ -32,6 +33,7 @@ class LossWeights(Config):
     foot_position: float = Field(default=0.05, ge=0, description="positions of ankles and toes")
     travel: float = Field(default=0.0, ge=0, description="ours: drift of the integrated root path")
     planted: float = Field(default=0.0, ge=0, description="ours: world velocity of standing feet")
+    fingers: float = Field(default=0.0, ge=0, description="ours: finger joints as seen from their wrist")
     root: float = Field(default=0.0, ge=0, description="ours: extra weight of the travel features")
 
 
@@ -45,6 +47,8 @@ class MotionLoss(nn.Module):
         self.weights = weights
         self.kinematics = PlaneKinematics(skeleton)
         self.feet = list(skeleton.config.feet)
+        self.fingers = list(skeleton.config.parts.get("hands", ()))
+        self.wrists = [wrist_of(skeleton, joint) for joint in self.fingers]
         self.travel = travel_columns(skeleton)
 
     def forward(
@@ -74,13 +78,17 @@ class MotionLoss(nn.Module):
         w = self.weights
         velocity = error.diff(dim=-1)
         feet = error[:, self.feet]
-        return {
+        terms = {
             "position": w.position * error.abs().mean(),
             "velocity": w.velocity * velocity.abs().mean(),
             "acceleration": w.acceleration * velocity.diff(dim=-1).abs().mean(),
             "foot_velocity": w.foot_velocity * feet.diff(dim=-1).abs().mean(),
             "foot_position": w.foot_position * feet.abs().mean(),
         }
+        if w.fingers:
+            seen = error[:, self.fingers] - error[:, self.wrists]
+            terms["fingers"] = w.fingers * seen.abs().mean()
+        return terms
 
     def _ground(self, error: Tensor, wanted: Tensor, ours: Tensor, theirs: Tensor) -> dict[str, Tensor]:
         w, x = self.weights, self.travel.start

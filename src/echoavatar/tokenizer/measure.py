@@ -15,7 +15,7 @@ from ..kinematics import Skeleton
 from ..quantize import code_usage
 from ..timing import FRAMES_PER_MOTION_TOKEN
 from .body import BodyTokenizer
-from .planes import PlaneKinematics, travel_columns
+from .planes import PlaneKinematics, travel_columns, wrist_of
 
 MILLIMETRES = 1000.0
 
@@ -65,7 +65,7 @@ def _errors(skeleton: Skeleton, kinematics: PlaneKinematics, decoded: Tensor, tr
     parts = skeleton.config.parts
     hands = list(parts["hands"])
     body = [joint for name, joints in parts.items() if name != "hands" for joint in joints]
-    wrists = [_wrist(skeleton, joint, set(hands)) for joint in hands]
+    wrists = [wrist_of(skeleton, joint) for joint in hands]
     difference = ours - theirs
     start = travel_columns(skeleton).start
     moved, wanted = (x[0, :, start : start + 2].T * MILLIMETRES for x in (decoded, truth))
@@ -84,9 +84,3 @@ def _errors(skeleton: Skeleton, kinematics: PlaneKinematics, decoded: Tensor, tr
             is_planted.sum(0),
         ]
     )
-
-
-def _wrist(skeleton: Skeleton, joint: int, hands: set[int]) -> int:
-    while joint in hands:
-        joint = skeleton.parents[joint]
-    return joint

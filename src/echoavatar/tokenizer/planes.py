@@ -82,3 +82,11 @@ def travel_columns(skeleton: Skeleton) -> slice:
     """Columns of the root's two velocities and its height."""
     end = next(iter(part_sizes(skeleton).values()))
     return slice(end - TRAVEL_SIZE, end)
+
+
+def wrist_of(skeleton: Skeleton, joint: int) -> int:
+    """The first ancestor of a joint outside the hands."""
+    hands = skeleton.config.parts["hands"]
+    while joint in hands:
+        joint = skeleton.parents[joint]
+    return joint

@@ -22,7 +22,7 @@ from .measure import TokenizerScores, measure
 from .model import MotionTokenizer, MotionTokenizerConfig, TokenizerPass
 from .start import start_from_principal_axes
 from .training_state import STATE_NAME, load_training, save_training
-from .windows import MovingBody, WindowSampler, clip_features, floored_statistics
+from .windows import MovingBody, WindowSampler, clip_features, floored_statistics, reach_statistics
 
 START_WINDOWS = 400  # windows the principal axes are taken from
 START_BATCHES = 12  # how many batches the codebooks are taken from after a start as an auto-encoder
@@ -52,6 +52,7 @@ class TokenizerTraining(Config):
     is_principal_start: bool = Field(
         default=False, description="ours: start as a principal component analysis"
     )
+    is_scaled_by_reach: bool = Field(default=False, description="ours: weigh joints by what hangs on them")
     is_mirrored: bool = Field(default=True, description="mirror half of the windows")
     seed: int = Field(default=0, description="seed of everything random")
     evaluate_every: int = Field(default=500, gt=0, description="steps between measurements on test clips")
@@ -79,9 +80,10 @@ def bundle_recipe(skeleton: Skeleton, steps: int) -> tuple[BodyTokenizerConfig, 
         decay_factor=0.4,
         temperature=0.0,
         dropout=0.0,
-        quantize_from=steps // 10,
+        quantize_from=min(steps // 10, 100),
         is_principal_start=True,
-        losses=LossWeights(position=0.05, travel=0.02, planted=0.3, root=0.5),
+        is_scaled_by_reach=True,
+        losses=LossWeights(position=0.05, travel=0.02, planted=0.3, root=0.5, fingers=0.1),
     )
     return body_config(skeleton, template), training
 
@@ -157,9 +159,8 @@ class TokenizerRun:
         self.sampler = WindowSampler(
             skeleton, features, frames=training.frames, is_mirrored=training.is_mirrored
         )
-        self.tokenizer.set_statistics(
-            floored_statistics(skeleton, features, is_mirrored=training.is_mirrored)
-        )
+        statistics = reach_statistics if training.is_scaled_by_reach else floored_statistics
+        self.tokenizer.set_statistics(statistics(skeleton, features, is_mirrored=training.is_mirrored))
         if training.is_principal_start:
             self._start_from_principal_axes()
         self.tokenizer.to(device).train()

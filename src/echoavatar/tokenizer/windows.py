@@ -14,6 +14,7 @@ from ..kinematics.rotations import matrix_from_quaternion
 from ..timing import FRAMES_PER_MOTION_TOKEN
 
 ROTATION_FLOOR = 0.03  # about two degrees: quieter rotation features are not blown up to unit spread
+BONE_REACH = 0.05  # metres
 TRAVEL_FLOOR = (0.002, 0.002, 0.01)  # metres per frame, metres per frame, metres
 
 
@@ -33,6 +34,43 @@ def clip_features(skeleton: Skeleton, clip: MovingBody) -> Float[Tensor, "t c"]:
     """Motion features of a clip."""
     rotations = matrix_from_quaternion(torch.from_numpy(np.asarray(clip.rotations, np.float32)))
     return to_features(skeleton, rotations, torch.from_numpy(np.asarray(clip.root, np.float32)))
+
+
+def reach_statistics(
+    skeleton: Skeleton, features: Iterable[Float[Tensor, "t c"]], *, is_mirrored: bool
+) -> FeatureStatistics:
+    """Statistics whose spread is a joint's own, divided by the root of how much of the body hangs on the joint.
+
+    Ours: latents and codes then spend their precision where a turned joint moves much, which is what positions show.
+    Reach is the root of the summed squared distances to all joints below, plus five centimetres for the bone itself.
+    """
+    statistics = floored_statistics(skeleton, features, is_mirrored=is_mirrored)
+    joints = list(skeleton.feature_joints)
+    reach = joint_reach(skeleton)[joints].repeat_interleave(6)
+    end = 6 * len(next(iter(skeleton.config.parts.values())))
+    std = statistics.std.clone()
+    columns = torch.cat([torch.arange(end), torch.arange(end + len(TRAVEL_FLOOR), len(std))])
+    own = std[columns]
+    scaled = (own / reach).sqrt()
+    start = 0
+    for part in skeleton.config.parts.values():
+        here = slice(start, start + 6 * len(part))
+        level = (own[here] / scaled[here]).mean()
+        std[columns[here]] = scaled[here] * level
+        start = here.stop
+    return FeatureStatistics(statistics.mean, std, statistics.varies)
+
+
+def joint_reach(skeleton: Skeleton) -> Float[Tensor, " j"]:
+    """How far the body hangs on each joint, metres (see `reach_statistics`)."""
+    places = skeleton.rest_positions
+    squares = torch.full((skeleton.joints,), BONE_REACH**2)
+    for joint in range(skeleton.joints):
+        above = skeleton.parents[joint]
+        while above >= 0:
+            squares[above] += (places[joint] - places[above]).square().sum()
+            above = skeleton.parents[above]
+    return squares.sqrt()
 
 
 def floored_statistics(
