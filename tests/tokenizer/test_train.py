@@ -7,8 +7,8 @@ from tests.tokenizer.fixtures import dance, small_config
 from echoavatar.checkpoint import read_card
 from echoavatar.errors import CheckpointError
 from echoavatar.kinematics import HUMANOID
-from echoavatar.tokenizer import BodyTokenizer, TokenizerTraining, bundle_recipe, train_tokenizer
-from echoavatar.tokenizer.train import TokenizerRun
+from echoavatar.tokenizer import BodyTokenizer
+from echoavatar.tokenizer.train import TokenizerRun, TokenizerTraining, bundle_recipe, train_tokenizer
 from echoavatar.tokenizer.training_state import STATE_NAME, load_training, save_training
 
 TRAINING = TokenizerTraining(

@@ -1,10 +1,12 @@
-"""Motion to codes and back: one causal attention RVQ-VAE per body part. May import `data` and below."""
+"""Motion to codes and back: one causal attention RVQ-VAE per body part. May import `data` and below.
+
+Training is `tokenizer.train`, imported by name, so that what only streams never loads it.
+"""
 
 from .body import BodyState, BodyTokenizer, BodyTokenizerConfig, body_config
 from .losses import LossWeights, MotionLoss
 from .measure import TokenizerScores, measure
 from .model import DecoderState, EncoderState, MotionTokenizer, MotionTokenizerConfig, TokenizerPass
-from .train import TokenizerTraining, bundle_recipe, train_tokenizer
 from .windows import clip_features
 
 __all__ = [
@@ -19,10 +21,7 @@ __all__ = [
     "MotionTokenizerConfig",
     "TokenizerPass",
     "TokenizerScores",
-    "TokenizerTraining",
     "body_config",
-    "bundle_recipe",
     "clip_features",
     "measure",
-    "train_tokenizer",
 ]
