@@ -1,0 +1,122 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+import soundfile
+
+from echoavatar.cli import main
+from echoavatar.kinematics import read_bvh
+from echoavatar.kinematics.tables import read_npz
+
+
+@pytest.fixture
+def wav(tmp_path: Path, voice: np.ndarray) -> Path:
+    path = tmp_path / "voice.wav"
+    soundfile.write(path, voice, 24_000)
+    return path
+
+
+def run(audio: Path, output: Path, bundle: Path, *more: str) -> int:
+    return main(["animate", str(audio), "-o", str(output), "--model", str(bundle), *more])
+
+
+@pytest.mark.parametrize("suffix", [".bvh", ".glb", ".npz", ".csv"])
+def test_every_format_is_written(wav: Path, tmp_path: Path, tiny_bundle: Path, suffix: str) -> None:
+    path = tmp_path / f"out{suffix}"
+    assert run(wav, path, tiny_bundle) == 0
+    assert path.stat().st_size > 10_000
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted(["voice.wav", path.name])  # nothing half-written
+
+
+def test_the_mp4_shows_and_sounds(wav: Path, tmp_path: Path, tiny_bundle: Path, voice: np.ndarray) -> None:
+    pytest.importorskip("numba", reason="the render extra is not installed")
+    import av
+
+    soundfile.write(wav, voice[:4800], 24_000)
+    assert run(wav, tmp_path / "out.mp4", tiny_bundle) == 0
+    with av.open(str(tmp_path / "out.mp4")) as container:
+        assert len(container.streams.video) == len(container.streams.audio) == 1
+        assert sum(1 for _ in container.decode(video=0)) == 6
+
+
+def test_sixty_frames_a_second_pass_through_the_thirty(wav: Path, tmp_path: Path, tiny_bundle: Path) -> None:
+    assert run(wav, tmp_path / "a.bvh", tiny_bundle) == 0
+    assert run(wav, tmp_path / "b.bvh", tiny_bundle, "--fps", "60") == 0
+    slow, fast = read_bvh(tmp_path / "a.bvh"), read_bvh(tmp_path / "b.bvh")
+    assert (slow.frames, fast.frames) == (60, 119)
+    np.testing.assert_allclose(fast.root[::2], slow.root, atol=1e-4)
+
+
+def test_same_seed_same_file(wav: Path, tmp_path: Path, tiny_bundle: Path) -> None:
+    for name, seed in (("a", "1"), ("b", "1"), ("c", "2")):
+        assert run(wav, tmp_path / f"{name}.npz", tiny_bundle, "--seed", seed) == 0
+    a, b, c = (read_npz(tmp_path / f"{name}.npz").rotations for name in "abc")
+    assert np.array_equal(a, b)
+    assert not np.array_equal(a, c)
+
+
+def test_in_place_and_upper_body_do_what_they_say(wav: Path, tmp_path: Path, tiny_bundle: Path) -> None:
+    assert run(wav, tmp_path / "a.npz", tiny_bundle, "--in-place") == 0
+    assert run(wav, tmp_path / "b.npz", tiny_bundle, "--upper-body") == 0
+    assert np.ptp(read_npz(tmp_path / "a.npz").root[:, [0, 2]], axis=0).max() == 0
+    assert np.ptp(read_npz(tmp_path / "b.npz").rotations[:, 0], axis=0).max() == 0
+
+
+def write_bad(path: Path, kind: str) -> None:
+    noise = np.random.default_rng(0).standard_normal(24_000) * 0.2
+    if kind == "empty":
+        path.write_bytes(b"")
+    elif kind == "text":
+        path.write_text("this is not sound\n" * 50)
+    elif kind == "nan":
+        soundfile.write(path, np.array([0.0, np.nan, 0.5], np.float32), 24_000, format="WAV", subtype="FLOAT")
+    elif kind == "no samples":
+        soundfile.write(path, np.zeros(0), 24_000, format="WAV")
+    elif kind == "truncated":
+        soundfile.write(path, noise, 24_000, format="MP3")
+        path.write_bytes(path.read_bytes()[:100])
+
+
+@pytest.mark.parametrize("kind", ["empty", "text", "nan", "no samples", "truncated", "missing"])
+def test_bad_sound_is_one_line_and_leaves_nothing(
+    tmp_path: Path, tiny_bundle: Path, kind: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "bad.bin"
+    write_bad(path, kind)
+    assert run(path, tmp_path / "out.bvh", tiny_bundle) == 1
+    error = capsys.readouterr().err.strip().splitlines()[-1]
+    assert error.startswith("echoavatar: ")
+    assert not (tmp_path / "out.bvh").exists()
+
+
+@pytest.mark.parametrize(
+    ("rate", "shape", "scale"),
+    [(8_000, (8_000,), 0.2), (96_000, (48_000, 6), 0.2), (24_000, (240,), 0.2), (24_000, (24_000,), 0.0), (24_000, (24_000,), 9.0)],
+    ids=["8 kHz", "96 kHz, 6 channels", "10 ms", "silence", "clipping"],
+)
+def test_unusual_sound_still_moves(
+    tmp_path: Path, tiny_bundle: Path, rate: int, shape: tuple[int, ...], scale: float
+) -> None:
+    sound = np.clip(np.random.default_rng(0).standard_normal(shape) * scale, -1, 1)
+    soundfile.write(tmp_path / "in.wav", sound, rate)
+    assert run(tmp_path / "in.wav", tmp_path / "out.npz", tiny_bundle) == 0
+    motion = read_npz(tmp_path / "out.npz")
+    assert motion.frames == -(-shape[0] * 30 // rate)
+    assert np.isfinite(motion.rotations).all()
+
+
+@pytest.mark.parametrize(
+    ("output", "complaint"),
+    [("out.fbx", "use one of .bvh"), ("no/such/folder/out.bvh", "not a folder"), ("taken.bvh", "choose another")],
+)
+def test_outputs_that_cannot_be_are_refused_before_any_work(
+    wav: Path, tmp_path: Path, output: str, complaint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "taken.bvh").mkdir()
+    assert run(wav, tmp_path / output, Path("never-loaded")) == 1
+    assert complaint in capsys.readouterr().err
+
+
+def test_an_unknown_bundle_is_named(wav: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(wav, tmp_path / "out.bvh", Path("no-such-bundle")) == 1
+    assert "no-such-bundle" in capsys.readouterr().err

@@ -1,0 +1,17 @@
+import json
+from pathlib import Path
+
+import pytest
+
+from echoavatar.cli import main
+
+
+def test_the_last_line_is_json_with_the_promised_keys(tiny_bundle: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bench", "stream", "--model", str(tiny_bundle), "--seconds", "2"]) == 0
+    said = capsys.readouterr().out.strip().splitlines()
+    result = json.loads(said[-1])
+    wanted = {"rtf", "chunk_ms_p50", "chunk_ms_p99", "first_motion_ms", "rss_mb_start", "rss_mb_end"}
+    assert wanted <= result.keys()
+    assert result["first_motion_ms"] > 266
+    for stage in ("codec", "generator", "decoder"):
+        assert any(line.startswith(stage) for line in said)
