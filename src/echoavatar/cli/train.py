@@ -31,13 +31,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     tokenizer.add_argument("--steps", type=int, default=6000, help="optimiser steps (default: %(default)s)")
     tokens = kinds.add_parser("tokens", help="turn the corpus into codes with a trained codec and tokenizer")
     generator = kinds.add_parser("generator", help="the generator, on a folder of codes")
-    generator.add_argument("--steps", type=int, default=3000, help="optimiser steps (default: %(default)s)")
-    generator.add_argument("--batch", type=int, default=8, help="windows per step (default: %(default)s)")
+    generator.add_argument("--steps", type=int, default=3200, help="optimiser steps (default: %(default)s)")
+    generator.add_argument("--batch", type=int, default=4, help="windows per step (default: %(default)s)")
     generator.add_argument(
         "--rate", type=float, default=1e-3, help="peak learning rate (default: %(default)s)"
     )
-    generator.add_argument("--width", type=int, default=256, help="channels (default: %(default)s)")
+    generator.add_argument("--width", type=int, default=192, help="channels (default: %(default)s)")
     generator.add_argument("--layers", type=int, default=6, help="transformer layers (default: %(default)s)")
+    generator.add_argument(
+        "--window",
+        type=int,
+        default=10,
+        help="chunks a position sees; the paper's 4 s are 15 (default: %(default)s)",
+    )
     generator.add_argument(
         "--corruption",
         choices=("hierarchical", "uniform", "none"),
@@ -139,11 +145,14 @@ def _generator(args: argparse.Namespace, progress: Progress) -> None:
         motion_layers=tokenizer.config.layers,
         motion_codes=tokenizer.config.codes,
     )
-    config = GeneratorConfig(layout=layout, width=args.width, layers=args.layers, mlp=3 * args.width)
+    config = GeneratorConfig(
+        layout=layout, width=args.width, layers=args.layers, mlp=3 * args.width, window_chunks=args.window
+    )
     weights = tuple(0.7**layer for layer in range(layout.motion_layers))
     training = GeneratorTraining(
         steps=args.steps,
         batch=args.batch,
+        chunks=args.window + 6,  # longer than the window, so that the steady stream is trained too
         learning_rate=args.rate,
         corruption=args.corruption,
         depth_weights=weights,

@@ -100,6 +100,14 @@ class BodyTokenizer(nn.Module):
         """The parts' tokenizers, in the order of the codes' part axis."""
         return {name: part for name, part in self.parts.items() if isinstance(part, MotionTokenizer)}
 
+    def codebooks(self) -> Float[Tensor, "p q K c"]:
+        """The code vectors of every part and layer."""
+        parts = [
+            torch.stack([book.codebook for book in part.quantizer.books()])
+            for part in self.tokenizers().values()
+        ]
+        return torch.stack(parts)
+
     @torch.no_grad()
     def encode(self, features: Float[Tensor, "b t c"]) -> Int[Tensor, "b n p q"]:
         """Codes of whole clips; the number of frames must be a multiple of four."""
