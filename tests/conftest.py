@@ -15,7 +15,11 @@ from echoavatar.tokenizer import BodyTokenizer, MotionTokenizerConfig
 from echoavatar.tokenizer.body import body_config
 from echoavatar.tokens import TokenLayout
 
-CARD: dict[str, object] = {"data": "none, random weights", "command": "tests/conftest.py", "licence": "Apache-2.0"}
+CARD: dict[str, object] = {
+    "data": "none, random weights",
+    "command": "tests/conftest.py",
+    "licence": "Apache-2.0",
+}
 
 
 @pytest.fixture(scope="session")

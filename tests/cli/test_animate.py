@@ -25,7 +25,9 @@ def test_every_format_is_written(wav: Path, tmp_path: Path, tiny_bundle: Path, s
     path = tmp_path / f"out{suffix}"
     assert run(wav, path, tiny_bundle) == 0
     assert path.stat().st_size > 10_000
-    assert sorted(p.name for p in tmp_path.iterdir()) == sorted(["voice.wav", path.name])  # nothing half-written
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted(
+        ["voice.wav", path.name]
+    )  # nothing half-written
 
 
 def test_the_mp4_shows_and_sounds(wav: Path, tmp_path: Path, tiny_bundle: Path, voice: np.ndarray) -> None:
@@ -91,7 +93,13 @@ def test_bad_sound_is_one_line_and_leaves_nothing(
 
 @pytest.mark.parametrize(
     ("rate", "shape", "scale"),
-    [(8_000, (8_000,), 0.2), (96_000, (48_000, 6), 0.2), (24_000, (240,), 0.2), (24_000, (24_000,), 0.0), (24_000, (24_000,), 9.0)],
+    [
+        (8_000, (8_000,), 0.2),
+        (96_000, (48_000, 6), 0.2),
+        (24_000, (240,), 0.2),
+        (24_000, (24_000,), 0.0),
+        (24_000, (24_000,), 9.0),
+    ],
     ids=["8 kHz", "96 kHz, 6 channels", "10 ms", "silence", "clipping"],
 )
 def test_unusual_sound_still_moves(
@@ -107,7 +115,11 @@ def test_unusual_sound_still_moves(
 
 @pytest.mark.parametrize(
     ("output", "complaint"),
-    [("out.fbx", "use one of .bvh"), ("no/such/folder/out.bvh", "not a folder"), ("taken.bvh", "choose another")],
+    [
+        ("out.fbx", "use one of .bvh"),
+        ("no/such/folder/out.bvh", "not a folder"),
+        ("taken.bvh", "choose another"),
+    ],
 )
 def test_outputs_that_cannot_be_are_refused_before_any_work(
     wav: Path, tmp_path: Path, output: str, complaint: str, capsys: pytest.CaptureFixture[str]

@@ -27,12 +27,19 @@ PROMISED = {
 }
 
 
-def test_every_promised_score_is_there_and_the_truth_scores_as_truth(tiny_bundle: Path, voice: np.ndarray) -> None:
+def test_every_promised_score_is_there_and_the_truth_scores_as_truth(
+    tiny_bundle: Path, voice: np.ndarray
+) -> None:
     """Three made clips and two recordings through a bundle of random weights."""
     clips = [make_clip(Plan(1.0, 44, Path("unused"), clip_seconds=20.0), index) for index in (0, 1, 2)]
-    recordings = [Recording("a", SPEECH, np.resize(voice, 72_000)), Recording("b", MUSIC, np.resize(voice, 72_000))]
+    recordings = [
+        Recording("a", SPEECH, np.resize(voice, 72_000)),
+        Recording("b", MUSIC, np.resize(voice, 72_000)),
+    ]
     told: list[str] = []
-    scores = evaluate(load_bundle(tiny_bundle), clips, recordings, progress=lambda what, *_: told.append(what))
+    scores = evaluate(
+        load_bundle(tiny_bundle), clips, recordings, progress=lambda what, *_: told.append(what)
+    )
     assert scores.keys() >= PROMISED
     assert set(told) == {"held-out clips", "recordings"}
     assert abs(scores["nll"] - np.log(8)) < 0.5  # random weights know nothing: ln K

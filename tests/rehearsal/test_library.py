@@ -66,9 +66,10 @@ def test_only_the_upper_body_is_lent_and_only_within_the_sound(folder: Path, kin
 
 
 def test_blending_in_and_out_makes_no_jump(folder: Path) -> None:
-    plain = motion(600, np.zeros(600))
+    library, plain = load_library(folder), motion(600, np.zeros(600))
     for seed in range(6):
-        turned = matrix_from_quaternion(torch.from_numpy(weave(load_library(folder), sound("speech"), plain, seed).rotations))
+        woven = weave(library, sound("speech"), plain, seed)
+        turned = matrix_from_quaternion(torch.from_numpy(woven.rotations))
         assert torch.rad2deg(angle_between(turned[:-1], turned[1:])).max() * 30 < 600
 
 
