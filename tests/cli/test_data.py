@@ -4,6 +4,7 @@ import pytest
 
 from echoavatar.cli import main
 from echoavatar.data import Corpus
+from echoavatar.rehearsal.corpus import Plan, rehearse
 
 
 def test_a_corpus_is_made_and_completed(tmp_path: Path) -> None:
@@ -20,3 +21,19 @@ def test_a_corpus_is_made_and_completed(tmp_path: Path) -> None:
 def test_nonsense_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["data", "rehearse", "--hours", "-1", "-o", str(tmp_path)]) == 1
     assert "must be positive" in capsys.readouterr().err
+
+
+def test_a_corpus_can_be_measured_and_looked_at(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("numba", reason="the render extra is not installed")
+    rehearse(Plan(hours=0.001, seed=4, folder=tmp_path, clip_seconds=20.0))
+    assert main(["data", "describe", str(tmp_path)]) == 0
+    table = capsys.readouterr().out.splitlines()
+    assert table[0].split() == ["speech", "music", "silence"]
+    assert any(line.startswith("wrist_speed_mean_m_s") for line in table)
+    assert (
+        main(
+            ["data", "preview", str(tmp_path), "-o", str(tmp_path / "p"), "--clips", "1", "--seconds", "0.5"]
+        )
+        == 0
+    )
+    assert sorted(path.suffix for path in (tmp_path / "p").iterdir()) == [".mp4", ".png"]

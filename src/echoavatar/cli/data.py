@@ -1,9 +1,32 @@
-"""`echoavatar data`: make training data. May import everything below."""
+"""`echoavatar data`: make training data, look at it, measure it. May import everything below."""
 
 import argparse
+import itertools
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tqdm import tqdm
+
+from ..errors import EchoAvatarError
+
+if TYPE_CHECKING:
+    from ..data import Clip
+    from ..kinematics import Motion
+
+ROWS = (
+    "wrist_speed_mean_m_s",
+    "wrist_speed_p95_m_s",
+    "wrist_height_mean_m",
+    "reach_ratio_mean",
+    "pause_ratio",
+    "stroke_rate_hz",
+    "finger_speed_mean_deg_s",
+    "head_speed_mean_deg_s",
+    "leg_energy_m2_s2",
+    "joint_speed_max_deg_s",
+    "body_jerk_mean_m_s3",
+    "skate_cm_s",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,10 +54,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--soundfont", type=Path, help="SF2 file: fluidsynth plays half of the music with it"
     )
     rehearse.add_argument("--workers", type=int, default=2, help="processes (default: %(default)s)")
+    preview = kinds.add_parser("preview", help="look at a corpus: contact sheets and short MP4s with sound")
+    preview.add_argument("corpus", type=Path, help="corpus folder")
+    preview.add_argument(
+        "-o", "--output", type=Path, default=Path("preview"), help="folder (default: %(default)s)"
+    )
+    preview.add_argument("--clips", type=int, default=2, help="how many clips (default: %(default)s)")
+    preview.add_argument("--seconds", type=float, default=16.0, help="of each clip (default: %(default)s)")
+    describe = kinds.add_parser(
+        "describe", help="statistics of a corpus by what is heard, beside recorded clips"
+    )
+    describe.add_argument("corpus", type=Path, help="corpus folder")
+    describe.add_argument("--clips", type=int, default=12, help="how many clips (default: %(default)s)")
+    describe.add_argument(
+        "--beside", type=Path, action="append", default=[], help="a BVH clip to compare with; repeat"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Make the corpus."""
+    """Run the sub-command."""
+    return {"rehearse": _rehearse, "preview": _preview, "describe": _describe}[args.kind](args)
+
+
+def _rehearse(args: argparse.Namespace) -> int:
     from ..rehearsal.corpus import Plan, rehearse
 
     plan = Plan(
@@ -49,3 +91,80 @@ def run(args: argparse.Namespace) -> int:
         made = rehearse(plan, workers=args.workers, progress=lambda done, _: bar.update(done - bar.n))
     print(f"{made} clips, {plan.clips * plan.clip_seconds / 3600:.2f} hours in {plan.folder}")
     return 0
+
+
+def _preview(args: argparse.Namespace) -> int:
+    from ..avatar.sheet import contact_sheet, save_picture
+    from ..avatar.video import write_mp4
+    from ..data import Corpus
+    from ..timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
+
+    try:
+        args.output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise EchoAvatarError(
+            f"cannot write to {args.output}: {error.strerror}; choose another -o"
+        ) from error
+    corpus = Corpus(args.corpus)
+    for name in tqdm(corpus.names()[: args.clips], unit="clip"):
+        clip = corpus.load(name)
+        motion = _motion(clip).cut(0, round(args.seconds * FRAME_RATE_HZ))
+        save_picture(args.output / f"{name}.png", contact_sheet(motion))
+        sound = clip.audio[: motion.frames * SAMPLES_PER_FRAME]
+        write_mp4(args.output / f"{name}.mp4", motion, sound, size=(640, 480))
+    print(f"contact sheets and films in {args.output}")
+    return 0
+
+
+def _describe(args: argparse.Namespace) -> int:
+    from ..data import DOMAINS, Corpus
+    from ..kinematics import read_bvh
+    from ..kinematics.retarget import retarget
+
+    corpus = Corpus(args.corpus)
+    clips = [corpus.load(name) for name in corpus.names()[: args.clips]]
+    columns = {DOMAINS[domain]: _mean_over([*_stretches(clips, domain)]) for domain in (1, 2, 0)}
+    for path in args.beside:
+        columns[path.stem] = _mean_over([retarget(read_bvh(path))])
+    print(f"{'':<26}" + "".join(f"{name[:18]:>20}" for name in columns))
+    for row in ROWS:
+        print(
+            f"{row:<26}" + "".join(f"{values.get(row, float('nan')):>20.3f}" for values in columns.values())
+        )
+    return 0
+
+
+def _stretches(clips: "list[Clip]", domain: int) -> "list[Motion]":
+    """Every stretch of at least two seconds in which one kind of sound is heard; silence without its first second."""
+    import numpy as np
+
+    found = []
+    for clip in clips:
+        edges = [0, *(np.flatnonzero(np.diff(clip.domain)) + 1).tolist(), clip.frames]
+        for start, stop in itertools.pairwise(edges):
+            first = start + 30 if domain == 0 else start
+            if clip.domain[start] == domain and stop - first >= 60:
+                found.append(_motion(clip).cut(first, stop))
+    return found
+
+
+def _mean_over(motions: "list[Motion]") -> dict[str, float]:
+    from ..kinematics.statistics import describe
+
+    rows = [(describe(motion), motion.frames) for motion in motions]
+    total = sum(frames for _, frames in rows)
+    keys = ROWS if rows else ()
+    worst = {"joint_speed_max_deg_s"}
+    return {
+        key: max(numbers[key] for numbers, _ in rows)
+        if key in worst
+        else sum(numbers[key] * frames for numbers, frames in rows) / total
+        for key in keys
+    }
+
+
+def _motion(clip: "Clip") -> "Motion":
+    from ..kinematics import HUMANOID, Motion
+    from ..timing import FRAME_RATE_HZ
+
+    return Motion(HUMANOID, clip.rotations, clip.root, float(FRAME_RATE_HZ))
