@@ -29,6 +29,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seconds", type=float, default=30.0, help="use this much of a recording (default: %(default)s)"
     )
+    parser.add_argument(
+        "--beside",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="GENERATOR",
+        help="another generator of the same codes: show the audio reliance of both side by side and stop; repeat",
+    )
     parser.add_argument("--seed", type=int, default=0, help="of the sampling (default: %(default)s)")
 
 
@@ -39,6 +47,13 @@ def run(args: argparse.Namespace) -> int:
 
     bundle = load_bundle(args.model)
     clips = _clips(args)
+    if args.beside:
+        from ..evaluation.reliance import reliance_table, token_clips
+        from ..generator import Generator
+
+        generators = {"model": bundle.generator} | {path.name: Generator.load(path) for path in args.beside}
+        print(reliance_table(generators, token_clips(bundle, clips)))
+        return 0
     recordings = _recordings(args.recordings, args.seconds) if args.recordings else []
     with tqdm(disable=not sys.stderr.isatty()) as bar:
 

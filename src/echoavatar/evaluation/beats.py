@@ -5,7 +5,7 @@ BA = mean over audio events of exp(-d^2 / 2 sigma^2), d the distance in seconds 
 - music (BA_D): motion beats are local maxima of the deceleration of the mean joint speed.
 
 The paper leaves sigma and smoothing open. Ours: sigma 0.06 s, because with the usual 0.3 s any lively motion scores
-near 1; speeds are smoothed over 5 frames so that minima are those of a movement, not of the sampling noise. The
+near 1; positions are smoothed a little (sigma one frame) so that minima are those of a movement, not of the sampling noise. The
 score says nothing alone, so every score comes with its chance level: the same motion against other clips' events.
 """
 
@@ -20,6 +20,9 @@ from ..timing import FRAME_RATE_HZ
 
 SIGMA_SECONDS = 0.06
 SMOOTHING_FRAMES = 1.0
+STROKE_DELAY_SECONDS = 0.16
+"""Rehearsal gestures end 0.10 to 0.18 s after the stressed vowel and a wrist is slowest just after; the alignment of
+motion to rehearsal speech, generated and true alike, is measured at this delay. Recordings are measured at none."""
 ARM_JOINTS = ("leftLowerArm", "leftHand", "rightLowerArm", "rightHand")
 
 

@@ -11,15 +11,15 @@ import torch
 
 from ..data import Clip
 from ..engine import animate, in_blocks
-from ..generator import TokenClip, nll_by_domain
 from ..kinematics.contact import planted, skate
 from ..kinematics.features import from_features, travel_slice
 from ..pipeline import Bundle, Pipeline
-from ..pipeline.tokenize import audio_codes, clip_features, motion_codes
+from ..pipeline.tokenize import clip_features
 from ..timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
 from . import beats, behaviour
 from .behaviour import MUSIC, SILENCE, SPEECH, Track
 from .reconstruction import codebook_use, reconstruction
+from .reliance import reliance, token_clips
 
 Progress = Callable[[str, int, int], None]
 
@@ -41,10 +41,10 @@ def evaluate(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> dict[str, float]:
-    """All scores of a bundle; the README of `evaluation` keys is the issue of their names: units are in them."""
+    """All scores of a bundle by name; units stand in the names, chance levels and the truth's own values beside."""
     say = progress or (lambda what, done, total: None)
     scores = tokenizer_scores(bundle, clips)
-    scores |= reliance_scores(bundle, clips)
+    scores |= reliance(bundle.generator, token_clips(bundle, clips))
     pipeline = Pipeline(bundle)
     made: list[Track] = []
     for index, clip in enumerate(clips):
@@ -83,24 +83,6 @@ def tokenizer_scores(bundle: Bundle, clips: Sequence[Clip]) -> dict[str, float]:
     use = codebook_use(torch.cat(codes), tokenizer.config.codes)[:, 0]
     names = ("mpjpe_body_mm", "mpjpe_hands_mm", "root_velocity_mm")
     return dict(zip(names, map(float, mean), strict=True)) | {"codebook_use_min": float(use.min())}
-
-
-def reliance_scores(bundle: Bundle, clips: Sequence[Clip]) -> dict[str, float]:
-    """How many nats per code the true audio is worth over another clip's, by domain."""
-    tokens = [
-        TokenClip(
-            audio_codes(bundle.codec, c.audio), motion_codes(bundle.tokenizer, c), c.domain[::4], c.split
-        )
-        for c in clips
-    ]
-    true = nll_by_domain(bundle.generator, tokens)
-    shuffled = nll_by_domain(bundle.generator, tokens, shuffled_audio=True)
-    scores = {"nll": true["all"], "nll_shuffled": shuffled["all"]}
-    return scores | {
-        f"nll_gain_{name}": shuffled[name] - true[name]
-        for name in ("silence", "speech", "music")
-        if name in true
-    }
 
 
 def behaviour_scores(bundle: Bundle, made: Sequence[Track], truth: Sequence[Track]) -> dict[str, float]:
@@ -146,7 +128,8 @@ def beat_scores(
 ) -> dict[str, float]:
     """BA on stressed syllables and on music beats, with chance levels, beside the truth's."""
     arms = bundle.skeleton.indices(beats.ARM_JOINTS)
-    events = {"onset": [clip.events.get("stress", np.zeros(0)) for clip in clips]}
+    onsets = [clip.events.get("stress", np.zeros(0)) + beats.STROKE_DELAY_SECONDS for clip in clips]
+    events = {"onset": onsets}
     events["beat"] = [clip.events.get("beats", np.zeros(0)) for clip in clips]
     scores: dict[str, float] = {}
     for suffix, tracks in (("", made), ("_truth", truth)):

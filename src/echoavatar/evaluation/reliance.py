@@ -1,0 +1,55 @@
+"""Does the motion listen? NLL per code with the true audio and with another clip's (paper, conditional collapse).
+
+A model that has collapsed onto its own history loses nothing when the audio is exchanged; the gain is what the audio
+is worth to it, in nats per code.
+"""
+
+from collections.abc import Mapping, Sequence
+
+from ..data import Clip
+from ..generator import Generator, TokenClip, nll_by_domain
+from ..pipeline import Bundle
+from ..pipeline.tokenize import audio_codes, motion_codes
+from ..timing import FRAMES_PER_MOTION_TOKEN
+
+HEARD = ("silence", "speech", "music", "all")
+
+
+def token_clips(bundle: Bundle, clips: Sequence[Clip]) -> list[TokenClip]:
+    """The clips as codes of the bundle's codec and tokenizer."""
+    return [
+        TokenClip(
+            audio_codes(bundle.codec, clip.audio),
+            motion_codes(bundle.tokenizer, clip),
+            clip.domain[::FRAMES_PER_MOTION_TOKEN],
+            clip.split,
+        )
+        for clip in clips
+    ]
+
+
+def reliance(generator: Generator, tokens: Sequence[TokenClip]) -> dict[str, float]:
+    """`nll_X`, `nll_shuffled_X` and `nll_gain_X` for each X of `HEARD` that occurs."""
+    true = nll_by_domain(generator, tokens)
+    shuffled = nll_by_domain(generator, tokens, shuffled_audio=True)
+    scores: dict[str, float] = {}
+    for name in HEARD:
+        if name in true:
+            scores |= {f"nll_{name}": true[name], f"nll_shuffled_{name}": shuffled[name]}
+            scores[f"nll_gain_{name}"] = shuffled[name] - true[name]
+    return scores
+
+
+def reliance_table(generators: Mapping[str, Generator], tokens: Sequence[TokenClip]) -> str:
+    """A Markdown table: generators side by side, by what is heard."""
+    scores = {name: reliance(generator, tokens) for name, generator in generators.items()}
+    lines = ["| heard | " + " | ".join(f"{name}: true | shuffled | gain" for name in scores) + " |"]
+    lines.append("|---|" + "---:|---:|---:|" * len(scores))
+    for heard in HEARD:
+        if all(f"nll_{heard}" in row for row in scores.values()):
+            cells = [
+                f"{row[f'nll_{heard}']:.3f} | {row[f'nll_shuffled_{heard}']:.3f} | {row[f'nll_gain_{heard}']:+.3f}"
+                for row in scores.values()
+            ]
+            lines.append(f"| {heard} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
