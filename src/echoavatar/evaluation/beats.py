@@ -5,8 +5,8 @@ BA = mean over audio events of exp(-d^2 / 2 sigma^2), d the distance in seconds 
 - music (BA_D): motion beats are local maxima of the deceleration of the mean joint speed.
 
 The paper leaves sigma and smoothing open. Ours: sigma 0.06 s, because with the usual 0.3 s any lively motion scores
-near 1; positions are smoothed a little (sigma one frame) so that minima are those of a movement, not of the sampling noise. The
-score says nothing alone, so every score comes with its chance level: the same motion against other clips' events.
+near 1; positions are smoothed a little (sigma one frame), so that minima are those of a movement and not of noise.
+The score says nothing alone, so every score comes with its chance level: the same motion against other clips' events.
 """
 
 from collections.abc import Sequence
