@@ -201,7 +201,7 @@ def ray_through(rays, px, py):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, fastmath=True, parallel=True)
-def shade(
+def shade(  # type: ignore[no-untyped-def]
     screen,
     points,
     normals,
@@ -217,7 +217,7 @@ def shade(
     look,
     tone,
     image,
-):  # type: ignore[no-untyped-def]
+):
     """Colour every pixel of `image` (h, w, 3) uint8 from `samples` x `samples` visibility samples each.
 
     `look` rows: light direction, key light, sky, ground, floor, backdrop. Samples that see the same stretch of surface

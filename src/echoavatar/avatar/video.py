@@ -1,6 +1,6 @@
 """Motion and its sound as an MP4 of the shaded character (H.264 and AAC through PyAV)."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import closing
 from fractions import Fraction
 from pathlib import Path
@@ -55,7 +55,7 @@ def film(
     size: tuple[int, int] = (1280, 720),
     samples: int = 2,
     camera: Camera | None = None,
-) -> Iterator[UInt8[np.ndarray, "h w 3"]]:
+) -> Generator[UInt8[np.ndarray, "h w 3"], None, None]:
     """The pictures of a motion, frame by frame; without a given camera one that calmly follows the hips."""
     character = character or load_character()
     renderer = Renderer(*size, camera=camera, samples=samples)
@@ -89,7 +89,7 @@ def _calm(hips: Float[np.ndarray, "t 3"], fps: float) -> Float[np.ndarray, "t 3"
 
 def _encode(
     container: "av.container.OutputContainer",
-    frames: Iterator[UInt8[np.ndarray, "h w 3"]],
+    frames: Generator[UInt8[np.ndarray, "h w 3"], None, None],
     motion: Motion,
     audio: Float[np.ndarray, " s"],
     size: tuple[int, int],

@@ -2,6 +2,7 @@
 
 import argparse
 import webbrowser
+from functools import partial
 from importlib.resources import as_file, files
 from pathlib import Path
 
@@ -57,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
                 pipeline,
                 in_blocks(audio),
                 seed=args.seed,
-                progress=lambda to, bar=bar: bar.update(to - bar.n),
+                progress=partial(_advance, bar),
             )
         print(f"  real-time factor {done.real_time_factor:.2f} (below 1 is faster than real time)")
         write_glb(args.output / f"{name}.glb", character, done.motion.rotations, done.motion.root, fps=30)
@@ -67,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
                     args.output / f"{name}.mp4",
                     done.motion,
                     done.audio,
-                    progress=lambda made, _, bar=bar: bar.update(made - bar.n),
+                    progress=partial(_advance, bar),
                 )
         animations.append(Animation(name, done.motion.rotations, done.motion.root))
         clips.append(PageClip(title, name, sound))
@@ -77,3 +78,8 @@ def run(args: argparse.Namespace) -> int:
     if not args.no_browser:
         webbrowser.open(page.resolve().as_uri())
     return 0
+
+
+def _advance(bar: "tqdm[object]", to: float, total: int = 0) -> None:
+    del total
+    bar.update(to - bar.n)

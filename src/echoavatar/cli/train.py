@@ -105,7 +105,7 @@ def _codec(args: argparse.Namespace, progress: Progress) -> None:
     groups = [read_group(args.source / "clips")]
     if args.recordings:
         groups.append(read_group(args.recordings, weight=0.5))
-    config = CodecTrainingConfig(minutes=args.minutes, steps=100_000)
+    config = CodecTrainingConfig(minutes=args.minutes, steps=100_000, unquantized=300, learning_rate=1.5e-3)
     train_codec(config, args.output, AudioPool(groups), card=_card(args), progress=progress)
 
 

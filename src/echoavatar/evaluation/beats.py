@@ -10,6 +10,7 @@ The score says nothing alone, so every score comes with its chance level: the sa
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -84,15 +85,15 @@ def music_beats(audio: Float[np.ndarray, " s"], rate: int) -> Float[np.ndarray, 
 
 def _within(events: Float[np.ndarray, " n"], own: Float[np.ndarray, " m"]) -> Float[np.ndarray, " k"]:
     """Another clip's events that fall inside the stretch where ours lie."""
-    return events[(events >= own.min()) & (events <= own.max())]
+    return np.asarray(events[(events >= own.min()) & (events <= own.max())])
 
 
 def _speed(positions: Float[np.ndarray, "t j 3"]) -> Float[np.ndarray, "t-1 j"]:
     smooth = gaussian_filter1d(positions, SMOOTHING_FRAMES, axis=0, mode="nearest")
-    return np.linalg.norm(np.diff(smooth, axis=0), axis=-1) * FRAME_RATE_HZ
+    return np.asarray(np.linalg.norm(np.diff(smooth, axis=0), axis=-1) * FRAME_RATE_HZ)
 
 
-def _librosa():  # type: ignore[no-untyped-def]
+def _librosa() -> Any:
     from ..errors import DependencyError
 
     try:

@@ -48,13 +48,13 @@ def track(
 def hand_speed_m_s(clip: Track, hands: Sequence[int]) -> Float[np.ndarray, " t-1"]:
     """Mean speed of the wrists relative to the hips, per frame."""
     relative = clip.positions[:, list(hands)] - clip.positions[:, :1]
-    return np.linalg.norm(np.diff(relative, axis=0), axis=-1).mean(1) * FRAME_RATE_HZ
+    return np.asarray(np.linalg.norm(np.diff(relative, axis=0), axis=-1).mean(1) * FRAME_RATE_HZ)
 
 
 def leg_energy(clip: Track, legs: Sequence[int]) -> Float[np.ndarray, " t-1"]:
     """Mean squared speed (m2/s2) of hips, knees, ankles and toes, per frame: travel and steps both count."""
     speed = np.linalg.norm(np.diff(clip.positions[:, list(legs)], axis=0), axis=-1) * FRAME_RATE_HZ
-    return (speed**2).mean(1)
+    return np.asarray((speed**2).mean(1))
 
 
 def settled(domain: Int[np.ndarray, " t"]) -> np.ndarray:

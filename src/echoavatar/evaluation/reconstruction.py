@@ -46,16 +46,18 @@ def reconstruction(
 def codebook_use(codes: Int[Tensor, "n p q"], size: int) -> Float[Tensor, "p q"]:
     """Share of each codebook's entries that occur."""
     parts, layers = codes.shape[1:]
-    return torch.tensor([[len(codes[:, p, q].unique()) / size for q in range(layers)] for p in range(parts)])
+    return torch.tensor(
+        [[len(torch.unique(codes[:, p, q])) / size for q in range(layers)] for p in range(parts)]
+    )
 
 
 def _centred(skeleton: Skeleton, rotations: Float[Tensor, "t j 3 3"]) -> Float[Tensor, "t j 3"]:
     forward = rotations[:, 0, :, 2]
     yaw = torch.atan2(forward[:, 0], forward[:, 2])
     zero, one = torch.zeros_like(yaw), torch.ones_like(yaw)
-    turn = torch.stack(
-        [yaw.cos(), zero, -yaw.sin(), zero, one, zero, yaw.sin(), zero, yaw.cos()], -1
-    ).unflatten(-1, (3, 3))
+    turn = torch.stack([yaw.cos(), zero, -yaw.sin(), zero, one, zero, yaw.sin(), zero, yaw.cos()], -1).view(
+        -1, 3, 3
+    )
     facing = rotations.clone()
     facing[:, 0] = turn @ rotations[:, 0]
     return forward_kinematics(skeleton, facing, torch.zeros(len(rotations), 3)).positions

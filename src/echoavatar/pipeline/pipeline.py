@@ -7,18 +7,22 @@ Offline and live are the same: a file is a session that is pushed faster. Nothin
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from ..audio import LevelControl
+from ..audio import LevelControl, LevelState, NetworkState
 from ..generator import open_stream
 from ..generator.linear import Precision
+from ..generator.stream import GeneratorStream, HistoryState, RingState
 from ..kinematics.features import from_features, travel_slice
 from ..kinematics.rotations import quaternion_from_matrix
 from ..nn import StreamState
 from ..timing import CHUNK_FRAMES, MOTION_TOKENS_PER_CHUNK
+from ..tokenizer.body import BodyState
+from ..tokenizer.model import DecoderState
 from .bundle import Bundle
 from .ground import Ground, GroundState
 from .motion_chunk import MotionChunk
@@ -31,10 +35,10 @@ STAGES = ("level", "codec", "generator", "decoder", "ground")
 class PipelineState(StreamState):
     """What every stage remembers, and each row's seed."""
 
-    level: StreamState
-    codec: StreamState
-    generator: StreamState
-    decoder: StreamState
+    level: LevelState
+    codec: NetworkState
+    generator: RingState | HistoryState
+    decoder: BodyState[DecoderState]
     ground: GroundState
     seeds: Int[Tensor, " b"]
 
@@ -46,7 +50,7 @@ class Pipeline:
         self.skeleton = bundle.skeleton
         self.level = LevelControl()
         self.codec = bundle.codec
-        self.generator = open_stream(bundle.generator, precision)
+        self.generator: GeneratorStream[Any] = open_stream(bundle.generator, precision)
         self.tokenizer = bundle.tokenizer
         self.ground = Ground(bundle.skeleton)
         self.lap: Lap = _no_lap

@@ -141,7 +141,7 @@ def _accents(motion: Motion, kind: str) -> Float[np.ndarray, " n"]:
     speed = np.linalg.norm(np.diff(positions[:, joints] - positions[:, :1], axis=0), axis=-1).mean(1)
     braking = -np.diff(speed)
     at = find_peaks(braking, height=np.percentile(braking, 75), distance=6)[0]
-    return (at + (3.0 if kind == "speech" else 1.5)) / FRAME_RATE_HZ
+    return np.asarray((at + (3.0 if kind == "speech" else 1.5)) / FRAME_RATE_HZ)
 
 
 def _weave_phrase(
@@ -213,7 +213,7 @@ def _mix(
     joints = list(HUMANOID.config.parts["upper"])
     if piece.has_fingers:
         joints += list(HUMANOID.config.parts["hands"])
-    grid = np.ix_(frames, joints)
+    grid = np.ix_(frames, np.array(joints))
     share = torch.from_numpy(np.repeat(weight[:, None], len(joints), 1).astype(np.float32))
     turned = torch.from_numpy(_sampled(piece.motion, source)[:, joints])
     out[grid] = slerp(torch.from_numpy(out[grid]), turned, share).numpy()
