@@ -57,3 +57,15 @@ def test_the_nucleus_keeps_the_fewest_codes_that_reach_its_mass():
     torch.testing.assert_close(
         draws(logits[0], top_p=0.8), torch.tensor([0, 2 / 9, 7 / 9]), atol=0.015, rtol=0
     )
+
+
+def test_finer_layers_are_drawn_cooler() -> None:
+    """Logits 0 and 1 at temperature 1 and cooling 0.5: layer 0 takes the likelier with 0.731, layer 1 with 0.881."""
+    rows = 4000
+    noise = gumbel_noise(torch.arange(rows), torch.zeros(rows, dtype=torch.int64), count=2, codes=2)
+    one = torch.ones(rows)
+    sampler = Sampler(noise, one, one, layers=2, cooling=0.5)
+    logits = torch.tensor([[0.0, 1.0]]).expand(rows, 2)
+    coarse, fine = (sampler.draw(logits, position).float().mean() for position in (0, 1))
+    assert abs(coarse - 0.731) < 0.03
+    assert abs(fine - 0.881) < 0.03

@@ -50,14 +50,22 @@ def nucleus(logits: Float[Tensor, "b K"], top_p: Float[Tensor, " b"]) -> Float[T
 
 
 class Sampler:
-    """Draws the codes of one step: temperature and nucleus per row, noise for all positions at once."""
+    """Draws the codes of one step: temperature and nucleus per row, noise for all positions at once.
+
+    Layer q of a part is drawn at temperature x `cooling`^q: the coarse layers choose what happens, and what the fine
+    ones add is detail, which noise turns into trembling.
+    """
 
     def __init__(
         self,
         noise: Float[Tensor, "b n K"],
         temperature: Float[Tensor, " b"],
         top_p: Float[Tensor, " b"],
+        *,
+        layers: int = 1,
+        cooling: float = 1.0,
     ) -> None:
+        self._warmth = [cooling ** -float(layer) for layer in range(layers)]
         warm = temperature > 0
         self._noise = noise * warm[:, None, None]
         self._sharpness = torch.where(warm, 1 / temperature.clamp(min=1e-6), 1.0)[:, None]
@@ -65,7 +73,7 @@ class Sampler:
 
     def draw(self, logits: Float[Tensor, "b K"], position: int) -> Int[Tensor, " b"]:
         """The codes at one position of the step; temperature 0 takes the likeliest."""
-        logits = logits * self._sharpness
+        logits = logits * (self._sharpness * self._warmth[position % len(self._warmth)])
         if self._top_p is not None:
             logits = nucleus(logits, self._top_p)
         return (logits + self._noise[:, position]).argmax(dim=1)

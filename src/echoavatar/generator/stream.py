@@ -61,7 +61,7 @@ class GeneratorStream(StreamingModule[StateT]):
         parts = []
         for chunk in torch.split(x, AUDIO_FRAMES_PER_CHUNK, dim=1):
             noise = gumbel_noise(seeds, self._heard(state) * count, count=count, codes=codes)
-            parts.append(self._generate(chunk, state, active, Sampler(noise, temperature, top_p)))
+            parts.append(self._generate(chunk, state, active, self._sampler(noise, temperature, top_p)))
         return torch.cat(parts, dim=1)
 
     def forward(self, x: Int[Tensor, "b f l"]) -> Int[Tensor, "b n p q"]:
@@ -69,6 +69,10 @@ class GeneratorStream(StreamingModule[StateT]):
         rows = x.shape[0]
         everyone = torch.ones(rows, dtype=torch.bool, device=self._decoder.device)
         return self.step(x, self.init_state(rows), everyone)
+
+    def _sampler(self, noise: Tensor, temperature: Tensor, top_p: Tensor) -> Sampler:
+        layers, cooling = self.layout.motion_layers, self.config.cooling
+        return Sampler(noise, temperature, top_p, layers=layers, cooling=cooling)
 
     @abstractmethod
     def _heard(self, state: StateT) -> Int[Tensor, " b"]:
