@@ -2,7 +2,7 @@
 
 import torch
 
-from echoavatar.generator.sampling import Sampler, mix, nucleus, uniform_noise
+from echoavatar.generator.sampling import Sampler, gumbel_noise, mix, nucleus, uniform_noise
 
 
 def noise(seed, start, count=4, codes=512):

@@ -30,6 +30,9 @@ class GeneratorConfig(Config):
     temperature: float = Field(
         default=1.0, ge=0, description="default sampling temperature; 0 takes the likeliest code"
     )
+    cooling: float = Field(
+        default=1.0, gt=0, le=1, description="temperature of an RVQ layer over that of the layer before"
+    )
     top_p: float = Field(default=0.95, gt=0, le=1, description="default nucleus mass")
 
     @model_validator(mode="after")
