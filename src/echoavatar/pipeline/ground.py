@@ -32,7 +32,7 @@ class Ground:
     """Integrates the root over planted feet, streaming; `forward` is one step from a fresh state."""
 
     def __init__(self, skeleton: Skeleton) -> None:
-        self.legs = _leg_chain(skeleton)
+        self.legs = leg_chain(skeleton)
         self.points = [self.legs.names.index(skeleton.names[j]) for j in skeleton.config.feet]
         rest = skeleton.rest_positions[list(skeleton.config.feet), 1]
         self.rest = rest - skeleton.rest_positions[:, 1].min() + _sole(skeleton)
@@ -84,7 +84,7 @@ class Ground:
         return torch.stack([place[..., 0], height, place[..., 1]], -1)
 
 
-def _leg_chain(skeleton: Skeleton) -> Skeleton:
+def leg_chain(skeleton: Skeleton) -> Skeleton:
     """The part of the skeleton between the root and the feet."""
     wanted: set[int] = set()
     for joint in skeleton.config.feet:

@@ -1,6 +1,6 @@
 """One chunk of audio in, one chunk of motion out, for many sessions at once (paper, Real-time Deployment).
 
-    level control -> codec -> generator -> tokenizer decoder -> ground
+    level control -> codec -> generator -> tokenizer decoder -> ground -> feet
 
 Offline and live are the same: a file is a session that is pushed faster. Nothing here depends on the wall clock.
 """
@@ -20,15 +20,16 @@ from ..generator.stream import GeneratorStream, HistoryState, RingState
 from ..kinematics.features import from_features, travel_slice
 from ..kinematics.rotations import quaternion_from_matrix
 from ..nn import StreamState
-from ..timing import CHUNK_FRAMES, MOTION_TOKENS_PER_CHUNK
+from ..timing import CHUNK_FRAMES, FRAME_RATE_HZ, MOTION_TOKENS_PER_CHUNK
 from ..tokenizer.body import BodyState
 from ..tokenizer.model import DecoderState
 from .bundle import Bundle
+from .feet import Feet, FeetState
 from .ground import Ground, GroundState
 from .motion_chunk import MotionChunk
 
 Lap = Callable[[str], None]
-STAGES = ("level", "codec", "generator", "decoder", "ground")
+STAGES = ("level", "codec", "generator", "decoder", "feet")
 
 
 @dataclass
@@ -40,6 +41,7 @@ class PipelineState(StreamState):
     generator: RingState | HistoryState
     decoder: BodyState[DecoderState]
     ground: GroundState
+    feet: FeetState
     seeds: Int[Tensor, " b"]
 
 
@@ -53,6 +55,7 @@ class Pipeline:
         self.generator: GeneratorStream[Any] = open_stream(bundle.generator, precision)
         self.tokenizer = bundle.tokenizer
         self.ground = Ground(bundle.skeleton)
+        self.feet = Feet(bundle.skeleton)
         self.lap: Lap = _no_lap
 
     def init_state(self, rows: int) -> PipelineState:
@@ -63,6 +66,7 @@ class Pipeline:
             self.generator.init_state(rows),
             self.tokenizer.init_decoder(rows),
             self.ground.init_state(rows),
+            self.feet.init_state(rows),
             torch.zeros(rows, dtype=torch.int64),
         )
 
@@ -88,7 +92,7 @@ class Pipeline:
         features = self.tokenizer.decode_step(codes, state.decoder, active)
         self.lap("decoder")
         chunks = self._grounded(features, state, active)
-        self.lap("ground")
+        self.lap("feet")
         return chunks
 
     def _grounded(
@@ -98,6 +102,7 @@ class Pipeline:
         rotations = from_features(self.skeleton, features).rotations
         travel = features[..., travel_slice(self.skeleton)]
         root = self.ground.step(rotations, travel, state.ground, active)
+        rotations = self.feet.step(rotations, root, state.feet, active, FRAME_RATE_HZ)
         quaternions = quaternion_from_matrix(rotations)
         return [MotionChunk(q, r) for q, r in zip(quaternions.numpy(), root.numpy(), strict=True)]
 

@@ -1,0 +1,99 @@
+import math
+
+import pytest
+import torch
+
+from echoavatar.kinematics import HUMANOID, Skeleton, forward_kinematics
+from echoavatar.kinematics.rotations import angle_between, matrix_from_axis_angle
+from echoavatar.pipeline.feet import Feet
+
+BALLS = list(HUMANOID.config.feet)[1::2]
+ON = torch.ones(1, dtype=torch.bool)
+
+
+def sliding(frames: int = 60, lift: tuple[int, int] | None = None) -> tuple[torch.Tensor, torch.Tensor]:
+    """A body whose root drifts 1 mm a frame over straight legs; the left knee lifts during `lift`."""
+    turns = torch.zeros(1, frames, HUMANOID.joints, 3)
+    turns[..., HUMANOID.index("leftUpperLeg"), 0] = -0.15
+    turns[..., HUMANOID.index("leftLowerLeg"), 0] = 0.30
+    turns[..., HUMANOID.index("rightUpperLeg"), 0] = -0.15
+    turns[..., HUMANOID.index("rightLowerLeg"), 0] = 0.30
+    if lift:
+        rise = torch.sin(torch.linspace(0, math.pi, lift[1] - lift[0]))
+        turns[:, lift[0] : lift[1], HUMANOID.index("leftUpperLeg"), 0] -= rise
+        turns[:, lift[0] : lift[1], HUMANOID.index("leftLowerLeg"), 0] += rise
+    for side in ("left", "right"):
+        legs = (
+            turns[..., HUMANOID.index(f"{side}UpperLeg"), 0]
+            + turns[..., HUMANOID.index(f"{side}LowerLeg"), 0]
+        )
+        turns[..., HUMANOID.index(f"{side}Foot"), 0] = -legs
+    rotations = matrix_from_axis_angle(turns)
+    root = torch.zeros(1, frames, 3)
+    low = forward_kinematics(HUMANOID, rotations[:, :1], root[:, :1]).positions[0, 0, BALLS, 1].min()
+    root[..., 1] = 0.02 - low
+    root[..., 0] = torch.arange(frames) * 0.001
+    return rotations, root
+
+
+def balls(rotations: torch.Tensor, root: torch.Tensor) -> torch.Tensor:
+    return forward_kinematics(HUMANOID, rotations, root).positions[0, :, BALLS]
+
+
+def test_feet_that_slid_stand_and_keep_their_direction() -> None:
+    rotations, root = sliding()
+    feet = Feet(HUMANOID)
+    held = feet.step(rotations, root, feet.init_state(1), ON, 30.0)
+    before, after = balls(rotations, root), balls(held, root)
+    assert (before[1:] - before[:-1]).norm(dim=-1).mean() > 9e-4
+    assert (after[1:] - after[:-1]).norm(dim=-1).max() < 1e-4
+    world = [
+        forward_kinematics(HUMANOID, r, root).rotations[0, :, HUMANOID.index("leftFoot")]
+        for r in (rotations, held)
+    ]
+    assert angle_between(*world).max() < 1e-3
+
+
+def test_a_lifted_foot_is_let_go_without_a_jump_and_returns_to_its_path() -> None:
+    rotations, root = sliding(lift=(30, 50))
+    feet = Feet(HUMANOID)
+    held = feet.step(rotations, root, feet.init_state(1), ON, 30.0)
+    gap = (balls(held, root) - balls(rotations, root))[:, 0].norm(dim=-1)
+    assert gap[29] > 0.02  # held back by then
+    assert gap[45] < 0.004  # on its path at the top of the step
+    shift = (balls(held, root) - balls(rotations, root))[:, 0]
+    assert (shift[1:] - shift[:-1]).norm(dim=-1).max() < 0.01
+
+
+def test_nothing_else_moves() -> None:
+    rotations, root = sliding()
+    feet = Feet(HUMANOID)
+    held = feet.step(rotations, root, feet.init_state(1), ON, 30.0)
+    legs = [i for i, name in enumerate(HUMANOID.names) if name.endswith(("Leg", "Foot"))]
+    others = [i for i in range(52) if i not in legs]
+    assert torch.equal(held[:, :, others], rotations[:, :, others])
+
+
+@pytest.mark.parametrize("cuts", [[8] * 7 + [4], [1, 30, 29], [60]])
+def test_any_chunking_gives_the_whole(cuts: list[int]) -> None:
+    rotations, root = sliding(lift=(20, 40))
+    feet = Feet(HUMANOID)
+    state = feet.init_state(1)
+    pieces = zip(rotations.split(cuts, 1), root.split(cuts, 1), strict=True)
+    parts = torch.cat([feet.step(*piece, state, ON, 30.0) for piece in pieces], 1)
+    torch.testing.assert_close(parts, feet.step(rotations, root, feet.init_state(1), ON, 30.0))
+
+
+def test_idle_rows_stay_untouched() -> None:
+    rotations, root = sliding()
+    feet = Feet(HUMANOID)
+    state = feet.init_state(2)
+    both = rotations.expand(2, -1, -1, -1, -1), root.expand(2, -1, -1)
+    feet.step(*both, state, torch.tensor([True, False]), 30.0)
+    assert all(not tensor[1].any() for tensor in state.tensors())
+
+
+def test_a_rig_without_feet_is_passed_through() -> None:
+    rotations, root = sliding()
+    footless = Feet(Skeleton(HUMANOID.config.model_copy(update={"feet": ()})))
+    assert footless.step(rotations, root, footless.init_state(1), ON, 30.0) is rotations
