@@ -68,6 +68,7 @@ def run(args: argparse.Namespace) -> int:
                     args.output / f"{name}.mp4",
                     done.motion,
                     done.audio,
+                    size=(960, 540),
                     progress=partial(_advance, bar),
                 )
         animations.append(Animation(name, done.motion.rotations, done.motion.root))
