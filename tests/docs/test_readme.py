@@ -1,0 +1,39 @@
+"""What the README says must be so."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+import echoavatar
+from echoavatar.cli import COMMANDS
+
+ROOT = Path(__file__).parents[2]
+README = (ROOT / "README.md").read_text()
+
+
+def test_the_python_example_runs_and_prints_what_it_says(capsys: pytest.CaptureFixture[str]) -> None:
+    [code] = re.findall(r"```python\n(.*?)```", README, re.S)
+    exec(compile(code, "README.md", "exec"), {})
+    printed = capsys.readouterr().out.splitlines()
+    assert printed[0] == "(8, 52, 4) (8, 3)"
+    assert len(printed) == 7  # two seconds are seven and a half chunks
+
+
+def test_it_opens_with_the_two_commands() -> None:
+    first = re.findall(r"```sh\n(.*?)```", README, re.S)[0]
+    assert [line.split("#")[0].strip() for line in first.strip().splitlines()] == ["make demo", "make test"]
+
+
+def test_every_command_is_named_and_every_link_leads_somewhere() -> None:
+    assert all(re.search(rf"\b{command}\b", README) for command in COMMANDS)
+    for target in re.findall(r"\]\((?!https?:)([^)#]+)\)", README):
+        assert (ROOT / target).exists(), target
+
+
+def test_the_public_names_are_few_and_all_there() -> None:
+    assert len(echoavatar.__all__) <= 10
+    for name in echoavatar.__all__:
+        assert getattr(echoavatar, name) is not None
+    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
+        echoavatar.nonsense  # noqa: B018
