@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from echoavatar.engine import animate, in_blocks
+from echoavatar.engine import animate, animate_many, in_blocks
 from echoavatar.errors import AudioError
 from echoavatar.pipeline import Pipeline, load_bundle
 
@@ -40,3 +40,15 @@ def test_progress_counts_seconds(pipeline: Pipeline, voice: np.ndarray) -> None:
     animate(pipeline, in_blocks(voice), progress=told.append)
     assert told[0] == pytest.approx(8 / 30)
     assert told == sorted(told)
+
+
+def test_many_at_once_are_as_one_by_one(pipeline: Pipeline, voice: np.ndarray) -> None:
+    """Sounds of different lengths end at different ticks; the others go on."""
+    sounds = [voice, voice[:9_000] * 0.3, voice[5_000:]]
+    told: list[tuple[int, int]] = []
+    motions = animate_many(pipeline, sounds, seeds=[4, 5, 6], progress=lambda *at: told.append(at))
+    assert told[-1] == (8 + 2 + 7, 8 + 2 + 7)
+    for motion, sound, seed in zip(motions, sounds, [4, 5, 6], strict=True):
+        alone = animate(pipeline, [sound], seed=seed).motion
+        np.testing.assert_allclose(motion.rotations, alone.rotations, atol=1e-5)
+        np.testing.assert_allclose(motion.root, alone.root, atol=1e-5)

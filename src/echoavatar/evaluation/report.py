@@ -5,12 +5,13 @@ Held-out rehearsal clips give the truth to compare with; recordings (no truth) s
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import torch
 
 from ..data import Clip
-from ..engine import animate, in_blocks
+from ..engine import animate_many
 from ..kinematics.contact import planted, skate
 from ..kinematics.features import from_features, travel_slice
 from ..pipeline import Bundle, Pipeline
@@ -46,13 +47,16 @@ def evaluate(
     scores = tokenizer_scores(bundle, clips)
     scores |= reliance(bundle.generator, token_clips(bundle, clips))
     pipeline = Pipeline(bundle)
-    made: list[Track] = []
-    for index, clip in enumerate(clips):
-        motion = animate(pipeline, in_blocks(clip.audio), seed=seed + index).motion
-        made.append(
-            behaviour.track(bundle.skeleton, motion.rotations, motion.root, clip.domain[: motion.frames])
-        )
-        say("held-out clips", index + 1, len(clips))
+    motions = animate_many(
+        pipeline,
+        [clip.audio for clip in clips],
+        seeds=range(seed, seed + len(clips)),
+        progress=partial(say, "held-out clips"),
+    )
+    made = [
+        behaviour.track(bundle.skeleton, motion.rotations, motion.root, clip.domain)
+        for motion, clip in zip(motions, clips, strict=True)
+    ]
     truth = [behaviour.track(bundle.skeleton, clip.rotations, clip.root, clip.domain) for clip in clips]
     scores |= behaviour_scores(bundle, made, truth)
     scores |= beat_scores(bundle, clips, made, truth)
@@ -150,14 +154,18 @@ def recording_scores(
     if not recordings:
         return {}
     arms = bundle.skeleton.indices(beats.ARM_JOINTS)
+    motions = animate_many(
+        pipeline,
+        [recording.audio for recording in recordings],
+        seeds=range(seed, seed + len(recordings)),
+        progress=partial(say, "recordings"),
+    )
     tracks, events = [], []
-    for index, recording in enumerate(recordings):
-        motion = animate(pipeline, in_blocks(recording.audio), seed=seed + index).motion
+    for motion, recording in zip(motions, recordings, strict=True):
         domain = np.full(motion.frames, recording.kind, np.uint8)
         tracks.append(behaviour.track(bundle.skeleton, motion.rotations, motion.root, domain))
         detect = beats.speech_onsets if recording.kind == SPEECH else beats.music_beats
         events.append(detect(recording.audio, SAMPLE_RATE_HZ))
-        say("recordings", index + 1, len(recordings))
     scores = {f"recordings_{key}": value for key, value in _behaviour(bundle, tracks).items()}
     for kind, name in ((SPEECH, "onset"), (MUSIC, "beat")):
         picked = [i for i, recording in enumerate(recordings) if recording.kind == kind]
