@@ -1,6 +1,6 @@
 """One chunk of audio in, one chunk of motion out, for many sessions at once (paper, Real-time Deployment).
 
-    level control -> codec -> generator -> tokenizer decoder -> ground -> feet
+    level control -> codec -> generator -> tokenizer decoder -> post: calm, ground, feet
 
 Offline and live are the same: a file is a session that is pushed faster. Nothing here depends on the wall clock.
 """
@@ -18,18 +18,19 @@ from ..generator import open_stream
 from ..generator.linear import Precision
 from ..generator.stream import GeneratorStream, HistoryState, RingState
 from ..kinematics.features import from_features, travel_slice
-from ..kinematics.rotations import quaternion_from_matrix
+from ..kinematics.rotations import matrix_from_quaternion, quaternion_from_matrix
 from ..nn import StreamState
 from ..timing import CHUNK_FRAMES, FRAME_RATE_HZ, MOTION_TOKENS_PER_CHUNK
 from ..tokenizer.body import BodyState
 from ..tokenizer.model import DecoderState
 from .bundle import Bundle
+from .calm import Calm, CalmState
 from .feet import Feet, FeetState
 from .ground import Ground, GroundState
 from .motion_chunk import MotionChunk
 
 Lap = Callable[[str], None]
-STAGES = ("level", "codec", "generator", "decoder", "feet")
+STAGES = ("level", "codec", "generator", "decoder", "post")
 
 
 @dataclass
@@ -40,6 +41,7 @@ class PipelineState(StreamState):
     codec: NetworkState
     generator: RingState | HistoryState
     decoder: BodyState[DecoderState]
+    calm: CalmState
     ground: GroundState
     feet: FeetState
     seeds: Int[Tensor, " b"]
@@ -54,6 +56,7 @@ class Pipeline:
         self.codec = bundle.codec
         self.generator: GeneratorStream[Any] = open_stream(bundle.generator, precision)
         self.tokenizer = bundle.tokenizer
+        self.calm = Calm(bundle.skeleton.joints)
         self.ground = Ground(bundle.skeleton)
         self.feet = Feet(bundle.skeleton)
         self.lap: Lap = _no_lap
@@ -65,6 +68,7 @@ class Pipeline:
             self.codec.init_state(rows),
             self.generator.init_state(rows),
             self.tokenizer.init_decoder(rows),
+            self.calm.init_state(rows),
             self.ground.init_state(rows),
             self.feet.init_state(rows),
             torch.zeros(rows, dtype=torch.int64),
@@ -92,14 +96,15 @@ class Pipeline:
         features = self.tokenizer.decode_step(codes, state.decoder, active)
         self.lap("decoder")
         chunks = self._grounded(features, state, active)
-        self.lap("feet")
+        self.lap("post")
         return chunks
 
     def _grounded(
         self, features: Float[Tensor, "b t c"], state: PipelineState, active: Tensor
     ) -> list[MotionChunk]:
         assert features.shape[1] == CHUNK_FRAMES == 4 * MOTION_TOKENS_PER_CHUNK
-        rotations = from_features(self.skeleton, features).rotations
+        decoded = quaternion_from_matrix(from_features(self.skeleton, features).rotations)
+        rotations = matrix_from_quaternion(self.calm.step(decoded, state.calm, active, FRAME_RATE_HZ))
         travel = features[..., travel_slice(self.skeleton)]
         root = self.ground.step(rotations, travel, state.ground, active)
         rotations = self.feet.step(rotations, root, state.feet, active, FRAME_RATE_HZ)
