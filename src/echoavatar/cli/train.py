@@ -50,6 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="hierarchical",
         help="of the motion codes in the context (default: %(default)s)",
     )
+    generator.add_argument("--start", type=Path, help="trained generator of the same sizes to begin with")
     generator.add_argument(
         "--minutes", type=float, help="stop this call after so many minutes; call again to go on"
     )
@@ -134,7 +135,7 @@ def _tokens(args: argparse.Namespace, progress: Progress) -> None:
 
 def _generator(args: argparse.Namespace, progress: Progress) -> None:
     from ..audio import AudioCodec
-    from ..generator import GeneratorConfig, TokenClip
+    from ..generator import Generator, GeneratorConfig, TokenClip
     from ..generator.train import GeneratorTraining, train_generator
     from ..tokenizer import BodyTokenizer
     from ..tokens import TokenLayout
@@ -164,6 +165,7 @@ def _generator(args: argparse.Namespace, progress: Progress) -> None:
         clips,
         args.output,
         minutes=args.minutes,
+        start=Generator.load(args.start) if args.start else None,
         audio_codebooks=codec.codebooks,
         motion_codebooks=tokenizer.codebooks(),
         progress=progress,

@@ -194,16 +194,19 @@ def train_generator(
     device: str = "cpu",
     audio_codebooks: Float[Tensor, "l A a"] | None = None,
     motion_codebooks: Float[Tensor, "p q K c"] | None = None,
+    start: Generator | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Generator:
     """Train on the clips of split "train", checkpointing into `folder`; continues what is there.
 
-    Stops after the schedule's steps, or after `minutes` of this call; metrics go to `folder`/metrics.jsonl.
+    A new run begins with the weights of `start`, where given, under a schedule of its own. Stops after the schedule's
+    steps, or after `minutes` of this call; metrics go to `folder`/metrics.jsonl.
     """
     trainer = Trainer(
         config, training, device=device, audio_codebooks=audio_codebooks, motion_codebooks=motion_codebooks
     )
-    trainer.resume(folder)
+    if not trainer.resume(folder) and start is not None:
+        checkpoint.load_into(trainer.generator, start.state_dict(), origin="the generator to start from")
     chunks = training.chunks if config.sequence == "interleaved" else config.window_chunks
     sampler = WindowSampler([c for c in clips if c.split == "train"], chunks=chunks, seed=training.seed)
     folder.mkdir(parents=True, exist_ok=True)
