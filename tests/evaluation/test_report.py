@@ -42,7 +42,7 @@ def test_every_promised_score_is_there_and_the_truth_scores_as_truth(
     )
     assert scores.keys() >= PROMISED
     assert set(told) == {"held-out clips", "recordings"}
-    assert abs(scores["nll"] - np.log(8)) < 0.5  # random weights know nothing: ln K
+    assert abs(scores["nll_all"] - np.log(8)) < 0.5  # random weights know nothing: ln K
     assert scores["ba_beat_truth"] > scores["ba_beat_chance_truth"]
     assert scores["skate_cm_s_truth"] < 1
     assert scores["leg_energy_music_over_speech_truth"] > 4
