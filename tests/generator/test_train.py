@@ -34,8 +34,10 @@ def losses(folder):
     return [(row["step"], row["loss"]) for row in rows]
 
 
-@pytest.mark.parametrize("sequence", ["interleaved", "prefix"])
-def test_a_run_that_was_killed_resumes_to_the_same_curve(tmp_path, sequence):
+@pytest.mark.parametrize(
+    ("sequence", "optimiser"), [("interleaved", "adamw"), ("interleaved", "muon"), ("prefix", "adamw")]
+)
+def test_a_run_that_was_killed_resumes_to_the_same_curve(tmp_path, sequence, optimiser):
     """Killed after step 4 of 6, with its last checkpoint at step 3: steps 3 to 5 are repeated."""
 
     class KilledError(Exception):
@@ -45,11 +47,11 @@ def test_a_run_that_was_killed_resumes_to_the_same_curve(tmp_path, sequence):
         if step == 5:
             raise KilledError
 
-    shape = config(sequence=sequence)
-    train_generator(shape, settings(), clips(), tmp_path / "whole")
+    shape, training = config(sequence=sequence), settings(optimiser=optimiser)
+    train_generator(shape, training, clips(), tmp_path / "whole")
     with pytest.raises(KilledError):
-        train_generator(shape, settings(), clips(), tmp_path / "killed", progress=kill)
-    train_generator(shape, settings(), clips(), tmp_path / "killed")
+        train_generator(shape, training, clips(), tmp_path / "killed", progress=kill)
+    train_generator(shape, training, clips(), tmp_path / "killed")
     assert losses(tmp_path / "killed") == losses(tmp_path / "whole")
     whole, killed = (Generator.load(tmp_path / name).state_dict() for name in ("whole", "killed"))
     assert all(torch.equal(whole[key], killed[key]) for key in whole)
@@ -75,6 +77,17 @@ def test_targets_stay_clean_and_context_is_corrupted():
     )
     assert torch.equal(damaged.targets, clean.targets)
     assert 0.3 < (damaged.ids != clean.ids).float().sum() / (2 * 8 * 6) < 0.9
+
+
+def test_a_blind_window_has_noise_for_context_and_clean_targets():
+    trainer = Trainer(config(), settings(corruption="none", blind=1.0))
+    window = WindowSampler(clips(), chunks=4).batch(0, 2)
+    made = trainer._corrupted(window, 0)
+    clean = trainer.generator.config.order.build(
+        window.audio, window.motion, window.motion, torch.zeros(2).long()
+    )
+    assert torch.equal(made.targets, clean.targets)
+    assert (made.ids != clean.ids).sum() > 0.75 * 2 * 8 * 6  # 7 of 8 random codes differ
 
 
 def test_other_settings_or_another_model_are_not_resumed(tmp_path):

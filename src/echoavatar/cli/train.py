@@ -36,6 +36,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     generator.add_argument(
         "--rate", type=float, default=1e-3, help="peak learning rate (default: %(default)s)"
     )
+    generator.add_argument(
+        "--optimiser", choices=("adamw", "muon"), default="muon", help="(default: %(default)s; paper: adamw)"
+    )
     generator.add_argument("--width", type=int, default=192, help="channels (default: %(default)s)")
     generator.add_argument("--layers", type=int, default=6, help="transformer layers (default: %(default)s)")
     generator.add_argument(
@@ -49,6 +52,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=("hierarchical", "uniform", "none"),
         default="hierarchical",
         help="of the motion codes in the context (default: %(default)s)",
+    )
+    generator.add_argument(
+        "--blind",
+        type=float,
+        default=0.2,
+        help="share of windows whose context motion is all noise, so that the sound must tell (default: %(default)s)",
     )
     generator.add_argument("--start", type=Path, help="trained generator of the same sizes to begin with")
     generator.add_argument(
@@ -155,7 +164,9 @@ def _generator(args: argparse.Namespace, progress: Progress) -> None:
         batch=args.batch,
         chunks=args.window + 6,  # longer than the window, so that the steady stream is trained too
         learning_rate=args.rate,
+        optimiser=args.optimiser,
         corruption=args.corruption,
+        blind=args.blind,
         depth_weights=weights,
     )
     clips = [TokenClip.load(path) for path in sorted(args.source.glob("*.npz"))]

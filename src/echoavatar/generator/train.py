@@ -7,6 +7,7 @@ that was killed and resumed repeats the curve it would have had.
 import json
 import math
 import time
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -47,6 +48,9 @@ class GeneratorTraining(Config):
         default=0.05, ge=0, le=1, description="share of the peak at the end of the cosine"
     )
     weight_decay: float = Field(default=0.05, ge=0, description="AdamW decay of matrices")
+    optimiser: Literal["adamw", "muon"] = Field(
+        default="adamw", description="paper: AdamW; Muon takes the layers' matrices and learns in fewer steps"
+    )
     clip: float = Field(default=1.0, gt=0, description="largest norm of the gradient")
     depth_weights: tuple[float, ...] = Field(
         default=(1.0, 0.7, 0.5, 0.35), description="loss weight of each RVQ layer"
@@ -56,6 +60,12 @@ class GeneratorTraining(Config):
     )
     corruption_low: float = Field(default=0.0, ge=0, le=1, description="smallest corruption rate of a window")
     corruption_high: float = Field(default=0.5, ge=0, le=1, description="largest; the paper gives no rate")
+    blind: float = Field(
+        default=0.0,
+        ge=0,
+        le=1,
+        description="share of windows whose context motion is all noise, so that only the sound can tell (not in the paper)",
+    )
     short_windows: float = Field(
         default=0.2, ge=0, le=1, description="prefix order: share of windows cut short in front"
     )
@@ -88,27 +98,23 @@ class Trainer:
         align_embeddings(self.generator, audio_codebooks=audio_codebooks, motion_codebooks=motion_codebooks)
         self.generator.to(device)
         self.training, self.next_step, self._device = training, 0, device
-        decayed = [p for p in self.generator.parameters() if p.dim() > 1]
-        others = [p for p in self.generator.parameters() if p.dim() == 1]
-        groups = [
-            {"params": decayed, "weight_decay": training.weight_decay},
-            {"params": others, "weight_decay": 0.0},
-        ]
-        self._optimiser = torch.optim.AdamW(groups, lr=training.learning_rate, betas=(0.9, 0.95), fused=True)
+        self._optimisers = _optimisers(self.generator, training)
 
     def step(self, window: Window) -> dict[str, Any]:
         """One optimiser step; returns its metrics."""
         training, number = self.training, self.next_step
         batch = self._corrupted(window, number)
-        for group in self._optimiser.param_groups:
-            group["lr"] = training.learning_rate * self._schedule(number)
+        for optimiser in self._optimisers:
+            for group in optimiser.param_groups:
+                group["lr"] = training.learning_rate * self._schedule(number)
         with torch.autocast(torch.device(self._device).type, torch.bfloat16, enabled=training.autocast):
             nll = code_nll(self.generator, batch)
         loss = hierarchical_loss(nll, batch, training.depth_weights)
-        self._optimiser.zero_grad(set_to_none=True)
+        self.generator.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]
         norm = nn.utils.clip_grad_norm_(self.generator.parameters(), training.clip)
-        self._optimiser.step()
+        for optimiser in self._optimisers:
+            optimiser.step()
         self.next_step += 1
         return {"step": number, "loss": loss.item(), "gradient": norm.item()} | summary(
             nll.detach(), batch, window
@@ -132,6 +138,9 @@ class Trainer:
             context = corrupt_hierarchically(context, rates, codebook=codebook, generator=random)
         elif training.corruption == "uniform":
             context = corrupt_uniformly(context, rates, codebook=codebook, generator=random)
+        if training.blind:
+            blind = (torch.rand(rows, generator=random) < training.blind).float()
+            context = corrupt_uniformly(context, blind, codebook=codebook, generator=random)
         missing = torch.zeros(rows, dtype=torch.int64)
         if config.sequence == "prefix":
             cut = torch.rand(rows, generator=random) < training.short_windows
@@ -143,8 +152,9 @@ class Trainer:
         state = {
             f"model.{key}": value.detach().contiguous() for key, value in self.generator.state_dict().items()
         }
-        for index, values in self._optimiser.state_dict()["state"].items():
-            state |= {f"optimiser.{index}.{name}": value.contiguous() for name, value in values.items()}
+        for which, optimiser in enumerate(self._optimisers):
+            for index, values in optimiser.state_dict()["state"].items():
+                state |= {f"optimiser.{which}.{index}.{name}": v.contiguous() for name, v in values.items()}
         facts = {"step": str(self.next_step), "training": self.training.model_dump_json()}
         folder.mkdir(parents=True, exist_ok=True)
         partial = folder / f"{RESUME}.partial"
@@ -174,12 +184,13 @@ class Trainer:
             raise CheckpointError(f"{folder} was trained with other settings; train into another folder")
         weights = {key[len("model.") :]: value for key, value in tensors.items() if key.startswith("model.")}
         checkpoint.load_into(self.generator, weights, origin=str(path))
-        stored: dict[int, dict[str, Tensor]] = {}
-        for key in tensors.keys() - {f"model.{name}" for name in weights}:
-            _, index, name = key.split(".", 2)
-            stored.setdefault(int(index), {})[name] = tensors[key]
-        groups = self._optimiser.state_dict()["param_groups"]
-        self._optimiser.load_state_dict({"state": stored, "param_groups": groups})
+        for which, optimiser in enumerate(self._optimisers):
+            prefix, stored = f"optimiser.{which}.", defaultdict[int, dict[str, Tensor]](dict)
+            for key in (key for key in tensors if key.startswith(prefix)):
+                index, name = key[len(prefix) :].split(".", 1)
+                stored[int(index)][name] = tensors[key]
+            groups = optimiser.state_dict()["param_groups"]
+            optimiser.load_state_dict({"state": dict(stored), "param_groups": groups})
         self.next_step = int(facts["step"])
         return True
 
@@ -225,6 +236,23 @@ def train_generator(
                 progress(trainer.next_step, training.steps)
     trainer.save(folder)
     return trainer.generator.eval()
+
+
+def _optimisers(generator: Generator, training: GeneratorTraining) -> list[torch.optim.Optimizer]:
+    """AdamW over everything; or Muon over the layers' matrices and AdamW over embeddings, head, norms and biases."""
+    muon = training.optimiser == "muon"
+    inner = [p for p in generator.model.layers.parameters() if p.dim() == 2 and muon]
+    taken = {id(p) for p in inner}
+    rest = [p for p in generator.parameters() if id(p) not in taken]
+    rate, decay = training.learning_rate, training.weight_decay
+    groups = [
+        {"params": [p for p in rest if p.dim() > 1], "weight_decay": decay},
+        {"params": [p for p in rest if p.dim() == 1], "weight_decay": 0.0},
+    ]
+    found: list[torch.optim.Optimizer] = [torch.optim.AdamW(groups, lr=rate, betas=(0.9, 0.95), fused=True)]
+    if inner:  # matched to AdamW's step size, one rate serves both
+        found.append(torch.optim.Muon(inner, lr=rate, weight_decay=decay, adjust_lr_fn="match_rms_adamw"))
+    return found
 
 
 def _truncated_log(path: Path, steps: int) -> Path:
