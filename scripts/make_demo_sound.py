@@ -6,7 +6,6 @@ Writes src/echoavatar/assets/speech.ogg and music.ogg, mono 24 kHz Vorbis. Both 
 put no condition on what they say, and the piece is composed and played by `echoavatar.rehearsal`.
 """
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,7 @@ from echoavatar.rehearsal.augment import fill_band, set_loudness
 from echoavatar.rehearsal.instruments import render
 from echoavatar.rehearsal.music import compose_piece
 from echoavatar.rehearsal.prosody import Delivery
-from echoavatar.rehearsal.script import Sentence, _parse
+from echoavatar.rehearsal.script import Sentence, parse_words
 from echoavatar.rehearsal.sound import whole_frames
 from echoavatar.rehearsal.speech import speak
 
@@ -35,13 +34,13 @@ TEXT = (
 def main() -> None:
     """Write both files."""
     rng = np.random.default_rng(11)
-    sentences = tuple(Sentence(_parse(text), f"demo {i}") for i, text in enumerate(TEXT))
+    sentences = tuple(Sentence(parse_words(text), f"demo {i}") for i, text in enumerate(TEXT))
     said = speak(sentences, Delivery(voice="slt", rate=1.02, spread=2.0, bump_semitones=5.0), rng, "flite")
     speech = set_loudness(fill_band(said.audio, rng), -20)
     speech = np.concatenate([np.zeros(12_000, np.float32), speech, np.zeros(48_000, np.float32)])
     rng = np.random.default_rng(21)
     piece = compose_piece(rng, 26.0, "house")
-    music = set_loudness(whole_frames(render(replace(piece), rng)), -18)
+    music = set_loudness(whole_frames(render(piece, rng)), -18)
     music = np.concatenate([np.zeros(12_000, np.float32), music[: 25 * 24_000], np.zeros(60_000, np.float32)])
     for name, audio in (("speech", speech), ("music", music)):
         path = ASSETS / f"{name}.ogg"

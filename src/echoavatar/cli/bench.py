@@ -29,8 +29,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     stream.add_argument(
         "--precision",
         choices=("float32", "bfloat16", "int8"),
-        default="float32",
-        help="of the generator's weights",
+        default="int8",
+        help="of the generator's weights (default: %(default)s, as everywhere)",
     )
 
 

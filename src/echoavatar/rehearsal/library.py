@@ -28,6 +28,7 @@ from ..kinematics.rotations import (
     quaternion_multiply,
     slerp,
 )
+from ..kinematics.smoothing import align_signs
 from ..timing import FRAME_RATE_HZ
 from .sound import SoundTrack
 
@@ -116,9 +117,7 @@ def _piece(path: Path) -> Piece:
 
 def _calmed(motion: Motion, *, is_loop: bool) -> Motion:
     """Capture noise smoothed away (45 ms), which would read as trembling; loops are smoothed across their seam."""
-    turns = motion.rotations.astype(np.float64)
-    flips = np.sign((turns[1:] * turns[:-1]).sum(-1, keepdims=True))
-    turns[1:] *= np.cumprod(np.where(flips == 0, 1, flips), axis=0)
+    turns = align_signs(motion.rotations).astype(np.float64)
     if is_loop:
         turns = _seamless(turns)
     turns = gaussian_filter1d(turns, SMOOTHING_FRAMES, axis=0, mode="wrap" if is_loop else "nearest")

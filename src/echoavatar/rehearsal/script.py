@@ -48,7 +48,7 @@ def write_sentence(rng: np.random.Generator, split: str = "train") -> Sentence:
         text = _expand(template, rng, fills)
         held_out = [_is_held_out(a, b) for a, b in zip(fills, fills[1:], strict=False)]
         if any(held_out) if split == "test" and held_out else not any(held_out):
-            return Sentence(_parse(text), template)
+            return Sentence(parse_words(text), template)
 
 
 def write_monologue(rng: np.random.Generator, sentences: int, split: str = "train") -> tuple[Sentence, ...]:
@@ -97,7 +97,8 @@ def _is_held_out(first: str, second: str) -> bool:
     return crc32(f"{first}|{second}".encode()) % 100 < _HELD_OUT_IN_100
 
 
-def _parse(text: str) -> tuple[Word, ...]:
+def parse_words(text: str) -> tuple[Word, ...]:
+    """Words of marked text: `*focus`, `word^meaning`, `[p]` for a breath, punctuation."""
     words: list[Word] = []
     for piece in text.split():
         if piece == "[p]":
