@@ -64,7 +64,7 @@ class GeneratorTraining(Config):
         default=0.0,
         ge=0,
         le=1,
-        description="share of windows whose context motion is all noise, so that the sound must tell (not in the paper)",
+        description="share of windows whose context motion is all noise: the sound must tell (not in the paper)",
     )
     short_windows: float = Field(
         default=0.2, ge=0, le=1, description="prefix order: share of windows cut short in front"
