@@ -20,48 +20,57 @@ def angle_of(rotations: torch.Tensor) -> torch.Tensor:
     return axis_angle_from_quaternion(rotations)[0, :, 0, 0]
 
 
-def shown(angle: torch.Tensor) -> torch.Tensor:
-    calm = Calm(2)
-    return angle_of(calm.step(about_x(angle), calm.init_state(1), ON, 30.0))
+def shown(angle: torch.Tensor, **options: float) -> torch.Tensor:
+    calm = Calm(2, **options)
+    state = calm.init_state(1)
+    return angle_of(torch.cat([calm.step(x, state, ON, 30.0) for x in about_x(angle).split(8, 1)], 1))
 
 
-def test_trembling_is_damped() -> None:
-    """Alternating by 0.02 rad: following half the way each frame leaves a third of it."""
-    trembling = torch.tensor([0.01, -0.01]).repeat(40)
-    assert shown(trembling)[20:].abs().max() < 0.0055
+def test_steps_between_latents_become_a_smooth_path() -> None:
+    """A rotation that steps by chance every 4 frames, as noisy codes decode: the jerk falls by more than 5."""
+    torch.manual_seed(0)
+    steps = (0.05 * torch.randn(40)).repeat_interleave(4)
+    path = shown(steps)
+    assert torch.diff(path, n=3).abs().mean() < torch.diff(steps, n=3).abs().mean() / 5
+    assert (path - steps).abs().mean() < 0.05
 
 
-def test_a_quick_stroke_keeps_its_time() -> None:
-    time = torch.arange(60) / 30
+def test_a_quick_stroke_keeps_its_time_and_size() -> None:
+    """Sweeps of 1.2 rad in 0.4 s, as arms make them: a tenth of the way off at most."""
+    time = torch.arange(64) / 30
     stroke = 1.2 * torch.sin(2 * math.pi * time / 0.8)
-    assert (shown(stroke) - stroke).abs().max() < 0.06
+    assert (shown(stroke) - stroke)[8:].abs().max() < 0.12
+
+
+def test_no_stiffness_shows_what_was_decoded() -> None:
+    torch.manual_seed(0)
+    angle = 0.5 * torch.rand(32)
+    torch.testing.assert_close(shown(angle, stiffness=0.0), angle, atol=1e-5, rtol=0)
+
+
+def test_a_jump_at_a_chunk_border_is_bridged() -> None:
+    """Half a radian between two frames becomes a path whose acceleration is a fraction of the jump's."""
+    jump = torch.cat([torch.zeros(16), torch.full((24,), 0.5)])
+    path = shown(jump)
+    assert torch.diff(path, n=2).abs().max() < 0.4 * torch.diff(jump, n=2).abs().max()
+    assert path[-1] == pytest.approx(0.5, abs=0.01)
 
 
 def test_no_joint_turns_faster_than_the_bound() -> None:
     """A jump of 3 rad is spread: 1,000 degrees a second are 0.582 rad a frame."""
-    jump = torch.cat([torch.zeros(5), torch.full((20,), 3.0)])
+    jump = torch.cat([torch.zeros(8), torch.full((24,), 3.0)])
     path = shown(jump)
     assert (path[1:] - path[:-1]).abs().max() <= math.radians(1000) / 30 + 1e-4
-    assert path[-1] == pytest.approx(3.0, abs=0.01)
+    assert path[-1] == pytest.approx(3.0, abs=0.05)
 
 
 def test_the_sign_of_a_quaternion_does_not_matter() -> None:
-    smooth = about_x(torch.linspace(0, 1, 20))
+    smooth = about_x(torch.linspace(0, 1, 16))
     flipped = smooth.clone()
     flipped[:, ::2] *= -1
     calm = Calm(2)
     one, other = (angle_of(calm.step(x, calm.init_state(1), ON, 30.0)) for x in (smooth, flipped))
     torch.testing.assert_close(one, other)
-
-
-@pytest.mark.parametrize("cuts", [[8, 8, 8], [1, 22, 1]])
-def test_any_chunking_gives_the_whole(cuts: list[int]) -> None:
-    torch.manual_seed(0)
-    rotations = about_x(torch.randn(24))
-    calm = Calm(2)
-    state = calm.init_state(1)
-    parts = torch.cat([calm.step(piece, state, ON, 30.0) for piece in rotations.split(cuts, 1)], 1)
-    torch.testing.assert_close(parts, calm.step(rotations, calm.init_state(1), ON, 30.0))
 
 
 def test_idle_rows_stay_untouched() -> None:
