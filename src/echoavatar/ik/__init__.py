@@ -1,0 +1,19 @@
+"""Hands kept off the body by closed-form inverse kinematics, and the body's thickness they are kept off.
+
+May import `kinematics` and below. Poses are in the root's frame here: where the character stands does not matter.
+Metres, radians, Y up in the rest pose, character facing +Z.
+"""
+
+from .fit import measure_body
+from .guard import HandGuard
+from .measure import penetration_depth_m
+from .profile import BodyProfile, RoundedPart, body_of_rig
+
+__all__ = [
+    "BodyProfile",
+    "HandGuard",
+    "RoundedPart",
+    "body_of_rig",
+    "measure_body",
+    "penetration_depth_m",
+]
