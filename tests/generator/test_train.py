@@ -47,7 +47,10 @@ def test_a_run_that_was_killed_resumes_to_the_same_curve(tmp_path, sequence, opt
         if step == 5:
             raise KilledError
 
-    shape, training = config(sequence=sequence), settings(optimiser=optimiser)
+    shape, training = (
+        config(sequence=sequence),
+        settings(optimiser=optimiser, cue_weight=0.1, out_of_step=0.5),
+    )
     train_generator(shape, training, clips(), tmp_path / "whole")
     with pytest.raises(KilledError):
         train_generator(shape, training, clips(), tmp_path / "killed", progress=kill)
@@ -88,6 +91,29 @@ def test_a_blind_window_has_noise_for_context_and_clean_targets():
     )
     assert torch.equal(made.targets, clean.targets)
     assert (made.ids != clean.ids).sum() > 0.75 * 2 * 8 * 6  # 7 of 8 random codes differ
+
+
+def test_a_window_out_of_step_has_late_or_early_context_and_targets_in_time():
+    trainer = Trainer(config(), settings(corruption="none", out_of_step=1.0))
+    window = WindowSampler(clips(), chunks=4).batch(0, 2)
+    made = trainer._corrupted(window, 0)
+    order, none = trainer.generator.config.order, torch.zeros(2).long()
+    assert torch.equal(made.targets, order.build(window.audio, window.motion, window.motion, none).targets)
+    for row in range(2):
+        moved = [
+            order.build(window.audio, window.motion.roll(by, 1), window.motion, none).ids[row]
+            for by in (-2, -1, 1, 2)
+        ]
+        assert sum(torch.equal(made.ids[row], ids) for ids in moved) == 1
+
+
+def test_cues_are_learned_from_the_sound(tmp_path):
+    """Every clip beats where its audio code is below 4: known cues make that readable in the hidden state."""
+    made = [TokenClip(c.audio, c.motion, c.domain, cues=(c.audio < 4).astype(np.uint8)) for c in clips(8)]
+    training = settings(steps=60, batch=8, learning_rate=5e-3, warmup=5, cue_weight=1.0)
+    train_generator(config(layers=1), training, made, tmp_path)
+    rows = [json.loads(row)["cues"] for row in (tmp_path / "metrics.jsonl").read_text().splitlines()]
+    assert np.mean(rows[-5:]) < 0.3 * np.mean(rows[:5])
 
 
 def test_other_settings_or_another_model_are_not_resumed(tmp_path):

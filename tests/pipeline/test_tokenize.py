@@ -7,7 +7,7 @@ from echoavatar.data import Clip, Corpus, write_manifest
 from echoavatar.generator import TokenClip
 from echoavatar.kinematics.rotations import quaternion_from_matrix
 from echoavatar.pipeline import load_bundle
-from echoavatar.pipeline.tokenize import audio_codes, tokenize_corpus
+from echoavatar.pipeline.tokenize import audio_codes, heard_cues, tokenize_corpus
 
 
 def corpus(folder: Path, swaying: tuple[np.ndarray, np.ndarray], voice: np.ndarray) -> Corpus:
@@ -60,3 +60,12 @@ def test_codes_are_those_that_a_stream_hears(tiny_bundle: Path, voice: np.ndarra
         out.append(bundle.codec.step(chunk, coded, one)[0].numpy())
     whole = audio_codes(bundle.codec, voice[: 6400 * 7])
     assert (np.concatenate(out) == whole).mean() > 0.99  # a near tie may fall the other way
+
+
+def test_cues_are_on_for_three_frames_from_each_event() -> None:
+    rotations, root = np.tile(np.float32([1, 0, 0, 0]), (30, 52, 1)), np.zeros((30, 3), np.float32)
+    events = {"beats": np.array([0.0, 0.4]), "stress": np.array([0.99])}
+    clip = Clip("one", np.zeros(24_000, np.float32), rotations, root, np.full(30, 2, np.uint8), events)
+    cues = heard_cues(clip, 75)
+    assert np.flatnonzero(cues[:, 0]).tolist() == [0, 1, 2, 30, 31, 32]
+    assert np.flatnonzero(cues[:, 1]).tolist() == [74]

@@ -67,3 +67,10 @@ def test_a_four_second_window_of_the_paper_has_600_audio_and_540_motion_ids():
     order = sequence_order("interleaved", TokenLayout(motion_layers=6, vocabulary=20_000), 15)
     assert (15 * order.audio_per_chunk, 15 * order.motion_per_chunk) == (600, 540)
     assert order.lookback == 1140
+
+
+def test_the_place_where_a_frame_has_been_heard_holds_its_last_code():
+    audio, motion = codes(3)
+    for order in (Interleaved(LAYOUT, 15), Prefix(LAYOUT, 3)):
+        ids = order.build(audio, motion, motion, NONE).ids[0]
+        assert torch.equal(ids[order.heard(3)], LAYOUT.audio_ids(audio)[0].view(-1, 2)[:, 1])

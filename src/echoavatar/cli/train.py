@@ -59,6 +59,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=0.2,
         help="share of windows whose context motion is all noise, so that the sound must tell (default: %(default)s)",
     )
+    generator.add_argument(
+        "--out-of-step",
+        type=float,
+        default=0.15,
+        help="share of windows whose context runs early or late: the sound tells the phase (default: %(default)s)",
+    )
+    generator.add_argument(
+        "--cue-weight",
+        type=float,
+        default=0.3,
+        help="weight of telling beats and stresses from the sound, where the corpus knows them (default: %(default)s)",
+    )
     generator.add_argument("--start", type=Path, help="trained generator of the same sizes to begin with")
     generator.add_argument(
         "--minutes", type=float, help="stop this call after so many minutes; call again to go on"
@@ -167,6 +179,8 @@ def _generator(args: argparse.Namespace, progress: Progress) -> None:
         optimiser=args.optimiser,
         corruption=args.corruption,
         blind=args.blind,
+        out_of_step=args.out_of_step,
+        cue_weight=args.cue_weight,
         depth_weights=weights,
     )
     clips = [TokenClip.load(path) for path in sorted(args.source.glob("*.npz"))]

@@ -4,17 +4,25 @@ from collections.abc import Sequence
 
 import torch
 import torch.nn.functional as F
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from ..tokens import PARTS, Sequences
 from .model import Generator
 from .windows import DOMAINS, Window
 
+CUE_WEIGHT = 16.0  # cues are on for about one frame in thirty
 
-def code_nll(generator: Generator, batch: Sequences) -> Float[Tensor, "b k n"]:
-    """Negative log-likelihood in nats of every motion code under its segment's K logits."""
-    hidden = generator(batch.ids, batch.valid)
+
+def code_nll(
+    generator: Generator, batch: Sequences, hidden: Float[Tensor, "b t c"] | None = None
+) -> Float[Tensor, "b k n"]:
+    """Negative log-likelihood in nats of every motion code under its segment's K logits.
+
+    `hidden` is the generator's answer to the batch, where it is there already.
+    """
+    if hidden is None:
+        hidden = generator(batch.ids, batch.valid)
     logits = generator.segment_logits(hidden, batch.predictors).float()
     nll = F.cross_entropy(logits.flatten(0, 2), batch.targets.transpose(0, 1).flatten(), reduction="none")
     return nll.view(logits.shape[:3]).transpose(0, 1)
@@ -28,6 +36,12 @@ def hierarchical_loss(
         torch.tensor(depth_weights, device=nll.device).repeat(PARTS)[None, :, None] * batch.mask[:, None]
     )
     return (nll * weights).sum() / weights.sum()
+
+
+def cue_loss(logits: Float[Tensor, "b f 2"], cues: Int[Tensor, "b f 2"]) -> Float[Tensor, ""]:
+    """Does the hidden state know that a beat or a stress was just heard? Cross-entropy, the rare cues weighted up."""
+    weight = torch.full((cues.shape[-1],), CUE_WEIGHT, device=logits.device)
+    return F.binary_cross_entropy_with_logits(logits.float(), cues.to(logits).float(), pos_weight=weight)
 
 
 def to_device(batch: Sequences, device: str) -> Sequences:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from pydantic import Field
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save_file
@@ -22,12 +22,13 @@ from torch import Tensor, nn
 from .. import checkpoint
 from ..config import Config
 from ..errors import CheckpointError
+from ..timing import AUDIO_FRAMES_PER_CHUNK
 from ..tokens import Sequences, corrupt_hierarchically, corrupt_uniformly
 from .config import GeneratorConfig
 from .initial import align_embeddings
-from .loss import code_nll, hierarchical_loss, summary, to_device
+from .loss import code_nll, cue_loss, hierarchical_loss, summary, to_device
 from .model import Generator
-from .windows import TokenClip, Window, WindowSampler
+from .windows import CUES, TokenClip, Window, WindowSampler
 
 RESUME = "resume.safetensors"
 
@@ -66,6 +67,17 @@ class GeneratorTraining(Config):
         le=1,
         description="share of windows whose context motion is all noise: the sound must tell (not in the paper)",
     )
+    out_of_step: float = Field(
+        default=0.0,
+        ge=0,
+        le=1,
+        description="share of windows whose context motion runs 1 or 2 tokens early or late (not in the paper)",
+    )
+    cue_weight: float = Field(
+        default=0.0,
+        ge=0,
+        description="weight of telling beats and stresses from what was heard, where known (not in the paper)",
+    )
     short_windows: float = Field(
         default=0.2, ge=0, le=1, description="prefix order: share of windows cut short in front"
     )
@@ -95,10 +107,11 @@ class Trainer:
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(training.seed)
             self.generator = Generator(config)
+            self.cue_head = nn.Linear(config.width, len(CUES)).to(device)
         align_embeddings(self.generator, audio_codebooks=audio_codebooks, motion_codebooks=motion_codebooks)
         self.generator.to(device)
         self.training, self.next_step, self._device = training, 0, device
-        self._optimisers = _optimisers(self.generator, training)
+        self._optimisers = _optimisers(self.generator, self.cue_head, training)
 
     def step(self, window: Window) -> dict[str, Any]:
         """One optimiser step; returns its metrics."""
@@ -108,17 +121,24 @@ class Trainer:
             for group in optimiser.param_groups:
                 group["lr"] = training.learning_rate * self._schedule(number)
         with torch.autocast(torch.device(self._device).type, torch.bfloat16, enabled=training.autocast):
-            nll = code_nll(self.generator, batch)
+            hidden = self.generator(batch.ids, batch.valid)
+            nll = code_nll(self.generator, batch, hidden)
         loss = hierarchical_loss(nll, batch, training.depth_weights)
-        self.generator.zero_grad(set_to_none=True)
-        loss.backward()  # type: ignore[no-untyped-call]
+        cues = self._cue_loss(hidden, window) if training.cue_weight else torch.zeros(())
+        for module in (self.generator, self.cue_head):
+            module.zero_grad(set_to_none=True)
+        (loss + training.cue_weight * cues).backward()  # type: ignore[no-untyped-call]
         norm = nn.utils.clip_grad_norm_(self.generator.parameters(), training.clip)
         for optimiser in self._optimisers:
             optimiser.step()
         self.next_step += 1
-        return {"step": number, "loss": loss.item(), "gradient": norm.item()} | summary(
-            nll.detach(), batch, window
-        )
+        told = {"step": number, "loss": loss.item(), "gradient": norm.item(), "cues": cues.item()}
+        return told | summary(nll.detach(), batch, window)
+
+    def _cue_loss(self, hidden: Float[Tensor, "b t c"], window: Window) -> Float[Tensor, ""]:
+        chunks = window.audio.shape[1] // AUDIO_FRAMES_PER_CHUNK
+        heard = self.generator.config.order.heard(chunks).to(hidden.device)
+        return cue_loss(self.cue_head(hidden[:, heard]), window.cues.to(hidden.device))
 
     def _schedule(self, number: int) -> float:
         training = self.training
@@ -131,6 +151,8 @@ class Trainer:
         training, config = self.training, self.generator.config
         random = torch.Generator().manual_seed(training.seed * 1_000_003 + number)
         rows, context = len(window.motion), window.motion
+        if training.out_of_step:
+            context = _out_of_step(context, training.out_of_step, random)
         low, high = training.corruption_low, training.corruption_high
         rates = low + (high - low) * torch.rand(rows, generator=random)
         codebook = config.layout.motion_codes
@@ -155,6 +177,7 @@ class Trainer:
         for which, optimiser in enumerate(self._optimisers):
             for index, values in optimiser.state_dict()["state"].items():
                 state |= {f"optimiser.{which}.{index}.{name}": v.contiguous() for name, v in values.items()}
+        state |= {f"cue_head.{key}": value.detach() for key, value in self.cue_head.state_dict().items()}
         facts = {"step": str(self.next_step), "training": self.training.model_dump_json()}
         folder.mkdir(parents=True, exist_ok=True)
         partial = folder / f"{RESUME}.partial"
@@ -184,6 +207,8 @@ class Trainer:
             raise CheckpointError(f"{folder} was trained with other settings; train into another folder")
         weights = {key[len("model.") :]: value for key, value in tensors.items() if key.startswith("model.")}
         checkpoint.load_into(self.generator, weights, origin=str(path))
+        head = {key[len("cue_head.") :]: tensors[key] for key in tensors if key.startswith("cue_head.")}
+        checkpoint.load_into(self.cue_head, head, origin=str(path))
         for which, optimiser in enumerate(self._optimisers):
             prefix, stored = f"optimiser.{which}.", defaultdict[int, dict[str, Tensor]](dict)
             for key in (key for key in tensors if key.startswith(prefix)):
@@ -238,12 +263,26 @@ def train_generator(
     return trainer.generator.eval()
 
 
-def _optimisers(generator: Generator, training: GeneratorTraining) -> list[torch.optim.Optimizer]:
-    """AdamW over everything; or Muon over the layers' matrices and AdamW over embeddings, head, norms and biases."""
+def _out_of_step(
+    motion: Int[Tensor, "b n p q"], share: float, random: torch.Generator
+) -> Int[Tensor, "b n p q"]:
+    """A share of the rows moved by 1 or 2 tokens in time, so that only the sound tells the phase."""
+    chosen = torch.rand(len(motion), generator=random) < share
+    by = torch.tensor([-2, -1, 1, 2])[torch.randint(4, (len(motion),), generator=random)]
+    rows = [
+        row.roll(int(step), 0) if moves else row for row, step, moves in zip(motion, by, chosen, strict=True)
+    ]
+    return torch.stack(rows)
+
+
+def _optimisers(
+    generator: Generator, cue_head: nn.Module, training: GeneratorTraining
+) -> list[torch.optim.Optimizer]:
+    """AdamW over everything; or Muon over the layers' matrices and AdamW over embeddings, heads, norms and biases."""
     muon = training.optimiser == "muon"
     inner = [p for p in generator.model.layers.parameters() if p.dim() == 2 and muon]
     taken = {id(p) for p in inner}
-    rest = [p for p in generator.parameters() if id(p) not in taken]
+    rest = [p for p in (*generator.parameters(), *cue_head.parameters()) if id(p) not in taken]
     rate, decay = training.learning_rate, training.weight_decay
     groups = [
         {"params": [p for p in rest if p.dim() > 1], "weight_decay": decay},

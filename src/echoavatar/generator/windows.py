@@ -1,7 +1,8 @@
 """Training windows: whole chunks cut from clips that were encoded continuously, so that tokens look as they do live.
 
 A token file is one clip: an npz with `audio_codes` (f, 2) int16 at 75 Hz, `motion_codes` (n, 3, Q) int16 at 7.5 Hz,
-`domain` (n,) uint8 (0 silence, 1 speech, 2 music) and `split` ("train" or "test").
+`domain` (n,) uint8 (0 silence, 1 speech, 2 music) and `split` ("train" or "test"); optionally `cues` (f, 2) uint8, 1
+where a beat or a stressed syllable is heard.
 """
 
 import zipfile
@@ -19,6 +20,7 @@ from ..errors import MotionError
 from ..timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
 
 DOMAINS = ("silence", "speech", "music")
+CUES = ("beat", "stress")
 
 
 @dataclass(frozen=True)
@@ -29,9 +31,12 @@ class TokenClip:
     motion: Int[np.ndarray, "n p q"]
     domain: UInt8[np.ndarray, " labels"]
     split: str = "train"
+    cues: UInt8[np.ndarray, "f 2"] | None = None  # not known where None
 
     def __post_init__(self) -> None:
         chunks = min(len(self.audio) // AUDIO_FRAMES_PER_CHUNK, len(self.motion) // MOTION_TOKENS_PER_CHUNK)
+        cues = np.zeros((len(self.audio), len(CUES)), np.uint8) if self.cues is None else self.cues
+        object.__setattr__(self, "cues", cues[: chunks * AUDIO_FRAMES_PER_CHUNK])
         object.__setattr__(self, "audio", self.audio[: chunks * AUDIO_FRAMES_PER_CHUNK])
         object.__setattr__(self, "motion", self.motion[: chunks * MOTION_TOKENS_PER_CHUNK])
         object.__setattr__(self, "domain", self.domain[: chunks * MOTION_TOKENS_PER_CHUNK])
@@ -50,7 +55,10 @@ class TokenClip:
         """
         try:
             with np.load(path, allow_pickle=False) as file:
-                return cls(file["audio_codes"], file["motion_codes"], file["domain"], str(file["split"]))
+                cues = file.get("cues")
+                return cls(
+                    file["audio_codes"], file["motion_codes"], file["domain"], str(file["split"]), cues
+                )
         except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
             raise MotionError(f"{path} is not a token file ({error}); tokenize the corpus again") from error
 
@@ -62,6 +70,7 @@ class TokenClip:
             motion_codes=self.motion.astype(np.int16),
             domain=self.domain.astype(np.uint8),
             split=np.array(self.split),
+            cues=np.asarray(self.cues),
         )
 
 
@@ -71,6 +80,7 @@ class Window(NamedTuple):
     audio: Int[Tensor, "b f l"]
     motion: Int[Tensor, "b n p q"]
     domain: Int[Tensor, "b n"]
+    cues: Int[Tensor, "b f 2"]
 
 
 class WindowSampler:
@@ -125,4 +135,5 @@ class WindowSampler:
             cut("audio", AUDIO_FRAMES_PER_CHUNK),
             cut("motion", MOTION_TOKENS_PER_CHUNK),
             cut("domain", MOTION_TOKENS_PER_CHUNK),
+            cut("cues", AUDIO_FRAMES_PER_CHUNK),
         )

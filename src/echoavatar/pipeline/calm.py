@@ -70,7 +70,8 @@ def _smoother(frames: int, stiffness: float) -> Float[Tensor, "t s"]:
     past, own = third[:, :SHOWN], third[:, SHOWN:]
     weight = torch.diag(((torch.arange(frames, dtype=torch.float64) + 1) / frames) ** 3)
     right = torch.cat([-stiffness * own.T @ past, weight], 1)
-    return torch.linalg.solve(weight + stiffness * own.T @ own, right).float()
+    smoother: Tensor = torch.linalg.solve(weight + stiffness * own.T @ own, right).float()
+    return smoother
 
 
 def _one_hemisphere(path: Float[Tensor, "b t j 4"]) -> Float[Tensor, "b t j 4"]:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, UInt8
 from torch import Tensor
 
 from ..audio import AudioCodec, LevelControl
@@ -17,8 +17,10 @@ from ..data import Clip, Corpus
 from ..generator import TokenClip
 from ..kinematics import mirror_features, to_features
 from ..kinematics.rotations import matrix_from_quaternion
-from ..timing import FRAMES_PER_MOTION_TOKEN, SAMPLES_PER_AUDIO_TOKEN
+from ..timing import AUDIO_TOKEN_RATE_HZ, FRAMES_PER_MOTION_TOKEN, SAMPLES_PER_AUDIO_TOKEN
 from ..tokenizer import BodyTokenizer
+
+CUE_FRAMES = 3
 
 
 def tokenize_corpus(
@@ -43,7 +45,7 @@ def tokenize_corpus(
             for path, is_mirrored in targets:
                 codes = motion_codes(tokenizer, clip, is_mirrored=is_mirrored)
                 domain = clip.domain[: len(codes) * FRAMES_PER_MOTION_TOKEN : FRAMES_PER_MOTION_TOKEN]
-                TokenClip(sound, codes, domain, clip.split).save(path)
+                TokenClip(sound, codes, domain, clip.split, heard_cues(clip, len(sound))).save(path)
         if progress:
             progress(done, len(names))
     return len(list(folder.glob("*.npz")))
@@ -57,6 +59,17 @@ def audio_codes(codec: AudioCodec, audio: Float[np.ndarray, " s"]) -> Int[np.nda
     usable = len(audio) // SAMPLES_PER_AUDIO_TOKEN * SAMPLES_PER_AUDIO_TOKEN
     heard = level.step(torch.from_numpy(audio[None, :usable].copy()), level.init_state(1), one)
     return codec.encode(heard)[0].numpy().astype(np.int16)
+
+
+def heard_cues(clip: Clip, frames: int) -> UInt8[np.ndarray, "f 2"]:
+    """1 in the three audio frames (40 ms) from each beat and from each stressed syllable's vowel on."""
+    cues = np.zeros((frames, 2), np.uint8)
+    for column, name in enumerate(("beats", "stress")):
+        first = np.asarray(clip.events.get(name, np.zeros(0)) * AUDIO_TOKEN_RATE_HZ).astype(int)
+        for later in range(CUE_FRAMES):
+            at = first + later
+            cues[at[(at >= 0) & (at < frames)], column] = 1
+    return cues
 
 
 @torch.inference_mode()

@@ -56,6 +56,10 @@ class SequenceOrder(ABC):
         """Ids a position sees, itself included; None where the whole sequence is the window."""
 
     @abstractmethod
+    def heard(self, chunks: int) -> Int[Tensor, " f"]:
+        """Of each audio frame of `chunks` chunks the position whose input is its last code."""
+
+    @abstractmethod
     def build(
         self,
         audio: Int[Tensor, "b f l"],
@@ -84,6 +88,11 @@ class Interleaved(SequenceOrder):
         """The band in ids: all ids of `window_chunks` chunks."""
         return self.window_chunks * self.ids_per_chunk
 
+    def heard(self, chunks: int) -> Int[Tensor, " f"]:
+        """See `SequenceOrder.heard`; the start id stands before everything."""
+        within = (torch.arange(AUDIO_FRAMES_PER_CHUNK) + 1) * self.layout.audio_layers
+        return (torch.arange(chunks)[:, None] * self.ids_per_chunk + within).flatten()
+
     def build(
         self,
         audio: Int[Tensor, "b f l"],
@@ -111,6 +120,11 @@ class Prefix(SequenceOrder):
     def lookback(self) -> None:
         """Within a window everything earlier is seen."""
         return None
+
+    def heard(self, chunks: int) -> Int[Tensor, " f"]:
+        """See `SequenceOrder.heard`."""
+        frames = torch.arange(chunks * AUDIO_FRAMES_PER_CHUNK) + 1
+        return len(self.layout.before_audio) - 1 + frames * self.layout.audio_layers
 
     def prompt(
         self, audio: Int[Tensor, "b f l"], context: Int[Tensor, "b n p q"], missing: Int[Tensor, " b"]
