@@ -8,12 +8,15 @@ from .fit import measure_body
 from .guard import HandGuard
 from .measure import penetration_depth_m
 from .profile import BodyProfile, RoundedPart, body_of_rig
+from .swing import SwingConfig, swing_clear
 
 __all__ = [
     "BodyProfile",
     "HandGuard",
     "RoundedPart",
+    "SwingConfig",
     "body_of_rig",
     "measure_body",
     "penetration_depth_m",
+    "swing_clear",
 ]

@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 Array = np.ndarray
 STRAIGHT = 0.25  # radians: an elbow straighter than this is bent less than asked, at 0 not at all
+LEAST_DROP = 0.15  # metres below the shoulder to which a hand out of reach may be raised
 _FOLDED = -0.985  # cosine of the greatest bend
 _STRETCHED = float(np.cos(STRAIGHT))
 _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
@@ -35,25 +36,30 @@ def reach(
 ) -> ArmTurns:
     """Turns that bring the wrist to `target`: always to its direction, and to its distance where the elbow allows.
 
-    The elbow does not allow a distance beyond the almost stretched arm, and a straight arm has no plane to bend in:
-    there the hand gets the direction alone, as in the paper.
+    A low target beyond the almost stretched arm is raised until the arm reaches it. What is out of reach even then, or
+    needs a straight arm (which has no plane to bend in) to bend, gets the direction alone, as in the paper.
     """
-    sides = np.stack([elbow - shoulder, wrist - elbow, target - shoulder], 1)  # upper arm, forearm, wanted
-    dots = np.einsum("ivan,iwan->vwan", sides, sides)
-    aa, bb, ab = dots[0, 0], dots[1, 1], np.sqrt(dots[0, 0] * dots[1, 1])
+    bones, wanted = np.stack([elbow - shoulder, wrist - elbow], 1), target - shoulder
+    dots = np.einsum("ivan,iwan->vwan", bones, bones)
+    squares, ab = dots[0, 0] + dots[1, 1], np.sqrt(dots[0, 0] * dots[1, 1])
+    farthest = squares + 2 * np.maximum(dots[0, 1], ab * _STRETCHED)
+    room = np.maximum(farthest - np.square(wanted[0]) - np.square(wanted[2]), LEAST_DROP**2)
+    wanted[1] = np.maximum(wanted[1], -np.sqrt(room))
+    far, by_bone = np.einsum("ian,ian->an", wanted, wanted), np.einsum("ivan,ian->van", bones, wanted)
     cosine = np.minimum(np.maximum(dots[0, 1] / ab, -1), 1)
     angle = np.arccos(cosine)
     share = np.minimum(np.square(angle / STRAIGHT), 1)
-    meant = cosine + share * ((dots[2, 2] - aa - bb) / (2 * ab) - cosine)
+    meant = cosine + share * ((far - squares) / (2 * ab) - cosine)
     new = np.minimum(np.maximum(meant, np.minimum(cosine, _FOLDED)), np.maximum(cosine, _STRETCHED))
     more = np.arccos(new) - angle
+    sides = np.concatenate([bones, wanted[:, None]], 1)
     crosses = _cross(sides[:, [0, 0, 1]], sides[:, [1, 2, 2]])
     turn = np.sin(more) / np.maximum(np.sqrt(np.einsum("ian,ian->an", crosses[:, 0], crosses[:, 0])), 1e-9)
     # the forearm bends to l' = by_upper u + by_lower l, so the arm reaches (1 + by_upper) u + by_lower l
     cos = np.cos(more)
-    by_upper, by_lower = 1 - turn * bb, cos + turn * dots[0, 1]
-    size = np.sqrt((aa + bb + 2 * ab * new) * dots[2, 2])
-    along = (by_upper * dots[0, 2] + by_lower * dots[1, 2]) / size
+    by_upper, by_lower = 1 - turn * dots[1, 1], cos + turn * dots[0, 1]
+    size = np.sqrt((squares + 2 * ab * new) * far)
+    along = (by_upper * by_bone[0] + by_lower * by_bone[1]) / size
     across = (by_upper * crosses[:, 1] + by_lower * crosses[:, 2]) / size
     turns = turn_matrix(np.stack([along, cos]), np.stack([across, turn * crosses[:, 0]], 1))
     return ArmTurns(turns[:, :, 0], turns[:, :, 1])

@@ -26,9 +26,9 @@ from .chains import Array, Chains, Points
 from .hand import HandPoint, hand_points
 from .profile import BodyProfile, body_of_rig
 
-CLEARANCE = 0.004  # metres of air between hand and body
-SHELL = 0.015  # metres before contact at which a hand begins to give way
-BEHIND, ACROSS = 0.50, 0.30  # of a part's half depth and half width: where the way out starts
+CLEARANCE = 0.006  # metres of air between hand and body
+SHELL = 0.035  # metres before contact at which a hand begins to give way
+BEHIND, ACROSS = 0.70, 0.30  # of a part's half depth and half width: where the way out starts
 FOCUS = 3  # how sharply the nearest part alone decides the way out
 TOLERANCE = 0.01  # of the squared size of a rotation matrix
 SIDES = ("left", "right")
@@ -97,9 +97,11 @@ class HandGuard:
         c = np.einsum("ieapn,ieapn->eapn", seen, seen)
         root = b * b - a * (c - 1)
         exits = (np.sqrt(np.maximum(root, 0)) - b) / a + self._thicker
-        far = np.where(root > 0, exits, -1).max(0).max(1)
-        eased = np.square(np.minimum(np.maximum(far + SHELL, 0), 2 * SHELL)) / (4 * SHELL)
-        moves: Array = way * (eased + np.maximum(far - SHELL, 0))
+        exits = np.where(root > 0, exits, -1)
+        short = np.square(np.minimum(np.maximum(exits + SHELL, 0), 2 * SHELL)) / (4 * SHELL)
+        short += np.maximum(exits - SHELL, 0)  # (e, a, p, n): how far each point must go to leave each part
+        eighth = np.square(np.square(np.square(short / SHELL))).sum(0).sum(1)
+        moves: Array = way * (SHELL * eighth**0.125)  # the most of them, without a corner where two are equal
         return moves
 
     def _ways(self, bones: Float[Array, "3 4 e n"], seen: Float[Array, "3 e 2 n"]) -> Float[Array, "3 2 n"]:

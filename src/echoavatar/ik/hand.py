@@ -7,8 +7,8 @@ from jaxtyping import Float
 
 from ..kinematics import Skeleton
 
-LEAN = ("", "IndexProximal", "LittleProximal", "IndexIntermediate", "LittleIntermediate")
-LEAN_TIPS = ("ThumbDistal", "IndexDistal", "MiddleDistal", "LittleDistal")
+LEAN = ("", "ThumbProximal", "IndexProximal", "LittleProximal", "IndexIntermediate", "LittleIntermediate")
+LEAN_TIPS = ("ThumbDistal", "IndexDistal", "MiddleDistal", "RingDistal", "LittleDistal")
 _DIGITS = ("Thumb", "Index", "Middle", "Ring", "Little")
 FULL = ("", *(f"{digit}{part}" for digit in _DIGITS for part in ("Proximal", "Intermediate", "Distal")))
 FULL_TIPS = tuple(f"{digit}Distal" for digit in _DIGITS)
