@@ -1,0 +1,87 @@
+"""The face model whole: encoder, GPT, head, and the statistics of the curves it was trained on.
+
+Paper, appendix Face Animation Generator: 52 ARKit coefficients from streaming audio, normalised per channel.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Self
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from .. import checkpoint
+from .config import FaceConfig, MelConfig
+from .encoder import AudioEncoder, MelEncoder
+from .flow import FlowHead
+from .gpt import FaceGpt
+
+STILL = 1e-3  # channels that deviate less (standard deviation) are held at their mean
+_LEAST_STD = 0.02  # so that a channel that hardly moves is not blown up
+
+
+class FaceModel(nn.Module):
+    """Weights and what surrounds them; `FaceStream` runs it."""
+
+    mean: Tensor
+    std: Tensor
+
+    def __init__(self, config: FaceConfig) -> None:
+        super().__init__()
+        self.config = config
+        self.encoder: AudioEncoder[Any] = make_encoder(config)
+        self.gpt = FaceGpt(config)
+        self.head = FlowHead(
+            channels=config.channels,
+            condition=config.condition,
+            width=config.head_width,
+            blocks=config.head_blocks,
+            split=config.head_split,
+        )
+        self.register_buffer("mean", torch.zeros(config.channels))
+        self.register_buffer("std", torch.ones(config.channels))
+
+    @classmethod
+    def load(cls, folder: Path) -> Self:
+        """Read a checkpoint folder.
+
+        Raises:
+            CheckpointError: something is missing or does not fit.
+        """
+        model = cls(checkpoint.read_config(folder, FaceConfig))
+        checkpoint.load_into(model, checkpoint.read_weights(folder), origin=str(folder))
+        return model.eval()
+
+    def save(self, folder: Path, card: Mapping[str, object], *, dtype: torch.dtype | None = None) -> None:
+        """Write a checkpoint folder."""
+        checkpoint.save(folder, config=self.config, weights=self.state_dict(), card=card, dtype=dtype)
+
+    def measure(self, curves: Float[Tensor, "t c"]) -> None:
+        """Take the statistics of normalisation from curves."""
+        self.mean.copy_(curves.mean(0))
+        self.std.copy_(curves.std(0))
+
+    def normalize(self, curves: Float[Tensor, "*b c"]) -> Float[Tensor, "*b c"]:
+        """Zero mean, unit variance; still channels become 0."""
+        return (curves - self.mean) / self._scale() * self.moving()
+
+    def denormalize(self, normal: Float[Tensor, "*b c"]) -> Float[Tensor, "*b c"]:
+        """Back to curves; not clamped."""
+        return normal * self._scale() * self.moving() + self.mean
+
+    def moving(self) -> Tensor:
+        """1 for the channels that this model moves, 0 for the others (c)."""
+        return (self.std > STILL).to(self.std)
+
+    def _scale(self) -> Tensor:
+        return self.std.clamp_min(_LEAST_STD)
+
+
+def make_encoder(config: FaceConfig) -> AudioEncoder[Any]:
+    """The encoder that a config asks for."""
+    if isinstance(config.encoder, MelConfig):
+        return MelEncoder(config.encoder)
+    from .hubert import HubertEncoder
+
+    return HubertEncoder(config.encoder)

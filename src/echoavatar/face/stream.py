@@ -1,0 +1,97 @@
+"""Sound in, 52 curves out, 8 frames per step, many sessions in one batch.
+
+Paper, Face Animation Generator, Inference: 8 frames per step from 63 frames of sound and 56 of motion, 3-step flow
+matching, guidance 2.0. What comes out depends on a session's own sound and seed only.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+from ..nn import StreamState
+from ..timing import CHUNK_FRAMES, CHUNK_SAMPLES
+from .flow import Schedule
+from .gpt import GptState
+from .idle import IdleFace, IdleState, frame_loudness
+from .model import FaceModel
+from .noise import face_noise
+
+
+@dataclass
+class FaceState(StreamState):
+    """All zero: a mean face that has heard nothing."""
+
+    encoder: StreamState
+    gpt: GptState
+    idle: IdleState
+
+
+class FaceStream:
+    """A face model at work, with life (`idle`) on the channels that it does not move."""
+
+    def __init__(self, model: FaceModel) -> None:
+        self.model = model.eval()
+        self.idle = IdleFace(model.moving())
+
+    def init_state(self, rows: int) -> FaceState:
+        """A state in which no row has heard anything."""
+        model = self.model
+        states = model.encoder.init_state(rows), model.gpt.init_state(rows), self.idle.init_state(rows)
+        return FaceState(*states)
+
+    @torch.no_grad()
+    def step(
+        self,
+        audio: Float[Tensor, "b s"],
+        state: FaceState,
+        active: Bool[Tensor, " b"],
+        seeds: Int[Tensor, " b"],
+    ) -> Float[Tensor, "b t 52"]:
+        """Curves (0 to 1) of the next chunks of 6,400 samples; inactive rows return curves without meaning.
+
+        Raises:
+            ValueError: the samples are not whole chunks.
+        """
+        if audio.shape[1] % CHUNK_SAMPLES or not audio.shape[1]:
+            raise ValueError(f"a step takes a multiple of {CHUNK_SAMPLES} samples, got {audio.shape[1]}")
+        schedule = self.model.head.schedule(self.model.config.sampling_steps)
+        curves = []
+        for chunk in torch.split(audio, CHUNK_SAMPLES, dim=1):
+            features = self.model.encoder.step(chunk, state.encoder, active)
+            noise = self._noise(state.gpt.seen, seeds)
+            normal = self.generate(features, state.gpt, active, noise, schedule)
+            face = self.model.denormalize(normal).clamp(0, 1)
+            curves.append(self.idle.step(face, frame_loudness(chunk), state.idle, active, seeds))
+        return torch.cat(curves, 1)
+
+    @torch.no_grad()
+    def generate(
+        self,
+        features: Float[Tensor, "b n a"],
+        state: GptState,
+        active: Bool[Tensor, " b"],
+        noise: Float[Tensor, "b 8 c"],
+        schedule: Schedule | None = None,
+    ) -> Float[Tensor, "b 8 c"]:
+        """Normalised frames of one chunk, from the features of its frames (and, in front, of earlier ones)."""
+        gpt, head, config = self.model.gpt, self.model.head, self.model.config
+        schedule = schedule or head.schedule(config.sampling_steps)
+        wanted = state.sound.shape[1] + CHUNK_FRAMES
+        features = torch.cat([state.sound, features], 1)[:, -wanted:]
+        sound = gpt.sound_proj(features)
+        run = gpt.begin(state, sound)
+        last, frames = state.motion[:, -1], []
+        for i in range(CHUNK_FRAMES):
+            condition = gpt.next(run, last, sound[:, i - CHUNK_FRAMES])
+            last = head.sample(condition, noise[:, i], schedule, guidance=config.guidance)
+            frames.append(last)
+        generated = torch.stack(frames, 1)
+        gpt.commit(run, state, generated, features, active)
+        return generated
+
+    def _noise(self, frame: Int[Tensor, " b"], seeds: Int[Tensor, " b"]) -> Float[Tensor, "b 8 c"]:
+        config = self.model.config
+        noise = face_noise(seeds, frame, count=CHUNK_FRAMES, channels=config.channels, hold=config.noise_hold)
+        return noise.to(self.model.mean)
