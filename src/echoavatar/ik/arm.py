@@ -15,7 +15,8 @@ STRAIGHT = 0.25  # radians: an elbow straighter than this is bent less than aske
 LEAST_DROP = 0.15  # metres below the shoulder to which a hand out of reach may be raised
 _FOLDED = -0.985  # cosine of the greatest bend
 _STRETCHED = float(np.cos(STRAIGHT))
-_NEXT, _LAST = [1, 2, 0], [2, 0, 1]
+_NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
+_FIRST, _SECOND = np.array([0, 0, 1]), np.array([1, 2, 2])
 _CROSS = np.zeros((3, 3, 3), np.float32)  # _CROSS[i, j, k] v_k is the matrix of "v x"
 for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
     _CROSS[_i, _j, _k], _CROSS[_j, _i, _k] = -1.0, 1.0
@@ -53,7 +54,7 @@ def reach(
     new = np.minimum(np.maximum(meant, np.minimum(cosine, _FOLDED)), np.maximum(cosine, _STRETCHED))
     more = np.arccos(new) - angle
     sides = np.concatenate([bones, wanted[:, None]], 1)
-    crosses = _cross(sides[:, [0, 0, 1]], sides[:, [1, 2, 2]])
+    crosses = _cross(sides[:, _FIRST], sides[:, _SECOND])
     turn = np.sin(more) / np.maximum(np.sqrt(np.einsum("ian,ian->an", crosses[:, 0], crosses[:, 0])), 1e-9)
     # the forearm bends to l' = by_upper u + by_lower l, so the arm reaches (1 + by_upper) u + by_lower l
     cos = np.cos(more)

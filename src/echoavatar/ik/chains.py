@@ -25,6 +25,7 @@ class Chains:
                 joint = skeleton.parents[joint]
         self.joints = [joint for level in skeleton.levels for joint in level if joint in above]
         self.slot = {joint: slot for slot, joint in enumerate(self.joints)}
+        self._columns = np.array(self.joints)
         self._offsets = skeleton.offsets.numpy()[self.joints].T[:, :, None].astype(np.float32)
         sizes = [sum(joint in above for joint in level) for level in skeleton.levels]
         ends = np.cumsum(sizes)
@@ -38,7 +39,7 @@ class Chains:
     def local(self, rotations: Float[Array, "n j 3 3"]) -> Float[Array, "4 4 c n"]:
         """Local frames: rotation, the rest offset as the fourth column, and 0 0 0 1 below."""
         frames = np.empty((4, 4, len(self.joints), len(rotations)), np.float32)
-        frames[:3, :3] = rotations.transpose(2, 3, 1, 0)[:, :, self.joints]
+        frames[:3, :3] = rotations.transpose(2, 3, 1, 0)[:, :, self._columns]
         frames[:3, 3] = self._offsets
         frames[3, :3], frames[3, 3] = 0, 1
         return frames

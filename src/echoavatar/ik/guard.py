@@ -58,7 +58,7 @@ class HandGuard:
         arms = [[bones[f"{side}{bone}"] for side in SIDES] for bone in ("UpperArm", "LowerArm", "Hand")]
         self._arms = np.array([[slot[joint] for joint in pair] for pair in arms])
         self._above = np.array([[slot[skeleton.parents[joint]] for joint in pair] for pair in arms])
-        self._changed = [joint for pair in arms for joint in pair]
+        self._changed = np.array([joint for pair in arms for joint in pair])
         self._names = skeleton.names
 
     def step(
@@ -73,7 +73,8 @@ class HandGuard:
         """
         if not self.is_able:
             return rotations
-        flat = rotations.detach().cpu().flatten(0, 1).float().numpy()
+        given = rotations.detach().cpu().numpy()
+        flat = given.reshape(-1, *given.shape[2:]).astype(np.float32, copy=False)
         local = self._chains.local(flat)
         self._check(local, rotations.shape[0], active)
         frames = self._chains.world(local)
@@ -83,7 +84,7 @@ class HandGuard:
         fixed = self._corrected(local, frames, move)
         changed = flat.copy()
         changed[:, self._changed] = fixed.transpose(4, 2, 3, 0, 1).reshape(len(flat), -1, 3, 3)
-        return torch.from_numpy(changed).reshape(rotations.shape).to(rotations)
+        return torch.from_numpy(changed.reshape(given.shape)).to(rotations)
 
     def _moves(self, frames: Float[Array, "3 4 c n"]) -> Float[Array, "3 2 n"]:
         """By how much each hand is moved, in the root's frame."""
