@@ -23,7 +23,7 @@ def test_a_face_blinks_about_16_times_a_minute_and_not_in_step():
     starts = ((lids[:, 1:] > 0) & (lids[:, :-1] == 0)).sum(1).double()
     assert 12 < starts.mean() < 22
     assert lids.max() == 1
-    assert (lids.max(0).values[:100] > 0).double().mean() > 0.9  # somebody blinks at almost any time
+    assert (lids.max(0).values[:100] > 0).double().mean() > 0.8  # somebody blinks at almost any time
     shut = lids > 0.5
     assert 0.02 < shut.double().mean() < 0.1
 

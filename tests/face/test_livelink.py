@@ -19,7 +19,7 @@ def write(
     for i in range(frames):
         count = i * 60 // rate
         stamp = f"10:00:{count // 60:02d}:{count % 60:02d}.000"
-        values = [f"{i / (frames - 1) if name == 'jawOpen' else 0.1:.6f}" for name in names]
+        values = [f"{i / max(frames - 1, 1) if name == 'jawOpen' else 0.1:.6f}" for name in names]
         rows.append([stamp, str(len(names)), *values])
     header = ["Timecode", "BlendShapeCount", *(name[0].upper() + name[1:] for name in names)]
     path.write_text("\n".join(",".join(row) for row in edit([header, *rows])) + "\n")

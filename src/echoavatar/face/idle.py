@@ -147,7 +147,7 @@ def brow_gate(seeds: Int[Tensor, " b"], frame: Int[Tensor, "b t"]) -> Float[Tens
     """Which accents the brows take part in, smoothly between 0 and 1."""
     here = _drawn(seeds, frame, every=_BROW_GATE_EVERY, numbers=1, kind=2)[..., 0]
     after = _drawn(seeds, frame + _BROW_GATE_EVERY, every=_BROW_GATE_EVERY, numbers=1, kind=2)[..., 0]
-    return torch.lerp(here, after, (frame % _BROW_GATE_EVERY) / _BROW_GATE_EVERY).double()
+    return torch.lerp(here, after, (frame % _BROW_GATE_EVERY).double() / _BROW_GATE_EVERY)
 
 
 def _drawn(
