@@ -1,6 +1,6 @@
 """One chunk of audio in, one chunk of motion out, for many sessions at once (paper, Real-time Deployment).
 
-    level control -> codec -> generator -> tokenizer decoder -> post: calm, ground, feet
+    level control -> codec -> generator -> tokenizer decoder -> post: calm, ground, feet, hands
 
 Offline and live are the same: a file is a session that is pushed faster. Nothing here depends on the wall clock.
 """
@@ -17,6 +17,7 @@ from ..audio import LevelControl, LevelState, NetworkState
 from ..generator import open_stream
 from ..generator.linear import Precision
 from ..generator.stream import GeneratorStream, HistoryState, RingState
+from ..ik import HandGuard
 from ..kinematics.features import from_features, travel_slice
 from ..kinematics.rotations import matrix_from_quaternion, quaternion_from_matrix
 from ..nn import StreamState
@@ -59,6 +60,7 @@ class Pipeline:
         self.calm = Calm(bundle.skeleton.joints)
         self.ground = Ground(bundle.skeleton)
         self.feet = Feet(bundle.skeleton)
+        self.hands = HandGuard(bundle.skeleton)
         self.lap: Lap = _no_lap
 
     def init_state(self, rows: int) -> PipelineState:
@@ -108,6 +110,7 @@ class Pipeline:
         travel = features[..., travel_slice(self.skeleton)]
         root = self.ground.step(rotations, travel, state.ground, active)
         rotations = self.feet.step(rotations, root, state.feet, active, FRAME_RATE_HZ)
+        rotations = self.hands.step(rotations, active)
         quaternions = quaternion_from_matrix(rotations)
         return [MotionChunk(q, r) for q, r in zip(quaternions.numpy(), root.numpy(), strict=True)]
 
