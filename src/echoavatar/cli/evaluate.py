@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import math
 import sys
 from pathlib import Path
 
@@ -66,7 +67,8 @@ def run(args: argparse.Namespace) -> int:
         scores = evaluate(bundle, clips, recordings, seed=args.seed, progress=say)
     for key, value in scores.items():
         print(f"{key:<44}{value:>12.4f}")
-    print(json.dumps({key: round(value, 5) for key, value in scores.items()}))
+    told = {key: round(value, 5) if math.isfinite(value) else None for key, value in scores.items()}
+    print(json.dumps(told))  # null: nothing to measure it on
     return 0
 
 
