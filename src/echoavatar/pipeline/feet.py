@@ -3,7 +3,8 @@
 `ground` moves the root so that the leading foot stays; what is left is that two planted feet do not agree with each
 other, and that the decoded foot floats or sinks by millimetres. A foot is planted by the height and vertical speed of
 its ball, as in `kinematics.contact`. While it is, its ball is held where it came down; the correction fades when it
-lifts. Not in the paper.
+lifts. A foot that travels without lifting, as a shuffle decodes, is lifted, so that it steps instead of sliding. Not in
+the paper.
 """
 
 from dataclasses import dataclass
@@ -22,16 +23,22 @@ LEAVE_SPEED = 0.30  # metres per second, vertical
 FADE = 0.78  # of a correction, what is left one frame after the foot was lifted
 SETTLE = 0.35  # of the height error, what is taken away per planted frame
 LARGEST = 0.12  # metres: a foot that strays further is let go
+STANDING_SPEED, STEPPING_SPEED = (
+    0.3,
+    0.8,
+)  # metres per second, horizontal: below it may be planted; above it steps
+CLEARANCE = 0.045  # metres over the floor of a stepping foot
+RISE = 0.5  # of the way to its clearance, per frame
 
 
 @dataclass
 class FeetState(StreamState):
-    """Per row and foot: is it held, where, by how much, and where the decoded ball was in the last frame."""
+    """Per row and foot: is it held, where, by how much it is moved, and the decoded ball in the last frame."""
 
     held: Bool[Tensor, "b f"]
     anchor: Float[Tensor, "b f 2"]
     shift: Float[Tensor, "b f 3"]
-    height: Float[Tensor, "b f"]
+    ball: Float[Tensor, "b f 3"]
     seen: Bool[Tensor, " b"]
 
 
@@ -54,9 +61,8 @@ class Feet:
     def init_state(self, rows: int) -> FeetState:
         """No foot is held."""
         no = torch.zeros(rows, 2, dtype=torch.bool)
-        zero = torch.zeros(rows, 2)
         seen = torch.zeros(rows, dtype=torch.bool)
-        return FeetState(no, torch.zeros(rows, 2, 2), torch.zeros(rows, 2, 3), zero, seen)
+        return FeetState(no, torch.zeros(rows, 2, 2), torch.zeros(rows, 2, 3), torch.zeros(rows, 2, 3), seen)
 
     def step(
         self,
@@ -81,29 +87,34 @@ class Feet:
         self, balls: Float[Tensor, "b t f 3"], state: FeetState, active: Tensor, fps: float
     ) -> Float[Tensor, "b t f 3"]:
         """By how much each foot is moved, frame by frame."""
-        over = balls[..., 1] - self._standing
+        over = balls - torch.tensor([0.0, 1.0, 0.0]) * self._standing[:, None]
         held, anchor, shift = state.held.clone(), state.anchor.clone(), state.shift.clone()
-        before = torch.where(state.seen[:, None], state.height, over[:, 0])
+        before = torch.where(state.seen[:, None, None], state.ball, over[:, 0])
         shifts = []
         for t in range(balls.shape[1]):
-            place, height = balls[:, t][..., [0, 2]], over[:, t]
-            rising = (height - before).abs() * fps
+            place, height = over[:, t][..., [0, 2]], over[:, t, :, 1]
+            moved = (over[:, t] - before) * fps
+            rising, travel = moved[..., 1].abs(), moved[..., [0, 2]].norm(dim=-1)
             low = torch.where(held, height < LEAVE_HEIGHT, height < ENTER_HEIGHT) & (rising < LEAVE_SPEED)
+            low &= held | (travel < STANDING_SPEED)
             down = low & ~held
             anchor = torch.where(down[..., None], place + shift[..., [0, 2]], anchor)
             gap = anchor - place
             low &= gap.norm(dim=-1) < LARGEST
-            faded = shift * FADE
+            stepping = (travel - STANDING_SPEED) / (STEPPING_SPEED - STANDING_SPEED)
+            lift = (CLEARANCE * stepping.clamp(0, 1) - height).clamp_min(0) * (travel > STANDING_SPEED)
+            risen = torch.where(lift > 0, shift[..., 1] + RISE * (lift - shift[..., 1]), shift[..., 1] * FADE)
+            faded = torch.stack([shift[..., 0] * FADE, risen, shift[..., 2] * FADE], -1)
             planted = torch.stack(
                 [gap[..., 0], shift[..., 1] - SETTLE * (height + shift[..., 1]), gap[..., 1]], -1
             )
             shift = torch.where(low[..., None], planted, faded)
-            held, before = low, height
+            held, before = low, over[:, t]
             shifts.append(shift)
         write_rows(state.held, held, active)
         write_rows(state.anchor, anchor, active)
         write_rows(state.shift, shift, active)
-        write_rows(state.height, before, active)
+        write_rows(state.ball, before, active)
         write_rows(state.seen, torch.ones_like(state.seen), active)
         return torch.stack(shifts, 1)
 
