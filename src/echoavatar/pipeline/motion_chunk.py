@@ -1,4 +1,4 @@
-"""What leaves the pipeline for one session: eight frames of motion."""
+"""What leaves the pipeline for one session: eight frames of motion and face."""
 
 from typing import NamedTuple
 
@@ -7,7 +7,10 @@ from jaxtyping import Float
 
 
 class MotionChunk(NamedTuple):
-    """Parent-relative rotations and root positions of consecutive frames at 30 fps."""
+    """Parent-relative rotations, root positions and face of consecutive frames at 30 fps."""
 
     rotations: Float[np.ndarray, "t j 4"]  # quaternions wxyz
     root: Float[np.ndarray, "t 3"]  # metres
+    face: Float[np.ndarray, "t 52"] | None = (
+        None  # ARKit curves 0..1 (`face.ARKIT_NAMES`); None without a model
+    )
