@@ -20,6 +20,7 @@ class Animation(NamedTuple):
     motion: Motion  # 30 fps, one frame per 800 samples
     audio: Float[np.ndarray, " s"]  # 24 kHz mono
     seconds: float  # wall time spent in the engine
+    face: Float[np.ndarray, "t 52"] | None = None  # ARKit curves 0..1 beside the motion; None without a model
 
     @property
     def real_time_factor(self) -> float:
@@ -56,7 +57,8 @@ def animate(
         raise AudioError("there is no sound in it; give a file with at least one sample")
     motion = _motion(pipeline, chunks, len(audio))
     padded = np.pad(audio, (0, motion.frames * SAMPLES_PER_FRAME - len(audio)))
-    return Animation(motion, padded.astype(np.float32), time.perf_counter() - started)
+    face = _face(chunks, motion.frames)
+    return Animation(motion, padded.astype(np.float32), time.perf_counter() - started, face)
 
 
 def animate_many(
@@ -92,6 +94,12 @@ def _motion(pipeline: Pipeline, chunks: Sequence[MotionChunk], samples: int) -> 
         np.concatenate([chunk.root for chunk in chunks])[:frames],
         float(FRAME_RATE_HZ),
     )
+
+
+def _face(chunks: Sequence[MotionChunk], frames: int) -> Float[np.ndarray, "t 52"] | None:
+    """The chunks' face curves in one piece; None when the bundle has no face model."""
+    faces = [chunk.face for chunk in chunks if chunk.face is not None]
+    return np.concatenate(faces)[:frames] if chunks and len(faces) == len(chunks) else None
 
 
 def in_blocks(audio: Float[np.ndarray, " s"], seconds: float = 2.0) -> Iterable[Float[np.ndarray, " s"]]:
