@@ -1,0 +1,53 @@
+"""Rotation arithmetic of the live path: numpy, components first, lanes last, few and wide operations.
+
+A lane is one rotation of one joint in one frame of one session. With the components first, every operation runs over
+contiguous lanes, so one session costs few numpy calls and many sessions cost plain loops over memory. `rotations` is
+the same arithmetic in torch, batched over leading axes and differentiable; tests hold the two together.
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+Array = np.ndarray
+_PARTNER = np.array([[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]])  # which of a meets which of b
+_SIGN = np.array([[1, -1, -1, -1], [1, 1, 1, -1], [1, -1, 1, 1], [1, 1, -1, 1]], np.float32)
+_CONJUGATE = np.array([1, -1, -1, -1], np.float32)
+_LEAST = 1e-12
+
+
+def multiply(a: Float[Array, "4 ..."], b: Float[Array, "4 ..."]) -> Float[Array, "4 ..."]:
+    """Hamilton product: first b, then a. Lanes broadcast."""
+    signs = _SIGN.reshape(4, 4, *([1] * (b.ndim - 1)))
+    product: Array = np.einsum("ij...,ij...->i...", b[_PARTNER] * signs, a[None])
+    return product
+
+
+def conjugate(quaternion: Float[Array, "4 ..."]) -> Float[Array, "4 ..."]:
+    """The inverse of a unit quaternion."""
+    inverse: Array = quaternion * _CONJUGATE.reshape(4, *([1] * (quaternion.ndim - 1)))
+    return inverse
+
+
+def normalized(vector: Float[Array, "c ..."]) -> Float[Array, "c ..."]:
+    """Unit length; zero stays zero."""
+    size = np.sqrt(np.einsum("i...,i...->...", vector, vector))
+    unit: Array = vector / np.maximum(size, _LEAST)
+    return unit
+
+
+def rotation_vector(quaternion: Float[Array, "4 ..."]) -> Float[Array, "3 ..."]:
+    """Rotation vector of a unit quaternion, at most pi long; smooth through zero."""
+    sine = np.sqrt(np.einsum("i...,i...->...", quaternion[1:], quaternion[1:]))
+    real = quaternion[0]
+    angle = 2 * np.arctan2(sine, np.abs(real))
+    share = np.where(sine > 1e-6, angle / np.maximum(sine, 1e-6), 2.0)
+    vector: Array = quaternion[1:] * np.where(real < 0, -share, share)
+    return vector
+
+
+def quaternion(vector: Float[Array, "3 ..."]) -> Float[Array, "4 ..."]:
+    """Unit quaternion of a rotation vector; smooth through zero."""
+    angle = np.sqrt(np.einsum("i...,i...->...", vector, vector))
+    share = np.sinc(angle / (2 * np.pi)) / 2
+    made: Array = np.concatenate([np.cos(angle / 2)[None], vector * share])
+    return made.astype(vector.dtype, copy=False)
