@@ -71,6 +71,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=0.3,
         help="weight of telling beats and stresses from the sound, where the corpus knows them (default: %(default)s)",
     )
+    generator.add_argument(
+        "--exemplar",
+        type=float,
+        default=0.0,
+        help="share of windows told a set of their own codes, so that actions can steer (default: %(default)s)",
+    )
     generator.add_argument("--start", type=Path, help="trained generator of the same sizes to begin with")
     generator.add_argument(
         "--minutes", type=float, help="stop this call after so many minutes; call again to go on"
@@ -168,7 +174,12 @@ def _generator(args: argparse.Namespace, progress: Progress) -> None:
         motion_codes=tokenizer.config.codes,
     )
     config = GeneratorConfig(
-        layout=layout, width=args.width, layers=args.layers, mlp=3 * args.width, window_chunks=args.window
+        layout=layout,
+        width=args.width,
+        layers=args.layers,
+        mlp=3 * args.width,
+        window_chunks=args.window,
+        exemplar=args.exemplar > 0,
     )
     weights = tuple(0.7**layer for layer in range(layout.motion_layers))
     training = GeneratorTraining(
@@ -180,6 +191,7 @@ def _generator(args: argparse.Namespace, progress: Progress) -> None:
         corruption=args.corruption,
         blind=args.blind,
         out_of_step=args.out_of_step,
+        exemplar=args.exemplar,
         cue_weight=args.cue_weight,
         depth_weights=weights,
     )

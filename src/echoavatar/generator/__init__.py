@@ -1,6 +1,7 @@
 """Audio codes to motion codes: the model, streaming, training. May import `tokens` and below."""
 
 from .config import GeneratorConfig, qwen_half_billion
+from .exemplar import Exemplar, draw_exemplar
 from .initial import align_embeddings, init_from_qwen
 from .linear import Precision
 from .model import Generator
@@ -10,6 +11,7 @@ from .windows import DOMAINS, TokenClip, Window, WindowSampler
 
 __all__ = [
     "DOMAINS",
+    "Exemplar",
     "Generator",
     "GeneratorConfig",
     "GeneratorStream",
@@ -20,6 +22,7 @@ __all__ = [
     "Window",
     "WindowSampler",
     "align_embeddings",
+    "draw_exemplar",
     "init_from_qwen",
     "nll_by_domain",
     "open_stream",

@@ -35,6 +35,10 @@ class GeneratorConfig(Config):
     )
     top_p: float = Field(default=0.95, gt=0, le=1, description="default nucleus mass")
 
+    exemplar: bool = Field(
+        default=False, description="whether a set of first-layer upper-body codes steers it (paper, stage 3)"
+    )
+
     @model_validator(mode="after")
     def _heads_divide(self) -> Self:
         if self.width % (2 * self.heads):

@@ -15,6 +15,7 @@ from jaxtyping import Bool, Complex, Float, Int
 from torch import Tensor
 
 from ..nn.stream import StreamState
+from .exemplar import Steer, member_rows, segment_of
 from .linear import FrozenLinear, Precision, frozen_linear
 from .model import DecoderLayer, Generator
 from .rotary import rotary_angles
@@ -58,6 +59,14 @@ class Decoder:
         self._heads = [
             frozen_linear(precision, segment * scale) for segment in generator.segment_head().detach()
         ]
+        self._control = generator.exemplar
+        if self._control is not None:
+            self._gate = (
+                (self._control.gate_proj.weight * scale).detach().float(),
+                self._control.gate_proj.bias,
+            )
+        self._directed = segment_of(config.layout)
+        self._members = member_rows(self._embedding, config.layout)
         self._root_eps = torch.full((1, 1), (width * config.norm_eps) ** 0.5, device=self.device)
 
     @property
@@ -90,12 +99,31 @@ class Decoder:
         bias = torch.zeros(seen.shape, device=positions.device).masked_fill_(~seen, -torch.inf)
         return Places(turns[:, :, None], ring * (spare + 1) + slots[:, None], bias[:, None, None])
 
+    def steer(self, exemplar: Float[Tensor, "b K"] | None, bias: Float[Tensor, "b K"] | None) -> Steer | None:
+        """What these weights make of a set and of a bias on its logits; without exemplar control the set is ignored."""
+        if self._control is None or exemplar is None:
+            if bias is None:
+                return None
+            return Steer(bias.new_zeros(len(bias), self.config.width), torch.zeros_like(bias), bias)
+        hint = self._control.hint(exemplar, self._members)
+        return Steer(hint, exemplar, torch.zeros_like(exemplar) if bias is None else bias)
+
     def run(
-        self, ids: Int[Tensor, "b t"], places: Places, rings: Sequence[KeyValueRing]
+        self,
+        ids: Int[Tensor, "b t"],
+        places: Places,
+        rings: Sequence[KeyValueRing],
+        hint: Float[Tensor, "b c"] | None = None,
+        hinted: int = 1,
     ) -> Float[Tensor, "b c"]:
-        """Read ids, write their keys and values, return the normed hidden state of the last position."""
+        """Read ids, write their keys and values, return the normed hidden state of the last position.
+
+        `hint` is added to the embeddings of the last `hinted` ids.
+        """
         rows, length = ids.shape
         x = self._embedding[ids.flatten()]
+        if hint is not None:
+            x.view(rows, length, -1)[:, -hinted:] += hint[:, None]
         turns, writes, bias = places.turns, places.writes.flatten(), places.bias
         attend = self._attend_one if length == 1 else self._attend_many
         for layer, ring in zip(self._layers, rings, strict=True):
@@ -106,9 +134,16 @@ class Decoder:
         last = x if length == 1 else x.view(rows, length, -1)[:, -1]
         return self._norm(last, self._heads[0].dtype)
 
-    def logits(self, hidden: Float[Tensor, "b c"], segment: int) -> Float[Tensor, "b K"]:
-        """The K logits of one segment."""
-        return self._heads[segment](hidden).float()
+    def logits(
+        self, hidden: Float[Tensor, "b c"], segment: int, steer: Steer | None = None
+    ) -> Float[Tensor, "b K"]:
+        """The K logits of one segment, under a directive where one is given."""
+        logits = self._heads[segment](hidden).float()
+        if steer is None or segment != self._directed:
+            return logits
+        if self._control is not None:
+            logits = logits + F.linear(hidden.float(), *self._gate) * steer.members
+        return logits + steer.bias
 
     def _norm(self, x: Float[Tensor, "n c"], dtype: torch.dtype) -> Float[Tensor, "n c"]:
         """Bring to unit length, x / sqrt(|x|^2 + c eps); the missing sqrt(c) is folded into the weights."""

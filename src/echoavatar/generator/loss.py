@@ -8,6 +8,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from ..tokens import PARTS, Sequences
+from .exemplar import UPPER, Exemplar
 from .model import Generator
 from .windows import DOMAINS, Window
 
@@ -15,15 +16,18 @@ CUE_WEIGHT = 16.0  # cues are on for about one frame in thirty
 
 
 def code_nll(
-    generator: Generator, batch: Sequences, hidden: Float[Tensor, "b t c"] | None = None
+    generator: Generator,
+    batch: Sequences,
+    hidden: Float[Tensor, "b t c"] | None = None,
+    exemplar: Exemplar | None = None,
 ) -> Float[Tensor, "b k n"]:
     """Negative log-likelihood in nats of every motion code under its segment's K logits.
 
-    `hidden` is the generator's answer to the batch, where it is there already.
+    `hidden` is the generator's answer to the batch, where it is there already; `exemplar` the directive it was given.
     """
     if hidden is None:
-        hidden = generator(batch.ids, batch.valid)
-    logits = generator.segment_logits(hidden, batch.predictors).float()
+        hidden = generator.read(batch, exemplar)
+    logits = generator.code_logits(batch, hidden, exemplar).float()
     nll = F.cross_entropy(logits.flatten(0, 2), batch.targets.transpose(0, 1).flatten(), reduction="none")
     return nll.view(logits.shape[:3]).transpose(0, 1)
 
@@ -51,8 +55,10 @@ def to_device(batch: Sequences, device: str) -> Sequences:
     return Sequences(ids.to(device), valid, predictors.to(device), targets.to(device), mask.to(device))
 
 
-def summary(nll: Float[Tensor, "b k n"], batch: Sequences, window: Window) -> dict[str, float]:
-    """Mean NLL per domain, and per RVQ layer."""
+def summary(
+    nll: Float[Tensor, "b k n"], batch: Sequences, window: Window, exemplar: Exemplar | None = None
+) -> dict[str, float]:
+    """Mean NLL per domain, and per RVQ layer; of the directive's layer where one holds and where none does."""
     counts = batch.mask[:, None].expand_as(nll)
     domain = window.domain.to(nll.device)[:, None].expand_as(nll)
     means = {
@@ -62,4 +68,8 @@ def summary(nll: Float[Tensor, "b k n"], batch: Sequences, window: Window) -> di
     }
     layers = nll.view(len(nll), PARTS, -1, nll.shape[2]).transpose(1, 2)
     there = counts.reshape(len(nll), PARTS, -1, nll.shape[2]).transpose(1, 2)
+    if exemplar is not None:
+        for name, where in (("told", exemplar.holds), ("untold", ~exemplar.holds)):
+            chosen = layers[:, 0, UPPER][where & batch.mask]
+            means |= {f"nll_upper_{name}": chosen.mean().item()} if len(chosen) else {}
     return means | {f"nll_layer_{q}": layers[:, q][there[:, q]].mean().item() for q in range(layers.shape[1])}

@@ -15,8 +15,10 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
 from .. import checkpoint
+from ..tokens import Sequences
 from .attention import banded_attention, masked_attention
 from .config import GeneratorConfig
+from .exemplar import Exemplar, ExemplarControl, member_rows, raise_logits, spread_hints
 from .rotary import rotary_angles, rotate
 
 
@@ -122,6 +124,7 @@ class Generator(nn.Module):
         self.config = config
         self.model = Body(config)
         self.lm_head = nn.Linear(config.width, config.layout.vocabulary, bias=False)
+        self.exemplar = ExemplarControl(config.width) if config.exemplar else None
         self._initialise()
 
     def _initialise(self) -> None:
@@ -134,11 +137,19 @@ class Generator(nn.Module):
                 nn.init.normal_(
                     parameter, std=0.02 / ((2 * self.config.layers) ** 0.5 if into_residual else 1)
                 )
+        if self.exemplar is not None:
+            self.exemplar.clear()
 
     def forward(
-        self, ids: Int[Tensor, "b t"], valid: Bool[Tensor, "b t"] | None = None
+        self,
+        ids: Int[Tensor, "b t"],
+        valid: Bool[Tensor, "b t"] | None = None,
+        hints: Float[Tensor, "b t c"] | None = None,
     ) -> Float[Tensor, "b t c"]:
-        """Hidden states after the final norm. Positions count the valid ids; invalid ones are never attended to."""
+        """Hidden states after the final norm. Positions count the valid ids; invalid ones are never attended to.
+
+        `hints` are added to the embeddings of the ids.
+        """
         if valid is None:
             positions = torch.arange(ids.shape[1], device=ids.device)[None]
         else:
@@ -146,10 +157,28 @@ class Generator(nn.Module):
         config = self.config
         angles = rotary_angles(positions, width=config.head_width, theta=config.rope_theta)
         x = self.model.embed_tokens(ids)
+        x = x if hints is None else x + hints
         for layer in self.model.layers:
             x = layer(x, angles, config.order.lookback, valid)
         hidden: Tensor = self.model.norm(x)
         return hidden
+
+    def read(self, batch: Sequences, exemplar: Exemplar | None = None) -> Float[Tensor, "b t c"]:
+        """Hidden states of training sequences, under a directive where one is given."""
+        if exemplar is None or self.exemplar is None:
+            return self.forward(batch.ids, batch.valid)
+        rows = member_rows(self.model.embed_tokens.weight, self.config.layout)
+        hint = self.exemplar.hint(exemplar.members, rows)
+        return self.forward(batch.ids, batch.valid, spread_hints(hint, exemplar, batch))
+
+    def code_logits(
+        self, batch: Sequences, hidden: Float[Tensor, "b t c"], exemplar: Exemplar | None = None
+    ) -> Float[Tensor, "k b n K"]:
+        """Logits of every motion code of training sequences, under a directive where one is given."""
+        logits = self.segment_logits(hidden, batch.predictors)
+        if exemplar is None or self.exemplar is None:
+            return logits
+        return raise_logits(self.exemplar, logits, hidden, exemplar, batch)
 
     def segment_head(self) -> Float[Tensor, "k K c"]:
         """The motion rows of the output head by segment, a view."""

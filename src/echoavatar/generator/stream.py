@@ -17,6 +17,7 @@ from ..nn.stream import StreamingModule, StreamState, write_rows
 from ..timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
 from ..tokens import Interleaved, Prefix
 from .decoder import Decoder, KeyValueRing, Places
+from .exemplar import Steer
 from .linear import Precision
 from .model import Generator
 from .sampling import Sampler, gumbel_noise
@@ -47,10 +48,14 @@ class GeneratorStream(StreamingModule[StateT]):
         seeds: Int[Tensor, " b"] | None = None,
         temperature: Float[Tensor, " b"] | None = None,
         top_p: Float[Tensor, " b"] | None = None,
+        exemplar: Float[Tensor, "b K"] | None = None,
+        bias: Float[Tensor, "b K"] | None = None,
     ) -> Int[Tensor, "b n p q"]:
         """Hear the audio codes of whole chunks (b, 20 each, 2), return their motion codes (b, 2 each, 3, Q).
 
-        `seeds` (default 0) key the noise of each row; `temperature` and `top_p` default to the config's.
+        `seeds` (default 0) key the noise of each row; `temperature` and `top_p` default to the config's. `exemplar` is
+        each row's directive: the intensity of every code in its set of first-layer upper-body codes, 0 elsewhere (a
+        generator trained without ignores it); `bias` is added to that layer's logits as it is.
         """
         rows, device = x.shape[0], self._decoder.device
         seeds = torch.zeros(rows, dtype=torch.int64, device=device) if seeds is None else seeds
@@ -58,10 +63,13 @@ class GeneratorStream(StreamingModule[StateT]):
             temperature = torch.full((rows,), self.config.temperature, device=device)
         top_p = torch.full((rows,), self.config.top_p, device=device) if top_p is None else top_p
         count, codes = MOTION_TOKENS_PER_CHUNK * self.layout.segments, self.layout.motion_codes
+        steer = self._decoder.steer(exemplar, bias)
         parts = []
         for chunk in torch.split(x, AUDIO_FRAMES_PER_CHUNK, dim=1):
             noise = gumbel_noise(seeds, self._heard(state) * count, count=count, codes=codes)
-            parts.append(self._generate(chunk, state, active, self._sampler(noise, temperature, top_p)))
+            parts.append(
+                self._generate(chunk, state, active, self._sampler(noise, temperature, top_p), steer)
+            )
         return torch.cat(parts, dim=1)
 
     def forward(self, x: Int[Tensor, "b f l"]) -> Int[Tensor, "b n p q"]:
@@ -80,23 +88,38 @@ class GeneratorStream(StreamingModule[StateT]):
 
     @abstractmethod
     def _generate(
-        self, x: Int[Tensor, "b f l"], state: StateT, active: Bool[Tensor, " b"], sampler: Sampler
+        self,
+        x: Int[Tensor, "b f l"],
+        state: StateT,
+        active: Bool[Tensor, " b"],
+        sampler: Sampler,
+        steer: Steer | None,
     ) -> Int[Tensor, "b n p q"]: ...
 
     def _decode(
-        self, prompt: Int[Tensor, "b t"], places: Places, rings: list[KeyValueRing], sampler: Sampler
+        self,
+        prompt: Int[Tensor, "b t"],
+        places: Places,
+        rings: list[KeyValueRing],
+        sampler: Sampler,
+        steer: Steer | None,
+        hinted: int = 1,
     ) -> Int[Tensor, "b n"]:
-        """Read the prompt, then draw 6 Q codes; the last one is not read back."""
+        """Read the prompt, then draw 6 Q codes; the last one is not read back.
+
+        The last `hinted` ids of the prompt predict motion codes.
+        """
+        hint = None if steer is None else steer.hint
         decoder, layout, length = self._decoder, self.layout, prompt.shape[1]
         count = MOTION_TOKENS_PER_CHUNK * layout.segments
-        hidden = decoder.run(prompt, places.part(0, length), rings)
+        hidden = decoder.run(prompt, places.part(0, length), rings, hint, hinted)
         codes = []
         for index in range(count):
             segment = index % layout.segments
-            codes.append(sampler.draw(decoder.logits(hidden, segment), index))
+            codes.append(sampler.draw(decoder.logits(hidden, segment, steer), index))
             if index < count - 1:
                 ids = codes[-1][:, None] + layout.segment_start(segment)
-                hidden = decoder.run(ids, places.part(length + index, length + index + 1), rings)
+                hidden = decoder.run(ids, places.part(length + index, length + index + 1), rings, hint)
         return torch.stack(codes, dim=1)
 
 
@@ -127,11 +150,16 @@ class InterleavedStream(GeneratorStream[RingState]):
         return state.chunks
 
     def _generate(
-        self, x: Int[Tensor, "b f l"], state: RingState, active: Bool[Tensor, " b"], sampler: Sampler
+        self,
+        x: Int[Tensor, "b f l"],
+        state: RingState,
+        active: Bool[Tensor, " b"],
+        sampler: Sampler,
+        steer: Steer | None,
     ) -> Int[Tensor, "b n p q"]:
         last = state.last[:, None] + self.layout.start_id
         prompt = torch.cat([last, self.layout.audio_ids(x)], dim=1)
-        flat = self._decode(prompt, self._places(state, active), state.rings, sampler)
+        flat = self._decode(prompt, self._places(state, active), state.rings, sampler, steer)
         codes = self.layout.unflatten(flat)
         for ring in state.rings:
             ring.keys[:, :, -1] = 0
@@ -184,14 +212,20 @@ class PrefixStream(GeneratorStream[HistoryState]):
         return state.chunks
 
     def _generate(
-        self, x: Int[Tensor, "b f l"], state: HistoryState, active: Bool[Tensor, " b"], sampler: Sampler
+        self,
+        x: Int[Tensor, "b f l"],
+        state: HistoryState,
+        active: Bool[Tensor, " b"],
+        sampler: Sampler,
+        steer: Steer | None,
     ) -> Int[Tensor, "b n p q"]:
         audio = torch.cat([state.audio, x.long()], dim=1)[:, AUDIO_FRAMES_PER_CHUNK:]
         context = state.motion[:, MOTION_TOKENS_PER_CHUNK:]
         missing = (self.config.window_chunks - 1 - state.chunks).clamp(min=0)
         prompt, valid = self._order.prompt(audio, context, missing)
         places, slots = self._places(valid)
-        flat = self._decode(prompt, places, self._decoder.rings(len(x), slots), sampler)
+        told = context[0].numel() + 1  # the whole window is told, as in training
+        flat = self._decode(prompt, places, self._decoder.rings(len(x), slots), sampler, steer, told)
         codes = self.layout.unflatten(flat)
         write_rows(state.audio, audio, active)
         write_rows(state.motion, torch.cat([context, codes], dim=1), active)

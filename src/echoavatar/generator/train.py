@@ -25,6 +25,7 @@ from ..errors import CheckpointError
 from ..timing import AUDIO_FRAMES_PER_CHUNK
 from ..tokens import Sequences, corrupt_hierarchically, corrupt_uniformly
 from .config import GeneratorConfig
+from .exemplar import Exemplar, draw_exemplar
 from .initial import align_embeddings
 from .loss import code_nll, cue_loss, hierarchical_loss, summary, to_device
 from .model import Generator
@@ -73,6 +74,12 @@ class GeneratorTraining(Config):
         le=1,
         description="share of windows whose context motion runs 1 or 2 tokens early or late (not in the paper)",
     )
+    exemplar: float = Field(
+        default=0.0,
+        ge=0,
+        le=1,
+        description="share of windows that are told a set of their own first-layer upper codes (paper, stage 3)",
+    )
     cue_weight: float = Field(
         default=0.0,
         ge=0,
@@ -104,6 +111,8 @@ class Trainer:
             raise CheckpointError(
                 f"depth_weights has {len(training.depth_weights)} values for {config.layout.motion_layers} RVQ layers"
             )
+        if training.exemplar and not config.exemplar:
+            raise CheckpointError("training exemplar > 0 needs a generator config with exemplar true")
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(training.seed)
             self.generator = Generator(config)
@@ -113,16 +122,25 @@ class Trainer:
         self.training, self.next_step, self._device = training, 0, device
         self._optimisers = _optimisers(self.generator, self.cue_head, training)
 
+    def begin_with(self, start: Generator) -> None:
+        """Take the weights of a trained generator; one without exemplar control lends it none."""
+        weights = start.state_dict()
+        if start.exemplar is None:
+            own = self.generator.state_dict()
+            weights |= {key: own[key] for key in own if key.startswith("exemplar.")}
+        checkpoint.load_into(self.generator, weights, origin="the generator to start from")
+
     def step(self, window: Window) -> dict[str, Any]:
         """One optimiser step; returns its metrics."""
         training, number = self.training, self.next_step
         batch = self._corrupted(window, number)
+        exemplar = self._exemplar(window, number)
         for optimiser in self._optimisers:
             for group in optimiser.param_groups:
                 group["lr"] = training.learning_rate * self._schedule(number)
         with torch.autocast(torch.device(self._device).type, torch.bfloat16, enabled=training.autocast):
-            hidden = self.generator(batch.ids, batch.valid)
-            nll = code_nll(self.generator, batch, hidden)
+            hidden = self.generator.read(batch, exemplar)
+            nll = code_nll(self.generator, batch, hidden, exemplar)
         loss = hierarchical_loss(nll, batch, training.depth_weights)
         cues = self._cue_loss(hidden, window) if training.cue_weight else torch.zeros(())
         for module in (self.generator, self.cue_head):
@@ -133,12 +151,24 @@ class Trainer:
             optimiser.step()
         self.next_step += 1
         told = {"step": number, "loss": loss.item(), "gradient": norm.item(), "cues": cues.item()}
-        return told | summary(nll.detach(), batch, window)
+        return told | summary(nll.detach(), batch, window, exemplar)
 
     def _cue_loss(self, hidden: Float[Tensor, "b t c"], window: Window) -> Float[Tensor, ""]:
         chunks = window.audio.shape[1] // AUDIO_FRAMES_PER_CHUNK
         heard = self.generator.config.order.heard(chunks).to(hidden.device)
         return cue_loss(self.cue_head(hidden[:, heard]), window.cues.to(hidden.device))
+
+    def _exemplar(self, window: Window, number: int) -> Exemplar | None:
+        """The step's directives, where the generator takes them."""
+        if not self.training.exemplar:
+            return None
+        random = torch.Generator().manual_seed(self.training.seed * 1_000_003 + number + 500_009)
+        config = self.generator.config
+        whole, codes = config.sequence == "prefix", config.layout.motion_codes
+        drawn = draw_exemplar(
+            window.motion, self.training.exemplar, codes=codes, whole=whole, generator=random
+        )
+        return Exemplar(*(tensor.to(self._device) for tensor in drawn))
 
     def _schedule(self, number: int) -> float:
         training = self.training
@@ -242,7 +272,7 @@ def train_generator(
         config, training, device=device, audio_codebooks=audio_codebooks, motion_codebooks=motion_codebooks
     )
     if not trainer.resume(folder) and start is not None:
-        checkpoint.load_into(trainer.generator, start.state_dict(), origin="the generator to start from")
+        trainer.begin_with(start)
     chunks = training.chunks if config.sequence == "interleaved" else config.window_chunks
     sampler = WindowSampler([c for c in clips if c.split == "train"], chunks=chunks, seed=training.seed)
     folder.mkdir(parents=True, exist_ok=True)
