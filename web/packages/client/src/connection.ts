@@ -1,0 +1,135 @@
+/** The line to the server: says hello, comes back after a break with the session's key, keeps alive. */
+
+import { decodeMessage, encodeMessage } from "./codec.js";
+import { Emitter } from "./emitter.js";
+import {
+  type ClientMessage, type ErrorMessage as ServerError, type HelloMessage, type ReadyMessage, type ServerMessage, SUBPROTOCOLS, VERSIONS,
+} from "./protocol.generated.js";
+
+export type LineState = "connecting" | "open" | "waiting" | "closed";
+
+export interface ConnectionEvents {
+  /** `connecting`, `open`, `waiting` (for the next try), `closed` (for good). */
+  line: LineState;
+  message: ServerMessage;
+  /** Milliseconds from ping to pong. */
+  roundTrip: number;
+}
+
+export interface ConnectionOptions {
+  readonly url: string;
+  readonly token?: string;
+  readonly role?: HelloMessage["role"];
+  /** Public name of the session to watch (role `viewer`). */
+  readonly session?: string;
+  readonly seed?: number;
+}
+
+const FIRST_WAIT = 0.5;
+const LONGEST_WAIT = 8;
+const PING_SECONDS = 5;
+const FINAL: ReadonlySet<ServerError["code"]> = new Set([
+  "unauthorized", "forbidden_origin", "unsupported_version", "replaced",
+]);
+
+export class Connection extends Emitter<ConnectionEvents> {
+  private socket: WebSocket | null = null;
+  private ready: ReadyMessage | null = null;
+  private wait = FIRST_WAIT;
+  private retry: ReturnType<typeof setTimeout> | undefined;
+  private heartbeat: ReturnType<typeof setInterval> | undefined;
+  private sentPings = new Map<number, number>();
+  private nonce = 0;
+  private over = false;
+
+  /** `received` tells the first sample not received yet, for a resumed session. */
+  constructor(private readonly options: ConnectionOptions, private readonly received: () => number) {
+    super();
+  }
+
+  open(): void {
+    this.over = false;
+    this.emit("line", "connecting");
+    const socket = new WebSocket(this.options.url, [SUBPROTOCOLS.msgpack]);
+    socket.binaryType = "arraybuffer";
+    this.socket = socket;
+    socket.onopen = () => this.send(this.hello());
+    socket.onmessage = ({ data }) => this.receive(data as ArrayBuffer);
+    socket.onclose = () => this.broken(socket);
+  }
+
+  close(): void {
+    this.over = true;
+    clearTimeout(this.retry);
+    clearInterval(this.heartbeat);
+    this.socket?.close(1000);
+    this.emit("line", "closed");
+  }
+
+  /** Sends, or says that there is no line: nothing is queued here. */
+  send(message: ClientMessage): boolean {
+    if (this.socket?.readyState !== WebSocket.OPEN) return false;
+    this.socket.send(encodeMessage(message));
+    return true;
+  }
+
+  /** Bytes that wait to leave. */
+  get backlog(): number {
+    return this.socket?.bufferedAmount ?? 0;
+  }
+
+  private hello(): HelloMessage {
+    const { token = "", role = "source", session = "", seed = 0 } = this.options;
+    return {
+      type: "hello", versions: [...VERSIONS], role, token, session, seed,
+      audio: { rate: 24000, channels: 1, format: "s16le" },
+      resume: this.ready?.resume ?? "",
+      played: this.ready ? this.received() : 0,
+    };
+  }
+
+  private receive(data: ArrayBuffer): void {
+    const message = decodeMessage(data);
+    if (!message) return;
+    if (message.type === "ready") this.begin(message);
+    else if (message.type === "pong") this.ponged(message.nonce);
+    else if (message.type === "error") this.failed(message);
+    this.emit("message", message);
+  }
+
+  private begin(ready: ReadyMessage): void {
+    this.ready = ready;
+    this.wait = FIRST_WAIT;
+    clearInterval(this.heartbeat);
+    const seconds = Math.min(PING_SECONDS, ready.limits.ping_seconds / 2);
+    this.heartbeat = setInterval(() => this.ping(), seconds * 1000);
+    this.emit("line", "open");
+    this.ping();
+  }
+
+  private failed(error: ServerError): void {
+    if (error.code === "unknown_session") this.ready = null; // too late to resume: begin anew
+    if (error.retry_after) this.wait = error.retry_after;
+    if (error.fatal && FINAL.has(error.code)) this.close();
+  }
+
+  private broken(socket: WebSocket): void {
+    if (socket !== this.socket || this.over) return;
+    clearInterval(this.heartbeat);
+    this.emit("line", "waiting");
+    this.retry = setTimeout(() => this.open(), this.wait * 1000);
+    this.wait = Math.min(LONGEST_WAIT, this.wait * 2);
+  }
+
+  private ping(): void {
+    this.sentPings.set(++this.nonce, performance.now());
+    this.send({ type: "ping", nonce: this.nonce });
+  }
+
+  private ponged(nonce: number): void {
+    const sent = this.sentPings.get(nonce);
+    if (sent === undefined) return;
+    this.sentPings.clear();
+    this.emit("roundTrip", performance.now() - sent);
+  }
+}

@@ -1,0 +1,45 @@
+/** A glTF character: bones with VRM or Mixamo names, morph targets with ARKit names. */
+
+import type { Mesh, Object3D } from "three";
+import type { AvatarDriver } from "../driver.js";
+import type { Pose } from "../pose.js";
+import type { ReadyMessage } from "../protocol.generated.js";
+import { BoneMap } from "./bones.js";
+import { mixamoName } from "./mixamo.js";
+import { MorphMap } from "./morphs.js";
+
+export class GlbDriver implements AvatarDriver {
+  private bones: BoneMap | null = null;
+  private morphs: MorphMap | null = null;
+
+  constructor(readonly object: Object3D) {}
+
+  bind({ rig, face }: Pick<ReadyMessage, "rig" | "face">): void {
+    if (this.bones) return this.rebind(face);
+    const nodes = new Map<string, Object3D>();
+    this.object.traverse((node) => nodes.set(node.name.replace(/^mixamorig\d*:?/, ""), node));
+    this.bones = new BoneMap(this.object, rig, (name) => nodes.get(name) ?? nodes.get(mixamoName(name)));
+    if (!this.bones.size) throw new Error("This model has no bones named as in VRM or Mixamo.");
+    this.rebind(face);
+  }
+
+  apply(pose: Pose): void {
+    this.bones?.apply(pose.rotations, pose.root);
+    this.morphs?.apply(pose.face);
+  }
+
+  update(): void {}
+
+  dispose(): void {
+    this.object.traverse((node) => {
+      const mesh = node as Partial<Mesh>;
+      mesh.geometry?.dispose();
+      for (const material of [mesh.material ?? []].flat()) material.dispose();
+    });
+    this.object.removeFromParent();
+  }
+
+  private rebind(face: readonly string[]): void {
+    this.morphs = new MorphMap(this.object, face);
+  }
+}

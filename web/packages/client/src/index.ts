@@ -1,0 +1,13 @@
+export { encodeMessage, decodeMessage, floatToPcm, pcmToFloat, ProtocolError } from "./codec.js";
+export { Connection, type ConnectionOptions, type LineState } from "./connection.js";
+export type { AvatarDriver } from "./driver.js";
+export { Inertia } from "./inertia.js";
+export { SyncMeter, type SyncSummary } from "./metrics.js";
+export { JITTER_SECONDS, type Picture, Player } from "./player.js";
+export { Playout, type PlayoutMark } from "./playout.js";
+export { type Pose, copyPose, makePose } from "./pose.js";
+export * as protocol from "./protocol.generated.js";
+export { Resampler } from "./resample.js";
+export { EchoSession, type SessionEvents, type SessionOptions } from "./session.js";
+export { MotionTimeline, unpackPoses } from "./timeline.js";
+export { type Speaker, Utterance } from "./utterance.js";

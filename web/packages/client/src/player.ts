@@ -1,0 +1,171 @@
+/** Plays a session: sound to the device, poses at the sample that is heard. */
+
+import { pcmToFloat } from "./codec.js";
+import { Inertia } from "./inertia.js";
+import { SyncMeter } from "./metrics.js";
+import { type Pose, makePose } from "./pose.js";
+import type { FlushMessage, MotionMessage, ReadyMessage, SoundMessage } from "./protocol.generated.js";
+import { MotionTimeline } from "./timeline.js";
+import { AudioTransport, type Transport, type TransportSettings, WallTransport } from "./transport.js";
+
+export const JITTER_SECONDS = 0.1;
+const SLOW_PICTURE = 34; // ms; a picture is foreseen to come to the screen this much later at most
+const JUMP_FRAMES = 5; // motion that leaps further than this between two pictures is blended
+
+export interface Picture {
+  readonly pose: Pose;
+  readonly state: MotionMessage["state"];
+  /** Sample that the pose stands for. */
+  readonly at: number;
+  readonly held: boolean;
+}
+
+export class Player {
+  readonly sync: SyncMeter;
+  readonly pose: Pose;
+  private readonly timeline: MotionTimeline;
+  private readonly inertia: Inertia;
+  private readonly hop: number;
+  private transport: Transport;
+  private sounds: { at: number; pcm: Float32Array }[] = [];
+  private epoch: number;
+  private stopped: number | null = null; // interrupted here, until the server answers
+  private shown: { at: number; held: boolean } | null = null;
+  private lastPicture = 0;
+  private interval = 16;
+
+  constructor(private readonly ready: ReadyMessage, private readonly onTick: () => void) {
+    const { rig, face, sample_rate: rate } = ready;
+    this.hop = rate / ready.frame_rate;
+    this.timeline = new MotionTimeline(rig.names.length, face.length, this.hop, rate);
+    this.inertia = new Inertia(rig.names.length, face.length);
+    this.pose = makePose(rig.names.length, face.length);
+    this.sync = new SyncMeter(rate);
+    this.epoch = ready.epoch;
+    this.transport = new WallTransport(this.settings);
+    this.transport.jump(ready.at);
+  }
+
+  /** Lets the device take over from the wall clock; its node is given back to be connected. */
+  async attach(context: AudioContext, worklet: string): Promise<AudioNode> {
+    const audio = await AudioTransport.create(context, worklet, this.settings);
+    const at = this.transport.heardAt(performance.now()) ?? this.ready.at;
+    audio.jump(at);
+    for (const sound of this.sounds) audio.push(sound.at, sound.pcm);
+    this.transport.close();
+    this.transport = audio;
+    return audio.node;
+  }
+
+  takeMotion(motion: MotionMessage): void {
+    if (motion.epoch >= this.epoch) this.timeline.insert(motion);
+  }
+
+  takeSound(sound: SoundMessage): void {
+    if (sound.epoch < this.epoch) return;
+    const pcm = pcmToFloat(sound.pcm);
+    this.sounds.push({ at: sound.at, pcm });
+    this.transport.push(sound.at, pcm);
+  }
+
+  takeFlush(flush: FlushMessage): void {
+    this.epoch = flush.epoch;
+    this.stopped = null;
+    this.cut(flush.at);
+  }
+
+  /** Stops at once, before the server knows; returns the first sample that is not heard. */
+  interrupt(): number {
+    const at = Math.round(this.heard);
+    this.stopped = at;
+    this.cut(at);
+    return at;
+  }
+
+  /** The session goes on after a broken line. */
+  resume(ready: ReadyMessage): void {
+    this.epoch = ready.epoch;
+  }
+
+  get played(): { at: number; epoch: number; underruns: number } {
+    return { at: Math.round(this.heard), epoch: this.epoch, underruns: this.transport.underruns };
+  }
+
+  /** The sample heard now. */
+  get heard(): number {
+    return this.transport.heardAt(performance.now()) ?? this.ready.at;
+  }
+
+  heardAt(milliseconds: number): number | null {
+    return this.transport.heardAt(milliseconds);
+  }
+
+  get playing(): boolean {
+    return this.transport.playingAt(performance.now());
+  }
+
+  /** First sample not received: what a resumed session sends again. */
+  get received(): number {
+    const last = this.sounds.at(-1);
+    return Math.min(this.timeline.end || this.ready.at, last ? last.at + last.pcm.length : this.ready.at);
+  }
+
+  /** Seconds of motion that lie ahead. */
+  get ahead(): number {
+    return Math.max(0, this.timeline.end - this.heard) / this.ready.sample_rate;
+  }
+
+  /** The picture for a display frame that begins at `now` (`performance.now()`); null before any motion came. */
+  picture(now: number): Picture | null {
+    this.measure(now);
+    const heard = this.transport.heardAt(now + this.interval) ?? this.ready.at;
+    const found = this.timeline.sample(Math.min(heard, this.stopped ?? heard), this.pose);
+    if (!found) return null;
+    this.inertia.apply(this.pose, (now - this.lastPicture) / 1000, this.jumped(found));
+    this.lastPicture = now;
+    this.shown = found;
+    this.prune(heard);
+    return { pose: this.pose, ...found };
+  }
+
+  close(): void {
+    this.transport.close();
+  }
+
+  private get settings(): TransportSettings {
+    const { sample_rate: rate, chunk_samples: chunk } = this.ready;
+    return { rate, jitter: rate * JITTER_SECONDS, chunk, onTick: this.onTick };
+  }
+
+  private cut(at: number): void {
+    this.timeline.flush(at);
+    this.transport.flush(at);
+    this.sounds = this.sounds
+      .filter((sound) => sound.at < at)
+      .map((sound) => ({ at: sound.at, pcm: sound.pcm.subarray(0, at - sound.at) }));
+  }
+
+  /** The last picture came to the screen about when this one begins: that is when its sound counts. */
+  private measure(now: number): void {
+    const gap = now - this.lastPicture;
+    if (this.lastPicture && gap > 0) this.interval += (Math.min(gap, SLOW_PICTURE) - this.interval) * 0.1;
+    const heard = this.transport.heardAt(now);
+    if (this.shown && heard !== null && gap < 1000 && this.transport.playingAt(now)) {
+      this.sync.add(this.shown.at, heard, this.shown.held);
+    }
+  }
+
+  private jumped(found: { at: number; held: boolean }): boolean {
+    if (!this.shown) return false;
+    const moved = found.at - this.shown.at;
+    if (moved < -1 || moved > JUMP_FRAMES * this.hop) return true;
+    return this.shown.held && moved > 1.5 * this.hop;
+  }
+
+  private prune(heard: number): void {
+    this.timeline.prune(heard);
+    while (this.sounds.length && this.sounds[0]!.at + this.sounds[0]!.pcm.length < heard - this.ready.sample_rate) {
+      this.sounds.shift();
+    }
+  }
+}

@@ -1,0 +1,175 @@
+/** A session as an application sees it: say something, act, interrupt, and show the picture of the moment. */
+
+import { Connection, type ConnectionOptions, type LineState } from "./connection.js";
+import { Emitter } from "./emitter.js";
+import { Player } from "./player.js";
+import type { ActionStatusMessage, ErrorMessage as ServerError, FlushMessage, ReadyMessage, ServerMessage, StateMessage, StatsMessage } from "./protocol.generated.js";
+import { type Speaker, Utterance } from "./utterance.js";
+
+export interface SessionEvents {
+  /** A session began, or went on (`resumed`). */
+  ready: ReadyMessage;
+  line: LineState;
+  state: StateMessage;
+  action: ActionStatusMessage;
+  flush: FlushMessage;
+  stats: StatsMessage;
+  error: ServerError;
+  /** Milliseconds from ping to pong. */
+  roundTrip: number;
+}
+
+export interface SessionOptions extends ConnectionOptions {
+  /** Address of the built `worklets/playback`. */
+  readonly playbackWorklet: string;
+}
+
+const PUMP_MS = 100;
+
+export class EchoSession extends Emitter<SessionEvents> {
+  ready: ReadyMessage | null = null;
+  player: Player | null = null;
+  private readonly connection: Connection;
+  private readonly segments: { [speaker in Speaker]: number } = { avatar: 0, user: 0 };
+  private utterances: Utterance[] = [];
+  private output: { context: AudioContext; sink: AudioNode } | null = null;
+  private node: AudioNode | null = null;
+  private readonly pumping: ReturnType<typeof setInterval>;
+  private requests = 0;
+  private heardOf = { seg: 0, from: 0 }; // where on the clock the newest utterance began to sound
+
+  constructor(private readonly options: SessionOptions) {
+    super();
+    this.connection = new Connection(options, () => this.player?.received ?? 0);
+    this.connection.on("line", (line) => this.emit("line", line));
+    this.connection.on("roundTrip", (milliseconds) => this.emit("roundTrip", milliseconds));
+    this.connection.on("message", (message) => this.receive(message));
+    this.pumping = setInterval(() => this.pump(), PUMP_MS);
+  }
+
+  connect(): void {
+    this.connection.open();
+  }
+
+  /** Lets sound be heard through `sink`; call it from a click. The context must run at `ready.sample_rate`. */
+  async unlock(context: AudioContext, sink: AudioNode): Promise<void> {
+    this.output = { context, sink };
+    await context.resume();
+    await this.attach();
+  }
+
+  /** Begins an utterance; push sound to it and end it. */
+  speak(speaker: Speaker = "avatar"): Utterance {
+    const utterance = new Utterance(++this.segments[speaker], speaker, this.ready?.sample_rate ?? 24000);
+    this.utterances = [...this.utterances.filter((other) => !other.done).slice(-3), utterance];
+    return utterance;
+  }
+
+  /** Sends what was pushed without waiting for the next turn. */
+  pump(): void {
+    if (!this.ready) return;
+    for (const utterance of this.utterances) {
+      if (this.connection.backlog < 1 << 20) utterance.pump((message) => this.connection.send(message));
+    }
+  }
+
+  /** The avatar stops at once; what it was about to say is forgotten. */
+  interrupt(): void {
+    if (!this.player) return;
+    this.utterances = this.utterances.filter((utterance) => utterance.speaker !== "avatar");
+    this.connection.send({ type: "interrupt", heard: this.player.interrupt(), seg: this.segments.avatar });
+  }
+
+  /** Asks for an action; the answer comes as `action` events with the id given back. */
+  act(name: string, settings: { intensity?: number; hold?: number } = {}): string {
+    const id = `a${++this.requests}`;
+    this.connection.send({ type: "action", id, name, ...settings });
+    return id;
+  }
+
+  /** Plays one of the server's tracks, or stops it. */
+  music(op: "play" | "stop", title = ""): string {
+    const id = `m${++this.requests}`;
+    this.connection.send({ type: "music", id, op, title });
+    return id;
+  }
+
+  close(): void {
+    clearInterval(this.pumping);
+    this.connection.close();
+    this.player?.close();
+  }
+
+  private receive(message: ServerMessage): void {
+    switch (message.type) {
+      case "ready":
+        this.begin(message);
+        break;
+      case "motion":
+        this.player?.takeMotion(message);
+        break;
+      case "audio":
+        if (message.seg !== this.heardOf.seg) this.heardOf = { seg: message.seg, from: message.at };
+        this.player?.takeSound(message);
+        break;
+      case "flush":
+        this.player?.takeFlush(message);
+        this.emit("flush", message);
+        break;
+      case "action_status":
+        this.emit("action", message);
+        break;
+      case "state":
+        this.emit("state", message);
+        break;
+      case "stats":
+        this.emit("stats", message);
+        break;
+      case "error":
+        this.emit("error", message);
+        break;
+      case "pong":
+        break;
+    }
+  }
+
+  private begin(ready: ReadyMessage): void {
+    this.ready = ready;
+    const current = this.utterances.find((utterance) => utterance.seg === ready.seg && utterance.speaker === "avatar");
+    if (ready.resumed && this.player) {
+      this.player.resume(ready);
+      current?.resume(ready.received);
+    } else {
+      this.renew(ready);
+    }
+    this.emit("ready", ready);
+  }
+
+  /** A new session: the clock begins anew, and what was not heard is said again. */
+  private renew(ready: ReadyMessage): void {
+    const heard = this.player && this.heardOf.seg ? Math.max(0, this.player.heard - this.heardOf.from) : 0;
+    for (const utterance of this.utterances) {
+      utterance.restart(utterance.seg === this.heardOf.seg && utterance.speaker === "avatar" ? heard : 0);
+    }
+    this.player?.close();
+    this.node?.disconnect();
+    this.node = null;
+    this.heardOf = { seg: 0, from: 0 };
+    this.player = new Player(ready, () => this.report());
+    void this.attach();
+  }
+
+  private async attach(): Promise<void> {
+    if (!this.output || !this.player || this.node || this.output.context.state !== "running") return;
+    const { context, sink } = this.output;
+    const player = this.player;
+    const node = await player.attach(context, this.options.playbackWorklet);
+    if (player !== this.player) return node.disconnect();
+    this.node = node;
+    node.connect(sink);
+  }
+
+  private report(): void {
+    if (this.player) this.connection.send({ type: "played", ...this.player.played });
+  }
+}
