@@ -22,3 +22,11 @@ class CheckpointError(EchoAvatarError):
 
 class DependencyError(EchoAvatarError):
     """An optional package or program is missing; the message says what to install."""
+
+
+class AdmissionError(EchoAvatarError):
+    """No room for another session now; try again later or elsewhere."""
+
+
+class InboxError(EchoAvatarError):
+    """A session was sent more audio than it can hold; read motion, or send it as it is heard."""
