@@ -1,0 +1,156 @@
+"""Write the JSON Schema, the TypeScript types and the binary fixtures of the protocol; run after editing `wire`.
+
+Run `python scripts/make_protocol.py`; a test fails when what is committed differs from what this writes.
+"""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from echoavatar.wire import (
+    PROTOCOL,
+    VERSIONS,
+    Action,
+    ActionStatus,
+    Audio,
+    AudioFormat,
+    ClientMessage,
+    End,
+    Error,
+    Flush,
+    Hello,
+    Interrupt,
+    Latency,
+    Limits,
+    Music,
+    Ping,
+    Played,
+    Pong,
+    Pose,
+    Ready,
+    Rig,
+    ServerMessage,
+    Sound,
+    State,
+    Stats,
+    encode,
+    pack_audio,
+    pack_pose,
+    unpack_pose,
+)
+from echoavatar.wire.schema import json_schema, typescript
+
+ROOT = Path(__file__).parents[1]
+
+
+def example_pose() -> Pose:
+    """Two frames of three joints, with turns of both signs, and a face of four curves."""
+    rotations = np.array(
+        [
+            [[1, 0, 0, 0], [0.8, 0.6, 0, 0], [-0.8, 0, 0.6, 0]],
+            [[0.5, 0.5, -0.5, 0.5], [0, 1, 0, 0], [-0.1, 0.7, 0.1, -0.7]],
+        ],
+        np.float32,
+    )
+    rotations /= np.linalg.norm(rotations, axis=-1, keepdims=True)
+    root = np.array([[0, 0.95, 0], [0.001, 0.9505, -2.25]], np.float32)
+    return Pose(rotations, root, np.array([[0, 0.25, 0.5, 1], [1, 0.75, 0.1, 0]], np.float32))
+
+
+def examples() -> dict[str, ClientMessage | ServerMessage]:
+    """One message of every kind, by name."""
+    tone = pack_audio(np.sin(np.arange(16) / 3).astype(np.float32))
+    return {
+        "hello": Hello(token="let me in", audio=AudioFormat(rate=48_000), seed=7),
+        "hello_viewer": Hello(role="viewer", session="s-1", want=("motion",)),
+        "hello_resume": Hello(resume="key", played=64_000),
+        "audio_in": Audio(seg=1, start=0, pcm=tone),
+        "audio_in_user": Audio(seg=1, start=16, pcm=tone, speaker="user"),
+        "end": End(seg=1),
+        "interrupt": Interrupt(heard=19_200, seg=1),
+        "interrupt_unknown": Interrupt(),
+        "action": Action(id="a1", name="wave", intensity=0.5, hold=1.5),
+        "music_play": Music(id="m1", op="play", title="Evening"),
+        "music_stop": Music(id="m2", op="stop"),
+        "played": Played(at=12_800, epoch=1, underruns=2),
+        "ping": Ping(nonce=2**40),
+        "ready": Ready(
+            version=1,
+            server="echoavatar 0.1.0",
+            session="s-1",
+            resume="key",
+            resumed=False,
+            at=0,
+            epoch=0,
+            seg=0,
+            received=0,
+            sample_rate=24_000,
+            frame_rate=30,
+            chunk_samples=6_400,
+            rig=Rig(
+                names=("hips", "spine", "head"),
+                parents=(-1, 0, 1),
+                rest=((0.0, 0.95, 0.0), (0.0, 0.1, 0.0), (0.0, 0.5, 0.025)),
+            ),
+            face=("eyeBlinkLeft", "eyeBlinkRight", "jawOpen", "tongueOut"),
+            actions=("wave", "bow"),
+            tracks=("Evening",),
+            latency=Latency(algorithm=266.7, compute=50.0),
+            limits=Limits(),
+        ),
+        "motion": pack_pose(example_pose(), at=6_400, epoch=1, state="speaking"),
+        "motion_no_face": pack_pose(example_pose()._replace(face=None), at=0),
+        "audio_out": Sound(at=6_400, epoch=1, seg=1, pcm=tone),
+        "flush": Flush(at=19_200, epoch=2, seg=1, heard=16_000),
+        "action_status": ActionStatus(
+            id="a1", name="wawe", status="rejected", at=0, reason="no action 'wawe'", choices=("wave", "bow")
+        ),
+        "state": State(state="idle", at=32_000, seg=0, finished=1),
+        "stats": Stats(
+            at=32_000,
+            queue_ms=0.0,
+            ahead_ms=533.25,
+            step_ms=48.5,
+            rtf=0.25,
+            dropped=0,
+            underruns=2,
+            sessions=3,
+        ),
+        "error": Error(code="overloaded", message="all seats are taken", fatal=True, retry_after=5.0),
+        "pong": Pong(nonce=2**40, at=32_000),
+    }
+
+
+def files() -> dict[Path, bytes]:
+    """What is to be committed, by path from the repository's root."""
+    made = {
+        Path(f"docs/protocol.v{VERSIONS[-1]}.schema.json"): json.dumps(json_schema(), indent=1).encode()
+        + b"\n",
+        Path("web/packages/client/src/protocol.generated.ts"): typescript().encode(),
+    }
+    fixtures = Path("tests/fixtures/wire")
+    for name, message in examples().items():
+        made[fixtures / f"{name}.bin"] = encode(message)
+        made[fixtures / f"{name}.json"] = encode(message, "json") + b"\n"
+    pose = unpack_pose(examples()["motion"], joints=3, curves=4)  # type: ignore[arg-type]
+    decoded = {
+        "rotations_wxyz": pose.rotations.tolist(),
+        "root": pose.root.tolist(),
+        "face": None if pose.face is None else pose.face.tolist(),
+    }
+    made[fixtures / "motion.decoded.json"] = json.dumps(decoded).encode() + b"\n"
+    return made
+
+
+def main() -> None:
+    """Write them."""
+    for path, content in files().items():
+        (ROOT / path).parent.mkdir(parents=True, exist_ok=True)
+        (ROOT / path).write_bytes(content)
+        print(f"{path}  {len(content)} bytes")
+    print(f"{PROTOCOL}.v{VERSIONS[-1]}")
+
+
+if __name__ == "__main__":
+    main()

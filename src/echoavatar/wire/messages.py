@@ -1,0 +1,294 @@
+"""Every message of protocol `echoavatar.v1`, once; the JSON Schema and the TypeScript types are made from this file.
+
+The clock is an integer sample index at 24 kHz that starts at 0 with the session and runs through speech, music and
+silence alike: `at` in every message is such an index, and no wall clock crosses the wire. Forward compatible: unknown
+fields are ignored, new fields have defaults.
+"""
+
+from typing import Annotated, Literal
+
+from msgspec import Meta, Struct
+
+PROTOCOL = "echoavatar"
+VERSIONS = (1,)
+Encoding = Literal["msgpack", "json"]
+ENCODINGS: tuple[Encoding, ...] = ("msgpack", "json")
+MAX_MESSAGE_BYTES = 1 << 20
+
+Samples = Annotated[int, Meta(ge=0, le=2**53 - 1, description="a sample index or a count of samples")]
+Segment = Annotated[int, Meta(ge=0, le=2**31 - 1, description="number of an utterance, growing; 0 is none")]
+Utterance = Annotated[
+    int, Meta(ge=1, le=2**31 - 1, description="number of an utterance, growing, counted per speaker")
+]
+Name = Annotated[str, Meta(max_length=128)]
+Secret = Annotated[str, Meta(max_length=512)]
+
+Role = Literal["source", "viewer"]
+Speaker = Literal["avatar", "user"]
+SampleFormat = Literal["s16le", "f32le"]
+Stream = Literal["motion", "audio"]
+AvatarState = Literal["idle", "listening", "speaking", "dancing", "acting"]
+ActionState = Literal["accepted", "started", "done", "rejected"]
+ErrorCode = Literal[
+    "bad_message",
+    "bad_order",
+    "bad_audio",
+    "too_large",
+    "unauthorized",
+    "forbidden_origin",
+    "unsupported_version",
+    "unknown_session",
+    "overloaded",
+    "inbox_full",
+    "timeout",
+    "too_slow",
+    "replaced",
+    "shutting_down",
+    "internal",
+]
+
+CLOSE_CODES: dict[ErrorCode, int] = {
+    "bad_message": 4400,
+    "bad_order": 4400,
+    "bad_audio": 4400,
+    "unauthorized": 4401,
+    "forbidden_origin": 4403,
+    "unknown_session": 4404,
+    "timeout": 4408,
+    "replaced": 4409,
+    "too_large": 1009,
+    "unsupported_version": 4426,
+    "overloaded": 4429,
+    "inbox_full": 4429,
+    "too_slow": 4430,
+    "internal": 1011,
+    "shutting_down": 1012,
+}
+
+
+class _Message(Struct, frozen=True, kw_only=True, tag_field="type"):
+    """A message is a map whose `type` says which."""
+
+
+# ---------------------------------------------------------------------------------------------- client to server
+
+
+class AudioFormat(Struct, frozen=True, kw_only=True):
+    """What the bytes of `audio` messages are; interleaved when there are two channels."""
+
+    rate: Annotated[int, Meta(ge=8_000, le=192_000, description="samples per second")] = 24_000
+    channels: Annotated[int, Meta(ge=1, le=2)] = 1
+    format: SampleFormat = "s16le"
+
+
+class Hello(_Message, frozen=True, kw_only=True, tag="hello"):
+    """The first message, once. A source brings sound; a viewer joins a running session and watches."""
+
+    versions: Annotated[tuple[int, ...], Meta(min_length=1, max_length=16)] = (1,)
+    role: Role = "source"
+    token: Secret = ""
+    audio: AudioFormat = AudioFormat()
+    want: Annotated[tuple[Stream, ...], Meta(max_length=4, description="streams to be sent")] = (
+        "motion",
+        "audio",
+    )
+    session: Annotated[Name, Meta(description="viewer: the session to watch")] = ""
+    resume: Annotated[Secret, Meta(description="the key of `ready`, to go on after a broken line")] = ""
+    played: Annotated[
+        Samples, Meta(description="resuming: all before it was received; the rest is resent")
+    ] = 0
+    seed: Annotated[int, Meta(ge=0, le=2**31 - 1, description="same seed and sound, same motion")] = 0
+
+
+class Audio(_Message, frozen=True, kw_only=True, tag="audio"):
+    """Sound of one utterance, in order, as fast as the source likes (the inbox is bounded: `ready.limits`)."""
+
+    seg: Utterance
+    start: Annotated[Samples, Meta(description="samples (per channel, own rate) of `seg` sent before these")]
+    pcm: bytes
+    speaker: Annotated[Speaker, Meta(description="user: the avatar listens to it; it is not played")] = (
+        "avatar"
+    )
+
+
+class End(_Message, frozen=True, kw_only=True, tag="end"):
+    """The utterance is complete; what follows is silence until the next."""
+
+    seg: Utterance
+    speaker: Speaker = "avatar"
+
+
+class Interrupt(_Message, frozen=True, kw_only=True, tag="interrupt"):
+    """Stop at once: forget all sound from `heard` on, and utterances up to `seg`, as if never pushed."""
+
+    heard: Annotated[
+        Samples | None, Meta(description="clock: first sample not heard; absent: as last `played`")
+    ] = None
+    seg: Annotated[Segment, Meta(description="0: the newest utterance known")] = 0
+
+
+class Action(_Message, frozen=True, kw_only=True, tag="action"):
+    """Do one of `ready.actions`; answered by `action_status` with the same id."""
+
+    id: Annotated[Name, Meta(min_length=1)]
+    name: Name
+    intensity: Annotated[float, Meta(ge=0, le=1)] = 1.0
+    hold: Annotated[float, Meta(ge=0, le=60, description="seconds; absent: the action's own")] | None = None
+
+
+class Music(_Message, frozen=True, kw_only=True, tag="music"):
+    """Play one of `ready.tracks` (the first without a title), or stop; answered by `action_status`."""
+
+    id: Annotated[Name, Meta(min_length=1)]
+    op: Literal["play", "stop"]
+    title: Name = ""
+
+
+class Played(_Message, frozen=True, kw_only=True, tag="played"):
+    """Five times a second: how far playback is. Nothing is sent further ahead of it than `limits.ahead_seconds`."""
+
+    at: Annotated[Samples, Meta(description="clock: first sample not yet heard")]
+    epoch: Annotated[int, Meta(ge=0, description="of the newest `flush` or `ready` obeyed")] = 0
+    underruns: Annotated[int, Meta(ge=0, description="so far")] = 0
+
+
+class Ping(_Message, frozen=True, kw_only=True, tag="ping"):
+    """Answered at once by `pong` with the same number."""
+
+    nonce: Annotated[int, Meta(ge=0, le=2**53 - 1)] = 0
+
+
+ClientMessage = Hello | Audio | End | Interrupt | Action | Music | Played | Ping
+
+
+# ---------------------------------------------------------------------------------------------- server to client
+
+
+class Rig(Struct, frozen=True, kw_only=True):
+    """The skeleton: metres, Y up, facing +Z, left at +X; the rest pose is a T-pose with identity rotations."""
+
+    names: Annotated[tuple[str, ...], Meta(description="VRM 1.0 humanoid bones, parents first")]
+    parents: Annotated[tuple[int, ...], Meta(description="-1 for the root")]
+    rest: Annotated[tuple[tuple[float, ...], ...], Meta(description="offset from the parent, metres")]
+
+
+class Latency(Struct, frozen=True, kw_only=True):
+    """From a sample's arrival to its motion's departure, milliseconds."""
+
+    algorithm: Annotated[float, Meta(description="a whole chunk must be there")]
+    compute: Annotated[float, Meta(description="one step, measured")]
+
+
+class Limits(Struct, frozen=True, kw_only=True):
+    """What the server holds and for how long."""
+
+    message_bytes: int = MAX_MESSAGE_BYTES
+    inbox_seconds: Annotated[float, Meta(description="sound that may wait to become motion")] = 600.0
+    ahead_seconds: Annotated[float, Meta(description="motion is never sent further ahead of playback")] = 2.0
+    resume_seconds: Annotated[float, Meta(description="how long a session waits for its source")] = 30.0
+    ping_seconds: Annotated[float, Meta(description="say something at least this often")] = 30.0
+
+
+class Ready(_Message, frozen=True, kw_only=True, tag="ready"):
+    """The answer to `hello`: everything that does not change, once."""
+
+    version: int
+    server: str
+    session: Annotated[str, Meta(description="its public name, for viewers")]
+    resume: Annotated[str, Meta(description="its key, for the source alone; empty for viewers")]
+    resumed: bool
+    at: Annotated[Samples, Meta(description="clock of the next motion")]
+    epoch: int
+    seg: Annotated[Segment, Meta(description="resumed: newest utterance known")]
+    received: Annotated[Samples, Meta(description="resumed: samples of `seg` received, own rate")]
+    sample_rate: int
+    frame_rate: int
+    chunk_samples: int
+    rig: Rig
+    face: Annotated[tuple[str, ...], Meta(description="ARKit names, in order; empty without a face")]
+    actions: tuple[str, ...]
+    tracks: tuple[str, ...]
+    latency: Latency
+    limits: Limits
+
+
+class Motion(_Message, frozen=True, kw_only=True, tag="motion"):
+    """Consecutive frames of body and face, 800 samples each; see `blobs` for the bytes."""
+
+    at: Annotated[Samples, Meta(description="clock of the first frame")]
+    epoch: int
+    frames: int
+    rotations: Annotated[bytes, Meta(description="i16le [frames][joints][x y z w] / 32767, parent-relative")]
+    root: Annotated[bytes, Meta(description="f32le [frames][x y z] metres, of the hips")]
+    face: Annotated[bytes, Meta(description="u8 [frames][names] / 255; empty without a face")]
+    state: AvatarState
+
+
+class Sound(_Message, frozen=True, kw_only=True, tag="audio"):
+    """What is to be heard with the motion of the same clock: speech and music, silence included."""
+
+    at: Samples
+    epoch: int
+    seg: Annotated[Segment, Meta(description="utterance that speaks here; 0 is none")]
+    pcm: Annotated[bytes, Meta(description="s16le mono at `ready.sample_rate`")]
+
+
+class Flush(_Message, frozen=True, kw_only=True, tag="flush"):
+    """Motion and audio from `at` on are void: drop them, hold the pose at `at` until what follows arrives."""
+
+    at: Samples
+    epoch: Annotated[int, Meta(description="of all that follows; older is stale")]
+    seg: Annotated[Segment, Meta(description="the utterance cut off; 0 is none")]
+    heard: Annotated[Samples, Meta(description="samples of `seg` heard, at 24 kHz")]
+
+
+class ActionStatus(_Message, frozen=True, kw_only=True, tag="action_status"):
+    """What became of an `action` or `music` message."""
+
+    id: str
+    name: str
+    status: ActionState
+    at: Samples
+    reason: str
+    choices: Annotated[tuple[str, ...], Meta(description="rejected names: what there is instead")]
+
+
+class State(_Message, frozen=True, kw_only=True, tag="state"):
+    """What the avatar does from `at` on."""
+
+    state: AvatarState
+    at: Samples
+    seg: Annotated[Segment, Meta(description="utterance being spoken; 0 is none")]
+    finished: Annotated[Segment, Meta(description="newest utterance whose last sample lies before `at`")]
+
+
+class Stats(_Message, frozen=True, kw_only=True, tag="stats"):
+    """Once a second: how the session does."""
+
+    at: Samples
+    queue_ms: Annotated[float, Meta(description="sound waiting to become motion")]
+    ahead_ms: Annotated[float, Meta(description="motion sent ahead of playback")]
+    step_ms: Annotated[float, Meta(description="last step of the engine")]
+    rtf: Annotated[float, Meta(description="engine work per second of motion; must stay below 1")]
+    dropped: Annotated[int, Meta(description="motion messages not sent because the line was slow")]
+    underruns: Annotated[int, Meta(description="as the player reported")]
+    sessions: int
+
+
+class Error(_Message, frozen=True, kw_only=True, tag="error"):
+    """What went wrong; `fatal` ones are followed by a close with the code's number in `CLOSE_CODES`."""
+
+    code: ErrorCode
+    message: str
+    fatal: bool
+    retry_after: Annotated[float, Meta(description="seconds; 0: trying again will not help")]
+
+
+class Pong(_Message, frozen=True, kw_only=True, tag="pong"):
+    """The answer to `ping`."""
+
+    nonce: int
+    at: Samples
+
+
+ServerMessage = Ready | Motion | Sound | Flush | ActionStatus | State | Stats | Error | Pong

@@ -1,0 +1,100 @@
+"""The messages written down for others: JSON Schema of the JSON twin, and TypeScript types. Made, never edited."""
+
+import json
+from collections.abc import Iterable, Mapping
+from typing import Any, get_args
+
+import msgspec
+
+from ..timing import CHUNK_SAMPLES, FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
+from .codec import subprotocol
+from .messages import CLOSE_CODES, ENCODINGS, MAX_MESSAGE_BYTES, VERSIONS, ClientMessage, ServerMessage
+
+Schema = dict[str, Any]
+
+
+def json_schema() -> Schema:
+    """One document: `ClientMessage` and `ServerMessage` are in its `$defs`."""
+    (client, server), parts = msgspec.json.schema_components([ClientMessage, ServerMessage])
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": f"echoavatar.v{VERSIONS[-1]}",
+        "description": "Messages of the JSON twin; in MessagePack the base64 strings are binary.",
+        "$defs": {**parts, "ClientMessage": client, "ServerMessage": server},
+        "anyOf": [{"$ref": "#/$defs/ClientMessage"}, {"$ref": "#/$defs/ServerMessage"}],
+    }
+
+
+def typescript() -> str:
+    """The same as TypeScript: blobs are Uint8Array; what the server always sends is not optional."""
+    _, parts = msgspec.json.schema_components([ClientMessage, ServerMessage])
+    sent = {kind.__name__ for kind in get_args(ServerMessage)} | {"Rig", "Latency", "Limits"}
+    blocks = [_HEADER, _constants()]
+    blocks += [_interface(name, schema, complete=name in sent) for name, schema in sorted(parts.items())]
+    for name, union in (("ClientMessage", ClientMessage), ("ServerMessage", ServerMessage)):
+        kinds = " | ".join(_named(kind.__name__) for kind in get_args(union))
+        blocks.append(f"export type {name} = {kinds};")
+    return "\n\n".join(blocks) + "\n"
+
+
+_HEADER = "// Made from src/echoavatar/wire/messages.py by scripts/make_protocol.py; do not edit."
+
+
+def _constants() -> str:
+    values: Mapping[str, object] = {
+        "VERSIONS": VERSIONS,
+        "SUBPROTOCOLS": {kind: subprotocol(kind) for kind in ENCODINGS},
+        "MAX_MESSAGE_BYTES": MAX_MESSAGE_BYTES,
+        "SAMPLE_RATE": SAMPLE_RATE_HZ,
+        "FRAME_RATE": FRAME_RATE_HZ,
+        "SAMPLES_PER_FRAME": SAMPLES_PER_FRAME,
+        "CHUNK_SAMPLES": CHUNK_SAMPLES,
+        "CLOSE_CODES": CLOSE_CODES,
+    }
+    return "\n".join(f"export const {name} = {_literal(value)};" for name, value in values.items())
+
+
+def _literal(value: object) -> str:
+    constant = not isinstance(value, int)
+    return json.dumps(value, indent=2 if isinstance(value, dict) else None) + (
+        " as const" if constant else ""
+    )
+
+
+def _named(name: str) -> str:
+    """Messages get a suffix: `Error` and `Audio` are names of the browser's own."""
+    kinds = get_args(ClientMessage) + get_args(ServerMessage)
+    return f"{name}Message" if name in {kind.__name__ for kind in kinds} else name
+
+
+def _interface(name: str, schema: Schema, *, complete: bool) -> str:
+    lines = [*_comment(schema), f"export interface {_named(name)} {{"]
+    for field, what in schema["properties"].items():
+        lines += [f"  {line}" for line in _comment(what)]
+        always = complete or field in schema["required"]
+        lines.append(f"  {field}{'' if always else '?'}: {_type(what)};")
+    return "\n".join([*lines, "}"])
+
+
+def _comment(schema: Schema) -> Iterable[str]:
+    return [f"/** {schema['description']} */"] if "description" in schema else []
+
+
+def _type(schema: Schema) -> str:
+    match schema:
+        case {"$ref": str(ref)}:
+            return ref.rsplit("/", 1)[1]
+        case {"enum": list(values)}:
+            return " | ".join(json.dumps(value) for value in values)
+        case {"anyOf": list(choices)}:
+            return " | ".join(_type(choice) for choice in choices)
+        case {"type": "array", "items": dict(items)}:
+            inner = _type(items)
+            return f"({inner})[]" if " " in inner else f"{inner}[]"
+        case {"type": "string", "contentEncoding": "base64"}:
+            return "Uint8Array"
+        case {"type": "integer" | "number"}:
+            return "number"
+        case {"type": "string" | "boolean" | "null" as kind}:
+            return str(kind)
+    raise NotImplementedError(f"no TypeScript type for {schema}")

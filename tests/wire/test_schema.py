@@ -1,0 +1,62 @@
+"""What others read must be what we speak."""
+
+import importlib.util
+import json
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from echoavatar.wire import decode_client, decode_server
+from echoavatar.wire.schema import json_schema, typescript
+
+ROOT = Path(__file__).parents[2]
+FIXTURES = ROOT / "tests" / "fixtures" / "wire"
+
+
+@pytest.fixture(scope="module")
+def maker() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("make_protocol", ROOT / "scripts" / "make_protocol.py")
+    assert spec
+    assert spec.loader
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_committed_schema_types_and_fixtures_are_what_the_structs_say(maker: ModuleType) -> None:
+    """After editing `wire/messages.py`, run `python scripts/make_protocol.py` and commit what it writes."""
+    made = maker.files()
+    stale = [str(path) for path, content in made.items() if (ROOT / path).read_bytes() != content]
+    assert not stale, f"run python scripts/make_protocol.py; stale: {stale}"
+    assert {path.name for path in made if path.parent.name == "wire"} == {
+        path.name for path in FIXTURES.iterdir()
+    }
+
+
+def test_every_fixture_reads_as_the_message_it_is(maker: ModuleType) -> None:
+    for name, message in maker.examples().items():
+        decode = decode_server if _is_server(message) else decode_client
+        assert decode((FIXTURES / f"{name}.bin").read_bytes()) == message
+        assert decode((FIXTURES / f"{name}.json").read_text(), "json") == message
+
+
+def _is_server(message: object) -> bool:
+    from typing import get_args
+
+    from echoavatar.wire import ServerMessage
+
+    return isinstance(message, get_args(ServerMessage))
+
+
+def test_schema_bounds_are_there() -> None:
+    schema = json_schema()
+    assert schema["$defs"]["Audio"]["properties"]["seg"]["minimum"] == 1
+    json.dumps(schema)
+
+
+def test_types_say_what_is_optional() -> None:
+    text = typescript()
+    assert "  resume?: string;" in text  # hello: may be left out
+    assert "  resume: string;" in text  # ready: always there
+    assert "export type ClientMessage = HelloMessage | AudioMessage |" in text

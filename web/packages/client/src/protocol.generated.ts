@@ -1,0 +1,287 @@
+// Made from src/echoavatar/wire/messages.py by scripts/make_protocol.py; do not edit.
+
+export const VERSIONS = [1] as const;
+export const SUBPROTOCOLS = {
+  "msgpack": "echoavatar.v1.msgpack",
+  "json": "echoavatar.v1.json"
+} as const;
+export const MAX_MESSAGE_BYTES = 1048576;
+export const SAMPLE_RATE = 24000;
+export const FRAME_RATE = 30;
+export const SAMPLES_PER_FRAME = 800;
+export const CHUNK_SAMPLES = 6400;
+export const CLOSE_CODES = {
+  "bad_message": 4400,
+  "bad_order": 4400,
+  "bad_audio": 4400,
+  "unauthorized": 4401,
+  "forbidden_origin": 4403,
+  "unknown_session": 4404,
+  "timeout": 4408,
+  "replaced": 4409,
+  "too_large": 1009,
+  "unsupported_version": 4426,
+  "overloaded": 4429,
+  "inbox_full": 4429,
+  "too_slow": 4430,
+  "internal": 1011,
+  "shutting_down": 1012
+} as const;
+
+/** Do one of `ready.actions`; answered by `action_status` with the same id. */
+export interface ActionMessage {
+  type: "action";
+  id: string;
+  name: string;
+  intensity?: number;
+  hold?: number | null;
+}
+
+/** What became of an `action` or `music` message. */
+export interface ActionStatusMessage {
+  type: "action_status";
+  id: string;
+  name: string;
+  status: "accepted" | "done" | "rejected" | "started";
+  /** a sample index or a count of samples */
+  at: number;
+  reason: string;
+  /** rejected names: what there is instead */
+  choices: string[];
+}
+
+/** Sound of one utterance, in order, as fast as the source likes (the inbox is bounded: `ready.limits`). */
+export interface AudioMessage {
+  type: "audio";
+  /** number of an utterance, growing, counted per speaker */
+  seg: number;
+  /** samples (per channel, own rate) of `seg` sent before these */
+  start: number;
+  pcm: Uint8Array;
+  /** user: the avatar listens to it; it is not played */
+  speaker?: "avatar" | "user";
+}
+
+/** What the bytes of `audio` messages are; interleaved when there are two channels. */
+export interface AudioFormat {
+  /** samples per second */
+  rate?: number;
+  channels?: number;
+  format?: "f32le" | "s16le";
+}
+
+/** The utterance is complete; what follows is silence until the next. */
+export interface EndMessage {
+  type: "end";
+  /** number of an utterance, growing, counted per speaker */
+  seg: number;
+  speaker?: "avatar" | "user";
+}
+
+/** What went wrong; `fatal` ones are followed by a close with the code's number in `CLOSE_CODES`. */
+export interface ErrorMessage {
+  type: "error";
+  code: "bad_audio" | "bad_message" | "bad_order" | "forbidden_origin" | "inbox_full" | "internal" | "overloaded" | "replaced" | "shutting_down" | "timeout" | "too_large" | "too_slow" | "unauthorized" | "unknown_session" | "unsupported_version";
+  message: string;
+  fatal: boolean;
+  /** seconds; 0: trying again will not help */
+  retry_after: number;
+}
+
+/** Motion and audio from `at` on are void: drop them, hold the pose at `at` until what follows arrives. */
+export interface FlushMessage {
+  type: "flush";
+  /** a sample index or a count of samples */
+  at: number;
+  /** of all that follows; older is stale */
+  epoch: number;
+  /** the utterance cut off; 0 is none */
+  seg: number;
+  /** samples of `seg` heard, at 24 kHz */
+  heard: number;
+}
+
+/** The first message, once. A source brings sound; a viewer joins a running session and watches. */
+export interface HelloMessage {
+  type: "hello";
+  versions?: number[];
+  role?: "source" | "viewer";
+  token?: string;
+  audio?: AudioFormat;
+  /** streams to be sent */
+  want?: ("audio" | "motion")[];
+  /** viewer: the session to watch */
+  session?: string;
+  /** the key of `ready`, to go on after a broken line */
+  resume?: string;
+  /** resuming: all before it was received; the rest is resent */
+  played?: number;
+  /** same seed and sound, same motion */
+  seed?: number;
+}
+
+/** Stop at once: forget all sound from `heard` on, and utterances up to `seg`, as if never pushed. */
+export interface InterruptMessage {
+  type: "interrupt";
+  /** clock: first sample not heard; absent: as last `played` */
+  heard?: number | null;
+  /** 0: the newest utterance known */
+  seg?: number;
+}
+
+/** From a sample's arrival to its motion's departure, milliseconds. */
+export interface Latency {
+  /** a whole chunk must be there */
+  algorithm: number;
+  /** one step, measured */
+  compute: number;
+}
+
+/** What the server holds and for how long. */
+export interface Limits {
+  message_bytes: number;
+  /** sound that may wait to become motion */
+  inbox_seconds: number;
+  /** motion is never sent further ahead of playback */
+  ahead_seconds: number;
+  /** how long a session waits for its source */
+  resume_seconds: number;
+  /** say something at least this often */
+  ping_seconds: number;
+}
+
+/** Consecutive frames of body and face, 800 samples each; see `blobs` for the bytes. */
+export interface MotionMessage {
+  type: "motion";
+  /** clock of the first frame */
+  at: number;
+  epoch: number;
+  frames: number;
+  /** i16le [frames][joints][x y z w] / 32767, parent-relative */
+  rotations: Uint8Array;
+  /** f32le [frames][x y z] metres, of the hips */
+  root: Uint8Array;
+  /** u8 [frames][names] / 255; empty without a face */
+  face: Uint8Array;
+  state: "acting" | "dancing" | "idle" | "listening" | "speaking";
+}
+
+/** Play one of `ready.tracks` (the first without a title), or stop; answered by `action_status`. */
+export interface MusicMessage {
+  type: "music";
+  id: string;
+  op: "play" | "stop";
+  title?: string;
+}
+
+/** Answered at once by `pong` with the same number. */
+export interface PingMessage {
+  type: "ping";
+  nonce?: number;
+}
+
+/** Five times a second: how far playback is. Nothing is sent further ahead of it than `limits.ahead_seconds`. */
+export interface PlayedMessage {
+  type: "played";
+  /** clock: first sample not yet heard */
+  at: number;
+  /** of the newest `flush` or `ready` obeyed */
+  epoch?: number;
+  /** so far */
+  underruns?: number;
+}
+
+/** The answer to `ping`. */
+export interface PongMessage {
+  type: "pong";
+  nonce: number;
+  /** a sample index or a count of samples */
+  at: number;
+}
+
+/** The answer to `hello`: everything that does not change, once. */
+export interface ReadyMessage {
+  type: "ready";
+  version: number;
+  server: string;
+  /** its public name, for viewers */
+  session: string;
+  /** its key, for the source alone; empty for viewers */
+  resume: string;
+  resumed: boolean;
+  /** clock of the next motion */
+  at: number;
+  epoch: number;
+  /** resumed: newest utterance known */
+  seg: number;
+  /** resumed: samples of `seg` received, own rate */
+  received: number;
+  sample_rate: number;
+  frame_rate: number;
+  chunk_samples: number;
+  rig: Rig;
+  /** ARKit names, in order; empty without a face */
+  face: string[];
+  actions: string[];
+  tracks: string[];
+  latency: Latency;
+  limits: Limits;
+}
+
+/** The skeleton: metres, Y up, facing +Z, left at +X; the rest pose is a T-pose with identity rotations. */
+export interface Rig {
+  /** VRM 1.0 humanoid bones, parents first */
+  names: string[];
+  /** -1 for the root */
+  parents: number[];
+  /** offset from the parent, metres */
+  rest: number[][];
+}
+
+/** What is to be heard with the motion of the same clock: speech and music, silence included. */
+export interface SoundMessage {
+  type: "audio";
+  /** a sample index or a count of samples */
+  at: number;
+  epoch: number;
+  /** utterance that speaks here; 0 is none */
+  seg: number;
+  /** s16le mono at `ready.sample_rate` */
+  pcm: Uint8Array;
+}
+
+/** What the avatar does from `at` on. */
+export interface StateMessage {
+  type: "state";
+  state: "acting" | "dancing" | "idle" | "listening" | "speaking";
+  /** a sample index or a count of samples */
+  at: number;
+  /** utterance being spoken; 0 is none */
+  seg: number;
+  /** newest utterance whose last sample lies before `at` */
+  finished: number;
+}
+
+/** Once a second: how the session does. */
+export interface StatsMessage {
+  type: "stats";
+  /** a sample index or a count of samples */
+  at: number;
+  /** sound waiting to become motion */
+  queue_ms: number;
+  /** motion sent ahead of playback */
+  ahead_ms: number;
+  /** last step of the engine */
+  step_ms: number;
+  /** engine work per second of motion; must stay below 1 */
+  rtf: number;
+  /** motion messages not sent because the line was slow */
+  dropped: number;
+  /** as the player reported */
+  underruns: number;
+  sessions: number;
+}
+
+export type ClientMessage = HelloMessage | AudioMessage | EndMessage | InterruptMessage | ActionMessage | MusicMessage | PlayedMessage | PingMessage;
+
+export type ServerMessage = ReadyMessage | MotionMessage | SoundMessage | FlushMessage | ActionStatusMessage | StateMessage | StatsMessage | ErrorMessage | PongMessage;
