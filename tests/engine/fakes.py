@@ -27,7 +27,7 @@ class FakePipeline:
     def step(self, audio: torch.Tensor, state: Heard, active: torch.Tensor) -> list[MotionChunk]:
         state.total += torch.where(active, audio.sum(1), torch.zeros(1))
         return [
-            MotionChunk(np.zeros((8, 52, 4)), np.full((8, 3), float(total)))
+            MotionChunk(np.tile(np.float32([1, 0, 0, 0]), (8, 52, 1)), np.full((8, 3), float(total)))
             for total in state.total + state.seed
         ]
 

@@ -1,70 +1,145 @@
 """Many sessions, one batch: each session owns one row of the pipeline's state, and nothing happens except in `tick`."""
 
+import threading
+import time
 from pathlib import Path
 
 import numpy as np
 import torch
+from torch import Tensor
 
-from ..errors import EchoAvatarError
+from ..errors import AdmissionError, EchoAvatarError
 from ..generator.linear import Precision
-from ..pipeline import Pipeline, load_bundle
+from ..pipeline import ActionLibrary, MotionChunk, Pipeline, load_bundle
 from ..timing import CHUNK_SAMPLES
 from .session import Session
+from .undo import changes, undo
+
+REWIND = 15  # chunks, 4 s: how far `Session.clear` can go back
 
 
 class Engine:
-    """A pure machine: call `tick` from one thread (tests and scripts call it directly)."""
+    """A pure machine: one thread calls `tick` (tests and scripts call it directly); sessions may live in others."""
 
-    def __init__(self, pipeline: Pipeline, *, seats: int = 1) -> None:
+    def __init__(
+        self, pipeline: Pipeline, *, seats: int = 1, look_ahead: int | None = None, rewind: int = REWIND
+    ) -> None:
+        """`look_ahead` bounds the chunks made ahead of the player (`Session.played`) or else of the reader; `rewind`
+        is how many a session can take back, at 0.4 MB each with the default bundle.
+        """
         if seats < 1:
             raise EchoAvatarError(f"an engine needs at least one seat, got {seats}")
-        self._pipeline = pipeline
+        if look_ahead is not None and look_ahead < 1:
+            raise EchoAvatarError(f"look_ahead must be at least one chunk, got {look_ahead}")
+        self.pipeline = pipeline
+        self.actions: ActionLibrary = getattr(pipeline, "actions", ActionLibrary())
+        self.ticks, self.tick_seconds = 0, 0.0  # how many ticks had work, and how long the last of them took
+        self._codes: int = getattr(pipeline, "directive_codes", 0)
         self._state = pipeline.init_state(seats)
         self._sessions: dict[int, Session] = {}
-        self._seats = seats
+        self._new: list[Session] = []
+        self._seats, self._look_ahead, self._rewind = seats, look_ahead, rewind
+        self._lock, self._awake = threading.RLock(), threading.Event()
+
+    @property
+    def seats(self) -> int:
+        """How many sessions there can be."""
+        return self._seats
+
+    @property
+    def free(self) -> int:
+        """How many more sessions can be opened now."""
+        return self._seats - len(self._sessions)
 
     def open(self, *, seed: int = 0) -> Session:
         """Seat a new session; the same seed and audio give the same motion, whoever sits beside it.
 
         Raises:
-            EchoAvatarError: all seats are taken.
+            AdmissionError: all seats are taken.
         """
-        free = [seat for seat in range(self._seats) if seat not in self._sessions]
-        if not free:
-            raise EchoAvatarError(
-                f"all {self._seats} seats are taken; close a session or open the engine with more seats"
-            )
-        rows = torch.zeros(self._seats, dtype=torch.bool)
-        rows[free[0]] = True
-        self._pipeline.reset(self._state, rows, seed=seed)
-        session = self._sessions[free[0]] = Session(self, free[0], seed=seed)
-        return session
+        with self._lock:
+            free = [seat for seat in range(self._seats) if seat not in self._sessions]
+            if not free:
+                raise AdmissionError(
+                    f"all {self._seats} seats are taken; close a session or open the engine with more seats"
+                )
+            session = Session(self, free[0], seed=seed, look_ahead=self._look_ahead, rewind=self._rewind)
+            self._sessions[free[0]] = session
+            self._new.append(session)
+            return session
 
     def release(self, session: Session) -> None:
         """Free a session's seat; `Session.close` calls this."""
-        self._sessions.pop(session.seat, None)
+        with self._lock:
+            if self._sessions.get(session.seat) is session:
+                del self._sessions[session.seat]
+
+    def wake(self) -> None:
+        """There may be work; sessions call this."""
+        self._awake.set()
+
+    def wait(self, seconds: float) -> None:
+        """Sleep until there may be work, for so long at most."""
+        self._awake.wait(seconds)
+        self._awake.clear()
 
     @torch.inference_mode()
     def tick(self) -> int:
         """Step every session that has a chunk waiting; return how many moved."""
-        ready = [seat for seat, session in self._sessions.items() if session.waiting]
+        began = time.perf_counter()
+        seated = self._settle()
+        ready = [session for session in seated if session.waiting]
         if not ready:
             return 0
         audio = np.zeros((self._seats, CHUNK_SAMPLES), np.float32)
         active = torch.zeros(self._seats, dtype=torch.bool)
-        for seat in ready:
-            audio[seat] = self._sessions[seat].next_chunk()
-            active[seat] = True
-        chunks = self._pipeline.step(torch.from_numpy(audio), self._state, active)
-        for seat in ready:
-            self._sessions[seat].deliver(chunks[seat])
+        asked: dict[int, Tensor] = {}
+        for session in ready:
+            audio[session.seat], members = session.begin_chunk(self._codes)
+            active[session.seat] = True
+            if members is not None:
+                asked[session.seat] = members
+        before = self._state.snapshot() if self._rewind else []
+        chunks = self._step(torch.from_numpy(audio), active, asked)
+        for session in ready:
+            patches = changes(before, self._state, session.seat) if self._rewind else []
+            session.end_chunk(chunks[session.seat], patches)
+        self.ticks, self.tick_seconds = self.ticks + 1, time.perf_counter() - began
         return len(ready)
 
+    def _settle(self) -> list[Session]:
+        """Rows of new sessions are reset, rows of sessions that go back are put back; who is seated."""
+        with self._lock:
+            seated, new, self._new = list(self._sessions.values()), self._new, []
+        for session in new:
+            rows = torch.zeros(self._seats, dtype=torch.bool)
+            rows[session.seat] = True
+            self.pipeline.reset(self._state, rows, seed=session.seed)
+        for session in seated:
+            for patches in session.unmake():
+                undo(patches, self._state, session.seat)
+        return seated
 
-def load(bundle: str | Path = "default", *, seats: int = 1, precision: Precision = "int8") -> Engine:
+    def _step(self, audio: Tensor, active: Tensor, asked: dict[int, Tensor]) -> list[MotionChunk]:
+        if not asked:
+            return self.pipeline.step(audio, self._state, active)
+        members = torch.zeros(self._seats, self._codes)
+        for seat, row in asked.items():
+            members[seat] = row
+        directive = self.pipeline.directive(members)
+        return self.pipeline.step(audio, self._state, active, directive=directive)
+
+
+def load(
+    bundle: str | Path = "default",
+    *,
+    seats: int = 1,
+    precision: Precision = "int8",
+    look_ahead: int | None = None,
+) -> Engine:
     """An engine for a bundle: the name of a shipped one, or a folder.
 
     Raises:
         CheckpointError: no such bundle, or a damaged one.
     """
-    return Engine(Pipeline(load_bundle(bundle), precision=precision), seats=seats)
+    return Engine(Pipeline(load_bundle(bundle), precision=precision), seats=seats, look_ahead=look_ahead)

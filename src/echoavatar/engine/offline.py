@@ -45,7 +45,7 @@ def animate(
     chunks: list[MotionChunk] = []
     heard: list[Float[np.ndarray, " s"]] = []
     started = time.perf_counter()
-    with Engine(pipeline).open(seed=seed) as session:
+    with Engine(pipeline, rewind=0).open(seed=seed) as session:
         for block in blocks:
             heard.append(block)
             session.push(block)
@@ -72,7 +72,7 @@ def animate_many(
 
     `progress` is told the chunks done and the chunks there are.
     """
-    engine = Engine(pipeline, seats=max(1, len(sounds)))
+    engine = Engine(pipeline, seats=max(1, len(sounds)), rewind=0)
     sessions = [engine.open(seed=seed) for _, seed in zip(sounds, seeds, strict=True)]
     for session, sound in zip(sessions, sounds, strict=True):
         session.push(sound)

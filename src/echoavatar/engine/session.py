@@ -1,21 +1,43 @@
-"""A session is three verbs: `push(audio)`, `clear()`, and iterate motion."""
+"""A session: `push(audio)`, `clear(heard)`, `act(name)`, and iterate motion.
 
+Its clock counts samples at 24 kHz from its opening: silence that was fed for a stalled source counts, audio that was
+taken back by `clear` does not. Calls may come from any thread; they change inboxes and notes only. What concerns the
+model happens in the engine's next tick.
+"""
+
+import threading
 from collections import deque
-from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from torch import Tensor
 
-from ..audio import StreamResampler
 from ..errors import EchoAvatarError
 from ..pipeline import MotionChunk
-from ..timing import CHUNK_SAMPLES, SAMPLE_RATE_HZ
+from ..timing import CHUNK_SAMPLES, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
+from .acts import Acts, ActStatus
+from .inbox import Heard, Inbox
+from .music import Playing
+from .screen import Delivery, Screen, first_frame_after
+from .undo import Patch
 
 if TYPE_CHECKING:
     from .engine import Engine
 
-INBOX_SECONDS = 600  # agents deliver speech faster than real time; more than this waiting is a mistake
+MUSIC_AHEAD = 3  # chunks: music lets speech in within 0.8 s
+REPLAN_AHEAD = (
+    2  # chunks that an action waits at most behind motion made earlier, where the player says what it shows
+)
+
+
+class Past(NamedTuple):
+    """A chunk that was made: what it heard, and how to unmake it."""
+
+    heard: Heard
+    music: Playing  # the player before it
+    patches: list[Patch]
 
 
 class Session:
@@ -24,61 +46,109 @@ class Session:
     Open one with `Engine.open`; use it as a context manager, or `close` it, to free its seat.
     """
 
-    def __init__(self, engine: "Engine", seat: int, *, seed: int) -> None:
+    def __init__(
+        self, engine: "Engine", seat: int, *, seed: int, look_ahead: int | None = None, rewind: int = 0
+    ) -> None:
         self.seat = seat
         self.seed = seed
-        self._engine = engine
-        self._resampler: StreamResampler | None = None
-        self._waiting = np.zeros(0, np.float32)
-        self._out: deque[MotionChunk] = deque()
-        self._pushed = 0
-        self._finished = False
+        self.on_motion: Callable[[], None] | None = None  # called from the engine's thread after a chunk
+        self.late = 0  # chunks that were made after their time had come
+        self._engine, self._look_ahead = engine, look_ahead
+        self._lock = threading.RLock()
+        self._inbox = Inbox()
+        self._acts = Acts(engine.actions)
+        self._screen = Screen()
+        self._past: deque[Past] = deque()
+        self._rewind = rewind
+        self._chunks = 0  # made; the model's state is there, unless `_target` says where it must go back to
+        self._target: int | None = None
+        self._in_flight: tuple[int, Heard, Playing] | None = None  # epoch, and what is being made from
+        self._played: int | None = None
         self._closed = False
 
-    @property
-    def waiting(self) -> bool:
-        """Whether a whole chunk of audio is there to be turned into motion."""
-        return len(self._waiting) >= CHUNK_SAMPLES
+    # ---- what users call
 
     def push(self, audio: Float[np.ndarray, "..."], rate: int = SAMPLE_RATE_HZ) -> None:
         """Add audio: mono (s,) or (s, channels), float in [-1, 1] or int16, at any sample rate.
 
         Raises:
             AudioError: values that are not finite, or a rate that cannot be.
-            EchoAvatarError: more than ten minutes are waiting, or the session is finished.
+            InboxError: more than ten minutes are waiting.
+            EchoAvatarError: the session is finished.
         """
-        if self._finished or self._closed:
-            raise EchoAvatarError("this session is finished; open a new one to push more audio")
-        if self._resampler is None or self._resampler.rate != rate:
-            self._flush()
-            self._resampler = StreamResampler(rate)
-        samples = self._resampler.push(audio)
-        if len(self._waiting) + len(samples) > INBOX_SECONDS * SAMPLE_RATE_HZ:
-            raise EchoAvatarError(
-                f"more than {INBOX_SECONDS} s of audio are waiting; read motion from the session before pushing more"
-            )
-        self._waiting = np.concatenate([self._waiting, samples])
-        self._pushed += len(samples)
+        with self._lock:
+            self._check_open()
+            self._inbox.push(audio, rate)
+        self._engine.wake()
 
     def stall(self) -> None:
         """The source is late: complete the chunk in hand with silence, so that idle life goes on."""
-        missing = CHUNK_SAMPLES - len(self._waiting)
-        if missing > 0:
-            self._waiting = np.concatenate([self._waiting, np.zeros(missing, np.float32)])
+        with self._lock:
+            self._inbox.stall()
+        self._engine.wake()
 
-    def clear(self) -> None:
-        """Forget audio that was pushed but not yet turned into motion, and motion not yet taken (barge-in)."""
-        self._resampler = None
-        self._waiting = np.zeros(0, np.float32)
-        self._out.clear()
+    def clear(self, heard: int | None = None) -> int:
+        """Barge-in: forget audio after sample `heard` of the session, and all motion that stems from it.
+
+        The motion goes on as if the forgotten audio had never come, out of the pose on screen. Without `heard`, what
+        was heard ends with the motion that was taken. Returns the sample at which new motion begins. Goes back at most
+        as far as the engine remembers (`Engine(rewind=...)`).
+        """
+        with self._lock:
+            end = self._screen.taken if heard is None else min(heard, self._screen.end)
+            start = self._go_back(max(0, end), is_forgotten=True)
+        self._engine.wake()
+        return start
+
+    def played(self, sample: int) -> None:
+        """The player shows this sample now: motion is made ahead of it within the engine's bound only."""
+        with self._lock:
+            self._played = max(self._played or 0, sample)
+        self._engine.wake()
+
+    def act(
+        self, name: str, *, intensity: float = 1.0, hold_s: float | None = None, id: str = ""
+    ) -> ActStatus:
+        """Ask for an action of the bundle's library; see `statuses` for what becomes of it. Never raises.
+
+        Begins with the next chunk; motion that was made far ahead of the player is made again.
+        """
+        with self._lock:
+            self._replan()
+            asked = self._acts.ask(name, chunk=self._next_chunk, intensity=intensity, hold_s=hold_s, id=id)
+        self._engine.wake()
+        return asked
+
+    def stop_acting(self) -> None:
+        """End the running action now."""
+        with self._lock:
+            self._replan()
+            self._acts.stop(self._next_chunk)
+
+    def play(self, title: str, track: Float[np.ndarray, " s"]) -> None:
+        """Play music (24 kHz mono): the session hears it, under its speech, and `Delivery.music` carries it out."""
+        with self._lock:
+            self._check_open()
+            self._replan()
+            self._inbox.player.play(title, np.asarray(track, np.float32))
+        self._engine.wake()
+
+    def stop_music(self) -> None:
+        """Fade the music out."""
+        with self._lock:
+            self._replan()
+            self._inbox.player.stop()
+
+    def statuses(self) -> list[ActStatus]:
+        """What became of actions since the last call."""
+        with self._lock:
+            return self._acts.take()
 
     def finish(self) -> None:
         """No more audio will come: the rest is completed with silence to a whole chunk."""
-        if not self._finished:
-            self._flush()
-            if len(self._waiting) % CHUNK_SAMPLES:
-                self._waiting = np.pad(self._waiting, (0, -len(self._waiting) % CHUNK_SAMPLES))
-            self._finished = True
+        with self._lock:
+            self._inbox.finish()
+        self._engine.wake()
 
     def close(self) -> None:
         """Free the seat."""
@@ -87,14 +157,24 @@ class Session:
             self._engine.release(self)
 
     def take(self) -> MotionChunk | None:
-        """The next chunk of motion that is ready, or None."""
-        return self._out.popleft() if self._out else None
+        """The next motion that is ready, or None. Eight frames, or fewer right after a `clear` within a chunk."""
+        delivery = self.take_timed()
+        return None if delivery is None else delivery.motion
+
+    def take_timed(self) -> Delivery | None:
+        """As `take`, with its place on the clock and the sound that goes with it."""
+        with self._lock:
+            delivery = self._screen.take()
+        if delivery is not None:
+            self._engine.wake()
+        return delivery
 
     def __iter__(self) -> Iterator[MotionChunk]:
         """Chunks of motion until the audio pushed so far is used up; ticks the engine as needed."""
         while True:
-            if self._out:
-                yield self._out.popleft()
+            chunk = self.take()
+            if chunk is not None:
+                yield chunk
             elif self.waiting and not self._closed:
                 self._engine.tick()
             else:
@@ -106,16 +186,141 @@ class Session:
     def __exit__(self, *exception: object) -> None:
         self.close()
 
-    def next_chunk(self) -> Float[np.ndarray, " 6400"]:
-        """Take the oldest waiting chunk of audio; the engine calls this when the session is `waiting`."""
-        chunk, self._waiting = self._waiting[:CHUNK_SAMPLES], self._waiting[CHUNK_SAMPLES:]
-        return chunk
+    # ---- what may be asked
 
-    def deliver(self, chunk: MotionChunk) -> None:
-        """Queue a chunk of motion for the reader; the engine calls this."""
-        self._out.append(chunk)
+    @property
+    def made(self) -> int:
+        """Sample up to which motion was made."""
+        with self._lock:
+            return self._next_chunk * CHUNK_SAMPLES
 
-    def _flush(self) -> None:
-        if self._resampler is not None:
-            self._waiting = np.concatenate([self._waiting, self._resampler.flush()])
-            self._resampler = None
+    @property
+    def epoch(self) -> int:
+        """Rises whenever motion that was delivered is taken back."""
+        return self._screen.epoch
+
+    @property
+    def seconds_waiting(self) -> float:
+        """Speech that waits to be heard."""
+        return self._inbox.seconds
+
+    @property
+    def doing(self) -> str:
+        """What the latest motion stems from: "action", "speech", "music" or "idle"."""
+        return self._screen.source
+
+    @property
+    def waiting(self) -> bool:
+        """Whether a chunk may be made now: there is sound for it, and it is not too far ahead of the player."""
+        with self._lock:
+            ahead = self._ahead()
+            if self._look_ahead is not None and ahead >= self._look_ahead:
+                return False
+            if self._inbox.has_chunk:
+                return True
+            return self._inbox.player.is_playing and (self._played is None or ahead < MUSIC_AHEAD)
+
+    # ---- what the engine calls, in its tick
+
+    def unmake(self) -> list[list[Patch]]:
+        """Steps to undo before the next one, latest first."""
+        with self._lock:
+            if self._target is None:
+                return []
+            undone = [self._past.pop().patches for _ in range(self._chunks - self._target)]
+            self._chunks, self._target = self._target, None
+            return undone
+
+    def begin_chunk(self, codes: int) -> tuple[Float[np.ndarray, " s"], Float[Tensor, " K"] | None]:
+        """The sound of the next chunk, and the set of codes that an action asks for."""
+        with self._lock:
+            music = self._inbox.player.snapshot()
+            heard = self._inbox.take()
+            self._in_flight = (self._screen.epoch, heard, music)
+            return heard.audio, self._acts.members(self._chunks, codes) if codes else None
+
+    def end_chunk(self, motion: MotionChunk, patches: list[Patch]) -> None:
+        """The chunk is made."""
+        with self._lock:
+            assert self._in_flight is not None
+            epoch, heard, music = self._in_flight
+            self._in_flight = None
+            chunk, self._chunks = self._chunks, self._chunks + 1
+            self._past.append(Past(heard, music, patches))
+            if epoch != self._screen.epoch:  # taken back while it was being made
+                return
+            while len(self._past) > self._rewind:
+                self._past.popleft()
+            source = self._source(chunk, heard)
+            self.late += (self._played or 0) > chunk * CHUNK_SAMPLES
+            self._screen.show(chunk, motion, heard, source, memory=self._rewind)
+            self._acts.delivered(chunk)
+        if self.on_motion is not None:
+            self.on_motion()
+
+    # ---- inside
+
+    @property
+    def _next_chunk(self) -> int:
+        """Number of the first chunk that is not made, nor being made."""
+        if self._target is not None:
+            return self._target
+        return self._chunks + (self._in_flight is not None)
+
+    def _ahead(self) -> int:
+        """Chunks made ahead of the player, or else ahead of the reader."""
+        if self._played is None:
+            return self._screen.untaken
+        return -((self._played - self._next_chunk * CHUNK_SAMPLES) // CHUNK_SAMPLES)
+
+    def _source(self, chunk: int, heard: Heard) -> str:
+        if self._acts.running(chunk) is not None:
+            return "action"
+        if heard.voiced and float(np.abs(heard.speech).max(initial=0)) > 1e-3:
+            return "speech"
+        return "music" if heard.music is not None else "idle"
+
+    def _replan(self) -> None:
+        """Make motion again that was made too far ahead of the player for what is asked now; no audio is lost."""
+        if self._played is None or self._rewind == 0 or self._ahead() <= REPLAN_AHEAD:
+            return
+        border = -(-self._played // CHUNK_SAMPLES) + 1
+        if border < self._next_chunk:
+            self._go_back(border * CHUNK_SAMPLES, is_forgotten=False)
+
+    def _go_back(self, sample: int, *, is_forgotten: bool) -> int:
+        """Note that the state must return to the chunk border at or before a sample, and lay the audio back."""
+        made = self._past if self._target is None else list(self._past)[: len(self._past) - self._undone]
+        border = max(sample // CHUNK_SAMPLES, self._oldest)
+        sample = max(sample, border * CHUNK_SAMPLES)
+        again = [past.heard.speech for past in list(made)[border - self._oldest :]]
+        if self._in_flight is not None and self._in_flight[0] == self._screen.epoch:
+            again.append(self._in_flight[1].speech)
+        music = self._music_before(border)
+        keep = sample - border * CHUNK_SAMPLES if is_forgotten else None
+        self._inbox.give_back(np.concatenate([np.zeros(0, np.float32), *again]), keep)
+        if music is not None:
+            self._inbox.player.rewind(border, music)
+        self._target = border
+        self._played = None if self._played is None else min(self._played, sample)
+        self._screen.go_back(sample)
+        return first_frame_after(sample) * SAMPLES_PER_FRAME
+
+    @property
+    def _oldest(self) -> int:
+        """The earliest chunk border that can be gone back to."""
+        return self._chunks - len(self._past)
+
+    @property
+    def _undone(self) -> int:
+        """Chunks at the end of `_past` that are taken back already."""
+        return 0 if self._target is None else self._chunks - self._target
+
+    def _music_before(self, border: int) -> Playing | None:
+        if border < self._chunks:
+            return self._past[border - self._oldest].music
+        return None if self._in_flight is None else self._in_flight[2]
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise EchoAvatarError("this session is closed; open a new one to push more audio")

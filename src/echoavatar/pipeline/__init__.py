@@ -1,7 +1,18 @@
 """From an audio chunk to a motion chunk: the trained parts of a bundle in a row. May import `generator` and below."""
 
+from .actions import Action, ActionLibrary, Directive
 from .bundle import Bundle, load_bundle, shipped
 from .motion_chunk import MotionChunk
 from .pipeline import Pipeline, PipelineState
 
-__all__ = ["Bundle", "MotionChunk", "Pipeline", "PipelineState", "load_bundle", "shipped"]
+__all__ = [
+    "Action",
+    "ActionLibrary",
+    "Bundle",
+    "Directive",
+    "MotionChunk",
+    "Pipeline",
+    "PipelineState",
+    "load_bundle",
+    "shipped",
+]

@@ -5,7 +5,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from importlib.resources import as_file, files
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from ..errors import CheckpointError
 from ..generator import Generator, qwen_half_billion
 from ..kinematics import Skeleton
 from ..tokenizer import BodyTokenizer
+from .actions import ActionLibrary
 
 PARTS = ("codec", "tokenizer", "generator")
 
@@ -30,6 +31,7 @@ class Bundle:
     tokenizer: BodyTokenizer
     generator: Generator
     card: dict[str, object]
+    actions: ActionLibrary = field(default_factory=ActionLibrary)
 
     @property
     def skeleton(self) -> Skeleton:
@@ -58,7 +60,8 @@ def load_bundle(name: str | Path = "default") -> Bundle:
         codec = AudioCodec.load(folder / "codec").eval()
         tokenizer = BodyTokenizer.load(folder / "tokenizer").eval()
         generator = Generator.load(folder / "generator").eval()
-        bundle = Bundle(str(name), codec, tokenizer, generator, read_card(folder))
+        actions = ActionLibrary.load(folder, tokenizer.config.codes)
+        bundle = Bundle(str(name), codec, tokenizer, generator, read_card(folder), actions)
     _check(bundle)
     return bundle
 

@@ -24,6 +24,7 @@ from ..nn import StreamState
 from ..timing import CHUNK_FRAMES, FRAME_RATE_HZ, MOTION_TOKENS_PER_CHUNK
 from ..tokenizer.body import BodyState
 from ..tokenizer.model import DecoderState
+from .actions import Directive
 from .bundle import Bundle
 from .calm import Calm, CalmState
 from .feet import Feet, FeetState
@@ -31,6 +32,8 @@ from .ground import Ground, GroundState
 from .motion_chunk import MotionChunk
 
 Lap = Callable[[str], None]
+BIAS = 6.0  # nats that an action of intensity 1 adds to the logits of its codes
+LEARNED_BIAS = 3.0  # the same, beside what a generator trained with exemplars does by itself
 STAGES = ("level", "codec", "generator", "decoder", "post")
 
 
@@ -61,6 +64,9 @@ class Pipeline:
         self.ground = Ground(bundle.skeleton)
         self.feet = Feet(bundle.skeleton)
         self.hands = HandGuard(bundle.skeleton)
+        self.actions = bundle.actions
+        self.directive_codes = bundle.generator.config.layout.motion_codes
+        self._bias = LEARNED_BIAS if bundle.generator.config.exemplar else BIAS
         self.lap: Lap = _no_lap
 
     def init_state(self, rows: int) -> PipelineState:
@@ -81,19 +87,32 @@ class Pipeline:
         state.reset(rows)
         state.seeds[rows] = seed
 
+    def directive(self, members: Float[Tensor, "b K"]) -> Directive:
+        """What to ask of a step for sets of codes, each with its intensity."""
+        return Directive(members, self._bias * members)
+
     @torch.inference_mode()
     def step(
-        self, audio: Float[Tensor, "b 6400"], state: PipelineState, active: Bool[Tensor, " b"]
+        self,
+        audio: Float[Tensor, "b 6400"],
+        state: PipelineState,
+        active: Bool[Tensor, " b"],
+        *,
+        directive: Directive | None = None,
     ) -> list[MotionChunk]:
         """Advance the active rows by one chunk; rows that are not active return what must be ignored.
 
+        `directive` says what actions ask for, row by row.
         After each stage `lap(stage)` is called, so that a benchmark can time them.
         """
         level = self.level.step(audio, state.level, active)
         self.lap("level")
         sounds = self.codec.step(level, state.codec, active)
         self.lap("codec")
-        codes = self.generator.step(sounds, state.generator, active, seeds=state.seeds)
+        exemplar, bias = (None, None) if directive is None else directive
+        codes = self.generator.step(
+            sounds, state.generator, active, seeds=state.seeds, exemplar=exemplar, bias=bias
+        )
         self.lap("generator")
         features = self.tokenizer.decode_step(codes, state.decoder, active)
         self.lap("decoder")

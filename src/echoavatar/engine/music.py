@@ -1,0 +1,116 @@
+"""Music that a session hears and plays: one track at a time, quieter while someone speaks, faded out when stopped.
+
+Everything happens on the sample clock, so that a session that is rewound plays the same music again.
+"""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ..timing import CHUNK_SAMPLES, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
+
+Samples = Float[np.ndarray, " s"]
+DUCKED = 0.35  # of the level, while someone speaks
+DUCK_S = 0.25  # to get there, and back
+FADE_S = 0.4
+AUDIBLE = 1e-3  # peak of a frame of speech that counts as someone speaking
+HOLD_FRAMES = 12  # 0.4 s: pauses between words do not bring the music back
+
+
+@dataclass(frozen=True)
+class Playing:
+    """Where the player is: a value, so that it can be gone back to."""
+
+    title: str = ""
+    at: int = 0  # samples of the track
+    duck: float = 1.0
+    quiet: int = HOLD_FRAMES  # frames since someone spoke
+    fade: float = 1.0
+    is_stopping: bool = False
+
+
+class Command(NamedTuple):
+    """Something the player was told: a track to play, or None to stop."""
+
+    title: str
+    track: Samples | None
+
+
+class MusicPlayer:
+    """Plays into a session."""
+
+    def __init__(self) -> None:
+        self.now = Playing()
+        self._track: Samples | None = None
+        self._tracks: dict[str, Samples] = {}
+        self._told: list[tuple[int, Command]] = []
+        self._chunk = 0
+
+    @property
+    def is_playing(self) -> bool:
+        """Whether the next chunk will hold music."""
+        return self._track is not None
+
+    def play(self, title: str, track: Samples) -> None:
+        """Play a track (24 kHz mono) from the next chunk on, instead of what plays now."""
+        self._obey(Command(title, track))
+
+    def stop(self) -> None:
+        """Fade out from the next chunk on."""
+        self._obey(Command("", None))
+
+    def next_chunk(self, speech: Samples) -> Samples | None:
+        """Music for the next chunk, whose speech is known; None where there is none."""
+        self._chunk += 1
+        if self._track is None:
+            return None
+        now = self.now
+        piece = self._track[now.at : now.at + CHUNK_SAMPLES]
+        duck, quiet = _ducking(speech, now)
+        step = 1 / (FADE_S * SAMPLE_RATE_HZ) if now.is_stopping else 0.0
+        fade = np.maximum(now.fade - step * np.arange(1, CHUNK_SAMPLES + 1), 0)
+        music = np.zeros(CHUNK_SAMPLES, np.float32)
+        music[: len(piece)] = piece * (duck * fade)[: len(piece)]
+        end = now.at + CHUNK_SAMPLES
+        self.now = replace(now, at=end, duck=float(duck[-1]), quiet=quiet, fade=float(fade[-1]))
+        if end >= len(self._track) or fade[-1] <= 0:
+            self.now, self._track = Playing(), None
+        return music
+
+    def snapshot(self) -> Playing:
+        """Where it is."""
+        return self.now
+
+    def rewind(self, chunk: int, now: Playing) -> None:
+        """Back to before chunk number `chunk` and what it was then; what it was told since is told again."""
+        told = [command for at, command in self._told if at >= chunk]
+        self._told = [(at, command) for at, command in self._told if at < chunk]
+        self._chunk, self.now = chunk, now
+        self._track = self._tracks.get(now.title) if now.title else None
+        for command in told:
+            self._obey(command)
+
+    def _obey(self, command: Command) -> None:
+        self._told = [*self._told[-63:], (self._chunk, command)]
+        if command.track is None:
+            self.now = replace(self.now, is_stopping=True)
+            return
+        self._tracks = {command.title: command.track} | (
+            {self.now.title: self._tracks[self.now.title]} if self.now.title in self._tracks else {}
+        )
+        self._track = self._tracks[command.title] = command.track
+        self.now = Playing(title=command.title)
+
+
+def _ducking(speech: Samples, now: Playing) -> tuple[Float[np.ndarray, " s"], int]:
+    """The level under the speech, sample by sample, and how long nobody has spoken at the end."""
+    levels, duck, quiet = [], now.duck, now.quiet
+    step = (1 - DUCKED) * SAMPLES_PER_FRAME / (DUCK_S * SAMPLE_RATE_HZ)
+    for frame in speech.reshape(-1, SAMPLES_PER_FRAME):
+        quiet = 0 if np.abs(frame).max() > AUDIBLE else quiet + 1
+        target = max(duck - step, DUCKED) if quiet < HOLD_FRAMES else min(duck + step, 1.0)
+        levels.append(np.linspace(duck, target, SAMPLES_PER_FRAME + 1)[1:])
+        duck = target
+    return np.concatenate(levels), quiet

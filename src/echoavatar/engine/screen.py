@@ -1,0 +1,147 @@
+"""What a session shows: motion on its way to the reader, and the way out of the pose on screen after a `clear`.
+
+After motion was taken back the new motion begins at the first frame after the last sample heard, inside its chunk, with
+the old pose and speed on top as an offset that dies away (`pipeline.inertial`). Where a single frame of a chunk is left,
+the old motion coasts through it and the blend begins with the next chunk, because a speed needs two frames.
+"""
+
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ..pipeline import MotionChunk
+from ..pipeline.inertial import InertialBlend
+from ..timing import CHUNK_FRAMES, SAMPLES_PER_FRAME
+from .inbox import Heard
+
+COASTING = 0.5  # of its speed, for the one frame
+
+
+class Delivery(NamedTuple):
+    """Motion with its place on the session's clock."""
+
+    motion: MotionChunk
+    start: int  # sample of its first frame
+    epoch: int  # one more than that of the delivery before: what was delivered from `start` on is void
+    audio: Float[np.ndarray, " s"]  # what the avatar hears under these frames
+    music: Float[np.ndarray, " s"] | None  # the music in it, which nobody else plays
+    source: str  # "action", "speech", "music" or "idle"
+
+
+class Screen:
+    """Motion of one session that is not taken yet, and as much of what was shown as can be taken back."""
+
+    def __init__(self) -> None:
+        self.epoch = 0
+        self.taken = 0  # sample up to which motion was taken
+        self.end = 0  # sample up to which there is motion
+        self.source = "idle"
+        self._out: deque[Delivery] = deque()
+        self._recent: dict[int, MotionChunk] = {}  # by chunk, as shown
+        self._blend = InertialBlend()
+        self._fresh = 0  # first frame that may be new
+        self._on_screen: MotionChunk | None = None  # the two frames before it, until the blend has begun
+
+    @property
+    def untaken(self) -> int:
+        """Pieces of motion that wait for the reader."""
+        return len(self._out)
+
+    def take(self) -> Delivery | None:
+        """The next piece, or None."""
+        if not self._out:
+            return None
+        delivery = self._out.popleft()
+        self.taken = delivery.start + len(delivery.motion.root) * SAMPLES_PER_FRAME
+        return delivery
+
+    def show(self, chunk: int, motion: MotionChunk, heard: Heard, source: str, *, memory: int) -> None:
+        """New motion for a whole chunk; what was shown of the chunk before it was taken back stays."""
+        skip = max(0, self._fresh - chunk * CHUNK_FRAMES)
+        new = self._blended(_part(motion, skip, CHUNK_FRAMES))
+        shown = self._recent.get(chunk)
+        whole = new if shown is None else _joined(shown, new)
+        self._recent[chunk] = whole
+        for old in [at for at in self._recent if at < chunk - memory]:
+            del self._recent[old]
+        self.end, self.source = (chunk + 1) * CHUNK_FRAMES * SAMPLES_PER_FRAME, source
+        if not len(new.root):
+            return
+        cut = skip * SAMPLES_PER_FRAME
+        start = chunk * CHUNK_FRAMES * SAMPLES_PER_FRAME + cut
+        music = None if heard.music is None else heard.music[cut:]
+        self._out.append(Delivery(new, start, self.epoch, heard.audio[cut:], music, source))
+
+    def go_back(self, sample: int) -> None:
+        """Nothing after this sample was seen."""
+        self.epoch += 1
+        self._fresh = first_frame_after(sample)
+        self.end, self.taken = sample, min(self.taken, sample)
+        for chunk in list(self._recent):
+            left = self._fresh - chunk * CHUNK_FRAMES
+            if left <= 0:
+                del self._recent[chunk]
+            elif left < len(self._recent[chunk].root):
+                self._recent[chunk] = _part(self._recent[chunk], 0, left)
+        self._on_screen = self._last_two()
+        self._blend = InertialBlend()
+        kept = [_until(delivery, self._fresh) for delivery in self._out]
+        self._out = deque(delivery for delivery in kept if len(delivery.motion.root))
+
+    def _last_two(self) -> MotionChunk | None:
+        chunks = [self._recent[chunk] for chunk in sorted(self._recent)[-2:]]
+        chunks = [chunk for chunk in chunks if len(chunk.root)]
+        if not chunks:
+            return None
+        last = chunks[-1] if len(chunks) == 1 else _joined(*chunks)
+        return _joined(last, last) if len(last.root) == 1 else _part(last, len(last.root) - 2, None)
+
+    def _blended(self, new: MotionChunk) -> MotionChunk:
+        if not len(new.root):
+            return new
+        if self._on_screen is not None:
+            if len(new.root) == 1:
+                coasted = _coasting(self._on_screen, new)
+                self._on_screen = _joined(_part(self._on_screen, 1, 2), coasted)
+                return coasted
+            self._blend.begin(self._on_screen)
+            self._on_screen = None
+        return self._blend.step(new)
+
+
+def first_frame_after(sample: int) -> int:
+    """The first frame whose time is not before this sample."""
+    return -(-sample // SAMPLES_PER_FRAME)
+
+
+def _part(motion: MotionChunk, start: int, stop: int | None) -> MotionChunk:
+    face = None if motion.face is None else motion.face[start:stop]
+    return MotionChunk(motion.rotations[start:stop], motion.root[start:stop], face)
+
+
+def _joined(a: MotionChunk, b: MotionChunk) -> MotionChunk:
+    face = None if a.face is None or b.face is None else np.concatenate([a.face, b.face])
+    return MotionChunk(np.concatenate([a.rotations, b.rotations]), np.concatenate([a.root, b.root]), face)
+
+
+def _until(delivery: Delivery, frame: int) -> Delivery:
+    """The part of a delivery before a frame."""
+    left = max(0, frame - delivery.start // SAMPLES_PER_FRAME)
+    samples = left * SAMPLES_PER_FRAME
+    music = None if delivery.music is None else delivery.music[:samples]
+    return delivery._replace(
+        motion=_part(delivery.motion, 0, left), audio=delivery.audio[:samples], music=music
+    )
+
+
+def _coasting(shown: MotionChunk, new: MotionChunk) -> MotionChunk:
+    """One frame more of two that were shown, slower."""
+    before, last = shown.rotations[-2:-1], shown.rotations[-1:]
+    before = np.where((before * last).sum(-1, keepdims=True) < 0, -before, before)
+    rotations = last + COASTING * (last - before)
+    rotations = rotations / np.maximum(np.linalg.norm(rotations, axis=-1, keepdims=True), 1e-9)
+    root = shown.root[-1:] + COASTING * (shown.root[-1:] - shown.root[-2:-1])
+    face = None if new.face is None or shown.face is None else shown.face[-1:]
+    return MotionChunk(rotations.astype(np.float32), root.astype(np.float32), face)

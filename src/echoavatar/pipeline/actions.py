@@ -1,0 +1,152 @@
+"""Named actions: the first-layer upper-body codes of short reference clips, which steer the generator.
+
+Paper, Exemplar-Driven Control. The paper's directive is a set without order over the whole clip. Ours passes along the
+clip: at each chunk the set holds what the clip uses within `REACH` chunks of its place, so that a bow goes down before
+it comes up; while an action is held longer than its clip lasts, a stretch of the clip repeats. Codes mean something
+only to the tokenizer that made them, so a library lies in its bundle as `actions.json`.
+"""
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from ..errors import CheckpointError, EchoAvatarError
+from ..timing import CHUNK_FRAMES, FRAME_RATE_HZ, MOTION_TOKENS_PER_CHUNK
+
+FILE = "actions.json"
+REACH = 1  # chunks before and after the present place that the set also holds
+LONGEST_S = 60.0
+CHUNK_S = CHUNK_FRAMES / FRAME_RATE_HZ
+
+
+class Directive(NamedTuple):
+    """What actions ask of one step, rows first."""
+
+    exemplar: Float[
+        Tensor, "b K"
+    ]  # intensity of each code of the set, for a generator trained with exemplars
+    bias: Float[Tensor, "b K"]  # added to the logits of the same codes
+
+
+@dataclass(frozen=True)
+class Action:
+    """One exemplar: a code for every motion token of the clip, and which chunks of it repeat when it is held."""
+
+    name: str
+    codes: tuple[int, ...]
+    hold: tuple[int, int]  # first chunk that repeats, and the one after the last
+    about: str = ""  # for people and language models
+
+    @property
+    def chunks(self) -> int:
+        """Length of the clip."""
+        return len(self.codes) // MOTION_TOKENS_PER_CHUNK
+
+    @property
+    def seconds(self) -> float:
+        """Length of the clip."""
+        return self.chunks * CHUNK_S
+
+    def length(self, hold_s: float | None) -> int:
+        """Chunks that the action takes when it is to be held for so long (None: as long as the clip)."""
+        extra = 0.0 if hold_s is None else min(hold_s, LONGEST_S)
+        return max(self.chunks, round(extra / CHUNK_S))
+
+    def place(self, elapsed: int, length: int) -> int:
+        """Chunk of the clip that is due `elapsed` chunks after the beginning, of `length` in all."""
+        first, last = self.hold
+        after = self.chunks - last
+        if elapsed < last or length <= self.chunks:
+            return min(elapsed, self.chunks - 1)
+        if length - elapsed <= after:
+            return self.chunks - (length - elapsed)
+        return first + (elapsed - last) % (last - first)
+
+    def members(self, elapsed: int, length: int, codes: int) -> Float[Tensor, " K"]:
+        """The set that is due: 1 for each code in it."""
+        place, row = self.place(elapsed, length), torch.zeros(codes)
+        near = slice(
+            max(0, place - REACH) * MOTION_TOKENS_PER_CHUNK, (place + REACH + 1) * MOTION_TOKENS_PER_CHUNK
+        )
+        row[list(self.codes[near])] = 1.0
+        return row
+
+
+@dataclass(frozen=True)
+class ActionLibrary(Mapping[str, Action]):
+    """Actions by name, in the order they were added."""
+
+    actions: Mapping[str, Action] = field(default_factory=dict)
+
+    def __getitem__(self, name: str) -> Action:
+        return self.actions[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.actions)
+
+    def __len__(self) -> int:
+        return len(self.actions)
+
+    def find(self, name: str) -> Action:
+        """The action of that name; case, blanks and hyphens do not matter.
+
+        Raises:
+            EchoAvatarError: there is none; the message lists those there are.
+        """
+        wanted = "_".join(name.lower().replace("-", " ").replace("_", " ").split())
+        if wanted not in self.actions:
+            known = ", ".join(self.actions) or "none: this bundle has no actions.json"
+            raise EchoAvatarError(f"no action {name!r}; there are: {known}")
+        return self.actions[wanted]
+
+    def with_action(self, action: Action) -> "ActionLibrary":
+        """The library with one action more, or another one under its name."""
+        return ActionLibrary({**self.actions, action.name: action})
+
+    def save(self, folder: Path) -> None:
+        """Write `actions.json`."""
+        rows = [
+            {"name": action.name, "about": action.about, "hold": action.hold, "codes": action.codes}
+            for action in self.actions.values()
+        ]
+        lines = ",\n".join("  " + json.dumps(row) for row in rows)
+        partial = folder / f"{FILE}.partial"
+        partial.write_text('{"version": 1, "actions": [\n' + lines + "\n]}\n")
+        partial.replace(folder / FILE)
+
+    @classmethod
+    def load(cls, folder: Path, codes: int) -> "ActionLibrary":
+        """Read `actions.json`, where the folder has one; every code must be one of the tokenizer's `codes`.
+
+        Raises:
+            CheckpointError: the file is damaged, or made for another tokenizer.
+        """
+        path = folder / FILE
+        if not path.exists():
+            return cls()
+        try:
+            rows = json.loads(path.read_text())["actions"]
+            actions = [
+                Action(str(r["name"]), tuple(map(int, r["codes"])), _pair(r["hold"]), str(r["about"]))
+                for r in rows
+            ]
+        except (ValueError, KeyError, TypeError) as error:
+            raise CheckpointError(f"{path} is not a library of actions ({error!r}); make it again") from error
+        for action in actions:
+            first, last = action.hold
+            if not 0 <= first < last <= action.chunks or not all(0 <= code < codes for code in action.codes):
+                raise CheckpointError(
+                    f"{path}: action {action.name!r} was made for another tokenizer; `echoavatar actions add` it again"
+                )
+        return cls({action.name: action for action in actions})
+
+
+def _pair(values: list[int]) -> tuple[int, int]:
+    first, last = values
+    return int(first), int(last)
