@@ -7,7 +7,7 @@ from echoavatar.face import FaceStream
 from echoavatar.timing import CHUNK_SAMPLES
 
 ALL = torch.ones(1, dtype=torch.bool)
-CUTS = ((1, 1, 1, 1, 1, 1, 1, 1), (3, 1, 4))
+CUTS = ((3, 1, 4),)
 
 
 @pytest.mark.parametrize("memory", ["ring", "window"])
@@ -65,10 +65,10 @@ def test_a_naive_loop_gives_the_same_frames(memory):
 
 def test_another_seed_is_another_face_and_guidance_reaches_the_result():
     model = make()
-    stream = FaceStream(model)
     audio = sound(1, CHUNK_SAMPLES, torch.Generator().manual_seed(3))
 
     def run(seed: int) -> torch.Tensor:
+        stream = FaceStream(model)
         return stream.step(audio, stream.init_state(1), ALL, torch.tensor([seed]))
 
     assert torch.equal(run(1), run(1))

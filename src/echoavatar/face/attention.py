@@ -84,7 +84,7 @@ class RingAttention(Attention):
         )  # the last column is the frame itself
 
     def forward(self, x: Float[Tensor, "b t c"]) -> Float[Tensor, "b t c"]:
-        """A whole window; the answer of `extend` from an empty ring."""
+        """A whole window."""
         q, kv = self.project(x, 0)
         position = torch.arange(x.shape[1], device=x.device)
         distance = position - position[:, None]
@@ -97,12 +97,6 @@ class RingAttention(Attention):
         slot = torch.arange(self.lookback + frames, device=seen.device)
         earned = (slot >= self.lookback - seen[:, None]).unfold(1, self.lookback + 1, 1)
         return self.bias[:, None].masked_fill(~earned[:, None], -torch.inf)
-
-    def step(self, x: Float[Tensor, "r 1 c"], cache: Float[Tensor, "r n d"], at: int, mask: Tensor) -> Tensor:
-        """The position in slot `at`, from the `lookback` slots before it; `mask` (r h 1 k) is its part of `masks`."""
-        q, kv = self.project(x, at)
-        cache[:, at : at + 1] = kv
-        return self.attend(q, cache[:, at - self.lookback : at + 1], mask=mask)
 
 
 def turn_pairs(x: Float[Tensor, "r t c"], at: int) -> Float[Tensor, "r t c"]:

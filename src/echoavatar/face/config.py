@@ -72,6 +72,8 @@ class FaceConfig(Config):
     def _heads_divide_width(self) -> Self:
         if self.width % self.heads:
             raise ValueError(f"width ({self.width}) must be a multiple of heads ({self.heads})")
+        if self.head_split and self.memory == "ring":
+            raise ValueError("head_split goes with memory window only")
         if self.width % 2 or self.head_width % 2:
             raise ValueError(f"width ({self.width}) and head_width ({self.head_width}) must be even")
         return self

@@ -14,6 +14,7 @@ from torch import Tensor, nn
 from ..nn import Mlp
 
 FULL_NOISE = 1000
+HEAD_EPSILON = 1e-6  # of the norms inside the blocks
 
 
 Schedule = list[
@@ -59,7 +60,7 @@ class FlowHead(nn.Module):
         x = F.linear(noisy, self.noisy_proj.weight, self.noisy_proj.bias)
         for mlp, steer in zip(self.mlps, steering.unbind(-3), strict=True):
             shift, scale, gate = steer.unbind(-2)
-            bent = torch.addcmul(shift, F.layer_norm(x, (self.width,), eps=1e-6), scale)
+            bent = torch.addcmul(shift, F.layer_norm(x, (self.width,), eps=HEAD_EPSILON), scale)
             x = torch.addcmul(x, gate, mlp(bent))
         y: Tensor = self.output_proj(self.output_norm(x))
         return y

@@ -100,13 +100,6 @@ class RingBlock(nn.Module):
         """Those that need a cache."""
         return [self.attn]
 
-    def extend(self, x: Tensor, sound: Tensor, run: Run, block: int) -> Float[Tensor, "r t c"]:
-        """The next position."""
-        x = x + sound
-        mask = run.masks[block][:, :, run.at - run.past, None]
-        x = x + self.attn.step(self.norm1(x), run.caches[block][0], run.at, mask)
-        return x + cast(Tensor, self.mlp(self.norm2(x)))
-
 
 class FaceGpt(nn.Module):
     """Embedding, blocks, norm, projection."""
@@ -188,10 +181,11 @@ class FaceGpt(nn.Module):
         write_rows(state.seen, state.seen + count, active)
 
     def _advance(self, run: Run, motion: Tensor, sound: Tensor) -> Float[Tensor, "r t c"]:
-        """Motion goes to both branches, sound to the second."""
+        """Motion goes to both branches, sound to the second (window form; `FrameDecoder` runs the ring)."""
         sound = torch.stack([torch.zeros_like(sound), sound], 1).flatten(0, 1)
         x: Tensor = self.embed(motion).repeat_interleave(BRANCHES, 0)
         for index, block in enumerate(self._blocks()):
+            assert isinstance(block, WindowBlock)
             x = block.extend(x, sound, run, index)
         run.at += motion.shape[1]
         return x

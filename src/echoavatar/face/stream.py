@@ -12,6 +12,7 @@ from torch import Tensor
 
 from ..nn import StreamState
 from ..timing import CHUNK_FRAMES, CHUNK_SAMPLES
+from .decoder import FrameDecoder
 from .flow import Schedule
 from .gpt import GptState
 from .idle import IdleFace, IdleState, frame_loudness
@@ -34,6 +35,7 @@ class FaceStream:
     def __init__(self, model: FaceModel) -> None:
         self.model = model.eval()
         self.idle = IdleFace(model.moving())
+        self._decoder = FrameDecoder(model) if model.config.memory == "ring" else None
 
     def init_state(self, rows: int) -> FaceState:
         """A state in which no row has heard anything."""
@@ -83,11 +85,14 @@ class FaceStream:
         sound = gpt.sound_proj(features)
         run = gpt.begin(state, sound)
         last, frames = state.motion[:, -1], []
-        for i in range(CHUNK_FRAMES):
-            condition = gpt.next(run, last, sound[:, i - CHUNK_FRAMES])
-            last = head.sample(condition, noise[:, i], schedule, guidance=config.guidance)
-            frames.append(last)
-        generated = torch.stack(frames, 1)
+        if self._decoder is not None:
+            generated = torch.from_numpy(self._decoder.run(run, last, sound, noise, schedule))
+        else:
+            for i in range(CHUNK_FRAMES):
+                condition = gpt.next(run, last, sound[:, i - CHUNK_FRAMES])
+                last = head.sample(condition, noise[:, i], schedule, guidance=config.guidance)
+                frames.append(last)
+            generated = torch.stack(frames, 1)
         gpt.commit(run, state, generated, features, active)
         return generated
 
