@@ -5,15 +5,21 @@ Run `python scripts/make_character.py [OUT]`; deterministic, under a minute on o
 
 import sys
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from echoavatar.avatar.character import MATERIALS, Character
-from echoavatar.avatar.figure import PIECES, Piece, eyeball, piece_colours, piece_mesh
+from echoavatar.avatar.face_bake import face_morphs, neutral
+from echoavatar.avatar.figure import PIECES, Piece, piece_colours, piece_mesh
+from echoavatar.avatar.figure_eyes import EYE, EYE_RADIUS, eyeball
+from echoavatar.avatar.figure_teeth import teeth, tongue
 from echoavatar.avatar.rigging import smooth, strongest, weigh
 from echoavatar.avatar.sculpt import Mesh
+from echoavatar.avatar.sdf import mirrored, sphere
 
 SHIPPED = Path(__file__).parents[1] / "src" / "echoavatar" / "assets" / "character.npz"
+BEHIND_EYES = 0.0025  # metres into an eyeball at which skin is never seen
 SMOOTHED = (
     "jacket",
     "ribbing",
@@ -38,38 +44,71 @@ def main() -> None:
     )
 
 
+class Part(NamedTuple):
+    """A finished surface: where it belongs, and for parts of the face which lip each vertex goes with."""
+
+    name: str
+    material: str
+    mesh: Mesh
+    colours: np.ndarray
+    side: np.ndarray | None = None
+
+
 def build() -> Character:
-    """The whole character in the rest pose."""
-    parts: list[tuple[str, str, Mesh, np.ndarray]] = []
-    for piece in PIECES:
-        mesh = without_buried(piece, piece_mesh(piece))
-        colours = piece_colours(piece, mesh.positions.astype(np.float64)) * shade(piece, mesh)[:, None]
-        parts.append((piece.name, piece.material, mesh, colours))
-        print(f"  {piece.name:13s}{len(mesh.triangles):6d} triangles")
-    parts += [("eye", "eye", *eyeball(side)) for side in (1.0, -1.0)]
+    """The whole character in the rest pose; what an expression moves comes first."""
+    parts = [sculpted(piece) for piece in PIECES] + face_parts()
+    parts.sort(key=lambda part: part.side is None)
     joints, weights = strongest(all_weights(parts))
-    starts = np.cumsum([0, *(len(mesh.positions) for _, _, mesh, _ in parts)])
+    starts = np.cumsum([0, *(len(part.mesh.positions) for part in parts)])
     names = [material.name for material in MATERIALS]
     return Character(
-        positions=np.concatenate([mesh.positions for _, _, mesh, _ in parts]),
-        normals=np.concatenate([mesh.normals for _, _, mesh, _ in parts]),
-        colours=np.clip(np.round(np.concatenate([c for _, _, _, c in parts])), 0, 255).astype(np.uint8),
+        positions=np.concatenate([part.mesh.positions for part in parts]),
+        normals=np.concatenate([part.mesh.normals for part in parts]),
+        colours=np.clip(np.round(np.concatenate([part.colours for part in parts])), 0, 255).astype(np.uint8),
         materials=np.concatenate(
-            [np.full(len(m.positions), names.index(kind), np.uint8) for _, kind, m, _ in parts]
+            [np.full(len(part.mesh.positions), names.index(part.material), np.uint8) for part in parts]
         ),
         joints=joints,
         weights=weights,
         triangles=np.concatenate(
-            [mesh.triangles + start for (_, _, mesh, _), start in zip(parts, starts, strict=False)]
+            [part.mesh.triangles + start for part, start in zip(parts, starts, strict=False)]
         ),
+        face=face_morphs([(part.name, part.mesh, part.side) for part in parts if part.side is not None]),
     )
 
 
-def all_weights(parts: list[tuple[str, str, Mesh, np.ndarray]]) -> np.ndarray:
+def sculpted(piece: Piece) -> Part:
+    """A piece meshed, coloured and shaded; the head with its mouth closed."""
+    mesh = without_buried(piece, piece_mesh(piece))
+    colours = piece_colours(piece, mesh.positions.astype(np.float64)) * shade(piece, mesh)[:, None]
+    print(f"  {piece.name:13s}{len(mesh.triangles):6d} triangles")
+    if piece.name == "head":
+        mesh, side = neutral(mesh)
+        return Part("skin", piece.material, mesh, colours, side)
+    on_face = np.ones(len(mesh.positions)) if piece.name in ("brows", "lashes") else None
+    return Part(piece.name, piece.material, mesh, colours, on_face)
+
+
+def face_parts() -> list[Part]:
+    """Eyes, teeth and tongue."""
+    made = {
+        "left eye": ("eye", eyeball(1.0)),
+        "right eye": ("eye", eyeball(-1.0)),
+        "upper teeth": ("mouth", teeth(upper=True)),
+        "lower teeth": ("mouth", teeth(upper=False)),
+        "tongue": ("mouth", tongue()),
+    }
+    return [
+        Part(name, material, mesh, colours, np.ones(len(mesh.positions)))
+        for name, (material, (mesh, colours)) in made.items()
+    ]
+
+
+def all_weights(parts: list[Part]) -> np.ndarray:
     """Weights of every vertex; cloth is smoothed together, across its layers."""
-    points = [mesh.positions.astype(np.float64) for _, _, mesh, _ in parts]
-    weights = [weigh(name, p) for (name, *_), p in zip(parts, points, strict=True)]
-    cloth = [i for i, (name, *_) in enumerate(parts) if name in SMOOTHED]
+    points = [part.mesh.positions.astype(np.float64) for part in parts]
+    weights = [weigh(part.name, p) for part, p in zip(parts, points, strict=True)]
+    cloth = [i for i, part in enumerate(parts) if part.name in SMOOTHED]
     merged = smooth(
         np.concatenate([weights[i] for i in cloth]), np.concatenate([points[i] for i in cloth]), passes=8
     )
@@ -85,6 +124,8 @@ def without_buried(piece: Piece, mesh: Mesh) -> Mesh:
         if other is not piece:
             near = inside_box(other, mesh.positions)
             depth[near] = np.minimum(depth[near], other.field(mesh.positions[near].astype(np.float64)))
+    eyes = sphere(mirrored(mesh.positions.astype(np.float64)), EYE, EYE_RADIUS)
+    depth[eyes < -BEHIND_EYES] = -1
     kept = mesh.triangles[(depth[mesh.triangles] > -piece.buried).any(1)]
     used, compact = np.unique(kept, return_inverse=True)
     return Mesh(mesh.positions[used], mesh.normals[used], compact.reshape(-1, 3).astype(np.int32))

@@ -10,7 +10,7 @@ from echoavatar.kinematics import HUMANOID
 
 def test_the_shipped_character_is_whole() -> None:
     character = load_character()
-    assert 20_000 < len(character.triangles) < 40_000
+    assert 20_000 < len(character.triangles) < 46_000
     assert character.triangles.max() < len(character.positions)
     np.testing.assert_allclose(character.weights.sum(1), 1, atol=1e-4)
     np.testing.assert_allclose(np.linalg.norm(character.normals, axis=1), 1, atol=1e-4)
@@ -41,7 +41,21 @@ def test_save_and_load_agree(tmp_path: Path) -> None:
     np.testing.assert_allclose(again.positions, character.positions)
     np.testing.assert_allclose(again.normals, character.normals, atol=1e-4)
     np.testing.assert_array_equal(again.triangles, character.triangles)
-    assert (tmp_path / "copy.npz").stat().st_size < 1_500_000
+    np.testing.assert_array_equal(again.face.vertices, character.face.vertices)
+    np.testing.assert_allclose(again.face.moves, character.face.moves, atol=1e-6)
+    assert again.face.names == character.face.names
+    assert (tmp_path / "copy.npz").stat().st_size < 1_200_000
+
+
+def test_an_expression_leaves_the_body_alone_and_keeps_normals_unit() -> None:
+    character = load_character()
+    positions, normals = character.with_face(np.full(52, 0.5, np.float32))
+    reach = character.face.reach
+    np.testing.assert_array_equal(positions[reach:], character.positions[reach:])
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-4)
+    assert np.abs(positions[:reach] - character.positions[:reach]).max() > 0.01
+    rest, _ = character.with_face(np.zeros(52, np.float32))
+    np.testing.assert_array_equal(rest, character.positions)
 
 
 def test_a_damaged_file_is_named(tmp_path: Path) -> None:

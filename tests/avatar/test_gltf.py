@@ -31,20 +31,31 @@ def parse(glb: bytes) -> tuple[dict[str, Any], bytes]:
 
 
 def array(document: dict[str, Any], binary: bytes, index: int) -> np.ndarray:
+    """An accessor's values (count, width); sparse ones filled in, normalized ones as they are stored."""
     accessor = document["accessors"][index]
-    view = document["bufferViews"][accessor["bufferView"]]
-    assert view["byteOffset"] % 4 == 0
-    values = np.frombuffer(
-        binary,
-        DTYPE[accessor["componentType"]],
-        accessor["count"] * WIDTH[accessor["type"]],
-        view["byteOffset"],
-    )
-    assert values.nbytes == view["byteLength"]
-    values = values.reshape(accessor["count"], -1)
+    width, dtype = WIDTH[accessor["type"]], DTYPE[accessor["componentType"]]
+    if "bufferView" in accessor:
+        values = view(document, binary, accessor["bufferView"], dtype, accessor["count"] * width)
+        values = values.reshape(accessor["count"], width)
+    else:
+        values = np.zeros((accessor["count"], width), dtype)
+    if "sparse" in accessor:
+        sparse = accessor["sparse"]
+        places = view(document, binary, sparse["indices"]["bufferView"], np.uint16, sparse["count"])
+        assert (np.diff(places.astype(int)) > 0).all()
+        filled = view(document, binary, sparse["values"]["bufferView"], dtype, sparse["count"] * width)
+        values[places] = filled.reshape(-1, width)
     if "min" in accessor:
         np.testing.assert_allclose(accessor["min"], values.min(0), rtol=1e-6)
         np.testing.assert_allclose(accessor["max"], values.max(0), rtol=1e-6)
+    return values
+
+
+def view(document: dict[str, Any], binary: bytes, index: int, dtype: Any, count: int) -> np.ndarray:
+    stored = document["bufferViews"][index]
+    assert stored["byteOffset"] % 4 == 0
+    values = np.frombuffer(binary, dtype, count, stored["byteOffset"])
+    assert values.nbytes == stored["byteLength"]
     return values
 
 
@@ -72,20 +83,67 @@ def test_the_skeleton_has_the_52_vrm_bones_and_undoes_its_rest_pose(
         binds[:, 3, :3], -(world + root), atol=1e-5
     )  # column-major: translation in the last row
     mesh_nodes = [i for i, node in enumerate(document["nodes"]) if "mesh" in node]
-    assert mesh_nodes == [52]  # outside the joints
+    assert mesh_nodes == [52, 53]  # outside the joints: body, face
 
 
 def test_attributes_and_triangles_survive(file: tuple[dict[str, Any], bytes]) -> None:
+    """Corners of all triangles of body and face, in metres, are those of the character."""
     document, binary = file
     character = load_character()
-    primitives = document["meshes"][0]["primitives"]
-    attributes = primitives[0]["attributes"]
-    np.testing.assert_array_equal(array(document, binary, attributes["POSITION"]), character.positions)
-    np.testing.assert_allclose(array(document, binary, attributes["WEIGHTS_0"]).sum(1), 1, atol=1e-4)
-    total = sum(len(array(document, binary, primitive["indices"])) for primitive in primitives)
-    assert total == character.triangles.size
-    used = {document["materials"][primitive["material"]]["name"] for primitive in primitives}
-    assert {"skin", "hair", "eye", "cloth"} <= used
+    corners, used = [], set()
+    for mesh in document["meshes"]:
+        for primitive in mesh["primitives"]:
+            attributes = primitive["attributes"]
+            weights = array(document, binary, attributes["WEIGHTS_0"]).astype(int)
+            np.testing.assert_array_equal(weights.sum(1), 65535)
+            indices = array(document, binary, primitive["indices"])[:, 0]
+            corners.append(array(document, binary, attributes["POSITION"])[indices])
+            used.add(document["materials"][primitive["material"]]["name"])
+    mine = character.positions[character.triangles.reshape(-1)]
+    together = np.concatenate(corners)
+    np.testing.assert_array_equal(np.sort(together, axis=0), np.sort(mine, axis=0))
+    assert {"skin", "hair", "eye", "mouth", "cloth"} <= used
+
+
+def test_the_face_has_the_shapes_by_name_on_every_primitive(file: tuple[dict[str, Any], bytes]) -> None:
+    """The jaw's target, summed over primitives, moves what the character's own jawOpen moves, as far."""
+    document, binary = file
+    face = load_character().face
+    mesh = document["meshes"][1]
+    assert mesh["extras"]["targetNames"] == list(face.names)
+    assert len(mesh["weights"]) == 52
+    jaw = face.names.index("jawOpen")
+    moved = 0
+    for primitive in mesh["primitives"]:
+        assert len(primitive["targets"]) == 52
+        count = document["accessors"][primitive["attributes"]["POSITION"]]["count"]
+        for key in ("POSITION", "NORMAL"):
+            assert array(document, binary, primitive["targets"][jaw][key]).shape == (count, 3)
+        moved += np.abs(array(document, binary, primitive["targets"][jaw]["POSITION"])).sum()
+    np.testing.assert_allclose(moved, np.abs(face.moves[face.part(jaw)]).sum(), rtol=1e-4)
+    assert all("targets" not in primitive for primitive in document["meshes"][0]["primitives"])
+
+
+@pytest.mark.parametrize(("compact", "tolerance"), [(False, 1e-6), (True, 3e-3)])
+def test_the_face_is_animated_by_one_track(compact: bool, tolerance: float, wave: Wave) -> None:
+    face = np.random.default_rng(0).random((30, 52)).astype(np.float32)
+    document, binary = parse(
+        pack_glb(load_character(), [Animation("talk", *wave(30), face=face)], compact=compact)
+    )
+    animation = document["animations"][0]
+    (channel,) = [c for c in animation["channels"] if c["target"]["path"] == "weights"]
+    assert document["nodes"][channel["target"]["node"]]["mesh"] == 1
+    values = array(document, binary, animation["samplers"][channel["sampler"]]["output"]).astype(float)
+    np.testing.assert_allclose(values.reshape(30, 52) / (255 if compact else 1), face, atol=tolerance)
+
+
+def test_a_face_of_another_length_or_with_nan_is_refused(wave: Wave) -> None:
+    bad = np.zeros((10, 52), np.float32)
+    with pytest.raises(MotionError, match=r"the face has shape \(10, 52\)"):
+        pack_glb(load_character(), [Animation("talk", *wave(30), face=bad)])
+    bad[3, 3] = np.nan
+    with pytest.raises(MotionError, match="not finite"):
+        pack_glb(load_character(), [Animation("talk", *wave(10), face=bad)])
 
 
 @pytest.mark.parametrize(("compact", "tolerance"), [(False, 1e-6), (True, 4e-5)])

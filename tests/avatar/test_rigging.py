@@ -16,8 +16,8 @@ def test_limbs_follow_their_own_bones() -> None:
     assert leader("trousers", (0.10, 0.70, 0.07)) == "leftUpperLeg"
     assert leader("trousers", (-0.10, 0.30, 0.05)) == "rightLowerLeg"
     assert leader("shoes", (0.10, 0.03, 0.17)) == "leftToes"
-    assert leader("head", (0.0, 1.485, 0.075)) == "head"
-    assert leader("head", (0.0, 1.44, -0.08)) in ("neck", "upperChest")
+    assert leader("skin", (0.0, 1.485, 0.075)) == "head"
+    assert leader("skin", (0.0, 1.44, -0.08)) in ("neck", "upperChest")
 
 
 def test_a_fingertip_follows_its_finger_alone() -> None:

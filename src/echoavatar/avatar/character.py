@@ -11,6 +11,7 @@ from jaxtyping import Float, Int, UInt8
 
 from ..errors import CheckpointError
 from ..kinematics import HUMANOID
+from .morphs import Morphs
 
 
 class Material(NamedTuple):
@@ -29,6 +30,7 @@ MATERIALS = (
     Material("denim", 0.90),
     Material("shoe", 0.50),
     Material("metal", 0.35, 0.6),
+    Material("mouth", 0.30),
 )
 
 
@@ -43,6 +45,7 @@ class Character:
     joints: UInt8[np.ndarray, "v 4"]
     weights: Float[np.ndarray, "v 4"]  # rows sum to 1
     triangles: Int[np.ndarray, "f 3"]
+    face: Morphs  # on the first vertices
 
     @cached_property
     def dense_weights(self) -> Float[np.ndarray, "v j"]:
@@ -58,6 +61,18 @@ class Character:
         """World positions of the joints in the rest pose."""
         return HUMANOID.rest_positions.numpy()
 
+    def with_face(
+        self, weights: Float[np.ndarray, " n"]
+    ) -> tuple[Float[np.ndarray, "v 3"], Float[np.ndarray, "v 3"]]:
+        """Positions and unit normals of the rest pose with an expression: weights in the order of `face.names`."""
+        positions, normals = self.positions.copy(), self.normals.copy()
+        moves, turns = self.face.added(weights)
+        positions[: len(moves)] += moves
+        turned = normals[: len(turns)] + turns
+        turned /= np.maximum(np.sqrt(np.einsum("vi,vi->v", turned, turned)), 1e-9)[:, None]
+        normals[: len(turns)] = turned
+        return positions, normals
+
     def save(self, path: Path) -> None:
         """Write an npz: normals and weights as integers, small triangles indices."""
         np.savez_compressed(
@@ -69,6 +84,7 @@ class Character:
             joints=self.joints,
             weights=np.round(self.weights * 65535).astype(np.uint16),
             triangles=self.triangles.astype(np.uint16 if len(self.positions) < 65536 else np.int32),
+            **self.face.arrays(),
         )
 
 
@@ -79,11 +95,12 @@ def load_character(path: Path | None = None) -> Character:
             return load_character(shipped)
     try:
         with np.load(path, allow_pickle=False) as stored:
-            raw = {field.name: stored[field.name] for field in fields(Character)}
+            raw = {field.name: stored[field.name] for field in fields(Character) if field.name != "face"}
+            face = Morphs.of_arrays(stored)
     except (OSError, KeyError, ValueError) as error:
         raise CheckpointError(f"{path} is not a character: {error}; run scripts/make_character.py") from error
     normals, weights = raw["normals"].astype(np.float32), raw["weights"].astype(np.float32)
     raw["normals"] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     raw["weights"] = weights / weights.sum(1, keepdims=True)
     raw["triangles"] = raw["triangles"].astype(np.int32)
-    return Character(**raw)
+    return Character(**raw, face=face)

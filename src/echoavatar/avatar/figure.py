@@ -9,19 +9,22 @@ from typing import NamedTuple
 import numpy as np
 
 from . import figure_body as body
+from . import figure_eyes as eyes
 from . import figure_hair as hair
 from . import figure_hands as hands
 from . import figure_head as head
+from . import figure_mouth as mouth
 from .sculpt import Mesh, sculpt
-from .sdf import Field, Points
+from .sdf import Field, Points, ellipsoid, mirrored
+from .symmetric import CloseUp, sculpt_symmetric
 
 Colour = tuple[int, int, int]
 
-SKIN, LIPS, HAIR, LASH = (222, 165, 134), (192, 104, 96), (58, 38, 32), (34, 24, 22)
+SKIN, LIPS, HAIR, LASH = (222, 165, 134), (192, 110, 100), (58, 38, 32), (34, 24, 22)
 JACKET, RIBBING, ZIP = (24, 110, 116), (16, 78, 86), (196, 200, 204)
 SHIRT, SHIRT_COLLAR, TROUSERS, TURN_UP = (243, 233, 216), (232, 220, 200), (47, 52, 82), (66, 73, 110)
 SHOE, SOLE, CORAL = (242, 239, 233), (250, 249, 246), (232, 104, 76)
-EYE_WHITE, IRIS, IRIS_RIM, PUPIL = (246, 244, 240), (122, 78, 42), (62, 38, 22), (14, 11, 10)
+INSIDE, NOSTRIL = (74, 24, 26), (84, 44, 34)
 
 
 class Piece(NamedTuple):
@@ -36,13 +39,22 @@ class Piece(NamedTuple):
     cell: float
     triangles: int
     buried: float = 0.015  # triangles deeper than this inside other pieces are never seen and dropped
+    closeups: tuple[CloseUp, ...] = ()
 
 
+CLOSEUPS = (
+    CloseUp((0.033, 1.587, 0.076), 0.018, 3.0),
+    CloseUp((0.0, 1.5195, 0.085), 0.024, 3.0),
+    CloseUp((0.006, 1.549, 0.100), 0.012, 1.5),
+)
 PIECES = (
-    Piece("head", "skin", SKIN, head.head_skin, (-0.17, 1.325, -0.13), (0.17, 1.72, 0.14), 0.0015, 8400),
+    Piece(
+        *("head", "skin", SKIN, head.head_skin, (-0.17, 1.325, -0.13), (0.17, 1.72, 0.14), 0.0008, 13000),
+        closeups=CLOSEUPS,
+    ),
     Piece("hair", "hair", HAIR, hair.hair, (-0.13, 1.45, -0.16), (0.13, 1.76, 0.14), 0.002, 5000, 0.008),
     Piece("brows", "hair", HAIR, head.brow, (-0.07, 1.58, 0.03), (0.07, 1.64, 0.11), 0.0010, 420, 0.002),
-    Piece("lashes", "hair", LASH, head.lashes, (-0.07, 1.56, 0.04), (0.07, 1.62, 0.11), 0.0006, 420, 0.003),
+    Piece("lashes", "hair", LASH, eyes.lashes, (-0.07, 1.56, 0.04), (0.07, 1.62, 0.11), 0.0005, 900, 0.003),
     Piece("hands", "skin", SKIN, hands.hands, (-0.88, 1.34, -0.12), (0.88, 1.44, 0.10), 0.0018, 6000, 0.03),
     Piece("jacket", "cloth", JACKET, body.jacket, (-0.70, 0.94, -0.18), (0.70, 1.50, 0.16), 0.003, 7000),
     Piece("ribbing", "cloth", RIBBING, body.ribbing, (-0.71, 0.88, -0.18), (0.71, 1.52, 0.16), 0.003, 2600),
@@ -62,6 +74,15 @@ PIECES = (
 
 def piece_mesh(piece: Piece) -> Mesh:
     """The piece's surface in the rest pose."""
+    if piece.closeups:
+        return sculpt_symmetric(
+            piece.field,
+            piece.low,
+            piece.high,
+            cell=piece.cell,
+            triangles=piece.triangles,
+            closeups=piece.closeups,
+        )
     return sculpt(piece.field, piece.low, piece.high, cell=piece.cell, triangles=piece.triangles)
 
 
@@ -69,7 +90,11 @@ def piece_colours(piece: Piece, points: Points) -> np.ndarray:
     """Colour (sRGB, float 0..255) of each point: the piece's own with what is painted on it."""
     paint = np.tile(np.asarray(piece.colour, np.float64), (len(points), 1))
     if piece.name == "head":
-        paint = _blend(paint, LIPS, head.lip_mask(points), 0.0014)
+        neutral = mouth.closed(points)
+        paint = _blend(paint, LIPS, mouth.lip_mask(neutral), 0.0012)
+        nostril = ellipsoid(mirrored(points), (0.0072, 1.5445, 0.0940), (0.0042, 0.0036, 0.0060))
+        paint = _blend(paint, NOSTRIL, nostril, 0.0016)
+        paint = _blend(paint, INSIDE, mouth.inside_mask(points), 0.0012)
         rosy = np.exp(
             -(np.linalg.norm((np.abs(points) - (0.042, 1.552, 0.070)) / (0.022, 0.016, 0.03), axis=1) ** 2)
         )
@@ -77,42 +102,6 @@ def piece_colours(piece: Piece, points: Points) -> np.ndarray:
     if piece.name == "hands":
         paint = _blend(paint, (240, 198, 178), hands.nail_mask(points), 0.0014)
     return paint
-
-
-def eyeball(side: float) -> tuple[Mesh, np.ndarray]:
-    """One eyeball with its colours; rings about the line of sight, so that iris and pupil have clean edges."""
-    rings = np.radians([0, 8, 14, 15.5, 24, 33, 36, 38, 48, 60, 80, 105])
-    shades = [
-        PUPIL,
-        PUPIL,
-        PUPIL,
-        IRIS_RIM,
-        IRIS,
-        IRIS,
-        IRIS_RIM,
-        EYE_WHITE,
-        EYE_WHITE,
-        EYE_WHITE,
-        EYE_WHITE,
-        EYE_WHITE,
-    ]
-    spokes = 28
-    turn = np.arange(spokes) * 2 * np.pi / spokes
-    normals = np.stack(
-        [
-            np.outer(np.sin(rings), np.cos(turn)),
-            np.outer(np.sin(rings), np.sin(turn)),
-            np.tile(np.cos(rings)[:, None], spokes),
-        ],
-        -1,
-    ).reshape(-1, 3)
-    ring, spoke = np.meshgrid(np.arange(len(rings) - 1), np.arange(spokes), indexing="ij")
-    a, b = ring * spokes + spoke, ring * spokes + (spoke + 1) % spokes
-    inner, outer = np.stack([a, a + spokes, b + spokes], -1), np.stack([a, b + spokes, b], -1)
-    faces = np.concatenate([inner.reshape(-1, 3), outer.reshape(-1, 3)[spokes:]])  # the first ring is a point
-    points = head.EYE * (side, 1, 1) + normals * head.EYE_RADIUS
-    colours = np.repeat(np.asarray(shades, np.float64), spokes, axis=0)
-    return Mesh(points.astype(np.float32), normals.astype(np.float32), faces.astype(np.int32)), colours
 
 
 def _blend(paint: np.ndarray, colour: Colour, mask: np.ndarray, soft: float) -> np.ndarray:

@@ -1,7 +1,7 @@
 """Our own glTF 2.0 binary writer: the skinned character with one or more animations, by struct and json alone.
 
-Node names are the VRM 1.0 humanoid bone names. The mesh node stays outside the joint hierarchy, inverse bind matrices
-are column-major, COLOR_0 is linear, every accessor is aligned to four bytes.
+Node names are the VRM 1.0 humanoid bone names; the face's morph targets have the ARKit names. The mesh nodes stay
+outside the joint hierarchy, inverse bind matrices are column-major, COLOR_0 is linear.
 """
 
 import json
@@ -16,21 +16,23 @@ from numpy.typing import ArrayLike
 
 from ..errors import MotionError
 from ..kinematics import HUMANOID
-from .character import MATERIALS, Character
+from .character import Character
+from .gltf_buffer import Buffer
+from .gltf_mesh import materials, meshes
+from .morphs import checked_face
 
-FLOAT, UBYTE, USHORT, SHORT, UINT = 5126, 5121, 5123, 5122, 5125
-ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
-COMPONENT = {"float32": FLOAT, "uint8": UBYTE, "uint16": USHORT, "int16": SHORT, "uint32": UINT}
-SHAPE = {(): "SCALAR", (3,): "VEC3", (4,): "VEC4", (4, 4): "MAT4"}
+BODY_NODE = HUMANOID.joints
+FACE_NODE = HUMANOID.joints + 1
 
 
 class Animation(NamedTuple):
-    """Motion to embed: parent-relative quaternions `wxyz` and the hips' world position in metres."""
+    """Motion to embed: parent-relative quaternions `wxyz`, the hips' world position in metres, and the face."""
 
     name: str
     rotations: Float[np.ndarray, "t j 4"]
     root: Float[np.ndarray, "t 3"]
     fps: float = 30.0
+    face: Float[np.ndarray, "t n"] | None = None  # weights 0..1 of the character's blendshapes
 
 
 def write_glb(
@@ -40,9 +42,11 @@ def write_glb(
     root: Float[ArrayLike, "t 3"],
     fps: float = 30.0,
     name: str = "motion",
+    face: Float[ArrayLike, "t n"] | None = None,
 ) -> None:
     """Write the character with one animation; raises `MotionError` for motion that is not finite or of another rig."""
-    animation = Animation(name, np.asarray(rotations), np.asarray(root), fps)
+    curves = None if face is None else np.asarray(face)
+    animation = Animation(name, np.asarray(rotations), np.asarray(root), fps, curves)
     _write_whole(Path(path), pack_glb(character, [animation]))
 
 
@@ -60,14 +64,18 @@ def _write_whole(path: Path, data: bytes) -> None:
 
 def pack_glb(character: Character, animations: Sequence[Animation], *, compact: bool = False) -> bytes:
     """The GLB's bytes; `compact` stores rotations as 16-bit integers (error below 0.01 degrees)."""
-    buffer = _Buffer()
+    buffer = Buffer()
     document: dict[str, Any] = {
         "asset": {"version": "2.0", "generator": "EchoAvatar"},
         "scene": 0,
-        "scenes": [{"name": "EchoAvatar", "nodes": [0, HUMANOID.joints]}],
-        "nodes": [*_joint_nodes(), {"name": "character", "mesh": 0, "skin": 0}],
-        "materials": [_material(i) for i in range(len(MATERIALS))],
-        "meshes": [{"name": "character", "primitives": _primitives(buffer, character)}],
+        "scenes": [{"name": "EchoAvatar", "nodes": [0, BODY_NODE, FACE_NODE]}],
+        "nodes": [
+            *_joint_nodes(),
+            {"name": "body", "mesh": 0, "skin": 0},
+            {"name": "face", "mesh": 1, "skin": 0},
+        ],
+        "materials": materials(),
+        "meshes": meshes(buffer, character),
         "skins": [_skin(buffer)],
     }  # fmt: skip
     if animations:
@@ -78,87 +86,6 @@ def pack_glb(character: Character, animations: Sequence[Animation], *, compact: 
         "buffers": [{"byteLength": len(buffer.data)}],
     }
     return _container(document, bytes(buffer.data))
-
-
-class _Buffer:
-    """The binary chunk as it grows, with its views and accessors."""
-
-    def __init__(self) -> None:
-        self.data = bytearray()
-        self.views: list[dict[str, Any]] = []
-        self.accessors: list[dict[str, Any]] = []
-
-    def add(
-        self,
-        values: np.ndarray,
-        *,
-        target: int | None = None,
-        bounds: bool = False,
-        normalized: bool = False,
-        shape: str = "",
-    ) -> int:
-        """Append one array as view and accessor; return the accessor's index."""
-        values = np.ascontiguousarray(values)
-        view: dict[str, Any] = {"buffer": 0, "byteOffset": len(self.data), "byteLength": values.nbytes}
-        if target is not None:
-            view["target"] = target
-        accessor: dict[str, Any] = {
-            "bufferView": len(self.views),
-            "componentType": COMPONENT[values.dtype.name],
-            "count": len(values),
-            "type": shape or SHAPE[values.shape[1:]],
-        }
-        if normalized:
-            accessor["normalized"] = True
-        if bounds:
-            accessor |= {
-                "min": np.atleast_1d(values.min(0)).tolist(),
-                "max": np.atleast_1d(values.max(0)).tolist(),
-            }
-        self.data += values.tobytes()
-        self.data += b"\0" * (-len(self.data) % 4)
-        self.views.append(view)
-        self.accessors.append(accessor)
-        return len(self.accessors) - 1
-
-
-def _primitives(buffer: _Buffer, character: Character) -> list[dict[str, Any]]:
-    """One primitive per material, all on the same vertices."""
-    linear = (character.colours / 255.0) ** 2.2
-    colours = np.concatenate([linear, np.ones((len(linear), 1))], 1)
-    attributes = {
-        "POSITION": buffer.add(character.positions.astype(np.float32), target=ARRAY_BUFFER, bounds=True),
-        "NORMAL": buffer.add(character.normals.astype(np.float32), target=ARRAY_BUFFER),
-        "COLOR_0": buffer.add(
-            np.round(colours * 65535).astype(np.uint16), target=ARRAY_BUFFER, normalized=True
-        ),
-        "JOINTS_0": buffer.add(
-            np.where(character.weights > 0, character.joints, 0).astype(np.uint8), target=ARRAY_BUFFER
-        ),
-        "WEIGHTS_0": buffer.add(character.weights.astype(np.float32), target=ARRAY_BUFFER),
-    }
-    material_of = character.materials[character.triangles[:, 0]]
-    small = np.uint16 if len(character.positions) < 65535 else np.uint32
-    return [
-        {
-            "attributes": attributes,
-            "material": int(i),
-            "indices": buffer.add(
-                character.triangles[material_of == i].reshape(-1).astype(small), target=ELEMENT_ARRAY_BUFFER
-            ),
-        }
-        for i in np.unique(material_of)
-    ]
-
-
-def _material(index: int) -> dict[str, Any]:
-    material = MATERIALS[index]
-    light = {
-        "baseColorFactor": [1, 1, 1, 1],
-        "metallicFactor": material.metallic,
-        "roughnessFactor": material.roughness,
-    }
-    return {"name": material.name, "pbrMetallicRoughness": light}
 
 
 def _joint_nodes() -> list[dict[str, Any]]:
@@ -172,7 +99,7 @@ def _joint_nodes() -> list[dict[str, Any]]:
     return nodes
 
 
-def _skin(buffer: _Buffer) -> dict[str, Any]:
+def _skin(buffer: Buffer) -> dict[str, Any]:
     """Column-major inverse bind matrices: the rest pose has no rotations, so each undoes one translation."""
     matrices = np.tile(np.eye(4, dtype=np.float32), (HUMANOID.joints, 1, 1))
     matrices[:, 3, :3] = -HUMANOID.rest_positions.numpy()
@@ -180,8 +107,8 @@ def _skin(buffer: _Buffer) -> dict[str, Any]:
     return {"name": "humanoid", "inverseBindMatrices": buffer.add(matrices), "joints": joints, "skeleton": 0}
 
 
-def _animation(buffer: _Buffer, animation: Animation, *, compact: bool) -> dict[str, Any]:
-    """Linear tracks: one rotation per joint, one translation of the hips."""
+def _animation(buffer: Buffer, animation: Animation, *, compact: bool) -> dict[str, Any]:
+    """Linear tracks: one rotation per joint, one translation of the hips, one of all the face's weights."""
     rotations, root = checked(animation.rotations, animation.root)
     times = (np.arange(len(root)) / animation.fps).astype(np.float32)
     clock = buffer.add(times, bounds=True)
@@ -194,6 +121,13 @@ def _animation(buffer: _Buffer, animation: Animation, *, compact: bool) -> dict[
         channels.append({"sampler": len(samplers), "target": {"node": joint, "path": "rotation"}})
         samplers.append(
             {"input": clock, "interpolation": "LINEAR", "output": buffer.add(stored, normalized=compact)}
+        )
+    if animation.face is not None:
+        weights = checked_face(animation.face, len(root)).reshape(-1)
+        curves = np.round(weights * 255).astype(np.uint8) if compact else weights
+        channels.append({"sampler": len(samplers), "target": {"node": FACE_NODE, "path": "weights"}})
+        samplers.append(
+            {"input": clock, "interpolation": "LINEAR", "output": buffer.add(curves, normalized=compact)}
         )
     return {"name": animation.name, "samplers": samplers, "channels": channels}
 

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..kinematics import HUMANOID
-from .sdf import Points, rounded_cone, union
+from .sdf import Points, rise, rounded_cone, union
 
 INFLUENCES = 4
 SOFTNESS = 0.016  # metres over which a joint's influence fades
@@ -22,23 +22,23 @@ ARMS = ("Shoulder", "UpperArm", "LowerArm")
 
 def weigh(piece: str, points: Points) -> Weights:
     """Weights (rows sum to 1) of a piece's vertices over the 52 joints, before smoothing."""
-    if piece in ("hair", "brows", "lashes", "eye"):
+    if piece in ("hair", "brows", "lashes", "left eye", "right eye", "upper teeth", "lower teeth", "tongue"):
         return _ramp(points, ("head",), [])
-    if piece == "head":
+    if piece == "skin":
         tilted = points[:, 1] + 0.6 * (points[:, 2] + 0.005)
         return _ramp(
             points,
             ("upperChest", "neck", "head"),
-            [_rise(points[:, 1], 1.40, 1.46), _rise(tilted, 1.46, 1.53)],
+            [rise(points[:, 1], 1.40, 1.46), rise(tilted, 1.46, 1.53)],
         )
     if piece == "crew neck":
-        return _ramp(points, ("upperChest", "neck"), [0.25 * _rise(points[:, 1], 1.40, 1.46)])
+        return _ramp(points, ("upperChest", "neck"), [0.25 * rise(points[:, 1], 1.40, 1.46)])
     if piece == "hands":
         return _hand_weights(points)
     if piece in ("shoes", "soles", "laces"):
-        return _sided(points, ("Foot", "Toes"), [_rise(points[:, 2], 0.080, 0.135)])
+        return _sided(points, ("Foot", "Toes"), [rise(points[:, 2], 0.080, 0.135)])
     if piece == "socks":
-        return _sided(points, ("LowerLeg", "Foot"), [1 - _rise(points[:, 1], 0.075, 0.125)])
+        return _sided(points, ("LowerLeg", "Foot"), [1 - rise(points[:, 1], 0.075, 0.125)])
     if piece in ("trousers", "turn-ups"):
         return _near(points, ("hips", "spine"), ("UpperLeg", "LowerLeg"))
     return _near(points, TRUNK, ARMS)
@@ -107,7 +107,7 @@ def _hand_weights(points: Points) -> Weights:
     gaps = np.stack([_chain_distance(folded, chain) for chain in chains], 1)
     nearest = gaps.argmin(1)
     local = np.zeros((len(points), HUMANOID.joints))
-    to_hand = _rise(folded[:, 0], 0.650, 0.690)
+    to_hand = rise(folded[:, 0], 0.650, 0.690)
     local[:, left["LowerArm"]], local[:, left["Hand"]] = 1 - to_hand, to_hand
     for finger, chain in enumerate(chains):
         rows = np.flatnonzero(nearest == finger)
@@ -129,7 +129,7 @@ def _bend(weights: Weights, rows: np.ndarray, points: Points, chain: list[int], 
             low, high = (-0.008, 0.024) if thumb else (-0.012, 0.012)
         else:
             low, high = -0.007, 0.007
-        share = _rise(along, low, high)
+        share = rise(along, low, high)
         moved = weights[rows, parent] * share
         weights[rows, joint] += moved
         weights[rows, parent] -= moved
@@ -158,9 +158,3 @@ def _sided(points: Points, kinds: tuple[str, ...], rises: list[np.ndarray]) -> W
     left = _ramp(points, tuple(f"left{kind}" for kind in kinds), rises)
     right = _ramp(points, tuple(f"right{kind}" for kind in kinds), rises)
     return np.where(points[:, :1] > 0, left, right)
-
-
-def _rise(x: np.ndarray, low: float, high: float) -> np.ndarray:
-    t = np.clip((x - low) / (high - low), 0, 1)
-    risen: np.ndarray = t * t * (3 - 2 * t)
-    return risen

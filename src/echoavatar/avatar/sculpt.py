@@ -1,5 +1,6 @@
 """From signed distances to light triangle meshes: sparse sampling, marching cubes, decimation, projection."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -7,7 +8,7 @@ from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from ..errors import DependencyError
-from .sdf import Field, gradient, project
+from .sdf import Field, Points, gradient, project
 
 BLOCK = 6  # cells along the edge of a block: only blocks near the surface are sampled finely
 
@@ -25,6 +26,20 @@ def sculpt(field: Field, low: ArrayLike, high: ArrayLike, *, cell: float, triang
 
     The surface must close inside the box. Vertices lie on the surface, normals are the field's gradient.
     """
+    return mesh_of(field, low, high, cell=cell, triangles=triangles, enlarge=_same, shrink=_same)
+
+
+def mesh_of(
+    field: Field,
+    low: ArrayLike,
+    high: ArrayLike,
+    *,
+    cell: float,
+    triangles: int,
+    enlarge: Callable[[Points], Points],
+    shrink: Callable[[Points], Points],
+) -> Mesh:
+    """`sculpt` whose triangles are saved in the space that `enlarge` makes of ours; `shrink` leads back."""
     try:
         import fast_simplification
         from skimage.measure import marching_cubes
@@ -35,13 +50,17 @@ def sculpt(field: Field, low: ArrayLike, high: ArrayLike, *, cell: float, triang
 
     origin, volume = sample(field, np.asarray(low, np.float32), np.asarray(high, np.float32), cell)
     points, faces, _, _ = marching_cubes(volume, 0.0, spacing=(cell,) * 3)
-    points = (points + origin).astype(np.float32)
+    points = enlarge((points + origin).astype(np.float64)).astype(np.float32)
     share = min(1.0, triangles / len(faces))
     if share < 1:
         points, faces = fast_simplification.simplify(points, faces.astype(np.int32), 1 - share, agg=3)
-    points = project(field, np.asarray(points, np.float64))
+    points = project(field, shrink(np.asarray(points, np.float64)))
     normals = gradient(field, points)
-    return Mesh(points.astype(np.float32), normals.astype(np.float32), _outward(points, normals, faces))
+    return Mesh(points.astype(np.float32), normals.astype(np.float32), outward(points, normals, faces))
+
+
+def _same(p: Points) -> Points:
+    return p
 
 
 def sample(
@@ -61,7 +80,7 @@ def sample(
     return low, volume.astype(np.float32)
 
 
-def _outward(
+def outward(
     points: Float[np.ndarray, "v 3"], normals: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]
 ) -> Int[np.ndarray, "f 3"]:
     """Triangles wound so that they face along the normals, slivers of no area dropped."""

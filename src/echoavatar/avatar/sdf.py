@@ -125,6 +125,13 @@ def loft(p: Points, axis: int, stations: Sequence[Sequence[float]]) -> Distances
     return distance
 
 
+def rise(x: Distances, low: ArrayLike, high: ArrayLike) -> Distances:
+    """0 below `low`, 1 above `high`, smooth between."""
+    t = np.clip((x - low) / (np.asarray(high) - low), 0, 1)
+    risen: Distances = t * t * (3 - 2 * t)
+    return risen
+
+
 def slab(p: Points, axis: int, low: float, high: float) -> Distances:
     """Distance to the layer low <= p[axis] <= high."""
     return common(low - p[:, axis], p[:, axis] - high)

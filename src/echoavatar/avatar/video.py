@@ -10,14 +10,16 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from ..errors import MotionError
-from ..kinematics import Motion
+from ..kinematics import HUMANOID, Motion
 from ..timing import SAMPLE_RATE_HZ
 from .character import Character, load_character
+from .morphs import checked_face
 from .render import Camera, Renderer, Surface
 from .skinning import skin
 
 SOUND_RATE_HZ = 48_000
-FOLLOW_SECONDS = 0.7  # how slowly the camera follows the hips
+FOLLOW_SECONDS = 0.7  # how slowly the camera follows
+HEAD = HUMANOID.index("head")
 
 
 def write_mp4(
@@ -25,18 +27,23 @@ def write_mp4(
     motion: Motion,
     audio: Float[np.ndarray, " s"],
     *,
+    face: Float[np.ndarray, "t n"] | None = None,
     character: Character | None = None,
     size: tuple[int, int] = (1280, 720),
     samples: int = 2,
+    is_close: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
-    """Film the character from the front; `audio` is mono at 24 kHz and starts with the first frame.
+    """Film the character from the front, or its face alone; `audio` is mono at 24 kHz and starts with the first frame.
+
+    `face` holds blendshape weights beside the motion; None is a still face.
 
     Raises:
         DependencyError: numba is not installed.
-        MotionError: the file cannot be written.
+        MotionError: the file cannot be written, or the face does not fit the motion.
     """
-    frames = film(motion, character=character, size=size, samples=samples)
+    curves = None if face is None else checked_face(face, motion.frames)
+    frames = film(motion, face=curves, character=character, size=size, samples=samples, is_close=is_close)
     partial = path.with_name(path.name + ".partial")
     try:
         with av.open(str(partial), "w", format="mp4") as container:
@@ -51,23 +58,35 @@ def write_mp4(
 def film(
     motion: Motion,
     *,
+    face: Float[np.ndarray, "t n"] | None = None,
     character: Character | None = None,
     size: tuple[int, int] = (1280, 720),
     samples: int = 2,
     camera: Camera | None = None,
+    is_close: bool = False,
 ) -> Generator[UInt8[np.ndarray, "h w 3"], None, None]:
-    """The pictures of a motion, frame by frame; without a given camera one that calmly follows the hips."""
+    """The pictures of a motion, frame by frame.
+
+    Without a given camera one that calmly follows the hips, or, close up, the head.
+    """
     character = character or load_character()
     renderer = Renderer(*size, camera=camera, samples=samples)
     colours = linear(character.colours)
     pose = motion.pose()
     rotations, positions = pose.rotations.numpy(), pose.positions.numpy()
-    hips = _calm(positions[:, 0], motion.fps)
-    for turn, place, middle in zip(rotations, positions, hips, strict=True):
+    followed = _calm(positions[:, HEAD if is_close else 0], motion.fps)
+    curves = [None] * motion.frames if face is None else list(face)
+    for turn, place, middle, weights in zip(rotations, positions, followed, curves, strict=True):
         if camera is None:
-            renderer.camera = _following(middle)
-        points, normals = skin(character, turn, place)
+            renderer.camera = close_up(middle) if is_close else _following(middle)
+        points, normals = skin(character, turn, place, weights)
         yield renderer.draw(Surface(points, normals, colours, character.triangles))
+
+
+def close_up(head: Float[np.ndarray, " 3"], *, side: float = 0.10) -> Camera:
+    """A camera on the face, from the head joint's place; `side` is how far to the character's left it stands."""
+    x, y, z = (float(value) for value in head)
+    return Camera(position=(x + side, y + 0.09, z + 0.78), target=(x, y + 0.075, z), field_of_view=0.33)
 
 
 def linear(colours: UInt8[np.ndarray, "v 3"]) -> Float[np.ndarray, "v 3"]:

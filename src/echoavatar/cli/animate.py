@@ -5,20 +5,39 @@ import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 from tqdm import tqdm
 
 from ..errors import EchoAvatarError
 
+if TYPE_CHECKING:
+    from ..kinematics import Motion
+
 FORMATS = (".bvh", ".glb", ".npz", ".csv", ".mp4")
+FACE_CSV = ".face.csv"
 EXAMPLES = """examples:
   echoavatar animate talk.wav -o talk.glb            the character with the animation, for any 3D program
   echoavatar animate song.mp3 -o song.mp4 --seed 7   the character filmed, with the sound
+  echoavatar animate talk.wav -o talk.mp4 --close-up the face alone, to judge lips and eyes
   echoavatar animate talk.wav -o talk.bvh --fps 60   skeleton and rotations, interpolated to 60 fps
+  echoavatar animate talk.wav -o talk.csv            rotations as a table, and the face as talk.face.csv
 
-The format is that of the output's suffix. Input may be anything FFmpeg reads, at any rate and channel count.
+The format is that of the output's suffix. A name that ends in .face.csv gets the face alone, as Live Link Face
+writes takes; glb, mp4 and npz hold body and face; bvh has no room for a face. Input may be anything FFmpeg reads,
+at any rate and channel count.
 """
+
+
+class Take(NamedTuple):
+    """What the writers are given: motion, the face beside it (None: a bundle without), sound, how to film it."""
+
+    motion: "Motion"
+    face: Float[np.ndarray, "t 52"] | None
+    audio: Float[np.ndarray, " s"]
+    is_close: bool
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -39,6 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--in-place", action="store_true", help="stay over one spot: remove the root's travel"
     )
     parser.add_argument("--upper-body", action="store_true", help="stand still from the hips down")
+    parser.add_argument("--close-up", action="store_true", help="film the face alone (mp4)")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -61,14 +81,15 @@ def run(args: argparse.Namespace) -> int:
     from ..kinematics.resample import resample
     from ..pipeline.modes import in_place, upper_body
 
-    motion = done.motion
+    motion, face = done.motion, done.face
     if args.upper_body:
         motion = upper_body(motion)
     if args.in_place:
         motion = in_place(motion)
     if args.fps != motion.fps:
         motion = resample(motion, args.fps)
-    write(args.output, motion, done.audio)
+        face = _at_rate(face, done.motion.fps, motion)
+    write(args.output, Take(motion, face, done.audio, args.close_up))
     print(
         f"{args.output}: {motion.frames} frames at {args.fps} fps, {motion.seconds:.2f} s; "
         f"real-time factor {done.real_time_factor:.2f}"
@@ -76,7 +97,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _writer(output: Path) -> Callable[..., None]:
+def _writer(output: Path) -> "Callable[[Path, Take], None]":
     """The writer for this suffix; complains before any work is done."""
     suffix = output.suffix.lower()
     if suffix not in FORMATS:
@@ -92,43 +113,75 @@ def _writer(output: Path) -> Callable[..., None]:
         from ..avatar.render import Renderer
 
         Renderer(64, 64)  # complains at once when numba is missing
+    if output.name.lower().endswith(FACE_CSV):
+        return _face_csv
     return {".bvh": _bvh, ".glb": _glb, ".npz": _npz, ".csv": _csv, ".mp4": _mp4}[suffix]
 
 
-def _bvh(path: Path, motion, audio: np.ndarray) -> None:  # type: ignore[no-untyped-def]
+def _at_rate(
+    face: Float[np.ndarray, "t 52"] | None, fps: float, motion: "Motion"
+) -> Float[np.ndarray, "n 52"] | None:
+    from ..face.export import resample_face
+
+    return None if face is None else resample_face(face, fps, motion.fps, motion.frames)
+
+
+def _bvh(path: Path, take: Take) -> None:
     from ..kinematics import write_bvh
 
-    del audio
+    motion = take.motion
     write_bvh(path, motion.skeleton, motion.rotations, motion.root, motion.fps)
 
 
-def _glb(path: Path, motion, audio: np.ndarray) -> None:  # type: ignore[no-untyped-def]
+def _glb(path: Path, take: Take) -> None:
     from ..avatar import load_character
     from ..avatar.gltf import write_glb
 
-    del audio
-    write_glb(path, load_character(), motion.rotations, motion.root, fps=motion.fps)
+    motion = take.motion
+    write_glb(path, load_character(), motion.rotations, motion.root, fps=motion.fps, face=take.face)
 
 
-def _npz(path: Path, motion, audio: np.ndarray) -> None:  # type: ignore[no-untyped-def]
+def _npz(path: Path, take: Take) -> None:
+    from ..face import ARKIT_NAMES
     from ..kinematics.tables import write_npz
 
-    del audio
-    write_npz(path, motion)
+    if take.face is None:
+        write_npz(path, take.motion)
+    else:
+        write_npz(path, take.motion, face=take.face, face_names=np.array(ARKIT_NAMES))
 
 
-def _csv(path: Path, motion, audio: np.ndarray) -> None:  # type: ignore[no-untyped-def]
+def _csv(path: Path, take: Take) -> None:
     from ..kinematics.tables import write_csv
 
-    del audio
-    write_csv(path, motion)
+    write_csv(path, take.motion)
+    if take.face is not None:
+        _face_csv(path.with_suffix(FACE_CSV), take)
 
 
-def _mp4(path: Path, motion, audio: np.ndarray) -> None:  # type: ignore[no-untyped-def]
+def _face_csv(path: Path, take: Take) -> None:
+    from ..face.export import write_live_link
+
+    if take.face is None:
+        raise EchoAvatarError(
+            f"cannot write {path.name!r}: this bundle has no face model; use --model with one"
+        )
+    write_live_link(path, take.face, take.motion.fps)
+
+
+def _mp4(path: Path, take: Take) -> None:
     from ..avatar.video import write_mp4
 
-    with tqdm(total=motion.frames, unit="frame", desc="filming", disable=_is_quiet()) as bar:
-        write_mp4(path, motion, audio, progress=lambda made, _: _advance(bar, made))
+    with tqdm(total=take.motion.frames, unit="frame", desc="filming", disable=_is_quiet()) as bar:
+        write_mp4(
+            path,
+            take.motion,
+            take.audio,
+            face=take.face,
+            is_close=take.is_close,
+            size=(720, 720) if take.is_close else (1280, 720),
+            progress=lambda made, _: _advance(bar, made),
+        )
 
 
 def _advance(bar: "tqdm[object]", to: float) -> None:

@@ -61,17 +61,19 @@ def run(args: argparse.Namespace) -> int:
                 progress=partial(_advance, bar),
             )
         print(f"  real-time factor {done.real_time_factor:.2f} (below 1 is faster than real time)")
-        write_glb(args.output / f"{name}.glb", character, done.motion.rotations, done.motion.root, fps=30)
+        motion, face = done.motion, done.face
+        write_glb(args.output / f"{name}.glb", character, motion.rotations, motion.root, face=face)
         if not args.no_video:
-            with tqdm(total=done.motion.frames, unit="frame", desc="  filming") as bar:
+            with tqdm(total=motion.frames, unit="frame", desc="  filming") as bar:
                 write_mp4(
                     args.output / f"{name}.mp4",
-                    done.motion,
+                    motion,
                     done.audio,
+                    face=face,
                     size=(960, 540),
                     progress=partial(_advance, bar),
                 )
-        animations.append(Animation(name, done.motion.rotations, done.motion.root))
+        animations.append(Animation(name, motion.rotations, motion.root, face=face))
         clips.append(PageClip(title, name, sound))
     page = args.output / "index.html"
     write_page(page, pack_glb(character, animations, compact=True), clips)

@@ -24,13 +24,16 @@ def write_csv(path: Path | str, motion: Motion) -> None:
     _write(path, (text + "\n").encode())
 
 
-def write_npz(path: Path | str, motion: Motion) -> None:
-    """Arrays `rotations` (t, j, 4) `wxyz`, `root` (t, 3), `fps`, and `skeleton` as JSON text; no pickles."""
+def write_npz(path: Path | str, motion: Motion, **beside: np.ndarray) -> None:
+    """Arrays `rotations` (t, j, 4) `wxyz`, `root` (t, 3), `fps`, and `skeleton` as JSON text; no pickles.
+
+    `beside` are further arrays to store, such as a face.
+    """
     path = Path(path)
     partial = path.with_name(path.name + ".part")
     try:
         with partial.open("wb") as file:
-            np.savez_compressed(file, **_arrays(motion))
+            np.savez_compressed(file, **(_arrays(motion) | beside))
         partial.replace(path)
     except OSError as error:
         raise MotionError(f"{path} cannot be written ({error.strerror}); choose another place") from error

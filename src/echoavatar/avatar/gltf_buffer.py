@@ -1,0 +1,74 @@
+"""The binary chunk of a GLB as it grows: arrays become views and accessors, aligned to four bytes."""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+FLOAT, UBYTE, USHORT, SHORT, UINT = 5126, 5121, 5123, 5122, 5125
+ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
+COMPONENT = {"float32": FLOAT, "uint8": UBYTE, "uint16": USHORT, "int16": SHORT, "uint32": UINT}
+SHAPE = {(): "SCALAR", (3,): "VEC3", (4,): "VEC4", (4, 4): "MAT4"}
+
+
+class Buffer:
+    """Bytes so far, with their views and accessors."""
+
+    def __init__(self) -> None:
+        self.data = bytearray()
+        self.views: list[dict[str, Any]] = []
+        self.accessors: list[dict[str, Any]] = []
+
+    def add(
+        self,
+        values: np.ndarray,
+        *,
+        target: int | None = None,
+        bounds: bool = False,
+        normalized: bool = False,
+        shape: str = "",
+    ) -> int:
+        """Append one array as view and accessor; return the accessor's index."""
+        values = np.ascontiguousarray(values)
+        accessor: dict[str, Any] = {
+            "bufferView": self.view(values, target=target),
+            "componentType": COMPONENT[values.dtype.name],
+            "count": len(values),
+            "type": shape or SHAPE[values.shape[1:]],
+        }
+        if normalized:
+            accessor["normalized"] = True
+        if bounds:
+            accessor |= {
+                "min": np.atleast_1d(values.min(0)).tolist(),
+                "max": np.atleast_1d(values.max(0)).tolist(),
+            }
+        self.accessors.append(accessor)
+        return len(self.accessors) - 1
+
+    def view(self, values: np.ndarray, *, target: int | None = None) -> int:
+        """Append one array as a view; return the view's index."""
+        view: dict[str, Any] = {"buffer": 0, "byteOffset": len(self.data), "byteLength": values.nbytes}
+        if target is not None:
+            view["target"] = target
+        self.data += np.ascontiguousarray(values).tobytes()
+        self.data += b"\0" * (-len(self.data) % 4)
+        self.views.append(view)
+        return len(self.views) - 1
+
+    def sparse(
+        self, count: int, indices: int, values: Float[np.ndarray, "m 3"], *, bounds: bool = False
+    ) -> int:
+        """An accessor of `count` vectors that are 0 but for `values`, whose places are the view `indices` (16 bit)."""
+        accessor: dict[str, Any] = {"componentType": FLOAT, "count": count, "type": "VEC3"}
+        if len(values):
+            places = {"bufferView": indices, "componentType": USHORT}
+            filled = {"bufferView": self.view(values.astype(np.float32))}
+            accessor["sparse"] = {"count": len(values), "indices": places, "values": filled}
+        if bounds:
+            extremes = values.astype(np.float32)
+            if len(values) < count:
+                extremes = np.concatenate([extremes, np.zeros((1, 3), np.float32)])
+            accessor |= {"min": extremes.min(0).tolist(), "max": extremes.max(0).tolist()}
+        self.accessors.append(accessor)
+        return len(self.accessors) - 1

@@ -1,0 +1,131 @@
+"""The character's meshes for glTF: the body, and the face with its blendshapes as sparse morph targets.
+
+The face is a mesh of its own, so that only its vertices carry targets; each of its materials has its own vertices.
+"""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int, UInt16
+
+from .character import MATERIALS, Character
+from .gltf_buffer import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Buffer
+
+
+def meshes(buffer: Buffer, character: Character) -> list[dict[str, Any]]:
+    """Body and face, in this order."""
+    on_face = character.triangles[:, 0] < character.face.reach
+    body = _primitives(buffer, character, character.triangles[~on_face])
+    names = list(character.face.names)
+    face = {
+        "name": "face",
+        "primitives": _face_primitives(buffer, character, character.triangles[on_face]),
+        "weights": [0] * len(names),
+        "extras": {"targetNames": names},
+    }
+    return [{"name": "body", "primitives": body}, face]
+
+
+def materials() -> list[dict[str, Any]]:
+    """Our materials; colours are per vertex."""
+    return [
+        {
+            "name": material.name,
+            "pbrMetallicRoughness": {
+                "baseColorFactor": [1, 1, 1, 1],
+                "metallicFactor": material.metallic,
+                "roughnessFactor": material.roughness,
+            },
+        }
+        for material in MATERIALS
+    ]
+
+
+def _primitives(
+    buffer: Buffer, character: Character, triangles: Int[np.ndarray, "f 3"]
+) -> list[dict[str, Any]]:
+    """One primitive per material, all on the same vertices."""
+    used, local = _compact(triangles)
+    attributes = _attributes(buffer, character, used)
+    material_of = character.materials[triangles[:, 0]]
+    return [
+        {"attributes": attributes, "material": int(i), "indices": _indices(buffer, local[material_of == i])}
+        for i in np.unique(material_of)
+    ]
+
+
+def _face_primitives(
+    buffer: Buffer, character: Character, triangles: Int[np.ndarray, "f 3"]
+) -> list[dict[str, Any]]:
+    """One primitive per material with its own vertices and all targets."""
+    made = []
+    material_of = character.materials[triangles[:, 0]]
+    for i in np.unique(material_of):
+        used, local = _compact(triangles[material_of == i])
+        made.append(
+            {
+                "attributes": _attributes(buffer, character, used),
+                "material": int(i),
+                "indices": _indices(buffer, local),
+                "targets": _targets(buffer, character, used),
+            }
+        )
+    return made
+
+
+def _targets(buffer: Buffer, character: Character, used: Int[np.ndarray, " v"]) -> list[dict[str, int]]:
+    """One morph target per blendshape; what it leaves alone is not stored."""
+    face = character.face
+    place = np.full(len(character.positions), -1)
+    place[used] = np.arange(len(used))
+    targets = []
+    for index in range(len(face.names)):
+        part = face.part(index)
+        at = place[face.vertices[part]]
+        here = at >= 0
+        places = buffer.view(at[here].astype(np.uint16)) if here.any() else -1
+        moves, turns = face.moves[part][here], face.turns[part][here]
+        targets.append(
+            {
+                "POSITION": buffer.sparse(len(used), places, moves, bounds=True),
+                "NORMAL": buffer.sparse(len(used), places, turns),
+            }
+        )
+    return targets
+
+
+def _attributes(buffer: Buffer, character: Character, used: Int[np.ndarray, " v"]) -> dict[str, int]:
+    linear = (character.colours[used] / 255.0) ** 2.2
+    colours = np.concatenate([linear, np.ones((len(linear), 1))], 1)
+    weights = character.weights[used]
+    return {
+        "POSITION": buffer.add(
+            character.positions[used].astype(np.float32), target=ARRAY_BUFFER, bounds=True
+        ),
+        "NORMAL": buffer.add(character.normals[used].astype(np.float32), target=ARRAY_BUFFER),
+        "COLOR_0": buffer.add(
+            np.round(colours * 65535).astype(np.uint16), target=ARRAY_BUFFER, normalized=True
+        ),
+        "JOINTS_0": buffer.add(
+            np.where(weights > 0, character.joints[used], 0).astype(np.uint8), target=ARRAY_BUFFER
+        ),
+        "WEIGHTS_0": buffer.add(_whole(weights), target=ARRAY_BUFFER, normalized=True),
+    }
+
+
+def _whole(weights: Float[np.ndarray, "v 4"]) -> UInt16[np.ndarray, "v 4"]:
+    """Weights as integers that add up to 65535 exactly."""
+    whole = np.round(weights * 65535).astype(np.int64)
+    whole[np.arange(len(whole)), whole.argmax(1)] += 65535 - whole.sum(1)
+    return whole.astype(np.uint16)
+
+
+def _indices(buffer: Buffer, triangles: Int[np.ndarray, "f 3"]) -> int:
+    small = np.uint16 if triangles.max() < 65535 else np.uint32
+    return buffer.add(triangles.reshape(-1).astype(small), target=ELEMENT_ARRAY_BUFFER)
+
+
+def _compact(triangles: Int[np.ndarray, "f 3"]) -> tuple[Int[np.ndarray, " v"], Int[np.ndarray, "f 3"]]:
+    """The vertices in use, and triangles that count only those."""
+    used, local = np.unique(triangles, return_inverse=True)
+    return used, local.reshape(-1, 3)
