@@ -10,6 +10,7 @@ import math
 import time
 from collections import defaultdict
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,6 +23,7 @@ from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 
 from .. import checkpoint
+from ..audio import LevelControl
 from ..config import Config
 from ..errors import CheckpointError, MotionError
 from ..timing import CHUNK_FRAMES, SAMPLES_PER_FRAME
@@ -136,6 +138,12 @@ def flow_loss(
     return loss
 
 
+def levelled(clip: FaceClip) -> FaceClip:
+    """The clip as the live model hears it, behind the level control."""
+    audio = LevelControl()(torch.from_numpy(clip.audio)[None])[0].numpy()
+    return replace(clip, audio=audio)
+
+
 class FaceTrainer:
     """A model, its optimiser and the number of the next step."""
 
@@ -143,7 +151,7 @@ class FaceTrainer:
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(training.seed)
             self.model = FaceModel(config)
-        chosen = [clip for clip in clips if clip.split == "train"]
+        chosen = [levelled(clip) for clip in clips if clip.split == "train"]
         self.sampler = FaceSampler(
             chosen, frames=training.frames, seed=training.seed, gain_db=training.gain_db
         )
