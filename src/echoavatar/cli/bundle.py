@@ -16,7 +16,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "examples:\n  echoavatar bundle runs -o my-bundle     from runs/codec, runs/tokenizer and runs/generator\n"
         "  echoavatar bundle default               show the shipped bundle's card"
     )
-    parser.add_argument("source", help="folder with codec/, tokenizer/ and generator/; or a bundle to show")
+    parser.add_argument(
+        "source", help="folder with codec/, tokenizer/, generator/, perhaps face/; or a bundle"
+    )
     parser.add_argument(
         "-o", "--output", type=Path, help="folder of the new bundle; without it the card is shown"
     )
@@ -40,13 +42,16 @@ def run(args: argparse.Namespace) -> int:
 
 
 def assemble(source: Path, output: Path) -> None:
-    """Copy the three checkpoints (not their training state), weights in half precision, and check that they fit.
+    """Copy the checkpoints (not their training state), weights in half precision, and check that they fit.
+
+    A face model (`face/`) comes along where there is one.
 
     Raises:
         EchoAvatarError: a part is missing.
     """
     from ..audio import AudioCodec
     from ..checkpoint import read_card
+    from ..face import FaceModel
     from ..generator import Generator
     from ..tokenizer import BodyTokenizer
 
@@ -68,8 +73,10 @@ def assemble(source: Path, output: Path) -> None:
     (output / "codec").mkdir(exist_ok=True)
     for name in FILES:
         shutil.copyfile(source / "codec" / name, output / "codec" / name)
+    if (source / "face").is_dir():
+        FaceModel.load(source / "face").save(output / "face", read_card(source / "face"), dtype=torch.float16)
     if not (output / "card.json").exists():
-        parts = {part: read_card(output / part) for part in ("codec", "tokenizer", "generator")}
+        parts = {part.name: read_card(part) for part in sorted(output.iterdir()) if part.is_dir()}
         (output / "card.json").write_text(
             json.dumps({"licence": "Apache-2.0", "parts": parts}, indent=2) + "\n"
         )

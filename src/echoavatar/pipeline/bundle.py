@@ -1,6 +1,7 @@
-"""A bundle: the three trained parts that belong together, in one folder.
+"""A bundle: the trained parts that belong together, in one folder.
 
-`codec/`, `tokenizer/` and `generator/` are checkpoints of their own; `card.json` beside them says what the whole is.
+`codec/`, `tokenizer/`, `generator/` and, if there is one, `face/` are checkpoints of their own; `card.json` beside
+them says what the whole is.
 """
 
 from collections.abc import Iterator
@@ -14,6 +15,7 @@ from torch import nn
 from ..audio import AudioCodec
 from ..checkpoint import read_card
 from ..errors import CheckpointError
+from ..face import ARKIT_NAMES, FaceModel
 from ..generator import Generator, qwen_half_billion
 from ..kinematics import Skeleton
 from ..tokenizer import BodyTokenizer
@@ -24,7 +26,7 @@ PARTS = ("codec", "tokenizer", "generator")
 
 @dataclass(frozen=True)
 class Bundle:
-    """Audio codec, motion tokenizer and generator, loaded and checked against each other."""
+    """Audio codec, motion tokenizer, generator and perhaps a face model, loaded and checked against each other."""
 
     name: str
     codec: AudioCodec
@@ -32,6 +34,7 @@ class Bundle:
     generator: Generator
     card: dict[str, object]
     actions: ActionLibrary = field(default_factory=ActionLibrary)
+    face: FaceModel | None = None
 
     @property
     def skeleton(self) -> Skeleton:
@@ -41,7 +44,8 @@ class Bundle:
     @property
     def parameters(self) -> int:
         """How many weights there are in all."""
-        modules: tuple[nn.Module, ...] = (self.codec, self.tokenizer, self.generator)
+        parts: tuple[nn.Module | None, ...] = (self.codec, self.tokenizer, self.generator, self.face)
+        modules = [part for part in parts if part is not None]
         return sum(weight.numel() for module in modules for weight in module.parameters())
 
 
@@ -61,7 +65,8 @@ def load_bundle(name: str | Path = "default") -> Bundle:
         tokenizer = BodyTokenizer.load(folder / "tokenizer").eval()
         generator = Generator.load(folder / "generator").eval()
         actions = ActionLibrary.load(folder, tokenizer.config.codes)
-        bundle = Bundle(str(name), codec, tokenizer, generator, read_card(folder), actions)
+        face = FaceModel.load(folder / "face") if (folder / "face").is_dir() else None
+        bundle = Bundle(str(name), codec, tokenizer, generator, read_card(folder), actions, face)
     _check(bundle)
     return bundle
 
@@ -97,6 +102,10 @@ def _check(bundle: Bundle) -> None:
             raise CheckpointError(
                 f"bundle {bundle.name}: the generator speaks {wanted} {what}, the other part {has}"
             )
+    if bundle.face and bundle.face.config.channels != len(ARKIT_NAMES):
+        raise CheckpointError(
+            f"bundle {bundle.name}: its face has {bundle.face.config.channels} channels, not the 52 of ARKit"
+        )
 
 
 def with_random_generator(bundle: Bundle) -> Bundle:

@@ -1,6 +1,7 @@
 """One chunk of audio in, one chunk of motion out, for many sessions at once (paper, Real-time Deployment).
 
     level control -> codec -> generator -> tokenizer decoder -> post: calm, ground, feet, hands
+                  -> face, where the bundle has a face model
 
 Offline and live are the same: a file is a session that is pushed faster. Nothing here depends on the wall clock.
 """
@@ -14,6 +15,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from ..audio import LevelControl, LevelState, NetworkState
+from ..face import FaceState, FaceStream
 from ..generator import open_stream
 from ..generator.linear import Precision
 from ..generator.stream import GeneratorStream, HistoryState, RingState
@@ -34,7 +36,7 @@ from .motion_chunk import MotionChunk
 Lap = Callable[[str], None]
 BIAS = 6.0  # nats that an action of intensity 1 adds to the logits of its codes
 LEARNED_BIAS = 3.0  # the same, beside what a generator trained with exemplars does by itself
-STAGES = ("level", "codec", "generator", "decoder", "post")
+STAGES = ("level", "face", "codec", "generator", "decoder", "post")
 
 
 @dataclass
@@ -48,6 +50,7 @@ class PipelineState(StreamState):
     calm: CalmState
     ground: GroundState
     feet: FeetState
+    face: list[FaceState]  # one, or none without a face model
     seeds: Int[Tensor, " b"]
 
 
@@ -64,6 +67,7 @@ class Pipeline:
         self.ground = Ground(bundle.skeleton)
         self.feet = Feet(bundle.skeleton)
         self.hands = HandGuard(bundle.skeleton)
+        self.face = FaceStream(bundle.face) if bundle.face else None
         self.actions = bundle.actions
         self.directive_codes = bundle.generator.config.layout.motion_codes
         self._bias = LEARNED_BIAS if bundle.generator.config.exemplar else BIAS
@@ -79,6 +83,7 @@ class Pipeline:
             self.calm.init_state(rows),
             self.ground.init_state(rows),
             self.feet.init_state(rows),
+            [self.face.init_state(rows)] if self.face else [],
             torch.zeros(rows, dtype=torch.int64),
         )
 
@@ -107,6 +112,8 @@ class Pipeline:
         """
         level = self.level.step(audio, state.level, active)
         self.lap("level")
+        face = self.face.step(level, state.face[0], active, state.seeds).numpy() if self.face else None
+        self.lap("face")
         sounds = self.codec.step(level, state.codec, active)
         self.lap("codec")
         exemplar, bias = (None, None) if directive is None else directive
@@ -118,7 +125,7 @@ class Pipeline:
         self.lap("decoder")
         chunks = self._grounded(features, state, active)
         self.lap("post")
-        return chunks
+        return chunks if face is None else [c._replace(face=f) for c, f in zip(chunks, face, strict=True)]
 
     def _grounded(
         self, features: Float[Tensor, "b t c"], state: PipelineState, active: Tensor
