@@ -80,6 +80,13 @@ class Acts:
         self._acts.append(Act(id, action, intensity, chunk, action.length(hold_s)))
         return self._tell(ActStatus(id, action.name, "accepted", chunk * CHUNK_SAMPLES))
 
+    def knows(self, name: str) -> bool:
+        """Whether there is such an action."""
+        try:
+            return bool(self._library.find(name))
+        except EchoAvatarError:
+            return False
+
     def stop(self, chunk: int) -> None:
         """End what runs with the given chunk."""
         self._end_at(chunk, "stopped")

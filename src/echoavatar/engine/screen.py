@@ -1,7 +1,7 @@
 """What a session shows: motion on its way to the reader, and the way out of the pose on screen after a `clear`.
 
 After motion was taken back the new motion begins at the first frame after the last sample heard, inside its chunk, with
-the old pose and speed on top as an offset that dies away (`pipeline.inertial`). Where a single frame of a chunk is left,
+the old pose and speed on top as an offset that dies away (`pipeline.inertial`). Where one frame of a chunk is left,
 the old motion coasts through it and the blend begins with the next chunk, because a speed needs two frames.
 """
 

@@ -114,7 +114,8 @@ class Session:
         Begins with the next chunk; motion that was made far ahead of the player is made again.
         """
         with self._lock:
-            self._replan()
+            if self._acts.knows(name):
+                self._replan()
             asked = self._acts.ask(name, chunk=self._next_chunk, intensity=intensity, hold_s=hold_s, id=id)
         self._engine.wake()
         return asked

@@ -1,0 +1,74 @@
+import pytest
+
+from echoavatar.engine.acts import Acts
+from echoavatar.pipeline import Action, ActionLibrary
+
+WAVE, BOW = Action("wave", (1, 1, 2, 2, 3, 3, 4, 4), (1, 3)), Action("bow", (5, 6, 7, 5), (0, 1))
+
+
+@pytest.fixture
+def acts() -> Acts:
+    return Acts(ActionLibrary({"wave": WAVE, "bow": BOW}))
+
+
+def told(acts: Acts) -> list[tuple[str, str]]:
+    return [(status.name, status.status) for status in acts.take()]
+
+
+def test_an_action_is_accepted_started_done_and_never_sticks(acts: Acts) -> None:
+    """Four chunks long, asked for at chunk 10: it holds in 10 to 13 and at no other time."""
+    asked = acts.ask("Wave", chunk=10)
+    assert (asked.status, asked.at) == ("accepted", 64_000)
+    held = []
+    for chunk in range(9, 16):
+        held.append(acts.members(chunk, 8) is not None)
+        acts.delivered(chunk)
+        acts.delivered(chunk)  # a chunk may go out again after a rewind: nothing is told twice
+    assert held == [False, True, True, True, True, False, False]
+    assert told(acts) == [("wave", "accepted"), ("wave", "started"), ("wave", "done")]
+
+
+def test_holding_repeats_the_middle_and_ends_with_the_end(acts: Acts) -> None:
+    """2.7 s are ten chunks: one in, the two that repeat, one out."""
+    acts.ask("wave", chunk=0, hold_s=2.7)
+    places = [WAVE.place(chunk, 10) for chunk in range(10)]
+    assert places == [0, 1, 2, 1, 2, 1, 2, 1, 2, 3]
+    assert acts.members(9, 8) is not None
+    assert acts.members(10, 8) is None
+
+
+def test_a_new_action_ends_the_one_before(acts: Acts) -> None:
+    acts.ask("wave", chunk=0, id="a")
+    acts.delivered(0)
+    acts.ask("bow", chunk=1, id="b")
+    acts.delivered(1)
+    acts.delivered(2)
+    statuses = acts.take()
+    assert [(s.id, s.status) for s in statuses] == [
+        ("a", "accepted"),
+        ("a", "started"),
+        ("b", "accepted"),
+        ("a", "done"),
+        ("b", "started"),
+        ("b", "done"),
+    ]
+    assert "bow was asked for" in statuses[3].reason
+
+
+def test_what_cannot_be_is_rejected_with_the_reason(acts: Acts) -> None:
+    assert "there are: wave, bow" in acts.ask("moonwalk", chunk=0).reason
+    assert "intensity 9" in acts.ask("wave", chunk=0, intensity=9).reason
+    assert "hold nan" in acts.ask("wave", chunk=0, hold_s=float("nan")).reason
+    acts.ask("wave", chunk=0, id="x")
+    assert "used already" in acts.ask("bow", chunk=0, id="x").reason
+    assert [status for _, status in told(acts)] == ["rejected"] * 3 + ["accepted", "rejected"]
+
+
+def test_intensity_scales_the_set_and_edges_are_softer(acts: Acts) -> None:
+    acts.ask("wave", chunk=0, intensity=0.5)
+    edge, inside = acts.members(0, 8), acts.members(1, 8)
+    assert edge is not None
+    assert inside is not None
+    assert edge.nonzero().flatten().tolist() == [1, 2]
+    assert inside.nonzero().flatten().tolist() == [1, 2, 3]
+    assert inside.max() == 0.5 > edge.max()

@@ -1,0 +1,52 @@
+import numpy as np
+
+from echoavatar.engine.music import DUCKED, MusicPlayer
+
+QUIET, LOUD = np.zeros(6_400, np.float32), np.full(6_400, 0.3, np.float32)
+TRACK = np.linspace(0.1, 0.9, 20_000, dtype=np.float32)
+
+
+def test_a_track_plays_once_through_and_then_there_is_none() -> None:
+    player = MusicPlayer()
+    assert player.next_chunk(QUIET) is None
+    player.play("tune", TRACK)
+    played = [player.next_chunk(QUIET) for _ in range(4)]
+    np.testing.assert_allclose(np.concatenate(played)[:20_000], TRACK, rtol=1e-6)
+    assert not np.concatenate(played)[20_000:].any()
+    assert not player.is_playing
+    assert player.next_chunk(QUIET) is None
+
+
+def test_speech_brings_the_music_down_without_a_step_and_silence_lets_it_up() -> None:
+    player = MusicPlayer()
+    player.play("tone", np.ones(24_000 * 10, np.float32))
+    level = np.concatenate([player.next_chunk(chunk) for chunk in [QUIET, LOUD, LOUD, *[QUIET] * 5]])
+    assert level[6_399] == 1
+    np.testing.assert_allclose(level[19_199], DUCKED, rtol=1e-6)
+    assert level[-1] == 1
+    assert np.abs(np.diff(level)).max() < 2 / 6_000
+
+
+def test_stopping_fades_out() -> None:
+    player = MusicPlayer()
+    player.play("tone", np.ones(24_000 * 10, np.float32))
+    player.next_chunk(QUIET)
+    player.stop()
+    level = np.concatenate([player.next_chunk(QUIET) for _ in range(2)])
+    assert (np.diff(level) <= 0).all()
+    assert level[9_600:].max() < 1e-3
+    assert not player.is_playing
+
+
+def test_going_back_plays_the_same_again_and_keeps_what_was_asked_since() -> None:
+    player = MusicPlayer()
+    player.play("tune", TRACK)
+    player.next_chunk(QUIET)
+    before = player.snapshot()
+    second = player.next_chunk(LOUD)
+    player.next_chunk(QUIET)
+    player.rewind(1, before)
+    np.testing.assert_array_equal(player.next_chunk(LOUD), second)
+    player.stop()
+    player.rewind(1, before)
+    assert player.next_chunk(QUIET)[-1] < TRACK[12_799] / 2  # the stop still holds
