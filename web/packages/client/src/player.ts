@@ -9,7 +9,7 @@ import { MotionTimeline } from "./timeline.js";
 import { AudioTransport, type Transport, type TransportSettings, WallTransport } from "./transport.js";
 
 export const JITTER_SECONDS = 0.1;
-const SLOW_PICTURE = 34; // ms; a picture is foreseen to come to the screen this much later at most
+const SLOWEST_PICTURE = 120; // ms; a picture is foreseen to come to the screen this much later at most
 const JUMP_FRAMES = 5; // motion that leaps further than this between two pictures is blended
 
 export interface Picture {
@@ -58,11 +58,11 @@ export class Player {
   }
 
   takeMotion(motion: MotionMessage): void {
-    if (motion.epoch >= this.epoch) this.timeline.insert(motion);
+    if (this.stopped === null && motion.epoch >= this.epoch) this.timeline.insert(motion);
   }
 
   takeSound(sound: SoundMessage): void {
-    if (sound.epoch < this.epoch) return;
+    if (this.stopped !== null || sound.epoch < this.epoch) return;
     const pcm = pcmToFloat(sound.pcm);
     this.sounds.push({ at: sound.at, pcm });
     this.transport.push(sound.at, pcm);
@@ -85,6 +85,7 @@ export class Player {
   /** The session goes on after a broken line. */
   resume(ready: ReadyMessage): void {
     this.epoch = ready.epoch;
+    this.stopped = null;
   }
 
   get played(): { at: number; epoch: number; underruns: number } {
@@ -148,7 +149,7 @@ export class Player {
   /** The last picture came to the screen about when this one begins: that is when its sound counts. */
   private measure(now: number): void {
     const gap = now - this.lastPicture;
-    if (this.lastPicture && gap > 0) this.interval += (Math.min(gap, SLOW_PICTURE) - this.interval) * 0.1;
+    if (this.lastPicture && gap > 0) this.interval += (Math.min(gap, SLOWEST_PICTURE) - this.interval) * 0.1;
     const heard = this.transport.heardAt(now);
     if (this.shown && heard !== null && gap < 1000 && this.transport.playingAt(now)) {
       this.sync.add(this.shown.at, heard, this.shown.held);

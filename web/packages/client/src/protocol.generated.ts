@@ -33,6 +33,7 @@ export interface ActionMessage {
   type: "action";
   id: string;
   name: string;
+  /** 1: as in its clip */
   intensity?: number;
   hold?: number | null;
 }

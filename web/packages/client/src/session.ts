@@ -2,8 +2,8 @@
 
 import { Connection, type ConnectionOptions, type LineState } from "./connection.js";
 import { Emitter } from "./emitter.js";
-import { Player } from "./player.js";
-import type { ActionStatusMessage, ErrorMessage as ServerError, FlushMessage, ReadyMessage, ServerMessage, StateMessage, StatsMessage } from "./protocol.generated.js";
+import { type Picture, Player } from "./player.js";
+import type { ActionStatusMessage, ErrorMessage as ServerError, FlushMessage, ReadyMessage, ServerMessage, SoundMessage, StateMessage, StatsMessage } from "./protocol.generated.js";
 import { type Speaker, Utterance } from "./utterance.js";
 
 export interface SessionEvents {
@@ -37,6 +37,9 @@ export class EchoSession extends Emitter<SessionEvents> {
   private readonly pumping: ReturnType<typeof setInterval>;
   private requests = 0;
   private heardOf = { seg: 0, from: 0 }; // where on the clock the newest utterance began to sound
+  private awaited: { from: number; since: number } | null = null;
+  /** Milliseconds from the newest utterance's first sample pushed to its being heard and seen. */
+  reaction = NaN;
 
   constructor(private readonly options: SessionOptions) {
     super();
@@ -56,6 +59,16 @@ export class EchoSession extends Emitter<SessionEvents> {
     this.output = { context, sink };
     await context.resume();
     await this.attach();
+  }
+
+  /** The picture to show in a display frame that begins at `now` (`performance.now()`). */
+  picture(now: number): Picture | null {
+    const picture = this.player?.picture(now) ?? null;
+    if (picture && this.awaited && picture.at >= this.awaited.from) {
+      this.reaction = now - this.awaited.since;
+      this.awaited = null;
+    }
+    return picture;
   }
 
   /** Begins an utterance; push sound to it and end it. */
@@ -109,7 +122,7 @@ export class EchoSession extends Emitter<SessionEvents> {
         this.player?.takeMotion(message);
         break;
       case "audio":
-        if (message.seg !== this.heardOf.seg) this.heardOf = { seg: message.seg, from: message.at };
+        this.note(message);
         this.player?.takeSound(message);
         break;
       case "flush":
@@ -131,6 +144,14 @@ export class EchoSession extends Emitter<SessionEvents> {
       case "pong":
         break;
     }
+  }
+
+  /** Where on the clock a new utterance begins. */
+  private note({ seg, at }: SoundMessage): void {
+    if (seg === this.heardOf.seg) return;
+    this.heardOf = { seg, from: at };
+    const utterance = this.utterances.find((one) => one.seg === seg && one.speaker === "avatar");
+    if (utterance?.begun) this.awaited = { from: at, since: utterance.begun };
   }
 
   private begin(ready: ReadyMessage): void {

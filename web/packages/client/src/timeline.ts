@@ -21,6 +21,7 @@ export interface Found {
 
 interface Frame {
   readonly at: number;
+  readonly epoch: number;
   readonly pose: Pose;
   readonly state: MotionMessage["state"];
 }
@@ -44,10 +45,11 @@ export class MotionTimeline {
     return last ? last.at + this.hop : 0;
   }
 
-  /** Takes the frames of a message; frames that are there already are kept. */
+  /** Takes the frames of a message; frames that are there already are kept, unless an interruption made them stale. */
   insert(motion: MotionMessage): void {
+    const { epoch, state } = motion;
     const poses = unpackPoses(motion, this.joints, this.curves);
-    for (const [k, pose] of poses.entries()) this.put({ at: motion.at + k * this.hop, pose, state: motion.state });
+    for (const [k, pose] of poses.entries()) this.put({ at: motion.at + k * this.hop, epoch, pose, state });
   }
 
   /** Forgets all from `at` on. */
@@ -92,8 +94,9 @@ export class MotionTimeline {
 
   private put(frame: Frame): void {
     const place = this.after(frame.at);
-    if (this.frames[place - 1]?.at === frame.at) return;
-    this.frames.splice(place, 0, frame);
+    const there = this.frames[place - 1];
+    if (there?.at !== frame.at) this.frames.splice(place, 0, frame);
+    else if (there.epoch < frame.epoch) this.frames[place - 1] = frame;
   }
 }
 

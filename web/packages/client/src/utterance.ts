@@ -17,13 +17,15 @@ export class Utterance {
   private sent = 0;
   private ended = false;
   private endSent = false;
-  private begun = performance.now();
+  /** When the first sample came, by `performance.now()`; 0 before. */
+  begun = 0;
 
   constructor(readonly seg: number, readonly speaker: Speaker, private readonly rate: number) {}
 
   /** Adds sound, mono at the session's rate. */
   push(samples: Float32Array): void {
     if (this.ended || !samples.length) return;
+    this.begun ||= performance.now();
     this.parts.push(samples);
     this.length += samples.length;
   }

@@ -91,3 +91,12 @@ it("keeps one second behind the playhead, and always the newest frame", () => {
 it("refuses bytes that do not fit the number of frames", () => {
   expect(() => make().insert({ ...motion(0, 8, 0), frames: 7 })).toThrow(RangeError);
 });
+
+it("prefers what came after an interruption", () => {
+  const timeline = make();
+  timeline.insert(motion(0, 8, 0));
+  timeline.insert({ ...motion(0, 8, 100), epoch: 1 });
+  const pose = makePose(1, 1);
+  timeline.sample(0, pose);
+  expect(pose.root[0]).toBe(100);
+});

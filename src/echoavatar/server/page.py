@@ -1,0 +1,80 @@
+"""The live page: the built client, our own character, and the bundled sounds. Everything comes from this server."""
+
+from collections.abc import Awaitable, Callable
+from functools import lru_cache
+from importlib.resources import files
+from pathlib import Path
+
+import anyio.to_thread
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, Response
+from starlette.routing import BaseRoute, Mount, Route
+from starlette.staticfiles import StaticFiles
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+SOUNDS = ("speech.ogg", "music.ogg")
+_HEADERS = {
+    "content-security-policy": "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
+    "img-src 'self' data: blob:; media-src 'self' blob:; connect-src 'self' ws: wss: blob: data:; "
+    "worker-src 'self' blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'self'",
+    "cache-control": "no-cache",  # asked for again each time, sent again only when changed
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+}
+_PLAIN = """<!doctype html><title>EchoAvatar</title>
+<h1>EchoAvatar is running</h1>
+<p>The page is not built into this installation. Clients connect to <code>/v1/stream</code>;
+see <a href="/health">health</a>, <a href="/v1/tools">tools</a>.</p>
+"""
+
+
+def page_routes() -> list[BaseRoute]:
+    """Routes of the page; they catch every address, so they come last."""
+    package = Path(str(files("echoavatar")))
+    static, assets = package / "server" / "static", package / "assets"
+    routes: list[BaseRoute] = [Route("/avatar.glb", _avatar)]
+    routes += [Route(f"/sounds/{name}", _file(assets / name)) for name in SOUNDS]
+    if (static / "index.html").is_file():
+        return [*routes, Mount("/", _Guarded(StaticFiles(directory=static, html=True)))]
+    return [*routes, Route("/", _plain)]
+
+
+class _Guarded:
+    """Adds the headers that keep the page to this server."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        async def with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                extra = [(name.encode(), value.encode()) for name, value in _HEADERS.items()]
+                message = {**message, "headers": [*message["headers"], *extra]}
+            await send(message)
+
+        await self._app(scope, receive, with_headers)
+
+
+def _file(path: Path) -> Callable[[Request], Awaitable[Response]]:
+    async def answer(_: Request) -> Response:
+        data = await anyio.to_thread.run_sync(path.read_bytes)
+        return Response(data, media_type="audio/ogg", headers={"cache-control": "max-age=3600"})
+
+    return answer
+
+
+async def _avatar(_: Request) -> Response:
+    data = await anyio.to_thread.run_sync(_character)
+    return Response(data, media_type="model/gltf-binary", headers={"cache-control": "max-age=3600"})
+
+
+@lru_cache(maxsize=1)
+def _character() -> bytes:
+    from ..avatar import load_character
+    from ..avatar.gltf import pack_glb
+
+    return pack_glb(load_character(), [])
+
+
+async def _plain(_: Request) -> Response:
+    return HTMLResponse(_PLAIN)

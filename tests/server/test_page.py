@@ -1,0 +1,53 @@
+from pathlib import Path
+
+import pytest
+from starlette.applications import Starlette
+from starlette.testclient import TestClient
+
+import echoavatar
+from echoavatar.server.page import SOUNDS, page_routes
+
+STATIC = Path(echoavatar.__file__).parent / "server/static"
+
+
+@pytest.fixture(scope="module")
+def client():
+    return TestClient(Starlette(routes=page_routes()))
+
+
+def test_the_page_and_all_it_names_come_from_this_server(client):
+    page = client.get("/")
+    assert page.status_code == 200
+    assert "default-src 'none'" in page.headers["content-security-policy"]
+    for name in ("assets/index.js", "assets/index.css"):
+        assert f"./{name}" in page.text
+        assert client.get(f"/{name}").status_code == 200
+    assert "http://" not in page.text
+    assert "https://" not in page.text
+
+
+def test_worklets_are_separate_scripts(client):
+    for name in ("playback", "capture"):
+        script = client.get(f"/assets/{name}.js")
+        assert "javascript" in script.headers["content-type"]
+        assert f"echoavatar-{name}" in script.text
+
+
+@pytest.mark.parametrize("name", SOUNDS)
+def test_sounds_are_served(client, name):
+    assert client.get(f"/sounds/{name}").content[:4] == b"OggS"
+
+
+def test_the_character_is_served_with_its_face(client):
+    answer = client.get("/avatar.glb")
+    assert answer.content[:4] == b"glTF"
+    assert b'"jawOpen"' in answer.content
+
+
+def test_nothing_else_of_the_package_is_served(client):
+    assert client.get("/assets/../../__init__.py").status_code == 404
+    assert client.get("/sounds/character.npz").status_code == 404
+
+
+def test_built_files_name_their_licences():
+    assert "MIT" in (STATIC / "licences.txt").read_text("utf-8")

@@ -1,0 +1,262 @@
+"""A stand-in for the server, for tests of the browser's side: no models, every frame tells its own clock.
+
+It speaks `echoavatar.v1` over the real message types, feeds silence when no sound waits, and paces itself by `played`.
+Motion is a gentle sway, or `recorded` clips; the hips' height carries no meaning, but `root[2]` (metres along Z) can be
+told to carry the clock (`tell_clock`), so that what a browser shows can be read off its bones.
+"""
+
+import argparse
+import asyncio
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import uvicorn
+from starlette.applications import Starlette
+from starlette.responses import Response
+from starlette.routing import Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from echoavatar.face import ARKIT_NAMES
+from echoavatar.kinematics import HUMANOID
+from echoavatar.timing import CHUNK_SAMPLES, FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
+from echoavatar.wire import (
+    Action,
+    ActionStatus,
+    Audio,
+    End,
+    Flush,
+    Hello,
+    Interrupt,
+    Latency,
+    Limits,
+    Music,
+    Ping,
+    Played,
+    Pong,
+    Pose,
+    Ready,
+    Rig,
+    Sound,
+    State,
+    Stats,
+    decode_client,
+    encode,
+    pack_audio,
+    pack_pose,
+)
+
+ROOT = Path(__file__).parents[2]
+STATIC = ROOT / "src/echoavatar/server/static"
+ASSETS = ROOT / "src/echoavatar/assets"
+ACTIONS = ["wave", "raise both hands", "nod", "point left", "bow", "shrug"]
+FRAMES = CHUNK_SAMPLES // SAMPLES_PER_FRAME
+AHEAD = {True: 1.5, False: 0.4}  # seconds sent ahead of playback: while sound waits, while it does not
+
+
+class MockSession:
+    """One connection's clock, sound and replies."""
+
+    def __init__(self, socket: WebSocket, recorded: Mapping[str, np.ndarray], *, tell_clock: bool) -> None:
+        self._socket = socket
+        self._recorded = recorded
+        self._tell_clock = tell_clock
+        self._at = self._epoch = self._seg = 0
+        self._waiting = np.zeros(0, np.float32)
+        self._music = np.zeros(0, np.float32)
+        self._played = (0, time.monotonic())
+        self._state = "idle"
+
+    async def run(self) -> None:
+        await self._socket.accept(subprotocol="echoavatar.v1.msgpack")
+        hello = decode_client(await self._socket.receive_bytes())
+        assert isinstance(hello, Hello)
+        await self._send(self._ready())
+        self._played = (0, time.monotonic())
+        pacing = asyncio.create_task(self._pace())
+        try:
+            while True:
+                await self._take(decode_client(await self._socket.receive_bytes()))
+        except WebSocketDisconnect:
+            pass
+        finally:
+            pacing.cancel()
+
+    async def _take(self, message: object) -> None:
+        match message:
+            case Audio(seg=seg, pcm=pcm, speaker="avatar") if seg >= self._seg:
+                self._seg = seg
+                self._waiting = np.concatenate([self._waiting, np.frombuffer(pcm, "<i2") / 32768])
+            case Played(at=at):
+                self._played = (at, time.monotonic())
+            case Ping(nonce=nonce):
+                await self._send(Pong(nonce=nonce, at=self._at))
+            case Interrupt(heard=heard):
+                await self._interrupt(self._played[0] if heard is None else heard)
+            case Action(id=id, name=name):
+                known = name in ACTIONS
+                for status in ("accepted", "started") if known else ("rejected",):
+                    await self._status(id, name, status)
+                if known:
+                    asyncio.get_running_loop().call_later(
+                        1.5, lambda: asyncio.ensure_future(self._status(id, name, "done"))
+                    )
+            case Music(id=id, op=op, title=title):
+                await self._status(id, title, "started" if op == "play" else "done")
+                self._music = self._recorded["music_pcm"].copy() if op == "play" else np.zeros(0, np.float32)
+            case Audio() | End():
+                pass
+
+    async def _interrupt(self, heard: int) -> None:
+        self._at, self._epoch = heard, self._epoch + 1
+        self._waiting, self._music = self._waiting[:0], self._music[:0]
+        await self._send(Flush(at=heard, epoch=self._epoch, seg=self._seg, heard=0))
+        self._seg += 1
+
+    async def _status(self, id: str, name: str, status: str) -> None:
+        choices = ACTIONS if status == "rejected" else []
+        await self._send(
+            ActionStatus(id=id, name=name, status=status, at=self._at, reason="", choices=choices)  # type: ignore[arg-type]
+        )
+
+    async def _pace(self) -> None:
+        ticks = 0
+        while True:
+            at, when = self._played
+            head = at + (time.monotonic() - when) * SAMPLE_RATE_HZ
+            busy = len(self._waiting) + len(self._music) > 0
+            if self._at - head < AHEAD[busy] * SAMPLE_RATE_HZ:
+                await self._chunk()
+            else:
+                await asyncio.sleep(0.02)
+            ticks += 1
+            if ticks % 40 == 0:
+                await self._send(self._stats(head))
+
+    async def _chunk(self) -> None:
+        speech, self._waiting = self._waiting[:CHUNK_SAMPLES], self._waiting[CHUNK_SAMPLES:]
+        music, self._music = self._music[:CHUNK_SAMPLES], self._music[CHUNK_SAMPLES:]
+        pcm = np.zeros(CHUNK_SAMPLES)
+        pcm[: len(speech)] += speech
+        pcm[: len(music)] += music
+        state = "dancing" if len(music) else "speaking" if len(speech) else "idle"
+        if state != self._state:
+            self._state = state
+            await self._send(State(state=state, at=self._at, seg=self._seg, finished=0))  # type: ignore[arg-type]
+        pose = self._pose(state, np.abs(pcm).reshape(FRAMES, -1).mean(1))
+        await self._send(pack_pose(pose, at=self._at, epoch=self._epoch, state=state))  # type: ignore[arg-type]
+        seg = self._seg if len(speech) else 0
+        await self._send(Sound(at=self._at, epoch=self._epoch, seg=seg, pcm=pack_audio(pcm)))
+        self._at += CHUNK_SAMPLES
+
+    def _pose(self, state: str, loudness: np.ndarray) -> Pose:
+        frames = self._at // SAMPLES_PER_FRAME + np.arange(FRAMES)
+        seconds = (self._at + np.arange(FRAMES) * SAMPLES_PER_FRAME) / SAMPLE_RATE_HZ
+        name = "music" if state == "dancing" else "speech"
+        if f"{name}_rotations" in self._recorded:
+            clip = frames % len(self._recorded[f"{name}_rotations"])
+            rotations = self._recorded[f"{name}_rotations"][clip]
+            root = self._recorded[f"{name}_root"][clip].copy()
+        else:
+            rotations, root = _sway(seconds)
+        if self._tell_clock:
+            root[:, 2] = seconds / 1000
+        face = np.zeros((FRAMES, len(ARKIT_NAMES)), np.float32)
+        face[:, ARKIT_NAMES.index("jawOpen")] = np.clip(loudness * 6, 0, 0.7)
+        blink = np.clip(1 - np.abs((seconds % 3.4) - 0.1) / 0.1, 0, 1)
+        face[:, ARKIT_NAMES.index("eyeBlinkLeft")] = face[:, ARKIT_NAMES.index("eyeBlinkRight")] = blink
+        return Pose(rotations, root, face)
+
+    def _ready(self) -> Ready:
+        rest = [[float(x) for x in offset] for offset in HUMANOID.config.offsets]
+        return Ready(
+            version=1, server="mock", session="mock", resume="key", resumed=False, at=0, epoch=0, seg=0, received=0,
+            sample_rate=SAMPLE_RATE_HZ, frame_rate=FRAME_RATE_HZ, chunk_samples=CHUNK_SAMPLES,
+            rig=Rig(names=list(HUMANOID.names), parents=list(HUMANOID.parents), rest=rest), face=list(ARKIT_NAMES),
+            actions=ACTIONS, tracks=["Four steps"] if "music_pcm" in self._recorded else [],
+            latency=Latency(algorithm=266.7, compute=1.0), limits=Limits(),
+        )  # fmt: skip
+
+    def _stats(self, head: float) -> Stats:
+        ahead = (self._at - head) / SAMPLE_RATE_HZ * 1000
+        queue = len(self._waiting) / SAMPLE_RATE_HZ * 1000
+        return Stats(
+            at=self._at,
+            queue_ms=queue,
+            ahead_ms=ahead,
+            step_ms=1.0,
+            rtf=0.01,
+            dropped=0,
+            underruns=0,
+            sessions=1,
+        )
+
+    async def _send(self, message: object) -> None:
+        await self._socket.send_bytes(encode(message))  # type: ignore[arg-type]
+
+
+def _sway(seconds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Arms hanging, a slow turn of spine and head."""
+    rotations = np.zeros((len(seconds), HUMANOID.joints, 4), np.float32)
+    rotations[..., 0] = 1
+    names = list(HUMANOID.names)
+    for name, axis, angle in (
+        ("leftUpperArm", 3, -1.2 + 0.25 * np.sin(seconds * 2)),
+        ("rightUpperArm", 3, 1.2 + 0.25 * np.sin(seconds * 2)),
+        ("spine", 2, 0.2 * np.sin(seconds)),
+        ("head", 1, 0.1 * np.sin(seconds * 3)),
+    ):
+        rotations[:, names.index(name), 0] = np.cos(angle / 2)
+        rotations[:, names.index(name), axis] = np.sin(angle / 2)
+    root = np.zeros((len(seconds), 3), np.float32)
+    root[:, 1] = HUMANOID.config.offsets[0][1]
+    return rotations, root
+
+
+def make_app(recorded: Mapping[str, np.ndarray], *, tell_clock: bool) -> Starlette:
+    """Page, sounds, character and stream, under the addresses of the real server."""
+    from echoavatar.avatar import load_character
+    from echoavatar.avatar.gltf import pack_glb
+
+    glb = pack_glb(load_character(), [])
+
+    async def stream(socket: WebSocket) -> None:
+        await MockSession(socket, recorded, tell_clock=tell_clock).run()
+
+    async def avatar(_: object) -> Response:
+        return Response(glb, media_type="model/gltf-binary")
+
+    return Starlette(
+        routes=[
+            WebSocketRoute("/v1/stream", stream),
+            Route("/avatar.glb", avatar),
+            Mount("/sounds", StaticFiles(directory=ASSETS)),
+            Mount("/", StaticFiles(directory=STATIC, html=True)),
+        ]
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--port", type=int, default=8790)
+    parser.add_argument(
+        "--recorded", type=Path, help="folder with speech.npz and music.npz (echoavatar animate)"
+    )
+    parser.add_argument("--tell-clock", action="store_true")
+    args = parser.parse_args()
+    recorded: dict[str, np.ndarray] = {}
+    if args.recorded:
+        import soundfile
+
+        for name in ("speech", "music"):
+            with np.load(args.recorded / f"{name}.npz", allow_pickle=False) as clip:
+                recorded |= {f"{name}_{key}": clip[key] for key in ("rotations", "root")}
+        recorded["music_pcm"] = soundfile.read(ASSETS / "music.ogg", dtype="float32")[0]
+    app = make_app(recorded, tell_clock=args.tell_clock)
+    uvicorn.run(app, port=args.port, log_level="warning")
+
+
+if __name__ == "__main__":
+    main()

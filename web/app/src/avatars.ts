@@ -1,0 +1,48 @@
+/** Which avatar stands on the stage: our own, or one that was dropped. */
+
+import type { AvatarDriver, protocol } from "@echoavatar/client";
+import { loadAvatar } from "@echoavatar/client/three";
+import { Box3, type Mesh, type Object3D, Vector3 } from "three";
+import type { Stage } from "./stage.js";
+
+type Driver = AvatarDriver & { readonly object: Object3D };
+
+export class AvatarSlot {
+  driver: Driver | null = null;
+  private ready: protocol.ReadyMessage | null = null;
+  private readonly here = new Vector3();
+  private hips: Object3D | null = null;
+  private placed = false;
+
+  constructor(private readonly stage: Stage) {}
+
+  /** Replaces the avatar; the old one stays when the new one cannot be read. */
+  async load(data: ArrayBuffer): Promise<void> {
+    const next: Driver = await loadAvatar(data);
+    if (this.ready) next.bind(this.ready);
+    next.object.traverse((node) => {
+      const mesh = node as Mesh;
+      if (mesh.isMesh) Object.assign(mesh, { castShadow: true, receiveShadow: !this.stage.low, frustumCulled: false });
+    });
+    const size = new Box3().setFromObject(next.object);
+    this.driver?.dispose();
+    this.driver = next;
+    this.hips = next.object.getObjectByName("hips") ?? next.object.getObjectByName("Normalized_hips") ?? null;
+    this.placed = false;
+    this.stage.scene.add(next.object);
+    this.stage.setHeight(size.max.y);
+  }
+
+  bind(ready: protocol.ReadyMessage): void {
+    this.ready = ready;
+    this.driver?.bind(ready);
+  }
+
+  /** Keeps the camera with the avatar. */
+  follow(seconds: number): void {
+    if (!this.hips) return;
+    this.hips.getWorldPosition(this.here);
+    this.stage.follow(this.here.x, this.here.z, this.placed ? 1 - Math.exp(-1.5 * seconds) : 1);
+    this.placed = true;
+  }
+}

@@ -1,0 +1,110 @@
+/** What lies behind and below the avatar: a soft studio gradient, and rings that the sound sends over the floor. */
+
+import {
+  Color, DataTexture, Mesh, NormalBlending, PlaneGeometry, RedFormat, ShaderMaterial, Vector2, FloatType, NearestFilter,
+} from "three";
+
+interface Colours {
+  readonly inner: string;
+  readonly outer: string;
+  readonly ring: string;
+}
+
+const LIGHT: Colours = { inner: "#f6f5f2", outer: "#c3ced7", ring: "#2b6f78" };
+const DARK: Colours = { inner: "#33424d", outer: "#10161b", ring: "#7fd6d4" };
+const HISTORY = 128; // levels that are on their way outwards
+const REACH = 3.2; // metres
+const SPEED = 1.7; // metres per second
+
+/** A gradient over the whole screen, drawn first; the same in a recording as on the page. */
+export class Backdrop {
+  readonly mesh: Mesh<PlaneGeometry, ShaderMaterial>;
+
+  constructor() {
+    const material = new ShaderMaterial({
+      depthTest: false,
+      depthWrite: false,
+      uniforms: { inner: { value: new Color() }, outer: { value: new Color() }, size: { value: new Vector2(1, 1) } },
+      vertexShader: "varying vec2 at; void main() { at = position.xy; gl_Position = vec4(position.xy, 1.0, 1.0); }",
+      fragmentShader: `
+        uniform vec3 inner; uniform vec3 outer; uniform vec2 size; varying vec2 at;
+        float noise(vec2 p) { return fract(sin(dot(p, vec2(12.9898, 78.233))) * 43758.5453); }
+        void main() {
+          vec2 p = (at - vec2(0.0, 0.12)) * vec2(min(size.x / size.y, 1.5), 1.0);
+          float t = smoothstep(0.05, 1.45, length(p * vec2(0.86, 1.0)));
+          vec3 colour = mix(inner, outer, t) + (noise(gl_FragCoord.xy) - 0.5) / 160.0;
+          gl_FragColor = vec4(colour, 1.0);
+        }`,
+    });
+    this.mesh = new Mesh(new PlaneGeometry(2, 2), material);
+    this.mesh.renderOrder = -10;
+    this.mesh.frustumCulled = false;
+    this.setTheme(false);
+  }
+
+  setTheme(dark: boolean): void {
+    const { inner, outer } = dark ? DARK : LIGHT;
+    this.mesh.material.uniforms["inner"]!.value.set(inner).convertLinearToSRGB();
+    this.mesh.material.uniforms["outer"]!.value.set(outer).convertLinearToSRGB();
+  }
+
+  resize(width: number, height: number): void {
+    this.mesh.material.uniforms["size"]!.value.set(width, height);
+  }
+}
+
+/** Echo rings: the level that is heard now starts at the feet and runs outwards. */
+export class Echoes {
+  readonly mesh: Mesh<PlaneGeometry, ShaderMaterial>;
+  private readonly levels = new Float32Array(HISTORY);
+  private readonly texture: DataTexture;
+  private travelled = 0;
+
+  constructor() {
+    this.texture = new DataTexture(this.levels, HISTORY, 1, RedFormat, FloatType);
+    this.texture.minFilter = this.texture.magFilter = NearestFilter;
+    const material = new ShaderMaterial({
+      transparent: true,
+      depthWrite: false,
+      blending: NormalBlending,
+      uniforms: { levels: { value: this.texture }, colour: { value: new Color() }, part: { value: 0 }, strength: { value: 1 } },
+      vertexShader: "varying vec2 at; void main() { at = position.xy; gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0); }",
+      fragmentShader: `
+        uniform sampler2D levels; uniform vec3 colour; uniform float part; uniform float strength; varying vec2 at;
+        float level(float i) { return texture2D(levels, vec2((i + 0.5) / ${HISTORY}.0, 0.5)).r; }
+        void main() {
+          float r = length(at);
+          float place = r / ${REACH.toFixed(1)} * ${HISTORY - 2}.0 - part;
+          float i = floor(max(place, 0.0));
+          float heard = mix(level(i), level(i + 1.0), max(place, 0.0) - i);
+          float fade = smoothstep(${REACH.toFixed(1)}, 0.5, r) * smoothstep(0.26, 0.46, r);
+          float line = 1.0 - smoothstep(0.0, fwidth(r) * 1.5, abs(r - 0.75));
+          gl_FragColor = vec4(colour, clamp(heard * fade * 0.5 * strength + line * 0.22, 0.0, 0.6));
+        }`,
+    });
+    this.mesh = new Mesh(new PlaneGeometry(2 * REACH, 2 * REACH), material);
+    this.mesh.rotation.x = -Math.PI / 2;
+    this.mesh.position.y = 0.002;
+    this.setTheme(false);
+  }
+
+  setTheme(dark: boolean): void {
+    const { uniforms } = this.mesh.material;
+    uniforms["colour"]!.value.set(dark ? DARK.ring : LIGHT.ring).convertLinearToSRGB();
+    uniforms["strength"]!.value = dark ? 1.15 : 0.9;
+  }
+
+  /** `level` 0 to 1, of what is heard now. */
+  advance(level: number, seconds: number): void {
+    const step = REACH / (HISTORY - 2);
+    this.travelled += (Math.min(seconds, 0.2) * SPEED) / step;
+    const whole = Math.floor(this.travelled);
+    this.travelled -= whole;
+    if (whole) {
+      this.levels.copyWithin(whole, 0);
+      this.levels.fill(level, 0, whole);
+      this.texture.needsUpdate = true;
+    }
+    this.mesh.material.uniforms["part"]!.value = this.travelled;
+  }
+}

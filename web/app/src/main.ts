@@ -1,0 +1,102 @@
+/** The live page: an avatar, what it hears, and what one may ask of it. */
+
+import { EchoSession } from "@echoavatar/client";
+import playbackWorklet from "@echoavatar/client/worklets/playback?worker&url";
+import { ActionPanel } from "./actions.js";
+import { AvatarSlot } from "./avatars.js";
+import { connectDrop } from "./drop.js";
+import { Hud } from "./hud.js";
+import { drawIcons } from "./icons.js";
+import { toast } from "./notices.js";
+import { SourceBar } from "./sourcebar.js";
+import { Stage } from "./stage.js";
+import { StateLine } from "./stateline.js";
+import { Tools } from "./tools.js";
+
+const element = <Kind extends HTMLElement>(id: string) => document.getElementById(id) as Kind;
+const settings = new URLSearchParams(location.search);
+
+/** `#token=...` stays out of requests and logs; it is taken off the address bar at once. */
+function takeToken(): string {
+  const token = new URLSearchParams(location.hash.slice(1)).get("token") ?? "";
+  if (token) history.replaceState(null, "", location.pathname + location.search);
+  return token;
+}
+
+function start(): void {
+  drawIcons();
+  const low = settings.get("quality") === "low";
+  document.documentElement.dataset["quality"] = low ? "low" : "high";
+  const stage = new Stage(element<HTMLCanvasElement>("view"), low);
+  const session = new EchoSession({
+    url: new URL("v1/stream", location.href).href.replace(/^http/, "ws").replace(/[?#].*$/, ""),
+    token: takeToken(),
+    playbackWorklet,
+  });
+  const avatar = new AvatarSlot(stage);
+  const hud = new Hud(element("hud"), session);
+  const actions = new ActionPanel(session, element("actions"), element("action-list"));
+  const sources = new SourceBar(session);
+  const states = new StateLine(session, actions, sources);
+  const tools = new Tools(stage, () => sources.output);
+  connectDrop(avatar, sources);
+  session.on("ready", (ready) => avatar.bind(ready));
+  void loadOwnAvatar(avatar);
+  session.connect();
+  run(stage, session, avatar, { hud, states, sources });
+  Object.assign(window, { __echo: inspect(session, stage, avatar, hud, sources, tools) });
+}
+
+async function loadOwnAvatar(avatar: AvatarSlot): Promise<void> {
+  try {
+    const response = await fetch("./avatar.glb");
+    if (!response.ok) throw new Error(`the server answered ${response.status}`);
+    await avatar.load(await response.arrayBuffer());
+  } catch (error) {
+    toast(`The avatar could not be shown: ${(error as Error).message}. Drop a .vrm or .glb file here instead.`);
+  }
+}
+
+interface Shown {
+  readonly hud: Hud;
+  readonly states: StateLine;
+  readonly sources: SourceBar;
+}
+
+/** One picture after the other; a hidden tab draws none and catches up when it is seen again. */
+function run(stage: Stage, session: EchoSession, avatar: AvatarSlot, { hud, states, sources }: Shown): void {
+  let last = performance.now();
+  const draw = (now: number) => {
+    requestAnimationFrame(draw);
+    const seconds = Math.max(0, (now - last) / 1000);
+    last = now;
+    const picture = session.picture(performance.now());
+    if (picture && avatar.driver) {
+      avatar.driver.apply(picture.pose);
+      avatar.driver.update(seconds);
+    }
+    avatar.follow(seconds);
+    stage.echoes.advance(sources.output?.level ?? 0, seconds);
+    states.show(picture);
+    stage.render(seconds);
+    hud.picture(seconds);
+  };
+  requestAnimationFrame(draw);
+}
+
+/** What tests and the curious may read. */
+function inspect(session: EchoSession, stage: Stage, avatar: AvatarSlot, hud: Hud, sources: SourceBar, tools: Tools) {
+  return {
+    session, stage, avatar, sources, tools,
+    get metrics() {
+      const { player } = session;
+      return player && { ...player.played, ahead: player.ahead, playing: player.playing, reaction: session.reaction, ...hud.summary };
+    },
+    get sync() {
+      return session.player?.sync.summary() ?? null;
+    },
+    resetSync: () => session.player?.sync.reset(),
+  };
+}
+
+start();

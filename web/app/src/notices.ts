@@ -1,0 +1,78 @@
+/** Short words to the visitor: toasts, menus, the subtitle of what the avatar does. */
+
+const element = (id: string) => document.getElementById(id)!;
+const TOAST_MS = 5200;
+
+export function toast(text: string): void {
+  const box = document.createElement("div");
+  box.className = "toast";
+  box.textContent = text;
+  element("toasts").replaceChildren(box);
+  setTimeout(() => box.remove(), TOAST_MS);
+}
+
+export interface Choice {
+  readonly label: string;
+  readonly hint?: string;
+  readonly run: () => void;
+}
+
+/** A small menu above or below `anchor`; Escape, a click elsewhere or a choice closes it. */
+export function openMenu(anchor: HTMLElement, choices: readonly Choice[]): void {
+  const menu = element("menu");
+  const close = () => {
+    menu.hidden = true;
+    menu.replaceChildren();
+    document.removeEventListener("pointerdown", outside, true);
+    document.removeEventListener("keydown", keys, true);
+  };
+  const outside = (event: Event) => {
+    if (!menu.contains(event.target as Node)) close();
+  };
+  const keys = (event: KeyboardEvent) => {
+    const buttons = [...menu.querySelectorAll("button")];
+    const at = buttons.indexOf(document.activeElement as HTMLButtonElement);
+    if (event.key === "Escape") {
+      close();
+      anchor.focus();
+    } else if (event.key === "ArrowDown" || event.key === "ArrowUp") {
+      buttons.at((at + (event.key === "ArrowDown" ? 1 : -1)) % buttons.length)?.focus();
+    } else return;
+    event.preventDefault();
+    event.stopPropagation();
+  };
+  menu.replaceChildren(...choices.map((choice) => entry(choice, close)));
+  menu.hidden = false;
+  place(menu, anchor);
+  menu.querySelector("button")?.focus({ preventScroll: true });
+  document.addEventListener("pointerdown", outside, true);
+  document.addEventListener("keydown", keys, true);
+}
+
+function entry({ label, hint, run }: Choice, close: () => void): HTMLElement {
+  const button = document.createElement("button");
+  button.setAttribute("role", "menuitem");
+  button.append(label);
+  if (hint) button.append(Object.assign(document.createElement("small"), { textContent: hint }));
+  button.onclick = () => {
+    close();
+    run();
+  };
+  return button;
+}
+
+function place(menu: HTMLElement, anchor: HTMLElement): void {
+  const at = anchor.getBoundingClientRect();
+  const [width, height] = [menu.offsetWidth, menu.offsetHeight];
+  const left = Math.min(Math.max(12, at.left + at.width / 2 - width / 2), innerWidth - width - 12);
+  const above = at.top - height - 14;
+  menu.style.left = `${left}px`;
+  menu.style.top = `${above > 12 ? above : at.bottom + 8}px`;
+}
+
+/** What the avatar does, in words; stays while it lasts. */
+export function subtitle(text: string): void {
+  const box = element("subtitle");
+  if (text) box.textContent = text;
+  box.classList.toggle("off", !text);
+}

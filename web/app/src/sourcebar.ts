@@ -1,0 +1,178 @@
+/** The dock: what the avatar hears, and the button that interrupts it. */
+
+import type { EchoSession, protocol } from "@echoavatar/client";
+import { icon } from "./icons.js";
+import { openMenu, toast } from "./notices.js";
+import { Output } from "./output.js";
+import { Capture, canShareTabs, decodeSound, fetchSound, openMicrophone, openTab, say } from "./sources.js";
+
+const SPEECH = "./sounds/speech.ogg";
+type Name = "speech" | "music" | "microphone" | "file" | "tab" | "text";
+const LABELS: Record<Name, string> = {
+  speech: "Speech", music: "Music", microphone: "Microphone", file: "File", tab: "Tab", text: "Type",
+};
+const element = (id: string) => document.getElementById(id)!;
+
+export class SourceBar {
+  output: Output | null = null;
+  /** The title of what plays, for the subtitle. */
+  title = "";
+  private readonly buttons = new Map<Name, HTMLButtonElement>();
+  private capture: Capture | null = null;
+  private active: Name | null = null;
+
+  constructor(private readonly session: EchoSession) {
+    for (const name of Object.keys(LABELS) as Name[]) this.addButton(name);
+    this.show("tab", canShareTabs());
+    this.show("music", false);
+    this.show("text", false);
+    session.on("ready", (ready) => this.offer(ready));
+    element("begin").addEventListener("click", () => void this.choose("speech"));
+    element("stop").addEventListener("click", () => this.interrupt());
+    const input = element("file") as HTMLInputElement;
+    input.addEventListener("change", () => {
+      const file = input.files?.[0];
+      input.value = "";
+      if (file) this.onFile(file);
+    });
+  }
+
+  /** Set by who knows what to do with files. */
+  onFile: (file: File) => void = () => {};
+
+  /** A sound is about to be heard: opens the loudspeaker. Call it from a click. */
+  async wake(): Promise<void> {
+    element("welcome").classList.add("gone");
+    this.output ??= new Output(this.session.ready?.sample_rate ?? 24000);
+    await this.session.unlock(this.output.context, this.output.input);
+  }
+
+  /** Presses the button of a source; the number keys do it too. */
+  async choose(name: Name): Promise<void> {
+    const button = this.buttons.get(name)!;
+    if (button.hidden) return;
+    try {
+      await this.wake();
+      await this.run(name, button);
+    } catch (error) {
+      this.mark(null);
+      toast(explain(error as Error));
+    }
+  }
+
+  /** Plays a sound file. */
+  async play(file: File): Promise<void> {
+    await this.wake();
+    const samples = await decodeSound(await file.arrayBuffer(), this.rate).catch(() => {
+      throw new Error(`“${file.name}” holds no sound that this browser can read.`);
+    });
+    this.replace("file", file.name);
+    say(this.session, samples);
+  }
+
+  interrupt(): void {
+    this.stopCapture();
+    this.session.music("stop");
+    this.session.interrupt();
+    this.mark(null);
+  }
+
+  /** Whether something can be interrupted. */
+  set busy(busy: boolean) {
+    (element("stop") as HTMLButtonElement).disabled = !busy && !this.capture;
+    if (!busy && !this.capture && this.active) this.mark(null);
+  }
+
+  private get rate(): number {
+    return this.session.ready?.sample_rate ?? 24000;
+  }
+
+  private addButton(name: Name): void {
+    const button = document.createElement("button");
+    button.className = "source";
+    button.innerHTML = icon(name);
+    button.append(LABELS[name]);
+    button.setAttribute("aria-pressed", "false");
+    button.dataset["source"] = name;
+    button.onclick = () => void this.choose(name);
+    this.buttons.set(name, button);
+    element("sources").append(button);
+  }
+
+  private show(name: Name, shown: boolean): void {
+    this.buttons.get(name)!.hidden = !shown;
+  }
+
+  private offer(ready: protocol.ReadyMessage): void {
+    this.show("music", ready.tracks.length > 0);
+    if (!ready.resumed) this.stopCapture();
+  }
+
+  private async run(name: Name, button: HTMLButtonElement): Promise<void> {
+    if (this.capture && this.active === name) return this.interrupt();
+    if (name === "speech") {
+      const samples = await fetchSound(SPEECH, this.rate);
+      this.replace(name, "");
+      say(this.session, samples);
+    } else if (name === "music") this.chooseTrack(button);
+    else if (name === "microphone") this.chooseEar(button);
+    else if (name === "tab") await this.listen("tab", await openTab(), "avatar");
+    else if (name === "file") element("file").click();
+  }
+
+  /** What played before ends, what comes now begins. */
+  private replace(name: Name, title: string): void {
+    const interrupted = this.active !== null;
+    this.stopCapture();
+    if (interrupted) {
+      this.session.music("stop");
+      this.session.interrupt();
+    }
+    this.title = title;
+    this.mark(name);
+  }
+
+  private chooseTrack(button: HTMLButtonElement): void {
+    const tracks = this.session.ready?.tracks ?? [];
+    const play = (title: string) => {
+      this.replace("music", title);
+      this.session.music("play", title);
+    };
+    if (tracks.length === 1) return play(tracks[0]!);
+    openMenu(button, tracks.map((title) => ({ label: title, run: () => play(title) })));
+  }
+
+  private chooseEar(button: HTMLButtonElement): void {
+    const listen = (speaker: "avatar" | "user") => {
+      const opened = Promise.resolve().then(openMicrophone).then((stream) => this.listen("microphone", stream, speaker));
+      opened.catch((error: Error) => toast(explain(error)));
+    };
+    openMenu(button, [
+      { label: "Be the voice", hint: "The avatar moves as if your words, or your song, were its own.", run: () => listen("avatar") },
+      { label: "Talk to the avatar", hint: "It listens to you: looks at you, nods when you pause.", run: () => listen("user") },
+    ]);
+  }
+
+  private async listen(name: Name, stream: MediaStream, speaker: "avatar" | "user"): Promise<void> {
+    this.replace(name, speaker);
+    if (this.output) this.output.silent = name === "microphone"; // or the microphone hears itself
+    this.capture = await Capture.start(this.session, stream, speaker, () => this.interrupt());
+  }
+
+  private stopCapture(): void {
+    this.capture?.stop();
+    this.capture = null;
+    if (this.output) this.output.silent = false;
+  }
+
+  private mark(name: Name | null): void {
+    this.active = name;
+    for (const [other, button] of this.buttons) button.setAttribute("aria-pressed", String(other === name));
+  }
+}
+
+function explain(error: Error): string {
+  if (error.name === "NotAllowedError") return "The browser did not give access. Allow it in the address bar and try again.";
+  if (error.name === "NotFoundError") return "No microphone was found.";
+  return error.message;
+}

@@ -1,0 +1,84 @@
+/** What the avatar may hear: bundled sound, files, the microphone, another tab. All become utterances of a session. */
+
+import type { EchoSession, Speaker, Utterance } from "@echoavatar/client";
+import captureWorklet from "@echoavatar/client/worklets/capture?worker&url";
+
+const BLOCK = 2400; // captured samples in one message: 0.1 s
+
+/** A whole sound, decoded by the browser to mono at the session's rate. */
+export async function decodeSound(data: ArrayBuffer, rate: number): Promise<Float32Array> {
+  const sound = await new OfflineAudioContext(1, 1, rate).decodeAudioData(data);
+  const mono = new OfflineAudioContext(1, Math.max(1, Math.ceil(sound.duration * rate)), rate);
+  const source = new AudioBufferSourceNode(mono, { buffer: sound });
+  source.connect(mono.destination);
+  source.start();
+  return (await mono.startRendering()).getChannelData(0);
+}
+
+export async function fetchSound(url: string, rate: number): Promise<Float32Array> {
+  const response = await fetch(url);
+  if (!response.ok) throw new Error(`${url} is not there (${response.status}).`);
+  return decodeSound(await response.arrayBuffer(), rate);
+}
+
+/** Says a whole sound. */
+export function say(session: EchoSession, samples: Float32Array): Utterance {
+  const utterance = session.speak();
+  utterance.push(samples);
+  utterance.end();
+  session.pump();
+  return utterance;
+}
+
+/** Sound that comes as it happens, until `stop`. */
+export class Capture {
+  private constructor(
+    private readonly stream: MediaStream,
+    private readonly context: AudioContext,
+    private readonly utterance: Utterance,
+  ) {}
+
+  static async start(session: EchoSession, stream: MediaStream, speaker: Speaker, onEnd: () => void): Promise<Capture> {
+    const context = new AudioContext({ latencyHint: "interactive" });
+    await context.audioWorklet.addModule(captureWorklet);
+    const rate = session.ready?.sample_rate ?? 24000;
+    const node = new AudioWorkletNode(context, "echoavatar-capture", {
+      numberOfOutputs: 0, processorOptions: { rate, block: BLOCK },
+    });
+    const utterance = session.speak(speaker);
+    node.port.onmessage = ({ data }: MessageEvent<Float32Array>) => {
+      utterance.push(data);
+      session.pump();
+    };
+    context.createMediaStreamSource(new MediaStream(stream.getAudioTracks())).connect(node);
+    stream.getAudioTracks()[0]!.addEventListener("ended", onEnd);
+    return new Capture(stream, context, utterance);
+  }
+
+  stop(): void {
+    this.utterance.end();
+    for (const track of this.stream.getTracks()) track.stop();
+    void this.context.close();
+  }
+}
+
+export function openMicrophone(): Promise<MediaStream> {
+  if (!navigator.mediaDevices?.getUserMedia) throw new Error("The microphone needs https:// or localhost.");
+  return navigator.mediaDevices.getUserMedia({
+    audio: { echoCancellation: true, noiseSuppression: true, autoGainControl: true },
+  });
+}
+
+/** The sound of another tab; where the browser can, it falls silent there and is heard here, in time with the avatar. */
+export async function openTab(): Promise<MediaStream> {
+  const stream = await navigator.mediaDevices.getDisplayMedia({
+    video: true,
+    audio: { suppressLocalAudioPlayback: true, echoCancellation: false, noiseSuppression: false, autoGainControl: false } as MediaTrackConstraints,
+  });
+  for (const track of stream.getVideoTracks()) track.enabled = false;
+  if (stream.getAudioTracks().length) return stream;
+  for (const track of stream.getTracks()) track.stop();
+  throw new Error("That share has no sound: choose a tab and tick “Also share tab audio”.");
+}
+
+export const canShareTabs = () => !!navigator.mediaDevices?.getDisplayMedia && !matchMedia("(pointer: coarse)").matches;

@@ -1,0 +1,78 @@
+/** The round buttons at the top, and the keys that press them. */
+
+import { setIcon } from "./icons.js";
+import { toast } from "./notices.js";
+import type { Output } from "./output.js";
+import { VideoRecorder, download } from "./recorder.js";
+import type { Stage } from "./stage.js";
+
+const element = <Kind extends HTMLElement>(id: string) => document.getElementById(id) as Kind;
+const KEYS: Record<string, string> = { c: "look", m: "sound", t: "theme", l: "meters", r: "record", "?": "help", Escape: "stop" };
+
+export class Tools {
+  private video: VideoRecorder | null = null;
+
+  constructor(private readonly stage: Stage, private readonly output: () => Output | null) {
+    element("look").onclick = () => stage.nextView();
+    element("theme").onclick = () => this.setTheme(document.documentElement.dataset["theme"] !== "dark");
+    element("sound").onclick = () => this.toggleSound();
+    element("meters").onclick = () => this.toggleMeters();
+    element("record").onclick = () => void this.record();
+    element("help").onclick = () => element<HTMLDialogElement>("about").showModal();
+    window.addEventListener("keydown", (event) => this.press(event));
+    this.setTheme(localStorage.getItem("theme") === "dark" || (!localStorage.getItem("theme") && matchMedia("(prefers-color-scheme: dark)").matches), false);
+  }
+
+  setTheme(dark: boolean, remember = true): void {
+    document.documentElement.dataset["theme"] = dark ? "dark" : "light";
+    document.querySelector("meta[name=theme-color]")!.setAttribute("content", dark ? "#1a2229" : "#e9edf1");
+    if (remember) localStorage.setItem("theme", dark ? "dark" : "light");
+    this.stage.setTheme(dark);
+  }
+
+  private toggleSound(): void {
+    const output = this.output();
+    if (!output) return;
+    output.muted = !output.muted;
+    const button = element("sound");
+    setIcon(button, output.muted ? "muted" : "sound");
+    button.setAttribute("aria-pressed", String(!output.muted));
+    button.setAttribute("aria-label", output.muted ? "Sound off" : "Sound on");
+  }
+
+  private toggleMeters(): void {
+    const hud = element("hud");
+    hud.hidden = !hud.hidden;
+    element("meters").setAttribute("aria-expanded", String(!hud.hidden));
+  }
+
+  /** The first press begins, the second ends and hands over the file. */
+  private async record(): Promise<void> {
+    const button = element("record");
+    try {
+      if (!this.video) {
+        const sound = this.output();
+        this.video = new VideoRecorder(this.stage.canvas, sound?.recording.stream ?? new MediaStream());
+        button.classList.add("on");
+        button.setAttribute("aria-label", "Stop recording");
+        return;
+      }
+      const video = this.video;
+      this.video = null;
+      button.classList.remove("on");
+      button.setAttribute("aria-label", "Record");
+      download(await video.stop());
+    } catch (error) {
+      toast((error as Error).message);
+    }
+  }
+
+  private press(event: KeyboardEvent): void {
+    const target = event.target as HTMLElement;
+    if (event.ctrlKey || event.metaKey || event.altKey || target.tagName === "INPUT" || target.closest("dialog")) return;
+    const number = Number(event.key);
+    const shown = [...document.querySelectorAll<HTMLElement>(".source:not([hidden])")];
+    const button = number ? shown[number - 1] : document.getElementById(KEYS[event.key] ?? "");
+    button?.click();
+  }
+}

@@ -1,0 +1,24 @@
+import { defineConfig } from "vite";
+import { licences } from "./licences.js";
+
+// Built into the Python package: `pip install echoavatar` needs no Node.
+export default defineConfig({
+  base: "./",
+  plugins: [licences(new URL("../node_modules/", import.meta.url))],
+  build: {
+    outDir: "../../src/echoavatar/server/static",
+    emptyOutDir: true,
+    target: "es2022",
+    assetsInlineLimit: 0,
+    chunkSizeWarningLimit: 1500,
+    rollupOptions: {
+      output: {
+        entryFileNames: "assets/[name].js",
+        chunkFileNames: "assets/[name].js",
+        assetFileNames: "assets/[name][extname]",
+      },
+    },
+  },
+  worker: { format: "es", rollupOptions: { output: { entryFileNames: "assets/[name].js" } } },
+  server: { proxy: { "/v1": { target: "http://127.0.0.1:8790", ws: true }, "/avatar.glb": "http://127.0.0.1:8790", "/sounds": "http://127.0.0.1:8790" } },
+});
