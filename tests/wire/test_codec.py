@@ -39,7 +39,7 @@ messages = st.one_of(
     ),
     st.builds(End, seg=segments),
     st.builds(Interrupt, heard=st.none() | samples, seg=st.integers(0, 2**31 - 1)),
-    st.builds(Action, id=names, name=names, intensity=st.floats(0, 1), hold=st.none() | st.floats(0, 60)),
+    st.builds(Action, id=names, name=names, intensity=st.floats(0, 2), hold=st.none() | st.floats(0, 60)),
     st.builds(Music, id=names, op=st.sampled_from(["play", "stop"]), title=names),
     st.builds(Played, at=samples, epoch=st.integers(0, 1 << 20)),
     st.builds(Ping, nonce=samples),

@@ -15,11 +15,13 @@ from ..errors import EchoAvatarError
 COMMANDS = {
     "demo": "render bundled speech and music to MP4, GLB and a page that plays them",
     "animate": "turn an audio file into full-body motion (BVH, GLB, NPZ, CSV or MP4)",
+    "serve": "serve live avatars to browsers and voice agents",
+    "say": "let the avatar of a running server say a sound file",
     "doctor": "say what works on this machine and what to do about the rest",
     "bench": "measure latency, real-time factor and memory",
     "evaluate": "score a bundle; the last line is JSON",
     "data": "make training data",
-    "train": "train the codec, the motion tokenizer or the generator",
+    "train": "train the codec, the motion tokenizer, the generator or the face",
     "bundle": "assemble trained parts into a bundle",
 }
 

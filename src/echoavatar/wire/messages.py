@@ -132,7 +132,7 @@ class Action(_Message, frozen=True, kw_only=True, tag="action"):
 
     id: Annotated[Name, Meta(min_length=1)]
     name: Name
-    intensity: Annotated[float, Meta(ge=0, le=1)] = 1.0
+    intensity: Annotated[float, Meta(ge=0, le=2, description="1: as in its clip")] = 1.0
     hold: Annotated[float, Meta(ge=0, le=60, description="seconds; absent: the action's own")] | None = None
 
 

@@ -1,0 +1,87 @@
+"""`echoavatar say`: a sound file through a running server; motion into a file, or only the numbers."""
+
+import argparse
+import asyncio
+import json
+import os
+import sys
+import time
+from pathlib import Path
+
+from tqdm import tqdm
+
+from ..errors import DependencyError, EchoAvatarError
+
+TOKEN = "ECHOAVATAR_TOKEN"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.epilog = (
+        "example: echoavatar say talk.wav --server http://127.0.0.1:8765 -o talk.npz\n"
+        "The last line is JSON: seconds of motion, of work, first motion, bytes."
+    )
+    parser.add_argument("audio", type=Path, help="WAV, FLAC, OGG or MP3")
+    parser.add_argument(
+        "--server", default="http://127.0.0.1:8765", metavar="URL", help="(default: %(default)s)"
+    )
+    parser.add_argument(
+        "--token", default=os.environ.get(TOKEN, ""), help=f"the server's token; default ${TOKEN}"
+    )
+    parser.add_argument("-o", "--output", type=Path, metavar="NPZ", help="write motion, face and sound here")
+    parser.add_argument("--act", metavar="NAME", help="an action to do at the beginning")
+    parser.add_argument("--seed", type=int, default=0, help="same seed, same motion (default: %(default)s)")
+    parser.add_argument(
+        "--live", action="store_true", help="at the speed of playback, not as fast as the server can"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Say it."""
+    try:
+        from .. import client  # noqa: F401
+    except ModuleNotFoundError as error:
+        raise DependencyError(f"the client needs {error.name}: pip install 'echoavatar[serve]'") from error
+    if args.output and not args.output.parent.is_dir():
+        raise EchoAvatarError(f"no folder {args.output.parent}; make it first")
+    print(json.dumps(asyncio.run(_say(args))))
+    return 0
+
+
+async def _say(args: argparse.Namespace) -> dict[str, float]:
+    from ..client import Recorder, connect, read_sound
+    from ..wire import ActionStatus, Error, Motion, Sound
+
+    samples, rate = read_sound(args.audio)
+    began, first, size = time.perf_counter(), 0.0, 0
+    async with connect(args.server, token=args.token, rate=rate, seed=args.seed) as avatar:
+        recorder = Recorder(avatar.ready)
+        if args.act:
+            await avatar.act(args.act)
+        seg = await avatar.speak(samples)
+        with tqdm(total=len(samples) / rate, unit="s", disable=not sys.stderr.isatty(), desc="motion") as bar:
+            async for message in avatar:
+                recorder.take(message)
+                match message:
+                    case Motion():
+                        first = first or time.perf_counter() - began
+                        size += len(message.rotations) + len(message.root) + len(message.face)
+                        bar.update(min(bar.total, recorder.end / 24_000) - bar.n)
+                    case Sound() if not args.live:
+                        await avatar.played(avatar.received)
+                    case ActionStatus(status="rejected"):
+                        raise EchoAvatarError(message.reason)
+                    case Error():
+                        raise EchoAvatarError(message.message)
+                if recorder.has(seg):
+                    break
+        recording = recorder.recording(seg)
+    if args.output:
+        recording.save(args.output)
+        print(f"wrote {args.output}: {len(recording.root)} frames")
+    return {
+        "seconds": round(recording.seconds, 3),
+        "work_seconds": round(time.perf_counter() - began, 3),
+        "first_motion_seconds": round(first, 3),
+        "motion_bytes": size,
+    }

@@ -1,0 +1,111 @@
+"""`echoavatar serve`: the live server, for browsers and voice agents."""
+
+import argparse
+import os
+import secrets
+import sys
+import webbrowser
+from pathlib import Path
+
+from ..errors import DependencyError, EchoAvatarError
+
+TOKEN = "ECHOAVATAR_TOKEN"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.epilog = (
+        "examples:\n"
+        "  echoavatar serve                             this machine only; open the address it prints\n"
+        "  echoavatar serve --host 0.0.0.0 --seats 8    the network too; asks for a token\n"
+    )
+    parser.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
+    parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: %(default)s)")
+    parser.add_argument("--port", type=int, default=8765, help="0 takes any free one (default: %(default)s)")
+    parser.add_argument(
+        "--seats", type=int, default=3, help="sessions at once; more are refused (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--token",
+        help=f"what clients must say; default: ${TOKEN}, else none on this machine and a random one on a network",
+    )
+    parser.add_argument(
+        "--origin",
+        action="append",
+        default=[],
+        metavar="URL",
+        help="pages of another host that may connect, such as https://avatar.example.org; repeat for more",
+    )
+    parser.add_argument("--music", type=Path, metavar="FOLDER", help="further tracks for play_music")
+    parser.add_argument(
+        "--ahead",
+        type=float,
+        default=2.0,
+        metavar="SECONDS",
+        help="motion made ahead of playback at most, 0.3 to 3.5 (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--drain",
+        type=float,
+        default=10.0,
+        metavar="SECONDS",
+        help="time to finish what is being said when the server is stopped (default: %(default)s)",
+    )
+    parser.add_argument("--threads", type=int, help="torch threads (default: torch's own choice)")
+    parser.add_argument("--certificate", metavar="PEM", help="TLS certificate, with --key: https and wss")
+    parser.add_argument("--key", metavar="PEM", help="its private key")
+    parser.add_argument("--open", action="store_true", help="open the page in the browser")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Load the bundle and serve until stopped."""
+    try:
+        from ..server import ServerSettings, create_app, serve
+        from ..server.guard import is_loopback
+    except ModuleNotFoundError as error:
+        raise DependencyError(f"the server needs {error.name}: pip install 'echoavatar[serve]'") from error
+    import torch
+
+    from ..engine import load
+
+    _check(args)
+    if args.threads:
+        torch.set_num_threads(args.threads)
+    token = os.environ.get(TOKEN, "") if args.token is None else args.token
+    if not token and args.token is None and not is_loopback(args.host):
+        token = secrets.token_urlsafe(16)
+    settings = ServerSettings(
+        token=token,
+        origins=tuple(origin.rstrip("/") for origin in args.origin),
+        music=args.music,
+        ahead_seconds=args.ahead,
+        drain_seconds=args.drain,
+    )
+    app = create_app(load(args.model, seats=args.seats), settings)
+
+    def ready(address: str) -> None:
+        page = f"{address}/?token={token}" if token else f"{address}/"
+        print(f"echoavatar is at {page}  ({args.seats} seats; Ctrl-C stops)", flush=True)
+        if args.open:
+            webbrowser.open(page)
+
+    serve(
+        app,
+        host=args.host,
+        port=args.port,
+        on_ready=ready,
+        ssl_certfile=args.certificate,
+        ssl_keyfile=args.key,
+    )
+    print("echoavatar: stopped", file=sys.stderr)
+    return 0
+
+
+def _check(args: argparse.Namespace) -> None:
+    if not 0.3 <= args.ahead <= 3.5:
+        raise EchoAvatarError(f"--ahead {args.ahead:g} is not in 0.3 to 3.5: the engine can take back 4 s")
+    if bool(args.certificate) != bool(args.key):
+        raise EchoAvatarError("--certificate and --key go together; give both or neither")
+    for path in (args.certificate, args.key):
+        if path and not Path(path).is_file():
+            raise EchoAvatarError(f"no file {path}; give a PEM file")

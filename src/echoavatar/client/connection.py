@@ -1,0 +1,311 @@
+"""The line to a server: says hello, speaks, listens, and comes back after a break."""
+
+import asyncio
+from collections import deque
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+from dataclasses import dataclass, field
+from typing import Any
+from urllib.parse import urlsplit, urlunsplit
+
+import numpy as np
+from jaxtyping import Shaped
+from websockets.asyncio.client import ClientConnection
+from websockets.asyncio.client import connect as connect_websocket
+from websockets.exceptions import ConnectionClosed, InvalidHandshake
+
+from ..errors import EchoAvatarError
+from ..timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
+from ..wire import (
+    CLOSE_CODES,
+    MAX_MESSAGE_BYTES,
+    Action,
+    Audio,
+    AudioFormat,
+    ClientMessage,
+    End,
+    Error,
+    Flush,
+    Hello,
+    Interrupt,
+    Motion,
+    Music,
+    Ping,
+    Played,
+    ProtocolError,
+    Ready,
+    ServerMessage,
+    Sound,
+    decode_server,
+    encode,
+    subprotocol,
+)
+
+BLOCK_BYTES = 1 << 16
+PATIENCE_S = 10.0
+TRIES = 6  # to come back, a second apart at most
+KEPT_UTTERANCES = 4
+AHEAD_S = 30.0  # of sound sent ahead of its motion
+_LOST = (1006, 1011, 1012, CLOSE_CODES["too_slow"])  # closes after which coming back makes sense
+
+
+class ConnectionLostError(EchoAvatarError):
+    """There is no server, or no more."""
+
+
+@dataclass
+class _Utterance:
+    """What was said, kept so that a resumed session can be told the rest."""
+
+    seg: int
+    pcm: bytearray = field(default_factory=bytearray)
+    sent: int = 0  # bytes
+    is_ended: bool = False
+    is_over: bool = False  # and the server knows
+
+
+class Avatar:
+    """One session, as its source; open it with `connect`. Iterate to receive messages; they must be read."""
+
+    def __init__(self, url: str, hello: Hello) -> None:
+        self.ready: Ready
+        self.epoch = 0
+        self.received = 0  # clock up to which motion and sound came
+        self._url, self._hello = url, hello
+        self._line: ClientConnection | None = None
+        self._said: deque[_Utterance] = deque()
+        self._seg = 0
+        self._sent_s = 0.0  # of sound, in all
+        self._requests = 0
+        self._width = (2 if hello.audio.format == "s16le" else 4) * hello.audio.channels
+
+    # ---- saying
+
+    async def speak(self, samples: Shaped[np.ndarray, " s"], *, end: bool = True) -> int:
+        """Say samples (mono, at the rate given to `connect`; floats in -1..1 or int16); returns the utterance's number.
+
+        With `end=False` the next call continues the same utterance.
+        """
+        if not self._said or self._said[-1].is_ended:
+            self._seg += 1
+            self._said.append(_Utterance(self._seg))
+            while len(self._said) > KEPT_UTTERANCES and self._said[0].is_over:
+                self._said.popleft()
+        utterance = self._said[-1]
+        utterance.pcm += _pcm(samples)
+        utterance.is_ended = end
+        await self._pump()
+        return utterance.seg
+
+    async def interrupt(self, heard: int | None = None) -> None:
+        """Stop; `heard` is the clock of the first sample that was not heard."""
+        for utterance in self._said:
+            utterance.is_ended = utterance.is_over = True
+        self._sent_s = self.received / SAMPLE_RATE_HZ
+        await self.send(Interrupt(heard=heard, seg=self._seg))
+
+    async def act(self, name: str, *, intensity: float = 1.0, hold: float | None = None) -> str:
+        """Ask for an action; its id comes back in `ActionStatus` messages."""
+        await self.send(Action(id=self._id(), name=name, intensity=intensity, hold=hold))
+        return f"py-{self._requests}"
+
+    async def play_music(self, title: str = "") -> str:
+        """Play one of `ready.tracks`."""
+        await self.send(Music(id=self._id(), op="play", title=title))
+        return f"py-{self._requests}"
+
+    async def stop_music(self) -> None:
+        """Fade it out."""
+        await self.send(Music(id=self._id(), op="stop"))
+
+    async def played(self, at: int) -> None:
+        """Tell how far playback is; without it, the server goes by the wall clock."""
+        await self.send(Played(at=at, epoch=self.epoch))
+
+    async def send(self, message: ClientMessage) -> None:
+        """Say anything; while the line is broken it is lost, but for sound."""
+        if self._line is not None:
+            with suppress(ConnectionClosed):
+                await self._line.send(encode(message))
+
+    # ---- listening
+
+    def __aiter__(self) -> AsyncIterator[ServerMessage]:
+        return self._messages()
+
+    async def _messages(self) -> AsyncIterator[ServerMessage]:
+        while True:
+            try:
+                message = await self.receive()
+            except ConnectionClosed as closed:
+                if not await self._come_back(closed):
+                    return
+                continue
+            await self._pump()
+            if message is not None:
+                yield message
+
+    async def receive(self) -> ServerMessage | None:
+        """The next message; None for one that this version does not know.
+
+        Raises:
+            ConnectionClosed: the line is broken; iterating comes back by itself.
+            ProtocolError: the server refused us, or speaks nonsense.
+        """
+        assert self._line is not None
+        message = decode_server(await self._line.recv(decode=False))
+        match message:
+            case Error(fatal=True) if CLOSE_CODES[message.code] not in _LOST:
+                raise ProtocolError(message.code, message.message, retry_after=message.retry_after)
+            case Motion() if "audio" not in self._hello.want:
+                self.received = max(self.received, message.at + message.frames * SAMPLES_PER_FRAME)
+            case Sound():
+                self.received = max(self.received, message.at + len(message.pcm) // 2)
+            case Flush():
+                self.epoch, self.received = message.epoch, min(self.received, message.at)
+        return message
+
+    # ---- the line
+
+    async def open(self) -> None:
+        """Say hello.
+
+        Raises:
+            ConnectionLostError: nobody answers there.
+            ProtocolError: the server refused us.
+        """
+        try:
+            self._line = await connect_websocket(
+                self._url,
+                subprotocols=[subprotocol("msgpack")],  # type: ignore[list-item]
+                compression=None,
+                max_size=MAX_MESSAGE_BYTES,
+                open_timeout=PATIENCE_S,
+            )
+            await self._line.send(encode(self._hello))
+            ready = await asyncio.wait_for(self.receive(), PATIENCE_S)
+        except (OSError, TimeoutError, InvalidHandshake, ConnectionClosed) as error:
+            raise ConnectionLostError(
+                f"no server answers at {self._url} ({type(error).__name__}); start one with `echoavatar serve`"
+            ) from error
+        if not isinstance(ready, Ready):
+            raise ProtocolError("bad_order", "the server did not say ready first")
+        self.ready, self.epoch = ready, ready.epoch
+
+    async def close(self) -> None:
+        """Say goodbye; the session ends."""
+        if self._line is not None:
+            await self._line.close()
+
+    async def keep_alive(self) -> None:
+        """Ping as often as the server wants it, until cancelled."""
+        while True:
+            await asyncio.sleep(self.ready.limits.ping_seconds / 2)
+            await self.send(Ping())
+
+    async def _come_back(self, closed: ConnectionClosed) -> bool:
+        """Resume the session; false when the server ended it in good order."""
+        code = closed.rcvd.code if closed.rcvd else 1006
+        if code not in _LOST:
+            return False
+        changes: dict[str, Any] = {"resume": self.ready.resume, "played": self.received}
+        self._hello = _with(self._hello, **changes)
+        for attempt in range(TRIES):
+            try:
+                await self.open()
+                break
+            except ConnectionLostError:
+                if attempt == TRIES - 1:
+                    raise
+                await asyncio.sleep(min(1.0, 0.1 * 2**attempt))
+        for utterance in self._said:
+            if utterance.seg >= self.ready.seg:
+                is_newest = utterance.seg == self.ready.seg
+                utterance.sent = self.ready.received * self._width if is_newest else 0
+                utterance.is_over = False
+        await self._pump()
+        return True
+
+    async def _pump(self) -> None:
+        """Send what the server has room for: the rest follows as its motion comes in."""
+        seconds = 1 / (self._width * self._hello.audio.rate)
+        for utterance in self._said:
+            while not utterance.is_over:
+                if self._sent_s > self.received / SAMPLE_RATE_HZ + AHEAD_S:
+                    return
+                block = bytes(utterance.pcm[utterance.sent : utterance.sent + BLOCK_BYTES])
+                if not block:
+                    break
+                await self.send(Audio(seg=utterance.seg, start=utterance.sent // self._width, pcm=block))
+                utterance.sent += len(block)
+                self._sent_s += len(block) * seconds
+            if utterance.is_ended and not utterance.is_over:
+                utterance.is_over = True
+                await self.send(End(seg=utterance.seg))
+
+    def _id(self) -> str:
+        self._requests += 1
+        return f"py-{self._requests}"
+
+
+@asynccontextmanager
+async def connect(
+    url: str,
+    *,
+    token: str = "",
+    rate: int = 24_000,
+    seed: int = 0,
+    audio: bool = True,
+) -> AsyncIterator[Avatar]:
+    """A session at a server such as `http://127.0.0.1:8765`; `audio=False` when only motion is wanted.
+
+    Raises:
+        ConnectionLostError: nobody answers there.
+        ProtocolError: the server refused us: wrong token, no free seat.
+    """
+    hello = Hello(
+        token=token,
+        audio=AudioFormat(rate=rate),
+        seed=seed,
+        want=("motion", "audio") if audio else ("motion",),
+    )
+    avatar = Avatar(stream_url(url), hello)
+    await avatar.open()
+    alive = asyncio.create_task(avatar.keep_alive())
+    try:
+        yield avatar
+    finally:
+        alive.cancel()
+        await avatar.close()
+
+
+def stream_url(url: str) -> str:
+    """The WebSocket of a server's address, however it was given: with http, with ws, or bare.
+
+    Raises:
+        EchoAvatarError: no such address can be.
+    """
+    parts = urlsplit(url if "://" in url else f"http://{url}")
+    schemes = {"http": "ws", "https": "wss", "ws": "ws", "wss": "wss"}
+    if parts.scheme not in schemes or not parts.netloc:
+        raise EchoAvatarError(f"{url!r} is no server address; give one such as http://127.0.0.1:8765")
+    path = parts.path if parts.path.strip("/") else "/v1/stream"
+    return urlunsplit((schemes[parts.scheme], parts.netloc, path, "", ""))
+
+
+def _with(hello: Hello, **changes: Any) -> Hello:
+    import msgspec
+
+    return msgspec.structs.replace(hello, **changes)
+
+
+def _pcm(samples: Shaped[np.ndarray, " s"]) -> bytes:
+    if samples.ndim != 1:
+        raise EchoAvatarError(f"samples of shape {samples.shape}; give one channel, (samples,)")
+    if samples.dtype.kind == "f":
+        if not np.isfinite(samples).all():
+            raise EchoAvatarError("samples hold values that are not finite; replace them by 0")
+        return bytes(np.rint(np.clip(samples, -1, 1) * 32_767).astype("<i2").data)
+    if samples.dtype == np.int16:
+        return bytes(samples.astype("<i2").data)
+    raise EchoAvatarError(f"samples of type {samples.dtype}; give floats in -1..1 or int16")

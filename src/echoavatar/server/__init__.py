@@ -1,0 +1,7 @@
+"""Many people, one engine: the server of protocol `echoavatar.v1`. May import `client`, `engine` and below."""
+
+from .app import create_app
+from .run import serve
+from .settings import ServerSettings
+
+__all__ = ["ServerSettings", "create_app", "serve"]

@@ -1,0 +1,97 @@
+"""The web application: the WebSocket, the page, and what operators and agents ask for."""
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from importlib.resources import files
+from pathlib import Path
+
+import anyio
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, JSONResponse, Response
+from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
+from starlette.websockets import WebSocket
+
+from .. import __version__
+from ..engine import Engine
+from .endpoint import Visit
+from .guard import has_token
+from .house import House
+from .metrics import CONTENT_TYPE
+from .settings import ServerSettings
+from .tools import tool_schemas
+
+_PLAIN = """<!doctype html><title>EchoAvatar</title>
+<h1>EchoAvatar is running</h1>
+<p>The page is not built into this installation. Clients connect to <code>/v1/stream</code>;
+see <a href="/health">health</a>, <a href="/v1/tools">tools</a>.</p>
+"""
+
+
+def create_app(engine: Engine, settings: ServerSettings | None = None) -> Starlette:
+    """An ASGI application that serves an engine; its lifespan owns the engine's thread.
+
+    `app.state.house` holds the sessions. Wherever it is mounted, the lifespan must run.
+    """
+    house = House(engine, settings or ServerSettings())
+    app = Starlette(routes=_routes(house), lifespan=_lifespan)
+    app.state.house = house
+    return app
+
+
+@asynccontextmanager
+async def _lifespan(app: Starlette) -> AsyncIterator[None]:
+    async with anyio.create_task_group() as tasks:
+        tasks.start_soon(app.state.house.run)
+        yield
+        tasks.cancel_scope.cancel()
+
+
+def _routes(house: House) -> list[BaseRoute]:
+    async def stream(websocket: WebSocket) -> None:
+        await Visit(websocket, house).run()
+
+    async def health(_: Request) -> Response:
+        is_ready = house.is_well and not house.is_draining
+        state = "ready" if is_ready else "draining" if house.is_draining else "failed"
+        facts = {
+            "status": state,
+            "version": __version__,
+            "sessions": house.sessions,
+            "seats": house.engine.seats,
+            "free": house.engine.free,
+        }
+        return JSONResponse(facts, 200 if is_ready else 503)
+
+    async def metrics(request: Request) -> Response:
+        return _locked(house, request) or Response(house.metrics.text(), media_type=CONTENT_TYPE)
+
+    async def tools(request: Request) -> Response:
+        return _locked(house, request) or JSONResponse(tool_schemas(house.engine, house.tracks.titles))
+
+    return [
+        WebSocketRoute("/v1/stream", stream),
+        Route("/v1/tools", tools),
+        Route("/health", health),
+        Route("/metrics", metrics),
+        _page(),
+    ]
+
+
+def _locked(house: House, request: Request) -> Response | None:
+    """The refusal, where a token is asked for and not given."""
+    if has_token(house.settings.token, request.headers):
+        return None
+    return JSONResponse({"error": "wrong token; send Authorization: Bearer TOKEN"}, 401)
+
+
+def _page() -> BaseRoute:
+    folder = Path(str(files("echoavatar") / "server" / "static"))
+    if (folder / "index.html").is_file():
+        return Mount("/", StaticFiles(directory=folder, html=True))
+
+    async def plain(_: Request) -> Response:
+        return HTMLResponse(_PLAIN)
+
+    return Route("/", plain)

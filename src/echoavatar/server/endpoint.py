@@ -1,0 +1,204 @@
+"""One WebSocket: hello, then messages both ways until one side has had enough."""
+
+import time
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+
+import anyio
+from starlette.concurrency import run_in_threadpool
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from ..errors import EchoAvatarError
+from ..wire import (
+    Action,
+    Audio,
+    ClientMessage,
+    Encoding,
+    End,
+    Error,
+    Hello,
+    Interrupt,
+    Music,
+    Ping,
+    Played,
+    Pong,
+    ProtocolError,
+    ServerMessage,
+    decode_client,
+    encode,
+    negotiate,
+    subprotocol,
+)
+from .guard import check_origin, check_token
+from .house import House
+from .live import LiveSession, answer
+from .outbox import Outbox
+
+STRIKES = 100  # errors that a client may make and stay
+SEND_S = 20.0  # a frame that does not leave in this time never will
+GOODBYES = (1000, 1001)  # close codes of clients that will not come back
+
+
+class Visit:
+    """A connection and its half of the conversation."""
+
+    def __init__(self, websocket: WebSocket, house: House) -> None:
+        self._socket, self._house = websocket, house
+        self._encoding: Encoding = "msgpack"
+        self._outbox = Outbox()
+        self._live: LiveSession | None = None
+        self._hello: Hello | None = None
+        self._strikes = 0
+        self._error: ProtocolError | None = None  # why we end it
+        self._left: int | None = None  # the code with which the client ended it
+
+    async def run(self) -> None:
+        """The whole visit."""
+        house = self._house
+        if house.connections >= house.settings.connections:
+            house.metrics.refused.inc()
+            await self._socket.close(1013)
+            return
+        house.connections += 1
+        house.metrics.connections.set(house.connections)
+        try:
+            await self._talk()
+        finally:
+            house.connections -= 1
+            house.metrics.connections.set(house.connections)
+            if self._live is not None:
+                house.leave(self._live, self._outbox, for_good=self._left in GOODBYES)
+
+    async def _talk(self) -> None:
+        agreed = negotiate(self._socket.scope.get("subprotocols", []))
+        self._encoding = agreed[0] if agreed else "msgpack"
+        await self._socket.accept(subprotocol(*agreed) if agreed else None)
+        await self._guarded(self._enter)
+        if self._live is not None:
+            async with anyio.create_task_group() as tasks:
+                for half in (self._send, self._receive):
+                    tasks.start_soon(self._guarded, half, tasks.cancel_scope)
+        if self._left is None:
+            await self._goodbye()
+
+    async def _guarded(
+        self, half: Callable[[], Awaitable[None]], scope: anyio.CancelScope | None = None
+    ) -> None:
+        """Run until it ends, note why, and end the other half."""
+        try:
+            await half()
+        except ProtocolError as error:
+            self._error = self._error or error
+        except WebSocketDisconnect as left:
+            self._left = left.code
+        except OSError:
+            self._left = 1006
+        if scope is not None:
+            scope.cancel()
+
+    async def _enter(self) -> None:
+        check_origin(self._socket.headers, self._house.settings.origins)
+        message = await self._next(self._house.settings.hello_seconds, "no hello came")
+        if not isinstance(message, Hello):
+            raise ProtocolError("bad_order", "the first message must be a hello")
+        check_token(self._house.settings.token, message.token, self._socket.headers)
+        self._hello, self._outbox = message, Outbox(message.want)
+        self._live, _ = self._house.enter(message, self._outbox)
+
+    async def _send(self) -> None:
+        while (message := await self._outbox.take()) is not None:
+            try:
+                with anyio.fail_after(SEND_S):
+                    await self._write(message)
+            except TimeoutError as error:
+                raise ProtocolError("too_slow", "the line does not take what is sent") from error
+        if self._outbox.is_hopeless:
+            raise ProtocolError("too_slow", "the line cannot carry the sound; resume when it can")
+
+    async def _receive(self) -> None:
+        patience = 2 * self._house.settings.ping_seconds
+        while True:
+            message = await self._next(patience, "nothing came for too long; send pings")
+            try:
+                await self._obey(message)
+            except ProtocolError as error:
+                if error.fatal:
+                    raise
+                self._forgive(error)
+
+    async def _obey(self, message: ClientMessage) -> None:
+        live = self._live
+        assert live is not None
+        match message:
+            case Audio() | End():
+                if live.source is not self._outbox:
+                    raise ProtocolError("bad_order", "viewers send no sound; say hello as a source")
+                live.hear(message) if isinstance(message, Audio) else live.finish(message)
+            case Played():
+                live.played(message, time.monotonic())
+            case Interrupt():
+                self._house.metrics.interrupts.inc()
+                live.interrupt(message)
+            case Action():
+                live.act(message)
+            case Music(op="stop"):
+                live.stop_music(message)
+            case Music():
+                await self._play(live, message)
+            case Ping():
+                self._outbox.put(Pong(nonce=message.nonce, at=live.end))
+            case Hello():
+                raise ProtocolError("bad_order", "hello was said already")
+
+    async def _play(self, live: LiveSession, message: Music) -> None:
+        tracks = self._house.tracks
+        title = message.title or tracks.titles[0]
+        try:
+            live.play(message, title, await run_in_threadpool(tracks.load, title))
+        except EchoAvatarError as error:
+            reason = str(error)
+            self._outbox.put(
+                answer(message.id, title, "rejected", live.end, reason=reason, choices=tracks.titles)
+            )
+
+    async def _next(self, seconds: float, what: str) -> ClientMessage:
+        try:
+            with anyio.fail_after(seconds):
+                frame = await self._socket.receive()
+        except TimeoutError as error:
+            raise ProtocolError("timeout", f"{what} within {seconds:g} s") from error
+        if frame["type"] == "websocket.disconnect":
+            raise WebSocketDisconnect(frame.get("code") or 1005)
+        content = frame.get("bytes")
+        message = decode_client(frame["text"] if content is None else content, self._encoding)
+        self._house.metrics.messages.labels("in", type(message).__struct_config__.tag).inc()
+        return message
+
+    async def _write(self, message: ServerMessage) -> None:
+        self._house.metrics.messages.labels("out", type(message).__struct_config__.tag).inc()
+        content = encode(message, self._encoding)
+        if self._encoding == "json":
+            await self._socket.send_text(content.decode())
+        else:
+            await self._socket.send_bytes(content)
+
+    def _forgive(self, error: ProtocolError) -> None:
+        self._strikes += 1
+        if self._strikes > STRIKES:
+            raise ProtocolError(error.code, f"{STRIKES} errors were enough; the last: {error}") from error
+        self._house.metrics.errors.labels(error.code).inc()
+        self._outbox.warn(error)
+
+    async def _goodbye(self) -> None:
+        """Say why, unless it was said, and close."""
+        error = self._error or self._outbox.error
+        with anyio.move_on_after(2), suppress(WebSocketDisconnect, OSError, RuntimeError):
+            if error is None:
+                await self._socket.close(1000)
+                return
+            self._house.metrics.errors.labels(error.code).inc()
+            if error is not self._outbox.error:
+                await self._write(
+                    Error(code=error.code, message=str(error), fatal=True, retry_after=error.retry_after)
+                )
+            await self._socket.close(error.close_code, str(error).encode()[:120].decode(errors="ignore"))

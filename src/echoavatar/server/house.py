@@ -1,0 +1,236 @@
+"""All sessions of a server: who may come in, who comes back, whose time is over; and the clock that moves them."""
+
+import asyncio
+import logging
+import secrets
+import time
+from collections.abc import Callable
+
+from .. import __version__
+from ..engine import Engine, EngineThread
+from ..errors import AdmissionError
+from ..face import ARKIT_NAMES
+from ..timing import CHUNK_SAMPLES, CHUNK_SECONDS, FRAME_RATE_HZ, SAMPLE_RATE_HZ
+from ..wire import VERSIONS, Hello, Latency, ProtocolError, Ready, Rig
+from .live import LiveSession
+from .metrics import Metrics
+from .outbox import Outbox
+from .settings import ServerSettings
+from .tracks import Tracks
+
+_LOG = logging.getLogger(__name__)
+BEAT_S = 0.02
+STATS_S = 1.0
+
+
+class House:
+    """Owns the engine's thread. Everything but the model runs on one event loop."""
+
+    def __init__(self, engine: Engine, settings: ServerSettings) -> None:
+        self.engine, self.settings = engine, settings
+        self.metrics = Metrics()
+        self.metrics.seats.set(engine.seats)
+        self.tracks = Tracks(settings.music)
+        self.connections = 0
+        self.is_draining = False
+        self._thread = EngineThread(engine)
+        self._live: dict[str, LiveSession] = {}  # by public name
+        self._keys: dict[str, LiveSession] = {}
+        self._actions = tuple(engine.actions)
+
+    @property
+    def sessions(self) -> int:
+        """How many there are."""
+        return len(self._live)
+
+    @property
+    def is_well(self) -> bool:
+        """Whether the engine runs."""
+        return self._thread.is_alive
+
+    # ---- coming and going
+
+    def enter(self, hello: Hello, outbox: Outbox) -> tuple[LiveSession, Ready]:
+        """Seat a source, bring one back, or let a viewer in; nothing is queued before the `ready`.
+
+        Raises:
+            ProtocolError: no common version, no such session, no seat, or the server is stopping.
+        """
+        version = max(set(hello.versions) & set(VERSIONS), default=None)
+        if version is None:
+            raise ProtocolError(
+                "unsupported_version",
+                f"this server speaks versions {list(VERSIONS)}, not {list(hello.versions)}",
+            )
+        if self.is_draining:
+            raise ProtocolError("shutting_down", "the server is stopping", retry_after=5.0)
+        received: int | None = None
+        if hello.role == "viewer":
+            live = self._known(self._live, hello.session)
+        elif hello.resume:
+            live, received = self._known(self._keys, hello.resume), hello.played
+            self._replace(live)
+            self.metrics.resumed.inc()
+        else:
+            live = self._seat(hello)
+        ready = self._ready(live, hello, version, received)
+        outbox.put(ready)
+        live.join(outbox, received=received)
+        if hello.role == "source":
+            live.source, live.left_at = outbox, None
+        return live, ready
+
+    def leave(self, live: LiveSession, outbox: Outbox, *, for_good: bool) -> None:
+        """A line is closed; a source that said goodbye takes its session with it."""
+        was_source = live.source is outbox
+        live.leave(outbox)
+        self.metrics.dropped.inc(outbox.dropped)
+        if was_source and for_good:
+            self.end(live)
+
+    def end(self, live: LiveSession) -> None:
+        """A session is over; its viewers go too."""
+        if self._live.pop(live.name, None) is not None:
+            del self._keys[live.key]
+            live.session.close()
+            for outbox in live.listeners:
+                outbox.close()
+            self.metrics.sessions.set(self.sessions)
+
+    def _seat(self, hello: Hello) -> LiveSession:
+        if self.engine.free == 0:
+            lost = [live for live in self._live.values() if live.left_at is not None]
+            if lost:
+                self.end(min(lost, key=lambda live: live.left_at or 0.0))
+        try:
+            session = self.engine.open(seed=hello.seed)
+        except AdmissionError as error:
+            raise ProtocolError(
+                "overloaded", f"all {self.engine.seats} seats are taken", retry_after=5.0
+            ) from error
+        live = LiveSession(
+            session,
+            name=secrets.token_urlsafe(12),
+            key=secrets.token_urlsafe(24),
+            hello=hello,
+            settings=self.settings,
+            actions=self._actions,
+        )
+        session.on_motion = _on_loop(asyncio.get_running_loop(), lambda: self._collect(live))
+        self._live[live.name] = self._keys[live.key] = live
+        self.metrics.sessions.set(self.sessions)
+        return live
+
+    def _known(self, among: dict[str, LiveSession], name: str) -> LiveSession:
+        live = among.get(name)
+        if live is None:
+            raise ProtocolError("unknown_session", "that session is not here, or is over; begin a new one")
+        return live
+
+    def _replace(self, live: LiveSession) -> None:
+        """The source comes back on another line; the old one ends."""
+        if live.source is not None:
+            old = live.source
+            live.leave(old)
+            old.fail(ProtocolError("replaced", "the session goes on over another connection"))
+
+    def _ready(self, live: LiveSession, hello: Hello, version: int, received: int | None) -> Ready:
+        rig = self.engine.pipeline.skeleton.config
+        return Ready(
+            version=version,
+            server=f"echoavatar {__version__}",
+            session=live.name,
+            resume=live.key if hello.role == "source" else "",
+            resumed=received is not None,
+            at=live.first_for(received),
+            epoch=live.epoch,
+            seg=live.intake.seg,
+            received=live.intake.received,
+            sample_rate=SAMPLE_RATE_HZ,
+            frame_rate=FRAME_RATE_HZ,
+            chunk_samples=CHUNK_SAMPLES,
+            rig=Rig(
+                names=rig.names,
+                parents=rig.parents,
+                rest=rig.offsets,
+            ),
+            face=tuple(ARKIT_NAMES) if getattr(self.engine.pipeline, "face", None) is not None else (),
+            actions=self._actions,
+            tracks=self.tracks.titles,
+            latency=Latency(algorithm=1e3 * CHUNK_SECONDS, compute=1e3 * self.engine.tick_seconds),
+            limits=self.settings.limits,
+        )
+
+    # ---- time
+
+    async def run(self) -> None:
+        """Move all sessions until cancelled; starts and stops the engine's thread."""
+        beat = 0
+        with self._thread:
+            try:
+                while True:
+                    now = time.monotonic()
+                    for live in list(self._live.values()):
+                        self._move(live, now, with_stats=beat % round(STATS_S / BEAT_S) == 0)
+                    beat += 1
+                    await asyncio.sleep(BEAT_S)
+            finally:
+                for live in list(self._live.values()):
+                    self.end(live)
+
+    async def drain(self) -> None:
+        """Let nobody in any more; wait until what is being said was heard, or the owner's patience ends."""
+        self.is_draining = True
+        goodbye = ProtocolError(
+            "shutting_down", "the server is stopping", fatal=False, retry_after=self.settings.drain_seconds
+        )
+        for live in self._live.values():
+            for outbox in live.listeners:
+                outbox.warn(goodbye)
+        for _ in range(round(self.settings.drain_seconds / BEAT_S)):
+            if all(live.is_quiet for live in self._live.values()):
+                break
+            await asyncio.sleep(BEAT_S)
+        for live in list(self._live.values()):
+            for outbox in list(live.listeners):
+                outbox.fail(ProtocolError("shutting_down", "the server stopped", retry_after=5.0))
+
+    def _move(self, live: LiveSession, now: float, *, with_stats: bool) -> None:
+        try:
+            if not self._thread.is_alive:
+                raise RuntimeError("the engine's thread has ended")
+            live.pump(now, self.engine.tick_seconds)
+            self._collect(live)
+        except Exception:
+            _LOG.exception("session %s failed", live.name)
+            for outbox in list(live.listeners):
+                outbox.fail(ProtocolError("internal", "the session failed; see the server's log"))
+            self.end(live)
+            return
+        if live.left_at is not None and now - live.left_at > self.settings.resume_seconds:
+            self.end(live)
+        elif with_stats:
+            for outbox in live.listeners:
+                outbox.put(
+                    live.stats(
+                        step_s=self.engine.tick_seconds, sessions=self.sessions, dropped=outbox.dropped
+                    )
+                )
+            self.metrics.step.set(self.engine.tick_seconds)
+
+    def _collect(self, live: LiveSession) -> None:
+        if live.name not in self._live:
+            return
+        for seconds in live.collect():
+            self.metrics.chunks.inc()
+            self.metrics.latency.observe(seconds)
+
+
+def _on_loop(loop: asyncio.AbstractEventLoop, what: Callable[[], None]) -> Callable[[], None]:
+    """The same, to be called from the engine's thread."""
+
+    def call() -> None:
+        if not loop.is_closed():
+            loop.call_soon_threadsafe(what)
+
+    return call

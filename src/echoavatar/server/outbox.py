@@ -1,0 +1,86 @@
+"""What waits to be sent on one line. A slow line loses the oldest motion, never sound; a hopeless one is given up."""
+
+import asyncio
+from collections import deque
+from collections.abc import Iterable
+
+from ..wire import Error, Motion, ProtocolError, ServerMessage, Sound
+from ..wire.messages import Stream
+
+MOST_MOTION = 16  # messages, 4 s
+MOST_SOUND = 128  # messages, 34 s
+MOST_OTHER = 512
+
+
+class Outbox:
+    """A bounded queue of messages, filled and emptied on the event loop."""
+
+    def __init__(self, wants: Iterable[Stream] = ("motion", "audio")) -> None:
+        self.dropped = 0  # motion messages
+        self._wants = frozenset(wants)
+        self._queue: deque[ServerMessage] = deque()
+        self._filled = asyncio.Event()
+        self._closed = False
+        self.is_hopeless = False
+        self.error: ProtocolError | None = None  # why it was closed
+
+    @property
+    def plays(self) -> bool:
+        """Whether what is sent here is shown or heard."""
+        return bool(self._wants)
+
+    def __len__(self) -> int:
+        return len(self._queue)
+
+    def put(self, message: ServerMessage) -> None:
+        """Queue a message, if it is wanted."""
+        if self._closed or self.is_hopeless:
+            return
+        if isinstance(message, Motion):
+            if "motion" not in self._wants:
+                return
+            self._make_room()
+        elif isinstance(message, Sound) and "audio" not in self._wants:
+            return
+        self._queue.append(message)
+        self._filled.set()
+        sounds = sum(isinstance(kept, Sound) for kept in self._queue) if len(self._queue) > MOST_SOUND else 0
+        self.is_hopeless = sounds > MOST_SOUND or len(self._queue) - sounds > MOST_OTHER
+
+    def forget_after(self, at: int) -> None:
+        """Motion and sound from clock `at` on was taken back: what was not sent need not be."""
+        self._queue = deque(
+            message
+            for message in self._queue
+            if not (isinstance(message, Motion | Sound) and message.at >= at)
+        )
+
+    async def take(self) -> ServerMessage | None:
+        """The next message; None when no more will come."""
+        while not self._queue:
+            if self._closed or self.is_hopeless:
+                return None
+            self._filled.clear()
+            await self._filled.wait()
+        return self._queue.popleft()
+
+    def warn(self, error: ProtocolError) -> None:
+        """Tell of an error."""
+        self.put(Error(code=error.code, message=str(error), fatal=error.fatal, retry_after=error.retry_after))
+
+    def fail(self, error: ProtocolError) -> None:
+        """Tell of an error, and close with its code."""
+        self.warn(error)
+        self.error = self.error or error
+        self.close()
+
+    def close(self) -> None:
+        """What is queued is the last."""
+        self._closed = True
+        self._filled.set()
+
+    def _make_room(self) -> None:
+        motions = [message for message in self._queue if isinstance(message, Motion)]
+        if len(motions) >= MOST_MOTION:
+            self._queue.remove(motions[0])
+            self.dropped += 1

@@ -1,0 +1,113 @@
+"""A server with a body of twenty lines on a free port, and a client of twenty lines that says what it likes."""
+
+import contextlib
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import torch
+from tests.engine.fakes import FakePipeline, Heard
+from websockets.sync.client import ClientConnection, connect
+
+from echoavatar.engine import Engine
+from echoavatar.kinematics import HUMANOID
+from echoavatar.pipeline.actions import Action, ActionLibrary
+from echoavatar.server import ServerSettings, create_app
+from echoavatar.server.run import Server, configure, listen
+from echoavatar.wire import (
+    Audio,
+    ClientMessage,
+    Hello,
+    Ready,
+    ServerMessage,
+    decode_server,
+    encode,
+    pack_audio,
+    subprotocol,
+)
+
+FAST = ServerSettings(resume_seconds=1.0, drain_seconds=1.0, hello_seconds=2.0)
+
+
+class Body(FakePipeline):
+    """The hips' height is the sum of all that was heard."""
+
+    skeleton = HUMANOID
+    actions = ActionLibrary({name: Action(name, (0,) * 8, (1, 2)) for name in ("wave", "bow")})
+
+    def __init__(self, seconds: float = 0.0) -> None:
+        self.seconds = seconds
+
+    def step(self, audio: torch.Tensor, state: Heard, active: torch.Tensor) -> Any:
+        time.sleep(self.seconds)
+        return super().step(audio, state, active)
+
+
+@contextlib.contextmanager
+def serving(*, seats: int = 4, settings: ServerSettings = FAST, step_s: float = 0.0) -> Iterator["Place"]:
+    engine = Engine(Body(step_s), seats=seats)  # type: ignore[arg-type]
+    app = create_app(engine, settings)
+    with listen("127.0.0.1", 0) as listener:
+        begun = threading.Event()
+        server = Server(app, configure(app), begun.set)
+        thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)
+        thread.start()
+        assert begun.wait(10)
+        try:
+            yield Place(f"127.0.0.1:{listener.getsockname()[1]}", app.state.house, server, thread)
+        finally:
+            server.should_exit = True
+            thread.join(10)
+            assert not thread.is_alive()
+
+
+class Place:
+    def __init__(self, address: str, house: Any, server: Server, thread: threading.Thread) -> None:
+        self.address, self.house, self.server, self.thread = address, house, server, thread
+
+    def call(self, hello: Hello | None = None, **options: Any) -> "Caller":
+        line = connect(
+            f"ws://{self.address}/v1/stream",
+            subprotocols=[subprotocol("msgpack")],  # type: ignore[list-item]
+            compression=None,
+            **options,
+        )
+        return Caller(line, hello)
+
+
+class Caller:
+    """Says what it likes, and remembers what it was told."""
+
+    def __init__(self, line: ClientConnection, hello: Hello | None) -> None:
+        self.line = line
+        self.heard: list[ServerMessage] = []
+        if hello is not None:
+            self.say(hello)
+            self.ready = self.until(Ready)
+
+    def say(self, message: ClientMessage) -> None:
+        self.line.send(encode(message))
+
+    def next(self, seconds: float = 5.0) -> ServerMessage:
+        message = decode_server(self.line.recv(timeout=seconds))
+        assert message is not None
+        self.heard.append(message)
+        return message
+
+    def until(self, kind: Any, test: Callable[[Any], bool] = lambda _: True, seconds: float = 5.0) -> Any:
+        end = time.monotonic() + seconds
+        while True:
+            message = self.next(max(0.01, end - time.monotonic()))
+            if isinstance(message, kind) and test(message):
+                return message
+
+    def speak(self, seg: int, samples: np.ndarray, start: int = 0) -> None:
+        self.say(Audio(seg=seg, start=start, pcm=pack_audio(samples)))
+
+    def __enter__(self) -> "Caller":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.line.close()
