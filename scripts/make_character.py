@@ -12,7 +12,7 @@ import numpy as np
 from echoavatar.avatar.character import MATERIALS, Character
 from echoavatar.avatar.face_bake import face_morphs, neutral
 from echoavatar.avatar.figure import PIECES, Piece, piece_colours, piece_mesh
-from echoavatar.avatar.figure_eyes import EYE, EYE_RADIUS, eyeball
+from echoavatar.avatar.figure_eyes import EYE, EYE_RADIUS, LASH, eyeball, lashes
 from echoavatar.avatar.figure_teeth import teeth, tongue
 from echoavatar.avatar.rigging import smooth, strongest, weigh
 from echoavatar.avatar.sculpt import Mesh
@@ -85,23 +85,29 @@ def sculpted(piece: Piece) -> Part:
     if piece.name == "head":
         mesh, side = neutral(mesh)
         return Part("skin", piece.material, mesh, colours, side)
-    on_face = np.ones(len(mesh.positions)) if piece.name in ("brows", "lashes") else None
+    on_face = np.ones(len(mesh.positions)) if piece.name == "brows" else None
     return Part(piece.name, piece.material, mesh, colours, on_face)
 
 
 def face_parts() -> list[Part]:
-    """Eyes, teeth and tongue."""
-    made = {
-        "left eye": ("eye", eyeball(1.0)),
-        "right eye": ("eye", eyeball(-1.0)),
-        "upper teeth": ("mouth", teeth(upper=True)),
-        "lower teeth": ("mouth", teeth(upper=False)),
-        "tongue": ("mouth", tongue()),
-    }
+    """Eyes, lashes, teeth and tongue."""
+    made = [
+        *(("lashes", "hair", painted(lashes(side), LASH)) for side in (1.0, -1.0)),
+        ("left eye", "eye", eyeball(1.0)),
+        ("right eye", "eye", eyeball(-1.0)),
+        ("upper teeth", "mouth", teeth(upper=True)),
+        ("lower teeth", "mouth", teeth(upper=False)),
+        ("tongue", "mouth", tongue()),
+    ]
     return [
         Part(name, material, mesh, colours, np.ones(len(mesh.positions)))
-        for name, (material, (mesh, colours)) in made.items()
+        for name, material, (mesh, colours) in made
     ]
+
+
+def painted(mesh: Mesh, colour: tuple[int, int, int]) -> tuple[Mesh, np.ndarray]:
+    """A mesh in one colour."""
+    return mesh, np.tile(np.asarray(colour, np.float64), (len(mesh.positions), 1))
 
 
 def all_weights(parts: list[Part]) -> np.ndarray:

@@ -1,9 +1,9 @@
 import numpy as np
+import pytest
 
 from echoavatar.avatar import figure_eyes as eyes
 from echoavatar.avatar.figure_eyes import EYE, EYE_RADIUS, IRIS, PUPIL, eyeball
 from echoavatar.avatar.figure_head import head_skin
-from echoavatar.avatar.sdf import project
 
 
 def test_eyes_look_ahead_with_pupil_inside_iris() -> None:
@@ -14,10 +14,14 @@ def test_eyes_look_ahead_with_pupil_inside_iris() -> None:
     assert angle[(colours == PUPIL).all(1)].max() < angle[(colours == IRIS).all(1)].min()
 
 
-def test_lashes_lie_on_the_edge_of_the_upper_lid() -> None:
-    start = np.asarray([[0.033, 1.594, 0.078]]) + np.random.default_rng(1).normal(size=(40, 3)) * 0.002
-    on = project(eyes.lashes, start, passes=8)
-    assert np.abs(head_skin(on)).max() < 0.008
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_lashes_lie_on_the_edge_of_the_upper_lid(side: float) -> None:
+    mesh = eyes.lashes(side)
+    assert (mesh.positions[:, 0] * side > 0).all()
+    assert np.abs(head_skin(mesh.positions.astype(float))).max() < 0.004
+    a, b, c = (mesh.positions[mesh.triangles[:, i]] for i in range(3))
+    out = np.einsum("fi,fi->f", np.cross(b - a, c - a), mesh.normals[mesh.triangles].mean(1))
+    assert (out > 0).mean() > 0.99
 
 
 def test_the_lids_meet_in_the_corners_and_nowhere_between() -> None:

@@ -13,6 +13,7 @@ from echoavatar.avatar.gltf import Animation, pack_glb
 from echoavatar.avatar.page import PageClip, write_page
 from echoavatar.errors import MotionError
 
+JAW = 17  # jawOpen
 CHROMIUM = Path("/usr/bin/chromium")
 
 Wave = Callable[[int], tuple[np.ndarray, np.ndarray]]
@@ -26,7 +27,9 @@ def tone(seconds: float) -> bytes:
 
 
 def make_page(path: Path, wave: Wave) -> None:
-    animations = [Animation("speech", *wave(120)), Animation("music", *wave(90))]
+    talk = np.zeros((120, 52), np.float32)
+    talk[:, JAW] = np.linspace(0, 1, 120)
+    animations = [Animation("speech", *wave(120), face=talk), Animation("music", *wave(90))]
     clips = [
         PageClip("Speech <1>", "speech", tone(4), ".wav", note="</script><b>"),
         PageClip("Music", "music", tone(3), ".wav"),
@@ -65,14 +68,15 @@ def test_the_avatar_moves_with_the_sound(tmp_path: Path, wave: Wave) -> None:
     make_page(tmp_path / "page.html", wave)
     troubles: list[str] = []
     where = """async (seconds) => {
-        const { player, bones, draw, THREE } = await window.echoavatar;
+        const { player, bones, faces, draw, THREE } = await window.echoavatar;
         if (seconds !== null) {
             await new Promise((done) => { player.audio.onseeked = done; player.seek(seconds); });
             draw();
         }
         const at = new THREE.Vector3();
         bones.rightHand.getWorldPosition(at);
-        return [player.audio.currentTime, at.x, at.y, at.z];
+        const jaws = faces.map((mesh) => mesh.morphTargetInfluences[mesh.morphTargetDictionary.jawOpen]);
+        return [player.audio.currentTime, at.x, at.y, at.z, ...jaws];
     }"""
     with sync_api.sync_playwright() as play:
         browser = play.chromium.launch(
@@ -93,5 +97,8 @@ def test_the_avatar_moves_with_the_sound(tmp_path: Path, wave: Wave) -> None:
         assert not page.is_visible("#start")
         browser.close()
     assert troubles == []
-    assert np.linalg.norm(np.subtract(first[1:], second[1:])) > 0.1
+    assert np.linalg.norm(np.subtract(first[1:4], second[1:4])) > 0.1
+    np.testing.assert_allclose(first[4:], 0.2 * 30 / 119, atol=0.01)  # the jaw, on every mesh of the face
+    np.testing.assert_allclose(second[4:], 1.2 * 30 / 119, atol=0.01)
+    assert len(second) > 6
     assert third[0] > second[0]

@@ -6,6 +6,7 @@ import { RoomEnvironment } from "three/examples/jsm/environments/RoomEnvironment
 const VIEWS = [
   { height: 0.88, distance: 4.5 },
   { height: 1.32, distance: 2.0 },
+  { height: 1.57, distance: 0.95 },
 ];
 
 export function makeStage(canvas, low) {
@@ -15,9 +16,9 @@ export function makeStage(canvas, low) {
   renderer.shadowMap.enabled = true;
   renderer.shadowMap.type = THREE.PCFShadowMap;
   const scene = new THREE.Scene();
-  const camera = new THREE.PerspectiveCamera(28, 1, 0.1, 40);
+  const camera = new THREE.PerspectiveCamera(28, 1, 0.05, 40);
   const controls = new OrbitControls(camera, canvas);
-  Object.assign(controls, { enableDamping: true, minDistance: 0.6, maxDistance: 9, maxPolarAngle: 1.62, enablePan: false });
+  Object.assign(controls, { enableDamping: true, minDistance: 0.4, maxDistance: 9, maxPolarAngle: 1.62, enablePan: false });
 
   const key = new THREE.DirectionalLight(0xfff1e0, low ? 2.4 : 2.6);
   key.position.set(1.6, 3.4, 2.6);

@@ -16,8 +16,10 @@ async function start() {
   const gltf = await new GLTFLoader().parseAsync(bytes(data.glb).buffer, "");
   stage.scene.add(gltf.scene);
   const bones = {};
+  const faces = []; // meshes with blendshapes, driven by the clips' weights
   gltf.scene.traverse((node) => {
     if (node.isBone) bones[node.name] = node;
+    if (node.morphTargetInfluences) faces.push(node);
     if (node.isSkinnedMesh) Object.assign(node, { castShadow: true, receiveShadow: !low, frustumCulled: false });
   });
   const mixer = new THREE.AnimationMixer(gltf.scene);
@@ -44,7 +46,7 @@ async function start() {
   };
   stage.resize();
   loop();
-  return { player, stage, bones, draw, THREE };
+  return { player, stage, bones, faces, draw, THREE };
 }
 
 function makePlayer(clips, animations, mixer) {

@@ -28,10 +28,8 @@ def wide(f: FacePoints) -> Moves:
 def look(f: FacePoints, *, up: float = 0.0, out: float = 0.0) -> Moves:
     """The left eye turns (1 = `TURN`) and the lids go with it."""
     if f.part == "left eye":
-        return _turned(f.at, -TURN * up, TURN * out)
-    if up > 0:
-        return lids(f, -0.20 * up, 0.10 * up)
-    return lids(f, -0.30 * up, 0.10 * up)
+        return _turned(f.at, -0.8 * TURN * up, TURN * out)
+    return lids(f, (-0.22 if up > 0 else -0.42) * up, 0.10 * up)
 
 
 def lids(f: FacePoints, upper: float, lower: float) -> Moves:

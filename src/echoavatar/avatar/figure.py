@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 
 from . import figure_body as body
-from . import figure_eyes as eyes
 from . import figure_hair as hair
 from . import figure_hands as hands
 from . import figure_head as head
@@ -20,7 +19,7 @@ from .symmetric import CloseUp, sculpt_symmetric
 
 Colour = tuple[int, int, int]
 
-SKIN, LIPS, HAIR, LASH = (222, 165, 134), (192, 110, 100), (58, 38, 32), (34, 24, 22)
+SKIN, LIPS, HAIR = (222, 165, 134), (192, 110, 100), (58, 38, 32)
 JACKET, RIBBING, ZIP = (24, 110, 116), (16, 78, 86), (196, 200, 204)
 SHIRT, SHIRT_COLLAR, TROUSERS, TURN_UP = (243, 233, 216), (232, 220, 200), (47, 52, 82), (66, 73, 110)
 SHOE, SOLE, CORAL = (242, 239, 233), (250, 249, 246), (232, 104, 76)
@@ -43,18 +42,18 @@ class Piece(NamedTuple):
 
 
 CLOSEUPS = (
-    CloseUp((0.033, 1.587, 0.076), 0.018, 3.0),
-    CloseUp((0.0, 1.5195, 0.085), 0.024, 3.0),
+    CloseUp((0.0, 1.550, 0.060), 0.060, 1.5),
+    CloseUp((0.033, 1.587, 0.076), 0.018, 2.5),
+    CloseUp((0.0, 1.5195, 0.085), 0.027, 2.5),
     CloseUp((0.006, 1.549, 0.100), 0.012, 1.5),
 )
 PIECES = (
     Piece(
-        *("head", "skin", SKIN, head.head_skin, (-0.17, 1.325, -0.13), (0.17, 1.72, 0.14), 0.0008, 13000),
+        *("head", "skin", SKIN, head.head_skin, (-0.17, 1.325, -0.13), (0.17, 1.72, 0.14), 0.0008, 16000),
         closeups=CLOSEUPS,
     ),
     Piece("hair", "hair", HAIR, hair.hair, (-0.13, 1.45, -0.16), (0.13, 1.76, 0.14), 0.002, 5000, 0.008),
     Piece("brows", "hair", HAIR, head.brow, (-0.07, 1.58, 0.03), (0.07, 1.64, 0.11), 0.0010, 420, 0.002),
-    Piece("lashes", "hair", LASH, eyes.lashes, (-0.07, 1.56, 0.04), (0.07, 1.62, 0.11), 0.0005, 900, 0.003),
     Piece("hands", "skin", SKIN, hands.hands, (-0.88, 1.34, -0.12), (0.88, 1.44, 0.10), 0.0018, 6000, 0.03),
     Piece("jacket", "cloth", JACKET, body.jacket, (-0.70, 0.94, -0.18), (0.70, 1.50, 0.16), 0.003, 7000),
     Piece("ribbing", "cloth", RIBBING, body.ribbing, (-0.71, 0.88, -0.18), (0.71, 1.52, 0.16), 0.003, 2600),

@@ -2,13 +2,14 @@
 
 import numpy as np
 
-from .sculpt import Mesh
+from .sculpt import Mesh, outward
 from .sdf import Distances, Points, common, curve, draped, mirrored, tube
 
 EYE = np.array([0.0330, 1.5865, 0.0615])  # centre of the left eyeball
 EYE_RADIUS = 0.0172
 LID = 0.0024  # thickness of the lids
 LID_WIDTH = 0.0150  # half width of the opening between the lids
+LASH = (34, 24, 22)
 EYE_WHITE, IRIS, IRIS_RIM, PUPIL = (246, 244, 240), (122, 78, 42), (62, 38, 22), (14, 11, 10)
 
 
@@ -45,16 +46,27 @@ def brow(p: Points, ground: Distances) -> Distances:
     return common(stroke, 0.02 - q[:, 2])
 
 
-def lashes(p: Points) -> Distances:
-    """The dark line along each upper lid, thicker towards the outer corner."""
-    q = mirrored(p)
-    x = np.linspace(-0.98, 1.04, 10)
+def lashes(side: float) -> Mesh:
+    """The dark line along one upper lid, thicker towards the outer corner: a tube that is pointed at both ends."""
+    x = np.linspace(-0.99, 1.03, 30)
     y = upper_rim(x)
-    rim = EYE_RADIUS + LID - 0.0003
+    rim = EYE_RADIUS + LID - 0.0002
     z = np.sqrt(np.maximum(rim**2 - (x * LID_WIDTH) ** 2 - y**2, 0))
-    radius = np.interp(x, [-0.98, 0.3, 0.85, 1.04], [0.0004, 0.0011, 0.0012, 0.0006])
-    rows = np.column_stack([EYE[0] + x * LID_WIDTH, EYE[1] + y + 0.0004, EYE[2] + z, radius])
-    return tube(q, rows.tolist(), 0.001)
+    radius = np.interp(x, [-0.99, -0.8, 0.3, 0.85, 1.03], [0.0001, 0.0005, 0.0010, 0.0012, 0.0002])
+    middle = np.stack([x * LID_WIDTH, y + 0.0004, z], 1)
+    along = np.gradient(middle, axis=0)
+    outwards = middle / np.linalg.norm(middle, axis=1, keepdims=True)
+    upwards = np.cross(outwards, along)
+    upwards /= np.linalg.norm(upwards, axis=1, keepdims=True)
+    turn = np.arange(8) * np.pi / 4
+    normals = np.cos(turn)[:, None] * outwards[:, None] + np.sin(turn)[:, None] * upwards[:, None]
+    points = EYE + middle[:, None] + radius[:, None, None] * normals
+    ring, spoke = np.meshgrid(np.arange(len(x) - 1), np.arange(8), indexing="ij")
+    a, b = ring * 8 + spoke, ring * 8 + (spoke + 1) % 8
+    quads = np.stack([a, b, b + 8, a + 8], -1).reshape(-1, 4)
+    faces = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]).astype(np.int32)
+    flat, out = points.reshape(-1, 3) * [side, 1, 1], normals.reshape(-1, 3) * [side, 1, 1]
+    return Mesh(flat.astype(np.float32), out.astype(np.float32), outward(flat, out, faces))
 
 
 def eyeball(side: float) -> tuple[Mesh, np.ndarray]:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from ..errors import DependencyError
 from .sdf import Field, Points, gradient, project
 
+Triangles = Int[np.ndarray, "f 3"]
 BLOCK = 6  # cells along the edge of a block: only blocks near the surface are sampled finely
 
 
@@ -26,7 +27,9 @@ def sculpt(field: Field, low: ArrayLike, high: ArrayLike, *, cell: float, triang
 
     The surface must close inside the box. Vertices lie on the surface, normals are the field's gradient.
     """
-    return mesh_of(field, low, high, cell=cell, triangles=triangles, enlarge=_same, shrink=_same)
+    return mesh_of(
+        field, low, high, cell=cell, triangles=triangles, enlarge=_same, shrink=_same, tidy=_untouched
+    )
 
 
 def mesh_of(
@@ -38,8 +41,9 @@ def mesh_of(
     triangles: int,
     enlarge: Callable[[Points], Points],
     shrink: Callable[[Points], Points],
+    tidy: Callable[[Points, Triangles], tuple[Points, Triangles]],
 ) -> Mesh:
-    """`sculpt` whose triangles are saved in the space that `enlarge` makes of ours; `shrink` leads back."""
+    """`sculpt` that saves and tidies triangles in the space that `enlarge` makes of ours; `shrink` leads back."""
     try:
         import fast_simplification
         from skimage.measure import marching_cubes
@@ -54,13 +58,18 @@ def mesh_of(
     share = min(1.0, triangles / len(faces))
     if share < 1:
         points, faces = fast_simplification.simplify(points, faces.astype(np.int32), 1 - share, agg=3)
-    points = project(field, shrink(np.asarray(points, np.float64)))
+    points, faces = tidy(np.asarray(points, np.float64), faces)
+    points = project(field, shrink(points))
     normals = gradient(field, points)
     return Mesh(points.astype(np.float32), normals.astype(np.float32), outward(points, normals, faces))
 
 
 def _same(p: Points) -> Points:
     return p
+
+
+def _untouched(p: Points, faces: Triangles) -> tuple[Points, Triangles]:
+    return p, faces
 
 
 def sample(

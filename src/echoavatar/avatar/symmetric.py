@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
+from .relax import relax
 from .sculpt import Mesh, mesh_of, outward
 from .sdf import Field, Points, gradient, project
 
@@ -41,6 +42,7 @@ def sculpt_symmetric(
         triangles=triangles // 2,
         enlarge=_chain([_enlarged(c) for c in closeups]),
         shrink=_chain([_shrunk(c) for c in reversed(closeups)]),
+        tidy=relax,
     )
     points = mesh.positions.astype(np.float64)
     points[np.abs(points[:, 0]) < SNAP, 0] = 0
