@@ -25,7 +25,7 @@ def test_points_on_the_skin_have_length_one() -> None:
     points = np.stack([centre + [0.15, 0, 0], centre + [0, 0.1, 0], centre + [0, 0, 0.2], centre], 1)[
         ..., None
     ]
-    _, seen = to_unit(frames[:, :, body.slots(chains)], body.centres, body.radii, points.astype(np.float32))
+    seen = to_unit(frames[:, :, body.slots(chains)], body.centres, body.radii, points.astype(np.float32))
     np.testing.assert_allclose(np.linalg.norm(seen[:, 0, :, 0], axis=0), [1, 1, 1, 0], atol=1e-5)
 
 

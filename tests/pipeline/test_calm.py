@@ -1,12 +1,12 @@
 import math
 
+import numpy as np
 import pytest
 import torch
+from tests.pipeline.poses import from_quaternions, quaternions_of
 
 from echoavatar.kinematics.rotations import axis_angle_from_quaternion, quaternion_from_axis_angle
-from echoavatar.pipeline.calm import Calm
-
-ON = torch.ones(1, dtype=torch.bool)
+from echoavatar.pipeline.calm import Calm, CalmState
 
 
 def about_x(angle: torch.Tensor) -> torch.Tensor:
@@ -16,6 +16,14 @@ def about_x(angle: torch.Tensor) -> torch.Tensor:
     return quaternion_from_axis_angle(turns)
 
 
+def step(
+    calm: Calm, rotations: torch.Tensor, state: CalmState, active: np.ndarray | None = None
+) -> torch.Tensor:
+    pose = from_quaternions(rotations, torch.zeros(*rotations.shape[:2], 3))
+    calm.step(pose, state, active)
+    return quaternions_of(pose)
+
+
 def angle_of(rotations: torch.Tensor) -> torch.Tensor:
     return axis_angle_from_quaternion(rotations)[0, :, 0, 0]
 
@@ -23,7 +31,7 @@ def angle_of(rotations: torch.Tensor) -> torch.Tensor:
 def shown(angle: torch.Tensor, **options: float) -> torch.Tensor:
     calm = Calm(2, **options)
     state = calm.init_state(1)
-    return angle_of(torch.cat([calm.step(x, state, ON, 30.0) for x in about_x(angle).split(8, 1)], 1))
+    return angle_of(torch.cat([step(calm, x, state) for x in about_x(angle).split(8, 1)], 1))
 
 
 def test_steps_between_latents_become_a_smooth_path() -> None:
@@ -69,12 +77,12 @@ def test_the_sign_of_a_quaternion_does_not_matter() -> None:
     flipped = smooth.clone()
     flipped[:, ::2] *= -1
     calm = Calm(2)
-    one, other = (angle_of(calm.step(x, calm.init_state(1), ON, 30.0)) for x in (smooth, flipped))
+    one, other = (angle_of(step(calm, x, calm.init_state(1))) for x in (smooth, flipped))
     torch.testing.assert_close(one, other)
 
 
 def test_idle_rows_stay_untouched() -> None:
     calm = Calm(2)
     state = calm.init_state(2)
-    calm.step(about_x(torch.ones(8)).expand(2, -1, -1, -1), state, torch.tensor([True, False]), 30.0)
+    step(calm, about_x(torch.ones(8)).expand(2, -1, -1, -1), state, np.array([True, False]))
     assert all(not tensor[1].any() for tensor in state.tensors())

@@ -28,15 +28,24 @@ class Body:
         return np.array([chains.slot[joint] for joint in self.joints])
 
 
+def unit_axes(
+    bones: Float[Array, "3 4 e n"], centres: Float[Array, "3 e"], radii: Float[Array, "3 e"]
+) -> tuple[Float[Array, "3 3 e n"], Float[Array, "3 e n"]]:
+    """The map into each part's own axes, in which it is a unit ball, and where that ball's middle then is."""
+    axes = bones[:, :3].transpose(1, 0, 2, 3) * (1 / radii)[:, None, :, None]
+    middles = np.add.reduce(axes * bones[:, 3], axis=1)
+    middles += (centres / radii)[..., None]
+    return axes, middles
+
+
 def to_unit(
     bones: Float[Array, "3 4 e n"],
     centres: Float[Array, "3 e"],
     radii: Float[Array, "3 e"],
     points: Float[Array, "3 p n"],
-) -> tuple[Float[Array, "3 3 e n"], Float[Array, "3 e p n"]]:
-    """The map into each part's own axes, in which it is the unit ball, and the points there."""
-    axes = bones[:, :3].transpose(1, 0, 2, 3) / radii[:, None, :, None]
-    seen = np.einsum("ijen,jpn->iepn", axes, points)
-    middles = np.einsum("ijen,jen->ien", axes, bones[:, 3]) + (centres / radii)[..., None]
+) -> Float[Array, "3 e p n"]:
+    """Points in each part's own axes, in which it is the unit ball."""
+    axes, middles = unit_axes(bones, centres, radii)
+    seen: Array = np.einsum("ijen,jpn->iepn", axes, points)
     seen -= middles[:, :, None]
-    return axes, seen
+    return seen

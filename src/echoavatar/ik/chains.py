@@ -9,9 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..kinematics import Skeleton
+from ..kinematics import Skeleton, lanes
 
 Array = np.ndarray
+_ROOT = np.eye(3, 4, dtype=np.float32)[..., None]
 
 
 class Chains:
@@ -44,11 +45,21 @@ class Chains:
         frames[3, :3], frames[3, 3] = 0, 1
         return frames
 
+    def local_of(self, turns: Float[Array, "4 j n"]) -> Float[Array, "4 4 c n"]:
+        """The same local frames from quaternions of all joints of the rig."""
+        frames = np.empty((4, 4, len(self.joints), turns.shape[-1]), np.float32)
+        lanes.matrix(turns[:, self._columns], out=frames[:3, :3])
+        frames[:3, 3] = self._offsets
+        frames[3, :3], frames[3, 3] = 0, 1
+        return frames
+
     def world(self, local: Float[Array, "4 4 c n"]) -> Float[Array, "3 4 c n"]:
         """Frames relative to the root, which itself stands at the origin and is not turned."""
         frames = np.empty((3, *local.shape[1:]), np.float32)
-        frames[:, :, 0] = np.eye(3, 4, dtype=np.float32)[..., None]
-        for level, parents in self._levels:
+        frames[:, :, 0] = _ROOT
+        if self._levels:
+            frames[:, :, self._levels[0][0]] = local[:3, :, self._levels[0][0]]
+        for level, parents in self._levels[1:]:
             np.einsum("ijcn,jkcn->ikcn", frames[:, :, parents], local[:, :, level], out=frames[:, :, level])
         return frames
 

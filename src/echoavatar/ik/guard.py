@@ -18,10 +18,10 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from ..errors import MotionError
-from ..kinematics import Skeleton
+from ..kinematics import Skeleton, lanes
 from ..kinematics.rigs import bone_map
 from .arm import reach
-from .body import Body, to_unit
+from .body import Body, unit_axes
 from .chains import Array, Chains, Points
 from .hand import HandPoint, hand_points
 from .profile import BodyProfile, body_of_rig
@@ -29,7 +29,7 @@ from .profile import BodyProfile, body_of_rig
 CLEARANCE = 0.006  # metres of air between hand and body
 SHELL = 0.035  # metres before contact at which a hand begins to give way
 BEHIND, ACROSS = 0.70, 0.30  # of a part's half depth and half width: where the way out starts
-FOCUS = 3  # how sharply the nearest part alone decides the way out
+_STEEP = 1e9
 TOLERANCE = 0.01  # of the squared size of a rotation matrix
 SIDES = ("left", "right")
 
@@ -39,27 +39,42 @@ class HandGuard:
 
     def __init__(self, skeleton: Skeleton, profile: BodyProfile | None = None) -> None:
         self.is_able = _has_arms(skeleton)
+        self.joints: list[int] = []
         if not self.is_able:
             return
         self.profile = profile or body_of_rig(skeleton)
         bones, body = bone_map(skeleton), Body(skeleton, self.profile)
         hands = _common_points(skeleton, bones)
-        self._chains = Chains(skeleton, body.joints + [point.joint for hand in hands for point in hand])
-        slot = self._chains.slot
-        self._points = Points(
-            np.array([slot[point.joint] for hand in hands for point in hand]),
-            np.array([point.offset for hand in hands for point in hand], np.float32).T,
-        )
+        self._body, self._hands = body, [point for both in zip(*hands, strict=True) for point in both]
+        self.joints = body.joints + [point.joint for point in self._hands]
         own = [self.profile.palm if point.is_palm else self.profile.finger for point in hands[0]]
         self._thicker = np.array(own, np.float32)[:, None] - min(own)
-        self._carriers, self._centres = body.slots(self._chains), body.centres
+        self._centres = body.centres
         self._radii = body.radii + np.float32(min(own) + CLEARANCE)
         self._starts, self._is_head = _starts(body)
+        zone = _zone(self._radii, _span(skeleton, hands[0]) + SHELL + float(self._thicker.max()))
+        self._zone = np.square(self._radii / zone)[:, :, None, None]
         arms = [[bones[f"{side}{bone}"] for side in SIDES] for bone in ("UpperArm", "LowerArm", "Hand")]
-        self._arms = np.array([[slot[joint] for joint in pair] for pair in arms])
-        self._above = np.array([[slot[skeleton.parents[joint]] for joint in pair] for pair in arms])
+        self._arm_joints = np.array(arms)
+        self._above_joints = np.array([[skeleton.parents[joint] for joint in pair] for pair in arms])
         self._changed = np.array([joint for pair in arms for joint in pair])
         self._names = skeleton.names
+        self.stand_on(Chains(skeleton, self.joints))
+
+    def stand_on(self, chains: Chains) -> None:
+        """Read poses from these chains, which must hold `joints`: a caller has them worked out already."""
+        if not self.is_able:
+            return
+        self._chains, slot = chains, chains.slot
+        self._points = Points(
+            np.array([slot[point.joint] for point in self._hands]),
+            np.array([point.offset for point in self._hands], np.float32).T,
+        )
+        self._carriers = self._body.slots(chains)
+        self._arms, self._above = (
+            np.array([[slot[joint] for joint in pair] for pair in joints])
+            for joints in (self._arm_joints, self._above_joints)
+        )
 
     def step(
         self, rotations: Float[Tensor, "b t j 3 3"], active: Bool[Tensor, " b"] | None = None
@@ -81,41 +96,83 @@ class HandGuard:
         move = self._moves(frames)
         if not move.any():
             return rotations
-        fixed = self._corrected(local, frames, move)
+        fixed = self._corrected(frames, move)
+        fixed = np.where(move.any(0), fixed, local[:3, :3][:, :, self._arms])
         changed = flat.copy()
         changed[:, self._changed] = fixed.transpose(4, 2, 3, 0, 1).reshape(len(flat), -1, 3, 3)
         return torch.from_numpy(changed.reshape(given.shape)).to(rotations)
 
+    def guard(self, turns: Float[Array, "4 j n"], frames: Float[Array, "3 4 c n"]) -> None:
+        """The same for the live path: quaternions of whole poses, changed in place, and their frames in the chains."""
+        if not self.is_able:
+            return
+        move = self._moves(frames)
+        near = move.any((0, 1))
+        if not near.any():
+            return
+        if not near.all():
+            frames, move = frames[..., near], move[..., near]
+        fixed = lanes.from_matrix(self._corrected(frames, move))
+        which = move.any(0)
+        for joints, new in zip(self._arm_joints, fixed.transpose(1, 0, 2, 3), strict=True):
+            old = turns[:, joints][..., near]
+            turns[:, joints[:, None], np.flatnonzero(near)] = np.where(which, new, old)
+
     def _moves(self, frames: Float[Array, "3 4 c n"]) -> Float[Array, "3 2 n"]:
-        """By how much each hand is moved, in the root's frame."""
-        bones = frames[:, :, self._carriers]
-        axes, seen = to_unit(bones, self._centres, self._radii, self._points.place(frames))
-        seen = seen.reshape(3, len(self._carriers), 2, -1, seen.shape[-1])
-        way = self._ways(bones, seen[:, :, :, 1])
-        ahead = np.einsum("ijen,jan->iean", axes, way)
-        a = np.einsum("iean,iean->ean", ahead, ahead)[:, :, None]
-        b = np.einsum("iean,ieapn->eapn", ahead, seen)
-        c = np.einsum("ieapn,ieapn->eapn", seen, seen)
-        root = b * b - a * (c - 1)
-        exits = (np.sqrt(np.maximum(root, 0)) - b) / a + self._thicker
-        exits = np.where(root > 0, exits, -1)
-        short = np.square(np.minimum(np.maximum(exits + SHELL, 0), 2 * SHELL)) / (4 * SHELL)
-        short += np.maximum(exits - SHELL, 0)  # (e, a, p, n): how far each point must go to leave each part
-        eighth = np.square(np.square(np.square(short / SHELL))).sum(0).sum(1)
-        moves: Array = way * (SHELL * eighth**0.125)  # the most of them, without a corner where two are equal
+        """By how much each hand is moved, in the root's frame.
+
+        Of all parts, hands and frames only those are worked out in which some point of the hand could be near.
+        """
+        bones, points = frames[:, :, self._carriers], self._points.place(frames)
+        parts, n = bones.shape[2:]
+        points = points.reshape(3, -1, 2, n)
+        axes, middles = unit_axes(bones, self._centres, self._radii)
+        seen = np.einsum("ijen,jan->iean", axes, points[:, 1]) - middles[:, :, None]  # the palms
+        way = self._ways(bones, seen)
+        near = np.flatnonzero(lanes.dot(seen, seen * self._zone) < 1)  # of all parts, hands, frames
+        reached = np.zeros((parts, 2, n), np.float32)
+        if len(near):
+            frame, hand_frame = near % n, near % (2 * n)
+            part_frame = near // (2 * n) * n + frame
+            axes = axes.reshape(3, 3, -1).take(part_frame, 2)
+            ahead = lanes.apply(axes, way.reshape(3, -1).take(hand_frame, 1))
+            there = points.reshape(3, -1, 2 * n).take(hand_frame, 2)
+            seen = np.einsum("ijk,jpk->ipk", axes, there)
+            seen -= middles.reshape(3, -1).take(part_frame, 1)[:, None]
+            reached.reshape(-1)[near] = self._eighth(ahead, seen)
+        far = (
+            SHELL * np.add.reduce(reached) ** 0.125
+        )  # the most of them, without a corner where two are equal
+        moves: Array = way * far
         return moves
+
+    def _eighth(self, ahead: Float[Array, "3 k"], seen: Float[Array, "3 p k"]) -> Float[Array, " k"]:
+        """Sum over a hand's points of the eighth power of how far each must go to leave a part, in shells."""
+        a, c = lanes.dot(ahead, ahead), lanes.dot(seen, seen)
+        b = lanes.dot(np.broadcast_to(ahead[:, None], seen.shape), seen)
+        root = b * b - a * (c - 1)
+        exits = np.sqrt(np.maximum(root, 0))
+        exits -= b
+        exits /= a
+        exits += self._thicker
+        np.minimum(exits, root * _STEEP - 1, out=exits)  # a way that misses the part needs no exit
+        short = np.square(np.minimum(np.maximum(exits + SHELL, 0), 2 * SHELL)) * (0.25 / SHELL)
+        short += np.maximum(exits - SHELL, 0)
+        short *= 1 / SHELL
+        eighths: Array = np.add.reduce(np.square(np.square(np.square(short))))
+        return eighths
 
     def _ways(self, bones: Float[Array, "3 4 e n"], seen: Float[Array, "3 e 2 n"]) -> Float[Array, "3 2 n"]:
         """Unit direction in which each hand leaves the body: away from the nearest parts' starting points."""
-        near = (np.einsum("iean,iean->ean", seen, seen) + 0.25) ** -FOCUS
+        near = np.reciprocal(lanes.dot(seen, seen) + 0.25)
         away = seen * self._radii[:, :, None, None] - self._starts
         away[1] = np.maximum(away[1], 0) * self._is_head
-        ways: Array = np.einsum("ijen,jean->ian", bones[:, :3], away * near)
-        ways /= np.maximum(np.sqrt(np.einsum("ian,ian->an", ways, ways)), 1e-9)
-        return ways
+        away *= near * near * near  # sharp enough that the nearest part alone decides the way out
+        ways: Array = np.einsum("ijen,jean->ian", bones[:, :3], away)
+        return lanes.normalized(ways)
 
     def _corrected(
-        self, local: Float[Array, "4 4 c n"], frames: Float[Array, "3 4 c n"], move: Float[Array, "3 2 n"]
+        self, frames: Float[Array, "3 4 c n"], move: Float[Array, "3 2 n"]
     ) -> Float[Array, "3 3 3 2 n"]:
         """New local rotations, (row, column, joint of the arm, side, frame)."""
         arms, above = frames[:, :, self._arms], frames[:, :3][:, :, self._above]
@@ -127,8 +184,8 @@ class HandGuard:
         swung = np.einsum("ijan,jkvan->ikvan", turns.swing, swung)
         above[:, :, 2] = swung[:, :, 1]
         children = np.stack([swung[:, :, 0], bent[:, :, 0], arms[:, :3, 2]], 2)
-        new = np.einsum("jivan,jkvan->ikvan", above, children)
-        return np.where(move.any(0), new, local[:3, :3][:, :, self._arms])
+        new: Array = np.einsum("jivan,jkvan->ikvan", above, children)
+        return new
 
     def _check(self, local: Float[Array, "4 4 c n"], rows: int, active: Tensor | None) -> None:
         size = np.einsum("ijcn,ijcn->cn", local[:3, :3], local[:3, :3]) - 3
@@ -179,3 +236,28 @@ def _starts(body: Body) -> tuple[Float[Array, "3 e 2 1"], Float[Array, " e 1 1"]
     starts[2, :, :, 0] = -BEHIND * body.radii[2][:, None]
     is_head = np.array([part.bone == "head" for part in body.parts], np.float32)
     return starts, is_head[:, None, None]
+
+
+def _span(skeleton: Skeleton, hand: list[HandPoint]) -> float:
+    """How far from the middle of its palm a point of the hand can be, however the fingers are bent; metres."""
+    wrist, palm = hand[0].joint, hand[1].offset
+    far = 0.0
+    for point in hand:
+        length, joint = float(np.linalg.norm(point.offset)), point.joint
+        while joint != wrist and skeleton.parents[joint] != wrist:
+            length += float(skeleton.offsets[joint].norm())
+            joint = skeleton.parents[joint]
+        foot = np.zeros(3) if joint == wrist else skeleton.offsets[joint].numpy()
+        far = max(far, length + float(np.linalg.norm(foot - palm)))
+    return far
+
+
+def _zone(radii: Float[Array, "3 e"], distance: float) -> Float[Array, "3 e"]:
+    """Radii of ellipsoids that hold all that is nearer to those of `radii` than `distance`."""
+    rng = np.random.default_rng(0)
+    way = lanes.normalized(rng.standard_normal((3, 4000)).astype(np.float32))
+    asked = np.sqrt(np.square(radii).T @ np.square(way)) + distance
+    wide = radii + np.float32(distance)
+    held = np.sqrt(np.square(wide).T @ np.square(way))
+    zone: Array = wide * (1.002 * (asked / held).max(1))
+    return zone

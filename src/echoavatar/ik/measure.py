@@ -39,7 +39,7 @@ def penetration_depth_m(
             np.array([point.offset for point in hand], np.float32).T,
         )
         thick = np.array([profile.palm if point.is_palm else profile.finger for point in hand], np.float32)
-        _, seen = to_unit(frames[:, :, body.slots(chains)], body.centres, body.radii, points.place(frames))
+        seen = to_unit(frames[:, :, body.slots(chains)], body.centres, body.radii, points.place(frames))
         far = np.sqrt((seen**2).sum(0))
         steep = np.sqrt(((seen / body.radii[:, :, None, None]) ** 2).sum(0))
         below = far * (1 - far) / np.maximum(steep, 1e-6) + thick[:, None]

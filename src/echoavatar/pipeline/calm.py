@@ -15,17 +15,14 @@ import math
 from dataclasses import dataclass
 from functools import cache
 
+import numpy as np
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from ..kinematics.rotations import (
-    axis_angle_from_quaternion,
-    quaternion_conjugate,
-    quaternion_from_axis_angle,
-    quaternion_multiply,
-)
-from ..nn import StreamState, write_rows
+from ..kinematics import lanes
+from ..nn import StreamState
+from .pose import Array, PoseLanes, keep, new_rows
 
 FASTEST = math.radians(1000)  # per second
 STIFFNESS = 2.0  # 0 shows what was decoded
@@ -34,10 +31,9 @@ SHOWN = 3  # frames that a third difference reaches back
 
 @dataclass
 class CalmState(StreamState):
-    """The last rotations shown."""
+    """The last rotations shown; all zero: none yet."""
 
-    shown: Float[Tensor, "b 3 j 4"]
-    seen: Bool[Tensor, " b"]
+    shown: Float[Tensor, "b 4 j 3"]
 
 
 class Calm:
@@ -48,48 +44,65 @@ class Calm:
 
     def init_state(self, rows: int) -> CalmState:
         """Nothing shown yet."""
-        return CalmState(torch.zeros(rows, SHOWN, self._joints, 4), torch.zeros(rows, dtype=torch.bool))
+        return CalmState(torch.zeros(rows, 4, self._joints, SHOWN))
 
-    def step(
-        self, rotations: Float[Tensor, "b t j 4"], state: CalmState, active: Bool[Tensor, " b"], fps: float
-    ) -> Float[Tensor, "b t j 4"]:
-        """Unit quaternions `wxyz` in and out, a chunk at a time."""
-        before = torch.where(state.seen[:, None, None, None], state.shown, rotations[:, :1])
-        path = _one_hemisphere(torch.cat([before, rotations], 1))
-        smooth = torch.einsum("st,btjc->bsjc", _smoother(rotations.shape[1], self._stiffness), path)
-        shown = _bounded(before[:, -1], smooth / smooth.norm(dim=-1, keepdim=True), FASTEST / fps)
-        write_rows(state.shown, torch.cat([before, shown], 1)[:, -SHOWN:], active)
-        write_rows(state.seen, torch.ones_like(state.seen), active)
-        return shown
+    def step(self, pose: PoseLanes, state: CalmState, active: Bool[Array, " b"] | None = None) -> None:
+        """Rotations of a chunk, smoothed in place; `active` rows remember them, all for None."""
+        turns, shown = pose.turns, state.shown.numpy()
+        _, joints, frames, rows = turns.shape
+        path = np.empty((4, joints, SHOWN + frames, rows), np.float32)
+        path[:, :, :SHOWN] = shown.transpose(1, 2, 3, 0)
+        path[:, :, SHOWN:] = turns
+        if (is_new := new_rows(lanes.dot(path[:, 0, 0], path[:, 0, 0]))) is not None:
+            path[:, :, :SHOWN, is_new] = turns[:, :, :1, is_new]
+        _one_hemisphere(path)
+        smoother = _smoother(frames, self._stiffness)
+        if rows == 1:
+            turns[...] = (path[..., 0] @ smoother.T)[..., None]
+        else:
+            np.matmul(smoother, path, out=turns)
+        turns /= np.sqrt(lanes.dot(turns, turns))
+        path[:, :, SHOWN:] = turns
+        if _bound(path, math.cos(FASTEST / pose.fps / 2)):
+            turns[...] = path[:, :, SHOWN:]
+        keep(state.shown, path[:, :, frames:].transpose(3, 0, 1, 2), active)
 
 
 @cache
-def _smoother(frames: int, stiffness: float) -> Float[Tensor, "t s"]:
-    """The matrix from the frames shown and a chunk to the smoothed chunk (t, 3 + t): the minimum, solved once."""
-    third = torch.diff(torch.eye(SHOWN + frames, dtype=torch.float64), n=3, dim=0)
+def _smoother(frames: int, stiffness: float) -> Float[Array, "t s"]:
+    """The matrix from the frames shown and a chunk (3 + t) to the smoothed chunk: the minimum, solved once."""
+    third = np.diff(np.eye(SHOWN + frames), n=3, axis=0)
     past, own = third[:, :SHOWN], third[:, SHOWN:]
-    weight = torch.diag(((torch.arange(frames, dtype=torch.float64) + 1) / frames) ** 3)
-    right = torch.cat([-stiffness * own.T @ past, weight], 1)
-    smoother: Tensor = torch.linalg.solve(weight + stiffness * own.T @ own, right).float()
-    return smoother
+    weight = np.diag(((np.arange(frames) + 1) / frames) ** 3)
+    right = np.concatenate([-stiffness * own.T @ past, weight], 1)
+    solved = np.linalg.solve(weight + stiffness * own.T @ own, right)
+    return solved.astype(np.float32)
 
 
-def _one_hemisphere(path: Float[Tensor, "b t j 4"]) -> Float[Tensor, "b t j 4"]:
-    """Signs chosen so that no quaternion points away from the one before it."""
-    flips = (path[:, 1:] * path[:, :-1]).sum(-1, keepdim=True) < 0
-    sign = 1.0 - 2.0 * (flips.cumsum(1) % 2)
-    return torch.cat([path[:, :1], path[:, 1:] * sign], 1)
+def _one_hemisphere(path: Float[Array, "4 j t b"]) -> None:
+    """Signs chosen, in place, so that no quaternion points away from the one before it."""
+    flips = lanes.dot(path[:, :, 1:], path[:, :, :-1]) < 0
+    if flips.any():
+        path[:, :, 1:] *= 1 - 2 * (np.cumsum(flips, 1, dtype=np.int32) % 2).astype(np.float32)
 
 
-def _bounded(
-    last: Float[Tensor, "b j 4"], path: Float[Tensor, "b t j 4"], most: float
-) -> Float[Tensor, "b t j 4"]:
-    """The path followed from `last` on by at most `most` radians a frame."""
-    followed = []
-    for frame in path.unbind(1):
-        way = axis_angle_from_quaternion(quaternion_multiply(quaternion_conjugate(last), frame))
-        share = (most / way.norm(dim=-1, keepdim=True).clamp_min(1e-9)).clamp(max=1)
-        last = quaternion_multiply(last, quaternion_from_axis_angle(way * share))
-        last = last / last.norm(dim=-1, keepdim=True)
-        followed.append(last)
-    return torch.stack(followed, 1)
+def _bound(path: Float[Array, "4 j t b"], cosine: float) -> bool:
+    """Joints that turn by more than twice the angle of this cosine in a frame follow their path more slowly.
+
+    Returns whether there were any.
+    """
+    near = np.abs(lanes.dot(path[:, :, SHOWN:], path[:, :, SHOWN - 1 : -1]))
+    if near.min(initial=1) >= cosine:
+        return False
+    joint, row = np.nonzero((near < cosine).any(1))
+    fast = path[:, joint, :, row].transpose(1, 2, 0)  # (4, t, joints that are too fast)
+    sine = math.sqrt(1 - cosine**2)
+    for t in range(SHOWN, fast.shape[1]):
+        last, wanted = fast[:, t - 1], fast[:, t]
+        along = lanes.dot(last, wanted)
+        wanted = wanted * np.where(along < 0, np.float32(-1), np.float32(1))
+        aside = lanes.normalized(wanted - last * np.abs(along))
+        followed = lanes.normalized(last * np.float32(cosine) + aside * np.float32(sine))
+        fast[:, t] = np.where(np.abs(along) < cosine, followed, wanted)
+    path[:, joint, :, row] = fast.transpose(2, 0, 1)
+    return True

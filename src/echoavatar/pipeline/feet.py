@@ -1,142 +1,178 @@
 """Planted feet are held by leg IK, streaming; released feet return to the decoded path without a step.
 
 `ground` moves the root so that the leading foot stays; what is left is that two planted feet do not agree with each
-other, and that the decoded foot floats or sinks by millimetres. A foot is planted by the height and vertical speed of
-its ball, as in `kinematics.contact`. While it is, its ball is held where it came down; the correction fades when it
-lifts. A foot that travels without lifting, as a shuffle decodes, is lifted, so that it steps instead of sliding. Not in
-the paper.
+other, that the decoded foot floats or sinks by millimetres, and whatever `leash` moved the root by. A foot is planted
+by the height and vertical speed of its ball, as in `kinematics.contact`. While it is, its ball is held where it came
+down; the correction fades when it lifts. A foot that is held too far from where it was decoded is let go, and steps
+there. A foot that travels without lifting, as a shuffle decodes, is lifted, so that it steps instead of sliding. Not
+in the paper.
 """
 
 from dataclasses import dataclass
+from functools import cache
 
+import numpy as np
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from ..kinematics import Skeleton, forward_kinematics
-from ..kinematics.two_bone import reach
-from ..nn import StreamState, write_rows
-from .ground import leg_chain
+from ..ik.chains import Chains
+from ..ik.leg import LegReach, legs_of
+from ..kinematics import Skeleton, lanes
+from ..nn import StreamState
+from .pose import Array, Legs, PoseLanes, keep, new_rows, with_past
 
 ENTER_HEIGHT, LEAVE_HEIGHT = 0.022, 0.035  # metres above standing height
 LEAVE_SPEED = 0.30  # metres per second, vertical
 FADE = 0.78  # of a correction, what is left one frame after the foot was lifted
 SETTLE = 0.35  # of the height error, what is taken away per planted frame
 LARGEST = 0.12  # metres: a foot that strays further is let go
-STANDING_SPEED, STEPPING_SPEED = (
-    0.3,
-    0.8,
-)  # metres per second, horizontal: below it may be planted; above it steps
+BACK = 0.015  # metres from its decoded place at which a foot that was let go may stand again
+STANDING_SPEED, STEPPING_SPEED = 0.3, 0.8  # m/s, horizontal: below it may be planted; above it steps
 CLEARANCE = 0.045  # metres over the floor of a stepping foot
 RISE = 0.5  # of the way to its clearance, per frame
 
 
+_BLOCK = 8  # frames in which a fading correction is written as one product
+
+
 @dataclass
 class FeetState(StreamState):
-    """Per row and foot: is it held, where, by how much it is moved, and the decoded ball in the last frame."""
+    """Per row and foot: seen, held, loose (0 or 1), where it is held (2), by how much it is moved (3), its ball (3)."""
 
-    held: Bool[Tensor, "b f"]
-    anchor: Float[Tensor, "b f 2"]
-    shift: Float[Tensor, "b f 3"]
-    ball: Float[Tensor, "b f 3"]
-    seen: Bool[Tensor, " b"]
+    memory: Float[Tensor, "b 11 f"]
 
 
 class Feet:
-    """Foot lock for a rig with two legs of two bones and toes; rigs without are passed through."""
+    """Foot lock for a rig with two legs of two bones; rigs without are passed through."""
 
-    def __init__(self, skeleton: Skeleton) -> None:
-        feet = skeleton.config.feet
-        self.is_able = len(feet) == 4
-        if not self.is_able:
+    def __init__(self, skeleton: Skeleton, chains: Chains) -> None:
+        legs = legs_of(skeleton)
+        self.is_able = legs is not None
+        if legs is None:
             return
-        self._chain = leg_chain(skeleton)
-        self._joints = skeleton.indices(self._chain.names)
-        self._ankles = [self._chain.names.index(skeleton.names[feet[side]]) for side in (0, 2)]
-        self._balls = [self._chain.names.index(skeleton.names[feet[side]]) for side in (1, 3)]
-        self._knees = [self._chain.parents[joint] for joint in self._ankles]
-        self._hips = [self._chain.parents[joint] for joint in self._knees]
-        self._standing = skeleton.rest_positions[[feet[1], feet[3]], 1]
+        self._reach = LegReach(skeleton, legs)
+        joints = (legs.thighs, legs.shins, legs.feet)
+        self._slots = np.array([[chains.slot[joint] for joint in pair] for pair in joints])
+        self._standing = skeleton.rest_positions.numpy()[legs.toes, 1][:, None, None].astype(np.float32)
 
     def init_state(self, rows: int) -> FeetState:
         """No foot is held."""
-        no = torch.zeros(rows, 2, dtype=torch.bool)
-        seen = torch.zeros(rows, dtype=torch.bool)
-        return FeetState(no, torch.zeros(rows, 2, 2), torch.zeros(rows, 2, 3), torch.zeros(rows, 2, 3), seen)
+        return FeetState(torch.zeros(rows, 11, 2))
 
     def step(
         self,
-        rotations: Float[Tensor, "b t j 3 3"],
-        root: Float[Tensor, "b t 3"],
+        pose: PoseLanes,
+        legs: Legs,
         state: FeetState,
-        active: Bool[Tensor, " b"],
-        fps: float,
-    ) -> Float[Tensor, "b t j 3 3"]:
-        """The same rotations with the legs corrected."""
+        active: Bool[Array, " b"] | None = None,
+        *,
+        largest: Float[Array, " b"] | float = LARGEST,
+    ) -> None:
+        """Legs of `pose` bent in place so that planted feet stay; `largest` correction in metres, per row."""
         if not self.is_able:
-            return rotations
-        local = rotations[:, :, self._joints]
-        pose = forward_kinematics(self._chain, local, root)
-        shift = self._shifts(pose.positions[:, :, self._balls], state, active, fps)
-        local = self._bent(local, pose.rotations, pose.positions, shift)
-        corrected = rotations.clone()
-        corrected[:, :, self._joints] = local
-        return corrected
+            return
+        over = legs.points[:, 1::2] + pose.root[:, None]
+        over[1] -= self._standing
+        shift = _shifts(over, state, active, pose.fps, largest)
+        frames = legs.frames[:, :, self._slots]
+        aside = lanes.apply_inverse(legs.hips[:, :, None], shift.reshape(3, 2, -1))
+        aside += frames[:, 3, 2]
+        self._reach.bend(pose.flat(), frames[:, :3, 1], frames[:, 3], aside)
 
-    def _shifts(
-        self, balls: Float[Tensor, "b t f 3"], state: FeetState, active: Tensor, fps: float
-    ) -> Float[Tensor, "b t f 3"]:
-        """By how much each foot is moved, frame by frame."""
-        over = balls - torch.tensor([0.0, 1.0, 0.0]) * self._standing[:, None]
-        held, anchor, shift = state.held.clone(), state.anchor.clone(), state.shift.clone()
-        before = torch.where(state.seen[:, None, None], state.ball, over[:, 0])
-        shifts = []
-        for t in range(balls.shape[1]):
-            place, height = over[:, t][..., [0, 2]], over[:, t, :, 1]
-            moved = (over[:, t] - before) * fps
-            rising, travel = moved[..., 1].abs(), moved[..., [0, 2]].norm(dim=-1)
-            low = torch.where(held, height < LEAVE_HEIGHT, height < ENTER_HEIGHT) & (rising < LEAVE_SPEED)
-            low &= held | (travel < STANDING_SPEED)
-            down = low & ~held
-            anchor = torch.where(down[..., None], place + shift[..., [0, 2]], anchor)
-            gap = anchor - place
-            low &= gap.norm(dim=-1) < LARGEST
-            stepping = (travel - STANDING_SPEED) / (STEPPING_SPEED - STANDING_SPEED)
-            lift = (CLEARANCE * stepping.clamp(0, 1) - height).clamp_min(0) * (travel > STANDING_SPEED)
-            risen = torch.where(lift > 0, shift[..., 1] + RISE * (lift - shift[..., 1]), shift[..., 1] * FADE)
-            faded = torch.stack([shift[..., 0] * FADE, risen, shift[..., 2] * FADE], -1)
-            planted = torch.stack(
-                [gap[..., 0], shift[..., 1] - SETTLE * (height + shift[..., 1]), gap[..., 1]], -1
-            )
-            shift = torch.where(low[..., None], planted, faded)
-            held, before = low, over[:, t]
-            shifts.append(shift)
-        write_rows(state.held, held, active)
-        write_rows(state.anchor, anchor, active)
-        write_rows(state.shift, shift, active)
-        write_rows(state.ball, before, active)
-        write_rows(state.seen, torch.ones_like(state.seen), active)
-        return torch.stack(shifts, 1)
 
-    def _bent(
-        self,
-        local: Float[Tensor, "b t c 3 3"],
-        turns: Float[Tensor, "b t c 3 3"],
-        places: Float[Tensor, "b t c 3"],
-        shift: Float[Tensor, "b t f 3"],
-    ) -> Float[Tensor, "b t c 3 3"]:
-        """Local rotations of the chain with both ankles moved by `shift`, feet keeping their world orientation."""
-        thigh, shin = reach(
-            hip=places[:, :, self._hips],
-            knee=places[:, :, self._knees],
-            ankle=places[:, :, self._ankles],
-            hinge=turns[:, :, self._knees, :, 0],
-            target=places[:, :, self._ankles] + shift,
-        )
-        above = turns[:, :, [self._chain.parents[joint] for joint in self._hips]]
-        upper, lower = thigh @ turns[:, :, self._hips], shin @ turns[:, :, self._knees]
-        local = local.clone()
-        local[:, :, self._hips] = above.mT @ upper
-        local[:, :, self._knees] = upper.mT @ lower
-        local[:, :, self._ankles] = lower.mT @ turns[:, :, self._ankles]
-        return local
+def _shifts(
+    over: Float[Array, "3 f t b"],
+    state: FeetState,
+    active: Bool[Array, " b"] | None,
+    fps: float,
+    largest: Float[Array, " b"] | float,
+) -> Float[Array, "3 f t b"]:
+    """By how much each foot is moved; `over` is where its ball is, its height over the standing one."""
+    memory = state.memory.numpy().transpose(1, 2, 0)
+    after = np.empty_like(memory)
+    path = with_past(over, memory[8:], new_rows(memory[0, 0]))
+    moved = path[:, :, 1:] - path[:, :, :-1]
+    height, travel = over[1], np.hypot(moved[0], moved[2])
+    stay = (height < LEAVE_HEIGHT) & (np.abs(moved[1]) < LEAVE_SPEED / fps)
+    enter = stay & (height < ENTER_HEIGHT) & (travel < STANDING_SPEED / fps)
+    shift = np.empty_like(over)
+    low, loose = _hold(over[::2], stay, enter, memory, after, shift[::2], largest)
+    kept = np.where(low, np.float32(1 - SETTLE), np.float32(FADE))
+    added = height * (low * np.float32(-SETTLE))
+    if (lift := _lift(travel * fps, height, loose, shift)) is not None:
+        is_lifted = ~low & (lift > 0)
+        kept[is_lifted], added[is_lifted] = 1 - RISE, RISE * lift[is_lifted]
+    up = memory[6]
+    for start in range(0, over.shape[2], _BLOCK):
+        block = slice(start, start + _BLOCK)
+        left = np.cumprod(kept[:, block], axis=1)
+        shift[1, :, block] = left * (up[:, None] + np.cumsum(added[:, block] / left, axis=1))
+        up = shift[1, :, block][:, -1]
+    after[0], after[5:8], after[8:] = 1, shift[:, :, -1], over[:, :, -1]
+    keep(state.memory, after.transpose(2, 0, 1), active)
+    return shift
+
+
+def _lift(
+    travel: Float[Array, "f t b"],
+    height: Float[Array, "f t b"],
+    loose: Bool[Array, "f t b"] | None,
+    shift: Float[Array, "3 f t b"],
+) -> Float[Array, "f t b"] | None:
+    """How much higher a foot must be that travels, or goes back to where it was decoded; None where none has to."""
+    stepping = (travel - STANDING_SPEED) * (1 / (STEPPING_SPEED - STANDING_SPEED))
+    is_stepping = stepping > 0
+    if loose is None and not is_stepping.any():
+        return None
+    lift: Array = (CLEARANCE * np.minimum(stepping, 1) - height) * is_stepping
+    if loose is not None:
+        np.maximum(lift, (np.minimum(np.hypot(shift[0], shift[2]), CLEARANCE) - height) * loose, out=lift)
+    return lift
+
+
+def _hold(
+    place: Float[Array, "2 f t b"],
+    stay: Bool[Array, "f t b"],
+    enter: Bool[Array, "f t b"],
+    memory: Float[Array, "11 f b"],
+    after: Float[Array, "11 f b"],
+    shift: Float[Array, "2 f t b"],
+    largest: Float[Array, " b"] | float,
+) -> tuple[Bool[Array, "f t b"], Bool[Array, "f t b"] | None]:
+    """Which feet are held, and which are on their way back; writes the horizontal `shift`.
+
+    One round for each stretch of frames in which no foot of any row is set down, lifted or let go.
+    """
+    held, loose, anchor, aside = memory[1] > 0, memory[2] > 0, memory[3:5], memory[5:8:2]
+    all_held, all_loose = np.empty_like(stay), np.zeros_like(stay)
+    t, frames, far = 0, stay.shape[1], np.square(largest)
+    while t < frames:
+        low = np.where(held, stay[:, t], enter[:, t] & ~loose)
+        down = low & ~held
+        if down.any():
+            anchor = np.where(down, place[:, :, t] + aside, anchor)
+        gap = anchor[:, :, None] - place[:, :, t:]
+        is_far = lanes.dot(gap, gap) > far
+        gone = low & is_far[:, 0]
+        if gone.any():
+            low, loose = low & ~gone, loose | gone
+        as_before = np.where(low[:, None], stay[:, t:] & ~is_far, ~enter[:, t:])
+        changes = np.flatnonzero(~as_before[:, 1:].all((0, 2)))
+        run = int(changes[0]) + 1 if len(changes) else frames - t
+        fading = aside[:, :, None] * _fades(run)
+        shift[:, :, t : t + run] = np.where(low[:, None], gap[:, :, :run], fading)
+        all_held[:, t : t + run] = low[:, None]
+        if loose.any():
+            is_away = lanes.dot(fading, fading) > BACK**2
+            all_loose[:, t : t + run] = loose[:, None] & is_away
+            loose = loose & is_away[:, -1]
+        held, aside, t = low, shift[:, :, t + run - 1], t + run
+    after[1], after[2], after[3:5] = held, loose, anchor
+    return all_held, all_loose if all_loose.any() else None
+
+
+@cache
+def _fades(frames: int) -> Float[Array, "t 1"]:
+    """What is left of a fading correction, frame by frame."""
+    return (FADE ** np.arange(1, frames + 1, dtype=np.float32))[:, None]

@@ -7,112 +7,80 @@ velocity as the feet leave the floor. Not in the paper; its foot losses (appendi
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from ..kinematics import Skeleton, forward_kinematics
-from ..nn import StreamState, write_rows
+from ..kinematics import Skeleton
+from ..nn import StreamState
+from .pose import Array, PoseLanes, keep, new_rows, with_past
 
 RELEASE_HEIGHT = 0.035  # metres above its rest height at which a point no longer counts as planted
-SHARPNESS = 4.0  # how strongly the more firmly planted point leads
+_LEAST = 1e-6
 
 
 @dataclass
 class GroundState(StreamState):
-    """Where the root is, and where the contact points were relative to it in the last frame."""
+    """Per row: seen (0 or 1), the root's place (2), and of the last frame each point's place (3) and weight."""
 
-    root: Float[Tensor, "b 2"]
-    points: Float[Tensor, "b p 3"]
-    weights: Float[Tensor, "b p"]
-    seen: Bool[Tensor, " b"]
+    memory: Float[Tensor, "b m"]
 
 
 class Ground:
-    """Integrates the root over planted feet, streaming; `forward` is one step from a fresh state."""
+    """Integrates the root over planted feet, streaming; a rig whose feet are not known travels as decoded."""
 
     def __init__(self, skeleton: Skeleton) -> None:
-        self.legs = leg_chain(skeleton)
-        self.points = [self.legs.names.index(skeleton.names[j]) for j in skeleton.config.feet]
-        rest = skeleton.rest_positions[list(skeleton.config.feet), 1]
-        self.rest = rest - skeleton.rest_positions[:, 1].min() + _sole(skeleton)
-        self.joints = skeleton.indices(self.legs.names)
+        feet = list(skeleton.config.feet)
+        self._points = len(feet)
+        rest = skeleton.rest_positions.numpy()
+        self.rest = rest[feet, 1][:, None, None].astype(np.float32)  # the sole is at 0
 
     def init_state(self, rows: int) -> GroundState:
         """Standing at the origin, nothing seen yet."""
-        n = len(self.points)
-        return GroundState(
-            torch.zeros(rows, 2),
-            torch.zeros(rows, n, 3),
-            torch.zeros(rows, n),
-            torch.zeros(rows, dtype=torch.bool),
-        )
+        return GroundState(torch.zeros(rows, 3 + 4 * self._points))
 
     def step(
         self,
-        rotations: Float[Tensor, "b t j 3 3"],
-        travel: Float[Tensor, "b t 3"],
+        pose: PoseLanes,
+        points: Float[Array, "3 p t b"],
         state: GroundState,
-        active: Bool[Tensor, " b"],
-    ) -> Float[Tensor, "b t 3"]:
-        """World position of the root, metres, from rotations and [vx, vz (metres per frame), height]."""
-        hips = torch.zeros_like(travel)
-        relative = forward_kinematics(self.legs, rotations[:, :, self.joints], hips).positions[
-            :, :, self.points
-        ]
-        clearance = relative[..., 1] + travel[..., 2:] - self.rest
-        weights = 1 - _smoothstep(clearance / RELEASE_HEIGHT)
-        before = torch.cat(
-            [torch.where(state.seen[:, None, None], state.points, relative[:, 0])[:, None], relative], 1
-        )
-        firm = torch.cat(
-            [torch.where(state.seen[:, None], state.weights, weights[:, 0])[:, None], weights], 1
-        )
-        both = torch.minimum(firm[:, 1:], firm[:, :-1])
-        share = both**SHARPNESS / (both**SHARPNESS).sum(-1, keepdim=True).clamp_min(1e-6)
-        held = -(share[..., None] * (before[:, 1:] - before[:, :-1])[..., [0, 2]]).sum(-2)
-        trust = both.amax(-1, keepdim=True)
-        moved = trust * held + (1 - trust) * travel[..., :2]
-        moved[:, 0] = torch.where(state.seen[:, None], moved[:, 0], torch.zeros_like(moved[:, 0]))
-        place = state.root[:, None] + moved.cumsum(1)
-        sinking = (weights**SHARPNESS * clearance).sum(-1) / (weights**SHARPNESS).sum(-1).clamp_min(1e-6)
-        height = travel[..., 2] - weights.amax(-1) * sinking
-        write_rows(state.root, place[:, -1], active)
-        write_rows(state.points, relative[:, -1], active)
-        write_rows(state.weights, weights[:, -1], active)
-        write_rows(state.seen, torch.ones_like(state.seen), active)
-        return torch.stack([place[..., 0], height, place[..., 1]], -1)
+        active: Bool[Array, " b"] | None = None,
+    ) -> None:
+        """Turn the decoded travel of `pose.root` into world positions.
+
+        `points` are ankles and toes (`skeleton.config.feet`) relative to the root, along the world's axes.
+        """
+        travel, memory = pose.root, state.memory.numpy().T
+        is_new, after = new_rows(memory[0]), np.empty_like(memory)
+        moved = travel[::2].copy()
+        if self._points:
+            past = memory[3:].reshape(4, self._points, -1)
+            here = np.empty((4, *points.shape[1:]), np.float32)
+            here[:3] = points
+            clearance = points[1] + (travel[1] - self.rest)
+            share = np.minimum(np.maximum(clearance * (1 / RELEASE_HEIGHT), 0), 1)
+            weights = np.subtract(1, share * share * (3 - 2 * share), out=here[3])
+            _hold(moved, with_past(here, past, is_new))
+            sharp = np.square(np.square(weights))
+            sinking = np.add.reduce(sharp * clearance) / np.maximum(np.add.reduce(sharp), _LEAST)
+            travel[1] -= np.maximum.reduce(weights) * sinking
+            after[3:] = here[:, :, -1].reshape(-1, here.shape[-1])
+        if is_new is not None:
+            moved[:, 0, is_new] = 0
+        moved[:, 0] += memory[1:3]
+        np.cumsum(moved, axis=1, out=travel[::2])
+        after[0], after[1:3] = 1, travel[::2, -1]
+        keep(state.memory, after.T, active)
 
 
-def leg_chain(skeleton: Skeleton) -> Skeleton:
-    """The part of the skeleton between the root and the feet."""
-    wanted: set[int] = set()
-    for joint in skeleton.config.feet:
-        while joint >= 0:
-            wanted.add(joint)
-            joint = skeleton.parents[joint]
-    chain = sorted(wanted)
-    config = skeleton.config.model_copy(
-        update={
-            "names": tuple(skeleton.names[j] for j in chain),
-            "parents": tuple(
-                -1 if skeleton.parents[j] < 0 else chain.index(skeleton.parents[j]) for j in chain
-            ),
-            "offsets": tuple(skeleton.config.offsets[j] for j in chain),
-            "parts": {},
-            "mirror": (),
-            "feet": (),
-            "vrm": {},
-        }
-    )
-    return Skeleton(config)
-
-
-def _sole(skeleton: Skeleton) -> float:
-    """Height of the lowest joint above the floor in the rest pose."""
-    return float(skeleton.rest_positions[:, 1].min())
-
-
-def _smoothstep(x: Tensor) -> Tensor:
-    x = x.clamp(0, 1)
-    return x * x * (3 - 2 * x)
+def _hold(moved: Float[Array, "2 t b"], path: Float[Array, "4 p u b"]) -> None:
+    """Horizontal way of the root from frame to frame, in place: against that of its planted points."""
+    both = np.minimum(path[3, :, 1:], path[3, :, :-1])
+    share = np.square(np.square(both))  # the more firmly planted point leads
+    share /= np.maximum(np.add.reduce(share), _LEAST)
+    across = path[:3:2]
+    held = np.add.reduce(share * (across[:, :, :-1] - across[:, :, 1:]), axis=1)
+    held -= moved
+    held *= np.maximum.reduce(both)
+    moved += held

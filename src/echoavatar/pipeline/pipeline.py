@@ -19,24 +19,18 @@ from ..face import FaceState, FaceStream
 from ..generator import open_stream
 from ..generator.linear import Precision
 from ..generator.stream import GeneratorStream, HistoryState, RingState
-from ..ik import HandGuard
-from ..kinematics.features import from_features, travel_slice
-from ..kinematics.rotations import matrix_from_quaternion, quaternion_from_matrix
 from ..nn import StreamState
-from ..timing import CHUNK_FRAMES, FRAME_RATE_HZ, MOTION_TOKENS_PER_CHUNK
 from ..tokenizer.body import BodyState
 from ..tokenizer.model import DecoderState
 from .actions import Directive
 from .bundle import Bundle
-from .calm import Calm, CalmState
-from .feet import Feet, FeetState
-from .ground import Ground, GroundState
 from .motion_chunk import MotionChunk
+from .post import POST_STAGES, Post, PostState
 
 Lap = Callable[[str], None]
 BIAS = 6.0  # nats that an action of intensity 1 adds to the logits of its codes
 LEARNED_BIAS = 3.0  # the same, beside what a generator trained with exemplars does by itself
-STAGES = ("level", "face", "codec", "generator", "decoder", "post")
+STAGES = ("level", "face", "codec", "generator", "decoder", *POST_STAGES)
 
 
 @dataclass
@@ -47,9 +41,7 @@ class PipelineState(StreamState):
     codec: NetworkState
     generator: RingState | HistoryState
     decoder: BodyState[DecoderState]
-    calm: CalmState
-    ground: GroundState
-    feet: FeetState
+    post: PostState
     face: list[FaceState]  # one, or none without a face model
     seeds: Int[Tensor, " b"]
 
@@ -63,10 +55,7 @@ class Pipeline:
         self.codec = bundle.codec
         self.generator: GeneratorStream[Any] = open_stream(bundle.generator, precision)
         self.tokenizer = bundle.tokenizer
-        self.calm = Calm(bundle.skeleton.joints)
-        self.ground = Ground(bundle.skeleton)
-        self.feet = Feet(bundle.skeleton)
-        self.hands = HandGuard(bundle.skeleton)
+        self.post = Post(bundle.skeleton)
         self.face = FaceStream(bundle.face) if bundle.face else None
         self.actions = bundle.actions
         self.directive_codes = bundle.generator.config.layout.motion_codes
@@ -80,9 +69,7 @@ class Pipeline:
             self.codec.init_state(rows),
             self.generator.init_state(rows),
             self.tokenizer.init_decoder(rows),
-            self.calm.init_state(rows),
-            self.ground.init_state(rows),
-            self.feet.init_state(rows),
+            self.post.init_state(rows),
             [self.face.init_state(rows)] if self.face else [],
             torch.zeros(rows, dtype=torch.int64),
         )
@@ -123,22 +110,8 @@ class Pipeline:
         self.lap("generator")
         features = self.tokenizer.decode_step(codes, state.decoder, active)
         self.lap("decoder")
-        chunks = self._grounded(features, state, active)
-        self.lap("post")
+        chunks = self.post.step(features, state.post, active, self.lap)
         return chunks if face is None else [c._replace(face=f) for c, f in zip(chunks, face, strict=True)]
-
-    def _grounded(
-        self, features: Float[Tensor, "b t c"], state: PipelineState, active: Tensor
-    ) -> list[MotionChunk]:
-        assert features.shape[1] == CHUNK_FRAMES == 4 * MOTION_TOKENS_PER_CHUNK
-        decoded = quaternion_from_matrix(from_features(self.skeleton, features).rotations)
-        rotations = matrix_from_quaternion(self.calm.step(decoded, state.calm, active, FRAME_RATE_HZ))
-        travel = features[..., travel_slice(self.skeleton)]
-        root = self.ground.step(rotations, travel, state.ground, active)
-        rotations = self.feet.step(rotations, root, state.feet, active, FRAME_RATE_HZ)
-        rotations = self.hands.step(rotations, active)
-        quaternions = quaternion_from_matrix(rotations)
-        return [MotionChunk(q, r) for q, r in zip(quaternions.numpy(), root.numpy(), strict=True)]
 
 
 def _no_lap(stage: str) -> None:
