@@ -32,7 +32,7 @@ FAST = ServerSettings(resume_seconds=1.0, drain_seconds=1.0, hello_seconds=2.0)
 
 
 class Body(FakePipeline):
-    """The hips' height is the sum of all that was heard."""
+    """The hips' height is the sum of all that was heard, in units of ten micrometres."""
 
     skeleton = HUMANOID
     actions = ActionLibrary({name: Action(name, (0,) * 8, (1, 2)) for name in ("wave", "bow")})
@@ -42,7 +42,8 @@ class Body(FakePipeline):
 
     def step(self, audio: torch.Tensor, state: Heard, active: torch.Tensor) -> Any:
         time.sleep(self.seconds)
-        return super().step(audio, state, active)
+        chunks = super().step(audio, state, active)
+        return [chunk._replace(root=(chunk.root * 1e-5).astype(np.float32)) for chunk in chunks]
 
 
 @contextlib.contextmanager
@@ -68,20 +69,21 @@ class Place:
         self.address, self.house, self.server, self.thread = address, house, server, thread
 
     def call(self, hello: Hello | None = None, **options: Any) -> "Caller":
-        line = connect(
+        way = connect(
             f"ws://{self.address}/v1/stream",
             subprotocols=[subprotocol("msgpack")],  # type: ignore[list-item]
             compression=None,
             **options,
         )
-        return Caller(line, hello)
+        return Caller(way, hello)
 
 
 class Caller:
     """Says what it likes, and remembers what it was told."""
 
-    def __init__(self, line: ClientConnection, hello: Hello | None) -> None:
-        self.line = line
+    def __init__(self, way: Any, hello: Hello | None) -> None:
+        self._way = way
+        self.line: ClientConnection = way.__enter__()
         self.heard: list[ServerMessage] = []
         if hello is not None:
             self.say(hello)
@@ -109,5 +111,5 @@ class Caller:
     def __enter__(self) -> "Caller":
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self.line.close()
+    def __exit__(self, *reason: object) -> None:
+        self._way.__exit__(*reason)

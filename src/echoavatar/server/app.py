@@ -2,15 +2,12 @@
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from importlib.resources import files
-from pathlib import Path
 
 import anyio
 from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import HTMLResponse, JSONResponse, Response
-from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
-from starlette.staticfiles import StaticFiles
+from starlette.responses import JSONResponse, Response
+from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
 from .. import __version__
@@ -19,14 +16,9 @@ from .endpoint import Visit
 from .guard import has_token
 from .house import House
 from .metrics import CONTENT_TYPE
+from .page import page_routes
 from .settings import ServerSettings
 from .tools import tool_schemas
-
-_PLAIN = """<!doctype html><title>EchoAvatar</title>
-<h1>EchoAvatar is running</h1>
-<p>The page is not built into this installation. Clients connect to <code>/v1/stream</code>;
-see <a href="/health">health</a>, <a href="/v1/tools">tools</a>.</p>
-"""
 
 
 def create_app(engine: Engine, settings: ServerSettings | None = None) -> Starlette:
@@ -75,7 +67,7 @@ def _routes(house: House) -> list[BaseRoute]:
         Route("/v1/tools", tools),
         Route("/health", health),
         Route("/metrics", metrics),
-        _page(),
+        *page_routes(),
     ]
 
 
@@ -84,14 +76,3 @@ def _locked(house: House, request: Request) -> Response | None:
     if has_token(house.settings.token, request.headers):
         return None
     return JSONResponse({"error": "wrong token; send Authorization: Bearer TOKEN"}, 401)
-
-
-def _page() -> BaseRoute:
-    folder = Path(str(files("echoavatar") / "server" / "static"))
-    if (folder / "index.html").is_file():
-        return Mount("/", StaticFiles(directory=folder, html=True))
-
-    async def plain(_: Request) -> Response:
-        return HTMLResponse(_PLAIN)
-
-    return Route("/", plain)

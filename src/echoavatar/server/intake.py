@@ -170,17 +170,17 @@ class Ledger:
     def cut(self, clock: int) -> tuple[int, int]:
         """Nothing from `clock` on came to be heard; returns the utterance that is cut and how much of it was heard."""
         chunk, offset = divmod(clock, CHUNK_SAMPLES)
-        later = [span for known, spans in sorted(self._chunks.items()) if known > chunk for span in spans]
-        kept = []
+        kept, lost = [], []
         for span in self._chunks.get(chunk, ()):
             if span.offset < offset:
                 kept.append(span._replace(length=min(span.length, offset - span.offset)))
             if span.offset + span.length > offset:
-                later.insert(0, span._replace(start=span.start + max(0, offset - span.offset)))
+                lost.append(span._replace(start=span.start + max(0, offset - span.offset)))
+        lost += [span for known, spans in sorted(self._chunks.items()) if known > chunk for span in spans]
         self._chunks = {known: spans for known, spans in self._chunks.items() if known < chunk}
         self._chunks[chunk] = tuple(kept)
         self._last = {seg: min(end, clock) for seg, end in self._last.items()}
-        return (later[0].seg, later[0].start) if later else (0, 0)
+        return (lost[0].seg, lost[0].start) if lost else (0, 0)
 
 
 def _joined(spans: list[Span]) -> tuple[Span, ...]:

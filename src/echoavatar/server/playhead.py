@@ -16,7 +16,7 @@ class Playhead:
     @property
     def sample(self) -> int:
         """The estimate."""
-        return int(self._at)
+        return round(self._at)
 
     def advance(self, now: float, end: int) -> None:
         """Time goes by; motion up to `end` was sent."""

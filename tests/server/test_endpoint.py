@@ -1,0 +1,318 @@
+"""A real server on a real port, and callers with bad manners: each gets its answer, nobody else notices."""
+
+import dataclasses
+import time
+from collections.abc import Iterator
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from tests.server.fakes import FAST, Caller, Place, serving
+from websockets.exceptions import ConnectionClosed
+
+from echoavatar.wire import (
+    Action,
+    ActionStatus,
+    Audio,
+    AudioFormat,
+    ClientMessage,
+    End,
+    Error,
+    Flush,
+    Hello,
+    Interrupt,
+    Motion,
+    Music,
+    Ping,
+    Played,
+    Pong,
+    Ready,
+    Sound,
+    State,
+    Stats,
+    decode_server,
+    encode,
+    pack_audio,
+)
+
+
+@pytest.fixture(scope="module")
+def place() -> Iterator[Place]:
+    with serving(seats=6, settings=dataclasses.replace(FAST, hello_seconds=0.5, ping_seconds=1.0)) as place:
+        yield place
+
+
+def closed_with(caller: Caller) -> tuple[int, Error | None]:
+    """Read to the end: the close code and the fatal error before it."""
+    error = None
+    try:
+        while True:
+            message = caller.next()
+            error = message if isinstance(message, Error) and message.fatal else error
+    except ConnectionClosed as closed:
+        return (closed.rcvd.code if closed.rcvd else 1006), error
+
+
+def is_unharmed(place: Place) -> None:
+    """A newcomer is served, and the engine moves."""
+    with place.call(Hello()) as caller:
+        caller.until(Motion)
+        caller.say(Ping(nonce=5))
+        assert caller.until(Pong).nonce == 5
+
+
+def test_a_session_from_hello_to_goodbye(place: Place) -> None:
+    with place.call(Hello()) as caller:
+        assert caller.ready.rig.names[0] == "hips"
+        assert caller.ready.actions == ("wave", "bow")
+        caller.speak(1, np.full(12_000, 0.2, np.float32))
+        caller.say(End(seg=1))
+        done = caller.until(State, lambda state: state.finished == 1)
+        assert 12_000 <= done.at <= 48_000
+        assert any(isinstance(message, Stats) for message in caller.heard) or caller.until(Stats)
+        caller.say(Action(id="x", name="wave"))
+        caller.until(ActionStatus, lambda status: status.status == "done")
+        caller.say(Music(id="m", op="play", title="nothing"))
+        assert "Demo" in caller.until(ActionStatus, lambda status: status.id == "m").choices
+    time.sleep(0.2)
+    assert place.house.sessions == 0
+
+
+def test_an_interruption_over_the_wire(place: Place) -> None:
+    with place.call(Hello()) as caller:
+        caller.speak(1, np.full(96_000, 0.2, np.float32))
+        caller.until(Sound, lambda sound: sound.seg == 1)
+        began = time.monotonic()
+        caller.say(Interrupt())
+        flush = caller.until(Flush)
+        motion = caller.until(Motion)
+        assert time.monotonic() - began < 0.3
+        assert (motion.at, motion.epoch) == (flush.at, flush.epoch)
+
+
+def test_the_json_twin_says_the_same(place: Place) -> None:
+    from websockets.sync.client import connect
+
+    with connect(f"ws://{place.address}/v1/stream", subprotocols=["echoavatar.v1.json"]) as line:  # type: ignore[list-item]
+        assert line.subprotocol == "echoavatar.v1.json"
+        line.send('{"type":"hello"}')
+        kinds = {type(decode_server(line.recv(timeout=3), "json")) for _ in range(4)}
+        assert {Ready, Motion, Sound} <= kinds
+
+
+@pytest.mark.parametrize(
+    ("frame", "code"),
+    [
+        (b"\xc1 nonsense", 4400),
+        (msgspec.msgpack.encode({"type": "motion", "at": 0}), 4400),
+        (msgspec.msgpack.encode({"type": "audio", "seg": "one"}), 4400),
+        (encode(Ping())[:-1], 4400),
+        (encode(Hello()), 4400),
+        ("text where bytes were agreed on", 4400),
+        (bytes(2_000_000), 1009),
+    ],
+    ids=["garbage", "motion", "wrong type", "truncated", "second hello", "text", "huge"],
+)
+def test_hostile_messages_end_their_own_line(place: Place, frame: bytes | str, code: int) -> None:
+    with place.call(Hello()) as neighbour, place.call(Hello()) as caller:
+        caller.line.send(frame)
+        closed, error = closed_with(caller)
+        assert closed == code
+        assert code == 1009 or error is not None
+        at = neighbour.until(Motion).at
+        assert neighbour.until(Motion).at > at
+
+
+@pytest.mark.parametrize("message", [Ping(), End(seg=1), Audio(seg=1, start=0, pcm=b"")])
+def test_hello_comes_first(place: Place, message: ClientMessage) -> None:
+    with place.call() as caller:
+        caller.say(message)
+        assert closed_with(caller)[0] == 4400
+
+
+def test_a_silent_caller_is_sent_away(place: Place) -> None:
+    with place.call() as caller:
+        code, error = closed_with(caller)
+    assert code == 4408
+    assert error is not None
+    assert error.code == "timeout"
+
+
+def test_sound_that_is_not_a_number_is_dropped_and_said_so(place: Place) -> None:
+    with place.call(Hello(audio=AudioFormat(format="f32le"))) as caller:
+        bad = np.array([0.1, np.nan, np.inf], "<f4").tobytes()
+        caller.say(Audio(seg=1, start=0, pcm=bad))
+        assert caller.until(Error).code == "bad_audio"
+        caller.say(Audio(seg=1, start=0, pcm=b"\0\0\0"))
+        assert caller.until(Error).code == "bad_audio"
+        caller.say(Audio(seg=1, start=7, pcm=np.zeros(8, "<f4").tobytes()))
+        assert caller.until(Error).code == "bad_order"
+        caller.say(Audio(seg=1, start=0, pcm=np.full(6_400, 0.5, "<f4").tobytes()))
+        caller.until(Sound, lambda sound: sound.seg == 1)
+
+
+def test_too_many_mistakes_are_too_many(place: Place) -> None:
+    with place.call(Hello()) as caller:
+        for _ in range(120):
+            caller.say(Audio(seg=1, start=999, pcm=b""))
+        assert closed_with(caller)[0] == 4400
+
+
+def test_a_flood_is_refused_and_neighbours_stay_on_time(place: Place) -> None:
+    minute = np.zeros(24_000 * 20, np.float32)
+    with place.call(Hello()) as neighbour, place.call(Hello()) as flood:
+        for k in range(12):
+            flood.speak(1, minute, start=k * len(minute))
+        assert flood.until(Error).code == "inbox_full"
+        neighbour.until(Motion)
+        began, at = time.monotonic(), neighbour.until(Motion).at
+        for _ in range(4):
+            last = neighbour.until(Motion).at
+        late = (time.monotonic() - began) - (last - at) / 24_000
+        assert late < 0.3
+
+
+def test_versions_are_agreed_on(place: Place) -> None:
+    with place.call() as caller:
+        caller.say(Hello(versions=(7, 8)))
+        assert closed_with(caller)[0] == 4426
+    with place.call(Hello(versions=(1, 2))) as caller:
+        assert caller.ready.version == 1
+
+
+def test_unknown_sessions_are_said_to_be_unknown(place: Place) -> None:
+    for hello in (Hello(resume="nothing"), Hello(role="viewer", session="nothing")):
+        with place.call() as caller:
+            caller.say(hello)
+            assert closed_with(caller)[0] == 4404
+
+
+def test_wrong_origins_are_sent_away(place: Place) -> None:
+    with place.call(additional_headers={"Origin": "https://evil.example"}) as caller:
+        assert closed_with(caller)[0] == 4403
+    with place.call(Hello(), additional_headers={"Origin": f"http://{place.address}"}) as caller:
+        caller.until(Motion)
+
+
+def test_viewers_watch_and_send_no_sound(place: Place) -> None:
+    with place.call(Hello()) as source:
+        source.speak(1, np.full(48_000, 0.2, np.float32))
+        source.until(Sound, lambda sound: sound.seg == 1)
+        with place.call(Hello(role="viewer", session=source.ready.session)) as viewer:
+            assert viewer.ready.resume == ""
+            first = viewer.until(Motion)
+            assert first.at == viewer.ready.at
+            viewer.say(Interrupt())
+            assert source.until(Flush).epoch == 1
+            viewer.speak(1, np.zeros(10, np.float32))
+            assert closed_with(viewer)[0] == 4400
+        source.until(Motion)
+
+
+def test_a_lost_source_comes_back_to_its_session(place: Place) -> None:
+    with place.call(Hello(seed=3)) as lost:
+        lost.speak(1, np.full(24_000, 0.2, np.float32))
+        sound = lost.until(Sound, lambda sound: sound.seg == 1)
+        lost.line.socket.close()
+        time.sleep(0.2)
+        back = place.call(Hello(resume=lost.ready.resume, played=sound.at))
+    with back:
+        assert back.ready.resumed
+        assert back.ready.session == lost.ready.session
+        assert (back.ready.seg, back.ready.received) == (1, 24_000)
+        again = back.until(Sound)
+        assert again == sound
+        back.speak(1, np.full(2_400, 0.2, np.float32), start=24_000)
+        back.say(End(seg=1))
+        back.until(State, lambda state: state.finished == 1)
+        with place.call(Hello(resume=lost.ready.resume)) as thief:
+            assert thief.ready.resumed
+            assert closed_with(back)[0] == 4409
+
+
+def test_a_lost_session_is_not_waited_for_for_ever(place: Place) -> None:
+    caller = place.call(Hello())
+    caller.line.socket.close()
+    time.sleep(1.6)
+    with place.call() as late:
+        late.say(Hello(resume=caller.ready.resume))
+        assert closed_with(late)[0] == 4404
+
+
+def test_many_callers_come_and_go(place: Place) -> None:
+    """Most are refused at the door for want of seats, some leave mid-sentence; the server does not mind."""
+    with place.call(Hello()) as neighbour:
+        for k in range(150):
+            caller = place.call()
+            if k % 3 == 0:
+                caller.say(Hello())
+            if k % 5 == 0:
+                caller.line.socket.close()
+            else:
+                caller.line.close()
+        neighbour.until(Motion)
+        at = neighbour.until(Motion).at
+        assert neighbour.until(Motion).at > at
+    end = time.monotonic() + 5
+    while place.house.sessions and time.monotonic() < end:
+        time.sleep(0.05)
+    assert place.house.sessions == 0
+    assert place.house.engine.free == 6
+    is_unharmed(place)
+
+
+def test_more_sessions_than_seats_are_refused_with_a_time(place: Place) -> None:
+    callers = [place.call(Hello()) for _ in range(6)]
+    with place.call() as late:
+        late.say(Hello())
+        code, error = closed_with(late)
+        assert code == 4429
+        assert error is not None
+        assert error.retry_after > 0
+    callers[0].line.close()
+    time.sleep(0.2)
+    is_unharmed(place)
+    for caller in callers[1:]:
+        caller.line.close()
+
+
+samples = st.integers(0, 2**53 - 1)
+anything = st.one_of(
+    st.builds(
+        Audio,
+        seg=st.integers(1, 4),
+        start=st.sampled_from([0, 0, 100, 6_400, 2**53 - 1]),
+        pcm=st.sampled_from([b"", b"\0", bytes(200), bytes(20_000), pack_audio(np.ones(9_000, np.float32))]),
+        speaker=st.sampled_from(["avatar", "user"]),
+    ),
+    st.builds(End, seg=st.integers(1, 4), speaker=st.sampled_from(["avatar", "user"])),
+    st.builds(Interrupt, heard=st.none() | samples | st.integers(0, 100_000), seg=st.integers(0, 5)),
+    st.builds(Action, id=st.sampled_from("abc"), name=st.sampled_from(["wave", "bow", "fly", ""])),
+    st.builds(Music, id=st.just("m"), op=st.just("stop")),
+    st.builds(Played, at=samples | st.integers(0, 100_000), epoch=st.integers(0, 3)),
+    st.builds(Ping),
+)
+
+
+@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(talk=st.lists(anything, max_size=25))
+def test_any_order_of_valid_messages_is_survived(place: Place, talk: list[ClientMessage]) -> None:
+    """What comes back is in order: motion without holes within an epoch, epochs that grow."""
+    with place.call(Hello()) as caller:
+        for message in talk:
+            caller.say(message)
+        caller.say(Ping(nonce=77))
+        caller.until(Pong, lambda pong: pong.nonce == 77)
+        caller.until(Motion)
+        epoch, expected = 0, 0
+        for message in caller.heard:
+            if isinstance(message, Flush):
+                assert message.epoch > epoch
+                epoch, expected = message.epoch, min(message.at, expected)
+            elif isinstance(message, Motion):
+                assert (message.epoch, message.at) == (epoch, expected)
+                expected += message.frames * 800
+            elif isinstance(message, Error):
+                assert not message.fatal

@@ -1,0 +1,59 @@
+import pytest
+
+from echoavatar.server.guard import check_origin, check_token, has_token, is_loopback
+from echoavatar.wire import ProtocolError
+
+
+def test_the_token_may_stand_in_the_hello_or_in_the_header() -> None:
+    check_token("", "", {})
+    check_token("secret", "secret", {})
+    check_token("secret", "", {"authorization": "Bearer secret"})
+    assert not has_token("secret", {"authorization": "Basic secret"})
+
+
+@pytest.mark.parametrize("given", ["", "Secret", "secret ", "sécret", "\ud800"])
+def test_a_wrong_token_is_refused(given: str) -> None:
+    with pytest.raises(ProtocolError) as caught:
+        check_token("secret", given, {})
+    assert caught.value.close_code == 4401
+
+
+@pytest.mark.parametrize(
+    ("origin", "host"),
+    [
+        (None, "127.0.0.1:8765"),
+        ("http://127.0.0.1:8765", "127.0.0.1:8765"),
+        ("http://localhost:5173", "127.0.0.1:8765"),
+        ("http://[::1]:8765", "[::1]:8765"),
+        ("http://192.168.1.5:8765", "192.168.1.5:8765"),
+        ("https://avatar.example.org", "avatar.example.org"),
+    ],
+)
+def test_known_pages_may_connect(origin: str | None, host: str) -> None:
+    headers = {"host": host} | ({"origin": origin} if origin else {})
+    check_origin(headers, ("https://avatar.example.org",))
+
+
+@pytest.mark.parametrize(
+    ("origin", "host"),
+    [
+        ("https://evil.example", "127.0.0.1:8765"),
+        ("http://evil.example:8765", "evil.example:8765"),  # a name that was pointed at us
+        ("http://localhost:8765", "192.168.1.5:8765"),
+        ("http://192.168.1.6:8765", "192.168.1.5:8765"),
+        ("null", "127.0.0.1:8765"),
+        ("http://[::1", "127.0.0.1:8765"),
+        ("", ""),
+    ],
+)
+def test_other_pages_may_not(origin: str, host: str) -> None:
+    with pytest.raises(ProtocolError) as caught:
+        check_origin({"host": host, "origin": origin}, ())
+    assert caught.value.close_code == 4403
+
+
+def test_loopback() -> None:
+    assert is_loopback("localhost")
+    assert is_loopback("::1")
+    assert not is_loopback("0.0.0.0")
+    assert not is_loopback("example.org")

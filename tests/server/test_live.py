@@ -1,0 +1,317 @@
+"""One session on a hand-wound clock: the engine is ticked, and time goes by, only where the test says so."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tests.server.fakes import Body
+
+from echoavatar.engine import Engine
+from echoavatar.server.live import LiveSession
+from echoavatar.server.outbox import Outbox
+from echoavatar.server.settings import ServerSettings
+from echoavatar.timing import CHUNK_SAMPLES
+from echoavatar.wire import (
+    Action,
+    ActionStatus,
+    Audio,
+    End,
+    Flush,
+    Hello,
+    Interrupt,
+    Motion,
+    Music,
+    Played,
+    ProtocolError,
+    ServerMessage,
+    Sound,
+    State,
+    pack_audio,
+    unpack_pose,
+)
+
+
+class Told(Outbox):
+    """Remembers what it was told."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.told: list[ServerMessage] = []
+
+    def put(self, message: ServerMessage) -> None:
+        self.told.append(message)
+
+    def of(self, kind: type) -> list:  # type: ignore[type-arg]
+        return [message for message in self.told if isinstance(message, kind)]
+
+
+class Room:
+    """An engine, a session, a listener, and a clock."""
+
+    def __init__(self, **settings: float) -> None:
+        self.engine = Engine(Body())  # type: ignore[arg-type]
+        self.live = LiveSession(
+            self.engine.open(),
+            name="s",
+            key="k",
+            hello=Hello(),
+            settings=ServerSettings(**settings),  # type: ignore[arg-type]
+            actions=("wave", "bow"),
+        )
+        self.box = Told()
+        self.live.join(self.box, received=None)
+        self.now = 0.0
+
+    def go(self, seconds: float, step: float = 0.05) -> None:
+        for _ in range(max(1, round(seconds / step))):
+            self.now += step
+            self.beat()
+
+    def beat(self) -> None:
+        self.live.pump(self.now, 0.02)
+        while self.engine.tick():
+            pass
+        self.live.collect()
+
+    def speak(self, seg: int, seconds: float, level: float = 0.1, start: int = 0) -> None:
+        pcm = pack_audio(np.full(round(seconds * 24_000), level, np.float32))
+        self.live.hear(Audio(seg=seg, start=start, pcm=pcm))
+
+    def sound(self) -> np.ndarray:
+        """What a player plays: later parts win."""
+        out = np.zeros(0)
+        for message in self.box.of(Sound):
+            pcm = np.frombuffer(message.pcm, "<i2") / 32_767
+            out = np.concatenate([out[: message.at], pcm])
+        return out
+
+    def segs(self) -> dict[int, int]:
+        """The utterance of each chunk on the clock."""
+        return {message.at // CHUNK_SAMPLES: message.seg for message in self.box.of(Sound)}
+
+
+def test_silence_is_made_just_in_time_and_goes_on() -> None:
+    room = Room()
+    room.go(10.0)
+    ends = [message.at for message in room.box.of(Motion)]
+    assert ends == list(range(0, ends[-1] + 1, CHUNK_SAMPLES))
+    assert 10.1 <= room.live.end / 24_000 <= 10.6
+    assert not room.sound().any()
+    assert {message.state for message in room.box.of(Motion)} == {"idle"}
+
+
+def test_speech_that_comes_at_once_is_made_ahead_within_the_bound() -> None:
+    room = Room(ahead_seconds=2.0)
+    room.speak(1, 30.0)
+    room.beat()
+    assert 2.0 <= room.live.end / 24_000 <= 2.0 + CHUNK_SAMPLES / 24_000
+    room.go(5.0)
+    assert room.live.end / 24_000 - 5.0 <= 2.3
+
+
+def test_sound_comes_back_as_it_was_sent_and_its_end_is_told() -> None:
+    room = Room()
+    room.go(1.0)
+    room.speak(1, 1.0, level=0.25)
+    room.live.finish(End(seg=1))
+    room.go(3.0)
+    sound = room.sound()
+    spoken = np.flatnonzero(sound)
+    assert len(spoken) == 24_000
+    assert spoken[-1] - spoken[0] == 23_999
+    (done,) = [state for state in room.box.of(State) if state.finished == 1][:1]
+    assert done.at == spoken[-1] + 1
+    assert room.box.of(State)[-1].state == "idle"
+
+
+def test_motion_goes_before_its_sound() -> None:
+    room = Room()
+    room.go(2.0)
+    kinds = [type(message) for message in room.box.told if isinstance(message, Motion | Sound)]
+    assert kinds == [Motion, Sound] * (len(kinds) // 2)
+
+
+def test_a_source_slower_than_real_time_is_filled_with_silence() -> None:
+    """A tenth of a second of sound arrives every 0.2 s."""
+    room = Room()
+    for k in range(30):
+        room.speak(1, 0.1, start=2_400 * k)
+        room.go(0.2)
+    room.live.finish(End(seg=1))
+    room.go(2.0)
+    assert np.count_nonzero(room.sound()) == 72_000
+    assert room.live.end / 24_000 >= 8.0 - 0.1
+
+
+def test_where_nobody_plays_time_stands_still() -> None:
+    room = Room()
+    room.go(1.0)
+    room.live.leave(room.box)
+    end = room.live.end
+    room.go(20.0)
+    assert room.live.end == end
+    room.live.join(room.box, received=None)
+    room.go(1.0)
+    assert end < room.live.end <= end + 1.5 * 24_000
+
+
+def test_a_viewer_who_comes_late_is_shown_what_is_being_played() -> None:
+    room = Room()
+    room.speak(1, 3.0)
+    room.go(1.0)
+    late = Told()
+    at = room.live.first_for(None)
+    room.live.join(late, received=None)
+    assert late.of(Motion)[0].at == at
+    assert at <= room.live.playhead.sample < at + CHUNK_SAMPLES
+    assert late.of(Motion)[-1].at == room.live.end - CHUNK_SAMPLES
+
+
+def test_one_who_returns_is_sent_what_was_missed() -> None:
+    room = Room()
+    room.speak(1, 3.0)
+    room.go(1.0)
+    back = Told()
+    room.live.join(back, received=3 * CHUNK_SAMPLES)
+    assert back.of(Motion)[0].at == 3 * CHUNK_SAMPLES
+
+
+@settings(max_examples=12, deadline=None)
+@given(before=st.floats(0, 1.5), share=st.floats(0, 1), length=st.floats(0.3, 4.0), after=st.floats(0.0, 0.5))
+def test_nothing_after_an_interruption_stems_from_unheard_sound(
+    before: float, share: float, length: float, after: float
+) -> None:
+    """The hips' height is the sum of the sound heard: after `flush` it must be that of the heard part alone."""
+    room = Room()
+    room.go(before)
+    room.speak(1, length, level=0.5)
+    room.go(after)
+    played = room.live.playhead.sample
+    heard = round(played + share * (room.live.end - played))
+    first = next((m.at for m in room.box.of(Sound) if m.seg == 1), None)
+    room.live.interrupt(Interrupt(heard=heard))
+    (flush,) = room.box.of(Flush)
+    assert heard <= flush.at < heard + 800
+    told = len(room.box.told)
+    room.speak(1, 1.0, start=round(length * 24_000))  # still on its way when we interrupted
+    room.go(1.0)
+    expected = 0 if first is None else max(0, heard - first)
+    if flush.seg:
+        assert (flush.seg, flush.heard) == (1, min(expected, round(length * 24_000)))
+    later = [message for message in room.box.told[told:] if isinstance(message, Motion)]
+    assert later[0].at == flush.at
+    assert {message.epoch for message in later} == {flush.epoch}
+    height = unpack_pose(later[-1]).root[-1, 1]
+    assert height == pytest.approx(0.5e-5 * np.count_nonzero(room.sound()[:heard]), abs=2e-4)
+    assert np.count_nonzero(room.sound()[flush.at :]) == 0
+    assert room.live.playhead.sample >= heard
+
+
+def test_an_interruption_is_answered_before_anything_new_is_needed() -> None:
+    room = Room()
+    room.speak(1, 5.0)
+    room.go(1.0)
+    room.live.interrupt(Interrupt())
+    told = len(room.box.told)
+    room.beat()
+    assert any(isinstance(message, Motion) for message in room.box.told[told:])
+
+
+def test_an_utterance_after_an_interruption_is_said() -> None:
+    room = Room()
+    room.speak(1, 5.0)
+    room.go(1.0)
+    for _ in range(3):
+        room.live.interrupt(Interrupt())
+    room.speak(2, 1.0, level=0.5)
+    room.live.finish(End(seg=2))
+    room.go(3.0)
+    assert np.count_nonzero(room.sound() > 0.4) == 24_000
+    assert room.box.of(State)[-1].finished == 2
+
+
+def test_an_action_during_speech_made_ahead_replaces_what_was_not_shown() -> None:
+    room = Room()
+    room.speak(1, 8.0)
+    room.live.finish(End(seg=1))
+    room.go(1.0)
+    room.live.act(Action(id="a", name="wave"))
+    room.go(8.0)
+    statuses = [(s.status, s.at) for s in room.box.of(ActionStatus)]
+    assert [status for status, _ in statuses] == ["accepted", "started", "done"]
+    assert statuses[1][1] / 24_000 - 1.0 < 0.7
+    sound = room.sound()
+    assert np.count_nonzero(sound) == 8 * 24_000  # no sound is lost or said twice
+    assert np.flatnonzero(sound)[-1] - np.flatnonzero(sound)[0] == 8 * 24_000 - 1
+    assert room.box.of(State)[-1].finished == 1
+
+
+def test_an_unknown_action_is_answered_with_the_list() -> None:
+    room = Room()
+    room.live.act(Action(id="a", name="fly"))
+    (status,) = room.box.of(ActionStatus)
+    assert (status.id, status.status, status.choices) == ("a", "rejected", ("wave", "bow"))
+
+
+def test_music_is_heard_danced_to_and_ends() -> None:
+    room = Room()
+    room.go(0.5)
+    room.live.play(Music(id="m", op="play"), "Tune", np.full(48_000, 0.2, np.float32))
+    room.go(5.0)
+    assert [s.status for s in room.box.of(ActionStatus)] == ["accepted", "started", "done"]
+    assert np.count_nonzero(room.sound()) == 48_000
+    assert "dancing" in {message.state for message in room.box.of(Motion)}
+
+
+def test_speech_over_music_is_whole_and_known_by_its_number() -> None:
+    room = Room()
+    room.live.play(Music(id="m", op="play"), "Tune", np.full(20 * 24_000, 0.01, np.float32))
+    room.go(2.0)
+    room.speak(1, 1.0, level=0.5)
+    room.live.finish(End(seg=1))
+    room.go(4.0)
+    loud = np.flatnonzero(room.sound() > 0.3)
+    assert len(loud) == 24_000
+    spoken = {at // CHUNK_SAMPLES for at in loud}
+    assert {chunk for chunk, seg in room.segs().items() if seg == 1} == spoken
+    room.live.stop_music(Music(id="n", op="stop"))
+    room.go(3.0)
+    assert room.box.of(ActionStatus)[-1].id == "m"
+
+
+def test_the_avatar_listens_to_the_user_without_saying_it() -> None:
+    room = Room()
+    room.go(0.5)
+    pcm = pack_audio(np.full(4_800, 0.3, np.float32))
+    room.live.hear(Audio(seg=1, start=0, pcm=pcm, speaker="user"))
+    room.go(0.5)
+    assert room.box.of(Motion)[-1].state == "listening"
+    assert not room.sound().any()
+
+
+def test_a_report_from_before_a_flush_says_nothing() -> None:
+    room = Room()
+    room.speak(1, 5.0)
+    room.go(1.0)
+    room.live.interrupt(Interrupt(heard=12_000))
+    room.live.played(Played(at=40_000, epoch=0), room.now)
+    assert room.live.playhead.sample == 12_000
+    room.live.played(Played(at=12_100, epoch=1), room.now)
+    assert room.live.playhead.sample <= 12_100
+
+
+def test_a_flood_is_refused_and_changes_nothing() -> None:
+    room = Room(inbox_seconds=2.0)
+    room.speak(1, 2.0)
+    with pytest.raises(ProtocolError, match="waiting"):
+        room.speak(1, 2.0, start=48_000)
+    room.go(4.0)
+    assert np.count_nonzero(room.sound()) == 48_000
+
+
+def test_what_is_kept_does_not_grow() -> None:
+    room = Room()
+    room.go(30.0, step=0.1)
+    assert len(room.live.sent) < 40
+    assert len(room.live._pushed) < 40
+    assert len(room.live._ledger._chunks) < 80

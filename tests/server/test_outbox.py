@@ -1,0 +1,80 @@
+import asyncio
+
+from echoavatar.server.outbox import MOST_MOTION, MOST_SOUND, Outbox
+from echoavatar.wire import Error, Motion, Pong, ProtocolError, Sound
+
+
+def motion(at: int) -> Motion:
+    return Motion(at=at, epoch=0, frames=8, rotations=b"", root=b"", face=b"", state="idle")
+
+
+def sound(at: int) -> Sound:
+    return Sound(at=at, epoch=0, seg=0, pcm=b"")
+
+
+def drain(box: Outbox) -> list[object]:
+    async def run() -> list[object]:
+        box.close()
+        out = []
+        while (message := await box.take()) is not None:
+            out.append(message)
+        return out
+
+    return asyncio.run(run())
+
+
+def test_a_slow_line_loses_the_oldest_motion_and_no_sound() -> None:
+    box = Outbox()
+    for at in range(40):
+        box.put(motion(at))
+        box.put(sound(at))
+    assert box.dropped == 40 - MOST_MOTION
+    left = drain(box)
+    assert [m.at for m in left if isinstance(m, Motion)] == list(range(40 - MOST_MOTION, 40))
+    assert [s.at for s in left if isinstance(s, Sound)] == list(range(40))
+
+
+def test_a_hopeless_line_is_given_up() -> None:
+    box = Outbox()
+    for at in range(2 * MOST_SOUND):
+        box.put(sound(at))
+    assert box.is_hopeless
+    assert len(box) <= MOST_SOUND + 1
+
+
+def test_only_what_is_wanted_is_sent() -> None:
+    box = Outbox(("motion",))
+    box.put(sound(0))
+    box.put(motion(0))
+    box.put(Pong(nonce=1, at=0))
+    assert [type(m) for m in drain(box)] == [Motion, Pong]
+    assert not Outbox(()).plays
+
+
+def test_what_was_taken_back_is_not_sent() -> None:
+    box = Outbox()
+    for at in (0, 6_400, 12_800):
+        box.put(motion(at))
+        box.put(sound(at))
+    box.forget_after(6_400)
+    assert [m.at for m in drain(box)] == [0, 0]  # type: ignore[attr-defined]
+
+
+def test_the_reason_is_the_last_message() -> None:
+    box = Outbox()
+    box.fail(ProtocolError("replaced", "gone"))
+    box.put(motion(0))
+    (last,) = drain(box)
+    assert last == Error(code="replaced", message="gone", fatal=True, retry_after=0.0)
+    assert box.error is not None
+
+
+def test_an_empty_box_is_waited_for() -> None:
+    async def run() -> object:
+        box = Outbox()
+        waiting = asyncio.create_task(box.take())
+        await asyncio.sleep(0)
+        box.put(Pong(nonce=1, at=0))
+        return await waiting
+
+    assert asyncio.run(run()) == Pong(nonce=1, at=0)
