@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from tqdm import tqdm
 
 from ..errors import EchoAvatarError
+from . import data_face
 
 if TYPE_CHECKING:
     from ..data import Clip
@@ -69,11 +70,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     describe.add_argument(
         "--beside", type=Path, action="append", default=[], help="a BVH clip to compare with; repeat"
     )
+    faces = kinds.add_parser("face", help="sound and ARKit curves: takes of Live Link Face, or made by rule")
+    data_face.add_arguments(faces)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the sub-command."""
-    return {"rehearse": _rehearse, "preview": _preview, "describe": _describe}[args.kind](args)
+    kinds = {"rehearse": _rehearse, "preview": _preview, "describe": _describe, "face": data_face.run}
+    return kinds[args.kind](args)
 
 
 def _rehearse(args: argparse.Namespace) -> int:

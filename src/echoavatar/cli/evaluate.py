@@ -5,11 +5,15 @@ import json
 import math
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from tqdm import tqdm
 
 from ..errors import EchoAvatarError
+
+if TYPE_CHECKING:
+    from ..pipeline import Bundle
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,6 +42,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="GENERATOR",
         help="another generator of the same codes: show the audio reliance of both side by side and stop; repeat",
     )
+    parser.add_argument(
+        "--face",
+        action="store_true",
+        help="measure the lips instead: against phones, and recordings' loudness",
+    )
     parser.add_argument("--seed", type=int, default=0, help="of the sampling (default: %(default)s)")
 
 
@@ -47,6 +56,8 @@ def run(args: argparse.Namespace) -> int:
     from ..pipeline import load_bundle
 
     bundle = load_bundle(args.model)
+    if args.face:
+        return _face(args, bundle)
     clips = _clips(args)
     if args.beside:
         from ..evaluation.reliance import reliance_table, token_clips
@@ -69,6 +80,26 @@ def run(args: argparse.Namespace) -> int:
         print(f"{key:<44}{value:>12.4f}")
     told = {key: round(value, 5) if math.isfinite(value) else None for key, value in scores.items()}
     print(json.dumps(told))  # null: nothing to measure it on
+    return 0
+
+
+def _face(args: argparse.Namespace, bundle: "Bundle") -> int:
+    from ..evaluation.behaviour import SPEECH
+    from ..evaluation.faces import evaluate_face, held_out_tracks
+
+    found = _recordings(args.recordings, args.seconds) if args.recordings else []
+    speech = [recording.audio for recording in found if recording.kind == SPEECH]
+    with tqdm(unit="clip", disable=not sys.stderr.isatty()) as bar:
+        scores = evaluate_face(
+            bundle,
+            held_out_tracks(args.clips),
+            speech,
+            seed=args.seed,
+            progress=lambda done, _: bar.update(done - bar.n),
+        )
+    for key, value in scores._asdict().items():
+        print(f"{key:<44}{value:>12.4f}")
+    print(json.dumps({k: round(v, 5) if math.isfinite(v) else None for k, v in scores._asdict().items()}))
     return 0
 
 

@@ -1,4 +1,4 @@
-"""`echoavatar train`: codec, tokenizer, generator, in this order; each run resumes where it was stopped."""
+"""`echoavatar train`: codec, tokenizer, generator, face, in this order; each run resumes where it was stopped."""
 
 import argparse
 from collections.abc import Callable
@@ -14,6 +14,8 @@ ORDER = """the whole way from nothing to a bundle:
   echoavatar train tokenizer corpus -o runs/tokenizer --steps 6000
   echoavatar train tokens corpus -o runs/tokens --codec runs/codec --tokenizer runs/tokenizer
   echoavatar train generator runs/tokens -o runs/generator --codec runs/codec --tokenizer runs/tokenizer
+  echoavatar data face --rehearse 1.1 -o faces
+  echoavatar train face faces -o runs/face
   echoavatar bundle runs -o my-bundle
 
 Training resumes from its output folder. Sizes are those of the default bundle.
@@ -81,10 +83,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     generator.add_argument(
         "--minutes", type=float, help="stop this call after so many minutes; call again to go on"
     )
-    for child in (codec, tokenizer, tokens, generator):
-        source = (
-            "folder of codes (`train tokens`)" if child is generator else "corpus folder (`data rehearse`)"
-        )
+    face = kinds.add_parser("face", help="the face model, on pairs of sound and ARKit curves")
+    face.add_argument("--steps", type=int, default=8000, help="optimiser steps (default: %(default)s)")
+    face.add_argument("--batch", type=int, default=32, help="windows per step (default: %(default)s)")
+    face.add_argument(
+        "--rate", type=float, default=1e-3, help="peak learning rate (default: %(default)s; paper: 2e-4)"
+    )
+    face.add_argument("--paper", action="store_true", help="sizes of the paper (width 256), mel encoder")
+    face.add_argument(
+        "--minutes", type=float, help="stop this call after so many minutes; call again to go on"
+    )
+    sources = {generator: "folder of codes (`train tokens`)", face: "folder of face clips (`data face`)"}
+    for child in (codec, tokenizer, tokens, generator, face):
+        source = sources.get(child, "corpus folder (`data rehearse`)")
         child.add_argument("source", type=Path, metavar="SOURCE", help=source)
         child.add_argument(
             "-o", "--output", type=Path, required=True, help="folder to train in, or to go on in"
@@ -104,9 +115,14 @@ def run(args: argparse.Namespace) -> int:
             bar.total = total
             bar.update(done - bar.n)
 
-        {"codec": _codec, "tokenizer": _tokenizer, "tokens": _tokens, "generator": _generator}[args.kind](
-            args, progress
-        )
+        trainings = {
+            "codec": _codec,
+            "tokenizer": _tokenizer,
+            "tokens": _tokens,
+            "generator": _generator,
+            "face": _face,
+        }
+        trainings[args.kind](args, progress)
     print(f"{args.kind} in {args.output}")
     return 0
 
@@ -205,5 +221,23 @@ def _generator(args: argparse.Namespace, progress: Progress) -> None:
         start=Generator.load(args.start) if args.start else None,
         audio_codebooks=codec.codebooks,
         motion_codebooks=tokenizer.codebooks(),
+        progress=progress,
+    )
+
+
+def _face(args: argparse.Namespace, progress: Progress) -> None:
+    from ..face import FaceConfig, MelConfig, paper_face
+    from ..face.clip import load_clips
+    from ..face.train import FaceTraining, train_face
+
+    config = paper_face(encoder=MelConfig()) if args.paper else FaceConfig()
+    training = FaceTraining(steps=args.steps, batch=args.batch, learning_rate=args.rate)
+    train_face(
+        config,
+        training,
+        load_clips(args.source),
+        args.output,
+        minutes=args.minutes,
+        card=_card(args),
         progress=progress,
     )

@@ -9,7 +9,7 @@ import json
 import math
 import time
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -186,7 +186,7 @@ class FaceTrainer:
         done = min(1.0, number / training.steps)
         return warm * (training.final_rate + (1 - training.final_rate) * 0.5 * (1 + math.cos(math.pi * done)))
 
-    def save(self, folder: Path) -> None:
+    def save(self, folder: Path, card: Mapping[str, object] | None = None) -> None:
         """Write everything a resumed run needs as one file, at once or not at all; then the model as a checkpoint."""
         state = {
             f"model.{key}": value.detach().contiguous() for key, value in self.model.state_dict().items()
@@ -198,8 +198,8 @@ class FaceTrainer:
         partial = folder / f"{RESUME}.partial"
         save_file(state, partial, metadata=facts | {"config": self.model.config.model_dump_json()})
         partial.replace(folder / RESUME)
-        card = {"kind": "face", "step": self.next_step, "training": self.training.model_dump()}
-        self.model.save(folder, card)
+        facts_for_card = {"kind": "face", "step": self.next_step, "training": self.training.model_dump()}
+        self.model.save(folder, {**(card or {}), **facts_for_card})
 
     def resume(self, folder: Path) -> bool:
         """Continue from a folder written by `save`; False where there is none.
@@ -239,9 +239,10 @@ def train_face(
     folder: Path,
     *,
     minutes: float | None = None,
+    card: Mapping[str, object] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> FaceModel:
-    """Train on the clips of split "train", checkpointing into `folder`; continues what is there.
+    """Train on the clips of split "train", checkpointing into `folder` with `card`; continues what is there.
 
     Stops after the schedule's steps, or after `minutes` of this call; metrics go to `folder`/metrics.jsonl.
     """
@@ -262,8 +263,8 @@ def train_face(
             out.write(json.dumps(metrics | {"seconds": round(time.monotonic() - began, 3)}) + "\n")
             out.flush()
             if trainer.next_step % training.save_every == 0:
-                trainer.save(folder)
+                trainer.save(folder, card)
             if progress is not None:
                 progress(trainer.next_step, training.steps)
-    trainer.save(folder)
+    trainer.save(folder, card)
     return trainer.model.eval()
