@@ -3,7 +3,7 @@
 PYTHON ?= python3
 PIP_FLAGS ?= --disable-pip-version-check -q
 
-.PHONY: demo test lint clean
+.PHONY: demo test web web-test browser-test lint clean
 
 demo: .venv-demo/ready
 	.venv-demo/bin/echoavatar demo
@@ -23,6 +23,20 @@ test: .venv-test/ready
 .venv-test/ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv-test
 	.venv-test/bin/pip install $(PIP_FLAGS) -c constraints.txt -e '.[render,evaluate,rehearse,character,dev]'
+	touch $@
+
+# The page is built into src/echoavatar/server/static and committed; only who changes web/ needs Node.
+web: web/node_modules
+	cd web && npm run check && npm run build
+
+web-test: web/node_modules
+	cd web && npm run check && npm test
+
+browser-test: .venv-test/ready
+	OMP_NUM_THREADS=1 .venv-test/bin/pytest -m browser tests/web
+
+web/node_modules: web/package-lock.json
+	cd web && npm ci --no-audit --no-fund
 	touch $@
 
 clean:

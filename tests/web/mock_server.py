@@ -1,8 +1,8 @@
 """A stand-in for the server, for tests of the browser's side: no models, every frame tells its own clock.
 
 It speaks `echoavatar.v1` over the real message types, feeds silence when no sound waits, and paces itself by `played`.
-Motion is a gentle sway, or `recorded` clips; the hips' height carries no meaning, but `root[2]` (metres along Z) can be
-told to carry the clock (`tell_clock`), so that what a browser shows can be read off its bones.
+Motion is a gentle sway, or `recorded` clips. With `tell_clock` the hips' Z is the clock (seconds / 1000) and the sound
+is a saw of one second, so that what a browser shows and plays can be read off its bones and its loudspeaker.
 """
 
 import argparse
@@ -101,7 +101,7 @@ class MockSession:
                     await self._status(id, name, status)
                 if known:
                     asyncio.get_running_loop().call_later(
-                        1.5, lambda: asyncio.ensure_future(self._status(id, name, "done"))
+                        5.0, lambda: asyncio.ensure_future(self._status(id, name, "done"))
                     )
             case Music(id=id, op=op, title=title):
                 await self._status(id, title, "started" if op == "play" else "done")
@@ -141,11 +141,14 @@ class MockSession:
         pcm = np.zeros(CHUNK_SAMPLES)
         pcm[: len(speech)] += speech
         pcm[: len(music)] += music
+        if self._tell_clock:  # a saw of one second
+            pcm = ((self._at + np.arange(CHUNK_SAMPLES)) % SAMPLE_RATE_HZ / SAMPLE_RATE_HZ - 0.5) * 0.5
         state = "dancing" if len(music) else "speaking" if len(speech) else "idle"
         if state != self._state:
             self._state = state
             await self._send(State(state=state, at=self._at, seg=self._seg, finished=0))  # type: ignore[arg-type]
-        pose = self._pose(state, np.abs(pcm).reshape(FRAMES, -1).mean(1))
+        loudness = np.abs(np.pad(speech + 0, (0, CHUNK_SAMPLES - len(speech)))).reshape(FRAMES, -1).mean(1)
+        pose = self._pose(state, loudness)
         await self._send(pack_pose(pose, at=self._at, epoch=self._epoch, state=state))  # type: ignore[arg-type]
         seg = self._seg if len(speech) else 0
         await self._send(Sound(at=self._at, epoch=self._epoch, seg=seg, pcm=pack_audio(pcm)))

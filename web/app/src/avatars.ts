@@ -5,19 +5,21 @@ import { loadAvatar } from "@echoavatar/client/three";
 import { Box3, type Mesh, type Object3D, Vector3 } from "three";
 import type { Stage } from "./stage.js";
 
-type Driver = AvatarDriver & { readonly object: Object3D };
+type Driver = AvatarDriver & { readonly object: Object3D; readonly hips: Object3D | null };
 
 export class AvatarSlot {
   driver: Driver | null = null;
+  /** Whether it is our own character, whose file motion can be written into; and that file. */
+  isOurs = false;
+  file = new ArrayBuffer(0);
   private ready: protocol.ReadyMessage | null = null;
   private readonly here = new Vector3();
-  private hips: Object3D | null = null;
   private placed = false;
 
   constructor(private readonly stage: Stage) {}
 
   /** Replaces the avatar; the old one stays when the new one cannot be read. */
-  async load(data: ArrayBuffer): Promise<void> {
+  async load(data: ArrayBuffer, isOurs = false): Promise<void> {
     const next: Driver = await loadAvatar(data);
     if (this.ready) next.bind(this.ready);
     next.object.traverse((node) => {
@@ -27,7 +29,7 @@ export class AvatarSlot {
     const size = new Box3().setFromObject(next.object);
     this.driver?.dispose();
     this.driver = next;
-    this.hips = next.object.getObjectByName("hips") ?? next.object.getObjectByName("Normalized_hips") ?? null;
+    [this.isOurs, this.file] = [isOurs, data];
     this.placed = false;
     this.stage.scene.add(next.object);
     this.stage.setHeight(size.max.y);
@@ -40,8 +42,8 @@ export class AvatarSlot {
 
   /** Keeps the camera with the avatar. */
   follow(seconds: number): void {
-    if (!this.hips) return;
-    this.hips.getWorldPosition(this.here);
+    if (!this.driver?.hips) return;
+    this.driver.hips.getWorldPosition(this.here);
     this.stage.follow(this.here.x, this.here.z, this.placed ? 1 - Math.exp(-1.5 * seconds) : 1);
     this.placed = true;
   }

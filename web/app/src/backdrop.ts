@@ -91,7 +91,7 @@ export class Echoes {
   setTheme(dark: boolean): void {
     const { uniforms } = this.mesh.material;
     uniforms["colour"]!.value.set(dark ? DARK.ring : LIGHT.ring).convertLinearToSRGB();
-    uniforms["strength"]!.value = dark ? 1.15 : 0.9;
+    uniforms["strength"]!.value = dark ? 1 : 0.7;
   }
 
   /** `level` 0 to 1, of what is heard now. */

@@ -16,10 +16,13 @@ import { Tools } from "./tools.js";
 const element = <Kind extends HTMLElement>(id: string) => document.getElementById(id) as Kind;
 const settings = new URLSearchParams(location.search);
 
-/** `#token=...` stays out of requests and logs; it is taken off the address bar at once. */
+/** The token of `?token=...` or `#token=...`, taken off the address bar at once and kept for this tab. */
 function takeToken(): string {
-  const token = new URLSearchParams(location.hash.slice(1)).get("token") ?? "";
-  if (token) history.replaceState(null, "", location.pathname + location.search);
+  const token = settings.get("token") ?? new URLSearchParams(location.hash.slice(1)).get("token");
+  if (token === null) return sessionStorage.getItem("token") ?? "";
+  sessionStorage.setItem("token", token);
+  settings.delete("token");
+  history.replaceState(null, "", location.pathname + (settings.size ? `?${settings}` : ""));
   return token;
 }
 
@@ -38,7 +41,7 @@ function start(): void {
   const actions = new ActionPanel(session, element("actions"), element("action-list"));
   const sources = new SourceBar(session);
   const states = new StateLine(session, actions, sources);
-  const tools = new Tools(stage, () => sources.output);
+  const tools = new Tools(stage, session, avatar, () => sources.output);
   connectDrop(avatar, sources);
   session.on("ready", (ready) => avatar.bind(ready));
   void loadOwnAvatar(avatar);
@@ -51,7 +54,7 @@ async function loadOwnAvatar(avatar: AvatarSlot): Promise<void> {
   try {
     const response = await fetch("./avatar.glb");
     if (!response.ok) throw new Error(`the server answered ${response.status}`);
-    await avatar.load(await response.arrayBuffer());
+    await avatar.load(await response.arrayBuffer(), true);
   } catch (error) {
     toast(`The avatar could not be shown: ${(error as Error).message}. Drop a .vrm or .glb file here instead.`);
   }
@@ -71,6 +74,7 @@ function run(stage: Stage, session: EchoSession, avatar: AvatarSlot, { hud, stat
     const seconds = Math.max(0, (now - last) / 1000);
     last = now;
     const picture = session.picture(performance.now());
+    inspected.shown = picture && { at: picture.at, held: picture.held, state: picture.state };
     if (picture && avatar.driver) {
       avatar.driver.apply(picture.pose);
       avatar.driver.update(seconds);
@@ -84,10 +88,16 @@ function run(stage: Stage, session: EchoSession, avatar: AvatarSlot, { hud, stat
   requestAnimationFrame(draw);
 }
 
+/** The picture on the screen, for `inspect`. */
+const inspected: { shown: { at: number; held: boolean; state: string } | null } = { shown: null };
+
 /** What tests and the curious may read. */
 function inspect(session: EchoSession, stage: Stage, avatar: AvatarSlot, hud: Hud, sources: SourceBar, tools: Tools) {
   return {
     session, stage, avatar, sources, tools,
+    get shown() {
+      return inspected.shown;
+    },
     get metrics() {
       const { player } = session;
       return player && { ...player.played, ahead: player.ahead, playing: player.playing, reaction: session.reaction, ...hud.summary };

@@ -12,6 +12,7 @@ export function toast(text: string): void {
 }
 
 export interface Choice {
+  readonly id?: string;
   readonly label: string;
   readonly hint?: string;
   readonly run: () => void;
@@ -49,9 +50,10 @@ export function openMenu(anchor: HTMLElement, choices: readonly Choice[]): void 
   document.addEventListener("keydown", keys, true);
 }
 
-function entry({ label, hint, run }: Choice, close: () => void): HTMLElement {
+function entry({ id, label, hint, run }: Choice, close: () => void): HTMLElement {
   const button = document.createElement("button");
   button.setAttribute("role", "menuitem");
+  if (id) button.dataset["choice"] = id;
   button.append(label);
   if (hint) button.append(Object.assign(document.createElement("small"), { textContent: hint }));
   button.onclick = () => {

@@ -1,4 +1,8 @@
-/** Records what is seen and heard to WebM, and offers files for download. */
+/** Records what is seen and heard to WebM, or the motion alone, and offers files for download. */
+
+import type { EchoSession } from "@echoavatar/client";
+import { Take, toBvh, toGlb, toVrma } from "@echoavatar/client/export";
+import type { AvatarSlot } from "./avatars.js";
 
 const TYPES = ["video/webm;codecs=vp9,opus", "video/webm;codecs=vp8,opus", "video/webm", "video/mp4"];
 const BITS = 6_000_000;
@@ -26,6 +30,29 @@ export class VideoRecorder {
       };
       recorder.stop();
     });
+  }
+}
+
+export type MotionKind = "bvh" | "glb" | "vrma";
+
+/** Takes every frame that is played, at full rate, also while the tab is hidden. */
+export class MotionRecorder {
+  private readonly take: Take;
+  private readonly player;
+
+  constructor(session: EchoSession, private readonly kind: MotionKind, private readonly avatar: AvatarSlot) {
+    if (!session.ready || !session.player) throw new Error("Nothing moves yet.");
+    this.take = new Take(session.ready);
+    this.player = session.player;
+    this.player.onFrame = (pose) => this.take.add(pose);
+  }
+
+  stop(): Promise<File> {
+    this.player.onFrame = null;
+    if (!this.take.frames.length) return Promise.reject(new Error("Nothing was recorded."));
+    const { kind, take } = this;
+    const content = kind === "bvh" ? toBvh(take) : kind === "vrma" ? toVrma(take) : toGlb(take, this.avatar.file);
+    return Promise.resolve(new File([content], `echoavatar.${kind}`));
   }
 }
 

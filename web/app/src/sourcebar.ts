@@ -9,7 +9,7 @@ import { Capture, canShareTabs, decodeSound, fetchSound, openMicrophone, openTab
 const SPEECH = "./sounds/speech.ogg";
 type Name = "speech" | "music" | "microphone" | "file" | "tab" | "text";
 const LABELS: Record<Name, string> = {
-  speech: "Speech", music: "Music", microphone: "Microphone", file: "File", tab: "Tab", text: "Type",
+  speech: "Speech", music: "Music", microphone: "Mic", file: "File", tab: "Tab", text: "Type",
 };
 const element = (id: string) => document.getElementById(id)!;
 

@@ -1,18 +1,32 @@
 /** The round buttons at the top, and the keys that press them. */
 
+import type { EchoSession } from "@echoavatar/client";
+import type { AvatarSlot } from "./avatars.js";
 import { setIcon } from "./icons.js";
-import { toast } from "./notices.js";
+import { openMenu, toast } from "./notices.js";
 import type { Output } from "./output.js";
-import { VideoRecorder, download } from "./recorder.js";
+import { type MotionKind, MotionRecorder, VideoRecorder, download } from "./recorder.js";
 import type { Stage } from "./stage.js";
 
 const element = <Kind extends HTMLElement>(id: string) => document.getElementById(id) as Kind;
+type Kind = MotionKind | "webm";
+const KINDS: readonly { id: Kind; label: string; hint: string }[] = [
+  { id: "webm", label: "Video with sound", hint: "WebM" },
+  { id: "glb", label: "The moving character", hint: "GLB, for Blender, Unity, Unreal, Godot" },
+  { id: "vrma", label: "Motion for VRM avatars", hint: "VRMA, body and face" },
+  { id: "bvh", label: "Motion capture file", hint: "BVH, body" },
+];
 const KEYS: Record<string, string> = { c: "look", m: "sound", t: "theme", l: "meters", r: "record", "?": "help", Escape: "stop" };
 
 export class Tools {
-  private video: VideoRecorder | null = null;
+  private recording: { stop(): Promise<File> } | null = null;
 
-  constructor(private readonly stage: Stage, private readonly output: () => Output | null) {
+  constructor(
+    private readonly stage: Stage,
+    private readonly session: EchoSession,
+    private readonly avatar: AvatarSlot,
+    private readonly output: () => Output | null,
+  ) {
     element("look").onclick = () => stage.nextView();
     element("theme").onclick = () => this.setTheme(document.documentElement.dataset["theme"] !== "dark");
     element("sound").onclick = () => this.toggleSound();
@@ -46,25 +60,37 @@ export class Tools {
     element("meters").setAttribute("aria-expanded", String(!hud.hidden));
   }
 
-  /** The first press begins, the second ends and hands over the file. */
+  /** The first press asks what to record and begins, the second ends and hands over the file. */
   private async record(): Promise<void> {
     const button = element("record");
     try {
-      if (!this.video) {
-        const sound = this.output();
-        this.video = new VideoRecorder(this.stage.canvas, sound?.recording.stream ?? new MediaStream());
-        button.classList.add("on");
-        button.setAttribute("aria-label", "Stop recording");
-        return;
-      }
-      const video = this.video;
-      this.video = null;
-      button.classList.remove("on");
-      button.setAttribute("aria-label", "Record");
-      download(await video.stop());
+      if (this.recording) return await this.finish(button);
+      openMenu(button, KINDS.filter((kind) => kind.id !== "glb" || this.avatar.isOurs).map((kind) => ({
+        ...kind, run: () => this.begin(button, kind.id),
+      })));
     } catch (error) {
       toast((error as Error).message);
     }
+  }
+
+  private begin(button: HTMLElement, kind: Kind): void {
+    try {
+      const sound = this.output()?.recording.stream ?? new MediaStream();
+      this.recording = kind === "webm" ? new VideoRecorder(this.stage.canvas, sound) : new MotionRecorder(this.session, kind, this.avatar);
+      button.classList.add("on");
+      button.setAttribute("aria-label", "Stop recording");
+      toast("Recording. Press the red button to end it.");
+    } catch (error) {
+      toast((error as Error).message);
+    }
+  }
+
+  private async finish(button: HTMLElement): Promise<void> {
+    const recording = this.recording!;
+    this.recording = null;
+    button.classList.remove("on");
+    button.setAttribute("aria-label", "Record");
+    download(await recording.stop());
   }
 
   private press(event: KeyboardEvent): void {

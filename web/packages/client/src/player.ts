@@ -30,6 +30,7 @@ export class Player {
   private sounds: { at: number; pcm: Float32Array }[] = [];
   private epoch: number;
   private stopped: number | null = null; // interrupted here, until the server answers
+  private passed: number; // frames before this sample were told to `onFrame`
   private shown: { at: number; held: boolean } | null = null;
   private lastPicture = 0;
   private interval = 16;
@@ -44,7 +45,11 @@ export class Player {
     this.epoch = ready.epoch;
     this.transport = new WallTransport(this.settings);
     this.transport.jump(ready.at);
+    this.passed = ready.at;
   }
+
+  /** Told each frame of the session once, when it has been played, whether the page is seen or not. */
+  onFrame: ((pose: Pose) => void) | null = null;
 
   /** Lets the device take over from the wall clock; its node is given back to be connected. */
   async attach(context: AudioContext, worklet: string): Promise<AudioNode> {
@@ -125,7 +130,6 @@ export class Player {
     this.inertia.apply(this.pose, (now - this.lastPicture) / 1000, this.jumped(found));
     this.lastPicture = now;
     this.shown = found;
-    this.prune(heard);
     return { pose: this.pose, ...found };
   }
 
@@ -135,7 +139,7 @@ export class Player {
 
   private get settings(): TransportSettings {
     const { sample_rate: rate, chunk_samples: chunk } = this.ready;
-    return { rate, jitter: rate * JITTER_SECONDS, chunk, onTick: this.onTick };
+    return { rate, jitter: rate * JITTER_SECONDS, chunk, onTick: () => this.tick() };
   }
 
   private cut(at: number): void {
@@ -163,10 +167,15 @@ export class Player {
     return this.shown.held && moved > 1.5 * this.hop;
   }
 
-  private prune(heard: number): void {
+  /** Five times a second: lets go of what was played. */
+  private tick(): void {
+    const { heard } = this;
+    if (this.onFrame) for (const pose of this.timeline.between(this.passed, heard)) this.onFrame(pose);
+    this.passed = heard;
     this.timeline.prune(heard);
     while (this.sounds.length && this.sounds[0]!.at + this.sounds[0]!.pcm.length < heard - this.ready.sample_rate) {
       this.sounds.shift();
     }
+    this.onTick();
   }
 }

@@ -65,6 +65,11 @@ export class MotionTimeline {
     if (old) this.frames.splice(0, old);
   }
 
+  /** The poses of the frames from `from` up to before `to`. */
+  *between(from: number, to: number): Generator<Pose> {
+    for (const frame of this.frames) if (frame.at >= from && frame.at < to) yield frame.pose;
+  }
+
   /** Fills `out` with the pose at sample `at`; null while there is none at all. */
   sample(at: number, out: Pose): Found | null {
     const next = this.after(at);

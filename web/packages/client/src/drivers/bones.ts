@@ -11,7 +11,7 @@ interface Bone {
   readonly inverse: Quaternion;
 }
 
-interface Hips {
+export interface Hips {
   readonly node: Object3D;
   readonly scale: number; // their height by ours: bodies of other sizes take other strides
   readonly inverse: Quaternion;
@@ -23,7 +23,8 @@ interface Hips {
  */
 export class BoneMap {
   private readonly bones: Bone[] = [];
-  private hips: Hips | null = null;
+  /** Where the body is. */
+  hips: Hips | null = null;
   private readonly turn = new Quaternion();
 
   /** `find` gives the node of a VRM humanoid bone name; bones that the model lacks are left out. */

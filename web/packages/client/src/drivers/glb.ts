@@ -14,6 +14,11 @@ export class GlbDriver implements AvatarDriver {
 
   constructor(readonly object: Object3D) {}
 
+  /** The bone that travels; null before `bind`. */
+  get hips(): Object3D | null {
+    return this.bones?.hips?.node ?? null;
+  }
+
   bind({ rig, face }: Pick<ReadyMessage, "rig" | "face">): void {
     if (this.bones) return this.rebind(face);
     const nodes = new Map<string, Object3D>();

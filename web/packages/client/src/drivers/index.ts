@@ -1,5 +1,5 @@
 export { BoneMap } from "./bones.js";
-export { VRM_EXPRESSIONS, toVrm } from "./expressions.js";
+export { VRM_EXPRESSIONS, toVrm } from "../expressions.js";
 export { GlbDriver } from "./glb.js";
 export { loadAvatar } from "./load.js";
 export { mixamoName } from "./mixamo.js";

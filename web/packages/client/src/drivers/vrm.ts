@@ -1,23 +1,25 @@
 /** A VRM 0.x or 1.0 avatar through three-vrm: its normalised bones take our rotations as they are. */
 
 import { type VRM, type VRMHumanBoneName, VRMUtils } from "@pixiv/three-vrm";
+import type { Object3D } from "three";
 import type { AvatarDriver } from "../driver.js";
 import type { Pose } from "../pose.js";
 import type { ReadyMessage } from "../protocol.generated.js";
-import { VRM_EXPRESSIONS, toVrm } from "./expressions.js";
+import { VRM_EXPRESSIONS, toVrm } from "../expressions.js";
 import { MorphMap, plain } from "./morphs.js";
 
 const PERFECT_SYNC = 30; // so many ARKit expressions or morphs make an avatar that needs no vowels
 const EYE_DEGREES = 34; // an eye turns so far at a look curve of 1 (0.6 rad)
 
 export class VrmDriver implements AvatarDriver {
-  private joints: { node: NonNullable<ReturnType<VRM["humanoid"]["getNormalizedBoneNode"]>>; joint: number }[] = [];
+  private joints: { node: Object3D; joint: number }[] = [];
   private face: string[] = [];
   private expressions: { name: string; curve: number }[] = [];
   private morphs: MorphMap | null = null;
   private readonly sign: 1 | -1; // VRM 0.x looks towards -Z
   private hipScale = 1;
-  private hips: { node: { position: { set(x: number, y: number, z: number): unknown } } } | null = null;
+  /** The bone that travels; null before `bind`. */
+  hips: Object3D | null = null;
 
   constructor(readonly vrm: VRM) {
     this.sign = vrm.meta.metaVersion === "0" ? -1 : 1;
@@ -35,8 +37,7 @@ export class VrmDriver implements AvatarDriver {
       const node = humanoid.getNormalizedBoneNode(name as VRMHumanBoneName);
       return node ? [{ node, joint }] : [];
     });
-    const hips = humanoid.getNormalizedBoneNode("hips");
-    this.hips = hips && { node: hips };
+    this.hips = humanoid.getNormalizedBoneNode("hips");
     const theirs = humanoid.normalizedRestPose.hips?.position?.[1] ?? 1;
     this.hipScale = theirs / (rig.rest[rig.names.indexOf("hips")]?.[1] || theirs);
     this.bindFace(face);
@@ -50,7 +51,7 @@ export class VrmDriver implements AvatarDriver {
       node.quaternion.set(q[i]! * sign, q[i + 1]!, q[i + 2]! * sign, q[i + 3]!);
     }
     const scale = this.hipScale;
-    this.hips?.node.position.set(root[0]! * scale * sign, root[1]! * scale, root[2]! * scale * sign);
+    this.hips?.position.set(root[0]! * scale * sign, root[1]! * scale, root[2]! * scale * sign);
     this.applyFace(pose.face);
   }
 

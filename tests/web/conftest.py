@@ -1,0 +1,146 @@
+"""A browser, a stand-in server and a real one, for the tests of the live page."""
+
+import base64
+import json
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+FLAGS = (
+    "--no-sandbox",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--use-fake-ui-for-media-stream",
+    "--use-fake-device-for-media-stream",
+)
+
+
+DROP = """
+([name, base64, type]) => {
+  const bytes = Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0));
+  const dataTransfer = new DataTransfer();
+  dataTransfer.items.add(new File([bytes], name, { type }));
+  for (const kind of ["dragenter", "dragover", "drop"])
+    window.dispatchEvent(new DragEvent(kind, { dataTransfer, bubbles: true, cancelable: true }));
+}
+"""
+
+
+class PageDriver:
+    """One tab, with what it said on its console. Conditions are polled: the page forbids `eval`."""
+
+    def __init__(self, page: Any) -> None:
+        self.page = page
+        self.problems: list[str] = []
+        page.on("console", self._note)
+        page.on("pageerror", lambda error: self.problems.append(f"error: {error}"))
+
+    def _note(self, message: Any) -> None:
+        if message.type == "error" or (message.type == "warning" and "GPU stall" not in message.text):
+            self.problems.append(f"{message.type}: {message.text}")
+
+    def open(self, url: str) -> None:
+        self.page.goto(url)
+        self.wait("!!(window.__echo && __echo.avatar.driver && __echo.metrics && __echo.shown)")
+
+    def ask(self, expression: str) -> Any:
+        return json.loads(self.page.evaluate(f"JSON.stringify({expression})") or "null")
+
+    def wait(self, condition: str, seconds: float = 60) -> None:
+        end = time.monotonic() + seconds
+        while not self.page.evaluate(condition):
+            assert time.monotonic() < end, f"{condition} did not become true; console: {self.problems}"
+            time.sleep(0.1)
+
+    def click(self, selector: str) -> None:
+        """As a visitor does, but without waiting for moving pictures to stand still."""
+        self.page.locator(selector).first.dispatch_event("click")
+
+    def drop(self, name: str, data: bytes, kind: str = "model/gltf-binary") -> None:
+        """A file falls on the page."""
+        self.page.evaluate(DROP, [name, base64.b64encode(data).decode(), kind])
+
+    def shot(self, path: Path) -> None:
+        self.page.screenshot(path=path, timeout=120_000)
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Any]:
+    playwright = pytest.importorskip("playwright.sync_api")
+    if CHROMIUM is None:
+        pytest.skip("no Chromium on this machine")
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=CHROMIUM, args=list(FLAGS))
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def new_page(browser: Any) -> Iterator[Callable[..., PageDriver]]:
+    contexts = []
+
+    def make(width: int = 320, height: int = 240, **options: Any) -> PageDriver:
+        contexts.append(browser.new_context(viewport={"width": width, "height": height}, **options))
+        return PageDriver(contexts[-1].new_page())
+
+    yield make
+    for context in contexts:
+        context.close()
+
+
+@pytest.fixture(scope="module")
+def mock_url() -> Iterator[str]:
+    """A stand-in server that needs no model and tells its clock in pose and sound."""
+    port = _free_port()
+    script = Path(__file__).with_name("mock_server.py")
+    yield from _serving([sys.executable, str(script), "--port", str(port), "--tell-clock"], port)
+
+
+@pytest.fixture(scope="module")
+def live_url() -> Iterator[str]:
+    """The real server with the default bundle."""
+    port = _free_port()
+    yield from _serving(
+        [sys.executable, "-m", "echoavatar", "serve", "--port", str(port), "--seats", "2"], port
+    )
+
+
+def _serving(command: list[str], port: int) -> Iterator[str]:
+    url = f"http://127.0.0.1:{port}/"
+    process = subprocess.Popen(command, cwd=ROOT, env={**os.environ, "OMP_NUM_THREADS": "1"})
+    try:
+        end = time.monotonic() + 120
+        while not _answers(url):
+            assert process.poll() is None, f"{command} ended with {process.returncode}"
+            assert time.monotonic() < end, f"{command} does not answer"
+            time.sleep(0.3)
+        yield url
+    finally:
+        process.kill()
+        process.wait()
+
+
+def _answers(url: str) -> bool:
+    try:
+        with urllib.request.urlopen(url, timeout=2) as answer:
+            return answer.status == 200
+    except OSError:
+        return False
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])

@@ -1,0 +1,15 @@
+"""`expressions.json` holds what Python's map from ARKit to VRM gives; the client's tests hold its own map to it."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from echoavatar.face import ARKIT_NAMES
+from echoavatar.face.arkit import to_vrm
+
+
+def test_the_file_that_the_client_is_held_to_is_what_we_do():
+    told = json.loads(Path(__file__).with_name("expressions.json").read_text())
+    assert told["names"] == list(ARKIT_NAMES)
+    np.testing.assert_allclose(to_vrm(np.array(told["curves"], np.float32)), told["vrm"], atol=1e-4)

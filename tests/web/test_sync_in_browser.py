@@ -1,0 +1,83 @@
+"""Pose against sound, by witnesses of their own: sound and pose each carry the clock, and the page is not asked.
+
+The stand-in server writes the clock into the wave (a saw of one second) and into the hips (Z = seconds / 1000). At each
+display frame the test reads the wave at the loudspeaker and the pose that is on the screen. Messages are delayed by
+up to 50 ms at random, and once everything stands still for 500 ms.
+"""
+
+import logging
+import os
+import time
+
+import numpy as np
+import pytest
+from tests.web.make_vrm import make_vrm
+
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
+_log = logging.getLogger(__name__)
+SECONDS = float(os.environ.get("ECHOAVATAR_SYNC_SECONDS", "120"))
+BAD_LINE = """
+window.WebSocket = class extends WebSocket {
+  set onmessage(take) {
+    let last = 0;
+    this.addEventListener("message", (event) => {
+      const now = performance.now();
+      const stalled = window.stallUntil > now ? window.stallUntil : now;
+      last = Math.max(last, stalled + Math.random() * 50);
+      setTimeout(() => take(event), last - now);
+    });
+  }
+};
+"""
+WITNESS = """
+(() => {
+  const { context, input } = __echo.sources.output;
+  const ear = new AnalyserNode(context, { fftSize: 256 });
+  input.connect(ear);
+  const wave = new Float32Array(256);
+  window.witness = [];
+  const look = () => {
+    const pose = __echo.session.player.pose.root[2] * 1000;
+    const stamp = context.getOutputTimestamp();
+    const heard = stamp.contextTime + (performance.now() - stamp.performanceTime) / 1000;
+    ear.getFloatTimeDomainData(wave);
+    window.witness.push([pose, wave[255], wave[254], context.currentTime - heard, context.outputLatency || 0]);
+    requestAnimationFrame(look);
+  };
+  look();
+})()
+"""
+
+
+def test_pose_and_sound_agree_on_a_bad_line(new_page, mock_url):
+    driver = new_page(200, 150)
+    driver.page.add_init_script(BAD_LINE)
+    driver.open(f"{mock_url}?quality=low")
+    driver.drop("boxes.vrm", make_vrm())
+    driver.click("#begin")
+    driver.wait("__echo.session.player.playing && __echo.metrics.at > 96000")
+    driver.page.evaluate("__echo.resetSync()")
+    driver.page.evaluate(WITNESS)
+    time.sleep(SECONDS / 2)
+    driver.page.evaluate("window.stallUntil = performance.now() + 500")
+    time.sleep(SECONDS / 2)
+    seen = np.array(driver.ask("window.witness"))
+    told = driver.ask("__echo.sync")
+    errors = _errors_ms(seen)
+    rate = len(seen) / SECONDS
+    mean, p99 = abs(errors.mean()), np.quantile(np.abs(errors), 0.99)
+    _log.info("%d pictures, %.0f a second: mean %.1f ms, p99 %.1f ms", len(errors), rate, errors.mean(), p99)
+    _log.info("the page says: %s", told)
+    assert driver.problems == []
+    if rate < 15:
+        pytest.skip(f"this machine draws {rate:.0f} pictures a second; sync needs 15 to be judged")
+    assert mean < 20
+    assert p99 < 60
+
+
+def _errors_ms(seen: np.ndarray) -> np.ndarray:
+    """Pose less sound, where the sound tells its clock: positive when the pose is early."""
+    pose, last, before, ahead, latency = seen.T
+    tells = (last > before) & (np.abs(last) < 0.249) & (ahead < 0.5)
+    heard = (last / 0.5 + 0.5) - np.maximum(ahead, latency)
+    return (((pose - heard + 0.5) % 1.0 - 0.5) * 1000)[tells]
