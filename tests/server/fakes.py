@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 from tests.engine.fakes import FakePipeline, Heard
+from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 from echoavatar.engine import Engine
@@ -19,6 +20,7 @@ from echoavatar.server.run import Server, configure, listen
 from echoavatar.wire import (
     Audio,
     ClientMessage,
+    Error,
     Hello,
     Ready,
     ServerMessage,
@@ -104,6 +106,15 @@ class Caller:
             message = self.next(max(0.01, end - time.monotonic()))
             if isinstance(message, kind) and test(message):
                 return message
+
+    def closing(self, seconds: float = 10.0) -> tuple[int, Error | None]:
+        """Read to the end: the close code, and the fatal error before it."""
+        while True:
+            try:
+                self.next(seconds)
+            except ConnectionClosed as closed:
+                fatal = [told for told in self.heard if isinstance(told, Error) and told.fatal]
+                return closed.rcvd.code if closed.rcvd else 1006, fatal[-1] if fatal else None
 
     def speak(self, seg: int, samples: np.ndarray, start: int = 0) -> None:
         self.say(Audio(seg=seg, start=start, pcm=pack_audio(samples)))

@@ -1,0 +1,51 @@
+"""`echoavatar serve` as people start it."""
+
+import os
+import signal
+import subprocess
+import sys
+import urllib.request
+from pathlib import Path
+
+import pytest
+
+from echoavatar.cli import main
+
+
+@pytest.mark.parametrize(
+    ("words", "remedy"),
+    [
+        (["--ahead", "9"], "0.3 to 3.5"),
+        (["--certificate", "a.pem"], "both or neither"),
+        (["--certificate", "a.pem", "--key", "b.pem"], "no file a.pem"),
+        (["--model", "nobody"], "nobody"),
+    ],
+)
+def test_mistakes_are_one_line(words: list[str], remedy: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["serve", "--port", "0", *words]) == 1
+    told = capsys.readouterr().err
+    assert remedy in told
+    assert told.count("\n") == 1
+
+
+def test_a_server_serves_its_page_and_stops_in_good_order(tiny_bundle: Path) -> None:
+    """On every address of the machine a token is made up, and the printed address bears it."""
+    command = [sys.executable, "-m", "echoavatar", "serve", "--port", "0", "--host", "0.0.0.0"]
+    with subprocess.Popen(
+        [*command, "--model", str(tiny_bundle), "--seats", "1"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"ECHOAVATAR_TOKEN": ""},
+    ) as process:
+        try:
+            assert process.stdout is not None
+            address = process.stdout.readline().split()[3]
+            assert "?token=" in address
+            page = address.replace("0.0.0.0", "127.0.0.1")
+            with urllib.request.urlopen(page, timeout=10) as answer:
+                assert answer.status == 200
+            process.send_signal(signal.SIGTERM)
+            assert process.wait(15) in (0, -signal.SIGTERM)
+        finally:
+            process.kill()

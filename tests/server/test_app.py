@@ -1,0 +1,76 @@
+"""What operators and agents ask for, over HTTP."""
+
+import dataclasses
+import json
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+
+import pytest
+from tests.server.fakes import FAST, Place, serving
+
+from echoavatar.wire import Hello, Motion
+
+
+@pytest.fixture(scope="module")
+def place() -> Iterator[Place]:
+    with serving(seats=2, settings=dataclasses.replace(FAST, token="secret", connections=3)) as place:
+        yield place
+
+
+def get(place: Place, path: str, token: str = "") -> tuple[int, str]:
+    request = urllib.request.Request(f"http://{place.address}{path}")
+    if token:
+        request.add_header("Authorization", f"Bearer {token}")
+    try:
+        with urllib.request.urlopen(request, timeout=5) as answer:
+            return answer.status, answer.read().decode()
+    except urllib.error.HTTPError as error:
+        with error:
+            return error.code, error.read().decode()
+
+
+def test_health_is_open_and_says_what_is_free(place: Place) -> None:
+    status, text = get(place, "/health")
+    assert status == 200
+    assert json.loads(text) == {
+        "status": "ready",
+        "version": "0.1.0",
+        "sessions": 0,
+        "seats": 2,
+        "free": 2,
+    } | {"version": json.loads(text)["version"]}
+
+
+def test_tools_and_metrics_ask_for_the_token(place: Place) -> None:
+    for path in ("/v1/tools", "/metrics"):
+        assert get(place, path)[0] == 401
+        assert get(place, path, "wrong")[0] == 401
+        assert get(place, path, "secret")[0] == 200
+
+
+def test_metrics_count_what_happens(place: Place) -> None:
+    with place.call(Hello(token="secret")) as caller:
+        caller.until(Motion)
+        text = get(place, "/metrics", "secret")[1]
+    assert "echoavatar_sessions 1.0" in text
+    assert 'echoavatar_messages_total{direction="in",type="hello"} 1.0' in text
+    assert "echoavatar_chunk_seconds_count" in text
+
+
+def test_a_wrong_token_is_refused_in_words(place: Place) -> None:
+    with place.call() as caller:
+        caller.say(Hello(token="guess"))
+        code, error = caller.closing()
+    assert code == 4401
+    assert error is not None
+    assert "wrong token" in error.message
+
+
+def test_too_many_connections_are_refused_at_the_door(place: Place) -> None:
+    from websockets.exceptions import InvalidStatus
+
+    with place.call(), place.call(), place.call():
+        with pytest.raises(InvalidStatus):
+            place.call()
+        assert get(place, "/health")[0] == 200

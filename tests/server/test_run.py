@@ -1,0 +1,30 @@
+import os
+import signal
+import threading
+
+import pytest
+from tests.server.fakes import FAST, Body
+
+from echoavatar.engine import Engine
+from echoavatar.errors import EchoAvatarError
+from echoavatar.server import create_app, serve
+from echoavatar.server.run import listen
+
+
+def test_a_taken_port_is_one_line() -> None:
+    with listen("127.0.0.1", 0) as taken, pytest.raises(EchoAvatarError, match="choose another"):
+        listen("127.0.0.1", taken.getsockname()[1])
+
+
+def test_it_says_where_it_is_and_stops_when_told() -> None:
+    told: list[str] = []
+
+    def stop(address: str) -> None:
+        told.append(address)
+        threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT)).start()
+
+    app = create_app(Engine(Body()), FAST)  # type: ignore[arg-type]
+    with pytest.raises(KeyboardInterrupt):
+        serve(app, port=0, on_ready=stop)
+    assert told[0].startswith("http://127.0.0.1:")
+    assert not app.state.house.is_well
