@@ -13,6 +13,7 @@ from echoavatar.avatar.character import MATERIALS, Character
 from echoavatar.avatar.face_bake import face_morphs, neutral
 from echoavatar.avatar.figure import PIECES, Piece, piece_colours, piece_mesh
 from echoavatar.avatar.figure_eyes import EYE, EYE_RADIUS, LASH, eyeball, lashes
+from echoavatar.avatar.figure_mouth import closed, inside_mask, lip_mask
 from echoavatar.avatar.figure_teeth import teeth, tongue
 from echoavatar.avatar.rigging import smooth, strongest, weigh
 from echoavatar.avatar.sculpt import Mesh
@@ -147,6 +148,9 @@ def shade(piece: Piece, mesh: Mesh) -> np.ndarray:
             near = inside_box(other, points)
             clear[near] = np.minimum(clear[near], other.field(points[near]))
         light -= strength * np.clip((reach - clear) / reach, 0, 1.4)
+    if piece.name == "head":  # lips are modelled apart; together they hide less from the light than it seems
+        points = mesh.positions.astype(np.float64)
+        light[(lip_mask(closed(points)) < 0.001) & (inside_mask(points) > 0)] = 1
     return np.clip(light, 0.35, 1)
 
 

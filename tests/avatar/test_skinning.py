@@ -46,6 +46,20 @@ def test_turning_the_head_leaves_the_feet() -> None:
     assert moved[character.positions[:, 1] > 1.6].max() > 0.05
 
 
+def test_an_expression_rides_on_the_pose() -> None:
+    """The open jaw of a head turned by a quarter moves sideways what it moves forwards at rest."""
+    character = load_character()
+    rotations = torch.eye(3).repeat(HUMANOID.joints, 1, 1)
+    rotations[HUMANOID.index("head")] = matrix_from_axis_angle(torch.tensor([0.0, np.pi / 2, 0.0]))
+    pose = forward_kinematics(HUMANOID, rotations, HUMANOID.rest_positions[0])
+    turns, places = pose.rotations.numpy(), pose.positions.numpy()
+    face = np.zeros(52, np.float32)
+    face[character.face.names.index("jawForward")] = 1
+    moved = skin(character, turns, places, face)[0] - skin(character, turns, places)[0]
+    chin = np.argmax(np.abs(character.with_face(face)[0] - character.positions).sum(1))
+    np.testing.assert_allclose(moved[chin], [0.0065, 0, 0], atol=5e-4)
+
+
 def test_one_frame_is_fast() -> None:
     """A frame of video has 33 ms; skinning must stay a small part of it (processor time, best of ten)."""
     character = load_character()

@@ -1,10 +1,15 @@
+import json
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 import soundfile
+import torch
 
 from echoavatar.cli import main
+from echoavatar.face import ARKIT_NAMES, FaceConfig, FaceModel, MelConfig
+from echoavatar.face.livelink import read_live_link
 from echoavatar.kinematics import read_bvh
 from echoavatar.kinematics.tables import read_npz
 
@@ -47,6 +52,51 @@ def test_sixty_frames_a_second_pass_through_the_thirty(wav: Path, tmp_path: Path
     slow, fast = read_bvh(tmp_path / "a.bvh"), read_bvh(tmp_path / "b.bvh")
     assert (slow.frames, fast.frames) == (60, 119)
     np.testing.assert_allclose(fast.root[::2], slow.root, atol=1e-4)
+
+
+@pytest.fixture(scope="module")
+def bundle_with_face(tiny_bundle: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The tiny bundle and a tiny face whose curves stay near 0.3."""
+    folder = tmp_path_factory.mktemp("faced") / "bundle"
+    shutil.copytree(tiny_bundle, folder)
+    torch.manual_seed(0)
+    model = FaceModel(
+        FaceConfig(
+            encoder=MelConfig(width=8, blocks=1),
+            width=8,
+            layers=1,
+            heads=2,
+            condition=8,
+            head_width=8,
+            context=8,
+        )
+    )
+    model.measure(0.3 + 0.05 * torch.randn(50, 52))
+    model.save(folder / "face", {"data": "none"})
+    return folder
+
+
+def test_the_face_is_in_every_format_that_has_room(wav: Path, tmp_path: Path, bundle_with_face: Path) -> None:
+    for name in ("a.npz", "a.glb", "a.csv", "b.face.csv"):
+        assert run(wav, tmp_path / name, bundle_with_face) == 0
+    with np.load(tmp_path / "a.npz") as stored:
+        face = stored["face"]
+        assert tuple(stored["face_names"]) == ARKIT_NAMES
+    assert face.shape == (60, 52)
+    assert 0.05 < face.mean() < 0.6
+    glb = (tmp_path / "a.glb").read_bytes()
+    document = json.loads(glb[20 : 20 + int.from_bytes(glb[12:16], "little")])
+    assert any(c["target"]["path"] == "weights" for c in document["animations"][0]["channels"])
+    for name in ("a.face.csv", "b.face.csv"):
+        np.testing.assert_allclose(read_live_link(tmp_path / name).curves, face, atol=1e-4)
+    assert read_npz(tmp_path / "a.npz").frames == 60
+
+
+def test_a_take_without_a_face_model_is_refused(
+    wav: Path, tmp_path: Path, tiny_bundle: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(wav, tmp_path / "b.face.csv", tiny_bundle) == 1
+    assert "no face model" in capsys.readouterr().err
 
 
 def test_same_seed_same_file(wav: Path, tmp_path: Path, tiny_bundle: Path) -> None:

@@ -43,18 +43,18 @@ class Piece(NamedTuple):
 
 CLOSEUPS = (
     CloseUp((0.0, 1.550, 0.060), 0.060, 1.5),
-    CloseUp((0.033, 1.587, 0.076), 0.018, 2.5),
-    CloseUp((0.0, 1.5195, 0.085), 0.027, 2.5),
+    CloseUp((0.033, 1.587, 0.076), 0.018, 2.8),
+    CloseUp((0.0, 1.5195, 0.088), 0.025, 3.3),
     CloseUp((0.006, 1.549, 0.100), 0.012, 1.5),
 )
 PIECES = (
     Piece(
-        *("head", "skin", SKIN, head.head_skin, (-0.17, 1.325, -0.13), (0.17, 1.72, 0.14), 0.0008, 16000),
+        *("head", "skin", SKIN, head.head_skin, (-0.17, 1.325, -0.13), (0.17, 1.72, 0.14), 0.0008, 16500),
         closeups=CLOSEUPS,
     ),
     Piece("hair", "hair", HAIR, hair.hair, (-0.13, 1.45, -0.16), (0.13, 1.76, 0.14), 0.002, 5000, 0.008),
     Piece("brows", "hair", HAIR, head.brow, (-0.07, 1.58, 0.03), (0.07, 1.64, 0.11), 0.0010, 420, 0.002),
-    Piece("hands", "skin", SKIN, hands.hands, (-0.88, 1.34, -0.12), (0.88, 1.44, 0.10), 0.0018, 6000, 0.03),
+    Piece("hands", "skin", SKIN, hands.hands, (-0.88, 1.34, -0.12), (0.88, 1.44, 0.10), 0.0018, 5600, 0.03),
     Piece("jacket", "cloth", JACKET, body.jacket, (-0.70, 0.94, -0.18), (0.70, 1.50, 0.16), 0.003, 7000),
     Piece("ribbing", "cloth", RIBBING, body.ribbing, (-0.71, 0.88, -0.18), (0.71, 1.52, 0.16), 0.003, 2600),
     Piece("zips", "metal", ZIP, body.zips, (-0.10, 0.90, -0.02), (0.10, 1.47, 0.16), 0.0016, 800, 0.012),
@@ -93,7 +93,7 @@ def piece_colours(piece: Piece, points: Points) -> np.ndarray:
         paint = _blend(paint, LIPS, mouth.lip_mask(neutral), 0.0012)
         nostril = ellipsoid(mirrored(points), (0.0072, 1.5445, 0.0940), (0.0042, 0.0036, 0.0060))
         paint = _blend(paint, NOSTRIL, nostril, 0.0016)
-        paint = _blend(paint, INSIDE, mouth.inside_mask(points), 0.0012)
+        paint = _blend(paint, INSIDE, mouth.inside_mask(points), 0.0020)
         rosy = np.exp(
             -(np.linalg.norm((np.abs(points) - (0.042, 1.552, 0.070)) / (0.022, 0.016, 0.03), axis=1) ** 2)
         )

@@ -98,7 +98,7 @@ def lip_mask(p: Points) -> Distances:
 def inside_mask(p: Points) -> Distances:
     """Negative behind the lips of the modelled mouth: where the skin becomes the wall of the mouth."""
     depth = p[:, 2] + ARCH * p[:, 0] ** 2
-    return common(opening(p) - 0.0015, depth - 0.0895)
+    return common(opening(p) - 0.0015, depth - 0.0862)
 
 
 def _gap(x: Distances) -> Distances:

@@ -6,8 +6,8 @@ from jaxtyping import Float, Int
 Positions = Float[np.ndarray, "v 3"]
 Triangles = Int[np.ndarray, "f 3"]
 
-ROUNDED = 0.90  # least cosine between a vertex's normal and its triangles' at which it slides
-SHARP = 0.93  # cosine between two triangles below which their edge is a crease that is kept
+ROUNDED = 0.98  # least cosine between a vertex's normal and its triangles' at which it slides
+SHARP = 0.992  # cosine between two triangles below which their edge is a crease that is kept
 
 
 def relax(

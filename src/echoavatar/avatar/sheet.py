@@ -7,7 +7,9 @@ from jaxtyping import Float, UInt8
 
 from ..errors import DependencyError
 from ..kinematics import Motion
-from .video import film
+from .character import load_character
+from .render import Renderer, Surface
+from .video import HEAD, close_up, film, linear
 
 
 def contact_sheet(
@@ -35,8 +37,28 @@ def contact_sheet(
     return grid.transpose(0, 2, 1, 3, 4).reshape(rows * height, columns * width, 3)
 
 
+def face_sheet(
+    *, columns: int = 9, size: tuple[int, int] = (150, 170), strength: float = 1.0
+) -> UInt8[np.ndarray, "h w 3"]:
+    """The face at rest, then each of its blendshapes alone, in order; `mouthClose` with the jaw open that it closes."""
+    character = load_character()
+    renderer = Renderer(*size, camera=close_up(character.rest_joints[HEAD]), samples=2)
+    colours = linear(character.colours)
+    names = character.face.names
+    weights = np.concatenate([np.zeros((1, len(names))), strength * np.eye(len(names))]).astype(np.float32)
+    weights[1 + names.index("mouthClose"), names.index("jawOpen")] = strength
+    pictures = [
+        renderer.draw(Surface(*character.with_face(row), colours, character.triangles)) for row in weights
+    ]
+    rows = -(-len(pictures) // columns)
+    blank = [np.zeros_like(pictures[0])] * (rows * columns - len(pictures))
+    width, height = size
+    grid = np.stack(pictures + blank).reshape(rows, columns, height, width, 3)
+    return grid.transpose(0, 2, 1, 3, 4).reshape(rows * height, columns * width, 3)
+
+
 def save_picture(path: Path, picture: UInt8[np.ndarray, "h w 3"]) -> None:
-    """Write a PNG; raises DependencyError without pillow."""
+    """Write a PNG or, by the suffix, a JPEG; raises DependencyError without pillow."""
     try:
         from PIL import Image
     except ImportError as error:
