@@ -1,31 +1,95 @@
+import math
+
 import numpy as np
+import pytest
+import torch
+from pydantic import ValidationError
 
 from echoavatar.kinematics import HUMANOID, Motion
-from echoavatar.kinematics.rotations import quaternion_from_axis_angle
-from echoavatar.pipeline.modes import in_place, upper_body
+from echoavatar.kinematics.contact import skate
+from echoavatar.kinematics.rotations import matrix_from_axis_angle, quaternion_from_matrix
+from echoavatar.pipeline.modes import MotionOptions, in_place, upper_body, with_options
+from echoavatar.pipeline.post import Post
+
+BALLS = list(HUMANOID.config.feet)[1::2]
+STANDING = HUMANOID.rest_positions[BALLS, 1].numpy()
 
 
-def moving() -> Motion:
-    import torch
+def walking(seconds: float = 8.0, pace: float = 0.35) -> Motion:
+    """Steps to the left and further to the left: each foot lifts in turn, the pelvis goes on over the other one."""
+    frames = round(seconds * 30)
+    time = np.arange(frames) / 30
+    turns = torch.zeros(frames, HUMANOID.joints, 3)
+    for side, shift in (("left", 0.0), ("right", 0.5)):
+        phase = (time + shift) % 1.0
+        lift = np.where(phase < 0.4, np.sin(np.pi * phase / 0.4) ** 2, 0.0)
+        # stance: the foot goes from ahead to behind of the pelvis; swing: back
+        swing = np.where(phase < 0.4, -np.cos(np.pi * phase / 0.4), 1 - 2 * (phase - 0.4) / 0.6)
+        across = torch.from_numpy(np.arcsin(swing * pace * 0.3 / 0.85).astype(np.float32))
+        knee = torch.from_numpy((0.25 + 0.7 * lift).astype(np.float32))
+        turns[:, HUMANOID.index(f"{side}UpperLeg"), 0] = -knee
+        turns[:, HUMANOID.index(f"{side}LowerLeg"), 0] = 2 * knee
+        turns[:, HUMANOID.index(f"{side}Foot"), 0] = -knee
+        turns[:, HUMANOID.index(f"{side}UpperLeg"), 2] = across
+    turns[:, HUMANOID.index("leftUpperArm"), 2] = torch.from_numpy(
+        np.sin(2 * math.pi * time).astype(np.float32)
+    )
+    matrices = matrix_from_axis_angle(turns)
+    root = np.zeros((frames, 3), np.float32)
+    root[:, 1] = 0.925
+    root[:, 0] = pace * time
+    quaternions = quaternion_from_matrix(matrices).numpy()
+    free = Motion(HUMANOID, quaternions, root, 30.0)
+    return Post(HUMANOID, stages=("ground", "feet")).replay(free)
 
-    torch.manual_seed(0)
-    turns = quaternion_from_axis_angle(torch.randn(10, 52, 3) * 0.3).numpy()
-    root = np.cumsum(np.full((10, 3), 0.01, np.float32), 0) + HUMANOID.rest_positions[0].numpy()
-    return Motion(HUMANOID, turns, root.astype(np.float32), 30.0)
+
+@pytest.fixture(scope="module")
+def walk() -> Motion:
+    return walking()
 
 
-def test_in_place_keeps_height_and_pose_only() -> None:
-    motion = moving()
-    still = in_place(motion)
-    assert np.ptp(still.root[:, [0, 2]], axis=0).max() == 0
-    assert np.array_equal(still.root[:, 1], motion.root[:, 1])
-    assert np.array_equal(still.rotations, motion.rotations)
+def balls(motion: Motion) -> np.ndarray:
+    return motion.pose().positions[:, BALLS].numpy()
 
 
-def test_upper_body_stands_on_the_floor_and_keeps_arms_and_fingers() -> None:
-    motion = moving()
-    still = upper_body(motion)
-    feet = still.pose().positions[:, list(HUMANOID.config.feet)].numpy()
-    assert np.ptp(feet, axis=0).max() < 1e-6
+def test_the_walk_walks(walk: Motion) -> None:
+    assert np.ptp(walk.root[:, 0]) > 1.5
+
+
+def test_in_place_stays_over_the_start_and_feet_step_without_sliding(walk: Motion) -> None:
+    still = in_place(walk)
+    assert np.abs(still.root[:, [0, 2]] - walk.root[0, [0, 2]]).max() < 1e-5
+    assert skate(balls(still)[30:], 30, standing_height=STANDING) < 0.3
+    assert (balls(still)[30:, :, 1] - STANDING).max(0).min() > 0.03  # both feet still lift
     kept = [*HUMANOID.config.parts["upper"], *HUMANOID.config.parts["hands"]]
-    assert np.array_equal(still.rotations[:, kept], motion.rotations[:, kept])
+    dots = np.abs((still.rotations[:, kept] * walk.rotations[:, kept]).sum(-1))
+    assert dots.min() > 1 - 1e-5
+
+
+def test_upper_body_stands_and_keeps_arms_and_fingers(walk: Motion) -> None:
+    still = upper_body(walk)
+    feet = balls(still)[15:]
+    assert np.ptp(feet, axis=0).max() < 1e-3
+    np.testing.assert_allclose(feet[..., 1], np.broadcast_to(STANDING, feet.shape[:2]), atol=2e-3)
+    assert 0.005 < np.ptp(still.root[:, 0]) < 0.03  # sways
+    kept = [*HUMANOID.config.parts["upper"], *HUMANOID.config.parts["hands"]]
+    dots = np.abs((still.rotations[:, kept] * walk.rotations[:, kept]).sum(-1))
+    assert dots.min() > 1 - 1e-5
+
+
+def test_a_leash_holds_a_walker_without_sliding_feet(walk: Motion) -> None:
+    led = with_options(walk, MotionOptions(leash_m=0.6))
+    away = np.linalg.norm((led.root - walk.root[0])[:, [0, 2]], axis=1)
+    assert away.max() <= 0.6
+    assert skate(balls(led), 30, standing_height=STANDING) < 0.3
+    assert np.abs(np.diff(led.root[:, 0], n=2)).max() < 0.03  # no jerk where the leash ends
+
+
+def test_free_is_as_it_was(walk: Motion) -> None:
+    again = with_options(walk, MotionOptions())
+    np.testing.assert_allclose(again.root, walk.root, atol=5e-3)
+
+
+def test_a_leash_has_a_length() -> None:
+    with pytest.raises(ValidationError):
+        MotionOptions(leash_m=-1)

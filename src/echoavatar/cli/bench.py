@@ -32,10 +32,92 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="int8",
         help="of the generator's weights (default: %(default)s, as everywhere)",
     )
+    post = kinds.add_parser(
+        "post",
+        help="smoothing, root, feet and hands",
+        description="Time what follows the decoder, stage by stage, for one session and for a batch; no model.",
+    )
+    post.add_argument("--chunks", type=int, default=600, help="chunks to time (default: %(default)s)")
+    post.add_argument("--sessions", type=int, default=64, help="sessions in the batch (default: %(default)s)")
+    many = kinds.add_parser(
+        "sessions",
+        help="how many sessions are served in real time",
+        description="Serve 1, 2, 3 ... sessions that send sound at odd moments; time from sound to motion, memory.",
+    )
+    many.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
+    many.add_argument(
+        "--counts",
+        type=_counts,
+        default=(1, 2, 3, 4),
+        help="sessions to try, such as 1,2,4 (default: 1,2,3,4)",
+    )
+    many.add_argument("--seconds", type=float, default=20.0, help="sound of each (default: %(default)s)")
+    many.add_argument("--threads", type=int, help="torch threads (default: torch's own choice)")
+    many.add_argument(
+        "--neighbours", action="store_true", help="also beside one that floods, stalls or vanishes"
+    )
+    many.add_argument(
+        "--clock",
+        choices=("wall", "cpu"),
+        default="wall",
+        help="cpu leaves out what other programs took; use it with one thread (default: %(default)s)",
+    )
+
+
+def _counts(text: str) -> tuple[int, ...]:
+    counts = tuple(int(part) for part in text.split(","))
+    if min(counts) < 1:
+        raise ValueError("sessions are counted from 1")
+    return counts
+
+
+def _sessions(args: argparse.Namespace) -> int:
+    import time
+
+    import torch
+
+    from ..evaluation.sessions_bench import bench_neighbour, bench_sessions, summary
+    from ..pipeline import Pipeline, load_bundle
+
+    if args.threads:
+        torch.set_num_threads(args.threads)
+    pipeline = Pipeline(load_bundle(args.model))
+    clock = time.perf_counter if args.clock == "wall" else time.process_time
+    loads = bench_sessions(pipeline, args.counts, seconds=args.seconds, clock=clock)
+    print(f"{'sessions':<10}{'p50 ms':>10}{'p99 ms':>10}{'busy':>8}{'MB each':>10}  in real time")
+    for load in loads:
+        numbers = f"{load.p50_ms:>10.1f}{load.p99_ms:>10.1f}{load.busy:>8.2f}{load.memory_mb:>10.2f}"
+        print(f"{load.sessions:<10}{numbers}  {'yes' if load.in_real_time else 'no'}")
+    report = summary(loads)
+    if args.neighbours:
+        report["p99_ms_beside"] = bench_neighbour(pipeline, seconds=args.seconds, clock=clock)
+    print(json.dumps(report))
+    return 0
+
+
+def _post(args: argparse.Namespace) -> int:
+    import torch
+
+    from ..evaluation.post_bench import bench_post
+
+    torch.set_num_threads(1)
+    report = bench_post(chunks=args.chunks, sessions=args.sessions)
+    print(
+        f"{'stage':<10}{'1 session, ms p50':>20}{'p95':>8}{f'{args.sessions} sessions, ms p50':>24}{'p95':>8}"
+    )
+    for stage, one in report.one_ms.items():
+        many = report.many_ms[stage]
+        print(f"{stage:<10}{one[0]:>20.3f}{one[1]:>8.3f}{many[0]:>24.3f}{many[1]:>8.3f}")
+    print(json.dumps(report.summary))
+    return 0
 
 
 def run(args: argparse.Namespace) -> int:
     """Measure and print."""
+    if args.kind == "post":
+        return _post(args)
+    if args.kind == "sessions":
+        return _sessions(args)
     import torch
 
     from ..evaluation.stream_bench import bench_stream

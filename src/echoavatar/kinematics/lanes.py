@@ -131,13 +131,17 @@ def _far(m: Float[Array, "3 3 k"]) -> Float[Array, "4 k"]:
 
 
 def from_two_rows(rows: Float[Array, "6 ..."]) -> Float[Array, "4 ..."]:
-    """Unit quaternions of 6D rotations (the first two rows of the matrix), by Gram-Schmidt."""
+    """Unit quaternions of 6D rotations (the first two rows of the matrix), by Gram-Schmidt; zero for parallel rows."""
     first, second = rows[:3], rows[3:]
     frame = np.empty((3, 3, *rows.shape[1:]), rows.dtype)
     frame[0] = first = normalized(first)
     frame[1] = second = normalized(second - first * dot(first, second))
-    frame[2] = cross(first, second)
-    return from_matrix(frame)
+    frame[2] = third = cross(first, second)
+    made = from_matrix(frame)
+    is_lost = dot(third, third) < 0.5
+    if is_lost.any():
+        made[:, is_lost] = 0
+    return made
 
 
 def dot(a: Float[Array, "c ..."], b: Float[Array, "c ..."]) -> Float[Array, "..."]:

@@ -42,6 +42,12 @@ class FeetState(StreamState):
 
     memory: Float[Tensor, "b 11 f"]
 
+    def lean(self) -> Float[Array, " b"]:
+        """How far the farthest held foot of each row is from where it was decoded, across the floor, metres."""
+        memory = self.memory.numpy()
+        lean: Array = (np.hypot(memory[:, 5], memory[:, 7]) * memory[:, 1]).max(-1)
+        return lean
+
 
 class Feet:
     """Foot lock for a rig with two legs of two bones; rigs without are passed through."""
@@ -67,14 +73,21 @@ class Feet:
         state: FeetState,
         active: Bool[Array, " b"] | None = None,
         *,
+        decoded_root: Float[Array, "3 t b"] | None = None,
         largest: Float[Array, " b"] | float = LARGEST,
     ) -> None:
-        """Legs of `pose` bent in place so that planted feet stay; `largest` correction in metres, per row."""
+        """Legs of `pose` bent in place so that planted feet stay.
+
+        `decoded_root` is where the root was before a leash: it says which feet stand and which step. `largest` is how
+        far a foot may be moved across the floor, metres, per row.
+        """
         if not self.is_able:
             return
-        over = legs.points[:, 1::2] + pose.root[:, None]
-        over[1] -= self._standing
-        shift = _shifts(over, state, active, pose.fps, largest)
+        balls = legs.points[:, 1::2].copy()
+        balls[1] -= self._standing
+        over = balls + pose.root[:, None]
+        free = over if decoded_root is None else balls + decoded_root[:, None]
+        shift = _shifts(over, free, state, active, pose.fps, largest)
         frames = legs.frames[:, :, self._slots]
         aside = lanes.apply_inverse(legs.hips[:, :, None], shift.reshape(3, 2, -1))
         aside += frames[:, 3, 2]
@@ -83,15 +96,19 @@ class Feet:
 
 def _shifts(
     over: Float[Array, "3 f t b"],
+    free: Float[Array, "3 f t b"],
     state: FeetState,
     active: Bool[Array, " b"] | None,
     fps: float,
     largest: Float[Array, " b"] | float,
 ) -> Float[Array, "3 f t b"]:
-    """By how much each foot is moved; `over` is where its ball is, its height over the standing one."""
+    """By how much each foot is moved; `over` is where its ball is, its height over the standing one.
+
+    `free` is where it would be without a leash.
+    """
     memory = state.memory.numpy().transpose(1, 2, 0)
     after = np.empty_like(memory)
-    path = with_past(over, memory[8:], new_rows(memory[0, 0]))
+    path = with_past(free, memory[8:], new_rows(memory[0, 0]))
     moved = path[:, :, 1:] - path[:, :, :-1]
     height, travel = over[1], np.hypot(moved[0], moved[2])
     stay = (height < LEAVE_HEIGHT) & (np.abs(moved[1]) < LEAVE_SPEED / fps)
@@ -109,7 +126,7 @@ def _shifts(
         left = np.cumprod(kept[:, block], axis=1)
         shift[1, :, block] = left * (up[:, None] + np.cumsum(added[:, block] / left, axis=1))
         up = shift[1, :, block][:, -1]
-    after[0], after[5:8], after[8:] = 1, shift[:, :, -1], over[:, :, -1]
+    after[0], after[5:8], after[8:] = 1, shift[:, :, -1], free[:, :, -1]
     keep(state.memory, after.transpose(2, 0, 1), active)
     return shift
 

@@ -30,8 +30,9 @@ class GroundState(StreamState):
 class Ground:
     """Integrates the root over planted feet, streaming; a rig whose feet are not known travels as decoded."""
 
-    def __init__(self, skeleton: Skeleton) -> None:
-        feet = list(skeleton.config.feet)
+    def __init__(self, skeleton: Skeleton, *, is_holding: bool = True) -> None:
+        """Not holding, the root travels as decoded, whatever the feet do."""
+        feet = list(skeleton.config.feet) if is_holding else []
         self._points = len(feet)
         rest = skeleton.rest_positions.numpy()
         self.rest = rest[feet, 1][:, None, None].astype(np.float32)  # the sole is at 0

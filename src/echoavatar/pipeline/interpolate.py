@@ -56,7 +56,9 @@ class StreamInterpolator:
         if self._past is None:
             raise MotionError("nothing was pushed, so there is nothing to finish; push a chunk first")
         last = _cut(self._past, slice(-2, None))
-        ahead = MotionChunk(*(None if v is None else 2 * v[-1:] - v[:1] for v in _aligned(last)))
+        turns, places, face = _aligned(last)
+        on = None if face is None else 2 * face[-1:] - face[:1]
+        ahead = MotionChunk(2 * turns[-1:] - turns[:1], 2 * places[-1:] - places[:1], on)
         known = _joined(self._past, ahead)
         made = self._between(known, self._first + len(known.root) - 1)
         self.reset()
@@ -70,16 +72,16 @@ class StreamInterpolator:
         self._made += count
         index = np.minimum(exact // self._step.denominator, max(end - 1, 0))
         share = at - index
-        rotations, root, face = (
-            None if v is None else _cubic(v, index - self._first, share) for v in _aligned(known)
-        )
-        assert rotations is not None and root is not None
+        turns, places, curves = _aligned(known)
+        rotations, root = (_cubic(v, index - self._first, share) for v in (turns, places))
+        face = None if curves is None else np.clip(_cubic(curves, index - self._first, share), 0, 1)
         rotations /= np.linalg.norm(rotations, axis=-1, keepdims=True)
         is_source, source = share == 0, known.rotations[np.minimum(index - self._first, len(known.root) - 1)]
         signed = np.where(rotations[..., :1] < 0, -rotations, rotations).astype(np.float32)
         rotations = np.where(is_source[:, None, None], source, signed)
-        face = None if face is None else np.clip(face, 0, 1).astype(np.float32)
-        return MotionChunk(rotations, root.astype(np.float32), face)
+        return MotionChunk(
+            rotations, root.astype(np.float32), None if face is None else face.astype(np.float32)
+        )
 
 
 def interpolate(motion: Motion, fps: float) -> Motion:
@@ -124,12 +126,11 @@ def _aligned(chunk: MotionChunk) -> MotionChunk:
 def _joined(first: MotionChunk | None, second: MotionChunk) -> MotionChunk:
     if first is None:
         return second
-    has_face = first.face is not None and second.face is not None
-    return MotionChunk(
-        np.concatenate([first.rotations, second.rotations]),
-        np.concatenate([first.root, second.root]),
-        np.concatenate([first.face, second.face]) if has_face else None,  # type: ignore[list-item]
-    )
+    face = None
+    if first.face is not None and second.face is not None:
+        face = np.concatenate([first.face, second.face])
+    rotations = np.concatenate([first.rotations, second.rotations])
+    return MotionChunk(rotations, np.concatenate([first.root, second.root]), face)
 
 
 def _cut(chunk: MotionChunk, part: slice) -> MotionChunk:

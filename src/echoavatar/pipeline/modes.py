@@ -1,26 +1,93 @@
-"""What a user may ask of finished motion: stay on the spot, or move the upper body only."""
+"""What a user may ask of a session's body: a leash, to stay on the spot, to move the upper body only."""
 
-from dataclasses import replace
+import math
+from dataclasses import dataclass
 
 import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from pydantic import Field
+from torch import Tensor
 
-from ..kinematics import Motion
+from ..config import Config
+from ..kinematics import Motion, Skeleton
+from ..nn import StreamState
+from .pose import Array, PoseLanes, keep
+
+STAND_LOWER = 0.012  # metres that idle legs give, so that knees are not locked
+SWAY = 0.008  # metres to either side
+SWAY_SECONDS = (7.3, 11.9)  # across and along, without a common beat
+WARM_UP_FRAMES = 8
+
+
+class MotionOptions(Config):
+    """How one session's body may move. Nothing slides: feet are held and step."""
+
+    leash_m: float = Field(
+        0.0, ge=0, le=100, description="metres the hips may be from where they started; 0: no leash"
+    )
+    in_place: bool = Field(False, description="hips stay over the start, as game engines expect of a clip")
+    upper_body: bool = Field(False, description="hips and legs stand idle, everything above moves")
+
+
+FREE = MotionOptions.model_validate({})
+
+
+@dataclass
+class ModesState(StreamState):
+    """Each row's options: leash in metres, in place, upper body (0 or 1); and frames stood idle so far."""
+
+    options: Float[Tensor, "b 3"]
+    frames: Float[Tensor, " b"]
+
+    def choose(self, rows: Bool[Tensor, " b"], options: MotionOptions) -> None:
+        """Set the options of these rows; they hold from the next chunk on."""
+        values = [options.leash_m, float(options.in_place), float(options.upper_body)]
+        self.options[rows] = torch.tensor(values)
+
+
+class IdleLegs:
+    """Hips and legs that stand, sway by millimetres, and leave the rest of the body to the motion."""
+
+    def __init__(self, skeleton: Skeleton) -> None:
+        self._lower = list(skeleton.config.parts.get("lower", ()))
+        self._height = float(skeleton.rest_positions[0, 1]) - STAND_LOWER
+
+    def init_state(self, rows: int) -> ModesState:
+        """Free rows."""
+        return ModesState(torch.zeros(rows, 3), torch.zeros(rows))
+
+    def stand(self, pose: PoseLanes, rows: Bool[Array, " b"]) -> None:
+        """Rotations of hips and legs at rest, in place; before forward kinematics."""
+        turns = np.zeros((4, len(self._lower), 1, 1), np.float32)
+        turns[0] = 1
+        pose.turns[:, self._lower] = np.where(rows, turns, pose.turns[:, self._lower])
+
+    def sway(
+        self, pose: PoseLanes, rows: Bool[Array, " b"], state: ModesState, active: Bool[Array, " b"] | None
+    ) -> None:
+        """The root of idle rows, in place; before the feet are held."""
+        frame = state.frames.numpy() + np.arange(1, pose.root.shape[1] + 1, dtype=np.float32)[:, None]
+        begun = np.minimum(frame / (4 * WARM_UP_FRAMES), 1)
+        for axis, seconds in zip((0, 2), SWAY_SECONDS, strict=True):
+            swing = SWAY * begun * np.sin(2 * math.pi * frame / (seconds * pose.fps))
+            pose.root[axis] = np.where(rows, swing, pose.root[axis])
+        pose.root[1] = np.where(rows, self._height, pose.root[1])
+        keep(state.frames, np.where(rows, frame[-1], 0).astype(np.float32), active)
+
+
+def with_options(motion: Motion, options: MotionOptions) -> Motion:
+    """A finished motion as a session with these options would have shown it (30 fps or any other rate)."""
+    from .post import Post  # the stages know the options, and this door knows the stages
+
+    return Post(motion.skeleton, stages=("leash", "feet")).replay(motion, options)
 
 
 def in_place(motion: Motion) -> Motion:
-    """Root motion removed: the hips stay over the start, as game engines expect of in-place clips.
-
-    Height is kept. Feet that step then slide under the body, as on a treadmill.
-    """
-    root = motion.root.copy()
-    root[:, [0, 2]] = root[0, [0, 2]]
-    return replace(motion, root=root)
+    """The hips over the start, as game engines expect of in-place clips; feet stand and step without sliding."""
+    return with_options(motion, MotionOptions.model_validate({"in_place": True}))
 
 
 def upper_body(motion: Motion) -> Motion:
-    """Hips and legs stand still in the rest pose; everything above moves as it was."""
-    skeleton = motion.skeleton
-    rotations, root = motion.rotations.copy(), motion.root.copy()
-    rotations[:, list(skeleton.config.parts["lower"])] = np.array([1, 0, 0, 0], np.float32)
-    root[:] = skeleton.rest_positions[0].numpy()
-    return replace(motion, rotations=rotations, root=root)
+    """Hips and legs stand idle; everything above moves as it was."""
+    return with_options(motion, MotionOptions.model_validate({"upper_body": True}))

@@ -1,0 +1,103 @@
+import numpy as np
+import pytest
+import torch
+
+from echoavatar.pipeline.leash import LEAN, PULL_SPEED, Leash, LeashState
+from echoavatar.pipeline.pose import PoseLanes
+
+
+def step(
+    leash: Leash,
+    root: np.ndarray,
+    state: LeashState,
+    *,
+    radius: float = 1.0,
+    lean: float = 0.0,
+    is_pinned: bool = False,
+    active: np.ndarray | None = None,
+) -> np.ndarray:
+    """Root (3, t, b) in and out."""
+    rows = root.shape[2]
+    pose = PoseLanes(np.zeros((4, 1, root.shape[1], rows), np.float32), root.astype(np.float32), 30.0)
+    leash.step(
+        pose,
+        state,
+        active,
+        radius=np.full(rows, radius, np.float32),
+        is_pinned=np.full(rows, is_pinned),
+        lean=np.full(rows, lean, np.float32),
+    )
+    return pose.root
+
+
+def wander(chunks: int, rows: int = 1, seed: int = 0) -> np.ndarray:
+    """Roots (3, t, b) that drift one way and walk at random, at up to a metre a second."""
+    rng = np.random.default_rng(seed)
+    speed = np.repeat(rng.uniform(-0.7, 1.0, (2, chunks, rows)), 8, axis=1)
+    path = np.cumsum(speed / 30, axis=1)
+    return np.stack([path[0], np.full_like(path[0], 0.95), path[1]]).astype(np.float32)
+
+
+@pytest.mark.parametrize("chunks", [600, pytest.param(13_500, marks=pytest.mark.slow, id="an hour")])
+def test_a_walker_who_would_be_far_away_stays_within_the_leash(chunks: int) -> None:
+    """Two minutes, or an hour, of one who drifts off by a tenth of a metre a second."""
+    leash, root = Leash(), wander(chunks)
+    state, far, last, speed = leash.init_state(1), 0.0, None, 0.0
+    for start in range(0, root.shape[1], 8):
+        out = step(leash, root[:, start : start + 8].copy(), state)
+        far = max(far, float(np.hypot(out[0], out[2]).max()))
+        path = out if last is None else np.concatenate([last, out], 1)
+        speed = max(speed, float(np.linalg.norm(np.diff(path[::2], axis=1), axis=0).max()) * 30)
+        last = out[:, -1:]
+    assert np.hypot(root[0, -1], root[2, -1]) > chunks / 100
+    assert far <= 1.0 + 1e-5
+    assert speed < 2.0  # no jumps: hardly over the walker's own 1.4 m/s
+
+
+def test_near_the_start_nothing_is_changed() -> None:
+    root = 0.2 * wander(4)
+    leash = Leash()
+    np.testing.assert_allclose(step(leash, root.copy(), leash.init_state(1)), root, atol=1e-6)
+
+
+def test_one_who_stands_far_out_is_drawn_back_unless_feet_are_off_already() -> None:
+    leash = Leash()
+    root = np.zeros((3, 8, 1), np.float32)
+    root[0] = 0.9
+    state = leash.init_state(1)
+    for _ in range(30):
+        out = step(leash, root.copy(), state)
+    assert 0.3 < out[0, -1, 0] < 0.6
+    held, state = 0.0, leash.init_state(1)
+    for _ in range(30):
+        held = step(leash, root.copy(), state, lean=LEAN)[0, -1, 0]
+    assert held == pytest.approx(0.9, abs=1e-5)
+    assert PULL_SPEED < 0.3
+
+
+def test_pinned_rows_do_not_move_and_free_ones_are_free() -> None:
+    leash, root = Leash(), wander(3)
+    assert not step(leash, root.copy(), leash.init_state(1), is_pinned=True)[::2].any()
+    assert np.array_equal(step(leash, root.copy(), leash.init_state(1), radius=0.0), root)
+
+
+def test_chunks_join_without_a_step() -> None:
+    """A steady outward walk: from frame to frame the speed changes by less than 4 cm/s, across chunks too."""
+    leash = Leash()
+    root = np.zeros((3, 240, 1), np.float32)
+    root[0, :, 0] = np.arange(240) * 0.4 / 30
+    state = leash.init_state(1)
+    out = np.concatenate([step(leash, part.copy(), state) for part in np.split(root, 30, axis=1)], 1)
+    assert np.abs(np.diff(out[0, :, 0], n=2)).max() * 30 < 0.04
+    assert out[0].max() < 1.0
+
+
+def test_idle_rows_and_neighbours() -> None:
+    leash, root = Leash(), wander(2, rows=2)
+    state = leash.init_state(2)
+    both = step(leash, root.copy(), state, active=np.array([True, False]))
+    assert not state.memory[1].any()
+    alone = step(leash, root[:, :, :1].copy(), leash.init_state(1))
+    assert np.array_equal(both[:, :, :1], alone)
+    state.reset(torch.tensor([True, False]))
+    assert not state.memory.any()
