@@ -33,6 +33,7 @@ web-test: web/node_modules
 	cd web && npm run check && npm test
 
 browser-test: .venv-test/ready
+	.venv-test/bin/pip install $(PIP_FLAGS) -c constraints.txt -e '.[serve,browser]'
 	OMP_NUM_THREADS=1 .venv-test/bin/pytest -m browser tests/web
 
 web/node_modules: web/package-lock.json

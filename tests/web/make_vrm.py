@@ -7,17 +7,29 @@ import json
 import struct
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from echoavatar.kinematics import HUMANOID
 
 SCALE = 0.8
-MOUTHS = ("aa", "ih", "ou", "ee", "oh")
-_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float32) / 2
-_FACES = np.array(
-    [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]], np.uint16
-)
+SHAPES = {
+    "aa": (0.0, 0.06),
+    "ih": (0.02, 0.015),
+    "ou": (-0.03, 0.02),
+    "ee": (0.03, 0.01),
+    "oh": (-0.015, 0.045),
+}
+BLINK = (0.05, 0.0)
+_COMPONENTS = {"float32": 5126, "uint16": 5123, "uint8": 5121}
+_KINDS = {(): "SCALAR", (3,): "VEC3", (4,): "VEC4", (4, 4): "MAT4"}
+_CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float32) / 2
+_FACES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
+_CORNERS = _CUBE[_FACES].reshape(-1, 3)  # four to a face, so that each has its own normal
+_TRIANGLES = np.arange(24).reshape(6, 4)[:, [0, 1, 2, 0, 2, 3]].reshape(-1)
+
+Box = tuple[int, np.ndarray, np.ndarray]  # joint, centre from it, size
 
 
 class _Binary:
@@ -25,20 +37,17 @@ class _Binary:
         self.data, self.views, self.accessors = bytearray(), [], []
 
     def add(self, values: np.ndarray) -> int:
-        component = 5126 if values.dtype == np.float32 else 5123
-        kind = {1: "SCALAR", 2: "VEC3"}[values.ndim]
+        values = np.ascontiguousarray(values)
         self.views.append({"buffer": 0, "byteOffset": len(self.data), "byteLength": values.nbytes})
-        low, high = np.atleast_1d(values.min(0)).tolist(), np.atleast_1d(values.max(0)).tolist()
-        self.accessors.append(
-            {
-                "bufferView": len(self.views) - 1,
-                "componentType": component,
-                "count": len(values),
-                "type": kind,
-                "min": low,
-                "max": high,
+        kind = _KINDS[values.shape[1:]]
+        accessor: dict[str, Any] = {"bufferView": len(self.views) - 1, "count": len(values), "type": kind}
+        accessor["componentType"] = _COMPONENTS[values.dtype.name]
+        if kind in ("SCALAR", "VEC3"):
+            accessor |= {
+                "min": np.atleast_1d(values.min(0)).tolist(),
+                "max": np.atleast_1d(values.max(0)).tolist(),
             }
-        )
+        self.accessors.append(accessor)
         self.data += values.tobytes() + b"\0" * (-values.nbytes % 4)
         return len(self.accessors) - 1
 
@@ -46,30 +55,24 @@ class _Binary:
 def make_vrm() -> bytes:
     """The file's bytes."""
     binary, offsets = _Binary(), np.array(HUMANOID.config.offsets) * SCALE
-    nodes = [
+    joints, head = HUMANOID.joints, HUMANOID.names.index("head")
+    nodes: list[dict[str, Any]] = [
         {"name": f"Bone_{name}", "translation": offset.tolist()}
         for name, offset in zip(HUMANOID.names, offsets, strict=True)
     ]
-    meshes = []
     for joint, parent in enumerate(HUMANOID.parents):
         if parent >= 0:
             nodes[parent].setdefault("children", []).append(joint)
-            meshes.append((parent, _limb(binary, offsets[joint])))
-    head = HUMANOID.names.index("head")
-    meshes.append((head, _box(binary, np.array([0, 0.09, 0.02]), np.array([0.16, 0.2, 0.18]))))
-    meshes.append((head, _mouth(binary)))
-    for index, (joint, mesh) in enumerate(meshes):
-        nodes[joint].setdefault("children", []).append(len(nodes))
-        nodes.append({"name": f"box{index}", "mesh": index})
-        meshes[index] = mesh
-    mouth = len(nodes) - 1
+    nodes[head]["children"] = [joints + 1]
+    nodes += [{"name": "body", "mesh": 0, "skin": 0}, {"name": "mouth", "mesh": 1}]
     document = {
         "asset": {"version": "2.0", "generator": "EchoAvatar tests"},
         "extensionsUsed": ["VRMC_vrm"],
         "scene": 0,
-        "scenes": [{"nodes": [0]}],
+        "scenes": [{"nodes": [0, joints]}],
         "nodes": nodes,
-        "meshes": meshes,
+        "meshes": [_body(binary, offsets), _mouth(binary)],
+        "skins": [{"joints": list(range(joints)), "inverseBindMatrices": _bind(binary)}],
         "materials": [
             {"pbrMetallicRoughness": {"baseColorFactor": colour, "metallicFactor": 0}}
             for colour in ([0.45, 0.62, 0.72, 1], [0.55, 0.1, 0.12, 1])
@@ -77,59 +80,82 @@ def make_vrm() -> bytes:
         "bufferViews": binary.views,
         "accessors": binary.accessors,
         "buffers": [{"byteLength": len(binary.data)}],
-        "extensions": {"VRMC_vrm": _extension(mouth)},
+        "extensions": {"VRMC_vrm": _extension(joints + 1)},
     }
     return _container(document, bytes(binary.data))
 
 
-def _limb(binary: _Binary, offset: np.ndarray) -> dict:
-    """A box from a joint to its child."""
-    size = np.maximum(np.abs(offset), max(0.012, 0.18 * float(np.linalg.norm(offset))))
-    return _box(binary, offset / 2, size)
-
-
-def _box(binary: _Binary, centre: np.ndarray, size: np.ndarray, material: int = 0) -> dict:
-    corners = _CORNERS[_FACES].reshape(-1, 3)
-    positions = (corners * size + centre).astype(np.float32)
-    triangles = np.arange(24, dtype=np.uint16).reshape(6, 4)[:, [0, 1, 2, 0, 2, 3]].reshape(-1)
-    a, b, c = (corners.reshape(6, 4, 3)[:, i] for i in range(3))
-    normals = np.cross(b - a, c - a)
-    normals = np.repeat(normals / np.linalg.norm(normals, axis=1, keepdims=True), 4, axis=0)
-    attributes = {"POSITION": binary.add(positions), "NORMAL": binary.add(normals.astype(np.float32))}
-    return {
-        "primitives": [{"attributes": attributes, "indices": binary.add(triangles), "material": material}]
-    }
-
-
-def _mouth(binary: _Binary) -> dict:
-    """A flat box that each vowel, and the blink, stretches its own way."""
-    mesh = _box(binary, np.array([0, 0.05, 0.112]), np.array([0.06, 0.008, 0.01]), material=1)
-    corners = _CORNERS[_FACES].reshape(-1, 3)
-    stretches = [(0.0, 0.06), (0.02, 0.015), (-0.03, 0.02), (0.03, 0.01), (-0.015, 0.045), (0.05, 0.0)]
-    targets = [
-        {"POSITION": binary.add((corners * [wide, tall, 0]).astype(np.float32))} for wide, tall in stretches
+def _body(binary: _Binary, offsets: np.ndarray) -> dict[str, Any]:
+    """A box from each joint to its parent, and a head, in one skinned mesh."""
+    places = HUMANOID.rest_positions.numpy() * SCALE
+    boxes: list[Box] = [
+        (HUMANOID.names.index("head"), np.array([0, 0.09, 0.02]), np.array([0.16, 0.2, 0.18]))
     ]
-    mesh["primitives"][0]["targets"] = targets
-    return mesh
+    for joint, parent in enumerate(HUMANOID.parents):
+        if parent >= 0:
+            offset = offsets[joint]
+            thick = max(0.012, 0.18 * float(np.linalg.norm(offset)))
+            boxes.append((parent, offset / 2, np.maximum(np.abs(offset), thick)))
+    positions = np.concatenate([_CORNERS * size + places[joint] + centre for joint, centre, size in boxes])
+    owners = np.zeros((len(positions), 4), np.uint8)
+    owners[:, 0] = np.repeat([joint for joint, _, _ in boxes], 24)
+    triangles = np.concatenate([_TRIANGLES + 24 * index for index in range(len(boxes))])
+    attributes = {
+        "POSITION": binary.add(positions.astype(np.float32)),
+        "NORMAL": binary.add(np.tile(_normals(), (len(boxes), 1))),
+        "JOINTS_0": binary.add(owners),
+        "WEIGHTS_0": binary.add(np.eye(4, dtype=np.float32)[np.zeros(len(positions), int)]),
+    }
+    indices = binary.add(triangles.astype(np.uint16))
+    return {"primitives": [{"attributes": attributes, "indices": indices, "material": 0}]}
 
 
-def _extension(mouth: int) -> dict:
-    bones = {name: {"node": joint} for joint, name in enumerate(HUMANOID.names)}
+def _mouth(binary: _Binary) -> dict[str, Any]:
+    """A flat box that each vowel, and the blink, stretches its own way."""
+    positions = _CORNERS * [0.06, 0.008, 0.01] + [0, 0.05, 0.112]
+    stretches = (*SHAPES.values(), BLINK)
+    primitive = {
+        "attributes": {
+            "POSITION": binary.add(positions.astype(np.float32)),
+            "NORMAL": binary.add(_normals()),
+        },
+        "indices": binary.add(_TRIANGLES.astype(np.uint16)),
+        "material": 1,
+        "targets": [
+            {"POSITION": binary.add((_CORNERS * [wide, tall, 0]).astype(np.float32))}
+            for wide, tall in stretches
+        ],
+    }
+    return {"primitives": [primitive]}
+
+
+def _normals() -> np.ndarray:
+    a, b, c = (_CORNERS.reshape(6, 4, 3)[:, i] for i in range(3))
+    normals = np.cross(b - a, c - a)
+    return np.repeat(normals / np.linalg.norm(normals, axis=1, keepdims=True), 4, axis=0).astype(np.float32)
+
+
+def _bind(binary: _Binary) -> int:
+    matrices = np.tile(np.eye(4, dtype=np.float32), (HUMANOID.joints, 1, 1))
+    matrices[:, 3, :3] = -HUMANOID.rest_positions.numpy() * SCALE
+    return binary.add(matrices)
+
+
+def _extension(mouth: int) -> dict[str, Any]:
     preset = {
         name: {"morphTargetBinds": [{"node": mouth, "index": index, "weight": 1.0}]}
-        for index, name in enumerate((*MOUTHS, "blink"))
+        for index, name in enumerate((*SHAPES, "blink"))
     }
     licence = "https://vrm.dev/licenses/1.0/"
-    meta = {"name": "Boxes", "version": "1", "authors": ["EchoAvatar"], "licenseUrl": licence}
     return {
         "specVersion": "1.0",
-        "meta": meta,
-        "humanoid": {"humanBones": bones},
+        "meta": {"name": "Boxes", "version": "1", "authors": ["EchoAvatar"], "licenseUrl": licence},
+        "humanoid": {"humanBones": {name: {"node": joint} for joint, name in enumerate(HUMANOID.names)}},
         "expressions": {"preset": preset},
     }
 
 
-def _container(document: dict, binary: bytes) -> bytes:
+def _container(document: dict[str, Any], binary: bytes) -> bytes:
     text = json.dumps(document).encode()
     text += b" " * (-len(text) % 4)
     total = 12 + 8 + len(text) + 8 + len(binary)

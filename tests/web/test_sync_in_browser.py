@@ -36,12 +36,13 @@ WITNESS = """
   input.connect(ear);
   const wave = new Float32Array(256);
   window.witness = [];
+  let pose = 0;
   const look = () => {
-    const pose = __echo.session.player.pose.root[2] * 1000;
     const stamp = context.getOutputTimestamp();
     const heard = stamp.contextTime + (performance.now() - stamp.performanceTime) / 1000;
     ear.getFloatTimeDomainData(wave);
     window.witness.push([pose, wave[255], wave[254], context.currentTime - heard, context.outputLatency || 0]);
+    pose = __echo.session.player.pose.root[2] * 1000; // drawn just now, on the screen when the next frame begins
     requestAnimationFrame(look);
   };
   look();

@@ -54,8 +54,7 @@ export class Player {
   /** Lets the device take over from the wall clock; its node is given back to be connected. */
   async attach(context: AudioContext, worklet: string): Promise<AudioNode> {
     const audio = await AudioTransport.create(context, worklet, this.settings);
-    const at = this.transport.heardAt(performance.now()) ?? this.ready.at;
-    audio.jump(at);
+    audio.jump(Math.round(this.heard));
     for (const sound of this.sounds) audio.push(sound.at, sound.pcm);
     this.transport.close();
     this.transport = audio;

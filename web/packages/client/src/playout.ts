@@ -60,6 +60,7 @@ export class Playout {
 
   /** Starts over at `at`, empty: a new session. */
   jump(at: number): void {
+    if (!Number.isInteger(at)) throw new RangeError(`the clock counts whole samples, not ${at}`);
     this.blocks = [];
     this.head = at;
     this.stop();

@@ -89,3 +89,7 @@ it("plays silence over a hole in a running stream", () => {
   expect(out[2600]).toBe(2600);
   expect(Math.abs(out[2000]!)).toBe(0);
 });
+
+it("knows only whole samples", () => {
+  expect(() => new Playout(0, CHUNK).jump(0.5)).toThrow(RangeError);
+});
