@@ -1,12 +1,12 @@
 """One chunk of audio in, one chunk of motion out, for many sessions at once (paper, Real-time Deployment).
 
-    level control -> codec -> generator -> tokenizer decoder -> post: calm, ground, feet, hands
+    level control -> codec -> generator -> tokenizer decoder -> post: calm, ground, leash, feet, hands
                   -> face, where the bundle has a face model
 
 Offline and live are the same: a file is a session that is pushed faster. Nothing here depends on the wall clock.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,13 +19,15 @@ from ..face import FaceState, FaceStream
 from ..generator import open_stream
 from ..generator.linear import Precision
 from ..generator.stream import GeneratorStream, HistoryState, RingState
+from ..ik import BodyProfile
 from ..nn import StreamState
 from ..tokenizer.body import BodyState
 from ..tokenizer.model import DecoderState
 from .actions import Directive
 from .bundle import Bundle
+from .modes import FREE, MotionOptions
 from .motion_chunk import MotionChunk
-from .post import POST_STAGES, Post, PostState
+from .post import POST_STAGES, SWITCHES, Post, PostState
 
 Lap = Callable[[str], None]
 BIAS = 6.0  # nats that an action of intensity 1 adds to the logits of its codes
@@ -49,13 +51,21 @@ class PipelineState(StreamState):
 class Pipeline:
     """The trained parts of a bundle as one streaming machine."""
 
-    def __init__(self, bundle: Bundle, *, precision: Precision = "int8") -> None:
+    def __init__(
+        self,
+        bundle: Bundle,
+        *,
+        precision: Precision = "int8",
+        stages: Collection[str] = SWITCHES,
+        body: BodyProfile | None = None,
+    ) -> None:
+        """`stages` behind the decoder to run, `body` the character's thickness: see `Post`."""
         self.skeleton = bundle.skeleton
         self.level = LevelControl()
         self.codec = bundle.codec
         self.generator: GeneratorStream[Any] = open_stream(bundle.generator, precision)
         self.tokenizer = bundle.tokenizer
-        self.post = Post(bundle.skeleton)
+        self.post = Post(bundle.skeleton, stages=stages, body=body)
         self.face = FaceStream(bundle.face) if bundle.face else None
         self.actions = bundle.actions
         self.directive_codes = bundle.generator.config.layout.motion_codes
@@ -74,10 +84,18 @@ class Pipeline:
             torch.zeros(rows, dtype=torch.int64),
         )
 
-    def reset(self, state: PipelineState, rows: Bool[Tensor, " b"], *, seed: int) -> None:
+    def reset(
+        self,
+        state: PipelineState,
+        rows: Bool[Tensor, " b"],
+        *,
+        seed: int,
+        options: MotionOptions = FREE,
+    ) -> None:
         """Begin new sessions in these rows."""
         state.reset(rows)
         state.seeds[rows] = seed
+        state.post.modes.choose(rows, options)
 
     def directive(self, members: Float[Tensor, "b K"]) -> Directive:
         """What to ask of a step for sets of codes, each with its intensity."""
