@@ -59,17 +59,22 @@ class FaceTraining(Config):
         default=0.1, ge=0, le=1, description="share of windows without sound (paper: 0.1)"
     )
     history_noise: float = Field(
-        default=0.5,
+        default=1.5,
         ge=0,
         description="largest deviation of the noise on a window's history; 0 as in the paper",
     )
     history_dropout: float = Field(
-        default=0.1,
+        default=0.3,
         ge=0,
         le=1,
         description="share of windows whose history is the mean face; 0 as in the paper",
     )
     gain_db: float = Field(default=6.0, ge=0, description="windows are made louder or softer by up to this")
+    high_noise: float = Field(
+        default=2.0,
+        ge=1,
+        description="noise levels are u^(1 / this), u uniform: high noise makes sound tell; 1 is uniform",
+    )
     draws: int = Field(default=2, gt=0, description="noise levels per frame and step")
     seed: int = Field(default=0, description="of weights, windows, noise")
     save_every: int = Field(default=200, gt=0, description="steps between checkpoints")
@@ -130,7 +135,8 @@ def flow_loss(
     sound = model.gpt.sound_proj(model.encoder(batch.audio)) * chance(training.audio_dropout)
     condition = model.gpt(history, sound)
     shape = (training.draws, rows, frames)
-    times = torch.randint(1, FULL_NOISE + 1, shape, generator=random)
+    level = torch.rand(shape, generator=random) ** (1 / training.high_noise)
+    times = (level * FULL_NOISE).ceil().long().clamp(1, FULL_NOISE)
     noise = torch.randn(*shape, channels, generator=random)
     seen = model.head(add_noise(clean.expand(*shape, -1), noise, times), times, condition.expand(*shape, -1))
     error = (seen - clean).square() * model.moving()
