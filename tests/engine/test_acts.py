@@ -1,7 +1,9 @@
+import numpy as np
 import pytest
 
 from echoavatar.engine.acts import Acts
 from echoavatar.pipeline import Action, ActionLibrary
+from echoavatar.pipeline.action_overlay import Overlay
 
 WAVE, BOW = Action("wave", (1, 1, 2, 2, 3, 3, 4, 4), (1, 3)), Action("bow", (5, 6, 7, 5), (0, 1))
 
@@ -72,3 +74,19 @@ def test_intensity_scales_the_set_and_edges_are_softer(acts: Acts) -> None:
     assert edge.nonzero().flatten().tolist() == [1, 2]
     assert inside.nonzero().flatten().tolist() == [1, 2, 3]
     assert inside.max() == 0.5 > edge.max()
+
+
+def test_what_is_put_on_top_goes_on_without_a_step_when_held_and_when_cut_short() -> None:
+    turns = np.zeros((32, 1, 3), np.float32)
+    turns[:, 0, 0] = np.linspace(0, 0.6, 32)
+    nod = Action("nod", (1,) * 8, (1, 3), overlay=Overlay(("head",), turns))
+    acts = Acts(ActionLibrary({"nod": nod}))
+    acts.ask("nod", chunk=0, hold_s=2.1)
+    acts.stop(6)
+    shown = [acts.overlay(chunk) for chunk in range(7)]
+    assert acts.overlay(7) is None
+    path = np.concatenate([overlay.turns[:, 0, 0] for overlay in shown if overlay])
+    assert len(path) == 7 * 8
+    assert np.abs(np.diff(path)).max() < 0.14
+    np.testing.assert_allclose(path[:24], turns[:24, 0, 0])  # one in, two that will repeat
+    assert path[-1] == 0

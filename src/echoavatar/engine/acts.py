@@ -13,6 +13,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from ..errors import EchoAvatarError
+from ..pipeline.action_overlay import Overlay, joined
 from ..pipeline.actions import Action, ActionLibrary
 from ..timing import CHUNK_SAMPLES
 
@@ -102,6 +103,20 @@ class Acts:
             return None
         edge = 0.7 if chunk in (act.begin, act.end - 1) and act.length > 2 else 1.0
         return act.action.members(chunk - act.begin, act.length, codes) * torch.tensor(act.intensity * edge)
+
+    def overlay(self, chunk: int) -> Overlay | None:
+        """What is put on top of a chunk's motion; it begins where that of the chunk before it ended."""
+        (before, earlier), (now, place) = self._turns(chunk - 1), self._turns(chunk)
+        return now if place == earlier + 1 else joined(before, now)
+
+    def _turns(self, chunk: int) -> tuple[Overlay | None, int]:
+        """What an action asks for, and a number that goes up by one while its clip goes on."""
+        act = self.running(chunk)
+        if act is None:
+            return None, -1
+        elapsed = chunk - act.begin
+        place = act.action.place(elapsed, act.length) + 1000 * self._acts.index(act)
+        return act.action.turns(elapsed, act.length, act.intensity), place
 
     def delivered(self, chunk: int) -> None:
         """A chunk of motion went out: its action has started, those that end with it are done."""

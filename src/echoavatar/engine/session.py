@@ -16,6 +16,7 @@ from torch import Tensor
 
 from ..errors import EchoAvatarError
 from ..pipeline import MotionChunk
+from ..pipeline.action_overlay import laid_on
 from ..timing import CHUNK_SAMPLES, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from .acts import Acts, ActStatus
 from .inbox import Heard, Inbox
@@ -253,6 +254,9 @@ class Session:
             while len(self._past) > self._rewind:
                 self._past.popleft()
             source = self._source(chunk, heard)
+            overlay = self._acts.overlay(chunk)
+            if overlay is not None:
+                motion = laid_on(motion, overlay, self._engine.pipeline.skeleton)
             self.late += (self._played or 0) > chunk * CHUNK_SAMPLES
             self._screen.show(chunk, motion, heard, source, memory=self._rewind)
             self._acts.delivered(chunk)

@@ -10,7 +10,7 @@ import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple, Self
 
 import torch
 from jaxtyping import Float
@@ -18,6 +18,7 @@ from torch import Tensor
 
 from ..errors import CheckpointError, EchoAvatarError
 from ..timing import CHUNK_FRAMES, FRAME_RATE_HZ, MOTION_TOKENS_PER_CHUNK
+from .action_overlay import Overlay
 
 FILE = "actions.json"
 REACH = 1  # chunks before and after the present place that the set also holds
@@ -36,12 +37,14 @@ class Directive(NamedTuple):
 
 @dataclass(frozen=True)
 class Action:
-    """One exemplar: a code for every motion token of the clip, and which chunks of it repeat when it is held."""
+    """One exemplar: a code for every motion token of the clip, which chunks repeat when it is held, and an overlay."""
 
     name: str
     codes: tuple[int, ...]
     hold: tuple[int, int]  # first chunk that repeats, and the one after the last
     about: str = ""  # for people and language models
+    guides: bool = True  # whether the codes are asked for; a nod leaves arms and hands free
+    overlay: Overlay | None = None  # what the codes cannot say
 
     @property
     def chunks(self) -> int:
@@ -71,11 +74,34 @@ class Action:
     def members(self, elapsed: int, length: int, codes: int) -> Float[Tensor, " K"]:
         """The set that is due: 1 for each code in it."""
         place, row = self.place(elapsed, length), torch.zeros(codes)
+        if not self.guides:
+            return row
         near = slice(
             max(0, place - REACH) * MOTION_TOKENS_PER_CHUNK, (place + REACH + 1) * MOTION_TOKENS_PER_CHUNK
         )
         row[list(self.codes[near])] = 1.0
         return row
+
+    def turns(self, elapsed: int, length: int, intensity: float) -> Overlay | None:
+        """What is put on top of the chunk that is due."""
+        if self.overlay is None:
+            return None
+        return self.overlay.chunk(self.place(elapsed, length)).scaled(intensity)
+
+    def to_json(self) -> dict[str, object]:
+        """As in `actions.json`."""
+        row: dict[str, object] = {"name": self.name, "about": self.about, "hold": self.hold}
+        row |= {"codes": self.codes, "guides": self.guides}
+        return row if self.overlay is None else row | {"overlay": self.overlay.to_json()}
+
+    @classmethod
+    def from_json(cls, row: dict[str, Any]) -> Self:
+        """The inverse of `to_json`; KeyError, TypeError or ValueError where something is missing or wrong."""
+        first, last = row["hold"]
+        overlay = Overlay.from_json(row["overlay"]) if "overlay" in row else None
+        codes = tuple(int(code) for code in row["codes"])
+        guides = bool(row["guides"])
+        return cls(str(row["name"]), codes, (int(first), int(last)), str(row["about"]), guides, overlay)
 
 
 @dataclass(frozen=True)
@@ -111,10 +137,7 @@ class ActionLibrary(Mapping[str, Action]):
 
     def save(self, folder: Path) -> None:
         """Write `actions.json`."""
-        rows = [
-            {"name": action.name, "about": action.about, "hold": action.hold, "codes": action.codes}
-            for action in self.actions.values()
-        ]
+        rows = [action.to_json() for action in self.actions.values()]
         lines = ",\n".join("  " + json.dumps(row) for row in rows)
         partial = folder / f"{FILE}.partial"
         partial.write_text('{"version": 1, "actions": [\n' + lines + "\n]}\n")
@@ -132,21 +155,15 @@ class ActionLibrary(Mapping[str, Action]):
             return cls()
         try:
             rows = json.loads(path.read_text())["actions"]
-            actions = [
-                Action(str(r["name"]), tuple(map(int, r["codes"])), _pair(r["hold"]), str(r["about"]))
-                for r in rows
-            ]
+            actions = [Action.from_json(row) for row in rows]
         except (ValueError, KeyError, TypeError) as error:
             raise CheckpointError(f"{path} is not a library of actions ({error!r}); make it again") from error
         for action in actions:
+            whole = action.overlay is None or len(action.overlay.turns) == action.chunks * CHUNK_FRAMES
             first, last = action.hold
-            if not 0 <= first < last <= action.chunks or not all(0 <= code < codes for code in action.codes):
+            fits = 0 <= first < last <= action.chunks and all(0 <= code < codes for code in action.codes)
+            if not (fits and whole):
                 raise CheckpointError(
                     f"{path}: action {action.name!r} was made for another tokenizer; `echoavatar actions add` it again"
                 )
         return cls({action.name: action for action in actions})
-
-
-def _pair(values: list[int]) -> tuple[int, int]:
-    first, last = values
-    return int(first), int(last)
