@@ -30,8 +30,8 @@ from .motion_chunk import MotionChunk
 from .post import POST_STAGES, SWITCHES, Post, PostState
 
 Lap = Callable[[str], None]
-BIAS = 6.0  # nats that an action of intensity 1 adds to the logits of its codes
-LEARNED_BIAS = 3.0  # the same, beside what a generator trained with exemplars does by itself
+BIAS = 14.0  # nats that an action of intensity 1 adds to the logits of its codes
+LEARNED_BIAS = 6.0  # the same, beside what a generator trained with exemplars does by itself
 STAGES = ("level", "face", "codec", "generator", "decoder", *POST_STAGES)
 
 
