@@ -39,6 +39,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     post.add_argument("--chunks", type=int, default=600, help="chunks to time (default: %(default)s)")
     post.add_argument("--sessions", type=int, default=64, help="sessions in the batch (default: %(default)s)")
+    face = kinds.add_parser(
+        "face", help="the face model", description="Time the face model for one session and for a batch."
+    )
+    face.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
+    face.add_argument("--chunks", type=int, default=200, help="chunks to time (default: %(default)s)")
+    face.add_argument("--sessions", type=int, default=64, help="sessions in the batch (default: %(default)s)")
     many = kinds.add_parser(
         "sessions",
         help="how many sessions are served in real time",
@@ -112,8 +118,24 @@ def _post(args: argparse.Namespace) -> int:
     return 0
 
 
+def _face(args: argparse.Namespace) -> int:
+    import torch
+
+    from ..evaluation.face_bench import bench_face
+    from ..pipeline import load_bundle
+
+    torch.set_num_threads(1)
+    report = bench_face(load_bundle(args.model).face, chunks=args.chunks, sessions=args.sessions)
+    for key, value in report.items():
+        print(f"{key:<18}{value:>10.3f}")
+    print(json.dumps(report))
+    return 0
+
+
 def run(args: argparse.Namespace) -> int:
     """Measure and print."""
+    if args.kind == "face":
+        return _face(args)
     if args.kind == "post":
         return _post(args)
     if args.kind == "sessions":
