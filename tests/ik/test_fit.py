@@ -8,14 +8,14 @@ from echoavatar.kinematics import HUMANOID
 
 
 def test_the_shipped_character_is_what_the_fallback_says_it_is() -> None:
-    """The fallback's numbers were measured on it; hair and cloth may change by a centimetre before this asks."""
+    """The fallback's numbers were measured on it; hair and cloth may change by two centimetres before this asks."""
     character = load_character()
     measured = measure_body(HUMANOID, character.positions, character.dense_weights)
     known = body_of_rig(HUMANOID)
     assert [part.bone for part in measured.parts] == [part.bone for part in known.parts]
     for ours, theirs in zip(known.parts, measured.parts, strict=True):
-        np.testing.assert_allclose(ours.radii, theirs.radii, atol=0.01)
-        np.testing.assert_allclose(ours.centre, theirs.centre, atol=0.01)
+        np.testing.assert_allclose(ours.radii, theirs.radii, atol=0.02)
+        np.testing.assert_allclose(ours.centre, theirs.centre, atol=0.02)
     assert 0.015 < measured.palm < 0.03
     assert 0.006 < measured.finger < 0.015
 

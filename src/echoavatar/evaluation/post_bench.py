@@ -85,12 +85,12 @@ def restless(frames: int, seed: int = 0) -> Float[Tensor, "t c"]:
     """Features of a body with work for every stage; repeats without a step after `frames` frames."""
     generator = torch.Generator().manual_seed(seed)
     phase = torch.arange(frames) * (2 * math.pi / frames)
-    turns = torch.zeros(frames, HUMANOID.joints, 3)
+    turns, inwards = torch.zeros(frames, HUMANOID.joints, 3), torch.zeros(HUMANOID.joints, 3)
     beats = round(frames / FRAME_RATE_HZ * 0.8)
     for side, sign in (("left", 1.0), ("right", -1.0)):
         wave = torch.sin(beats * phase + sign)
         turns[:, HUMANOID.index(f"{side}UpperArm"), 2] = -sign * (1.05 + 0.25 * wave)
-        turns[:, HUMANOID.index(f"{side}UpperArm"), 1] = -sign * 0.8
+        inwards[HUMANOID.index(f"{side}UpperArm"), 1] = -sign * 0.9
         turns[:, HUMANOID.index(f"{side}LowerArm"), 1] = -sign * (1.3 + 0.9 * wave)
         knee = 0.15 + 0.5 * (sign * torch.sin(beats * phase)).clamp_min(0)
         turns[:, HUMANOID.index(f"{side}UpperLeg"), 0] = -knee
@@ -99,7 +99,8 @@ def restless(frames: int, seed: int = 0) -> Float[Tensor, "t c"]:
     turns += 0.03 * torch.randn(turns.shape, generator=generator)
     root = torch.zeros(frames, 3)
     root[:, 0], root[:, 1] = 0.05 * torch.sin(beats * phase), 0.94
-    return to_features(HUMANOID, matrix_from_axis_angle(turns), root)
+    rotations = matrix_from_axis_angle(inwards) @ matrix_from_axis_angle(turns)
+    return to_features(HUMANOID, rotations, root)
 
 
 def _percentiles(values: list[float]) -> tuple[float, float, float]:

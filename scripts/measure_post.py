@@ -1,0 +1,128 @@
+"""What the stages behind the decoder do to generated motion: before and after, in numbers.
+
+    python scripts/measure_post.py FEATURES.npy SOUND...          generate (with the default bundle) and measure
+    python scripts/measure_post.py FEATURES.npy                   measure what was generated before
+
+Every sound becomes `SECONDS` of motion (looped or cut), all in one batch; decoded features are kept in FEATURES.npy
+(sessions, frames, channels). Prints one line of JSON.
+"""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from echoavatar.audio.io import stream_audio
+from echoavatar.ik import penetration_depth_m
+from echoavatar.kinematics import HUMANOID, forward_kinematics
+from echoavatar.kinematics.contact import skate
+from echoavatar.kinematics.rotations import angle_between, matrix_from_quaternion
+from echoavatar.pipeline import Pipeline, load_bundle
+from echoavatar.pipeline.interpolate import StreamInterpolator
+from echoavatar.pipeline.modes import MotionOptions
+from echoavatar.pipeline.motion_chunk import MotionChunk
+from echoavatar.pipeline.post import SWITCHES, Post
+from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES, FRAME_RATE_HZ, SAMPLE_RATE_HZ
+
+SECONDS = 60.0
+BALLS = list(HUMANOID.config.feet)[1::2]
+
+
+def generate(sounds: list[Path]) -> torch.Tensor:
+    """Decoded features (b, t, c), before any other stage."""
+    chunks = int(SECONDS * SAMPLE_RATE_HZ / CHUNK_SAMPLES)
+    audio = np.stack(
+        [np.resize(np.concatenate(list(stream_audio(path))), chunks * CHUNK_SAMPLES) for path in sounds]
+    )
+    pipeline = Pipeline(load_bundle())
+    state, active = pipeline.init_state(len(sounds)), torch.ones(len(sounds), dtype=torch.bool)
+    for row in range(len(sounds)):
+        pipeline.reset(state, torch.arange(len(sounds)) == row, seed=row)
+    seen: list[torch.Tensor] = []
+    decode = pipeline.tokenizer.decode_step
+
+    def tapped(*arguments: object) -> torch.Tensor:
+        seen.append(decode(*arguments).clone())  # type: ignore[arg-type]
+        return seen[-1]
+
+    pipeline.tokenizer.decode_step = tapped  # type: ignore[assignment,method-assign]
+    for step in range(chunks):
+        part = audio[:, step * CHUNK_SAMPLES : (step + 1) * CHUNK_SAMPLES]
+        pipeline.step(torch.from_numpy(np.ascontiguousarray(part)), state, active)
+    return torch.cat(seen, 1)
+
+
+def through(
+    features: torch.Tensor, stages: tuple[str, ...], options: MotionOptions
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Rotation matrices and roots of every session."""
+    post = Post(HUMANOID, stages=stages)
+    state, active = post.init_state(len(features)), torch.ones(len(features), dtype=torch.bool)
+    state.modes.choose(active, options)
+    shown = [post.step(part, state, active, lambda stage: None) for part in features.split(CHUNK_FRAMES, 1)]
+    rotations = np.concatenate([np.stack([c.rotations for c in chunks]) for chunks in shown], 1)
+    root = np.concatenate([np.stack([c.root for c in chunks]) for chunks in shown], 1)
+    return torch.from_numpy(rotations), torch.from_numpy(root)
+
+
+def measured(quaternions: torch.Tensor, root: torch.Tensor) -> dict[str, float]:
+    """Penetration, smoothness, feet, root of all sessions together."""
+    rotations = matrix_from_quaternion(quaternions)
+    depth = torch.cat([penetration_depth_m(HUMANOID, session) for session in rotations])
+    places = forward_kinematics(HUMANOID, rotations, root).positions
+    wrists = places[:, :, HUMANOID.indices(["leftHand", "rightHand"])]
+    jerk = torch.diff(wrists, n=3, dim=1).norm(dim=-1).mean() * FRAME_RATE_HZ**3
+    standing = HUMANOID.rest_positions[BALLS, 1].numpy()
+    feet = [skate(p[:, BALLS].numpy(), FRAME_RATE_HZ, standing_height=standing) for p in places]
+    speed = angle_between(rotations[:, 1:], rotations[:, :-1]) * FRAME_RATE_HZ
+    change = torch.diff(speed, dim=1).abs().mean((0, 2))
+    border = torch.arange(len(change)) % CHUNK_FRAMES == CHUNK_FRAMES - 2
+    return {
+        "frames_deeper_than_5mm": float((depth > 0.005).any(-1).float().mean()),
+        "deepest_mm": float(depth.max() * 1000),
+        "wrist_jerk_m_s3": float(jerk),
+        "skate_cm_s": float(np.mean(feet)),
+        "farthest_m": float((root - root[:, :1])[..., [0, 2]].norm(dim=-1).max()),
+        "speed_change_at_borders_over_inside": float(change[border].mean() / change[~border].mean()),
+        "fastest_deg_s": float(torch.rad2deg(speed.max())),
+    }
+
+
+def at_60(quaternions: torch.Tensor, root: torch.Tensor) -> float:
+    """Change of angular speed at 60 fps: at source frames, over between them (1: no kink)."""
+    stream = StreamInterpolator(60)
+    parts = [
+        stream.push(MotionChunk(quaternions[0, k : k + 8].numpy(), root[0, k : k + 8].numpy()))
+        for k in range(0, 600, 8)
+    ]
+    rotations = matrix_from_quaternion(torch.from_numpy(np.concatenate([p.rotations for p in parts])))
+    change = torch.diff(angle_between(rotations[1:], rotations[:-1]), dim=0).abs().mean(1)
+    return float(change[1::2].mean() / change[::2].mean())
+
+
+def main() -> None:
+    """Generate where sounds are given, then measure."""
+    torch.set_num_threads(1)
+    path, sounds = Path(sys.argv[1]), [Path(name) for name in sys.argv[2:]]
+    if sounds:
+        np.save(path, generate(sounds).numpy())
+    features = torch.from_numpy(np.load(path))
+    free = MotionOptions.model_validate({})
+    without_hands = tuple(stage for stage in SWITCHES if stage != "hands")
+    full = through(features, SWITCHES, free)
+    report: dict[str, object] = {
+        "minutes": features.shape[0] * features.shape[1] / FRAME_RATE_HZ / 60,
+        "decoded": measured(*through(features, ("ground",), free)),
+        "without hands": measured(*through(features, without_hands, free)),
+        "all": measured(*full),
+        "at 60 fps, frames over halves": at_60(*full),
+    }
+    for name in ("leash_m", "in_place", "upper_body"):
+        report[name] = measured(*through(features, SWITCHES, MotionOptions.model_validate({name: 1})))
+    print(json.dumps(report))
+
+
+if __name__ == "__main__":
+    main()

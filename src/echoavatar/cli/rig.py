@@ -1,0 +1,43 @@
+"""`echoavatar rig`: how thick a character is, measured on its own mesh, so that hands keep off it."""
+
+import argparse
+from pathlib import Path
+
+from ..errors import EchoAvatarError
+
+EXAMPLES = """examples:
+  echoavatar rig avatar.vrm -o avatar.json     measure a VRM character
+  echoavatar rig character.glb -o body.json    measure a GLB whose joints have names that are known
+
+The profile is JSON that anybody may edit: ellipsoids on the bones of spine, neck and head, and half the thickness of
+palm and fingers, in metres. Programs pass it on: Pipeline(bundle, body=BodyProfile.load(path)).
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.epilog = EXAMPLES
+    parser.add_argument("character", type=Path, metavar="CHARACTER", help="rigged character, .glb or .vrm")
+    parser.add_argument("-o", "--output", type=Path, required=True, help="where to write the profile, .json")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Read, measure, write; say what was found."""
+    if not args.output.parent.is_dir():
+        raise EchoAvatarError(
+            f"cannot write {args.output}: {args.output.parent} is not a folder; make it first"
+        )
+    from ..ik import measure_body
+    from ..ik.skinned import read_skinned
+
+    skeleton, vertices, weights = read_skinned(args.character)
+    profile = measure_body(skeleton, vertices, weights)
+    try:
+        profile.save(args.output)
+    except OSError as error:
+        raise EchoAvatarError(f"cannot write {args.output}: {error.strerror}; choose another -o") from error
+    print(f"{'part':<12}{'width':>8}{'height':>8}{'depth':>8}  cm")
+    for part in profile.parts:
+        print(f"{part.bone:<12}" + "".join(f"{200 * radius:>8.1f}" for radius in part.radii))
+    print(f"{args.output}: {len(profile.parts)} parts of {len(vertices)} vertices, {skeleton.joints} joints")
+    return 0
