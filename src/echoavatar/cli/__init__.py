@@ -23,6 +23,7 @@ COMMANDS = {
     "data": "make training data",
     "train": "train the codec, the motion tokenizer, the generator or the face",
     "bundle": "assemble trained parts into a bundle",
+    "rig": "measure a character's body, so that hands keep off it",
 }
 
 
