@@ -21,6 +21,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from echoavatar.face import ARKIT_NAMES
 from echoavatar.kinematics import HUMANOID
+from echoavatar.server.voice import voice_route
 from echoavatar.timing import CHUNK_SAMPLES, FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar.wire import (
     Action,
@@ -235,6 +236,7 @@ def make_app(recorded: Mapping[str, np.ndarray], *, tell_clock: bool) -> Starlet
         routes=[
             WebSocketRoute("/v1/stream", stream),
             Route("/avatar.glb", avatar),
+            voice_route(""),
             Mount("/sounds", StaticFiles(directory=ASSETS)),
             Mount("/", StaticFiles(directory=STATIC, html=True)),
         ]

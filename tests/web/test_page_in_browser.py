@@ -7,6 +7,7 @@ import pytest
 from tests.web.make_vrm import make_vrm
 
 from echoavatar.kinematics import HUMANOID, read_bvh
+from echoavatar.server.voice import find_voice
 
 pytestmark = pytest.mark.browser
 
@@ -57,6 +58,16 @@ def test_the_microphone_can_be_the_voice(page):
     page.wait("__echo.shown.state === 'speaking'")
     page.click("#stop")
     page.wait("__echo.session.player.played.epoch >= 1")
+
+
+@pytest.mark.skipif(not find_voice(), reason="this machine has no voice")
+def test_typed_text_is_said(page):
+    page.wait("!document.querySelector('[data-source=text]').hidden")
+    page.click("[data-source=text]")
+    page.page.locator("#text").fill("Good morning, this is a test.")
+    page.page.locator("#text").press("Enter")
+    page.wait("__echo.shown.state === 'speaking'")
+    page.wait("document.getElementById('text').value === ''")
 
 
 def test_a_dropped_sound_is_played_and_nonsense_is_explained(page):

@@ -19,6 +19,7 @@ from .metrics import CONTENT_TYPE
 from .page import page_routes
 from .settings import ServerSettings
 from .tools import tool_schemas
+from .voice import voice_route
 
 
 def create_app(engine: Engine, settings: ServerSettings | None = None) -> Starlette:
@@ -67,6 +68,7 @@ def _routes(house: House) -> list[BaseRoute]:
         Route("/v1/tools", tools),
         Route("/health", health),
         Route("/metrics", metrics),
+        voice_route(house.settings.token),
         *page_routes(),
     ]
 

@@ -31,15 +31,16 @@ function start(): void {
   const low = settings.get("quality") === "low";
   document.documentElement.dataset["quality"] = low ? "low" : "high";
   const stage = new Stage(element<HTMLCanvasElement>("view"), low);
+  const token = takeToken();
   const session = new EchoSession({
     url: new URL("v1/stream", location.href).href.replace(/^http/, "ws").replace(/[?#].*$/, ""),
-    token: takeToken(),
+    token,
     playbackWorklet,
   });
   const avatar = new AvatarSlot(stage);
   const hud = new Hud(element("hud"), session);
   const actions = new ActionPanel(session, element("actions"), element("action-list"));
-  const sources = new SourceBar(session);
+  const sources = new SourceBar(session, token);
   const states = new StateLine(session, actions, sources);
   const tools = new Tools(stage, session, avatar, () => sources.output);
   connectDrop(avatar, sources);

@@ -4,6 +4,7 @@ import type { EchoSession, protocol } from "@echoavatar/client";
 import { icon } from "./icons.js";
 import { openMenu, toast } from "./notices.js";
 import { Output } from "./output.js";
+import { Saying } from "./saying.js";
 import { Capture, canShareTabs, decodeSound, fetchSound, openMicrophone, openTab, say } from "./sources.js";
 
 const SPEECH = "./sounds/speech.ogg";
@@ -21,7 +22,11 @@ export class SourceBar {
   private capture: Capture | null = null;
   private active: Name | null = null;
 
-  constructor(private readonly session: EchoSession) {
+  private readonly saying: Saying;
+
+  constructor(private readonly session: EchoSession, token: string) {
+    this.saying = new Saying(token, () => this.rate, (samples) => this.speak("text", samples), (error) => toast(explain(error)));
+    void this.saying.isPossible().then((possible) => this.show("text", possible));
     for (const name of Object.keys(LABELS) as Name[]) this.addButton(name);
     this.show("tab", canShareTabs());
     this.show("music", false);
@@ -66,7 +71,12 @@ export class SourceBar {
     const samples = await decodeSound(await file.arrayBuffer(), this.rate).catch(() => {
       throw new Error(`“${file.name}” holds no sound that this browser can read.`);
     });
-    this.replace("file", file.name);
+    await this.speak("file", samples, file.name);
+  }
+
+  private async speak(name: Name, samples: Float32Array, title = ""): Promise<void> {
+    await this.wake();
+    this.replace(name, title);
     say(this.session, samples);
   }
 
@@ -111,13 +121,12 @@ export class SourceBar {
   private async run(name: Name, button: HTMLButtonElement): Promise<void> {
     if (this.capture && this.active === name) return this.interrupt();
     if (name === "speech") {
-      const samples = await fetchSound(SPEECH, this.rate);
-      this.replace(name, "");
-      say(this.session, samples);
+      await this.speak(name, await fetchSound(SPEECH, this.rate));
     } else if (name === "music") this.chooseTrack(button);
     else if (name === "microphone") this.chooseEar(button);
     else if (name === "tab") await this.listen("tab", await openTab(), "avatar");
     else if (name === "file") element("file").click();
+    else this.saying.toggle();
   }
 
   /** What played before ends, what comes now begins. */

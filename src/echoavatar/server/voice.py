@@ -1,0 +1,92 @@
+"""Typed text becomes speech by whatever voice this machine has: none ships with us, and no text leaves the machine."""
+
+import json
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+
+import anyio
+import anyio.to_thread
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Route
+
+from ..errors import EchoAvatarError
+from .guard import has_token
+
+MAX_LETTERS = 600
+_SECONDS = 20.0
+_AT_ONCE = 2
+# Programs, the most natural first: text and sound go through files, so that no text is ever taken for an option.
+_COMMANDS: Mapping[str, tuple[str, ...]] = {
+    "say": ("-f", "{text}", "-o", "{wav}", "--data-format=LEI16@22050"),
+    "flite": ("-voice", "rms", "-f", "{text}", "-o", "{wav}"),
+    "espeak-ng": ("-s", "165", "-f", "{text}", "-w", "{wav}"),
+    "espeak": ("-s", "165", "-f", "{text}", "-w", "{wav}"),
+}
+
+
+def find_voice() -> str:
+    """Name of the program that speaks here; empty when there is none."""
+    return next((name for name in _COMMANDS if shutil.which(name)), "")
+
+
+def speak(voice: str, text: str) -> bytes:
+    """A WAV file of the text.
+
+    Raises:
+        EchoAvatarError: nothing or too much to say, or the program failed.
+    """
+    if not text.strip() or len(text) > MAX_LETTERS:
+        raise EchoAvatarError(f"text of {len(text)} letters; say something, in at most {MAX_LETTERS}")
+    with tempfile.TemporaryDirectory() as folder:
+        source, wav = Path(folder) / "text.txt", Path(folder) / "speech.wav"
+        source.write_text(text + "\n", "utf-8")
+        options = [option.format(text=source, wav=wav) for option in _COMMANDS[voice]]
+        try:
+            subprocess.run([voice, *options], check=True, capture_output=True, timeout=_SECONDS)
+            return wav.read_bytes()
+        except (OSError, subprocess.SubprocessError) as error:
+            raise EchoAvatarError(f"{voice} could not say that: {error}") from error
+
+
+def voice_route(token: str) -> Route:
+    """GET says which voice there is, POST of `{"text": ...}` gives a WAV file."""
+    voice = find_voice()
+    limiter = anyio.CapacityLimiter(_AT_ONCE)
+
+    async def answer(request: Request) -> Response:
+        if not has_token(token, request.headers):
+            return JSONResponse({"error": "wrong token; send Authorization: Bearer TOKEN"}, 401)
+        if request.method != "POST":
+            return JSONResponse({"voice": voice, "max_letters": MAX_LETTERS})
+        if not voice:
+            return JSONResponse({"error": "no voice here; install espeak-ng or flite"}, 404)
+        if "json" not in request.headers.get("content-type", ""):  # a form on another page cannot say so
+            return JSONResponse({"error": "send application/json"}, 415)
+        try:
+            text = await _text(request)
+            wav = await anyio.to_thread.run_sync(speak, voice, text, limiter=limiter)
+        except EchoAvatarError as error:
+            return JSONResponse({"error": str(error)}, 400)
+        return Response(wav, media_type="audio/wav")
+
+    return Route("/v1/voice", answer, methods=["GET", "POST"])
+
+
+async def _text(request: Request) -> str:
+    body = b""
+    async for part in request.stream():
+        body += part
+        if len(body) > 8 * MAX_LETTERS:
+            raise EchoAvatarError(f"more than {MAX_LETTERS} letters")
+    try:
+        message = json.loads(body)
+    except ValueError as error:
+        raise EchoAvatarError('this is no JSON; send {"text": "..."}') from error
+    text = message.get("text") if isinstance(message, dict) else None
+    if not isinstance(text, str):
+        raise EchoAvatarError('send {"text": "..."}')
+    return text
