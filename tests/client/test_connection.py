@@ -59,7 +59,7 @@ def test_longer_than_the_inbox_is_sent_as_there_is_room(place: Place) -> None:
                     await avatar.played(avatar.received)
                     if heard > 60:
                         break
-            assert avatar._sent_s < 60
+            assert avatar._spoken.seconds_ahead < 40
 
     asyncio.run(asyncio.wait_for(run(), 30))
 
@@ -84,6 +84,34 @@ def test_a_broken_line_is_mended_and_nothing_is_lost(place: Place) -> None:
             assert breaks == 2
             assert avatar.ready.session == name
             assert np.count_nonzero(recorder.recording(1).audio) == 57_600
+
+    asyncio.run(asyncio.wait_for(run(), 20))
+
+
+def test_a_lost_session_is_taken_up_by_another(place: Place) -> None:
+    """The server forgets the session, as another server would not know it; the sentence goes on where it was."""
+
+    async def run() -> None:
+        async with connect(place.address) as avatar:
+            recorder = Recorder(avatar.ready)
+            name = avatar.ready.session
+            seg = await avatar.speak(np.full(72_000, 0.25, np.float32))
+            sounds = 0
+            async for message in avatar:
+                recorder.take(message)
+                if isinstance(message, Sound):
+                    await avatar.played(avatar.received)
+                    sounds += message.seg == seg
+                    if sounds == 5 and avatar.ready.session == name:
+                        place.house._keys[avatar.ready.resume].key = "lost"
+                        place.house._keys["lost"] = place.house._keys.pop(avatar.ready.resume)
+                        _tear(avatar)
+                if recorder.has(seg):
+                    break
+            assert avatar.ready.session != name
+            audio = recorder.recording(seg).audio
+            assert np.count_nonzero(audio) == 72_000
+            assert np.flatnonzero(audio)[-1] < 72_000 + 3 * 6_400
 
     asyncio.run(asyncio.wait_for(run(), 20))
 

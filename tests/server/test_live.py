@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.server.fakes import Body
 
-from echoavatar.engine import Engine
+from echoavatar.engine import Engine, load
 from echoavatar.server.live import LiveSession
 from echoavatar.server.outbox import Outbox
 from echoavatar.server.settings import ServerSettings
@@ -26,6 +26,7 @@ from echoavatar.wire import (
     ServerMessage,
     Sound,
     State,
+    encode,
     pack_audio,
     unpack_pose,
 )
@@ -68,6 +69,7 @@ class Room:
             self.beat()
 
     def beat(self) -> None:
+        self.live.is_due(self.now, 0.02)
         self.live.pump(self.now, 0.02)
         while self.engine.tick():
             pass
@@ -315,3 +317,47 @@ def test_what_is_kept_does_not_grow() -> None:
     assert len(room.live.sent) < 40
     assert len(room.live._pushed) < 40
     assert len(room.live._ledger._chunks) < 80
+
+
+def test_all_go_when_one_must() -> None:
+    """A step of the engine moves everyone; one who is not due yet goes along."""
+    room = Room()
+    room.go(3.0)
+    while room.live.is_due(room.now, 0.02):
+        room.beat()
+    end = room.live.end
+    room.beat()
+    assert room.live.end == end
+    room.live.pump(room.now, 0.02, early=True)
+    while room.engine.tick():
+        pass
+    room.live.collect()
+    assert room.live.end == end + CHUNK_SAMPLES
+
+
+@pytest.fixture(scope="module")
+def default_room() -> Room:
+    """The shipped bundle in the place of the body of twenty lines."""
+    room = Room()
+    room.engine = load("default")
+    room.live = LiveSession(
+        room.engine.open(seed=1), name="s", key="k", hello=Hello(), settings=ServerSettings()
+    )
+    room.live.join(room.box, received=None)
+    return room
+
+
+def test_the_default_bundle_speaks_is_interrupted_and_stays_small(default_room: Room) -> None:
+    room = default_room
+    noise = 0.1 * np.random.default_rng(0).standard_normal(9_600)
+    room.live.hear(Audio(seg=1, start=0, pcm=pack_audio(noise.astype(np.float32))))
+    room.beat()
+    room.live.interrupt(Interrupt(heard=room.live.end - 4_000))
+    room.beat()
+    motions = room.box.of(Motion)
+    assert {motion.epoch for motion in motions} == {0, 1}
+    assert all(len(encode(motion)) < 4_200 for motion in motions)
+    poses = [unpack_pose(motion) for motion in motions]
+    turns = np.concatenate([pose.rotations for pose in poses])
+    np.testing.assert_allclose(np.linalg.norm(turns, axis=-1), 1, atol=1e-3)
+    assert 0.5 < np.concatenate([pose.root for pose in poses])[:, 1].mean() < 1.5

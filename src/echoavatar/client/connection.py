@@ -1,13 +1,12 @@
 """The line to a server: says hello, speaks, listens, and comes back after a break."""
 
 import asyncio
-from collections import deque
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
-from dataclasses import dataclass, field
 from typing import Any
 from urllib.parse import urlsplit, urlunsplit
 
+import msgspec
 import numpy as np
 from jaxtyping import Shaped
 from websockets.asyncio.client import ClientConnection
@@ -15,20 +14,16 @@ from websockets.asyncio.client import connect as connect_websocket
 from websockets.exceptions import ConnectionClosed, InvalidHandshake
 
 from ..errors import EchoAvatarError
-from ..timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from ..wire import (
     CLOSE_CODES,
     MAX_MESSAGE_BYTES,
     Action,
-    Audio,
     AudioFormat,
     ClientMessage,
-    End,
     Error,
     Flush,
     Hello,
     Interrupt,
-    Motion,
     Music,
     Ping,
     Played,
@@ -40,12 +35,10 @@ from ..wire import (
     encode,
     subprotocol,
 )
+from .spoken import Spoken
 
-BLOCK_BYTES = 1 << 16
 PATIENCE_S = 10.0
 TRIES = 6  # to come back, a second apart at most
-KEPT_UTTERANCES = 4
-AHEAD_S = 30.0  # of sound sent ahead of its motion
 _LOST = (1006, 1011, 1012, CLOSE_CODES["too_slow"])  # closes after which coming back makes sense
 
 
@@ -53,31 +46,25 @@ class ConnectionLostError(EchoAvatarError):
     """There is no server, or no more."""
 
 
-@dataclass
-class _Utterance:
-    """What was said, kept so that a resumed session can be told the rest."""
-
-    seg: int
-    pcm: bytearray = field(default_factory=bytearray)
-    sent: int = 0  # bytes
-    is_ended: bool = False
-    is_over: bool = False  # and the server knows
-
-
 class Avatar:
-    """One session, as its source; open it with `connect`. Iterate to receive messages; they must be read."""
+    """One session, as its source; open it with `connect`. Iterate to receive messages; they must be read.
+
+    A broken line is mended while iterating: another `Ready` comes. Where it is not `resumed`, the session was lost and
+    a new one, perhaps at another server, goes on with what was not played: its clock begins at `ready.at` again.
+    """
 
     def __init__(self, url: str, hello: Hello) -> None:
         self.ready: Ready
         self.epoch = 0
-        self.received = 0  # clock up to which motion and sound came
         self._url, self._hello = url, hello
         self._line: ClientConnection | None = None
-        self._said: deque[_Utterance] = deque()
-        self._seg = 0
-        self._sent_s = 0.0  # of sound, in all
+        self._spoken = Spoken(hello.audio)
         self._requests = 0
-        self._width = (2 if hello.audio.format == "s16le" else 4) * hello.audio.channels
+
+    @property
+    def received(self) -> int:
+        """Clock up to which sound came."""
+        return self._spoken.received
 
     # ---- saying
 
@@ -86,23 +73,14 @@ class Avatar:
 
         With `end=False` the next call continues the same utterance.
         """
-        if not self._said or self._said[-1].is_ended:
-            self._seg += 1
-            self._said.append(_Utterance(self._seg))
-            while len(self._said) > KEPT_UTTERANCES and self._said[0].is_over:
-                self._said.popleft()
-        utterance = self._said[-1]
-        utterance.pcm += _pcm(samples)
-        utterance.is_ended = end
+        seg = self._spoken.add(_pcm(samples), end=end)
         await self._pump()
-        return utterance.seg
+        return seg
 
     async def interrupt(self, heard: int | None = None) -> None:
         """Stop; `heard` is the clock of the first sample that was not heard."""
-        for utterance in self._said:
-            utterance.is_ended = utterance.is_over = True
-        self._sent_s = self.received / SAMPLE_RATE_HZ
-        await self.send(Interrupt(heard=heard, seg=self._seg))
+        self._spoken.interrupt()
+        await self.send(Interrupt(heard=heard, seg=self._spoken.seg))
 
     async def act(self, name: str, *, intensity: float = 1.0, hold: float | None = None) -> str:
         """Ask for an action; its id comes back in `ActionStatus` messages."""
@@ -140,6 +118,7 @@ class Avatar:
             except ConnectionClosed as closed:
                 if not await self._come_back(closed):
                     return
+                yield self.ready
                 continue
             await self._pump()
             if message is not None:
@@ -157,12 +136,11 @@ class Avatar:
         match message:
             case Error(fatal=True) if CLOSE_CODES[message.code] not in _LOST:
                 raise ProtocolError(message.code, message.message, retry_after=message.retry_after)
-            case Motion() if "audio" not in self._hello.want:
-                self.received = max(self.received, message.at + message.frames * SAMPLES_PER_FRAME)
             case Sound():
-                self.received = max(self.received, message.at + len(message.pcm) // 2)
+                self._spoken.hear(message)
             case Flush():
-                self.epoch, self.received = message.epoch, min(self.received, message.at)
+                self.epoch = message.epoch
+                self._spoken.flush(message)
         return message
 
     # ---- the line
@@ -209,39 +187,30 @@ class Avatar:
         if code not in _LOST:
             return False
         changes: dict[str, Any] = {"resume": self.ready.resume, "played": self.received}
-        self._hello = _with(self._hello, **changes)
         for attempt in range(TRIES):
+            self._hello = _with(self._hello, **changes)
             try:
                 await self.open()
                 break
             except ConnectionLostError:
                 if attempt == TRIES - 1:
                     raise
-                await asyncio.sleep(min(1.0, 0.1 * 2**attempt))
-        for utterance in self._said:
-            if utterance.seg >= self.ready.seg:
-                is_newest = utterance.seg == self.ready.seg
-                utterance.sent = self.ready.received * self._width if is_newest else 0
-                utterance.is_over = False
+            except ProtocolError as error:
+                if error.code == "unknown_session":
+                    changes = {"resume": "", "played": 0}
+                elif error.code != "overloaded" or attempt == TRIES - 1:
+                    raise
+            await asyncio.sleep(min(1.0, 0.1 * 2**attempt))
+        if self.ready.resumed:
+            self._spoken.go_on(self.ready)
+        else:
+            self._spoken.begin_anew(self.ready)
         await self._pump()
         return True
 
     async def _pump(self) -> None:
-        """Send what the server has room for: the rest follows as its motion comes in."""
-        seconds = 1 / (self._width * self._hello.audio.rate)
-        for utterance in self._said:
-            while not utterance.is_over:
-                if self._sent_s > self.received / SAMPLE_RATE_HZ + AHEAD_S:
-                    return
-                block = bytes(utterance.pcm[utterance.sent : utterance.sent + BLOCK_BYTES])
-                if not block:
-                    break
-                await self.send(Audio(seg=utterance.seg, start=utterance.sent // self._width, pcm=block))
-                utterance.sent += len(block)
-                self._sent_s += len(block) * seconds
-            if utterance.is_ended and not utterance.is_over:
-                utterance.is_over = True
-                await self.send(End(seg=utterance.seg))
+        for message in self._spoken.due():
+            await self.send(message)
 
     def _id(self) -> str:
         self._requests += 1
@@ -255,9 +224,8 @@ async def connect(
     token: str = "",
     rate: int = 24_000,
     seed: int = 0,
-    audio: bool = True,
 ) -> AsyncIterator[Avatar]:
-    """A session at a server such as `http://127.0.0.1:8765`; `audio=False` when only motion is wanted.
+    """A session at a server such as `http://127.0.0.1:8765`.
 
     Raises:
         ConnectionLostError: nobody answers there.
@@ -267,7 +235,6 @@ async def connect(
         token=token,
         audio=AudioFormat(rate=rate),
         seed=seed,
-        want=("motion", "audio") if audio else ("motion",),
     )
     avatar = Avatar(stream_url(url), hello)
     await avatar.open()
@@ -294,7 +261,6 @@ def stream_url(url: str) -> str:
 
 
 def _with(hello: Hello, **changes: Any) -> Hello:
-    import msgspec
 
     return msgspec.structs.replace(hello, **changes)
 

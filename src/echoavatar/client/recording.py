@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
 import numpy as np
 from jaxtyping import Float
 
@@ -60,6 +61,7 @@ class Recorder:
     def __init__(self, ready: Ready) -> None:
         self.end = 0  # clock up to which there is motion
         self._ready = ready
+        self._offset = 0  # of the clock, after a session was lost and another went on
         self._frames: dict[int, Pose] = {}  # by clock
         self._sound: dict[int, Float[np.ndarray, " s"]] = {}
         self._began: dict[int, int] = {}
@@ -67,6 +69,12 @@ class Recorder:
 
     def take(self, message: ServerMessage) -> None:
         """One message; those of no concern are passed over."""
+        if isinstance(message, Ready):
+            self._offset = 0 if message.resumed else self.end - message.at
+        elif isinstance(message, Motion | Sound | Flush | State):
+            self._place(msgspec.structs.replace(message, at=message.at + self._offset))
+
+    def _place(self, message: Motion | Sound | Flush | State) -> None:
         match message:
             case Motion():
                 pose = unpack_pose(message, joints=len(self._ready.rig.names), curves=len(self._ready.face))

@@ -29,9 +29,10 @@ from ..wire import (
     negotiate,
     subprotocol,
 )
+from .answers import answer
 from .guard import check_origin, check_token
 from .house import House
-from .live import LiveSession, answer
+from .live import LiveSession
 from .outbox import Outbox
 
 STRIKES = 100  # errors that a client may make and stay

@@ -169,9 +169,10 @@ class House:
         with self._thread:
             try:
                 while True:
-                    now = time.monotonic()
+                    now, step_s = time.monotonic(), self.engine.tick_seconds
+                    due = [live.is_due(now, step_s) for live in self._live.values()]
                     for live in list(self._live.values()):
-                        self._move(live, now, with_stats=beat % round(STATS_S / BEAT_S) == 0)
+                        self._move(live, now, early=any(due), with_stats=beat % round(STATS_S / BEAT_S) == 0)
                     beat += 1
                     await asyncio.sleep(BEAT_S)
             finally:
@@ -195,11 +196,11 @@ class House:
             for outbox in list(live.listeners):
                 outbox.fail(ProtocolError("shutting_down", "the server stopped", retry_after=5.0))
 
-    def _move(self, live: LiveSession, now: float, *, with_stats: bool) -> None:
+    def _move(self, live: LiveSession, now: float, *, early: bool, with_stats: bool) -> None:
         try:
             if not self._thread.is_alive:
                 raise RuntimeError("the engine's thread has ended")
-            live.pump(now, self.engine.tick_seconds)
+            live.pump(now, self.engine.tick_seconds, early=early)
             self._collect(live)
         except Exception:
             _LOG.exception("session %s failed", live.name)

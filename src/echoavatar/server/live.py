@@ -16,8 +16,6 @@ from ..engine import Delivery, Session
 from ..timing import CHUNK_SAMPLES, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from ..wire import (
     Action,
-    ActionState,
-    ActionStatus,
     Audio,
     AvatarState,
     End,
@@ -35,6 +33,7 @@ from ..wire import (
     pack_audio,
     pack_pose,
 )
+from .answers import TrackWatch, answer
 from .intake import Intake, Ledger
 from .outbox import Outbox
 from .playhead import Playhead
@@ -96,9 +95,7 @@ class LiveSession:
         self._settings = settings
         self._told = State(state="idle", at=0, seg=0, finished=0)
         self._listening_until = 0.0
-        self._track = ""  # what plays
-        self._track_id = ""
-        self._track_heard = False
+        self._track = TrackWatch(self.tell)
         self._pushed: dict[int, float] = {}  # when each chunk was handed to the engine
 
     # ---- who is there
@@ -170,10 +167,8 @@ class LiveSession:
 
     def play(self, message: Music, title: str, track: Float[np.ndarray, " s"]) -> None:
         """Play a track instead of what plays."""
-        self._end_track("another track was asked for")
+        self._track.asked(message.id, title, self.end)
         self.session.play(title, track)
-        self._track, self._track_id, self._track_heard = title, message.id, False
-        self.tell(answer(message.id, title, "accepted", self.end))
 
     def stop_music(self, message: Music) -> None:
         """Fade out what plays."""
@@ -188,14 +183,23 @@ class LiveSession:
 
     # ---- what the server's clock does
 
-    def pump(self, now: float, step_s: float) -> None:
-        """Hand the engine as many chunks as playback allows; where nobody plays, time stands still."""
-        if not any(outbox.plays for outbox in self.listeners):
+    def is_due(self, now: float, step_s: float) -> bool:
+        """Time goes by: whether a chunk must be made now. Where nobody plays, time stands still."""
+        if not self._is_watched:
             self.playhead.pause()
-            return
+            return False
         self.playhead.advance(now, self.end)
         self.session.played(self.playhead.sample)
-        just_in_time = MUSIC_LEAD if self._track else (MARGIN_S + min(1.0, 2 * step_s)) * SAMPLE_RATE_HZ
+        return self._handed_over() - self.playhead.sample < self._just_in_time(step_s)
+
+    def pump(self, now: float, step_s: float, *, early: bool = False) -> None:
+        """Hand the engine as many chunks as playback allows.
+
+        `early` when others are due: a step for one costs nearly what a step for all does, so all go together.
+        """
+        if not self._is_watched:
+            return
+        just_in_time = self._just_in_time(step_s) + early * CHUNK_SAMPLES
         while True:
             end = self._handed_over()
             is_speech = self.intake.waiting >= CHUNK_SAMPLES
@@ -241,6 +245,13 @@ class LiveSession:
 
     # ---- inside
 
+    @property
+    def _is_watched(self) -> bool:
+        return any(outbox.plays for outbox in self.listeners)
+
+    def _just_in_time(self, step_s: float) -> float:
+        return MUSIC_LEAD if self._track.title else (MARGIN_S + min(1.0, 2 * step_s)) * SAMPLE_RATE_HZ
+
     def _handed_over(self) -> int:
         """Clock up to which the engine was given sound: what it made and what waits there."""
         while True:
@@ -267,7 +278,7 @@ class LiveSession:
             self.sent.popleft()
         self.tell(motion)
         self.tell(sound)
-        self._follow_track(delivery)
+        self._track.follow(delivery.start, has_music=delivery.music is not None)
         self._tell_state(state, delivery.start)
 
     def _flush(self, flush: Flush) -> None:
@@ -294,22 +305,3 @@ class LiveSession:
         for told in self.session.statuses():
             choices = self._actions if told.status == "rejected" else ()
             self.tell(answer(told.id, told.name, told.status, told.at, reason=told.reason, choices=choices))
-
-    def _follow_track(self, delivery: Delivery) -> None:
-        if delivery.music is not None and self._track and not self._track_heard:
-            self._track_heard = True
-            self.tell(answer(self._track_id, self._track, "started", delivery.start))
-        elif delivery.music is None and self._track_heard:
-            self._end_track("")
-
-    def _end_track(self, reason: str) -> None:
-        if self._track:
-            self.tell(answer(self._track_id, self._track, "done", self.end, reason=reason))
-        self._track, self._track_heard = "", False
-
-
-def answer(
-    id: str, name: str, status: ActionState, at: int, *, reason: str = "", choices: tuple[str, ...] = ()
-) -> ActionStatus:
-    """What became of something that was asked for."""
-    return ActionStatus(id=id, name=name, status=status, at=at, reason=reason, choices=choices)

@@ -1,0 +1,28 @@
+# The live server. CPU by default:
+#   docker build -t echoavatar . && docker run -p 8765:8765 -e ECHOAVATAR_TOKEN=secret echoavatar
+# GPU: build with --build-arg TORCH_INDEX=https://download.pytorch.org/whl/cu128 and run with --gpus all.
+FROM python:3.11-slim AS build
+ARG TORCH_INDEX=https://download.pytorch.org/whl/cpu
+RUN python -m venv /venv
+ENV PATH=/venv/bin:$PATH PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1
+WORKDIR /src
+COPY constraints.txt ./
+RUN pip install -c constraints.txt --index-url ${TORCH_INDEX} torch
+COPY pyproject.toml README.md LICENSE NOTICE ./
+COPY src ./src
+RUN pip install -c constraints.txt '.[serve]'
+
+FROM python:3.11-slim
+RUN apt-get update && apt-get install -y --no-install-recommends libgomp1 && rm -rf /var/lib/apt/lists/* \
+    && useradd --create-home --uid 1000 avatar
+COPY --from=build /venv /venv
+ENV PATH=/venv/bin:$PATH PYTHONUNBUFFERED=1
+USER avatar
+WORKDIR /home/avatar
+EXPOSE 8765
+# SIGTERM lets people finish: give `docker stop` longer than --drain.
+STOPSIGNAL SIGTERM
+HEALTHCHECK --interval=10s --timeout=3s --start-period=90s --retries=3 \
+    CMD ["python", "-c", "import urllib.request as u; u.urlopen('http://127.0.0.1:8765/health', timeout=2)"]
+ENTRYPOINT ["echoavatar", "serve", "--host", "0.0.0.0", "--port", "8765"]
+CMD ["--seats", "3"]
