@@ -1,14 +1,12 @@
 import json
-import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 import soundfile
-import torch
 
 from echoavatar.cli import main
-from echoavatar.face import ARKIT_NAMES, FaceConfig, FaceModel, MelConfig
+from echoavatar.face import ARKIT_NAMES
 from echoavatar.face.livelink import read_live_link
 from echoavatar.kinematics import read_bvh
 from echoavatar.kinematics.tables import read_npz
@@ -52,28 +50,6 @@ def test_sixty_frames_a_second_pass_through_the_thirty(wav: Path, tmp_path: Path
     slow, fast = read_bvh(tmp_path / "a.bvh"), read_bvh(tmp_path / "b.bvh")
     assert (slow.frames, fast.frames) == (60, 119)
     np.testing.assert_allclose(fast.root[::2], slow.root, atol=1e-4)
-
-
-@pytest.fixture(scope="module")
-def bundle_with_face(tiny_bundle: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The tiny bundle and a tiny face whose curves stay near 0.3."""
-    folder = tmp_path_factory.mktemp("faced") / "bundle"
-    shutil.copytree(tiny_bundle, folder)
-    torch.manual_seed(0)
-    model = FaceModel(
-        FaceConfig(
-            encoder=MelConfig(width=8, blocks=1),
-            width=8,
-            layers=1,
-            heads=2,
-            condition=8,
-            head_width=8,
-            context=8,
-        )
-    )
-    model.measure(0.3 + 0.05 * torch.randn(50, 52))
-    model.save(folder / "face", {"data": "none"})
-    return folder
 
 
 def test_the_face_is_in_every_format_that_has_room(wav: Path, tmp_path: Path, bundle_with_face: Path) -> None:

@@ -19,7 +19,7 @@ from .symmetric import CloseUp, sculpt_symmetric
 
 Colour = tuple[int, int, int]
 
-SKIN, LIPS, HAIR = (222, 165, 134), (192, 110, 100), (58, 38, 32)
+SKIN, LIPS, HAIR = (222, 165, 134), (180, 98, 90), (58, 38, 32)
 JACKET, RIBBING, ZIP = (24, 110, 116), (16, 78, 86), (196, 200, 204)
 SHIRT, SHIRT_COLLAR, TROUSERS, TURN_UP = (243, 233, 216), (232, 220, 200), (47, 52, 82), (66, 73, 110)
 SHOE, SOLE, CORAL = (242, 239, 233), (250, 249, 246), (232, 104, 76)
@@ -52,10 +52,10 @@ PIECES = (
         *("head", "skin", SKIN, head.head_skin, (-0.17, 1.325, -0.13), (0.17, 1.72, 0.14), 0.0008, 16500),
         closeups=CLOSEUPS,
     ),
-    Piece("hair", "hair", HAIR, hair.hair, (-0.13, 1.45, -0.16), (0.13, 1.76, 0.14), 0.002, 5000, 0.008),
+    Piece("hair", "hair", HAIR, hair.hair, (-0.13, 1.45, -0.16), (0.13, 1.76, 0.14), 0.002, 6800, 0.008),
     Piece("brows", "hair", HAIR, head.brow, (-0.07, 1.58, 0.03), (0.07, 1.64, 0.11), 0.0010, 420, 0.002),
-    Piece("hands", "skin", SKIN, hands.hands, (-0.88, 1.34, -0.12), (0.88, 1.44, 0.10), 0.0018, 5600, 0.03),
-    Piece("jacket", "cloth", JACKET, body.jacket, (-0.70, 0.94, -0.18), (0.70, 1.50, 0.16), 0.003, 7000),
+    Piece("hands", "skin", SKIN, hands.hands, (-0.88, 1.34, -0.12), (0.88, 1.44, 0.10), 0.0018, 5400, 0.03),
+    Piece("jacket", "cloth", JACKET, body.jacket, (-0.70, 0.94, -0.18), (0.70, 1.50, 0.16), 0.003, 6500),
     Piece("ribbing", "cloth", RIBBING, body.ribbing, (-0.71, 0.88, -0.18), (0.71, 1.52, 0.16), 0.003, 2600),
     Piece("zips", "metal", ZIP, body.zips, (-0.10, 0.90, -0.02), (0.10, 1.47, 0.16), 0.0016, 800, 0.012),
     Piece("stripes", "cloth", CORAL, body.stripes, (-0.70, 0.92, -0.18), (0.70, 1.46, 0.18), 0.002, 1800, 0.003),

@@ -1,5 +1,7 @@
 """Contact sheets: a motion as rows of small pictures, to judge at a glance what numbers do not tell."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -38,15 +40,20 @@ def contact_sheet(
 
 
 def face_sheet(
-    *, columns: int = 9, size: tuple[int, int] = (150, 170), strength: float = 1.0
+    shapes: Sequence[str] | None = None, *, columns: int = 9, size: tuple[int, int] = (150, 170)
 ) -> UInt8[np.ndarray, "h w 3"]:
-    """The face at rest, then each of its blendshapes alone, in order; `mouthClose` with the jaw open that it closes."""
+    """The face at rest, then each of `shapes` (None: all) alone; `mouthClose` with the jaw open that it closes."""
     character = load_character()
-    renderer = Renderer(*size, camera=close_up(character.rest_joints[HEAD]), samples=2)
+    near = close_up(character.rest_joints[HEAD])
+    near = replace(near, target=(0.0, 1.562, 0.0), field_of_view=0.25)
+    renderer = Renderer(*size, camera=near, samples=2)
     colours = linear(character.colours)
     names = character.face.names
-    weights = np.concatenate([np.zeros((1, len(names))), strength * np.eye(len(names))]).astype(np.float32)
-    weights[1 + names.index("mouthClose"), names.index("jawOpen")] = strength
+    wanted = names if shapes is None else shapes
+    weights = np.zeros((1 + len(wanted), len(names)), np.float32)
+    for row, name in enumerate(wanted, 1):
+        weights[row, names.index(name)] = 1
+        weights[row, names.index("jawOpen")] = name in ("jawOpen", "mouthClose")
     pictures = [
         renderer.draw(Surface(*character.with_face(row), colours, character.triangles)) for row in weights
     ]

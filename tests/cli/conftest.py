@@ -1,0 +1,29 @@
+import shutil
+from pathlib import Path
+
+import pytest
+import torch
+
+from echoavatar.face import FaceConfig, FaceModel, MelConfig
+
+
+@pytest.fixture(scope="module")
+def bundle_with_face(tiny_bundle: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The tiny bundle and a tiny face whose curves stay near 0.3."""
+    folder = tmp_path_factory.mktemp("faced") / "bundle"
+    shutil.copytree(tiny_bundle, folder)
+    torch.manual_seed(0)
+    model = FaceModel(
+        FaceConfig(
+            encoder=MelConfig(width=8, blocks=1),
+            width=8,
+            layers=1,
+            heads=2,
+            condition=8,
+            head_width=8,
+            context=8,
+        )
+    )
+    model.measure(0.3 + 0.05 * torch.randn(50, 52))
+    model.save(folder / "face", {"data": "none"})
+    return folder
