@@ -40,6 +40,7 @@ export class Connection extends Emitter<ConnectionEvents> {
   private heartbeat: ReturnType<typeof setInterval> | undefined;
   private sentPings = new Map<number, number>();
   private nonce = 0;
+  private greeted = false;
   private over = false;
 
   /** `received` tells the first sample not received yet, for a resumed session. */
@@ -53,7 +54,8 @@ export class Connection extends Emitter<ConnectionEvents> {
     const socket = new WebSocket(this.options.url, [SUBPROTOCOLS.msgpack]);
     socket.binaryType = "arraybuffer";
     this.socket = socket;
-    socket.onopen = () => this.send(this.hello());
+    this.greeted = false;
+    socket.onopen = () => socket.send(encodeMessage(this.hello()));
     socket.onmessage = ({ data }) => this.receive(data as ArrayBuffer);
     socket.onclose = () => this.broken(socket);
   }
@@ -66,9 +68,9 @@ export class Connection extends Emitter<ConnectionEvents> {
     this.emit("line", "closed");
   }
 
-  /** Sends, or says that there is no line: nothing is queued here. */
+  /** Sends, or says that there is no line, or no `ready` yet: nothing is queued here. */
   send(message: ClientMessage): boolean {
-    if (this.socket?.readyState !== WebSocket.OPEN) return false;
+    if (!this.greeted || this.socket?.readyState !== WebSocket.OPEN) return false;
     this.socket.send(encodeMessage(message));
     return true;
   }
@@ -99,6 +101,7 @@ export class Connection extends Emitter<ConnectionEvents> {
 
   private begin(ready: ReadyMessage): void {
     this.ready = ready;
+    this.greeted = true;
     this.wait = FIRST_WAIT;
     clearInterval(this.heartbeat);
     const seconds = Math.min(PING_SECONDS, ready.limits.ping_seconds / 2);
@@ -115,6 +118,7 @@ export class Connection extends Emitter<ConnectionEvents> {
 
   private broken(socket: WebSocket): void {
     if (socket !== this.socket || this.over) return;
+    this.greeted = false;
     clearInterval(this.heartbeat);
     this.emit("line", "waiting");
     this.retry = setTimeout(() => this.open(), this.wait * 1000);

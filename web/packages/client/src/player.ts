@@ -86,10 +86,10 @@ export class Player {
     return at;
   }
 
-  /** The session goes on after a broken line. */
-  resume(ready: ReadyMessage): void {
+  /** The session goes on after a broken line; gives back where it was interrupted and the server may not know it. */
+  resume(ready: ReadyMessage): number | null {
     this.epoch = ready.epoch;
-    this.stopped = null;
+    return this.stopped;
   }
 
   get played(): { at: number; epoch: number; underruns: number } {

@@ -158,7 +158,8 @@ export class EchoSession extends Emitter<SessionEvents> {
     this.ready = ready;
     const current = this.utterances.find((utterance) => utterance.seg === ready.seg && utterance.speaker === "avatar");
     if (ready.resumed && this.player) {
-      this.player.resume(ready);
+      const heard = this.player.resume(ready);
+      if (heard !== null) this.connection.send({ type: "interrupt", heard, seg: this.segments.avatar });
       current?.resume(ready.received);
     } else {
       this.renew(ready);
