@@ -17,12 +17,12 @@ test: .venv-test/ready
 
 .venv-demo/ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv-demo
-	.venv-demo/bin/pip install $(PIP_FLAGS) -c constraints.txt -e '.[render]'
+	.venv-demo/bin/pip install $(PIP_FLAGS) -c constraints.txt -e '.[render,serve]'
 	touch $@
 
 .venv-test/ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv-test
-	.venv-test/bin/pip install $(PIP_FLAGS) -c constraints.txt -e '.[render,evaluate,rehearse,character,dev]'
+	.venv-test/bin/pip install $(PIP_FLAGS) -c constraints.txt -e '.[render,serve,evaluate,rehearse,character,dev]'
 	touch $@
 
 # The page is built into src/echoavatar/server/static and committed; only who changes web/ needs Node.

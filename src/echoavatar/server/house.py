@@ -48,6 +48,11 @@ class House:
         """Whether the engine runs."""
         return self._thread.is_alive
 
+    @property
+    def has_failed(self) -> bool:
+        """Whether it ran, and broke."""
+        return self._thread.error is not None
+
     # ---- coming and going
 
     def enter(self, hello: Hello, outbox: Outbox) -> tuple[LiveSession, Ready]:
@@ -138,7 +143,7 @@ class House:
         rig = self.engine.pipeline.skeleton.config
         return Ready(
             version=version,
-            server=f"echoavatar {__version__}",
+            server=f"echoavatar {__version__} {self.settings.name}".strip(),
             session=live.name,
             resume=live.key if hello.role == "source" else "",
             resumed=received is not None,
@@ -170,7 +175,7 @@ class House:
             try:
                 while True:
                     now, step_s = time.monotonic(), self.engine.tick_seconds
-                    due = [live.is_due(now, step_s) for live in self._live.values()]
+                    due = [self._is_due(live, now, step_s) for live in self._live.values()]
                     for live in list(self._live.values()):
                         self._move(live, now, early=any(due), with_stats=beat % round(STATS_S / BEAT_S) == 0)
                     beat += 1
@@ -195,6 +200,12 @@ class House:
         for live in list(self._live.values()):
             for outbox in list(live.listeners):
                 outbox.fail(ProtocolError("shutting_down", "the server stopped", retry_after=5.0))
+
+    def _is_due(self, live: LiveSession, now: float, step_s: float) -> bool:
+        try:
+            return live.is_due(now, step_s)
+        except Exception:
+            return False  # `_move` will meet the same, and end the session
 
     def _move(self, live: LiveSession, now: float, *, early: bool, with_stats: bool) -> None:
         try:

@@ -10,6 +10,7 @@ from ..wire import MAX_MESSAGE_BYTES, Limits
 class ServerSettings:
     """Seats are the engine's; everything else about a server."""
 
+    name: str = ""  # of this server among several, told in `ready`
     token: str = ""  # empty: none is asked for
     origins: tuple[str, ...] = ()  # pages of other hosts that may connect, such as https://avatar.example.org
     inbox_seconds: float = 120.0  # sound that may wait

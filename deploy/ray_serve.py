@@ -1,0 +1,86 @@
+"""The live server on several machines: the same application as a Ray Serve deployment.
+
+    pip install 'echoavatar[ray]'
+    serve run deploy.ray_serve:build seats=3 most=8
+
+Every replica is a whole server with its engine. A session stays with its replica, because a WebSocket does. Ray hands a
+newcomer to a replica with a free seat and starts more replicas as seats fill up; when all are taken, it refuses at the
+door. When a replica dies, its clients come back by themselves: another replica does not know their session and says so,
+and they begin a new one there with what was not played yet (`echoavatar.client` and the page both do), while what
+they have buffered plays on.
+"""
+
+import os
+from typing import Any
+
+from pydantic import BaseModel, Field
+from ray import serve
+from starlette.types import ASGIApp
+
+
+class Options(BaseModel):
+    """What `serve run` may set; the token comes from $ECHOAVATAR_TOKEN."""
+
+    model: str = Field("default", description="bundle name or folder")
+    seats: int = Field(3, ge=1, description="sessions per replica")
+    fewest: int = Field(1, ge=1, description="replicas kept")
+    most: int = Field(4, ge=1, description="replicas at most")
+    cpus: float = Field(2.0, gt=0, description="per replica")
+    gpus: float = Field(0.0, ge=0, description="per replica")
+
+
+@serve.ingress()
+class Avatars:
+    """One replica."""
+
+    def __init__(self, model: str, seats: int) -> None:
+        self._model, self._seats = model, seats
+        self._house: Any = None
+
+    def __serve_build_asgi_app__(self) -> ASGIApp:  # noqa: N807
+        """The application, once the replica is there."""
+        from echoavatar.engine import load
+        from echoavatar.server import ServerSettings, create_app
+
+        settings = ServerSettings(
+            name=serve.get_replica_context().replica_id.unique_id,
+            token=os.environ.get("ECHOAVATAR_TOKEN", ""),
+            connections=self._seats + SPARE,
+        )
+        app = create_app(load(self._model, seats=self._seats), settings)
+        self._house = app.state.house
+        return app
+
+    def check_health(self) -> None:
+        """Ray replaces a replica whose engine has failed."""
+        if self._house is not None and self._house.has_failed:
+            raise RuntimeError("the engine has failed")
+
+
+SPARE = 4  # requests beyond the seats: pages, health, those who are refused in words
+
+
+def build(options: Options) -> serve.Application:
+    """The application for `serve run`."""
+    return deployment(Avatars, options).bind(options.model, options.seats)
+
+
+def deployment(replica: type, options: Options) -> serve.Deployment:
+    """Seats as Ray counts them: a session is a request that lasts."""
+    return serve.deployment(
+        replica,
+        name="avatars",
+        max_ongoing_requests=options.seats + SPARE,
+        max_queued_requests=SPARE,
+        autoscaling_config={
+            "min_replicas": options.fewest,
+            "max_replicas": options.most,
+            "target_ongoing_requests": max(0.5, 0.7 * options.seats),
+            "upscale_delay_s": 5,
+            "downscale_delay_s": 300,
+        },
+        ray_actor_options={"num_cpus": options.cpus, "num_gpus": options.gpus},
+        graceful_shutdown_timeout_s=20,
+        health_check_period_s=2,
+        health_check_timeout_s=10,
+    )

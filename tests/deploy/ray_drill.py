@@ -1,0 +1,95 @@
+"""Two replicas, two people speaking, one replica killed: who spoke to it speaks on. Prints one line of JSON.
+
+A program of its own, because Ray wants the process for itself; `test_ray_serve.py` runs it.
+"""
+
+import asyncio
+import json
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+import ray
+from deploy.ray_serve import Avatars, Options, deployment
+from ray import serve
+
+from echoavatar.client import Recorder, connect
+from echoavatar.wire import Sound
+
+ROOT = Path(__file__).parents[2]
+PORT = 18_765
+SECONDS = 14.0
+
+
+class Doubles(Avatars):
+    """Replicas with a body of twenty lines."""
+
+    def __serve_build_asgi_app__(self) -> object:  # noqa: N807
+        from tests.server.fakes import Body
+
+        from echoavatar.engine import Engine
+        from echoavatar.server import ServerSettings, create_app
+
+        name = serve.get_replica_context().replica_id.unique_id
+        app = create_app(Engine(Body(0.02), seats=2), ServerSettings(name=name))
+        self._house = app.state.house
+        return app
+
+
+async def speak(hosts: list[str], number: int) -> dict[str, object]:
+    """Say an utterance at the speed of playback, and watch whether the player would ever have run dry."""
+    async with connect(f"http://127.0.0.1:{PORT}") as avatar:
+        hosts.append(avatar.ready.server.split()[-1])
+        recorder = Recorder(avatar.ready)
+        seg = await avatar.speak(np.full(round(SECONDS * 24_000), 0.25, np.float32))
+        begun, dry, moved, last_end = 0.0, 0.0, 0, 0.0
+        async for message in avatar:
+            recorder.take(message)
+            if avatar.ready.server.split()[-1] != hosts[number]:
+                moved, hosts[number] = moved + 1, avatar.ready.server.split()[-1]
+            if isinstance(message, Sound):
+                begun = begun or time.monotonic()
+                played = time.monotonic() - begun
+                dry = max(dry, played - last_end if last_end else 0.0)
+                last_end = recorder.end / 24_000
+            if recorder.has(seg):
+                break
+        audio = recorder.recording(seg).audio
+        return {"moved": moved, "dry_s": round(dry, 3), "spoken_s": np.count_nonzero(audio) / 24_000}
+
+
+async def drill() -> dict[str, object]:
+    hosts: list[str] = []
+    first = asyncio.create_task(speak(hosts, 0))
+    await asyncio.sleep(1)
+    second = asyncio.create_task(speak(hosts, 1))
+    await asyncio.sleep(4)
+    actors = ray.util.list_named_actors(all_namespaces=True)
+    victim = next(a for a in actors if "REPLICA" in a["name"] and hosts[0] in a["name"])
+    ray.kill(ray.get_actor(victim["name"], namespace=victim["namespace"]))
+    killed = hosts[0]
+    results = await asyncio.wait_for(asyncio.gather(first, second), 60)
+    return {"victim": results[0], "other": results[1], "same_host": hosts[1] == killed}
+
+
+def main() -> None:
+    ray.init(
+        num_cpus=2,
+        include_dashboard=False,
+        log_to_driver=False,
+        object_store_memory=100 * 2**20,
+        runtime_env={
+            "env_vars": {"PYTHONPATH": f"{ROOT}:{os.environ.get('PYTHONPATH', '')}", "OMP_NUM_THREADS": "1"}
+        },
+    )
+    serve.start(http_options={"host": "127.0.0.1", "port": PORT})
+    options = Options(seats=2, fewest=2, most=2, cpus=0.5)
+    serve.run(deployment(Doubles, options).bind("", 2), route_prefix="/")
+    print(json.dumps(asyncio.run(drill())))  # noqa: T201
+    serve.shutdown()
+    ray.shutdown()
+
+
+if __name__ == "__main__":
+    main()

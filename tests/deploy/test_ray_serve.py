@@ -1,0 +1,43 @@
+"""The server on Ray Serve: two replicas, one of them killed."""
+
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="needs pip install 'echoavatar[ray]'")
+def test_a_killed_replica_moves_its_sessions_and_nobody_hears_it() -> None:
+    done = subprocess.run(
+        [sys.executable, "tests/deploy/ray_drill.py"],
+        cwd=ROOT,
+        env=os.environ | {"PYTHONPATH": str(ROOT), "RAY_USAGE_STATS_ENABLED": "0"},
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    report = json.loads(done.stdout.splitlines()[-1])
+    assert report["victim"]["moved"] == 1
+    for person in (report["victim"], report["other"]):
+        assert person["spoken_s"] == pytest.approx(14.0, abs=0.3)
+        assert person["dry_s"] == 0.0
+    if not report["same_host"]:
+        assert report["other"]["moved"] == 0
+
+
+def test_the_container_files_name_what_there_is() -> None:
+    docker = (ROOT / "Dockerfile").read_text()
+    for source in ("constraints.txt", "pyproject.toml", "README.md", "LICENSE", "NOTICE"):
+        assert source in docker
+        assert (ROOT / source).exists()
+        assert f"!{source}" in (ROOT / ".dockerignore").read_text()
+    assert "echoavatar[" in (ROOT / "deploy" / "ray_serve.py").read_text()
