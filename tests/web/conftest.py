@@ -52,7 +52,7 @@ class PageDriver:
             self.problems.append(f"{message.type}: {message.text}")
 
     def open(self, url: str) -> None:
-        self.page.goto(url)
+        self.page.goto(url, wait_until="commit", timeout=120_000)
         self.wait("!!(window.__echo && __echo.avatar.driver && __echo.metrics && __echo.shown)")
 
     def ask(self, expression: str) -> Any:

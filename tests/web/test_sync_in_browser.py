@@ -2,7 +2,8 @@
 
 The stand-in server writes the clock into the wave (a saw of one second) and into the hips (Z = seconds / 1000). At each
 display frame the test reads the wave at the loudspeaker and the pose that is on the screen. Messages are delayed by
-up to 50 ms at random, and once everything stands still for 500 ms.
+up to 50 ms at random, and once everything stands still for 500 ms. Where the machine draws by software, and too slowly
+to judge anything but its drawing, poses are applied but not drawn.
 """
 
 import logging
@@ -15,6 +16,7 @@ from tests.web.make_vrm import make_vrm
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 _log = logging.getLogger(__name__)
+ENOUGH = 20
 SECONDS = float(os.environ.get("ECHOAVATAR_SYNC_SECONDS", "120"))
 BAD_LINE = """
 window.WebSocket = class extends WebSocket {
@@ -57,6 +59,10 @@ def test_pose_and_sound_agree_on_a_bad_line(new_page, mock_url):
     driver.drop("boxes.vrm", make_vrm())
     driver.click("#begin")
     driver.wait("__echo.session.player.playing && __echo.metrics.at > 96000")
+    if _rate(driver) < ENOUGH:
+        _log.info("this machine draws fewer than %d pictures a second: measured without drawing", ENOUGH)
+        driver.page.evaluate("__echo.stage.render = () => {}")
+        driver.page.add_style_tag(content="* { transition: none !important; animation: none !important }")
     driver.page.evaluate("__echo.resetSync()")
     driver.page.evaluate(WITNESS)
     time.sleep(SECONDS / 2)
@@ -70,10 +76,14 @@ def test_pose_and_sound_agree_on_a_bad_line(new_page, mock_url):
     _log.info("%d pictures, %.0f a second: mean %.1f ms, p99 %.1f ms", len(errors), rate, errors.mean(), p99)
     _log.info("the page says: %s", told)
     assert driver.problems == []
-    if rate < 15:
-        pytest.skip(f"this machine draws {rate:.0f} pictures a second; sync needs 15 to be judged")
     assert mean < 20
     assert p99 < 60
+
+
+def _rate(driver) -> float:
+    driver.page.evaluate("__echo.resetSync()")
+    time.sleep(4)
+    return driver.ask("__echo.sync.pictures") / 4
 
 
 def _errors_ms(seen: np.ndarray) -> np.ndarray:
