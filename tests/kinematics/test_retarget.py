@@ -5,10 +5,11 @@ import pytest
 import torch
 from tests.kinematics.samples import chain, recorded, swaying
 from tests.kinematics.test_footing import FEET, REST, standing
+from tests.pipeline.test_modes import walking
 
 from echoavatar.errors import MotionError
 from echoavatar.kinematics import HUMANOID, Motion, Skeleton, read_bvh
-from echoavatar.kinematics.contact import skate
+from echoavatar.kinematics.contact import planted, skate
 from echoavatar.kinematics.retarget import leg_length, retarget
 from echoavatar.kinematics.rigs import bone_map
 
@@ -90,3 +91,39 @@ def test_an_unknown_rig_is_explained():
     motion = swaying(4, skeleton=chain((0, 1, 0), (0, 1, 0)))
     with pytest.raises(MotionError, match="VRM map"):
         retarget(motion)
+
+
+def rig(*, leg: float, arm: float, trunk: float) -> Skeleton:
+    """Our rig with other proportions, its balls 2 cm over the floor as ours are."""
+    scale = {"LowerLeg": leg, "Foot": leg, "LowerArm": arm, "Hand": arm}
+    offsets = []
+    for name, offset in zip(HUMANOID.names, HUMANOID.config.offsets, strict=True):
+        bone = name.removeprefix("left").removeprefix("right")
+        offsets.append([c * scale.get(bone, 1.0 if "Toes" in name else trunk) for c in offset])
+    built = Skeleton(HUMANOID.config.model_copy(update={"offsets": tuple(map(tuple, offsets))}))
+    offsets[0][1] += 0.02 - float(built.rest_positions[FEET, 1].min())
+    return Skeleton(HUMANOID.config.model_copy(update={"offsets": tuple(map(tuple, offsets))}))
+
+
+@pytest.mark.parametrize(
+    "proportions",
+    [
+        pytest.param({"leg": 0.55, "arm": 0.6, "trunk": 0.7}, id="child"),
+        pytest.param({"leg": 1.25, "arm": 1.1, "trunk": 1.05}, id="tall"),
+        pytest.param({"leg": 0.8, "arm": 1.5, "trunk": 1.0}, id="long-armed"),
+    ],
+)
+def test_walkers_of_other_proportions_stand_on_the_floor(proportions):
+    """Steps of our rig on three others: planted balls within 5 mm of the floor, none below it, none sliding."""
+    motion, other = walking(3.0), rig(**proportions)
+    balls = list(other.config.feet)[1::2]
+    standing_height = other.rest_positions[balls, 1].numpy()
+    places = retarget(motion, other).pose().positions[:, balls].numpy()
+    is_planted = planted(places, 30, standing_height=standing_height)
+    over = places[..., 1] - standing_height
+    assert is_planted.mean() > 0.3
+    assert (
+        np.percentile(np.abs(over[is_planted]), 95) < 0.005
+    )  # the last frame before a foot lifts may be higher
+    assert over.min() > -0.005
+    assert skate(places, 30, standing_height=standing_height) < 0.3
