@@ -23,6 +23,7 @@ COMMANDS = {
     "data": "make training data",
     "train": "train the codec, the motion tokenizer, the generator or the face",
     "bundle": "assemble trained parts into a bundle",
+    "actions": "list what the avatar can be asked to do; add an action from a clip",
     "rig": "measure a character's body, so that hands keep off it",
 }
 

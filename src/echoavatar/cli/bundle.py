@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
 def assemble(source: Path, output: Path) -> None:
     """Copy the checkpoints (not their training state), weights in half precision, and check that they fit.
 
-    A face model (`face/`) comes along where there is one.
+    A face model (`face/`) comes along where there is one. Our own actions are made where there is no `actions.json`.
 
     Raises:
         EchoAvatarError: a part is missing.
@@ -73,6 +73,10 @@ def assemble(source: Path, output: Path) -> None:
     (output / "codec").mkdir(exist_ok=True)
     for name in FILES:
         shutil.copyfile(source / "codec" / name, output / "codec" / name)
+    if not (output / "actions.json").exists():
+        from ..pipeline.action_making import own_actions
+
+        own_actions(BodyTokenizer.load(output / "tokenizer").eval()).save(output)
     if (source / "face").is_dir():
         FaceModel.load(source / "face").save(output / "face", read_card(source / "face"), dtype=torch.float16)
     if not (output / "card.json").exists():

@@ -42,6 +42,7 @@ class Act:
     begin: int  # chunk
     length: int  # chunks
     reason: str = ""  # why it ends early
+    is_own: bool = False  # nobody asked for it
 
     @property
     def end(self) -> int:
@@ -57,12 +58,23 @@ class Acts:
         self._acts: deque[Act] = deque(maxlen=KEPT)
         self._statuses: deque[ActStatus] = deque(maxlen=4 * KEPT)
         self._told: set[tuple[str, Status]] = set()
+        self._quiet: set[str] = set()  # ids of which nothing is told
         self._number = 0
 
     def ask(
-        self, name: str, *, chunk: int, intensity: float = 1.0, hold_s: float | None = None, id: str = ""
+        self,
+        name: str,
+        *,
+        chunk: int,
+        intensity: float = 1.0,
+        hold_s: float | None = None,
+        id: str = "",
+        is_own: bool = False,
     ) -> ActStatus:
-        """Begin an action with the given chunk; one that runs then ends there. Never raises: it may be rejected."""
+        """Begin an action with the given chunk; one that runs then ends there. Never raises: it may be rejected.
+
+        Of what the avatar does by itself (`is_own`) nothing is told.
+        """
         self._number += 1
         id = id or f"action-{self._number}"
         try:
@@ -75,10 +87,13 @@ class Acts:
                 raise EchoAvatarError(f"hold {hold_s:g} is not a number of seconds")
         except EchoAvatarError as error:
             rejected = ActStatus(id, name, "rejected", chunk * CHUNK_SAMPLES, str(error))
-            self._statuses.append(rejected)
+            if not is_own:
+                self._statuses.append(rejected)
             return rejected
         self._end_at(chunk, f"{action.name} was asked for")
-        self._acts.append(Act(id, action, intensity, chunk, action.length(hold_s)))
+        if is_own:
+            self._quiet.add(id)
+        self._acts.append(Act(id, action, intensity, chunk, action.length(hold_s), is_own=is_own))
         return self._tell(ActStatus(id, action.name, "accepted", chunk * CHUNK_SAMPLES))
 
     def knows(self, name: str) -> bool:
@@ -142,10 +157,11 @@ class Acts:
 
     def _tell(self, status: ActStatus) -> ActStatus:
         """Each status once, also when a session is rewound and a chunk goes out again."""
-        if (status.id, status.status) not in self._told:
+        if status.id not in self._quiet and (status.id, status.status) not in self._told:
             self._told.add((status.id, status.status))
             self._statuses.append(status)
         if len(self._told) > 16 * KEPT:
             live = {act.id for act in self._acts}
             self._told = {told for told in self._told if told[0] in live}
+            self._quiet &= live
         return status

@@ -14,12 +14,14 @@ import numpy as np
 from jaxtyping import Float
 from torch import Tensor
 
+from ..audio import StreamResampler
 from ..errors import EchoAvatarError
 from ..pipeline import MotionChunk
 from ..pipeline.action_overlay import laid_on
 from ..timing import CHUNK_SAMPLES, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from .acts import Acts, ActStatus
 from .inbox import Heard, Inbox
+from .listener import Listener, Sign
 from .music import Playing
 from .screen import Delivery, Screen, first_frame_after
 from .undo import Patch
@@ -27,6 +29,7 @@ from .undo import Patch
 if TYPE_CHECKING:
     from .engine import Engine
 
+LISTEN_S = 20.0  # a listening posture ends by itself
 MUSIC_AHEAD = 3  # chunks: music lets speech in within 0.8 s
 REPLAN_AHEAD = (
     2  # chunks that an action waits at most behind motion made earlier, where the player says what it shows
@@ -59,6 +62,8 @@ class Session:
         self._inbox = Inbox()
         self._acts = Acts(engine.actions)
         self._screen = Screen()
+        self._listener = Listener(seed)
+        self._ear: StreamResampler | None = None
         self._past: deque[Past] = deque()
         self._rewind = rewind
         self._chunks = 0  # made; the model's state is there, unless `_target` says where it must go back to
@@ -120,6 +125,23 @@ class Session:
             asked = self._acts.ask(name, chunk=self._next_chunk, intensity=intensity, hold_s=hold_s, id=id)
         self._engine.wake()
         return asked
+
+    def listen(self, audio: Float[np.ndarray, "..."], rate: int = SAMPLE_RATE_HZ) -> None:
+        """The user speaks: a listening posture while it lasts, nods at pauses. Never becomes speech of the avatar's.
+
+        Raises:
+            AudioError: values that are not finite, or a rate that cannot be.
+        """
+        with self._lock:
+            if self._ear is None or self._ear.rate != rate:
+                self._ear = StreamResampler(rate)
+            for noticed in self._listener.hear(self._ear.push(audio)):
+                self._react(noticed.sign)
+
+    @property
+    def is_listening(self) -> bool:
+        """Whether the user speaks, or has just stopped."""
+        return self._listener.is_listening
 
     def stop_acting(self) -> None:
         """End the running action now."""
@@ -264,6 +286,18 @@ class Session:
             self.on_motion()
 
     # ---- inside
+
+    def _react(self, sign: Sign) -> None:
+        """What listening looks like, unless something that was asked for goes on."""
+        running = self._acts.running(self._next_chunk)
+        if running is not None and not running.is_own:
+            return
+        if sign == "ends":
+            self._acts.stop(self._next_chunk)
+        else:
+            name, intensity, hold_s = ("nod", 1.0, None) if sign == "pause" else ("listen", 0.8, LISTEN_S)
+            chunk = self._next_chunk
+            self._acts.ask(name, chunk=chunk, intensity=intensity, hold_s=hold_s, is_own=True)
 
     @property
     def _next_chunk(self) -> int:

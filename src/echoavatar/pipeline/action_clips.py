@@ -237,6 +237,13 @@ SCRIPTS: Mapping[str, Script] = {
         "happy: arms thrown up with joy",
     ),
     "neutral": Script(((0.0, pose()), (1.6, pose())), (0.0, 1.6), "stand at ease, hands down"),
+    "nod": Script(
+        ((0.0, pose()), (1.3, pose())),
+        (0.2, 1.1),
+        "a short nod while listening",
+        swing("head", (1,), 0.17, 1.8, 0.1, 1.2),
+        is_on_top=True,
+    ),
     "listen": Script(
         _there_and_back(
             pose(FOLDED, FOLDED, head=(0.0, 0.05, 0.1), spine=(0.0, 0.05, 0.0)), reach=0.8, stay=1.6

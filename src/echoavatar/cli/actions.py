@@ -1,0 +1,99 @@
+"""`echoavatar actions`: what the avatar can be asked to do; add an action from a clip, without training."""
+
+import argparse
+from pathlib import Path
+
+from ..errors import EchoAvatarError
+
+EXAMPLES = """examples:
+  echoavatar actions list
+  echoavatar actions add salute salute.bvh --bundle my-bundle --about "salute like a soldier"
+  echoavatar actions remove salute --bundle my-bundle
+  echoavatar actions build --bundle my-bundle     (the actions that ship, for another tokenizer)
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the sub-commands."""
+    parser.epilog = EXAMPLES
+    kinds = parser.add_subparsers(dest="kind", metavar="WHAT", required=True)
+    listing = kinds.add_parser("list", help="names, lengths and meanings")
+    add = kinds.add_parser("add", help="make an action of a BVH clip of 0.5 to 20 s on any humanoid rig")
+    add.add_argument("name", help="letters, digits, underscores; an action of that name is replaced")
+    add.add_argument("clip", type=Path, help="BVH file; begins and ends at ease")
+    add.add_argument(
+        "--hold",
+        type=float,
+        nargs=2,
+        metavar=("FROM", "TO"),
+        help="seconds of the clip that repeat while the action is held (default: the middle half)",
+    )
+    add.add_argument("--about", default="", help="what it means, for language models")
+    remove = kinds.add_parser("remove", help="take an action out")
+    remove.add_argument("name", help="which one")
+    build = kinds.add_parser("build", help="make the actions that ship for this bundle's tokenizer")
+    for child in (listing, add, remove, build):
+        child.add_argument(
+            "--bundle",
+            default="default",
+            help="name of a shipped bundle, or a folder (default: %(default)s); changes need a folder",
+        )
+
+
+def run(args: argparse.Namespace) -> int:
+    """List or change a library."""
+    if args.kind == "list":
+        return _list(args.bundle)
+    folder = Path(args.bundle)
+    if not (folder / "tokenizer").is_dir():
+        raise EchoAvatarError(
+            f"{args.bundle} is not a bundle's folder; `echoavatar bundle` makes one, or copy the shipped one"
+        )
+    {"add": _add, "remove": _remove, "build": _build}[args.kind](args, folder)
+    return 0
+
+
+def _list(bundle: str) -> int:
+    from ..pipeline import load_bundle
+
+    library = load_bundle(bundle).actions
+    width = max((len(name) for name in library), default=0)
+    for name, action in library.items():
+        print(f"{name:{width}}  {action.seconds:4.1f} s  {action.about}")
+    print(f"{len(library)} actions in {bundle}")
+    return 0
+
+
+def _add(args: argparse.Namespace, folder: Path) -> None:
+    from ..kinematics import read_bvh
+    from ..pipeline.action_making import action_from_motion
+    from ..pipeline.actions import ActionLibrary
+    from ..tokenizer import BodyTokenizer
+
+    tokenizer = BodyTokenizer.load(folder / "tokenizer").eval()
+    library = ActionLibrary.load(folder, tokenizer.config.codes)
+    hold = None if args.hold is None else (args.hold[0], args.hold[1])
+    action = action_from_motion(tokenizer, args.name, read_bvh(args.clip), hold_s=hold, about=args.about)
+    library.with_action(action).save(folder)
+    print(
+        f"{action.name}: {action.seconds:.1f} s, {len(set(action.codes))} codes, in {folder / 'actions.json'}"
+    )
+
+
+def _remove(args: argparse.Namespace, folder: Path) -> None:
+    from ..pipeline.actions import ActionLibrary
+    from ..tokenizer import BodyTokenizer
+
+    library = ActionLibrary.load(folder, BodyTokenizer.load(folder / "tokenizer").config.codes)
+    gone = library.find(args.name)
+    ActionLibrary({name: action for name, action in library.items() if action is not gone}).save(folder)
+    print(f"{gone.name} removed from {folder / 'actions.json'}")
+
+
+def _build(args: argparse.Namespace, folder: Path) -> None:
+    from ..pipeline.action_making import own_actions
+    from ..tokenizer import BodyTokenizer
+
+    library = own_actions(BodyTokenizer.load(folder / "tokenizer").eval())
+    library.save(folder)
+    print(f"{len(library)} actions in {folder / 'actions.json'}")

@@ -1,0 +1,158 @@
+"""What a language model may do with the avatar: typed functions, their schemas in every framework's form, one place.
+
+The enums come from the live libraries, so a model is never offered a gesture or a track that is not there; asked for
+one all the same, a tool answers "rejected" with the list, and never raises. All of them are silent: the model need not
+say anything about the result.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Any, Literal, NamedTuple
+
+from ..errors import EchoAvatarError
+from ..pipeline.actions import LONGEST_S, ActionLibrary
+from .acts import STRONGEST
+from .session import Session
+from .tracks import Tracks
+
+Schema = dict[str, Any]
+Style = Literal["plain", "openai", "openai-chat", "anthropic", "gemini", "mcp"]
+HIDDEN = ("listen", "nod")  # actions that the avatar does by itself
+
+
+class Tool(NamedTuple):
+    """A function of a session: its name, what it is for, the JSON Schema of its arguments, and itself."""
+
+    name: str
+    description: str
+    parameters: Schema
+    function: Callable[..., Schema]
+
+
+class Toolbox:
+    """The tools over one library of actions and one of music."""
+
+    def __init__(self, actions: ActionLibrary, tracks: Tracks) -> None:
+        self._actions, self._tracks = actions, tracks
+
+    @property
+    def tools(self) -> tuple[Tool, ...]:
+        """All of them, as the libraries are now."""
+        names = [name for name in self._actions if name not in HIDDEN]
+        meanings = "; ".join(f"{name}: {self._actions[name].about}" for name in names)
+        action = {"type": "string", "enum": names, "description": f"What to do. {meanings}"}
+        intensity = _number("How strongly; 1 is normal.", STRONGEST)
+        hold = _number("Seconds to hold it; left out, it takes its natural time.", LONGEST_S)
+        title: Schema = {"type": "string", "description": "Left out, the first one plays."}
+        if self._tracks.titles:
+            title["enum"] = list(self._tracks.titles)
+        return (
+            Tool(
+                "send_action",
+                "Let the avatar do a gesture now, while it speaks or in silence. It ends by itself.",
+                _object({"action": action, "intensity": intensity, "hold": hold}, ["action"]),
+                self.send_action,
+            ),
+            Tool(
+                "play_music",
+                "Play music; the avatar hears it and dances. It goes on until its end or stop_music.",
+                _object({"title": title}, []),
+                self.play_music,
+            ),
+            Tool("stop_music", "Fade the music out.", _object({}, []), self.stop_music),
+            Tool("list_actions", "Name the gestures the avatar can do.", _object({}, []), self.list_actions),
+        )
+
+    def send_action(
+        self, session: Session, action: str, intensity: float = 1.0, hold: float | None = None
+    ) -> Schema:
+        """Begin an action."""
+        asked = session.act(action, intensity=intensity, hold_s=hold)
+        return {"status": asked.status, "id": asked.id, "action": asked.name} | (
+            {"reason": asked.reason} if asked.reason else {}
+        )
+
+    def play_music(self, session: Session, title: str | None = None) -> Schema:
+        """Begin a track. Reading it may take a moment: not for an event loop."""
+        if title is None and not self._tracks.titles:
+            return {"status": "rejected", "reason": "there is no music"}
+        found = self._tracks.find(title or self._tracks.titles[0])
+        session.play(found, self._tracks.load(found))
+        return {"status": "accepted", "title": found}
+
+    def stop_music(self, session: Session) -> Schema:
+        """Fade out."""
+        session.stop_music()
+        return {"status": "done"}
+
+    def list_actions(self, session: Session) -> Schema:
+        """Names and meanings."""
+        del session
+        return {"actions": {n: a.about for n, a in self._actions.items() if n not in HIDDEN}}
+
+    def call(self, session: Session, name: str, arguments: Mapping[str, Any]) -> Schema:
+        """Do what a model asked for; what cannot be done is told, not raised."""
+        tools = {tool.name: tool for tool in self.tools}
+        if name not in tools:
+            return {"status": "rejected", "reason": f"no tool {name!r}; there are: {', '.join(tools)}"}
+        try:
+            return tools[name].function(session, **_checked(tools[name], arguments))
+        except EchoAvatarError as error:
+            return {"status": "rejected", "reason": str(error)}
+
+    def schemas(self, style: Style = "plain") -> list[Schema]:
+        """Declarations in the form of a framework.
+
+        plain: name, description, parameters; openai: Realtime and Responses; openai-chat: Chat Completions;
+        gemini: one tool with its function declarations; mcp: Model Context Protocol.
+        """
+        plain: list[Schema] = [
+            {"name": tool.name, "description": tool.description, "parameters": tool.parameters}
+            for tool in self.tools
+        ]
+        if style == "openai":
+            return [{"type": "function", **tool} for tool in plain]
+        if style == "openai-chat":
+            return [{"type": "function", "function": tool} for tool in plain]
+        if style in ("anthropic", "mcp"):
+            key = "input_schema" if style == "anthropic" else "inputSchema"
+            return [{"name": t["name"], "description": t["description"], key: t["parameters"]} for t in plain]
+        if style == "gemini":
+            return [{"function_declarations": [_for_gemini(tool) for tool in plain]}]
+        return plain
+
+
+def _number(description: str, most: float) -> Schema:
+    return {"type": "number", "minimum": 0, "maximum": most, "description": description}
+
+
+def _object(properties: Schema, required: list[str]) -> Schema:
+    return {
+        "type": "object",
+        "properties": properties,
+        "required": required,
+        "additionalProperties": False,
+    }
+
+
+def _for_gemini(tool: Schema) -> Schema:
+    """Gemini knows no `additionalProperties`, and wants no parameters at all where there are none."""
+    if not tool["parameters"]["properties"]:
+        return {"name": tool["name"], "description": tool["description"]}
+    kept = {key: value for key, value in tool["parameters"].items() if key != "additionalProperties"}
+    return tool | {"parameters": kept}
+
+
+def _checked(tool: Tool, arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """The arguments, each of the type that its schema says; null counts as left out."""
+    known, given = tool.parameters["properties"], {k: v for k, v in arguments.items() if v is not None}
+    wrong = [name for name in given if name not in known]
+    if wrong:
+        raise EchoAvatarError(f"{tool.name} knows no {wrong[0]!r}; it takes: {', '.join(known) or 'nothing'}")
+    lacking = [name for name in tool.parameters["required"] if name not in given]
+    if lacking:
+        raise EchoAvatarError(f"{tool.name} needs {lacking[0]!r}")
+    for name, value in given.items():
+        kinds = (int, float) if known[name]["type"] == "number" else (str,)
+        if not isinstance(value, kinds) or isinstance(value, bool):
+            raise EchoAvatarError(f"{tool.name}: {name} is {value!r}; it must be a {known[name]['type']}")
+    return given

@@ -1,0 +1,70 @@
+import numpy as np
+from tests.engine.fakes import engine
+
+from echoavatar.engine.listener import Listener
+from echoavatar.pipeline import Action, ActionLibrary
+
+RATE = 24_000
+
+
+def talk(seconds: float, seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).normal(size=int(seconds * RATE)).astype(np.float32) * 0.05
+
+
+def quiet(seconds: float) -> np.ndarray:
+    return talk(seconds, 9) * 0.002
+
+
+def signs(sound: np.ndarray, block: int, seed: int = 1) -> list[tuple[str, float]]:
+    listener, found = Listener(seed), []
+    for start in range(0, len(sound), block):
+        found += listener.hear(sound[start : start + block])
+    return [(noticed.sign, round(noticed.sample / RATE, 2)) for noticed in found]
+
+
+def test_a_turn_is_noticed_from_beginning_to_end_however_it_is_cut() -> None:
+    sound = np.concatenate([quiet(1), talk(3), quiet(2)])
+    found = signs(sound, 6_400)
+    assert found == signs(sound, 137) == signs(sound, 10**9)
+    assert found[0][0] == "begins"
+    assert 1.0 < found[0][1] < 1.3
+    assert found[-1] == ("ends", 5.0)
+
+
+def test_nods_come_at_pauses_not_too_often_and_the_posture_returns() -> None:
+    """Ten stretches of two seconds with half a second between them; a nod falls 0.3 s into a pause."""
+    sound = np.concatenate([np.concatenate([talk(2, k), quiet(0.5)]) for k in range(10)])
+    found = signs(sound, 6_400)
+    nods = [at for sign, at in found if sign == "pause"]
+    assert 2 <= len(nods) <= 9
+    assert min(np.diff(nods)) >= 2.5
+    assert all(abs(at % 2.5 - 2.3) < 0.05 for at in nods)
+    after = [found[k + 1][0] for k, (sign, _) in enumerate(found[:-1]) if sign == "pause"]
+    assert set(after) == {"begins"}
+
+
+def test_silence_and_steady_noise_are_nobody() -> None:
+    assert signs(quiet(5), 4_000) == []
+    assert [sign for sign, _ in signs(talk(60) * 0.3, 4_000)][-1] == "ends"
+
+
+def test_a_session_listens_but_what_was_asked_for_comes_first() -> None:
+    """Chunk by chunk: silence for the avatar while the user speaks; of its own posture nothing is told."""
+    machine = engine()
+    machine.actions = ActionLibrary(
+        {name: Action(name, (1, 2, 3, 4), (0, 1)) for name in ("listen", "nod", "wave")}
+    )
+    session = machine.open(seed=1)
+    session.listen(talk(1))
+    assert session.is_listening
+    running = session._acts.running(0)
+    assert running is not None
+    assert running.action.name == "listen"
+    session.act("wave", hold_s=2.0)
+    session.listen(np.concatenate([talk(3), quiet(0.5)]))
+    running = session._acts.running(0)
+    assert running is not None
+    assert running.action.name == "wave"
+    assert [status.name for status in session.statuses()] == ["wave"]
+    session.listen(quiet(2))
+    assert not session.is_listening
