@@ -6,7 +6,6 @@ than a torch call. Norm weights are folded into the next projection.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -82,14 +81,15 @@ class FrameDecoder:
         return x
 
 
-class _Affine(NamedTuple):
-    """x @ weight + bias."""
+class _Affine:
+    """x @ weight + bias; by torch, whose threads the caller rules (NumPy's BLAS has its own, and they fight)."""
 
-    weight: Array
-    bias: Array
+    def __init__(self, weight: Array, bias: Array) -> None:
+        self.weight, self.bias = weight, bias
+        self._weight, self._bias = torch.from_numpy(weight), torch.from_numpy(bias)
 
     def __call__(self, x: Array) -> Array:
-        return np.asarray(x @ self.weight + self.bias)
+        return np.asarray(torch.addmm(self._bias, torch.from_numpy(x), self._weight).numpy())
 
 
 class _Mlp:
