@@ -37,15 +37,15 @@ export class PlaybackClock {
 /**
  * The output frame that leaves the loudspeaker at `milliseconds` of `performance.now()`. `getOutputTimestamp` knows
  * the device's buffers; where it is missing or still at zero, the context's own estimate of its latency has to do.
+ * Nothing is heard before it was rendered: on a machine too busy for its sound, the clock waits with the sound.
  */
 export function outputFrame(context: AudioContext, milliseconds: number): number {
-  const latency = context.outputLatency || context.baseLatency || 0;
+  const now = performance.now();
   const stamp = context.getOutputTimestamp?.();
-  const ahead = (milliseconds - performance.now()) / 1000;
-  let seconds = context.currentTime - latency + ahead;
+  let seconds = context.currentTime - (context.outputLatency || context.baseLatency || 0);
   if (stamp?.contextTime && stamp.performanceTime && context.state === "running") {
-    const told = stamp.contextTime + (milliseconds - stamp.performanceTime) / 1000;
-    if (Math.abs(told - seconds) < 0.5) seconds = told;
+    const told = stamp.contextTime + (now - stamp.performanceTime) / 1000;
+    if (Math.abs(told - seconds) < 0.5) seconds = Math.min(told, context.currentTime);
   }
-  return Math.max(0, seconds * context.sampleRate);
+  return Math.max(0, (seconds + (milliseconds - now) / 1000) * context.sampleRate);
 }

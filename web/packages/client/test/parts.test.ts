@@ -1,5 +1,5 @@
 import { expect, it } from "vitest";
-import { PlaybackClock } from "../src/clock.js";
+import { PlaybackClock, outputFrame } from "../src/clock.js";
 import { mixamoName } from "../src/drivers/mixamo.js";
 import { plain } from "../src/drivers/morphs.js";
 import { Inertia } from "../src/inertia.js";
@@ -117,4 +117,17 @@ it("knows bones and curves by their other names", () => {
   expect(mixamoName("leftUpperLeg")).toBe("LeftUpLeg");
   expect(mixamoName("leftEye")).toBe("");
   expect(plain("blendShape1.eyeBlink_L")).toBe(plain("EyeBlinkLeft"));
+});
+
+it("believes the device, but hears nothing that was not rendered", () => {
+  const now = performance.now();
+  const context = (contextTime: number) => ({
+    currentTime: 10, outputLatency: 0.05, baseLatency: 0.01, sampleRate: 24000, state: "running",
+    getOutputTimestamp: () => ({ contextTime, performanceTime: now }),
+  }) as unknown as AudioContext;
+  const seconds = (stamp: number, ahead = 0) => outputFrame(context(stamp), performance.now() + ahead) / 24000;
+  expect(seconds(9.9)).toBeCloseTo(9.9, 1);
+  expect(seconds(9.9, 100)).toBeCloseTo(10, 1);
+  expect(seconds(10.2)).toBeCloseTo(10, 3);
+  expect(seconds(0)).toBeCloseTo(9.95, 2);
 });
