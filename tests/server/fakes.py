@@ -70,6 +70,13 @@ class Place:
     def __init__(self, address: str, house: Any, server: Server, thread: threading.Thread) -> None:
         self.address, self.house, self.server, self.thread = address, house, server, thread
 
+    def empties(self, seconds: float = 15.0) -> bool:
+        """Wait until nobody is there."""
+        end = time.monotonic() + seconds
+        while self.house.sessions and time.monotonic() < end:
+            time.sleep(0.05)
+        return not self.house.sessions
+
     def call(self, hello: Hello | None = None, **options: Any) -> "Caller":
         way = connect(
             f"ws://{self.address}/v1/stream",
@@ -94,13 +101,13 @@ class Caller:
     def say(self, message: ClientMessage) -> None:
         self.line.send(encode(message))
 
-    def next(self, seconds: float = 5.0) -> ServerMessage:
+    def next(self, seconds: float = 15.0) -> ServerMessage:
         message = decode_server(self.line.recv(timeout=seconds))
         assert message is not None
         self.heard.append(message)
         return message
 
-    def until(self, kind: Any, test: Callable[[Any], bool] = lambda _: True, seconds: float = 5.0) -> Any:
+    def until(self, kind: Any, test: Callable[[Any], bool] = lambda _: True, seconds: float = 15.0) -> Any:
         end = time.monotonic() + seconds
         while True:
             message = self.next(max(0.01, end - time.monotonic()))

@@ -47,6 +47,10 @@ def test_tools_and_metrics_ask_for_the_token(place: Place) -> None:
         assert get(place, path)[0] == 401
         assert get(place, path, "wrong")[0] == 401
         assert get(place, path, "secret")[0] == 200
+    tools = json.loads(get(place, "/v1/tools?style=openai", "secret")[1])
+    assert [tool["type"] for tool in tools] == ["function"] * 4
+    assert tools[0]["parameters"]["properties"]["action"]["enum"] == ["wave", "bow"]
+    assert get(place, "/v1/tools?style=unknown", "secret")[0] == 400
 
 
 def test_metrics_count_what_happens(place: Place) -> None:

@@ -39,7 +39,7 @@ from echoavatar.wire import (
 
 @pytest.fixture(scope="module")
 def place() -> Iterator[Place]:
-    with serving(seats=6, settings=dataclasses.replace(FAST, hello_seconds=0.5, ping_seconds=1.0)) as place:
+    with serving(seats=6, settings=dataclasses.replace(FAST, hello_seconds=2.0, resume_seconds=2.0)) as place:
         yield place
 
 
@@ -63,9 +63,8 @@ def test_a_session_from_hello_to_goodbye(place: Place) -> None:
         caller.say(Action(id="x", name="wave"))
         caller.until(ActionStatus, lambda status: status.status == "done")
         caller.say(Music(id="m", op="play", title="nothing"))
-        assert "Demo" in caller.until(ActionStatus, lambda status: status.id == "m").choices
-    time.sleep(0.2)
-    assert place.house.sessions == 0
+        assert "Evening Waltz" in caller.until(ActionStatus, lambda status: status.id == "m").choices
+    assert place.empties()
 
 
 def test_an_interruption_over_the_wire(place: Place) -> None:
@@ -159,7 +158,7 @@ def test_a_flood_is_refused_and_neighbours_stay_on_time(place: Place) -> None:
         for _ in range(4):
             last = neighbour.until(Motion).at
         late = (time.monotonic() - began) - (last - at) / 24_000
-        assert late < 0.3
+        assert late < 1.0
 
 
 def test_versions_are_agreed_on(place: Place) -> None:
@@ -223,7 +222,7 @@ def test_a_lost_source_comes_back_to_its_session(place: Place) -> None:
 def test_a_lost_session_is_not_waited_for_for_ever(place: Place) -> None:
     caller = place.call(Hello())
     caller.line.socket.close()
-    time.sleep(1.6)
+    time.sleep(2.5)
     with place.call() as late:
         late.say(Hello(resume=caller.ready.resume))
         assert late.closing()[0] == 4404
@@ -243,10 +242,7 @@ def test_many_callers_come_and_go(place: Place) -> None:
         neighbour.until(Motion)
         at = neighbour.until(Motion).at
         assert neighbour.until(Motion).at > at
-    end = time.monotonic() + 5
-    while place.house.sessions and time.monotonic() < end:
-        time.sleep(0.05)
-    assert place.house.sessions == 0
+    assert place.empties()
     assert place.house.engine.free == 6
     is_unharmed(place)
 
@@ -259,11 +255,10 @@ def test_more_sessions_than_seats_are_refused_with_a_time(place: Place) -> None:
         assert code == 4429
         assert error is not None
         assert error.retry_after > 0
-    callers[0].line.close()
-    time.sleep(0.2)
-    is_unharmed(place)
-    for caller in callers[1:]:
+    for caller in callers:
         caller.line.close()
+    assert place.empties()
+    is_unharmed(place)
 
 
 samples = st.integers(0, 2**53 - 1)

@@ -284,8 +284,8 @@ def test_speech_over_music_is_whole_and_known_by_its_number() -> None:
 def test_the_avatar_listens_to_the_user_without_saying_it() -> None:
     room = Room()
     room.go(0.5)
-    pcm = pack_audio(np.full(4_800, 0.3, np.float32))
-    room.live.hear(Audio(seg=1, start=0, pcm=pcm, speaker="user"))
+    voice = 0.3 * np.sin(np.arange(24_000) / 20) * (np.arange(24_000) % 6_000 < 4_000)
+    room.live.hear(Audio(seg=1, start=0, pcm=pack_audio(voice.astype(np.float32)), speaker="user"))
     room.go(0.5)
     assert room.box.of(Motion)[-1].state == "listening"
     assert not room.sound().any()

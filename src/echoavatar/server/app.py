@@ -2,6 +2,7 @@
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from typing import cast, get_args
 
 import anyio
 from starlette.applications import Starlette
@@ -12,13 +13,13 @@ from starlette.websockets import WebSocket
 
 from .. import __version__
 from ..engine import Engine
+from ..engine.tools import Style
 from .endpoint import Visit
 from .guard import has_token
 from .house import House
 from .metrics import CONTENT_TYPE
 from .page import page_routes
 from .settings import ServerSettings
-from .tools import tool_schemas
 from .voice import voice_route
 
 
@@ -61,7 +62,10 @@ def _routes(house: House) -> list[BaseRoute]:
         return _locked(house, request) or Response(house.metrics.text(), media_type=CONTENT_TYPE)
 
     async def tools(request: Request) -> Response:
-        return _locked(house, request) or JSONResponse(tool_schemas(house.engine, house.tracks.titles))
+        style = request.query_params.get("style", "plain")
+        if style not in get_args(Style):
+            return JSONResponse({"error": f"style is one of {', '.join(get_args(Style))}"}, 400)
+        return _locked(house, request) or JSONResponse(house.toolbox.schemas(cast(Style, style)))
 
     return [
         WebSocketRoute("/v1/stream", stream),

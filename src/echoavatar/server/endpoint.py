@@ -153,8 +153,9 @@ class Visit:
 
     async def _play(self, live: LiveSession, message: Music) -> None:
         tracks = self._house.tracks
-        title = message.title or tracks.titles[0]
+        title = message.title or next(iter(tracks.titles), "")
         try:
+            title = tracks.find(title)
             live.play(message, title, await run_in_threadpool(tracks.load, title))
         except EchoAvatarError as error:
             reason = str(error)

@@ -8,6 +8,8 @@ from collections.abc import Callable
 
 from .. import __version__
 from ..engine import Engine, EngineThread
+from ..engine.tools import HIDDEN, Toolbox
+from ..engine.tracks import Tracks
 from ..errors import AdmissionError
 from ..face import ARKIT_NAMES
 from ..timing import CHUNK_SAMPLES, CHUNK_SECONDS, FRAME_RATE_HZ, SAMPLE_RATE_HZ
@@ -16,7 +18,6 @@ from .live import LiveSession
 from .metrics import Metrics
 from .outbox import Outbox
 from .settings import ServerSettings
-from .tracks import Tracks
 
 _LOG = logging.getLogger(__name__)
 BEAT_S = 0.02
@@ -36,7 +37,8 @@ class House:
         self._thread = EngineThread(engine)
         self._live: dict[str, LiveSession] = {}  # by public name
         self._keys: dict[str, LiveSession] = {}
-        self._actions = tuple(engine.actions)
+        self.toolbox = Toolbox(engine.actions, self.tracks)
+        self._actions = tuple(name for name in engine.actions if name not in HIDDEN)
 
     @property
     def sessions(self) -> int:

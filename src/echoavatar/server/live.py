@@ -41,8 +41,6 @@ from .settings import ServerSettings
 
 MUSIC_LEAD = 3 * CHUNK_SAMPLES  # the engine itself keeps music so far ahead
 MARGIN_S = 0.15  # for the line, on top of the engine's own time
-LISTENING_S = 1.0  # after the user's last sound
-USER_LEVEL = 0.01  # rms above which the user speaks
 KEPT_S = 8.0  # of what was sent, for those who join or return
 
 _STATES: dict[str, AvatarState] = {
@@ -94,7 +92,8 @@ class LiveSession:
         self._ledger = Ledger()
         self._settings = settings
         self._told = State(state="idle", at=0, seg=0, finished=0)
-        self._listening_until = 0.0
+        self._rate = hello.audio.rate
+        self._asked: set[str] = set()  # actions that go on
         self._track = TrackWatch(self.tell)
         self._pushed: dict[int, float] = {}  # when each chunk was handed to the engine
 
@@ -137,8 +136,8 @@ class LiveSession:
             return
         sound = self._user.push(message)
         self._user.skip()
-        if len(sound) and float(np.sqrt(np.mean(np.square(sound)))) > USER_LEVEL:
-            self._listening_until = time.monotonic() + LISTENING_S
+        if len(sound):
+            self.session.listen(sound, self._rate)
 
     def finish(self, message: End) -> None:
         """An utterance is complete."""
@@ -217,7 +216,9 @@ class LiveSession:
         while (delivery := self.session.take_timed()) is not None:
             if delivery.epoch > self.epoch:
                 self._flush(Flush(at=delivery.start, epoch=delivery.epoch, seg=0, heard=0))
-            self._send(delivery, now)
+            is_acting = bool(self._asked)
+            self._tell_statuses()
+            self._send(delivery, is_acting=is_acting or bool(self._asked))
             pushed = self._pushed.pop(delivery.start // CHUNK_SAMPLES, None)
             if pushed is not None:
                 took.append(now - pushed)
@@ -260,11 +261,11 @@ class LiveSession:
             if made == self.session.made:
                 return made + waiting
 
-    def _send(self, delivery: Delivery, now: float) -> None:
+    def _send(self, delivery: Delivery, *, is_acting: bool) -> None:
         chunk = delivery.start // CHUNK_SAMPLES
         state = _STATES[delivery.source]
-        if state == "idle" and now < self._listening_until:
-            state = "listening"
+        if state == "idle" or (state == "acting" and not is_acting):  # or does something by itself
+            state = "listening" if self.session.is_listening else "idle"
         motion = pack_pose(Pose(*delivery.motion), at=delivery.start, epoch=self.epoch, state=state)
         sound = Sound(
             at=delivery.start,
@@ -303,5 +304,9 @@ class LiveSession:
 
     def _tell_statuses(self) -> None:
         for told in self.session.statuses():
+            if told.status == "accepted":
+                self._asked.add(told.id)
+            elif told.status == "done":
+                self._asked.discard(told.id)
             choices = self._actions if told.status == "rejected" else ()
             self.tell(answer(told.id, told.name, told.status, told.at, reason=told.reason, choices=choices))
