@@ -6,7 +6,7 @@ import pytest
 from echoavatar.cli import main
 from echoavatar.kinematics import write_bvh
 from echoavatar.pipeline import Action, ActionLibrary
-from echoavatar.pipeline.action_clips import SCRIPTS, clip
+from echoavatar.rehearsal.action_clips import SCRIPTS, clip
 
 
 @pytest.fixture

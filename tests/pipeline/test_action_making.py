@@ -5,9 +5,9 @@ import pytest
 
 from echoavatar.errors import MotionError
 from echoavatar.kinematics import HUMANOID, Motion
-from echoavatar.pipeline.action_clips import SCRIPTS, clip
 from echoavatar.pipeline.action_making import action_from_motion
 from echoavatar.pipeline.actions import ActionLibrary
+from echoavatar.rehearsal.action_clips import SCRIPTS, clip
 from echoavatar.tokenizer import BodyTokenizer
 
 

@@ -21,10 +21,10 @@ from ..kinematics.rotations import (
     matrix_from_quaternion,
     quaternion_from_matrix,
 )
+from ..rehearsal.action_clips import SCRIPTS, clip
 from ..rehearsal.controls import minimum_jerk
 from ..timing import CHUNK_FRAMES, FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN
 from ..tokenizer import BodyTokenizer
-from .action_clips import SCRIPTS, clip
 from .action_overlay import Overlay
 from .actions import Action, ActionLibrary
 

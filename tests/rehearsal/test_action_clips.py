@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from echoavatar.kinematics import HUMANOID
-from echoavatar.pipeline.action_clips import SCRIPTS, clip
+from echoavatar.rehearsal.action_clips import SCRIPTS, clip
 
 ASKED = """raise_left_hand raise_right_hand raise_both_hands wave look_around thinking agree disagree give_up point_left
 point_right bow clap angry sad happy neutral"""

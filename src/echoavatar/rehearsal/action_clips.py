@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..kinematics import HUMANOID, Motion
-from ..rehearsal.controls import Controls, mirrored, neutral, through_keys
-from ..rehearsal.poses import ARMS, HANDS, ArmPose
-from ..rehearsal.solver import solve
 from ..timing import FRAME_RATE_HZ
+from .controls import Controls, mirrored, neutral, through_keys
+from .poses import ARMS, HANDS, ArmPose
+from .solver import solve
 
 Array = NDArray[np.float32]
 Triple = tuple[float, float, float]
