@@ -107,6 +107,7 @@ def test_a_window_out_of_step_has_late_or_early_context_and_targets_in_time():
         assert sum(torch.equal(made.ids[row], ids) for ids in moved) == 1
 
 
+@pytest.mark.slow
 def test_cues_are_learned_from_the_sound(tmp_path):
     """Every clip beats where its audio code is below 4: known cues make that readable in the hidden state."""
     made = [TokenClip(c.audio, c.motion, c.domain, cues=(c.audio < 4).astype(np.uint8)) for c in clips(8)]
