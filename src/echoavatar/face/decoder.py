@@ -21,6 +21,7 @@ from .gpt import BRANCHES, RingBlock, Run
 from .model import FaceModel
 
 Array = NDArray[np.floating]
+SMALL = 2**18  # multiplications that NumPy's BLAS does in the calling thread
 
 
 class FrameDecoder:
@@ -82,13 +83,15 @@ class FrameDecoder:
 
 
 class _Affine:
-    """x @ weight + bias; by torch, whose threads the caller rules (NumPy's BLAS has its own, and they fight)."""
+    """x @ weight + bias. Large products go to torch, whose threads the caller rules; NumPy's BLAS has its own."""
 
     def __init__(self, weight: Array, bias: Array) -> None:
         self.weight, self.bias = weight, bias
         self._weight, self._bias = torch.from_numpy(weight), torch.from_numpy(bias)
 
     def __call__(self, x: Array) -> Array:
+        if len(x) * self.weight.size <= SMALL:
+            return np.asarray(x @ self.weight + self.bias)
         return np.asarray(torch.addmm(self._bias, torch.from_numpy(x), self._weight).numpy())
 
 
