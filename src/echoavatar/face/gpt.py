@@ -26,9 +26,9 @@ BRANCHES = 2  # without sound, with sound: both guidance branches of a session r
 
 @dataclass
 class KeyValues(StreamState):
-    """What one attention remembers of the last frames, per session and guidance branch."""
+    """What one attention remembers of the last frames, per session and guidance branch; frames last, as sums want."""
 
-    past: Float[Tensor, "b 2 p d"]
+    past: Float[Tensor, "b 2 d p"]
 
 
 @dataclass
@@ -43,10 +43,11 @@ class GptState(StreamState):
 
 @dataclass
 class Run:
-    """The caches of one chunk: rows are sessions x branches; `masks` per block in the ring form."""
+    """The caches of one chunk: rows are sessions x branches."""
 
-    caches: list[list[Tensor]]
-    masks: list[Tensor]
+    caches: list[list[Tensor]]  # window form: per block and attention (r n d)
+    ring: Float[Tensor, "l r d n"]  # ring form; else empty
+    biases: Float[Tensor, "l r h t k"]  # of its scores
     past: int
     at: int
 
@@ -134,7 +135,7 @@ class FaceGpt(nn.Module):
         past = config.context - 1
         is_ring = config.memory == "ring"
         layers = [
-            KeyValues(weight.new_zeros(rows, BRANCHES, past, 2 * config.width))
+            KeyValues(weight.new_zeros(rows, BRANCHES, 2 * config.width, past))
             for _ in range(config.layers if is_ring else 0)
         ]
         motion = weight.new_zeros(rows, 1 if is_ring else config.context, config.channels)
@@ -143,22 +144,23 @@ class FaceGpt(nn.Module):
 
     def begin(self, state: GptState, sound: Float[Tensor, "b n w"]) -> Run:
         """Caches that hold the past. `sound` (through `sound_proj`) is that of all inputs: n = past + 8."""
-        past = self.config.context - 1
-        slots, rows = past + CHUNK_FRAMES, BRANCHES * len(sound)
-        caches = [
-            [sound.new_empty(rows, slots, 2 * self.config.width) for _ in block.attentions()]
-            for block in self._blocks()
-        ]
+        past, width, rows = self.config.context - 1, self.config.width, BRANCHES * len(sound)
+        slots, none = past + CHUNK_FRAMES, sound.new_empty(0)
         if not state.layers:
-            run = Run(caches, [], past, 0)
+            caches = [
+                [sound.new_empty(rows, slots, 2 * width) for _ in block.attentions()]
+                for block in self._blocks()
+            ]
+            run = Run(caches, none, none, past, 0)
             self._advance(run, state.motion[:, :-1], sound[:, :past])
             return run
+        ring = torch.empty(len(state.layers), rows, 2 * width, slots)  # float32, as the compiled loop wants
+        for layer, kept in enumerate(state.layers):
+            ring[layer, ..., :past] = kept.past.flatten(0, 1)
         seen = state.seen.clamp(max=past).repeat_interleave(BRANCHES)
-        for (cache,), kept in zip(caches, state.layers, strict=True):
-            cache[:, :past] = kept.past.flatten(0, 1)
         attentions = [attn for block in self._blocks() for attn in block.attentions()]
-        masks = [attn.masks(seen, CHUNK_FRAMES) for attn in attentions if isinstance(attn, RingAttention)]
-        return Run(caches, masks, past, past)
+        biases = [attn.masks(seen, CHUNK_FRAMES) for attn in attentions if isinstance(attn, RingAttention)]
+        return Run([], ring, torch.stack(biases).contiguous(), past, past)
 
     def next(
         self, run: Run, last: Float[Tensor, "b c"], sound: Float[Tensor, "b w"]
@@ -172,8 +174,8 @@ class FaceGpt(nn.Module):
     ) -> None:
         """Move the state on by the frames (b 8 c) generated; `features` (b n a) are those of all inputs."""
         count, past = frames.shape[1], self.config.context - 1
-        for kept, (cache, *_) in zip(state.layers, run.caches, strict=False):
-            write_rows(kept.past, by_branch(cache[:, -past:]), active)
+        for kept, ring in zip(state.layers, run.ring, strict=False):
+            write_rows(kept.past, by_branch(ring[..., -past:]), active)
         history = torch.cat([state.motion, frames], 1)[:, -state.motion.shape[1] :]
         write_rows(state.motion, history, active)
         if state.sound.shape[1]:

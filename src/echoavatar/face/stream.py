@@ -86,7 +86,7 @@ class FaceStream:
         run = gpt.begin(state, sound)
         last, frames = state.motion[:, -1], []
         if self._decoder is not None:
-            generated = torch.from_numpy(self._decoder.run(run, last, sound, noise, schedule))
+            generated = torch.from_numpy(self._decoder.run(run, last, sound, noise, schedule)).to(noise)
         else:
             for i in range(CHUNK_FRAMES):
                 condition = gpt.next(run, last, sound[:, i - CHUNK_FRAMES])

@@ -1,5 +1,6 @@
-"""The generator's body rearranged for decoding: fused projections, folded norms, keys and values in preallocated rings.
+"""The generator rearranged for decoding: fused projections, folded norms, keys and values in preallocated rings.
 
+A chunk is heard in one pass (`run`); then its codes are drawn one by one (`draw`), on a CPU by the compiled loop.
 Computes what `Generator.forward` computes (a test holds it to that), with few operations per token: norm scales are
 folded into the next projection, q, k and v are one product, gate and up are one product, and the rotary turn is one
 complex product, for which the channels of each q and k head are reordered into pairs.
@@ -9,38 +10,42 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
 import torch
 import torch.nn.functional as F
 from jaxtyping import Bool, Complex, Float, Int
 from torch import Tensor
 
 from ..nn.stream import StreamState
+from . import compiled
 from .exemplar import Steer, member_rows, segment_of
-from .linear import FrozenLinear, Precision, frozen_linear
+from .linear import FloatLinear, FrozenLinear, Precision, frozen_linear
 from .model import DecoderLayer, Generator
 from .rotary import rotary_angles
+from .sampling import Sampler
 
 
 @dataclass
 class KeyValueRing(StreamState):
-    """Keys (already turned) and values of one layer; the last slot takes the writes of rows that must not change."""
+    """Keys (already turned) and values of one layer, slots last, so that sums over slots run through memory.
 
-    keys: Float[Tensor, "b h s d"]
-    values: Float[Tensor, "b h s d"]
+    The last slot takes the writes of rows that must not change.
+    """
+
+    keys: Float[Tensor, "b h d s"]
+    values: Float[Tensor, "b h d s"]
 
 
 class Places(NamedTuple):
-    """Where the positions of one step live: turned how, written where, seeing what. h are key and value heads."""
+    """Where the positions of one step live: turned how, written to which slot, seeing what."""
 
     turns: Complex[Tensor, "b t 1 half"]
-    writes: Int[Tensor, "b h t"]  # rows of the flattened ring
+    slots: Int[Tensor, "b t"]
     bias: Float[Tensor, "b 1 1 t s"]  # 0 where a slot is seen, -inf where not
 
-    def part(self, start: int, stop: int) -> "Places":
+    def part(self, start: int, stop: int | None = None) -> "Places":
         """The positions from `start` to `stop` of the step."""
-        return Places(
-            self.turns[:, start:stop], self.writes[:, :, start:stop], self.bias[:, :, :, start:stop]
-        )
+        return Places(self.turns[:, start:stop], self.slots[:, start:stop], self.bias[:, :, :, start:stop])
 
 
 class Decoder:
@@ -68,6 +73,7 @@ class Decoder:
         self._directed = segment_of(config.layout)
         self._members = member_rows(self._embedding, config.layout)
         self._root_eps = torch.full((1, 1), (width * config.norm_eps) ** 0.5, device=self.device)
+        self._compiled = self._compile() if self.device.type == "cpu" and precision != "bfloat16" else None
 
     @property
     def device(self) -> torch.device:
@@ -77,7 +83,7 @@ class Decoder:
     def rings(self, rows: int, slots: int) -> list[KeyValueRing]:
         """Empty rings of `slots` positions and the spare slot."""
         config = self.config
-        shape = (rows, config.kv_heads, slots + 1, config.head_width)
+        shape = (rows, config.kv_heads, config.head_width, slots + 1)
         return [
             KeyValueRing(torch.zeros(shape, device=self.device), torch.zeros(shape, device=self.device))
             for _ in range(config.layers)
@@ -90,14 +96,13 @@ class Decoder:
         seen: Bool[Tensor, "b t s"],
         active: Bool[Tensor, " b"],
     ) -> Places:
-        """Turns, writes and biases of a step; rows that are not active write to the spare slot."""
-        config, rows, spare = self.config, positions.shape[0], seen.shape[2] - 1
+        """Turns, slots and biases of a step; rows that are not active write to the spare slot."""
+        config, spare = self.config, seen.shape[2] - 1
         angles = rotary_angles(positions, width=config.head_width, theta=config.rope_theta)
         turns = torch.polar(torch.ones_like(angles), angles).to(torch.complex64)
-        ring = torch.arange(rows * config.kv_heads, device=positions.device).view(rows, config.kv_heads, 1)
         slots = torch.where(active[:, None], slots, spare)
         bias = torch.zeros(seen.shape, device=positions.device).masked_fill_(~seen, -torch.inf)
-        return Places(turns[:, :, None], ring * (spare + 1) + slots[:, None], bias[:, None, None])
+        return Places(turns[:, :, None], slots, bias[:, None, None])
 
     def steer(self, exemplar: Float[Tensor, "b K"] | None, bias: Float[Tensor, "b K"] | None) -> Steer | None:
         """What these weights make of a set and of a bias on its logits; without exemplar control the set is ignored."""
@@ -124,11 +129,9 @@ class Decoder:
         x = self._embedding[ids.flatten()]
         if hint is not None:
             x.view(rows, length, -1)[:, -hinted:] += hint[:, None]
-        turns, writes, bias = places.turns, places.writes.flatten(), places.bias
-        attend = self._attend_one if length == 1 else self._attend_many
         for layer, ring in zip(self._layers, rings, strict=True):
             qkv = layer.qkv(self._norm(x, layer.dtype)).float()
-            x = x + layer.out(attend(qkv, turns, writes, bias, ring).to(layer.dtype))
+            x = x + layer.out(self._attend(qkv, places, ring).to(layer.dtype))
             gate, up = layer.gate_up(self._norm(x, layer.dtype)).chunk(2, dim=1)
             x = x + layer.down((F.silu(gate) * up).to(layer.dtype))
         last = x if length == 1 else x.view(rows, length, -1)[:, -1]
@@ -145,53 +148,111 @@ class Decoder:
             logits = logits + F.linear(hidden.float(), *self._gate) * steer.members
         return logits + steer.bias
 
+    def draw(
+        self,
+        hidden: Float[Tensor, "b c"],
+        places: Places,
+        rings: Sequence[KeyValueRing],
+        sampler: Sampler,
+        steer: Steer | None,
+    ) -> Int[Tensor, "b n"]:
+        """The codes of a chunk, from the hidden state that predicts the first; the last one is not read back.
+
+        `places` are those of the codes.
+        """
+        if self._compiled is not None:
+            return torch.from_numpy(
+                self._draw_compiled(self._compiled, hidden, places, rings, sampler, steer)
+            )
+        layout, hint = self.config.layout, None if steer is None else steer.hint
+        codes, count = [], sampler.noise.shape[1]
+        for index in range(count):
+            segment = index % layout.segments
+            codes.append(sampler.draw(self.logits(hidden, segment, steer), index))
+            if index < count - 1:
+                ids = codes[-1][:, None] + layout.segment_start(segment)
+                hidden = self.run(ids, places.part(index, index + 1), rings, hint)
+        return torch.stack(codes, dim=1)
+
+    def _compile(self) -> compiled.Weights:
+        """The weights as the compiled loop wants them."""
+        config, layers = self.config, self._layers
+        assert all(isinstance(head, FloatLinear) for head in self._heads)
+
+        def stacked(*maps: FrozenLinear) -> compiled.Matrices:
+            return compiled.stacked([one.parts() for one in maps if isinstance(one, FloatLinear)])
+
+        starts = [config.layout.segment_start(segment) for segment in range(config.layout.segments)]
+        return compiled.Weights(
+            self._embedding.numpy(),
+            stacked(*(layer.qkv for layer in layers)),
+            stacked(*(layer.out for layer in layers)),
+            stacked(*(layer.gate_up for layer in layers)),
+            stacked(*(layer.down for layer in layers)),
+            stacked(*self._heads),
+            np.array(starts),
+            np.float32(config.width * config.norm_eps),
+        )
+
+    def _draw_compiled(
+        self,
+        weights: compiled.Weights,
+        hidden: Float[Tensor, "b c"],
+        places: Places,
+        rings: Sequence[KeyValueRing],
+        sampler: Sampler,
+        steer: Steer | None,
+    ) -> Int[np.ndarray, "b n"]:
+        turns = compiled.Turns(
+            places.turns[:, :, 0].numpy(), places.slots.numpy(), places.bias[:, 0, 0].numpy()
+        )
+        draws = compiled.Draws(sampler.noise.numpy(), sampler.sharpness.numpy(), sampler.top_p.numpy())
+        return compiled.draw_codes(
+            weights,
+            hidden.numpy(),
+            [ring.keys.numpy() for ring in rings],
+            [ring.values.numpy() for ring in rings],
+            turns,
+            draws,
+            self._steering(steer, len(hidden)),
+        )
+
+    def _steering(self, steer: Steer | None, rows: int) -> compiled.Steering:
+        width, codes = self.config.width, self.config.layout.motion_codes
+        gate, gate_bias = np.zeros(width, np.float32), np.float32(0)
+        if steer is None:
+            hint, (members, bias) = (
+                np.zeros((rows, width), np.float32),
+                np.zeros((2, rows, codes), np.float32),
+            )
+            return compiled.Steering(-1, hint, members, bias, gate, gate_bias)
+        if self._control is not None:
+            gate, gate_bias = self._gate[0][0].numpy(), np.float32(self._gate[1].item())
+        hint, members, bias = (np.ascontiguousarray(part.numpy()) for part in steer)
+        return compiled.Steering(self._directed, hint, members, bias, gate, gate_bias)
+
     def _norm(self, x: Float[Tensor, "n c"], dtype: torch.dtype) -> Float[Tensor, "n c"]:
         """Bring to unit length, x / sqrt(|x|^2 + c eps); the missing sqrt(c) is folded into the weights."""
         length = torch.linalg.vector_norm(x, dim=1, keepdim=True)
         return (x / torch.hypot(length, self._root_eps)).to(dtype)
 
-    def _attend_one(
-        self,
-        qkv: Float[Tensor, "b qkv"],
-        turns: Complex[Tensor, "b 1 1 half"],
-        writes: Int[Tensor, " w"],
-        bias: Float[Tensor, "b 1 1 1 s"],
-        ring: KeyValueRing,
-    ) -> Float[Tensor, "b c"]:
-        """One position per row: no axes to reorder."""
-        heads, kv, width = self.config.heads, self.config.kv_heads, self.config.head_width
-        slots = ring.keys.shape[2]
-        pairs = torch.view_as_complex(qkv.view(-1, heads + 2 * kv, width // 2, 2))
-        turned = torch.view_as_real(pairs[:, : heads + kv] * turns[:, 0])
-        ring.keys.view(-1, width).index_copy_(0, writes, turned[:, heads:].reshape(-1, width))
-        ring.values.view(-1, width).index_copy_(0, writes, qkv[:, (heads + kv) * width :].reshape(-1, width))
-        q = turned[:, :heads].reshape(-1, heads // kv, width)
-        scores = torch.bmm(q, ring.keys.view(-1, slots, width).transpose(1, 2))
-        scores.view(-1, heads, slots).add_(bias[:, 0, 0])
-        y = torch.bmm(torch.softmax(scores, dim=-1), ring.values.view(-1, slots, width))
-        return y.view(-1, heads * width)
-
-    def _attend_many(
-        self,
-        qkv: Float[Tensor, "n qkv"],
-        turns: Complex[Tensor, "b t 1 half"],
-        writes: Int[Tensor, " w"],
-        bias: Float[Tensor, "b 1 1 t s"],
-        ring: KeyValueRing,
+    def _attend(
+        self, qkv: Float[Tensor, "n qkv"], places: Places, ring: KeyValueRing
     ) -> Float[Tensor, "n c"]:
         heads, kv, width = self.config.heads, self.config.kv_heads, self.config.head_width
-        (rows, length), group, slots = turns.shape[:2], heads // kv, ring.keys.shape[2]
+        (rows, length), group, slots = places.slots.shape, heads // kv, ring.keys.shape[3]
         split = qkv.view(rows, length, heads + 2 * kv, width)
         pairs = torch.view_as_complex(split.view(rows, length, -1, width // 2, 2))
-        turned = torch.view_as_real(pairs[:, :, : heads + kv] * turns).flatten(3)
-        keys, values = ring.keys.view(-1, width), ring.values.view(-1, width)
-        keys.index_copy_(0, writes, turned[:, :, heads:].transpose(1, 2).reshape(-1, width))
-        values.index_copy_(0, writes, split[:, :, heads + kv :].transpose(1, 2).reshape(-1, width))
+        turned = torch.view_as_real(pairs[:, :, : heads + kv] * places.turns).flatten(3)
+        where = places.slots[:, None, None].expand(rows, kv, width, length)
+        ring.keys.scatter_(3, where, turned[:, :, heads:].permute(0, 2, 3, 1))
+        ring.values.scatter_(3, where, split[:, :, heads + kv :].permute(0, 2, 3, 1))
         q = turned[:, :, :heads].reshape(rows, length, kv, group, width).permute(0, 2, 3, 1, 4)
         q = q.reshape(rows * kv, group * length, width)
-        scores = torch.bmm(q, keys.view(rows * kv, slots, width).transpose(1, 2))
-        weights = torch.softmax(scores.view(rows, kv, group, length, slots).add_(bias), dim=-1)
-        y = torch.bmm(weights.view(rows * kv, group * length, slots), values.view(rows * kv, slots, width))
+        scores = torch.bmm(q, ring.keys.view(rows * kv, width, slots))
+        weights = torch.softmax(scores.view(rows, kv, group, length, slots).add_(places.bias), dim=-1)
+        values = ring.values.view(rows * kv, width, slots).transpose(1, 2)
+        y = torch.bmm(weights.view(rows * kv, group * length, slots), values)
         return y.view(rows, heads, length, width).transpose(1, 2).reshape(rows * length, heads * width)
 
 

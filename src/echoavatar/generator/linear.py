@@ -1,20 +1,27 @@
-"""Linear maps for decoding one position at a time: weights are read once per token, so their size is the cost.
+"""Linear maps of a frozen generator. The weights are read once per drawn code, so their size is the cost.
 
 float32 is exact; bfloat16 halves the memory (and is slow on processors without bfloat16 instructions); int8 (one
-scale per output row, activations in bfloat16) quarters it. Quantising weights alone keeps every row independent of
-its neighbours in the batch, which dynamically quantised activations do not.
+scale per output row) quarters what the compiled loop reads. Only weights are quantised, which keeps every row
+independent of its neighbours in the batch, as dynamically quantised activations would not.
 """
 
 from abc import ABC, abstractmethod
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import torch
 import torch.nn.functional as F
-from jaxtyping import Float
+from jaxtyping import Float, Int8
 from torch import Tensor
 
 Precision = Literal["float32", "bfloat16", "int8"]
-MANY_ROWS = 16
+
+
+class Parts(NamedTuple):
+    """y = (W x) scale + bias, as a compiled loop wants it."""
+
+    weight: Float[Tensor, "o i"] | Int8[Tensor, "o i"]
+    scale: Float[Tensor, " o"] | None
+    bias: Float[Tensor, " o"] | None
 
 
 class FrozenLinear(ABC):
@@ -40,6 +47,10 @@ class FloatLinear(FrozenLinear):
         """Map rows."""
         return torch.mm(x, self._weight) if self._bias is None else torch.addmm(self._bias, x, self._weight)
 
+    def parts(self) -> Parts:
+        """The weights as they are."""
+        return Parts(self._weight.T, None, self._bias)
+
 
 class HalfLinear(FrozenLinear):
     """Weights and activations in bfloat16."""
@@ -55,25 +66,18 @@ class HalfLinear(FrozenLinear):
         return F.linear(x, self._weight, self._bias)
 
 
-class Int8Linear(FrozenLinear):
-    """Weights in int8 with one scale per output row; many rows at once go through the same weights in float32."""
-
-    dtype = torch.bfloat16
+class Int8Linear(FloatLinear):
+    """Weights rounded to int8 with one scale per output row; rows are mapped by the same weights in float32."""
 
     def __init__(self, weight: Float[Tensor, "o i"], bias: Float[Tensor, " o"] | None) -> None:
         weight = weight.detach().float()
-        scale = (weight.abs().amax(dim=1) / 127).clamp(min=1e-12).bfloat16()
-        self._scale = scale
-        self._weight = (weight / scale.float()[:, None]).round().clamp(-127, 127).to(torch.int8).contiguous()
-        self._dense = FloatLinear(self._weight.float() * scale.float()[:, None], bias)
-        self._bias = None if bias is None else bias.detach().float()
+        self._scale = (weight.abs().amax(dim=1) / 127).clamp(min=1e-12)
+        self._rounded = (weight / self._scale[:, None]).round().clamp(-127, 127).to(torch.int8)
+        super().__init__(self._rounded.float() * self._scale[:, None], bias)
 
-    def __call__(self, x: Float[Tensor, "n i"]) -> Float[Tensor, "n o"]:
-        """Map rows."""
-        if len(x) > MANY_ROWS:
-            return self._dense(x.float())
-        y = torch._weight_int8pack_mm(x, self._weight, self._scale)
-        return y if self._bias is None else y + self._bias
+    def parts(self) -> Parts:
+        """Whole numbers and their scales."""
+        return Parts(self._rounded, self._scale, self._bias)
 
 
 def frozen_linear(

@@ -56,6 +56,10 @@ class Sampler:
     ones add is detail, which noise turns into trembling.
     """
 
+    noise: Float[Tensor, "b n K"]
+    sharpness: Float[Tensor, "b q"]  # what logits are multiplied by
+    top_p: Float[Tensor, " b"]
+
     def __init__(
         self,
         noise: Float[Tensor, "b n K"],
@@ -65,15 +69,13 @@ class Sampler:
         layers: int = 1,
         cooling: float = 1.0,
     ) -> None:
-        self._warmth = [cooling ** -float(layer) for layer in range(layers)]
         warm = temperature > 0
-        self._noise = noise * warm[:, None, None]
-        self._sharpness = torch.where(warm, 1 / temperature.clamp(min=1e-6), 1.0)[:, None]
-        self._top_p = top_p if bool((top_p < 1).any()) else None
+        warmth = cooling ** -torch.arange(layers, device=noise.device)
+        self.noise = noise * warm[:, None, None]
+        self.sharpness = torch.where(warm, 1 / temperature.clamp(min=1e-6), 1.0)[:, None] * warmth
+        self.top_p = top_p
 
     def draw(self, logits: Float[Tensor, "b K"], position: int) -> Int[Tensor, " b"]:
         """The codes at one position of the step; temperature 0 takes the likeliest."""
-        logits = logits * (self._sharpness * self._warmth[position % len(self._warmth)])
-        if self._top_p is not None:
-            logits = nucleus(logits, self._top_p)
-        return (logits + self._noise[:, position]).argmax(dim=1)
+        logits = logits * self.sharpness[:, position % self.sharpness.shape[1], None]
+        return (nucleus(logits, self.top_p) + self.noise[:, position]).argmax(dim=1)

@@ -109,18 +109,10 @@ class GeneratorStream(StreamingModule[StateT]):
 
         The last `hinted` ids of the prompt predict motion codes.
         """
+        decoder, length = self._decoder, prompt.shape[1]
         hint = None if steer is None else steer.hint
-        decoder, layout, length = self._decoder, self.layout, prompt.shape[1]
-        count = MOTION_TOKENS_PER_CHUNK * layout.segments
         hidden = decoder.run(prompt, places.part(0, length), rings, hint, hinted)
-        codes = []
-        for index in range(count):
-            segment = index % layout.segments
-            codes.append(sampler.draw(decoder.logits(hidden, segment, steer), index))
-            if index < count - 1:
-                ids = codes[-1][:, None] + layout.segment_start(segment)
-                hidden = decoder.run(ids, places.part(length + index, length + index + 1), rings, hint)
-        return torch.stack(codes, dim=1)
+        return decoder.draw(hidden, places.part(length), rings, sampler, steer)
 
 
 @dataclass
@@ -162,8 +154,8 @@ class InterleavedStream(GeneratorStream[RingState]):
         flat = self._decode(prompt, self._places(state, active), state.rings, sampler, steer)
         codes = self.layout.unflatten(flat)
         for ring in state.rings:
-            ring.keys[:, :, -1] = 0
-            ring.values[:, :, -1] = 0
+            ring.keys[..., -1] = 0
+            ring.values[..., -1] = 0
         write_rows(state.last, self.layout.motion_ids(codes)[:, -1] - self.layout.start_id, active)
         write_rows(state.chunks, state.chunks + 1, active)
         return codes

@@ -22,6 +22,7 @@ from .settings import ServerSettings
 _LOG = logging.getLogger(__name__)
 BEAT_S = 0.02
 STATS_S = 1.0
+GOODBYE_S = 3.0  # for the last words to every client
 
 
 class House:
@@ -202,6 +203,10 @@ class House:
         for live in list(self._live.values()):
             for outbox in list(live.listeners):
                 outbox.fail(ProtocolError("shutting_down", "the server stopped", retry_after=5.0))
+        for _ in range(round(GOODBYE_S / BEAT_S)):  # else the connections are cut before they are told why
+            if not self.connections:
+                break
+            await asyncio.sleep(BEAT_S)
 
     def _is_due(self, live: LiveSession, now: float, step_s: float) -> bool:
         try:
