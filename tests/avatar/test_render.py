@@ -1,9 +1,6 @@
 import numpy as np
-import pytest
 
 from echoavatar.avatar.render import Camera, Renderer, Surface
-
-pytest.importorskip("numba", reason="the render extra is not installed")
 
 
 def square(

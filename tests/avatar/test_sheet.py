@@ -1,12 +1,9 @@
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from echoavatar.avatar.sheet import contact_sheet, face_sheet, save_picture
 from echoavatar.kinematics import HUMANOID, Motion
-
-pytest.importorskip("numba", reason="the render extra is not installed")
 
 
 def test_pictures_run_left_to_right_and_the_last_frame_fills_up(tmp_path: Path) -> None:

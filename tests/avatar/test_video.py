@@ -8,8 +8,6 @@ from echoavatar.avatar.video import film, linear, write_mp4
 from echoavatar.errors import MotionError
 from echoavatar.kinematics import HUMANOID, Motion
 
-pytest.importorskip("numba", reason="the render extra is not installed")
-
 
 def standing(frames: int) -> Motion:
     turns = np.zeros((frames, 52, 4), np.float32)

@@ -24,7 +24,6 @@ def test_nonsense_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str])
 
 
 def test_a_corpus_can_be_measured_and_looked_at(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    pytest.importorskip("numba", reason="the render extra is not installed")
     rehearse(Plan(hours=0.001, seed=4, folder=tmp_path, clip_seconds=20.0))
     assert main(["data", "describe", str(tmp_path)]) == 0
     table = capsys.readouterr().out.splitlines()

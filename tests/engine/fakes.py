@@ -20,7 +20,7 @@ class FakePipeline:
     def init_state(self, rows: int) -> Heard:
         return Heard(torch.zeros(rows), torch.zeros(rows, dtype=torch.int64))
 
-    def reset(self, state: Heard, rows: torch.Tensor, *, seed: int) -> None:
+    def reset(self, state: Heard, rows: torch.Tensor, *, seed: int, options: object = None) -> None:
         state.reset(rows)
         state.seed[rows] = seed
 

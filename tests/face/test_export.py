@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from echoavatar.errors import MotionError
-from echoavatar.face.export import resample_face, write_live_link
+from echoavatar.face.export import write_live_link
 from echoavatar.face.livelink import read_live_link
 
 
@@ -25,10 +25,3 @@ def test_a_take_reads_back(tmp_path: Path, fps: float) -> None:
 def test_an_unwritable_place_is_named(tmp_path: Path) -> None:
     with pytest.raises(MotionError, match="choose another place"):
         write_live_link(tmp_path / "no" / "take.csv", curves(3))
-
-
-def test_twice_the_rate_passes_through_every_frame() -> None:
-    slow = curves(10)
-    fast = resample_face(slow, 30.0, 60.0, 19)
-    np.testing.assert_allclose(fast[::2], slow, atol=1e-6)
-    np.testing.assert_allclose(fast[1::2], (slow[1:] + slow[:-1]) / 2, atol=1e-6)

@@ -8,7 +8,7 @@ from pydantic import ValidationError
 from echoavatar.kinematics import HUMANOID, Motion
 from echoavatar.kinematics.contact import skate
 from echoavatar.kinematics.rotations import matrix_from_axis_angle, quaternion_from_matrix
-from echoavatar.pipeline.modes import MotionOptions, in_place, upper_body, with_options
+from echoavatar.pipeline.modes import MotionOptions
 from echoavatar.pipeline.post import Post
 
 BALLS = list(HUMANOID.config.feet)[1::2]
@@ -48,6 +48,10 @@ def walk() -> Motion:
     return walking()
 
 
+def with_options(motion: Motion, options: MotionOptions) -> Motion:
+    return Post(HUMANOID, stages=("leash", "feet")).replay(motion, options)
+
+
 def balls(motion: Motion) -> np.ndarray:
     return motion.pose().positions[:, BALLS].numpy()
 
@@ -57,7 +61,7 @@ def test_the_walk_walks(walk: Motion) -> None:
 
 
 def test_in_place_stays_over_the_start_and_feet_step_without_sliding(walk: Motion) -> None:
-    still = in_place(walk)
+    still = with_options(walk, MotionOptions(in_place=True))
     assert np.abs(still.root[:, [0, 2]] - walk.root[0, [0, 2]]).max() < 1e-5
     assert skate(balls(still)[30:], 30, standing_height=STANDING) < 0.3
     assert (balls(still)[30:, :, 1] - STANDING).max(0).min() > 0.03  # both feet still lift
@@ -67,7 +71,7 @@ def test_in_place_stays_over_the_start_and_feet_step_without_sliding(walk: Motio
 
 
 def test_upper_body_stands_and_keeps_arms_and_fingers(walk: Motion) -> None:
-    still = upper_body(walk)
+    still = with_options(walk, MotionOptions(upper_body=True))
     feet = balls(still)[15:]
     assert np.ptp(feet, axis=0).max() < 1e-3
     np.testing.assert_allclose(feet[..., 1], np.broadcast_to(STANDING, feet.shape[:2]), atol=2e-3)

@@ -1,7 +1,7 @@
 """The inner loops of the renderer, compiled by numba: visibility, shadow, shading.
 
-Imported by `render` only when a picture is asked for, because numba is an optional package. Two passes: which triangle
-is seen in each pixel, then light for the pixels that see one; every other pixel sees the floor plane or the backdrop.
+Two passes: which triangle is seen in each pixel, then light for the pixels that see one; every other pixel sees the
+floor plane or the backdrop.
 Constants are float32, or numba would compute in double precision.
 """
 

@@ -1,19 +1,17 @@
 """Pictures of the character without a display: a small rasteriser that needs nothing but pip packages.
 
-Off-screen OpenGL needs system libraries that bare machines lack, so the loops are our own, compiled by numba
-(extra `render`). Perspective camera, one soft-shadowed key light, sky and ground light, rim light, floor with a
+Off-screen OpenGL needs system libraries that bare machines lack, so the loops are our own, compiled by numba.
+Perspective camera, one soft-shadowed key light, sky and ground light, rim light, floor with a
 one-metre grid, filmic tone curve, 2 x 2 supersampling.
 """
 
-import importlib
 from dataclasses import dataclass
-from types import ModuleType
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 from numpy.typing import NDArray
 
-from ..errors import DependencyError
+from . import raster
 
 SHADOW_TEXELS = 1024
 SHADOW_METRES = 3.6
@@ -53,12 +51,7 @@ class Renderer:
     def __init__(
         self, width: int = 1280, height: int = 720, *, camera: Camera | None = None, samples: int = 2
     ) -> None:
-        """`samples` is the supersampling per axis; 1 is fast and jagged.
-
-        Raises:
-            DependencyError: numba is not installed.
-        """
-        self._loops = _compiled()
+        """`samples` is the supersampling per axis; 1 is fast and jagged."""
         self.width, self.height, self.samples = width, height, samples
         self.camera = camera or Camera()
         wide, high = width * samples, height * samples
@@ -75,9 +68,9 @@ class Renderer:
         screen, rays = self._project(points)
         to_light = _light_space(points)
         light = (points @ to_light[:, :3].T + to_light[:, 3]).astype(np.float32)
-        self._loops.shadow_depth(light, triangles, self._shadow)
-        self._loops.visible(screen, triangles, self._depth, self._ids)
-        self._loops.shade(
+        raster.shadow_depth(light, triangles, self._shadow)
+        raster.visible(screen, triangles, self._depth, self._ids)
+        raster.shade(
             screen,
             points,
             np.ascontiguousarray(surface.normals, np.float32),
@@ -131,13 +124,6 @@ def _tone_curve() -> NDArray[np.uint8]:
         filmic <= 0.0031308, 12.92 * filmic, 1.055 * np.maximum(filmic, 1e-9) ** (1 / 2.4) - 0.055
     )
     return np.round(np.clip(srgb, 0, 1) * 255).astype(np.uint8)
-
-
-def _compiled() -> ModuleType:
-    try:
-        return importlib.import_module(".raster", __package__)
-    except ImportError as error:
-        raise DependencyError("pictures need numba; run: pip install 'echoavatar[render]'") from error
 
 
 _LOOK = np.array(

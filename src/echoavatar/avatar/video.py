@@ -39,7 +39,6 @@ def write_mp4(
     `face` holds blendshape weights beside the motion; None is a still face.
 
     Raises:
-        DependencyError: numba is not installed.
         MotionError: the file cannot be written, or the face does not fit the motion.
     """
     curves = None if face is None else checked_face(face, motion.frames)

@@ -67,8 +67,10 @@ def run(args: argparse.Namespace) -> int:
     from ..audio import stream_audio
     from ..engine import animate
     from ..pipeline import Pipeline, load_bundle
+    from ..pipeline.modes import MotionOptions
 
     pipeline = Pipeline(load_bundle(args.model))
+    pipeline.warm_up()
     with tqdm(
         unit="s", desc="animating", bar_format="{desc}: {n:.1f} s of motion [{elapsed}]", disable=_is_quiet()
     ) as bar:
@@ -76,20 +78,12 @@ def run(args: argparse.Namespace) -> int:
             pipeline,
             stream_audio(args.audio),
             seed=args.seed,
+            fps=args.fps,
+            options=MotionOptions(in_place=args.in_place, upper_body=args.upper_body),
             progress=lambda seconds: _advance(bar, seconds),
         )
-    from ..kinematics.resample import resample
-    from ..pipeline.modes import in_place, upper_body
-
-    motion, face = done.motion, done.face
-    if args.upper_body:
-        motion = upper_body(motion)
-    if args.in_place:
-        motion = in_place(motion)
-    if args.fps != motion.fps:
-        motion = resample(motion, args.fps)
-        face = _at_rate(face, done.motion.fps, motion)
-    write(args.output, Take(motion, face, done.audio, args.close_up))
+    motion = done.motion
+    write(args.output, Take(motion, done.face, done.audio, args.close_up))
     print(
         f"{args.output}: {motion.frames} frames at {args.fps} fps, {motion.seconds:.2f} s; "
         f"real-time factor {done.real_time_factor:.2f}"
@@ -109,21 +103,9 @@ def _writer(output: Path) -> "Callable[[Path, Take], None]":
         raise EchoAvatarError(
             f"cannot write {output}: no permission or a folder of that name; choose another -o"
         )
-    if suffix == ".mp4":
-        from ..avatar.render import Renderer
-
-        Renderer(64, 64)  # complains at once when numba is missing
     if output.name.lower().endswith(FACE_CSV):
         return _face_csv
     return {".bvh": _bvh, ".glb": _glb, ".npz": _npz, ".csv": _csv, ".mp4": _mp4}[suffix]
-
-
-def _at_rate(
-    face: Float[np.ndarray, "t 52"] | None, fps: float, motion: "Motion"
-) -> Float[np.ndarray, "n 52"] | None:
-    from ..face.export import resample_face
-
-    return None if face is None else resample_face(face, fps, motion.fps, motion.frames)
 
 
 def _bvh(path: Path, take: Take) -> None:

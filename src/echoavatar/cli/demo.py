@@ -33,7 +33,6 @@ def run(args: argparse.Namespace) -> int:
     from ..avatar import load_character
     from ..avatar.gltf import Animation, pack_glb, write_glb
     from ..avatar.page import PageClip, write_page
-    from ..avatar.render import Renderer
     from ..avatar.video import write_mp4
     from ..engine import animate, in_blocks
     from ..pipeline import Pipeline, load_bundle
@@ -44,9 +43,8 @@ def run(args: argparse.Namespace) -> int:
         raise EchoAvatarError(
             f"cannot write to {args.output}: {error.strerror}; choose another -o"
         ) from error
-    if not args.no_video:
-        Renderer(64, 64)  # complains at once when numba is missing
     pipeline, character = Pipeline(load_bundle(args.model)), load_character()
+    pipeline.warm_up()
     clips, animations = [], []
     for name, title in CLIPS:
         with as_file(files("echoavatar") / "assets" / f"{name}.ogg") as source:

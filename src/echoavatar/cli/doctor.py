@@ -65,8 +65,7 @@ def _forbidden() -> list[Finding]:
 
 def _extras() -> list[Finding]:
     wanted = {
-        "numba": ("render", "MP4 with the shaded character"),
-        "PIL": ("render", "pictures and contact sheets"),
+        "PIL": ("render", "MP4 with the shaded character, pictures and contact sheets"),
         "librosa": ("evaluate", "beat alignment scores"),
         "pretty_midi": ("rehearse", "music rendered with a soundfont"),
         "skimage": ("character", "making the character anew"),

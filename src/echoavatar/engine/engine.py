@@ -11,6 +11,7 @@ from torch import Tensor
 from ..errors import AdmissionError, EchoAvatarError
 from ..generator.linear import Precision
 from ..pipeline import ActionLibrary, MotionChunk, Pipeline, load_bundle
+from ..pipeline.modes import FREE, MotionOptions
 from ..timing import CHUNK_SAMPLES
 from .session import Session
 from .undo import changes, undo
@@ -51,8 +52,10 @@ class Engine:
         """How many more sessions can be opened now."""
         return self._seats - len(self._sessions)
 
-    def open(self, *, seed: int = 0) -> Session:
+    def open(self, *, seed: int = 0, options: MotionOptions = FREE) -> Session:
         """Seat a new session; the same seed and audio give the same motion, whoever sits beside it.
+
+        `options` keep it in place, on a leash, or standing from the hips down.
 
         Raises:
             AdmissionError: all seats are taken.
@@ -63,7 +66,9 @@ class Engine:
                 raise AdmissionError(
                     f"all {self._seats} seats are taken; close a session or open the engine with more seats"
                 )
-            session = Session(self, free[0], seed=seed, look_ahead=self._look_ahead, rewind=self._rewind)
+            session = Session(
+                self, free[0], seed=seed, options=options, look_ahead=self._look_ahead, rewind=self._rewind
+            )
             self._sessions[free[0]] = session
             self._new.append(session)
             return session
@@ -114,7 +119,7 @@ class Engine:
         for session in new:
             rows = torch.zeros(self._seats, dtype=torch.bool)
             rows[session.seat] = True
-            self.pipeline.reset(self._state, rows, seed=session.seed)
+            self.pipeline.reset(self._state, rows, seed=session.seed, options=session.options)
         for session in seated:
             for patches in session.unmake():
                 undo(patches, self._state, session.seat)
@@ -142,4 +147,6 @@ def load(
     Raises:
         CheckpointError: no such bundle, or a damaged one.
     """
-    return Engine(Pipeline(load_bundle(bundle), precision=precision), seats=seats, look_ahead=look_ahead)
+    pipeline = Pipeline(load_bundle(bundle), precision=precision)
+    pipeline.warm_up()
+    return Engine(pipeline, seats=seats, look_ahead=look_ahead)

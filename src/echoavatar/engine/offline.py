@@ -1,5 +1,6 @@
 """A file through the streaming engine: the same code path as live, pushed as fast as it goes."""
 
+import math
 import time
 from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
@@ -10,14 +11,17 @@ from jaxtyping import Float
 from ..errors import AudioError
 from ..kinematics import Motion
 from ..pipeline import MotionChunk, Pipeline
-from ..timing import CHUNK_FRAMES, CHUNK_SAMPLES, FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
+from ..pipeline.interpolate import StreamInterpolator
+from ..pipeline.modes import FREE, MotionOptions
+from ..pipeline.motion_chunk import join
+from ..timing import CHUNK_FRAMES, CHUNK_SAMPLES, FRAME_RATE_HZ, SAMPLE_RATE_HZ
 from .engine import Engine
 
 
 class Animation(NamedTuple):
     """Motion beside the sound that drove it."""
 
-    motion: Motion  # 30 fps, one frame per 800 samples
+    motion: Motion
     audio: Float[np.ndarray, " s"]  # 24 kHz mono
     seconds: float  # wall time spent in the engine
     face: Float[np.ndarray, "t 52"] | None = None  # ARKit curves 0..1 beside the motion; None without a model
@@ -33,11 +37,14 @@ def animate(
     blocks: Iterable[Float[np.ndarray, " s"]],
     *,
     seed: int = 0,
+    fps: float = FRAME_RATE_HZ,
+    options: MotionOptions = FREE,
     progress: Callable[[float], None] | None = None,
 ) -> Animation:
     """Motion for a stream of 24 kHz blocks, of exactly the sound's length (rounded up to a frame).
 
-    `progress` is told the seconds of motion made so far.
+    Frame k is that of second k / `fps`, between the model's 30 fps as on a display of that rate. `progress` is told the
+    seconds of motion made so far.
 
     Raises:
         AudioError: there is no sound at all, or a value is not finite.
@@ -45,7 +52,7 @@ def animate(
     chunks: list[MotionChunk] = []
     heard: list[Float[np.ndarray, " s"]] = []
     started = time.perf_counter()
-    with Engine(pipeline, rewind=0).open(seed=seed) as session:
+    with Engine(pipeline, rewind=0).open(seed=seed, options=options) as session:
         for block in blocks:
             heard.append(block)
             session.push(block)
@@ -55,9 +62,10 @@ def animate(
     audio = np.concatenate(heard) if heard else np.zeros(0, np.float32)
     if not len(audio):
         raise AudioError("there is no sound in it; give a file with at least one sample")
-    motion = _motion(pipeline, chunks, len(audio))
-    padded = np.pad(audio, (0, motion.frames * SAMPLES_PER_FRAME - len(audio)))
-    face = _face(chunks, motion.frames)
+    whole = _at_rate(chunks, fps)
+    motion = _motion(pipeline, whole, len(audio), fps)
+    face = None if whole.face is None else whole.face[: motion.frames]
+    padded = np.pad(audio, (0, max(0, math.ceil(motion.frames * SAMPLE_RATE_HZ / fps) - len(audio))))
     return Animation(motion, padded.astype(np.float32), time.perf_counter() - started, face)
 
 
@@ -83,23 +91,22 @@ def animate_many(
         done += moved
         if progress:
             progress(done, total)
-    return [_motion(pipeline, list(s), len(sound)) for s, sound in zip(sessions, sounds, strict=True)]
+    return [
+        _motion(pipeline, join(list(session)), len(sound), FRAME_RATE_HZ)
+        for session, sound in zip(sessions, sounds, strict=True)
+    ]
 
 
-def _motion(pipeline: Pipeline, chunks: Sequence[MotionChunk], samples: int) -> Motion:
-    frames = -(-samples // SAMPLES_PER_FRAME)
-    return Motion(
-        pipeline.skeleton,
-        np.concatenate([chunk.rotations for chunk in chunks])[:frames],
-        np.concatenate([chunk.root for chunk in chunks])[:frames],
-        float(FRAME_RATE_HZ),
-    )
+def _at_rate(chunks: Sequence[MotionChunk], fps: float) -> MotionChunk:
+    if fps == FRAME_RATE_HZ:
+        return join(chunks)
+    screen = StreamInterpolator(fps)
+    return join([*(screen.push(chunk) for chunk in chunks), screen.finish()])
 
 
-def _face(chunks: Sequence[MotionChunk], frames: int) -> Float[np.ndarray, "t 52"] | None:
-    """The chunks' face curves in one piece; None when the bundle has no face model."""
-    faces = [chunk.face for chunk in chunks if chunk.face is not None]
-    return np.concatenate(faces)[:frames] if chunks and len(faces) == len(chunks) else None
+def _motion(pipeline: Pipeline, whole: MotionChunk, samples: int, fps: float) -> Motion:
+    frames = math.ceil(samples * fps / SAMPLE_RATE_HZ)
+    return Motion(pipeline.skeleton, whole.rotations[:frames], whole.root[:frames], float(fps))
 
 
 def in_blocks(audio: Float[np.ndarray, " s"], seconds: float = 2.0) -> Iterable[Float[np.ndarray, " s"]]:

@@ -18,6 +18,7 @@ from ..audio import StreamResampler
 from ..errors import EchoAvatarError
 from ..pipeline import MotionChunk
 from ..pipeline.action_overlay import laid_on
+from ..pipeline.modes import FREE, MotionOptions
 from ..timing import CHUNK_SAMPLES, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from .acts import Acts, ActStatus
 from .inbox import Heard, Inbox
@@ -51,10 +52,17 @@ class Session:
     """
 
     def __init__(
-        self, engine: "Engine", seat: int, *, seed: int, look_ahead: int | None = None, rewind: int = 0
+        self,
+        engine: "Engine",
+        seat: int,
+        *,
+        seed: int,
+        options: MotionOptions = FREE,
+        look_ahead: int | None = None,
+        rewind: int = 0,
     ) -> None:
         self.seat = seat
-        self.seed = seed
+        self.seed, self.options = seed, options
         self.on_motion: Callable[[], None] | None = None  # called from the engine's thread after a chunk
         self.late = 0  # chunks that were made after their time had come
         self._engine, self._look_ahead = engine, look_ahead

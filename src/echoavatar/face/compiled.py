@@ -51,7 +51,7 @@ def run_frames(weights, keys_values, biases, past, heard, noise, last, steps, fr
     Keys and values are one array (l, r, 2w, past + t), biases of scores another (l, r, h, t, past + 1).
     """
     rows, count, width = heard.shape
-    sessions, branches = noise.shape[0], rows // noise.shape[0]
+    sessions = noise.shape[0]
     lookback = biases.shape[4] - 1
     one, x, y = np.empty((sessions, width), F), np.empty((rows, width), F), np.empty((rows, width), F)
     qkv = np.empty((rows, 3 * width), F)
@@ -60,8 +60,7 @@ def run_frames(weights, keys_values, biases, past, heard, noise, last, steps, fr
     face = last.copy()
     for i in range(count):
         _product(face, weights.embed, 0, one)
-        for row in range(rows):
-            x[row] = one[row // branches]
+        _repeat(one, x)
         for layer in range(weights.qkv.weight.shape[0]):
             for row in range(rows):
                 for c in range(width):
@@ -70,7 +69,8 @@ def run_frames(weights, keys_values, biases, past, heard, noise, last, steps, fr
             _product(y, weights.qkv, layer, qkv)
             for row in range(rows):
                 cache = keys_values[layer, row]
-                cache[:, past + i] = qkv[row, width:]
+                for c in range(2 * width):
+                    cache[c, past + i] = qkv[row, width + c]
                 each = width // weights.heads
                 for head in range(weights.heads):
                     c = head * each
@@ -83,30 +83,33 @@ def run_frames(weights, keys_values, biases, past, heard, noise, last, steps, fr
             _gelu(hidden)
             _add_product(hidden, weights.down, layer, x)
         _normalise(x, F(1e-5), y)
-        _sample(weights, y, noise[:, i], steps, face)
-        frames[:, i] = face
+        for session in range(sessions):
+            for c in range(face.shape[1]):
+                face[session, c] = noise[session, i, c]
+        _sample(weights, y, steps, face)
+        for session in range(sessions):
+            for c in range(face.shape[1]):
+                frames[session, i, c] = face[session, c]
 
 
 @compiled()
-def _sample(weights, normal, noise, steps, face):  # type: ignore[no-untyped-def]
-    """Euler steps from noise to a face; the guidance branches of a session lie side by side."""
-    rows, sessions = normal.shape[0], noise.shape[0]
+def _sample(weights, normal, steps, face):  # type: ignore[no-untyped-def]
+    """Euler steps from noise to a face, in place; the guidance branches of a session lie side by side."""
+    rows, sessions = normal.shape[0], face.shape[0]
     blocks, width = weights.head_up.weight.shape[0], weights.head_up.weight.shape[1]
     condition, bent = np.empty((rows, width), F), np.empty((rows, width), F)
     steering = np.empty((rows, weights.steer.weight.shape[2]), F)
     hidden = np.empty((rows, weights.head_up.weight.shape[2]), F)
     one, x, y = np.empty((sessions, width), F), np.empty((rows, width), F), np.empty((rows, width), F)
-    seen = np.empty((rows, noise.shape[1]), F)
+    seen = np.empty((rows, face.shape[1]), F)
     _product(normal, weights.condition, 0, condition)
-    face[:] = noise
     for step in range(steps.shares.shape[0]):
         for row in range(rows):
             for c in range(width):
                 bent[row, c] = silu(condition[row, c] + steps.times[step, c])
         _product(bent, weights.steer, 0, steering)
         _product(face, weights.noisy, 0, one)
-        for row in range(rows):
-            x[row] = one[row * sessions // rows]
+        _repeat(one, x)
         for block in range(blocks):
             at = 3 * block * width  # shift, scale, gate
             _normalise(x, F(1e-6), bent)
@@ -144,6 +147,15 @@ def _add_product(x, affine, layer, y):  # type: ignore[no-untyped-def]
     for row in range(y.shape[0]):
         for o in range(y.shape[1]):
             y[row, o] += added[row, o] + affine.bias[layer, o]
+
+
+@compiled()
+def _repeat(x, y):  # type: ignore[no-untyped-def]
+    """Every session's row for each of its branches."""
+    branches = y.shape[0] // x.shape[0]
+    for row in range(y.shape[0]):
+        for i in range(y.shape[1]):
+            y[row, i] = x[row // branches, i]
 
 
 @compiled()

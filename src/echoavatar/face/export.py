@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..errors import MotionError
-from .arkit import ARKIT_NAMES, LIVE_LINK_NAMES, to_live_link
+from .arkit import LIVE_LINK_NAMES, to_live_link
 
 
 def write_live_link(path: Path, curves: Float[np.ndarray, "t 52"], fps: float = 30.0) -> None:
@@ -29,16 +29,6 @@ def write_live_link(path: Path, curves: Float[np.ndarray, "t 52"], fps: float = 
         raise MotionError(f"{path} cannot be written ({error.strerror}); choose another place") from error
     finally:
         partial.unlink(missing_ok=True)
-
-
-def resample_face(
-    curves: Float[np.ndarray, "t 52"], old_fps: float, new_fps: float, frames: int
-) -> Float[np.ndarray, "n 52"]:
-    """Curves at the instants of `frames` frames of another rate, on straight lines between the old ones."""
-    old, new = np.arange(len(curves)) / old_fps, np.arange(frames) / new_fps
-    lines = [np.interp(new, old, curve) for curve in curves.T]
-    assert len(lines) == len(ARKIT_NAMES)
-    return np.stack(lines, axis=1).astype(np.float32)
 
 
 def _timecode(seconds: float, base: int) -> str:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from torch import Tensor
 
-from ..nn.compiled import ONE, ZERO, F, attend, compiled, silu
+from ..nn.compiled import ONE, ZERO, F, attend, compiled, exponential, silu
 from .linear import Parts
 
 
@@ -216,15 +216,19 @@ def _draw(logits, noise, sharpness, top_p):  # type: ignore[no-untyped-def]
         logits[code] *= sharpness
     least = F(-np.inf)
     if top_p < ONE:
-        ordered = np.sort(logits)[::-1]
-        total = ZERO
-        for code in range(ordered.shape[0]):
-            total += F(math.exp(ordered[code] - ordered[0]))
-        kept, mass = 0, ZERO
-        while kept < ordered.shape[0] and (kept == 0 or mass < top_p * total):
-            least = ordered[kept]
-            mass += F(math.exp(least - ordered[0]))
-            kept += 1
+        highest, total = logits[0], ZERO
+        for code in range(logits.shape[0]):
+            highest = max(highest, logits[code])
+        for code in range(logits.shape[0]):
+            total += exponential(logits[code] - highest)
+        mass, least, below = ZERO, highest, highest
+        while mass < top_p * total and below > F(-np.inf):  # from the likeliest down, equals together
+            least, below = below, F(-np.inf)
+            for code in range(logits.shape[0]):
+                if logits[code] == least:
+                    mass += exponential(least - highest)
+                elif logits[code] < least:
+                    below = max(below, logits[code])
     best, code_of_best = F(-np.inf), 0
     for code in range(logits.shape[0]):
         if logits[code] >= least and logits[code] + noise[code] > best:

@@ -73,7 +73,8 @@ def attend(query, keys, key, values, value, first, bias, scores, y):  # type: ig
     `first` and on, as many as `bias` has; `scores` is scratch of that length.
     """
     width, slots = query.shape[0], bias.shape[0]
-    scores[:] = bias
+    for s in range(slots):  # not as a slice: numba would compile the text of its error, too
+        scores[s] = bias[s]
     for i in range(0, width - 3, 4):  # four channels a pass over the scores
         a, b, c, d, k = query[i], query[i + 1], query[i + 2], query[i + 3], key + i
         for s in range(slots):

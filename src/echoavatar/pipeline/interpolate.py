@@ -12,16 +12,14 @@ more. `finish` passes on the rest. Not in the paper.
     show(screen.finish())
 """
 
-from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
 from jaxtyping import Float
 
 from ..errors import MotionError
-from ..kinematics import Motion
 from ..timing import FRAME_RATE_HZ
-from .motion_chunk import MotionChunk
+from .motion_chunk import MotionChunk, join
 
 Array = np.ndarray
 
@@ -44,7 +42,7 @@ class StreamInterpolator:
 
     def push(self, chunk: MotionChunk) -> MotionChunk:
         """New frames as far as they are certain: up to the last source frame but one."""
-        known = _joined(self._past, chunk)
+        known = chunk if self._past is None else join([self._past, chunk])
         end = self._first + len(known.root) - 1
         made = self._between(known, end)
         keep = min(3, len(known.root))
@@ -59,7 +57,7 @@ class StreamInterpolator:
         turns, places, face = _aligned(last)
         on = None if face is None else 2 * face[-1:] - face[:1]
         ahead = MotionChunk(2 * turns[-1:] - turns[:1], 2 * places[-1:] - places[:1], on)
-        known = _joined(self._past, ahead)
+        known = join([self._past, ahead])
         made = self._between(known, self._first + len(known.root) - 1)
         self.reset()
         return made
@@ -82,14 +80,6 @@ class StreamInterpolator:
         return MotionChunk(
             rotations, root.astype(np.float32), None if face is None else face.astype(np.float32)
         )
-
-
-def interpolate(motion: Motion, fps: float) -> Motion:
-    """A whole motion at another rate, as a stream of it would be shown; the first frame stays, none is invented."""
-    stream = StreamInterpolator(fps, motion.fps)
-    chunk = MotionChunk(motion.rotations, motion.root)
-    made = _joined(stream.push(chunk), stream.finish()) if motion.frames > 1 else chunk
-    return replace(motion, rotations=made.rotations, root=made.root, fps=fps)
 
 
 def frame_ratio(source_fps: float, fps: float) -> Fraction:
@@ -121,16 +111,6 @@ def _aligned(chunk: MotionChunk) -> MotionChunk:
     sign = np.where(np.cumsum(flips, axis=0) % 2 == 1, np.float32(-1), np.float32(1))
     rotations = np.concatenate([chunk.rotations[:1], chunk.rotations[1:] * sign])
     return MotionChunk(rotations, chunk.root, chunk.face)
-
-
-def _joined(first: MotionChunk | None, second: MotionChunk) -> MotionChunk:
-    if first is None:
-        return second
-    face = None
-    if first.face is not None and second.face is not None:
-        face = np.concatenate([first.face, second.face])
-    rotations = np.concatenate([first.rotations, second.rotations])
-    return MotionChunk(rotations, np.concatenate([first.root, second.root]), face)
 
 
 def _cut(chunk: MotionChunk, part: slice) -> MotionChunk:

@@ -10,7 +10,7 @@ from pydantic import Field
 from torch import Tensor
 
 from ..config import Config
-from ..kinematics import Motion, Skeleton
+from ..kinematics import Skeleton
 from ..nn import StreamState
 from .pose import Array, PoseLanes, keep
 
@@ -24,13 +24,15 @@ class MotionOptions(Config):
     """How one session's body may move. Nothing slides: feet are held and step."""
 
     leash_m: float = Field(
-        0.0, ge=0, le=100, description="metres the hips may be from where they started; 0: no leash"
+        default=0.0, ge=0, le=100, description="metres the hips may be from where they started; 0: no leash"
     )
-    in_place: bool = Field(False, description="hips stay over the start, as game engines expect of a clip")
-    upper_body: bool = Field(False, description="hips and legs stand idle, everything above moves")
+    in_place: bool = Field(
+        default=False, description="hips stay over the start, as game engines expect of a clip"
+    )
+    upper_body: bool = Field(default=False, description="hips and legs stand idle, everything above moves")
 
 
-FREE = MotionOptions.model_validate({})
+FREE = MotionOptions()
 
 
 @dataclass
@@ -74,20 +76,3 @@ class IdleLegs:
             pose.root[axis] = np.where(rows, swing, pose.root[axis])
         pose.root[1] = np.where(rows, self._height, pose.root[1])
         keep(state.frames, np.where(rows, frame[-1], 0).astype(np.float32), active)
-
-
-def with_options(motion: Motion, options: MotionOptions) -> Motion:
-    """A finished motion as a session with these options would have shown it (30 fps or any other rate)."""
-    from .post import Post  # the stages know the options, and this door knows the stages
-
-    return Post(motion.skeleton, stages=("leash", "feet")).replay(motion, options)
-
-
-def in_place(motion: Motion) -> Motion:
-    """The hips over the start, as game engines expect of in-place clips; feet stand and step without sliding."""
-    return with_options(motion, MotionOptions.model_validate({"in_place": True}))
-
-
-def upper_body(motion: Motion) -> Motion:
-    """Hips and legs stand idle; everything above moves as it was."""
-    return with_options(motion, MotionOptions.model_validate({"upper_body": True}))

@@ -6,6 +6,8 @@
 Offline and live are the same: a file is a session that is pushed faster. Nothing here depends on the wall clock.
 """
 
+import logging
+import threading
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any
@@ -21,6 +23,7 @@ from ..generator.linear import Precision
 from ..generator.stream import GeneratorStream, HistoryState, RingState
 from ..ik import BodyProfile
 from ..nn import StreamState
+from ..timing import CHUNK_SAMPLES
 from ..tokenizer.body import BodyState
 from ..tokenizer.model import DecoderState
 from .actions import Directive
@@ -29,6 +32,7 @@ from .modes import FREE, MotionOptions
 from .motion_chunk import MotionChunk
 from .post import POST_STAGES, SWITCHES, Post, PostState
 
+_LOG = logging.getLogger(__name__)
 Lap = Callable[[str], None]
 BIAS = 14.0  # nats that an action of intensity 1 adds to the logits of its codes
 LEARNED_BIAS = 6.0  # the same, beside what a generator trained with exemplars does by itself
@@ -96,6 +100,15 @@ class Pipeline:
         state.reset(rows)
         state.seeds[rows] = seed
         state.post.modes.choose(rows, options)
+
+    def warm_up(self) -> None:
+        """Run one step for nobody: the first on a machine compiles the inner loops, which is said if it takes long."""
+        patience = threading.Timer(3.0, _LOG.warning, ["compiling for this processor, once; up to a minute"])
+        patience.start()
+        try:
+            self.step(torch.zeros(1, CHUNK_SAMPLES), self.init_state(1), torch.zeros(1, dtype=torch.bool))
+        finally:
+            patience.cancel()
 
     def directive(self, members: Float[Tensor, "b K"]) -> Directive:
         """What to ask of a step for sets of codes, each with its intensity."""

@@ -1,0 +1,10 @@
+"""Fingers for motion that has none (paper, Motion Refinement): an inpainting model of the hands given the body.
+
+May import `kinematics`, `nn`, `checkpoint` and below.
+"""
+
+from .config import FingerConfig
+from .model import FingerModel, load_shipped
+from .refine import frozen_hands, refine_fingers
+
+__all__ = ["FingerConfig", "FingerModel", "frozen_hands", "load_shipped", "refine_fingers"]

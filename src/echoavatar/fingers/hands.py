@@ -1,0 +1,68 @@
+"""Both hands as the same thing: 15 finger bones in 6D, the right hand mirrored, and the few directions they vary in.
+
+A hand has 90 numbers but far fewer degrees of freedom. The model works on coordinates along the principal directions
+of good hands, so noise has the hand's own dimension and every answer is near a pose that hands take.
+"""
+
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from ..kinematics import HUMANOID
+from ..kinematics.rotations import matrix_from_6d, matrix_to_6d
+
+FINGERS = HUMANOID.config.parts["hands"]  # 15 joints of the left hand, 15 of the right
+BONES = len(FINGERS) // 2
+HAND_SIZE = 6 * BONES
+SIDES = ("left", "right")
+MIRROR_6D = (1.0, -1.0, -1.0, -1.0, 1.0, 1.0)  # reflection across x = 0
+
+
+def hand_poses(fingers: Float[Tensor, "*n 30 3 3"]) -> Float[Tensor, "*n 2 c"]:
+    """Left hand, and right hand mirrored, from finger rotations in the order of the rig."""
+    six = matrix_to_6d(fingers).unflatten(-2, (2, BONES))
+    return (six * _signs(six)).flatten(-2)
+
+
+def finger_rotations(hands: Float[Tensor, "*n 2 c"]) -> Float[Tensor, "*n 30 3 3"]:
+    """Inverse of `hand_poses`; any finite numbers become proper rotations."""
+    six = hands.unflatten(-1, (BONES, 6))
+    return matrix_from_6d((six * _signs(six)).flatten(-3, -2))
+
+
+def _signs(six: Tensor) -> Tensor:
+    signs = torch.ones(2, 1, 6, dtype=six.dtype, device=six.device)
+    signs[1] = signs.new_tensor(MIRROR_6D)
+    return signs
+
+
+class HandBasis(NamedTuple):
+    """Principal directions of hand poses; coordinates have variance 1 in the mean over directions."""
+
+    mean: Float[Tensor, " c"]
+    axes: Float[Tensor, "k c"]
+    scale: Float[Tensor, " k"]
+
+    def encode(self, hands: Float[Tensor, "*n c"]) -> Float[Tensor, "*n k"]:
+        """Coordinates of poses."""
+        return (hands - self.mean) @ self.axes.T / self.scale
+
+    def decode(self, coordinates: Float[Tensor, "*n k"]) -> Float[Tensor, "*n c"]:
+        """Poses, up to what the left-out directions hold."""
+        return (coordinates * self.scale) @ self.axes + self.mean
+
+
+def fit_basis(hands: Float[Tensor, "n c"], size: int) -> HandBasis:
+    """The `size` directions that hold most of the variance of hand poses.
+
+    Directions are whitened halfway (divided by the root of their spread), so that small ones are seen and large ones
+    still weigh more.
+    """
+    wide = hands.double()
+    mean = wide.mean(0)
+    values, vectors = torch.linalg.eigh((wide - mean).T @ (wide - mean) / len(wide))
+    spread = values.flip(0)[:size].clamp_min(1e-8).sqrt()
+    scale = (spread * spread.mean()).sqrt()
+    return HandBasis(mean.float(), vectors.flip(1)[:, :size].T.contiguous().float(), scale.float())
