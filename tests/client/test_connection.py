@@ -16,7 +16,6 @@ from echoavatar.errors import EchoAvatarError
 from echoavatar.wire import ActionStatus, Flush, ProtocolError, Sound
 
 # Lines are torn here on purpose; what the event loop has not cleared away when it ends is not what is tested.
-pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 
 
 @pytest.fixture(scope="module")

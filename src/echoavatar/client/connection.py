@@ -146,12 +146,19 @@ class Avatar:
     # ---- the line
 
     async def open(self) -> None:
-        """Say hello.
+        """Say hello; leaves no connection behind where that fails.
 
         Raises:
             ConnectionLostError: nobody answers there.
             ProtocolError: the server refused us.
         """
+        try:
+            await self._greet()
+        except BaseException:
+            await self.close()
+            raise
+
+    async def _greet(self) -> None:
         try:
             self._line = await connect_websocket(
                 self._url,
