@@ -1,4 +1,4 @@
-# Two targets do everything: `make demo` shows the main job, `make test` runs every check. Each makes its own
+# Two targets do everything: `make demo` opens the live page, `make test` runs every check. Each makes its own
 # virtual environment. Plain pip on purpose: other installers do not find the CPU build of torch.
 PYTHON ?= python3
 PIP_FLAGS ?= --disable-pip-version-check -q

@@ -1,3 +1,8 @@
+import re
+import signal
+import subprocess
+import sys
+import urllib.request
 from pathlib import Path
 
 import pytest
@@ -19,3 +24,18 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path, capsys: pytest.Ca
     (tmp_path / "file").write_text("")
     assert main(["demo", "-o", str(tmp_path / "file" / "demo"), "--no-browser"]) == 1
     assert "choose another -o" in capsys.readouterr().err
+
+
+def test_without_a_folder_a_live_page_is_served_until_stopped(tiny_bundle: Path) -> None:
+    words = ["demo", "--no-browser", "--port", "0", "--model", str(tiny_bundle)]
+    with subprocess.Popen(
+        [sys.executable, "-m", "echoavatar", *words], stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        told = process.stdout.readline()
+        address = re.search(r"http://127\.0\.0\.1:\d+/", told)
+        assert address, told
+        with urllib.request.urlopen(address[0]) as answer:
+            assert b"<script" in answer.read()
+        process.send_signal(signal.SIGINT)
+        assert process.wait(30) == 0

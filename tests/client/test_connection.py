@@ -15,8 +15,6 @@ from echoavatar.client.connection import Avatar, stream_url
 from echoavatar.errors import EchoAvatarError
 from echoavatar.wire import ActionStatus, Flush, ProtocolError, Sound
 
-# Lines are torn here on purpose; what the event loop has not cleared away when it ends is not what is tested.
-
 
 @pytest.fixture(scope="module")
 def place() -> Iterator[Place]:

@@ -1,4 +1,7 @@
-"""`echoavatar demo`: the first minute. Bundled speech and music become an avatar that moves to them."""
+"""`echoavatar demo`: the first minute. A page opens, with an avatar that reacts to sound as it comes.
+
+With a folder, bundled speech and music become files instead: films, models, and a page that needs no server.
+"""
 
 import argparse
 import webbrowser
@@ -9,26 +12,45 @@ from pathlib import Path
 from tqdm import tqdm
 
 from ..errors import EchoAvatarError
+from . import serve
 
 CLIPS = (("speech", "Speech"), ("music", "Music"))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.epilog = "Writes speech.mp4, music.mp4, speech.glb, music.glb and index.html, and opens the page."
+    parser.epilog = (
+        "examples:\n"
+        "  echoavatar demo             serve the live page on this machine and open it; Ctrl-C stops\n"
+        "  echoavatar demo -o demo     write speech.mp4, music.mp4, speech.glb, music.glb and index.html\n"
+    )
     parser.add_argument(
-        "-o", "--output", type=Path, default=Path("demo"), help="folder (default: %(default)s)"
+        "-o", "--output", type=Path, metavar="FOLDER", help="write files there instead of serving"
+    )
+    parser.add_argument(
+        "--port", type=int, default=8765, help="of the live page; 0 takes any free one (default: %(default)s)"
     )
     parser.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
-    parser.add_argument("--seed", type=int, default=0, help="same seed, same motion (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=0, help="of the files (default: %(default)s)")
     parser.add_argument(
         "--no-video", action="store_true", help="leave out the MP4s, which take the most time"
     )
-    parser.add_argument("--no-browser", action="store_true", help="do not open the page")
+    parser.add_argument("--no-browser", action="store_true", help="only print where the page is")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Animate the bundled sound, write the files, open the page."""
+    """Serve and open the live page; or write the files, and open theirs."""
+    return _live(args) if args.output is None else _files(args)
+
+
+def _live(args: argparse.Namespace) -> int:
+    parser = argparse.ArgumentParser()
+    serve.add_arguments(parser)
+    words = ["--model", args.model, "--port", str(args.port)]
+    return serve.run(parser.parse_args(words if args.no_browser else [*words, "--open"]))
+
+
+def _files(args: argparse.Namespace) -> int:
     from ..audio import read_audio
     from ..avatar import load_character
     from ..avatar.gltf import Animation, pack_glb, write_glb
