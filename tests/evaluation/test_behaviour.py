@@ -43,11 +43,13 @@ def test_a_jump_at_chunk_borders_is_seen() -> None:
     smooth = np.zeros((160, 1, 3))
     smooth[:, 0, 0] = np.sin(frames / 9.7)
     jumpy = smooth.copy()
-    jumpy[:, 0, 1] = (frames // 8) % 2 * 0.02
+    jumpy[:, 0, 1] = (frames // 8) % 2 * 0.2
     domain = np.zeros(160, np.uint8)
     still = np.zeros((159, 1))
     assert behaviour.border_ratio([behaviour.Track(smooth, still, domain)]) == pytest.approx(1, abs=0.1)
     assert behaviour.border_ratio([behaviour.Track(jumpy, still, domain)]) > 2
+    assert behaviour.border_speed_ratio([behaviour.Track(smooth, still, domain)]) == pytest.approx(1, abs=0.1)
+    assert behaviour.border_speed_ratio([behaviour.Track(jumpy, still, domain)]) > 1.5
 
 
 def test_jerk_of_uniform_motion_is_zero() -> None:

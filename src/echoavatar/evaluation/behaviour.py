@@ -83,6 +83,17 @@ def jerk_m_s3(clip: Track) -> float:
     return float(np.linalg.norm(np.diff(relative, n=3, axis=0), axis=-1).mean() * FRAME_RATE_HZ**3)
 
 
+def border_speed_ratio(clips: Sequence[Track]) -> float:
+    """Mean joint speed from the last frame of a chunk to the first of the next, over that inside chunks."""
+    at_border, inside = [], []
+    for clip in clips:
+        speed = np.linalg.norm(np.diff(clip.positions, axis=0), axis=-1).mean(1)
+        border = np.arange(len(speed)) % CHUNK_FRAMES == CHUNK_FRAMES - 1
+        at_border.append(speed[border])
+        inside.append(speed[~border])
+    return float(np.concatenate(at_border).mean() / np.concatenate(inside).mean())
+
+
 def border_ratio(clips: Sequence[Track]) -> float:
     """Mean joint acceleration at chunk borders over that inside chunks; 1 means borders cannot be told."""
     at_border, inside = [], []

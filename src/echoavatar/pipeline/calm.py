@@ -5,7 +5,7 @@ step; the first frames of a chunk need not continue the last ones. Each chunk is
 leaves the frames already shown as they were going and is drawn to the decoded rotations, the more the later in the
 chunk (a Whittaker-Henderson smoother with a fixed beginning): it minimises
 
-    sum_k  ((k + 1) / t)^3 |y_k - x_k|^2  +  STIFFNESS |third differences of (shown, y)|^2
+    sum_k  ((k + 1) / t)^4 |y_k - x_k|^2  +  STIFFNESS |third differences of (shown, y)|^2
 
 over the unit quaternions' four numbers, which is one small matrix. No joint turns faster than `FASTEST`. The paper
 smooths nothing; a model sampled at temperature 1 shakes without it.
@@ -73,7 +73,7 @@ def _smoother(frames: int, stiffness: float) -> Float[Array, "t s"]:
     """The matrix from the frames shown and a chunk (3 + t) to the smoothed chunk: the minimum, solved once."""
     third = np.diff(np.eye(SHOWN + frames), n=3, axis=0)
     past, own = third[:, :SHOWN], third[:, SHOWN:]
-    weight = np.diag(((np.arange(frames) + 1) / frames) ** 3)
+    weight = np.diag(((np.arange(frames) + 1) / frames) ** 4)
     right = np.concatenate([-stiffness * own.T @ past, weight], 1)
     solved = np.linalg.solve(weight + stiffness * own.T @ own, right)
     return solved.astype(np.float32)
