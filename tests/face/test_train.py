@@ -9,7 +9,7 @@ from echoavatar.errors import CheckpointError, MotionError
 from echoavatar.face import FaceStream
 from echoavatar.face.arkit import ARKIT_NAMES
 from echoavatar.face.clip import FaceClip
-from echoavatar.face.train import FaceSampler, FaceTrainer, FaceTraining, flow_loss, train_face
+from echoavatar.face.train import FaceSampler, FaceTrainer, FaceTraining, _lip_error, flow_loss, train_face
 
 JAW = ARKIT_NAMES.index("jawOpen")
 QUICK = FaceTraining(steps=6, batch=2, frames=16, warmup=1, save_every=2, learning_rate=3e-3)
@@ -89,3 +89,19 @@ def test_silence_and_lost_history_are_dropped_per_window():
 def test_clips_too_short_for_a_window_are_named():
     with pytest.raises(MotionError, match="longer than 300 frames"):
         FaceSampler([clip()], frames=300, seed=0)
+
+
+def test_a_new_run_begins_with_another_models_weights(tmp_path):
+    first = train_face(CONFIG, QUICK, [clip()], tmp_path / "first")
+    still = QUICK.model_copy(update={"learning_rate": 1e-12})
+    second = train_face(CONFIG, still, [clip()], tmp_path / "second", start=first)
+    for key, value in first.state_dict().items():
+        torch.testing.assert_close(second.state_dict()[key], value, atol=1e-6, rtol=1e-5)
+
+
+def test_lips_that_should_touch_and_do_not_cost_most():
+    shut, open_ = torch.zeros(1, 4, 52), torch.zeros(1, 4, 52)
+    open_[..., JAW] = 0.2
+    assert _lip_error(shut[None], shut) == 0
+    assert _lip_error(open_[None], shut) == pytest.approx(4 * 4.0)
+    assert _lip_error(shut[None], open_) == pytest.approx(4.0)
