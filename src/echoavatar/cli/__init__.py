@@ -21,10 +21,11 @@ COMMANDS = {
     "bench": "measure latency, real-time factor and memory",
     "evaluate": "score a bundle; the last line is JSON",
     "data": "make training data",
-    "train": "train the codec, the motion tokenizer, the generator or the face",
+    "train": "train the codec, the motion tokenizer, the generator, the face or the fingers",
     "bundle": "assemble trained parts into a bundle",
     "actions": "list what the avatar can be asked to do; add an action from a clip",
     "rig": "measure a character's body, so that hands keep off it",
+    "refine-fingers": "give motion that was captured without fingers plausible ones",
 }
 
 
@@ -44,10 +45,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             name, help=summary, description=summary, formatter_class=argparse.RawDescriptionHelpFormatter
         )
         if name == asked:
-            importlib.import_module(f".{name}", __name__).add_arguments(child)
+            importlib.import_module(_module(name), __name__).add_arguments(child)
     args = parser.parse_args(words)
     try:
-        code: int = importlib.import_module(f".{args.command}", __name__).run(args)
+        code: int = importlib.import_module(_module(args.command), __name__).run(args)
     except EchoAvatarError as error:
         print(f"echoavatar: {' '.join(str(error).split())}", file=sys.stderr)
         return 1
@@ -55,3 +56,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print("echoavatar: interrupted", file=sys.stderr)
         return 130
     return code
+
+
+def _module(command: str) -> str:
+    return "." + command.replace("-", "_")

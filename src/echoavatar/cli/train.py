@@ -1,4 +1,4 @@
-"""`echoavatar train`: codec, tokenizer, generator, face, in this order; each run resumes where it was stopped."""
+"""`echoavatar train`: codec, tokenizer, generator, face, in this order, and fingers; each resumes where it stopped."""
 
 import argparse
 from collections.abc import Callable
@@ -7,6 +7,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from ..errors import EchoAvatarError
+from . import train_fingers
 
 ORDER = """the whole way from nothing to a bundle:
   echoavatar data rehearse --hours 3.5 --seed 1 -o corpus
@@ -89,12 +90,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     face.add_argument(
         "--rate", type=float, default=1e-3, help="peak learning rate (default: %(default)s; paper: 2e-4)"
     )
+    face.add_argument("--start", type=Path, help="trained face model of the same sizes to begin with")
     face.add_argument("--paper", action="store_true", help="sizes of the paper (width 256), mel encoder")
     face.add_argument(
         "--minutes", type=float, help="stop this call after so many minutes; call again to go on"
     )
-    sources = {generator: "folder of codes (`train tokens`)", face: "folder of face clips (`data face`)"}
-    for child in (codec, tokenizer, tokens, generator, face):
+    fingers = kinds.add_parser(
+        "fingers", help="the model behind `refine-fingers`, on motion with good fingers"
+    )
+    train_fingers.add_arguments(fingers)
+    sources = {
+        generator: "folder of codes (`train tokens`)",
+        face: "folder of face clips (`data face`)",
+        fingers: "corpus folder (`data rehearse`), or folder of BVH clips",
+    }
+    for child in (codec, tokenizer, tokens, generator, face, fingers):
         source = sources.get(child, "corpus folder (`data rehearse`)")
         child.add_argument("source", type=Path, metavar="SOURCE", help=source)
         child.add_argument(
@@ -121,6 +131,7 @@ def run(args: argparse.Namespace) -> int:
             "tokens": _tokens,
             "generator": _generator,
             "face": _face,
+            "fingers": _fingers,
         }
         trainings[args.kind](args, progress)
     print(f"{args.kind} in {args.output}")
@@ -226,7 +237,7 @@ def _generator(args: argparse.Namespace, progress: Progress) -> None:
 
 
 def _face(args: argparse.Namespace, progress: Progress) -> None:
-    from ..face import FaceConfig, MelConfig, paper_face
+    from ..face import FaceConfig, FaceModel, MelConfig, paper_face
     from ..face.clip import load_clips
     from ..face.train import FaceTraining, train_face
 
@@ -238,6 +249,11 @@ def _face(args: argparse.Namespace, progress: Progress) -> None:
         load_clips(args.source),
         args.output,
         minutes=args.minutes,
+        start=FaceModel.load(args.start) if args.start else None,
         card=_card(args),
         progress=progress,
     )
+
+
+def _fingers(args: argparse.Namespace, progress: Progress) -> None:
+    train_fingers.train(args, _card(args), progress)

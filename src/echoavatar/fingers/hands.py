@@ -22,13 +22,14 @@ MIRROR_6D = (1.0, -1.0, -1.0, -1.0, 1.0, 1.0)  # reflection across x = 0
 
 def hand_poses(fingers: Float[Tensor, "*n 30 3 3"]) -> Float[Tensor, "*n 2 c"]:
     """Left hand, and right hand mirrored, from finger rotations in the order of the rig."""
-    six = matrix_to_6d(fingers).unflatten(-2, (2, BONES))
-    return (six * _signs(six)).flatten(-2)
+    six = matrix_to_6d(fingers).reshape(*fingers.shape[:-3], 2, BONES, 6)
+    poses: Tensor = (six * _signs(six)).flatten(-2)
+    return poses
 
 
 def finger_rotations(hands: Float[Tensor, "*n 2 c"]) -> Float[Tensor, "*n 30 3 3"]:
     """Inverse of `hand_poses`; any finite numbers become proper rotations."""
-    six = hands.unflatten(-1, (BONES, 6))
+    six = hands.reshape(*hands.shape[:-1], BONES, 6)
     return matrix_from_6d((six * _signs(six)).flatten(-3, -2))
 
 
@@ -44,6 +45,11 @@ class HandBasis(NamedTuple):
     mean: Float[Tensor, " c"]
     axes: Float[Tensor, "k c"]
     scale: Float[Tensor, " k"]
+
+    @property
+    def spread(self) -> Float[Tensor, " k"]:
+        """Standard deviation of each coordinate over the hands it was fitted to."""
+        return self.scale / self.scale.square().mean().sqrt()
 
     def encode(self, hands: Float[Tensor, "*n c"]) -> Float[Tensor, "*n k"]:
         """Coordinates of poses."""

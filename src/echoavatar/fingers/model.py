@@ -40,7 +40,8 @@ class WindowBlock(nn.Module):
 
     def forward(self, x: Float[Tensor, "b n c"], table: Float[Tensor, "2 n d"]) -> Float[Tensor, "b n c"]:
         """Any number of tokens; `table` holds their rotary angles."""
-        q, k, v = self.qkv(self.norm1(x)).unflatten(-1, (3, self.heads, -1)).permute(2, 0, 3, 1, 4)
+        b, n, _ = x.shape
+        q, k, v = self.qkv(self.norm1(x)).view(b, n, 3, self.heads, -1).permute(2, 0, 3, 1, 4)
         seen = F.scaled_dot_product_attention(rotary(q, table), rotary(k, table), v)
         x = x + self.proj(seen.transpose(1, 2).flatten(2))
         y: Tensor = x + self.mlp(self.norm2(x))
@@ -86,9 +87,7 @@ class FingerModel(nn.Module):
 
     def save(self, folder: Path, card: Mapping[str, object]) -> None:
         """Write a checkpoint folder, in half precision."""
-        checkpoint.save(
-            folder, config=self.config, weights=self.state_dict(), card=card, dtype=torch.float16
-        )
+        checkpoint.save(folder, config=self.config, weights=self.state_dict(), card=card, dtype=torch.float16)
 
     @property
     def basis(self) -> HandBasis:
@@ -124,13 +123,14 @@ class FingerModel(nn.Module):
             body: normalised features of the same frames.
         """
         frames = torch.cat([hands.flatten(2), is_known.to(hands), body], -1)
-        x = self.embed(frames.unflatten(1, (-1, self.config.patch)).flatten(2))
+        b, t, _ = frames.shape
+        x = self.embed(frames.reshape(b, t // self.config.patch, -1))
         x = x + self.level(_waves(level))[:, None]
         table = rotary_table(x.shape[1], self.config.width // self.config.heads).to(x)
         for block in self.blocks:
             x = block(x, table)
         y: Tensor = self.out(self.norm(x))
-        return y.unflatten(2, (self.config.patch, 2, -1)).flatten(1, 2)
+        return y.reshape(b, t, 2, -1)
 
 
 def load_shipped() -> FingerModel:

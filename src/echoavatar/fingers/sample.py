@@ -13,7 +13,7 @@ from .model import FingerModel
 
 STEPS = 8
 _ROWS = 32  # windows in one call
-_LIMIT = 4.0  # of a coordinate, in its own spreads of about one
+_LIMIT = 4.0  # of a coordinate, in its own spreads
 
 
 @torch.inference_mode()
@@ -41,7 +41,7 @@ def sample_hands(
     frames, count = model.config.frames, len(body)
     random = torch.Generator().manual_seed(seed)
     hands = torch.randn(known.shape, generator=random)
-    index = _windows(count, frames)
+    index = _windows(count, frames, model.config.patch)
     weight = torch.sin((torch.arange(frames) + 0.5) / frames * torch.pi).square()
     normal = model.normalize_body(body)[index]
     kept, clean = is_known[..., None], hands
@@ -56,9 +56,13 @@ def sample_hands(
     return torch.where(kept, known, clean)
 
 
-def _windows(count: int, frames: int) -> Tensor:
-    """Frames of each window (w, frames): half overlapping, the last at the end; short clips repeat their last frame."""
-    starts = [*range(0, max(1, count - frames), max(1, frames // 2)), max(0, count - frames)]
+def _windows(count: int, frames: int, patch: int) -> Tensor:
+    """Frames of each window (w, frames): half overlapping, the last at the end; short clips repeat their last frame.
+
+    Windows begin at other places of a token each time, so that no token border meets another.
+    """
+    stride = max(1, frames // 2 - patch // 2)
+    starts = [*range(0, max(1, count - frames), stride), max(0, count - frames)]
     unique = torch.tensor(sorted(set(starts)))
     return (unique[:, None] + torch.arange(frames)).clamp(max=count - 1)
 
@@ -79,6 +83,6 @@ def _blend(
         clean = model(hands[at], is_known[at], levels, body[first : first + _ROWS])
         total.index_add_(0, at.flatten(), (clean * weight[:, None, None]).flatten(0, 1))
         share.index_add_(0, at.flatten(), weight.repeat(len(at)))
-    limit = _LIMIT * (model.basis.scale.mean() / model.basis.scale).rsqrt()
+    limit = _LIMIT * model.basis.spread
     mean = total / share[:, None, None]
     return torch.maximum(torch.minimum(mean, limit), -limit)

@@ -74,7 +74,7 @@ def load_bundle(name: str | Path = "default") -> Bundle:
 def shipped() -> list[str]:
     """Names of the bundles inside the package."""
     root = files("echoavatar") / "bundles"
-    return sorted(entry.name for entry in root.iterdir() if entry.is_dir()) if root.is_dir() else []
+    return sorted(e.name for e in root.iterdir() if (e / "generator").is_dir()) if root.is_dir() else []
 
 
 @contextmanager

@@ -1,0 +1,63 @@
+"""`echoavatar refine-fingers`: fingers for motion that was captured without them."""
+
+import argparse
+from pathlib import Path
+
+from tqdm import tqdm
+
+from ..errors import EchoAvatarError
+
+EXAMPLES = """examples:
+  echoavatar refine-fingers take.bvh take_fingers.bvh                  both hands, made to go with the arms
+  echoavatar refine-fingers take.bvh out.bvh --hands frozen            only hands whose fingers stand still
+  echoavatar refine-fingers take.bvh out.bvh --hands left --seed 3     the other hand is kept and listened to
+  echoavatar refine-fingers take.bvh out.bvh --model runs/fingers      a model of your own: `echoavatar train fingers`
+
+Reads any skeleton whose joint names are known (VRM, Mixamo, Unreal, 3ds Max Biped) at any frame rate and writes the
+same skeleton, rate and body back; only rotations of finger bones change. The skeleton must have finger bones; some may
+be missing.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.epilog = EXAMPLES
+    parser.add_argument("motion", type=Path, metavar="IN.bvh", help="motion with missing or bad fingers")
+    parser.add_argument("output", type=Path, metavar="OUT.bvh", help="where to write it with new fingers")
+    parser.add_argument(
+        "--model", type=Path, help="folder of a trained finger model (default: the shipped one)"
+    )
+    parser.add_argument(
+        "--hands",
+        choices=("both", "left", "right", "frozen"),
+        default="both",
+        help="which to make anew; frozen: those whose fingers do not move (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--seed", type=int, default=0, help="another seed, another performance (default: %(default)s)"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Read, refine, write; say what changed."""
+    if args.output.suffix.lower() != ".bvh":
+        raise EchoAvatarError(f"cannot write {args.output}: the output is BVH; name it OUT.bvh")
+    from ..fingers import FingerModel, frozen_hands, load_shipped, refine_fingers
+    from ..kinematics import read_bvh, write_bvh
+
+    motion = read_bvh(args.motion)
+    frozen = frozen_hands(motion)
+    model = FingerModel.load(args.model) if args.model else load_shipped()
+    with tqdm(unit="step") as bar:
+
+        def progress(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        refined = refine_fingers(model, motion, hands=args.hands, seed=args.seed, progress=progress)
+    write_bvh(args.output, refined.skeleton, refined.rotations, refined.root, refined.fps)
+    sides = frozen if args.hands == "frozen" else () if args.hands == "both" else (args.hands,)
+    what = "nothing was frozen, nothing changed" if refined is motion else ", ".join(sides) or "both hands"
+    was = f" (frozen before: {', '.join(frozen)})" if frozen else ""
+    print(f"{args.output}: {refined.frames} frames, {what}{was}")
+    return 0

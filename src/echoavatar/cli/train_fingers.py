@@ -1,0 +1,101 @@
+"""`echoavatar train fingers`: the model behind `refine-fingers`, on motion with good fingers."""
+
+import argparse
+import logging
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tqdm import tqdm
+
+from ..errors import EchoAvatarError, MotionError
+
+if TYPE_CHECKING:
+    from ..fingers.clips import FingerClip
+
+EXAMPLES = """SOURCE: a corpus (`echoavatar data rehearse`) or a folder of BVH files; frozen fingers are not learned from.
+examples:
+  echoavatar train fingers corpus -o runs/fingers                            25 minutes on a laptop's core
+  echoavatar train fingers corpus --recordings takes -o runs/fingers         three windows in ten from recorded takes
+  echoavatar train fingers corpus -o runs/fingers --minutes 5                stop after five; call again to go on
+then: echoavatar refine-fingers in.bvh out.bvh --model runs/fingers
+"""
+_log = logging.getLogger(__name__)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments that only fingers have."""
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = EXAMPLES
+    parser.add_argument("--recordings", type=Path, help="folder of recorded BVH clips to learn from as well")
+    parser.add_argument("--steps", type=int, default=3000, help="optimiser steps (default: %(default)s)")
+    parser.add_argument("--batch", type=int, default=32, help="windows per step (default: %(default)s)")
+    parser.add_argument("--rate", type=float, default=1e-3, help="peak learning rate (default: %(default)s)")
+    parser.add_argument("--width", type=int, default=128, help="channels (default: %(default)s)")
+    parser.add_argument("--layers", type=int, default=3, help="transformer blocks (default: %(default)s)")
+    parser.add_argument(
+        "--minutes", type=float, help="stop this call after so many minutes; call again to go on"
+    )
+
+
+def train(args: argparse.Namespace, card: dict[str, object], progress: Callable[[int, int], None]) -> None:
+    """Train, then score what was written on the corpus's test clips."""
+    from .. import checkpoint
+    from ..fingers.config import FingerConfig, FingerTraining
+    from ..fingers.measure import measure_fingers
+    from ..fingers.train import train_fingers
+
+    config = FingerConfig(width=args.width, layers=args.layers)
+    training = FingerTraining(steps=args.steps, batch=args.batch, learning_rate=args.rate)
+    clips, tests = list(_clips(args.source, "train", config.frames)), []
+    recorded = list(_recordings(args.recordings, config.frames)) if args.recordings else []
+    model = train_fingers(
+        config,
+        training,
+        clips,
+        args.output,
+        recorded=recorded,
+        minutes=args.minutes,
+        card=card,
+        progress=progress,
+    )
+    tests = [clip for clip in _clips(args.source, "test", config.frames) if clip.is_alive.all()]
+    if tests:
+        scores = measure_fingers(model, tests)
+        model.save(args.output, checkpoint.read_card(args.output) | {"scores": scores})
+
+
+def _clips(source: Path, split: str, frames: int) -> "Iterator[FingerClip]":
+    """Clips of a split of a corpus; a folder of BVH files is all for training."""
+    if not (source / "manifest.json").is_file():
+        yield from _recordings(source, frames) if split == "train" else ()
+        return
+    from ..data import Corpus
+    from ..fingers.clips import finger_clip
+    from ..kinematics import HUMANOID, Motion
+    from ..timing import FRAME_RATE_HZ
+
+    corpus = Corpus(source)
+    for name in tqdm(corpus.names(split), desc="reading", unit="clip", leave=False):
+        stored = corpus.motion(name)
+        motion = Motion(HUMANOID, stored.rotations, stored.root, float(FRAME_RATE_HZ))
+        yield finger_clip(motion, at_least=frames)
+
+
+def _recordings(folder: Path, frames: int) -> "Iterator[FingerClip]":
+    """Every BVH below a folder whose rig is known; the others are named in the log."""
+    from ..fingers.clips import finger_clip
+    from ..kinematics import read_bvh
+
+    paths = sorted(folder.rglob("*.bvh"))
+    if not paths:
+        raise EchoAvatarError(f"{folder} holds neither a corpus nor .bvh files; give another folder")
+    left_out = []
+    for path in tqdm(paths, desc="reading", unit="clip", leave=False):
+        motion = read_bvh(path)
+        try:
+            yield finger_clip(motion, at_least=frames)
+        except MotionError:
+            left_out.append(path.name)
+    if left_out:
+        _log.warning("left out, their rigs are not known: %s", ", ".join(left_out))

@@ -1,0 +1,57 @@
+"""Motion as the finger model sees it: body features, both hands, and which of them live."""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from ..kinematics import HUMANOID, Motion
+from ..kinematics.resample import resample
+from ..kinematics.retarget import retarget
+from ..kinematics.rotations import angle_between
+from ..timing import FRAME_RATE_HZ
+from .body import body_features
+from .hands import BONES, FINGERS, hand_poses
+
+FROZEN_DEG_S = 1.0  # fingers that turn less in the mean are not captured but left as they were
+
+
+class FingerClip(NamedTuple):
+    """A clip on our rig at 30 frames per second."""
+
+    body: Float[Tensor, "t c"]
+    hands: Float[Tensor, "t 2 d"]  # left, and right mirrored (`hand_poses`)
+    is_alive: Bool[Tensor, " 2"]  # whose fingers move
+
+
+def finger_clip(motion: Motion, *, at_least: int = 1) -> FingerClip:
+    """Features of a motion of any rig; one shorter than `at_least` frames runs there and back until it is long enough.
+
+    Raises:
+        MotionError: the rig's joint names are not known.
+    """
+    own = on_our_rig(motion)
+    back_and_forth = np.arange(max(own.frames, at_least)) % max(1, 2 * own.frames - 2)
+    at = np.minimum(back_and_forth, 2 * own.frames - 2 - back_and_forth)
+    own = replace(own, rotations=own.rotations[at], root=own.root[at])
+    turns = own.matrices()
+    fingers = turns[:, list(FINGERS)]
+    body = body_features(turns, torch.from_numpy(own.root))
+    speeds = turning_speeds(fingers, FRAME_RATE_HZ).reshape(2, BONES).mean(1)
+    return FingerClip(body, hand_poses(fingers), speeds > FROZEN_DEG_S)
+
+
+def on_our_rig(motion: Motion) -> Motion:
+    """The motion on `HUMANOID` at 30 frames per second; feet are not settled, the model does not see them."""
+    is_ours = motion.skeleton.names == HUMANOID.names
+    return resample(motion if is_ours else retarget(motion, has_footing=False), float(FRAME_RATE_HZ))
+
+
+def turning_speeds(rotations: Float[Tensor, "t j 3 3"], fps: float) -> Float[Tensor, " j"]:
+    """Mean speed at which each joint turns, degrees per second; 0 for a single frame."""
+    if len(rotations) < 2:
+        return torch.zeros(rotations.shape[1])
+    return torch.rad2deg(angle_between(rotations[:-1], rotations[1:])).mean(0) * fps

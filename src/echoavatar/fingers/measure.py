@@ -1,0 +1,131 @@
+"""How good refined fingers are: against held-out truth, beside what the mean pose and frozen fingers score.
+
+Errors alone reward the mean pose, so the liveliness (speed, spread), the share of the truth's ups and downs that is hit
+(correlation of curl) and the distance between the two sets of poses (Frechet) stand beside them.
+"""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from scipy.linalg import sqrtm
+from torch import Tensor
+
+from ..kinematics import HUMANOID, forward_kinematics
+from ..kinematics.rotations import angle_between
+from ..timing import FRAME_RATE_HZ
+from .clips import FingerClip
+from .hands import FINGERS, HandBasis, finger_rotations, hand_poses
+from .model import FingerModel
+from .refine import smoothed
+from .sample import STEPS, sample_hands
+
+_TIPS = {
+    HUMANOID.index(name): tip for name, tip in HUMANOID.config.tips.items() if HUMANOID.index(name) in FINGERS
+}
+_HANDS = HUMANOID.indices(("leftHand", "rightHand"))
+
+
+def measure_fingers(
+    model: FingerModel,
+    clips: Sequence[FingerClip],
+    *,
+    seed: int = 0,
+    steps: int = STEPS,
+    progress: Callable[[int, int], None] | None = None,
+) -> dict[str, dict[str, float]]:
+    """Scores of held-out clips by what made the fingers: the model, its mean answer, the mean pose, flat hands.
+
+    Both hands are made from the body alone. `truth` holds the truth's own liveliness.
+    """
+    alive = [clip for clip in clips if bool(clip.is_alive.all())]
+    if not alive:
+        raise ValueError("no clip whose fingers move on both hands")
+    made: dict[str, list[Tensor]] = {"model": [], "model, one step": [], "mean pose": [], "flat hands": []}
+    truths = [finger_rotations(clip.hands) for clip in alive]
+    flat = torch.eye(3).expand(1, len(FINGERS), 3, 3)
+    for done, (clip, truth) in enumerate(zip(alive, truths, strict=True), 1):
+        for name, count in (("model", steps), ("model, one step", 1)):
+            none = torch.zeros(len(clip.body), 2, dtype=torch.bool)
+            blank = torch.zeros(len(clip.body), 2, model.config.poses)
+            hands = sample_hands(model, clip.body, blank, none, seed=seed, steps=count)
+            made[name].append(finger_rotations(smoothed(model.basis.decode(hands).numpy())))
+        made["mean pose"].append(finger_rotations(model.hand_mean.expand(1, 2, -1)).expand_as(truth))
+        made["flat hands"].append(flat.expand_as(truth))
+        if progress is not None:
+            progress(done, len(alive))
+    scores = {name: compare(guesses, truths, model.basis) for name, guesses in made.items()}
+    own = liveliness(truths)
+    return scores | {"truth": {key: round(value, 3) for key, value in own.items()}}
+
+
+def compare(
+    guesses: Sequence[Float[Tensor, "t 30 3 3"]],
+    truths: Sequence[Float[Tensor, "t 30 3 3"]],
+    basis: HandBasis,
+) -> dict[str, float]:
+    """Scores of guessed against true fingers, clip by clip; units in the names."""
+    guess, truth = torch.cat(list(guesses)), torch.cat(list(truths))
+    error = torch.rad2deg(angle_between(guess, truth)).mean()
+    tips = (fingertips(guess) - fingertips(truth)).norm(dim=-1).mean()
+    numbers = {
+        "error_deg": float(error),
+        "tip_error_cm": 100 * float(tips),
+        "curl_correlation": _correlation(curl(guess), curl(truth)),
+        "frechet": _frechet(_plain(basis, guess), _plain(basis, truth)),
+    }
+    return {key: round(value, 3) for key, value in (numbers | liveliness(guesses)).items()}
+
+
+def liveliness(clips: Sequence[Float[Tensor, "t 30 3 3"]]) -> dict[str, float]:
+    """Speed of the fingers and spread of their poses, without regard to any truth."""
+    speeds = torch.cat([torch.rad2deg(angle_between(clip[:-1], clip[1:])).flatten() for clip in clips])
+    fingers = torch.cat(list(clips))
+    mean = finger_rotations(hand_poses(fingers).mean(0))
+    spread = torch.rad2deg(angle_between(fingers, mean.expand_as(fingers))).square().mean().sqrt()
+    numbers = speeds.numpy() * FRAME_RATE_HZ
+    return {
+        "speed_mean_deg_s": float(numbers.mean()),
+        "speed_p95_deg_s": float(np.percentile(numbers, 95)),
+        "spread_deg": float(spread),
+    }
+
+
+def fingertips(fingers: Float[Tensor, "t 30 3 3"]) -> Float[Tensor, "t 10 3"]:
+    """Places of the tips of thumb to little finger, left then right, relative to their hand, metres."""
+    turns = torch.eye(3).expand(len(fingers), HUMANOID.joints, 3, 3).clone()
+    turns[:, list(FINGERS)] = fingers
+    pose = forward_kinematics(HUMANOID, turns, torch.zeros(len(fingers), 3))
+    joints = sorted(_TIPS)
+    ends = torch.tensor([_TIPS[joint] for joint in joints])[..., None]
+    places = pose.positions[:, joints] + (pose.rotations[:, joints] @ ends).squeeze(-1)
+    return places - pose.positions[:, _HANDS].repeat_interleave(len(joints) // 2, 1)
+
+
+def curl(fingers: Float[Tensor, "t 30 3 3"]) -> Float[Tensor, "t 2"]:
+    """How far each hand is closed: mean distance of its four fingertips from their place on the flat hand, metres."""
+    flat = fingertips(torch.eye(3).expand(1, len(FINGERS), 3, 3))
+    gone = (fingertips(fingers) - flat).norm(dim=-1).reshape(-1, 2, 5)
+    closed: Tensor = gone[..., 1:].mean(-1)
+    return closed
+
+
+def _correlation(a: Float[Tensor, "t 2"], b: Float[Tensor, "t 2"]) -> float:
+    """Pearson, mean of both hands; 0 where one of the two stands still."""
+    a, b = a - a.mean(0), b - b.mean(0)
+    size = a.norm(dim=0) * b.norm(dim=0)
+    return float(torch.where(size > 1e-6, (a * b).sum(0) / size.clamp_min(1e-6), 0.0).mean())
+
+
+def _plain(basis: HandBasis, fingers: Tensor) -> Float[np.ndarray, "n k"]:
+    """Coordinates of every single hand, not whitened (units of 6D)."""
+    coordinates = (basis.encode(hand_poses(fingers)) * basis.scale).flatten(0, 1)
+    return np.asarray(coordinates.double().numpy())
+
+
+def _frechet(a: Float[np.ndarray, "n k"], b: Float[np.ndarray, "m k"]) -> float:
+    """Distance between the normal distributions fitted to two sets of poses."""
+    one, two = (np.cov(x, rowvar=False) for x in (a, b))
+    middle = np.real(sqrtm(one @ two + 1e-12 * np.eye(len(one))))
+    return float(np.square(a.mean(0) - b.mean(0)).sum() + np.trace(one + two - 2 * middle))

@@ -1,0 +1,113 @@
+"""What a finger model learns from: windows of clips, noise on the hands, and the error of what is seen behind it.
+
+Everything random in a step follows from the seed and the step's number.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from .body import mirror_body
+from .clips import FingerClip
+from .config import FingerTraining
+from .model import FingerModel
+
+
+class FingerBatch(NamedTuple):
+    """Windows: normalised body, hand coordinates, and whose fingers move."""
+
+    body: Float[Tensor, "b t c"]
+    hands: Float[Tensor, "b t 2 k"]
+    is_alive: Bool[Tensor, "b 2"]
+
+
+class FingerSampler:
+    """Windows of groups of clips, half of them mirrored; the same for the same seed and step."""
+
+    def __init__(
+        self,
+        model: FingerModel,
+        groups: Sequence[Sequence[FingerClip]],
+        shares: Sequence[float],
+        *,
+        seed: int,
+    ) -> None:
+        """`groups` of clips of at least a window's length, drawn from in `shares`."""
+        frames = model.config.frames
+        clips = [clip for group in groups for clip in group]
+        self._shares, self._seed, self._frames = torch.tensor(shares), seed, frames
+        self._model, self._body = model, torch.cat([clip.body for clip in clips])
+        self._hands = torch.cat([model.basis.encode(clip.hands) for clip in clips])
+        self._alive = torch.stack([clip.is_alive for clip in clips])
+        ends = torch.tensor([len(clip.body) for clip in clips]).cumsum(0).tolist()
+        starts = [
+            torch.arange(end - len(clip.body), end - frames + 1)
+            for clip, end in zip(clips, ends, strict=True)
+        ]
+        numbers = iter(range(len(clips)))
+        members = [[next(numbers) for _ in group] for group in groups]
+        self._starts = [torch.cat([starts[i] for i in group]) for group in members]
+        self._owners = [torch.cat([torch.full((len(starts[i]),), i) for i in group]) for group in members]
+
+    def batch(self, step: int, rows: int) -> FingerBatch:
+        """The windows of one step."""
+        random = torch.Generator().manual_seed(self._seed * 1_000_003 + step)
+        groups = torch.multinomial(self._shares, rows, replacement=True, generator=random)
+        places = torch.rand(rows, generator=random)
+        first, owner = torch.zeros(2, rows, dtype=torch.int64)
+        for row, group in enumerate(groups.tolist()):
+            at = int(places[row] * len(self._starts[group]))
+            first[row], owner[row] = self._starts[group][at], self._owners[group][at]
+        window = first[:, None] + torch.arange(self._frames)
+        body, hands, alive = self._body[window], self._hands[window], self._alive[owner]
+        is_flipped = torch.rand(rows, generator=random) < 0.5
+        body = torch.where(is_flipped[:, None, None], mirror_body(body), body)
+        hands = torch.where(is_flipped[:, None, None, None], hands.flip(2), hands)
+        alive = torch.where(is_flipped[:, None], alive.flip(1), alive)
+        return FingerBatch(self._model.normalize_body(body), hands, alive)
+
+
+def denoising_loss(
+    model: FingerModel, batch: FingerBatch, training: FingerTraining, random: torch.Generator
+) -> Float[Tensor, ""]:
+    """Squared error of clean hands seen behind noise, and of their steps from frame to frame, where unknown and alive.
+
+    Hands that do not move in the clip are neither shown nor learned from.
+    """
+    rows, frames = batch.hands.shape[:2]
+
+    def uniform(*shape: int) -> Tensor:
+        return torch.rand(*shape, generator=random)
+
+    level = torch.where(uniform(rows) < training.pure_noise, 1.0, uniform(rows).sqrt())
+    given = (uniform(rows) < training.one_known).long() * (1 + (uniform(rows) < 0.5).long())  # 0 none, 1, 2
+    is_known = (given[:, None] == torch.tensor([1, 2])) & batch.is_alive
+    noise = torch.randn(batch.hands.shape, generator=random)
+    share = torch.where(batch.is_alive, level[:, None], 1.0)[:, None, :, None]
+    noisy = (1 - share) * batch.hands + share * noise
+    shown = is_known[:, None].expand(rows, frames, 2)
+    seen = torch.where(shown[..., None], batch.hands, noisy)
+    error = model(seen, shown, level, _disturbed(batch.body, training, random)) - batch.hands
+    weight = (batch.is_alive & ~is_known).float()[:, None, :, None]
+    total = (weight.sum() * error.shape[-1]).clamp_min(1)
+    still = (weight * error.square()).sum() / frames
+    steps = (weight * error.diff(dim=1).square()).sum() / max(1, frames - 1)
+    loss: Tensor = (still + training.speed_weight * steps) / total
+    return loss
+
+
+def _disturbed(
+    body: Float[Tensor, "b t c"], training: FingerTraining, random: torch.Generator
+) -> Float[Tensor, "b t c"]:
+    """Bodies with noise, and with offsets that last a window.
+
+    Clips are few and of few people; without this a body that stands otherwise always gets the same hands.
+    """
+    rows, _, channels = body.shape
+    chance = torch.rand(2, rows, 1, 1, generator=random)
+    flicker = training.body_noise * chance[0] * torch.randn(body.shape, generator=random)
+    offset = training.body_offset * chance[1] * torch.randn(rows, 1, channels, generator=random)
+    return body + flicker + offset

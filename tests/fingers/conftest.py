@@ -1,0 +1,36 @@
+"""One tiny model for the room, trained for some seconds."""
+
+from pathlib import Path
+
+import pytest
+from tests.fingers.moving import TINY, waving
+
+from echoavatar.fingers import FingerModel
+from echoavatar.fingers.clips import finger_clip
+from echoavatar.fingers.config import FingerTraining
+from echoavatar.fingers.train import train_fingers
+
+
+@pytest.fixture(scope="session")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of a model that knows: hands close as arms rise."""
+    folder = tmp_path_factory.mktemp("fingers")
+    clips = [finger_clip(waving(seed=seed)) for seed in range(8)]
+    training = FingerTraining(
+        steps=250,
+        batch=16,
+        warmup=10,
+        learning_rate=5e-3,
+        save_every=1000,
+        recorded=0.0,
+        body_noise=0.02,
+        body_offset=0.0,
+    )
+    train_fingers(TINY, training, clips, folder, card={"data": "waving bodies"})
+    return folder
+
+
+@pytest.fixture(scope="session")
+def model(trained: Path) -> FingerModel:
+    """The same, loaded."""
+    return FingerModel.load(trained)

@@ -1,0 +1,60 @@
+import json
+from pathlib import Path
+
+import pytest
+import torch
+from tests.fingers.moving import QUICK, TINY, waving
+
+from echoavatar.checkpoint import read_card
+from echoavatar.errors import CheckpointError, MotionError
+from echoavatar.fingers.clips import finger_clip
+from echoavatar.fingers.train import RESUME, FingerTrainer, train_fingers
+
+
+def losses(folder: Path) -> list[float]:
+    return [json.loads(line)["loss"] for line in (folder / "metrics.jsonl").read_text().splitlines()]
+
+
+def test_a_killed_run_repeats_the_curve_it_would_have_had(tmp_path: Path) -> None:
+    clips, recorded = [finger_clip(waving())], [finger_clip(waving(30, 1))]
+    whole = train_fingers(TINY, QUICK, clips, tmp_path / "whole", recorded=recorded)
+    trainer = FingerTrainer(TINY, QUICK, clips, recorded)
+    for _ in range(3):
+        trainer.step()
+    trainer.save(tmp_path / "cut")
+    cut = train_fingers(TINY, QUICK, clips, tmp_path / "cut", recorded=recorded, card={"data": "waving"})
+    assert losses(tmp_path / "cut") == losses(tmp_path / "whole")[3:]
+    for key, value in whole.state_dict().items():
+        assert torch.equal(cut.state_dict()[key], value), key
+    card = read_card(tmp_path / "cut")
+    assert (card["data"], card["kind"], card["step"]) == ("waving", "fingers", 6)
+
+
+def test_another_schedule_or_size_or_a_damaged_file_is_refused(tmp_path: Path) -> None:
+    clips = [finger_clip(waving(20))]
+    FingerTrainer(TINY, QUICK, clips).save(tmp_path)
+    with pytest.raises(CheckpointError, match="other settings"):
+        train_fingers(TINY, QUICK.model_copy(update={"seed": 1}), clips, tmp_path)
+    with pytest.raises(CheckpointError, match="another config"):
+        train_fingers(TINY.model_copy(update={"width": 64}), QUICK, clips, tmp_path)
+    (tmp_path / RESUME).write_bytes(b"nonsense")
+    with pytest.raises(CheckpointError, match="delete it"):
+        train_fingers(TINY, QUICK, clips, tmp_path)
+
+
+def test_time_runs_out_and_the_run_goes_on_later(tmp_path: Path) -> None:
+    clips = [finger_clip(waving(20))]
+    train_fingers(TINY, QUICK, clips, tmp_path, minutes=0.0)
+    assert losses(tmp_path) == []
+    train_fingers(TINY, QUICK, clips, tmp_path)
+    assert len(losses(tmp_path)) == 6
+
+
+def test_clips_whose_fingers_stand_still_teach_nothing() -> None:
+    with pytest.raises(MotionError, match="no clip has fingers that move"):
+        FingerTrainer(TINY, QUICK, [finger_clip(waving(still=("left", "right")))])
+
+
+def test_it_learned_something(trained: Path) -> None:
+    curve = losses(trained)
+    assert sum(curve[-20:]) < 0.5 * sum(curve[:20])
