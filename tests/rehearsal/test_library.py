@@ -88,6 +88,13 @@ def test_what_is_neither_talk_nor_dance_is_left_out(folder: Path) -> None:
         load_library(folder)
 
 
+def test_frozen_hands_get_fingers_if_asked(folder: Path) -> None:
+    """The talk comes with flat hands that never move; refined they live, and the arm is the same."""
+    plain, refined = (load_library(folder, is_refined=asked).speech[0] for asked in (False, True))
+    assert (plain.has_fingers, refined.has_fingers) == (False, True)
+    assert np.array_equal(plain.motion.rotations[:, ARM], refined.motion.rotations[:, ARM])
+
+
 def test_a_library_without_music_leaves_music_alone(folder: Path) -> None:
     library = replace(load_library(folder), dance=())
     plain = motion(600, np.zeros(600))

@@ -49,6 +49,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     rehearse.add_argument("--library", type=Path, help="folder of recorded BVH clips to weave in")
     rehearse.add_argument(
+        "--refine-fingers",
+        action="store_true",
+        help="give clips of the library whose fingers stand still new ones",
+    )
+    rehearse.add_argument(
         "--recordings", type=Path, help="folder of recorded audio; paths containing 'music' are danced to"
     )
     rehearse.add_argument(
@@ -90,6 +95,7 @@ def _rehearse(args: argparse.Namespace) -> int:
         library=args.library,
         recordings=args.recordings,
         soundfont=args.soundfont,
+        refine_fingers=args.refine_fingers,
     )
     with tqdm(total=plan.clips, unit="clip") as bar:
         made = rehearse(plan, workers=args.workers, progress=lambda done, _: bar.update(done - bar.n))

@@ -13,7 +13,7 @@ from ..errors import EchoAvatarError, MotionError
 if TYPE_CHECKING:
     from ..fingers.clips import FingerClip
 
-EXAMPLES = """SOURCE: a corpus (`echoavatar data rehearse`) or a folder of BVH files; frozen fingers are not learned from.
+EXAMPLES = """SOURCE: a corpus (`echoavatar data rehearse`) or a folder of BVH; frozen fingers are not learned from.
 examples:
   echoavatar train fingers corpus -o runs/fingers                            25 minutes on a laptop's core
   echoavatar train fingers corpus --recordings takes -o runs/fingers         three windows in ten from recorded takes

@@ -44,6 +44,7 @@ class Plan:
     recordings: Path | None = None
     soundfont: Path | None = None
     clip_seconds: float = CLIP_SECONDS
+    refine_fingers: bool = False  # of recorded motion whose fingers do not move
 
     @property
     def clips(self) -> int:
@@ -80,6 +81,7 @@ def rehearse(plan: Plan, *, workers: int = 1, progress: Callable[[int, int], Non
             "seed": plan.seed,
             "clip_seconds": plan.clip_seconds,
             "library": plan.library.name if plan.library else None,
+            "refine_fingers": plan.refine_fingers,
             "soundfont": plan.soundfont.name if plan.soundfont else None,
             "recordings": plan.recordings.name if plan.recordings else None,
         },
@@ -96,7 +98,7 @@ def make_clip(plan: Plan, index: int) -> Clip:
     rotations, root = solve(controls)
     if plan.library is not None:
         motion = Motion(HUMANOID, rotations, root, float(FRAME_RATE_HZ))
-        woven = weave(_library(plan.library), track, motion, seed)
+        woven = weave(_library(plan.library, plan.refine_fingers), track, motion, seed)
         rotations, root = woven.rotations, woven.root
     frames = min(len(rotations), len(track.audio) // SAMPLES_PER_FRAME)
     return Clip(
@@ -146,8 +148,8 @@ def _recorded_track(recordings: Mapping[str, Sequence[Path]], seconds: float, se
 
 
 @cache
-def _library(folder: Path) -> Library:
-    return load_library(folder)
+def _library(folder: Path, is_refined: bool) -> Library:
+    return load_library(folder, is_refined=is_refined)
 
 
 @cache

@@ -19,6 +19,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.signal import find_peaks
 
 from ..errors import MotionError
+from ..fingers import load_shipped, refine_fingers
 from ..kinematics import HUMANOID, Motion, read_bvh
 from ..kinematics.resample import resample
 from ..kinematics.retarget import retarget
@@ -63,13 +64,13 @@ class Library:
     dance: tuple[Piece, ...]
 
 
-def load_library(folder: Path) -> Library:
-    """Read, retarget and resample every usable BVH below `folder`.
+def load_library(folder: Path, *, is_refined: bool = False) -> Library:
+    """Read, retarget and resample every usable BVH below `folder`; `is_refined` gives frozen hands new fingers.
 
     Raises:
         MotionError: the folder holds nothing usable, or a usable file is broken.
     """
-    pieces = [_piece(path) for path in sorted(folder.rglob("*.bvh")) if _kind(path.stem)]
+    pieces = [_piece(path, is_refined) for path in sorted(folder.rglob("*.bvh")) if _kind(path.stem)]
     if not pieces:
         wanted = ", ".join(SPEECH_NAMES + DANCE_NAMES)
         raise MotionError(
@@ -103,10 +104,13 @@ def _kind(name: str) -> Literal["speech", "dance"] | None:
     return "speech" if any(word in name for word in SPEECH_NAMES) else None
 
 
-def _piece(path: Path) -> Piece:
+def _piece(path: Path, is_refined: bool) -> Piece:
     kind = _kind(path.stem)
     assert kind is not None
-    motion = _calmed(resample(retarget(read_bvh(path)), FRAME_RATE_HZ), is_loop=kind == "dance")
+    motion = resample(retarget(read_bvh(path)), FRAME_RATE_HZ)
+    if is_refined:
+        motion = refine_fingers(load_shipped(), motion, hands="frozen")
+    motion = _calmed(motion, is_loop=kind == "dance")
     fingers = motion.rotations[:, list(HUMANOID.config.parts["hands"])]
     upper = torch.from_numpy(motion.rotations[:, list(HUMANOID.config.parts["upper"])])
     turned = axis_angle_from_quaternion(quaternion_multiply(quaternion_conjugate(upper[:-1]), upper[1:]))
