@@ -17,8 +17,8 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("fingers")
     clips = [finger_clip(waving(seed=seed)) for seed in range(8)]
     training = FingerTraining(
-        steps=250,
-        batch=16,
+        steps=200,
+        batch=8,
         warmup=10,
         learning_rate=5e-3,
         save_every=1000,

@@ -166,12 +166,14 @@ def train_fingers(
 
 def _measure(model: FingerModel, groups: Sequence[Sequence[FingerClip]]) -> None:
     """Statistics in which every group has the same say, however long its clips."""
-    hands, bodies = [], []
-    for group in groups:
-        alive = torch.cat([clip.hands[:, clip.is_alive].flatten(0, 1) for clip in group])
-        body = torch.cat([clip.body for clip in group])
-        at, rows = (torch.linspace(0, len(x) - 1, 20_000).long() for x in (alive, body))
-        hands.append(alive[at])
-        bodies += [body[rows], mirror_body(body[rows])]
-    body = torch.cat(bodies)
-    model.measure(fit_basis(torch.cat(hands), model.config.poses), body.mean(0), body.std(0))
+    alive = [torch.cat([clip.hands[:, clip.is_alive].flatten(0, 1) for clip in group]) for group in groups]
+    bodies = [torch.cat([clip.body for clip in group]) for group in groups]
+    hands, body = torch.cat(_evened(alive)), torch.cat(_evened(bodies))
+    body = torch.cat([body, mirror_body(body)])
+    model.measure(fit_basis(hands, model.config.poses), body.mean(0), body.std(0))
+
+
+def _evened(groups: Sequence[Tensor]) -> list[Tensor]:
+    """As many rows of each, evenly spaced: those of the longest, 20,000 at most."""
+    count = min(20_000, max(len(rows) for rows in groups))
+    return [rows[torch.linspace(0, len(rows) - 1, count).long()] for rows in groups]
