@@ -13,6 +13,9 @@ from tqdm import tqdm
 from ..errors import EchoAvatarError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from ..evaluation.acting import Acted
     from ..pipeline import Bundle
 
 
@@ -47,6 +50,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="measure the lips instead: against phones, and recordings' loudness",
     )
+    parser.add_argument(
+        "--actions",
+        action="store_true",
+        help="measure the actions instead: how far from its clip the body is without each, and with it",
+    )
+    parser.add_argument(
+        "--pictures", type=Path, metavar="PNG", help="with --actions: the body at the height of each"
+    )
     parser.add_argument("--seed", type=int, default=0, help="of the sampling (default: %(default)s)")
 
 
@@ -58,6 +69,8 @@ def run(args: argparse.Namespace) -> int:
     bundle = load_bundle(args.model)
     if args.face:
         return _face(args, bundle)
+    if args.actions:
+        return _actions(args, bundle)
     clips = _clips(args)
     if args.beside:
         from ..evaluation.reliance import reliance_table, token_clips
@@ -101,6 +114,40 @@ def _face(args: argparse.Namespace, bundle: "Bundle") -> int:
         print(f"{key:<44}{value:>12.4f}")
     print(json.dumps({k: round(v, 5) if math.isfinite(v) else None for k, v in scores._asdict().items()}))
     return 0
+
+
+def _actions(args: argparse.Namespace, bundle: "Bundle") -> int:
+    from importlib.resources import as_file, files
+
+    from ..audio import read_audio
+    from ..evaluation.acting import evaluate_actions
+    from ..pipeline import Pipeline
+
+    with as_file(files("echoavatar") / "assets" / "speech.ogg") as source:
+        speech = read_audio(source)
+    acted = evaluate_actions(Pipeline(bundle), speech, seed=args.seed)
+    print(f"{'action':<20}{'off, cm':>10}{'on, cm':>10}{'deg/s':>8}  points its clip moves")
+    for one in acted:
+        points = ", ".join(one.points[-4:]) + (" .." if len(one.points) > 4 else "")
+        print(f"{one.name:<20}{one.off_cm:>10.1f}{one.on_cm:>10.1f}{one.fastest_deg_s:>8.0f}  {points}")
+    if args.pictures:
+        _picture(args.pictures, acted)
+    numbers = {one.name: [round(one.off_cm, 2), round(one.on_cm, 2)] for one in acted}
+    print(json.dumps({"off_on_cm": numbers, "closer": sum(on < off for off, on in numbers.values())}))
+    return 0
+
+
+def _picture(path: Path, acted: "Sequence[Acted]") -> None:
+    from ..avatar.sheet import contact_sheet, save_picture
+    from ..kinematics import Motion
+
+    rotations, root = (
+        np.stack([getattr(one.motion, part)[one.peak] for one in acted]) for part in ("rotations", "root")
+    )
+    root[:, [0, 2]] = 0
+    motion = Motion(acted[0].motion.skeleton, rotations, root, 30.0)
+    columns = min(5, len(acted))
+    save_picture(path, contact_sheet(motion, columns=columns, rows=-(-len(acted) // columns), every=1))
 
 
 def _clips(args: argparse.Namespace) -> list:  # type: ignore[type-arg]

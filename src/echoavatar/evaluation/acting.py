@@ -1,0 +1,102 @@
+"""Does an action do what its clip shows? Each one on and off over the same speech with the same seed.
+
+Measured in the hips' frame on the points that the reference clip moves (joints, and a nose that shows where the head is
+turned): how far they are from where the clip has them, in centimetres, without the action and with it, over the stretch
+of the clip that makes it what it is. The generated body may lag by up to a third of a second. Not in the paper.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Float
+
+from ..engine import Engine
+from ..kinematics import Motion, Skeleton
+from ..kinematics.rotations import matrix_from_quaternion
+from ..pipeline import MotionChunk, Pipeline
+from ..pipeline.motion_chunk import join
+from ..rehearsal.action_clips import SCRIPTS, clip
+from ..timing import CHUNK_SAMPLES, FRAME_RATE_HZ, SAMPLES_PER_FRAME
+
+BEGIN_CHUNKS = 8  # of speech before the action
+NOSE_M = 0.25  # ahead of the head
+MOVED_M = 0.05  # a point that the clip moves further than this is one that matters
+LATEST_FRAMES = 10
+
+Points = Float[np.ndarray, "t p 3"]
+
+
+class Acted(NamedTuple):
+    """One action: mean distance of the points that matter from the clip's, and the whole motion with it."""
+
+    name: str
+    points: tuple[str, ...]  # that the clip moves
+    off_cm: float
+    on_cm: float
+    fastest_deg_s: float  # joint, while it comes, lasts and goes
+    motion: Motion
+    peak: int  # frame of the motion in the middle of the action's hold
+
+
+def evaluate_actions(
+    pipeline: Pipeline, audio: Float[np.ndarray, " s"], names: Sequence[str] = (), *, seed: int = 0
+) -> list[Acted]:
+    """All actions of the bundle that have a reference clip of ours (or those of `names`), in one batch."""
+    chosen = list(names) or [name for name in SCRIPTS if name in pipeline.actions]
+    longest = max(pipeline.actions[name].chunks for name in chosen)
+    samples = (BEGIN_CHUNKS + longest + 4) * CHUNK_SAMPLES
+    sound = np.resize(audio, samples)
+    engine = Engine(pipeline, seats=len(chosen) + 1, rewind=0)
+    sessions = [engine.open(seed=seed) for _ in range(len(chosen) + 1)]
+    made: list[list[MotionChunk]] = [[] for _ in sessions]
+    for number in range(samples // CHUNK_SAMPLES):
+        if number == BEGIN_CHUNKS:
+            for session, name in zip(sessions[1:], chosen, strict=True):
+                session.act(name)
+        for session in sessions:
+            session.push(sound[number * CHUNK_SAMPLES : (number + 1) * CHUNK_SAMPLES])
+        engine.tick()
+        for chunks, session in zip(made, sessions, strict=True):
+            chunks.extend(session)
+    off, *on = (_motion(pipeline.skeleton, chunks) for chunks in made)
+    return [_acted(name, off, motion) for name, motion in zip(chosen, on, strict=True)]
+
+
+def _acted(name: str, off: Motion, on: Motion) -> Acted:
+    script = SCRIPTS[name]
+    wanted = body_points(clip(script))
+    begin = BEGIN_CHUNKS * CHUNK_SAMPLES // SAMPLES_PER_FRAME
+    moved = np.linalg.norm(wanted - wanted[:1], axis=-1).max(0) > MOVED_M
+    if not moved.any():  # to stand at ease concerns all of the body
+        moved[:] = True
+    first, last = (round(second * FRAME_RATE_HZ) for second in script.hold)
+    span = wanted[first:last, moved]
+
+    def distance(motion: Motion) -> float:
+        points = body_points(motion)[:, moved]
+        starts = range(begin + first, begin + first + LATEST_FRAMES + 1)
+        far = [np.linalg.norm(points[at : at + len(span)] - span, axis=-1).mean() for at in starts]
+        return 100 * float(min(far))
+
+    turns = np.abs((on.rotations[1:] * on.rotations[:-1]).sum(-1)).clip(0, 1)
+    fastest = float(np.degrees(2 * np.arccos(turns[begin - 1 :])).max() * FRAME_RATE_HZ)
+    names = (*on.skeleton.names, "nose")
+    points = tuple(names[at] for at in np.flatnonzero(moved))
+    return Acted(name, points, distance(off), distance(on), fastest, on, begin + (first + last) // 2)
+
+
+def body_points(motion: Motion) -> Points:
+    """Joints and nose in the hips' frame, metres."""
+    skeleton, pose = motion.skeleton, motion.pose()
+    positions, head = pose.positions.numpy(), skeleton.index("head")
+    ahead = pose.rotations[:, head].numpy() @ np.array([0, 0, NOSE_M], np.float32)
+    points = np.concatenate([positions, (positions[:, head] + ahead)[:, None]], axis=1) - positions[:, :1]
+    hips = matrix_from_quaternion(torch.from_numpy(motion.rotations[:, 0])).numpy()
+    return np.asarray(points @ hips)
+
+
+def _motion(skeleton: Skeleton, chunks: Sequence[MotionChunk]) -> Motion:
+    whole = join(chunks)
+    return Motion(skeleton, whole.rotations, whole.root, float(FRAME_RATE_HZ))

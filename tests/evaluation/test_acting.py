@@ -1,0 +1,53 @@
+import numpy as np
+import pytest
+
+from echoavatar.evaluation.acting import BEGIN_CHUNKS, _acted, body_points, evaluate_actions
+from echoavatar.kinematics import Motion
+from echoavatar.pipeline import Pipeline, load_bundle
+from echoavatar.rehearsal.action_clips import SCRIPTS, clip
+from echoavatar.timing import CHUNK_FRAMES
+
+
+def then(first: Motion, second: Motion) -> Motion:
+    rotations, root = (
+        np.concatenate([getattr(m, part) for m in (first, second)]) for part in ("rotations", "root")
+    )
+    return Motion(first.skeleton, rotations, root, first.fps)
+
+
+def still(motion: Motion, frames: int) -> Motion:
+    return Motion(
+        motion.skeleton, motion.rotations[:1].repeat(frames, 0), motion.root[:1].repeat(frames, 0), motion.fps
+    )
+
+
+def test_who_does_what_the_clip_shows_is_near_it_and_who_stands_is_not() -> None:
+    wanted = clip(SCRIPTS["raise_left_hand"])
+    before = still(wanted, BEGIN_CHUNKS * CHUNK_FRAMES)
+    on, off = then(then(before, wanted), still(wanted, 40)), still(wanted, 200)
+    acted = _acted("raise_left_hand", off, on)
+    assert acted.on_cm < 0.1
+    assert acted.off_cm > 50
+    assert "leftHand" in acted.points
+    assert "rightHand" not in acted.points
+
+
+def test_points_do_not_depend_on_where_the_body_stands_and_faces() -> None:
+    motion = clip(SCRIPTS["wave"])
+    turned = Motion(motion.skeleton, motion.rotations.copy(), motion.root + 3, motion.fps)
+    half = np.array([np.cos(0.6), 0, np.sin(0.6), 0])
+    w, x, y, z = turned.rotations[:, 0].T
+    a, _, c, _ = half
+    turned.rotations[:, 0] = np.stack([a * w - c * y, a * x + c * z, a * y + c * w, a * z - c * x], -1)
+    np.testing.assert_allclose(body_points(turned), body_points(motion), atol=1e-5)
+
+
+def test_the_shipped_generator_raises_its_hands_when_told(voice: np.ndarray) -> None:
+    (acted,) = evaluate_actions(Pipeline(load_bundle("default")), voice, ["raise_both_hands"])
+    assert acted.on_cm < 0.5 * acted.off_cm
+    assert acted.fastest_deg_s < 1200
+
+
+@pytest.mark.parametrize("name", ["neutral", "agree"])
+def test_every_clip_has_points_to_judge_by(name: str) -> None:
+    assert _acted(name, still(clip(SCRIPTS[name]), 200), still(clip(SCRIPTS[name]), 200)).points
