@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 EXAMPLES = """SOURCE: a corpus (`echoavatar data rehearse`) or a folder of BVH; frozen fingers are not learned from.
 examples:
-  echoavatar train fingers corpus -o runs/fingers                            25 minutes on a laptop's core
+  echoavatar train fingers corpus -o runs/fingers                            about six minutes on a quiet core
   echoavatar train fingers corpus --recordings takes -o runs/fingers         three windows in ten from recorded takes
   echoavatar train fingers corpus -o runs/fingers --minutes 5                stop after five; call again to go on
 then: echoavatar refine-fingers in.bvh out.bvh --model runs/fingers
