@@ -11,6 +11,8 @@ import numpy as np
 
 from ..nn.compiled import ONE, ZERO, F, attend, compiled, gelu, silu
 
+ONE_THREAD = 2**18  # multiplications up to which OpenBLAS takes no further threads
+
 
 class Affine(NamedTuple):
     """x W + b, of one layer or of several."""
@@ -54,7 +56,7 @@ def run_frames(weights, keys_values, biases, past, heard, noise, last, steps, fr
     sessions = noise.shape[0]
     lookback = biases.shape[4] - 1
     one, x, y = np.empty((sessions, width), F), np.empty((rows, width), F), np.empty((rows, width), F)
-    qkv = np.empty((rows, 3 * width), F)
+    qkv, added = np.empty((rows, 3 * width), F), np.empty((rows, width), F)
     hidden = np.empty((rows, weights.up.weight.shape[2]), F)
     scores = np.empty(lookback + 1, F)
     face = last.copy()
@@ -77,11 +79,11 @@ def run_frames(weights, keys_values, biases, past, heard, noise, last, steps, fr
                     query, mixed = qkv[row, c : c + each], y[row, c : c + each]
                     bias = biases[layer, row, head, i]
                     attend(query, cache, c, cache, width + c, past + i - lookback, bias, scores, mixed)
-            _add_product(y, weights.project, layer, x)
+            _add_product(y, weights.project, layer, added, x)
             _normalise(x, F(1e-5), y)
             _product(y, weights.up, layer, hidden)
             _gelu(hidden)
-            _add_product(hidden, weights.down, layer, x)
+            _add_product(hidden, weights.down, layer, added, x)
         _normalise(x, F(1e-5), y)
         for session in range(sessions):
             for c in range(face.shape[1]):
@@ -135,18 +137,23 @@ def _sample(weights, normal, steps, face):  # type: ignore[no-untyped-def]
 
 @compiled()
 def _product(x, affine, layer, y):  # type: ignore[no-untyped-def]
-    np.dot(x, affine.weight[layer], y)
+    """Rows times W plus bias, in blocks that the BLAS does in the calling thread: its own would get in torch's way."""
+    weight = affine.weight[layer]
+    block = max(1, ONE_THREAD // weight.size)
+    for start in range(0, y.shape[0], block):
+        np.dot(x[start : start + block], weight, y[start : start + block])
     for row in range(y.shape[0]):
         for o in range(y.shape[1]):
             y[row, o] += affine.bias[layer, o]
 
 
 @compiled()
-def _add_product(x, affine, layer, y):  # type: ignore[no-untyped-def]
-    added = np.dot(x, affine.weight[layer])
+def _add_product(x, affine, layer, scratch, y):  # type: ignore[no-untyped-def]
+    """The same, added to y; `scratch` is as large as y."""
+    _product(x, affine, layer, scratch)
     for row in range(y.shape[0]):
         for o in range(y.shape[1]):
-            y[row, o] += added[row, o] + affine.bias[layer, o]
+            y[row, o] += scratch[row, o]
 
 
 @compiled()
