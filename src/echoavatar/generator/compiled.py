@@ -12,8 +12,10 @@ from typing import NamedTuple
 import numpy as np
 from torch import Tensor
 
-from ..nn.compiled import ONE, ZERO, F, attend, compiled, exponential, silu
+from ..nn.compiled import HALF, ONE, ZERO, F, attend, compiled, exponential, silu
 from .linear import Parts
+
+BISECTIONS = 40
 
 
 class Matrices(NamedTuple):
@@ -99,7 +101,7 @@ def _draw_codes(weights, hidden, keys, values, turns, draws, steering, codes):  
     qkv = np.empty((rows, weights.qkv.weight.shape[1]), F)
     gates = np.empty((rows, weights.gate_up.weight.shape[1]), F)
     inner = gates.shape[1] // 2
-    logits = np.empty((rows, draws.noise.shape[2]), F)
+    logits, shares = np.empty((rows, draws.noise.shape[2]), F), np.empty(draws.noise.shape[2], F)
     scores = np.empty(turns.bias.shape[2], F)
     for index in range(count):
         segment = index % segments
@@ -108,7 +110,9 @@ def _draw_codes(weights, hidden, keys, values, turns, draws, steering, codes):  
             _steer(logits, hidden, steering)
         for row in range(rows):
             sharpness = draws.sharpness[row, index % draws.sharpness.shape[1]]
-            codes[row, index] = _draw(logits[row], draws.noise[row, index], sharpness, draws.top_p[row])
+            codes[row, index] = _draw(
+                logits[row], draws.noise[row, index], sharpness, draws.top_p[row], shares
+            )
         if index == count - 1:
             return
         for row in range(rows):
@@ -151,9 +155,23 @@ def _draw_codes(weights, hidden, keys, values, turns, draws, steering, codes):  
 
 @compiled()
 def _product(x, matrices, layer, y):  # type: ignore[no-untyped-def]
-    """Rows times W; of x only as many columns as W has are read."""
+    """Rows times W, four outputs a pass; of x only as many columns as W has are read."""
     weight, scale, bias = matrices.weight[layer], matrices.scale[layer], matrices.bias[layer]
-    for o in range(weight.shape[0]):
+    outputs = weight.shape[0]
+    for o in range(0, outputs - 3, 4):
+        for row in range(x.shape[0]):
+            a, b, c, d = ZERO, ZERO, ZERO, ZERO
+            for i in range(weight.shape[1]):
+                v = x[row, i]
+                a += F(weight[o, i]) * v
+                b += F(weight[o + 1, i]) * v
+                c += F(weight[o + 2, i]) * v
+                d += F(weight[o + 3, i]) * v
+            y[row, o] = a * scale[o] + bias[o]
+            y[row, o + 1] = b * scale[o + 1] + bias[o + 1]
+            y[row, o + 2] = c * scale[o + 2] + bias[o + 2]
+            y[row, o + 3] = d * scale[o + 3] + bias[o + 3]
+    for o in range(outputs - outputs % 4, outputs):
         for row in range(x.shape[0]):
             total = ZERO
             for i in range(weight.shape[1]):
@@ -210,30 +228,38 @@ def _steer(logits, hidden, steering):  # type: ignore[no-untyped-def]
 
 
 @compiled()
-def _draw(logits, noise, sharpness, top_p):  # type: ignore[no-untyped-def]
-    """Gumbel's draw from the nucleus; see `sampling.nucleus`."""
+def _draw(logits, noise, sharpness, top_p, shares):  # type: ignore[no-untyped-def]
+    """Gumbel's draw from the nucleus; see `sampling.nucleus`. `shares` (K) is scratch."""
+    highest = F(-np.inf)
     for code in range(logits.shape[0]):
         logits[code] *= sharpness
-    least = F(-np.inf)
-    if top_p < ONE:
-        highest, total = logits[0], ZERO
-        for code in range(logits.shape[0]):
-            highest = max(highest, logits[code])
-        for code in range(logits.shape[0]):
-            total += exponential(logits[code] - highest)
-        mass, least, below = ZERO, highest, highest
-        while mass < top_p * total and below > F(-np.inf):  # from the likeliest down, equals together
-            least, below = below, F(-np.inf)
-            for code in range(logits.shape[0]):
-                if logits[code] == least:
-                    mass += exponential(least - highest)
-                elif logits[code] < least:
-                    below = max(below, logits[code])
+        highest = max(highest, logits[code])
+    total = ZERO
+    for code in range(logits.shape[0]):
+        shares[code] = exponential(logits[code] - highest)
+        total += shares[code]
+    least = _least_share(shares, top_p * total) if top_p < ONE else ZERO
     best, code_of_best = F(-np.inf), 0
     for code in range(logits.shape[0]):
-        if logits[code] >= least and logits[code] + noise[code] > best:
+        if shares[code] >= least and logits[code] + noise[code] > best:
             best, code_of_best = logits[code] + noise[code], code
     return code_of_best
+
+
+@compiled()
+def _least_share(shares, wanted):  # type: ignore[no-untyped-def]
+    """The largest bound that still keeps so much mass, by bisection: quicker than to sort."""
+    low, high = ZERO, F(1.5)
+    for _ in range(BISECTIONS):
+        middle = HALF * (low + high)
+        mass = ZERO
+        for code in range(shares.shape[0]):
+            mass += shares[code] if shares[code] >= middle else ZERO
+        if mass >= wanted:
+            low = middle
+        else:
+            high = middle
+    return low
 
 
 def stacked(parts: Sequence[Parts]) -> Matrices:
