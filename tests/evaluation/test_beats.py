@@ -42,3 +42,15 @@ def test_chance_is_below_the_score_of_aligned_motion() -> None:
     own, chance = beats.alignment_and_chance(events, [beats.speech_motion_beats(swing(p)) for p in periods])
     assert own > 0.9
     assert chance < 0.6
+
+
+def test_speed_around_events_tells_strokes_from_rests() -> None:
+    """A point that moves at 1 m/s for a sixth of a second before each event, and rests otherwise."""
+    frames, events = np.arange(600), np.arange(2, 18, 1.0)
+    moves = ((frames % 30) >= 25).astype(float) / 30
+    positions = np.zeros((600, 1, 3))
+    positions[:, 0, 0] = np.cumsum(moves)
+    before, after = (beats.speed_around(positions, events, span) for span in ((-0.13, -0.05), (0.2, 0.5)))
+    assert len(before) == 16
+    assert before.mean() > 4
+    assert after.max() < 0.1

@@ -71,6 +71,19 @@ def alignment_and_chance(
     return float(np.mean(own)) if own else float("nan"), float(np.mean(other)) if other else float("nan")
 
 
+def speed_around(
+    positions: Float[np.ndarray, "t j 3"], events: Float[np.ndarray, " n"], seconds: tuple[float, float]
+) -> Float[np.ndarray, " m"]:
+    """Mean joint speed between these times around each event, over its mean from a second before to a second after."""
+    speed = _speed(positions).mean(1)
+    first, last = (round(second * FRAME_RATE_HZ) for second in seconds)
+    at = np.round(np.asarray(events) * FRAME_RATE_HZ).astype(int)
+    at = at[(at >= FRAME_RATE_HZ) & (at + FRAME_RATE_HZ < len(speed))]
+    near = [speed[k + first : k + last + 1].mean() for k in at]
+    wide = [speed[k - FRAME_RATE_HZ : k + FRAME_RATE_HZ].mean() + 1e-6 for k in at]
+    return np.asarray(np.array(near) / np.array(wide))
+
+
 def speech_onsets(audio: Float[np.ndarray, " s"], rate: int) -> Float[np.ndarray, " n"]:
     """Acoustic onsets (s) by librosa's detector, as the paper does."""
     librosa = _librosa()

@@ -145,7 +145,27 @@ def beat_scores(
         for kind, times in events.items():
             own, chance = beats.alignment_and_chance(times, found[kind])
             scores[f"ba_{kind}{suffix}"], scores[f"ba_{kind}_chance{suffix}"] = own, chance
+        scores |= {key + suffix: value for key, value in _timing(clips, tracks, arms).items()}
     return scores
+
+
+def _timing(clips: Sequence[Clip], tracks: Sequence[Track], arms: Sequence[int]) -> dict[str, float]:
+    """Speed of the arms around stressed syllables over that after them; speed of the body on beats over its mean."""
+
+    def around(event: str, joints: slice | list[int], seconds: tuple[float, float]) -> float:
+        shares = [
+            beats.speed_around(
+                (track.positions - track.positions[:, :1])[:, joints],
+                clip.events.get(event, np.zeros(0)),
+                seconds,
+            )
+            for clip, track in zip(clips, tracks, strict=True)
+        ]
+        joined = np.concatenate(shares)
+        return float(joined.mean()) if len(joined) else float("nan")
+
+    stroke, after = (around("stress", list(arms), span) for span in ((-0.1, 0.07), (0.17, 0.43)))
+    return {"stroke_contrast": stroke / after, "beat_dip": around("beats", slice(None), (0.0, 0.04))}
 
 
 def recording_scores(
