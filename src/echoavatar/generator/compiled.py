@@ -83,8 +83,8 @@ def draw_codes(
     _draw_codes(
         weights,
         hidden.copy(),
-        tuple(keys),
-        tuple(values),
+        _padded(keys),
+        _padded(values),
         Turns(*map(np.ascontiguousarray, turns)),  # one memory layout, so one compilation
         Draws(*map(np.ascontiguousarray, draws)),
         steering,
@@ -260,6 +260,11 @@ def _least_share(shares, wanted):  # type: ignore[no-untyped-def]
         else:
             high = middle
     return low
+
+
+def _padded(rings: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
+    """A tuple of eight, or of a multiple of it, because numba compiles anew for every length; the rest is not read."""
+    return (*rings, *[rings[-1]] * (-len(rings) % 8))
 
 
 def stacked(parts: Sequence[Parts]) -> Matrices:
