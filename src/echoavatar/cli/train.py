@@ -23,6 +23,11 @@ Training resumes from its output folder. Sizes are those of the default bundle.
 """
 
 
+SEED = (
+    "of windows and noise; a run with --start sees the same windows again unless it has another (default: 0)"
+)
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the sub-commands."""
     parser.epilog = ORDER
@@ -81,6 +86,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="share of windows told a set of their own codes, so that actions can steer (default: %(default)s)",
     )
     generator.add_argument("--start", type=Path, help="trained generator of the same sizes to begin with")
+    generator.add_argument("--seed", type=int, default=0, help=SEED)
     generator.add_argument(
         "--minutes", type=float, help="stop this call after so many minutes; call again to go on"
     )
@@ -91,6 +97,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--rate", type=float, default=1e-3, help="peak learning rate (default: %(default)s; paper: 2e-4)"
     )
     face.add_argument("--start", type=Path, help="trained face model of the same sizes to begin with")
+    face.add_argument("--seed", type=int, default=0, help=SEED)
     face.add_argument("--paper", action="store_true", help="sizes of the paper (width 256), mel encoder")
     face.add_argument(
         "--minutes", type=float, help="stop this call after so many minutes; call again to go on"
@@ -221,6 +228,7 @@ def _generator(args: argparse.Namespace, progress: Progress) -> None:
         exemplar=args.exemplar,
         cue_weight=args.cue_weight,
         depth_weights=weights,
+        seed=args.seed,
     )
     clips = [TokenClip.load(path) for path in sorted(args.source.glob("*.npz"))]
     train_generator(
@@ -242,7 +250,7 @@ def _face(args: argparse.Namespace, progress: Progress) -> None:
     from ..face.train import FaceTraining, train_face
 
     config = paper_face(encoder=MelConfig()) if args.paper else FaceConfig()
-    training = FaceTraining(steps=args.steps, batch=args.batch, learning_rate=args.rate)
+    training = FaceTraining(steps=args.steps, batch=args.batch, learning_rate=args.rate, seed=args.seed)
     train_face(
         config,
         training,
