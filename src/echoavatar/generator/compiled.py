@@ -1,8 +1,8 @@
 """The generator's inner loop on a CPU, compiled by numba: codes drawn one after another, each read back at once.
 
 One code is a few million multiplications, less work than calling the two hundred operations that describe it one by
-one, so the loop over codes, layers and rows is compiled as a whole (about three times as fast for the default bundle). Each
-weight is read once for all rows of the batch; each row's sums are its own, in the same order whatever its neighbours.
+one, so the loop over codes, layers and rows is compiled as a whole (some three times as fast for the default bundle).
+Each weight is read once for all rows of the batch; each row's sums are its own, in the same order whatever its neighbours.
 """
 
 import math
