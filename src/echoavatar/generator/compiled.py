@@ -2,7 +2,7 @@
 
 One code is a few million multiplications, less work than calling the two hundred operations that describe it one by
 one, so the loop over codes, layers and rows is compiled as a whole (some three times as fast for the default bundle).
-Each weight is read once for all rows of the batch; each row's sums are its own, in the same order whatever its neighbours.
+Each weight is read once for all rows; each row's sums are its own, in the same order whatever its neighbours.
 """
 
 import math
