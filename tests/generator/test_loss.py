@@ -3,7 +3,7 @@
 import torch
 from tests.generator.tiny import LAYOUT, audio, generator
 
-from echoavatar.generator.loss import code_nll, cue_loss, hierarchical_loss, summary
+from echoavatar.generator.loss import code_nll, hierarchical_loss, summary
 from echoavatar.generator.windows import Window
 
 
@@ -42,12 +42,3 @@ def test_the_summary_splits_by_domain_and_layer():
     means = summary(nll, sequences, window)
     assert (means["nll_silence"], means["nll_speech"], means["nll_music"]) == (0.0, 4.0, 3.0)
     assert (means["nll_layer_0"], means["nll_layer_1"]) == (4.0, 1.0)
-
-
-def test_cue_loss_falls_when_cues_are_told_and_misses_cost_more_than_false_alarms():
-    cues = torch.zeros(1, 20, 2, dtype=torch.int64)
-    cues[0, ::5] = 1
-    right = cue_loss(8.0 * (2 * cues.float() - 1), cues)
-    all_off, all_on = (cue_loss(torch.full((1, 20, 2), level), cues) for level in (-4.0, 4.0))
-    assert right < 0.01
-    assert all_off > all_on > right

@@ -4,15 +4,13 @@ from collections.abc import Sequence
 
 import torch
 import torch.nn.functional as F
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from torch import Tensor
 
 from ..tokens import PARTS, Sequences
 from .exemplar import UPPER, Exemplar
 from .model import Generator
 from .windows import DOMAINS, Window
-
-CUE_WEIGHT = 16.0  # cues are on for about one frame in thirty
 
 
 def code_nll(
@@ -40,12 +38,6 @@ def hierarchical_loss(
         torch.tensor(depth_weights, device=nll.device).repeat(PARTS)[None, :, None] * batch.mask[:, None]
     )
     return (nll * weights).sum() / weights.sum()
-
-
-def cue_loss(logits: Float[Tensor, "b f 2"], cues: Int[Tensor, "b f 2"]) -> Float[Tensor, ""]:
-    """Does the hidden state know that a beat or a stress was just heard? Cross-entropy, the rare cues weighted up."""
-    weight = torch.full((cues.shape[-1],), CUE_WEIGHT, device=logits.device)
-    return F.binary_cross_entropy_with_logits(logits.float(), cues.to(logits).float(), pos_weight=weight)
 
 
 def to_device(batch: Sequences, device: str) -> Sequences:

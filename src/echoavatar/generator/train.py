@@ -22,14 +22,14 @@ from torch import Tensor, nn
 from .. import checkpoint
 from ..config import Config
 from ..errors import CheckpointError
-from ..timing import AUDIO_FRAMES_PER_CHUNK
 from ..tokens import Sequences, corrupt_hierarchically, corrupt_uniformly
 from .config import GeneratorConfig
+from .cues import CueReader
 from .exemplar import Exemplar, draw_exemplar
 from .initial import align_embeddings
-from .loss import code_nll, cue_loss, hierarchical_loss, summary, to_device
+from .loss import code_nll, hierarchical_loss, summary, to_device
 from .model import Generator
-from .windows import CUES, TokenClip, Window, WindowSampler
+from .windows import TokenClip, Window, WindowSampler
 
 RESUME = "resume.safetensors"
 
@@ -83,7 +83,7 @@ class GeneratorTraining(Config):
     cue_weight: float = Field(
         default=0.0,
         ge=0,
-        description="weight of telling beats and stresses from what was heard, where known (not in the paper)",
+        description="weight of telling beats and stresses half-way up, where known (`cues`; not in the paper)",
     )
     short_windows: float = Field(
         default=0.2, ge=0, le=1, description="prefix order: share of windows cut short in front"
@@ -116,11 +116,11 @@ class Trainer:
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(training.seed)
             self.generator = Generator(config)
-            self.cue_head = nn.Linear(config.width, len(CUES)).to(device)
+            self.cues = CueReader(self.generator).to(device)
         align_embeddings(self.generator, audio_codebooks=audio_codebooks, motion_codebooks=motion_codebooks)
         self.generator.to(device)
         self.training, self.next_step, self._device = training, 0, device
-        self._optimisers = _optimisers(self.generator, self.cue_head, training)
+        self._optimisers = _optimisers(self.generator, self.cues, training)
 
     def begin_with(self, start: Generator) -> None:
         """Take the weights of a trained generator; one without exemplar control lends it none."""
@@ -142,8 +142,8 @@ class Trainer:
             hidden = self.generator.read(batch, exemplar)
             nll = code_nll(self.generator, batch, hidden, exemplar)
         loss = hierarchical_loss(nll, batch, training.depth_weights)
-        cues = self._cue_loss(hidden, window) if training.cue_weight else torch.zeros(())
-        for module in (self.generator, self.cue_head):
+        cues = self.cues.loss(window.cues, batch.predictors) if training.cue_weight else torch.zeros(())
+        for module in (self.generator, self.cues):
             module.zero_grad(set_to_none=True)
         (loss + training.cue_weight * cues).backward()  # type: ignore[no-untyped-call]
         norm = nn.utils.clip_grad_norm_(self.generator.parameters(), training.clip)
@@ -152,11 +152,6 @@ class Trainer:
         self.next_step += 1
         told = {"step": number, "loss": loss.item(), "gradient": norm.item(), "cues": cues.item()}
         return told | summary(nll.detach(), batch, window, exemplar)
-
-    def _cue_loss(self, hidden: Float[Tensor, "b t c"], window: Window) -> Float[Tensor, ""]:
-        chunks = window.audio.shape[1] // AUDIO_FRAMES_PER_CHUNK
-        heard = self.generator.config.order.heard(chunks).to(hidden.device)
-        return cue_loss(self.cue_head(hidden[:, heard]), window.cues.to(hidden.device))
 
     def _exemplar(self, window: Window, number: int) -> Exemplar | None:
         """The step's directives, where the generator takes them."""
@@ -207,7 +202,7 @@ class Trainer:
         for which, optimiser in enumerate(self._optimisers):
             for index, values in optimiser.state_dict()["state"].items():
                 state |= {f"optimiser.{which}.{index}.{name}": v.contiguous() for name, v in values.items()}
-        state |= {f"cue_head.{key}": value.detach() for key, value in self.cue_head.state_dict().items()}
+        state |= {f"cues.{key}": value.detach() for key, value in self.cues.state_dict().items()}
         facts = {"step": str(self.next_step), "training": self.training.model_dump_json()}
         folder.mkdir(parents=True, exist_ok=True)
         partial = folder / f"{RESUME}.partial"
@@ -237,8 +232,8 @@ class Trainer:
             raise CheckpointError(f"{folder} was trained with other settings; train into another folder")
         weights = {key[len("model.") :]: value for key, value in tensors.items() if key.startswith("model.")}
         checkpoint.load_into(self.generator, weights, origin=str(path))
-        head = {key[len("cue_head.") :]: tensors[key] for key in tensors if key.startswith("cue_head.")}
-        checkpoint.load_into(self.cue_head, head, origin=str(path))
+        reader = {key[len("cues.") :]: tensors[key] for key in tensors if key.startswith("cues.")}
+        checkpoint.load_into(self.cues, reader, origin=str(path))
         for which, optimiser in enumerate(self._optimisers):
             prefix, stored = f"optimiser.{which}.", defaultdict[int, dict[str, Tensor]](dict)
             for key in (key for key in tensors if key.startswith(prefix)):
@@ -306,13 +301,13 @@ def _out_of_step(
 
 
 def _optimisers(
-    generator: Generator, cue_head: nn.Module, training: GeneratorTraining
+    generator: Generator, cues: nn.Module, training: GeneratorTraining
 ) -> list[torch.optim.Optimizer]:
     """AdamW over everything; or Muon over the layers' matrices and AdamW over embeddings, heads, norms and biases."""
     muon = training.optimiser == "muon"
     inner = [p for p in generator.model.layers.parameters() if p.dim() == 2 and muon]
     taken = {id(p) for p in inner}
-    rest = [p for p in (*generator.parameters(), *cue_head.parameters()) if id(p) not in taken]
+    rest = [p for p in (*generator.parameters(), *cues.parameters()) if id(p) not in taken]
     rate, decay = training.learning_rate, training.weight_decay
     groups = [
         {"params": [p for p in rest if p.dim() > 1], "weight_decay": decay},

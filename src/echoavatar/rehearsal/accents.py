@@ -43,7 +43,7 @@ def _nod(syllable: Syllable, size: float, rng: np.random.Generator, head: Array,
     strength = (0.035 + 0.13 * syllable.prominence**2) * size * float(rng.uniform(0.7, 1.3))
     way = -0.6 if rng.random() < 0.15 else 1.0
     length = float(rng.uniform(0.40, 0.58))
-    begin = syllable.vowel + 0.12 - length / 2
+    begin = syllable.vowel - 0.05
     _add(head, 1, begin, length, way * strength)
     _add(head, 2, begin, length * 1.2, float(rng.normal(0, 0.35)) * strength)
     _add(head, 0, begin, length * 1.3, float(rng.normal(0, 0.35)) * strength)

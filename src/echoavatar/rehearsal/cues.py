@@ -8,14 +8,15 @@ from .idle import Manner
 from .sound import SoundTrack, Syllable
 
 LEAST_URGE = 0.42
-LAG_S = (0.10, 0.18)  # a stroke ends this long after its vowel's centre
+LAG_S = (0.13, 0.19)  # a stroke ends this long after its vowel's centre
 
 
 @dataclass(frozen=True)
 class Cue:
-    """A syllable worth a gesture: the word's onset, the stroke's end, its weight 0..1 and the word's meaning."""
+    """A syllable worth a gesture: the word's onset, the vowel's centre, the stroke's end, weight 0..1, the meaning."""
 
     onset: float
+    vowel: float
     stroke_end: float
     weight: float
     meaning: str
@@ -43,7 +44,9 @@ def cues_of(
             continue
         meaning = syllable.meaning if rng.random() < 0.85 and (onset, syllable.word) not in spoken else ""
         spoken.add((onset, syllable.word))
-        cues.append(Cue(onset, stroke_end, min(syllable.prominence, 1.0), meaning, syllable.word))
+        cues.append(
+            Cue(onset, syllable.vowel, stroke_end, min(syllable.prominence, 1.0), meaning, syllable.word)
+        )
     return sorted(cues, key=lambda cue: cue.stroke_end)
 
 

@@ -25,6 +25,7 @@ LEG, HIP_OUT, HIP_DOWN = 0.808, 0.092, 0.035  # metres: easy reach of a leg, hip
 FASTEST_ARM = 8.0  # radians per second, likewise
 FASTEST_WRIST = 2.2  # metres per second, at the peak of a glide
 LINGER, LINGER_HALF_TIME = 0.25, 0.55  # how much slower the dancer's clock runs on a beat
+ANSWER_S = 0.06  # the dancer's beat after the music's: moves brake as it sounds (which BA_D measures)
 REST_SECONDS = 0.9  # for the arms to sink when the music stops
 
 
@@ -47,7 +48,7 @@ def footholds(plans: list[Plan]) -> list[Foothold]:
 
 def draw(plans: list[Plan], frames: int) -> Controls:
     """Curves at 30 fps from plans."""
-    t = np.arange(frames) / FRAME_RATE_HZ
+    t = np.arange(frames) / FRAME_RATE_HZ - ANSWER_S
     felt = _felt(t, plans)
     feet = walk(felt, footholds(plans), Stance(), [shift for plan in plans for shift in plan.shifts])
     body = _body(felt, plans)

@@ -1,8 +1,11 @@
 """Speech to gesture: units of rest, preparation, stroke, hold and retraction, one unit per phrase (Kendon, McNeill).
 
-Motion is later predicted from audio heard so far, so strokes end 0.10 to 0.18 s after the stressed vowel's centre,
-preparations begin with the word, hands rise with the phrase and sink after it. Beats fall on prominent syllables,
-words with a meaning get a gesture of their own, and everything else (head, torso, clavicles) takes part.
+Motion is later predicted from audio heard so far, and what is to be learned must be there to be heard: hands wait
+where they are, a stroke begins with the stressed vowel and ends 0.13 to 0.19 s after its centre, and the hand is made
+ready for the next one right after it. (When the preparation began with the word, the motion so far told more of the
+next stroke than the sound did, and a generator learned to gesture on its own time.) Hands rise with the phrase and
+sink after it. Beats fall on prominent syllables, words with a meaning get a gesture of their own, and everything else
+(head, torso, clavicles) takes part.
 """
 
 from dataclasses import replace
@@ -26,6 +29,8 @@ SHORTEST_SINK_GAP, SHORTEST_REST_GAP = (
 )  # in shorter pauses hands wait, in longer ones they go to rest
 LOW = np.array([-0.045, -0.385, 0.190], np.float32)  # a hand that is up but does not lead
 RISING, SINKING = np.array([0.03, 0.0, 0.05], np.float32), np.array([0.03, 0.0, 0.02], np.float32)
+LAUNCH_S = -0.04  # a stroke begins this long after the vowel's centre, about with the vowel
+READY_S = (0.08, 0.42)  # after a stroke's end: the way up for the next beat
 LEFT, RIGHT = 0, 1
 
 
@@ -122,9 +127,8 @@ class _Speaker:
             self._beat(cue)
 
     def _beat(self, cue: Cue) -> None:
-        """Up with the word, down with the vowel, and a little rebound."""
+        """Down with the vowel, a little rebound, and up again to wait for the next."""
         size = (0.035 + 0.115 * cue.weight**1.5) * self.who.energy * float(self.rng.uniform(0.75, 1.25))
-        time = cue.stroke_end - cue.onset
         for side in self._moving():
             share = size * (1.0 if side == self.lead else self.second * float(self.rng.uniform(0.7, 1.1)))
             home, way = self.homes[side], self.beat_way + self.rng.normal(0, 0.10, 3)
@@ -135,10 +139,9 @@ class _Speaker:
             low[WRIST] = eased_reach(low[WRIST])
             low[PALM] += self.rng.normal(0, 0.10, 3) + (0.08, -0.10 * share / 0.1, 0.0)
             low[FINGERS] += self.rng.normal(0, 0.05, 7)
-            if time > 0.24:
-                self.hands[side].move(cue.onset, cue.onset + 0.55 * time, high)
-            begin = cue.onset + (0.42 * time if time > 0.24 else 0.0)
-            self.hands[side].stroke(begin, max(cue.stroke_end, begin + 0.15), low, overshoot=0.15)
+            path, end = self.hands[side], cue.stroke_end
+            path.stroke(cue.vowel + LAUNCH_S, end, low, overshoot=0.15)
+            path.move(end + READY_S[0], end + READY_S[1], high)
         self.homes[self.lead][WRIST] += self.rng.normal(0, 0.012, 3)
 
     def _accent(self, cue: Cue) -> None:
@@ -176,15 +179,12 @@ class _Speaker:
             self.hands[side].move(cue.onset, max(cue.stroke_end - 0.14, cue.onset + 0.15), inner)
 
     def _reach(self, side: int, cue: Cue, form: Form, size: float) -> None:
-        """A stroke along an arc from wherever the hand is; sooner or later than planned if it is far."""
+        """A stroke along an arc from wherever the hand is; longer than planned if it is far."""
         path = self.hands[side]
         aim = aim_at(form, self.homes[side], size=size, space=self.who.space, rng=self.rng)
         way = float(np.linalg.norm(aim[WRIST] - path.aim[WRIST]))
-        end = cue.stroke_end
-        begin = max(cue.onset - 0.03, end - 0.55)
-        if end - begin < way / 0.9:
-            begin = max(begin - 0.12, end - way / 0.9)
-            end = max(end, begin + way / 1.0)
+        begin = cue.vowel + LAUNCH_S
+        end = max(cue.stroke_end, begin + way / 1.0)
         arc = np.array(form.arc, np.float32) * min(1.0, way / 0.12)
         path.stroke(begin, end, aim, overshoot=float(self.rng.uniform(0.06, 0.14)), arc=arc)
         self.up[side] = True
