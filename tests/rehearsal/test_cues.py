@@ -14,7 +14,7 @@ def test_strokes_end_just_after_the_vowels_of_prominent_syllables(talk: SoundTra
             for cue in cues:
                 syllable = max((s for s in talk.syllables if s.vowel < cue.stroke_end), key=lambda s: s.vowel)
                 assert cue.vowel == syllable.vowel
-                assert 0.13 <= cue.stroke_end - cue.vowel <= 0.19
+                assert 0.14 <= cue.stroke_end - cue.vowel <= 0.18
                 assert syllable.prominence >= 0.35
                 assert cue.onset <= syllable.start
             ends = np.array([cue.stroke_end for cue in cues])

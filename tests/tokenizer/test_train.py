@@ -8,8 +8,15 @@ from echoavatar.checkpoint import read_card
 from echoavatar.errors import CheckpointError
 from echoavatar.kinematics import HUMANOID
 from echoavatar.tokenizer import BodyTokenizer
-from echoavatar.tokenizer.train import TokenizerRun, TokenizerTraining, bundle_recipe, train_tokenizer
+from echoavatar.tokenizer.train import (
+    TokenizerRun,
+    TokenizerTraining,
+    bundle_recipe,
+    continued,
+    train_tokenizer,
+)
 from echoavatar.tokenizer.training_state import STATE_NAME, load_training, save_training
+from echoavatar.tokenizer.windows import clip_features
 
 TRAINING = TokenizerTraining(
     steps=6, batch=4, frames=32, learning_rate=1e-3, warmup=2, log_every=1, evaluate_every=4, dropout=0.5
@@ -50,6 +57,19 @@ def test_a_start_as_an_auto_encoder_fills_the_codebooks_at_the_switch():
     assert not books[0].ready
     assert run.advance()["commitment"] > 0
     assert books[0].ready
+
+
+def test_a_run_may_begin_with_a_trained_tokenizer(tmp_path):
+    """One step at the lower rate changes little: codes stay what they were, and the statistics too."""
+    trained = train_tokenizer(small_config(), TRAINING, CLIPS, [], tmp_path / "first")
+    training = continued(TRAINING).model_copy(update={"steps": 1})
+    other = [dance(seed, 80) for seed in (5, 6)]
+    after = train_tokenizer(small_config(), training, other, [], tmp_path / "second", start=trained)
+    torch.testing.assert_close(after.mean, trained.mean)
+    x = clip_features(HUMANOID, CLIPS[0])[None]
+    agree = (after.eval().encode(x) == trained.eval().encode(x)).float().mean()
+    assert agree > 0.9
+    assert training.learning_rate < TRAINING.learning_rate
 
 
 def test_a_killed_run_goes_on_to_the_same_loss_curve(tmp_path):

@@ -37,6 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     codec.add_argument("--minutes", type=float, default=40.0, help="training time (default: %(default)s)")
     tokenizer = kinds.add_parser("tokenizer", help="the motion tokenizer, on the corpus's motion")
     tokenizer.add_argument("--steps", type=int, default=6000, help="optimiser steps (default: %(default)s)")
+    tokenizer.add_argument("--start", type=Path, help="trained tokenizer of the same sizes to begin with")
     tokens = kinds.add_parser("tokens", help="turn the corpus into codes with a trained codec and tokenizer")
     generator = kinds.add_parser("generator", help="the generator, on a folder of codes")
     generator.add_argument("--steps", type=int, default=3200, help="optimiser steps (default: %(default)s)")
@@ -174,13 +175,18 @@ def _codec(args: argparse.Namespace, progress: Progress) -> None:
 def _tokenizer(args: argparse.Namespace, progress: Progress) -> None:
     from ..data import Corpus
     from ..kinematics import HUMANOID
-    from ..tokenizer.train import bundle_recipe, train_tokenizer
+    from ..tokenizer import BodyTokenizer
+    from ..tokenizer.train import bundle_recipe, continued, train_tokenizer
 
     corpus = Corpus(args.source)
     clips = [corpus.motion(name) for name in corpus.names("train")]
     tests = [corpus.motion(name) for name in corpus.names("test")]
     config, training = bundle_recipe(HUMANOID, args.steps)
-    train_tokenizer(config, training, clips, tests, args.output, card=_card(args), progress=progress)
+    start = BodyTokenizer.load(args.start) if args.start else None
+    training = continued(training) if start else training
+    train_tokenizer(
+        config, training, clips, tests, args.output, card=_card(args), start=start, progress=progress
+    )
 
 
 def _tokens(args: argparse.Namespace, progress: Progress) -> None:

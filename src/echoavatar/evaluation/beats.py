@@ -21,8 +21,8 @@ from ..timing import FRAME_RATE_HZ
 
 SIGMA_SECONDS = 0.06
 SMOOTHING_FRAMES = 1.0
-STROKE_DELAY_SECONDS = 0.16
-"""Rehearsal gestures end 0.10 to 0.18 s after the stressed vowel and a wrist is slowest just after; the alignment of
+STROKE_DELAY_SECONDS = 0.18
+"""Rehearsal gestures end 0.14 to 0.18 s after the stressed vowel and a wrist is slowest just after; the alignment of
 motion to rehearsal speech, generated and true alike, is measured at this delay. Recordings are measured at none."""
 ARM_JOINTS = ("leftLowerArm", "leftHand", "rightLowerArm", "rightHand")
 

@@ -7,8 +7,8 @@ import numpy as np
 from .idle import Manner
 from .sound import SoundTrack, Syllable
 
-LEAST_URGE = 0.42
-LAG_S = (0.13, 0.19)  # a stroke ends this long after its vowel's centre
+LEAST_URGE = 0.40
+LAG_S = (0.14, 0.18)  # a stroke ends this long after its vowel's centre
 
 
 @dataclass(frozen=True)
@@ -34,15 +34,15 @@ def cues_of(
     for i in sorted(range(len(inside)), key=lambda k: -_urge(inside[k])):
         syllable, onset = inside[i], _word_onset(inside, i)
         wanted = _urge(syllable) * (0.9 + 0.2 * rng.random()) * who.pace
-        gap = 0.40 / who.pace if wanted < 0.8 else 0.46
+        gap = 0.33 / who.pace if wanted < 0.8 else 0.38
         stroke_end = syllable.vowel + float(rng.uniform(*LAG_S))
         if (
             wanted < LEAST_URGE
             or any(abs(cue.stroke_end - stroke_end) < gap for cue in cues)
-            or rng.random() < 0.08
+            or rng.random() < 0.03
         ):
             continue
-        meaning = syllable.meaning if rng.random() < 0.85 and (onset, syllable.word) not in spoken else ""
+        meaning = syllable.meaning if rng.random() < 0.50 and (onset, syllable.word) not in spoken else ""
         spoken.add((onset, syllable.word))
         cues.append(
             Cue(onset, syllable.vowel, stroke_end, min(syllable.prominence, 1.0), meaning, syllable.word)

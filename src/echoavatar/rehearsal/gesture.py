@@ -1,11 +1,11 @@
 """Speech to gesture: units of rest, preparation, stroke, hold and retraction, one unit per phrase (Kendon, McNeill).
 
 Motion is later predicted from audio heard so far, and what is to be learned must be there to be heard: hands wait
-where they are, a stroke begins with the stressed vowel and ends 0.13 to 0.19 s after its centre, and the hand is made
-ready for the next one right after it. (When the preparation began with the word, the motion so far told more of the
-next stroke than the sound did, and a generator learned to gesture on its own time.) Hands rise with the phrase and
-sink after it. Beats fall on prominent syllables, words with a meaning get a gesture of their own, and everything else
-(head, torso, clavicles) takes part.
+where they are, a stroke begins with the stressed vowel and ends 0.14 to 0.18 s after its centre, and the hand goes
+straight back to where it waits for the next. (When the preparation began with the word, the motion so far told more
+of the next stroke than the sound did, and a generator learned to gesture on its own time.) Hands rise with the phrase
+and sink after it. Beats fall on prominent syllables, words with a meaning get a gesture of their own, and everything
+else (head, torso, clavicles) takes part.
 """
 
 from dataclasses import replace
@@ -30,7 +30,7 @@ SHORTEST_SINK_GAP, SHORTEST_REST_GAP = (
 LOW = np.array([-0.045, -0.385, 0.190], np.float32)  # a hand that is up but does not lead
 RISING, SINKING = np.array([0.03, 0.0, 0.05], np.float32), np.array([0.03, 0.0, 0.02], np.float32)
 LAUNCH_S = -0.04  # a stroke begins this long after the vowel's centre, about with the vowel
-READY_S = (0.08, 0.42)  # after a stroke's end: the way up for the next beat
+BACK_S = 0.30  # a beat's way back up, right after the stroke
 LEFT, RIGHT = 0, 1
 
 
@@ -48,7 +48,7 @@ def gesture(track: SoundTrack, seed: int) -> Controls:
     active = speech_activity(track, frames)
     lively = np.clip(np.abs(moved[..., :3]).sum(-1) / 0.2, 0, 1)[..., None]
     moved[..., FINGERS] += living_fingers(frames, rng) * (0.4 + 0.8 * lively)
-    moved[..., :3] += wander(frames, 6, period=1.2, rng=rng).reshape(frames, 2, 3) * 0.009 * lively
+    moved[..., :3] += wander(frames, 6, period=1.2, rng=rng).reshape(frames, 2, 3) * 0.004 * lively
     head, spine = head_accents(track, who.nod, rng)
     body = replace(body, head=body.head + head, spine=body.spine + spine)
     return joined_in(with_hands(body, hands_of(body) + moved), hands_of(body), active)
@@ -121,14 +121,14 @@ class _Speaker:
     def _do(self, cue: Cue, phrase_end: float) -> None:
         if cue.meaning:
             self._mean(cue, phrase_end)
-        elif cue.weight >= 0.80 and self.rng.random() < 0.75:
+        elif cue.weight >= 0.80 and self.rng.random() < 0.40:
             self._accent(cue)
         else:
             self._beat(cue)
 
     def _beat(self, cue: Cue) -> None:
-        """Down with the vowel, a little rebound, and up again to wait for the next."""
-        size = (0.035 + 0.115 * cue.weight**1.5) * self.who.energy * float(self.rng.uniform(0.75, 1.25))
+        """Down with the vowel and straight up again, to wait there for the next."""
+        size = (0.055 + 0.150 * cue.weight**1.5) * self.who.energy * float(self.rng.uniform(0.75, 1.25))
         for side in self._moving():
             share = size * (1.0 if side == self.lead else self.second * float(self.rng.uniform(0.7, 1.1)))
             home, way = self.homes[side], self.beat_way + self.rng.normal(0, 0.10, 3)
@@ -140,8 +140,8 @@ class _Speaker:
             low[PALM] += self.rng.normal(0, 0.10, 3) + (0.08, -0.10 * share / 0.1, 0.0)
             low[FINGERS] += self.rng.normal(0, 0.05, 7)
             path, end = self.hands[side], cue.stroke_end
-            path.stroke(cue.vowel + LAUNCH_S, end, low, overshoot=0.15)
-            path.move(end + READY_S[0], end + READY_S[1], high)
+            path.move(cue.vowel + LAUNCH_S, end, low)
+            path.move(end, end + BACK_S, high)
         self.homes[self.lead][WRIST] += self.rng.normal(0, 0.012, 3)
 
     def _accent(self, cue: Cue) -> None:

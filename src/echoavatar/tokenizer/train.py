@@ -14,6 +14,7 @@ import torch
 from pydantic import Field
 from torch import Tensor, nn
 
+from .. import checkpoint
 from ..config import Config
 from ..kinematics import Skeleton, split_parts
 from .body import BodyTokenizer, BodyTokenizerConfig, body_config
@@ -88,6 +89,17 @@ def bundle_recipe(skeleton: Skeleton, steps: int) -> tuple[BodyTokenizerConfig, 
     return body_config(skeleton, template), training
 
 
+def continued(training: TokenizerTraining) -> TokenizerTraining:
+    """The recipe for going on from a trained tokenizer: codes keep roughly their meaning, so the rate is lower."""
+    return training.model_copy(
+        update={
+            "learning_rate": training.learning_rate * 0.3,
+            "quantize_from": 0,
+            "is_principal_start": False,
+        }
+    )
+
+
 def train_tokenizer(
     config: BodyTokenizerConfig,
     training: TokenizerTraining,
@@ -97,6 +109,7 @@ def train_tokenizer(
     *,
     device: str = "cpu",
     card: dict[str, object] | None = None,
+    start: BodyTokenizer | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> BodyTokenizer:
     """Train, or go on where a killed run stopped, and save the tokenizer in `folder`.
@@ -109,17 +122,20 @@ def train_tokenizer(
         folder: receives the checkpoint, `metrics.jsonl` and, while training, the training state.
         device: where to compute; random choices are made on the CPU everywhere.
         card: goes into `card.json` beside the scores.
+        start: a trained tokenizer of the same sizes whose weights, codebooks and statistics a new run begins with.
         progress: called with (step, steps).
 
     Raises:
         MotionError: no clip is as long as a window.
-        CheckpointError: the folder holds a training state of other sizes.
+        CheckpointError: the folder holds a training state of other sizes, or `start` is of other sizes.
     """
     folder.mkdir(parents=True, exist_ok=True)
     run = TokenizerRun(config, training, clips, device=device)
     held_out = [clip_features(run.tokenizer.skeleton, clip) for clip in tests]
     if (folder / STATE_NAME).exists():
         load_training(folder, run.tokenizer, run.optimizer, run.generator, run)
+    elif start is not None:
+        checkpoint.load_into(run.tokenizer, start.state_dict(), origin="the tokenizer to start from")
     saved = time.monotonic()
     while run.step < training.steps:
         terms = run.advance()
