@@ -42,7 +42,7 @@ def test_silence_is_far_quieter_than_speech(talk: SoundTrack, speakers: list[Con
 
 
 def test_hands_wait_for_a_stress_strike_with_it_and_turn_where_the_stroke_ends(talk: SoundTrack):
-    """Over many speakers the hand is still before the vowel, fastest with it, slow at the turn, faster on its way back."""
+    """Over many speakers: still before the vowel, fastest with it, slow at the turn, faster on the way back."""
     speed = np.mean([hand_speed(gesture(talk, seed)).max(axis=1) for seed in range(30)], axis=0)
     vowel = talk.syllables[7].vowel  # "sang", the last word: nothing follows at once
 
