@@ -1,6 +1,11 @@
 from pathlib import Path
 
+import numpy as np
+from tests.generator.tiny import config
+
 from echoavatar.evaluation.reliance import reliance, reliance_table, token_clips
+from echoavatar.generator import TokenClip, WindowSampler
+from echoavatar.generator.train import GeneratorTraining, Trainer
 from echoavatar.pipeline import load_bundle
 from echoavatar.rehearsal.corpus import Plan, make_clip
 
@@ -12,6 +17,26 @@ def test_a_model_that_knows_nothing_loses_nothing_when_the_audio_is_exchanged(ti
     scores = reliance(bundle.generator, tokens)
     assert abs(scores["nll_gain_all"]) < 0.1
     assert scores["nll_gain_all"] == scores["nll_shuffled_all"] - scores["nll_all"]
+    assert abs(scores["timing_gain_all"]) < 0.1
     table = reliance_table({"a": bundle.generator, "b": bundle.generator}, tokens).splitlines()
-    assert table[0].count("|") == table[1].count("|") == table[-1].count("|") == 8
+    assert table[0].count("|") == table[1].count("|") == table[-1].count("|") == 10
     assert table[-1].startswith("| all |")
+
+
+def test_timing_is_worth_something_to_a_model_that_moves_on_what_it_hears_now() -> None:
+    """Motion that repeats its chunk's audio code is a surprise to the trained model where that audio comes late."""
+    rng = np.random.default_rng(0)
+    made = []
+    for _ in range(12):
+        key = rng.integers(8, size=16)
+        motion = np.repeat(key, 2)[:, None, None] * np.ones((1, 3, 2), int)
+        audio = np.repeat(key, 20)[:, None].repeat(2, 1)
+        made.append(TokenClip(audio, motion, np.ones(32, np.uint8)))
+    settings = GeneratorTraining(
+        steps=60, batch=8, chunks=4, learning_rate=5e-3, warmup=5, depth_weights=(1.0, 0.5)
+    )
+    trainer = Trainer(config(layers=1), settings)
+    windows = WindowSampler(made, chunks=4)
+    for step in range(60):
+        trainer.step(windows.batch(step, 8))
+    assert reliance(trainer.generator.eval(), made)["timing_gain_speech"] > 0.3

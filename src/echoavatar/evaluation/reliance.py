@@ -1,18 +1,23 @@
 """Does the motion listen? NLL per code with the true audio and with another clip's (paper, conditional collapse).
 
 A model that has collapsed onto its own history loses nothing when the audio is exchanged; the gain is what the audio
-is worth to it, in nats per code.
+is worth to it, in nats per code. Much of that is knowing speech from music. What a clip's own audio is worth over the
+same audio some chunks late is knowing when (`timing_gain`).
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
 
 from ..data import Clip
 from ..generator import Generator, TokenClip, nll_by_domain
 from ..pipeline import Bundle
 from ..pipeline.tokenize import audio_codes, motion_codes
-from ..timing import FRAMES_PER_MOTION_TOKEN
+from ..timing import AUDIO_FRAMES_PER_CHUNK, FRAMES_PER_MOTION_TOKEN
 
 HEARD = ("silence", "speech", "music", "all")
+LATE_CHUNKS = 3  # 0.8 s: other syllables, other beats, the same voice and piece
 
 
 def token_clips(bundle: Bundle, clips: Sequence[Clip]) -> list[TokenClip]:
@@ -29,26 +34,35 @@ def token_clips(bundle: Bundle, clips: Sequence[Clip]) -> list[TokenClip]:
 
 
 def reliance(generator: Generator, tokens: Sequence[TokenClip]) -> dict[str, float]:
-    """`nll_X`, `nll_shuffled_X` and `nll_gain_X` for each X of `HEARD` that occurs."""
+    """`nll_X`, `nll_shuffled_X`, `nll_gain_X` and `timing_gain_X` for each X of `HEARD` that occurs."""
     true = nll_by_domain(generator, tokens)
     shuffled = nll_by_domain(generator, tokens, shuffled_audio=True)
+    late = nll_by_domain(
+        generator,
+        [
+            replace(clip, audio=np.roll(clip.audio, LATE_CHUNKS * AUDIO_FRAMES_PER_CHUNK, axis=0))
+            for clip in tokens
+        ],
+    )
     scores: dict[str, float] = {}
     for name in HEARD:
         if name in true:
             scores |= {f"nll_{name}": true[name], f"nll_shuffled_{name}": shuffled[name]}
             scores[f"nll_gain_{name}"] = shuffled[name] - true[name]
+            scores[f"timing_gain_{name}"] = late[name] - true[name]
     return scores
 
 
 def reliance_table(generators: Mapping[str, Generator], tokens: Sequence[TokenClip]) -> str:
     """A Markdown table: generators side by side, by what is heard."""
     scores = {name: reliance(generator, tokens) for name, generator in generators.items()}
-    lines = ["| heard | " + " | ".join(f"{name}: true | shuffled | gain" for name in scores) + " |"]
-    lines.append("|---|" + "---:|---:|---:|" * len(scores))
+    lines = ["| heard | " + " | ".join(f"{name}: true | shuffled | gain | timing" for name in scores) + " |"]
+    lines.append("|---|" + "---:|---:|---:|---:|" * len(scores))
     for heard in HEARD:
         if all(f"nll_{heard}" in row for row in scores.values()):
             cells = [
-                f"{row[f'nll_{heard}']:.3f} | {row[f'nll_shuffled_{heard}']:.3f} | {row[f'nll_gain_{heard}']:+.3f}"
+                f"{row[f'nll_{heard}']:.3f} | {row[f'nll_shuffled_{heard}']:.3f}"
+                f" | {row[f'nll_gain_{heard}']:+.3f} | {row[f'timing_gain_{heard}']:+.3f}"
                 for row in scores.values()
             ]
             lines.append(f"| {heard} | " + " | ".join(cells) + " |")
