@@ -1,6 +1,7 @@
 import os
 import signal
 import threading
+from collections.abc import Iterator
 
 import pytest
 from tests.server.fakes import FAST, Body
@@ -16,6 +17,15 @@ def test_a_taken_port_is_one_line() -> None:
         listen("127.0.0.1", taken.getsockname()[1])
 
 
+@pytest.fixture
+def interruptible() -> Iterator[None]:
+    """Python's own SIGINT handler, also where the tests run in the background of a shell, which ignores the signal."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
 def test_it_says_where_it_is_and_stops_when_told() -> None:
     told: list[str] = []
 
