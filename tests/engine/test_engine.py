@@ -1,8 +1,13 @@
+import threading
+
 import numpy as np
 import pytest
-from tests.engine.fakes import engine
+import torch
+from tests.engine.fakes import FakePipeline, Heard, engine
 
+from echoavatar.engine import Engine
 from echoavatar.errors import EchoAvatarError
+from echoavatar.pipeline import MotionChunk
 
 
 def test_seats_are_taken_freed_and_refused() -> None:
@@ -41,3 +46,49 @@ def test_one_tick_moves_every_waiting_session_and_nobody_else() -> None:
 def test_no_seats_is_refused() -> None:
     with pytest.raises(EchoAvatarError, match="at least one seat"):
         engine(seats=0)
+
+
+class Meeting(FakePipeline):
+    """Every step waits until another one runs beside it."""
+
+    def __init__(self) -> None:
+        self.door = threading.Barrier(2)
+        self.rows: list[int] = []
+
+    def step(self, audio: torch.Tensor, state: Heard, active: torch.Tensor) -> list[MotionChunk]:
+        self.rows.append(len(audio))
+        self.door.wait(10)
+        return super().step(audio, state, active)
+
+
+def test_two_lanes_step_two_sessions_side_by_side_each_by_itself() -> None:
+    pipeline = Meeting()
+    machine = Engine(pipeline, seats=3, lanes=2)  # type: ignore[arg-type]
+    sessions = [machine.open(seed=seat) for seat in range(3)]
+    for session, value in zip(sessions, (1, 0, 3), strict=True):
+        if value:
+            session.push(np.full(6_400, value, np.float32))
+    assert machine.tick() == 2
+    assert pipeline.rows == [1, 1]
+    assert [[float(chunk.root[0, 0]) for chunk in session] for session in sessions] == [[6_400], [], [19_202]]
+
+
+def test_what_fails_in_a_lane_is_told_to_who_ticks() -> None:
+    class Failing(FakePipeline):
+        def step(self, audio: torch.Tensor, state: Heard, active: torch.Tensor) -> list[MotionChunk]:
+            raise EchoAvatarError("no")
+
+    machine = Engine(Failing(), lanes=2)  # type: ignore[arg-type]
+    machine.open().push(np.ones(6_400, np.float32))
+    with pytest.raises(EchoAvatarError, match="no"):
+        machine.tick()
+
+
+def test_no_lanes_is_one_batch() -> None:
+    pipeline = Meeting()
+    pipeline.door = threading.Barrier(1)
+    machine = Engine(pipeline, seats=3, lanes=0)  # type: ignore[arg-type]
+    for _ in range(2):
+        machine.open().push(np.ones(6_400, np.float32))
+    assert machine.tick() == 2
+    assert pipeline.rows == [3]

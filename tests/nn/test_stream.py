@@ -45,3 +45,14 @@ def test_idle_rows_are_not_written() -> None:
     target = torch.zeros(2, 3)
     write_rows(target, torch.ones(2, 3), torch.tensor([False, True]))
     assert torch.equal(target, torch.tensor([[0.0] * 3, [1.0] * 3]))
+
+
+def test_rows_are_views_of_the_whole_states_rows() -> None:
+    state = filled()
+    part = state.rows(slice(1, 2))
+    assert [len(tensor) for tensor in part.tensors()] == [1, 1, 1, 1]
+    for tensor in part.tensors():
+        tensor.fill_(9)
+    assert all(tensor[1].eq(9).all() and not tensor[[0, 2]].eq(9).any() for tensor in state.tensors())
+    assert isinstance(part, Outer)
+    assert isinstance(part.rings[0], Inner)

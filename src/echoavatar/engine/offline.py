@@ -80,7 +80,7 @@ def animate_many(
 
     `progress` is told the chunks done and the chunks there are.
     """
-    engine = Engine(pipeline, seats=max(1, len(sounds)), rewind=0)
+    engine = Engine(pipeline, seats=max(1, len(sounds)), rewind=0, lanes=0)
     sessions = [engine.open(seed=seed) for _, seed in zip(sounds, seeds, strict=True)]
     for session, sound in zip(sessions, sounds, strict=True):
         session.push(sound)

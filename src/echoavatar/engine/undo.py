@@ -6,12 +6,14 @@ the row. Undoing the last n steps, latest first, gives the state of n steps ago 
 
 from typing import NamedTuple
 
+import numpy as np
 import torch
 from jaxtyping import Int, Shaped
 from torch import Tensor
 
 from ..nn import StreamState
 
+_WORDS = {1: torch.uint8, 2: torch.int16, 4: torch.int32, 8: torch.int64}  # by size in bytes
 SMALL = 4096  # numbers; a tensor of fewer is kept whole
 
 
@@ -46,9 +48,13 @@ def _row(tensor: Tensor, row: int) -> Tensor:
 def _patch(old: Tensor, new: Tensor) -> Patch:
     if old.numel() < SMALL:
         return Patch(None, old.clone())
-    different = old != new
-    if old.is_floating_point():
-        different |= torch.signbit(old) != torch.signbit(new)
-        different |= old.isnan() | new.isnan()
-    where = different.nonzero().flatten()
+    different = (_bits(old) != _bits(new)).cpu().numpy()
+    where = torch.from_numpy(np.flatnonzero(different)).to(
+        old.device
+    )  # torch's own nonzero takes twice as long
     return Patch(where, old[where]) if 2 * len(where) < old.numel() else Patch(None, old.clone())
+
+
+def _bits(values: Tensor) -> Int[Tensor, " n"]:
+    """Numbers as the whole numbers of their bits: to tell -0.0 from 0.0, and not-a-number from another, in one pass."""
+    return values.view(_WORDS[values.element_size()])

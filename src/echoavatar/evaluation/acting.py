@@ -48,7 +48,7 @@ def evaluate_actions(
     longest = max(pipeline.actions[name].chunks for name in chosen)
     samples = (BEGIN_CHUNKS + longest + 4) * CHUNK_SAMPLES
     sound = np.resize(audio, samples)
-    engine = Engine(pipeline, seats=len(chosen) + 1, rewind=0)
+    engine = Engine(pipeline, seats=len(chosen) + 1, rewind=0, lanes=0)
     sessions = [engine.open(seed=seed) for _ in range(len(chosen) + 1)]
     made: list[list[MotionChunk]] = [[] for _ in sessions]
     for number in range(samples // CHUNK_SAMPLES):

@@ -56,7 +56,7 @@ def bench_stream(
 ) -> StreamReport:
     """Push `seconds` of sound through `sessions` seats at once and time every chunk."""
     first_ms = _first_motion_ms(pipeline)
-    engine = Engine(pipeline, seats=sessions)
+    engine = Engine(pipeline, seats=sessions, lanes=0)
     seats = [engine.open(seed=seat) for seat in range(sessions)]
     laps, chunk_ms, memory = Laps(), [], []
     pipeline.lap = laps

@@ -1,8 +1,9 @@
 """The streaming contract: state is a value, rows are sessions, offline is one step from a fresh state."""
 
+import copy
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from typing import Generic, TypeVar
+from typing import Any, Generic, Self, TypeVar
 
 import torch
 from jaxtyping import Bool
@@ -23,6 +24,18 @@ class StreamState:
             else:
                 for part in value if isinstance(value, list) else [value]:
                     yield from part.tensors()
+
+    def rows(self, which: slice) -> Self:
+        """The state of some rows: views, so that a step of theirs is a step of the whole state's rows."""
+
+        def seen(value: Any) -> Any:
+            if isinstance(value, Tensor):
+                return value[which]
+            return [seen(part) for part in value] if isinstance(value, list) else value.rows(which)
+
+        part = copy.copy(self)
+        vars(part).update({name: seen(value) for name, value in vars(self).items()})
+        return part
 
     def reset(self, rows: Bool[Tensor, " b"]) -> None:
         """Forget everything in the chosen rows."""
