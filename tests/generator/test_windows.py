@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from echoavatar.errors import MotionError
-from echoavatar.generator import TokenClip, WindowSampler
+from echoavatar.generator import TokenClip, WindowSampler, patience_of
 
 
 def clip(chunks, offset=0):
@@ -46,6 +46,15 @@ def test_a_token_file_comes_back(tmp_path):
     back = TokenClip.load(tmp_path / "a.npz")
     assert np.array_equal(back.motion, clip(4).motion)
     assert back.split == "test"
+
+
+def test_files_of_one_patience_tell_it_and_others_are_refused(tmp_path):
+    TokenClip(clip(4).audio, clip(4).motion, clip(4).domain, patience=0.5).save(tmp_path / "a.npz")
+    patient = TokenClip.load(tmp_path / "a.npz")
+    assert patience_of([patient, patient]) == 0.5
+    assert patience_of([]) == 0.0
+    with pytest.raises(MotionError, match=r"patience \[0\.0, 0\.5\]"):
+        patience_of([patient, clip(4)])
 
 
 def test_ragged_ends_are_cut_to_whole_chunks():

@@ -39,6 +39,20 @@ def test_every_clip_gets_codes_and_its_mirror_image_shares_the_sound(
     assert own.domain.tolist() == [0] * 8 + [1] * 8 + [2] * 8
 
 
+def test_patient_codes_change_less_often_and_say_so(
+    tiny_bundle: Path, tmp_path: Path, swaying: tuple[np.ndarray, np.ndarray], voice: np.ndarray
+) -> None:
+    bundle, source = load_bundle(tiny_bundle), corpus(tmp_path, swaying, voice)
+    changes = []
+    for patience in (0.0, 2.0):
+        folder = tmp_path / f"tokens {patience}"
+        tokenize_corpus(source, bundle.codec, bundle.tokenizer, folder, patience=patience)
+        clip = TokenClip.load(folder / "one.npz")
+        assert clip.patience == patience
+        changes.append(int((np.diff(clip.motion, axis=0) != 0).sum()))
+    assert changes[1] < changes[0]
+
+
 def test_what_is_there_is_not_made_again(
     tiny_bundle: Path, tmp_path: Path, swaying: tuple[np.ndarray, np.ndarray], voice: np.ndarray
 ) -> None:

@@ -20,6 +20,25 @@ def test_each_layer_reduces_what_is_left_over():
     assert codes.shape == (2, 30, 3)
 
 
+def test_patience_changes_codes_less_often_and_costs_little():
+    """A slow walk with a tremble: the nearest codes flip, the patient ones wait for the walk; each row by itself."""
+    quantizer, generator = trained(steps=40)
+    quantizer.eval()
+    walk = torch.randn(2, 60, 8, generator=generator).cumsum(1) * 0.15
+    x = walk + 0.1 * torch.randn(2, 60, 8, generator=generator)
+    plain, patient = quantizer.encode(x), quantizer.encode(x, 0.5)
+
+    def changes(codes):
+        return int((codes[:, 1:] != codes[:, :-1]).sum())
+
+    def missed(codes):
+        return float((quantizer.decode(codes) - x).square().mean())
+
+    assert changes(patient) < 0.7 * changes(plain)
+    assert missed(patient) < 1.6 * missed(plain)
+    assert torch.equal(patient[1:], quantizer.encode(x[1:], 0.5))
+
+
 def test_missing_trailing_layers_equal_layers_of_minus_one():
     quantizer, generator = trained()
     codes = quantizer.eval().encode(torch.randn(2, 5, 8, generator=generator))

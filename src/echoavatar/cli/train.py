@@ -39,6 +39,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     tokenizer.add_argument("--steps", type=int, default=6000, help="optimiser steps (default: %(default)s)")
     tokenizer.add_argument("--start", type=Path, help="trained tokenizer of the same sizes to begin with")
     tokens = kinds.add_parser("tokens", help="turn the corpus into codes with a trained codec and tokenizer")
+    tokens.add_argument(
+        "--patience",
+        type=float,
+        default=0.4,
+        help="price of a change of code, so that codes stay where they may and the generator need not foretell "
+        "flips that mean nothing; 0 takes the nearest (default: %(default)s)",
+    )
     generator = kinds.add_parser("generator", help="the generator, on a folder of codes")
     generator.add_argument("--steps", type=int, default=3200, help="optimiser steps (default: %(default)s)")
     generator.add_argument("--batch", type=int, default=4, help="windows per step (default: %(default)s)")
@@ -197,17 +204,20 @@ def _tokens(args: argparse.Namespace, progress: Progress) -> None:
 
     codec = AudioCodec.load(args.codec).eval()
     tokenizer = BodyTokenizer.load(args.tokenizer).eval()
-    tokenize_corpus(Corpus(args.source), codec, tokenizer, args.output, progress=progress)
+    tokenize_corpus(
+        Corpus(args.source), codec, tokenizer, args.output, patience=args.patience, progress=progress
+    )
 
 
 def _generator(args: argparse.Namespace, progress: Progress) -> None:
     from ..audio import AudioCodec
-    from ..generator import Generator, GeneratorConfig, TokenClip
+    from ..generator import Generator, GeneratorConfig, TokenClip, patience_of
     from ..generator.train import GeneratorTraining, train_generator
     from ..tokenizer import BodyTokenizer
     from ..tokens import TokenLayout
 
     codec, tokenizer = AudioCodec.load(args.codec), BodyTokenizer.load(args.tokenizer)
+    clips = [TokenClip.load(path) for path in sorted(args.source.glob("*.npz"))]
     layout = TokenLayout.compact(
         audio_codes=codec.config.codes,
         motion_layers=tokenizer.config.layers,
@@ -220,6 +230,7 @@ def _generator(args: argparse.Namespace, progress: Progress) -> None:
         mlp=3 * args.width,
         window_chunks=args.window,
         exemplar=args.exemplar > 0,
+        patience=patience_of(clips),
     )
     weights = tuple(0.7**layer for layer in range(layout.motion_layers))
     training = GeneratorTraining(
@@ -236,7 +247,6 @@ def _generator(args: argparse.Namespace, progress: Progress) -> None:
         depth_weights=weights,
         seed=args.seed,
     )
-    clips = [TokenClip.load(path) for path in sorted(args.source.glob("*.npz"))]
     train_generator(
         config,
         training,

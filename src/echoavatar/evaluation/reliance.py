@@ -21,11 +21,12 @@ LATE_CHUNKS = 3  # 0.8 s: other syllables, other beats, the same voice and piece
 
 
 def token_clips(bundle: Bundle, clips: Sequence[Clip]) -> list[TokenClip]:
-    """The clips as codes of the bundle's codec and tokenizer."""
+    """The clips as codes of the bundle's codec and tokenizer, as steady as those its generator was trained on."""
+    patience = bundle.generator.config.patience
     return [
         TokenClip(
             audio_codes(bundle.codec, clip.audio),
-            motion_codes(bundle.tokenizer, clip),
+            motion_codes(bundle.tokenizer, clip, patience=patience),
             clip.domain[::FRAMES_PER_MOTION_TOKEN],
             clip.split,
         )

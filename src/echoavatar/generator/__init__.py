@@ -7,7 +7,7 @@ from .linear import Precision
 from .model import Generator
 from .reliance import nll_by_domain
 from .stream import GeneratorStream, InterleavedStream, PrefixStream, open_stream
-from .windows import DOMAINS, TokenClip, Window, WindowSampler
+from .windows import DOMAINS, TokenClip, Window, WindowSampler, patience_of
 
 __all__ = [
     "DOMAINS",
@@ -26,5 +26,6 @@ __all__ = [
     "init_from_qwen",
     "nll_by_domain",
     "open_stream",
+    "patience_of",
     "qwen_half_billion",
 ]

@@ -35,6 +35,9 @@ class GeneratorConfig(Config):
     )
     top_p: float = Field(default=0.95, gt=0, le=1, description="default nucleus mass")
 
+    patience: float = Field(
+        default=0.0, ge=0, description="of the codes of motion it was trained on (`quantize.steady`)"
+    )
     exemplar: bool = Field(
         default=False, description="whether a set of first-layer upper-body codes steers it (paper, stage 3)"
     )

@@ -2,7 +2,7 @@
 
 A token file is one clip: an npz with `audio_codes` (f, 2) int16 at 75 Hz, `motion_codes` (n, 3, Q) int16 at 7.5 Hz,
 `domain` (n,) uint8 (0 silence, 1 speech, 2 music) and `split` ("train" or "test"); optionally `cues` (f, 2) uint8, 1
-where a beat or a stressed syllable is heard.
+where a beat or a stressed syllable is heard, and `patience`, how steady the codes of motion are.
 """
 
 import zipfile
@@ -32,6 +32,7 @@ class TokenClip:
     domain: UInt8[np.ndarray, " labels"]
     split: str = "train"
     cues: UInt8[np.ndarray, "f 2"] | None = None  # not known where None
+    patience: float = 0.0  # how steady the codes of motion are (`quantize.steady`)
 
     def __post_init__(self) -> None:
         chunks = min(len(self.audio) // AUDIO_FRAMES_PER_CHUNK, len(self.motion) // MOTION_TOKENS_PER_CHUNK)
@@ -55,10 +56,9 @@ class TokenClip:
         """
         try:
             with np.load(path, allow_pickle=False) as file:
-                cues = file.get("cues")
-                return cls(
-                    file["audio_codes"], file["motion_codes"], file["domain"], str(file["split"]), cues
-                )
+                cues, patience = file.get("cues"), float(file.get("patience", 0.0))
+                codes = file["audio_codes"], file["motion_codes"]
+                return cls(*codes, file["domain"], str(file["split"]), cues, patience)
         except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
             raise MotionError(f"{path} is not a token file ({error}); tokenize the corpus again") from error
 
@@ -71,7 +71,20 @@ class TokenClip:
             domain=self.domain.astype(np.uint8),
             split=np.array(self.split),
             cues=np.asarray(self.cues),
+            patience=np.array(self.patience),
         )
+
+
+def patience_of(clips: Sequence[TokenClip]) -> float:
+    """How steady the clips' codes are, all alike; 0 where there are none.
+
+    Raises:
+        MotionError: some clips were made with another patience than others.
+    """
+    found = sorted({clip.patience for clip in clips})
+    if len(found) > 1:
+        raise MotionError(f"the token files have codes of patience {found}; make all with one `--patience`")
+    return found[0] if found else 0.0
 
 
 class Window(NamedTuple):

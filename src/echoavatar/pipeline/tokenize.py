@@ -30,9 +30,13 @@ def tokenize_corpus(
     folder: Path,
     *,
     is_mirrored_too: bool = True,
+    patience: float = 0.0,
     progress: Callable[[int, int], None] | None = None,
 ) -> int:
-    """Write a token file for each clip (and its mirror image); clips that have one are kept. Returns the number."""
+    """Write a token file for each clip (and its mirror image); clips that have one are kept. Returns the number.
+
+    With `patience` the codes of motion are steady ones (`quantize.steady`): fewer flips for a generator to foretell.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     names = corpus.names()
     for done, name in enumerate(names, start=1):
@@ -43,9 +47,10 @@ def tokenize_corpus(
             clip = corpus.load(name)
             sound = audio_codes(codec, clip.audio)
             for path, is_mirrored in targets:
-                codes = motion_codes(tokenizer, clip, is_mirrored=is_mirrored)
+                codes = motion_codes(tokenizer, clip, is_mirrored=is_mirrored, patience=patience)
                 domain = clip.domain[: len(codes) * FRAMES_PER_MOTION_TOKEN : FRAMES_PER_MOTION_TOKEN]
-                TokenClip(sound, codes, domain, clip.split, heard_cues(clip, len(sound))).save(path)
+                cues = heard_cues(clip, len(sound))
+                TokenClip(sound, codes, domain, clip.split, cues, patience).save(path)
         if progress:
             progress(done, len(names))
     return len(list(folder.glob("*.npz")))
@@ -74,11 +79,11 @@ def heard_cues(clip: Clip, frames: int) -> UInt8[np.ndarray, "f 2"]:
 
 @torch.inference_mode()
 def motion_codes(
-    tokenizer: BodyTokenizer, clip: Clip, *, is_mirrored: bool = False
+    tokenizer: BodyTokenizer, clip: Clip, *, is_mirrored: bool = False, patience: float = 0.0
 ) -> Int[np.ndarray, "n 3 q"]:
     """Codes of a whole clip of motion."""
     features = clip_features(tokenizer, clip, is_mirrored=is_mirrored)
-    return tokenizer.encode(features[None])[0].numpy().astype(np.int16)
+    return tokenizer.encode(features[None], patience)[0].numpy().astype(np.int16)
 
 
 def clip_features(tokenizer: BodyTokenizer, clip: Clip, *, is_mirrored: bool = False) -> Float[Tensor, "t c"]:

@@ -11,6 +11,7 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from .codebook import Codebook
+from .steady import steadiest
 
 
 class Quantized(NamedTuple):
@@ -60,13 +61,20 @@ class ResidualVectorQuantizer(nn.Module):
         """The codebooks, coarse to fine."""
         return [layer for layer in self.layers if isinstance(layer, Codebook)]
 
-    def encode(self, latents: Float[Tensor, "b n c"]) -> Int[Tensor, "b n q"]:
-        """Codes of the nearest entries, layer by layer."""
+    def encode(self, latents: Float[Tensor, "b n c"], patience: float = 0.0) -> Int[Tensor, "b n q"]:
+        """Codes layer by layer: the nearest entries, or with `patience` the steadiest good ones of whole clips.
+
+        A change of code then costs `patience` times what the layer misses in the mean with the nearest entries.
+        """
         residual = latents.detach().to(self._dtype()).flatten(0, 1)
         chosen = []
         with torch.autocast(latents.device.type, enabled=False):
             for book in self.books():
                 codes = book.nearest(residual)
+                if patience:
+                    distances = book.squared_distances(residual).view(*latents.shape[:2], -1)
+                    prices = patience * distances.min(-1).values.mean(1)
+                    codes = torch.cat([steadiest(*clip) for clip in zip(distances, prices, strict=True)])
                 residual = residual - book.lookup(codes)
                 chosen.append(codes)
         return torch.stack(chosen, -1).view(*latents.shape[:2], -1)

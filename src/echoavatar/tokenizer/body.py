@@ -109,11 +109,19 @@ class BodyTokenizer(nn.Module):
         return torch.stack(parts)
 
     @torch.no_grad()
-    def encode(self, features: Float[Tensor, "b t c"]) -> Int[Tensor, "b n p q"]:
-        """Codes of whole clips; the number of frames must be a multiple of four."""
-        state, active = self.init_encoder(features.shape[0]), _all(features)
-        pieces = torch.split(features, PIECE_TOKENS * FRAMES_PER_MOTION_TOKEN, 1)
-        return torch.cat([self.encode_step(piece, state, active) for piece in pieces], 1)
+    def encode(self, features: Float[Tensor, "b t c"], patience: float = 0.0) -> Int[Tensor, "b n p q"]:
+        """Codes of whole clips; the number of frames must be a multiple of four.
+
+        `patience` prefers codes that stay (`quantize.steady`): what a generator is trained on.
+        """
+        active, codes = _all(features), []
+        parts = split_parts(self.skeleton, self.statistics.normalize(features))
+        for name, tokenizer in self.tokenizers().items():
+            state = tokenizer.init_encoder(features.shape[0])
+            pieces = torch.split(parts[name], PIECE_TOKENS * FRAMES_PER_MOTION_TOKEN, 1)
+            latents = torch.cat([tokenizer.latents_step(piece, state, active) for piece in pieces], 1)
+            codes.append(tokenizer.quantizer.encode(latents, patience))
+        return torch.stack(codes, 2)
 
     @torch.no_grad()
     def decode(self, codes: Int[Tensor, "b n p q"]) -> Float[Tensor, "b t c"]:

@@ -138,8 +138,14 @@ class MotionTokenizer(nn.Module):
         self, features: Float[Tensor, "b t c"], state: EncoderState, active: Bool[Tensor, " b"]
     ) -> Int[Tensor, "b n q"]:
         """Codes of the next 4k frames of running clips."""
+        return self.quantizer.encode(self.latents_step(features, state, active))
+
+    def latents_step(
+        self, features: Float[Tensor, "b t c"], state: EncoderState, active: Bool[Tensor, " b"]
+    ) -> Float[Tensor, "b n c2"]:
+        """The next 4k frames of running clips before they are quantised."""
         bound = (_Bound(b, s, active) for b, s in zip(_blocks(self.encoder), state.blocks, strict=True))
-        return self.quantizer.encode(self._encode_with(features, bound))
+        return self._encode_with(features, bound)
 
     def decode_step(
         self, codes: Int[Tensor, "b n q"], state: DecoderState, active: Bool[Tensor, " b"]
