@@ -12,7 +12,7 @@ from ..errors import MotionError
 from ..ik.measure import penetration_depth_m
 from ..kinematics import HUMANOID, Motion
 from ..kinematics.contact import planted, skate
-from ..metrics.bootstrap import interval
+from ..metrics.bootstrap import Interval, interval
 from ..metrics.diversity import l1_deviation
 from ..metrics.frechet import Moments, frechet_between, moments, pooled
 from ..metrics.motion_features import motion_features
@@ -127,6 +127,9 @@ def _fid(made: Sequence[Measured], true: Sequence[Measured], seed: int) -> Row:
         return frechet_between(pooled([ours[k] for k in clips]), pooled([theirs[k] for k in clips]))
 
     ends = interval(distance, len(ours), is_centred=True, samples=FID_SAMPLES, seed=seed)
+    ends = (
+        Interval(max(ends.low, 0.0), ends.high) if ends.low < 0 else ends
+    )  # shifted below what a distance can be
     row = Row("fid", "", distance(range(len(ours))), ends)
     if len(theirs) < 2:
         return row

@@ -114,6 +114,7 @@ def gesture_rows(
             scored(made, is_shuffled=False),
             truths=scored(true, is_shuffled=False),
             chances=scored(made, is_shuffled=True),
+            truth_chances=scored(true, is_shuffled=True),
             weights=weights,
             seed=seed,
         )
@@ -156,6 +157,7 @@ def dance_rows(
             scored(made, is_shuffled=False),
             truths=scored(true, is_shuffled=False),
             chances=scored(made, is_shuffled=True),
+            truth_chances=scored(true, is_shuffled=True),
             seed=seed,
         )
 

@@ -30,10 +30,11 @@ def draw(rows: Sequence[Row], path: Path, *, title: str) -> None:
         _line(axis, row)
     handles = [
         axes[0].plot([], [], "o", color=_MADE, label="made, 95 %")[0],
+        axes[0].plot([], [], "|", color=_CHANCE, ms=11, mew=2, label="its chance")[0],
         axes[0].plot([], [], "D", color=_TRUTH, mfc="none", label="truth")[0],
-        axes[0].plot([], [], "|", color=_CHANCE, ms=11, mew=2, label="chance")[0],
+        axes[0].plot([], [], "|", color=_TRUTH, ms=11, mew=1, label="its chance")[0],
     ]
-    figure.legend(handles=handles, loc="upper right", ncols=3, fontsize=8, frameon=False)
+    figure.legend(handles=handles, loc="upper right", ncols=4, fontsize=8, frameon=False)
     try:
         figure.savefig(path, dpi=130)
     except (OSError, ValueError) as error:
@@ -49,12 +50,14 @@ def _line(axis, row: Row) -> None:  # type: ignore[no-untyped-def]
     for side in ("top", "right", "left"):
         axis.spines[side].set_visible(False)
     axis.tick_params(labelsize=7, length=2)
-    shown = [x for x in (row.value, *row.interval, row.truth, row.chance) if math.isfinite(x)]
+    shown = [
+        x for x in (row.value, *row.interval, row.truth, row.chance, row.truth_chance) if math.isfinite(x)
+    ]
     if not shown:
         axis.set_xticks([])
         return
     low, high = min(shown), max(shown)
-    room = 0.08 * (high - low) or 0.1 * abs(high) or 1.0
+    room = max(0.08 * (high - low), 1e-3 * abs(high), 1e-3)
     axis.set_xlim(low - room, high + room)
     axis.set_ylim(-1, 1)
     if math.isfinite(row.interval.low):
@@ -62,3 +65,4 @@ def _line(axis, row: Row) -> None:  # type: ignore[no-untyped-def]
     axis.plot([row.value], [0], "o", color=_MADE, ms=6)
     axis.plot([row.truth], [0], "D", color=_TRUTH, mfc="none", ms=6)
     axis.plot([row.chance], [0], "|", color=_CHANCE, ms=13, mew=2)
+    axis.plot([row.truth_chance], [0], "|", color=_TRUTH, ms=13, mew=1)

@@ -24,6 +24,7 @@ class Row(NamedTuple):
         excess: value - chance, with its own interval, paired clip by clip.
         excess_interval: likewise.
         truth: what the true motion scores; for FID, one half of the truth against the other.
+        truth_chance: the true motion's own chance level.
     """
 
     name: str
@@ -34,6 +35,7 @@ class Row(NamedTuple):
     excess: float = NAN
     excess_interval: Interval = UNKNOWN
     truth: float = NAN
+    truth_chance: float = NAN
 
 
 def row_of_means(
@@ -43,6 +45,7 @@ def row_of_means(
     *,
     truths: Float[np.ndarray, " n"] | None = None,
     chances: Float[np.ndarray, " n"] | None = None,
+    truth_chances: Float[np.ndarray, " n"] | None = None,
     weights: Float[np.ndarray, " n"] | None = None,
     seed: int = 0,
 ) -> Row:
@@ -50,6 +53,8 @@ def row_of_means(
     row = Row(name, unit, _mean(values, weights), mean_interval(values, weights, seed=seed))
     if truths is not None:
         row = row._replace(truth=_mean(truths, weights))
+    if truth_chances is not None:
+        row = row._replace(truth_chance=_mean(truth_chances, weights))
     if chances is not None:
         over = values - chances
         row = row._replace(
@@ -62,7 +67,17 @@ def row_of_means(
 
 def as_text(rows: Sequence[Row]) -> str:
     """Aligned columns; a dash where there is nothing to say."""
-    head = ("metric", "made", "95 % interval", "chance", "over chance", "95 % interval", "truth", "unit")
+    head = (
+        "metric",
+        "made",
+        "95 % interval",
+        "chance",
+        "over chance",
+        "95 % interval",
+        "truth",
+        "its chance",
+        "unit",
+    )
     lines = [head]
     for row in rows:
         lines.append(
@@ -74,6 +89,7 @@ def as_text(rows: Sequence[Row]) -> str:
                 _number(row.excess, sign=True),
                 _span(row.excess_interval),
                 _number(row.truth),
+                _number(row.truth_chance),
                 row.unit,
             )
         )
@@ -100,6 +116,7 @@ def as_json(rows: Sequence[Row]) -> dict[str, dict[str, object]]:
             "over_chance": _plain(row.excess),
             "over_chance_interval": [_plain(x) for x in row.excess_interval],
             "truth": _plain(row.truth),
+            "truth_chance": _plain(row.truth_chance),
         }
         for row in rows
     }
@@ -122,7 +139,7 @@ def _plain(value: float) -> float | None:
 def _number(value: float, *, sign: bool = False) -> str:
     if not math.isfinite(value):
         return "-"
-    digits = 3 if abs(value) < 100 else 1
+    digits = 1 if abs(value) >= 100 else 3 if abs(value) >= 0.01 or abs(value) < 5e-6 else 5
     return f"{value:{'+' if sign else ''}.{digits}f}"
 
 

@@ -74,7 +74,7 @@ def frechet_between(made: Moments, true: Moments, *, ridge: float = 0.0) -> floa
     middle = np.linalg.eigvalsh(root @ (true.covariance + eye) @ root).clip(0)
     shift = made.mean - true.mean
     spread = np.trace(made.covariance) + np.trace(true.covariance) - 2 * np.sqrt(middle).sum()
-    return float(shift @ shift + spread)
+    return max(0.0, float(shift @ shift + spread))  # below zero by rounding only
 
 
 def frechet_distance(
