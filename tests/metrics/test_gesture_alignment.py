@@ -41,7 +41,7 @@ def test_a_beat_must_be_slow_but_above_a_share_of_the_mean(form: GestureForm) ->
 
 
 def test_the_index_quirk_tests_the_threshold_60_frames_too_early() -> None:
-    """A joint that is slow for the first 10 s: `fixed` finds its late minima, `emage` drops those 60 frames after the change."""
+    """A joint slow for its first 10 s: `fixed` finds its late minima, `emage` loses the first two seconds of them."""
     t = np.arange(600) / 30
     pace = np.where(t < 10, 0.02, 1.0) * (1.5 + np.cos(2 * np.pi * t + 0.07))
     moving = np.zeros((600, 1, 3))

@@ -8,7 +8,7 @@
 - `sharp`: ours. Maxima of deceleration of positions smoothed by one frame, at least 3 frames apart, sigma 0.06 s.
 
 Sigma in frames makes a score depend on the frame rate: Bailando and AIST++ mean 60 fps. The chance level depends on
-how frequent motion beats are, from 0.25 (`bailando`, `aist`) to 0.9 (`paper`), so nothing can be compared across forms.
+how frequent motion beats are (0.2 to 0.4 among these forms on rehearsal motion): compare within a form only.
 """
 
 from typing import Literal, NamedTuple
