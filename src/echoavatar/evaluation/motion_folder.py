@@ -211,7 +211,6 @@ def _audio_files(folder: Path) -> dict[str, Path]:
 def _want_same(here: Path, own: dict[str, Path], there: Path, others: dict[str, Path]) -> None:
     if missing := sorted(others.keys() - own.keys()):
         raise EchoAvatarError(
-            f"{here} has {len(own)} clips and {there} {len(others)}: {missing[0]}"
-            + (f" and {len(missing) - 1} more are" if len(missing) > 1 else " is")
-            + f" missing in {here}; make the rest, or pass --common to score what both have"
+            f"{here} lacks {len(missing)} of the {len(others)} clips in {there}, {missing[0]} for one;"
+            " make the rest, or pass --common to score what both have"
         )
