@@ -50,11 +50,3 @@ def test_a_jump_at_chunk_borders_is_seen() -> None:
     assert behaviour.border_ratio([behaviour.Track(jumpy, still, domain)]) > 2
     assert behaviour.border_speed_ratio([behaviour.Track(smooth, still, domain)]) == pytest.approx(1, abs=0.1)
     assert behaviour.border_speed_ratio([behaviour.Track(jumpy, still, domain)]) > 1.5
-
-
-def test_jerk_of_uniform_motion_is_zero() -> None:
-    moving = np.zeros((30, 2, 3))
-    moving[:, 1, 0] = np.arange(30) * 0.01
-    assert behaviour.jerk_m_s3(behaviour.Track(moving, np.zeros((29, 2)), np.zeros(30))) == pytest.approx(
-        0, abs=1e-6
-    )

@@ -1,4 +1,4 @@
-"""`echoavatar train`: codec, tokenizer, generator, face, in this order, and fingers; each resumes where it stopped."""
+"""`echoavatar train`: codec, tokenizer, generator, face, in this order, fingers, and FID's extractor; each resumes."""
 
 import argparse
 from collections.abc import Callable
@@ -7,7 +7,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from ..errors import EchoAvatarError
-from . import train_fingers
+from . import train_fid_encoder, train_fingers
 
 ORDER = """the whole way from nothing to a bundle:
   echoavatar data rehearse --hours 3.5 --seed 1 -o corpus
@@ -114,12 +114,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "fingers", help="the model behind `refine-fingers`, on motion with good fingers"
     )
     train_fingers.add_arguments(fingers)
+    fid_encoder = kinds.add_parser(
+        "fid-encoder", help="the extractor behind `score`'s FID, on the corpus's motion"
+    )
+    train_fid_encoder.add_arguments(fid_encoder)
     sources = {
         generator: "folder of codes (`train tokens`)",
         face: "folder of face clips (`data face`)",
         fingers: "corpus folder (`data rehearse`), or folder of BVH clips",
     }
-    for child in (codec, tokenizer, tokens, generator, face, fingers):
+    for child in (codec, tokenizer, tokens, generator, face, fingers, fid_encoder):
         source = sources.get(child, "corpus folder (`data rehearse`)")
         child.add_argument("source", type=Path, metavar="SOURCE", help=source)
         child.add_argument(
@@ -147,6 +151,7 @@ def run(args: argparse.Namespace) -> int:
             "generator": _generator,
             "face": _face,
             "fingers": _fingers,
+            "fid-encoder": _fid_encoder,
         }
         trainings[args.kind](args, progress)
     print(f"{args.kind} in {args.output}")
@@ -281,3 +286,7 @@ def _face(args: argparse.Namespace, progress: Progress) -> None:
 
 def _fingers(args: argparse.Namespace, progress: Progress) -> None:
     train_fingers.train(args, _card(args), progress)
+
+
+def _fid_encoder(args: argparse.Namespace, progress: Progress) -> None:
+    train_fid_encoder.train(args, _card(args), progress)

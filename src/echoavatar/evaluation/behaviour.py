@@ -77,12 +77,6 @@ def by_domain(values: Sequence[np.ndarray], clips: Sequence[Track], domain: int)
     return float(joined.mean()) if len(joined) else float("nan")
 
 
-def jerk_m_s3(clip: Track) -> float:
-    """Mean length of the third difference of all joint positions, relative to the hips."""
-    relative = clip.positions - clip.positions[:, :1]
-    return float(np.linalg.norm(np.diff(relative, n=3, axis=0), axis=-1).mean() * FRAME_RATE_HZ**3)
-
-
 def border_speed_ratio(clips: Sequence[Track]) -> float:
     """Mean joint speed from the last frame of a chunk to the first of the next, over that inside chunks."""
     at_border, inside = [], []

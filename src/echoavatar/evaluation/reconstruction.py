@@ -1,7 +1,7 @@
 """How well the tokenizer keeps motion (paper, Table 1): MPJPE, root velocity error, codebook use.
 
-MPJPE is character-centric: root position and heading are those of the truth for both, so only the pose counts.
-The paper does not say how it removes heading; ours aligns the hips' yaw. Fingers are measured relative to the wrist.
+MPJPE is character-centric (`metrics.position_error`), so only the pose counts; fingers are measured from
+the wrist.
 """
 
 from typing import NamedTuple
@@ -11,6 +11,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from ..kinematics import Skeleton, forward_kinematics
+from ..metrics.position_error import mean_joint_error, trans_loss, without_heading
 
 
 class Reconstruction(NamedTuple):
@@ -37,9 +38,9 @@ def reconstruction(
     anchors = [_wrist(skeleton, j, set(hands)) for j in hands]
     finger_truth, finger_guess = truth[:, hands] - truth[:, anchors], guess[:, hands] - guess[:, anchors]
     return Reconstruction(
-        float((truth[:, body] - guess[:, body]).norm(dim=-1).mean() * 1000),
-        float((finger_truth - finger_guess).norm(dim=-1).mean() * 1000),
-        float((velocity - rebuilt_velocity).norm(dim=-1).mean() * 1000),
+        mean_joint_error(guess[:, body], truth[:, body]) * 1000,
+        mean_joint_error(finger_guess, finger_truth) * 1000,
+        trans_loss(rebuilt_velocity, velocity) * 1000,
     )
 
 
@@ -52,14 +53,7 @@ def codebook_use(codes: Int[Tensor, "n p q"], size: int) -> Float[Tensor, "p q"]
 
 
 def _centred(skeleton: Skeleton, rotations: Float[Tensor, "t j 3 3"]) -> Float[Tensor, "t j 3"]:
-    forward = rotations[:, 0, :, 2]
-    yaw = torch.atan2(forward[:, 0], forward[:, 2])
-    zero, one = torch.zeros_like(yaw), torch.ones_like(yaw)
-    turn = torch.stack([yaw.cos(), zero, -yaw.sin(), zero, one, zero, yaw.sin(), zero, yaw.cos()], -1).view(
-        -1, 3, 3
-    )
-    facing = rotations.clone()
-    facing[:, 0] = turn @ rotations[:, 0]
+    facing = without_heading(rotations)
     return forward_kinematics(skeleton, facing, torch.zeros(len(rotations), 3)).positions
 
 

@@ -14,6 +14,10 @@ from ..data import Clip
 from ..engine import animate_many
 from ..kinematics.contact import planted, skate
 from ..kinematics.features import from_features, travel_slice
+from ..metrics.audio_events import music_beats, speech_onsets
+from ..metrics.dance_alignment import dance_beats
+from ..metrics.gesture_alignment import gesture_beats
+from ..metrics.physical import jerk_m_s3
 from ..pipeline import Bundle, Pipeline
 from ..pipeline.tokenize import clip_features
 from ..timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
@@ -121,7 +125,7 @@ def _behaviour(bundle: Bundle, clips: Sequence[Track]) -> dict[str, float]:
         "hand_speed_speech_m_s": behaviour.by_domain(speed, clips, SPEECH),
         "hand_speed_music_m_s": behaviour.by_domain(speed, clips, MUSIC),
         "skate_cm_s": float(np.average(sliding, weights=weight)),
-        "jerk_m_s3": float(np.mean([behaviour.jerk_m_s3(clip) for clip in clips])),
+        "jerk_m_s3": float(np.mean([jerk_m_s3(clip.positions) for clip in clips])),
         "max_joint_deg_s": float(max(clip.angular_speed.max() for clip in clips)),
         "border_speed_ratio": behaviour.border_speed_ratio(clips),
         "border_ratio": behaviour.border_ratio(clips),
@@ -139,8 +143,8 @@ def beat_scores(
     scores: dict[str, float] = {}
     for suffix, tracks in (("", made), ("_truth", truth)):
         found = {
-            "onset": [beats.speech_motion_beats(track.positions[:, arms]) for track in tracks],
-            "beat": [beats.dance_motion_beats(track.positions) for track in tracks],
+            "onset": [gesture_beats(track.positions[:, arms]) for track in tracks],
+            "beat": [[dance_beats(track.positions)] for track in tracks],
         }
         for kind, times in events.items():
             own, chance = beats.alignment_and_chance(times, found[kind])
@@ -185,13 +189,13 @@ def recording_scores(
     for motion, recording in zip(motions, recordings, strict=True):
         domain = np.full(motion.frames, recording.kind, np.uint8)
         tracks.append(behaviour.track(bundle.skeleton, motion.rotations, motion.root, domain))
-        detect = beats.speech_onsets if recording.kind == SPEECH else beats.music_beats
+        detect = speech_onsets if recording.kind == SPEECH else music_beats
         events.append(detect(recording.audio, SAMPLE_RATE_HZ))
     scores = {f"recordings_{key}": value for key, value in _behaviour(bundle, tracks).items()}
     for kind, name in ((SPEECH, "onset"), (MUSIC, "beat")):
         picked = [i for i, recording in enumerate(recordings) if recording.kind == kind]
-        find = (lambda t: beats.speech_motion_beats(t.positions[:, arms])) if kind == SPEECH else None
-        found = [find(tracks[i]) if find else beats.dance_motion_beats(tracks[i].positions) for i in picked]
+        places = [tracks[i].positions for i in picked]
+        found = [gesture_beats(p[:, arms]) if kind == SPEECH else [dance_beats(p)] for p in places]
         own, chance = beats.alignment_and_chance([events[i] for i in picked], found)
         scores[f"recordings_ba_{name}"], scores[f"recordings_ba_{name}_chance"] = own, chance
     return scores

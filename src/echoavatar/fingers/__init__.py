@@ -1,6 +1,6 @@
 """Fingers for motion that has none (paper, Motion Refinement): an inpainting model of the hands given the body.
 
-May import `kinematics`, `nn`, `checkpoint` and below.
+May import `metrics`, `kinematics`, `nn`, `checkpoint` and below.
 """
 
 from .config import FingerConfig

@@ -9,11 +9,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import torch
 from jaxtyping import Float
-from scipy.linalg import sqrtm
 from torch import Tensor
 
 from ..kinematics import HUMANOID, forward_kinematics
 from ..kinematics.rotations import angle_between
+from ..metrics.frechet import frechet_distance
 from ..timing import FRAME_RATE_HZ
 from .clips import FingerClip
 from .hands import FINGERS, HandBasis, finger_rotations, hand_poses
@@ -73,7 +73,7 @@ def compare(
         "error_deg": float(error),
         "tip_error_cm": 100 * float(tips),
         "curl_correlation": _correlation(curl(guess), curl(truth)),
-        "frechet": _frechet(_plain(basis, guess), _plain(basis, truth)),
+        "frechet": frechet_distance(_plain(basis, guess), _plain(basis, truth)),
     }
     return {key: round(value, 3) for key, value in (numbers | liveliness(guesses)).items()}
 
@@ -122,10 +122,3 @@ def _plain(basis: HandBasis, fingers: Tensor) -> Float[np.ndarray, "n k"]:
     """Coordinates of every single hand, not whitened (units of 6D)."""
     coordinates = (basis.encode(hand_poses(fingers)) * basis.scale).flatten(0, 1)
     return np.asarray(coordinates.double().numpy())
-
-
-def _frechet(a: Float[np.ndarray, "n k"], b: Float[np.ndarray, "m k"]) -> float:
-    """Distance between the normal distributions fitted to two sets of poses."""
-    one, two = (np.cov(x, rowvar=False) for x in (a, b))
-    middle = np.real(sqrtm(one @ two + 1e-12 * np.eye(len(one))))
-    return float(np.square(a.mean(0) - b.mean(0)).sum() + np.trace(one + two - 2 * middle))

@@ -1,0 +1,102 @@
+"""`echoavatar baseline`: motion without a model, for sound files or clips, as clips that `score` reads."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from tqdm import tqdm
+
+from ..errors import EchoAvatarError
+
+if TYPE_CHECKING:
+    from ..data import Clip
+
+EXAMPLES = """examples:
+  echoavatar baseline nearest --train corpus talk.wav song.mp3 -o made    motion whose sound was most alike
+  echoavatar baseline random --train corpus corpus -o made                for the test clips of a corpus
+  echoavatar baseline mean --train corpus clips/*.npz -o made             for the sound of clips
+then: echoavatar score made corpus --common
+
+mean: the mean pose, standing still. random: stretches of training motion, whatever the sound. nearest: every 2.1 s the
+training motion with the nearest sound. All from the training clips of the corpus alone.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.epilog = EXAMPLES
+    parser.add_argument("kind", choices=("mean", "random", "nearest"), help="which baseline")
+    parser.add_argument(
+        "audio", nargs="+", type=Path, metavar="AUDIO", help="sound files, clips, or a corpus"
+    )
+    parser.add_argument(
+        "--train", type=Path, required=True, metavar="CORPUS", help="where motion is taken from"
+    )
+    parser.add_argument("-o", "--output", type=Path, required=True, help="folder to write clips to")
+    parser.add_argument("--seed", type=int, default=0, help="of the random choice (default: %(default)s)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Make one clip for each sound."""
+    from dataclasses import replace
+
+    from ..data import Corpus
+    from ..evaluation.baselines import Baselines
+
+    paths = [found for given in args.audio for found in _sounds(given)]
+    names = [path.stem for path in paths]
+    if twice := next((name for name in names if names.count(name) > 1), None):
+        raise EchoAvatarError(f"two sounds are named {twice}; rename one of them")
+    corpus = Corpus(args.train)
+    show = not sys.stderr.isatty()
+    training = [
+        corpus.load(name) for name in tqdm(corpus.names("train"), "reading", unit="clip", disable=show)
+    ]
+    baselines = Baselines(training)
+    for number, path in enumerate(tqdm(paths, "making", unit="clip", disable=show)):
+        heard = _heard(path)
+        motion = baselines.make(args.kind, heard.audio, seed=args.seed + number)
+        replace(heard, rotations=motion.rotations, root=motion.root).save(args.output / f"{path.stem}.npz")
+    print(f"{len(paths)} clips in {args.output}")
+    return 0
+
+
+def _sounds(given: Path) -> list[Path]:
+    """The file itself, or the test clips of a corpus."""
+    if not given.is_dir():
+        return [given]
+    from ..data import Corpus
+
+    corpus = Corpus(given)
+    if not (names := corpus.names("test")):
+        raise EchoAvatarError(f"{given} has no test clips; name sound files instead")
+    return [corpus.path(name) for name in names]
+
+
+def _heard(path: Path) -> "Clip":
+    """A clip with this sound and nothing moving yet; labels as known, else by the file's name."""
+    from ..audio import read_audio
+    from ..data import Clip
+    from ..evaluation.behaviour import MUSIC, SPEECH
+    from ..kinematics import HUMANOID
+    from ..timing import SAMPLES_PER_FRAME
+
+    if path.suffix.lower() == ".npz":
+        return Clip.load(path)
+    audio = read_audio(path)
+    frames = len(audio) // SAMPLES_PER_FRAME
+    if not frames:
+        raise EchoAvatarError(f"{path} is shorter than a frame; take a longer sound")
+    still = np.zeros((frames, HUMANOID.joints, 4), np.float32)
+    still[..., 0] = 1
+    kind = MUSIC if "music" in f"{path.parent.name}/{path.stem}".lower() else SPEECH
+    return Clip(
+        name=path.stem,
+        audio=audio[: frames * SAMPLES_PER_FRAME],
+        rotations=still,
+        root=np.zeros((frames, 3), np.float32),
+        domain=np.full(frames, kind, np.uint8),
+        split="test",
+    )

@@ -1,0 +1,110 @@
+"""`echoavatar score`: made motion against true motion, every metric with chance level and interval; ends with JSON."""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tqdm import tqdm
+
+from ..errors import EchoAvatarError
+
+if TYPE_CHECKING:
+    from ..evaluation.score import Extractor
+
+EXAMPLES = """examples:
+  echoavatar score made true                              folders of .npz or .bvh with the same file names
+  echoavatar score made corpus --common                   the clips of a corpus that were made
+  echoavatar score made true --audio sounds --picture score.png
+  echoavatar score made true --extractor runs/fid         FID by your own extractor: `echoavatar train fid-encoder`
+  echoavatar score --embeddings pairs.npz                 retrieval: arrays `audio` and `motion`, (pairs, size) each
+
+What each row means: docs/metrics.md.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.epilog = EXAMPLES
+    parser.add_argument("made", nargs="?", type=Path, metavar="MADE", help="folder of generated motion")
+    parser.add_argument("true", nargs="?", type=Path, metavar="TRUE", help="folder of true motion")
+    parser.add_argument(
+        "--audio", type=Path, help="folder of the sound (default: in the clips, or beside them)"
+    )
+    parser.add_argument("--no-audio", action="store_true", help="leave out what needs sound")
+    parser.add_argument(
+        "--kind",
+        choices=("speech", "music"),
+        help="what the sound is (default: as labelled; music where folder or file are named so, else speech)",
+    )
+    parser.add_argument("--common", action="store_true", help="score only the clips that both folders have")
+    parser.add_argument("--resample", action="store_true", help="accept motion that is not at 30 fps")
+    parser.add_argument(
+        "--extractor",
+        default="shipped",
+        help="folder of a trained extractor, or 'none' for no FID (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--embeddings", type=Path, metavar="NPZ", help="score retrieval of these pairs as well"
+    )
+    parser.add_argument(
+        "--seed", type=int, default=0, help="of resampling and shuffling (default: %(default)s)"
+    )
+    parser.add_argument("--json", action="store_true", help="print the JSON line only")
+    parser.add_argument("--picture", type=Path, metavar="PNG", help="draw the table")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Score, print a table, then one line of JSON."""
+    from ..evaluation.score_row import as_json, as_text
+
+    if (args.made is None) != (args.true is None) or (args.made is None and not args.embeddings):
+        raise EchoAvatarError("name two folders, MADE and TRUE; `echoavatar score --help` has examples")
+    rows = _motion_rows(args) if args.made else []
+    if args.embeddings:
+        from ..evaluation.score_retrieval import read_embeddings, retrieval_rows
+
+        rows += retrieval_rows(*read_embeddings(args.embeddings), seed=args.seed)
+    if args.picture:
+        from ..evaluation.score_picture import draw
+
+        draw(rows, args.picture, title=f"{args.made or args.embeddings} against {args.true or 'chance'}")
+    if not args.json:
+        print(as_text(rows))
+    print(json.dumps(as_json(rows)))
+    return 0
+
+
+def _motion_rows(args: argparse.Namespace) -> list:  # type: ignore[type-arg]
+    from ..evaluation.behaviour import MUSIC, SPEECH
+    from ..evaluation.motion_folder import Reading, read_pairs
+    from ..evaluation.score import score
+
+    extractor = _extractor(args.extractor)
+    how = Reading(
+        audio=args.audio,
+        needs_audio=not args.no_audio,
+        kind={"speech": SPEECH, "music": MUSIC, None: None}[args.kind],
+        is_common=args.common,
+        is_resampling=args.resample,
+    )
+    with tqdm(unit="clip", disable=not sys.stderr.isatty()) as bar:
+
+        def progress(done: int, total: int) -> None:
+            bar.total = total
+            bar.n = done
+            bar.refresh()
+
+        bar.set_description("reading")
+        pairs = read_pairs(args.made, args.true, how, progress=progress)
+        bar.set_description("scoring")
+        return score(pairs, extractor, seed=args.seed, progress=progress)
+
+
+def _extractor(name: str) -> "Extractor | None":
+    from ..metrics.motion_encoder import MotionEncoder, load_shipped
+
+    if name == "none":
+        return None
+    return load_shipped() if name == "shipped" else MotionEncoder.load(Path(name))

@@ -1,0 +1,216 @@
+"""Folders of motion to score: what was made, what is true, and the sound, matched by file name.
+
+Motion is `.bvh` of any known rig or `.npz` (clips of a corpus, or what `animate` writes), brought to our rig. Sound is
+taken from a folder of its own, from a clip that carries it, or from a file of the same name beside the motion.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ..audio import read_audio
+from ..data import Clip
+from ..errors import AudioError, EchoAvatarError, MotionError
+from ..fingers.clips import on_our_rig
+from ..kinematics import HUMANOID, Motion, read_bvh
+from ..kinematics.tables import read_npz
+from ..timing import CHUNK_FRAMES, FRAME_RATE_HZ, SAMPLE_RATE_HZ
+from .behaviour import MUSIC, SPEECH
+
+MOTION_SUFFIXES = (".npz", ".bvh")
+AUDIO_SUFFIXES = (".wav", ".ogg", ".flac", ".mp3", ".m4a", ".opus")
+_LONGEST_GAP_S = 0.5  # by which sound may be shorter or longer than its motion
+
+
+class Take(NamedTuple):
+    """A file of motion on our rig, and what it says about its sound."""
+
+    motion: Motion
+    audio: Float[np.ndarray, " s"] | None = None
+    domain: Int[np.ndarray, " t"] | None = None
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Made and true motion of equal length, our rig at 30 fps; the sound at 24 kHz, and per frame what it is."""
+
+    name: str
+    made: Motion
+    true: Motion
+    audio: Float[np.ndarray, " s"] | None
+    domain: Int[np.ndarray, " t"]
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How folders are read.
+
+    Attributes:
+        audio: folder of sound files; None: from the motion's own files, or beside them.
+        needs_audio: a clip without sound is an error; False leaves sound out altogether.
+        kind: what sound without labels is, SPEECH or MUSIC; None: music where the path says so, else speech.
+        is_common: score only the clips that both folders have.
+        is_resampling: bring motion of other rates to 30 fps instead of refusing it.
+    """
+
+    audio: Path | None = None
+    needs_audio: bool = True
+    kind: int | None = None
+    is_common: bool = False
+    is_resampling: bool = False
+
+
+def read_pairs(
+    made: Path, true: Path, how: Reading, *, progress: Callable[[int, int], None] | None = None
+) -> list[Pair]:
+    """Every clip of both folders.
+
+    Raises:
+        EchoAvatarError: a folder is missing or empty, clips have no counterpart, or one cannot be used; says which.
+    """
+    ours, theirs = motion_files(made), motion_files(true)
+    names = sorted(ours.keys() & theirs.keys())
+    if not how.is_common:
+        _want_same(made, ours, true, theirs)
+        _want_same(true, theirs, made, ours)
+    if not names:
+        raise MotionError(
+            f"{made} and {true} have no file name in common; name made clips after the true ones"
+        )
+    sounds = _audio_files(how.audio) if how.audio else {}
+    pairs = []
+    for done, name in enumerate(names, 1):
+        pairs.append(_pair(name, ours[name], theirs[name], sounds, how))
+        if progress is not None:
+            progress(done, len(names))
+    return pairs
+
+
+def motion_files(folder: Path) -> dict[str, Path]:
+    """Files of motion by stem: of the folder, or of the `clips` in it where it is a corpus.
+
+    Raises:
+        MotionError: there is no such folder, it holds none, or two of one name.
+    """
+    if not folder.is_dir():
+        raise MotionError(f"{folder} is not a folder; give a folder of .npz or .bvh motion")
+    place = folder / "clips" if (folder / "manifest.json").is_file() else folder
+    paths = sorted(path for path in place.iterdir() if path.suffix.lower() in MOTION_SUFFIXES)
+    if not paths:
+        raise MotionError(f"{folder} holds no motion ({', '.join(MOTION_SUFFIXES)}); give another folder")
+    found: dict[str, Path] = {}
+    for path in paths:
+        if path.stem in found:
+            raise MotionError(
+                f"{folder} has two clips named {path.stem}; keep one of {path.name} and {found[path.stem].name}"
+            )
+        found[path.stem] = path
+    return found
+
+
+def read_take(path: Path, *, is_resampling: bool = False) -> Take:
+    """One file.
+
+    Raises:
+        MotionError: it cannot be read, holds values that are not finite, is of an unknown rig or another frame rate.
+    """
+    take = _read(path)
+    if abs(take.motion.fps - FRAME_RATE_HZ) > 1e-3 and not is_resampling:
+        raise MotionError(
+            f"{path} is at {take.motion.fps:g} frames per second, scores are defined at {FRAME_RATE_HZ};"
+            " write it at 30, or pass --resample"
+        )
+    try:
+        return take._replace(motion=on_our_rig(take.motion))
+    except MotionError as error:
+        raise MotionError(f"{path}: {error}") from error
+
+
+def _read(path: Path) -> Take:
+    try:
+        if path.suffix.lower() == ".bvh":
+            return Take(read_bvh(path))
+        if _is_clip(path):
+            clip = Clip.load(path)
+            return Take(
+                Motion(HUMANOID, clip.rotations, clip.root, float(FRAME_RATE_HZ)), clip.audio, clip.domain
+            )
+        return Take(read_npz(path))
+    except MotionError as error:
+        told = str(error) if path.name in str(error) else f"{path}: {error}"
+        raise MotionError(told) from error
+
+
+def _is_clip(path: Path) -> bool:
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
+            return "split" in getattr(stored, "files", ())
+    except Exception:  # noqa: BLE001  damaged: the reader says so
+        return False
+
+
+def _pair(name: str, made: Path, true: Path, sounds: dict[str, Path], how: Reading) -> Pair:
+    ours = read_take(made, is_resampling=how.is_resampling)
+    theirs = read_take(true, is_resampling=how.is_resampling)
+    lengths = ours.motion.frames, theirs.motion.frames
+    if abs(lengths[0] - lengths[1]) > CHUNK_FRAMES:
+        raise MotionError(
+            f"clip {name}: {lengths[0]} frames were made and {lengths[1]} are true; make it again for the whole sound"
+        )
+    frames = min(lengths)
+    audio = _sound(name, made, true, ours, theirs, sounds) if how.needs_audio else None
+    if audio is not None:
+        heard, moved = len(audio) / SAMPLE_RATE_HZ, frames / FRAME_RATE_HZ
+        if abs(heard - moved) > _LONGEST_GAP_S:
+            raise AudioError(
+                f"clip {name}: the sound lasts {heard:.2f} s and the motion {moved:.2f} s;"
+                " check the motion's frame rate and which sound it belongs to"
+            )
+    kind = (
+        how.kind
+        if how.kind is not None
+        else MUSIC
+        if "music" in f"{true.parent.name}/{name}".lower()
+        else SPEECH
+    )
+    known = theirs.domain if theirs.domain is not None else ours.domain
+    domain = np.full(frames, kind, np.uint8) if known is None or how.kind is not None else known[:frames]
+    return Pair(name, ours.motion.cut(0, frames), theirs.motion.cut(0, frames), audio, domain)
+
+
+def _sound(
+    name: str, made: Path, true: Path, ours: Take, theirs: Take, sounds: dict[str, Path]
+) -> Float[np.ndarray, " s"]:
+    if name in sounds:
+        return read_audio(sounds[name])
+    for take in (theirs, ours):
+        if take.audio is not None:
+            return take.audio
+    for beside in (true, made):
+        for suffix in AUDIO_SUFFIXES:
+            if (path := beside.with_suffix(suffix)).is_file():
+                return read_audio(path)
+    raise AudioError(
+        f"clip {name} has no sound; put {name}.wav beside it, name a folder with --audio, or pass --no-audio"
+    )
+
+
+def _audio_files(folder: Path) -> dict[str, Path]:
+    if not folder.is_dir():
+        raise AudioError(f"{folder} is not a folder; give --audio a folder of sound files")
+    found = {path.stem: path for path in sorted(folder.iterdir()) if path.suffix.lower() in AUDIO_SUFFIXES}
+    if not found:
+        raise AudioError(f"{folder} holds no sound ({', '.join(AUDIO_SUFFIXES)}); give another --audio")
+    return found
+
+
+def _want_same(here: Path, own: dict[str, Path], there: Path, others: dict[str, Path]) -> None:
+    if missing := sorted(others.keys() - own.keys()):
+        raise EchoAvatarError(
+            f"{here} lacks {len(missing)} of the {len(others)} clips in {there}, {missing[0]} for one;"
+            " make the rest, or pass --common to score what both have"
+        )

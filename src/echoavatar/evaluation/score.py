@@ -1,0 +1,144 @@
+"""`echoavatar score`: made motion beside true motion and the sound, every metric of the research bench in one table."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import torch
+from jaxtyping import Float
+
+from ..errors import MotionError
+from ..ik.measure import penetration_depth_m
+from ..kinematics import HUMANOID, Motion
+from ..kinematics.contact import planted, skate
+from ..metrics.bootstrap import Interval, interval
+from ..metrics.diversity import l1_deviation
+from ..metrics.frechet import Moments, frechet_between, moments, pooled
+from ..metrics.motion_features import motion_features
+from ..metrics.physical import floor_depth_cm, foot_contact_score, jerk_m_s3
+from ..timing import FRAME_RATE_HZ
+from .motion_folder import Pair
+from .reconstruction import Reconstruction, reconstruction
+from .score_beats import Heard, dance_rows, gesture_rows
+from .score_row import Row, row_of_means
+
+FID_SAMPLES = 300
+MIN_FRAMES = 8
+Progress = Callable[[int, int], None]
+_BALLS = list(HUMANOID.config.feet)[1::2]  # the ankle swings over a planted ball; the ball must not move
+_STANDING = HUMANOID.rest_positions[_BALLS, 1].numpy()
+
+
+UNITS = {
+    "l1_diversity": "m",
+    "skate": "cm/s",
+    "floor_depth": "cm",
+    "hand_depth": "mm",
+    "jerk": "m/s3",
+    "foot_contact_score": "",
+}
+
+
+class Extractor(Protocol):
+    """What FID is taken with."""
+
+    def features(self, clip: Float[torch.Tensor, "t c"]) -> Float[torch.Tensor, "n d"]:
+        """Latents of a clip of `motion_features`."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a clip of motion is like, whatever it goes with."""
+
+    positions: Float[np.ndarray, "t j 3"]
+    planted: float  # frames of planted feet, which skating is averaged over
+    numbers: dict[str, float]  # by the names of `UNITS`
+    latents: Moments | None
+
+
+def score(
+    pairs: Sequence[Pair], extractor: Extractor | None, *, seed: int = 0, progress: Progress | None = None
+) -> list[Row]:
+    """All rows; those of sound are left out where there is none, FID where there is no extractor.
+
+    Raises:
+        MotionError: there is no clip, or one is too short.
+    """
+    if not pairs:
+        raise MotionError("there is no clip to score; give folders with motion")
+    made, true = [], []
+    for done, pair in enumerate(pairs, 1):
+        if pair.made.frames < MIN_FRAMES:
+            raise MotionError(
+                f"clip {pair.name} has {pair.made.frames} frames, scores need {MIN_FRAMES}; leave it out"
+            )
+        made.append(measured(pair.made, extractor))
+        true.append(measured(pair.true, extractor))
+        if progress is not None:
+            progress(done, len(pairs))
+    rows = [_fid(made, true, seed)] if extractor else []
+    if all(pair.audio is not None for pair in pairs):
+        heard = [Heard(pair.audio, pair.domain) for pair in pairs if pair.audio is not None]
+        places, truths = [clip.positions for clip in made], [clip.positions for clip in true]
+        rows += gesture_rows(heard, places, truths, seed=seed) + dance_rows(heard, places, truths, seed=seed)
+    weights = np.array([pair.made.frames for pair in pairs], float)
+    for name, unit in UNITS.items():
+        values, others = (np.array([clip.numbers[name] for clip in side]) for side in (made, true))
+        own = np.array([clip.planted for clip in made]) if name == "skate" else weights
+        row = row_of_means(name, unit, values, weights=own, seed=seed)
+        own = np.array([clip.planted for clip in true]) if name == "skate" else weights
+        rows.append(row._replace(truth=row_of_means(name, unit, others, weights=own).value))
+    errors = np.array([_errors(pair) for pair in pairs]).T
+    for name, unit, column in zip(
+        ("mpjpe_body", "mpjpe_hands", "trans_loss"), ("mm", "mm", "mm/frame"), errors, strict=True
+    ):
+        rows.append(row_of_means(name, unit, column, weights=weights, seed=seed))
+    return rows
+
+
+def measured(motion: Motion, extractor: Extractor | None = None) -> Measured:
+    """Numbers of one clip on our rig at 30 fps."""
+    positions = motion.pose().positions.numpy().astype(np.float64)
+    balls = positions[:, _BALLS]
+    above = balls - np.array([0.0, 1.0, 0.0]) * _STANDING[:, None]
+    depth = penetration_depth_m(HUMANOID, motion.matrices())
+    rotations, root = torch.from_numpy(motion.rotations), torch.from_numpy(motion.root)
+    return Measured(
+        positions,
+        float(planted(balls, FRAME_RATE_HZ, standing_height=_STANDING).sum()),
+        {
+            "l1_diversity": l1_deviation(positions - positions[:, :1]),
+            "skate": skate(balls, FRAME_RATE_HZ, standing_height=_STANDING),
+            "floor_depth": floor_depth_cm(above),
+            "hand_depth": float(depth.mean() * 1000),
+            "jerk": jerk_m_s3(positions),
+            "foot_contact_score": foot_contact_score(positions, HUMANOID.config.feet),
+        },
+        moments(extractor.features(motion_features(rotations, root)).numpy()) if extractor else None,
+    )
+
+
+def _fid(made: Sequence[Measured], true: Sequence[Measured], seed: int) -> Row:
+    """Interval over clips drawn on both sides alike; as `truth`, one half of the true clips against the other."""
+    ours, theirs = ([clip.latents for clip in side if clip.latents] for side in (made, true))
+
+    def distance(clips: Sequence[int] | np.ndarray) -> float:
+        return frechet_between(pooled([ours[k] for k in clips]), pooled([theirs[k] for k in clips]))
+
+    ends = interval(distance, len(ours), is_centred=True, samples=FID_SAMPLES, seed=seed)
+    ends = (
+        Interval(max(ends.low, 0.0), ends.high) if ends.low < 0 else ends
+    )  # shifted below what a distance can be
+    row = Row("fid", "", distance(range(len(ours))), ends)
+    if len(theirs) < 2:
+        return row
+    return row._replace(truth=frechet_between(pooled(theirs[::2]), pooled(theirs[1::2])))
+
+
+def _errors(pair: Pair) -> Reconstruction:
+    steps = [
+        torch.from_numpy(np.diff(m.root[:, [0, 2]], axis=0, prepend=m.root[:1, [0, 2]]))
+        for m in (pair.true, pair.made)
+    ]
+    return reconstruction(HUMANOID, pair.true.matrices(), pair.made.matrices(), *steps)
