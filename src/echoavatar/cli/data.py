@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from tqdm import tqdm
 
 from ..errors import EchoAvatarError
-from . import data_face
+from . import data_face, data_prepare
 
 if TYPE_CHECKING:
     from ..data import Clip
@@ -77,11 +77,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     faces = kinds.add_parser("face", help="sound and ARKit curves: takes of Live Link Face, or made by rule")
     data_face.add_arguments(faces)
+    prepare = kinds.add_parser(
+        "prepare",
+        help="a published dataset (ZeroEGGS, Motorica, BEAT2, Bandai-Namco) or any folder of BVH, from your copy",
+        description="Make a set that `train` reads from your own copy of a dataset.",
+    )
+    data_prepare.add_arguments(prepare)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the sub-command."""
-    kinds = {"rehearse": _rehearse, "preview": _preview, "describe": _describe, "face": data_face.run}
+    kinds = {
+        "rehearse": _rehearse,
+        "prepare": data_prepare.run,
+        "preview": _preview,
+        "describe": _describe,
+        "face": data_face.run,
+    }
     return kinds[args.kind](args)
 
 
