@@ -122,7 +122,8 @@ def write_shard(
                 f"{path} cannot be written ({error.strerror}); free space or choose another folder, then run again"
             ) from error
         finally:
-            partial.unlink(missing_ok=True)
+            if partial.is_file():
+                partial.unlink()
     return ShardEntry(name=name, frames=len(arrays["root"]), skeleton=skeleton, sha256=sums)
 
 

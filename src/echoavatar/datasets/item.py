@@ -63,7 +63,7 @@ class Receipt(Config):
 
 
 def prepare_item(item: Item, options: Options, folder: Path) -> Receipt:
-    """Make the part of one recording.
+    """Make the part of one recording, whose split is settled.
 
     Raises:
         EchoAvatarError: something about its files is wrong; the message names the file and the remedy.

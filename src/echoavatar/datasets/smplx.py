@@ -113,14 +113,15 @@ def read_smplx(path: Path, *, body_model: Path | None = None) -> Motion:
     """
     try:
         with np.load(path, allow_pickle=False) as stored:
+            for key in ("poses", "trans"):
+                if key not in stored:
+                    raise MotionError(f"{path} lacks {key!r}; it is no SMPL-X motion")
             poses, trans = (np.asarray(stored[key], np.float64) for key in ("poses", "trans"))
             betas = np.asarray(stored["betas"], np.float64).ravel() if "betas" in stored else np.zeros(0)
             rate = next((stored[k] for k in ("mocap_frame_rate", "mocap_framerate") if k in stored), 30.0)
             fps = float(np.asarray(rate))
     except FileNotFoundError as error:
         raise MotionError(f"{path} does not exist; check the name") from error
-    except KeyError as error:
-        raise MotionError(f"{path} lacks {error.args[0]!r}; it is no SMPL-X motion") from error
     except (*_FOREIGN, TypeError) as error:
         raise MotionError(f"{path} cannot be read as npz ({error}); fetch it again") from error
     t = len(poses)
