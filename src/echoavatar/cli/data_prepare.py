@@ -122,7 +122,7 @@ def run(args: argparse.Namespace) -> int:
     """Survey, prepare, report."""
     if (args.codec is None) != (args.tokenizer is None):
         raise EchoAvatarError("tokens need both --codec and --tokenizer")
-    from ..datasets import Options, prepare, survey_of
+    from ..datasets import Options, survey_of
 
     survey = survey_of(
         args.layout, args.source, only=args.only, speakers=args.speakers, has_additional=args.additional
@@ -141,15 +141,7 @@ def run(args: argparse.Namespace) -> int:
     _say_survey(survey, args.layout)
     if args.dry_run:
         return _foretell(survey, options, args)
-    with tqdm(total=len(survey.items), unit="clip", smoothing=0.05) as bar:
-        outcome = prepare(
-            args.layout,
-            survey,
-            args.output,
-            options,
-            workers=args.workers,
-            progress=lambda done, _: bar.update(done - bar.n),
-        )
+    outcome = _prepare(args, survey, options)
     _say_outcome(outcome)
     if args.codec:
         _tokens(args)
@@ -158,6 +150,24 @@ def run(args: argparse.Namespace) -> int:
     _say_failures(outcome.failures)
     print(f"report in {args.output / 'report.json'}")
     return 1 if args.strict and outcome.failures else 0
+
+
+def _prepare(args: argparse.Namespace, survey: "Survey", options: "Options") -> "Outcome":
+    from ..datasets import prepare
+
+    try:
+        with tqdm(total=len(survey.items), unit="clip", smoothing=0.05) as bar:
+            return prepare(
+                args.layout,
+                survey,
+                args.output,
+                options,
+                workers=args.workers,
+                progress=lambda done, _: bar.update(done - bar.n),
+            )
+    except KeyboardInterrupt:
+        print(f"what is finished is in {args.output}; the same call goes on from there")
+        raise
 
 
 def _say_survey(survey: "Survey", layout: str) -> None:
