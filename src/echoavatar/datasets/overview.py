@@ -129,7 +129,9 @@ def _poses(plot: Any, motions: Sequence[Motion]) -> Any:
     """Where wrists are, from the front, and how far joints turn from rest."""
     figure, (left, right) = plot.subplots(1, 2, figsize=(10, 4.2))
     places = np.concatenate([_wrists(motion) for motion in motions])
-    left.hist2d(places[:, 0], places[:, 1], bins=90, range=((-1, 1), (-0.6, 1.1)), cmap="magma", cmin=1)
+    left.hist2d(
+        places[:, 0], places[:, 1], bins=90, range=((-1, 1), (-0.6, 1.1)), cmap="magma", norm="log", cmin=1
+    )
     left.set(
         xlabel="to the figure's left, m",
         ylabel="above the hips, m",
