@@ -36,6 +36,13 @@ def test_folders_of_sound_and_of_clips(tmp_path):
         np.testing.assert_allclose(recording / 32_768, sound, atol=1e-4)
 
 
+def test_clips_of_a_corpus_keep_their_loudness(tmp_path):
+    """Clips store 16-bit sound; read as if it were -1..1 it would clip to a square wave."""
+    sound = np.array([-16_000, -1, 0, 1, 8_000], np.int16)
+    np.savez(tmp_path / "clip.npz", audio=sound)
+    assert np.array_equal(read_group(tmp_path).recordings[0], sound)
+
+
 def test_no_sound_at_all_is_refused(tmp_path):
     with pytest.raises(AudioError, match="every folder given is empty"):
         AudioPool([read_group(tmp_path)])

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from tests.data.test_clip import clip
 
-from echoavatar.data import Corpus, write_manifest
+from echoavatar.data import ClipEntry, Corpus, Manifest, save_manifest, write_manifest
 from echoavatar.data.corpus import clip_path
+from echoavatar.data.shards import write_shard
 from echoavatar.errors import MotionError
+from echoavatar.kinematics import HUMANOID
 
 
 @pytest.fixture
@@ -60,3 +62,83 @@ def test_what_is_no_corpus_is_explained(corpus, tmp_path):
 
 def test_only_named_clips_are_listed_on_request(corpus):
     assert write_manifest(corpus.folder, names=["c", "a"]).names() == ["a", "c"]
+
+
+@pytest.fixture
+def sharded(tmp_path) -> Corpus:
+    """Two clips end to end in one shard, the first also as a mirror image; a third without sound in another."""
+    made = {
+        name: clip(frames, name, "train", seed=frames) for name, frames in (("a", 4), ("b", 6), ("mute", 5))
+    }
+    shards = [
+        write_shard(
+            tmp_path,
+            f"{number}",
+            {
+                key: np.concatenate([getattr(made[name], key) for name in names])
+                for key in ("rotations", "root", "domain")
+            }
+            | ({"audio": np.concatenate([pcm(made[name]) for name in names])} if number == 0 else {}),
+        )
+        for number, names in enumerate((("a", "b"), ("mute",)))
+    ]
+    known = {"split": "train", "domains": {}}
+    clips = [
+        ClipEntry(name="a", frames=4, shard=0, events={"beats": (0.05,)}, **known),
+        ClipEntry(name="a.mirror", frames=4, shard=0, mirrored=True, **known),
+        ClipEntry(name="b", frames=6, shard=0, start=4, **known),
+        ClipEntry(name="mute", frames=5, shard=1, has_sound=False, **known),
+    ]
+    return save_manifest(
+        tmp_path, Manifest(format=2, clips=tuple(clips), shards=tuple(shards), info={"seed": 1})
+    )
+
+
+def pcm(one) -> np.ndarray:
+    return np.round(np.clip(one.audio, -1, 1) * 32767).astype(np.int16)
+
+
+def test_clips_in_shards_read_like_files(sharded):
+    whole = sharded.load("b")
+    made = clip(6, "b", "train", seed=6)
+    assert np.array_equal(whole.rotations, made.rotations)
+    assert np.array_equal(whole.root, made.root)
+    np.testing.assert_allclose(whole.audio, made.audio, atol=1e-4)
+    assert sharded.load("a").events["beats"].tolist() == [0.05]
+    assert isinstance(sharded.motion("b").rotations, np.memmap)
+    assert [one.name for one in sharded.clips("train")] == sharded.names("train")
+    sharded.verify()
+
+
+def test_mirror_images_take_no_room_and_can_be_left_out(sharded):
+    motion, image = sharded.motion("a"), sharded.motion("a.mirror")
+    assert np.array_equal(image.root, motion.root * np.float32([-1, 1, 1]))
+    left, right = (sharded.skeleton.index(f"{side}Hand") for side in ("left", "right"))
+    assert np.array_equal(image.rotations[:, left], motion.rotations[:, right] * np.float32([1, 1, -1, -1]))
+    assert np.array_equal(sharded.sound("a.mirror"), sharded.sound("a"))
+    assert sharded.names(has_mirrored=False) == ["a", "b", "mute"]
+    assert sharded.frames() == 15
+
+
+def test_clips_without_sound_are_silent(sharded):
+    assert not sharded.sound("mute").any()
+    assert len(sharded.sound("mute")) == 4000
+    assert not sharded.load("mute").audio.any()
+
+
+def test_one_rig_or_a_clear_word(sharded):
+    assert sharded.skeleton is HUMANOID
+    assert sharded.can_mirror
+    other = HUMANOID.config.model_copy(update={"names": tuple(f"j{n}" for n in range(52))})
+    manifest = sharded.manifest.model_copy(update={"skeletons": (HUMANOID.config, other)})
+    two = save_manifest(sharded.folder, manifest)
+    assert two.skeleton_of("b").names == HUMANOID.names
+    with pytest.raises(MotionError, match="2 rigs"):
+        _ = two.skeleton
+
+
+def test_a_changed_shard_is_found(sharded):
+    path = sharded.folder / "shards" / "0.root.npy"
+    np.save(path, np.zeros((10, 3), np.float32))
+    with pytest.raises(MotionError, match="0.root.npy changed"):
+        sharded.verify()

@@ -73,4 +73,5 @@ def _read(path: Path) -> Float[np.ndarray, " s"]:
     if path.suffix.lower() != ".npz":
         return read_audio(path)
     with np.load(path, allow_pickle=False) as clip:
-        return np.asarray(clip["audio"], np.float32)
+        audio = clip["audio"]
+    return np.asarray(audio, np.float32) / (32_768 if audio.dtype == np.int16 else 1)

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 from tqdm import tqdm
 
 from ..errors import EchoAvatarError
-from . import data_face
+from . import data_face, data_prepare
 
 if TYPE_CHECKING:
     from ..data import Clip
-    from ..kinematics import Motion
+    from ..kinematics import Motion, Skeleton
 
 ROWS = (
     "wrist_speed_mean_m_s",
@@ -77,11 +77,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     faces = kinds.add_parser("face", help="sound and ARKit curves: takes of Live Link Face, or made by rule")
     data_face.add_arguments(faces)
+    prepare = kinds.add_parser(
+        "prepare",
+        help="a published dataset (ZeroEGGS, Motorica, BEAT2, Bandai-Namco) or any folder of BVH, from your copy",
+        description="Make a set that `train` reads from your own copy of a dataset.",
+    )
+    data_prepare.add_arguments(prepare)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the sub-command."""
-    kinds = {"rehearse": _rehearse, "preview": _preview, "describe": _describe, "face": data_face.run}
+    kinds = {
+        "rehearse": _rehearse,
+        "prepare": data_prepare.run,
+        "preview": _preview,
+        "describe": _describe,
+        "face": data_face.run,
+    }
     return kinds[args.kind](args)
 
 
@@ -107,6 +119,8 @@ def _preview(args: argparse.Namespace) -> int:
     from ..avatar.sheet import contact_sheet, save_picture
     from ..avatar.video import write_mp4
     from ..data import Corpus
+    from ..kinematics import HUMANOID
+    from ..kinematics.retarget import retarget
     from ..timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
 
     try:
@@ -116,9 +130,12 @@ def _preview(args: argparse.Namespace) -> int:
             f"cannot write to {args.output}: {error.strerror}; choose another -o"
         ) from error
     corpus = Corpus(args.corpus)
-    for name in tqdm(corpus.names()[: args.clips], unit="clip"):
+    for name in tqdm(corpus.names(has_mirrored=False)[: args.clips], unit="clip"):
         clip = corpus.load(name)
-        motion = _motion(clip).cut(0, round(args.seconds * FRAME_RATE_HZ))
+        motion = _motion(clip, corpus.skeleton_of(name)).cut(0, round(args.seconds * FRAME_RATE_HZ))
+        motion = (
+            motion if motion.skeleton.names == HUMANOID.names else retarget(motion)
+        )  # the character's rig
         save_picture(args.output / f"{name}.png", contact_sheet(motion))
         sound = clip.audio[: motion.frames * SAMPLES_PER_FRAME]
         write_mp4(args.output / f"{name}.mp4", motion, sound, size=(640, 480))
@@ -132,8 +149,10 @@ def _describe(args: argparse.Namespace) -> int:
     from ..kinematics.retarget import retarget
 
     corpus = Corpus(args.corpus)
-    clips = [corpus.load(name) for name in corpus.names()[: args.clips]]
-    columns = {DOMAINS[domain]: _mean_over([*_stretches(clips, domain)]) for domain in (1, 2, 0)}
+    clips = [corpus.load(name) for name in corpus.names(has_mirrored=False)[: args.clips]]
+    columns = {
+        DOMAINS[domain]: _mean_over([*_stretches(clips, domain, corpus.skeleton)]) for domain in (1, 2, 0)
+    }
     for path in args.beside:
         columns[path.stem] = _mean_over([retarget(read_bvh(path))])
     print(f"{'':<26}" + "".join(f"{name[:18]:>20}" for name in columns))
@@ -144,7 +163,7 @@ def _describe(args: argparse.Namespace) -> int:
     return 0
 
 
-def _stretches(clips: "list[Clip]", domain: int) -> "list[Motion]":
+def _stretches(clips: "list[Clip]", domain: int, skeleton: "Skeleton") -> "list[Motion]":
     """Every stretch of at least two seconds in which one kind of sound is heard; silence without its first second."""
     import numpy as np
 
@@ -154,7 +173,7 @@ def _stretches(clips: "list[Clip]", domain: int) -> "list[Motion]":
         for start, stop in itertools.pairwise(edges):
             first = start + 30 if domain == 0 else start
             if clip.domain[start] == domain and stop - first >= 60:
-                found.append(_motion(clip).cut(first, stop))
+                found.append(_motion(clip, skeleton).cut(first, stop))
     return found
 
 
@@ -173,8 +192,8 @@ def _mean_over(motions: "list[Motion]") -> dict[str, float]:
     }
 
 
-def _motion(clip: "Clip") -> "Motion":
-    from ..kinematics import HUMANOID, Motion
+def _motion(clip: "Clip", skeleton: "Skeleton") -> "Motion":
+    from ..kinematics import Motion
     from ..timing import FRAME_RATE_HZ
 
-    return Motion(HUMANOID, clip.rotations, clip.root, float(FRAME_RATE_HZ))
+    return Motion(skeleton, clip.rotations, clip.root, float(FRAME_RATE_HZ))

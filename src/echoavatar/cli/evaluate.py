@@ -156,7 +156,7 @@ def _clips(args: argparse.Namespace) -> list:  # type: ignore[type-arg]
         from ..data import Corpus
 
         corpus = Corpus(args.corpus)
-        names = corpus.names("test")[: args.clips]
+        names = corpus.names("test", has_mirrored=False)[: args.clips]
         if not names:
             raise EchoAvatarError(f"{args.corpus} has no test clips; make a longer corpus")
         return [corpus.load(name) for name in names]

@@ -124,7 +124,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         fingers: "corpus folder (`data rehearse`), or folder of BVH clips",
     }
     for child in (codec, tokenizer, tokens, generator, face, fingers, fid_encoder):
-        source = sources.get(child, "corpus folder (`data rehearse`)")
+        source = sources.get(child, "corpus folder (`data rehearse`, `data prepare`)")
         child.add_argument("source", type=Path, metavar="SOURCE", help=source)
         child.add_argument(
             "-o", "--output", type=Path, required=True, help="folder to train in, or to go on in"
@@ -137,7 +137,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Train one part."""
     if not args.source.is_dir():
-        raise EchoAvatarError(f"{args.source} is not a folder; make a corpus with `echoavatar data rehearse`")
+        raise EchoAvatarError(
+            f"{args.source} is not a folder; make a corpus with `echoavatar data rehearse` or `data prepare`"
+        )
     with tqdm(unit="step", smoothing=0.05) as bar:
 
         def progress(done: int, total: int) -> None:
@@ -169,15 +171,26 @@ def _card(args: argparse.Namespace) -> dict[str, object]:
     return {
         "data": str(args.source),
         "command": f"echoavatar train {args.kind} {args.source} {given}",
-        "licence": "Apache-2.0",
+        "licence": _licence(args.source),
     }
 
 
-def _codec(args: argparse.Namespace, progress: Progress) -> None:
-    from ..audio.pool import AudioPool, read_group
-    from ..audio.train import CodecTrainingConfig, train_codec
+def _licence(source: Path) -> str:
+    """Of weights trained on a folder: a prepared set says whose terms bind them."""
+    from ..data import Corpus
 
-    groups = [read_group(args.source / "clips")]
+    bound = Corpus(source).manifest.info.get("licence") if (source / "manifest.json").exists() else None
+    return f"as its data: {bound}" if bound else "Apache-2.0"
+
+
+def _codec(args: argparse.Namespace, progress: Progress) -> None:
+    from ..audio.pool import AudioGroup, AudioPool, read_group
+    from ..audio.train import CodecTrainingConfig, train_codec
+    from ..data import Corpus
+
+    corpus = Corpus(args.source)
+    heard = [entry.name for entry in corpus.entries(has_mirrored=False) if entry.has_sound]
+    groups = [AudioGroup(args.source.name, tuple(corpus.sound(name) for name in heard))]
     if args.recordings:
         groups.append(read_group(args.recordings, weight=0.5))
     config = CodecTrainingConfig(minutes=args.minutes, steps=100_000, unquantized=300, learning_rate=1.5e-3)
@@ -186,14 +199,16 @@ def _codec(args: argparse.Namespace, progress: Progress) -> None:
 
 def _tokenizer(args: argparse.Namespace, progress: Progress) -> None:
     from ..data import Corpus
-    from ..kinematics import HUMANOID
     from ..tokenizer import BodyTokenizer
     from ..tokenizer.train import bundle_recipe, continued, train_tokenizer
 
     corpus = Corpus(args.source)
-    clips = [corpus.motion(name) for name in corpus.names("train")]
-    tests = [corpus.motion(name) for name in corpus.names("test")]
-    config, training = bundle_recipe(HUMANOID, args.steps)
+    clips = [
+        corpus.motion(name) for name in corpus.names("train", has_mirrored=False)
+    ]  # windows are mirrored
+    tests = [corpus.motion(name) for name in corpus.names("test", has_mirrored=False)]
+    config, training = bundle_recipe(corpus.skeleton, args.steps)
+    training = training.model_copy(update={"is_mirrored": corpus.can_mirror})
     start = BodyTokenizer.load(args.start) if args.start else None
     training = continued(training) if start else training
     train_tokenizer(
@@ -209,8 +224,15 @@ def _tokens(args: argparse.Namespace, progress: Progress) -> None:
 
     codec = AudioCodec.load(args.codec).eval()
     tokenizer = BodyTokenizer.load(args.tokenizer).eval()
+    corpus = Corpus(args.source)
     tokenize_corpus(
-        Corpus(args.source), codec, tokenizer, args.output, patience=args.patience, progress=progress
+        corpus,
+        codec,
+        tokenizer,
+        args.output,
+        is_mirrored_too=corpus.can_mirror,
+        patience=args.patience,
+        progress=progress,
     )
 
 

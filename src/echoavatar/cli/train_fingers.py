@@ -72,13 +72,13 @@ def _clips(source: Path, split: str, frames: int) -> "Iterator[FingerClip]":
         return
     from ..data import Corpus
     from ..fingers.clips import finger_clip
-    from ..kinematics import HUMANOID, Motion
+    from ..kinematics import Motion
     from ..timing import FRAME_RATE_HZ
 
     corpus = Corpus(source)
-    for name in tqdm(corpus.names(split), desc="reading", unit="clip", leave=False):
+    for name in tqdm(corpus.names(split, has_mirrored=False), desc="reading", unit="clip", leave=False):
         stored = corpus.motion(name)
-        motion = Motion(HUMANOID, stored.rotations, stored.root, float(FRAME_RATE_HZ))
+        motion = Motion(corpus.skeleton_of(name), stored.rotations, stored.root, float(FRAME_RATE_HZ))
         yield finger_clip(motion, at_least=frames)
 
 

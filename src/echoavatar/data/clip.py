@@ -19,8 +19,8 @@ from echoavatar.errors import MotionError
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
 
 DOMAINS = ("silence", "speech", "music")
-SPLITS = ("train", "test")
-_PCM = 32767.0
+SPLITS = ("train", "val", "test")
+PCM = 32767.0
 _EVENT = "event."
 _DAMAGE = (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error)
 
@@ -36,7 +36,7 @@ class Clip:
         root: (t, 3) float32 world position of the hips, metres.
         domain: (t,) uint8 per frame, an index into `DOMAINS`.
         events: sorted times in seconds by kind: "beats", "downbeats", "stress".
-        split: "train" or "test".
+        split: "train", "val" or "test".
     """
 
     name: str
@@ -90,7 +90,7 @@ class Clip:
         arrays: dict[str, Any] = {
             "name": np.array(self.name),
             "split": np.array(self.split),
-            "audio": np.round(np.clip(self.audio, -1, 1) * _PCM).astype(np.int16),
+            "audio": np.round(np.clip(self.audio, -1, 1) * PCM).astype(np.int16),
             "rotations": self.rotations.astype(np.float32),
             "root": self.root.astype(np.float32),
             "domain": self.domain.astype(np.uint8),
@@ -110,7 +110,7 @@ class Clip:
         with open_clip(path) as stored:
             return cls(
                 name=str(stored["name"]),
-                audio=stored["audio"].astype(np.float32) / np.float32(_PCM),
+                audio=stored["audio"].astype(np.float32) / np.float32(PCM),
                 rotations=stored["rotations"],
                 root=stored["root"],
                 domain=stored["domain"],

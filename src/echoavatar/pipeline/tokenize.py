@@ -14,6 +14,7 @@ from torch import Tensor
 
 from ..audio import AudioCodec, LevelControl
 from ..data import Clip, Corpus
+from ..errors import MotionError
 from ..generator import TokenClip
 from ..kinematics import mirror_features, to_features
 from ..kinematics.rotations import matrix_from_quaternion
@@ -36,9 +37,22 @@ def tokenize_corpus(
     """Write a token file for each clip (and its mirror image); clips that have one are kept. Returns the number.
 
     With `patience` the codes of motion are steady ones (`quantize.steady`): fewer flips for a generator to foretell.
+    Clips without sound are passed over: the generator would learn to dance to silence.
+
+    Raises:
+        MotionError: no clip has sound, or the tokenizer is for another rig.
     """
+    names = [entry.name for entry in corpus.entries(has_mirrored=False) if entry.has_sound]
+    if not names:
+        raise MotionError(
+            f"no clip of {corpus.folder} has sound; the generator learns from pairs of sound and motion"
+        )
+    if corpus.skeleton.names != tokenizer.skeleton.names:
+        raise MotionError(
+            f"{corpus.folder} is on a rig of {corpus.skeleton.joints} joints, the tokenizer on one of"
+            f" {tokenizer.skeleton.joints}; train a tokenizer on this set, or prepare it with --rig unified"
+        )
     folder.mkdir(parents=True, exist_ok=True)
-    names = corpus.names()
     for done, name in enumerate(names, start=1):
         targets = [(folder / f"{name}.npz", False)]
         if is_mirrored_too:

@@ -1,0 +1,273 @@
+"""`echoavatar data prepare`: a published dataset, or any folder of BVH, becomes a set that `train` reads."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tqdm import tqdm
+
+from ..errors import DependencyError, EchoAvatarError
+
+if TYPE_CHECKING:
+    from ..datasets import Options, Outcome, Survey
+
+TEACHING = """what SRC is, from your own copy:
+  zeroeggs   the unpacked Zeggs_data (clean/*.bvh + *.wav, info.csv)
+  motorica   motorica_dance_dataset (bvh/*.bvh, wav/*.wav); --sound any takes dances whose music is not published
+  beat2      beat_english_v2.0.0 (smplxflame_30/*.npz, wave16k/*.wav, train_test_split.csv)
+  bandai     dataset-1 and dataset-2 (*.bvh, no sound: for a tokenizer)
+  bvh        any folder; sound of the same name beside each file, or in wav/ beside bvh/
+
+examples:
+  echoavatar data prepare zeroeggs Zeggs_data -o sets/zeroeggs --dry-run       look first, write nothing
+  echoavatar data prepare zeroeggs Zeggs_data -o sets/zeroeggs --workers 4     stopped? the same call goes on
+  echoavatar data prepare beat2 BEAT2/beat_english_v2.0.0 -o sets/scott --speakers 2
+  echoavatar data prepare motorica motorica_dance_dataset -o sets/motorica --sound any --only 'kthstreet_*'
+  echoavatar data prepare bvh my_takes -o sets/mine --codec runs/codec --tokenizer runs/tokenizer   with tokens
+then:
+  echoavatar train tokenizer sets/zeroeggs -o runs/tokenizer
+  echoavatar train tokens sets/zeroeggs -o runs/tokens --codec runs/codec --tokenizer runs/tokenizer
+
+Every step, the folder's layout, licences and what may be shipped: docs/datasets.md. A recording that cannot be used is
+named with the reason, and the others go on; the exit code is 1 only when nothing could be prepared, or with --strict.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.epilog = TEACHING
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument(
+        "layout",
+        metavar="DATASET",
+        choices=("zeroeggs", "motorica", "beat2", "bandai", "bvh"),
+        help="zeroeggs, motorica, beat2, bandai, or bvh for any folder",
+    )
+    parser.add_argument("source", type=Path, metavar="SRC", help="your copy of it")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder of the set")
+    parser.add_argument(
+        "--dry-run", action="store_true", help="say what would be done; read headers, write nothing"
+    )
+    parser.add_argument("--strict", action="store_true", help="exit with 1 if any recording failed")
+    parser.add_argument("--workers", type=int, default=2, help="processes (default: %(default)s)")
+    chosen = parser.add_argument_group("which recordings")
+    chosen.add_argument("--only", action="append", default=[], metavar="GLOB", help="names like this; repeat")
+    chosen.add_argument(
+        "--speakers",
+        nargs="+",
+        default=[],
+        metavar="WHO",
+        help="numbers or names, as the dataset has them (BEAT2: 2)",
+    )
+    chosen.add_argument(
+        "--additional", action="store_true", help="BEAT2: its additional recordings too, for training"
+    )
+    chosen.add_argument(
+        "--sound",
+        choices=("need", "any", "none"),
+        help="need: refuse motion without sound; any: take it alone; none: leave all sound out (default: need, and none"
+        " for bandai)",
+    )
+    chosen.add_argument(
+        "--test-every",
+        type=int,
+        metavar="N",
+        help="hold out each n-th by name, 0 none (default: the published split)",
+    )
+    chosen.add_argument(
+        "--length-tolerance",
+        type=float,
+        default=0.1,
+        metavar="SHARE",
+        help="motion and sound may differ in length by this much; the longer is cut (default: %(default)s)",
+    )
+    made = parser.add_argument_group("how they are made")
+    made.add_argument(
+        "--rig",
+        choices=("unified", "native"),
+        default="unified",
+        help="unified: our 52 bones, with planted feet kept still; native: the recording's own (default: %(default)s)",
+    )
+    made.add_argument(
+        "--fingers",
+        choices=("auto", "keep", "all"),
+        default="auto",
+        help="make anew: auto those that are static or erratic, keep none, all (default: %(default)s)",
+    )
+    made.add_argument("--no-mirror", action="store_true", help="list no mirror images of the training clips")
+    made.add_argument("--seed", type=int, default=0, help="of fingers made anew (default: %(default)s)")
+    made.add_argument(
+        "--body-model",
+        type=Path,
+        metavar="NPZ",
+        help="BEAT2: your SMPLX_NEUTRAL_2020.npz, for the speaker's own joints",
+    )
+    made.add_argument(
+        "--shard-minutes",
+        type=float,
+        default=20.0,
+        metavar="M",
+        help="motion in a shard (default: %(default)s)",
+    )
+    after = parser.add_argument_group("afterwards")
+    after.add_argument("--codec", type=Path, help="trained codec: with --tokenizer, write DIR/tokens as well")
+    after.add_argument("--tokenizer", type=Path, help="trained motion tokenizer, of this set's rig")
+    after.add_argument("--no-pictures", action="store_true", help="draw no DIR/overview")
+    after.add_argument(
+        "--sheets", type=int, default=3, help="contact sheets in the overview (default: %(default)s)"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Survey, prepare, report."""
+    if (args.codec is None) != (args.tokenizer is None):
+        raise EchoAvatarError("tokens need both --codec and --tokenizer")
+    from ..datasets import Options, survey_of
+
+    survey = survey_of(
+        args.layout, args.source, only=args.only, speakers=args.speakers, has_additional=args.additional
+    )
+    options = Options(
+        rig=args.rig,
+        fingers=args.fingers,
+        sound=args.sound or ("none" if args.layout == "bandai" else "need"),
+        mirror=not args.no_mirror,
+        seed=args.seed,
+        test_every=args.test_every,
+        length_tolerance=args.length_tolerance,
+        shard_minutes=args.shard_minutes,
+        body_model=args.body_model,
+    )
+    _say_survey(survey, args.layout)
+    if args.dry_run:
+        return _foretell(survey, options, args)
+    outcome = _prepare(args, survey, options)
+    _say_outcome(outcome)
+    if args.codec:
+        _tokens(args)
+    if not args.no_pictures:
+        _pictures(outcome, args)
+    _say_failures(outcome.failures)
+    print(f"report in {args.output / 'report.json'}")
+    return 1 if args.strict and outcome.failures else 0
+
+
+def _prepare(args: argparse.Namespace, survey: "Survey", options: "Options") -> "Outcome":
+    from ..datasets import prepare
+
+    try:
+        with tqdm(total=len(survey.items), unit="clip", smoothing=0.05) as bar:
+            return prepare(
+                args.layout,
+                survey,
+                args.output,
+                options,
+                workers=args.workers,
+                progress=lambda done, _: bar.update(done - bar.n),
+            )
+    except KeyboardInterrupt:
+        print(f"what is finished is in {args.output}; the same call goes on from there")
+        raise
+
+
+def _say_survey(survey: "Survey", layout: str) -> None:
+    print(f"{survey.terms.title}: {len(survey.items)} recordings; licence: {survey.terms.licence}")
+    print(f"may be shipped: {survey.terms.may_ship}")
+    for line in survey.missing:
+        print(f"missing from this copy: {line}")
+    reasons: dict[str, list[str]] = {}
+    for one in survey.left_out:
+        reasons.setdefault(one.why, []).append(one.name)
+    for why, names in reasons.items():
+        print(f"left out, {why}: {len(names)} ({_some(names)})")
+
+
+def _foretell(survey: "Survey", options: "Options", args: argparse.Namespace) -> int:
+    from ..datasets.peek import forecast
+    from ..datasets.run import split_words
+
+    found = forecast(survey.items, options)
+    for split, count in sorted(found.clips.items()):
+        print(f"{split}: {count} clips, {found.seconds[split] / 60:.1f} minutes")
+    print(f"split: {split_words(survey, options)}")
+    print(f"{args.output} would hold about {found.bytes / 1e6:.1f} MB; nothing was written")
+    _say_failures(found.failures, "would fail")
+    return 1 if not found.clips or (args.strict and found.failures) else 0
+
+
+def _say_outcome(outcome: "Outcome") -> None:
+    info = outcome.corpus.manifest.info["statistics"]
+    splits = ", ".join(
+        f"{split} {count} ({info['minutes'][split]:.1f} min)" for split, count in info["clips"].items()
+    )
+    print(
+        f"{len(outcome.made)} prepared, {len(outcome.kept)} kept from before, {len(outcome.failures)} failed,"
+        f" in {outcome.seconds:.0f} s; the set: {splits}, {info['mirror_images']} mirror images"
+    )
+    if (
+        not info["mirror_images"]
+        and outcome.corpus.manifest.info["options"]["mirror"]
+        and "train" in info["clips"]
+    ):
+        print("no mirror images: left and right of this rig differ; --rig unified makes them")
+    mended = [name for name, one in outcome.recordings.items() if one.mended]
+    if mended:
+        print(f"new fingers (static or erratic before): {len(mended)} clips ({_some(mended)})")
+    for name, one in outcome.recordings.items():
+        for note in one.notes:
+            print(f"  note  {name}: {note}")
+    close = [one.fidelity for one in outcome.recordings.values() if one.fidelity]
+    if close:
+        mean = {key: sum(one[key] for one in close) / len(close) for key in close[0]}
+        print(
+            f"against the source: arms within {mean['arm_angle_deg']:.1f} degrees, hands' distance within"
+            f" {mean['hands_apart_error']:.3f} arm lengths, feet agree on standing in"
+            f" {100 * mean['contacts_agree']:.0f} % of frames, skating {mean['skate_source_cm_s']:.1f} ->"
+            f" {mean['skate_cm_s']:.1f} cm/s"
+        )
+
+
+def _some(names: list[str]) -> str:
+    """The first three."""
+    return ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
+
+
+def _say_failures(failures: "tuple[tuple[str, str], ...]", word: str = "failed") -> None:
+    if not failures:
+        return
+    width = max(len(name) for name, _ in failures)
+    print(f"{word}:")
+    for name, why in failures:
+        print(f"  {name:<{width}}  {why}")
+
+
+def _tokens(args: argparse.Namespace) -> None:
+    from ..audio import AudioCodec
+    from ..data import Corpus
+    from ..pipeline.tokenize import tokenize_corpus
+    from ..tokenizer import BodyTokenizer
+
+    codec = AudioCodec.load(args.codec).eval()
+    tokenizer = BodyTokenizer.load(args.tokenizer).eval()
+    with tqdm(unit="clip", desc="tokens") as bar:
+
+        def progress(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        corpus, folder = Corpus(args.output), args.output / "tokens"
+        count = tokenize_corpus(
+            corpus, codec, tokenizer, folder, is_mirrored_too=corpus.can_mirror, progress=progress
+        )
+    print(f"{count} token files in {folder}")
+
+
+def _pictures(outcome: "Outcome", args: argparse.Namespace) -> None:
+    """Pictures are no reason to fail."""
+    from ..datasets.overview import draw_overview
+
+    try:
+        written = draw_overview(outcome.corpus, args.output / "overview", sheets=args.sheets)
+        print(f"{len(written)} pictures in {args.output / 'overview'}")
+    except DependencyError as error:
+        print(f"no pictures: {error}")

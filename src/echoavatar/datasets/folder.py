@@ -1,0 +1,45 @@
+"""Any folder of BVH: names become those of the clips, sound is a file of the same name beside it or in a twin folder.
+
+Sound in a path that says "music" or "dance" is music, any other is speech. Sub-folders named train, val or test are the
+split.
+"""
+
+import re
+from pathlib import Path
+
+from .source import Domain, Item, Survey, Terms, files_below
+
+TERMS = Terms(
+    title="a folder of BVH",
+    origin="the user's own",
+    licence="not known: the user's to know; write it into the manifest before passing anything on",
+    may_ship="what the files' own licence allows",
+)
+SOUNDS = (".wav", ".flac", ".ogg", ".opus", ".mp3", ".m4a")
+_TWINS = ("wav", "audio", "sound")  # beside a folder bvh/ or motion/
+_MUSIC = re.compile(r"music|dance", re.IGNORECASE)
+
+
+def survey(folder: Path) -> Survey:
+    """Every BVH below the folder."""
+    items = []
+    for path in files_below(folder, ".bvh"):
+        relative = path.relative_to(folder).with_suffix("")
+        split = next((part for part in relative.parts[:-1] if part in ("train", "val", "test")), "")
+        domain: Domain = "music" if _MUSIC.search(str(relative)) else "speech"
+        name = re.sub(r"[^\w.+-]+", "_", "__".join(relative.parts))
+        items.append(Item(name, path, _sound_of(path), domain, split))
+    has_split = any(item.split for item in items)
+    return Survey(
+        TERMS, items, (), (), "folders named train, val, test" if has_split else "each tenth by name"
+    )
+
+
+def _sound_of(path: Path) -> Path:
+    """The sound of a motion; where there is none, where it would be looked for."""
+    folders = [path.parent, *(path.parent.parent / twin for twin in _TWINS)]
+    for folder in folders:
+        for suffix in SOUNDS:
+            if (sound := folder / f"{path.stem}{suffix}").is_file():
+                return sound
+    return path.with_suffix(".wav")

@@ -1,0 +1,148 @@
+"""What a dataset is to us: recordings by name, whose files, split and labels are known, and terms of use.
+
+A layout is a module with `TERMS` and `survey(folder) -> Survey`; `LAYOUTS` names them for the command line.
+"""
+
+import fnmatch
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from importlib import import_module
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+from pydantic import Field
+
+from ..config import Config
+from ..errors import EchoAvatarError
+
+Domain = Literal["speech", "music"]
+LAYOUTS = {
+    "zeroeggs": "zeroeggs",
+    "motorica": "motorica",
+    "beat2": "beat2",
+    "bandai": "bandai",
+    "bvh": "folder",
+}
+
+
+class Terms(Config):
+    """Whose data it is and what may be done with it; travels in every set's manifest."""
+
+    title: str = Field(description="name of the dataset")
+    origin: str = Field(description="where it is published")
+    licence: str = Field(description="its licence, in a line")
+    may_ship: str = Field(description="what may be passed on: the set, weights trained on it")
+    cite: str = Field(default="", description="what its authors ask to be cited")
+
+
+@dataclass(frozen=True)
+class Item:
+    """One recording: where its files are and what the dataset says about it.
+
+    Attributes:
+        name: file-safe, unique in its dataset.
+        motion: BVH, or SMPL-X npz.
+        sound: the sound file that belongs to it, whether or not it is there; None for motion that has none.
+        domain: what the sound is, where there is any.
+        split: "train", "val" or "test" as published; "" where nothing is published.
+        labels: speaker, style, genre.
+        rates: frame rates at which the dataset is published; empty where any will do.
+    """
+
+    name: str
+    motion: Path
+    sound: Path | None
+    domain: Domain = "speech"
+    split: str = ""
+    labels: Mapping[str, str] = field(default_factory=dict)
+    rates: tuple[float, ...] = ()
+
+
+class LeftOut(NamedTuple):
+    """A recording that is there but not wanted, and why."""
+
+    name: str
+    why: str
+
+
+class Survey(NamedTuple):
+    """What was found in a folder."""
+
+    terms: Terms
+    items: Sequence[Item]
+    missing: Sequence[str] = ()  # what the published layout has and this copy lacks, one line each
+    left_out: Sequence[LeftOut] = ()
+    split_from: str = ""  # where the split comes from
+
+
+def survey_of(
+    kind: str,
+    folder: Path,
+    *,
+    only: Sequence[str] = (),
+    speakers: Sequence[str] = (),
+    has_additional: bool = False,
+) -> Survey:
+    """Look for a dataset's files.
+
+    Args:
+        kind: one of `LAYOUTS`.
+        folder: the user's copy, at or above the folder that holds the files.
+        only: globs of names; others are left out.
+        speakers: numbers or names of speakers; others are left out.
+        has_additional: take what the dataset publishes beyond its standard part.
+
+    Raises:
+        EchoAvatarError: there is no such folder, or nothing of this dataset in it.
+    """
+    if not folder.is_dir():
+        raise EchoAvatarError(f"{folder} is not a folder; name your copy of the dataset")
+    survey: Callable[..., Survey] = import_module(f".{LAYOUTS[kind]}", __package__).survey
+    found = survey(folder, has_additional=has_additional) if kind == "beat2" else survey(folder)
+    wanted, left_out = [], list(found.left_out)
+    for item in found.items:
+        if only and not any(fnmatch.fnmatch(item.name, glob) for glob in only):
+            left_out.append(LeftOut(item.name, "not among --only"))
+        elif speakers and not _speaks(item, speakers):
+            left_out.append(LeftOut(item.name, "not among --speakers"))
+        else:
+            wanted.append(item)
+    if not wanted:
+        everything = f", all {len(left_out)} left out: {left_out[0].why}" if left_out else ""
+        missing = f"; {'; '.join(found.missing)}" if found.missing else ""
+        raise EchoAvatarError(f"no recording of {kind} to prepare in {folder}{everything}{missing}")
+    return found._replace(items=tuple(wanted), left_out=tuple(left_out))
+
+
+def with_splits(items: Sequence[Item], test_every: int | None) -> list[Item]:
+    """Items that all have a split: the published one, or each n-th by name for testing (0: none).
+
+    Without `test_every`, recordings without a published split are held out one in ten.
+    """
+    ordered = sorted(items, key=lambda item: item.name)
+    if test_every is None and all(item.split for item in ordered):
+        return ordered
+    every = 10 if test_every is None else test_every
+    keep = test_every is None
+    return [
+        item
+        if keep and item.split
+        else replace(item, split="test" if every and number % every == every - 1 else "train")
+        for number, item in enumerate(ordered)
+    ]
+
+
+def _speaks(item: Item, speakers: Sequence[str]) -> bool:
+    own = {item.labels.get("speaker", ""), item.labels.get("speaker_name", "")} - {""}
+    return bool(own & set(speakers))
+
+
+def files_below(folder: Path, *suffixes: str) -> list[Path]:
+    """Files of these suffixes (lower case) anywhere below a folder, sorted; hidden ones are not looked at."""
+    return sorted(
+        path
+        for path in folder.rglob("*")
+        if path.suffix.lower() in suffixes
+        and path.is_file()
+        and not any(part.startswith(".") for part in path.relative_to(folder).parts)
+    )
