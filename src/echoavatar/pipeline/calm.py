@@ -20,20 +20,23 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from ..kinematics import lanes
+from ..kinematics.octets import quaternion_at
 from ..nn import StreamState
-from .pose import Array, PoseLanes, keep, new_rows
+from ..nn.compiled import ONE, ZERO, F
+from ..nn.octet import LANES, behind, exact, inner, is_any, load, root, size, spread, store, where
+from .pose import Array, PoseLanes
 
 FASTEST = math.radians(1000)  # per second
 STIFFNESS = 2.0  # 0 shows what was decoded
 SHOWN = 3  # frames that a third difference reaches back
+_LEAST = F(1e-12)
 
 
 @dataclass
 class CalmState(StreamState):
     """The last rotations shown; all zero: none yet."""
 
-    shown: Float[Tensor, "b 4 j 3"]
+    shown: Float[Tensor, "b j 4 3"]
 
 
 class Calm:
@@ -44,65 +47,108 @@ class Calm:
 
     def init_state(self, rows: int) -> CalmState:
         """Nothing shown yet."""
-        return CalmState(torch.zeros(rows, 4, self._joints, SHOWN))
+        return CalmState(torch.zeros(rows, self._joints, 4, SHOWN))
 
-    def step(self, pose: PoseLanes, state: CalmState, active: Bool[Array, " b"] | None = None) -> None:
-        """Rotations of a chunk, smoothed in place; `active` rows remember them, all for None."""
-        turns, shown = pose.turns, state.shown.numpy()
-        _, joints, frames, rows = turns.shape
-        path = np.empty((4, joints, SHOWN + frames, rows), np.float32)
-        path[:, :, :SHOWN] = shown.transpose(1, 2, 3, 0)
-        path[:, :, SHOWN:] = turns
-        if (is_new := new_rows(lanes.dot(path[:, 0, 0], path[:, 0, 0]))) is not None:
-            path[:, :, :SHOWN, is_new] = turns[:, :, :1, is_new]
-        _one_hemisphere(path)
-        smoother = _smoother(frames, self._stiffness)
-        if rows == 1:
-            turns[...] = (path[..., 0] @ smoother.T)[..., None]
-        else:
-            np.matmul(smoother, path, out=turns)
-        turns /= np.sqrt(lanes.dot(turns, turns))
-        path[:, :, SHOWN:] = turns
-        if _bound(path, math.cos(FASTEST / pose.fps / 2)):
-            turns[...] = path[:, :, SHOWN:]
-        keep(state.shown, path[:, :, frames:].transpose(3, 0, 1, 2), active)
+    def step(self, pose: PoseLanes, state: CalmState, active: Bool[Array, " b"]) -> None:
+        """Rotations of a chunk, smoothed in place; `active` rows remember them."""
+        smoother = _smoother(pose.frames, self._stiffness)
+        cosine = F(math.cos(FASTEST / pose.fps / 2))
+        _calm(pose.turns, pose.frames, state.shown.numpy(), active, smoother, cosine)
 
 
 @cache
-def _smoother(frames: int, stiffness: float) -> Float[Array, "t s"]:
-    """The matrix from the frames shown and a chunk (3 + t) to the smoothed chunk: the minimum, solved once."""
+def _smoother(frames: int, stiffness: float) -> Float[Array, "s 8"]:
+    """What each of the frames shown and of a chunk (3 + t) adds to the smoothed chunk: the minimum, solved once."""
     third = np.diff(np.eye(SHOWN + frames), n=3, axis=0)
     past, own = third[:, :SHOWN], third[:, SHOWN:]
     weight = np.diag(((np.arange(frames) + 1) / frames) ** 4)
     right = np.concatenate([-stiffness * own.T @ past, weight], 1)
     solved = np.linalg.solve(weight + stiffness * own.T @ own, right)
-    return solved.astype(np.float32)
+    filled = np.pad(solved.T, ((0, 0), (0, LANES - frames)), mode="edge")
+    return np.ascontiguousarray(filled, np.float32)
 
 
-def _one_hemisphere(path: Float[Array, "4 j t b"]) -> None:
+@exact()
+def _calm(turns, frames, shown, active, smoother, cosine):  # type: ignore[no-untyped-def]
+    """All rows; `cosine` is that of half the angle that a joint may turn in a frame."""
+    past = np.empty((4, SHOWN), F)
+    for row in range(turns.shape[0]):
+        is_new = True
+        for k in range(4):
+            is_new &= shown[row, 0, k, 0] == ZERO
+        for joint in range(turns.shape[1]):
+            for k in range(4):
+                for frame in range(SHOWN):
+                    past[k, frame] = turns[row, joint, k, 0] if is_new else shown[row, joint, k, frame]
+            _one_hemisphere(turns, row, joint, past)
+            w, x = _smoothed(turns, row, joint, 0, past, smoother), _smoothed(turns, row, joint, 1, past, smoother)
+            y, z = _smoothed(turns, row, joint, 2, past, smoother), _smoothed(turns, row, joint, 3, past, smoother)
+            length = root(w * w + x * x + y * y + z * z)
+            w, x, y, z = w / length, x / length, y / length, z / length
+            for k, number in enumerate((w, x, y, z)):
+                store(turns, (row, joint, k), number)
+            before = behind(w, past[0, 2]), behind(x, past[1, 2]), behind(y, past[2, 2]), behind(z, past[3, 2])
+            near = size(w * before[0] + x * before[1] + y * before[2] + z * before[3])
+            if is_any(near < cosine):
+                _slow_down(turns[row, joint], frames, past[:, SHOWN - 1], cosine)
+            if active[row]:
+                for k in range(4):
+                    for back in range(SHOWN):
+                        frame = frames - SHOWN + back
+                        last = turns[row, joint, k, frame] if frame >= 0 else past[k, SHOWN + frame]
+                        shown[row, joint, k, back] = last
+
+
+@inner()
+def _one_hemisphere(turns, row, joint, past):  # type: ignore[no-untyped-def]
     """Signs chosen, in place, so that no quaternion points away from the one before it."""
-    flips = lanes.dot(path[:, :, 1:], path[:, :, :-1]) < 0
-    if flips.any():
-        path[:, :, 1:] *= 1 - 2 * (np.cumsum(flips, 1, dtype=np.int32) % 2).astype(np.float32)
+    w, x, y, z = quaternion_at(turns, row, joint)
+    along = w * behind(w, past[0, 2]) + x * behind(x, past[1, 2])
+    along += y * behind(y, past[2, 2]) + z * behind(z, past[3, 2])
+    if not is_any(along < ZERO):
+        return
+    signs = np.empty((1, LANES), F)
+    store(signs, (0,), where(along < ZERO, spread(-ONE), spread(ONE)))
+    sign = ONE
+    for frame in range(LANES):
+        sign *= signs[0, frame]
+        for k in range(4):
+            turns[row, joint, k, frame] *= sign
 
 
-def _bound(path: Float[Array, "4 j t b"], cosine: float) -> bool:
-    """Joints that turn by more than twice the angle of this cosine in a frame follow their path more slowly.
+@inner()
+def _smoothed(turns, row, joint, k, past, smoother):  # type: ignore[no-untyped-def]
+    """One of a joint's four numbers."""
+    total = past[k, 0] * load(smoother, (0,)) + past[k, 1] * load(smoother, (1,))
+    total += past[k, 2] * load(smoother, (2,))
+    for frame in range(smoother.shape[0] - SHOWN):
+        total += turns[row, joint, k, frame] * load(smoother, (SHOWN + frame,))
+    return total
 
-    Returns whether there were any.
-    """
-    near = np.abs(lanes.dot(path[:, :, SHOWN:], path[:, :, SHOWN - 1 : -1]))
-    if near.min(initial=1) >= cosine:
-        return False
-    joint, row = np.nonzero((near < cosine).any(1))
-    fast = path[:, joint, :, row].transpose(1, 2, 0)  # (4, t, joints that are too fast)
-    sine = math.sqrt(1 - cosine**2)
-    for t in range(SHOWN, fast.shape[1]):
-        last, wanted = fast[:, t - 1], fast[:, t]
-        along = lanes.dot(last, wanted)
-        wanted = wanted * np.where(along < 0, np.float32(-1), np.float32(1))
-        aside = lanes.normalized(wanted - last * np.abs(along))
-        followed = lanes.normalized(last * np.float32(cosine) + aside * np.float32(sine))
-        fast[:, t] = np.where(np.abs(along) < cosine, followed, wanted)
-    path[:, joint, :, row] = fast.transpose(2, 0, 1)
-    return True
+
+@inner()
+def _slow_down(turns, frames, start, cosine):  # type: ignore[no-untyped-def]
+    """A joint (4, 8) that turns by more than twice the angle of this cosine in a frame follows its path more slowly."""
+    sine = F(math.sqrt(ONE - cosine * cosine))
+    last = np.empty(4, F)
+    for k in range(4):
+        last[k] = start[k]
+    for frame in range(frames):
+        along = ZERO
+        for k in range(4):
+            along += last[k] * turns[k, frame]
+        sign = -ONE if along < ZERO else ONE
+        along = abs(along)
+        if along < cosine:
+            aside = ZERO
+            for k in range(4):
+                turns[k, frame] = sign * turns[k, frame] - last[k] * along
+                aside += turns[k, frame] * turns[k, frame]
+            share, length = sine / max(F(math.sqrt(aside)), _LEAST), ZERO
+            for k in range(4):
+                turns[k, frame] = last[k] * cosine + turns[k, frame] * share
+                length += turns[k, frame] * turns[k, frame]
+            sign = ONE / F(math.sqrt(length))
+        for k in range(4):
+            turns[k, frame] *= sign
+            last[k] = turns[k, frame]
