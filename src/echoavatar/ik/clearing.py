@@ -29,6 +29,7 @@ from .arm import reach
 SHELL = F(0.035)  # metres before contact at which a hand begins to give way
 PALM = 1  # of a hand's points, the middle of its palm
 _QUARTER, _STEEP, _LEAST = F(0.25), F(1e9), F(1e-12)
+_PER_SHELL, _ROUND = F(1 / 0.035), F(0.25 / 0.035**2)
 
 
 class Tables(NamedTuple):
@@ -37,8 +38,9 @@ class Tables(NamedTuple):
     carriers: np.ndarray  # (e,) slots of the bones that carry the parts
     centres: np.ndarray  # (e, 3) metres, in the bone's frame
     radii: np.ndarray  # (e, 3) metres, with the thinnest point of the hand and its clearance around them
+    shrinking: np.ndarray  # (e, 3) one over the radii
     zone: np.ndarray  # (e, 3) squared radii over those of an ellipsoid outside which no palm need be looked at
-    starts: np.ndarray  # (2, e, 3) where the way out of each part starts for each hand, from the part's centre
+    starts: np.ndarray  # (2, e, 2) where the way out of each part starts for each hand: aside and ahead of its centre
     is_head: np.ndarray  # (e,) 1 for parts around which the way out also leads upwards
     points: np.ndarray  # (2, p) slots that carry the points of each hand
     offsets: np.ndarray  # (2, p, 3) metres, in the carrier's frame
@@ -72,24 +74,31 @@ def keep_off(tables, frames, turns):  # type: ignore[no-untyped-def]
 @inner()
 def _point(tables, side, point, frames, row):  # type: ignore[no-untyped-def]
     """Where a point of a hand is."""
-    slot, offset = tables.points[side, point], tables.offsets[side, point]
-    turn = rotation_at(frames, row, slot)
-    return plus(turned(turn, (offset[0], offset[1], offset[2])), place_at(frames, row, slot))
+    slot, offsets = tables.points[side, point], tables.offsets
+    offset = offsets[side, point, 0], offsets[side, point, 1], offsets[side, point, 2]
+    return plus(turned(rotation_at(frames, row, slot), offset), place_at(frames, row, slot))
 
 
 @inner()
 def _in_part(tables, part, way):  # type: ignore[no-untyped-def]
     """From the axes of the bone to those in which the part is the unit ball."""
-    radii = tables.radii[part]
-    return way[0] / radii[0], way[1] / radii[1], way[2] / radii[2]
+    share = tables.shrinking
+    return way[0] * share[part, 0], way[1] * share[part, 1], way[2] * share[part, 2]
 
 
 @inner()
 def _seen(tables, part, frames, row, place):  # type: ignore[no-untyped-def]
     """A place as the part sees it: inside the unit ball is inside the part."""
-    slot, centre = tables.carriers[part], tables.centres[part]
+    slot, centres = tables.carriers[part], tables.centres
     local = turned_back(rotation_at(frames, row, slot), minus(place, place_at(frames, row, slot)))
-    return _in_part(tables, part, (local[0] - centre[0], local[1] - centre[1], local[2] - centre[2]))
+    return _in_part(tables, part, minus(local, (centres[part, 0], centres[part, 1], centres[part, 2])))
+
+
+@inner()
+def _is_near(tables, part, squares):  # type: ignore[no-untyped-def]
+    """Whether any point of a hand could be near a part, from the squares of where the part sees the palm."""
+    zone = tables.zone
+    return squares[0] * zone[part, 0] + squares[1] * zone[part, 1] + squares[2] * zone[part, 2] < ONE
 
 
 @inner()
@@ -106,15 +115,16 @@ def _way(tables, side, frames, row, seen):  # type: ignore[no-untyped-def]
         here = _seen(tables, part, frames, row, palm)
         for axis, number in enumerate(here):
             store(seen, (part, axis), number)
-        zone, radii, start = tables.zone[part], tables.radii[part], tables.starts[side, part]
         squares = (here[0] * here[0], here[1] * here[1], here[2] * here[2])
-        is_near |= is_any(squares[0] * zone[0] + squares[1] * zone[1] + squares[2] * zone[2] < ONE)
+        is_near |= is_any(_is_near(tables, part, squares))
         weight = ONE / (squares[0] + squares[1] + squares[2] + _QUARTER)
         weight = weight * weight * weight  # sharp enough that the nearest part alone decides the way out
-        up = most(here[1] * radii[1] - start[1], zero) * tables.is_head[part]
-        away = (here[0] * radii[0] - start[0], up, here[2] * radii[2] - start[2])
+        radii, starts = tables.radii, tables.starts
+        up = most(here[1] * radii[part, 1], zero) * tables.is_head[part]
+        x = here[0] * radii[part, 0] - starts[side, part, 0]
+        z = here[2] * radii[part, 2] - starts[side, part, 1]
         turn = rotation_at(frames, row, tables.carriers[part])
-        total = plus(total, turned(turn, times(away, weight)))
+        total = plus(total, turned(turn, times((x, up, z), weight)))
     return is_near, times(total, ONE / most(root(dot(total, total)), _LEAST))
 
 
@@ -122,22 +132,22 @@ def _way(tables, side, frames, row, seen):  # type: ignore[no-untyped-def]
 def _eighth(tables, part, frames, row, seen, places, way):  # type: ignore[no-untyped-def]
     """Sum over a hand's points of the eighth power of how far each must go to leave a part, in shells."""
     x, y, z = load(seen, (part, 0)), load(seen, (part, 1)), load(seen, (part, 2))
-    zone = tables.zone[part]
-    is_near = x * x * zone[0] + y * y * zone[1] + z * z * zone[2] < ONE
+    is_near = _is_near(tables, part, (x * x, y * y, z * z))
     total = spread(ZERO)
     if not is_any(is_near):
         return total
     ahead = _in_part(tables, part, turned_back(rotation_at(frames, row, tables.carriers[part]), way))
     a = dot(ahead, ahead)
+    per_a = ONE / a
     for point in range(places.shape[0]):
         place = load(places, (point, 0)), load(places, (point, 1)), load(places, (point, 2))
         here = _seen(tables, part, frames, row, place)
         b, c = dot(ahead, here), dot(here, here)
         square = b * b - a * (c - ONE)
-        way_out = (root(most(square, spread(ZERO))) - b) / a + tables.thicker[point]
+        way_out = (root(most(square, spread(ZERO))) - b) * per_a + tables.thicker[point]
         way_out = least(way_out, square * _STEEP - ONE)  # a way that misses the part needs no exit
         share = least(most(way_out + SHELL, spread(ZERO)), SHELL + SHELL)
-        short = (share * share * (_QUARTER / SHELL) + most(way_out - SHELL, spread(ZERO))) / SHELL
+        short = share * share * _ROUND + most(way_out - SHELL, spread(ZERO)) * _PER_SHELL
         short = short * short
         short = short * short
         total += short * short
@@ -147,16 +157,16 @@ def _eighth(tables, part, frames, row, seen, places, way):  # type: ignore[no-un
 @inner()
 def _follow(tables, side, frames, row, move, is_moved, turns):  # type: ignore[no-untyped-def]
     """New rotations of upper arm, forearm and hand, in the frames whose hand is moved; it keeps its direction."""
-    arms, above = tables.arms[side], tables.above[side]
-    wrist = place_at(frames, row, arms[2])
-    shoulder, elbow = place_at(frames, row, arms[0]), place_at(frames, row, arms[1])
+    arms, above = tables.arms, tables.above
+    shoulder, elbow = place_at(frames, row, arms[side, 0]), place_at(frames, row, arms[side, 1])
+    wrist, hand = place_at(frames, row, arms[side, 2]), rotation_at(frames, row, arms[side, 2])
     swing, bend = reach(shoulder, elbow, wrist, plus(wrist, move))
-    upper = composed(swing, rotation_at(frames, row, arms[0]))
-    forearm = composed(bend, rotation_at(frames, row, arms[1]))  # before the swing, as what carries it then still is
-    carrier = composed(swing, composed(bend, rotation_at(frames, row, above[2])))
-    new_upper = quaternion(seen_from(rotation_at(frames, row, above[0]), upper))
-    new_forearm = quaternion(seen_from(rotation_at(frames, row, above[1]), forearm))
-    new_hand = quaternion(seen_from(carrier, rotation_at(frames, row, arms[2])))
+    upper = composed(swing, rotation_at(frames, row, arms[side, 0]))
+    forearm = composed(bend, rotation_at(frames, row, arms[side, 1]))  # before the swing, as is what carries it then
+    carrier = composed(swing, composed(bend, rotation_at(frames, row, above[side, 2])))
+    new_upper = quaternion(seen_from(rotation_at(frames, row, above[side, 0]), upper))
+    new_forearm = quaternion(seen_from(rotation_at(frames, row, above[side, 1]), forearm))
+    new_hand = quaternion(seen_from(carrier, hand))
     for bone, new in enumerate((new_upper, new_forearm, new_hand)):
         joint = tables.joints[side, bone]
         old = quaternion_at(turns, row, joint)

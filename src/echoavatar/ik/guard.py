@@ -70,6 +70,7 @@ class HandGuard:
             carriers=slots([self._body.joints])[0],
             centres=self._body.centres,
             radii=self._radii,
+            shrinking=1 / self._radii,
             zone=self._zone,
             starts=_starts(self._body),
             is_head=np.array(is_head, np.float32),
@@ -154,11 +155,11 @@ def _common_points(skeleton: Skeleton, bones: dict[str, int]) -> list[list[HandP
     return [hand_points(skeleton, both, side) for side in SIDES]
 
 
-def _starts(body: Body) -> Float[Array, "2 e 3"]:
-    """Where the way out of each part starts for each hand, from the part's centre."""
-    starts = np.zeros((2, len(body.parts), 3), np.float32)
+def _starts(body: Body) -> Float[Array, "2 e 2"]:
+    """Where the way out of each part starts for each hand: aside and ahead of the part's centre."""
+    starts = np.zeros((2, len(body.parts), 2), np.float32)
     starts[:, :, 0] = ACROSS * body.radii[:, 0] * np.array([[-1.0], [1.0]])  # the left hand starts on the right
-    starts[:, :, 2] = -BEHIND * body.radii[:, 2]
+    starts[:, :, 1] = -BEHIND * body.radii[:, 2]
     return starts
 
 

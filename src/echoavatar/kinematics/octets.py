@@ -126,8 +126,8 @@ def quaternion(m):  # type: ignore[no-untyped-def]
         is_z = by_z > best
         a, b, c, d = where(is_z, z, a), where(is_z, zx, b), where(is_z, yz, c), where(is_z, by_z, d)
         w, x, y, z = where(is_far, a, w), where(is_far, b, x), where(is_far, c, y), where(is_far, d, z)
-    length = most(root(w * w + x * x + y * y + z * z), _LEAST)
-    return w / length, x / length, y / length, z / length
+    share = ONE / most(root(w * w + x * x + y * y + z * z), _LEAST)
+    return w * share, x * share, y * share, z * share
 
 
 @inner()

@@ -34,9 +34,9 @@ _LEAST = F(1e-12)
 
 @dataclass
 class CalmState(StreamState):
-    """The last rotations shown; all zero: none yet."""
+    """The last eight rotations shown, of which three are looked at; all zero: none yet."""
 
-    shown: Float[Tensor, "b j 4 3"]
+    shown: Float[Tensor, "b j 4 8"]
 
 
 class Calm:
@@ -47,7 +47,7 @@ class Calm:
 
     def init_state(self, rows: int) -> CalmState:
         """Nothing shown yet."""
-        return CalmState(torch.zeros(rows, self._joints, 4, SHOWN))
+        return CalmState(torch.zeros(rows, self._joints, 4, LANES))
 
     def step(self, pose: PoseLanes, state: CalmState, active: Bool[Array, " b"]) -> None:
         """Rotations of a chunk, smoothed in place; `active` rows remember them."""
@@ -57,98 +57,112 @@ class Calm:
 
 
 @cache
-def _smoother(frames: int, stiffness: float) -> Float[Array, "s 8"]:
-    """What each of the frames shown and of a chunk (3 + t) adds to the smoothed chunk: the minimum, solved once."""
+def _smoother(frames: int, stiffness: float) -> Float[Array, "11 8"]:
+    """What each of the frames shown and of a chunk (3 + 8) adds to the smoothed chunk: the minimum, solved once."""
     third = np.diff(np.eye(SHOWN + frames), n=3, axis=0)
     past, own = third[:, :SHOWN], third[:, SHOWN:]
     weight = np.diag(((np.arange(frames) + 1) / frames) ** 4)
     right = np.concatenate([-stiffness * own.T @ past, weight], 1)
     solved = np.linalg.solve(weight + stiffness * own.T @ own, right)
-    filled = np.pad(solved.T, ((0, 0), (0, LANES - frames)), mode="edge")
-    return np.ascontiguousarray(filled, np.float32)
+    shares = np.zeros((SHOWN + LANES, LANES), np.float32)
+    shares[: SHOWN + frames] = np.pad(solved.T, ((0, 0), (0, LANES - frames)), mode="edge")
+    return shares
 
 
 @exact()
 def _calm(turns, frames, shown, active, smoother, cosine):  # type: ignore[no-untyped-def]
     """All rows; `cosine` is that of half the angle that a joint may turn in a frame."""
-    past = np.empty((4, SHOWN), F)
+    past, spare = np.empty((4, LANES), F), np.empty((2, LANES), F)
     for row in range(turns.shape[0]):
         is_new = True
         for k in range(4):
-            is_new &= shown[row, 0, k, 0] == ZERO
+            is_new &= shown[row, 0, k, LANES - 1] == ZERO
         for joint in range(turns.shape[1]):
-            for k in range(4):
-                for frame in range(SHOWN):
-                    past[k, frame] = turns[row, joint, k, 0] if is_new else shown[row, joint, k, frame]
-            _one_hemisphere(turns, row, joint, past)
-            w, x = _smoothed(turns, row, joint, 0, past, smoother), _smoothed(turns, row, joint, 1, past, smoother)
-            y, z = _smoothed(turns, row, joint, 2, past, smoother), _smoothed(turns, row, joint, 3, past, smoother)
-            length = root(w * w + x * x + y * y + z * z)
-            w, x, y, z = w / length, x / length, y / length, z / length
-            for k, number in enumerate((w, x, y, z)):
+            for k in range(4):  # copied, and no views taken: they would be counted
+                first = spread(turns[row, joint, k, 0])
+                store(past, (k,), first if is_new else load(shown, (row, joint, k)))
+            _one_hemisphere(turns, row, joint, past, spare)
+            w, x, y, z = _smoothed(turns, row, joint, past, smoother)
+            share = ONE / root(w * w + x * x + y * y + z * z)
+            smooth = w * share, x * share, y * share, z * share
+            for k, number in enumerate(smooth):
                 store(turns, (row, joint, k), number)
-            before = behind(w, past[0, 2]), behind(x, past[1, 2]), behind(y, past[2, 2]), behind(z, past[3, 2])
-            near = size(w * before[0] + x * before[1] + y * before[2] + z * before[3])
-            if is_any(near < cosine):
-                _slow_down(turns[row, joint], frames, past[:, SHOWN - 1], cosine)
+            near = ZERO * share
+            for k, number in enumerate(smooth):
+                near += number * behind(number, past[k, LANES - 1])
+            if is_any(size(near) < cosine):
+                _slow_down(turns, row, joint, frames, past, cosine, spare)
             if active[row]:
-                for k in range(4):
-                    for back in range(SHOWN):
-                        frame = frames - SHOWN + back
-                        last = turns[row, joint, k, frame] if frame >= 0 else past[k, SHOWN + frame]
-                        shown[row, joint, k, back] = last
+                _remember(turns, row, joint, frames, past, shown)
 
 
 @inner()
-def _one_hemisphere(turns, row, joint, past):  # type: ignore[no-untyped-def]
+def _remember(turns, row, joint, frames, past, shown):  # type: ignore[no-untyped-def]
+    """The last eight of a joint's path."""
+    for k in range(4):
+        if frames == LANES:
+            store(shown, (row, joint, k), load(turns, (row, joint, k)))
+        else:
+            for frame in range(LANES):
+                at = frames + frame
+                last = past[k, at] if at < LANES else turns[row, joint, k, at - LANES]
+                shown[row, joint, k, frame] = last
+
+
+@inner()
+def _one_hemisphere(turns, row, joint, past, spare):  # type: ignore[no-untyped-def]
     """Signs chosen, in place, so that no quaternion points away from the one before it."""
     w, x, y, z = quaternion_at(turns, row, joint)
-    along = w * behind(w, past[0, 2]) + x * behind(x, past[1, 2])
-    along += y * behind(y, past[2, 2]) + z * behind(z, past[3, 2])
+    last = LANES - 1
+    along = w * behind(w, past[0, last]) + x * behind(x, past[1, last])
+    along += y * behind(y, past[2, last]) + z * behind(z, past[3, last])
     if not is_any(along < ZERO):
         return
-    signs = np.empty((1, LANES), F)
-    store(signs, (0,), where(along < ZERO, spread(-ONE), spread(ONE)))
+    store(spare, (0,), where(along < ZERO, spread(-ONE), spread(ONE)))
     sign = ONE
     for frame in range(LANES):
-        sign *= signs[0, frame]
+        sign *= spare[0, frame]
         for k in range(4):
             turns[row, joint, k, frame] *= sign
 
 
 @inner()
-def _smoothed(turns, row, joint, k, past, smoother):  # type: ignore[no-untyped-def]
-    """One of a joint's four numbers."""
-    total = past[k, 0] * load(smoother, (0,)) + past[k, 1] * load(smoother, (1,))
-    total += past[k, 2] * load(smoother, (2,))
-    for frame in range(smoother.shape[0] - SHOWN):
-        total += turns[row, joint, k, frame] * load(smoother, (SHOWN + frame,))
-    return total
+def _smoothed(turns, row, joint, past, smoother):  # type: ignore[no-untyped-def]
+    """A joint's four numbers, not yet of length one."""
+    w = x = y = z = spread(ZERO)
+    for frame in range(SHOWN):
+        at, share = LANES - SHOWN + frame, load(smoother, (frame,))
+        w, x, y, z = w + past[0, at] * share, x + past[1, at] * share, y + past[2, at] * share, z + past[3, at] * share
+    for frame in range(LANES):
+        share = load(smoother, (SHOWN + frame,))
+        w, x = w + turns[row, joint, 0, frame] * share, x + turns[row, joint, 1, frame] * share
+        y, z = y + turns[row, joint, 2, frame] * share, z + turns[row, joint, 3, frame] * share
+    return w, x, y, z
 
 
 @inner()
-def _slow_down(turns, frames, start, cosine):  # type: ignore[no-untyped-def]
-    """A joint (4, 8) that turns by more than twice the angle of this cosine in a frame follows its path more slowly."""
+def _slow_down(turns, row, joint, frames, past, cosine, spare):  # type: ignore[no-untyped-def]
+    """A joint that turns by more than twice the angle of this cosine in a frame follows its path more slowly."""
     sine = F(math.sqrt(ONE - cosine * cosine))
-    last = np.empty(4, F)
     for k in range(4):
-        last[k] = start[k]
+        spare[0, k] = past[k, LANES - 1]
     for frame in range(frames):
         along = ZERO
         for k in range(4):
-            along += last[k] * turns[k, frame]
-        sign = -ONE if along < ZERO else ONE
+            spare[1, k] = turns[row, joint, k, frame]
+            along += spare[0, k] * spare[1, k]
+        share = -ONE if along < ZERO else ONE
         along = abs(along)
         if along < cosine:
-            aside = ZERO
+            aside, length = ZERO, ZERO
             for k in range(4):
-                turns[k, frame] = sign * turns[k, frame] - last[k] * along
-                aside += turns[k, frame] * turns[k, frame]
-            share, length = sine / max(F(math.sqrt(aside)), _LEAST), ZERO
+                spare[1, k] = share * spare[1, k] - spare[0, k] * along
+                aside += spare[1, k] * spare[1, k]
+            share = sine / max(F(math.sqrt(aside)), _LEAST)
             for k in range(4):
-                turns[k, frame] = last[k] * cosine + turns[k, frame] * share
-                length += turns[k, frame] * turns[k, frame]
-            sign = ONE / F(math.sqrt(length))
+                spare[1, k] = spare[0, k] * cosine + spare[1, k] * share
+                length += spare[1, k] * spare[1, k]
+            share = ONE / F(math.sqrt(length))
         for k in range(4):
-            turns[k, frame] *= sign
-            last[k] = turns[k, frame]
+            spare[0, k] = spare[1, k] * share
+            turns[row, joint, k, frame] = spare[0, k]

@@ -61,7 +61,7 @@ def _travel(slots, rest, frames, turns, roots, count, memory, active):  # type: 
     points = slots.shape[0]
     here = np.empty((4, points, 8), F)
     for row in range(turns.shape[0]):
-        past, is_new = memory[row], memory[row, 0] == ZERO
+        is_new = memory[row, 0] == ZERO
         height, zero = load(roots, (row, 1)), spread(ZERO)
         if points:
             hips = matrix(quaternion_at(turns, row, 0))
@@ -75,9 +75,9 @@ def _travel(slots, rest, frames, turns, roots, count, memory, active):  # type: 
                 for k, number in enumerate((x, y, z, weight)):
                     store(here, (k, point), number)
                 at = 3 + point
-                last_x = here[0, point, 0] if is_new else past[at]
-                last_z = here[2, point, 0] if is_new else past[at + 2 * points]
-                last_weight = here[3, point, 0] if is_new else past[at + 3 * points]
+                last_x = here[0, point, 0] if is_new else memory[row, at]
+                last_z = here[2, point, 0] if is_new else memory[row, at + 2 * points]
+                last_weight = here[3, point, 0] if is_new else memory[row, at + 3 * points]
                 both = least(weight, behind(weight, last_weight))
                 lead = both * both * both * both  # the more firmly planted point leads
                 held_x += lead * (behind(x, last_x) - x)
@@ -91,13 +91,14 @@ def _travel(slots, rest, frames, turns, roots, count, memory, active):  # type: 
             store(roots, (row, 2), z + (held_z / total - z) * strongest)
             store(roots, (row, 1), height - planted * (sinking / most(pressing, spread(_LEAST))))
         for axis in (0, 2):
-            place = past[1 + axis // 2]
+            place = memory[row, 1 + axis // 2]
             for frame in range(8):
                 if frame or not is_new:
                     place += roots[row, axis, frame]
                 roots[row, axis, frame] = place
         if active[row]:
-            past[0], past[1], past[2] = ONE, roots[row, 0, count - 1], roots[row, 2, count - 1]
+            memory[row, 0] = ONE
+            memory[row, 1], memory[row, 2] = roots[row, 0, count - 1], roots[row, 2, count - 1]
             for point in range(points):
                 for k in range(4):
-                    past[3 + k * points + point] = here[k, point, count - 1]
+                    memory[row, 3 + k * points + point] = here[k, point, count - 1]

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from .pose import Array, PoseLanes
 
 
-def repair(pose: PoseLanes, shown: Float[Array, "b j 4 3"], standing: float) -> int:
+def repair(pose: PoseLanes, shown: Float[Array, "b j 4 8"], standing: float) -> int:
     """Repair in place; returns how many rotations and root positions there were to repair.
 
     `pose.root` is still travel here; `standing` is the height, in metres, of a root that never had one.

@@ -49,10 +49,9 @@ def _unpack(features, first, joints, travel, turns, root):  # type: ignore[no-un
     columns = np.empty((channels, 8), F)
     is_good, zero, one = True, spread(ZERO), spread(ONE)
     for row in range(rows):
-        for frame in range(8):
-            source = features[row, min(frame, frames - 1)]
-            for channel in range(channels):
-                columns[channel, frame] = source[channel]
+        for channel in range(channels):
+            for frame in range(8):
+                columns[channel, frame] = features[row, min(frame, frames - 1), channel]
         for index in range(joints.shape[0]):
             at = first[index]
             x = load(columns, (at,)), load(columns, (at + 1,)), load(columns, (at + 2,))
@@ -73,11 +72,10 @@ def _unpack(features, first, joints, travel, turns, root):  # type: ignore[no-un
 def _pack(turns, root, rotations, places):  # type: ignore[no-untyped-def]
     for row in range(rotations.shape[0]):
         for joint in range(turns.shape[1]):
-            turn = turns[row, joint]
             for frame in range(rotations.shape[1]):
-                sign = -ONE if turn[0, frame] < ZERO else ONE
+                sign = -ONE if turns[row, joint, 0, frame] < ZERO else ONE
                 for k in range(4):
-                    rotations[row, frame, joint, k] = turn[k, frame] * sign
+                    rotations[row, frame, joint, k] = turns[row, joint, k, frame] * sign
         for frame in range(rotations.shape[1]):
             for axis in range(3):
                 places[row, frame, axis] = root[row, axis, frame]
