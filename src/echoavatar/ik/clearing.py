@@ -29,7 +29,7 @@ from .arm import reach
 SHELL = F(0.035)  # metres before contact at which a hand begins to give way
 PALM = 1  # of a hand's points, the middle of its palm
 _QUARTER, _STEEP, _LEAST = F(0.25), F(1e9), F(1e-12)
-_PER_SHELL, _ROUND = F(1 / 0.035), F(0.25 / 0.035**2)
+_PER_SHELL, _ROUND = F(1 / float(SHELL)), F(0.25 / float(SHELL) ** 2)
 
 
 class Tables(NamedTuple):

@@ -24,7 +24,7 @@ from numba.core.typing.templates import ConcreteTemplate, infer_global, signatur
 from numba.extending import intrinsic, lower_builtin, models, register_model
 
 exact = functools.partial(njit, cache=True, nogil=True, error_model="numpy")  # as written, in this order
-inner = functools.partial(njit, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)  # part of those
+inner = functools.partial(njit, error_model="numpy")  # a part of those, compiled with them
 LANES = 8
 _FLOATS, _BITS = ir.VectorType(ir.FloatType(), LANES), ir.VectorType(ir.IntType(1), LANES)
 _INT = ir.IntType(32)

@@ -36,6 +36,7 @@ CLEARANCE = 0.045  # metres over the floor of a stepping foot
 RISE = 0.5  # of the way to its clearance, per frame
 _FADE, _SETTLE, _RISE, _CLEARANCE, _BACK = F(FADE), F(SETTLE), F(RISE), F(CLEARANCE), F(BACK**2)
 _ENTER, _LEAVE, _LEAVE_SPEED = F(ENTER_HEIGHT), F(LEAVE_HEIGHT), F(LEAVE_SPEED)
+_PER_CLEAR = F(1 / 0.02)
 _STANDING, _PER_STEP = F(STANDING_SPEED), F(1 / (STEPPING_SPEED - STANDING_SPEED))
 
 
@@ -119,38 +120,39 @@ def _shift(over, free, count, fps, largest, memory, shift):  # type: ignore[no-u
     `over` is where its ball is, its height over the standing one; `free` is where it would be without a leash.
     """
     is_new, is_held, is_loose = memory[0] == ZERO, memory[1] > ZERO, memory[2] > ZERO
-    anchor_x, anchor_z = memory[3], memory[4]
+    x, z = memory[3], memory[4]
     aside_x, up, aside_z = memory[5], memory[6], memory[7]
     last_x, last_y, last_z = memory[8], memory[9], memory[10]
     if is_new:
-        last_x, last_y, last_z = free[0, 0], free[1, 0], free[2, 0]
+        x, z, last_x, last_y, last_z = over[0, 0], over[2, 0], free[0, 0], free[1, 0], free[2, 0]
     for t in range(count):
-        moved_x, moved_y, moved_z = free[0, t] - last_x, free[1, t] - last_y, free[2, t] - last_z
+        moved_x, rise, moved_z = free[0, t] - last_x, free[1, t] - last_y, free[2, t] - last_z
         last_x, last_y, last_z = free[0, t], free[1, t], free[2, t]
         height, speed = over[1, t], F(math.sqrt(moved_x * moved_x + moved_z * moved_z)) * fps
-        stays = height < _LEAVE and abs(moved_y) * fps < _LEAVE_SPEED
+        stays = height < _LEAVE and rise * fps < _LEAVE_SPEED
         comes = stays and height < _ENTER and speed < _STANDING and not is_loose
-        if comes and not is_held:
-            anchor_x, anchor_z = over[0, t] + aside_x, over[2, t] + aside_z
         is_held = stays if is_held else comes
-        gap_x, gap_z = anchor_x - over[0, t], anchor_z - over[2, t]
+        gap_x, gap_z = x - over[0, t], z - over[2, t]  # to where it was shown in the frame before
         if is_held and gap_x * gap_x + gap_z * gap_z > largest * largest:
             is_held, is_loose = False, True
         if is_held:
             aside_x, aside_z = gap_x, gap_z
             up += _SETTLE * (-height - up)
         else:
-            aside_x, aside_z = aside_x * _FADE, aside_z * _FADE
+            away = aside_x * aside_x + aside_z * aside_z
             stepping = (speed - _STANDING) * _PER_STEP
             lift = _CLEARANCE * min(stepping, ONE) - height if stepping > ZERO else ZERO
-            away = aside_x * aside_x + aside_z * aside_z
-            is_loose = is_loose and away > _BACK
-            if is_loose:
-                lift = max(lift, min(F(math.sqrt(away)), _CLEARANCE) - height)
+            if away > _BACK:
+                lift = max(lift, min(F(2) * F(math.sqrt(away)), _CLEARANCE) - height)
             up = up + _RISE * (lift - up) if lift > ZERO else up * _FADE
+            # it goes back as far as it is off the floor
+            kept = ONE - (ONE - _FADE) * min(max((height + up) * _PER_CLEAR, ZERO), ONE)
+            aside_x, aside_z = aside_x * kept, aside_z * kept
+            is_loose = is_loose and away > _BACK
+            x, z = over[0, t] + aside_x, over[2, t] + aside_z
         shift[0, t], shift[1, t], shift[2, t] = aside_x, up, aside_z
     for t in range(count, 8):
         shift[0, t], shift[1, t], shift[2, t] = aside_x, up, aside_z
     memory[0], memory[1], memory[2] = ONE, ONE if is_held else ZERO, ONE if is_loose else ZERO
-    memory[3], memory[4], memory[5], memory[6], memory[7] = anchor_x, anchor_z, aside_x, up, aside_z
+    memory[3], memory[4], memory[5], memory[6], memory[7] = x, z, aside_x, up, aside_z
     memory[8], memory[9], memory[10] = last_x, last_y, last_z
