@@ -2,10 +2,10 @@
 
 `ground` moves the root so that the leading foot stays; what is left is that two planted feet do not agree with each
 other, that the decoded foot floats or sinks by millimetres, and whatever `leash` moved the root by. A foot is planted
-by the height and vertical speed of its ball, as in `kinematics.contact`. While it is, its ball is held where it came
-down; the correction fades when it lifts. A foot that is held too far from where it was decoded is let go, and steps
-there. A foot that travels without lifting, as a shuffle decodes, is lifted, so that it steps instead of sliding. Not
-in the paper.
+by the height of its ball and by how fast it rises; one that sinks stays. While it is, its ball is held where it was
+shown when it came to stand; the correction fades when it lifts, as fast as the foot is off the floor, so that it does
+not slide. A foot that is held too far from where it was decoded is let go, and steps there. A foot that travels without
+lifting, as a shuffle decodes, is lifted, so that it steps instead of sliding. Not in the paper.
 """
 
 import math
@@ -26,23 +26,23 @@ from ..nn.octet import exact, inner, load, store
 from .pose import Array, PoseLanes
 
 ENTER_HEIGHT, LEAVE_HEIGHT = 0.022, 0.035  # metres above standing height
-LEAVE_SPEED = 0.30  # metres per second, vertical
-FADE = 0.78  # of a correction, what is left one frame after the foot was lifted
+LEAVE_SPEED = 0.30  # metres per second, upwards
+FADE = 0.78  # of a correction, what is left a frame later in a foot that is off the floor
 SETTLE = 0.35  # of the height error, what is taken away per planted frame
 LARGEST = 0.12  # metres: a foot that strays further is let go
 BACK = 0.015  # metres from its decoded place at which a foot that was let go may stand again
 STANDING_SPEED, STEPPING_SPEED = 0.3, 0.8  # m/s, horizontal: below it may be planted; above it steps
 CLEARANCE = 0.045  # metres over the floor of a stepping foot
+CLEAR = 0.02  # metres off the floor from which on a foot goes back as fast as it may
 RISE = 0.5  # of the way to its clearance, per frame
 _FADE, _SETTLE, _RISE, _CLEARANCE, _BACK = F(FADE), F(SETTLE), F(RISE), F(CLEARANCE), F(BACK**2)
 _ENTER, _LEAVE, _LEAVE_SPEED = F(ENTER_HEIGHT), F(LEAVE_HEIGHT), F(LEAVE_SPEED)
-_PER_CLEAR = F(1 / 0.02)
-_STANDING, _PER_STEP = F(STANDING_SPEED), F(1 / (STEPPING_SPEED - STANDING_SPEED))
+_STANDING, _PER_CLEAR, _PER_STEP = F(STANDING_SPEED), F(1 / CLEAR), F(1 / (STEPPING_SPEED - STANDING_SPEED))
 
 
 @dataclass
 class FeetState(StreamState):
-    """Per row and foot: seen, held, loose (0 or 1), where it is held (2), by how much it is moved (3), its ball (3)."""
+    """Per row and foot: seen, held, loose (0 or 1), where it was shown (2), by how much it is moved (3), its ball (3)."""
 
     memory: Float[Tensor, "b 2 11"]
 
