@@ -28,7 +28,9 @@ def _worked_out(given, made):  # type: ignore[no-untyped-def]
             store(made, (block, 39 + k), octets.turned(m, v)[k])
             store(made, (block, 42 + k), octets.turned_back(m, v)[k])
             store(made, (block, 45 + k), octets.cross(octets.turned(m, v), v)[k])
-            store(made, (block, 48 + k), octets.minus(octets.plus(v, octets.times(v, octets.dot(v, v))), v)[k])
+            store(
+                made, (block, 48 + k), octets.minus(octets.plus(v, octets.times(v, octets.dot(v, v))), v)[k]
+            )
 
 
 @exact()

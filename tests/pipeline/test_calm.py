@@ -49,9 +49,11 @@ def test_steps_between_latents_become_a_smooth_path() -> None:
 
 @pytest.mark.parametrize("frames", [8, 5, 3])
 def test_a_chunk_is_the_minimum_that_the_formula_asks_for(frames: int) -> None:
-    """Outside witness: weighted least squares in double precision, every chunk on top of the last three frames shown."""
+    """Outside witness: least squares in double precision, every chunk on top of the last three frames shown."""
     torch.manual_seed(1)
-    decoded = torch.nn.functional.normalize(torch.tensor([1.0, 0.3, 0.2, 0.1]) + 0.03 * torch.randn(24, 4), dim=-1)
+    decoded = torch.nn.functional.normalize(
+        torch.tensor([1.0, 0.3, 0.2, 0.1]) + 0.03 * torch.randn(24, 4), dim=-1
+    )
     calm = Calm(1)
     state, path = calm.init_state(1), [decoded[0].double().numpy()] * 3
     for chunk in decoded.split(frames):

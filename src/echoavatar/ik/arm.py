@@ -36,7 +36,9 @@ def reach(shoulder, elbow, wrist, target):  # type: ignore[no-untyped-def]
     far, by_upper, by_lower = dot(wanted, wanted), dot(upper, wanted), dot(lower, wanted)
     cosine = least(most(across_bones / ab, F(-1)), ONE)
     fall = ONE - cosine
-    angle_square = fall * (F(2) + fall * (F(1 / 3) + fall * F(4 / 45)))  # to 2e-8 where the share is not yet 1
+    angle_square = fall * (
+        F(2) + fall * (F(1 / 3) + fall * F(4 / 45))
+    )  # to 2e-8 where the share is not yet 1
     share = least(angle_square * (ONE / _STRAIGHT_SQUARE), ONE)
     meant = cosine + share * ((far - squares) / (ab + ab) - cosine)
     new = least(most(meant, least(cosine, _FOLDED)), most(cosine, _STRETCHED))

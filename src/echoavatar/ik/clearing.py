@@ -39,8 +39,12 @@ class Tables(NamedTuple):
     centres: np.ndarray  # (e, 3) metres, in the bone's frame
     radii: np.ndarray  # (e, 3) metres, with the thinnest point of the hand and its clearance around them
     shrinking: np.ndarray  # (e, 3) one over the radii
-    zone: np.ndarray  # (e, 3) squared radii over those of an ellipsoid outside which no palm need be looked at
-    starts: np.ndarray  # (2, e, 2) where the way out of each part starts for each hand: aside and ahead of its centre
+    zone: (
+        np.ndarray
+    )  # (e, 3) squared radii over those of an ellipsoid outside which no palm need be looked at
+    starts: (
+        np.ndarray
+    )  # (2, e, 2) where the way out of each part starts for each hand: aside and ahead of its centre
     is_head: np.ndarray  # (e,) 1 for parts around which the way out also leads upwards
     points: np.ndarray  # (2, p) slots that carry the points of each hand
     offsets: np.ndarray  # (2, p, 3) metres, in the carrier's frame
@@ -162,7 +166,9 @@ def _follow(tables, side, frames, row, move, is_moved, turns):  # type: ignore[n
     wrist, hand = place_at(frames, row, arms[side, 2]), rotation_at(frames, row, arms[side, 2])
     swing, bend = reach(shoulder, elbow, wrist, plus(wrist, move))
     upper = composed(swing, rotation_at(frames, row, arms[side, 0]))
-    forearm = composed(bend, rotation_at(frames, row, arms[side, 1]))  # before the swing, as is what carries it then
+    forearm = composed(
+        bend, rotation_at(frames, row, arms[side, 1])
+    )  # before the swing, as is what carries it then
     carrier = composed(swing, composed(bend, rotation_at(frames, row, above[side, 2])))
     new_upper = quaternion(seen_from(rotation_at(frames, row, above[side, 0]), upper))
     new_forearm = quaternion(seen_from(rotation_at(frames, row, above[side, 1]), forearm))

@@ -158,7 +158,9 @@ def _common_points(skeleton: Skeleton, bones: dict[str, int]) -> list[list[HandP
 def _starts(body: Body) -> Float[Array, "2 e 2"]:
     """Where the way out of each part starts for each hand: aside and ahead of the part's centre."""
     starts = np.zeros((2, len(body.parts), 2), np.float32)
-    starts[:, :, 0] = ACROSS * body.radii[:, 0] * np.array([[-1.0], [1.0]])  # the left hand starts on the right
+    starts[:, :, 0] = (
+        ACROSS * body.radii[:, 0] * np.array([[-1.0], [1.0]])
+    )  # the left hand starts on the right
     starts[:, :, 1] = -BEHIND * body.radii[:, 2]
     return starts
 

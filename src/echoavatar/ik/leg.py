@@ -38,7 +38,9 @@ class Legs(NamedTuple):
     slots: np.ndarray  # (2, 4) the same joints in the chains
     above: np.ndarray  # (2, k) joints between the root and the thigh, from above
     lower: np.ndarray  # (2, 3) the ankle in the shin's frame, metres
-    lengths: np.ndarray  # (2, 3) sum of the squared bones, least and greatest square of the way from hip to ankle
+    lengths: (
+        np.ndarray
+    )  # (2, 3) sum of the squared bones, least and greatest square of the way from hip to ankle
 
 
 def legs_of(skeleton: Skeleton, chains: Chains | None = None) -> Legs | None:

@@ -5,7 +5,9 @@ loop LLVM gives up. An `Octet` says it: arithmetic on it is arithmetic on a vect
 (two registers where they hold four). With `exact` nothing is reordered or fused, so that a number does not depend on
 its neighbours, nor on the processor.
 
-Compiled functions only. Octets live in the last axis of C-contiguous float32 arrays of length 8:
+Compiled functions only: `exact` ones are called from Python and kept by numba between runs, `inner` ones are parts of
+them (numba looks at the file of the `exact` one alone: delete `__pycache__` after changing an `inner` one elsewhere).
+Octets live in the last axis of C-contiguous float32 arrays of length 8:
 
     x = load(turns, (row, joint, 1))              # turns[row, joint, 1, :]
     store(turns, (row, joint, 1), where(x < ZERO, -x, x))
@@ -79,7 +81,7 @@ def _holds_octets(array: Any, index: Any) -> bool:
     )
 
 
-@intrinsic
+@intrinsic  # type: ignore[untyped-decorator]
 def load(typing: Any, array: Any, index: Any) -> Any:
     """`array[*index, 0:8]`."""
     if not _holds_octets(array, index):
@@ -92,7 +94,7 @@ def load(typing: Any, array: Any, index: Any) -> Any:
     return OCTET(array, index), build
 
 
-@intrinsic
+@intrinsic  # type: ignore[untyped-decorator]
 def store(typing: Any, array: Any, index: Any, value: Any) -> Any:
     """`array[*index, 0:8] = value`."""
     if not (_holds_octets(array, index) and value is OCTET):
@@ -156,7 +158,7 @@ def _negative(context: Any, builder: Any, signature: Any, arguments: Any) -> Any
 def _chosen(sign: str) -> Any:
     """The first where it compares so with the second, which stands where they cannot be compared."""
 
-    @intrinsic
+    @intrinsic  # type: ignore[untyped-decorator]
     def operation(typing: Any, a: Any, b: Any) -> Any:
         if (a, b) not in _PAIRS:
             return None
@@ -171,7 +173,7 @@ least, most = _chosen("<"), _chosen(">")
 
 
 def _of_one(result: Any, kind: Any, build: Callable[[Any, Any], Any]) -> Any:
-    @intrinsic
+    @intrinsic  # type: ignore[untyped-decorator]
     def operation(typing: Any, value: Any) -> Any:
         if value is not kind:
             return None
@@ -197,7 +199,7 @@ is_any = _of_one(
 )
 
 
-@intrinsic
+@intrinsic  # type: ignore[untyped-decorator]
 def where(typing: Any, mask: Any, a: Any, b: Any) -> Any:
     """The first value where the mask is true, the second elsewhere."""
     if not (mask is MASK and a is OCTET and b is OCTET):
@@ -209,7 +211,7 @@ def where(typing: Any, mask: Any, a: Any, b: Any) -> Any:
     return OCTET(mask, a, b), build
 
 
-@intrinsic
+@intrinsic  # type: ignore[untyped-decorator]
 def behind(typing: Any, value: Any, first: Any) -> Any:
     """Each number's predecessor: `first`, then the first seven."""
     if not (value is OCTET and first == types.float32):

@@ -132,7 +132,12 @@ def _smoothed(turns, row, joint, past, smoother):  # type: ignore[no-untyped-def
     w = x = y = z = spread(ZERO)
     for frame in range(SHOWN):
         at, share = LANES - SHOWN + frame, load(smoother, (frame,))
-        w, x, y, z = w + past[0, at] * share, x + past[1, at] * share, y + past[2, at] * share, z + past[3, at] * share
+        w, x, y, z = (
+            w + past[0, at] * share,
+            x + past[1, at] * share,
+            y + past[2, at] * share,
+            z + past[3, at] * share,
+        )
     for frame in range(LANES):
         share = load(smoother, (SHOWN + frame,))
         w, x = w + turns[row, joint, 0, frame] * share, x + turns[row, joint, 1, frame] * share

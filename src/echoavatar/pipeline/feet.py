@@ -42,7 +42,7 @@ _STANDING, _PER_CLEAR, _PER_STEP = F(STANDING_SPEED), F(1 / CLEAR), F(1 / (STEPP
 
 @dataclass
 class FeetState(StreamState):
-    """Per row and foot: seen, held, loose (0 or 1), where it was shown (2), by how much it is moved (3), its ball (3)."""
+    """Per row and foot: seen, held, loose (0 or 1), where it was shown (2), how far it is moved (3), its ball (3)."""
 
     memory: Float[Tensor, "b 2 11"]
 
@@ -88,7 +88,17 @@ class Feet:
         far = np.full(len(pose.root), LARGEST, np.float32) if largest is None else largest.astype(np.float32)
         memory, fps = state.memory.numpy(), F(pose.fps)
         _lock(
-            self._legs, self._standing, frames, pose.turns, pose.root, free, pose.frames, fps, far, memory, active
+            self._legs,
+            self._standing,
+            frames,
+            pose.turns,
+            pose.root,
+            free,
+            pose.frames,
+            fps,
+            far,
+            memory,
+            active,
         )
 
 

@@ -20,7 +20,9 @@ class PoseLanes:
     """Frames of several sessions; stages change it in place, one after the other."""
 
     turns: Float[Array, "b j 4 8"]  # parent-relative unit quaternions `wxyz`, of either sign
-    root: Float[Array, "b 3 8"]  # metres; before `Ground`: metres per frame along x, height, metres per frame along z
+    root: Float[
+        Array, "b 3 8"
+    ]  # metres; before `Ground`: metres per frame along x, height, metres per frame along z
     fps: float
     frames: int = LANES
 

@@ -113,7 +113,11 @@ class Post:
         lap("ground")
         largest = decoded_root = None
         if "leash" in self.stages and (leash | is_pinned).any():
-            radius, lean, decoded_root = state.modes.options.numpy()[:, 0], state.feet.lean(), pose.root.copy()
+            radius, lean, decoded_root = (
+                state.modes.options.numpy()[:, 0],
+                state.feet.lean(),
+                pose.root.copy(),
+            )
             self.leash.step(pose, state.leash, on, radius=radius, is_pinned=is_pinned, lean=lean)
             largest = np.where(leash | is_pinned, LARGEST_ON_LEASH, LARGEST)
         lap("leash")

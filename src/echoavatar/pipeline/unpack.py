@@ -20,16 +20,23 @@ class Unpacking:
         travel = travel_slice(skeleton)
         self._joints = np.array(skeleton.feature_joints, np.int64)
         first = 6 * np.arange(len(self._joints))  # channel of each joint's 6D
-        self._first = np.where(first >= travel.start, first + travel.stop - travel.start, first).astype(np.int64)
+        self._first = np.where(first >= travel.start, first + travel.stop - travel.start, first).astype(
+            np.int64
+        )
         self._travel, self._all = travel.start, skeleton.joints
 
     def pose_of(self, features: Float[Array, "b t c"], fps: float) -> tuple[PoseLanes, bool]:
         """Rotations, and travel as decoded; and whether all of it can be used. At most 8 frames."""
         rows, frames = features.shape[:2]
-        turns, root = np.empty((rows, self._all, 4, LANES), np.float32), np.empty((rows, 3, LANES), np.float32)
+        turns, root = (
+            np.empty((rows, self._all, 4, LANES), np.float32),
+            np.empty((rows, 3, LANES), np.float32),
+        )
         if len(self._joints) < self._all:
             turns[...], turns[:, :, 0] = 0, 1
-        is_good = _unpack(np.ascontiguousarray(features), self._first, self._joints, self._travel, turns, root)
+        is_good = _unpack(
+            np.ascontiguousarray(features), self._first, self._joints, self._travel, turns, root
+        )
         return PoseLanes(turns, root, fps, frames), is_good
 
 
