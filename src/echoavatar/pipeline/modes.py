@@ -63,7 +63,7 @@ class IdleLegs:
         """Rotations of hips and legs at rest, in place; before forward kinematics."""
         turns = np.zeros((len(self._lower), 4, 8), np.float32)
         turns[:, 0] = 1
-        pose.turns[np.ix_(rows, self._lower)] = turns
+        pose.turns[np.ix_(rows, np.array(self._lower, np.int64))] = turns
 
     def sway(
         self, pose: PoseLanes, rows: Bool[Array, " b"], state: ModesState, active: Bool[Array, " b"]
