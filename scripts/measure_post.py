@@ -4,7 +4,9 @@
     python scripts/measure_post.py FEATURES.npy                   measure what was generated before
 
 Every sound becomes `SECONDS` of motion (looped or cut), all in one batch; decoded features are kept in FEATURES.npy
-(sessions, frames, channels). Prints one line of JSON.
+(sessions, frames, channels). For the hour on a leash each session repeats its own. Steps of angular velocity are its
+mean change from frame to frame at chunk borders, over that at other frames: 1 where a border does not show.
+Prints one line of JSON.
 """
 
 import json
@@ -18,7 +20,13 @@ from echoavatar.audio.io import stream_audio
 from echoavatar.ik import penetration_depth_m
 from echoavatar.kinematics import HUMANOID, forward_kinematics
 from echoavatar.kinematics.contact import skate
-from echoavatar.kinematics.rotations import angle_between, matrix_from_quaternion
+from echoavatar.kinematics.rotations import (
+    angle_between,
+    axis_angle_from_quaternion,
+    matrix_from_quaternion,
+    quaternion_conjugate,
+    quaternion_multiply,
+)
 from echoavatar.pipeline import Pipeline, load_bundle
 from echoavatar.pipeline.interpolate import StreamInterpolator
 from echoavatar.pipeline.modes import MotionOptions
@@ -77,29 +85,57 @@ def measured(quaternions: torch.Tensor, root: torch.Tensor) -> dict[str, float]:
     standing = HUMANOID.rest_positions[BALLS, 1].numpy()
     feet = [skate(p[:, BALLS].numpy(), FRAME_RATE_HZ, standing_height=standing) for p in places]
     speed = angle_between(rotations[:, 1:], rotations[:, :-1]) * FRAME_RATE_HZ
-    change = torch.diff(speed, dim=1).abs().mean((0, 2))
-    border = torch.arange(len(change)) % CHUNK_FRAMES == CHUNK_FRAMES - 2
+    change = torch.stack([velocity_change(session) for session in quaternions])
     return {
-        "frames_deeper_than_5mm": float((depth > 0.005).any(-1).float().mean()),
+        "frames_deeper_than_5mm": int((depth > 0.005).any(-1).sum()),
+        "frames": len(depth),
         "deepest_mm": float(depth.max() * 1000),
         "wrist_jerk_m_s3": float(jerk),
         "skate_cm_s": float(np.mean(feet)),
         "farthest_m": float((root - root[:, :1])[..., [0, 2]].norm(dim=-1).max()),
-        "speed_change_at_borders_over_inside": float(change[border].mean() / change[~border].mean()),
+        "border_steps_over_others": border_share(change, CHUNK_FRAMES),
         "fastest_deg_s": float(torch.rad2deg(speed.max())),
     }
 
 
-def at_60(quaternions: torch.Tensor, root: torch.Tensor) -> float:
-    """Change of angular speed at 60 fps: at source frames, over between them (1: no kink)."""
-    stream = StreamInterpolator(60)
-    parts = [
-        stream.push(MotionChunk(quaternions[0, k : k + 8].numpy(), root[0, k : k + 8].numpy()))
-        for k in range(0, 600, 8)
-    ]
-    rotations = matrix_from_quaternion(torch.from_numpy(np.concatenate([p.rotations for p in parts])))
-    change = torch.diff(angle_between(rotations[1:], rotations[:-1]), dim=0).abs().mean(1)
-    return float(change[1::2].mean() / change[::2].mean())
+def velocity_change(quaternions: torch.Tensor) -> torch.Tensor:
+    """Mean length (t - 2) of the change of the joints' angular velocity (t, j, 4 in), around frames 1 to t - 2."""
+    turns = quaternion_multiply(quaternions[1:], quaternion_conjugate(quaternions[:-1]))
+    return torch.diff(axis_angle_from_quaternion(turns), dim=0).norm(dim=-1).mean(-1)
+
+
+def border_share(change: torch.Tensor, frames: int) -> float:
+    """Change around the last and the first frame of chunks over that around the others; `frames` in a chunk."""
+    place = (torch.arange(change.shape[-1]) + 1) % frames
+    is_border = (place == 0) | (place == frames - 1)
+    return float(change[..., is_border].mean() / change[..., ~is_border].mean())
+
+
+def at_60(quaternions: torch.Tensor, root: torch.Tensor) -> dict[str, float]:
+    """The same at 60 fps, where every second frame is a source frame; and source frames over those between."""
+    changes = []
+    for session, places in zip(quaternions, root, strict=True):
+        stream = StreamInterpolator(60)
+        chunks = zip(session.split(CHUNK_FRAMES), places.split(CHUNK_FRAMES), strict=True)
+        parts = [stream.push(MotionChunk(r.numpy(), p.numpy())).rotations for r, p in chunks]
+        changes.append(velocity_change(torch.from_numpy(np.concatenate(parts))))
+    change = torch.stack(changes)
+    return {
+        "border_steps_over_others": border_share(change, 2 * CHUNK_FRAMES),
+        "source_frames_over_between": float(change[:, 1::2].mean() / change[:, ::2].mean()),
+    }
+
+
+def farthest(features: torch.Tensor, minutes: int, options: MotionOptions) -> float:
+    """Metres of the root from its start when every session goes on for so long."""
+    post, on = Post(HUMANOID), torch.ones(len(features), dtype=torch.bool)
+    state = post.init_state(len(features))
+    state.modes.choose(on, options)
+    parts, far = features.split(CHUNK_FRAMES, 1), 0.0
+    for step in range(minutes * 60 * FRAME_RATE_HZ // CHUNK_FRAMES):
+        chunks = post.step(parts[step % len(parts)], state, on, lambda stage: None)
+        far = max(far, max(float(np.hypot(c.root[:, 0], c.root[:, 2]).max()) for c in chunks))
+    return far
 
 
 def main() -> None:
@@ -109,7 +145,7 @@ def main() -> None:
     if sounds:
         np.save(path, generate(sounds).numpy())
     features = torch.from_numpy(np.load(path))
-    free = MotionOptions.model_validate({})
+    free = MotionOptions()
     without_hands = tuple(stage for stage in SWITCHES if stage != "hands")
     full = through(features, SWITCHES, free)
     report: dict[str, object] = {
@@ -117,7 +153,9 @@ def main() -> None:
         "decoded": measured(*through(features, ("ground",), free)),
         "without hands": measured(*through(features, without_hands, free)),
         "all": measured(*full),
-        "at 60 fps, frames over halves": at_60(*full),
+        "at 60 fps": at_60(*full),
+        "an hour": farthest(features, 60, free),
+        "an hour on a leash of 1 m": farthest(features, 60, MotionOptions(leash_m=1)),
     }
     for name in ("leash_m", "in_place", "upper_body"):
         report[name] = measured(*through(features, SWITCHES, MotionOptions.model_validate({name: 1})))

@@ -1,9 +1,9 @@
 import numpy as np
+import torch
 
 from echoavatar.ik import BodyProfile, RoundedPart
-from echoavatar.ik.body import Body, to_unit
-from echoavatar.ik.chains import Chains
-from echoavatar.kinematics import HUMANOID, Skeleton
+from echoavatar.ik.body import Body
+from echoavatar.kinematics import HUMANOID, Skeleton, forward_kinematics
 
 PROFILE = BodyProfile(
     parts=(
@@ -15,18 +15,18 @@ PROFILE = BodyProfile(
 
 def test_points_on_the_skin_have_length_one() -> None:
     body = Body(HUMANOID, PROFILE)
-    chains = Chains(HUMANOID, body.joints)
-    rotations = np.tile(np.eye(3, dtype=np.float32), (1, HUMANOID.joints, 1, 1))
-    turn = [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]  # x to -z, z to x
-    rotations[0, HUMANOID.index("chest")] = turn
-    frames = chains.world(chains.local(rotations))
-    rest = (HUMANOID.rest_positions - HUMANOID.rest_positions[0]).numpy()
-    centre = rest[HUMANOID.index("chest")] + [0, 0.05, 0]
-    points = np.stack([centre + [0.15, 0, 0], centre + [0, 0.1, 0], centre + [0, 0, 0.2], centre], 1)[
-        ..., None
-    ]
-    seen = to_unit(frames[:, :, body.slots(chains)], body.centres, body.radii, points.astype(np.float32))
-    np.testing.assert_allclose(np.linalg.norm(seen[:, 0, :, 0], axis=0), [1, 1, 1, 0], atol=1e-5)
+    rotations = torch.eye(3).repeat(1, HUMANOID.joints, 1, 1)
+    turn = [[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]  # x to -z, z to x
+    rotations[0, HUMANOID.index("chest")] = torch.tensor(turn)
+    pose = forward_kinematics(HUMANOID, rotations, torch.zeros(1, 3))
+    centre = pose.positions[0, HUMANOID.index("chest")].numpy() + [0, 0.05, 0]
+    points = np.stack([centre + [0.15, 0, 0], centre + [0, 0.1, 0], centre + [0, 0, 0.2], centre])[None]
+    seen = body.to_unit(
+        pose.rotations[:, body.joints].numpy(),
+        pose.positions[:, body.joints].numpy(),
+        points.astype(np.float32),
+    )
+    np.testing.assert_allclose(np.linalg.norm(seen[0, 0], axis=-1), [1, 1, 1, 0], atol=1e-5)
 
 
 def test_parts_without_a_bone_are_left_out() -> None:

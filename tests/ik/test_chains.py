@@ -1,35 +1,31 @@
-import numpy as np
 import torch
 
-from echoavatar.ik.chains import Chains, Points
+from echoavatar.ik.chains import Chains
 from echoavatar.kinematics import HUMANOID, forward_kinematics
-from echoavatar.kinematics.rotations import matrix_from_axis_angle
+from echoavatar.kinematics.rotations import matrix_from_axis_angle, quaternion_from_matrix
+from echoavatar.nn.octet import blocks
 
 
 def test_frames_are_those_of_forward_kinematics() -> None:
-    turns = torch.randn(5, HUMANOID.joints, 3, generator=torch.Generator().manual_seed(0))
+    turns = torch.randn(11, HUMANOID.joints, 3, generator=torch.Generator().manual_seed(0))
     turns[:, 0] = 0
     rotations = matrix_from_axis_angle(turns)
     wanted = HUMANOID.indices(["head", "leftIndexDistal", "leftThumbDistal", "rightHand"])
     chains = Chains(HUMANOID, wanted)
-    frames = chains.world(chains.local(rotations.numpy()))
-    pose = forward_kinematics(HUMANOID, rotations, torch.zeros(5, 3))
-    ours = torch.from_numpy(frames).permute(3, 2, 0, 1)
+    frames = chains.world(blocks(quaternion_from_matrix(rotations).permute(1, 2, 0).numpy()))
+    assert frames.shape == (2, len(chains.joints), 12, 8)  # 11 frames, the last one repeated
+    pose = forward_kinematics(HUMANOID, rotations, torch.zeros(11, 3))
+    ours = torch.from_numpy(frames).permute(0, 3, 1, 2).flatten(0, 1)[:11].unflatten(-1, (3, 4))
     torch.testing.assert_close(ours[..., :3], pose.rotations[:, chains.joints], atol=1e-5, rtol=0)
     torch.testing.assert_close(ours[..., 3], pose.positions[:, chains.joints], atol=1e-5, rtol=0)
-    assert HUMANOID.index("leftFoot") not in chains.joints
 
 
-def test_points_ride_on_their_joints() -> None:
+def test_the_root_stands_at_the_origin_and_only_what_is_needed_is_worked_out() -> None:
     chains = Chains(HUMANOID, [HUMANOID.index("head")])
-    rotations = np.tile(np.eye(3, dtype=np.float32), (2, HUMANOID.joints, 1, 1))
-    rotations[1, HUMANOID.index("neck")] = [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]  # ahead becomes left
-    head = Points(
-        np.array([chains.slot[HUMANOID.index("head")]]), np.array([[0.0], [0.1], [0.05]], np.float32)
-    )
-    placed = head.place(chains.world(chains.local(rotations)))
-    rest = (HUMANOID.rest_positions - HUMANOID.rest_positions[0]).numpy()
-    at = rest[HUMANOID.index("head")]
-    np.testing.assert_allclose(placed[:, 0, 0], at + [0, 0.1, 0.05], atol=1e-6)
-    neck = rest[HUMANOID.index("neck")]
-    np.testing.assert_allclose(placed[:, 0, 1], neck + [0.020 + 0.05, 0.095 + 0.1, 0], atol=1e-6)
+    assert chains.joints[0] == 0
+    assert HUMANOID.index("leftFoot") not in chains.joints
+    turned = torch.zeros(1, HUMANOID.joints, 3)
+    turned[0, 0, 1] = 1.0
+    turns = blocks(quaternion_from_matrix(matrix_from_axis_angle(turned)).permute(1, 2, 0).numpy())
+    root = chains.world(turns)[0, 0, :, 0].reshape(3, 4)
+    assert root.tolist() == [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from echoavatar.ik.chains import Chains
-from echoavatar.ik.leg import LegReach, legs_of
+from echoavatar.ik.leg import bend, legs_of
 from echoavatar.kinematics import HUMANOID, Skeleton, forward_kinematics
 from echoavatar.kinematics.rotations import (
     angle_between,
@@ -14,6 +14,7 @@ from echoavatar.kinematics.rotations import (
     quaternion_from_matrix,
 )
 from echoavatar.kinematics.two_bone import reach
+from echoavatar.nn.octet import blocks, exact, load
 
 LEGS = ("UpperLeg", "LowerLeg", "Foot")
 
@@ -34,17 +35,23 @@ def bent(frames: int = 20) -> torch.Tensor:
     return matrix_from_axis_angle(turns)
 
 
+@exact()
+def _bend(legs, turns, frames, aside):  # type: ignore[no-untyped-def]
+    for row in range(len(turns)):
+        for side in range(2):
+            way = load(aside, (row, 0, side)), load(aside, (row, 1, side)), load(aside, (row, 2, side))
+            bend(legs, side, turns, frames, row, way)
+
+
 def moved(skeleton: Skeleton, rotations: torch.Tensor, aside: np.ndarray) -> torch.Tensor:
     """Local rotations after both ankles (left, right) were asked to go by `aside` (3, 2, t)."""
-    legs = legs_of(skeleton)
-    assert legs is not None
     chains = Chains(skeleton, list(skeleton.config.feet))
-    turns = quaternion_from_matrix(rotations).permute(2, 1, 0).contiguous().numpy()
-    frames = chains.world(chains.local_of(turns))
-    slots = np.array([[chains.slot[j] for j in pair] for pair in (legs.thighs, legs.shins, legs.feet)])
-    three = frames[:, :, slots]
-    LegReach(skeleton, legs).bend(turns, three[:, :3, 1], three[:, 3], three[:, 3, 2] + aside)
-    return matrix_from_quaternion(torch.from_numpy(turns.transpose(2, 1, 0).copy()))
+    legs = legs_of(skeleton, chains)
+    assert legs is not None
+    turns = blocks(quaternion_from_matrix(rotations).permute(1, 2, 0).numpy())
+    _bend(legs, turns, chains.world(turns), blocks(aside))
+    flat = turns.transpose(0, 3, 1, 2).reshape(-1, skeleton.joints, 4)[: len(rotations)]
+    return matrix_from_quaternion(torch.from_numpy(flat.copy()))
 
 
 def world(skeleton: Skeleton, rotations: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:

@@ -49,36 +49,3 @@ def test_vectors_of_any_size_go_there_and_back(size: float) -> None:
 
 def test_zero_has_no_direction() -> None:
     assert not lanes.normalized(np.zeros((3, 2))).any()
-
-
-@pytest.mark.parametrize("lane_count", [50, 5000])  # both ways of working a matrix out
-def test_matrices_agree_and_come_back(lane_count: int) -> None:
-    q = drawn(lane_count).astype(np.float32)
-    matrix = lanes.matrix(q)
-    expected = torch_side.matrix_from_quaternion(as_torch(q))
-    torch.testing.assert_close(torch.from_numpy(matrix.transpose(2, 0, 1).copy()), expected)
-    back = lanes.from_matrix(matrix)
-    np.testing.assert_allclose(np.abs((back * q).sum(0)), 1, atol=1e-5)
-
-
-def test_half_turns_come_back() -> None:
-    """Where w is 0 the other candidates serve."""
-    q = np.array([[0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1], [0, 0.6, 0.8, 0]]).T
-    np.testing.assert_allclose(np.abs(lanes.from_matrix(lanes.matrix(q))), np.abs(q), atol=1e-7)
-
-
-def test_two_rows_of_any_length_give_the_rotation() -> None:
-    q = drawn()
-    rows = lanes.matrix(q)[:2].copy()
-    rows[0] *= 3
-    rows[1] += 0.5 * rows[0]  # neither unit nor at right angles
-    back = lanes.from_two_rows(rows.reshape(6, -1))
-    np.testing.assert_allclose(np.abs((back * q).sum(0)), 1, atol=1e-6)
-
-
-def test_vectors_turn_there_and_back() -> None:
-    matrix, vector = lanes.matrix(drawn()), drawn(seed=5)[:3]
-    turned = lanes.apply(matrix, vector)
-    np.testing.assert_allclose(turned, np.einsum("ijn,jn->in", matrix, vector), atol=1e-12)
-    np.testing.assert_allclose(lanes.apply_inverse(matrix, turned), vector, atol=1e-12)
-    np.testing.assert_allclose(lanes.cross(vector, turned), np.cross(vector, turned, axis=0), atol=1e-12)

@@ -3,10 +3,10 @@ import math
 import numpy as np
 import pytest
 import torch
-from tests.pipeline.poses import from_quaternions, quaternions_of
+from tests.pipeline.poses import everyone, from_quaternions, in_pieces, quaternions_of
 
 from echoavatar.kinematics.rotations import axis_angle_from_quaternion, quaternion_from_axis_angle
-from echoavatar.pipeline.calm import Calm, CalmState
+from echoavatar.pipeline.calm import STIFFNESS, Calm, CalmState
 
 
 def about_x(angle: torch.Tensor) -> torch.Tensor:
@@ -19,9 +19,14 @@ def about_x(angle: torch.Tensor) -> torch.Tensor:
 def step(
     calm: Calm, rotations: torch.Tensor, state: CalmState, active: np.ndarray | None = None
 ) -> torch.Tensor:
-    pose = from_quaternions(rotations, torch.zeros(*rotations.shape[:2], 3))
-    calm.step(pose, state, active)
-    return quaternions_of(pose)
+    on = everyone(len(rotations)) if active is None else active
+
+    def chunk(part: torch.Tensor) -> torch.Tensor:
+        pose = from_quaternions(part, torch.zeros(*part.shape[:2], 3))
+        calm.step(pose, state, on)
+        return quaternions_of(pose)
+
+    return in_pieces(chunk, rotations)
 
 
 def angle_of(rotations: torch.Tensor) -> torch.Tensor:
@@ -30,8 +35,7 @@ def angle_of(rotations: torch.Tensor) -> torch.Tensor:
 
 def shown(angle: torch.Tensor, **options: float) -> torch.Tensor:
     calm = Calm(2, **options)
-    state = calm.init_state(1)
-    return angle_of(torch.cat([step(calm, x, state) for x in about_x(angle).split(8, 1)], 1))
+    return angle_of(step(calm, about_x(angle), calm.init_state(1)))
 
 
 def test_steps_between_latents_become_a_smooth_path() -> None:
@@ -41,6 +45,29 @@ def test_steps_between_latents_become_a_smooth_path() -> None:
     path = shown(steps)
     assert torch.diff(path, n=3).abs().mean() < torch.diff(steps, n=3).abs().mean() / 5
     assert (path - steps).abs().mean() < 0.05
+
+
+@pytest.mark.parametrize("frames", [8, 5, 3])
+def test_a_chunk_is_the_minimum_that_the_formula_asks_for(frames: int) -> None:
+    """Outside witness: least squares in double precision, every chunk on top of the last three frames shown."""
+    torch.manual_seed(1)
+    decoded = torch.nn.functional.normalize(
+        torch.tensor([1.0, 0.3, 0.2, 0.1]) + 0.03 * torch.randn(24, 4), dim=-1
+    )
+    calm = Calm(1)
+    state, path = calm.init_state(1), [decoded[0].double().numpy()] * 3
+    for chunk in decoded.split(frames):
+        t = len(chunk)
+        third = np.diff(np.eye(3 + t), n=3, axis=0)
+        left = np.concatenate([np.diag(((np.arange(t) + 1) / t) ** 2), math.sqrt(STIFFNESS) * third[:, 3:]])
+        right = np.concatenate(
+            [left[:t] @ chunk.double().numpy(), -math.sqrt(STIFFNESS) * third[:, :3] @ np.array(path[-3:])]
+        )
+        found = np.linalg.lstsq(left, right, rcond=None)[0]
+        path.extend(found / np.linalg.norm(found, axis=1, keepdims=True))
+        pose = from_quaternions(chunk[None, :, None], torch.zeros(1, t, 3))
+        calm.step(pose, state, everyone(1))
+        np.testing.assert_allclose(quaternions_of(pose)[0, :, 0], path[-t:], atol=1e-5)
 
 
 def test_a_quick_stroke_keeps_its_time_and_size() -> None:

@@ -1,8 +1,11 @@
+from typing import Any
+
 import numpy as np
 import pytest
 import torch
+from tests.pipeline.poses import everyone
 
-from echoavatar.pipeline.leash import LEAN, PULL_SPEED, Leash, LeashState
+from echoavatar.pipeline.leash import EDGE, LEAN, NEAR, PULL_SPEED, Leash, LeashState
 from echoavatar.pipeline.pose import PoseLanes
 
 
@@ -18,16 +21,24 @@ def step(
 ) -> np.ndarray:
     """Root (3, t, b) in and out."""
     rows = root.shape[2]
-    pose = PoseLanes(np.zeros((4, 1, root.shape[1], rows), np.float32), root.astype(np.float32), 30.0)
+    lanes = np.zeros((rows, 3, 8), np.float32)
+    lanes[:, :, : root.shape[1]] = root.transpose(2, 0, 1)
+    pose = PoseLanes(np.zeros((rows, 1, 4, 8), np.float32), lanes, 30.0, root.shape[1])
     leash.step(
         pose,
         state,
-        active,
+        everyone(rows) if active is None else active,
         radius=np.full(rows, radius, np.float32),
         is_pinned=np.full(rows, is_pinned),
         lean=np.full(rows, lean, np.float32),
     )
-    return pose.root
+    return pose.path()
+
+
+def steps(leash: Leash, root: np.ndarray, state: LeashState, **options: Any) -> np.ndarray:
+    """A whole clip, chunk by chunk."""
+    parts = [root[:, start : start + 8] for start in range(0, root.shape[1], 8)]
+    return np.concatenate([step(leash, part, state, **options) for part in parts], 1)
 
 
 def wander(chunks: int, rows: int = 1, seed: int = 0) -> np.ndarray:
@@ -54,10 +65,35 @@ def test_a_walker_who_would_be_far_away_stays_within_the_leash(chunks: int) -> N
     assert speed < 2.0  # no jumps: hardly over the walker's own 1.4 m/s
 
 
+def test_it_is_the_law_in_plain_words() -> None:
+    """Outside witness: one row, frame by frame, of a walker who is drawn back."""
+    root = wander(40, seed=3)
+    leash = Leash()
+    shown = steps(leash, root, leash.init_state(1))[::2, :, 0]
+    place, last, pull, slow = root[::2, 0, 0].astype(float), root[::2, 0, 0].astype(float), np.zeros(2), 0.0
+    for start in range(0, root.shape[1], 8):
+        far = np.hypot(*place)
+        out = place / max(far, 1e-6)
+        aims = -out * smooth((far - NEAR) / (1 - NEAR)) * PULL_SPEED / 30, smooth((far - EDGE) / (1 - EDGE))
+        for frame in range(8):
+            share, now = (frame + 1) / 8, root[::2, start + frame, 0].astype(float)
+            way, last = now - last, now
+            slowed = max(way @ out, 0) * (slow + share * (aims[1] - slow))
+            place = place + way + pull + share * (aims[0] - pull) - out * slowed
+            np.testing.assert_allclose(shown[:, start + frame], place / max(np.hypot(*place), 1), atol=2e-5)
+        place = place / max(np.hypot(*place), 1)
+        pull, slow = aims
+
+
+def smooth(share: float) -> float:
+    share = min(max(share, 0.0), 1.0)
+    return share * share * (3 - 2 * share)
+
+
 def test_near_the_start_nothing_is_changed() -> None:
     root = 0.2 * wander(4)
     leash = Leash()
-    np.testing.assert_allclose(step(leash, root.copy(), leash.init_state(1)), root, atol=1e-6)
+    np.testing.assert_allclose(steps(leash, root, leash.init_state(1)), root, atol=1e-6)
 
 
 def test_one_who_stands_far_out_is_drawn_back_unless_feet_are_off_already() -> None:
@@ -77,8 +113,8 @@ def test_one_who_stands_far_out_is_drawn_back_unless_feet_are_off_already() -> N
 
 def test_pinned_rows_do_not_move_and_free_ones_are_free() -> None:
     leash, root = Leash(), wander(3)
-    assert not step(leash, root.copy(), leash.init_state(1), is_pinned=True)[::2].any()
-    assert np.array_equal(step(leash, root.copy(), leash.init_state(1), radius=0.0), root)
+    assert not steps(leash, root, leash.init_state(1), is_pinned=True)[::2].any()
+    assert np.array_equal(steps(leash, root, leash.init_state(1), radius=0.0), root)
 
 
 def test_chunks_join_without_a_step() -> None:
@@ -86,8 +122,7 @@ def test_chunks_join_without_a_step() -> None:
     leash = Leash()
     root = np.zeros((3, 240, 1), np.float32)
     root[0, :, 0] = np.arange(240) * 0.4 / 30
-    state = leash.init_state(1)
-    out = np.concatenate([step(leash, part.copy(), state) for part in np.split(root, 30, axis=1)], 1)
+    out = steps(leash, root, leash.init_state(1))
     assert np.abs(np.diff(out[0, :, 0], n=2)).max() * 30 < 0.04
     assert out[0].max() < 1.0
 
@@ -95,9 +130,9 @@ def test_chunks_join_without_a_step() -> None:
 def test_idle_rows_and_neighbours() -> None:
     leash, root = Leash(), wander(2, rows=2)
     state = leash.init_state(2)
-    both = step(leash, root.copy(), state, active=np.array([True, False]))
+    both = steps(leash, root, state, active=np.array([True, False]))
     assert not state.memory[1].any()
-    alone = step(leash, root[:, :, :1].copy(), leash.init_state(1))
+    alone = steps(leash, root[:, :, :1], leash.init_state(1))
     assert np.array_equal(both[:, :, :1], alone)
     state.reset(torch.tensor([True, False]))
     assert not state.memory.any()

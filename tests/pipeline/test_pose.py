@@ -8,8 +8,6 @@ def test_memory_is_written_in_active_rows_only() -> None:
     memory = torch.zeros(3, 2)
     keep(memory, np.ones((3, 2), np.float32), np.array([True, False, True]))
     assert memory.tolist() == [[1, 1], [0, 0], [1, 1]]
-    keep(memory, np.full((3, 2), 2, np.float32), None)
-    assert memory.tolist() == [[2, 2]] * 3
 
 
 def test_a_new_row_has_its_first_frame_as_past() -> None:

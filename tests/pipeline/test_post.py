@@ -86,6 +86,14 @@ def test_without_smoothing_upper_body_rotations_are_what_was_decoded() -> None:
     assert (shown[..., 0] >= 0).all()
 
 
+def test_one_session_is_not_changed_by_a_crowd() -> None:
+    """To the last bit, wherever it sits."""
+    features = gestures(9, 24, torch.Generator().manual_seed(2))
+    crowd = run(Post(HUMANOID), features)
+    for row in (0, 4, 8):
+        assert torch.equal(run(Post(HUMANOID), features[row : row + 1])[0], crowd[row])
+
+
 def test_planted_feet_stand() -> None:
     """Bodies whose feet never leave the floor: after half a second no ball moves by over 0.1 mm a frame."""
     features = gestures(1, 96, torch.Generator().manual_seed(1))

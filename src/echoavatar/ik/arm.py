@@ -1,81 +1,79 @@
 """An arm of two bones brought to a target by bending the elbow in its own plane and swinging the shoulder.
 
-Closed form on numpy arrays with components first, (3, *n). The same geometry as `kinematics.two_bone`, but the hinge
-is the normal of the plane in which the arm already bends, so no rig has to name its elbow's axis, and the bend is
-taken in a form without corner at the stretched arm. Few and wide operations: this runs for each chunk of motion.
+Closed form, eight frames at once in compiled loops (`nn.octet`). The same geometry as `kinematics.two_bone`, but the
+hinge is the normal of the plane in which the arm already bends, so no rig has to name its elbow's axis, and the bend is
+taken in a form without corner at the stretched arm.
 """
 
-from typing import NamedTuple
+import math
 
-import numpy as np
-from jaxtyping import Float
+from ..kinematics.octets import cross, dot, minus, plus, times
+from ..nn.compiled import ONE, ZERO, F
+from ..nn.octet import inner, least, most, root, spread
 
-Array = np.ndarray
 STRAIGHT = 0.25  # radians: an elbow straighter than this is bent less than asked, at 0 not at all
 LEAST_DROP = 0.15  # metres below the shoulder to which a hand out of reach may be raised
-_FOLDED = -0.985  # cosine of the greatest bend
-_STRETCHED = float(np.cos(STRAIGHT))
-_NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
-_FIRST, _SECOND = np.array([0, 0, 1]), np.array([1, 2, 2])
-_CROSS = np.zeros((3, 3, 3), np.float32)  # _CROSS[i, j, k] v_k is the matrix of "v x"
-for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-    _CROSS[_i, _j, _k], _CROSS[_j, _i, _k] = -1.0, 1.0
+_FOLDED = F(-0.985)  # cosine of the greatest bend
+_STRETCHED = F(math.cos(STRAIGHT))
+_STRAIGHT_SQUARE, _DROP_SQUARE = F(STRAIGHT**2), F(LEAST_DROP**2)
+_TINY, _HALF_TURN = F(1e-9), F(1e-4)
 
 
-class ArmTurns(NamedTuple):
-    """World rotations: `swing` goes on top of the whole arm, `bend` on top of the forearm before that."""
+@inner()
+def reach(shoulder, elbow, wrist, target):  # type: ignore[no-untyped-def]
+    """Matrices that bring the wrist to `target`: (swing of the whole arm, bend of the forearm before that).
 
-    swing: Float[Array, "3 3 a n"]
-    bend: Float[Array, "3 3 a n"]
-
-
-def reach(
-    shoulder: Float[Array, "3 a n"],
-    elbow: Float[Array, "3 a n"],
-    wrist: Float[Array, "3 a n"],
-    target: Float[Array, "3 a n"],
-) -> ArmTurns:
-    """Turns that bring the wrist to `target`: always to its direction, and to its distance where the elbow allows.
-
-    A low target beyond the almost stretched arm is raised until the arm reaches it. What is out of reach even then, or
-    needs a straight arm (which has no plane to bend in) to bend, gets the direction alone, as in the paper.
+    Always to its direction, and to its distance where the elbow allows. A low target beyond the almost stretched arm
+    is raised until the arm reaches it. What is out of reach even then, or needs a straight arm (which has no plane to
+    bend in) to bend, gets the direction alone, as in the paper.
     """
-    bones, wanted = np.stack([elbow - shoulder, wrist - elbow], 1), target - shoulder
-    dots = np.einsum("ivan,iwan->vwan", bones, bones)
-    squares, ab = dots[0, 0] + dots[1, 1], np.sqrt(dots[0, 0] * dots[1, 1])
-    farthest = squares + 2 * np.maximum(dots[0, 1], ab * _STRETCHED)
-    room = np.maximum(farthest - np.square(wanted[0]) - np.square(wanted[2]), LEAST_DROP**2)
-    wanted[1] = np.maximum(wanted[1], -np.sqrt(room))
-    far, by_bone = np.einsum("ian,ian->an", wanted, wanted), np.einsum("ivan,ian->van", bones, wanted)
-    cosine = np.minimum(np.maximum(dots[0, 1] / ab, -1), 1)
-    angle = np.arccos(cosine)
-    share = np.minimum(np.square(angle / STRAIGHT), 1)
-    meant = cosine + share * ((far - squares) / (2 * ab) - cosine)
-    new = np.minimum(np.maximum(meant, np.minimum(cosine, _FOLDED)), np.maximum(cosine, _STRETCHED))
-    more = np.arccos(new) - angle
-    sides = np.concatenate([bones, wanted[:, None]], 1)
-    crosses = _cross(sides[:, _FIRST], sides[:, _SECOND])
-    turn = np.sin(more) / np.maximum(np.sqrt(np.einsum("ian,ian->an", crosses[:, 0], crosses[:, 0])), 1e-9)
-    # the forearm bends to l' = by_upper u + by_lower l, so the arm reaches (1 + by_upper) u + by_lower l
-    cos = np.cos(more)
-    by_upper, by_lower = 1 - turn * dots[1, 1], cos + turn * dots[0, 1]
-    size = np.sqrt((squares + 2 * ab * new) * far)
-    along = (by_upper * by_bone[0] + by_lower * by_bone[1]) / size
-    across = (by_upper * crosses[:, 1] + by_lower * crosses[:, 2]) / size
-    turns = turn_matrix(np.stack([along, cos]), np.stack([across, turn * crosses[:, 0]], 1))
-    return ArmTurns(turns[:, :, 0], turns[:, :, 1])
+    upper, lower, wanted = minus(elbow, shoulder), minus(wrist, elbow), minus(target, shoulder)
+    aa, bb, across_bones = dot(upper, upper), dot(lower, lower), dot(upper, lower)
+    squares, ab = aa + bb, root(aa * bb)
+    farthest = squares + F(2) * most(across_bones, ab * _STRETCHED)
+    room = most(farthest - wanted[0] * wanted[0] - wanted[2] * wanted[2], _DROP_SQUARE)
+    wanted = (wanted[0], most(wanted[1], -root(room)), wanted[2])
+    far, by_upper, by_lower = dot(wanted, wanted), dot(upper, wanted), dot(lower, wanted)
+    cosine = least(most(across_bones / ab, F(-1)), ONE)
+    fall = ONE - cosine
+    angle_square = fall * (
+        F(2) + fall * (F(1 / 3) + fall * F(4 / 45))
+    )  # to 2e-8 where the share is not yet 1
+    share = least(angle_square * (ONE / _STRAIGHT_SQUARE), ONE)
+    meant = cosine + share * ((far - squares) / (ab + ab) - cosine)
+    new = least(most(meant, least(cosine, _FOLDED)), most(cosine, _STRETCHED))
+    sine, new_sine = _sine(cosine), _sine(new)
+    cos, sin = new * cosine + new_sine * sine, new_sine * cosine - new * sine  # of the further bend
+    hinge = cross(upper, lower)
+    turn = sin / most(root(dot(hinge, hinge)), _TINY)
+    # the forearm bends to l' = of_upper u + of_lower l, so the arm reaches (1 + of_upper) u + of_lower l
+    of_upper, of_lower = ONE - turn * bb, cos + turn * across_bones
+    size = root((squares + F(2) * ab * new) * far)
+    along = (of_upper * by_upper + of_lower * by_lower) / size
+    by_both = plus(times(cross(upper, wanted), of_upper), times(cross(lower, wanted), of_lower))
+    return turn_matrix(along, times(by_both, ONE / size)), turn_matrix(cos, times(hinge, turn))
 
 
-def turn_matrix(
-    cosine: Float[Array, "v a n"], sine_axis: Float[Array, "3 v a n"]
-) -> Float[Array, "3 3 v a n"]:
+@inner()
+def turn_matrix(cosine, sine_axis):  # type: ignore[no-untyped-def]
     """The rotation with this cosine about this axis, whose length is the sine; smooth at no turn, not at a half."""
-    matrix: Array = sine_axis[:, None] * (sine_axis / np.maximum(1 + cosine, 1e-4))
-    matrix += np.einsum("ijk,k...->ij...", _CROSS, sine_axis)
-    matrix.reshape(9, *cosine.shape)[::4] += cosine
-    return matrix
+    x, y, z = sine_axis
+    share = ONE / most(ONE + cosine, _HALF_TURN)
+    xy, xz, yz = x * y * share, x * z * share, y * z * share
+    return (
+        cosine + x * x * share,
+        xy - z,
+        xz + y,
+        xy + z,
+        cosine + y * y * share,
+        yz - x,
+        xz - y,
+        yz + x,
+        cosine + z * z * share,
+    )
 
 
-def _cross(a: Array, b: Array) -> Array:
-    product: Array = a[_NEXT] * b[_LAST] - a[_LAST] * b[_NEXT]
-    return product
+@inner()
+def _sine(cosine):  # type: ignore[no-untyped-def]
+    """Of an angle between 0 and a half turn."""
+    return root(most((ONE - cosine) * (ONE + cosine), spread(ZERO)))

@@ -1,11 +1,10 @@
-"""The rounded parts of a body as tables, in the frames of a set of chains."""
+"""The rounded parts of a body as tables."""
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from ..kinematics import Skeleton
 from ..kinematics.rigs import bone_map
-from .chains import Chains
 from .profile import BodyProfile, RoundedPart
 
 Array = np.ndarray
@@ -20,32 +19,17 @@ class Body:
         self.joints = [bones[part.bone] for part in self.parts]
         self.centres = np.array(
             [part.centre for part in self.parts], np.float32
-        ).T  # (3, e), in the bone's frame
-        self.radii = np.array([part.radii for part in self.parts], np.float32).T
+        )  # (e, 3), in the bone's frame
+        self.radii = np.array([part.radii for part in self.parts], np.float32)
 
-    def slots(self, chains: Chains) -> Int[Array, " e"]:
-        """Where the carrying bones stand among the chains' joints."""
-        return np.array([chains.slot[joint] for joint in self.joints])
-
-
-def unit_axes(
-    bones: Float[Array, "3 4 e n"], centres: Float[Array, "3 e"], radii: Float[Array, "3 e"]
-) -> tuple[Float[Array, "3 3 e n"], Float[Array, "3 e n"]]:
-    """The map into each part's own axes, in which it is a unit ball, and where that ball's middle then is."""
-    axes = bones[:, :3].transpose(1, 0, 2, 3) * (1 / radii)[:, None, :, None]
-    middles = np.add.reduce(axes * bones[:, 3], axis=1)
-    middles += (centres / radii)[..., None]
-    return axes, middles
-
-
-def to_unit(
-    bones: Float[Array, "3 4 e n"],
-    centres: Float[Array, "3 e"],
-    radii: Float[Array, "3 e"],
-    points: Float[Array, "3 p n"],
-) -> Float[Array, "3 e p n"]:
-    """Points in each part's own axes, in which it is the unit ball."""
-    axes, middles = unit_axes(bones, centres, radii)
-    seen: Array = np.einsum("ijen,jpn->iepn", axes, points)
-    seen -= middles[:, :, None]
-    return seen
+    def to_unit(
+        self,
+        rotations: Float[Array, "t e 3 3"],
+        places: Float[Array, "t e 3"],
+        points: Float[Array, "t p 3"],
+    ) -> Float[Array, "t e p 3"]:
+        """Points in each part's own axes, in which it is the unit ball; rotations and places of the parts' bones."""
+        away = points[:, None] - places[:, :, None]
+        local = np.einsum("teij,tepi->tepj", rotations, away) - self.centres[:, None]
+        seen: Array = local / self.radii[:, None]
+        return seen

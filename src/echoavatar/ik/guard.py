@@ -20,16 +20,16 @@ from torch import Tensor
 from ..errors import MotionError
 from ..kinematics import Skeleton, lanes
 from ..kinematics.rigs import bone_map
-from .arm import reach
-from .body import Body, unit_axes
-from .chains import Array, Chains, Points
+from ..kinematics.rotations import matrix_from_quaternion, quaternion_from_matrix
+from ..nn.octet import blocks
+from .body import Body
+from .chains import Array, Chains
+from .clearing import SHELL, Tables, keep_off
 from .hand import HandPoint, hand_points
 from .profile import BodyProfile, body_of_rig
 
 CLEARANCE = 0.006  # metres of air between hand and body
-SHELL = 0.035  # metres before contact at which a hand begins to give way
 BEHIND, ACROSS = 0.70, 0.30  # of a part's half depth and half width: where the way out starts
-_STEEP = 1e9
 TOLERANCE = 0.01  # of the squared size of a rotation matrix
 SIDES = ("left", "right")
 
@@ -44,42 +44,56 @@ class HandGuard:
             return
         self.profile = profile or body_of_rig(skeleton)
         bones, body = bone_map(skeleton), Body(skeleton, self.profile)
-        hands = _common_points(skeleton, bones)
-        self._body, self._hands = body, [point for both in zip(*hands, strict=True) for point in both]
-        self.joints = body.joints + [point.joint for point in self._hands]
-        own = [self.profile.palm if point.is_palm else self.profile.finger for point in hands[0]]
-        self._thicker = np.array(own, np.float32)[:, None] - min(own)
-        self._centres = body.centres
+        self._body, self._hands = body, _common_points(skeleton, bones)
+        self.joints = body.joints + [point.joint for hand in self._hands for point in hand]
+        own = [self.profile.palm if point.is_palm else self.profile.finger for point in self._hands[0]]
+        self._thicker = np.array(own, np.float32) - np.float32(min(own))
         self._radii = body.radii + np.float32(min(own) + CLEARANCE)
-        self._starts, self._is_head = _starts(body)
-        zone = _zone(self._radii, _span(skeleton, hands[0]) + SHELL + float(self._thicker.max()))
-        self._zone = np.square(self._radii / zone)[:, :, None, None]
-        arms = [[bones[f"{side}{bone}"] for side in SIDES] for bone in ("UpperArm", "LowerArm", "Hand")]
-        self._arm_joints = np.array(arms)
-        self._above_joints = np.array([[skeleton.parents[joint] for joint in pair] for pair in arms])
-        self._changed = np.array([joint for pair in arms for joint in pair])
-        self._names = skeleton.names
+        distance = _span(skeleton, self._hands[0]) + float(SHELL) + float(self._thicker.max())
+        self._zone = np.ascontiguousarray(np.square(self._radii.T / _zone(self._radii.T, distance)).T)
+        self._arms = [[bones[f"{side}{bone}"] for bone in ("UpperArm", "LowerArm", "Hand")] for side in SIDES]
+        self._skeleton = skeleton
         self.stand_on(Chains(skeleton, self.joints))
 
     def stand_on(self, chains: Chains) -> None:
         """Read poses from these chains, which must hold `joints`: a caller has them worked out already."""
         if not self.is_able:
             return
-        self._chains, slot = chains, chains.slot
-        self._points = Points(
-            np.array([slot[point.joint] for point in self._hands]),
-            np.array([point.offset for point in self._hands], np.float32).T,
+
+        def slots(joints: list[list[int]]) -> Array:
+            return np.array([[chains.slot[joint] for joint in row] for row in joints], np.int64)
+
+        parents = self._skeleton.parents
+        is_head = [float(part.bone == "head") for part in self._body.parts]
+        self._chains = chains
+        self._tables = Tables(
+            carriers=slots([self._body.joints])[0],
+            centres=self._body.centres,
+            radii=self._radii,
+            shrinking=1 / self._radii,
+            zone=self._zone,
+            starts=_starts(self._body),
+            is_head=np.array(is_head, np.float32),
+            points=slots([[point.joint for point in hand] for hand in self._hands]),
+            offsets=np.array([[point.offset for point in hand] for hand in self._hands], np.float32),
+            thicker=self._thicker,
+            arms=slots(self._arms),
+            above=slots([[parents[joint] for joint in arm] for arm in self._arms]),
+            joints=np.array(self._arms, np.int64),
         )
-        self._carriers = self._body.slots(chains)
-        self._arms, self._above = (
-            np.array([[slot[joint] for joint in pair] for pair in joints])
-            for joints in (self._arm_joints, self._above_joints)
-        )
+
+    def guard(self, turns: Float[Array, "b j 4 8"], frames: Float[Array, "b c 12 8"]) -> None:
+        """Correct upper arms, forearms and hands in `turns`, in place, where a hand is inside; nothing else changes.
+
+        `frames` are those of the pose in the chains.
+        """
+        if self.is_able:
+            keep_off(self._tables, frames, turns)
 
     def step(
         self, rotations: Float[Tensor, "b t j 3 3"], active: Bool[Tensor, " b"] | None = None
     ) -> Float[Tensor, "b t j 3 3"]:
-        """The same parent-relative rotations with upper arms, forearms and hands corrected where a hand is inside.
+        """The same for parent-relative rotation matrices of any number of frames.
 
         Frames and arms that need nothing come back bit for bit. Not differentiable; `swing_clear` is.
 
@@ -88,122 +102,35 @@ class HandGuard:
         """
         if not self.is_able:
             return rotations
-        given = rotations.detach().cpu().numpy()
-        flat = given.reshape(-1, *given.shape[2:]).astype(np.float32, copy=False)
-        local = self._chains.local(flat)
-        self._check(local, rotations.shape[0], active)
-        frames = self._chains.world(local)
-        move = self._moves(frames)
-        if not move.any():
+        given = rotations.detach().cpu().float()
+        self._check(given[:, :, self._chains.joints].numpy(), active)
+        flat = given.flatten(0, 1)
+        turns = blocks(quaternion_from_matrix(flat).permute(1, 2, 0).numpy())
+        before = turns.copy()
+        self.guard(turns, self._chains.world(turns))
+        is_moved = (turns != before).any(2).transpose(0, 2, 1).reshape(-1, turns.shape[1])[: len(flat)]
+        if not is_moved.any():
             return rotations
-        fixed = self._corrected(frames, move)
-        fixed = np.where(move.any(0), fixed, local[:3, :3][:, :, self._arms])
-        changed = flat.copy()
-        changed[:, self._changed] = fixed.transpose(4, 2, 3, 0, 1).reshape(len(flat), -1, 3, 3)
-        return torch.from_numpy(changed.reshape(given.shape)).to(rotations)
+        frame, joint = np.nonzero(is_moved)
+        fixed = torch.from_numpy(turns[frame // 8, joint, :, frame % 8])
+        changed = flat.clone()
+        changed[frame, joint] = matrix_from_quaternion(fixed)
+        return changed.reshape(rotations.shape).to(rotations)
 
-    def guard(self, turns: Float[Array, "4 j n"], frames: Float[Array, "3 4 c n"]) -> None:
-        """The same for the live path: quaternions of whole poses, changed in place, and their frames in the chains."""
-        if not self.is_able:
-            return
-        move = self._moves(frames)
-        near = move.any((0, 1))
-        if not near.any():
-            return
-        if not near.all():
-            frames, move = frames[..., near], move[..., near]
-        fixed = lanes.from_matrix(self._corrected(frames, move))
-        which = move.any(0)
-        for joints, new in zip(self._arm_joints, fixed.transpose(1, 0, 2, 3), strict=True):
-            old = turns[:, joints][..., near]
-            turns[:, joints[:, None], np.flatnonzero(near)] = np.where(which, new, old)
-
-    def _moves(self, frames: Float[Array, "3 4 c n"]) -> Float[Array, "3 2 n"]:
-        """By how much each hand is moved, in the root's frame.
-
-        Of all parts, hands and frames only those are worked out in which some point of the hand could be near.
-        """
-        bones, points = frames[:, :, self._carriers], self._points.place(frames)
-        parts, n = bones.shape[2:]
-        points = points.reshape(3, -1, 2, n)
-        axes, middles = unit_axes(bones, self._centres, self._radii)
-        seen = np.einsum("ijen,jan->iean", axes, points[:, 1]) - middles[:, :, None]  # the palms
-        way = self._ways(bones, seen)
-        near = np.flatnonzero(lanes.dot(seen, seen * self._zone) < 1)  # of all parts, hands, frames
-        reached = np.zeros((parts, 2, n), np.float32)
-        if len(near):
-            frame, hand_frame = near % n, near % (2 * n)
-            part_frame = near // (2 * n) * n + frame
-            axes = axes.reshape(3, 3, -1).take(part_frame, 2)
-            ahead = lanes.apply(axes, way.reshape(3, -1).take(hand_frame, 1))
-            there = points.reshape(3, -1, 2 * n).take(hand_frame, 2)
-            seen = np.einsum("ijk,jpk->ipk", axes, there)
-            seen -= middles.reshape(3, -1).take(part_frame, 1)[:, None]
-            reached.reshape(-1)[near] = self._eighth(ahead, seen)
-        far = (
-            SHELL * np.add.reduce(reached) ** 0.125
-        )  # the most of them, without a corner where two are equal
-        moves: Array = way * far
-        return moves
-
-    def _eighth(self, ahead: Float[Array, "3 k"], seen: Float[Array, "3 p k"]) -> Float[Array, " k"]:
-        """Sum over a hand's points of the eighth power of how far each must go to leave a part, in shells."""
-        a, c = lanes.dot(ahead, ahead), lanes.dot(seen, seen)
-        b = lanes.dot(np.broadcast_to(ahead[:, None], seen.shape), seen)
-        root = b * b - a * (c - 1)
-        exits = np.sqrt(np.maximum(root, 0))
-        exits -= b
-        exits /= a
-        exits += self._thicker
-        np.minimum(exits, root * _STEEP - 1, out=exits)  # a way that misses the part needs no exit
-        short = np.square(np.minimum(np.maximum(exits + SHELL, 0), 2 * SHELL)) * (0.25 / SHELL)
-        short += np.maximum(exits - SHELL, 0)
-        short *= 1 / SHELL
-        eighths: Array = np.add.reduce(np.square(np.square(np.square(short))))
-        return eighths
-
-    def _ways(self, bones: Float[Array, "3 4 e n"], seen: Float[Array, "3 e 2 n"]) -> Float[Array, "3 2 n"]:
-        """Unit direction in which each hand leaves the body: away from the nearest parts' starting points."""
-        near = np.reciprocal(lanes.dot(seen, seen) + 0.25)
-        away = seen * self._radii[:, :, None, None] - self._starts
-        away[1] = np.maximum(away[1], 0) * self._is_head
-        away *= near * near * near  # sharp enough that the nearest part alone decides the way out
-        ways: Array = np.einsum("ijen,jean->ian", bones[:, :3], away)
-        return lanes.normalized(ways)
-
-    def _corrected(
-        self, frames: Float[Array, "3 4 c n"], move: Float[Array, "3 2 n"]
-    ) -> Float[Array, "3 3 3 2 n"]:
-        """New local rotations, (row, column, joint of the arm, side, frame)."""
-        arms, above = frames[:, :, self._arms], frames[:, :3][:, :, self._above]
-        shoulder, elbow, wrist = arms[:, 3].transpose(1, 0, 2, 3)
-        turns = reach(shoulder, elbow, wrist, wrist + move)
-        bent = np.stack([arms[:, :3, 1], above[:, :, 2]], 2)  # the forearm, and what carries the hand
-        bent = np.einsum("ijan,jkvan->ikvan", turns.bend, bent)
-        swung = np.stack([arms[:, :3, 0], bent[:, :, 1]], 2)
-        swung = np.einsum("ijan,jkvan->ikvan", turns.swing, swung)
-        above[:, :, 2] = swung[:, :, 1]
-        children = np.stack([swung[:, :, 0], bent[:, :, 0], arms[:, :3, 2]], 2)
-        new: Array = np.einsum("jivan,jkvan->ikvan", above, children)
-        return new
-
-    def _check(self, local: Float[Array, "4 4 c n"], rows: int, active: Tensor | None) -> None:
-        size = np.einsum("ijcn,ijcn->cn", local[:3, :3], local[:3, :3]) - 3
-        if np.abs(size).max(initial=0) < 3 * TOLERANCE:  # false for NaN too
-            return
-        bad = ~(np.abs(size) < 3 * TOLERANCE)
-        bad = bad.reshape(len(bad), rows, -1)
+    def _check(self, rotations: Float[Array, "b t c 3 3"], active: Tensor | None) -> None:
+        size = np.einsum("btcij,btcij->btc", rotations, rotations) - 3
+        bad = ~(np.abs(size) < 3 * TOLERANCE)  # true for NaN too
         if active is not None:
-            bad &= active.cpu().numpy()[:, None]
+            bad &= active.cpu().numpy()[:, None, None]
         if not bad.any():
             return
-        joint, row, frame = (int(index) for index in np.argwhere(bad)[0])
-        value = local.reshape(4, 4, len(bad), rows, -1)[:3, :3, joint, row, frame]
+        row, frame, joint = (int(index) for index in np.argwhere(bad)[0])
+        value = rotations[row, frame, joint]
         problem = "is not normalised" if np.isfinite(value).all() else "is not finite"
         raise MotionError(
-            f"the rotation of {self._names[self._chains.joints[joint]]} in row {row}, frame {frame} {problem}"
-            f" ({np.array2string(value.flatten(), precision=3)}); normalise the quaternions or 6D features it"
-            " was made of, and leave out frames that are not finite"
+            f"the rotation of {self._skeleton.names[self._chains.joints[joint]]} in row {row}, frame {frame}"
+            f" {problem} ({np.array2string(value.flatten(), precision=3)}); normalise the quaternions or 6D features"
+            " it was made of, and leave out frames that are not finite"
         )
 
 
@@ -228,14 +155,14 @@ def _common_points(skeleton: Skeleton, bones: dict[str, int]) -> list[list[HandP
     return [hand_points(skeleton, both, side) for side in SIDES]
 
 
-def _starts(body: Body) -> tuple[Float[Array, "3 e 2 1"], Float[Array, " e 1 1"]]:
-    """Where the way out of each part starts for each hand, from the part's centre; and which parts are the head."""
-    side = np.array([-1.0, 1.0])  # the left hand starts on the right
-    starts = np.zeros((3, len(body.parts), 2, 1), np.float32)
-    starts[0, :, :, 0] = ACROSS * body.radii[0][:, None] * side
-    starts[2, :, :, 0] = -BEHIND * body.radii[2][:, None]
-    is_head = np.array([part.bone == "head" for part in body.parts], np.float32)
-    return starts, is_head[:, None, None]
+def _starts(body: Body) -> Float[Array, "2 e 2"]:
+    """Where the way out of each part starts for each hand: aside and ahead of the part's centre."""
+    starts = np.zeros((2, len(body.parts), 2), np.float32)
+    starts[:, :, 0] = (
+        ACROSS * body.radii[:, 0] * np.array([[-1.0], [1.0]])
+    )  # the left hand starts on the right
+    starts[:, :, 1] = -BEHIND * body.radii[:, 2]
+    return starts
 
 
 def _span(skeleton: Skeleton, hand: list[HandPoint]) -> float:

@@ -6,10 +6,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from ..errors import MotionError
-from ..kinematics import Skeleton
+from ..kinematics import Skeleton, forward_kinematics
 from ..kinematics.rigs import bone_map
-from .body import Body, to_unit
-from .chains import Chains, Points
+from .body import Body
 from .hand import hand_points
 from .profile import BodyProfile, body_of_rig
 
@@ -29,19 +28,21 @@ def penetration_depth_m(
         raise MotionError("the motion holds rotations that are not finite; leave out these frames")
     bones, profile = bone_map(skeleton), profile or body_of_rig(skeleton)
     body = Body(skeleton, profile)
+    still = torch.zeros(len(rotations), 3)
+    pose = forward_kinematics(skeleton, rotations.detach().cpu().float(), still)
+    turns, places = pose.rotations.numpy(), pose.positions.numpy()
     depths = []
     for side in ("left", "right"):
         hand = hand_points(skeleton, bones, side, is_full=True)
-        chains = Chains(skeleton, body.joints + [point.joint for point in hand])
-        frames = chains.world(chains.local(rotations.detach().cpu().float().numpy()))
-        points = Points(
-            np.array([chains.slot[point.joint] for point in hand]),
-            np.array([point.offset for point in hand], np.float32).T,
+        joints, offsets = (
+            [point.joint for point in hand],
+            np.array([point.offset for point in hand], np.float32),
         )
+        points = np.einsum("tpij,pj->tpi", turns[:, joints], offsets) + places[:, joints]
         thick = np.array([profile.palm if point.is_palm else profile.finger for point in hand], np.float32)
-        seen = to_unit(frames[:, :, body.slots(chains)], body.centres, body.radii, points.place(frames))
-        far = np.sqrt((seen**2).sum(0))
-        steep = np.sqrt(((seen / body.radii[:, :, None, None]) ** 2).sum(0))
-        below = far * (1 - far) / np.maximum(steep, 1e-6) + thick[:, None]
-        depths.append(np.maximum(below.max((0, 1)), 0))
+        seen = body.to_unit(turns[:, body.joints], places[:, body.joints], points)
+        far = np.sqrt((seen**2).sum(-1))
+        steep = np.sqrt(((seen / body.radii[:, None]) ** 2).sum(-1))
+        below = far * (1 - far) / np.maximum(steep, 1e-6) + thick
+        depths.append(np.maximum(below.max((1, 2)), 0))
     return torch.from_numpy(np.stack(depths, -1))

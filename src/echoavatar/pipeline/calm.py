@@ -20,20 +20,23 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from ..kinematics import lanes
+from ..kinematics.octets import quaternion_at
 from ..nn import StreamState
-from .pose import Array, PoseLanes, keep, new_rows
+from ..nn.compiled import ONE, ZERO, F
+from ..nn.octet import LANES, behind, exact, inner, is_any, load, root, size, spread, store, where
+from .pose import Array, PoseLanes
 
 FASTEST = math.radians(1000)  # per second
 STIFFNESS = 2.0  # 0 shows what was decoded
 SHOWN = 3  # frames that a third difference reaches back
+_LEAST = F(1e-12)
 
 
 @dataclass
 class CalmState(StreamState):
-    """The last rotations shown; all zero: none yet."""
+    """The last eight rotations shown, of which three are looked at; all zero: none yet."""
 
-    shown: Float[Tensor, "b 4 j 3"]
+    shown: Float[Tensor, "b j 4 8"]
 
 
 class Calm:
@@ -44,65 +47,127 @@ class Calm:
 
     def init_state(self, rows: int) -> CalmState:
         """Nothing shown yet."""
-        return CalmState(torch.zeros(rows, 4, self._joints, SHOWN))
+        return CalmState(torch.zeros(rows, self._joints, 4, LANES))
 
-    def step(self, pose: PoseLanes, state: CalmState, active: Bool[Array, " b"] | None = None) -> None:
-        """Rotations of a chunk, smoothed in place; `active` rows remember them, all for None."""
-        turns, shown = pose.turns, state.shown.numpy()
-        _, joints, frames, rows = turns.shape
-        path = np.empty((4, joints, SHOWN + frames, rows), np.float32)
-        path[:, :, :SHOWN] = shown.transpose(1, 2, 3, 0)
-        path[:, :, SHOWN:] = turns
-        if (is_new := new_rows(lanes.dot(path[:, 0, 0], path[:, 0, 0]))) is not None:
-            path[:, :, :SHOWN, is_new] = turns[:, :, :1, is_new]
-        _one_hemisphere(path)
-        smoother = _smoother(frames, self._stiffness)
-        if rows == 1:
-            turns[...] = (path[..., 0] @ smoother.T)[..., None]
-        else:
-            np.matmul(smoother, path, out=turns)
-        turns /= np.sqrt(lanes.dot(turns, turns))
-        path[:, :, SHOWN:] = turns
-        if _bound(path, math.cos(FASTEST / pose.fps / 2)):
-            turns[...] = path[:, :, SHOWN:]
-        keep(state.shown, path[:, :, frames:].transpose(3, 0, 1, 2), active)
+    def step(self, pose: PoseLanes, state: CalmState, active: Bool[Array, " b"]) -> None:
+        """Rotations of a chunk, smoothed in place; `active` rows remember them."""
+        smoother = _smoother(pose.frames, self._stiffness)
+        cosine = F(math.cos(FASTEST / pose.fps / 2))
+        _calm(pose.turns, pose.frames, state.shown.numpy(), active, smoother, cosine)
 
 
 @cache
-def _smoother(frames: int, stiffness: float) -> Float[Array, "t s"]:
-    """The matrix from the frames shown and a chunk (3 + t) to the smoothed chunk: the minimum, solved once."""
+def _smoother(frames: int, stiffness: float) -> Float[Array, "11 8"]:
+    """What each of the frames shown and of a chunk (3 + 8) adds to the smoothed chunk: the minimum, solved once."""
     third = np.diff(np.eye(SHOWN + frames), n=3, axis=0)
     past, own = third[:, :SHOWN], third[:, SHOWN:]
     weight = np.diag(((np.arange(frames) + 1) / frames) ** 4)
     right = np.concatenate([-stiffness * own.T @ past, weight], 1)
     solved = np.linalg.solve(weight + stiffness * own.T @ own, right)
-    return solved.astype(np.float32)
+    shares = np.zeros((SHOWN + LANES, LANES), np.float32)
+    shares[: SHOWN + frames] = np.pad(solved.T, ((0, 0), (0, LANES - frames)), mode="edge")
+    return shares
 
 
-def _one_hemisphere(path: Float[Array, "4 j t b"]) -> None:
+@exact()
+def _calm(turns, frames, shown, active, smoother, cosine):  # type: ignore[no-untyped-def]
+    """All rows; `cosine` is that of half the angle that a joint may turn in a frame."""
+    past, spare = np.empty((4, LANES), F), np.empty((2, LANES), F)
+    for row in range(turns.shape[0]):
+        is_new = True
+        for k in range(4):
+            is_new &= shown[row, 0, k, LANES - 1] == ZERO
+        for joint in range(turns.shape[1]):
+            for k in range(4):  # copied, and no views taken: they would be counted
+                first = spread(turns[row, joint, k, 0])
+                store(past, (k,), first if is_new else load(shown, (row, joint, k)))
+            _one_hemisphere(turns, row, joint, past, spare)
+            w, x, y, z = _smoothed(turns, row, joint, past, smoother)
+            share = ONE / root(w * w + x * x + y * y + z * z)
+            smooth = w * share, x * share, y * share, z * share
+            for k, number in enumerate(smooth):
+                store(turns, (row, joint, k), number)
+            near = ZERO * share
+            for k, number in enumerate(smooth):
+                near += number * behind(number, past[k, LANES - 1])
+            if is_any(size(near) < cosine):
+                _slow_down(turns, row, joint, frames, past, cosine, spare)
+            if active[row]:
+                _remember(turns, row, joint, frames, past, shown)
+
+
+@inner()
+def _remember(turns, row, joint, frames, past, shown):  # type: ignore[no-untyped-def]
+    """The last eight of a joint's path."""
+    for k in range(4):
+        if frames == LANES:
+            store(shown, (row, joint, k), load(turns, (row, joint, k)))
+        else:
+            for frame in range(LANES):
+                at = frames + frame
+                last = past[k, at] if at < LANES else turns[row, joint, k, at - LANES]
+                shown[row, joint, k, frame] = last
+
+
+@inner()
+def _one_hemisphere(turns, row, joint, past, spare):  # type: ignore[no-untyped-def]
     """Signs chosen, in place, so that no quaternion points away from the one before it."""
-    flips = lanes.dot(path[:, :, 1:], path[:, :, :-1]) < 0
-    if flips.any():
-        path[:, :, 1:] *= 1 - 2 * (np.cumsum(flips, 1, dtype=np.int32) % 2).astype(np.float32)
+    w, x, y, z = quaternion_at(turns, row, joint)
+    last = LANES - 1
+    along = w * behind(w, past[0, last]) + x * behind(x, past[1, last])
+    along += y * behind(y, past[2, last]) + z * behind(z, past[3, last])
+    if not is_any(along < ZERO):
+        return
+    store(spare, (0,), where(along < ZERO, spread(-ONE), spread(ONE)))
+    sign = ONE
+    for frame in range(LANES):
+        sign *= spare[0, frame]
+        for k in range(4):
+            turns[row, joint, k, frame] *= sign
 
 
-def _bound(path: Float[Array, "4 j t b"], cosine: float) -> bool:
-    """Joints that turn by more than twice the angle of this cosine in a frame follow their path more slowly.
+@inner()
+def _smoothed(turns, row, joint, past, smoother):  # type: ignore[no-untyped-def]
+    """A joint's four numbers, not yet of length one."""
+    w = x = y = z = spread(ZERO)
+    for frame in range(SHOWN):
+        at, share = LANES - SHOWN + frame, load(smoother, (frame,))
+        w, x, y, z = (
+            w + past[0, at] * share,
+            x + past[1, at] * share,
+            y + past[2, at] * share,
+            z + past[3, at] * share,
+        )
+    for frame in range(LANES):
+        share = load(smoother, (SHOWN + frame,))
+        w, x = w + turns[row, joint, 0, frame] * share, x + turns[row, joint, 1, frame] * share
+        y, z = y + turns[row, joint, 2, frame] * share, z + turns[row, joint, 3, frame] * share
+    return w, x, y, z
 
-    Returns whether there were any.
-    """
-    near = np.abs(lanes.dot(path[:, :, SHOWN:], path[:, :, SHOWN - 1 : -1]))
-    if near.min(initial=1) >= cosine:
-        return False
-    joint, row = np.nonzero((near < cosine).any(1))
-    fast = path[:, joint, :, row].transpose(1, 2, 0)  # (4, t, joints that are too fast)
-    sine = math.sqrt(1 - cosine**2)
-    for t in range(SHOWN, fast.shape[1]):
-        last, wanted = fast[:, t - 1], fast[:, t]
-        along = lanes.dot(last, wanted)
-        wanted = wanted * np.where(along < 0, np.float32(-1), np.float32(1))
-        aside = lanes.normalized(wanted - last * np.abs(along))
-        followed = lanes.normalized(last * np.float32(cosine) + aside * np.float32(sine))
-        fast[:, t] = np.where(np.abs(along) < cosine, followed, wanted)
-    path[:, joint, :, row] = fast.transpose(2, 0, 1)
-    return True
+
+@inner()
+def _slow_down(turns, row, joint, frames, past, cosine, spare):  # type: ignore[no-untyped-def]
+    """A joint that turns by more than twice the angle of this cosine in a frame follows its path more slowly."""
+    sine = F(math.sqrt(ONE - cosine * cosine))
+    for k in range(4):
+        spare[0, k] = past[k, LANES - 1]
+    for frame in range(frames):
+        along = ZERO
+        for k in range(4):
+            spare[1, k] = turns[row, joint, k, frame]
+            along += spare[0, k] * spare[1, k]
+        share = -ONE if along < ZERO else ONE
+        along = abs(along)
+        if along < cosine:
+            aside, length = ZERO, ZERO
+            for k in range(4):
+                spare[1, k] = share * spare[1, k] - spare[0, k] * along
+                aside += spare[1, k] * spare[1, k]
+            share = sine / max(F(math.sqrt(aside)), _LEAST)
+            for k in range(4):
+                spare[1, k] = spare[0, k] * cosine + spare[1, k] * share
+                length += spare[1, k] * spare[1, k]
+            share = ONE / F(math.sqrt(length))
+        for k in range(4):
+            spare[0, k] = spare[1, k] * share
+            turns[row, joint, k, frame] = spare[0, k]

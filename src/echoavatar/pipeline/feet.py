@@ -2,14 +2,14 @@
 
 `ground` moves the root so that the leading foot stays; what is left is that two planted feet do not agree with each
 other, that the decoded foot floats or sinks by millimetres, and whatever `leash` moved the root by. A foot is planted
-by the height and vertical speed of its ball, as in `kinematics.contact`. While it is, its ball is held where it came
-down; the correction fades when it lifts. A foot that is held too far from where it was decoded is let go, and steps
-there. A foot that travels without lifting, as a shuffle decodes, is lifted, so that it steps instead of sliding. Not
-in the paper.
+by the height of its ball and by how fast it rises; one that sinks stays. While it is, its ball is held where it was
+shown when it came to stand; the correction fades when it lifts, as fast as the foot is off the floor, so that it does
+not slide. A foot that is held too far from where it was decoded is let go, and steps there. A foot that travels without
+lifting, as a shuffle decodes, is lifted, so that it steps instead of sliding. Not in the paper.
 """
 
+import math
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 import torch
@@ -17,35 +17,39 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from ..ik.chains import Chains
-from ..ik.leg import LegReach, legs_of
-from ..kinematics import Skeleton, lanes
+from ..ik.leg import bend, legs_of
+from ..kinematics import Skeleton
+from ..kinematics.octets import matrix, place_at, quaternion_at, turned, turned_back
 from ..nn import StreamState
-from .pose import Array, Legs, PoseLanes, keep, new_rows, with_past
+from ..nn.compiled import ONE, ZERO, F
+from ..nn.octet import exact, inner, load, store
+from .pose import Array, PoseLanes
 
 ENTER_HEIGHT, LEAVE_HEIGHT = 0.022, 0.035  # metres above standing height
-LEAVE_SPEED = 0.30  # metres per second, vertical
-FADE = 0.78  # of a correction, what is left one frame after the foot was lifted
+LEAVE_SPEED = 0.30  # metres per second, upwards
+FADE = 0.78  # of a correction, what is left a frame later in a foot that is off the floor
 SETTLE = 0.35  # of the height error, what is taken away per planted frame
 LARGEST = 0.12  # metres: a foot that strays further is let go
 BACK = 0.015  # metres from its decoded place at which a foot that was let go may stand again
 STANDING_SPEED, STEPPING_SPEED = 0.3, 0.8  # m/s, horizontal: below it may be planted; above it steps
 CLEARANCE = 0.045  # metres over the floor of a stepping foot
+CLEAR = 0.02  # metres off the floor from which on a foot goes back as fast as it may
 RISE = 0.5  # of the way to its clearance, per frame
-
-
-_BLOCK = 8  # frames in which a fading correction is written as one product
+_FADE, _SETTLE, _RISE, _CLEARANCE, _BACK = F(FADE), F(SETTLE), F(RISE), F(CLEARANCE), F(BACK**2)
+_ENTER, _LEAVE, _LEAVE_SPEED = F(ENTER_HEIGHT), F(LEAVE_HEIGHT), F(LEAVE_SPEED)
+_STANDING, _PER_CLEAR, _PER_STEP = F(STANDING_SPEED), F(1 / CLEAR), F(1 / (STEPPING_SPEED - STANDING_SPEED))
 
 
 @dataclass
 class FeetState(StreamState):
-    """Per row and foot: seen, held, loose (0 or 1), where it is held (2), by how much it is moved (3), its ball (3)."""
+    """Per row and foot: seen, held, loose (0 or 1), where it was shown (2), how far it is moved (3), its ball (3)."""
 
-    memory: Float[Tensor, "b 11 f"]
+    memory: Float[Tensor, "b 2 11"]
 
     def lean(self) -> Float[Array, " b"]:
         """How far the farthest held foot of each row is from where it was decoded, across the floor, metres."""
         memory = self.memory.numpy()
-        lean: Array = (np.hypot(memory[:, 5], memory[:, 7]) * memory[:, 1]).max(-1)
+        lean: Array = (np.hypot(memory[:, :, 5], memory[:, :, 7]) * memory[:, :, 1]).max(-1)
         return lean
 
 
@@ -53,143 +57,112 @@ class Feet:
     """Foot lock for a rig with two legs of two bones; rigs without are passed through."""
 
     def __init__(self, skeleton: Skeleton, chains: Chains) -> None:
-        legs = legs_of(skeleton)
-        self.is_able = legs is not None
-        if legs is None:
-            return
-        self._reach = LegReach(skeleton, legs)
-        joints = (legs.thighs, legs.shins, legs.feet)
-        self._slots = np.array([[chains.slot[joint] for joint in pair] for pair in joints])
-        self._standing = skeleton.rest_positions.numpy()[legs.toes, 1][:, None, None].astype(np.float32)
+        self._legs = legs_of(skeleton, chains)
+        self.is_able = self._legs is not None
+        if self._legs is not None:
+            rest = skeleton.rest_positions.numpy()
+            self._standing = rest[self._legs.joints[:, 3], 1].astype(np.float32)
 
     def init_state(self, rows: int) -> FeetState:
         """No foot is held."""
-        return FeetState(torch.zeros(rows, 11, 2))
+        return FeetState(torch.zeros(rows, 2, 11))
 
     def step(
         self,
         pose: PoseLanes,
-        legs: Legs,
+        frames: Float[Array, "b c 12 8"],
         state: FeetState,
-        active: Bool[Array, " b"] | None = None,
+        active: Bool[Array, " b"],
         *,
-        decoded_root: Float[Array, "3 t b"] | None = None,
-        largest: Float[Array, " b"] | float = LARGEST,
+        decoded_root: Float[Array, "b 3 8"] | None = None,
+        largest: Float[Array, " b"] | None = None,
     ) -> None:
-        """Legs of `pose` bent in place so that planted feet stay.
+        """Legs of `pose` bent in place so that planted feet stay; `frames` are those of the pose in the chains.
 
         `decoded_root` is where the root was before a leash: it says which feet stand and which step. `largest` is how
         far a foot may be moved across the floor, metres, per row.
         """
         if not self.is_able:
             return
-        balls = legs.points[:, 1::2].copy()
-        balls[1] -= self._standing
-        over = balls + pose.root[:, None]
-        free = over if decoded_root is None else balls + decoded_root[:, None]
-        shift = _shifts(over, free, state, active, pose.fps, largest)
-        frames = legs.frames[:, :, self._slots]
-        aside = lanes.apply_inverse(legs.hips[:, :, None], shift.reshape(3, 2, -1))
-        aside += frames[:, 3, 2]
-        self._reach.bend(pose.flat(), frames[:, :3, 1], frames[:, 3], aside)
+        free = pose.root if decoded_root is None else decoded_root
+        far = np.full(len(pose.root), LARGEST, np.float32) if largest is None else largest.astype(np.float32)
+        memory, fps = state.memory.numpy(), F(pose.fps)
+        _lock(
+            self._legs,
+            self._standing,
+            frames,
+            pose.turns,
+            pose.root,
+            free,
+            pose.frames,
+            fps,
+            far,
+            memory,
+            active,
+        )
 
 
-def _shifts(
-    over: Float[Array, "3 f t b"],
-    free: Float[Array, "3 f t b"],
-    state: FeetState,
-    active: Bool[Array, " b"] | None,
-    fps: float,
-    largest: Float[Array, " b"] | float,
-) -> Float[Array, "3 f t b"]:
-    """By how much each foot is moved; `over` is where its ball is, its height over the standing one.
+@exact()
+def _lock(legs, standing, frames, turns, root, free_root, count, fps, largest, memory, active):  # type: ignore[no-untyped-def]
+    """All rows, one foot after the other."""
+    over, free, shift = np.empty((3, 8), F), np.empty((3, 8), F), np.empty((3, 8), F)
+    after = np.empty(memory.shape[2], F)
+    for row in range(turns.shape[0]):
+        hips = matrix(quaternion_at(turns, row, 0))
+        for side in range(2):
+            x, y, z = turned(hips, place_at(frames, row, legs.slots[side, 3]))
+            for axis, number in enumerate((x, y - standing[side], z)):
+                store(over, (axis,), number + load(root, (row, axis)))
+                store(free, (axis,), number + load(free_root, (row, axis)))
+            for k in range(after.shape[0]):  # not as a slice: numba would compile the text of its error, too
+                after[k] = memory[row, side, k]
+            _shift(over, free, count, fps, largest[row], after, shift)
+            for k in range(after.shape[0]):
+                memory[row, side, k] = after[k] if active[row] else memory[row, side, k]
+            moved = (load(shift, (0,)), load(shift, (1,)), load(shift, (2,)))
+            bend(legs, side, turns, frames, row, turned_back(hips, moved))
 
-    `free` is where it would be without a leash.
+
+@inner()
+def _shift(over, free, count, fps, largest, memory, shift):  # type: ignore[no-untyped-def]
+    """By how much a foot is moved, frame by frame; `memory` (11) goes from the frame before to the last one.
+
+    `over` is where its ball is, its height over the standing one; `free` is where it would be without a leash.
     """
-    memory = state.memory.numpy().transpose(1, 2, 0)
-    after = np.empty_like(memory)
-    path = with_past(free, memory[8:], new_rows(memory[0, 0]))
-    moved = path[:, :, 1:] - path[:, :, :-1]
-    height, travel = over[1], np.hypot(moved[0], moved[2])
-    stay = (height < LEAVE_HEIGHT) & (np.abs(moved[1]) < LEAVE_SPEED / fps)
-    enter = stay & (height < ENTER_HEIGHT) & (travel < STANDING_SPEED / fps)
-    shift = np.empty_like(over)
-    low, loose = _hold(over[::2], stay, enter, memory, after, shift[::2], largest)
-    kept = np.where(low, np.float32(1 - SETTLE), np.float32(FADE))
-    added = height * (low * np.float32(-SETTLE))
-    if (lift := _lift(travel * fps, height, loose, shift)) is not None:
-        is_lifted = ~low & (lift > 0)
-        kept[is_lifted], added[is_lifted] = 1 - RISE, RISE * lift[is_lifted]
-    up = memory[6]
-    for start in range(0, over.shape[2], _BLOCK):
-        block = slice(start, start + _BLOCK)
-        left = np.cumprod(kept[:, block], axis=1)
-        shift[1, :, block] = left * (up[:, None] + np.cumsum(added[:, block] / left, axis=1))
-        up = shift[1, :, block][:, -1]
-    after[0], after[5:8], after[8:] = 1, shift[:, :, -1], free[:, :, -1]
-    keep(state.memory, after.transpose(2, 0, 1), active)
-    return shift
-
-
-def _lift(
-    travel: Float[Array, "f t b"],
-    height: Float[Array, "f t b"],
-    loose: Bool[Array, "f t b"] | None,
-    shift: Float[Array, "3 f t b"],
-) -> Float[Array, "f t b"] | None:
-    """How much higher a foot must be that travels, or goes back to where it was decoded; None where none has to."""
-    stepping = (travel - STANDING_SPEED) * (1 / (STEPPING_SPEED - STANDING_SPEED))
-    is_stepping = stepping > 0
-    if loose is None and not is_stepping.any():
-        return None
-    lift: Array = (CLEARANCE * np.minimum(stepping, 1) - height) * is_stepping
-    if loose is not None:
-        np.maximum(lift, (np.minimum(np.hypot(shift[0], shift[2]), CLEARANCE) - height) * loose, out=lift)
-    return lift
-
-
-def _hold(
-    place: Float[Array, "2 f t b"],
-    stay: Bool[Array, "f t b"],
-    enter: Bool[Array, "f t b"],
-    memory: Float[Array, "11 f b"],
-    after: Float[Array, "11 f b"],
-    shift: Float[Array, "2 f t b"],
-    largest: Float[Array, " b"] | float,
-) -> tuple[Bool[Array, "f t b"], Bool[Array, "f t b"] | None]:
-    """Which feet are held, and which are on their way back; writes the horizontal `shift`.
-
-    One round for each stretch of frames in which no foot of any row is set down, lifted or let go.
-    """
-    held, loose, anchor, aside = memory[1] > 0, memory[2] > 0, memory[3:5], memory[5:8:2]
-    all_held, all_loose = np.empty_like(stay), np.zeros_like(stay)
-    t, frames, far = 0, stay.shape[1], np.square(largest)
-    while t < frames:
-        low = np.where(held, stay[:, t], enter[:, t] & ~loose)
-        down = low & ~held
-        if down.any():
-            anchor = np.where(down, place[:, :, t] + aside, anchor)
-        gap = anchor[:, :, None] - place[:, :, t:]
-        is_far = lanes.dot(gap, gap) > far
-        gone = low & is_far[:, 0]
-        if gone.any():
-            low, loose = low & ~gone, loose | gone
-        as_before = np.where(low[:, None], stay[:, t:] & ~is_far, ~enter[:, t:])
-        changes = np.flatnonzero(~as_before[:, 1:].all((0, 2)))
-        run = int(changes[0]) + 1 if len(changes) else frames - t
-        fading = aside[:, :, None] * _fades(run)
-        shift[:, :, t : t + run] = np.where(low[:, None], gap[:, :, :run], fading)
-        all_held[:, t : t + run] = low[:, None]
-        if loose.any():
-            is_away = lanes.dot(fading, fading) > BACK**2
-            all_loose[:, t : t + run] = loose[:, None] & is_away
-            loose = loose & is_away[:, -1]
-        held, aside, t = low, shift[:, :, t + run - 1], t + run
-    after[1], after[2], after[3:5] = held, loose, anchor
-    return all_held, all_loose if all_loose.any() else None
-
-
-@cache
-def _fades(frames: int) -> Float[Array, "t 1"]:
-    """What is left of a fading correction, frame by frame."""
-    return (FADE ** np.arange(1, frames + 1, dtype=np.float32))[:, None]
+    is_new, is_held, is_loose = memory[0] == ZERO, memory[1] > ZERO, memory[2] > ZERO
+    x, z = memory[3], memory[4]
+    aside_x, up, aside_z = memory[5], memory[6], memory[7]
+    last_x, last_y, last_z = memory[8], memory[9], memory[10]
+    if is_new:
+        x, z, last_x, last_y, last_z = over[0, 0], over[2, 0], free[0, 0], free[1, 0], free[2, 0]
+    for t in range(count):
+        moved_x, rise, moved_z = free[0, t] - last_x, free[1, t] - last_y, free[2, t] - last_z
+        last_x, last_y, last_z = free[0, t], free[1, t], free[2, t]
+        height, speed = over[1, t], F(math.sqrt(moved_x * moved_x + moved_z * moved_z)) * fps
+        stays = height < _LEAVE and rise * fps < _LEAVE_SPEED
+        comes = stays and height < _ENTER and speed < _STANDING and not is_loose
+        is_held = stays if is_held else comes
+        gap_x, gap_z = x - over[0, t], z - over[2, t]  # to where it was shown in the frame before
+        if is_held and gap_x * gap_x + gap_z * gap_z > largest * largest:
+            is_held, is_loose = False, True
+        if is_held:
+            aside_x, aside_z = gap_x, gap_z
+            up += _SETTLE * (-height - up)
+        else:
+            away = aside_x * aside_x + aside_z * aside_z
+            stepping = (speed - _STANDING) * _PER_STEP
+            lift = _CLEARANCE * min(stepping, ONE) - height if stepping > ZERO else ZERO
+            if away > _BACK:
+                lift = max(lift, min(F(2) * F(math.sqrt(away)), _CLEARANCE) - height)
+            up = up + _RISE * (lift - up) if lift > ZERO else up * _FADE
+            # it goes back as far as it is off the floor
+            kept = ONE - (ONE - _FADE) * min(max((height + up) * _PER_CLEAR, ZERO), ONE)
+            aside_x, aside_z = aside_x * kept, aside_z * kept
+            is_loose = is_loose and away > _BACK
+            x, z = over[0, t] + aside_x, over[2, t] + aside_z
+        shift[0, t], shift[1, t], shift[2, t] = aside_x, up, aside_z
+    for t in range(count, 8):
+        shift[0, t], shift[1, t], shift[2, t] = aside_x, up, aside_z
+    memory[0], memory[1], memory[2] = ONE, ONE if is_held else ZERO, ONE if is_loose else ZERO
+    memory[3], memory[4], memory[5], memory[6], memory[7] = x, z, aside_x, up, aside_z
+    memory[8], memory[9], memory[10] = last_x, last_y, last_z

@@ -12,12 +12,17 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from ..ik.chains import Chains
 from ..kinematics import Skeleton
+from ..kinematics.octets import matrix, place_at, quaternion_at, turned
 from ..nn import StreamState
-from .pose import Array, PoseLanes, keep, new_rows, with_past
+from ..nn.compiled import ONE, ZERO, F
+from ..nn.octet import behind, exact, least, load, most, spread, store
+from .pose import Array, PoseLanes
 
 RELEASE_HEIGHT = 0.035  # metres above its rest height at which a point no longer counts as planted
-_LEAST = 1e-6
+_LEAST = F(1e-6)
+_PER_HEIGHT = F(1 / RELEASE_HEIGHT)
 
 
 @dataclass
@@ -30,58 +35,70 @@ class GroundState(StreamState):
 class Ground:
     """Integrates the root over planted feet, streaming; a rig whose feet are not known travels as decoded."""
 
-    def __init__(self, skeleton: Skeleton, *, is_holding: bool = True) -> None:
-        """Not holding, the root travels as decoded, whatever the feet do."""
+    def __init__(self, skeleton: Skeleton, chains: Chains, *, is_holding: bool = True) -> None:
+        """`chains` must hold `skeleton.config.feet`. Not holding, the root travels as decoded, whatever they do."""
         feet = list(skeleton.config.feet) if is_holding else []
-        self._points = len(feet)
+        self._slots = np.array([chains.slot[joint] for joint in feet], np.int64)
         rest = skeleton.rest_positions.numpy()
-        self.rest = rest[feet, 1][:, None, None].astype(np.float32)  # the sole is at 0
+        self._rest = rest[feet, 1].astype(np.float32)  # the sole is at 0
 
     def init_state(self, rows: int) -> GroundState:
         """Standing at the origin, nothing seen yet."""
-        return GroundState(torch.zeros(rows, 3 + 4 * self._points))
+        return GroundState(torch.zeros(rows, 3 + 4 * len(self._slots)))
 
     def step(
-        self,
-        pose: PoseLanes,
-        points: Float[Array, "3 p t b"],
-        state: GroundState,
-        active: Bool[Array, " b"] | None = None,
+        self, pose: PoseLanes, frames: Float[Array, "b c 12 8"], state: GroundState, active: Bool[Array, " b"]
     ) -> None:
-        """Turn the decoded travel of `pose.root` into world positions.
-
-        `points` are ankles and toes (`skeleton.config.feet`) relative to the root, along the world's axes.
-        """
-        travel, memory = pose.root, state.memory.numpy().T
-        is_new, after = new_rows(memory[0]), np.empty_like(memory)
-        moved = travel[::2].copy()
-        if self._points:
-            past = memory[3:].reshape(4, self._points, -1)
-            here = np.empty((4, *points.shape[1:]), np.float32)
-            here[:3] = points
-            clearance = points[1] + (travel[1] - self.rest)
-            share = np.minimum(np.maximum(clearance * (1 / RELEASE_HEIGHT), 0), 1)
-            weights = np.subtract(1, share * share * (3 - 2 * share), out=here[3])
-            _hold(moved, with_past(here, past, is_new))
-            sharp = np.square(np.square(weights))
-            sinking = np.add.reduce(sharp * clearance) / np.maximum(np.add.reduce(sharp), _LEAST)
-            travel[1] -= np.maximum.reduce(weights) * sinking
-            after[3:] = here[:, :, -1].reshape(-1, here.shape[-1])
-        if is_new is not None:
-            moved[:, 0, is_new] = 0
-        moved[:, 0] += memory[1:3]
-        np.cumsum(moved, axis=1, out=travel[::2])
-        after[0], after[1:3] = 1, travel[::2, -1]
-        keep(state.memory, after.T, active)
+        """Turn the decoded travel of `pose.root` into world positions; `frames` are those of the pose in the chains."""
+        _travel(
+            self._slots, self._rest, frames, pose.turns, pose.root, pose.frames, state.memory.numpy(), active
+        )
 
 
-def _hold(moved: Float[Array, "2 t b"], path: Float[Array, "4 p u b"]) -> None:
-    """Horizontal way of the root from frame to frame, in place: against that of its planted points."""
-    both = np.minimum(path[3, :, 1:], path[3, :, :-1])
-    share = np.square(np.square(both))  # the more firmly planted point leads
-    share /= np.maximum(np.add.reduce(share), _LEAST)
-    across = path[:3:2]
-    held = np.add.reduce(share * (across[:, :, :-1] - across[:, :, 1:]), axis=1)
-    held -= moved
-    held *= np.maximum.reduce(both)
-    moved += held
+@exact()
+def _travel(slots, rest, frames, turns, roots, count, memory, active):  # type: ignore[no-untyped-def]
+    """All rows: ankles and toes relative to the root, along the world's axes, say how the root moves over them."""
+    points = slots.shape[0]
+    here = np.empty((4, points, 8), F)
+    for row in range(turns.shape[0]):
+        is_new = memory[row, 0] == ZERO
+        height, zero = load(roots, (row, 1)), spread(ZERO)
+        if points:
+            hips = matrix(quaternion_at(turns, row, 0))
+            held_x, held_z, total, strongest = zero, zero, zero, zero
+            sinking, pressing, planted = zero, zero, zero
+            for point in range(points):
+                x, y, z = turned(hips, place_at(frames, row, slots[point]))
+                clearance = height + y - rest[point]
+                share = least(most(clearance * _PER_HEIGHT, zero), spread(ONE))
+                weight = ONE - share * share * (F(3) - F(2) * share)
+                for k, number in enumerate((x, y, z, weight)):
+                    store(here, (k, point), number)
+                at = 3 + point
+                last_x = here[0, point, 0] if is_new else memory[row, at]
+                last_z = here[2, point, 0] if is_new else memory[row, at + 2 * points]
+                last_weight = here[3, point, 0] if is_new else memory[row, at + 3 * points]
+                both = least(weight, behind(weight, last_weight))
+                lead = both * both * both * both  # the more firmly planted point leads
+                held_x += lead * (behind(x, last_x) - x)
+                held_z += lead * (behind(z, last_z) - z)
+                total, strongest = total + lead, most(strongest, both)
+                sharp = weight * weight * weight * weight
+                sinking, pressing = sinking + sharp * clearance, pressing + sharp
+                planted = most(planted, weight)
+            x, z, total = load(roots, (row, 0)), load(roots, (row, 2)), most(total, spread(_LEAST))
+            store(roots, (row, 0), x + (held_x / total - x) * strongest)
+            store(roots, (row, 2), z + (held_z / total - z) * strongest)
+            store(roots, (row, 1), height - planted * (sinking / most(pressing, spread(_LEAST))))
+        for axis in (0, 2):
+            place = memory[row, 1 + axis // 2]
+            for frame in range(8):
+                if frame or not is_new:
+                    place += roots[row, axis, frame]
+                roots[row, axis, frame] = place
+        if active[row]:
+            memory[row, 0] = ONE
+            memory[row, 1], memory[row, 2] = roots[row, 0, count - 1], roots[row, 2, count - 1]
+            for point in range(points):
+                for k in range(4):
+                    memory[row, 3 + k * points + point] = here[k, point, count - 1]

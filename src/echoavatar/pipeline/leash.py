@@ -40,14 +40,15 @@ class Leash:
         self,
         pose: PoseLanes,
         state: LeashState,
-        active: Bool[Array, " b"] | None = None,
+        active: Bool[Array, " b"],
         *,
         radius: Float[Array, " b"],
         is_pinned: Bool[Array, " b"],
         lean: Float[Array, " b"],
     ) -> None:
         """Move `pose.root` in place. Rows with radius 0 are free; `lean` is how far off held feet are now, metres."""
-        raw = pose.root[::2]
+        path = pose.path()
+        raw = path[::2].copy()
         memory = state.memory.numpy().T
         is_new = new_rows(memory[0])
         ways = np.diff(with_past(raw, memory[1:3], is_new), axis=1)
@@ -70,7 +71,7 @@ class Leash:
         place = np.where(is_held, place, raw) * ~is_pinned
         last = np.concatenate([np.ones_like(far)[None], raw[:, -1], place[:, -1], pull, slow[None]])
         keep(state.memory, last.T, active)
-        pose.root[::2] = place
+        path[::2] = place
 
 
 def _ease(share: Float[Array, " b"]) -> Float[Array, " b"]:

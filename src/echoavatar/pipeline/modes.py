@@ -61,18 +61,19 @@ class IdleLegs:
 
     def stand(self, pose: PoseLanes, rows: Bool[Array, " b"]) -> None:
         """Rotations of hips and legs at rest, in place; before forward kinematics."""
-        turns = np.zeros((4, len(self._lower), 1, 1), np.float32)
-        turns[0] = 1
-        pose.turns[:, self._lower] = np.where(rows, turns, pose.turns[:, self._lower])
+        turns = np.zeros((len(self._lower), 4, 8), np.float32)
+        turns[:, 0] = 1
+        pose.turns[np.ix_(rows, np.array(self._lower, np.int64))] = turns
 
     def sway(
-        self, pose: PoseLanes, rows: Bool[Array, " b"], state: ModesState, active: Bool[Array, " b"] | None
+        self, pose: PoseLanes, rows: Bool[Array, " b"], state: ModesState, active: Bool[Array, " b"]
     ) -> None:
         """The root of idle rows, in place; before the feet are held."""
-        frame = state.frames.numpy() + np.arange(1, pose.root.shape[1] + 1, dtype=np.float32)[:, None]
+        root = pose.path()
+        frame = state.frames.numpy() + np.arange(1, pose.frames + 1, dtype=np.float32)[:, None]
         begun = np.minimum(frame / (4 * WARM_UP_FRAMES), 1)
         for axis, seconds in zip((0, 2), SWAY_SECONDS, strict=True):
             swing = SWAY * begun * np.sin(2 * math.pi * frame / (seconds * pose.fps))
-            pose.root[axis] = np.where(rows, swing, pose.root[axis])
-        pose.root[1] = np.where(rows, self._height, pose.root[1])
+            root[axis] = np.where(rows, swing, root[axis])
+        root[1] = np.where(rows, self._height, root[1])
         keep(state.frames, np.where(rows, frame[-1], 0).astype(np.float32), active)

@@ -1,14 +1,16 @@
-"""What the stages behind the decoder work on: rotations and root of many sessions as numpy arrays, components first.
+"""What the stages behind the decoder work on: a chunk of many sessions, the frames of each joint side by side.
 
-Lanes are ordered joint, frame, row, so that a frame or a stretch of frames is contiguous for all sessions.
+Compiled loops take a session's eight frames at once (`nn.octet`). A chunk may have fewer; what then stands in the rest
+of the eight is finite and means nothing.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 from torch import Tensor
+
+from ..nn.octet import LANES
 
 Array = np.ndarray
 
@@ -17,33 +19,25 @@ Array = np.ndarray
 class PoseLanes:
     """Frames of several sessions; stages change it in place, one after the other."""
 
-    turns: Float[Array, "4 j t b"]  # parent-relative unit quaternions `wxyz`, of either sign
+    turns: Float[Array, "b j 4 8"]  # parent-relative unit quaternions `wxyz`, of either sign
     root: Float[
-        Array, "3 t b"
+        Array, "b 3 8"
     ]  # metres; before `Ground`: metres per frame along x, height, metres per frame along z
     fps: float
+    frames: int = LANES
 
-    def flat(self) -> Float[Array, "4 j n"]:
-        """The rotations with frames and rows in one axis, as a view."""
-        return self.turns.reshape(*self.turns.shape[:2], -1)
+    def by_frame(self) -> Float[Array, "4 j t b"]:
+        """A view of the rotations, components first."""
+        return self.turns.transpose(2, 1, 3, 0)[:, :, : self.frames]
 
-
-class Legs(NamedTuple):
-    """Where the legs are, as forward kinematics of a chunk found them."""
-
-    frames: Float[Array, "3 4 c n"]  # of every joint of the chains in the root's frame; n is frames x rows
-    hips: Float[Array, "3 3 n"]  # world rotation of the root
-    points: Float[
-        Array, "3 p t b"
-    ]  # ankles and toes (`feet` of the rig) from the root, along the world's axes
+    def path(self) -> Float[Array, "3 t b"]:
+        """A view of the root, components first."""
+        return self.root.transpose(1, 2, 0)[:, : self.frames]
 
 
-def keep(memory: Tensor, value: Float[Array, "b ..."], active: Bool[Array, " b"] | None) -> None:
-    """Write a stage's memory, rows first; only in the active rows, in all for None."""
-    if active is None:
-        memory.numpy()[...] = value
-    else:
-        np.copyto(memory.numpy(), value, where=active.reshape(-1, *([1] * (value.ndim - 1))))
+def keep(memory: Tensor, value: Float[Array, "b ..."], active: Bool[Array, " b"]) -> None:
+    """Write a stage's memory, rows first, in the active rows."""
+    np.copyto(memory.numpy(), value, where=active.reshape(-1, *([1] * (value.ndim - 1))))
 
 
 def with_past(

@@ -1,9 +1,9 @@
 """From decoded features to a pose that holds together: calm, ground, leash, feet, hands (paper, Post-Processing).
 
-All in numpy with components first (`kinematics.lanes`): a chunk of one session is some hundreds of small arrays, and
-what costs is the number of operations, not their size. One forward kinematics in the root's frame serves all stages.
-Every stage but the first can be left out by name. Rotations that are not finite, or from which no rotation can be made,
-are repaired (`repair`), reported by `repaired` and in the log.
+Every stage is one compiled loop over sessions, eight frames at once (`nn.octet`); what few sessions ask for (a leash,
+idle legs, repair) is plain numpy. One forward kinematics in the root's frame serves all stages. Every stage but the
+first can be left out by name. Rotations that are not finite, or from which no rotation can be made, are repaired
+(`repair`), reported by `repaired` and in the log.
 """
 
 import logging
@@ -18,8 +18,7 @@ from torch import Tensor
 from ..errors import EchoAvatarError
 from ..ik import BodyProfile, HandGuard
 from ..ik.chains import Chains
-from ..kinematics import Motion, Skeleton, lanes, to_features
-from ..kinematics.features import travel_slice
+from ..kinematics import Motion, Skeleton, to_features
 from ..nn import StreamState
 from ..timing import CHUNK_FRAMES, FRAME_RATE_HZ
 from .calm import Calm, CalmState
@@ -28,8 +27,9 @@ from .ground import Ground, GroundState
 from .leash import Leash, LeashState
 from .modes import FREE, IdleLegs, ModesState, MotionOptions
 from .motion_chunk import MotionChunk
-from .pose import Array, Legs, PoseLanes
+from .pose import PoseLanes
 from .repair import repair
+from .unpack import Unpacking, frames_of
 
 Lap = Callable[[str], None]
 POST_STAGES = ("pose", "calm", "ground", "leash", "feet", "hands")
@@ -73,12 +73,11 @@ class Post:
         feet = skeleton.config.feet
         self.chains = Chains(skeleton, [0, *self.hands.joints, *feet])
         self.hands.stand_on(self.chains)
-        self._points = np.array([self.chains.slot[joint] for joint in feet], np.int64)
-        self.calm, self.ground = Calm(skeleton.joints), Ground(skeleton, is_holding="ground" in stages)
+        self.calm = Calm(skeleton.joints)
+        self.ground = Ground(skeleton, self.chains, is_holding="ground" in stages)
         self.leash, self.idle = Leash(), IdleLegs(skeleton)
         self.feet = Feet(skeleton, self.chains)
-        self._travel = travel_slice(skeleton)
-        self._rows, self._moving = _feature_rows(skeleton)
+        self._unpacking = Unpacking(skeleton)
 
     def init_state(self, rows: int) -> PostState:
         """Nothing shown yet, free rows."""
@@ -97,35 +96,37 @@ class Post:
         active: Bool[Tensor, " b"],
         lap: Callable[[str], None],
     ) -> list[MotionChunk]:
-        """Motion of a chunk; after each stage `lap(stage)` is called, also after those left out."""
-        on = None if bool(active.all()) else active.numpy()
+        """Motion of a chunk (at most 8 frames); after each stage `lap(stage)` is called, also after those left out."""
+        on = active.numpy()
         pose = self.pose_of(features, state)
         lap("pose")
         if "calm" in self.stages:
             self.calm.step(pose, state.calm, on)
         lap("calm")
-        leash, is_pinned, is_idle = state.modes.options.numpy().T
-        is_idle = is_idle > 0 if is_idle.any() else None
-        if is_idle is not None:
+        leash, is_pinned, is_idle = state.modes.options.numpy().T > 0
+        if is_idle.any():
             self.idle.stand(pose, is_idle)
-        legs = self.kinematics(pose)
-        self.ground.step(pose, legs.points, state.ground, on)
-        if is_idle is not None:
+        frames = self.chains.world(pose.turns)
+        self.ground.step(pose, frames, state.ground, on)
+        if is_idle.any():
             self.idle.sway(pose, is_idle, state.modes, on)
         lap("ground")
-        largest: Array | float = LARGEST
-        decoded_root = None
-        if "leash" in self.stages and (leash.any() or is_pinned.any()):
-            lean, decoded_root = state.feet.lean(), pose.root.copy()
-            self.leash.step(pose, state.leash, on, radius=leash, is_pinned=is_pinned > 0, lean=lean)
-            largest = np.where((leash > 0) | (is_pinned > 0), LARGEST_ON_LEASH, LARGEST)
+        largest = decoded_root = None
+        if "leash" in self.stages and (leash | is_pinned).any():
+            radius, lean, decoded_root = (
+                state.modes.options.numpy()[:, 0],
+                state.feet.lean(),
+                pose.root.copy(),
+            )
+            self.leash.step(pose, state.leash, on, radius=radius, is_pinned=is_pinned, lean=lean)
+            largest = np.where(leash | is_pinned, LARGEST_ON_LEASH, LARGEST)
         lap("leash")
         if "feet" in self.stages:
-            self.feet.step(pose, legs, state.feet, on, decoded_root=decoded_root, largest=largest)
+            self.feet.step(pose, frames, state.feet, on, decoded_root=decoded_root, largest=largest)
         lap("feet")
         if "hands" in self.stages:
-            self.hands.guard(pose.flat(), legs.frames)
-        chunks = chunks_of(pose)
+            self.hands.guard(pose.turns, frames)
+        chunks = [MotionChunk(*chunk) for chunk in zip(*frames_of(pose), strict=True)]
         lap("hands")
         return chunks
 
@@ -146,44 +147,13 @@ class Post:
         self, features: Float[Tensor, "b t c"], state: PostState, fps: float = FRAME_RATE_HZ
     ) -> PoseLanes:
         """Rotations, and travel as decoded; what cannot be a rotation is repaired and counted in `repaired`."""
-        columns = features.permute(2, 1, 0).contiguous().numpy()
-        with np.errstate(invalid="ignore", over="ignore"):
-            turns = lanes.from_two_rows(columns[self._rows])
-        travel = columns[self._travel][[0, 2, 1]]
-        if self._moving is not None:
-            still = np.zeros((4, self.skeleton.joints, *turns.shape[2:]), np.float32)
-            still[0], still[:, self._moving] = 1, turns
-            turns = still
-        pose = PoseLanes(turns, travel, fps)
-        if count := repair(pose, state.calm.shown.numpy(), float(self.skeleton.rest_positions[0, 1])):
+        pose, is_good = self._unpacking.pose_of(features.numpy(), fps)
+        if not is_good:
+            standing = float(self.skeleton.rest_positions[0, 1])
+            count = repair(pose, state.calm.shown.numpy(), standing)
             self.repaired += count
             _log.warning("%d rotations or root positions of a chunk were not usable and were held", count)
         return pose
-
-    def kinematics(self, pose: PoseLanes) -> Legs:
-        """Forward kinematics of all that the stages look at."""
-        local = self.chains.local_of(pose.flat())
-        frames, hips = self.chains.world(local), local[:3, :3, 0]
-        points = lanes.apply(hips[:, :, None], frames[:, 3, self._points])
-        return Legs(frames, hips, points.reshape(3, len(self._points), *pose.root.shape[1:]))
-
-
-def chunks_of(pose: PoseLanes) -> list[MotionChunk]:
-    """One chunk for each row, quaternions with w >= 0."""
-    turns = pose.turns * np.copysign(np.float32(1), pose.turns[:1])
-    rotations = torch.from_numpy(turns).permute(3, 2, 1, 0).contiguous().numpy()
-    root = np.ascontiguousarray(pose.root.transpose(2, 1, 0))
-    return [MotionChunk(q, r) for q, r in zip(rotations, root, strict=True)]
-
-
-def _feature_rows(skeleton: Skeleton) -> tuple[Array, Array | None]:
-    """Feature channels of each joint's 6D (6, j), ascending joints; and these joints, when they are not all."""
-    travel, joints = travel_slice(skeleton), np.array(skeleton.feature_joints)
-    six = np.arange(6 * len(joints)).reshape(len(joints), 6)
-    six += np.where(six >= travel.start, travel.stop - travel.start, 0)
-    order = np.argsort(joints)
-    is_whole = len(joints) == skeleton.joints
-    return np.ascontiguousarray(six[order].T), None if is_whole else joints[order]
 
 
 def _no_lap(stage: str) -> None:

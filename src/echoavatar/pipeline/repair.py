@@ -11,21 +11,20 @@ from jaxtyping import Float
 from .pose import Array, PoseLanes
 
 
-def repair(pose: PoseLanes, shown: Float[Array, "b 4 j 3"], standing: float) -> int:
+def repair(pose: PoseLanes, shown: Float[Array, "b j 4 8"], standing: float) -> int:
     """Repair in place; returns how many rotations and root positions there were to repair.
 
     `pose.root` is still travel here; `standing` is the height, in metres, of a root that never had one.
     """
-    size = np.add.reduce(np.square(pose.turns))
-    total = float(np.add.reduce(pose.root, axis=None))
-    if size.min(initial=1) > 0.5 and np.isfinite(total):  # false for NaN too
-        return 0
+    turns, root = pose.by_frame(), pose.path()
+    with np.errstate(invalid="ignore", over="ignore"):
+        size = np.square(turns).sum(0)
     bad = ~(size > 0.5) | ~np.isfinite(size)
     for joint, frame, row in np.argwhere(bad):
-        before = pose.turns[:, joint, frame - 1, row] if frame else shown[row, :, joint, -1]
-        pose.turns[:, joint, frame, row] = before if before.any() else (1, 0, 0, 0)
-    lost = ~np.isfinite(pose.root).all(0)
+        before = turns[:, joint, frame - 1, row] if frame else shown[row, joint, :, -1]
+        turns[:, joint, frame, row] = before if before.any() else (1, 0, 0, 0)
+    lost = ~np.isfinite(root).all(0)
     for frame, row in np.argwhere(lost):
-        height = pose.root[1, frame - 1, row] if frame else standing
-        pose.root[:, frame, row] = 0, height, 0
+        height = root[1, frame - 1, row] if frame else standing
+        root[:, frame, row] = 0, height, 0
     return int(bad.sum() + lost.sum())

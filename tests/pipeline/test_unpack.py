@@ -1,0 +1,52 @@
+import numpy as np
+import pytest
+import torch
+
+from echoavatar.kinematics import HUMANOID, Skeleton, to_features
+from echoavatar.kinematics.features import travel_slice
+from echoavatar.kinematics.rotations import angle_between, matrix_from_axis_angle, matrix_from_quaternion
+from echoavatar.pipeline.unpack import Unpacking, frames_of
+
+
+def bodies(rows: int = 3, frames: int = 8) -> tuple[torch.Tensor, torch.Tensor]:
+    generator = torch.Generator().manual_seed(0)
+    turns = torch.randn(rows, frames, HUMANOID.joints, 3, generator=generator)
+    return matrix_from_axis_angle(turns), torch.randn(rows, frames, 3, generator=generator)
+
+
+@pytest.mark.parametrize("frames", [8, 3])
+def test_features_become_the_rotations_they_were_made_of(frames: int) -> None:
+    """Outside witness: `to_features`, there and back; joint by joint, w never negative."""
+    rotations, root = bodies(frames=frames)
+    features = to_features(HUMANOID, rotations, root)
+    pose, is_good = Unpacking(HUMANOID).pose_of(features.numpy(), 30.0)
+    shown, travel = frames_of(pose)
+    assert is_good
+    assert shown.shape == (3, frames, HUMANOID.joints, 4)
+    assert (shown[..., 0] >= 0).all()
+    assert angle_between(matrix_from_quaternion(torch.from_numpy(shown)), rotations).max() < 2e-3
+    decoded = features[..., travel_slice(HUMANOID)].numpy()
+    np.testing.assert_array_equal(travel, decoded[..., [0, 2, 1]])  # across, height, along
+
+
+def test_joints_without_features_rest() -> None:
+    parts = {"lower": HUMANOID.config.parts["lower"]}
+    rig = Skeleton(HUMANOID.config.model_copy(update={"parts": parts}))
+    rotations, root = bodies()
+    pose, _ = Unpacking(rig).pose_of(to_features(rig, rotations, root).numpy(), 30.0)
+    shown, _ = frames_of(pose)
+    others = [joint for joint in range(rig.joints) if joint not in parts["lower"]]
+    assert (shown[:, :, others] == [1, 0, 0, 0]).all()
+    lower = list(parts["lower"])
+    turned = matrix_from_quaternion(torch.from_numpy(shown[:, :, lower]))
+    assert angle_between(turned, rotations[:, :, lower]).max() < 2e-3
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])
+@pytest.mark.parametrize("channel", [0, 100, 314, "height"])
+def test_garbage_anywhere_is_noticed(value: float, channel: int | str) -> None:
+    features = to_features(HUMANOID, *bodies())
+    at = travel_slice(HUMANOID).stop - 1 if channel == "height" else int(channel)
+    features[1, 5, at] = value
+    _, is_good = Unpacking(HUMANOID).pose_of(features.numpy(), 30.0)
+    assert not is_good
