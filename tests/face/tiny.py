@@ -1,10 +1,13 @@
 """A face model of a few hundred weights, and its stream as the laws want it."""
 
+import numpy as np
 import torch
 
-from echoavatar.face import FaceConfig, FaceModel, FaceState, FaceStream, MelConfig
+from echoavatar.face import ARKIT_NAMES, FaceConfig, FaceModel, FaceState, FaceStream, MelConfig
+from echoavatar.face.clip import FaceClip
 from echoavatar.timing import CHUNK_SAMPLES
 
+JAW = ARKIT_NAMES.index("jawOpen")
 EAR = MelConfig(bands=8, windows=2, width=8, blocks=2, past=3)
 CONFIG = FaceConfig(
     encoder=EAR,
@@ -52,3 +55,13 @@ def sound(rows: int, samples: int, generator: torch.Generator) -> torch.Tensor:
     loud = torch.rand(rows, samples // CHUNK_SAMPLES, 1, generator=generator).double()
     noise = torch.randn(rows, samples, generator=generator).double()
     return 0.3 * (noise.unflatten(1, (-1, CHUNK_SAMPLES)) * loud).flatten(1)
+
+
+def clip(frames: int = 160, seed: int = 0, split: str = "train") -> FaceClip:
+    """The jaw follows the loudness of noise, which changes every 12 frames."""
+    rng = np.random.default_rng(seed)
+    jaw = np.repeat(rng.choice([0.0, 0.5], frames // 12 + 1), 12)[:frames].astype(np.float32)
+    audio = np.repeat(jaw, 800) * rng.normal(0, 0.4, frames * 800)
+    curves = np.zeros((frames, 52), np.float32)
+    curves[:, JAW] = jaw
+    return FaceClip(f"c{seed}", audio.clip(-1, 1).astype(np.float32), curves, split)

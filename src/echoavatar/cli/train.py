@@ -104,6 +104,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     face.add_argument(
         "--rate", type=float, default=1e-3, help="peak learning rate (default: %(default)s; paper: 2e-4)"
     )
+    face.add_argument(
+        "--listen",
+        type=int,
+        default=0,
+        help="so many of the steps at first teach the encoder alone (default: %(default)s)",
+    )
+    face.add_argument(
+        "--no-tempo",
+        action="store_true",
+        help="not also slower and faster; rehearsed clips differ in pace anyway, and much memory is saved",
+    )
     face.add_argument("--start", type=Path, help="trained face model of the same sizes to begin with")
     face.add_argument("--seed", type=int, default=0, help=SEED)
     face.add_argument("--paper", action="store_true", help="sizes of the paper (width 256), mel encoder")
@@ -290,10 +301,18 @@ def _generator(args: argparse.Namespace, progress: Progress) -> None:
 def _face(args: argparse.Namespace, progress: Progress) -> None:
     from ..face import FaceConfig, FaceModel, MelConfig, paper_face
     from ..face.clip import load_clips
-    from ..face.train import FaceTraining, train_face
+    from ..face.config import FaceTraining
+    from ..face.train import train_face
 
     config = paper_face(encoder=MelConfig()) if args.paper else FaceConfig()
-    training = FaceTraining(steps=args.steps, batch=args.batch, learning_rate=args.rate, seed=args.seed)
+    training = FaceTraining(
+        steps=args.steps,
+        listen=args.listen,
+        batch=args.batch,
+        learning_rate=args.rate,
+        tempo=not args.no_tempo,
+        seed=args.seed,
+    )
     train_face(
         config,
         training,

@@ -1,35 +1,75 @@
-"""`echoavatar bench face`: what a face costs, encoder and frames apart, for one session and for many.
+"""`echoavatar bench face`: what a face costs, for one session and for many, and what the many cannot cost less than.
 
-Times are of the processor, one thread: what other processes take away does not count. Weights do not matter to the
-time, so a bundle without a face is timed with a random one of the default sizes.
+One session and the batch take turns, so that neighbours on the machine slow both alike. Times are of the processor
+(all threads; what other processes take away does not count) and of the wall. The floor is the batch's matrix products
+at the speed of one large product, one thread, in the same run; what is on top is reading keys and values, gates, and
+mel bands. Weights do not matter to the time, so a bundle without a face is timed with a random one of default sizes.
 """
 
 import time
+from collections.abc import Iterator
 
 import numpy as np
 import torch
+from torch import nn
 
 from ..face import FaceConfig, FaceModel, FaceStream
-from ..timing import CHUNK_SAMPLES, SAMPLE_RATE_HZ
+from ..timing import CHUNK_FRAMES, CHUNK_SAMPLES, SAMPLE_RATE_HZ
 
-WARM_UP = 5
+WARM_UP = 3
 CHUNK_MS = 1000 * CHUNK_SAMPLES / SAMPLE_RATE_HZ
+_TURNS = 10  # chunks of one session to one of the batch
+_LARGE = 1024  # rows and columns of a product that runs at full speed
 
 
 @torch.inference_mode()
 def bench_face(model: FaceModel | None = None, *, chunks: int = 200, sessions: int = 64) -> dict[str, float]:
-    """Milliseconds per chunk of 266.7 ms: one session (p50, p99, share of real time) and a batch of `sessions`."""
-    stream = FaceStream(model or _random_face())
-    one, many = _times(stream, 1, chunks), _times(stream, sessions, max(8, chunks // 10))
+    """Milliseconds per chunk of 266.7 ms of sound: one session, a batch of `sessions`, and the ratio of both."""
+    model = model or _random_face()
+    stream = FaceStream(model)
+    one, many, speed = _chunks(stream, 1), _chunks(stream, sessions), _product_speeds()
+    for _ in range(WARM_UP):
+        next(one), next(many), next(speed)
+    turns = max(3, chunks // _TURNS)
+    ones, batches, speeds = [], [], []
+    for _ in range(turns):
+        ones += [next(one) for _ in range(_TURNS)]
+        batches.append(next(many))
+        speeds.append(next(speed))
+    alone, batch = np.array(ones), np.array(batches)
+    alone_ms, batch_ms = np.median(alone, axis=0), np.median(batch, axis=0)
+    products = sessions * multiplications(model)
     summary = {
-        "face_ms_p50": float(np.percentile(one, 50)),
-        "face_ms_p99": float(np.percentile(one, 99)),
-        "face_rtf": float(np.mean(one)) / CHUNK_MS,
-        "sessions": float(sessions),
-        "batch_ms_p50": float(np.percentile(many, 50)),
-        "batch_over_one": float(np.percentile(many, 50) / np.percentile(one, 50)),
+        "face_ms_p50": alone_ms[0],
+        "face_ms_p99": np.percentile(alone[:, 0], 99),
+        "face_rtf": alone[:, 0].mean() / CHUNK_MS,
+        "face_wall_ms_p50": alone_ms[1],
+        "sessions": sessions,
+        "threads": torch.get_num_threads(),
+        "batch_ms_p50": batch_ms[0],
+        "batch_wall_ms_p50": batch_ms[1],
+        "batch_over_one": batch_ms[0] / alone_ms[0],
+        "batch_over_one_wall": batch_ms[1] / alone_ms[1],
+        "batch_gflop": 2e-9 * products,
+        "batch_floor_ms": 1000 * products / float(np.median(speeds)),
     }
-    return {key: round(value, 4) for key, value in summary.items()}
+    return {key: round(float(value), 4) for key, value in summary.items()}
+
+
+def multiplications(model: FaceModel) -> int:
+    """Those in the matrix products of one session's chunk: both guidance branches, all steps of the sampler."""
+    config, head = model.config, model.head
+    steps = config.sampling_steps
+    once = _weights(model.gpt.embed) + steps * _weights(head.noisy_proj)
+    branch = _weights(model.gpt.blocks, model.gpt.output_proj, head.condition_proj)
+    branch += steps * _weights(head.by_condition, head.mlps, head.output_proj)
+    return CHUNK_FRAMES * (once + 2 * branch + _weights(model.gpt.sound_proj, model.encoder))
+
+
+def _weights(*modules: nn.Module) -> int:
+    """Of all projections inside."""
+    inside = (part for module in modules for part in module.modules())
+    return sum(part.weight.numel() for part in inside if isinstance(part, nn.Linear))
 
 
 def _random_face() -> FaceModel:
@@ -40,12 +80,20 @@ def _random_face() -> FaceModel:
     return model
 
 
-def _times(stream: FaceStream, rows: int, chunks: int) -> list[float]:
+def _chunks(stream: FaceStream, rows: int) -> Iterator[tuple[float, float]]:
+    """Milliseconds of the processor and of the wall, chunk by chunk."""
     state, active, seeds = stream.init_state(rows), torch.ones(rows, dtype=torch.bool), torch.arange(rows)
     sound = 0.1 * torch.randn(rows, CHUNK_SAMPLES, generator=torch.Generator().manual_seed(1))
-    times = []
-    for _ in range(WARM_UP + chunks):
-        began = time.process_time()
+    while True:
+        began, began_wall = time.process_time(), time.perf_counter()
         stream.step(sound, state, active, seeds)
-        times.append(1000 * (time.process_time() - began))
-    return times[WARM_UP:]
+        yield 1000 * (time.process_time() - began), 1000 * (time.perf_counter() - began_wall)
+
+
+def _product_speeds() -> Iterator[float]:
+    """Multiplications per second of processor time in a large product."""
+    matrix = torch.ones(_LARGE, _LARGE)
+    while True:
+        began = time.process_time()
+        matrix @ matrix
+        yield _LARGE**3 / (time.process_time() - began)

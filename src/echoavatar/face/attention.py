@@ -7,7 +7,7 @@ the projection, and sinusoids added to it.
 
 import torch
 import torch.nn.functional as F
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from torch import Tensor, nn
 
 BASE = 10_000.0
@@ -91,12 +91,6 @@ class RingAttention(Attention):
         seen = (distance <= 0) & (distance >= -self.lookback)
         bias = self.bias[:, (distance + self.lookback).clamp(0, self.lookback)]
         return self.attend(q, kv, mask=bias.masked_fill(~seen, -torch.inf)[None])
-
-    def masks(self, seen: Int[Tensor, " r"], frames: int) -> Float[Tensor, "r h t k"]:
-        """Bias of scores for the next frames, by how many a row has seen: what it has not earned is hidden."""
-        slot = torch.arange(self.lookback + frames, device=seen.device)
-        earned = (slot >= self.lookback - seen[:, None]).unfold(1, self.lookback + 1, 1)
-        return self.bias[:, None].masked_fill(~earned[:, None], -torch.inf)
 
 
 def turn_pairs(x: Float[Tensor, "r t c"], at: int) -> Float[Tensor, "r t c"]:

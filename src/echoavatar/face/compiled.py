@@ -1,7 +1,8 @@
 """The face model's frame loop in the ring form, compiled by numba: eight frames, each some hundred tiny products.
 
 Computes what `FaceGpt` and `FlowHead` compute. Rows are sessions x guidance branches; matrices lie as (inputs,
-outputs), so a product of two rows or of a hundred goes to the BLAS that SciPy brings.
+outputs), so a product of two rows or of thirty goes to the BLAS that SciPy brings. Sessions go through in groups
+whose intermediate results stay in the cache; keys and values are written where they stay, and read there.
 """
 
 import math
@@ -9,8 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..nn.compiled import ONE, ZERO, F, attend, compiled, gelu, silu
+from ..nn.compiled import ONE, ZERO, F, compiled, exponential, gelu, silu
 
+GROUP = 16  # sessions
+NOTHING = F(
+    1e-30
+)  # weights below are none, or their products would be denormal numbers, which take ten times as long
 ONE_THREAD = 2**18  # multiplications up to which OpenBLAS takes no further threads
 
 
@@ -30,11 +35,12 @@ class Weights(NamedTuple):
     up: Affine
     down: Affine
     condition: Affine
-    steer: Affine
+    steer: Affine  # of each block
     noisy: Affine
     head_up: Affine
     head_down: Affine
     face: Affine
+    distance: np.ndarray  # (l, h, 2 n) bias of scores by how far back a slot lies; see `FrameDecoder`
     heads: int
 
 
@@ -47,51 +53,103 @@ class Steps(NamedTuple):
 
 
 @compiled()
-def run_frames(weights, keys_values, biases, past, heard, noise, last, steps, frames):  # type: ignore[no-untyped-def]
-    """Fill `frames` (b, t, c) from `noise` (b, t, c), what each row heard (r, t, w) and the `last` frame (b, c).
+def run_frames(weights, ring, seen, chosen, heard, noise, last, steps, frames):  # type: ignore[no-untyped-def]
+    """Fill `frames` (b, t, c) of the `chosen` sessions from `noise` (b, t, c), `heard` (b, t, w), `last` frames (b, c).
 
-    Keys and values are one array (l, r, 2w, past + t), biases of scores another (l, r, h, t, past + 1).
+    Keys and values are a `ring` (b, l, 2, 2w, n): frame k of a session, of which `seen` (b) are past, lies in slot
+    k mod n.
     """
-    rows, count, width = heard.shape
-    sessions = noise.shape[0]
-    lookback = biases.shape[4] - 1
+    for first in range(0, chosen.shape[0], GROUP):
+        _run_group(weights, ring, seen, chosen[first : first + GROUP], heard, noise, last, steps, frames)
+
+
+@compiled()
+def _run_group(weights, ring, seen, chosen, heard, noise, last, steps, frames):  # type: ignore[no-untyped-def]
+    """The same for a few sessions, whose rows lie side by side: without sound, with sound."""
+    sessions, rows, count, width = chosen.shape[0], 2 * chosen.shape[0], heard.shape[1], heard.shape[2]
     one, x, y = np.empty((sessions, width), F), np.empty((rows, width), F), np.empty((rows, width), F)
     qkv, added = np.empty((rows, 3 * width), F), np.empty((rows, width), F)
     hidden = np.empty((rows, weights.up.weight.shape[2]), F)
-    scores = np.empty(lookback + 1, F)
-    face = last.copy()
+    face = np.empty((sessions, last.shape[1]), F)
+    for k in range(sessions):
+        for c in range(face.shape[1]):
+            face[k, c] = last[chosen[k], c]
     for i in range(count):
         _product(face, weights.embed, 0, one)
         _repeat(one, x)
         for layer in range(weights.qkv.weight.shape[0]):
-            for row in range(rows):
+            for k in range(sessions):
                 for c in range(width):
-                    x[row, c] += heard[row, i, c]
+                    x[2 * k + 1, c] += heard[chosen[k], i, c]
             _normalise(x, F(1e-5), y)
             _product(y, weights.qkv, layer, qkv)
-            for row in range(rows):
-                cache = keys_values[layer, row]
-                for c in range(2 * width):
-                    cache[c, past + i] = qkv[row, width + c]
-                each = width // weights.heads
-                for head in range(weights.heads):
-                    c = head * each
-                    query, mixed = qkv[row, c : c + each], y[row, c : c + each]
-                    bias = biases[layer, row, head, i]
-                    attend(query, cache, c, cache, width + c, past + i - lookback, bias, scores, mixed)
+            _look_back(weights, layer, ring, seen, chosen, i, qkv, y)
             _add_product(y, weights.project, layer, added, x)
             _normalise(x, F(1e-5), y)
             _product(y, weights.up, layer, hidden)
             _gelu(hidden)
             _add_product(hidden, weights.down, layer, added, x)
         _normalise(x, F(1e-5), y)
-        for session in range(sessions):
+        for k in range(sessions):
             for c in range(face.shape[1]):
-                face[session, c] = noise[session, i, c]
+                face[k, c] = noise[chosen[k], i, c]
         _sample(weights, y, steps, face)
-        for session in range(sessions):
+        for k in range(sessions):
             for c in range(face.shape[1]):
-                frames[session, i, c] = face[session, c]
+                frames[chosen[k], i, c] = face[k, c]
+
+
+@compiled()
+def _look_back(weights, layer, ring, seen, chosen, i, qkv, y):  # type: ignore[no-untyped-def]
+    """Put keys and values of each row into its slot, and mix what each head sees into y (r, w)."""
+    width, slots = y.shape[1], ring.shape[4]
+    each = width // weights.heads
+    scores, young = np.empty(slots, F), np.empty(slots, F)
+    for row in range(y.shape[0]):
+        session = chosen[row // 2]
+        cache, now = ring[session, layer, row % 2], seen[session] + i
+        slot = now % slots
+        for c in range(2 * width):
+            cache[c, slot] = qkv[row, width + c]
+        for head in range(weights.heads):
+            bias = weights.distance[layer, head, slots - 1 - slot : 2 * slots - 1 - slot]
+            if now + 1 < slots:  # slots that nothing was written to
+                for s in range(slots):
+                    young[s] = bias[s] if s <= now else -np.inf
+                bias = young
+            c = head * each
+            keys, values = cache[c : c + each], cache[width + c : width + c + each]
+            _attend(qkv[row, c : c + each], keys, values, bias, scores, y[row, c : c + each])
+
+
+@compiled()
+def _attend(query, keys, values, bias, scores, y):  # type: ignore[no-untyped-def]
+    """One head's mix of its whole ring, into y (d); keys and values are (d, n).
+
+    Slots are counted from 0: behind an offset numba would look whether each index is negative, slot by slot.
+    """
+    slots = scores.shape[0]
+    for s in range(slots):
+        scores[s] = bias[s]
+    for i in range(0, query.shape[0] - 3, 4):  # four channels a pass over the scores
+        a, b, c, d = query[i], query[i + 1], query[i + 2], query[i + 3]
+        for s in range(slots):
+            scores[s] += a * keys[i, s] + b * keys[i + 1, s] + c * keys[i + 2, s] + d * keys[i + 3, s]
+    for i in range(query.shape[0] - query.shape[0] % 4, query.shape[0]):
+        for s in range(slots):
+            scores[s] += query[i] * keys[i, s]
+    highest = scores[0]
+    for s in range(slots):
+        highest = max(highest, scores[s])
+    mass = ZERO
+    for s in range(slots):
+        scores[s] = max(exponential(scores[s] - highest) - NOTHING, ZERO)
+        mass += scores[s]
+    for i in range(query.shape[0]):
+        total = ZERO
+        for s in range(slots):
+            total += scores[s] * values[i, s]
+        y[i] = total / mass
 
 
 @compiled()
@@ -100,7 +158,7 @@ def _sample(weights, normal, steps, face):  # type: ignore[no-untyped-def]
     rows, sessions = normal.shape[0], face.shape[0]
     blocks, width = weights.head_up.weight.shape[0], weights.head_up.weight.shape[1]
     condition, bent = np.empty((rows, width), F), np.empty((rows, width), F)
-    steering = np.empty((rows, weights.steer.weight.shape[2]), F)
+    steering, shaped = np.empty((rows, 3 * width), F), np.empty((rows, width), F)
     hidden = np.empty((rows, weights.head_up.weight.shape[2]), F)
     one, x, y = np.empty((sessions, width), F), np.empty((rows, width), F), np.empty((rows, width), F)
     seen = np.empty((rows, face.shape[1]), F)
@@ -109,25 +167,22 @@ def _sample(weights, normal, steps, face):  # type: ignore[no-untyped-def]
         for row in range(rows):
             for c in range(width):
                 bent[row, c] = silu(condition[row, c] + steps.times[step, c])
-        _product(bent, weights.steer, 0, steering)
         _product(face, weights.noisy, 0, one)
         _repeat(one, x)
         for block in range(blocks):
-            at = 3 * block * width  # shift, scale, gate
-            _normalise(x, F(1e-6), bent)
+            _product(bent, weights.steer, block, steering)  # shift, scale, gate
+            _normalise(x, F(1e-6), shaped)
             for row in range(rows):
                 for c in range(width):
-                    bent[row, c] = (
-                        bent[row, c] * (ONE + steering[row, at + width + c]) + steering[row, at + c]
-                    )
-            _product(bent, weights.head_up, block, hidden)
+                    shaped[row, c] = shaped[row, c] * (ONE + steering[row, width + c]) + steering[row, c]
+            _product(shaped, weights.head_up, block, hidden)
             _gelu(hidden)
             _product(hidden, weights.head_down, block, y)
             for row in range(rows):
                 for c in range(width):
-                    x[row, c] += steering[row, at + 2 * width + c] * y[row, c]
-        _normalise(x, F(1e-5), bent)
-        _product(bent, weights.face, 0, seen)
+                    x[row, c] += steering[row, 2 * width + c] * y[row, c]
+        _normalise(x, F(1e-5), shaped)
+        _product(shaped, weights.face, 0, seen)
         for session in range(sessions):
             without, with_sound = seen[2 * session], seen[2 * session + 1]
             for c in range(face.shape[1]):
@@ -139,7 +194,8 @@ def _sample(weights, normal, steps, face):  # type: ignore[no-untyped-def]
 def _product(x, affine, layer, y):  # type: ignore[no-untyped-def]
     """Rows times W plus bias, in blocks that the BLAS does in the calling thread: its own would get in torch's way."""
     weight = affine.weight[layer]
-    block = max(1, ONE_THREAD // weight.size)
+    block = ONE_THREAD // weight.size
+    block = max(1, block - block % 4 if block > 4 else block)  # whole fours are fastest
     for start in range(0, y.shape[0], block):
         np.dot(x[start : start + block], weight, y[start : start + block])
     for row in range(y.shape[0]):

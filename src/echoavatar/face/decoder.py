@@ -5,25 +5,28 @@ into the next projection.
 """
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+import torch
+from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
 from ..nn import Mlp
 from .attention import RingAttention
-from .compiled import Affine, Steps, Weights, run_frames
+from .compiled import GROUP, Affine, Steps, Weights, run_frames
 from .flow import Schedule
-from .gpt import BRANCHES, RingBlock, Run
+from .gpt import GptState, RingBlock
 from .model import FaceModel
 
 
 class FrameDecoder:
-    """Frozen weights of the ring form, in float32; `run` generates the frames of one chunk."""
+    """Frozen weights of the ring form, in float32; `run` generates a chunk's frames in as many threads as torch has."""
 
     def __init__(self, model: FaceModel) -> None:
         gpt, head = model.gpt, model.head
+        self._threads = ThreadPoolExecutor(thread_name_prefix="face")  # none is started before it is needed
         self._guidance = np.float32(model.config.guidance)
         blocks = [block for block in gpt.blocks if isinstance(block, RingBlock)]
         mlps = [mlp for mlp in head.mlps if isinstance(mlp, Mlp)]
@@ -38,42 +41,59 @@ class FrameDecoder:
             condition=_stacked(
                 [_chain(_folded(gpt.output_norm, gpt.output_proj), _plain(head.condition_proj))]
             ),
-            steer=_stacked([_plain(head.by_condition)]),
+            steer=_split(_plain(head.by_condition), len(mlps)),
             noisy=_stacked([_plain(head.noisy_proj)]),
             head_up=_stacked([_plain(mlp.fc1) for mlp in mlps]),
             head_down=_stacked([_plain(mlp.fc2) for mlp in mlps]),
             face=_stacked([_folded(head.output_norm, head.output_proj)]),
+            distance=np.stack([_by_slot(block.attn, gpt.slots) for block in blocks]),
             heads=blocks[0].attn.heads,
         )
 
     def run(
         self,
-        run: Run,
-        last: Float[Tensor, "b c"],
+        state: GptState,
         sound: Float[Tensor, "b t w"],
+        active: Bool[Tensor, " b"],
         noise: Float[Tensor, "b t c"],
         schedule: Schedule,
     ) -> Float[np.ndarray, "b t c"]:
-        """The normalised frames after `last`; keys and values go into the caches of `run`."""
-        heard = np.repeat(sound.detach().float().numpy(), BRANCHES, axis=0)
-        heard[::BRANCHES] = 0
+        """The next normalised frames of the active rows (zeros elsewhere); their keys and values go into `state.ring`.
+
+        The rest of the state is left to `FaceGpt.commit`.
+        """
         levels = np.array([(level, after) for _, level, after in schedule])
         shares = (levels[:, 0] - levels[:, 1]) / (levels[:, 0] + 1e-9)
         times = np.stack([time.detach().float().numpy() for time, _, _ in schedule])
-        frames = np.empty(noise.shape, np.float32)
-        run_frames(
-            self._weights,
-            run.ring.numpy(),
-            run.biases.float().numpy(),
-            run.past,
-            heard,
-            np.ascontiguousarray(noise.float().numpy()),
-            np.ascontiguousarray(last.detach().float().numpy()),
-            Steps(times, shares.astype(np.float32), self._guidance),
-            frames,
-        )
-        run.at += frames.shape[1]
+        steps = Steps(times, shares.astype(np.float32), self._guidance)
+        heard, drawn, last = _floats(sound), _floats(noise), _floats(state.motion[:, -1])
+        ring, seen, frames = state.ring.numpy(), state.seen.numpy(), np.zeros(noise.shape, np.float32)
+
+        def generate(sessions: Int[np.ndarray, " k"]) -> None:
+            run_frames(self._weights, ring, seen, sessions, heard, drawn, last, steps, frames)
+
+        chosen = np.flatnonzero(active.numpy())
+        parts = min(torch.get_num_threads(), -(-len(chosen) // GROUP))
+        if parts > 1:  # sessions do not meet, so it matters to none where it is computed
+            list(self._threads.map(generate, np.array_split(chosen, parts)))
+        else:
+            generate(chosen)
         return frames
+
+
+def _floats(x: Tensor) -> Float[np.ndarray, "..."]:
+    return np.ascontiguousarray(x.detach().float().numpy())
+
+
+def _by_slot(attention: nn.Module, slots: int) -> Float[np.ndarray, "h n"]:
+    """Biases in the order of slots, so that those for a frame in slot k are `slots` in a row from `slots` - 1 - k on.
+
+    Slots further back than the attention looks are hidden.
+    """
+    assert isinstance(attention, RingAttention)
+    bias = np.full((attention.heads, slots), -np.inf, np.float32)
+    bias[:, slots - 1 - attention.lookback :] = attention.bias.detach().float().numpy()
+    return np.concatenate([bias, bias], axis=1)
 
 
 class _Map(NamedTuple):
@@ -102,6 +122,12 @@ def _scaled_queries(qkv: _Map, attention: nn.Module) -> _Map:
     scale = np.ones_like(qkv.bias)
     scale[: attention.width] = (attention.width // attention.heads) ** -0.5
     return _Map(qkv.weight * scale, qkv.bias * scale)
+
+
+def _split(whole: _Map, parts: int) -> Affine:
+    """One projection as several of equal width."""
+    weights, biases = np.split(whole.weight, parts, axis=1), np.split(whole.bias, parts)
+    return _stacked([_Map(weight, bias) for weight, bias in zip(weights, biases, strict=True)])
 
 
 def _chain(first: _Map, second: _Map) -> _Map:

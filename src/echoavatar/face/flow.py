@@ -74,13 +74,18 @@ class FlowHead(nn.Module):
         self, time: Float[Tensor, "*#b n"], condition: Float[Tensor, "*#b w"]
     ) -> Float[Tensor, "*b n 3 w"]:
         """Shift, scale (around 1) and gate of each MLP."""
-        parts = [self.by_condition(F.silu(condition if self.split else time + condition))]
+        around_one = self.by_condition.bias.view(-1, 3, self.width) + self._scales()
+        bent = F.silu(condition if self.split else time + condition)
+        steering = F.linear(bent, self.by_condition.weight, around_one.flatten())
+        steering = steering.view(*steering.shape[:-1], -1, 3, self.width)
         if self.split:
-            parts = [time + 0 * parts[0], parts[0] + 0 * time]
-        steering = torch.stack([part.view(*part.shape[:-1], -1, 3, self.width) for part in parts], -3)
-        steering = steering.flatten(-4, -3)
-        steering[..., 1, :] += 1
+            of_time = time.view(*time.shape[:-1], -1, 3, self.width) + self._scales()
+            steering = torch.stack([of_time + 0 * steering, steering + 0 * of_time], -3).flatten(-4, -3)
         return steering
+
+    def _scales(self) -> Float[Tensor, "3 1"]:
+        """1 for the scale; it is learned around that."""
+        return self.time_in.weight.new_tensor([0.0, 1.0, 0.0])[:, None]
 
     def embed_time(self, times: Int[Tensor, "*b"]) -> Float[Tensor, "*b c"]:
         """Sinusoids through a small MLP."""

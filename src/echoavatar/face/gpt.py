@@ -21,21 +21,19 @@ from ..timing import CHUNK_FRAMES
 from .attention import Attention, RingAttention, RotaryVectorAttention, SinusoidAttention
 from .config import FaceConfig
 
+VECTOR = 32  # frames that a compiled loop takes at once
 BRANCHES = 2  # without sound, with sound: both guidance branches of a session ride in one batch
 
 
 @dataclass
-class KeyValues(StreamState):
-    """What one attention remembers of the last frames, per session and guidance branch; frames last, as sums want."""
-
-    past: Float[Tensor, "b 2 d p"]
-
-
-@dataclass
 class GptState(StreamState):
-    """`motion` ends with the last frame (normalised); zeros are the mean face."""
+    """`motion` ends with the last frame (normalised); zeros are the mean face.
 
-    layers: list[KeyValues]  # empty in the window form
+    Keys and values of the ring form: frame k of a session lies in slot k mod n, per layer and guidance branch, and is
+    written there once and for all. Frames last, as sums want; float32, as the compiled loop wants.
+    """
+
+    ring: Float[Tensor, "b l 2 d n"]  # without layers in the window form
     motion: Float[Tensor, "b m c"]
     sound: Float[Tensor, "b p a"]  # features of the past inputs; none in the ring form
     seen: Int[Tensor, " b"]  # frames generated
@@ -43,12 +41,9 @@ class GptState(StreamState):
 
 @dataclass
 class Run:
-    """The caches of one chunk: rows are sessions x branches."""
+    """The caches of one chunk in the window form: rows are sessions x branches."""
 
-    caches: list[list[Tensor]]  # window form: per block and attention (r n d)
-    ring: Float[Tensor, "l r d n"]  # ring form; else empty
-    biases: Float[Tensor, "l r h t k"]  # of its scores
-    past: int
+    caches: list[list[Tensor]]  # per block and attention (r n d)
     at: int
 
 
@@ -134,33 +129,24 @@ class FaceGpt(nn.Module):
         config, weight = self.config, self.embed.weight.detach()
         past = config.context - 1
         is_ring = config.memory == "ring"
-        layers = [
-            KeyValues(weight.new_zeros(rows, BRANCHES, 2 * config.width, past))
-            for _ in range(config.layers if is_ring else 0)
-        ]
+        layers = config.layers if is_ring else 0
+        ring = torch.zeros(rows, layers, BRANCHES, 2 * config.width, self.slots, device=weight.device)
         motion = weight.new_zeros(rows, 1 if is_ring else config.context, config.channels)
         sound = weight.new_zeros(rows, 0 if is_ring else past, config.encoder.outputs)
-        return GptState(layers, motion, sound, torch.zeros(rows, dtype=torch.int64, device=weight.device))
+        return GptState(ring, motion, sound, torch.zeros(rows, dtype=torch.int64, device=weight.device))
+
+    @property
+    def slots(self) -> int:
+        """Of the ring: the frames seen from one, rounded up so that loops over them are whole vectors."""
+        return -(-self.config.context // VECTOR) * VECTOR
 
     def begin(self, state: GptState, sound: Float[Tensor, "b n w"]) -> Run:
-        """Caches that hold the past. `sound` (through `sound_proj`) is that of all inputs: n = past + 8."""
-        past, width, rows = self.config.context - 1, self.config.width, BRANCHES * len(sound)
-        slots, none = past + CHUNK_FRAMES, sound.new_empty(0)
-        if not state.layers:
-            caches = [
-                [sound.new_empty(rows, slots, 2 * width) for _ in block.attentions()]
-                for block in self._blocks()
-            ]
-            run = Run(caches, none, none, past, 0)
-            self._advance(run, state.motion[:, :-1], sound[:, :past])
-            return run
-        ring = torch.empty(len(state.layers), rows, 2 * width, slots)  # float32, as the compiled loop wants
-        for layer, kept in enumerate(state.layers):
-            ring[layer, ..., :past] = kept.past.flatten(0, 1)
-        seen = state.seen.clamp(max=past).repeat_interleave(BRANCHES)
-        attentions = [attn for block in self._blocks() for attn in block.attentions()]
-        biases = [attn.masks(seen, CHUNK_FRAMES) for attn in attentions if isinstance(attn, RingAttention)]
-        return Run([], ring, torch.stack(biases).contiguous(), past, past)
+        """Window form: caches of the past. `sound` (through `sound_proj`) is that of all inputs: n = past + 8."""
+        past, width = self.config.context - 1, self.config.width
+        shape = (BRANCHES * len(sound), past + CHUNK_FRAMES, 2 * width)
+        run = Run([[sound.new_empty(shape) for _ in block.attentions()] for block in self._blocks()], 0)
+        self._advance(run, state.motion[:, :-1], sound[:, :past])
+        return run
 
     def next(
         self, run: Run, last: Float[Tensor, "b c"], sound: Float[Tensor, "b w"]
@@ -169,13 +155,12 @@ class FaceGpt(nn.Module):
         x: Tensor = self._advance(run, last[:, None], sound[:, None])
         return by_branch(self._condition(x[:, 0]))
 
-    def commit(
-        self, run: Run, state: GptState, frames: Tensor, features: Tensor, active: Bool[Tensor, " b"]
-    ) -> None:
-        """Move the state on by the frames (b 8 c) generated; `features` (b n a) are those of all inputs."""
+    def commit(self, state: GptState, frames: Tensor, features: Tensor, active: Bool[Tensor, " b"]) -> None:
+        """Move the state on by the frames (b 8 c) generated; `features` (b n a) are those of all inputs.
+
+        The ring was written while they were generated.
+        """
         count, past = frames.shape[1], self.config.context - 1
-        for kept, ring in zip(state.layers, run.ring, strict=False):
-            write_rows(kept.past, by_branch(ring[..., -past:]), active)
         history = torch.cat([state.motion, frames], 1)[:, -state.motion.shape[1] :]
         write_rows(state.motion, history, active)
         if state.sound.shape[1]:

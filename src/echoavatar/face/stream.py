@@ -83,17 +83,16 @@ class FaceStream:
         wanted = state.sound.shape[1] + CHUNK_FRAMES
         features = torch.cat([state.sound, features], 1)[:, -wanted:]
         sound = gpt.sound_proj(features)
-        run = gpt.begin(state, sound)
-        last, frames = state.motion[:, -1], []
         if self._decoder is not None:
-            generated = torch.from_numpy(self._decoder.run(run, last, sound, noise, schedule)).to(noise)
+            generated = torch.from_numpy(self._decoder.run(state, sound, active, noise, schedule)).to(noise)
         else:
+            run, last, frames = gpt.begin(state, sound), state.motion[:, -1], []
             for i in range(CHUNK_FRAMES):
                 condition = gpt.next(run, last, sound[:, i - CHUNK_FRAMES])
                 last = head.sample(condition, noise[:, i], schedule, guidance=config.guidance)
                 frames.append(last)
             generated = torch.stack(frames, 1)
-        gpt.commit(run, state, generated, features, active)
+        gpt.commit(state, generated, features, active)
         return generated
 
     def _noise(self, frame: Int[Tensor, " b"], seeds: Int[Tensor, " b"]) -> Float[Tensor, "b 8 c"]:

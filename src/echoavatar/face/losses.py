@@ -1,0 +1,84 @@
+"""What the face model is trained on: flow matching, the lips' opening, and a readout of its encoder.
+
+Paper, Face Animation Generator: MSE flow matching. Ours besides: how far the lips are apart is weighed on its own; and
+the encoder alone must tell the face (`FaceReader`), so that it learns to hear which sound is spoken. Through the flow
+head it hardly does, as the frame before foretells most of a face, but not that the lips will shut.
+"""
+
+import math
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from .arkit import index_of
+from .config import FaceTraining
+from .flow import FULL_NOISE, add_noise
+from .model import FaceModel
+from .windows import FaceBatch
+
+TOUCHING = 0.05  # of a jaw's way: lips that touch
+
+
+class FaceReader(nn.Module):
+    """A linear readout of the encoder's features: the face (normalised), and whether the lips touch (logit)."""
+
+    def __init__(self, features: int, channels: int) -> None:
+        super().__init__()
+        self.read = nn.Linear(features, channels + 1)
+
+    def loss(
+        self, model: FaceModel, features: Float[Tensor, "b t a"], curves: Float[Tensor, "b t c"]
+    ) -> Float[Tensor, ""]:
+        """Squared error over the channels that move, and cross-entropy of touching."""
+        read, moving = self.read(features), model.moving()
+        error = (read[..., :-1] - model.normalize(curves)).square() * moving
+        touching = (_apart(curves) <= TOUCHING).to(read)
+        far: Tensor = error.sum() / (read[..., 0].numel() * moving.sum().clamp_min(1))
+        return far + F.binary_cross_entropy_with_logits(read[..., -1], touching)
+
+
+def flow_loss(
+    model: FaceModel,
+    batch: FaceBatch,
+    training: FaceTraining,
+    random: torch.Generator,
+    *,
+    features: Float[Tensor, "b t a"],
+) -> Float[Tensor, ""]:
+    """Squared error of the clean face seen behind noise (normalised), over the channels that move, and of the lips.
+
+    `features` are the encoder's, of the batch's sound.
+    """
+    clean = model.normalize(batch.curves)
+    history = torch.cat([model.normalize(batch.before)[:, None], clean[:, :-1]], 1)
+    rows, frames, channels = clean.shape
+
+    def chance(share: float) -> Tensor:
+        return (torch.rand(rows, 1, 1, generator=random) >= share).float()
+
+    strength = training.history_noise * torch.rand(rows, 1, 1, generator=random)
+    noisy = history + strength * torch.randn(rows, frames, channels, generator=random)
+    history = noisy * chance(training.history_dropout) * model.moving()
+    sound = model.gpt.sound_proj(features) * chance(training.audio_dropout)
+    condition = model.gpt(history, sound)
+    shape = (training.draws, rows, frames)
+    level = torch.rand(shape, generator=random) ** (1 / training.high_noise)
+    times = (level * FULL_NOISE).ceil().long().clamp(1, FULL_NOISE)
+    noise = torch.randn(*shape, channels, generator=random)
+    seen = model.head(add_noise(clean.expand(*shape, -1), noise, times), times, condition.expand(*shape, -1))
+    error = (seen - clean).square() * model.moving()
+    loss: Tensor = error.sum() / (math.prod(shape) * model.moving().sum().clamp_min(1))
+    return loss + training.lips * lip_error(model.denormalize(seen), batch.curves) if training.lips else loss
+
+
+def lip_error(seen: Float[Tensor, "n b t c"], curves: Float[Tensor, "b t c"]) -> Float[Tensor, ""]:
+    """Squared error of how far the lips are apart (jaw less closure) in tenths of a jaw's way; touching counts most."""
+    wanted = _apart(curves)
+    weight = torch.where(wanted <= TOUCHING, 4.0, 1.0)
+    return (weight * (_apart(seen) - wanted).square()).mean() * 100
+
+
+def _apart(curves: Float[Tensor, "*b c"]) -> Float[Tensor, "*b"]:
+    return curves[..., index_of("jawOpen")] - curves[..., index_of("mouthClose")]
