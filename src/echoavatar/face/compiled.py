@@ -10,12 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..nn.compiled import ONE, ZERO, F, compiled, exponential, gelu, silu
+from ..nn.compiled import NOTHING, ONE, ZERO, F, compiled, exponential, gelu, silu
 
 GROUP = 16  # sessions
-NOTHING = F(
-    1e-30
-)  # weights below are none, or their products would be denormal numbers, which take ten times as long
 ONE_THREAD = 2**18  # multiplications up to which OpenBLAS takes no further threads
 
 
