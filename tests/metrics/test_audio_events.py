@@ -1,9 +1,13 @@
+import os
+import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from echoavatar.errors import DependencyError
+from echoavatar.metrics import audio_events
 from echoavatar.metrics.audio_events import EMAGE_RATE_HZ, music_beats, speech_onsets
 
 
@@ -34,5 +38,26 @@ def test_beats_are_as_far_apart_as_the_clicks() -> None:
 
 def test_without_librosa_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "librosa", None)
+    audio_events._librosa.cache_clear()
     with pytest.raises(DependencyError, match="evaluate"):
         speech_onsets(np.zeros(16_000, np.float32), EMAGE_RATE_HZ)
+
+
+@pytest.mark.slow
+def test_a_second_process_that_reads_the_cache_finds_the_same_beats(tmp_path: Path) -> None:
+    """Three at once on an empty cache, and one more after them: numba's race used to crash the last."""
+    pytest.importorskip("librosa", reason="the evaluate extra is not installed")
+    script = (
+        "import numpy as np; from echoavatar.metrics.audio_events import music_beats;"
+        "x = np.zeros(192_000, np.float32); x[::12_000] = 1; print(len(music_beats(x, 24_000)))"
+    )
+    surroundings = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+
+    def begin() -> "subprocess.Popen[str]":
+        return subprocess.Popen([sys.executable, "-c", script], stdout=-1, text=True, env=surroundings)
+
+    told = [process.communicate(timeout=300)[0] for process in [begin() for _ in range(3)]]
+    last = begin()
+    assert {*told, last.communicate(timeout=300)[0]} == {told[0]}
+    assert int(told[0]) > 10
+    assert last.returncode == 0

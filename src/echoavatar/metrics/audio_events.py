@@ -4,9 +4,14 @@ The detectors' settings are part of a published score: 16 kHz, hop 512, defaults
 beats rounded to 32 ms). `sharp` beats use a hop of 256 at 24 kHz.
 """
 
+import functools
+import getpass
+import tempfile
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from filelock import FileLock
 from jaxtyping import Float
 
 from ..errors import DependencyError
@@ -26,9 +31,17 @@ def music_beats(audio: Float[np.ndarray, " s"], rate: int, *, hop: int = 256) ->
     return np.asarray(times, np.float64)
 
 
+@functools.cache
 def _librosa() -> Any:
+    """The library with its compiled parts, imported by one process at a time.
+
+    The first import compiles and caches them. When several processes do that at once, numba leaves files in its cache
+    that do not fit together, and every later process that reads them crashes (numba issue 10128).
+    """
     try:
-        import librosa
+        with FileLock(Path(tempfile.gettempdir()) / f"echoavatar-librosa-{getpass.getuser()}.lock"):
+            import librosa.beat
+            import librosa.onset
     except ImportError as error:
         raise DependencyError(
             "beat alignment needs librosa; run: pip install 'echoavatar[evaluate]'"
