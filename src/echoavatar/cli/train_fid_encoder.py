@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from ..data import Corpus
 
 EXAMPLES = """examples:
-  echoavatar train fid-encoder corpus -o runs/fid                 two to three minutes on a quiet core
+  echoavatar train fid-encoder corpus -o runs/fid                 some minutes on one core
   echoavatar train fid-encoder corpus -o runs/fid --minutes 1     stop after one; call again to go on
 then: echoavatar score made true --extractor runs/fid
 """
