@@ -80,7 +80,8 @@ def main() -> None:
         log_to_driver=False,
         object_store_memory=100 * 2**20,
         runtime_env={
-            "env_vars": {"PYTHONPATH": f"{ROOT}:{os.environ.get('PYTHONPATH', '')}", "OMP_NUM_THREADS": "1"}
+            "env_vars": {key: value for key, value in os.environ.items() if key.startswith("RAY_SERVE_")}
+            | {"PYTHONPATH": f"{ROOT}:{os.environ.get('PYTHONPATH', '')}", "OMP_NUM_THREADS": "1"}
         },
     )
     serve.start(http_options={"host": "127.0.0.1", "port": PORT})

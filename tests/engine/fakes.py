@@ -6,6 +6,7 @@ import numpy as np
 import torch
 
 from echoavatar.engine import Engine
+from echoavatar.kinematics import HUMANOID
 from echoavatar.nn import StreamState
 from echoavatar.pipeline import MotionChunk
 
@@ -17,6 +18,8 @@ class Heard(StreamState):
 
 
 class FakePipeline:
+    skeleton = HUMANOID
+
     def init_state(self, rows: int) -> Heard:
         return Heard(torch.zeros(rows), torch.zeros(rows, dtype=torch.int64))
 

@@ -28,7 +28,7 @@ def test_a_new_session_does_not_remember_the_last_one_on_its_seat() -> None:
         assert len(list(session)) == 1
     with machine.open(seed=5) as session:
         session.push(np.zeros(6_400, np.float32))
-        assert float(next(iter(session)).root[0, 0]) == 5
+        assert float(next(iter(session)).root[0, 1]) == 5
 
 
 def test_one_tick_moves_every_waiting_session_and_nobody_else() -> None:
@@ -39,7 +39,7 @@ def test_one_tick_moves_every_waiting_session_and_nobody_else() -> None:
     assert machine.tick() == 2
     assert machine.tick() == 1
     assert machine.tick() == 0
-    totals = [[float(chunk.root[0, 0]) for chunk in session] for session in sessions]
+    totals = [[float(chunk.root[0, 1]) for chunk in session] for session in sessions]
     assert totals == [[6_400, 12_800], [], [12_800]]
 
 
@@ -70,7 +70,7 @@ def test_two_lanes_step_two_sessions_side_by_side_each_by_itself() -> None:
             session.push(np.full(6_400, value, np.float32))
     assert machine.tick() == 2
     assert pipeline.rows == [1, 1]
-    assert [[float(chunk.root[0, 0]) for chunk in session] for session in sessions] == [[6_400], [], [19_202]]
+    assert [[float(chunk.root[0, 1]) for chunk in session] for session in sessions] == [[6_400], [], [19_202]]
 
 
 def test_what_fails_in_a_lane_is_told_to_who_ticks() -> None:

@@ -16,6 +16,7 @@ from typing import Any
 import pytest
 
 ROOT = Path(__file__).parents[2]
+START_S = 300  # a server's first start on a machine compiles, and the machine may be busy
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 FLAGS = (
     "--no-sandbox",
@@ -121,7 +122,7 @@ def _serving(command: list[str], port: int) -> Iterator[str]:
     url = f"http://127.0.0.1:{port}/"
     process = subprocess.Popen(command, cwd=ROOT, env={**os.environ, "OMP_NUM_THREADS": "1"})
     try:
-        end = time.monotonic() + 120
+        end = time.monotonic() + START_S
         while not _answers(url):
             assert process.poll() is None, f"{command} ended with {process.returncode}"
             assert time.monotonic() < end, f"{command} does not answer"

@@ -17,11 +17,12 @@ from torch import Tensor
 from ..audio import StreamResampler
 from ..errors import EchoAvatarError
 from ..pipeline import MotionChunk
-from ..pipeline.action_overlay import laid_on
 from ..pipeline.modes import FREE, MotionOptions
 from ..timing import CHUNK_SAMPLES, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from .acts import Acts, ActStatus
+from .gaze import Gaze
 from .inbox import Heard, Inbox
+from .life import Life
 from .listener import Listener, Sign
 from .music import Playing
 from .screen import Delivery, Screen, first_frame_after
@@ -71,6 +72,7 @@ class Session:
         self._acts = Acts(engine.actions)
         self._screen = Screen()
         self._listener = Listener(seed)
+        self._gaze, self._life = Gaze(), Life(seed, options)
         self._ear: StreamResampler | None = None
         self._past: deque[Past] = deque()
         self._rewind = rewind
@@ -135,7 +137,9 @@ class Session:
         return asked
 
     def listen(self, audio: Float[np.ndarray, "..."], rate: int = SAMPLE_RATE_HZ) -> None:
-        """The user speaks: a listening posture while it lasts, nods at pauses. Never becomes speech of the avatar's.
+        """The user speaks: a listening posture and eye contact while it lasts, nods at pauses.
+
+        Never becomes speech of the avatar's.
 
         Raises:
             AudioError: values that are not finite, or a rate that cannot be.
@@ -284,9 +288,16 @@ class Session:
             while len(self._past) > self._rewind:
                 self._past.popleft()
             source = self._source(chunk, heard)
-            overlay = self._acts.overlay(chunk)
-            if overlay is not None:
-                motion = laid_on(motion, overlay, self._engine.pipeline.skeleton)
+            skeleton = self._engine.pipeline.skeleton
+            is_idle = source in ("idle", "action") and self._is_free(chunk)
+            motion = self._life.alive(chunk, motion, skeleton, is_idle=is_idle)
+            motion = self._gaze.turned(
+                chunk,
+                motion,
+                skeleton,
+                overlay=self._acts.overlay(chunk),
+                is_wanted=self.is_listening and self._is_free(chunk),
+            )
             self.late += (self._played or 0) > chunk * CHUNK_SAMPLES
             self._screen.show(chunk, motion, heard, source, memory=self._rewind)
             self._acts.delivered(chunk)
@@ -297,8 +308,7 @@ class Session:
 
     def _react(self, sign: Sign) -> None:
         """What listening looks like, unless something that was asked for goes on."""
-        running = self._acts.running(self._next_chunk)
-        if running is not None and not running.is_own:
+        if not self._is_free(self._next_chunk):
             return
         if sign == "ends":
             self._acts.stop(self._next_chunk)
@@ -306,6 +316,11 @@ class Session:
             name, intensity, hold_s = ("nod", 1.0, None) if sign == "pause" else ("listen", 0.8, LISTEN_S)
             chunk = self._next_chunk
             self._acts.ask(name, chunk=chunk, intensity=intensity, hold_s=hold_s, is_own=True)
+
+    def _is_free(self, chunk: int) -> bool:
+        """Whether nothing that was asked for goes on."""
+        running = self._acts.running(chunk)
+        return running is None or running.is_own
 
     @property
     def _next_chunk(self) -> int:
