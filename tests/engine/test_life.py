@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from echoavatar.engine.life import SHIFT_M, SWAY_M, Life, breath, shifted
+from echoavatar.engine.life import LEGS, SHIFT_M, SWAY_M, Life, breath, number, shift
 from echoavatar.kinematics import HUMANOID, forward_kinematics
 from echoavatar.kinematics.rotations import matrix_from_quaternion
 from echoavatar.pipeline import MotionChunk
@@ -47,7 +47,11 @@ def live(seconds: float, *, is_idle: bool = True, seed: int = 5, **options: bool
 )
 def test_the_hips_go_to_the_left_and_the_feet_stay(turns: dict[str, tuple[float, float, float]]) -> None:
     before = standing(**turns)
-    after = shifted(before, np.full(8, 0.02, np.float32), HUMANOID)
+    after = MotionChunk(before.rotations.copy(), before.root.astype(np.float64))
+    legs = np.array([HUMANOID.index(name) for name in ("hips", *LEGS)])
+    for rotations, root in zip(after.rotations, after.root, strict=True):
+        shift(rotations, root, HUMANOID.offsets.numpy(), legs, 0.02)
+    after = after._replace(root=after.root.astype(np.float32))
     was, now = positions(before), positions(after)
     left = was["leftUpperLeg"][0] - was["rightUpperLeg"][0]
     went = (now["hips"] - was["hips"])[0]
@@ -108,8 +112,16 @@ def test_nothing_jumps_when_sound_comes_and_goes() -> None:
 
 
 def test_breath_goes_in_quicker_than_out() -> None:
-    full = breath(np.arange(126))
+    full = np.array([breath(frame / 30, np.uint64(0)) for frame in range(126)])
     assert full.min() == 0
     assert full.max() == pytest.approx(1, abs=0.01)
     rising = (np.diff(full) > 0).mean()
     assert 0.3 < rising < 0.5
+
+
+def test_numbers_are_spread_evenly_and_do_not_repeat() -> None:
+    drawn = np.array([number(np.uint64(seed), 1, place) for seed in range(20) for place in range(100)])
+    assert abs(drawn.mean() - 0.5) < 0.03
+    assert np.histogram(drawn, 10, (0, 1))[0].min() > 140
+    assert len(np.unique(drawn)) == len(drawn)
+    assert abs(np.corrcoef(drawn[1:], drawn[:-1])[0, 1]) < 0.07

@@ -1,12 +1,23 @@
 """The page in a real browser against the real server with the default bundle: the first minute, as a visitor has it."""
 
+import json
+
 import numpy as np
 import pytest
 from tests.web.make_vrm import make_vrm
+from tests.web.test_page_in_browser import record_motion
+
+from echoavatar.face import ARKIT_NAMES
+from echoavatar.kinematics import HUMANOID, read_bvh
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 PATIENCE = 120  # seconds; the machine that runs this may be busy
 POSE = "[...__echo.session.player.pose.rotations]"
+FACE = "[...__echo.session.player.pose.face]"
+HANDS = [
+    at for at, name in enumerate(HUMANOID.names) if "Index" in name or "Middle" in name or "Thumb" in name
+]
+ARMS = [HUMANOID.index(f"{side}{part}") for side in ("left", "right") for part in ("UpperArm", "LowerArm")]
 
 
 @pytest.fixture(scope="module")
@@ -18,10 +29,33 @@ def shots(tmp_path_factory):
 def page(new_page, live_url):
     driver = new_page(480, 420)
     driver.open(f"{live_url}?quality=low")
-    driver.drop("boxes.vrm", make_vrm())
-    driver.wait("!!__echo.avatar.driver.vrm")
     yield driver
     assert driver.problems == []
+
+
+@pytest.fixture
+def boxes(page):
+    page.drop("boxes.vrm", make_vrm())
+    page.wait("!!__echo.avatar.driver.vrm")
+    return page
+
+
+class Seen:
+    """What was shown over some seconds."""
+
+    def __init__(self, page, seconds):
+        poses, faces = [], []
+        for _ in range(round(seconds * 5)):
+            poses.append(page.ask(POSE))
+            faces.append(page.ask(FACE))
+            page.page.wait_for_timeout(150)
+        turns = np.array(poses).reshape(len(poses), -1, 4)
+        dots = np.clip(np.abs((turns * turns[:1]).sum(-1)), 0, 1)
+        self.turned = np.degrees(2 * np.arccos(dots)).max(0)  # of each joint, from where it was
+        self.face = np.ptp(np.array(faces), axis=0)
+
+    def mouth(self):
+        return self.face[ARKIT_NAMES.index("jawOpen")]
 
 
 def moves(page, degrees):
@@ -37,11 +71,16 @@ def moves(page, degrees):
 
 
 def test_the_first_minute(page, shots):
+    """Our own character breathes, speaks with mouth, arms and fingers, is interrupted, and dances."""
     assert moves(page, 0.5), "idle life"
+    page.shot(shots / "idle.png")
     page.click("#begin")
     page.wait("__echo.shown.state === 'speaking' && __echo.sources.output.level > 0.02", PATIENCE)
-    assert moves(page, 10)
+    seen = Seen(page, 9)
     page.shot(shots / "speech.png")
+    assert seen.mouth() > 0.1
+    assert seen.turned[ARMS].max() > 8
+    assert seen.turned[HANDS].max() > 3
     page.click("#stop")
     page.wait("__echo.session.player.played.epoch >= 1", PATIENCE)
     page.wait("__echo.shown.state !== 'speaking' && !__echo.shown.held", PATIENCE)
@@ -55,23 +94,81 @@ def test_the_first_minute(page, shots):
     page.wait("__echo.shown.state !== 'dancing'", PATIENCE)
 
 
-def test_every_action_is_acknowledged(page, shots):
-    names = page.ask("__echo.session.ready.actions")
-    if not names:
-        pytest.skip("the default bundle has no actions yet")
-    page.click(f"[data-action='{names[0]}']")
-    page.wait(f"document.querySelector(`[data-action='{names[0]}']`).dataset.status === 'started'", PATIENCE)
-    page.wait("document.getElementById('subtitle').textContent !== ''", PATIENCE)
-    page.shot(shots / "action.png")
-    page.wait(f"document.querySelector(`[data-action='{names[0]}']`).dataset.status === undefined", PATIENCE)
+def test_a_dropped_vrm_speaks_with_its_own_mouth_and_arms(boxes, shots):
+    boxes.click("#begin")
+    boxes.wait("__echo.shown.state === 'speaking'", PATIENCE)
+    boxes.wait(
+        "['aa', 'ih', 'ou', 'ee', 'oh'].some((v) => __echo.avatar.driver.vrm.expressionManager.getValue(v) > 0.1)",
+        PATIENCE,
+    )
+    arm = "__echo.avatar.driver.vrm.humanoid.getNormalizedBoneNode('leftLowerArm').quaternion.x"
+    before = boxes.ask(arm)
+    boxes.wait(f"Math.abs({arm} - {before}) > 0.02", PATIENCE)
+    boxes.shot(shots / "vrm.png")
 
 
-def test_a_broken_line_resumes_the_same_session(page):
+@pytest.mark.parametrize("name", ["raise_both_hands", "bow", "agree"])
+def test_an_action_is_done_and_told_of(boxes, shots, name):
+    button = f"document.querySelector(`[data-action='{name}']`)"
+    boxes.click(f"[data-action='{name}']")
+    boxes.wait(f"{button}.dataset.status === 'started'", PATIENCE)
+    boxes.wait("document.getElementById('subtitle').textContent !== ''", PATIENCE)
+    assert moves(boxes, 5)
+    boxes.shot(shots / f"{name}.png")
+    boxes.wait(f"{button}.dataset.status === undefined", PATIENCE)
+
+
+@pytest.mark.parametrize("kind", ["glb", "vrma", "bvh"])
+def test_what_is_shown_is_recorded(page, tmp_path, kind):
+    data = record_motion(page, kind, tmp_path).read_bytes()
+    if kind == "bvh":
+        motion = read_bvh(tmp_path / "take.bvh")
+        assert motion.skeleton.names == HUMANOID.names
+        assert motion.frames >= 30
+        return
+    document = json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])
+    (animation,) = document["animations"]
+    assert sum(channel["target"]["path"] == "rotation" for channel in animation["channels"]) >= 20
+    assert ("VRMC_vrm_animation" in document.get("extensionsUsed", [])) == (kind == "vrma")
+
+
+def test_picture_and_sound_are_recorded(page, tmp_path):
     page.click("#begin")
     page.wait("__echo.shown.state === 'speaking'", PATIENCE)
-    name, at = page.ask("[__echo.session.ready.session, __echo.metrics.at]")
-    page.page.evaluate("__echo.session.connection.socket.close()")
-    page.wait("__echo.session.ready.resumed", PATIENCE)
-    page.wait(f"__echo.metrics.at > {at} + 48000", PATIENCE)
-    assert page.ask("__echo.session.ready.session") == name
-    assert page.ask("__echo.shown.state") == "speaking"
+    page.click("#record")
+    page.click("#menu [data-choice=webm]")
+    page.wait("__echo.tools.recording.parts.length > 3", PATIENCE)
+    with page.page.expect_download() as waiting:
+        page.click("#record")
+    waiting.value.save_as(tmp_path / "take.webm")
+    data = (tmp_path / "take.webm").read_bytes()
+    assert data[:4] == b"\x1aE\xdf\xa3"
+    assert b"A_OPUS" in data
+    assert b"V_VP" in data or b"V_AV1" in data
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_a_telephone_shows_it_all(new_page, live_url, shots, theme):
+    driver = new_page(390, 844, is_mobile=True, has_touch=True, color_scheme=theme)
+    driver.open(f"{live_url}?quality=low")
+    driver.shot(shots / f"telephone_{theme}_welcome.png")
+    driver.page.locator("#begin").tap(force=True)
+    driver.wait("__echo.shown.state === 'speaking' && __echo.sources.output.level > 0.02", PATIENCE)
+    assert moves(driver, 5)
+    driver.click("[data-action=wave]")
+    driver.wait("document.querySelector('[data-action=wave]').dataset.status === 'started'", PATIENCE)
+    driver.shot(shots / f"telephone_{theme}.png")
+    assert driver.ask("document.documentElement.dataset.theme") == theme
+    assert driver.ask("document.documentElement.scrollWidth <= innerWidth")
+    assert driver.problems == []
+
+
+def test_a_broken_line_resumes_the_same_session(boxes):
+    boxes.click("#begin")
+    boxes.wait("__echo.shown.state === 'speaking'", PATIENCE)
+    name, at = boxes.ask("[__echo.session.ready.session, __echo.metrics.at]")
+    boxes.page.evaluate("__echo.session.connection.socket.close()")
+    boxes.wait("__echo.session.ready.resumed", PATIENCE)
+    boxes.wait(f"__echo.metrics.at > {at} + 48000", PATIENCE)
+    assert boxes.ask("__echo.session.ready.session") == name
+    boxes.wait("__echo.shown.state === 'speaking'", PATIENCE)  # there are pauses in what it says

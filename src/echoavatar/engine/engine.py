@@ -13,6 +13,7 @@ from ..generator.linear import Precision
 from ..pipeline import ActionLibrary, Pipeline, load_bundle
 from ..pipeline.modes import FREE, MotionOptions
 from ..timing import CHUNK_SAMPLES
+from .life import warm_up
 from .session import Session
 from .undo import changes, undo
 
@@ -166,5 +167,6 @@ def load(
         CheckpointError: no such bundle, or a damaged one.
     """
     pipeline = Pipeline(load_bundle(bundle), precision=precision)
+    warm_up(pipeline.skeleton)
     pipeline.warm_up()
     return Engine(pipeline, seats=seats, look_ahead=look_ahead)

@@ -5,157 +5,226 @@ nothing else does, and fade where sound or an action takes over. When what happe
 the frame alone, so a session that is taken back breathes on as it did.
 
 A shift of weight carries the hips sideways over both ankles, legs and all, as a parallelogram does: feet stay planted.
+Every chunk of every session comes through here, so the loop over its frames is compiled.
 """
 
-import hashlib
 import math
 
 import numpy as np
 from jaxtyping import Float
 
-from ..kinematics import Skeleton, lanes
+from ..kinematics import Skeleton
+from ..nn.octet import exact, inner
 from ..pipeline import MotionChunk
-from ..pipeline.action_overlay import Overlay, laid_on
 from ..pipeline.modes import FREE, MotionOptions
 from ..timing import CHUNK_FRAMES, FRAME_RATE_HZ
 
+UPPER = ("spine", "chest", "upperChest", "neck", "head", "leftShoulder", "rightShoulder")
+BREATH = np.array(  # radians at full lungs, of the same joints: backwards, and shoulders up
+    [[-0.006, 0], [-0.016, 0], [-0.018, 0], [0.016, 0], [0.014, 0], [0, 0.022], [0, -0.022]]
+)
+TURNED = np.array([0, 0, 0, 0.4, 0.6, 0, 0])  # share of a turn of the head
+LEGS = tuple(f"{side}{part}" for side in ("left", "right") for part in ("UpperLeg", "LowerLeg", "Foot"))
 BREATH_S, INHALE = 4.2, 0.4  # a breath, and the share of it that goes in
-BREATH = {  # radians at full lungs: backwards, and shoulders up
-    "spine": (-0.006, 0, 0),
-    "chest": (-0.016, 0, 0),
-    "upperChest": (-0.018, 0, 0),
-    "neck": (0.016, 0, 0),
-    "head": (0.014, 0, 0),
-    "leftShoulder": (0, 0, 0.022),
-    "rightShoulder": (0, 0, -0.022),
-}
 SHIFT_EVERY_S, SHIFT_S, SHIFT_M = (
     7.0,
     2.2,
     0.022,
-)  # one shift of weight in each stretch, its length, how far at most
-SWAY_M = 0.003  # that nobody who stands is without
-TURN_EVERY_S, TURN_S = 4.0, 0.9
+)  # one shift in each stretch, how long it takes, how far at most
+SWAY_M, SWAY_HZ = 0.003, (0.13, 0.29)  # that nobody who stands is without
+TURN_EVERY_S, TURN_S, AHEAD = 4.0, 0.9, 0.4  # the head is straight in that share of the stretches
 TURN_YAW, TURN_PITCH = math.radians(9), math.radians(3)
-AHEAD = 0.4  # share of the stretches in which the head is straight
 RISE_S, FALL_S = 1.6, 0.5  # until it moves freely, and until it leaves the body to what takes over
 KEPT = 64  # chunks whose end is known
 
-_LEGS = tuple((f"{side}UpperLeg", f"{side}LowerLeg", f"{side}Foot") for side in ("left", "right"))
-Path = Float[np.ndarray, " t"]
+_WEIGHT, _YAW, _PITCH = 1, 2, 3  # what numbers are drawn for
+_MIX = (np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB))
+_30, _27, _31, _11 = (np.uint64(bits) for bits in (30, 27, 31, 11))
 
 
 class Life:
     """One session's."""
 
     def __init__(self, seed: int, options: MotionOptions = FREE) -> None:
-        self._seed = seed
+        self._seed = np.uint64(seed % 2**64)
         self._may_shift = not (options.in_place or options.upper_body)
         self._ends: dict[int, float] = {}  # by chunk: how free it was at its end, 0 to 1
 
     def alive(self, chunk: int, motion: MotionChunk, skeleton: Skeleton, *, is_idle: bool) -> MotionChunk:
         """A chunk with life on top; `is_idle` where nothing else moves the body."""
-        shares, frames = self._shares(chunk, is_idle=is_idle), chunk * CHUNK_FRAMES + np.arange(CHUNK_FRAMES)
-        motion = laid_on(motion, self._upper(frames, shares, skeleton), skeleton)
-        if not (self._may_shift and shares.any() and set(sum(_LEGS, ("hips",))) <= set(skeleton.names)):
-            return motion
-        second = frames / FRAME_RATE_HZ
-        sway = np.sin(second * 2 * math.pi * 0.13 + self._seed % 7) + np.sin(second * 2 * math.pi * 0.29)
-        metres = self._drawn(frames, SHIFT_EVERY_S, SHIFT_S, "shift") * SHIFT_M + sway / 2 * SWAY_M
-        return shifted(motion, np.asarray(metres * shares, np.float32), skeleton)
+        rotations, root = motion.rotations.astype(np.float32), motion.root.astype(np.float64)
+        upper = np.array([_place(skeleton, name) for name in UPPER])
+        legs = np.array([_place(skeleton, name) for name in ("hips", *LEGS)])
+        may_shift = self._may_shift and legs.min() >= 0
+        offsets = skeleton.offsets.numpy()
+        shares = self._shares(chunk, is_idle=is_idle)
+        _enliven(rotations, root, offsets, upper, legs, shares, chunk * CHUNK_FRAMES, self._seed, may_shift)
+        return motion._replace(rotations=rotations, root=root.astype(motion.root.dtype))
 
-    def _upper(self, frames: np.ndarray, shares: Path, skeleton: Skeleton) -> Overlay:
-        joints = tuple(name for name in BREATH if name in skeleton.names)
-        turns = breath(frames, self._seed)[:, None, None] * np.array([BREATH[name] for name in joints])
-        yaw, pitch = (
-            self._drawn(frames, TURN_EVERY_S, TURN_S, way, AHEAD) * shares for way in ("yaw", "pitch")
-        )
-        for name, part in (("neck", 0.4), ("head", 0.6)):
-            if name in joints:
-                turns[:, joints.index(name), 1] += part * TURN_YAW * yaw
-                turns[:, joints.index(name), 0] += part * TURN_PITCH * pitch
-        return Overlay(joints, turns.astype(np.float32))
-
-    def _shares(self, chunk: int, *, is_idle: bool) -> Path:
+    def _shares(self, chunk: int, *, is_idle: bool) -> Float[np.ndarray, " t"]:
         begin = self._ends.get(chunk - 1, 1.0 if chunk == 0 else 0.0)
         pace = 1 / (RISE_S * FRAME_RATE_HZ) if is_idle else -1 / (FALL_S * FRAME_RATE_HZ)
         path = np.clip(begin + pace * np.arange(1, CHUNK_FRAMES + 1), 0, 1)
         self._ends[chunk] = float(path[-1])
         for old in [known for known in self._ends if known < chunk - KEPT]:
             del self._ends[old]
-        return _eased(path)
-
-    def _drawn(
-        self, frames: np.ndarray, every_s: float, takes_s: float, what: str, still: float = 0.0
-    ) -> Path:
-        """From one place in -1..1 to another in each stretch of time, smoothly; `still` is the share that is 0."""
-        every, takes = round(every_s * FRAME_RATE_HZ), takes_s * FRAME_RATE_HZ
-        path = np.zeros(len(frames))
-        for at, frame in enumerate(frames.tolist()):
-            stretch, since = divmod(frame, every)
-            old, new = self._place(stretch - 1, what, still), self._place(stretch, what, still)
-            begins = self._number(stretch, f"{what} begins") * (every - takes)
-            path[at] = old + (new - old) * float(_eased(np.clip((since - begins) / takes, 0, 1)))
-        return path
-
-    def _place(self, stretch: int, what: str, still: float) -> float:
-        if stretch < 0 or self._number(stretch, f"{what} at all") < still:
-            return 0.0
-        return 2 * self._number(stretch, what) - 1
-
-    def _number(self, stretch: int, what: str) -> float:
-        """In 0..1, by seed, place and purpose alone."""
-        word = hashlib.blake2b(f"{self._seed}:{what}:{stretch}".encode(), digest_size=4).digest()
-        return int.from_bytes(word) / 2**32
+        return np.asarray(path)
 
 
-def breath(frames: np.ndarray, seed: int = 0) -> Path:
+def warm_up(skeleton: Skeleton) -> None:
+    """Compile the loop, once on a machine."""
+    still = np.zeros((CHUNK_FRAMES, skeleton.joints, 4), np.float32)
+    still[..., 0] = 1
+    Life(0).alive(0, MotionChunk(still, np.zeros((CHUNK_FRAMES, 3), np.float32)), skeleton, is_idle=True)
+
+
+def _place(skeleton: Skeleton, name: str) -> int:
+    return skeleton.index(name) if name in skeleton.names else -1
+
+
+@exact()
+def _enliven(rotations, root, offsets, upper, legs, shares, first, seed, may_shift):  # type: ignore[no-untyped-def]
+    for t in range(rotations.shape[0]):
+        frame, share = first + t, eased(shares[t])
+        second = frame / FRAME_RATE_HZ
+        full = breath(second, seed)
+        yaw = TURN_YAW * share * drawn(seed, _YAW, frame, TURN_EVERY_S, TURN_S, AHEAD)
+        pitch = TURN_PITCH * share * drawn(seed, _PITCH, frame, TURN_EVERY_S, TURN_S, AHEAD)
+        for k in range(upper.shape[0]):
+            if upper[k] >= 0:
+                x, z = BREATH[k, 0] * full + TURNED[k] * pitch, BREATH[k, 1] * full
+                turn(rotations[t, upper[k]], rotations[t, upper[k]], quaternion(x, TURNED[k] * yaw, z))
+        if may_shift and share > 0:
+            sway = math.sin(2 * math.pi * SWAY_HZ[0] * second + seed % np.uint64(7))
+            sway += math.sin(2 * math.pi * SWAY_HZ[1] * second)
+            weight = drawn(seed, _WEIGHT, frame, SHIFT_EVERY_S, SHIFT_S, 0.0)
+            shift(rotations[t], root[t], offsets, legs, share * (weight * SHIFT_M + sway / 2 * SWAY_M))
+
+
+@exact()
+def shift(rotations, root, offsets, legs, metres):  # type: ignore[no-untyped-def]
+    """The hips of one frame carried to the body's left over feet that stay."""
+    hips = as_tuple(rotations[legs[0]])
+    ahead = rotated(hips, (0.0, 0.0, 1.0))
+    level = max(math.sqrt(ahead[0] ** 2 + ahead[2] ** 2), 1e-6)
+    east = north = 0.0
+    for k in range(2):
+        upper, lower, foot = legs[1 + 3 * k], legs[2 + 3 * k], legs[3 + 3 * k]
+        thigh = multiply(hips, as_tuple(rotations[upper]))
+        shin = multiply(thigh, as_tuple(rotations[lower]))
+        sole = multiply(shin, as_tuple(rotations[foot]))
+        a, b = rotated(thigh, as_point(offsets[lower])), rotated(shin, as_point(offsets[foot]))
+        leg = (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+        angle = -metres / max(-leg[1], 0.1)
+        roll = quaternion(ahead[0] / level * angle, 0.0, ahead[2] / level * angle)
+        rolled = rotated(roll, leg)
+        east += (leg[0] - rolled[0]) / 2
+        north += (leg[2] - rolled[2]) / 2
+        write(rotations[upper], multiply(inverse(hips), multiply(roll, thigh)))
+        write(rotations[foot], multiply(inverse(multiply(roll, shin)), sole))
+    root[0] += east
+    root[2] += north
+
+
+@exact()
+def breath(second, seed):  # type: ignore[no-untyped-def]
     """How full the lungs are, 0 to 1: quickly in, slowly out."""
-    place = (frames / (BREATH_S * FRAME_RATE_HZ) + seed % 11 / 11) % 1
-    return np.where(place < INHALE, _eased(place / INHALE), 1 - _eased((place - INHALE) / (1 - INHALE)))
+    place = (second / BREATH_S + (seed % np.uint64(11)) / 11.0) % 1.0
+    return eased(place / INHALE) if place < INHALE else 1 - eased((place - INHALE) / (1 - INHALE))
 
 
-def shifted(motion: MotionChunk, metres: Float[np.ndarray, " t"], skeleton: Skeleton) -> MotionChunk:
-    """The hips carried to the body's left over feet that stay."""
-    rotations, root = motion.rotations.copy(), motion.root.copy()
-    hips = np.moveaxis(rotations[:, skeleton.index("hips")], -1, 0)
-    ahead = _rotated(hips, np.array([0, 0, 1], np.float32)) * np.array([[1], [0], [1]], np.float32)
-    ahead = lanes.normalized(ahead)  # level
-    moved = []
-    for upper_name, lower_name, foot_name in _LEGS:
-        upper, lower, foot = (skeleton.index(name) for name in (upper_name, lower_name, foot_name))
-        thigh = lanes.multiply(hips, np.moveaxis(rotations[:, upper], -1, 0))
-        shin = lanes.multiply(thigh, np.moveaxis(rotations[:, lower], -1, 0))
-        sole = lanes.multiply(shin, np.moveaxis(rotations[:, foot], -1, 0))
-        leg = _rotated(thigh, skeleton.offsets[lower].numpy()) + _rotated(
-            shin, skeleton.offsets[foot].numpy()
-        )
-        roll = lanes.quaternion(-ahead * (metres / np.maximum(-leg[1], 0.1)))
-        moved.append(leg - _rotated_by(roll, leg))
-        rotations[:, upper] = _local(hips, lanes.multiply(roll, thigh))
-        rotations[:, foot] = _local(lanes.multiply(roll, shin), sole)
-    shift = (moved[0] + moved[1]) / 2
-    root[:, 0] += shift[0]
-    root[:, 2] += shift[2]
-    return motion._replace(rotations=rotations, root=root)
+@inner()
+def drawn(seed, what, frame, every_s, takes_s, still):  # type: ignore[no-untyped-def]
+    """From one place in -1..1 to another in each stretch of time, smoothly; `still` is the share that is 0."""
+    every = int(round(every_s * FRAME_RATE_HZ))
+    takes = takes_s * FRAME_RATE_HZ
+    stretch, since = frame // every, frame % every
+    old, new = place_of(seed, what, stretch - 1, still), place_of(seed, what, stretch, still)
+    begins = number(seed, what + 8, stretch) * (every - takes)
+    return old + (new - old) * eased(min(max((since - begins) / takes, 0.0), 1.0))
 
 
-def _local(parent: np.ndarray, world: np.ndarray) -> np.ndarray:
-    """A world rotation as one relative to its parent's, lanes first again."""
-    return np.moveaxis(lanes.normalized(lanes.multiply(lanes.conjugate(parent), world)), 0, -1)
+@inner()
+def place_of(seed, what, stretch, still):  # type: ignore[no-untyped-def]
+    """Where a stretch of time leads to."""
+    if stretch < 0 or number(seed, what + 16, stretch) < still:
+        return 0.0
+    return 2 * number(seed, what, stretch) - 1
 
 
-def _rotated(rotation: Float[np.ndarray, "4 t"], vector: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 t"]:
-    return _rotated_by(rotation, np.repeat(vector[:, None], rotation.shape[1], 1))
+@exact()
+def number(seed, what, stretch):  # type: ignore[no-untyped-def]
+    """In 0..1, by seed, purpose and place alone (the finish of SplitMix64)."""
+    x = seed * _MIX[0] + np.uint64(what) * _MIX[1] + np.uint64(stretch) * _MIX[2]
+    for _ in range(2):
+        x = (x ^ (x >> _30)) * _MIX[1]
+        x = (x ^ (x >> _27)) * _MIX[2]
+        x = x ^ (x >> _31)
+    return (x >> _11) / 9007199254740992.0
 
 
-def _rotated_by(
-    rotation: Float[np.ndarray, "4 t"], vectors: Float[np.ndarray, "3 t"]
-) -> Float[np.ndarray, "3 t"]:
-    pure = np.concatenate([np.zeros_like(vectors[:1]), vectors])
-    return lanes.multiply(lanes.multiply(rotation, pure), lanes.conjugate(rotation))[1:]
-
-
-def _eased(share: np.ndarray) -> np.ndarray:
+@exact()
+def eased(share):  # type: ignore[no-untyped-def]
     """0 to 1 without a step in speed or acceleration."""
-    return np.asarray(share**3 * (10 - share * (15 - 6 * share)), np.float32)
+    return share * share * share * (10 - share * (15 - 6 * share))
+
+
+# ---- quaternions as tuples wxyz
+
+
+@inner()
+def as_tuple(q):  # type: ignore[no-untyped-def]
+    """Four numbers of an array."""
+    return float(q[0]), float(q[1]), float(q[2]), float(q[3])
+
+
+@inner()
+def as_point(p):  # type: ignore[no-untyped-def]
+    """Three numbers of an array."""
+    return float(p[0]), float(p[1]), float(p[2])
+
+
+@inner()
+def multiply(a, b):  # type: ignore[no-untyped-def]
+    """Hamilton product: first b, then a."""
+    return (
+        a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
+        a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
+        a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
+        a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0],
+    )
+
+
+@inner()
+def inverse(q):  # type: ignore[no-untyped-def]
+    """Of a unit quaternion."""
+    return q[0], -q[1], -q[2], -q[3]
+
+
+@inner()
+def rotated(q, p):  # type: ignore[no-untyped-def]
+    """A point, rotated."""
+    r = multiply(multiply(q, (0.0, p[0], p[1], p[2])), inverse(q))
+    return r[1], r[2], r[3]
+
+
+@inner()
+def quaternion(x, y, z):  # type: ignore[no-untyped-def]
+    """Of a rotation vector."""
+    angle = math.sqrt(x * x + y * y + z * z)
+    scale = math.sin(angle / 2) / angle if angle > 1e-9 else 0.5
+    return math.cos(angle / 2), x * scale, y * scale, z * scale
+
+
+@inner()
+def turn(out, q, by):  # type: ignore[no-untyped-def]
+    """The joint's rotation, and then `by` in its own frame."""
+    write(out, multiply(as_tuple(q), by))
+
+
+@inner()
+def write(out, q):  # type: ignore[no-untyped-def]
+    """Into an array, of unit length."""
+    size = math.sqrt(q[0] ** 2 + q[1] ** 2 + q[2] ** 2 + q[3] ** 2)
+    for c in range(4):
+        out[c] = q[c] / size
