@@ -3,8 +3,10 @@
 import importlib.util
 import json
 import os
+import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -38,10 +40,8 @@ def test_a_killed_replica_moves_its_sessions_and_nobody_hears_it() -> None:
         assert report["other"]["moved"] == 0
 
 
-def test_the_container_files_name_what_there_is() -> None:
-    docker = (ROOT / "Dockerfile").read_text()
-    for source in ("constraints.txt", "pyproject.toml", "README.md", "LICENSE", "NOTICE"):
-        assert source in docker
-        assert (ROOT / source).exists()
-        assert f"!{source}" in (ROOT / ".dockerignore").read_text()
-    assert "echoavatar[" in (ROOT / "deploy" / "ray_serve.py").read_text()
+def test_the_extra_that_its_page_names_is_there() -> None:
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    named = re.findall(r"echoavatar\[(\w+)\]", (ROOT / "deploy" / "ray_serve.py").read_text())
+    assert named
+    assert set(named) <= set(extras)

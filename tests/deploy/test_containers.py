@@ -1,0 +1,86 @@
+"""The container files, read without a daemon: what they name exists, and fits the command line."""
+
+import argparse
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from echoavatar.cli.serve import TOKEN, add_arguments
+
+ROOT = Path(__file__).parents[2]
+DOCKER = (ROOT / "Dockerfile").read_text()
+SERVICE: dict[str, Any] = yaml.safe_load((ROOT / "compose.yaml").read_text())["services"]["echoavatar"]
+
+
+def lines(word: str) -> list[str]:
+    """What follows an instruction, wherever it stands; lines that are continued are one."""
+    whole = DOCKER.replace("\\\n", " ")
+    return [line.split(None, 1)[1] for line in whole.splitlines() if line.startswith(f"{word} ")]
+
+
+def parsed(arguments: list[str]) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(exit_on_error=False)
+    add_arguments(parser)
+    return parser.parse_args(arguments)
+
+
+def without_defaults(text: str) -> str:
+    """`${NAME:-value}` as compose reads it where nothing is set."""
+    return re.sub(r"\$\{\w+:-([^}]*)\}", r"\1", text)
+
+
+def test_every_file_that_is_copied_is_there_and_let_through() -> None:
+    let_through = (ROOT / ".dockerignore").read_text().split()
+    sources = [part for line in lines("COPY") if "--from" not in line for part in line.split()[:-1]]
+    assert {"constraints.txt", "pyproject.toml", "src"} <= {Path(source).name for source in sources}
+    for source in sources:
+        assert (ROOT / source).exists(), source
+        assert f"!{Path(source).as_posix()}" in let_through
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert {project["readme"], *project["license-files"]} <= set(sources), "setuptools reads them"
+
+
+def test_the_extra_that_is_installed_exists() -> None:
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    (extra,) = re.findall(r"'\.\[(\w+)\]'", DOCKER)
+    assert extra in extras
+
+
+def test_it_runs_as_nobody_and_ends_by_a_signal_that_drains() -> None:
+    assert lines("USER") == ["avatar"]
+    assert lines("STOPSIGNAL") == ["SIGTERM"]
+    assert DOCKER.index("USER avatar") > DOCKER.rindex("RUN ")
+    grace = int(re.fullmatch(r"(\d+)s", SERVICE["stop_grace_period"])[1])  # type: ignore[index]
+    assert grace > parsed([]).drain
+
+
+@pytest.mark.parametrize("command", [yaml.safe_load(lines("CMD")[-1]), SERVICE["command"]])
+def test_the_command_line_is_understood(command: list[str]) -> None:
+    program, room, *fixed = yaml.safe_load(lines("ENTRYPOINT")[0])
+    assert (program, room) == ("echoavatar", "serve")
+    options = parsed([*fixed, *(without_defaults(word) for word in command)])
+    assert options.host == "0.0.0.0"
+    assert lines("EXPOSE") == [str(options.port)]
+    assert f":{options.port}/health" in DOCKER
+
+
+def test_ports_folders_and_variables_fit() -> None:
+    (port,) = SERVICE["ports"]
+    assert without_defaults(port) == "127.0.0.1:8765:8765", "this machine only, unless it is asked for"
+    (volume,) = SERVICE["volumes"]
+    assert without_defaults(volume).split(":")[1] in SERVICE["command"]
+    assert TOKEN in SERVICE["environment"]
+    page = (ROOT / "docs" / "serving.md").read_text()
+    for name in re.findall(r"\$\{(ECHOAVATAR_\w+)", (ROOT / "compose.yaml").read_text()):
+        assert name in page, f"{name} is not in docs/serving.md"
+
+
+def test_a_read_only_container_can_keep_what_it_compiles() -> None:
+    """Compiled loops are kept on disk; where no folder can be written, numba refuses to import them."""
+    assert SERVICE["read_only"]
+    (kept,) = re.findall(r"NUMBA_CACHE_DIR=(\S+)", DOCKER)
+    assert any(Path(kept).is_relative_to(folder) for folder in SERVICE["tmpfs"])
