@@ -134,15 +134,17 @@ class Engine:
         seats = slice(0, self._seats) if len(ready) > 1 else slice(ready[0].seat, ready[0].seat + 1)
         rows = seats.stop - seats.start
         audio, active = np.zeros((rows, CHUNK_SAMPLES), np.float32), torch.zeros(rows, dtype=torch.bool)
-        members, is_asked = torch.zeros(rows, self._codes), False
+        members, is_asked, forgets = torch.zeros(rows, self._codes), False, torch.zeros_like(active)
         for session in ready:
             row = session.seat - seats.start
-            audio[row], asked = session.begin_chunk(self._codes)
-            active[row] = True
-            if asked is not None:
-                members[row], is_asked = asked, True
+            begun = session.begin_chunk(self._codes)
+            audio[row], active[row], forgets[row] = begun.audio, True, begun.forgets
+            if begun.members is not None:
+                members[row], is_asked = begun.members, True
         state = self._state.rows(seats)
         before = state.snapshot() if self._rewind else []
+        if forgets.any():
+            self.pipeline.forget(state, forgets)
         directive = {"directive": self.pipeline.directive(members)} if is_asked else {}
         chunks = self.pipeline.step(torch.from_numpy(audio), state, active, **directive)
         for session in ready:

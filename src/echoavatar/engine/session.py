@@ -26,6 +26,7 @@ from .life import Life
 from .listener import Listener, Sign
 from .music import Playing
 from .screen import Delivery, Screen, first_frame_after
+from .settling import Settling
 from .undo import Patch
 
 if TYPE_CHECKING:
@@ -36,6 +37,14 @@ MUSIC_AHEAD = 3  # chunks: music lets speech in within 0.8 s
 REPLAN_AHEAD = (
     2  # chunks that an action waits at most behind motion made earlier, where the player says what it shows
 )
+
+
+class Begun(NamedTuple):
+    """A chunk that is to be made."""
+
+    audio: Float[np.ndarray, " s"]
+    members: Float[Tensor, " K"] | None  # the set of codes that an action asks for
+    forgets: bool  # whether the model must forget what it did
 
 
 class Past(NamedTuple):
@@ -72,7 +81,7 @@ class Session:
         self._acts = Acts(engine.actions)
         self._screen = Screen()
         self._listener = Listener(seed)
-        self._gaze, self._life = Gaze(), Life(seed, options)
+        self._gaze, self._life, self._settling = Gaze(), Life(seed, options), Settling()
         self._ear: StreamResampler | None = None
         self._past: deque[Past] = deque()
         self._rewind = rewind
@@ -267,13 +276,14 @@ class Session:
             self._chunks, self._target = self._target, None
             return undone
 
-    def begin_chunk(self, codes: int) -> tuple[Float[np.ndarray, " s"], Float[Tensor, " K"] | None]:
-        """The sound of the next chunk, and the set of codes that an action asks for."""
+    def begin_chunk(self, codes: int) -> Begun:
+        """The sound of the next chunk, and what is asked of it."""
         with self._lock:
             music = self._inbox.player.snapshot()
             heard = self._inbox.take()
             self._in_flight = (self._screen.epoch, heard, music)
-            return heard.audio, self._acts.members(self._chunks, codes) if codes else None
+            members = self._acts.members(self._chunks, codes) if codes else None
+            return Begun(heard.audio, members, self._settling.must_forget(self._chunks, heard.audio))
 
     def end_chunk(self, motion: MotionChunk, patches: list[Patch]) -> None:
         """The chunk is made."""
@@ -289,6 +299,7 @@ class Session:
                 self._past.popleft()
             source = self._source(chunk, heard)
             skeleton = self._engine.pipeline.skeleton
+            self._settling.made(chunk, heard.audio, motion, skeleton)
             is_idle = source in ("idle", "action") and self._is_free(chunk)
             motion = self._life.alive(chunk, motion, skeleton, is_idle=is_idle)
             motion = self._gaze.turned(

@@ -103,6 +103,10 @@ class Pipeline:
         state.seeds[rows] = seed
         state.post.modes.choose(rows, options)
 
+    def forget(self, state: PipelineState, rows: Bool[Tensor, " b"]) -> None:
+        """These rows' generator knows nothing of what was heard and done; the body stays where it is."""
+        state.generator.reset(rows)
+
     def warm_up(self) -> None:
         """Run one step for nobody: the first on a machine compiles the inner loops, which is said if it takes long."""
         patience = threading.Timer(3.0, _LOG.warning, ["compiling for this processor, once; up to a minute"])

@@ -1,0 +1,164 @@
+"""How the default bundle behaves where the paper is silent: it listens, nods, settles after music, stands alive."""
+
+import logging
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+import soundfile
+import torch
+
+import echoavatar
+from echoavatar.engine import Engine, Session
+from echoavatar.engine.gaze import off_viewer
+from echoavatar.face import ARKIT_NAMES
+from echoavatar.kinematics import HUMANOID, forward_kinematics
+from echoavatar.kinematics.rotations import matrix_from_quaternion
+from echoavatar.pipeline import MotionChunk, Pipeline, load_bundle
+from echoavatar.pipeline.motion_chunk import join
+from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES, FRAME_RATE_HZ, SAMPLE_RATE_HZ
+
+_log = logging.getLogger(__name__)
+pytestmark = pytest.mark.slow
+SILENCE = np.zeros(CHUNK_SAMPLES, np.float32)
+
+
+@pytest.fixture(scope="module")
+def pipeline() -> Pipeline:
+    return Pipeline(load_bundle("default"))
+
+
+def sound(name: str) -> np.ndarray:
+    samples: np.ndarray = soundfile.read(f"{echoavatar.__path__[0]}/assets/{name}.ogg", dtype="float32")[0]
+    return samples
+
+
+def chunks(samples: np.ndarray) -> Iterator[np.ndarray]:
+    for start in range(0, len(samples) - CHUNK_SAMPLES + 1, CHUNK_SAMPLES):
+        yield samples[start : start + CHUNK_SAMPLES]
+
+
+def hear(session: Session, sounds: Iterator[np.ndarray] | list[np.ndarray]) -> MotionChunk:
+    made = []
+    for piece in sounds:
+        session.push(piece)
+        made += list(session)
+    return join(made)
+
+
+def positions(motion: MotionChunk) -> dict[str, np.ndarray]:
+    turns = matrix_from_quaternion(torch.from_numpy(motion.rotations))
+    pose = forward_kinematics(HUMANOID, turns, torch.from_numpy(motion.root.astype(np.float32)))
+    return {name: pose.positions[:, at].numpy() for at, name in enumerate(HUMANOID.names)}
+
+
+def speed(
+    motion: MotionChunk, names: tuple[str, ...] = ("leftHand", "rightHand", "hips", "head")
+) -> np.ndarray:
+    """Mean of these points, metres per second, frame by frame."""
+    place = positions(motion)
+    steps = [np.linalg.norm(np.diff(place[name], axis=0), axis=1) for name in names]
+    return np.asarray(np.mean(steps, axis=0) * FRAME_RATE_HZ)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_it_looks_at_who_speaks_and_nods_at_their_pauses(pipeline: Pipeline, seed: int) -> None:
+    """The user speaks three times for three seconds with half a second between, then no more."""
+    session = Engine(pipeline, rewind=0).open(seed=seed)
+    voice = sound("speech")[round(0.6 * SAMPLE_RATE_HZ) :]
+    turn = np.concatenate(
+        [voice[: 2 * SAMPLE_RATE_HZ], voice[:SAMPLE_RATE_HZ], np.zeros(SAMPLE_RATE_HZ // 2)]
+    )
+    user = np.concatenate([np.zeros(8 * CHUNK_SAMPLES), *[turn] * 3, np.zeros(12 * CHUNK_SAMPLES)])
+    made, nods = [], []
+    for number, piece in enumerate(chunks(user.astype(np.float32))):
+        session.listen(piece)
+        running = session._acts.running(session._next_chunk)
+        if running is not None and running.action.name == "nod" and running.begin == session._next_chunk:
+            nods.append(number)
+        made.append(hear(session, [SILENCE]))
+    motion = join(made)
+    off = np.degrees(off_viewer(motion, HUMANOID))
+    begin, end = 8 * CHUNK_FRAMES, 8 * CHUNK_FRAMES + round(10.5 * FRAME_RATE_HZ)
+    listening = off[begin + 30 : end]
+    eyes = [
+        ARKIT_NAMES.index(f"eyeLook{way}{side}")
+        for way in ("Up", "Down", "In", "Out")
+        for side in ("Left", "Right")
+    ]
+    assert motion.face is not None
+    turned = np.degrees(positions_of_nose(motion))
+    depths = [np.ptp(turned[at * CHUNK_FRAMES : (at + 5) * CHUNK_FRAMES]) for at in nods]
+    _log.info(
+        "seed %d: head off the viewer %.1f deg (idle %.1f), nods %d, deep %s deg",
+        seed,
+        np.median(listening),
+        np.median(off[:begin]),
+        len(nods),
+        np.round(depths, 1),
+    )
+    assert np.median(listening) < 10
+    assert motion.face[:, eyes].max() <= 1
+    assert len(nods) >= 1
+    assert min(depths) > 4
+    assert not session.is_listening
+    assert session._acts.running(session._next_chunk) is None
+
+
+def positions_of_nose(motion: MotionChunk) -> np.ndarray:
+    """How far the head points down, radians."""
+    turns = matrix_from_quaternion(torch.from_numpy(motion.rotations))
+    pose = forward_kinematics(HUMANOID, turns, torch.from_numpy(motion.root.astype(np.float32)))
+    ahead = pose.rotations[:, HUMANOID.index("head"), :, 2].numpy()
+    return np.asarray(-np.arcsin(np.clip(ahead[:, 1], -1, 1)))
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_it_settles_within_a_second_when_music_breaks_off(pipeline: Pipeline, seed: int) -> None:
+    """Nine seconds of music, cut in the middle of a bar; digital silence after it."""
+    session = Engine(pipeline, rewind=0).open(seed=seed)
+    music = sound("music")[4 * SAMPLE_RATE_HZ :]
+    dance = hear(session, list(chunks(music))[:34])
+    after = hear(session, [SILENCE] * 14)
+    moving = speed(dance)[-150:].mean()
+    rest = speed(after)
+    quarter = np.array([rest[at : at + 8].mean() for at in range(len(rest) - 8)])
+    settled = np.flatnonzero(quarter > 0.3 * moving)
+    seconds = (settled.max() + 1 if len(settled) else 0) / FRAME_RATE_HZ
+    _log.info(
+        "seed %d: %.2f m/s in the dance, %.3f from the second second on; settled after %.2f s",
+        seed,
+        moving,
+        rest[30:].mean(),
+        seconds,
+    )
+    assert moving > 0.15
+    assert rest[30:].mean() < 0.25 * moving
+    assert seconds < 1.2
+    assert rest[60:].max() > 0.002, "alive, not frozen"
+
+
+def test_it_dances_to_music_and_not_to_speech(pipeline: Pipeline) -> None:
+    legs = ("hips", "leftLowerLeg", "rightLowerLeg", "leftFoot", "rightFoot")
+    found = {}
+    for name in ("speech", "music"):
+        session = Engine(pipeline, rewind=0).open(seed=1)
+        found[name] = speed(hear(session, list(chunks(sound(name)))[4:40]), legs).mean()
+    _log.info("hips and legs: %.3f m/s in speech, %.3f in music", found["speech"], found["music"])
+    assert found["music"] > 2 * found["speech"]
+
+
+def test_nobody_freezes_in_silence(pipeline: Pipeline) -> None:
+    session = Engine(pipeline, rewind=0).open(seed=1)
+    motion = hear(session, [SILENCE] * 75)
+    place = positions(motion)
+    late = slice(5 * FRAME_RATE_HZ, None)
+    assert np.ptp(place["hips"][late, 0]) > 0.008
+    assert np.ptp(np.degrees(off_viewer(motion, HUMANOID))[late]) > 2
+    assert speed(motion)[150:].max() < 0.12
+    feet = [
+        np.linalg.norm(place[foot][late] - place[foot][150], axis=1).max()
+        for foot in ("leftFoot", "rightFoot")
+    ]
+    _log.info("silence: hips %.3f m, feet slide %.4f m", np.ptp(place["hips"][late, 0]), max(feet))
+    assert max(feet) < 0.01

@@ -1,0 +1,90 @@
+"""When a dance must end, and when not: silence that begins, legs that dance, and the same decision a second time."""
+
+import numpy as np
+import pytest
+import torch
+from tests.engine.fakes import FakePipeline, Heard
+
+from echoavatar.engine import Engine
+from echoavatar.engine.settling import DANCING, Settling, leg_speed
+from echoavatar.kinematics import HUMANOID
+from echoavatar.pipeline import MotionChunk
+from echoavatar.timing import CHUNK_SAMPLES
+
+LOUD, QUIET = np.full(CHUNK_SAMPLES, 0.1, np.float32), np.zeros(CHUNK_SAMPLES, np.float32)
+
+
+def legs(degrees_per_second: float) -> MotionChunk:
+    """Hips and knees turn at that speed."""
+    rotations = np.zeros((8, HUMANOID.joints, 4), np.float32)
+    rotations[..., 0] = 1
+    half = np.radians(degrees_per_second) * np.arange(8) / 30 / 2
+    for side in ("left", "right"):
+        for part in ("UpperLeg", "LowerLeg"):
+            joint = HUMANOID.index(f"{side}{part}")
+            rotations[:, joint, 0], rotations[:, joint, 1] = np.cos(half), np.sin(half)
+    return MotionChunk(rotations, np.zeros((8, 3), np.float32))
+
+
+def told(sounds: list[np.ndarray], speed: float) -> list[bool]:
+    settling, answers = Settling(), []
+    for chunk, sound in enumerate(sounds):
+        answers.append(settling.must_forget(chunk, sound))
+        settling.made(chunk, sound, legs(speed), HUMANOID)
+    return answers
+
+
+@pytest.mark.parametrize("speed", [0, 5, 40, 300])
+def test_speed_of_legs_is_in_degrees_per_second(speed: float) -> None:
+    assert leg_speed(legs(speed), HUMANOID) == pytest.approx(speed, rel=1e-2)
+
+
+def test_a_dance_is_broken_off_by_the_first_silent_chunk_and_again_while_it_goes_on() -> None:
+    sounds = [LOUD, LOUD, *[QUIET] * 5, LOUD, QUIET]
+    assert told(sounds, 2 * DANCING) == [False, False, True, False, False, True, False, False, True]
+
+
+def test_a_dance_that_stands_still_between_moves_is_a_dance() -> None:
+    settling = Settling()
+    for chunk, speed in enumerate((100, 2, 2)):
+        settling.made(chunk, LOUD, legs(speed), HUMANOID)
+    assert settling.must_forget(3, QUIET)
+    settling.made(3, LOUD, legs(2), HUMANOID)
+    assert not settling.must_forget(4, QUIET)
+
+
+def test_who_talks_or_stands_is_left_alone() -> None:
+    assert not any(told([LOUD, QUIET, QUIET, LOUD, QUIET], DANCING / 2))
+    assert not any(told([LOUD] * 4, 2 * DANCING))
+
+
+def test_a_chunk_that_is_made_again_is_judged_again() -> None:
+    settling = Settling()
+    for chunk, sound in enumerate((LOUD, QUIET, QUIET)):
+        settling.made(chunk, sound, legs(100), HUMANOID)
+    assert settling.must_forget(1, QUIET)
+    assert not settling.must_forget(1, LOUD)
+    assert not settling.must_forget(2, QUIET)
+
+
+class Dancer(FakePipeline):
+    """Dances whatever it hears, until it is made to forget."""
+
+    def __init__(self) -> None:
+        self.forgot = 0
+
+    def forget(self, state: Heard, rows: torch.Tensor) -> None:
+        self.forgot += int(rows.sum())
+
+    def step(self, audio: torch.Tensor, state: Heard, active: torch.Tensor) -> list[MotionChunk]:
+        return [legs(0 if self.forgot else 200) for _ in audio]
+
+
+def test_the_engine_makes_the_model_forget() -> None:
+    dancer = Dancer()
+    session = Engine(dancer).open()  # type: ignore[arg-type]
+    session.push(np.concatenate([LOUD, LOUD]))
+    assert [leg_speed(chunk, HUMANOID) > DANCING for chunk in session] == [True, True]
+    session.push(np.concatenate([QUIET, QUIET]))
+    assert [leg_speed(chunk, HUMANOID) > DANCING for chunk in session] == [False, False]
+    assert dancer.forgot == 1
