@@ -137,7 +137,7 @@ def test_a_broken_line_comes_back_by_itself(page):
     )
 
 
-@pytest.mark.parametrize(("width", "height"), [(390, 780), (844, 390), (1280, 720)])
+@pytest.mark.parametrize(("width", "height"), [(390, 780), (480, 420), (844, 390), (1280, 720)])
 def test_nothing_is_cut_off(new_page, mock_url, width, height, tmp_path):
     driver = new_page(width, height)
     driver.open(f"{mock_url}?quality=low")
@@ -151,6 +151,7 @@ def test_nothing_is_cut_off(new_page, mock_url, width, height, tmp_path):
     driver.click("#begin")
     driver.wait("document.getElementById('welcome').classList.contains('gone')")
     assert driver.ask(outside) == []
+    assert driver.ask("document.getElementById('stop').getBoundingClientRect().width > 40")
     driver.shot(tmp_path / f"{width}.png")
 
 
