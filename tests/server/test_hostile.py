@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from tests.server.fakes import FAST, Caller, Place, serving
 from websockets.exceptions import ConnectionClosed
 
-from echoavatar.wire import Hello, Motion, Ping, Pong, Sound, encode
+from echoavatar.wire import Hello, Motion, Ping, Pong, Sound, Stats, encode
 
 _log = logging.getLogger(__name__)
 AT_ONCE = 100
@@ -108,12 +108,13 @@ async def crowd(place: Place, connects: int) -> Counter[str]:
 
 @contextlib.contextmanager
 def attended(caller: Caller) -> Iterator[None]:
-    """The caller reads on meanwhile."""
+    """The caller reads on meanwhile, and now and then says that it is there."""
     is_over = threading.Event()
 
     def read() -> None:
         while not is_over.is_set():
-            caller.next()
+            if isinstance(caller.next(), Stats):  # once a second
+                caller.say(Ping())
 
     reader = threading.Thread(target=read)
     reader.start()
