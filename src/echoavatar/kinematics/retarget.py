@@ -45,7 +45,7 @@ def retarget(
         ours[bone]: pose.rotations[:, theirs[bone]] @ turn
         for bone, turn in align(source, pose, theirs, target, ours).items()
     }
-    local = _local_rotations(target, world, motion.frames)
+    local = local_rotations(target, world, motion.frames)
     root = _root(motion, pose, theirs, target, ours, local)
     quaternions = quaternion_from_matrix(local).numpy().astype(np.float32)
     moved = Motion(target, quaternions, root.numpy().astype(np.float32), motion.fps)
@@ -66,7 +66,7 @@ def _with_map(motion: Motion, bones: Mapping[str, int]) -> Motion:
     return Motion(Skeleton(config), motion.rotations, motion.root, motion.fps)
 
 
-def _local_rotations(target: Skeleton, world: dict[int, Tensor], frames: int) -> Tensor:
+def local_rotations(target: Skeleton, world: dict[int, Tensor], frames: int) -> Tensor:
     """Parent-relative rotations; a spine bone nobody drives turns half as far as the one above it."""
     full: list[Tensor] = []
     eye = torch.eye(3, dtype=torch.double).expand(frames, 3, 3)
