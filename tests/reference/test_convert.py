@@ -74,3 +74,19 @@ def test_it_moves_from_the_first_chunk_and_can_be_taken_back(bundle, voice):
         list(session)
     assert set(drawn[-1][0, :, 1, 0].tolist()) <= {7, 9}
     assert set(drawn[-1][0, :, 0, 0].tolist()) == {495}
+
+
+def test_the_releases_step_of_three_tokens_is_a_chunk_of_twelve_frames(download, tmp_path, voice):
+    """Through the pipeline; the window's context is 27 tokens, the face's 52 frames."""
+    from tests.reference.conftest import bundle_of
+
+    bundle = load_bundle(bundle_of(download, tmp_path / "release", step=3))
+    assert bundle.face.config.context == 52
+    pipeline = Pipeline(bundle)
+    state, one = pipeline.init_state(1), torch.ones(1, dtype=torch.bool)
+    assert pipeline.chunk_samples == 9_600
+    for start in (0, 9_600):
+        (chunk,) = pipeline.step(torch.from_numpy(voice[None, start : start + 9_600]), state, one)
+        assert chunk.rotations.shape == (12, 52, 4)
+        assert chunk.face.shape == (12, 52)
+        assert np.isfinite(chunk.root).all()

@@ -23,13 +23,13 @@ from ..generator.linear import Precision
 from ..generator.stream import GeneratorStream, HistoryState, RingState
 from ..ik import BodyProfile
 from ..nn import StreamState
-from ..timing import CHUNK_SAMPLES
+from ..timing import CHUNK_FRAMES, SAMPLES_PER_MOTION_TOKEN
 from ..tokenizer.body import BodyState
 from ..tokenizer.model import DecoderState
 from .actions import Directive
 from .bundle import Bundle
 from .modes import FREE, MotionOptions
-from .motion_chunk import MotionChunk
+from .motion_chunk import MotionChunk, join
 from .post import POST_STAGES, Post, PostState
 from .rig import Output, RigAdapter, RigState
 
@@ -83,6 +83,7 @@ class Pipeline:
         self.face = FaceStream(bundle.face) if bundle.face else None
         self.actions = bundle.actions
         config = bundle.generator.config
+        self.chunk_samples = config.step * SAMPLES_PER_MOTION_TOKEN
         self.directive_codes = len(config.directed) * config.layout.motion_codes
         self._silent = runtime.silent_temperature
         own_bias = LEARNED_BIAS if config.exemplar else BIAS
@@ -120,7 +121,9 @@ class Pipeline:
         patience = threading.Timer(3.0, _LOG.warning, ["compiling for this processor, once; up to a minute"])
         patience.start()
         try:
-            self.step(torch.zeros(1, CHUNK_SAMPLES), self.init_state(1), torch.zeros(1, dtype=torch.bool))
+            self.step(
+                torch.zeros(1, self.chunk_samples), self.init_state(1), torch.zeros(1, dtype=torch.bool)
+            )
         finally:
             patience.cancel()
 
@@ -144,6 +147,8 @@ class Pipeline:
         directive: Directive | None = None,
     ) -> list[MotionChunk]:
         """Advance the active rows by one chunk; rows that are not active return what must be ignored.
+
+        A chunk is 6,400 samples, or where the bundle's generator takes other steps `chunk_samples`.
 
         `directive` says what actions ask for, row by row.
         After each stage `lap(stage)` is called, so that a benchmark can time them.
@@ -170,7 +175,9 @@ class Pipeline:
         if self.rig is not None:
             features = self.rig.step(features, state.rig[0], active)
         self.lap("rig")
-        chunks = self.post.step(features, state.post, active, self.lap)
+        pieces: tuple[Tensor, ...] = torch.split(features, CHUNK_FRAMES, 1)
+        parts = [self.post.step(piece, state.post, active, self.lap) for piece in pieces]
+        chunks = parts[0] if len(parts) == 1 else [join(row) for row in zip(*parts, strict=True)]
         return chunks if face is None else [c._replace(face=f) for c, f in zip(chunks, face, strict=True)]
 
 

@@ -14,7 +14,7 @@ from ..kinematics import SkeletonConfig
 from ..pipeline.rig import Matrix, RigConfig
 
 CM = 0.01
-AXES: Matrix = ((1, 0, 0), (0, 0, 1), (0, -1, 0))  # theirs: Z up, facing -Y, left +X
+AXES: Matrix = ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0))  # theirs: Z up, facing -Y, left +X
 JOINTS = 88
 _SWING_CM = ((-80, 22), (-40, 22), (-5, 21), (0, 21), (10, 20), (30, 16), (40, 35), (55, 35), (80, 35))
 _SPINE = {
