@@ -41,7 +41,8 @@ def clip(
     """Rotations (their axes), root (cm), and their features; joints in the middle of a bone do not bend it."""
     random = torch.Generator().manual_seed(seed)
     turns = matrix_from_axis_angle(0.1 * torch.randn(rows, frames, 88, 3, generator=random))
-    helpers = [joint for joint, name in enumerate(own.names) if "Part1" in name and joint not in own.config.vrm.values()]
+    mapped = own.config.vrm.values()
+    helpers = [joint for joint, name in enumerate(own.names) if "Part1" in name and joint not in mapped]
     turns[:, :, helpers] = torch.eye(3)
     root = torch.tensor([0.0, -2.0, 95.0]) + torch.randn(rows, frames, 3, generator=random).cumsum(1)
     features = to_features(own, turns, root, previous_ground=root[:, 0, :2], convention=REFERENCE)

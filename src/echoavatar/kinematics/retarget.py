@@ -57,8 +57,11 @@ def retarget(
 
 def leg_length(skeleton: Skeleton, bones: Mapping[str, int]) -> float:
     """Thigh plus shin, mean of both sides, metres."""
-    joints = [bones[f"{side}{bone}"] for side in ("left", "right") for bone in ("LowerLeg", "Foot")]
-    return float(skeleton.offsets[joints].norm(dim=-1).sum() / 2)
+    rest = skeleton.rest_positions  # not offsets: a rig may have joints in the middle of a bone
+    chains = [
+        [bones[f"{side}{bone}"] for bone in ("UpperLeg", "LowerLeg", "Foot")] for side in ("left", "right")
+    ]
+    return float(sum(rest[chain].diff(dim=0).norm(dim=-1).sum() for chain in chains) / 2)
 
 
 def _with_map(motion: Motion, bones: Mapping[str, int]) -> Motion:
