@@ -163,6 +163,7 @@ def run(args: argparse.Namespace) -> int:
     print(f"{'stage':<14}{'p50 ms':>10}{'p95 ms':>10}{'p99 ms':>10}")
     for stage, values in report.stages_ms.items():
         print(f"{stage:<14}" + "".join(f"{value:>10.2f}" for value in values))
-    print(f"real-time factor {report.summary['rtf']:.3f} with {report.summary['threads']:.0f} threads")
+    verdict = "" if report.summary["rtf"] < 1 else " (not real time)"
+    print(f"real-time factor {report.summary['rtf']:.3f} with {report.summary['threads']:.0f} threads{verdict}")
     print(json.dumps(report.summary))
     return 0
