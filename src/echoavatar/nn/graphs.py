@@ -18,7 +18,7 @@ OutputT = TypeVar("OutputT")
 
 
 class Graphed:
-    """`function(*inputs)` with inputs of fixed shape; `state`, which it changes in place, is put back after warming up."""
+    """`function(*inputs)` of fixed shapes; `state`, which it changes in place, is put back after warming up."""
 
     def __init__(
         self, function: Callable[..., Tensor], *inputs: Tensor, state: StreamState | None = None
