@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from echoavatar.engine import Engine
-from echoavatar.errors import CheckpointError
+from echoavatar.errors import CheckpointError, EchoAvatarError
 from echoavatar.pipeline import Pipeline, load_bundle
 from echoavatar.reference import Release, convert, survey
 from echoavatar.reference.untrusted import read_tensors
@@ -90,3 +90,5 @@ def test_the_releases_step_of_three_tokens_is_a_chunk_of_twelve_frames(download,
         assert chunk.rotations.shape == (12, 52, 4)
         assert chunk.face.shape == (12, 52)
         assert np.isfinite(chunk.root).all()
+    with pytest.raises(EchoAvatarError, match="--step 2"):
+        Engine(pipeline)

@@ -11,7 +11,16 @@ from echoavatar.face.arkit import APPLE_NAMES, index_of
 from echoavatar.kinematics.rotations import matrix_from_quaternion, quaternion_from_matrix
 from echoavatar.pipeline.rig import RigConfig
 from echoavatar.reference.rig import AXES
-from echoavatar.unity.frames import UnityAxes, face47, merged, smoothed, smoothed_turns, twice, twice_turns
+from echoavatar.unity.frames import (
+    UnityAxes,
+    face47,
+    merged,
+    smoothed,
+    smoothed_turns,
+    twice,
+    twice_turns,
+    write_face47,
+)
 
 FILE = Path(__file__).parents[2] / "../shared/golden/reference_release/stream_post.npz"
 needs_golden = pytest.mark.skipif(not FILE.exists(), reason="the reference fixtures (../shared) are not here")
@@ -95,6 +104,17 @@ def test_our_order_of_channels_goes_to_the_same_places() -> None:
     assert np.array_equal(sent, merged(plain)[0])
     assert sent.sum() == 0.5
     assert sent.shape == (47,)
+
+
+def test_a_table_of_the_47_channels(tmp_path) -> None:
+    curves = np.zeros((3, 52), np.float32)
+    curves[2, index_of("mouthUpperUpRight")] = 0.25
+    write_face47(tmp_path / "a.face47.csv", curves, 30.0)
+    head, *rows = (tmp_path / "a.face47.csv").read_text().splitlines()
+    names = head.split(",")
+    assert len(names) == len(set(names)) == 48
+    assert float(rows[2].split(",")[names.index("mouthUpperUp")]) == 0.25
+    assert float(rows[2].split(",")[0]) == pytest.approx(2 / 30, abs=1e-6)
 
 
 def test_a_bundle_without_transforms_is_refused() -> None:

@@ -76,7 +76,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="an imported bundle's step, captured as CUDA graphs",
         description=(
             "Time encoder, generator, decoder and the rig's inverse kinematics of an imported bundle, beside the "
-            "paper's table. With --device cuda every model stage is one captured graph; on a CPU the same steps run plainly."
+            "paper's table. With --device cuda every model stage is one captured graph; on a CPU it is not."
         ),
     )
     graphs.add_argument("--model", required=True, help="folder of the bundle (`echoavatar import reference`)")

@@ -54,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=int,
         choices=(2, 3),
         default=2,
-        help="motion tokens of a step: 2, 0.27 s, as in the paper; 3, 0.4 s, as in the release (default: %(default)s)",
+        help="motion tokens of a step: 2 (paper), which sessions need, or 3 (release), for `Pipeline.step` alone",
     )
     reference.add_argument(
         "--face-order",

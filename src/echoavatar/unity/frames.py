@@ -5,6 +5,7 @@ instead of being interpolated across the border, and the face is smoothed block 
 matrix that mirrors while positions are only turned; the client undoes the one and the other.
 """
 
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +13,7 @@ import torch
 from jaxtyping import Float
 from scipy.signal import savgol_filter
 
-from ..errors import CheckpointError
+from ..errors import CheckpointError, MotionError
 from ..face.arkit import APPLE_NAMES, reorder
 from ..face.arkit import ARKIT_NAMES as OURS
 from ..kinematics.rotations import matrix_from_quaternion, quaternion_from_matrix
@@ -33,6 +34,12 @@ _MERGED: tuple[tuple[int, ...], ...] = (
     *((channel,) for channel in (46, 47, 48, 18)),
 )
 FACE_CHANNELS = len(_MERGED)  # 47
+
+
+FACE47_NAMES = tuple(
+    APPLE_NAMES[channels[0]] if len(channels) == 1 else APPLE_NAMES[channels[0]].removesuffix("Left")
+    for channels in _MERGED
+)
 
 
 class Block(NamedTuple):
@@ -77,6 +84,20 @@ def merged(curves: Float[np.ndarray, "t 52"]) -> Float[np.ndarray, "t 47"]:
 def face47(curves: Float[np.ndarray, "t 52"]) -> Float[np.ndarray, "t 47"]:
     """The same of our canonical order."""
     return merged(reorder(curves, OURS, APPLE_NAMES))
+
+
+def write_face47(path: Path, curves: Float[np.ndarray, "t 52"], fps: float) -> None:
+    """The 47 channels of our canonical curves as a table, a row a frame, seconds first.
+
+    Raises:
+        MotionError: the file cannot be written.
+    """
+    times = np.arange(len(curves))[:, None] / fps
+    table = np.concatenate([times, face47(curves)], 1)
+    try:
+        np.savetxt(path, table, "%.6f", ",", header=",".join(("time", *FACE47_NAMES)), comments="")
+    except OSError as error:
+        raise MotionError(f"{path} cannot be written ({error.strerror}); choose another place") from error
 
 
 def smoothed(
