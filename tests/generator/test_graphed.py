@@ -15,7 +15,12 @@ from echoavatar.generator.graphed import GraphedPrefix
 def test_codes_are_those_of_the_stream(step: int, temperature: float) -> None:
     """Two rows, one with an example; the graph's prompt has room for more in front, which does not count."""
     model = generator(
-        sequence="prefix", layout=TINY, step=step, opening=Opening(silence=(3, 4), motion=5), steered=(2, 0), top_p=1.0
+        sequence="prefix",
+        layout=TINY,
+        step=step,
+        opening=Opening(silence=(3, 4), motion=5),
+        steered=(2, 0),
+        top_p=1.0,
     )
     config, stream, seeds = model.config, open_stream(model), torch.tensor([4, 9])
     members = torch.zeros(2, 16)

@@ -27,8 +27,8 @@ EXAMPLES = """examples:
   echoavatar animate talk.wav -o talk.csv            rotations as a table, and the face as talk.face.csv
 
 The format is that of the output's suffix. A name that ends in .face.csv gets the face alone, as Live Link Face
-writes takes, one that ends in .face47.csv the 47 channels of the paper's authors' demo; glb, mp4 and npz hold body and face; bvh has no room for a face. Input may be anything FFmpeg reads,
-at any rate and channel count.
+writes takes, one that ends in .face47.csv the 47 channels of the paper's authors' demo; glb, mp4 and npz hold body
+and face; bvh has no room for a face. Input may be anything FFmpeg reads, at any rate and channel count.
 """
 
 

@@ -70,7 +70,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="cpu leaves out what other programs took; use it with one thread (default: %(default)s)",
     )
 
-
     graphs = kinds.add_parser(
         "graphs",
         help="an imported bundle's step, captured as CUDA graphs",
@@ -193,6 +192,8 @@ def run(args: argparse.Namespace) -> int:
     for stage, values in report.stages_ms.items():
         print(f"{stage:<14}" + "".join(f"{value:>10.2f}" for value in values))
     verdict = "" if report.summary["rtf"] < 1 else " (not real time)"
-    print(f"real-time factor {report.summary['rtf']:.3f} with {report.summary['threads']:.0f} threads{verdict}")
+    print(
+        f"real-time factor {report.summary['rtf']:.3f} with {report.summary['threads']:.0f} threads{verdict}"
+    )
     print(json.dumps(report.summary))
     return 0

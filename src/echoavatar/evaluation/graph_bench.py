@@ -44,7 +44,9 @@ def bench_graphs(bundle: Bundle, *, device: str = "cuda", chunks: int = 100) -> 
         CheckpointError: the bundle was not imported: it has no prefix order, no opening, or our own rig.
     """
     if device.startswith("cuda") and not torch.cuda.is_available():
-        raise EchoAvatarError("there is no CUDA device here; --device cpu runs the same steps without capture")
+        raise EchoAvatarError(
+            "there is no CUDA device here; --device cpu runs the same steps without capture"
+        )
     config = bundle.generator.config
     if config.opening is None or bundle.runtime.rig is None:
         raise CheckpointError(f"{bundle.name} is no imported bundle; `echoavatar bench stream` times any")

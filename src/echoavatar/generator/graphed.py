@@ -45,7 +45,10 @@ class GraphedPrefix:
         self.count = config.step * config.layout.segments
         shape = (rows, config.kv_heads, length + self.count, config.head_width)
         self._tables = [
-            (torch.zeros(shape, device=self._device, dtype=dtype), torch.zeros(shape, device=self._device, dtype=dtype))
+            (
+                torch.zeros(shape, device=self._device, dtype=dtype),
+                torch.zeros(shape, device=self._device, dtype=dtype),
+            )
             for _ in layers
         ]
         self._starts = [config.layout.segment_start(segment) for segment in range(config.layout.segments)]
