@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from echoavatar.cli import main
 from echoavatar.engine import Engine
 from echoavatar.errors import CheckpointError, EchoAvatarError
 from echoavatar.pipeline import Pipeline, load_bundle
@@ -92,3 +93,10 @@ def test_the_releases_step_of_three_tokens_is_a_chunk_of_twelve_frames(download,
         assert np.isfinite(chunk.root).all()
     with pytest.raises(EchoAvatarError, match="--step 2"):
         Engine(pipeline)
+
+
+def test_its_actions_are_not_made_of_clips_on_our_rig(imported, capsys):
+    assert main(["actions", "remove", "wave", "--bundle", str(imported)]) == 1
+    assert "actions came with it" in capsys.readouterr().err
+    assert main(["actions", "list", "--bundle", str(imported)]) == 0
+    assert "3 actions" in capsys.readouterr().out
