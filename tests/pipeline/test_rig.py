@@ -21,6 +21,7 @@ from echoavatar.kinematics.features import REFERENCE
 from echoavatar.kinematics.rotations import matrix_from_axis_angle
 from echoavatar.pipeline.rig import RigAdapter
 from echoavatar.reference.rig import AXES, CM, rig_config, skeleton_config
+from echoavatar.reference.statistics import feature_order
 
 GOLDEN = Path(__file__).parents[2] / "../shared/golden/reference_release"
 C = torch.tensor(AXES)
@@ -106,3 +107,26 @@ def test_hands_are_kept_off_as_published_in_our_axes_and_metres() -> None:
     arms = [own.index("Shoulder_R"), own.index("Shoulder_L")]
     assert [int(moved[:, shoulder].sum()) for shoulder in arms] == [18, 10]
     assert int(moved.sum()) == 28
+
+
+@pytest.mark.skipif(not GOLDEN.exists(), reason="the reference fixtures (../shared) are not here")
+def test_the_mean_of_the_published_statistics_is_somebody_who_stands() -> None:
+    """Upright, on the floor, hands in front of the hips, facing +Z: order, axes, unit and height are theirs."""
+    theirs = read_bvh(GOLDEN / "sample_60fps.bvh", metres_per_unit=1.0).skeleton
+    own = Skeleton(skeleton_config(theirs.names, theirs.parents, theirs.offsets.numpy(), origin="bvh"))
+    mean = torch.from_numpy(np.load(GOLDEN / "body_norm.npz")["mean"])[feature_order(own)]
+    adapter = RigAdapter(config(own), own)
+    features = adapter.step(mean.expand(1, 8, -1), adapter.init_state(1), torch.ones(1, dtype=torch.bool))
+    moved = from_features(HUMANOID, features[0, -1:])
+    places = forward_kinematics(HUMANOID, moved.rotations, moved.root).positions[0]
+    at = {
+        name: places[joint] - places[0] * torch.tensor([1, 0, 1])
+        for name, joint in HUMANOID.config.vrm.items()
+    }
+    for side, sign in (("left", 1), ("right", -1)):
+        assert 0.05 < at[f"{side}Foot"][1] < 0.15
+        assert 0.8 < at[f"{side}Hand"][1] < 1.2
+        assert 0.1 < at[f"{side}Hand"][2] < 0.4
+        assert 0.1 < sign * at[f"{side}Hand"][0] < 0.5
+        assert at[f"{side}Toes"][2] > at[f"{side}Foot"][2]
+    assert at["head"][1] > 1.3
