@@ -124,6 +124,7 @@ def run(args: argparse.Namespace) -> int:
 def _unity(args: argparse.Namespace) -> int:
     """One session, motion to a Unity project in its own format."""
     import asyncio
+    import contextlib
 
     import torch
 
@@ -157,7 +158,10 @@ def _unity(args: argparse.Namespace) -> int:
             flush=True,
         )
 
-    asyncio.run(serve_unity(Engine(pipeline, rewind=0), bundle.runtime.rig, settings, on_ready=ready))
+    served = serve_unity(Engine(pipeline, rewind=0), bundle.runtime.rig, settings, on_ready=ready)
+    with contextlib.suppress(KeyboardInterrupt):
+        asyncio.run(served)
+    print("echoavatar: stopped", file=sys.stderr)
     return 0
 
 

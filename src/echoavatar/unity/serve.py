@@ -102,8 +102,8 @@ def _handler(
                 if size > LARGEST:
                     raise CheckpointError(f"a message of {size} bytes is too long")
                 handle(session, await reader.readexactly(size))
-        except (asyncio.IncompleteReadError, ConnectionError):
-            pass
+        except (asyncio.IncompleteReadError, ConnectionError, asyncio.CancelledError):
+            pass  # cancelled: the server stops, and asyncio would print a trace for each sender that is still there
         except (EchoAvatarError, UnicodeDecodeError) as error:
             _LOG.warning("a sender was turned away: %s", error)
         finally:
