@@ -1,6 +1,7 @@
 """All of a download checked before anything is written: what becomes of each tensor, and everything that is wrong."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -66,17 +67,16 @@ def survey(release: Release, *, generator: str | None = None, step: int = 2) -> 
 
 def _each(found: Survey, release: Release, generator: str | None, step: int) -> Iterator[list[str]]:
     for part, features in zip(folder.PARTS, (117, 162, 252), strict=True):
-        yield _try(lambda part=part, features=features: _tokenizer(found, release, part, features))
+        yield _try(partial(_tokenizer, found, release, part, features))
     yield _try(lambda: _generator(found, release.generator(generator), step))
     yield _try(lambda: _face(found, release.face(), step))
     yield _try(lambda: _stats(found, release))
     yield _try(lambda: _face_stats(found, release))
 
 
-def _try(read: object) -> list[str]:
+def _try(read: Callable[[], list[str]]) -> list[str]:
     try:
-        problems: list[str] = read()  # type: ignore[operator]
-        return problems
+        return read()
     except CheckpointError as error:
         return [str(error)]
 
