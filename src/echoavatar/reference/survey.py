@@ -1,8 +1,8 @@
 """All of a download checked before anything is written: what becomes of each tensor, and everything that is wrong."""
 
 from collections.abc import Callable, Iterator
-from functools import partial
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
