@@ -49,3 +49,11 @@ def test_a_server_serves_its_page_and_stops_in_good_order(tiny_bundle: Path) -> 
             assert process.wait(15) in (0, -signal.SIGTERM)
         finally:
             process.kill()
+
+
+def test_the_legacy_sink_wants_an_address_and_an_imported_bundle(tiny_bundle, capsys):
+    legacy = ["serve", "--model", str(tiny_bundle), "--sink", "unity-legacy"]
+    assert main([*legacy, "--unity", "nowhere"]) == 1
+    assert "HOST:PORT" in capsys.readouterr().err
+    assert main(legacy) == 1
+    assert "not for that Unity project's rig" in capsys.readouterr().err

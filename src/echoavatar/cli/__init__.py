@@ -6,6 +6,7 @@ user can put right (one line), 2 wrong usage.
 
 import argparse
 import importlib
+import keyword
 import logging
 import sys
 from collections.abc import Sequence
@@ -25,6 +26,8 @@ COMMANDS = {
     "data": "make training data",
     "train": "train the codec, the motion tokenizer, the generator, the face, the fingers or FID's extractor",
     "bundle": "assemble trained parts into a bundle",
+    "import": "make a bundle of the authors' published checkpoints",
+    "pull": "fetch a model from the hub, resumed and checked",
     "actions": "list what the avatar can be asked to do; add an action from a clip",
     "rig": "measure a character's body, so that hands keep off it",
     "refine-fingers": "give motion that was captured without fingers plausible ones",
@@ -61,4 +64,5 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _module(command: str) -> str:
-    return "." + command.replace("-", "_")
+    name = command.replace("-", "_")
+    return f".{name}_" if keyword.iskeyword(name) else f".{name}"

@@ -49,6 +49,12 @@ def run(args: argparse.Namespace) -> int:
         raise EchoAvatarError(
             f"{args.bundle} is not a bundle's folder; `echoavatar bundle` makes one, or copy the shipped one"
         )
+    from ..pipeline.runtime import Runtime
+
+    if Runtime.load(folder).rig is not None:
+        raise EchoAvatarError(
+            f"{args.bundle} is for another rig and its actions came with it; edit the rows of its actions.json by hand"
+        )
     {"add": _add, "remove": _remove, "build": _build}[args.kind](args, folder)
     return 0
 

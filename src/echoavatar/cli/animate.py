@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 FORMATS = (".bvh", ".glb", ".npz", ".csv", ".mp4")
 FACE_CSV = ".face.csv"
+FACE47_CSV = ".face47.csv"
 EXAMPLES = """examples:
   echoavatar animate talk.wav -o talk.glb            the character with the animation, for any 3D program
   echoavatar animate song.mp3 -o song.mp4 --seed 7   the character filmed, with the sound
@@ -26,8 +27,8 @@ EXAMPLES = """examples:
   echoavatar animate talk.wav -o talk.csv            rotations as a table, and the face as talk.face.csv
 
 The format is that of the output's suffix. A name that ends in .face.csv gets the face alone, as Live Link Face
-writes takes; glb, mp4 and npz hold body and face; bvh has no room for a face. Input may be anything FFmpeg reads,
-at any rate and channel count.
+writes takes, one that ends in .face47.csv the 47 channels of the paper's authors' demo; glb, mp4 and npz hold body
+and face; bvh has no room for a face. Input may be anything FFmpeg reads, at any rate and channel count.
 """
 
 
@@ -105,6 +106,8 @@ def _writer(output: Path) -> "Callable[[Path, Take], None]":
         )
     if output.name.lower().endswith(FACE_CSV):
         return _face_csv
+    if output.name.lower().endswith(FACE47_CSV):
+        return _face47_csv
     return {".bvh": _bvh, ".glb": _glb, ".npz": _npz, ".csv": _csv, ".mp4": _mp4}[suffix]
 
 
@@ -149,6 +152,16 @@ def _face_csv(path: Path, take: Take) -> None:
             f"cannot write {path.name!r}: this bundle has no face model; use --model with one"
         )
     write_live_link(path, take.face, take.motion.fps)
+
+
+def _face47_csv(path: Path, take: Take) -> None:
+    from ..unity.frames import write_face47
+
+    if take.face is None:
+        raise EchoAvatarError(
+            f"cannot write {path.name!r}: this bundle has no face model; use --model with one"
+        )
+    write_face47(path, take.face, take.motion.fps)
 
 
 def _mp4(path: Path, take: Take) -> None:

@@ -18,6 +18,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "examples:\n"
         "  echoavatar serve                             this machine only; open the address it prints\n"
         "  echoavatar serve --host 0.0.0.0 --seats 8    the network too; asks for a token\n"
+        "  echoavatar serve --model reference --sink unity-legacy --unity 192.168.1.7:12346\n"
+        "                                               one session for a Unity project of the paper's authors\n"
     )
     parser.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: %(default)s)")
@@ -54,11 +56,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--threads", type=int, help="torch threads (default: torch's own choice)")
     parser.add_argument("--certificate", metavar="PEM", help="TLS certificate, with --key: https and wss")
     parser.add_argument("--key", metavar="PEM", help="its private key")
+    parser.add_argument(
+        "--sink",
+        choices=("web", "unity-legacy"),
+        default="web",
+        help="unity-legacy: the TCP messages of the paper's authors; needs an imported bundle (default: %(default)s)",
+    )
+    parser.add_argument("--unity", default="127.0.0.1:12346", metavar="HOST:PORT", help="where Unity listens")
+    parser.add_argument(
+        "--audio-port", type=int, default=12345, help="for their audio sender (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--action-port",
+        type=int,
+        default=12347,
+        help="for names of actions; theirs is 12346 (default: %(default)s)",
+    )
     parser.add_argument("--open", action="store_true", help="open the page in the browser")
 
 
 def run(args: argparse.Namespace) -> int:
     """Load the bundle and serve until stopped."""
+    if args.sink == "unity-legacy":
+        return _unity(args)
     try:
         from ..server import ServerSettings, create_app, serve
         from ..server.guard import is_loopback
@@ -97,6 +117,50 @@ def run(args: argparse.Namespace) -> int:
         ssl_certfile=args.certificate,
         ssl_keyfile=args.key,
     )
+    print("echoavatar: stopped", file=sys.stderr)
+    return 0
+
+
+def _unity(args: argparse.Namespace) -> int:
+    """One session, motion to a Unity project in its own format."""
+    import asyncio
+    import contextlib
+
+    import torch
+
+    from ..engine import Engine
+    from ..pipeline import Pipeline, load_bundle
+    from ..unity import UnitySettings, serve_unity
+
+    host, _, port = args.unity.rpartition(":")
+    if not host or not port.isdigit() or not 0 < int(port) < 65_536:
+        raise EchoAvatarError(f"--unity {args.unity!r} is not HOST:PORT, such as 192.168.1.7:12346")
+    if args.threads:
+        torch.set_num_threads(args.threads)
+    settings = UnitySettings(
+        host=args.host,
+        audio_port=args.audio_port,
+        action_port=args.action_port,
+        unity_host=host,
+        unity_port=int(port),
+    )
+    bundle = load_bundle(args.model)
+    if bundle.runtime.rig is None:
+        raise EchoAvatarError(
+            f"{args.model} is not for that Unity project's rig; see `echoavatar import reference`"
+        )
+    pipeline = Pipeline(bundle, stages=(), output="native")
+    pipeline.warm_up()
+
+    def ready(audio: int, action: int) -> None:
+        print(
+            f"audio on {args.host}:{audio}, actions on {args.host}:{action}, motion to {args.unity}",
+            flush=True,
+        )
+
+    served = serve_unity(Engine(pipeline, rewind=0), bundle.runtime.rig, settings, on_ready=ready)
+    with contextlib.suppress(KeyboardInterrupt):
+        asyncio.run(served)
     print("echoavatar: stopped", file=sys.stderr)
     return 0
 

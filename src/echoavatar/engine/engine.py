@@ -44,6 +44,11 @@ class Engine:
             raise EchoAvatarError(f"an engine needs at least one seat, got {seats}")
         if look_ahead is not None and look_ahead < 1:
             raise EchoAvatarError(f"look_ahead must be at least one chunk, got {look_ahead}")
+        if (taken := getattr(pipeline, "chunk_samples", CHUNK_SAMPLES)) != CHUNK_SAMPLES:
+            raise EchoAvatarError(
+                f"sessions run in chunks of {CHUNK_SAMPLES} samples, this bundle's generator steps by {taken}; "
+                "import it with --step 2, the paper's step, or call Pipeline.step yourself"
+            )
         self.pipeline = pipeline
         self.actions: ActionLibrary = getattr(pipeline, "actions", ActionLibrary())
         self.ticks, self.tick_seconds = 0, 0.0  # how many ticks had work, and how long the last of them took

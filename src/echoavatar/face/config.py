@@ -46,6 +46,9 @@ class HubertConfig(Config):
         return self.width
 
 
+ChannelOrder = Literal["live_link", "apple"]
+
+
 class FaceConfig(Config):
     """The whole model: encoder, causal GPT, flow-matching head."""
 
@@ -72,8 +75,24 @@ class FaceConfig(Config):
         default=16, gt=0, description="frames from one independent draw of noise to the next (paper: 1)"
     )
 
+    step: int = Field(
+        default=CHUNK_FRAMES,
+        gt=0,
+        description="frames of a step; others than 8 (release: 12) in the window form",
+    )
+    order: ChannelOrder = Field(
+        default="live_link",
+        description="of the model's channels; they differ in left and right of jaw and mouth",
+    )
+    least_std: float = Field(
+        default=0.02, ge=0, description="deviation below which a channel is not blown up when normalised"
+    )
+    idle: bool = Field(default=True, description="whether channels that hardly move get life of their own")
+
     @model_validator(mode="after")
     def _heads_divide_width(self) -> Self:
+        if self.memory == "ring" and self.step != CHUNK_FRAMES:
+            raise ValueError(f"the ring form steps by {CHUNK_FRAMES} frames")
         if self.width % self.heads:
             raise ValueError(f"width ({self.width}) must be a multiple of heads ({self.heads})")
         if self.head_split and self.memory == "ring":

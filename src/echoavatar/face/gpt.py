@@ -17,7 +17,6 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
 from ..nn import Mlp, StreamState, write_rows
-from ..timing import CHUNK_FRAMES
 from .attention import Attention, RingAttention, RotaryVectorAttention, SinusoidAttention
 from .config import FaceConfig
 
@@ -141,9 +140,9 @@ class FaceGpt(nn.Module):
         return -(-self.config.context // VECTOR) * VECTOR
 
     def begin(self, state: GptState, sound: Float[Tensor, "b n w"]) -> Run:
-        """Window form: caches of the past. `sound` (through `sound_proj`) is that of all inputs: n = past + 8."""
+        """Window form: caches of the past. `sound` (through `sound_proj`) is that of all inputs: n = past + step."""
         past, width = self.config.context - 1, self.config.width
-        shape = (BRANCHES * len(sound), past + CHUNK_FRAMES, 2 * width)
+        shape = (BRANCHES * len(sound), past + self.config.step, 2 * width)
         run = Run([[sound.new_empty(shape) for _ in block.attentions()] for block in self._blocks()], 0)
         self._advance(run, state.motion[:, :-1], sound[:, :past])
         return run

@@ -72,10 +72,10 @@ class HubertEncoder(AudioEncoder[SoundState]):
     def step(
         self, x: Float[Tensor, "b s"], state: SoundState, active: Bool[Tensor, " b"]
     ) -> Float[Tensor, "b n c"]:
-        """Features of the last 63 frames, up to the end of the chunk (one chunk per step)."""
-        if x.shape[1] != CHUNK_SAMPLES:
-            raise ValueError(f"a step takes {CHUNK_SAMPLES} samples, got {x.shape[1]}")
-        known = torch.cat([state.samples, x.to(state.samples)], 1)[:, CHUNK_SAMPLES:]
+        """Features of the last 63 frames, up to the end of `x`, which is one step's sound."""
+        if x.shape[1] % SAMPLES_PER_FRAME or x.shape[1] > WINDOW_FRAMES * SAMPLES_PER_FRAME:
+            raise ValueError(f"a step takes whole frames, {WINDOW_FRAMES} at most; got {x.shape[1]} samples")
+        known = torch.cat([state.samples, x.to(state.samples)], 1)[:, x.shape[1] :]
         write_rows(state.samples, known, active)
         return self.window(self.resample(known))
 

@@ -17,8 +17,8 @@ from .encoder import AudioEncoder, MelEncoder
 from .flow import FlowHead
 from .gpt import FaceGpt
 
+_TINY = 1e-8
 STILL = 1e-3  # channels that deviate less (standard deviation) are held at their mean
-_LEAST_STD = 0.02  # so that a channel that hardly moves is not blown up
 
 
 class FaceModel(nn.Module):
@@ -75,7 +75,7 @@ class FaceModel(nn.Module):
         return (self.std > STILL).to(self.std)
 
     def _scale(self) -> Tensor:
-        return self.std.clamp_min(_LEAST_STD)
+        return self.std.clamp_min(max(self.config.least_std, _TINY))
 
 
 def make_encoder(config: FaceConfig) -> AudioEncoder[Any]:

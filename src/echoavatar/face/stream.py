@@ -11,7 +11,8 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from ..nn import StreamState
-from ..timing import CHUNK_FRAMES, CHUNK_SAMPLES
+from ..timing import SAMPLES_PER_FRAME
+from .arkit import APPLE_NAMES, ARKIT_NAMES
 from .decoder import FrameDecoder
 from .flow import Schedule
 from .gpt import GptState
@@ -34,7 +35,10 @@ class FaceStream:
 
     def __init__(self, model: FaceModel) -> None:
         self.model = model.eval()
-        self.idle = IdleFace(model.moving())
+        names = APPLE_NAMES if model.config.order == "apple" else ARKIT_NAMES
+        self._order = torch.tensor([names.index(name) for name in ARKIT_NAMES])
+        moving = model.moving().cpu()[self._order]
+        self.idle = IdleFace(moving if model.config.idle else torch.ones_like(moving))
         self._decoder = FrameDecoder(model) if model.config.memory == "ring" else None
 
     def init_state(self, rows: int) -> FaceState:
@@ -51,20 +55,21 @@ class FaceStream:
         active: Bool[Tensor, " b"],
         seeds: Int[Tensor, " b"],
     ) -> Float[Tensor, "b t 52"]:
-        """Curves (0 to 1) of the next chunks of 6,400 samples; inactive rows return curves without meaning.
+        """Curves (0 to 1) of the next steps, 6,400 samples or the config's; inactive rows return what means nothing.
 
         Raises:
-            ValueError: the samples are not whole chunks.
+            ValueError: the samples are not whole steps.
         """
-        if audio.shape[1] % CHUNK_SAMPLES or not audio.shape[1]:
-            raise ValueError(f"a step takes a multiple of {CHUNK_SAMPLES} samples, got {audio.shape[1]}")
+        samples = self.model.config.step * SAMPLES_PER_FRAME
+        if audio.shape[1] % samples or not audio.shape[1]:
+            raise ValueError(f"a step takes a multiple of {samples} samples, got {audio.shape[1]}")
         schedule = self.model.head.schedule(self.model.config.sampling_steps)
         curves = []
-        for chunk in torch.split(audio, CHUNK_SAMPLES, dim=1):
+        for chunk in torch.split(audio, samples, dim=1):
             features = self.model.encoder.step(chunk, state.encoder, active)
             noise = self._noise(state.gpt.seen, seeds)
             normal = self.generate(features, state.gpt, active, noise, schedule)
-            face = self.model.denormalize(normal).clamp(0, 1)
+            face = self.model.denormalize(normal).clamp(0, 1)[..., self._order]
             curves.append(self.idle.step(face, frame_loudness(chunk), state.idle, active, seeds))
         return torch.cat(curves, 1)
 
@@ -74,28 +79,28 @@ class FaceStream:
         features: Float[Tensor, "b n a"],
         state: GptState,
         active: Bool[Tensor, " b"],
-        noise: Float[Tensor, "b 8 c"],
+        noise: Float[Tensor, "b n c"],
         schedule: Schedule | None = None,
-    ) -> Float[Tensor, "b 8 c"]:
-        """Normalised frames of one chunk, from the features of its frames (and, in front, of earlier ones)."""
+    ) -> Float[Tensor, "b n c"]:
+        """Normalised frames of one step, from the features of its frames (and, in front, of earlier ones)."""
         gpt, head, config = self.model.gpt, self.model.head, self.model.config
         schedule = schedule or head.schedule(config.sampling_steps)
-        wanted = state.sound.shape[1] + CHUNK_FRAMES
+        wanted = state.sound.shape[1] + config.step
         features = torch.cat([state.sound, features], 1)[:, -wanted:]
         sound = gpt.sound_proj(features)
         if self._decoder is not None:
             generated = torch.from_numpy(self._decoder.run(state, sound, active, noise, schedule)).to(noise)
         else:
             run, last, frames = gpt.begin(state, sound), state.motion[:, -1], []
-            for i in range(CHUNK_FRAMES):
-                condition = gpt.next(run, last, sound[:, i - CHUNK_FRAMES])
+            for i in range(config.step):
+                condition = gpt.next(run, last, sound[:, i - config.step])
                 last = head.sample(condition, noise[:, i], schedule, guidance=config.guidance)
                 frames.append(last)
             generated = torch.stack(frames, 1)
         gpt.commit(state, generated, features, active)
         return generated
 
-    def _noise(self, frame: Int[Tensor, " b"], seeds: Int[Tensor, " b"]) -> Float[Tensor, "b 8 c"]:
+    def _noise(self, frame: Int[Tensor, " b"], seeds: Int[Tensor, " b"]) -> Float[Tensor, "b n c"]:
         config = self.model.config
-        noise = face_noise(seeds, frame, count=CHUNK_FRAMES, channels=config.channels, hold=config.noise_hold)
+        noise = face_noise(seeds, frame, count=config.step, channels=config.channels, hold=config.noise_hold)
         return noise.to(self.model.mean)

@@ -58,10 +58,10 @@ class Draws(NamedTuple):
 class Steering(NamedTuple):
     """What a directive does; see `exemplar.Steer`."""
 
-    segment: int  # -1 for no directive
+    segments: np.ndarray  # (s,) those it speaks of; negative for no directive
     hint: np.ndarray  # (b, c)
-    members: np.ndarray  # (b, K)
-    bias: np.ndarray  # (b, K)
+    members: np.ndarray  # (b, s K)
+    bias: np.ndarray  # (b, s K)
     gate: np.ndarray  # (c,)
     gate_bias: np.float32
 
@@ -106,8 +106,9 @@ def _draw_codes(weights, hidden, keys, values, turns, draws, steering, codes):  
     for index in range(count):
         segment = index % segments
         _product(hidden, weights.heads, segment, logits)
-        if segment == steering.segment:
-            _steer(logits, hidden, steering)
+        for place in range(steering.segments.shape[0]):
+            if segment == steering.segments[place]:
+                _steer(logits, hidden, steering, place * logits.shape[1])
         for row in range(rows):
             sharpness = draws.sharpness[row, index % draws.sharpness.shape[1]]
             codes[row, index] = _draw(
@@ -218,13 +219,13 @@ def _attend(qkv, keys, values, slot, bias, scores, y):  # type: ignore[no-untype
 
 
 @compiled()
-def _steer(logits, hidden, steering):  # type: ignore[no-untyped-def]
+def _steer(logits, hidden, steering, at):  # type: ignore[no-untyped-def]
     for row in range(logits.shape[0]):
         gate = steering.gate_bias
         for i in range(hidden.shape[1]):
             gate += hidden[row, i] * steering.gate[i]
         for code in range(logits.shape[1]):
-            logits[row, code] += gate * steering.members[row, code] + steering.bias[row, code]
+            logits[row, code] += gate * steering.members[row, at + code] + steering.bias[row, at + code]
 
 
 @compiled()

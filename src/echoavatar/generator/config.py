@@ -5,7 +5,17 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from ..config import Config
+from ..timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK, exact_div
 from ..tokens import SequenceOrder, TokenLayout, sequence_order
+
+AUDIO_FRAMES_PER_TOKEN = exact_div(AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK)  # 10
+
+
+class Opening(Config):
+    """What fills the window before anything was heard, so that a session starts at once."""
+
+    silence: tuple[int, ...] = Field(description="codes of an audio frame of silence, one per layer")
+    motion: int = Field(ge=0, description="code of every segment in the motion before the first")
 
 
 class GeneratorConfig(Config):
@@ -41,6 +51,55 @@ class GeneratorConfig(Config):
     exemplar: bool = Field(
         default=False, description="whether a set of first-layer upper-body codes steers it (paper, stage 3)"
     )
+
+    step: int = Field(
+        default=MOTION_TOKENS_PER_CHUNK,
+        gt=0,
+        description="motion tokens of a step: 2 (paper, 0.27 s); other numbers (release: 3) in the prefix order only",
+    )
+    opening: Opening | None = Field(
+        default=None, description="prefix order: what precedes a session; None: a window that grows"
+    )
+    steered: tuple[int, ...] = Field(
+        default=(), description="segments whose codes a directive may name; (): the upper body's first layer"
+    )
+    example_bias: float | None = Field(
+        default=None,
+        description="nats that a directive adds to the logits of its codes; None: the pipeline's",
+    )
+
+    @model_validator(mode="after")
+    def _fits_its_order(self) -> Self:
+        if self.sequence == "interleaved" and (self.step != MOTION_TOKENS_PER_CHUNK or self.opening):
+            raise ValueError("another step than 2 and an opening belong to the prefix order")
+        if self.window_tokens % self.step:
+            raise ValueError(
+                f"the window ({self.window_tokens} motion tokens) must be whole steps of {self.step}"
+            )
+        if self.opening is not None and len(self.opening.silence) != self.layout.audio_layers:
+            raise ValueError(f"silence needs a code for each of {self.layout.audio_layers} layers")
+        if any(not 0 <= segment < self.layout.segments for segment in self.steered):
+            raise ValueError(f"steered segments {self.steered} must lie in 0..{self.layout.segments - 1}")
+        if self.steered and self.exemplar:
+            raise ValueError(
+                "a generator trained with exemplars is steered in the upper body's first layer only"
+            )
+        return self
+
+    @property
+    def window_tokens(self) -> int:
+        """Motion tokens in the window."""
+        return self.window_chunks * MOTION_TOKENS_PER_CHUNK
+
+    @property
+    def audio_frames(self) -> int:
+        """Audio frames of a step."""
+        return self.step * AUDIO_FRAMES_PER_TOKEN
+
+    @property
+    def directed(self) -> tuple[int, ...]:
+        """The segments that a directive speaks of; it has K numbers for each."""
+        return self.steered or (self.layout.motion_layers,)
 
     @model_validator(mode="after")
     def _heads_divide(self) -> Self:

@@ -18,7 +18,7 @@ from torch import Tensor
 
 from ..nn.stream import StreamState
 from . import compiled
-from .exemplar import Steer, member_rows, segment_of
+from .exemplar import Steer, member_rows
 from .linear import FloatLinear, FrozenLinear, Precision, frozen_linear
 from .model import DecoderLayer, Generator
 from .rotary import rotary_angles
@@ -70,7 +70,7 @@ class Decoder:
                 (self._control.gate_proj.weight * scale).detach().float(),
                 self._control.gate_proj.bias,
             )
-        self._directed = segment_of(config.layout)
+        self._directed = config.directed
         self._members = member_rows(self._embedding, config.layout)
         self._root_eps = torch.full((1, 1), (width * config.norm_eps) ** 0.5, device=self.device)
         self._compiled = self._compile() if self.device.type == "cpu" and precision != "bfloat16" else None
@@ -106,11 +106,16 @@ class Decoder:
 
     def steer(self, exemplar: Float[Tensor, "b K"] | None, bias: Float[Tensor, "b K"] | None) -> Steer | None:
         """What these weights make of a set and of a bias on its logits; without exemplar control the set is ignored."""
-        if self._control is None or exemplar is None:
+        if self._control is None and not self.config.layout.before_example:
+            exemplar = None
+        if exemplar is None:
             if bias is None:
                 return None
             return Steer(bias.new_zeros(len(bias), self.config.width), torch.zeros_like(bias), bias)
-        hint = self._control.hint(exemplar, self._members)
+        if self._control is None:  # the prompt shows the set, if anything does
+            hint = exemplar.new_zeros(len(exemplar), self.config.width)
+        else:
+            hint = self._control.hint(exemplar, self._members)
         return Steer(hint, exemplar, torch.zeros_like(exemplar) if bias is None else bias)
 
     def run(
@@ -142,11 +147,13 @@ class Decoder:
     ) -> Float[Tensor, "b K"]:
         """The K logits of one segment, under a directive where one is given."""
         logits = self._heads[segment](hidden).float()
-        if steer is None or segment != self._directed:
+        if steer is None or segment not in self._directed:
             return logits
+        at = self._directed.index(segment) * logits.shape[1]
+        part = slice(at, at + logits.shape[1])
         if self._control is not None:
-            logits = logits + F.linear(hidden.float(), *self._gate) * steer.members
-        return logits + steer.bias
+            logits = logits + F.linear(hidden.float(), *self._gate) * steer.members[:, part]
+        return logits + steer.bias[:, part]
 
     def draw(
         self,
@@ -219,17 +226,18 @@ class Decoder:
 
     def _steering(self, steer: Steer | None, rows: int) -> compiled.Steering:
         width, codes = self.config.width, self.config.layout.motion_codes
+        directed = np.array(self._directed)
         gate, gate_bias = np.zeros(width, np.float32), np.float32(0)
         if steer is None:
             hint, (members, bias) = (
                 np.zeros((rows, width), np.float32),
-                np.zeros((2, rows, codes), np.float32),
+                np.zeros((2, rows, codes * len(directed)), np.float32),
             )
-            return compiled.Steering(-1, hint, members, bias, gate, gate_bias)
+            return compiled.Steering(directed - len(self._heads), hint, members, bias, gate, gate_bias)
         if self._control is not None:
             gate, gate_bias = self._gate[0][0].numpy(), np.float32(self._gate[1].item())
         hint, members, bias = (np.ascontiguousarray(part.numpy()) for part in steer)
-        return compiled.Steering(self._directed, hint, members, bias, gate, gate_bias)
+        return compiled.Steering(directed, hint, members, bias, gate, gate_bias)
 
     def _norm(self, x: Float[Tensor, "n c"], dtype: torch.dtype) -> Float[Tensor, "n c"]:
         """Bring to unit length, x / sqrt(|x|^2 + c eps); the missing sqrt(c) is folded into the weights."""

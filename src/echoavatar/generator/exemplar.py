@@ -35,7 +35,7 @@ class Steer(NamedTuple):
     """What a directive does during one step of a stream."""
 
     hint: Float[Tensor, "b c"]  # added to the input of the positions that predict motion codes
-    members: Float[Tensor, "b K"]  # times the gate, added to the logits of the upper body's first layer
+    members: Float[Tensor, "b K"]  # times the gate, added to the logits of the segments directed; K for each
     bias: Float[Tensor, "b K"]  # added there as it is
 
 

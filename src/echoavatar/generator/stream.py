@@ -14,8 +14,8 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from ..nn.stream import StreamingModule, StreamState, write_rows
-from ..timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
 from ..tokens import Interleaved, Prefix
+from .config import AUDIO_FRAMES_PER_TOKEN
 from .decoder import Decoder, KeyValueRing, Places
 from .exemplar import Steer
 from .linear import Precision
@@ -51,21 +51,22 @@ class GeneratorStream(StreamingModule[StateT]):
         exemplar: Float[Tensor, "b K"] | None = None,
         bias: Float[Tensor, "b K"] | None = None,
     ) -> Int[Tensor, "b n p q"]:
-        """Hear the audio codes of whole chunks (b, 20 each, 2), return their motion codes (b, 2 each, 3, Q).
+        """Hear the audio codes of whole steps (b, 20 each, 2), return their motion codes (b, 2 each, 3, Q).
 
         `seeds` (default 0) key the noise of each row; `temperature` and `top_p` default to the config's. `exemplar` is
         each row's directive: the intensity of every code in its set of first-layer upper-body codes, 0 elsewhere (a
-        generator trained without ignores it); `bias` is added to that layer's logits as it is.
+        generator trained without ignores it); `bias` is added to that layer's logits as it is. Where the config steers
+        other segments both have K numbers for each of them.
         """
         rows, device = x.shape[0], self._decoder.device
         seeds = torch.zeros(rows, dtype=torch.int64, device=device) if seeds is None else seeds
         if temperature is None:
             temperature = torch.full((rows,), self.config.temperature, device=device)
         top_p = torch.full((rows,), self.config.top_p, device=device) if top_p is None else top_p
-        count, codes = MOTION_TOKENS_PER_CHUNK * self.layout.segments, self.layout.motion_codes
+        count, codes = self.config.step * self.layout.segments, self.layout.motion_codes
         steer = self._decoder.steer(exemplar, bias)
         parts = []
-        for chunk in torch.split(x, AUDIO_FRAMES_PER_CHUNK, dim=1):
+        for chunk in torch.split(x, self.config.audio_frames, dim=1):
             noise = gumbel_noise(seeds, self._heard(state) * count, count=count, codes=codes)
             parts.append(
                 self._generate(chunk, state, active, self._sampler(noise, temperature, top_p), steer)
@@ -84,7 +85,7 @@ class GeneratorStream(StreamingModule[StateT]):
 
     @abstractmethod
     def _heard(self, state: StateT) -> Int[Tensor, " b"]:
-        """Chunks each row has heard."""
+        """Steps each row has heard."""
 
     @abstractmethod
     def _generate(
@@ -174,7 +175,7 @@ class InterleavedStream(GeneratorStream[RingState]):
 
 @dataclass
 class HistoryState(StreamState):
-    """The codes of the window, newest last, and how many chunks were heard."""
+    """The codes of the window, newest last, and how many steps were heard."""
 
     audio: Int[Tensor, "b f l"]
     motion: Int[Tensor, "b n p q"]
@@ -182,7 +183,10 @@ class HistoryState(StreamState):
 
 
 class PrefixStream(GeneratorStream[HistoryState]):
-    """The paper's window: every step reads up to 4 s of audio and the motion before the new chunk, then decodes."""
+    """The paper's window: every step reads up to 4 s of audio and the motion before the new step, then decodes.
+
+    Where the config has an `opening`, it stands in the window for what was not heard yet; else the window grows.
+    """
 
     def __init__(self, generator: Generator, precision: Precision = "float32") -> None:
         super().__init__(generator, precision)
@@ -191,13 +195,13 @@ class PrefixStream(GeneratorStream[HistoryState]):
 
     def init_state(self, rows: int) -> HistoryState:
         """A state in which nothing was heard yet."""
-        device, chunks, layout = self._decoder.device, self.config.window_chunks, self.layout
+        device, tokens, layout = self._decoder.device, self.config.window_tokens, self.layout
 
         def zeros(*shape: int) -> Tensor:
             return torch.zeros(rows, *shape, dtype=torch.int64, device=device)
 
-        audio = zeros(chunks * AUDIO_FRAMES_PER_CHUNK, layout.audio_layers)
-        motion = zeros(chunks * MOTION_TOKENS_PER_CHUNK, 3, layout.motion_layers)
+        audio = zeros(tokens * AUDIO_FRAMES_PER_TOKEN, layout.audio_layers)
+        motion = zeros(tokens, 3, layout.motion_layers)
         return HistoryState(audio, motion, zeros())
 
     def _heard(self, state: HistoryState) -> Int[Tensor, " b"]:
@@ -211,10 +215,9 @@ class PrefixStream(GeneratorStream[HistoryState]):
         sampler: Sampler,
         steer: Steer | None,
     ) -> Int[Tensor, "b n p q"]:
-        audio = torch.cat([state.audio, x.long()], dim=1)[:, AUDIO_FRAMES_PER_CHUNK:]
-        context = state.motion[:, MOTION_TOKENS_PER_CHUNK:]
-        missing = (self.config.window_chunks - 1 - state.chunks).clamp(min=0)
-        prompt, valid = self._order.prompt(audio, context, missing)
+        audio = torch.cat([state.audio, x.long()], dim=1)[:, self.config.audio_frames :]
+        context = state.motion[:, self.config.step :]
+        prompt, valid = self._prompt(audio, context, state.chunks, steer)
         places, slots = self._places(valid)
         told = context[0].numel() + 1  # the whole window is told, as in training
         flat = self._decode(prompt, places, self._decoder.rings(len(x), slots), sampler, steer, told)
@@ -224,9 +227,40 @@ class PrefixStream(GeneratorStream[HistoryState]):
         write_rows(state.chunks, state.chunks + 1, active)
         return codes
 
+    def _prompt(
+        self,
+        audio: Int[Tensor, "b f l"],
+        context: Int[Tensor, "b n p q"],
+        heard: Int[Tensor, " b"],
+        steer: Steer | None,
+    ) -> tuple[Int[Tensor, "b t"], Bool[Tensor, "b t"]]:
+        """Ids of the window and which of them count."""
+        config, example = self.config, self._example(steer)
+        missing = (config.window_tokens // config.step - 1 - heard).clamp(min=0)
+        if config.opening is None:
+            return self._order.prompt(audio, context, missing, example)
+        tokens, frames = (torch.arange(part.shape[1], device=audio.device) for part in (context, audio))
+        is_before = tokens < (missing * config.step)[:, None]
+        was_silent = frames < (missing * config.audio_frames)[:, None]
+        silence = torch.tensor(config.opening.silence, device=audio.device)
+        context = torch.where(is_before[..., None, None], config.opening.motion, context)
+        audio = torch.where(was_silent[..., None], silence, audio)
+        return self._order.prompt(audio, context, torch.zeros_like(missing), example)
+
+    def _example(self, steer: Steer | None) -> Int[Tensor, "b m"] | None:
+        """Ids of each row's set in the order of its codes, -1 behind the last; None where no prompt shows any."""
+        if steer is None or not self.layout.before_example or not bool((steer.members > 0).any()):
+            return None
+        starts = torch.tensor([self.layout.segment_start(segment) for segment in self.config.directed])
+        codes = torch.arange(self.layout.motion_codes)
+        ids = (starts[:, None] + codes).flatten().to(steer.members.device)
+        is_in = steer.members > 0
+        order = is_in.int().argsort(dim=1, descending=True, stable=True)[:, : int(is_in.sum(1).max())]
+        return torch.where(is_in.gather(1, order), ids[order], -1)
+
     def _places(self, valid: Bool[Tensor, "b t"]) -> tuple[Places, int]:
         rows, device = valid.shape[0], valid.device
-        new = torch.ones(rows, self._order.motion_per_chunk, dtype=torch.bool, device=device)
+        new = torch.ones(rows, self.config.step * self.layout.segments, dtype=torch.bool, device=device)
         valid = torch.cat([valid, new], dim=1)
         length = valid.shape[1]
         at = torch.arange(length, device=device)

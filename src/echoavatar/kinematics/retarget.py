@@ -45,7 +45,7 @@ def retarget(
         ours[bone]: pose.rotations[:, theirs[bone]] @ turn
         for bone, turn in align(source, pose, theirs, target, ours).items()
     }
-    local = _local_rotations(target, world, motion.frames)
+    local = local_rotations(target, world, motion.frames)
     root = _root(motion, pose, theirs, target, ours, local)
     quaternions = quaternion_from_matrix(local).numpy().astype(np.float32)
     moved = Motion(target, quaternions, root.numpy().astype(np.float32), motion.fps)
@@ -57,8 +57,11 @@ def retarget(
 
 def leg_length(skeleton: Skeleton, bones: Mapping[str, int]) -> float:
     """Thigh plus shin, mean of both sides, metres."""
-    joints = [bones[f"{side}{bone}"] for side in ("left", "right") for bone in ("LowerLeg", "Foot")]
-    return float(skeleton.offsets[joints].norm(dim=-1).sum() / 2)
+    rest = skeleton.rest_positions  # not offsets: a rig may have joints in the middle of a bone
+    chains = [
+        [bones[f"{side}{bone}"] for bone in ("UpperLeg", "LowerLeg", "Foot")] for side in ("left", "right")
+    ]
+    return float(sum(rest[chain].diff(dim=0).norm(dim=-1).sum() for chain in chains) / 2)
 
 
 def _with_map(motion: Motion, bones: Mapping[str, int]) -> Motion:
@@ -66,7 +69,7 @@ def _with_map(motion: Motion, bones: Mapping[str, int]) -> Motion:
     return Motion(Skeleton(config), motion.rotations, motion.root, motion.fps)
 
 
-def _local_rotations(target: Skeleton, world: dict[int, Tensor], frames: int) -> Tensor:
+def local_rotations(target: Skeleton, world: dict[int, Tensor], frames: int) -> Tensor:
     """Parent-relative rotations; a spine bone nobody drives turns half as far as the one above it."""
     full: list[Tensor] = []
     eye = torch.eye(3, dtype=torch.double).expand(frames, 3, 3)

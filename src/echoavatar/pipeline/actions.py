@@ -45,10 +45,15 @@ class Action:
     about: str = ""  # for people and language models
     guides: bool = True  # whether the codes are asked for; a nod leaves arms and hands free
     overlay: Overlay | None = None  # what the codes cannot say
+    is_set: bool = (
+        False  # whether all codes are asked for all the time, as the paper has it; `hold` says how long
+    )
 
     @property
     def chunks(self) -> int:
         """Length of the clip."""
+        if self.is_set:
+            return self.hold[1]
         return len(self.codes) // MOTION_TOKENS_PER_CHUNK
 
     @property
@@ -76,6 +81,9 @@ class Action:
         place, row = self.place(elapsed, length), torch.zeros(codes)
         if not self.guides:
             return row
+        if self.is_set:
+            row[list(self.codes)] = 1.0
+            return row
         near = slice(
             max(0, place - REACH) * MOTION_TOKENS_PER_CHUNK, (place + REACH + 1) * MOTION_TOKENS_PER_CHUNK
         )
@@ -91,7 +99,7 @@ class Action:
     def to_json(self) -> dict[str, object]:
         """As in `actions.json`."""
         row: dict[str, object] = {"name": self.name, "about": self.about, "hold": self.hold}
-        row |= {"codes": self.codes, "guides": self.guides}
+        row |= {"codes": self.codes, "guides": self.guides} | ({"set": True} if self.is_set else {})
         return row if self.overlay is None else row | {"overlay": self.overlay.to_json()}
 
     @classmethod
@@ -101,7 +109,10 @@ class Action:
         overlay = Overlay.from_json(row["overlay"]) if "overlay" in row else None
         codes = tuple(int(code) for code in row["codes"])
         guides = bool(row["guides"])
-        return cls(str(row["name"]), codes, (int(first), int(last)), str(row["about"]), guides, overlay)
+        is_set = bool(row.get("set", False))
+        return cls(
+            str(row["name"]), codes, (int(first), int(last)), str(row["about"]), guides, overlay, is_set
+        )
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from ..generator import Generator, qwen_half_billion
 from ..kinematics import Skeleton
 from ..tokenizer import BodyTokenizer
 from .actions import ActionLibrary
+from .runtime import Runtime
 
 PARTS = ("codec", "tokenizer", "generator")
 
@@ -35,10 +36,11 @@ class Bundle:
     card: dict[str, object]
     actions: ActionLibrary = field(default_factory=ActionLibrary)
     face: FaceModel | None = None
+    runtime: Runtime = field(default_factory=Runtime)
 
     @property
     def skeleton(self) -> Skeleton:
-        """The rig the motion is for."""
+        """The rig that the tokenizer knows; `Pipeline.skeleton` is the one that motion comes out on."""
         return self.tokenizer.skeleton
 
     @property
@@ -64,9 +66,11 @@ def load_bundle(name: str | Path = "default") -> Bundle:
         codec = AudioCodec.load(folder / "codec").eval()
         tokenizer = BodyTokenizer.load(folder / "tokenizer").eval()
         generator = Generator.load(folder / "generator").eval()
-        actions = ActionLibrary.load(folder, tokenizer.config.codes)
+        width = len(generator.config.directed) * generator.config.layout.motion_codes
+        actions = ActionLibrary.load(folder, width)
         face = FaceModel.load(folder / "face") if (folder / "face").is_dir() else None
-        bundle = Bundle(str(name), codec, tokenizer, generator, read_card(folder), actions, face)
+        runtime = Runtime.load(folder)
+        bundle = Bundle(str(name), codec, tokenizer, generator, read_card(folder), actions, face, runtime)
     _check(bundle)
     return bundle
 

@@ -1,6 +1,6 @@
 """One chunk of audio in, one chunk of motion out, for many sessions at once (paper, Real-time Deployment).
 
-    level control -> codec -> generator -> tokenizer decoder -> post: calm, ground, leash, feet, hands
+    level control -> codec -> generator -> tokenizer decoder -> rig -> post: calm, ground, leash, feet, hands
                   -> face, where the bundle has a face model
 
 Offline and live are the same: a file is a session that is pushed faster. Nothing here depends on the wall clock.
@@ -23,22 +23,23 @@ from ..generator.linear import Precision
 from ..generator.stream import GeneratorStream, HistoryState, RingState
 from ..ik import BodyProfile
 from ..nn import StreamState
-from ..timing import CHUNK_SAMPLES
+from ..timing import CHUNK_FRAMES, SAMPLES_PER_MOTION_TOKEN
 from ..tokenizer.body import BodyState
 from ..tokenizer.model import DecoderState
 from .actions import Directive
 from .bundle import Bundle
 from .modes import FREE, MotionOptions
-from .motion_chunk import MotionChunk
-from .post import POST_STAGES, SWITCHES, Post, PostState
+from .motion_chunk import MotionChunk, join
+from .post import POST_STAGES, Post, PostState
+from .rig import Output, RigAdapter, RigState
 
 _LOG = logging.getLogger(__name__)
 Lap = Callable[[str], None]
 BIAS = 14.0  # nats that an action of intensity 1 adds to the logits of its codes
 LEARNED_BIAS = 12.0  # the same, beside what a generator trained with exemplars does by itself
 SILENCE = 0.003  # root mean square of a chunk behind the level control, -50 dBFS, below which nobody is heard
-COOL = 0.3  # of the temperature, in silence: at full heat one draw in a hundred leaves the rest, and hands never settle
-STAGES = ("level", "face", "codec", "generator", "decoder", *POST_STAGES)
+# in silence a share of the temperature: at full heat one draw in a hundred leaves the rest, and hands never settle
+STAGES = ("level", "face", "codec", "generator", "decoder", "rig", *POST_STAGES)
 
 
 @dataclass
@@ -50,6 +51,7 @@ class PipelineState(StreamState):
     generator: RingState | HistoryState
     decoder: BodyState[DecoderState]
     post: PostState
+    rig: list[RigState]  # one where the tokenizer speaks of another rig
     face: list[FaceState]  # one, or none without a face model
     seeds: Int[Tensor, " b"]
 
@@ -62,30 +64,41 @@ class Pipeline:
         bundle: Bundle,
         *,
         precision: Precision = "int8",
-        stages: Collection[str] = SWITCHES,
+        stages: Collection[str] | None = None,
         body: BodyProfile | None = None,
+        output: Output = "humanoid",
     ) -> None:
-        """`stages` behind the decoder to run, `body` the character's thickness: see `Post`."""
-        self.skeleton = bundle.skeleton
-        self.level = LevelControl()
+        """`stages` behind the decoder to run (None: the bundle's choice), `body` the character's thickness: see `Post`.
+
+        `output` matters where the bundle is for another rig than ours: `native` keeps its own bones.
+        """
+        runtime = bundle.runtime
+        self.rig = RigAdapter(runtime.rig, bundle.skeleton, output) if runtime.rig else None
+        self.skeleton = self.rig.skeleton if self.rig else bundle.skeleton
+        self.level = LevelControl() if runtime.level_control else None
         self.codec = bundle.codec
         self.generator: GeneratorStream[Any] = open_stream(bundle.generator, precision)
         self.tokenizer = bundle.tokenizer
-        self.post = Post(bundle.skeleton, stages=stages, body=body)
+        self.post = Post(self.skeleton, stages=runtime.stages if stages is None else stages, body=body)
         self.face = FaceStream(bundle.face) if bundle.face else None
         self.actions = bundle.actions
-        self.directive_codes = bundle.generator.config.layout.motion_codes
-        self._bias = LEARNED_BIAS if bundle.generator.config.exemplar else BIAS
+        config = bundle.generator.config
+        self.chunk_samples = config.step * SAMPLES_PER_MOTION_TOKEN
+        self.directive_codes = len(config.directed) * config.layout.motion_codes
+        self._silent = runtime.silent_temperature
+        own_bias = LEARNED_BIAS if config.exemplar else BIAS
+        self._bias = own_bias if config.example_bias is None else config.example_bias
         self.lap: Lap = _no_lap
 
     def init_state(self, rows: int) -> PipelineState:
         """Sessions that have heard nothing."""
         return PipelineState(
-            self.level.init_state(rows),
+            LevelControl().init_state(rows),
             self.codec.init_state(rows),
             self.generator.init_state(rows),
             self.tokenizer.init_decoder(rows),
             self.post.init_state(rows),
+            [self.rig.init_state(rows)] if self.rig else [],
             [self.face.init_state(rows)] if self.face else [],
             torch.zeros(rows, dtype=torch.int64),
         )
@@ -112,7 +125,9 @@ class Pipeline:
         patience = threading.Timer(3.0, _LOG.warning, ["compiling for this processor, once; up to a minute"])
         patience.start()
         try:
-            self.step(torch.zeros(1, CHUNK_SAMPLES), self.init_state(1), torch.zeros(1, dtype=torch.bool))
+            self.step(
+                torch.zeros(1, self.chunk_samples), self.init_state(1), torch.zeros(1, dtype=torch.bool)
+            )
         finally:
             patience.cancel()
 
@@ -120,7 +135,7 @@ class Pipeline:
         """How freely each row's codes are drawn."""
         is_silent = level.square().mean(1).sqrt() < SILENCE
         full = self.generator.config.temperature
-        return torch.where(is_silent, COOL * full, full)
+        return torch.where(is_silent, self._silent * full, full)
 
     def directive(self, members: Float[Tensor, "b K"]) -> Directive:
         """What to ask of a step for sets of codes, each with its intensity."""
@@ -137,10 +152,12 @@ class Pipeline:
     ) -> list[MotionChunk]:
         """Advance the active rows by one chunk; rows that are not active return what must be ignored.
 
+        A chunk is 6,400 samples, or where the bundle's generator takes other steps `chunk_samples`.
+
         `directive` says what actions ask for, row by row.
         After each stage `lap(stage)` is called, so that a benchmark can time them.
         """
-        level = self.level.step(audio, state.level, active)
+        level = self.level.step(audio, state.level, active) if self.level else audio
         self.lap("level")
         face = self.face.step(level, state.face[0], active, state.seeds).numpy() if self.face else None
         self.lap("face")
@@ -159,7 +176,12 @@ class Pipeline:
         self.lap("generator")
         features = self.tokenizer.decode_step(codes, state.decoder, active)
         self.lap("decoder")
-        chunks = self.post.step(features, state.post, active, self.lap)
+        if self.rig is not None:
+            features = self.rig.step(features, state.rig[0], active)
+        self.lap("rig")
+        pieces: tuple[Tensor, ...] = torch.split(features, CHUNK_FRAMES, 1)
+        parts = [self.post.step(piece, state.post, active, self.lap) for piece in pieces]
+        chunks = parts[0] if len(parts) == 1 else [join(row) for row in zip(*parts, strict=True)]
         return chunks if face is None else [c._replace(face=f) for c, f in zip(chunks, face, strict=True)]
 
 

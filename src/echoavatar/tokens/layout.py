@@ -30,6 +30,12 @@ class TokenLayout(Config):
     before_motion: tuple[int, ...] = Field(
         default=(2,), description="ids between audio and motion of a prefix prompt"
     )
+    before_example: tuple[int, ...] = Field(
+        default=(), description="ids that open a prefix prompt which shows an example; () if none ever does"
+    )
+    after_example: tuple[int, ...] = Field(
+        default=(), description="ids between the example and `before_audio`"
+    )
     audio_base: int = Field(default=4, ge=0, description="id of code 0 in audio layer 0")
     motion_base: int = Field(default=4 + 2 * 512, ge=0, description="id of code 0 in segment 0")
     vocabulary: int = Field(default=4 + 2 * 512 + 12 * 512, gt=0, description="rows of the embedding table")
@@ -42,7 +48,8 @@ class TokenLayout(Config):
         motion_end = self.motion_base + self.segments * self.motion_codes
         if motion_end > self.vocabulary:
             raise ValueError(f"motion rows end at {motion_end}, behind the vocabulary ({self.vocabulary})")
-        specials = (self.start_id, *self.before_audio, *self.before_motion)
+        specials = (self.start_id, *self.before_audio, *self.before_motion, *self.before_example)
+        specials += self.after_example
         if max(specials) >= self.audio_base or min(specials) < 0:
             raise ValueError(f"special ids {specials} must lie below audio_base ({self.audio_base})")
         return self
@@ -111,6 +118,8 @@ REFERENCE_LAYOUT = TokenLayout(
     start_id=151_644,  # <|im_start|>
     before_audio=(151_644, 872, 198),  # <|im_start|>user\n
     before_motion=(151_645, 198, 151_644, 77_091, 198),  # <|im_end|>\n<|im_start|>assistant\n
+    before_example=(151_644, 8_948, 198),  # <|im_start|>system\n
+    after_example=(151_645, 198),  # <|im_end|>\n
     audio_base=151_690,
     motion_base=156_690,
     vocabulary=166_690,

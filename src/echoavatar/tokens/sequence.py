@@ -127,9 +127,17 @@ class Prefix(SequenceOrder):
         return len(self.layout.before_audio) - 1 + frames * self.layout.audio_layers
 
     def prompt(
-        self, audio: Int[Tensor, "b f l"], context: Int[Tensor, "b n p q"], missing: Int[Tensor, " b"]
+        self,
+        audio: Int[Tensor, "b f l"],
+        context: Int[Tensor, "b n p q"],
+        missing: Int[Tensor, " b"],
+        example: Int[Tensor, "b m"] | None = None,
     ) -> tuple[Int[Tensor, "b t"], Bool[Tensor, "b t"]]:
-        """Ids and validity of audio followed by as much motion as `context` holds."""
+        """Ids and validity of audio followed by as much motion as `context` holds.
+
+        `example` are the ids that a system prompt shows in front, -1 where a row has fewer (paper, Exemplar-Driven
+        Control); rows without any have no system prompt.
+        """
         rows, device = audio.shape[0], audio.device
         sound, moves = self.layout.audio_ids(audio), self.layout.motion_ids(context)
         before, between = (
@@ -140,8 +148,22 @@ class Prefix(SequenceOrder):
         there = self._present(missing, chunks, self.audio_per_chunk)
         moved = self._present(missing, chunks, self.motion_per_chunk)[:, : moves.shape[1]]
         yes, also = torch.ones_like(before, dtype=torch.bool), torch.ones_like(between, dtype=torch.bool)
-        ids = torch.cat([before, sound, between, moves], dim=1)
-        return ids, torch.cat([yes, there, also, moved], dim=1)
+        ids, valid = [before, sound, between, moves], [yes, there, also, moved]
+        if example is not None:
+            shown, is_shown = self._shown(example)
+            ids, valid = [shown, *ids], [is_shown, *valid]
+        return torch.cat(ids, dim=1), torch.cat(valid, dim=1)
+
+    def _shown(self, example: Int[Tensor, "b m"]) -> tuple[Int[Tensor, "b t"], Bool[Tensor, "b t"]]:
+        """The system prompt of each row; nothing of it counts in rows without example."""
+        rows, is_id = len(example), example >= 0
+        head, tail = (
+            torch.tensor(ids, device=example.device).expand(rows, -1)
+            for ids in (self.layout.before_example, self.layout.after_example)
+        )
+        any_ = is_id.any(1, keepdim=True)
+        valid = torch.cat([any_.expand(-1, head.shape[1]), is_id, any_.expand(-1, tail.shape[1])], dim=1)
+        return torch.cat([head, example.clamp(min=0), tail], dim=1), valid
 
     def build(
         self,

@@ -1,0 +1,112 @@
+"""`echoavatar import reference`: the authors' published checkpoints become a bundle of ours."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..errors import CheckpointError, EchoAvatarError
+
+if TYPE_CHECKING:
+    from ..pipeline import ActionLibrary
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the sub-commands."""
+    kinds = parser.add_subparsers(dest="kind", metavar="KIND", required=True)
+    reference = kinds.add_parser(
+        "reference",
+        help="the authors' release",
+        description="Check the authors' download and convert it. Nothing in it is run; what does not fit is listed.",
+        epilog=(
+            "examples:\n"
+            "  echoavatar import reference --ckpts EchoAvatar/ckpts --stats EchoAvatar/stats -o reference --dry-run\n"
+            "  echoavatar import reference --ckpts EchoAvatar/ckpts --stats EchoAvatar/stats -o reference\n"
+            "  echoavatar serve --model reference\n"
+            "From download to avatar: docs/reference.md"
+        ),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    reference.add_argument(
+        "--ckpts", type=Path, required=True, help="folder with body_rvqvae, face, body_g_d"
+    )
+    reference.add_argument(
+        "--stats", type=Path, required=True, help="folder 'stats' of the authors' repository"
+    )
+    reference.add_argument("-o", "--output", type=Path, required=True, help="folder of the new bundle")
+    reference.add_argument(
+        "--generator",
+        choices=("body_g", "body_g_d"),
+        help="gesture alone, or with dance (default: the latter if there)",
+    )
+    reference.add_argument(
+        "--codec",
+        default="facebook/encodec_24khz",
+        help="EnCodec: a folder, or a name in the local cache (default: %(default)s)",
+    )
+    reference.add_argument(
+        "--actions",
+        type=Path,
+        help="file with the table of actions (default: the script beside the stats folder)",
+    )
+    reference.add_argument(
+        "--step",
+        type=int,
+        choices=(2, 3),
+        default=2,
+        help="motion tokens of a step: 2 (paper), which sessions need, or 3 (release), for `Pipeline.step` alone",
+    )
+    reference.add_argument(
+        "--face-order",
+        choices=("apple", "live_link"),
+        default="apple",
+        help="of the face's channels; try the other if jaw and mouth go to the wrong side (default: %(default)s)",
+    )
+    reference.add_argument(
+        "--dry-run", action="store_true", help="print what would become of each tensor; write nothing"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Check, print or convert."""
+    from ..audio import AudioCodec
+    from ..reference import Release, convert, survey
+
+    if args.output.exists() and (not args.output.is_dir() or any(args.output.iterdir())):
+        raise EchoAvatarError(f"{args.output} is there already and not empty; choose another -o or remove it")
+    found = survey(Release(args.ckpts, args.stats), generator=args.generator, step=args.step)
+    try:
+        actions = _actions(args)
+    except CheckpointError as error:
+        found.problems.append(str(error))
+    if args.dry_run:
+        for line in found.lines:
+            print(f"{line.file}: {line.name} {list(line.shape)} -> {line.target}")
+    for problem in found.problems:
+        print(f"problem: {problem}", file=sys.stderr)
+    if found.problems:
+        raise CheckpointError(f"{len(found.problems)} problems, listed above; nothing was written")
+    if args.dry_run:
+        print(f"{len(found.lines)} tensors and tables fit, {len(actions)} actions; nothing was written")
+        return 0
+    codec = AudioCodec.from_pretrained_encodec(args.codec)
+    command = f"echoavatar import reference --step {args.step} --face-order {args.face_order}"
+    convert(found, codec, args.output, actions=actions, face_order=args.face_order, command=command)
+    from ..reference.convert import WARNING
+
+    print(f"{args.output}: {len(found.lines)} tensors and tables, {len(actions)} actions\nlicence: {WARNING}")
+    return 0
+
+
+def _actions(args: argparse.Namespace) -> "ActionLibrary":
+    from ..pipeline import ActionLibrary
+    from ..reference.actions import find_table, library, read_table
+
+    path = args.actions or find_table(args.stats)
+    if path is None:
+        print(
+            f"no table of actions beside {args.stats}, so there will be none; --actions takes the authors' script",
+            file=sys.stderr,
+        )
+        return ActionLibrary()
+    return library(read_table(path), 512, origin=str(path))

@@ -1,0 +1,147 @@
+"""From motion at 30 fps in our axes to what the published Unity client expects: its axes, 60 fps, 47 face channels.
+
+Left as published, so that a client that was made for it sees the same: the last frame of a block is shown twice
+instead of being interpolated across the border, and the face is smoothed block by block. Rotations are conjugated by a
+matrix that mirrors while positions are only turned; the client undoes the one and the other.
+"""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from scipy.signal import savgol_filter
+
+from ..errors import CheckpointError, MotionError
+from ..face.arkit import APPLE_NAMES, reorder
+from ..face.arkit import ARKIT_NAMES as OURS
+from ..kinematics.rotations import matrix_from_quaternion, quaternion_from_matrix
+from ..pipeline.rig import RigConfig
+
+BLOCK_FRAMES = 12  # 0.4 s at 30 fps: what one message carries
+BLEND_FRAMES = 3  # of a block's face are drawn towards the last of the block before
+_WINDOW, _DEGREE = 5, 2  # of the filter
+_EYES_BROWS_JAW = (0, 7, 5, 12, 1, 8, 2, 9, 6, 13, 3, 10, 4, 11, 41, 42, 43, 44, 45, 14, 15, 17, 16)
+_MOUTH = (21, 22, 25, 26, 23, 24, 27, 28, 29, 30, 32, 31)
+_MERGED: tuple[tuple[int, ...], ...] = (
+    *((channel,) for channel in (*_EYES_BROWS_JAW, *_MOUTH)),
+    (39, 40),
+    (37, 38),
+    *((channel,) for channel in (34, 19, 20, 33)),
+    (35, 36),
+    (49, 50),
+    *((channel,) for channel in (46, 47, 48, 18)),
+)
+FACE_CHANNELS = len(_MERGED)  # 47
+
+
+FACE47_NAMES = tuple(
+    APPLE_NAMES[channels[0]] if len(channels) == 1 else APPLE_NAMES[channels[0]].removesuffix("Left")
+    for channels in _MERGED
+)
+
+
+class Block(NamedTuple):
+    """Frames at 60 fps as they are sent."""
+
+    pose: Float[np.ndarray, "t j 4"]  # xyzw
+    trans: Float[np.ndarray, "t 3"]  # centimetres
+    blendshape: Float[np.ndarray, "t 47"]
+
+
+class UnityAxes:
+    """Rotations and positions of a rig in Unity's axes."""
+
+    def __init__(self, rig: RigConfig) -> None:
+        """Raises CheckpointError where the bundle has no transforms for Unity."""
+        if not rig.unity:
+            raise CheckpointError(
+                "this bundle has no transforms for Unity; import it from the authors' release"
+            )
+        self._axes = torch.tensor(rig.axes, dtype=torch.double)
+        self._matrices = torch.tensor(rig.unity, dtype=torch.double)
+        self._inverse = torch.linalg.inv(self._matrices)
+        self._units = 1 / rig.metres_per_unit
+
+    def rotations(self, quaternions: Float[np.ndarray, "t j 4"]) -> Float[np.ndarray, "t j 4"]:
+        """Ours, `wxyz`, to theirs, `xyzw`."""
+        ours = matrix_from_quaternion(torch.from_numpy(quaternions).double())
+        turned = self._matrices @ (self._axes.T @ ours @ self._axes) @ self._inverse
+        return quaternion_from_matrix(turned)[..., [1, 2, 3, 0]].numpy().astype(np.float32)
+
+    def positions(self, root: Float[np.ndarray, "t 3"]) -> Float[np.ndarray, "t 3"]:
+        """Ours in metres to theirs in centimetres."""
+        x, y, z = (root.astype(np.float64) @ self._axes.numpy()).T * self._units
+        return np.stack([x, z, -y], 1).astype(np.float32)
+
+
+def merged(curves: Float[np.ndarray, "t 52"]) -> Float[np.ndarray, "t 47"]:
+    """52 channels in the release's order to its 47: some are left out, pairs become the larger of both."""
+    return np.stack([curves[:, list(pair)].max(1) for pair in _MERGED], 1)
+
+
+def face47(curves: Float[np.ndarray, "t 52"]) -> Float[np.ndarray, "t 47"]:
+    """The same of our canonical order."""
+    return merged(reorder(curves, OURS, APPLE_NAMES))
+
+
+def write_face47(path: Path, curves: Float[np.ndarray, "t 52"], fps: float) -> None:
+    """The 47 channels of our canonical curves as a table, a row a frame, seconds first.
+
+    Raises:
+        MotionError: the file cannot be written.
+    """
+    times = np.arange(len(curves))[:, None] / fps
+    table = np.concatenate([times, face47(curves)], 1)
+    try:
+        np.savetxt(path, table, "%.6f", ",", header=",".join(("time", *FACE47_NAMES)), comments="")
+    except OSError as error:
+        raise MotionError(f"{path} cannot be written ({error.strerror}); choose another place") from error
+
+
+def smoothed(
+    block: Float[np.ndarray, "t c"], last: Float[np.ndarray, " c"] | None
+) -> Float[np.ndarray, "t c"]:
+    """A block through the filter, its first frames drawn towards the last frame of the smoothed block before."""
+    smooth = savgol_filter(block, _WINDOW, _DEGREE, axis=0)
+    return smooth if last is None else _blended(smooth, last[None])
+
+
+def smoothed_turns(
+    block: Float[np.ndarray, "t j 4"], last: Float[np.ndarray, "j 4"] | None
+) -> Float[np.ndarray, "t j 4"]:
+    """The same for unit quaternions; the published client is sent the body without."""
+    signed = block.astype(np.float64)
+    for before, own in zip(signed, signed[1:], strict=False):
+        own *= np.where((before * own).sum(-1, keepdims=True) < 0, -1, 1)
+    smooth = _unit(savgol_filter(signed, _WINDOW, _DEGREE, axis=0))
+    if last is None:
+        return smooth
+    signs = np.where((smooth[:BLEND_FRAMES] * last).sum(-1, keepdims=True) < 0, -1, 1)
+    smooth[:BLEND_FRAMES] = _unit(_blended(smooth, signs * last)[:BLEND_FRAMES])
+    return smooth
+
+
+def twice(frames: Float[np.ndarray, "t ..."]) -> Float[np.ndarray, "u ..."]:
+    """30 to 60 fps: midpoints, and the last frame once more."""
+    following = np.concatenate([frames[1:], frames[-1:]])
+    return np.stack([frames, (frames + following) / 2], 1).reshape(-1, *frames.shape[1:])
+
+
+def twice_turns(frames: Float[np.ndarray, "t j 4"]) -> Float[np.ndarray, "u j 4"]:
+    """The same for unit quaternions."""
+    following = np.concatenate([frames[1:], frames[-1:]])
+    following = following * np.where((frames * following).sum(-1, keepdims=True) < 0, -1, 1)
+    return np.stack([frames, _unit(frames + following)], 1).reshape(-1, *frames.shape[1:])
+
+
+def _blended(block: np.ndarray, last: np.ndarray) -> np.ndarray:
+    shares = (np.arange(BLEND_FRAMES) + 1) / (BLEND_FRAMES + 1)
+    shares = shares.reshape(-1, *([1] * (block.ndim - 1)))
+    drawn = shares * block[:BLEND_FRAMES] + (1 - shares) * last
+    return np.concatenate([drawn, block[BLEND_FRAMES:]])
+
+
+def _unit(quaternions: np.ndarray) -> np.ndarray:
+    return np.asarray(quaternions / np.linalg.norm(quaternions, axis=-1, keepdims=True))

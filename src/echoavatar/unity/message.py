@@ -1,0 +1,66 @@
+"""The published wire format: four bytes of length, big-endian, then JSON; and how motion is cut into its blocks."""
+
+import json
+import struct
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Float
+
+from ..pipeline import MotionChunk
+from ..pipeline.motion_chunk import join
+from ..pipeline.rig import RigConfig
+from ..timing import SAMPLES_PER_FRAME
+from .frames import BLOCK_FRAMES, FACE_CHANNELS, Block, UnityAxes, face47, smoothed, twice, twice_turns
+
+HEADER = struct.Struct(">I")
+LARGEST = 4 << 20  # bytes that are taken from a sender at once
+BLOCK_SAMPLES = BLOCK_FRAMES * SAMPLES_PER_FRAME
+_DIGITS = 6
+
+
+class Messages:
+    """Chunks of motion with their sound in, whole messages out; what is left over waits for the next chunk."""
+
+    def __init__(self, rig: RigConfig) -> None:
+        """Raises CheckpointError where the bundle has no transforms for Unity."""
+        self._axes = UnityAxes(rig)
+        self._last: np.ndarray | None = None  # face, smoothed
+        self._motion: list[MotionChunk] = []
+        self._audio = np.zeros(0, np.float32)
+
+    def push(self, motion: MotionChunk, audio: Float[np.ndarray, " s"]) -> Iterator[bytes]:
+        """The messages that are complete with this chunk."""
+        self._motion.append(motion)
+        self._audio = np.concatenate([self._audio, audio])
+        while sum(len(chunk.root) for chunk in self._motion) >= BLOCK_FRAMES:
+            whole = join(self._motion)
+            block = self.block(_part(whole, slice(0, BLOCK_FRAMES)))
+            self._motion = [_part(whole, slice(BLOCK_FRAMES, None))]
+            sound, self._audio = self._audio[:BLOCK_SAMPLES], self._audio[BLOCK_SAMPLES:]
+            yield framed(encoded(block, sound))
+
+    def block(self, motion: MotionChunk) -> Block:
+        """Twelve frames as they are sent."""
+        turns, places = self._axes.rotations(motion.rotations), self._axes.positions(motion.root)
+        face = np.zeros((len(places), FACE_CHANNELS)) if motion.face is None else face47(motion.face)
+        smooth = smoothed(face, self._last)
+        self._last = smooth[-1]
+        return Block(twice_turns(turns), twice(places), twice(smooth))
+
+
+def _part(motion: MotionChunk, which: slice) -> MotionChunk:
+    face = None if motion.face is None else motion.face[which]
+    return MotionChunk(motion.rotations[which], motion.root[which], face)
+
+
+def encoded(block: Block, audio: Float[np.ndarray, " s"]) -> bytes:
+    """The JSON of a message."""
+    parts = {"pose": block.pose, "trans": block.trans, "blendshape": block.blendshape, "audio": audio}
+    lists = {name: np.round(part.astype(np.float64), _DIGITS).tolist() for name, part in parts.items()}
+    return json.dumps(lists, separators=(",", ":")).encode()
+
+
+def framed(payload: bytes) -> bytes:
+    """With its length in front."""
+    return HEADER.pack(len(payload)) + payload

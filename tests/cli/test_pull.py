@@ -1,0 +1,22 @@
+"""`echoavatar pull` prints what came, or one line about what to do."""
+
+from pathlib import Path
+
+from echoavatar.cli import main
+from echoavatar.errors import EchoAvatarError
+from echoavatar.reference import pull
+
+
+def test_what_came_is_said(monkeypatch, capsys, tmp_path):
+    monkeypatch.setattr(pull, "pull", lambda name, output, **_: pull.Pulled(Path(output), 3, 2, "c0ffee"))
+    assert main(["pull", "owner/name", "-o", str(tmp_path), "--only", "ckpts/*"]) == 0
+    assert "3 files, 2 checked against the hub's sha256, commit c0ffee" in capsys.readouterr().out
+
+
+def test_a_failure_is_one_line(monkeypatch, capsys):
+    def fail(name, output, **_):
+        raise EchoAvatarError("the hub cannot be reached")
+
+    monkeypatch.setattr(pull, "pull", fail)
+    assert main(["pull", "owner/name"]) == 1
+    assert capsys.readouterr().err == "echoavatar: the hub cannot be reached\n"
