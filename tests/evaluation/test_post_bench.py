@@ -15,6 +15,7 @@ def test_every_stage_is_timed_alone_and_together() -> None:
         assert 0.4 < parts / rows["all"][0] < 1.6
     assert report.summary["sessions"] == 4
     assert report.summary["batch_over_one"] < 4  # a batch is cheaper than its sessions one by one
+    assert 0 < report.summary["post_wall_ms_least"] <= report.summary["post_wall_ms_p50"]
 
 
 def test_the_motion_gives_every_stage_work() -> None:

@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from ..nn import StreamState
+from ..nn import Parts, StreamState
 from ..timing import CHUNK_FRAMES, CHUNK_SAMPLES
 from .decoder import FrameDecoder
 from .flow import Schedule
@@ -18,6 +18,8 @@ from .gpt import GptState
 from .idle import IdleFace, IdleState, frame_loudness
 from .model import FaceModel
 from .noise import face_noise
+
+WORTH_A_THREAD = 8  # sessions
 
 
 @dataclass
@@ -36,6 +38,7 @@ class FaceStream:
         self.model = model.eval()
         self.idle = IdleFace(model.moving())
         self._decoder = FrameDecoder(model) if model.config.memory == "ring" else None
+        self._parts = Parts("face", least=WORTH_A_THREAD)
 
     def init_state(self, rows: int) -> FaceState:
         """A state in which no row has heard anything."""
@@ -58,6 +61,19 @@ class FaceStream:
         """
         if audio.shape[1] % CHUNK_SAMPLES or not audio.shape[1]:
             raise ValueError(f"a step takes a multiple of {CHUNK_SAMPLES} samples, got {audio.shape[1]}")
+
+        parts = self._parts.of(len(audio))
+        if len(parts) == 1 or audio.device.type != "cpu":
+            return self._step(audio, state, active, seeds)
+
+        def work(part: slice) -> Tensor:
+            return self._step(audio[part], state.rows(part), active[part], seeds[part])
+
+        return torch.cat(self._parts.map(work, parts))
+
+    def _step(
+        self, audio: Tensor, state: FaceState, active: Tensor, seeds: Tensor
+    ) -> Float[Tensor, "b t 52"]:
         schedule = self.model.head.schedule(self.model.config.sampling_steps)
         curves = []
         for chunk in torch.split(audio, CHUNK_SAMPLES, dim=1):

@@ -58,10 +58,13 @@ class Calm:
 
     def step(self, pose: PoseLanes, state: CalmState, active: Bool[Array, " b"]) -> None:
         """Rotations and travel of a chunk, smoothed in place; `active` rows remember them."""
-        smoother = _smoother(pose.frames, self._stiffness)
-        cosine = F(math.cos(FASTEST / pose.fps / 2))
+        smoother, cosine = self.numbers(pose.frames, pose.fps)
         shown, travel = state.shown.numpy(), state.travel.numpy()
-        _calm(pose.turns, pose.root, pose.frames, shown, travel, active, smoother, cosine)
+        smooth(pose.turns, pose.root, pose.frames, shown, travel, active, smoother, cosine)
+
+    def numbers(self, frames: int, fps: float) -> tuple[Float[Array, "11 8"], np.float32]:
+        """What `smooth` wants for a chunk of so many frames: the smoother's matrix and the bound's cosine."""
+        return _smoother(frames, self._stiffness), F(math.cos(FASTEST / fps / 2))
 
 
 @cache
@@ -80,7 +83,7 @@ def _smoother(frames: int, stiffness: float) -> Float[Array, "11 8"]:
 
 
 @exact()
-def _calm(turns, roots, frames, shown, travel, active, smoother, cosine):  # type: ignore[no-untyped-def]
+def smooth(turns, roots, frames, shown, travel, active, smoother, cosine):  # type: ignore[no-untyped-def]
     """All rows; `cosine` is that of half the angle that a joint may turn in a frame."""
     past, spare = np.empty((4, LANES), F), np.empty((2, LANES), F)
     for row in range(turns.shape[0]):

@@ -155,7 +155,8 @@ class Pipeline:
         self.lap("generator")
         features = self.tokenizer.decode_step(codes, state.decoder, active)
         self.lap("decoder")
-        chunks = self.post.step(features, state.post, active, self.lap)
+        lap = None if self.lap is _no_lap else self.lap
+        chunks = self.post.step(features, state.post, active, lap)
         return chunks if face is None else [c._replace(face=f) for c, f in zip(chunks, face, strict=True)]
 
 
