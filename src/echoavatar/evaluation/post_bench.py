@@ -95,7 +95,7 @@ def _chunks(post: Post, clip: Float[Tensor, "t c"], rows: int) -> Iterator[dict[
 
         began = time.process_time()
         post.step(batch, state, active, lap)
-        starts = [*(ends[stage] for stage in POST_STAGES)]
+        starts = [began, *(ends[stage] for stage in POST_STAGES)]
         times |= {stage: ends[stage] - start for stage, start in zip(POST_STAGES, starts, strict=False)}
         yield {name: 1000 * seconds for name, seconds in times.items()}
 
