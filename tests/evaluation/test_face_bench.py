@@ -18,7 +18,7 @@ def test_times_of_one_and_of_a_batch_fit_together():
     assert 0.3 < report["face_rtf"] * CHUNK_MS / report["face_ms_p50"] < 3
     assert report["sessions"] == 4
     assert abs(report["batch_over_one"] - report["batch_ms_p50"] / report["face_ms_p50"]) < 0.01
-    assert report["batch_wall_ms_p50"] > 0
+    assert 0 < report["batch_wall_ms_least"] <= report["batch_wall_ms_p50"]
     assert 0 < report["batch_floor_ms"] < report["batch_ms_p50"]
 
 

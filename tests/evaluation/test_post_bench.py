@@ -12,9 +12,10 @@ def test_every_stage_is_timed_alone_and_together() -> None:
     for rows in (report.one_ms, report.many_ms):
         assert set(POST_STAGES) < set(rows)
         parts = sum(rows[stage][0] for stage in POST_STAGES)
-        assert 0.4 < parts / rows["all"][0] < 1.6
+        assert 0.3 < parts / rows["all"][0] < 3  # a chunk of each in turn
     assert report.summary["sessions"] == 4
     assert report.summary["batch_over_one"] < 4  # a batch is cheaper than its sessions one by one
+    assert 0 < report.summary["post_wall_ms_least"] <= report.summary["post_wall_ms_p50"]
 
 
 def test_the_motion_gives_every_stage_work() -> None:

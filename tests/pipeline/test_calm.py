@@ -3,10 +3,10 @@ import math
 import numpy as np
 import pytest
 import torch
-from tests.pipeline.poses import everyone, from_quaternions, in_pieces, quaternions_of
+from tests.pipeline.poses import everyone, from_quaternions, in_pieces, quaternions_of, root_of
 
 from echoavatar.kinematics.rotations import axis_angle_from_quaternion, quaternion_from_axis_angle
-from echoavatar.pipeline.calm import STIFFNESS, Calm, CalmState
+from echoavatar.pipeline.calm import BEND, LATE, STIFFNESS, Calm, CalmState
 
 
 def about_x(angle: torch.Tensor) -> torch.Tensor:
@@ -54,20 +54,51 @@ def test_a_chunk_is_the_minimum_that_the_formula_asks_for(frames: int) -> None:
     decoded = torch.nn.functional.normalize(
         torch.tensor([1.0, 0.3, 0.2, 0.1]) + 0.03 * torch.randn(24, 4), dim=-1
     )
+    travel = torch.randn(24, 3)
     calm = Calm(1)
-    state, path = calm.init_state(1), [decoded[0].double().numpy()] * 3
-    for chunk in decoded.split(frames):
-        t = len(chunk)
-        third = np.diff(np.eye(3 + t), n=3, axis=0)
-        left = np.concatenate([np.diag(((np.arange(t) + 1) / t) ** 2), math.sqrt(STIFFNESS) * third[:, 3:]])
-        right = np.concatenate(
-            [left[:t] @ chunk.double().numpy(), -math.sqrt(STIFFNESS) * third[:, :3] @ np.array(path[-3:])]
-        )
-        found = np.linalg.lstsq(left, right, rcond=None)[0]
+    state, path, way = calm.init_state(1), [decoded[0].double().numpy()] * 3, [travel[0].double().numpy()] * 3
+    for turns, steps in zip(torch.split(decoded, frames), torch.split(travel, frames), strict=True):
+        found = least_squares(turns.double().numpy(), np.array(path[-3:]))
         path.extend(found / np.linalg.norm(found, axis=1, keepdims=True))
-        pose = from_quaternions(chunk[None, :, None], torch.zeros(1, t, 3))
+        way.extend(least_squares(steps.double().numpy(), np.array(way[-3:])))
+        pose = from_quaternions(turns[None, :, None], steps[None])
         calm.step(pose, state, everyone(1))
-        np.testing.assert_allclose(quaternions_of(pose)[0, :, 0], path[-t:], atol=1e-5)
+        np.testing.assert_allclose(quaternions_of(pose)[0, :, 0], path[-len(turns) :], atol=1e-5)
+        np.testing.assert_allclose(root_of(pose)[0], way[-len(turns) :], atol=2e-5)
+
+
+def least_squares(chunk: np.ndarray, past: np.ndarray) -> np.ndarray:
+    """The formula, as the rows of an overdetermined system: distances, then third differences."""
+    t = len(chunk)
+    third = np.diff(np.eye(3 + t), n=3, axis=0)
+    third *= np.sqrt([STIFFNESS * (BEND if k % 4 == 0 else 1) for k in range(t)])[:, None]
+    near = np.array([((k + 1) / t) ** (LATE / 2) for k in range(t)])[:, None]
+    left = np.concatenate([near * np.eye(t), third[:, 3:]])
+    right = np.concatenate([near * chunk, -third[:, :3] @ past])
+    return np.asarray(np.linalg.lstsq(left, right, rcond=None)[0])
+
+
+def test_steps_between_latents_show_no_more_at_chunk_borders_than_within() -> None:
+    """Noise as decoders make it, a step wherever a latent of four frames begins; for the root's travel as well."""
+    torch.manual_seed(2)
+    sway = 0.2 * torch.sin(torch.arange(1600) / 9)
+    steps = sway + (0.04 * torch.randn(400)).repeat_interleave(4)
+    assert border_share(shown(steps)) == pytest.approx(1, abs=0.12)
+    calm, still = Calm(1), torch.tensor([1.0, 0, 0, 0]).expand(1, 8, 1, 4)
+    state, way = calm.init_state(1), []
+    for part in torch.split(steps, 8):
+        pose = from_quaternions(still, part[None, :, None].expand(1, 8, 3))
+        calm.step(pose, state, everyone(1))
+        way.append(root_of(pose)[0, :, 1])
+    assert border_share(torch.cat(way)) == pytest.approx(1, abs=0.12)
+
+
+def border_share(path: torch.Tensor) -> float:
+    """Mean second difference around the first and last frames of chunks over that around the others."""
+    change = torch.diff(path, n=2).abs()
+    place = (torch.arange(len(change)) + 1) % 8
+    is_border = (place == 0) | (place == 7)
+    return float(change[is_border].mean() / change[~is_border].mean())
 
 
 def test_a_quick_stroke_keeps_its_time_and_size() -> None:

@@ -51,7 +51,7 @@ def evaluate(
     scores = tokenizer_scores(bundle, clips)
     scores |= reliance(bundle.generator, token_clips(bundle, clips))
     pipeline = Pipeline(bundle)
-    motions = animate_many(
+    shown = animate_many(
         pipeline,
         [clip.audio for clip in clips],
         seeds=range(seed, seed + len(clips)),
@@ -59,7 +59,7 @@ def evaluate(
     )
     made = [
         behaviour.track(bundle.skeleton, motion.rotations, motion.root, clip.domain)
-        for motion, clip in zip(motions, clips, strict=True)
+        for (motion, *_), clip in zip(shown, clips, strict=True)
     ]
     truth = [behaviour.track(bundle.skeleton, clip.rotations, clip.root, clip.domain) for clip in clips]
     scores |= behaviour_scores(bundle, made, truth)
@@ -179,14 +179,14 @@ def recording_scores(
     if not recordings:
         return {}
     arms = bundle.skeleton.indices(beats.ARM_JOINTS)
-    motions = animate_many(
+    shown = animate_many(
         pipeline,
         [recording.audio for recording in recordings],
         seeds=range(seed, seed + len(recordings)),
         progress=partial(say, "recordings"),
     )
     tracks, events = [], []
-    for motion, recording in zip(motions, recordings, strict=True):
+    for (motion, *_), recording in zip(shown, recordings, strict=True):
         domain = np.full(motion.frames, recording.kind, np.uint8)
         tracks.append(behaviour.track(bundle.skeleton, motion.rotations, motion.root, domain))
         detect = speech_onsets if recording.kind == SPEECH else music_beats

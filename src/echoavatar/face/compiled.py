@@ -12,7 +12,7 @@ import numpy as np
 
 from ..nn.compiled import NOTHING, ONE, ZERO, F, compiled, exponential, gelu, silu
 
-GROUP = 16  # sessions
+GROUP = 32  # sessions
 ONE_THREAD = 2**18  # multiplications up to which OpenBLAS takes no further threads
 
 

@@ -5,28 +5,25 @@ into the next projection.
 """
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
-import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from ..nn import Mlp
 from .attention import RingAttention
-from .compiled import GROUP, Affine, Steps, Weights, run_frames
+from .compiled import Affine, Steps, Weights, run_frames
 from .flow import Schedule
 from .gpt import GptState, RingBlock
 from .model import FaceModel
 
 
 class FrameDecoder:
-    """Frozen weights of the ring form, in float32; `run` generates a chunk's frames in as many threads as torch has."""
+    """Frozen weights of the ring form, in float32."""
 
     def __init__(self, model: FaceModel) -> None:
         gpt, head = model.gpt, model.head
-        self._threads = ThreadPoolExecutor(thread_name_prefix="face")  # none is started before it is needed
         self._guidance = np.float32(model.config.guidance)
         blocks = [block for block in gpt.blocks if isinstance(block, RingBlock)]
         mlps = [mlp for mlp in head.mlps if isinstance(mlp, Mlp)]
@@ -68,16 +65,8 @@ class FrameDecoder:
         steps = Steps(times, shares.astype(np.float32), self._guidance)
         heard, drawn, last = _floats(sound), _floats(noise), _floats(state.motion[:, -1])
         ring, seen, frames = state.ring.numpy(), state.seen.numpy(), np.zeros(noise.shape, np.float32)
-
-        def generate(sessions: Int[np.ndarray, " k"]) -> None:
-            run_frames(self._weights, ring, seen, sessions, heard, drawn, last, steps, frames)
-
         chosen = np.flatnonzero(active.numpy())
-        parts = min(torch.get_num_threads(), -(-len(chosen) // GROUP))
-        if parts > 1:  # sessions do not meet, so it matters to none where it is computed
-            list(self._threads.map(generate, np.array_split(chosen, parts)))
-        else:
-            generate(chosen)
+        run_frames(self._weights, ring, seen, chosen, heard, drawn, last, steps, frames)
         return frames
 
 

@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from ..nn import StreamState
+from ..nn import Parts, StreamState
 from ..timing import SAMPLES_PER_FRAME
 from .arkit import APPLE_NAMES, ARKIT_NAMES
 from .decoder import FrameDecoder
@@ -19,6 +19,8 @@ from .gpt import GptState
 from .idle import IdleFace, IdleState, frame_loudness
 from .model import FaceModel
 from .noise import face_noise
+
+WORTH_A_THREAD = 8  # sessions
 
 
 @dataclass
@@ -40,6 +42,7 @@ class FaceStream:
         moving = model.moving().cpu()[self._order]
         self.idle = IdleFace(moving if model.config.idle else torch.ones_like(moving))
         self._decoder = FrameDecoder(model) if model.config.memory == "ring" else None
+        self._parts = Parts("face", least=WORTH_A_THREAD)
 
     def init_state(self, rows: int) -> FaceState:
         """A state in which no row has heard anything."""
@@ -63,9 +66,22 @@ class FaceStream:
         samples = self.model.config.step * SAMPLES_PER_FRAME
         if audio.shape[1] % samples or not audio.shape[1]:
             raise ValueError(f"a step takes a multiple of {samples} samples, got {audio.shape[1]}")
+
+        parts = self._parts.of(len(audio))
+        if len(parts) == 1 or audio.device.type != "cpu":
+            return self._step(audio, state, active, seeds)
+
+        def work(part: slice) -> Tensor:
+            return self._step(audio[part], state.rows(part), active[part], seeds[part])
+
+        return torch.cat(self._parts.map(work, parts))
+
+    def _step(
+        self, audio: Tensor, state: FaceState, active: Tensor, seeds: Tensor
+    ) -> Float[Tensor, "b t 52"]:
         schedule = self.model.head.schedule(self.model.config.sampling_steps)
         curves = []
-        for chunk in torch.split(audio, samples, dim=1):
+        for chunk in torch.split(audio, self.model.config.step * SAMPLES_PER_FRAME, dim=1):
             features = self.model.encoder.step(chunk, state.encoder, active)
             noise = self._noise(state.gpt.seen, seeds)
             normal = self.generate(features, state.gpt, active, noise, schedule)

@@ -26,20 +26,20 @@ class Chains:
                 joint = skeleton.parents[joint]
         self.joints = [joint for level in skeleton.levels for joint in level if joint in above]
         self.slot = {joint: slot for slot, joint in enumerate(self.joints)}
-        self._columns = np.array(self.joints, np.int64)
+        self.columns = np.array(self.joints, np.int64)
         parents = [self.slot.get(skeleton.parents[joint], 0) for joint in self.joints]
-        self._parents = np.array(parents, np.int64)
-        self._offsets = np.ascontiguousarray(skeleton.offsets.numpy()[self.joints], np.float32)
+        self.parents = np.array(parents, np.int64)
+        self.offsets = np.ascontiguousarray(skeleton.offsets.numpy()[self.joints], np.float32)
 
     def world(self, turns: Float[Array, "b j 4 8"]) -> Float[Array, "b c 12 8"]:
         """Frames relative to the root, which itself stands at the origin and is not turned."""
         frames = np.empty((len(turns), len(self.joints), 12, 8), np.float32)
-        _world(turns, self._columns, self._parents, self._offsets, frames)
+        stand(turns, self.columns, self.parents, self.offsets, frames)
         return frames
 
 
 @exact()
-def _world(turns, joints, parents, offsets, frames):  # type: ignore[no-untyped-def]
+def stand(turns, joints, parents, offsets, frames):  # type: ignore[no-untyped-def]
     """The root comes first, every joint after its parent."""
     for row in range(turns.shape[0]):
         for number in range(12):

@@ -66,7 +66,7 @@ class HandGuard:
         parents = self._skeleton.parents
         is_head = [float(part.bone == "head") for part in self._body.parts]
         self._chains = chains
-        self._tables = Tables(
+        self.tables = Tables(
             carriers=slots([self._body.joints])[0],
             centres=self._body.centres,
             radii=self._radii,
@@ -88,7 +88,7 @@ class HandGuard:
         `frames` are those of the pose in the chains.
         """
         if self.is_able:
-            keep_off(self._tables, frames, turns)
+            keep_off(self.tables, frames, turns)
 
     def step(
         self, rotations: Float[Tensor, "b t j 3 3"], active: Bool[Tensor, " b"] | None = None

@@ -57,11 +57,11 @@ class Feet:
     """Foot lock for a rig with two legs of two bones; rigs without are passed through."""
 
     def __init__(self, skeleton: Skeleton, chains: Chains) -> None:
-        self._legs = legs_of(skeleton, chains)
-        self.is_able = self._legs is not None
-        if self._legs is not None:
+        self.legs = legs_of(skeleton, chains)
+        self.is_able = self.legs is not None
+        if self.legs is not None:
             rest = skeleton.rest_positions.numpy()
-            self._standing = rest[self._legs.joints[:, 3], 1].astype(np.float32)
+            self.standing = rest[self.legs.joints[:, 3], 1].astype(np.float32)
 
     def init_state(self, rows: int) -> FeetState:
         """No foot is held."""
@@ -87,9 +87,9 @@ class Feet:
         free = pose.root if decoded_root is None else decoded_root
         far = np.full(len(pose.root), LARGEST, np.float32) if largest is None else largest.astype(np.float32)
         memory, fps = state.memory.numpy(), F(pose.fps)
-        _lock(
-            self._legs,
-            self._standing,
+        lock(
+            self.legs,
+            self.standing,
             frames,
             pose.turns,
             pose.root,
@@ -103,7 +103,7 @@ class Feet:
 
 
 @exact()
-def _lock(legs, standing, frames, turns, root, free_root, count, fps, largest, memory, active):  # type: ignore[no-untyped-def]
+def lock(legs, standing, frames, turns, root, free_root, count, fps, largest, memory, active):  # type: ignore[no-untyped-def]
     """All rows, one foot after the other."""
     over, free, shift = np.empty((3, 8), F), np.empty((3, 8), F), np.empty((3, 8), F)
     after = np.empty(memory.shape[2], F)

@@ -38,25 +38,25 @@ class Ground:
     def __init__(self, skeleton: Skeleton, chains: Chains, *, is_holding: bool = True) -> None:
         """`chains` must hold `skeleton.config.feet`. Not holding, the root travels as decoded, whatever they do."""
         feet = list(skeleton.config.feet) if is_holding else []
-        self._slots = np.array([chains.slot[joint] for joint in feet], np.int64)
+        self.slots = np.array([chains.slot[joint] for joint in feet], np.int64)
         rest = skeleton.rest_positions.numpy()
-        self._rest = rest[feet, 1].astype(np.float32)  # the sole is at 0
+        self.rest = rest[feet, 1].astype(np.float32)  # the sole is at 0
 
     def init_state(self, rows: int) -> GroundState:
         """Standing at the origin, nothing seen yet."""
-        return GroundState(torch.zeros(rows, 3 + 4 * len(self._slots)))
+        return GroundState(torch.zeros(rows, 3 + 4 * len(self.slots)))
 
     def step(
         self, pose: PoseLanes, frames: Float[Array, "b c 12 8"], state: GroundState, active: Bool[Array, " b"]
     ) -> None:
         """Turn the decoded travel of `pose.root` into world positions; `frames` are those of the pose in the chains."""
-        _travel(
-            self._slots, self._rest, frames, pose.turns, pose.root, pose.frames, state.memory.numpy(), active
+        travel(
+            self.slots, self.rest, frames, pose.turns, pose.root, pose.frames, state.memory.numpy(), active
         )
 
 
 @exact()
-def _travel(slots, rest, frames, turns, roots, count, memory, active):  # type: ignore[no-untyped-def]
+def travel(slots, rest, frames, turns, roots, count, memory, active):  # type: ignore[no-untyped-def]
     """All rows: ankles and toes relative to the root, along the world's axes, say how the root moves over them."""
     points = slots.shape[0]
     here = np.empty((4, points, 8), F)

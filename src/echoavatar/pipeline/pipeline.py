@@ -180,7 +180,8 @@ class Pipeline:
             features = self.rig.step(features, state.rig[0], active)
         self.lap("rig")
         pieces: tuple[Tensor, ...] = torch.split(features, CHUNK_FRAMES, 1)
-        parts = [self.post.step(piece, state.post, active, self.lap) for piece in pieces]
+        lap = None if self.lap is _no_lap else self.lap
+        parts = [self.post.step(piece, state.post, active, lap) for piece in pieces]
         chunks = parts[0] if len(parts) == 1 else [join(row) for row in zip(*parts, strict=True)]
         return chunks if face is None else [c._replace(face=f) for c, f in zip(chunks, face, strict=True)]
 

@@ -22,6 +22,7 @@ from ..kinematics import Motion, Skeleton, to_features
 from ..nn import StreamState
 from ..timing import CHUNK_FRAMES, FRAME_RATE_HZ
 from .calm import Calm, CalmState
+from .crowd import WORTH_A_THREAD, Crowd
 from .feet import LARGEST, Feet, FeetState
 from .ground import Ground, GroundState
 from .leash import Leash, LeashState
@@ -78,6 +79,10 @@ class Post:
         self.leash, self.idle = Leash(), IdleLegs(skeleton)
         self.feet = Feet(skeleton, self.chains)
         self._unpacking = Unpacking(skeleton)
+        is_whole = self.stages == frozenset(SWITCHES) and self.hands.is_able and self.feet.is_able
+        self._crowd: Crowd | None = None
+        if is_whole:
+            self._crowd = Crowd(self._unpacking, self.chains, self.calm, self.ground, self.feet, self.hands)
 
     def init_state(self, rows: int) -> PostState:
         """Nothing shown yet, free rows."""
@@ -94,9 +99,25 @@ class Post:
         features: Float[Tensor, "b t c"],
         state: PostState,
         active: Bool[Tensor, " b"],
-        lap: Callable[[str], None],
+        lap: Lap | None = None,
     ) -> list[MotionChunk]:
-        """Motion of a chunk (at most 8 frames); after each stage `lap(stage)` is called, also after those left out."""
+        """Motion of a chunk (at most 8 frames); after each stage `lap(stage)` is called, also after those left out.
+
+        Without a `lap` large batches go another way, to the same numbers: through the stages session by session, in as
+        many threads as torch has.
+        """
+        is_crowd = self._crowd is not None and len(features) >= WORTH_A_THREAD
+        if self._crowd is None or lap is not None or not is_crowd or state.modes.options.numpy().any():
+            return self._step(features, state, active, lap or _no_lap)
+        given = np.ascontiguousarray(features.numpy())
+        states = state.calm, state.ground, state.feet
+        rotations, root, left = self._crowd.step(given, FRAME_RATE_HZ, states, active.numpy())
+        chunks = [MotionChunk(*chunk) for chunk in zip(rotations, root, strict=True)]
+        for rows in left:
+            chunks[rows] = self._step(features[rows], state.rows(rows), active[rows], _no_lap)
+        return chunks
+
+    def _step(self, features: Tensor, state: PostState, active: Tensor, lap: Lap) -> list[MotionChunk]:
         on = active.numpy()
         pose = self.pose_of(features, state)
         lap("pose")
@@ -138,7 +159,7 @@ class Post:
         state.modes.choose(everyone, options)
         padded = torch.cat([features, features[-1:].expand(-len(features) % CHUNK_FRAMES, -1)])
         pieces: tuple[Tensor, ...] = padded[None].tensor_split(len(padded) // CHUNK_FRAMES, 1)
-        chunks = [self.step(piece, state, everyone, _no_lap)[0] for piece in pieces]
+        chunks = [self.step(piece, state, everyone)[0] for piece in pieces]
         rotations, root = (np.concatenate([chunk[i] for chunk in chunks]) for i in range(2))
         root[:, [0, 2]] += motion.root[0, [0, 2]]
         return replace(motion, rotations=rotations[: motion.frames], root=root[: motion.frames])

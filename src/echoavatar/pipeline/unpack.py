@@ -18,12 +18,12 @@ class Unpacking:
 
     def __init__(self, skeleton: Skeleton) -> None:
         travel = travel_slice(skeleton)
-        self._joints = np.array(skeleton.feature_joints, np.int64)
-        first = 6 * np.arange(len(self._joints))  # channel of each joint's 6D
-        self._first = np.where(first >= travel.start, first + travel.stop - travel.start, first).astype(
+        self.joints = np.array(skeleton.feature_joints, np.int64)
+        first = 6 * np.arange(len(self.joints))  # channel of each joint's 6D
+        self.first = np.where(first >= travel.start, first + travel.stop - travel.start, first).astype(
             np.int64
         )
-        self._travel, self._all = travel.start, skeleton.joints
+        self.travel, self._all = travel.start, skeleton.joints
 
     def pose_of(self, features: Float[Array, "b t c"], fps: float) -> tuple[PoseLanes, bool]:
         """Rotations, and travel as decoded; and whether all of it can be used. At most 8 frames."""
@@ -32,11 +32,9 @@ class Unpacking:
             np.empty((rows, self._all, 4, LANES), np.float32),
             np.empty((rows, 3, LANES), np.float32),
         )
-        if len(self._joints) < self._all:
+        if len(self.joints) < self._all:
             turns[...], turns[:, :, 0] = 0, 1
-        is_good = _unpack(
-            np.ascontiguousarray(features), self._first, self._joints, self._travel, turns, root
-        )
+        is_good = unpack(np.ascontiguousarray(features), self.first, self.joints, self.travel, turns, root)
         return PoseLanes(turns, root, fps, frames), is_good
 
 
@@ -45,12 +43,12 @@ def frames_of(pose: PoseLanes) -> tuple[Float[Array, "b t j 4"], Float[Array, "b
     rows, joints = pose.turns.shape[:2]
     rotations = np.empty((rows, pose.frames, joints, 4), np.float32)
     root = np.empty((rows, pose.frames, 3), np.float32)
-    _pack(pose.turns, pose.root, rotations, root)
+    pack(pose.turns, pose.root, rotations, root)
     return rotations, root
 
 
 @exact()
-def _unpack(features, first, joints, travel, turns, root):  # type: ignore[no-untyped-def]
+def unpack(features, first, joints, travel, turns, root):  # type: ignore[no-untyped-def]
     """All rows; whether every number is finite and every rotation is one."""
     rows, frames, channels = features.shape
     columns = np.empty((channels, 8), F)
@@ -76,7 +74,8 @@ def _unpack(features, first, joints, travel, turns, root):  # type: ignore[no-un
 
 
 @exact()
-def _pack(turns, root, rotations, places):  # type: ignore[no-untyped-def]
+def pack(turns, root, rotations, places):  # type: ignore[no-untyped-def]
+    """Frame by frame, with w >= 0."""
     for row in range(rotations.shape[0]):
         for joint in range(turns.shape[1]):
             for frame in range(rotations.shape[1]):
