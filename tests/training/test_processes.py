@@ -1,0 +1,107 @@
+import json
+import os
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+from tests.training.line import CONFIG, Line
+
+from echoavatar.errors import DependencyError, EchoAvatarError
+from echoavatar.training import Loop
+from echoavatar.training.processes import Processes, processes_here, showing
+
+ROOT = Path(__file__).parents[2]
+
+
+def launch(code: str, *args: str, count: int = 2) -> list[str]:
+    """What each of so many processes printed, started as torchrun would."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = str(free.getsockname()[1])
+    shared = os.environ | {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": port, "WORLD_SIZE": str(count)}
+    shared |= {
+        "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]),
+        "OMP_NUM_THREADS": "1",
+    }
+    running = [
+        subprocess.Popen(
+            [sys.executable, "-c", code, *args],
+            env=shared | {"RANK": str(rank), "LOCAL_RANK": str(rank)},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for rank in range(count)
+    ]
+    ended = [process.communicate(timeout=120) for process in running]
+    for process in running:
+        assert process.returncode == 0, "\n".join(errors[-1500:] for _, errors in ended)
+    return [out for out, _ in ended]
+
+
+def test_one_process_needs_nothing(monkeypatch):
+    monkeypatch.delenv("WORLD_SIZE", raising=False)
+    here = processes_here()
+    assert (here.count, here.rank, here.is_first, here.agree(True)) == (1, 0, True, True)
+    assert here.gather_json({"a": 1.5}) == [{"a": 1.5}]
+    with pytest.raises(EchoAvatarError, match="sharding is for several processes"):
+        processes_here(sharded=True)
+
+
+def test_several_processes_without_accelerate_say_what_to_install(monkeypatch):
+    monkeypatch.setenv("WORLD_SIZE", "2")
+    monkeypatch.setitem(sys.modules, "accelerate", None)
+    with pytest.raises(DependencyError, match=r"echoavatar\[train\]"):
+        processes_here()
+
+
+def test_what_is_shown_is_in_the_state_dict_for_a_while():
+    stage = Line()
+    module = stage.modules["layers"]
+    with showing(stage.modules, {"layers.0.bias": torch.tensor([7.0, 7.0])}):
+        assert module.state_dict()["0.bias"].tolist() == [7.0, 7.0]
+    assert module.state_dict()["0.bias"].tolist() != [7.0, 7.0]
+
+
+RUN = """
+import json, sys
+from pathlib import Path
+import torch
+from tests.training.line import CONFIG, Line, weights
+from echoavatar.training import Loop
+from echoavatar.training.processes import processes_here
+
+sharded, folder = sys.argv[1] == "sharded", Path(sys.argv[2])
+torch.manual_seed(0)
+config = CONFIG.model_copy(update={"accumulation": 2, "average": 0.9})
+loop = Loop(Line(config), processes_here(sharded=sharded))
+told = [loop.advance() for _ in range(4)]
+loop.save(folder)
+again = Loop(Line(config), loop.processes)
+again.resume(folder)
+torch.manual_seed(1)
+first = [loop.advance() for _ in range(2)]
+torch.manual_seed(1)
+assert [again.advance() for _ in range(2)] == first
+print(json.dumps([[t["loss"], t["gradient"], t["x"]] for t in told]))
+"""
+
+
+@pytest.mark.parametrize("how", ["shared", pytest.param("sharded", marks=pytest.mark.slow)])
+def test_two_processes_share_the_trajectory_of_one(tmp_path, how):
+    """Two processes with two pieces of two rows each, against eight rows at once; one goes on with what they saved."""
+    pytest.importorskip("accelerate")
+    torch.manual_seed(0)
+    alone = Loop(Line(CONFIG.model_copy(update={"average": 0.9})), Processes())
+    expected = torch.tensor([[t["loss"], t["gradient"], t["x"]] for t in (alone.advance() for _ in range(4))])
+    for out in launch(RUN, how, str(tmp_path)):
+        torch.testing.assert_close(torch.tensor(json.loads(out)), expected, rtol=1e-5, atol=1e-6)
+    one = Loop(Line(CONFIG.model_copy(update={"average": 0.9})))
+    assert one.resume(tmp_path)
+    for mine, theirs in zip(
+        one.stage.modules["layers"].parameters(), alone.stage.modules["layers"].parameters(), strict=True
+    ):
+        torch.testing.assert_close(mine, theirs, rtol=1e-5, atol=1e-6)
