@@ -25,7 +25,7 @@ which is kept as well, and keep what else it must remember through `state` and `
 What runs live does not import this room. May import `checkpoint`, `config` and `errors`.
 """
 
-from .config import TrainingConfig
+from .config import Schedule, TrainingConfig
 from .loop import Loop
 from .optimisers import adamw
 from .run import Progress, train
@@ -39,6 +39,7 @@ __all__ = [
     "Loop",
     "Loss",
     "Progress",
+    "Schedule",
     "Stage",
     "TrainingConfig",
     "adamw",

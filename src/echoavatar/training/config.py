@@ -8,6 +8,8 @@ from pydantic import Field
 
 from ..config import Config
 
+Schedule = Literal["constant", "cosine", "step"]
+
 
 class TrainingConfig(Config):
     """How to train. `batch` is that of one optimiser step, however many processes and pieces share it."""
@@ -21,9 +23,7 @@ class TrainingConfig(Config):
         default=1, gt=0, description="pieces that a process takes its rows in; changes memory, not the result"
     )
     learning_rate: float = Field(default=1e-3, gt=0, description="peak of the schedule")
-    schedule: Literal["constant", "cosine", "step"] = Field(
-        default="cosine", description="course of the learning rate after the warm-up"
-    )
+    schedule: Schedule = Field(default="cosine", description="course of the learning rate after the warm-up")
     warmup: int = Field(default=100, ge=0, description="steps of linear warm-up")
     final_rate: float = Field(
         default=0.05, ge=0, le=1, description="cosine: share of the peak at the end of the schedule"

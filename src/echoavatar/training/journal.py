@@ -13,7 +13,7 @@ TRACKERS: tuple[str, ...] = get_args(Tracker)
 
 
 class _Listener(Protocol):
-    def write(self, step: int, values: Mapping[str, float]) -> None: ...
+    def write(self, step: int, values: Mapping[str, object]) -> None: ...
 
     def close(self) -> None: ...
 
@@ -35,7 +35,7 @@ class Journal:
         openers: dict[str, type[_TensorBoard] | type[_Wandb]] = {"tensorboard": _TensorBoard, "wandb": _Wandb}
         self._listeners += [openers[name](folder) for name in trackers]
 
-    def write(self, step: int, values: Mapping[str, float]) -> None:
+    def write(self, step: int, values: Mapping[str, object]) -> None:
         """One line."""
         for listener in self._listeners:
             listener.write(step, values)
@@ -58,7 +58,7 @@ class _Lines:
     def __init__(self, path: Path) -> None:
         self._file = path.open("a")
 
-    def write(self, step: int, values: Mapping[str, float]) -> None:
+    def write(self, step: int, values: Mapping[str, object]) -> None:
         self._file.write(json.dumps({"step": step} | dict(values)) + "\n")
         self._file.flush()
 
@@ -74,9 +74,10 @@ class _TensorBoard:
             raise DependencyError("--track tensorboard needs it; run: pip install tensorboard") from error
         self._writer: Any = SummaryWriter(folder / "tensorboard")
 
-    def write(self, step: int, values: Mapping[str, float]) -> None:
+    def write(self, step: int, values: Mapping[str, object]) -> None:
         for name, value in values.items():
-            self._writer.add_scalar(name, value, step)
+            if isinstance(value, int | float):
+                self._writer.add_scalar(name, value, step)
 
     def close(self) -> None:
         self._writer.close()
@@ -95,7 +96,7 @@ class _Wandb:
         )
         mark.write_text(f"{self._run.id}\n")
 
-    def write(self, step: int, values: Mapping[str, float]) -> None:
+    def write(self, step: int, values: Mapping[str, object]) -> None:
         self._run.log(dict(values), step=step)
 
     def close(self) -> None:

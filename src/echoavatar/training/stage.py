@@ -77,7 +77,7 @@ class Stage(ABC, Generic[BatchT]):
     def after(self, step: int, gather: Gather) -> None:  # noqa: B027
         """Called after a step: what learns by other means than gradients."""
 
-    def evaluate(self) -> Mapping[str, float]:
+    def evaluate(self) -> Mapping[str, object]:
         """Measurements on held-out data, every `config.evaluate_every` steps."""
         return {}
 
