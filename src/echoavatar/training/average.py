@@ -1,6 +1,7 @@
 """Averaged weights (EMA): a slow copy of what learns, which is what a checkpoint shows."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 
 import torch
 from torch import Tensor, nn
@@ -29,3 +30,18 @@ class Average:
         share = 1 - min(self.decay, (1 + step) / (_RAMP + step))
         for key, value in self.values.items():
             value.lerp_(self._learned[key].detach().to(value.dtype), share)
+
+    @contextmanager
+    def shown(self) -> Iterator[None]:
+        """While it is entered, the modules have the averaged weights."""
+        own = {key: value.detach().clone() for key, value in self._learned.items()}
+        self._write(self.values)
+        try:
+            yield
+        finally:
+            self._write(own)
+
+    @torch.no_grad()
+    def _write(self, values: Mapping[str, Tensor]) -> None:
+        for key, value in values.items():
+            self._learned[key].copy_(value)

@@ -1,8 +1,8 @@
 """The loop's one step, and its state: what all stages and any number of processes share."""
 
 from collections import defaultdict
-from collections.abc import Mapping
-from contextlib import nullcontext
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any, Generic
 
@@ -13,7 +13,7 @@ from torch.distributed.tensor import DTensor
 from ..errors import CheckpointError, EchoAvatarError
 from . import state
 from .average import Average
-from .processes import Processes, as_placed, showing, whole
+from .processes import Processes, as_placed, showing_whole, whole
 from .stage import BatchT, Loss, Stage, cut, rows_of
 
 
@@ -103,25 +103,31 @@ class Loop(Generic[BatchT]):
         self._whole.zero_grad(set_to_none=True)
         return norm.full_tensor() if isinstance(norm, DTensor) else norm
 
+    @contextmanager
+    def shown(self) -> Iterator[None]:
+        """While it is entered, the modules have the weights that are shown to others; all processes must enter it."""
+        averaged = self.average.shown() if self.average is not None else nullcontext()
+        with averaged, showing_whole(self.stage.modules):
+            yield
+        for module in self.stage.modules.values():
+            module.train()
+
     def save(self, folder: Path) -> None:
         """Write what a resumed run needs, then what others load; all processes must call it, the first one writes."""
         stage, modules = self.stage, self.stage.modules
         tensors = state.module_state(modules) | state.optimiser_state(modules, self.optimisers)
-        shown = {
-            key.removeprefix("model."): value for key, value in tensors.items() if key.startswith("model.")
-        }
         if self.average is not None:
-            averaged = {key: whole(value) for key, value in self.average.values.items()}
-            tensors |= {f"average.{key}": value for key, value in averaged.items()}
-            shown |= averaged
+            tensors |= {f"average.{key}": whole(value) for key, value in self.average.values.items()}
         random = state.random_state(self.processes.device).to(self.processes.device)
         tensors["random"] = self.processes.gather(random[None])
         tensors |= {f"stage.{key}": value for key, value in stage.state().items()}
+        stage.seconds = self.seconds
         if self.processes.is_first:
             folder.mkdir(parents=True, exist_ok=True)
             facts = {"step": self.step, "seconds": self.seconds, "identity": self._identity()}
             state.write(folder / state.FILE, tensors, facts)
-            with showing(modules, shown):
+        with self.shown():
+            if self.processes.is_first:
                 stage.save(folder, self.step)
         self.processes.wait()
 

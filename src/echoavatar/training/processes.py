@@ -151,18 +151,20 @@ def as_placed(value: Tensor, like: Tensor) -> Tensor:
 
 
 @contextmanager
-def showing(modules: Mapping[str, nn.Module], values: Mapping[str, Tensor]) -> Iterator[None]:
-    """While it is entered, state dicts hold these values, by `module.key`, in place of the modules' own."""
+def showing_whole(modules: Mapping[str, nn.Module]) -> Iterator[None]:
+    """While it is entered, state dicts hold sharded weights in one piece; all processes must enter it."""
+    full = {
+        name: {key: whole(p) for key, p in module.named_parameters() if isinstance(p, DTensor)}
+        for name, module in modules.items()
+    }
 
     def shown(name: str) -> Any:
         def hook(module: nn.Module, state: dict[str, Any], prefix: str, metadata: Any) -> None:
-            for key in list(state):
-                if f"{name}.{key}" in values:
-                    state[key] = values[f"{name}.{key}"]
+            state.update({prefix + key: value for key, value in full[name].items() if prefix + key in state})
 
         return hook
 
-    handles = [module.register_state_dict_post_hook(shown(name)) for name, module in modules.items()]  # type: ignore[no-untyped-call]
+    handles = [modules[name].register_state_dict_post_hook(shown(name)) for name in full if full[name]]  # type: ignore[no-untyped-call]
     try:
         yield
     finally:

@@ -73,8 +73,11 @@ def _run(
         is_measured = config.evaluate_every and loop.step % config.evaluate_every == 0 and loop.done() < 1
         if journal is not None and metrics:
             journal.write(loop.step, metrics | {"seconds": round(seconds, 4)})
-        if journal is not None and is_measured and (measured := loop.stage.evaluate()):
-            journal.write(loop.step, dict(measured))
+        if is_measured:
+            with loop.shown():
+                measured = loop.stage.evaluate() if journal is not None else {}
+            if journal is not None and measured:
+                journal.write(loop.step, measured)
         is_due = config.save_minutes and time.monotonic() - saved > 60 * config.save_minutes
         if (config.save_every and loop.step % config.save_every == 0) or agreed(bool(is_due)):
             loop.save(folder)

@@ -33,6 +33,8 @@ class Stage(ABC, Generic[BatchT]):
 
     has_idle = False
     """Whether some of what learns gets no gradient in some steps; several processes must know."""
+    seconds = 0.0
+    """Time spent in steps up to the checkpoint that is being saved."""
 
     def __init__(self, config: TrainingConfig, modules: Mapping[str, nn.Module]) -> None:
         """`modules` are all that learns or remembers, by the name under which it is kept."""
@@ -49,7 +51,7 @@ class Stage(ABC, Generic[BatchT]):
 
     @abstractmethod
     def save(self, folder: Path, step: int) -> None:
-        """Write what others load, after `step` steps; the modules' state dicts hold the weights to be shown."""
+        """Write what others load, after `step` steps; the modules hold the weights to be shown."""
 
     def optimisers(self) -> list[torch.optim.Optimizer]:
         """AdamW over all that learns; asked for once the modules are where they will be trained."""
