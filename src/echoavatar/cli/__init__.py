@@ -24,6 +24,7 @@ COMMANDS = {
     "baseline": "motion without a model, to hold scores against: mean pose, random clip, nearest sound",
     "data": "make training data",
     "train": "train the codec, the motion tokenizer, the generator, the face, the fingers or FID's extractor",
+    "plot": "draw the metrics of training runs, one or several side by side",
     "bundle": "assemble trained parts into a bundle",
     "actions": "list what the avatar can be asked to do; add an action from a clip",
     "rig": "measure a character's body, so that hands keep off it",
@@ -54,9 +55,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except EchoAvatarError as error:
         print(f"echoavatar: {' '.join(str(error).split())}", file=sys.stderr)
         return 1
-    except KeyboardInterrupt:
-        print("echoavatar: interrupted", file=sys.stderr)
-        return 130
+    except KeyboardInterrupt as stop:  # a training run says where it stopped, and which signal ended it
+        print(f"echoavatar: {stop or 'interrupted'}", file=sys.stderr)
+        return int(getattr(stop, "code", 130))
     return code
 
 
