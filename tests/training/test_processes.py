@@ -11,7 +11,7 @@ from tests.training.line import CONFIG, Line
 
 from echoavatar.checkpoint import read_weights
 from echoavatar.errors import DependencyError, EchoAvatarError
-from echoavatar.training import Loop
+from echoavatar.training import Loop, Stage
 from echoavatar.training.processes import Processes, processes_here
 
 ROOT = Path(__file__).parents[2]
@@ -63,35 +63,67 @@ RUN = """
 import json, sys
 from pathlib import Path
 import torch
-from tests.training.line import CONFIG, Line, weights
-from echoavatar.training import Loop
+from tests.training.line import CONFIG, Line
+from tests.training.test_processes import curve, real_stages
+from echoavatar.training import Loop, Stage
 from echoavatar.training.processes import processes_here
 
 sharded, folder = sys.argv[1] == "sharded", Path(sys.argv[2])
+processes = processes_here(sharded=sharded)
 torch.manual_seed(0)
 config = CONFIG.model_copy(update={"accumulation": 2, "average": 0.9})
-loop = Loop(Line(config), processes_here(sharded=sharded))
-told = [loop.advance() for _ in range(4)]
+loop = Loop(Line(config), processes)
+told = curve(loop, 4)
 loop.save(folder)
 again = Loop(Line(config), loop.processes)
 again.resume(folder)
 torch.manual_seed(1)
-first = [loop.advance() for _ in range(2)]
+first = curve(loop, 2)
 torch.manual_seed(1)
-assert [again.advance() for _ in range(2)] == first
-print(json.dumps([[t["loss"], t["gradient"], t["x"]] for t in told]))
+assert curve(again, 2) == first
+stages = {name: stage for name, stage in real_stages(2).items() if name == "generator" or not sharded}
+print(json.dumps({"line": told} | {name: curve(Loop(stage, processes), 3) for name, stage in stages.items()}))
 """
+
+
+def curve(loop: Loop, steps: int) -> list[list[float]]:
+    """Loss and gradient of each step."""
+    return [[told["loss"], told["gradient"]] for told in (loop.advance() for _ in range(steps))]
+
+
+def real_stages(pieces: int) -> dict[str, Stage]:
+    """A generator that is told cues and sets, and a tokenizer with noise on its codes."""
+    from tests.generator.test_train import clips, config, settings
+    from tests.tokenizer.test_train import CLIPS, TRAINING, small_config
+
+    from echoavatar.generator.train import GeneratorStage
+    from echoavatar.tokenizer.train import TokenizerStage
+
+    lesson = settings(batch=8, accumulation=pieces, exemplar=0.5, cue_weight=0.1, optimiser="adamw")
+    motion = TRAINING.model_copy(update={"accumulation": pieces})
+    return {
+        "generator": GeneratorStage(config(exemplar=True), lesson, clips()),
+        "tokenizer": TokenizerStage(small_config(), motion, CLIPS),
+    }
 
 
 @pytest.mark.parametrize("how", ["shared", pytest.param("sharded", marks=pytest.mark.slow)])
 def test_two_processes_share_the_trajectory_of_one(tmp_path, how):
-    """Two processes with two pieces of two rows each, against eight rows at once; one goes on with what they saved."""
+    """Two processes with two pieces each, against whole batches; one goes on with what two saved.
+
+    A hundred-thousandth for losses and gradients: the same sums in another order, over some steps of AdamW.
+    """
     pytest.importorskip("accelerate")
     torch.manual_seed(0)
     alone = Loop(Line(CONFIG.model_copy(update={"average": 0.9})), Processes())
-    expected = torch.tensor([[t["loss"], t["gradient"], t["x"]] for t in (alone.advance() for _ in range(4))])
+    expected = {"line": curve(alone, 4)}
+    expected |= {name: curve(Loop(stage), 3) for name, stage in real_stages(1).items()}
     for out in launch(RUN, how, str(tmp_path)):
-        torch.testing.assert_close(torch.tensor(json.loads(out)), expected, rtol=1e-5, atol=1e-6)
+        for name, found in json.loads(out).items():
+            values, wanted = torch.tensor(found), torch.tensor(expected[name])
+            torch.testing.assert_close(
+                values, wanted, rtol=1e-5, atol=1e-5, msg=lambda m, n=name: f"{n}: {m}"
+            )
     one = Loop(Line(CONFIG.model_copy(update={"average": 0.9})))
     assert one.resume(tmp_path)
     saved = read_weights(tmp_path)
