@@ -47,7 +47,7 @@ def train(args: argparse.Namespace, settings: Settings, card: dict[str, object],
 
 
 def body_sizes(settings: Settings, skeleton: "Skeleton") -> "BodyTokenizerConfig":
-    """One size for all parts, and what `model.parts` says of single ones."""
+    """One size for all parts, and what `model.parts` says of single ones (look-back, heads, codebook decay)."""
     from ..kinematics import part_sizes
     from ..tokenizer import BodyTokenizerConfig, MotionTokenizerConfig
 
@@ -65,4 +65,6 @@ def body_sizes(settings: Settings, skeleton: "Skeleton") -> "BodyTokenizerConfig
         )
         for name, count in features.items()
     }
+    if len({(size.width, size.layers, size.codes) for size in sizes.values()}) > 1:
+        raise EchoAvatarError(f"{settings.origin}: model.parts may not differ in width, layers or codes")
     return BodyTokenizerConfig(skeleton=skeleton.config, parts=sizes)
