@@ -8,7 +8,9 @@ import pytest
 import torch
 from tests.training.line import CONFIG, Line, weights
 
+from echoavatar.errors import EchoAvatarError
 from echoavatar.training import Interrupted, has_state, train
+from echoavatar.training.state import FILE, read
 
 
 def lines(folder):
@@ -108,3 +110,18 @@ def test_what_is_told_and_measured_when_asked(tmp_path):
     assert [step for step, _ in told(tmp_path)] == [4, 8, 12]
     assert [line["step"] for line in lines(tmp_path) if "held_out" in line] == [5, 10]
     assert {"step", "loss", "error", "x", "gradient", "rate", "seconds"} == set(lines(tmp_path)[0])
+
+
+def test_weights_that_are_no_numbers_are_not_kept(tmp_path):
+    """Broken during step 5 of a run that tells nothing: it ends at step 6, where it would have saved."""
+    stage = Line(CONFIG.model_copy(update={"log_every": 100}))
+
+    def spoil(step, _):
+        if step == 5:
+            with torch.no_grad():
+                next(stage.modules["layers"].parameters()).fill_(float("nan"))
+
+    with pytest.raises(EchoAvatarError, match="the loss is nan at step 6"):
+        train(stage, tmp_path, progress=spoil)
+    _, facts = read(tmp_path / FILE)
+    assert facts["step"] == 3

@@ -69,6 +69,7 @@ class Loop(Generic[BatchT]):
             for group in optimiser.param_groups:
                 group["lr"] = rate
         rows, every = rows_of(whole_batch) // self._pieces, stage.weight(whole_batch)
+        assert rows * self._pieces == rows_of(whole_batch), "a batch must have as many rows for each piece"
         first, told = self.processes.rank * stage.config.accumulation, _Means()
         for piece in range(first, first + stage.config.accumulation):
             batch = cut(whole_batch, slice(piece * rows, (piece + 1) * rows), device)
@@ -90,8 +91,8 @@ class Loop(Generic[BatchT]):
         metrics = told.over(self.processes) | {"gradient": float(norm), "rate": rate}
         if not abs(metrics["loss"]) < float("inf"):
             raise EchoAvatarError(
-                f"the loss is {metrics['loss']} at step {self.step}; go on from the last checkpoint with a lower "
-                "learning rate or without autocast"
+                f"the loss is {metrics['loss']} at step {self.step}; begin another run with a lower learning rate or "
+                "without autocast (what was saved before can be its --start)"
             )
         return metrics
 

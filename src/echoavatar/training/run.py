@@ -67,11 +67,16 @@ def _run(
     agreed = loop.processes.agree
     while loop.done() < 1 and not agreed(bool(signals.number) or time.monotonic() >= deadline):
         began = time.monotonic()
-        metrics = loop.advance(is_told=(loop.step + 1) % config.log_every == 0)
+        is_told = (loop.step + 1) % config.log_every == 0
+        is_kept = config.save_every > 0 and (loop.step + 1) % config.save_every == 0
+        # a loss that is told and is no number ends the run: such weights must not be kept
+        metrics = loop.advance(is_told=is_told or is_kept)
         seconds = time.monotonic() - began
+        if config.minutes:  # the clock is part of the schedule, so all must go by one
+            seconds = loop.processes.gather_json(seconds)[0]
         loop.seconds += seconds
         is_measured = config.evaluate_every and loop.step % config.evaluate_every == 0 and loop.done() < 1
-        if journal is not None and metrics:
+        if journal is not None and is_told:
             journal.write(loop.step, metrics | {"seconds": round(seconds, 4)})
         if is_measured:
             with loop.shown():
@@ -79,7 +84,7 @@ def _run(
             if journal is not None and measured:
                 journal.write(loop.step, measured)
         is_due = config.save_minutes and time.monotonic() - saved > 60 * config.save_minutes
-        if (config.save_every and loop.step % config.save_every == 0) or agreed(bool(is_due)):
+        if is_kept or agreed(bool(is_due)):
             loop.save(folder)
             saved = time.monotonic()
         if progress is not None and loop.processes.is_first:
