@@ -7,7 +7,7 @@ from echoavatar.cli import main
 
 RECIPE = """
 model: {filters: 2, width: 8, codes: 16, lstm_layers: 1}
-training: {minutes: 0, steps: 3, batch: 2, decoded: 1, crop_frames: 10, unquantized: 1, log_every: 1}
+training: {minutes: 0, steps: 3, batch: 2, decoded: 1, crop_frames: 10, unquantized: 9, log_every: 1}
 """
 
 

@@ -74,6 +74,7 @@ def test_a_signal_ends_the_run_after_the_step_with_a_checkpoint(tmp_path, number
     assert told(tmp_path / "cut") == told(tmp_path / "whole")
 
 
+@pytest.mark.slow
 def test_sigterm_from_outside_leaves_a_checkpoint_to_go_on_with(tmp_path):
     """A real process, ended as a cluster would: long steps, no checkpoint due for ever."""
     code = """
