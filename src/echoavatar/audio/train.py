@@ -121,6 +121,7 @@ class CodecStage(Stage[Sounds]):
             latents, terms["commitment"] = quantized.latents, config.commitment * quantized.commitment
             usage = code_usage(quantized.codes, config.codec.codes).perplexity
             told = {f"perplexity_{q}": float(value) for q, value in enumerate(usage)}
+            told["commitment"] = terms["commitment"]
         terms["probe"] = (self.probe(latents) - self.probe.target(batch.target)).abs().mean()
         decoded = int((batch.row < config.decoded).sum())
         if decoded:
@@ -128,7 +129,8 @@ class CodecStage(Stage[Sounds]):
             weight = decoded / min(config.decoded, config.batch) * config.batch / rows  # 1 for a whole batch
             sounds = {"log_mel": made.log_mel, "mel": 20 * made.mel, "waveform": 3 * made.waveform}
             terms |= {name: weight * value for name, value in sounds.items()}
-        return Loss(torch.stack(list(terms.values())).sum(), terms | told)
+            told |= sounds
+        return Loss(torch.stack(list(terms.values())).sum(), {"probe": terms["probe"], **told})
 
     def after(self, step: int, gather: Gather) -> None:
         """The codebooks learn from what the whole batch chose."""
