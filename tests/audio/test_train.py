@@ -7,8 +7,9 @@ import torch
 from echoavatar import checkpoint
 from echoavatar.audio import AudioCodec, CodecConfig
 from echoavatar.audio.pool import AudioGroup, AudioPool, to_int16
-from echoavatar.audio.train import CodecTrainer, CodecTrainingConfig, make_batch, train_codec
+from echoavatar.audio.train import CodecStage, CodecTrainingConfig, make_batch, train_codec
 from echoavatar.errors import CheckpointError
+from echoavatar.training import Loop
 
 CONFIG = CodecTrainingConfig(
     codec=CodecConfig(filters=2, width=8, codes=16, lstm_layers=1),
@@ -41,12 +42,12 @@ def test_batches_depend_on_seed_and_step_alone(pool):
 
 
 def test_training_lowers_the_losses_and_uses_the_codes(pool):
-    trainer = CodecTrainer(CONFIG)
-    history = [trainer.learn(pool) for _ in range(30)]
+    loop = Loop(CodecStage(CONFIG, pool))
+    history = [loop.advance() for _ in range(30)]
     early, late = (np.mean([line["probe"] for line in part]) for part in (history[:3], history[-5:]))
     assert late < 0.8 * early
     assert history[-1]["perplexity_0"] > 3
-    assert trainer.fraction_done() == 1
+    assert loop.done() == 1
 
 
 def test_a_resumed_run_is_the_same_run(pool, tmp_path):
@@ -72,10 +73,20 @@ def test_a_resumed_run_is_the_same_run(pool, tmp_path):
     assert torch.equal(loaded.encode(audio), resumed.encode(audio))
 
 
+def test_pieces_share_one_trajectory(pool):
+    """Six rows at once or two by two, of which two are decoded, before and after the codebooks begin to learn."""
+    curves = []
+    for pieces in (1, 3):
+        config = CONFIG.model_copy(update={"batch": 6, "accumulation": pieces, "unquantized": 2})
+        loop = Loop(CodecStage(config, pool))
+        curves.append([[told["loss"], told["log_mel"]] for told in (loop.advance() for _ in range(4))])
+    np.testing.assert_allclose(*curves, rtol=1e-4)
+
+
 def test_a_run_of_other_sizes_is_refused(pool, tmp_path):
     train_codec(CONFIG.model_copy(update={"steps": 6}), tmp_path, pool)
     other = CONFIG.model_copy(update={"codec": CodecConfig(filters=4, width=8, codes=16, lstm_layers=1)})
-    with pytest.raises(CheckpointError, match="does not fit this model"):
+    with pytest.raises(CheckpointError, match="another codec config: filters was 2, is 4"):
         train_codec(other, tmp_path, pool)
 
 
@@ -85,8 +96,8 @@ def test_the_clock_can_end_a_run(pool, tmp_path):
     assert int(checkpoint.read_card(tmp_path)["steps_done"]) < 50
 
 
-def test_fresh_weights_answer_speech_with_unit_variance():
-    codec = CodecTrainer(CONFIG).codec
+def test_fresh_weights_answer_speech_with_unit_variance(pool):
+    codec = CodecStage(CONFIG, pool).codec
     audio = 0.07 * torch.randn(4, 24_000, generator=torch.Generator().manual_seed(1))
     state = codec.init_state(4)
     with torch.no_grad():

@@ -2,24 +2,24 @@ import pytest
 import torch
 from tests.face.tiny import CONFIG, JAW, clip
 
-from echoavatar.face.config import FaceTraining
-from echoavatar.face.losses import FaceReader, flow_loss, lip_error
-from echoavatar.face.train import FaceTrainer
+from echoavatar.face.losses import FaceReader, draw_noise, flow_loss, lip_error
+from echoavatar.face.recipe import FaceTraining
+from echoavatar.face.train import FaceStage
 
 QUICK = FaceTraining(batch=2, frames=16)
 
 
 def test_silence_and_lost_history_are_dropped_per_window():
     """With all sound dropped the loss does not depend on it; with none dropped it does."""
-    trainer = FaceTrainer(CONFIG, QUICK, [clip()])
-    batch = trainer.sampler.batch(0, 4)
+    stage = FaceStage(CONFIG, QUICK, [clip()])
+    batch = stage.sampler.batch(0, 4)
     deaf = batch._replace(audio=torch.zeros_like(batch.audio))
 
     def loss(data, share: float) -> float:
         training = QUICK.model_copy(update={"audio_dropout": share})
-        features = trainer.model.encoder(data.audio)
-        random = torch.Generator().manual_seed(0)
-        return flow_loss(trainer.model, data, training, random, features=features).item()
+        features = stage.model.encoder(data.audio)
+        noise = draw_noise(data.curves, training, torch.Generator().manual_seed(0))
+        return flow_loss(stage.model, data, training, noise, features=features).item()
 
     assert loss(batch, 1.0) == loss(deaf, 1.0)
     assert loss(batch, 0.0) != loss(deaf, 0.0)
@@ -36,7 +36,7 @@ def test_lips_that_should_touch_and_do_not_cost_most():
 @torch.no_grad()
 def test_a_reader_that_tells_face_and_touch_pays_nothing_and_any_other_does():
     """Features are the normalised face and a large logit that its lips touch; the readout passes them on."""
-    model = FaceTrainer(CONFIG, QUICK, [clip()]).model
+    model = FaceStage(CONFIG, QUICK, [clip()]).model
     curves = torch.zeros(1, 4, 52)
     curves[0, 2:, JAW] = 0.4
     touching = torch.tensor([20.0, 20.0, -20.0, -20.0])

@@ -8,8 +8,9 @@ from tests.face.tiny import CONFIG, clip
 from echoavatar.errors import CheckpointError
 from echoavatar.face import FaceStream
 from echoavatar.face.arkit import ARKIT_NAMES
-from echoavatar.face.config import FaceTraining
-from echoavatar.face.train import FaceTrainer, train_face
+from echoavatar.face.recipe import FaceTraining
+from echoavatar.face.train import FaceStage, train_face
+from echoavatar.training import Loop
 
 JAW = ARKIT_NAMES.index("jawOpen")
 QUICK = FaceTraining(steps=6, batch=2, frames=16, warmup=1, save_every=2, learning_rate=3e-3)
@@ -19,23 +20,42 @@ def losses(folder) -> list[float]:
     return [json.loads(line)["loss"] for line in (folder / "metrics.jsonl").read_text().splitlines()]
 
 
-def test_a_killed_run_repeats_the_curve_it_would_have_had(tmp_path):
-    whole = train_face(CONFIG, QUICK, [clip()], tmp_path / "whole")
-    trainer = FaceTrainer(CONFIG, QUICK, [clip()])
-    for _ in range(3):
-        trainer.step()
-    trainer.save(tmp_path / "cut")
-    cut = train_face(CONFIG, QUICK, [clip()], tmp_path / "cut")
-    assert losses(tmp_path / "cut") == losses(tmp_path / "whole")[3:]
+@pytest.mark.parametrize("at", [1, 5])
+def test_a_killed_run_repeats_the_curve_it_would_have_had(tmp_path, at):
+    """Listening for two steps, then all; killed after some step, with checkpoints every second: equal to the bit."""
+
+    class KilledError(Exception):
+        pass
+
+    def kill(step, _):
+        if step == at:
+            raise KilledError
+
+    training = QUICK.model_copy(update={"listen": 2, "average": 0.5})
+    whole = train_face(CONFIG, training, [clip()], tmp_path / "whole")
+    with pytest.raises(KilledError):
+        train_face(CONFIG, training, [clip()], tmp_path / "cut", progress=kill)
+    cut = train_face(CONFIG, training, [clip()], tmp_path / "cut")
+    assert losses(tmp_path / "cut") == losses(tmp_path / "whole")
     for key, value in whole.state_dict().items():
         assert torch.equal(cut.state_dict()[key], value), key
 
 
+def test_pieces_share_one_trajectory():
+    """Four windows at once or one after the other, with the noise that each has in either."""
+    curves = []
+    for pieces in (1, 4):
+        training = QUICK.model_copy(update={"batch": 4, "accumulation": pieces, "listen": 1})
+        loop = Loop(FaceStage(CONFIG, training, [clip()]))
+        curves.append([loop.advance()["loss"] for _ in range(5)])
+    assert curves[0] == pytest.approx(curves[1], rel=1e-4)
+
+
 def test_another_schedule_or_size_is_refused(tmp_path):
-    FaceTrainer(CONFIG, QUICK, [clip()]).save(tmp_path)
-    with pytest.raises(CheckpointError, match="other settings"):
+    Loop(FaceStage(CONFIG, QUICK, [clip()])).save(tmp_path)
+    with pytest.raises(CheckpointError, match="another training config: seed"):
         train_face(CONFIG, QUICK.model_copy(update={"seed": 1}), [clip()], tmp_path)
-    with pytest.raises(CheckpointError, match="another config"):
+    with pytest.raises(CheckpointError, match="another face config: width"):
         train_face(CONFIG.model_copy(update={"width": 32}), QUICK, [clip()], tmp_path)
 
 
@@ -64,25 +84,25 @@ def test_a_new_run_begins_with_another_models_weights(tmp_path):
 def test_at_first_only_the_encoder_learns():
     """Two steps of listening, then one of all; with a rate of its own for either phase."""
     training = QUICK.model_copy(update={"listen": 2, "listening_rate": 1e-2, "warmup": 0})
-    trainer = FaceTrainer(CONFIG, training, [clip()])
-    before = {key: value.clone() for key, value in trainer.model.state_dict().items()}
-    assert trainer._rate(0) == 1e-2
-    assert trainer._rate(2) == training.learning_rate
+    loop = Loop(FaceStage(CONFIG, training, [clip()]))
+    before = {key: value.clone() for key, value in loop.stage.model.state_dict().items()}
+    assert loop.stage.rate(0, 0.0) == 1e-2
+    assert loop.stage.rate(2, 0.5) == training.learning_rate
     for _ in range(2):
-        trainer.step()
+        loop.advance()
 
     def changed() -> set[str]:
-        after = trainer.model.state_dict()
+        after = loop.stage.model.state_dict()
         return {key.split(".")[0] for key, value in before.items() if not torch.equal(after[key], value)}
 
     assert changed() == {"encoder"}
-    trainer.step()
+    loop.advance()
     assert changed() == {"encoder", "gpt", "head"}
 
 
 def test_the_encoder_alone_learns_to_tell_the_jaw():
     """The readout's error falls to a third within 60 steps of a tiny encoder on one clip."""
     training = FaceTraining(steps=60, listen=60, batch=8, frames=32, warmup=5, listening_rate=1e-2)
-    trainer = FaceTrainer(CONFIG, training, [clip()])
-    errors = [trainer.step()["read"] for _ in range(60)]
+    loop = Loop(FaceStage(CONFIG, training, [clip()]))
+    errors = [loop.advance()["read"] for _ in range(60)]
     assert np.mean(errors[-5:]) < np.mean(errors[:3]) / 3

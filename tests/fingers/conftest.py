@@ -7,7 +7,7 @@ from tests.fingers.moving import TINY, waving
 
 from echoavatar.fingers import FingerModel
 from echoavatar.fingers.clips import finger_clip
-from echoavatar.fingers.config import FingerTraining
+from echoavatar.fingers.recipe import FingerTraining
 from echoavatar.fingers.train import train_fingers
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import torch
 
 from echoavatar.fingers import FingerConfig
-from echoavatar.fingers.config import FingerTraining
+from echoavatar.fingers.recipe import FingerTraining
 from echoavatar.kinematics import HUMANOID, Motion, Skeleton
 from echoavatar.kinematics.rotations import quaternion_from_axis_angle
 

@@ -8,7 +8,8 @@ from tests.fingers.moving import QUICK, TINY, waving
 from echoavatar.checkpoint import read_card
 from echoavatar.errors import CheckpointError, MotionError
 from echoavatar.fingers.clips import finger_clip
-from echoavatar.fingers.train import RESUME, FingerTrainer, train_fingers
+from echoavatar.fingers.train import FingerStage, train_fingers
+from echoavatar.training import Loop
 
 
 def losses(folder: Path) -> list[float]:
@@ -18,10 +19,10 @@ def losses(folder: Path) -> list[float]:
 def test_a_killed_run_repeats_the_curve_it_would_have_had(tmp_path: Path) -> None:
     clips, recorded = [finger_clip(waving())], [finger_clip(waving(30, 1))]
     whole = train_fingers(TINY, QUICK, clips, tmp_path / "whole", recorded=recorded)
-    trainer = FingerTrainer(TINY, QUICK, clips, recorded)
+    loop = Loop(FingerStage(TINY, QUICK, clips, recorded))
     for _ in range(3):
-        trainer.step()
-    trainer.save(tmp_path / "cut")
+        loop.advance()
+    loop.save(tmp_path / "cut")
     cut = train_fingers(TINY, QUICK, clips, tmp_path / "cut", recorded=recorded, card={"data": "waving"})
     assert losses(tmp_path / "cut") == losses(tmp_path / "whole")[3:]
     for key, value in whole.state_dict().items():
@@ -30,16 +31,24 @@ def test_a_killed_run_repeats_the_curve_it_would_have_had(tmp_path: Path) -> Non
     assert (card["data"], card["kind"], card["step"]) == ("waving", "fingers", 6)
 
 
-def test_another_schedule_or_size_or_a_damaged_file_is_refused(tmp_path: Path) -> None:
+def test_pieces_share_one_trajectory() -> None:
+    """Four windows at once or one after the other, some with a hand given and some with one that stands still."""
+    clips = [finger_clip(waving()), finger_clip(waving(seed=1, still=("left",)))]
+    curves = []
+    for pieces in (1, 4):
+        training = QUICK.model_copy(update={"accumulation": pieces, "one_known": 0.5})
+        loop = Loop(FingerStage(TINY, training, clips))
+        curves.append([loop.advance()["loss"] for _ in range(5)])
+    assert curves[0] == pytest.approx(curves[1], rel=1e-4)
+
+
+def test_another_schedule_or_size_is_refused(tmp_path: Path) -> None:
     clips = [finger_clip(waving(20))]
-    FingerTrainer(TINY, QUICK, clips).save(tmp_path)
-    with pytest.raises(CheckpointError, match="other settings"):
+    Loop(FingerStage(TINY, QUICK, clips)).save(tmp_path)
+    with pytest.raises(CheckpointError, match="another training config: seed"):
         train_fingers(TINY, QUICK.model_copy(update={"seed": 1}), clips, tmp_path)
-    with pytest.raises(CheckpointError, match="another config"):
+    with pytest.raises(CheckpointError, match="another fingers config: width"):
         train_fingers(TINY.model_copy(update={"width": 64}), QUICK, clips, tmp_path)
-    (tmp_path / RESUME).write_bytes(b"nonsense")
-    with pytest.raises(CheckpointError, match="delete it"):
-        train_fingers(TINY, QUICK, clips, tmp_path)
 
 
 def test_time_runs_out_and_the_run_goes_on_later(tmp_path: Path) -> None:
@@ -52,7 +61,7 @@ def test_time_runs_out_and_the_run_goes_on_later(tmp_path: Path) -> None:
 
 def test_clips_whose_fingers_stand_still_teach_nothing() -> None:
     with pytest.raises(MotionError, match="no clip has fingers that move"):
-        FingerTrainer(TINY, QUICK, [finger_clip(waving(still=("left", "right")))])
+        FingerStage(TINY, QUICK, [finger_clip(waving(still=("left", "right")))])
 
 
 def test_it_learned_something(trained: Path) -> None:

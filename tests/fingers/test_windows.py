@@ -3,7 +3,7 @@ from tests.fingers.moving import QUICK, TINY, waving
 
 from echoavatar.fingers import FingerModel
 from echoavatar.fingers.clips import finger_clip
-from echoavatar.fingers.windows import FingerSampler, denoising_loss
+from echoavatar.fingers.windows import FingerSampler, denoising_loss, draw_noise, learned_hands
 
 
 def sampler(model: FingerModel, shares: tuple[float, float] = (0.5, 0.5)) -> FingerSampler:
@@ -37,6 +37,15 @@ def test_frozen_hands_are_not_learned_from(model: FingerModel) -> None:
     wrong = torch.where(batch.is_alive[:, None, :, None], batch.hands, 100.0)
 
     def loss(hands: torch.Tensor) -> torch.Tensor:
-        return denoising_loss(model, batch._replace(hands=hands), QUICK, torch.Generator().manual_seed(0))
+        noise = draw_noise(batch, torch.Generator().manual_seed(0))
+        return denoising_loss(model, batch._replace(hands=hands), QUICK, noise)
 
     torch.testing.assert_close(loss(wrong), loss(batch.hands))
+
+
+def test_hands_that_are_given_or_stand_still_do_not_count(model: FingerModel) -> None:
+    batch = sampler(model, (0.0, 1.0)).batch(0, 32)
+    noise = draw_noise(batch, torch.Generator().manual_seed(0))
+    alive = float(batch.is_alive.sum())
+    assert learned_hands(batch, QUICK.model_copy(update={"one_known": 0.0}), noise) == alive < 64
+    assert learned_hands(batch, QUICK.model_copy(update={"one_known": 1.0}), noise) < alive

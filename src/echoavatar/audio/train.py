@@ -2,50 +2,45 @@
 
 Every batch is a pure function of (seed, step), so a run that was stopped and resumed from its last checkpoint goes
 on as if nothing had happened. Float32 throughout: bfloat16 autocast makes these narrow convolutions slower on CPU.
-May import the rest of the room, `quantize` and below.
+May import the rest of the room, `quantize`, `training` and below.
 """
 
-import json
-import math
-import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from pydantic import Field
 from torch import Tensor, nn
 
 from .. import checkpoint
-from ..config import Config
-from ..quantize import ResidualVectorQuantizer, code_usage
+from ..quantize import ResidualVectorQuantizer, Share, code_usage
 from ..timing import SAMPLES_PER_AUDIO_TOKEN
+from ..training import Gather, Loss, Progress, Stage, TrainingConfig, adamw, train
 from .augment import augment, source_samples
 from .codec import AudioCodec
 from .config import CODE_LAYERS, CodecConfig
 from .loss import SpectrumProbe, sound_loss
 from .pool import AudioPool
-from .training_state import load_training, save_training
 
 _START_BATCHES = 20
 
-Progress = Callable[[int, int], None]
 
-
-class CodecTrainingConfig(Config):
+class CodecTrainingConfig(TrainingConfig):
     """How the codec is trained; its sizes are in `codec`."""
 
     codec: CodecConfig = CodecConfig()
     steps: int = Field(default=3_000, gt=0, description="optimiser steps")
-    minutes: float = Field(
-        0.0, ge=0, description="stop after this many, the schedule fitted to them; 0: no limit"
-    )
     batch: int = Field(default=6, gt=0, description="pieces of sound per step")
     decoded: int = Field(default=2, gt=0, description="of these, how many pass the decoder, the dearest part")
     crop_frames: int = Field(default=75, gt=0, description="length of a piece in frames of 320 samples")
-    learning_rate: float = Field(default=1e-3, gt=0, description="peak, after the warm-up")
-    warmup: int = Field(default=100, ge=0, description="steps of linear warm-up")
+    final_rate: float = Field(
+        default=0.01, ge=0, le=1, description="share of the peak at the end of the cosine"
+    )
+    weight_decay: float = Field(default=1e-4, ge=0, description="AdamW's decay")
+    betas: tuple[float, float] = Field(default=(0.9, 0.98), description="AdamW's averages")
     unquantized: int = Field(
         300, ge=0, description="first steps without codebooks, so that they start sensible"
     )
@@ -53,15 +48,26 @@ class CodecTrainingConfig(Config):
     dropout: float = Field(
         default=0.15, ge=0, lt=1, description="chance of a batch with the first layer only"
     )
-    seed: int = Field(default=0, description="of weights, sound and augmentation")
-    save_every: int = Field(default=250, gt=0, description="steps between checkpoints")
+    log_every: int = Field(default=25, gt=0, description="steps between lines of metrics.jsonl")
+    save_every: int = Field(default=250, ge=0, description="steps between checkpoints; 0: by the clock only")
 
 
-class CodecTrainer(nn.Module):
-    """Everything that learns, and one step of learning."""
+class Sounds(NamedTuple):
+    """A batch: heard and wanted sound, and each row's place in the batch."""
 
-    def __init__(self, config: CodecTrainingConfig) -> None:
-        super().__init__()
+    heard: Float[Tensor, "b s"]
+    target: Float[Tensor, "b s"]
+    row: Int[Tensor, " b"]
+
+
+class CodecStage(Stage[Sounds]):
+    """Everything that learns, and the sound it learns."""
+
+    config: CodecTrainingConfig
+
+    def __init__(
+        self, config: CodecTrainingConfig, pool: AudioPool, *, card: Mapping[str, object] | None = None
+    ) -> None:
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(config.seed)
             self.codec = AudioCodec(config.codec)
@@ -75,74 +81,77 @@ class CodecTrainer(nn.Module):
             dead_below=0.3,
             kmeans_steps=10,
         )
-        self.config = config
-        self.optimizer = torch.optim.AdamW(
-            [*self.codec.parameters(), *self.probe.parameters()],
-            lr=config.learning_rate,
-            betas=(0.9, 0.98),
-            weight_decay=1e-4,
-        )
-        self.steps_done = 0
-        self.seconds = 0.0
+        super().__init__(config, {"codec": self.codec, "probe": self.probe, "quantizer": self.quantizer})
+        self.pool, self._card = pool, dict(card or {})
 
-    def learn(self, pool: AudioPool) -> dict[str, float]:
-        """One optimiser step; returns what the log keeps."""
-        config, started = self.config, time.monotonic()
-        heard, target = make_batch(config, pool, self.steps_done)
-        state = self.codec.init_state(len(heard))
-        latents = self.codec.latents(heard, state, state.seen == 0)
-        losses: dict[str, Tensor] = {}
-        metrics: dict[str, float] = {}
-        if self.steps_done >= config.unquantized:
-            if self.steps_done == config.unquantized:
-                self._start_codebooks(pool)
-            noise = torch.Generator().manual_seed(config.seed * 1_000_003 + self.steps_done)
-            quantized = self.quantizer(latents, dropout=config.dropout, generator=noise)
-            latents, losses["commitment"] = quantized.latents, config.commitment * quantized.commitment
-            usage = code_usage(quantized.codes, config.codec.codes).perplexity
-            metrics = {f"perplexity_{q}": float(value) for q, value in enumerate(usage)}
-        losses["probe"] = (self.probe(latents) - self.probe.target(target)).abs().mean()
-        made = sound_loss(self.codec.synthesize(latents[: config.decoded]), target[: config.decoded])
-        losses |= {"log_mel": made.log_mel, "mel": 20 * made.mel, "waveform": 3 * made.waveform}
-        self._descend(torch.stack(list(losses.values())).sum())
-        self.steps_done += 1
-        self.seconds += time.monotonic() - started
-        return {name: float(value.detach()) for name, value in losses.items()} | metrics
+    def identity(self) -> dict[str, CodecConfig]:
+        """Sizes only: a run may be given more minutes on the way."""
+        return {"codec": self.config.codec}
 
-    def fraction_done(self) -> float:
-        """0..1, by steps or by the clock, whichever is further."""
-        by_clock = self.seconds / 60 / self.config.minutes if self.config.minutes else 0.0
-        return min(1.0, max(self.steps_done / self.config.steps, by_clock))
+    def optimisers(self) -> list[torch.optim.Optimizer]:
+        """AdamW."""
+        return [adamw([self.codec, self.probe], self.config, decays_vectors=True)]
 
-    def trained_codec(self) -> AudioCodec:
-        """The codec with the codebooks as they are now."""
-        for q, book in enumerate(self.quantizer.books()):
-            self.codec.codebooks[q] = book.codebook
-        return self.codec
+    def draw(self, step: int) -> Sounds:
+        """See `Stage.draw`."""
+        return make_batch(self.config, self.pool, step)
 
     @torch.no_grad()
-    def _start_codebooks(self, pool: AudioPool) -> None:
+    def before(self, batch: Sounds, step: int) -> None:
         """K-means over the latents of many batches: one batch has fewer vectors than a codebook."""
+        if step < self.config.unquantized or self.quantizer.is_ready:
+            return
         vectors = []
         for ahead in range(1, 1 + _START_BATCHES):
-            heard, _ = make_batch(self.config, pool, self.steps_done + ahead)
-            state = self.codec.init_state(len(heard))
-            vectors.append(self.codec.latents(heard, state, state.seen == 0).flatten(0, 1))
-        residual = torch.cat(vectors)
-        noise = torch.Generator().manual_seed(self.config.seed)
-        for book in self.quantizer.books():
-            book.initialise(residual, noise)
-            residual = residual - book.lookup(book.nearest(residual))
+            heard = make_batch(self.config, self.pool, step + ahead).heard
+            vectors.append(self._latents(heard.to(next(self.codec.parameters()).device)).flatten(0, 1))
+        self.quantizer.initialise(torch.cat(vectors), torch.Generator().manual_seed(self.config.seed))
 
-    def _descend(self, loss: Tensor) -> None:
-        warm = min(1.0, (self.steps_done + 1) / max(1, self.config.warmup))
-        cooled = 0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * self.fraction_done()))
-        for group in self.optimizer.param_groups:
-            group["lr"] = self.config.learning_rate * warm * cooled
-        self.optimizer.zero_grad(set_to_none=True)
-        torch.autograd.backward(loss)
-        nn.utils.clip_grad_norm_([*self.codec.parameters(), *self.probe.parameters()], 1.0)
-        self.optimizer.step()
+    def loss(self, batch: Sounds, step: int) -> Loss:
+        """See `Stage.loss`. Only the first rows of a batch are decoded."""
+        config, rows = self.config, len(batch.row)
+        latents = self._latents(batch.heard)
+        terms: dict[str, Tensor] = {}
+        told: dict[str, Tensor | float] = {}
+        if step >= config.unquantized:
+            share = Share(int(batch.row[0]), config.batch)
+            quantized = self.quantizer(
+                latents, dropout=config.dropout, generator=config.noise(step), share=share
+            )
+            latents, terms["commitment"] = quantized.latents, config.commitment * quantized.commitment
+            usage = code_usage(quantized.codes, config.codec.codes).perplexity
+            told = {f"perplexity_{q}": float(value) for q, value in enumerate(usage)}
+            told["commitment"] = terms["commitment"]
+        terms["probe"] = (self.probe(latents) - self.probe.target(batch.target)).abs().mean()
+        decoded = int((batch.row < config.decoded).sum())
+        if decoded:
+            made = sound_loss(self.codec.synthesize(latents[:decoded]), batch.target[:decoded])
+            weight = decoded / min(config.decoded, config.batch) * config.batch / rows  # 1 for a whole batch
+            sounds = {"log_mel": made.log_mel, "mel": 20 * made.mel, "waveform": 3 * made.waveform}
+            terms |= {name: weight * value for name, value in sounds.items()}
+            told |= sounds
+        return Loss(torch.stack(list(terms.values())).sum(), {"probe": terms["probe"], **told})
+
+    def after(self, step: int, gather: Gather) -> None:
+        """The codebooks learn from what the whole batch chose."""
+        self.quantizer.settle(gather, self.config.noise(step, 1))
+        for q, book in enumerate(self.quantizer.books()):
+            self.codec.codebooks[q] = book.codebook
+
+    def save(self, folder: Path, step: int) -> None:
+        """The codec."""
+        facts = {
+            "training": self.config.model_dump(mode="json", exclude={"codec"}),
+            "steps_done": step,
+            "training_minutes": round(self.seconds / 60, 1),
+            "sound_seconds": self.pool.seconds,
+        }
+        weights = self.codec.state_dict()
+        checkpoint.save(folder, config=self.codec.config, weights=weights, card=facts | self._card)
+
+    def _latents(self, heard: Float[Tensor, "b s"]) -> Float[Tensor, "b n c"]:
+        state = self.codec.init_state(len(heard))
+        return self.codec.latents(heard, state, state.seen == 0)
 
 
 @torch.no_grad()
@@ -165,9 +174,7 @@ def balance(codec: AudioCodec, *, seed: int) -> None:
             x = layer(x)
 
 
-def make_batch(
-    config: CodecTrainingConfig, pool: AudioPool, step: int
-) -> tuple[Float[Tensor, "b s"], Float[Tensor, "b s"]]:
+def make_batch(config: CodecTrainingConfig, pool: AudioPool, step: int) -> Sounds:
     """Heard and wanted sound of one step."""
     rng = np.random.default_rng([config.seed, step])
     samples = config.crop_frames * SAMPLES_PER_AUDIO_TOKEN
@@ -176,7 +183,8 @@ def make_batch(
         factor, needed = source_samples(rng, samples)
         pairs.append(augment(rng, pool.draw(rng, needed), factor, samples))
     heard = torch.from_numpy(np.stack([pair.heard for pair in pairs]))
-    return heard, torch.from_numpy(np.stack([pair.target for pair in pairs]))
+    target = torch.from_numpy(np.stack([pair.target for pair in pairs]))
+    return Sounds(heard, target, torch.arange(config.batch))
 
 
 def train_codec(
@@ -185,6 +193,8 @@ def train_codec(
     pool: AudioPool,
     *,
     card: Mapping[str, object] | None = None,
+    device: str = "cpu",
+    trackers: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> AudioCodec:
     """Train, or go on with what `folder` holds, until the steps or minutes are used up.
@@ -194,33 +204,6 @@ def train_codec(
     Raises:
         CheckpointError: the folder holds a run of other sizes.
     """
-    trainer = CodecTrainer(config)
-    folder.mkdir(parents=True, exist_ok=True)
-    load_training(folder, trainer)
-    with (folder / "metrics.jsonl").open("a") as log:
-        while trainer.fraction_done() < 1:
-            metrics = trainer.learn(pool)
-            if trainer.steps_done % 25 == 0:
-                line = {"step": trainer.steps_done, "seconds": round(trainer.seconds, 1)}
-                log.write(
-                    json.dumps(line | {name: round(value, 4) for name, value in metrics.items()}) + "\n"
-                )
-                log.flush()
-            if trainer.steps_done % config.save_every == 0:
-                _save(folder, trainer, pool, card)
-            if progress is not None:
-                progress(trainer.steps_done, config.steps)
-    _save(folder, trainer, pool, card)
-    return trainer.trained_codec().eval()
-
-
-def _save(folder: Path, trainer: CodecTrainer, pool: AudioPool, card: Mapping[str, object] | None) -> None:
-    codec = trainer.trained_codec()
-    facts = {
-        "training": json.loads(trainer.config.model_dump_json(exclude={"codec"})),
-        "steps_done": trainer.steps_done,
-        "training_minutes": round(trainer.seconds / 60, 1),
-        "sound_seconds": pool.seconds,
-    }
-    checkpoint.save(folder, config=codec.config, weights=codec.state_dict(), card=facts | dict(card or {}))
-    save_training(folder, trainer)
+    stage = CodecStage(config, pool, card=card)
+    train(stage, folder, device=device, trackers=trackers, progress=progress)
+    return stage.codec.eval()

@@ -25,6 +25,7 @@ COMMANDS = {
     "baseline": "motion without a model, to hold scores against: mean pose, random clip, nearest sound",
     "data": "make training data",
     "train": "train the codec, the motion tokenizer, the generator, the face, the fingers or FID's extractor",
+    "plot": "draw the metrics of training runs, one or several side by side",
     "bundle": "assemble trained parts into a bundle",
     "import": "make a bundle of the authors' published checkpoints",
     "pull": "fetch a model from the hub, resumed and checked",
@@ -57,9 +58,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except EchoAvatarError as error:
         print(f"echoavatar: {' '.join(str(error).split())}", file=sys.stderr)
         return 1
-    except KeyboardInterrupt:
-        print("echoavatar: interrupted", file=sys.stderr)
-        return 130
+    except KeyboardInterrupt as stop:  # a training run says where it stopped, and which signal ended it
+        print(f"echoavatar: {stop or 'interrupted'}", file=sys.stderr)
+        return int(getattr(stop, "code", 130))
     return code
 
 

@@ -1,13 +1,16 @@
 """`echoavatar train`: codec, tokenizer, generator, face, in this order, fingers, and FID's extractor; each resumes."""
 
 import argparse
+import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from tqdm import tqdm
 
 from ..errors import EchoAvatarError
-from . import train_fid_encoder, train_fingers
+from . import train_codec, train_face, train_fid_encoder, train_fingers, train_generator, train_tokenizer
+from .recipe import Options, Settings
 
 ORDER = """the whole way from nothing to a bundle:
   echoavatar data rehearse --hours 3.5 --seed 1 -o corpus
@@ -19,26 +22,39 @@ ORDER = """the whole way from nothing to a bundle:
   echoavatar train face faces -o runs/face
   echoavatar bundle runs -o my-bundle
 
-Training resumes from its output folder. Sizes are those of the default bundle.
+Training resumes from its output folder, also after SIGTERM. Sizes are those of the default bundle; recipes/ has the
+paper's, the default bundle's and tiny ones for every stage (--recipe). `echoavatar plot RUN -o curves.png` draws a run.
+Several GPUs: accelerate launch -m echoavatar train generator ... --device cuda (docs/training.md).
 """
 
 
-SEED = (
-    "of windows and noise; a run with --start sees the same windows again unless it has another (default: 0)"
-)
+SEED = "of windows and noise; a run with --start sees the same windows again unless it has another"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the sub-commands."""
     parser.epilog = ORDER
     kinds = parser.add_subparsers(dest="kind", metavar="WHAT", required=True)
-    codec = kinds.add_parser("codec", help="the audio codec, on the corpus's sound and other recordings")
-    codec.add_argument("--recordings", type=Path, help="folder of real sound to learn from as well")
-    codec.add_argument("--minutes", type=float, default=40.0, help="training time (default: %(default)s)")
-    tokenizer = kinds.add_parser("tokenizer", help="the motion tokenizer, on the corpus's motion")
-    tokenizer.add_argument("--steps", type=int, default=6000, help="optimiser steps (default: %(default)s)")
-    tokenizer.add_argument("--start", type=Path, help="trained tokenizer of the same sizes to begin with")
+
+    def stage(name: str, summary: str, source: str) -> tuple[argparse.ArgumentParser, Options]:
+        child = kinds.add_parser(name, help=summary)
+        _add_folders(child, source)
+        options = Options(child)
+        child.add_argument("--device", default="cpu", help="cpu or cuda (default: %(default)s)")
+        child.add_argument(
+            "--track",
+            action="append",
+            default=[],
+            choices=("tensorboard", "wandb"),
+            help="tell metrics there as well as in metrics.jsonl; may be given twice",
+        )
+        return child, options
+
+    corpus = "corpus folder (`data rehearse`, `data prepare`)"
+    train_codec.add_arguments(*stage("codec", "the audio codec, on the corpus's sound", corpus))
+    train_tokenizer.add_arguments(*stage("tokenizer", "the motion tokenizer, on the corpus's motion", corpus))
     tokens = kinds.add_parser("tokens", help="turn the corpus into codes with a trained codec and tokenizer")
+    _add_folders(tokens, corpus)
     tokens.add_argument(
         "--patience",
         type=float,
@@ -46,103 +62,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="price of a change of code, so that codes stay where they may and the generator need not foretell "
         "flips that mean nothing; 0 takes the nearest (default: %(default)s)",
     )
-    generator = kinds.add_parser("generator", help="the generator, on a folder of codes")
-    generator.add_argument("--steps", type=int, default=3200, help="optimiser steps (default: %(default)s)")
-    generator.add_argument("--batch", type=int, default=4, help="windows per step (default: %(default)s)")
-    generator.add_argument(
-        "--rate", type=float, default=1e-3, help="peak learning rate (default: %(default)s)"
+    generator, options = stage(
+        "generator", "the generator, on a folder of codes", "folder of codes (`train tokens`)"
     )
-    generator.add_argument(
-        "--optimiser", choices=("adamw", "muon"), default="muon", help="(default: %(default)s; paper: adamw)"
+    train_generator.add_arguments(generator, options, SEED)
+    face, options = stage(
+        "face", "the face model, on pairs of sound and ARKit curves", "folder of face clips (`data face`)"
     )
-    generator.add_argument("--width", type=int, default=192, help="channels (default: %(default)s)")
-    generator.add_argument("--layers", type=int, default=6, help="transformer layers (default: %(default)s)")
-    generator.add_argument(
-        "--window",
-        type=int,
-        default=10,
-        help="chunks a position sees; the paper's 4 s are 15 (default: %(default)s)",
+    train_face.add_arguments(face, options, SEED)
+    takes = "corpus folder (`data rehearse`), or folder of BVH clips"
+    train_fingers.add_arguments(
+        *stage("fingers", "the model behind `refine-fingers`, on motion with good fingers", takes)
     )
-    generator.add_argument(
-        "--corruption",
-        choices=("hierarchical", "uniform", "none"),
-        default="hierarchical",
-        help="of the motion codes in the context (default: %(default)s)",
+    train_fid_encoder.add_arguments(
+        *stage("fid-encoder", "the extractor behind `score`'s FID, on the corpus's motion", corpus)
     )
-    generator.add_argument(
-        "--blind",
-        type=float,
-        default=0.2,
-        help="share of windows whose context motion is all noise, so that the sound must tell (default: %(default)s)",
-    )
-    generator.add_argument(
-        "--out-of-step",
-        type=float,
-        default=0.15,
-        help="share of windows whose context runs early or late: the sound tells the phase (default: %(default)s)",
-    )
-    generator.add_argument(
-        "--cue-weight",
-        type=float,
-        default=0.3,
-        help="weight of telling beats and stresses from the sound, where the corpus knows them (default: %(default)s)",
-    )
-    generator.add_argument(
-        "--exemplar",
-        type=float,
-        default=0.0,
-        help="share of windows told a set of their own codes, so that actions can steer (default: %(default)s)",
-    )
-    generator.add_argument("--start", type=Path, help="trained generator of the same sizes to begin with")
-    generator.add_argument("--seed", type=int, default=0, help=SEED)
-    generator.add_argument(
-        "--minutes", type=float, help="stop this call after so many minutes; call again to go on"
-    )
-    face = kinds.add_parser("face", help="the face model, on pairs of sound and ARKit curves")
-    face.add_argument("--steps", type=int, default=8000, help="optimiser steps (default: %(default)s)")
-    face.add_argument("--batch", type=int, default=32, help="windows per step (default: %(default)s)")
-    face.add_argument(
-        "--rate", type=float, default=1e-3, help="peak learning rate (default: %(default)s; paper: 2e-4)"
-    )
-    face.add_argument(
-        "--listen",
-        type=int,
-        default=0,
-        help="so many of the steps at first teach the encoder alone (default: %(default)s)",
-    )
-    face.add_argument(
-        "--no-tempo",
-        action="store_true",
-        help="not also slower and faster; rehearsed clips differ in pace anyway, and much memory is saved",
-    )
-    face.add_argument("--start", type=Path, help="trained face model of the same sizes to begin with")
-    face.add_argument("--seed", type=int, default=0, help=SEED)
-    face.add_argument("--paper", action="store_true", help="sizes of the paper (width 256), mel encoder")
-    face.add_argument(
-        "--minutes", type=float, help="stop this call after so many minutes; call again to go on"
-    )
-    fingers = kinds.add_parser(
-        "fingers", help="the model behind `refine-fingers`, on motion with good fingers"
-    )
-    train_fingers.add_arguments(fingers)
-    fid_encoder = kinds.add_parser(
-        "fid-encoder", help="the extractor behind `score`'s FID, on the corpus's motion"
-    )
-    train_fid_encoder.add_arguments(fid_encoder)
-    sources = {
-        generator: "folder of codes (`train tokens`)",
-        face: "folder of face clips (`data face`)",
-        fingers: "corpus folder (`data rehearse`), or folder of BVH clips",
-    }
-    for child in (codec, tokenizer, tokens, generator, face, fingers, fid_encoder):
-        source = sources.get(child, "corpus folder (`data rehearse`, `data prepare`)")
-        child.add_argument("source", type=Path, metavar="SOURCE", help=source)
-        child.add_argument(
-            "-o", "--output", type=Path, required=True, help="folder to train in, or to go on in"
-        )
     for child in (tokens, generator):
         child.add_argument("--codec", type=Path, required=True, help="trained codec")
         child.add_argument("--tokenizer", type=Path, required=True, help="trained tokenizer")
+
+
+def _add_folders(parser: argparse.ArgumentParser, source: str) -> None:
+    parser.add_argument("source", type=Path, metavar="SOURCE", help=source)
+    parser.add_argument("-o", "--output", type=Path, required=True, help="folder to train in, or to go on in")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -151,22 +93,16 @@ def run(args: argparse.Namespace) -> int:
         raise EchoAvatarError(
             f"{args.source} is not a folder; make a corpus with `echoavatar data rehearse` or `data prepare`"
         )
-    with tqdm(unit="step", smoothing=0.05) as bar:
+    with tqdm(unit="step", smoothing=0.05, disable=os.environ.get("RANK", "0") != "0") as bar:
 
         def progress(done: int, total: int) -> None:
             bar.total = total
             bar.update(done - bar.n)
 
-        trainings = {
-            "codec": _codec,
-            "tokenizer": _tokenizer,
-            "tokens": _tokens,
-            "generator": _generator,
-            "face": _face,
-            "fingers": _fingers,
-            "fid-encoder": _fid_encoder,
-        }
-        trainings[args.kind](args, progress)
+        if args.kind == "tokens":
+            _tokens(args, progress)
+        else:
+            _train(args, progress)
     print(f"{args.kind} in {args.output}")
     return 0
 
@@ -174,14 +110,36 @@ def run(args: argparse.Namespace) -> int:
 Progress = Callable[[int, int], None]
 
 
+def _train(args: argparse.Namespace, progress: Progress) -> None:
+    base = train_codec.BASE if args.kind == "codec" else None
+    settings: Settings = args.options.settings(args, base)
+    how: dict[str, Any] = {"device": args.device, "trackers": args.track, "progress": progress}
+    if args.kind == "generator":
+        train_generator.train(args, settings, how)
+        return
+    if args.kind in ("fingers", "fid-encoder") and how.pop("device") != "cpu":
+        raise EchoAvatarError(f"{args.kind} trains in minutes on a CPU, and only there; leave out --device")
+    trainings = {
+        "codec": train_codec.train,
+        "tokenizer": train_tokenizer.train,
+        "face": train_face.train,
+        "fingers": train_fingers.train,
+        "fid-encoder": train_fid_encoder.train,
+    }
+    trainings[args.kind](args, settings, _card(args), how)
+
+
 def _card(args: argparse.Namespace) -> dict[str, object]:
     """What every card must say: data, command, licence."""
-    given = " ".join(
-        f"--{key} {value}" for key, value in vars(args).items() if key not in ("command", "kind", "source")
-    )
+    given = [f"-o {args.output}"]
+    left_out = ("command", "kind", "source", "options", "output", "device", "track")
+    for key, value in vars(args).items():
+        if key not in left_out and value not in (None, False):
+            flag = "--" + key.replace("_", "-")
+            given.append(flag if value is True else f"{flag} {value}")
     return {
         "data": str(args.source),
-        "command": f"echoavatar train {args.kind} {args.source} {given}",
+        "command": f"echoavatar train {args.kind} {args.source} {' '.join(given)}",
         "licence": _licence(args.source),
     }
 
@@ -192,39 +150,6 @@ def _licence(source: Path) -> str:
 
     bound = Corpus(source).manifest.info.get("licence") if (source / "manifest.json").exists() else None
     return f"as its data: {bound}" if bound else "Apache-2.0"
-
-
-def _codec(args: argparse.Namespace, progress: Progress) -> None:
-    from ..audio.pool import AudioGroup, AudioPool, read_group
-    from ..audio.train import CodecTrainingConfig, train_codec
-    from ..data import Corpus
-
-    corpus = Corpus(args.source)
-    heard = [entry.name for entry in corpus.entries(has_mirrored=False) if entry.has_sound]
-    groups = [AudioGroup(args.source.name, tuple(corpus.sound(name) for name in heard))]
-    if args.recordings:
-        groups.append(read_group(args.recordings, weight=0.5))
-    config = CodecTrainingConfig(minutes=args.minutes, steps=100_000, unquantized=300, learning_rate=1.5e-3)
-    train_codec(config, args.output, AudioPool(groups), card=_card(args), progress=progress)
-
-
-def _tokenizer(args: argparse.Namespace, progress: Progress) -> None:
-    from ..data import Corpus
-    from ..tokenizer import BodyTokenizer
-    from ..tokenizer.train import bundle_recipe, continued, train_tokenizer
-
-    corpus = Corpus(args.source)
-    clips = [
-        corpus.motion(name) for name in corpus.names("train", has_mirrored=False)
-    ]  # windows are mirrored
-    tests = [corpus.motion(name) for name in corpus.names("test", has_mirrored=False)]
-    config, training = bundle_recipe(corpus.skeleton, args.steps)
-    training = training.model_copy(update={"is_mirrored": corpus.can_mirror})
-    start = BodyTokenizer.load(args.start) if args.start else None
-    training = continued(training) if start else training
-    train_tokenizer(
-        config, training, clips, tests, args.output, card=_card(args), start=start, progress=progress
-    )
 
 
 def _tokens(args: argparse.Namespace, progress: Progress) -> None:
@@ -245,89 +170,3 @@ def _tokens(args: argparse.Namespace, progress: Progress) -> None:
         patience=args.patience,
         progress=progress,
     )
-
-
-def _generator(args: argparse.Namespace, progress: Progress) -> None:
-    from ..audio import AudioCodec
-    from ..generator import Generator, GeneratorConfig, TokenClip, patience_of
-    from ..generator.train import GeneratorTraining, train_generator
-    from ..tokenizer import BodyTokenizer
-    from ..tokens import TokenLayout
-
-    codec, tokenizer = AudioCodec.load(args.codec), BodyTokenizer.load(args.tokenizer)
-    clips = [TokenClip.load(path) for path in sorted(args.source.glob("*.npz"))]
-    layout = TokenLayout.compact(
-        audio_codes=codec.config.codes,
-        motion_layers=tokenizer.config.layers,
-        motion_codes=tokenizer.config.codes,
-    )
-    config = GeneratorConfig(
-        layout=layout,
-        width=args.width,
-        layers=args.layers,
-        mlp=3 * args.width,
-        window_chunks=args.window,
-        exemplar=args.exemplar > 0,
-        patience=patience_of(clips),
-    )
-    weights = tuple(0.7**layer for layer in range(layout.motion_layers))
-    training = GeneratorTraining(
-        steps=args.steps,
-        batch=args.batch,
-        chunks=args.window + 6,  # longer than the window, so that the steady stream is trained too
-        learning_rate=args.rate,
-        optimiser=args.optimiser,
-        corruption=args.corruption,
-        blind=args.blind,
-        out_of_step=args.out_of_step,
-        exemplar=args.exemplar,
-        cue_weight=args.cue_weight,
-        depth_weights=weights,
-        seed=args.seed,
-    )
-    train_generator(
-        config,
-        training,
-        clips,
-        args.output,
-        minutes=args.minutes,
-        start=Generator.load(args.start) if args.start else None,
-        audio_codebooks=codec.codebooks,
-        motion_codebooks=tokenizer.codebooks(),
-        progress=progress,
-    )
-
-
-def _face(args: argparse.Namespace, progress: Progress) -> None:
-    from ..face import FaceConfig, FaceModel, MelConfig, paper_face
-    from ..face.clip import load_clips
-    from ..face.config import FaceTraining
-    from ..face.train import train_face
-
-    config = paper_face(encoder=MelConfig()) if args.paper else FaceConfig()
-    training = FaceTraining(
-        steps=args.steps,
-        listen=args.listen,
-        batch=args.batch,
-        learning_rate=args.rate,
-        tempo=not args.no_tempo,
-        seed=args.seed,
-    )
-    train_face(
-        config,
-        training,
-        load_clips(args.source),
-        args.output,
-        minutes=args.minutes,
-        start=FaceModel.load(args.start) if args.start else None,
-        card=_card(args),
-        progress=progress,
-    )
-
-
-def _fingers(args: argparse.Namespace, progress: Progress) -> None:
-    train_fingers.train(args, _card(args), progress)
-
-
-def _fid_encoder(args: argparse.Namespace, progress: Progress) -> None:
-    train_fid_encoder.train(args, _card(args), progress)

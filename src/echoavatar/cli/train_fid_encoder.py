@@ -1,12 +1,12 @@
 """`echoavatar train fid-encoder`: the extractor that `echoavatar score` takes FID with, on a corpus's motion."""
 
 import argparse
-from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from tqdm import tqdm
 
 from ..errors import EchoAvatarError
+from .recipe import Options, Settings
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -20,40 +20,32 @@ then: echoavatar score made true --extractor runs/fid
 """
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: argparse.ArgumentParser, options: Options) -> None:
     """Declare the arguments that only the extractor has."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = EXAMPLES
-    parser.add_argument("--steps", type=int, default=1500, help="optimiser steps (default: %(default)s)")
-    parser.add_argument("--width", type=int, default=64, help="channels (default: %(default)s)")
-    parser.add_argument(
-        "--latent", type=int, default=48, help="features that FID is taken of (default: %(default)s)"
-    )
+    options.add("--steps", "training.steps", 1500, type=int, help="optimiser steps")
+    options.add("--width", "model.width", 64, type=int, help="channels")
+    options.add("--latent", "model.latent", 48, type=int, help="features that FID is taken of")
     parser.add_argument(
         "--minutes", type=float, help="stop this call after so many minutes; call again to go on"
     )
 
 
-def train(args: argparse.Namespace, card: dict[str, object], progress: Callable[[int, int], None]) -> None:
+def train(args: argparse.Namespace, settings: Settings, card: dict[str, object], how: dict[str, Any]) -> None:
     """Train on the corpus's training clips, then say how much of its test clips comes back."""
     from .. import checkpoint
     from ..data import Corpus
     from ..metrics.motion_encoder import MotionEncoderConfig
     from ..metrics.motion_encoder_train import MotionEncoderTraining, explained, train_motion_encoder
 
+    config = settings.checked(MotionEncoderConfig, "model")
+    training = settings.checked(MotionEncoderTraining, "training")
     corpus = Corpus(args.source)
     clips = _features(corpus, "train")
     if not clips:
         raise EchoAvatarError(f"{args.source} has no training clips; make a longer corpus")
-    model = train_motion_encoder(
-        MotionEncoderConfig(width=args.width, latent=args.latent),
-        MotionEncoderTraining(steps=args.steps),
-        clips,
-        args.output,
-        minutes=args.minutes,
-        card=card,
-        progress=progress,
-    )
+    model = train_motion_encoder(config, training, clips, args.output, minutes=args.minutes, card=card, **how)
     scores = {"explained_train": round(explained(model, clips[:32]), 4)}
     if tests := _features(corpus, "test"):
         scores["explained_test"] = round(explained(model, tests), 4)

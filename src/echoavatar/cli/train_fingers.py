@@ -2,13 +2,14 @@
 
 import argparse
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from tqdm import tqdm
 
 from ..errors import EchoAvatarError, MotionError
+from .recipe import Options, Settings
 
 if TYPE_CHECKING:
     from ..fingers.clips import FingerClip
@@ -23,41 +24,35 @@ then: echoavatar refine-fingers in.bvh out.bvh --model runs/fingers
 _log = logging.getLogger(__name__)
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: argparse.ArgumentParser, options: Options) -> None:
     """Declare the arguments that only fingers have."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = EXAMPLES
     parser.add_argument("--recordings", type=Path, help="folder of recorded BVH clips to learn from as well")
-    parser.add_argument("--steps", type=int, default=3000, help="optimiser steps (default: %(default)s)")
-    parser.add_argument("--batch", type=int, default=32, help="windows per step (default: %(default)s)")
-    parser.add_argument("--rate", type=float, default=1e-3, help="peak learning rate (default: %(default)s)")
-    parser.add_argument("--width", type=int, default=128, help="channels (default: %(default)s)")
-    parser.add_argument("--layers", type=int, default=3, help="transformer blocks (default: %(default)s)")
+    options.add("--steps", "training.steps", 3000, type=int, help="optimiser steps")
+    options.add("--batch", "training.batch", 32, type=int, help="windows per step")
+    options.add("--rate", "training.learning_rate", 1e-3, type=float, help="peak learning rate")
+    options.add("--width", "model.width", 128, type=int, help="channels")
+    options.add("--layers", "model.layers", 3, type=int, help="transformer blocks")
     parser.add_argument(
         "--minutes", type=float, help="stop this call after so many minutes; call again to go on"
     )
 
 
-def train(args: argparse.Namespace, card: dict[str, object], progress: Callable[[int, int], None]) -> None:
+def train(args: argparse.Namespace, settings: Settings, card: dict[str, object], how: dict[str, Any]) -> None:
     """Train, then score what was written on the corpus's test clips."""
     from .. import checkpoint
-    from ..fingers.config import FingerConfig, FingerTraining
+    from ..fingers.config import FingerConfig
     from ..fingers.measure import measure_fingers
+    from ..fingers.recipe import FingerTraining
     from ..fingers.train import train_fingers
 
-    config = FingerConfig(width=args.width, layers=args.layers)
-    training = FingerTraining(steps=args.steps, batch=args.batch, learning_rate=args.rate)
-    clips, tests = list(_clips(args.source, "train", config.frames)), []
+    config = settings.checked(FingerConfig, "model")
+    training = settings.checked(FingerTraining, "training")
+    clips = list(_clips(args.source, "train", config.frames))
     recorded = list(_recordings(args.recordings, config.frames)) if args.recordings else []
     model = train_fingers(
-        config,
-        training,
-        clips,
-        args.output,
-        recorded=recorded,
-        minutes=args.minutes,
-        card=card,
-        progress=progress,
+        config, training, clips, args.output, recorded=recorded, minutes=args.minutes, card=card, **how
     )
     tests = [clip for clip in _clips(args.source, "test", config.frames) if clip.is_alive.all()]
     if tests:

@@ -6,6 +6,7 @@ head it hardly does, as the frame before foretells most of a face, but not that 
 """
 
 import math
+from typing import NamedTuple
 
 import torch
 import torch.nn.functional as F
@@ -13,9 +14,9 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from .arkit import index_of
-from .config import FaceTraining
 from .flow import FULL_NOISE, add_noise
 from .model import FaceModel
+from .recipe import FaceTraining
 from .windows import FaceBatch
 
 TOUCHING = 0.05  # of a jaw's way: lips that touch
@@ -39,11 +40,39 @@ class FaceReader(nn.Module):
         return far + F.binary_cross_entropy_with_logits(read[..., -1], touching)
 
 
+class FlowNoise(NamedTuple):
+    """All that is random in the loss of a batch."""
+
+    strength: Float[Tensor, "b 1 1"]  # of the noise on a window's history, in its largest
+    history: Float[Tensor, "b t c"]
+    keeps_history: Float[Tensor, "b 1 1"]  # 0 where the history is lost
+    keeps_sound: Float[Tensor, "b 1 1"]
+    level: Float[Tensor, "b n t"]  # of the noise on what shall be seen, uniform
+    noise: Float[Tensor, "b n t c"]
+
+
+def draw_noise(curves: Float[Tensor, "b t c"], training: FaceTraining, random: torch.Generator) -> FlowNoise:
+    """Noise for windows of these sizes."""
+    rows, frames, channels = curves.shape
+    strength = torch.rand(rows, 1, 1, generator=random)
+    history = torch.randn(rows, frames, channels, generator=random)
+    keeps_history, keeps_sound = (
+        (torch.rand(rows, 1, 1, generator=random) >= share).float()
+        for share in (training.history_dropout, training.audio_dropout)
+    )
+    shape = (training.draws, rows, frames)
+    level = torch.rand(shape, generator=random)
+    noise = torch.randn(*shape, channels, generator=random)
+    return FlowNoise(
+        strength, history, keeps_history, keeps_sound, level.transpose(0, 1), noise.transpose(0, 1)
+    )
+
+
 def flow_loss(
     model: FaceModel,
     batch: FaceBatch,
     training: FaceTraining,
-    random: torch.Generator,
+    random: FlowNoise,
     *,
     features: Float[Tensor, "b t a"],
 ) -> Float[Tensor, ""]:
@@ -53,20 +82,14 @@ def flow_loss(
     """
     clean = model.normalize(batch.curves)
     history = torch.cat([model.normalize(batch.before)[:, None], clean[:, :-1]], 1)
-    rows, frames, channels = clean.shape
-
-    def chance(share: float) -> Tensor:
-        return (torch.rand(rows, 1, 1, generator=random) >= share).float()
-
-    strength = training.history_noise * torch.rand(rows, 1, 1, generator=random)
-    noisy = history + strength * torch.randn(rows, frames, channels, generator=random)
-    history = noisy * chance(training.history_dropout) * model.moving()
-    sound = model.gpt.sound_proj(features) * chance(training.audio_dropout)
+    noisy = history + training.history_noise * random.strength * random.history
+    history = noisy * random.keeps_history * model.moving()
+    sound = model.gpt.sound_proj(features) * random.keeps_sound
     condition = model.gpt(history, sound)
-    shape = (training.draws, rows, frames)
-    level = torch.rand(shape, generator=random) ** (1 / training.high_noise)
+    shape = (training.draws, *clean.shape[:2])
+    level = random.level.transpose(0, 1).contiguous() ** (1 / training.high_noise)
     times = (level * FULL_NOISE).ceil().long().clamp(1, FULL_NOISE)
-    noise = torch.randn(*shape, channels, generator=random)
+    noise = random.noise.transpose(0, 1).contiguous()
     seen = model.head(add_noise(clean.expand(*shape, -1), noise, times), times, condition.expand(*shape, -1))
     error = (seen - clean).square() * model.moving()
     loss: Tensor = error.sum() / (math.prod(shape) * model.moving().sum().clamp_min(1))

@@ -12,8 +12,8 @@ from torch import Tensor
 
 from .body import mirror_body
 from .clips import FingerClip
-from .config import FingerTraining
 from .model import FingerModel
+from .recipe import FingerTraining
 
 
 class FingerBatch(NamedTuple):
@@ -70,24 +70,43 @@ class FingerSampler:
         return FingerBatch(self._model.normalize_body(body), hands, alive)
 
 
+class FingerNoise(NamedTuple):
+    """All that is random in the loss of a batch; `pure` to `side` are uniform, the rest normal."""
+
+    pure: Float[Tensor, " b"]
+    level: Float[Tensor, " b"]
+    given: Float[Tensor, " b"]
+    side: Float[Tensor, " b"]
+    hands: Float[Tensor, "b t 2 k"]
+    body_chance: Float[Tensor, "b 2 1 1"]
+    flicker: Float[Tensor, "b t c"]
+    offset: Float[Tensor, "b 1 c"]
+
+
+def draw_noise(batch: FingerBatch, random: torch.Generator) -> FingerNoise:
+    """Noise for windows of these sizes."""
+    rows, _, channels = batch.body.shape
+    pure, level, given, side = (torch.rand(rows, generator=random) for _ in range(4))
+    hands = torch.randn(batch.hands.shape, generator=random)
+    chance = torch.rand(2, rows, 1, 1, generator=random).transpose(0, 1)
+    flicker = torch.randn(batch.body.shape, generator=random)
+    offset = torch.randn(rows, 1, channels, generator=random)
+    return FingerNoise(pure, level, given, side, hands, chance, flicker, offset)
+
+
 def denoising_loss(
-    model: FingerModel, batch: FingerBatch, training: FingerTraining, random: torch.Generator
+    model: FingerModel, batch: FingerBatch, training: FingerTraining, random: FingerNoise
 ) -> Float[Tensor, ""]:
     """Squared error of clean hands seen behind noise, and of their steps from frame to frame, where unknown and alive.
 
     Hands that do not move in the clip are neither shown nor learned from.
     """
     rows, frames = batch.hands.shape[:2]
-
-    def uniform(*shape: int) -> Tensor:
-        return torch.rand(*shape, generator=random)
-
-    level = torch.where(uniform(rows) < training.pure_noise, 1.0, uniform(rows).sqrt())
-    given = (uniform(rows) < training.one_known).long() * (1 + (uniform(rows) < 0.5).long())  # 0 none, 1, 2
-    is_known = (given[:, None] == torch.tensor([1, 2])) & batch.is_alive
-    noise = torch.randn(batch.hands.shape, generator=random)
+    level = torch.where(random.pure < training.pure_noise, 1.0, random.level.sqrt())
+    given = (random.given < training.one_known).long() * (1 + (random.side < 0.5).long())  # 0 none, 1, 2
+    is_known = (given[:, None] == torch.tensor([1, 2], device=given.device)) & batch.is_alive
     share = torch.where(batch.is_alive, level[:, None], 1.0)[:, None, :, None]
-    noisy = (1 - share) * batch.hands + share * noise
+    noisy = (1 - share) * batch.hands + share * random.hands
     shown = is_known[:, None].expand(rows, frames, 2)
     seen = torch.where(shown[..., None], batch.hands, noisy)
     error = model(seen, shown, level, _disturbed(batch.body, training, random)) - batch.hands
@@ -99,15 +118,20 @@ def denoising_loss(
     return loss
 
 
+def learned_hands(batch: FingerBatch, training: FingerTraining, random: FingerNoise) -> float:
+    """How many hands of a batch the loss is a mean over, at least one."""
+    given = (random.given < training.one_known).long() * (1 + (random.side < 0.5).long())
+    is_known = given[:, None] == torch.tensor([1, 2], device=given.device)
+    return float((batch.is_alive & ~is_known).sum().clamp_min(1))
+
+
 def _disturbed(
-    body: Float[Tensor, "b t c"], training: FingerTraining, random: torch.Generator
+    body: Float[Tensor, "b t c"], training: FingerTraining, random: FingerNoise
 ) -> Float[Tensor, "b t c"]:
     """Bodies with noise, and with offsets that last a window.
 
     Clips are few and of few people; without this a body that stands otherwise always gets the same hands.
     """
-    rows, _, channels = body.shape
-    chance = torch.rand(2, rows, 1, 1, generator=random)
-    flicker = training.body_noise * chance[0] * torch.randn(body.shape, generator=random)
-    offset = training.body_offset * chance[1] * torch.randn(rows, 1, channels, generator=random)
+    flicker = training.body_noise * random.body_chance[:, 0] * random.flicker
+    offset = training.body_offset * random.body_chance[:, 1] * random.offset
     return body + flicker + offset

@@ -2,14 +2,27 @@
 
 The averages (sums, counts) are buffers and can be saved (`training_state`), so that training resumes exactly;
 they are left out of the state dict, whose only key is `codebook`.
+
+A batch that is trained on in pieces, or by several processes, must teach a codebook as if it had come at once: noise is
+drawn for the whole batch and cut (`Share`), and what the pieces would teach is kept (`keep`) until all have passed
+(`settle`).
 """
 
 import math
+from collections.abc import Callable
+from typing import NamedTuple
 
 import torch
 import torch.nn.functional as F
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
+
+
+class Share(NamedTuple):
+    """Which vectors of a batch's these are: those from `first` on, out of `of`."""
+
+    first: int
+    of: int
 
 
 class Codebook(nn.Module):
@@ -38,6 +51,7 @@ class Codebook(nn.Module):
         self.register_buffer("sums", torch.zeros(codes, width), persistent=False)
         self.register_buffer("counts", torch.zeros(codes), persistent=False)
         self.register_buffer("ready", torch.zeros((), dtype=torch.bool), persistent=False)
+        self._kept: list[tuple[Tensor, Tensor]] = []
         self.register_load_state_dict_post_hook(_adopt_loaded)  # type: ignore[no-untyped-call]
 
     def squared_distances(self, vectors: Float[Tensor, "n c"]) -> Float[Tensor, "n k"]:
@@ -51,12 +65,16 @@ class Codebook(nn.Module):
         *,
         temperature: float = 0.0,
         generator: torch.Generator | None = None,
+        share: Share | None = None,
     ) -> Int[Tensor, " n"]:
         """Nearest code (first index on ties); a temperature adds Gumbel noise to -d^2 / temperature."""
         distances = self.squared_distances(vectors)
         if temperature <= 0:
             return distances.argmin(-1)
-        uniform = torch.rand(distances.shape, generator=generator, device=distances.device).clamp_min(1e-20)
+        first, of = share or Share(0, len(distances))
+        device = distances.device if generator is None else generator.device
+        uniform = torch.rand(of, self.codes, generator=generator, device=device)
+        uniform = uniform[first : first + len(distances)].to(distances).clamp_min(1e-20)
         return (-distances / temperature - (-uniform.log()).clamp_min(1e-20).log()).argmax(-1)
 
     def lookup(self, codes: Int[Tensor, "*n"]) -> Float[Tensor, "*n c"]:
@@ -92,6 +110,20 @@ class Codebook(nn.Module):
             self.counts[is_dead] = 1
         self.codebook.copy_(self.sums / self.counts[:, None])
         return is_dead
+
+    def keep(self, vectors: Float[Tensor, "n c"], codes: Int[Tensor, " n"]) -> None:
+        """Like `update`, but to be learned from when the rest of the batch is there."""
+        self._kept.append((vectors.detach(), codes))
+
+    def settle(
+        self, gather: Callable[[Tensor], Tensor], generator: torch.Generator | None = None
+    ) -> Bool[Tensor, " k"] | None:
+        """`update` with all that was kept, of all processes (`gather`, in order of the batch); None if nothing was."""
+        if not self._kept:
+            return None
+        vectors, codes = (gather(torch.cat(parts)) for parts in zip(*self._kept, strict=True))
+        self._kept.clear()
+        return self.update(vectors, codes, generator)
 
     def training_state(self) -> dict[str, Tensor]:
         """What the state dict leaves out and a faithful resume needs."""

@@ -3,6 +3,7 @@
 z is approximated by the sum over q of z^q, each z^q taken from its own codebook.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
@@ -10,7 +11,7 @@ import torch.nn.functional as F
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
-from .codebook import Codebook
+from .codebook import Codebook, Share
 from .steady import steadiest
 
 
@@ -93,6 +94,7 @@ class ResidualVectorQuantizer(nn.Module):
         temperature: float = 0.0,
         dropout: float = 0.0,
         generator: torch.Generator | None = None,
+        share: Share | None = None,
     ) -> Quantized:
         """Quantise for training: in train mode the codebooks initialise themselves, learn, revive dead codes.
 
@@ -101,7 +103,10 @@ class ResidualVectorQuantizer(nn.Module):
             temperature: > 0 draws codes by Gumbel noise on -distance^2 / temperature (release: 0.5).
             dropout: probability that this batch uses only a random number of leading layers (release: 0.2).
             generator: source of all randomness; None: the global one, and first vectors for initialisation.
+            share: these are some rows of a batch; the codebooks learn when `settle` is called after its last.
         """
+        if share is not None:
+            share = Share(share.first * latents.shape[1], share.of * latents.shape[1])
         with torch.autocast(latents.device.type, enabled=False):
             flat = latents.to(self._dtype()).flatten(0, 1)
             used = self._layers_used(dropout, generator)
@@ -112,7 +117,7 @@ class ResidualVectorQuantizer(nn.Module):
                 if q >= used:
                     chosen.append(torch.full_like(chosen[0], -1))
                     continue
-                codes, vectors = self._one_layer(book, residual.detach(), temperature, generator)
+                codes, vectors = self._one_layer(book, residual.detach(), temperature, generator, share)
                 losses.append(F.mse_loss(residual, vectors))
                 residual = residual - vectors
                 chosen.append(codes)
@@ -135,6 +140,16 @@ class ResidualVectorQuantizer(nn.Module):
             book.initialise(residual, generator)
             residual = residual - book.lookup(book.nearest(residual))
 
+    @property
+    def is_ready(self) -> bool:
+        """Whether all codebooks have been initialised."""
+        return all(bool(book.ready) for book in self.books())
+
+    def settle(self, gather: Callable[[Tensor], Tensor], generator: torch.Generator | None = None) -> None:
+        """Teach the codebooks a batch whose rows, of all processes (`gather`), have passed with a `share`."""
+        for book in self.books():
+            book.settle(gather, generator)
+
     def training_state(self) -> dict[str, Tensor]:
         """Moving averages of all layers (`layers.{q}.sums`, ...), for a faithful resume."""
         return {
@@ -149,14 +164,22 @@ class ResidualVectorQuantizer(nn.Module):
             book.load_training_state({name: state[f"layers.{q}.{name}"] for name in book.training_state()})
 
     def _one_layer(
-        self, book: Codebook, residual: Tensor, temperature: float, generator: torch.Generator | None
+        self,
+        book: Codebook,
+        residual: Tensor,
+        temperature: float,
+        generator: torch.Generator | None,
+        share: Share | None,
     ) -> tuple[Tensor, Tensor]:
         learns = self.training and torch.is_grad_enabled()
         if learns and not bool(book.ready):
             book.initialise(residual, generator)
-        codes = book.nearest(residual, temperature=temperature if self.training else 0.0, generator=generator)
+        temperature = temperature if self.training else 0.0
+        codes = book.nearest(residual, temperature=temperature, generator=generator, share=share)
         vectors = book.lookup(codes)
-        if learns:
+        if learns and share is not None:
+            book.keep(residual, codes)
+        elif learns:
             book.update(residual, codes, generator)
         return codes, vectors
 

@@ -15,7 +15,7 @@ from torch import Tensor, nn
 
 from ..config import Config
 from ..nn import AttentionState, CausalBlock, Mlp, StreamState
-from ..quantize import ResidualVectorQuantizer
+from ..quantize import ResidualVectorQuantizer, Share
 from ..timing import FRAMES_PER_MOTION_TOKEN
 
 LEVELS = FRAMES_PER_MOTION_TOKEN.bit_length()  # 3: every level but the last halves the rate
@@ -103,10 +103,15 @@ class MotionTokenizer(nn.Module):
         temperature: float = 0.0,
         dropout: float = 0.0,
         generator: torch.Generator | None = None,
+        share: Share | None = None,
     ) -> TokenizerPass:
         """Encode, quantise with gradient, decode; see `ResidualVectorQuantizer.forward` for the options."""
         quantized = self.quantizer(
-            self.to_latents(features), temperature=temperature, dropout=dropout, generator=generator
+            self.to_latents(features),
+            temperature=temperature,
+            dropout=dropout,
+            generator=generator,
+            share=share,
         )
         return TokenizerPass(self.from_latents(quantized.latents), quantized.codes, quantized.commitment)
 

@@ -1,0 +1,55 @@
+"""`echoavatar train face`: the face model, on pairs of sound and ARKit curves (`data face`)."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from .recipe import Options, Settings
+
+
+def add_arguments(parser: argparse.ArgumentParser, options: Options, seed: str) -> None:
+    """Declare the arguments that only the face has."""
+    options.add("--steps", "training.steps", 8000, type=int, help="optimiser steps")
+    options.add("--batch", "training.batch", 32, type=int, help="windows per step")
+    options.add("--rate", "training.learning_rate", 1e-3, type=float, help="peak learning rate; paper: 2e-4")
+    options.add(
+        "--listen",
+        "training.listen",
+        0,
+        type=int,
+        help="so many of the steps at first teach the encoder alone",
+    )
+    options.add(
+        "--no-tempo",
+        "training.tempo",
+        True,
+        action="store_true",
+        help="not also slower and faster; rehearsed clips differ in pace anyway, and much memory is saved",
+    )
+    parser.add_argument("--start", type=Path, help="trained face model of the same sizes to begin with")
+    options.add("--seed", "training.seed", 0, type=int, help=seed)
+    parser.add_argument("--paper", action="store_true", help="sizes of the paper (width 256), mel encoder")
+    parser.add_argument(
+        "--minutes", type=float, help="stop this call after so many minutes; call again to go on"
+    )
+
+
+def train(args: argparse.Namespace, settings: Settings, card: dict[str, object], how: dict[str, Any]) -> None:
+    """Train on the face clips."""
+    from ..face import FaceConfig, FaceModel, MelConfig, paper_face
+    from ..face.clip import load_clips
+    from ..face.recipe import FaceTraining
+    from ..face.train import train_face
+
+    if args.paper:
+        settings = args.options.settings(args, {"model": paper_face(encoder=MelConfig()).model_dump()})
+    train_face(
+        settings.checked(FaceConfig, "model"),
+        settings.checked(FaceTraining, "training"),
+        load_clips(args.source),
+        args.output,
+        minutes=args.minutes,
+        start=FaceModel.load(args.start) if args.start else None,
+        card=card,
+        **how,
+    )

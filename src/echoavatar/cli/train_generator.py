@@ -1,0 +1,115 @@
+"""`echoavatar train generator`: the generator, on a folder of codes (`train tokens`)."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from .recipe import Options, Settings
+
+
+def add_arguments(parser: argparse.ArgumentParser, options: Options, seed: str) -> None:
+    """Declare the arguments that only the generator has."""
+    options.add("--steps", "training.steps", 3200, type=int, help="optimiser steps")
+    options.add("--batch", "training.batch", 4, type=int, help="windows per step")
+    options.add("--rate", "training.learning_rate", 1e-3, type=float, help="peak learning rate")
+    options.add(
+        "--optimiser",
+        "training.optimiser",
+        "muon",
+        choices=("adamw", "muon"),
+        help="Muon learns in fewer steps; paper: adamw",
+    )
+    options.add("--width", "model.width", 192, type=int, help="channels")
+    options.add("--layers", "model.layers", 6, type=int, help="transformer layers")
+    options.add(
+        "--window",
+        "model.window_chunks",
+        10,
+        type=int,
+        help="chunks a position sees; the paper's 4 s are 15",
+    )
+    options.add(
+        "--corruption",
+        "training.corruption",
+        "hierarchical",
+        choices=("hierarchical", "uniform", "none"),
+        help="of the motion codes in the context",
+    )
+    options.add(
+        "--blind",
+        "training.blind",
+        0.2,
+        type=float,
+        help="share of windows whose context motion is all noise, so that the sound must tell",
+    )
+    options.add(
+        "--out-of-step",
+        "training.out_of_step",
+        0.15,
+        type=float,
+        help="share of windows whose context runs early or late: the sound tells the phase",
+    )
+    options.add(
+        "--cue-weight",
+        "training.cue_weight",
+        0.3,
+        type=float,
+        help="weight of telling beats and stresses from the sound, where the corpus knows them",
+    )
+    options.add(
+        "--exemplar",
+        "training.exemplar",
+        0.0,
+        type=float,
+        help="share of windows told a set of their own codes, so that actions can steer",
+    )
+    parser.add_argument("--start", type=Path, help="trained generator of the same sizes to begin with")
+    parser.add_argument(
+        "--qwen", type=Path, metavar="FOLDER", help="Qwen2.5-0.5B-Instruct, whose body a new run begins with"
+    )
+    options.add("--seed", "training.seed", 0, type=int, help=seed)
+    parser.add_argument(
+        "--minutes", type=float, help="stop this call after so many minutes; call again to go on"
+    )
+    parser.add_argument(
+        "--sharded",
+        action="store_true",
+        help="each of several processes holds a share of the weights (FSDP2)",
+    )
+
+
+def train(args: argparse.Namespace, settings: Settings, how: dict[str, Any]) -> None:
+    """Train on the token files."""
+    from ..audio import AudioCodec
+    from ..generator import Generator, GeneratorConfig, TokenClip, patience_of
+    from ..generator.recipe import GeneratorTraining
+    from ..generator.train import train_generator
+    from ..tokenizer import BodyTokenizer
+    from ..tokens import TokenLayout
+
+    codec, tokenizer = AudioCodec.load(args.codec), BodyTokenizer.load(args.tokenizer)
+    clips = [TokenClip.load(path) for path in sorted(args.source.glob("*.npz"))]
+    layout = TokenLayout.compact(
+        audio_codes=codec.config.codes,
+        motion_layers=tokenizer.config.layers,
+        motion_codes=tokenizer.config.codes,
+    )
+    model, chosen = settings.model, settings.training
+    model.setdefault("mlp", 3 * int(model["width"]))
+    model.setdefault("exemplar", float(chosen["exemplar"]) > 0)
+    chosen.setdefault("chunks", int(model["window_chunks"]) + 6)  # so that the steady stream is trained too
+    chosen.setdefault("depth_weights", [0.7**layer for layer in range(layout.motion_layers)])
+    config = settings.checked(GeneratorConfig, "model", layout=layout, patience=patience_of(clips))
+    train_generator(
+        config,
+        settings.checked(GeneratorTraining, "training"),
+        clips,
+        args.output,
+        minutes=args.minutes,
+        sharded=args.sharded,
+        start=Generator.load(args.start) if args.start else None,
+        qwen=args.qwen,
+        audio_codebooks=codec.codebooks,
+        motion_codebooks=tokenizer.codebooks(),
+        **how,
+    )

@@ -1,0 +1,103 @@
+"""What a run tells while it goes: `metrics.jsonl` always, one line a step that is told; TensorBoard or W&B if asked."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal, Protocol, get_args
+
+from ..errors import DependencyError
+
+FILE = "metrics.jsonl"
+Tracker = Literal["tensorboard", "wandb"]
+TRACKERS: tuple[str, ...] = get_args(Tracker)
+
+
+class _Listener(Protocol):
+    def write(self, step: int, values: Mapping[str, object]) -> None: ...
+
+    def close(self) -> None: ...
+
+
+class Journal:
+    """Writes to all of them. `step` is the number of optimiser steps done."""
+
+    def __init__(self, folder: Path, step: int, trackers: Sequence[str] = ()) -> None:
+        """Lines of steps after `step`, which a run that goes on repeats, are dropped.
+
+        Raises:
+            DependencyError: a tracker's package is missing.
+        """
+        path = folder / FILE
+        if path.exists():
+            kept = [line for line in path.read_text().splitlines() if _step(line) <= step]
+            path.write_text("".join(line + "\n" for line in kept))
+        self._listeners: list[_Listener] = [_Lines(path)]
+        openers: dict[str, type[_TensorBoard] | type[_Wandb]] = {"tensorboard": _TensorBoard, "wandb": _Wandb}
+        self._listeners += [openers[name](folder) for name in trackers]
+
+    def write(self, step: int, values: Mapping[str, object]) -> None:
+        """One line."""
+        for listener in self._listeners:
+            listener.write(step, values)
+
+    def close(self) -> None:
+        """No more lines."""
+        for listener in self._listeners:
+            listener.close()
+
+
+def _step(line: str) -> float:
+    """Of a line; one that was cut off by a kill counts as later than all."""
+    try:
+        return float(json.loads(line)["step"])
+    except (ValueError, KeyError, TypeError):
+        return float("inf")
+
+
+class _Lines:
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("a")
+
+    def write(self, step: int, values: Mapping[str, object]) -> None:
+        self._file.write(json.dumps({"step": step} | dict(values)) + "\n")
+        self._file.flush()
+
+    def close(self) -> None:
+        self._file.close()
+
+
+class _TensorBoard:
+    def __init__(self, folder: Path) -> None:
+        try:
+            from torch.utils.tensorboard import SummaryWriter
+        except ImportError as error:
+            raise DependencyError("--track tensorboard needs it; run: pip install tensorboard") from error
+        self._writer: Any = SummaryWriter(folder / "tensorboard")
+
+    def write(self, step: int, values: Mapping[str, object]) -> None:
+        for name, value in values.items():
+            if isinstance(value, int | float):
+                self._writer.add_scalar(name, value, step)
+
+    def close(self) -> None:
+        self._writer.close()
+
+
+class _Wandb:
+    def __init__(self, folder: Path) -> None:
+        try:
+            import wandb
+        except ImportError as error:
+            raise DependencyError("--track wandb needs it; run: pip install wandb") from error
+        mark = folder / "wandb-run"  # the same run when training goes on
+        name = mark.read_text().strip() if mark.exists() else None
+        self._run: Any = wandb.init(
+            project="echoavatar", name=folder.name, id=name, resume="allow", dir=folder
+        )
+        mark.write_text(f"{self._run.id}\n")
+
+    def write(self, step: int, values: Mapping[str, object]) -> None:
+        self._run.log(dict(values), step=step)
+
+    def close(self) -> None:
+        self._run.finish()

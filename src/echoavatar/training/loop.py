@@ -1,0 +1,207 @@
+"""The loop's one step, and its state: what all stages and any number of processes share."""
+
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+from typing import Any, Generic
+
+import torch
+from torch import Tensor, nn
+from torch.distributed.tensor import DTensor
+
+from ..errors import CheckpointError, EchoAvatarError
+from . import state
+from .average import Average
+from .processes import Processes, as_placed, showing_whole, whole
+from .stage import BatchT, Loss, Stage, cut, rows_of
+
+
+class _Whole(nn.Module):
+    """All modules of a stage as one whose forward pass is the loss: what DDP and FSDP want."""
+
+    def __init__(self, stage: Stage[Any]) -> None:
+        super().__init__()
+        self.parts = nn.ModuleDict(stage.modules)
+        self._loss = stage.loss
+
+    def forward(self, batch: Any, step: int) -> Loss:
+        return self._loss(batch, step)
+
+
+class Loop(Generic[BatchT]):
+    """A stage, its optimisers, and how far it is. `train` runs it to its end."""
+
+    def __init__(self, stage: Stage[BatchT], processes: Processes | None = None) -> None:
+        """Raises EchoAvatarError when the batch cannot be shared evenly."""
+        self.stage, self.processes = stage, processes or Processes()
+        self._pieces = self.processes.count * stage.config.accumulation
+        if stage.config.batch % self._pieces:
+            raise EchoAvatarError(
+                f"batch ({stage.config.batch}) must be a multiple of processes x accumulation "
+                f"({self.processes.count} x {stage.config.accumulation})"
+            )
+        self._whole = self.processes.wrap(_Whole(stage), has_idle=stage.has_idle)
+        for module in stage.modules.values():
+            module.train()
+        self.optimisers = stage.optimisers()
+        self.average = Average(stage.modules, stage.config.average) if stage.config.average else None
+        self.step = 0
+        self.seconds = 0.0
+
+    def done(self) -> float:
+        """Share of the run behind it, by steps or by the clock, whichever is further."""
+        config = self.stage.config
+        by_clock = self.seconds / 60 / config.minutes if config.minutes else 0.0
+        return min(1.0, max(self.step / config.steps, by_clock))
+
+    def advance(self, *, is_told: bool = True) -> dict[str, float]:
+        """One optimiser step; returns its metrics if they are to be told (which waits for the device).
+
+        Raises:
+            EchoAvatarError: the loss that was to be told is not a number.
+        """
+        stage, step, device = self.stage, self.step, self.processes.device
+        whole_batch = stage.draw(step)
+        stage.before(whole_batch, step)
+        rate = stage.rate(step, self.done())
+        for optimiser in self.optimisers:
+            for group in optimiser.param_groups:
+                group["lr"] = rate
+        rows, every = rows_of(whole_batch) // self._pieces, stage.weight(whole_batch)
+        assert rows * self._pieces == rows_of(whole_batch), "a batch must have as many rows for each piece"
+        first, told = self.processes.rank * stage.config.accumulation, _Means()
+        for piece in range(first, first + stage.config.accumulation):
+            batch = cut(whole_batch, slice(piece * rows, (piece + 1) * rows), device)
+            share = stage.weight(batch) / every
+            is_last = piece == first + stage.config.accumulation - 1
+            with nullcontext() if is_last else self.processes.holding_back(self._whole):
+                with torch.autocast(device.type, torch.bfloat16, enabled=stage.config.autocast):
+                    loss = self._whole(batch, step)
+                # several processes average their gradients, the shares are of the sum
+                (loss.total * (share * self.processes.count)).backward()
+            told.add({"loss": loss.total, **loss.told}, share)
+        norm = self._descend()
+        stage.after(step, self.processes.gather)
+        if self.average is not None:
+            self.average.update(step)
+        self.step += 1
+        if not is_told:
+            return {}
+        metrics = told.over(self.processes) | {"gradient": float(norm), "rate": rate}
+        if not abs(metrics["loss"]) < float("inf"):
+            raise EchoAvatarError(
+                f"the loss is {metrics['loss']} at step {self.step}; begin another run with a lower learning rate or "
+                "without autocast (what was saved before can be its --start)"
+            )
+        return metrics
+
+    def _descend(self) -> Tensor:
+        learned = [parameter for parameter in self.stage.clipped() if parameter.grad is not None]
+        norm = nn.utils.clip_grad_norm_(learned, self.stage.config.clip)
+        for optimiser in self.optimisers:
+            optimiser.step()
+        self._whole.zero_grad(set_to_none=True)
+        return norm.full_tensor() if isinstance(norm, DTensor) else norm
+
+    @contextmanager
+    def shown(self) -> Iterator[None]:
+        """While it is entered, the modules have the weights that are shown to others; all processes must enter it."""
+        averaged = self.average.shown() if self.average is not None else nullcontext()
+        with averaged, showing_whole(self.stage.modules):
+            yield
+        for module in self.stage.modules.values():
+            module.train()
+
+    def save(self, folder: Path) -> None:
+        """Write what a resumed run needs, then what others load; all processes must call it, the first one writes."""
+        stage, modules = self.stage, self.stage.modules
+        tensors = state.module_state(modules) | state.optimiser_state(modules, self.optimisers)
+        if self.average is not None:
+            tensors |= {f"average.{key}": whole(value) for key, value in self.average.values.items()}
+        random = state.random_state(self.processes.device).to(self.processes.device)
+        tensors["random"] = self.processes.gather(random[None])
+        tensors |= {f"stage.{key}": value for key, value in stage.state().items()}
+        stage.seconds = self.seconds
+        if self.processes.is_first:
+            folder.mkdir(parents=True, exist_ok=True)
+            facts = {"step": self.step, "seconds": self.seconds, "identity": self._identity()}
+            state.write(folder / state.FILE, tensors, facts)
+        with self.shown():
+            if self.processes.is_first:
+                stage.save(folder, self.step)
+        self.processes.wait()
+
+    def resume(self, folder: Path) -> bool:
+        """Go on where `save` left off; False where there is nothing to go on with.
+
+        Raises:
+            CheckpointError: the folder holds another model, or another schedule, or is damaged, or too old.
+        """
+        if not state.has_state(folder):
+            return False
+        path = folder / state.FILE
+        tensors, facts = state.read(path)
+        self._agree(folder, facts["identity"])
+        modules = self.stage.modules
+        state.load_modules(modules, tensors, str(path))
+        state.load_optimisers(modules, self.optimisers, tensors)
+        if self.average is not None:
+            self.average = Average(modules, self.stage.config.average)
+            averaged = state.under(tensors, "average.")
+            for key in sorted(averaged.keys() & self.average.values.keys()):
+                self.average.values[key] = as_placed(averaged[key], self.average.values[key])
+        if self.processes.rank < len(tensors["random"]):
+            state.load_random_state(tensors["random"][self.processes.rank], self.processes.device)
+        self.stage.load_state(state.under(tensors, "stage."))
+        self.step, self.seconds = int(str(facts["step"])), float(str(facts["seconds"]))
+        return True
+
+    def _identity(self) -> dict[str, Any]:
+        return {name: config.model_dump(mode="json") for name, config in self.stage.identity().items()}
+
+    def _agree(self, folder: Path, saved: Any) -> None:
+        for name, ours in self._identity().items():
+            theirs = saved.get(name, {})
+            differing = [
+                key for key in sorted(ours.keys() | theirs.keys()) if ours.get(key) != theirs.get(key)
+            ]
+            differing = [key for key in differing if key not in _FREE]
+            if differing:
+                key = differing[0]
+                raise CheckpointError(
+                    f"{folder} holds a run of another {name} config: {key} was {theirs.get(key)}, is "
+                    f"{ours.get(key)}; train into another folder"
+                )
+
+
+_FREE = (
+    "accumulation",
+    "log_every",
+    "evaluate_every",
+    "save_every",
+    "save_minutes",
+)  # do not change the result
+
+
+class _Means:
+    """Means of metrics over pieces; those that not every piece has are means over the pieces that do."""
+
+    def __init__(self) -> None:
+        self._sums: dict[str, Any] = defaultdict(float)
+        self._shares: dict[str, float] = defaultdict(float)
+
+    def add(self, values: Mapping[str, Tensor | float], share: float) -> None:
+        for name, value in values.items():
+            self._sums[name] += (value.detach() if isinstance(value, Tensor) else value) * share
+            self._shares[name] += share
+
+    def over(self, processes: Processes) -> dict[str, float]:
+        own = {name: (float(value), self._shares[name]) for name, value in self._sums.items()}
+        sums: dict[str, list[float]] = {}
+        for one in processes.gather_json(own):
+            for name, (value, share) in one.items():
+                so_far = sums.setdefault(name, [0.0, 0.0])
+                so_far[0] += value
+                so_far[1] += share
+        return {name: value / share for name, (value, share) in sums.items() if share}

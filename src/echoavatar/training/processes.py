@@ -1,0 +1,172 @@
+"""One process, or several that share every batch: how a module is wrapped and tensors are gathered.
+
+Several are started by `torchrun` or `accelerate launch`, which set WORLD_SIZE; accelerate (extra `train`) then finds
+the devices and wraps the modules for DDP. With `sharded` every process holds its share of the weights only (FSDP2:
+torch's `fully_shard`, block by block). Accelerate offers that on GPUs alone, so it is called here itself and is tested.
+"""
+
+import json
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+from torch.distributed.tensor import DTensor, distribute_tensor
+
+from ..errors import DependencyError, EchoAvatarError
+
+
+class Processes:
+    """A single process; `Several` has more."""
+
+    count = 1
+    rank = 0
+
+    def __init__(self, device: str = "cpu") -> None:
+        self.device = torch.device(device)
+
+    @property
+    def is_first(self) -> bool:
+        """Whether this is the process that writes."""
+        return self.rank == 0
+
+    def wrap(self, module: nn.Module, *, has_idle: bool = False) -> nn.Module:
+        """The module on the device, as gradients shall be taken of it; `has_idle`: of part of it in some steps."""
+        return module.to(self.device)
+
+    def holding_back(self, module: nn.Module) -> AbstractContextManager[Any]:
+        """While it is entered, gradients stay with their process; the sum goes with the last piece."""
+        return nullcontext()
+
+    def gather(self, tensor: Tensor) -> Tensor:
+        """The rows of all processes, in order of rank."""
+        return tensor
+
+    def gather_json(self, value: Any) -> list[Any]:
+        """A small value (what JSON can say) of each process, in order of rank."""
+        return [value]
+
+    def agree(self, is_so: bool) -> bool:
+        """Whether any process says so; each has its own clock and its own signals."""
+        return is_so
+
+    def wait(self) -> None:
+        """Until all processes are here."""
+
+
+class Several(Processes):
+    """One of the processes of a run."""
+
+    def __init__(self, device: str = "cpu", *, sharded: bool = False) -> None:
+        """Raises DependencyError when accelerate is missing."""
+        try:
+            from accelerate import Accelerator
+            from accelerate.utils import DistributedDataParallelKwargs
+        except ImportError as error:
+            raise DependencyError(
+                "training in several processes needs accelerate; run: pip install 'echoavatar[train]'"
+            ) from error
+        self._how = DistributedDataParallelKwargs()
+        self._accelerator = Accelerator(cpu=device == "cpu", kwargs_handlers=[self._how])
+        self.count, self.rank = self._accelerator.num_processes, self._accelerator.process_index
+        self.device = self._accelerator.device
+        self.sharded = sharded
+
+    def wrap(self, module: nn.Module, *, has_idle: bool = False) -> nn.Module:
+        """See `Processes.wrap`."""
+        module.to(self.device)
+        if not self.sharded:
+            self._how.find_unused_parameters = has_idle
+            wrapped: nn.Module = self._accelerator.prepare_model(module)
+            return wrapped
+        from torch.distributed.device_mesh import init_device_mesh
+        from torch.distributed.fsdp import fully_shard
+
+        mesh = init_device_mesh(self.device.type, (self.count,))
+        for part in list(module.modules()):
+            if isinstance(part, nn.ModuleList):
+                for block in part:
+                    if next(block.parameters(), None) is not None:
+                        fully_shard(block, mesh=mesh)
+        fully_shard(module, mesh=mesh)
+        return module
+
+    def holding_back(self, module: nn.Module) -> AbstractContextManager[Any]:
+        """See `Processes.holding_back`. Sharded gradients are reduced piece by piece, which adds up to the same."""
+        if self.sharded:
+            return nullcontext()
+        held: AbstractContextManager[Any] = self._accelerator.no_sync(module)
+        return held
+
+    def gather(self, tensor: Tensor) -> Tensor:
+        """See `Processes.gather`; every process must bring as many rows."""
+        gathered: Tensor = self._accelerator.gather(tensor.to(self.device).contiguous())
+        return gathered
+
+    def gather_json(self, value: Any) -> list[Any]:
+        """See `Processes.gather_json`."""
+        text = torch.frombuffer(bytearray(json.dumps(value).encode()), dtype=torch.uint8)
+        lengths = self.gather(torch.tensor([len(text)])).tolist()
+        padded = torch.zeros(1, max(lengths), dtype=torch.uint8)
+        padded[0, : len(text)] = text
+        rows = self.gather(padded).cpu()
+        return [json.loads(bytes(row[:n].tolist())) for row, n in zip(rows, lengths, strict=True)]
+
+    def agree(self, is_so: bool) -> bool:
+        """See `Processes.agree`."""
+        return bool(self.gather(torch.tensor([is_so], dtype=torch.uint8)).any())
+
+    def wait(self) -> None:
+        """See `Processes.wait`."""
+        self._accelerator.wait_for_everyone()
+
+
+def processes_here(device: str = "cpu", *, sharded: bool = False) -> Processes:
+    """Those that this program was started as."""
+    if int(os.environ.get("WORLD_SIZE", "1")) > 1:
+        return Several(device, sharded=sharded)
+    if sharded:
+        raise EchoAvatarError(
+            "sharding is for several processes; start them with torchrun or accelerate launch"
+        )
+    return Processes(device)
+
+
+def whole(tensor: Tensor) -> Tensor:
+    """A tensor in one piece; all processes must ask for it."""
+    full: Tensor = tensor.full_tensor() if isinstance(tensor, DTensor) else tensor
+    return full.detach()
+
+
+def as_placed(value: Tensor, like: Tensor) -> Tensor:
+    """A tensor in one piece, laid out and placed as another is."""
+    if isinstance(like, DTensor):
+        placed: Tensor = distribute_tensor(
+            value.to(like.device), like.device_mesh, like.placements, src_data_rank=None
+        )
+        return placed
+    return value.to(like.device)
+
+
+@contextmanager
+def showing_whole(modules: Mapping[str, nn.Module]) -> Iterator[None]:
+    """While it is entered, state dicts hold sharded weights in one piece; all processes must enter it."""
+    full = {
+        name: {key: whole(p) for key, p in module.named_parameters() if isinstance(p, DTensor)}
+        for name, module in modules.items()
+    }
+
+    def shown(name: str) -> Any:
+        def hook(module: nn.Module, state: dict[str, Any], prefix: str, metadata: Any) -> None:
+            state.update({prefix + key: value for key, value in full[name].items() if prefix + key in state})
+
+        return hook
+
+    handles = [modules[name].register_state_dict_post_hook(shown(name)) for name in full if full[name]]  # type: ignore[no-untyped-call]
+    try:
+        yield
+    finally:
+        for handle in handles:
+            handle.remove()

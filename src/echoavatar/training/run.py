@@ -1,0 +1,91 @@
+"""A run from its beginning, or from where it was stopped, to its end or to the next stop."""
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from .journal import Journal
+from .loop import Loop
+from .processes import processes_here
+from .signals import Interrupted, Signals
+from .stage import Stage
+
+Progress = Callable[[int, int], None]
+"""Told (steps done, steps in all) after each step."""
+
+
+def train(
+    stage: Stage[Any],
+    folder: Path,
+    *,
+    minutes: float | None = None,
+    device: str = "cpu",
+    sharded: bool = False,
+    trackers: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> None:
+    """Train, or go on with what `folder` holds, until the schedule's end, or for `minutes` of this call.
+
+    `folder` gets what the stage saves, `training.safetensors` (to go on) and `metrics.jsonl`.
+
+    Raises:
+        Interrupted: SIGTERM or SIGINT came; the run is saved and can be gone on with.
+        CheckpointError: the folder holds another run, or a damaged one.
+        EchoAvatarError: the loss is no longer a number, or the batch cannot be shared evenly.
+    """
+    processes = processes_here(device, sharded=sharded)
+    loop = Loop(stage, processes)
+    loop.resume(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    journal = Journal(folder, loop.step, trackers) if processes.is_first else None
+    deadline = math.inf if minutes is None else time.monotonic() + 60 * minutes
+    try:
+        with Signals() as signals:
+            _run(loop, folder, journal, signals, deadline, progress)
+            loop.save(folder)
+    finally:
+        if journal is not None:
+            journal.close()
+    if signals.number and loop.done() < 1:
+        raise Interrupted(
+            f"stopped at step {loop.step} of {stage.config.steps}, saved in {folder}; call again to go on",
+            signals.number,
+        )
+
+
+def _run(
+    loop: Loop[Any],
+    folder: Path,
+    journal: Journal | None,
+    signals: Signals,
+    deadline: float,
+    progress: Progress | None,
+) -> None:
+    config, saved = loop.stage.config, time.monotonic()
+    agreed = loop.processes.agree
+    while loop.done() < 1 and not agreed(bool(signals.number) or time.monotonic() >= deadline):
+        began = time.monotonic()
+        is_told = (loop.step + 1) % config.log_every == 0
+        is_kept = config.save_every > 0 and (loop.step + 1) % config.save_every == 0
+        # a loss that is told and is no number ends the run: such weights must not be kept
+        metrics = loop.advance(is_told=is_told or is_kept)
+        seconds = time.monotonic() - began
+        if config.minutes:  # the clock is part of the schedule, so all must go by one
+            seconds = loop.processes.gather_json(seconds)[0]
+        loop.seconds += seconds
+        is_measured = config.evaluate_every and loop.step % config.evaluate_every == 0 and loop.done() < 1
+        if journal is not None and is_told:
+            journal.write(loop.step, metrics | {"seconds": round(seconds, 4)})
+        if is_measured:
+            with loop.shown():
+                measured = loop.stage.evaluate() if journal is not None else {}
+            if journal is not None and measured:
+                journal.write(loop.step, measured)
+        is_due = config.save_minutes and time.monotonic() - saved > 60 * config.save_minutes
+        if is_kept or agreed(bool(is_due)):
+            loop.save(folder)
+            saved = time.monotonic()
+        if progress is not None and loop.processes.is_first:
+            progress(loop.step, config.steps)

@@ -1,0 +1,200 @@
+"""Everything a run needs to go on to the same curve, as one safetensors file; written whole or not at all.
+
+Weights in full precision, averages that codebooks keep beside their state dict, the optimisers' averages, averaged
+weights, torch's random generators, the stage's own, the step. By name, so that one process may go on with what several
+wrote.
+"""
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Protocol, runtime_checkable
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor, nn
+from torch.distributed.tensor import DTensor
+
+from ..errors import CheckpointError
+from .processes import as_placed, whole
+
+FILE = "training.safetensors"
+_FORMAT = "2"
+_OLDER = "resume.safetensors"
+
+
+@runtime_checkable
+class Remembering(Protocol):
+    """A module with buffers that its state dict leaves out (`quantize.Codebook`)."""
+
+    def training_state(self) -> dict[str, Tensor]:
+        """What it leaves out."""
+
+
+def has_state(folder: Path) -> bool:
+    """Whether there is a run to go on with.
+
+    Raises:
+        CheckpointError: there is one, of a version that went on in another way.
+    """
+    if (folder / FILE).exists():
+        return True
+    if (folder / _OLDER).exists():
+        raise CheckpointError(_refusal(folder / _OLDER))
+    return False
+
+
+def write(path: Path, tensors: Mapping[str, Tensor], facts: Mapping[str, object]) -> None:
+    """Write the file; facts are JSON."""
+    stored = {key: value.detach().cpu().contiguous().clone() for key, value in tensors.items()}
+    partial = path.with_name(path.name + ".partial")
+    save_file(stored, partial, metadata={"format": _FORMAT, "facts": json.dumps(dict(facts))})
+    partial.replace(path)
+
+
+def read(path: Path) -> tuple[dict[str, Tensor], dict[str, object]]:
+    """Tensors and facts.
+
+    Raises:
+        CheckpointError: the file is damaged, or of an older version.
+    """
+    try:
+        with safe_open(path, framework="pt") as file:
+            metadata = file.metadata() or {}
+            if metadata.get("format") != _FORMAT:
+                raise CheckpointError(_refusal(path))
+            tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
+    except (SafetensorError, OSError) as error:
+        raise CheckpointError(f"{path} is damaged ({error}); delete it to begin again") from error
+    return tensors, dict(json.loads(metadata["facts"]))
+
+
+def _refusal(path: Path) -> str:
+    return (
+        f"{path} was written by an older version, whose runs cannot be gone on with; train into another folder "
+        f"(the model in {path.parent} can be its --start), or delete the file to begin again"
+    )
+
+
+def module_state(modules: Mapping[str, nn.Module]) -> dict[str, Tensor]:
+    """Weights and all buffers that count."""
+    found = {
+        f"model.{name}.{key}": whole(value)
+        for name, module in modules.items()
+        for key, value in module.state_dict().items()
+    }
+    return found | {f"beside.{key}": value for key, value in _beside(modules)}
+
+
+@torch.no_grad()
+def load_modules(modules: Mapping[str, nn.Module], tensors: Mapping[str, Tensor], origin: str) -> None:
+    """Take weights and buffers back.
+
+    Raises:
+        CheckpointError: names or shapes differ.
+    """
+    own = {f"{name}.{key}": value for name, m in modules.items() for key, value in m.state_dict().items()}
+    saved = under(tensors, "model.")
+    problems = [f"missing {key}" for key in own if key not in saved]
+    problems += [f"unknown {key}" for key in saved if key not in own]
+    problems += [
+        f"{key} is {tuple(saved[key].shape)}, wanted {tuple(value.shape)}"
+        for key, value in own.items()
+        if key in saved and saved[key].shape != value.shape
+    ]
+    if problems:
+        more = f"; and {len(problems) - 6} more" if len(problems) > 6 else ""
+        raise CheckpointError(f"{origin} does not fit this model: {'; '.join(problems[:6])}{more}")
+    for name, module in modules.items():
+        placed = {
+            key: as_placed(value, own[f"{name}.{key}"]) for key, value in under(saved, f"{name}.").items()
+        }
+        module.load_state_dict(placed)
+    beside = under(tensors, "beside.")
+    for key, value in _beside(modules):
+        value.copy_(beside[key])
+
+
+def optimiser_state(
+    modules: Mapping[str, nn.Module], optimisers: Sequence[torch.optim.Optimizer]
+) -> dict[str, Tensor]:
+    """What the optimisers remember of each parameter, by its name."""
+    return {
+        f"optimiser.{name}.{key}": whole(torch.as_tensor(value))
+        for name, parameter in _parameters(modules)
+        for optimiser in optimisers
+        if parameter in optimiser.state
+        for key, value in optimiser.state[parameter].items()
+    }
+
+
+def load_optimisers(
+    modules: Mapping[str, nn.Module],
+    optimisers: Sequence[torch.optim.Optimizer],
+    tensors: Mapping[str, Tensor],
+) -> None:
+    """Take it back."""
+    saved: dict[str, dict[str, Tensor]] = {}
+    for key, value in under(tensors, "optimiser.").items():
+        name, which = key.rsplit(".", 1)
+        saved.setdefault(name, {})[which] = value
+    owners = {
+        id(parameter): optimiser
+        for optimiser in optimisers
+        for group in optimiser.param_groups
+        for parameter in group["params"]
+    }
+    for name, parameter in _parameters(modules):
+        if name in saved and id(parameter) in owners:
+            owners[id(parameter)].state[parameter] = {
+                key: as_placed(value, parameter)
+                if value.shape == parameter.shape
+                else _scalar(value, parameter)
+                for key, value in saved[name].items()
+            }
+
+
+def _scalar(value: Tensor, parameter: Tensor) -> Tensor:
+    """A step count lies beside its parameter, as fused optimisers want it."""
+    device = parameter.to_local().device if isinstance(parameter, DTensor) else parameter.device
+    return value.to(device)
+
+
+def random_state(device: torch.device) -> Tensor:
+    """Of torch's global generators: the CPU's, then the device's if it is another."""
+    states = [torch.get_rng_state()]
+    if device.type == "cuda":
+        states.append(torch.cuda.get_rng_state(device))
+    return torch.cat(states)
+
+
+def load_random_state(state: Tensor, device: torch.device) -> None:
+    """Take it back."""
+    cpu = len(torch.get_rng_state())
+    torch.set_rng_state(state[:cpu].cpu().clone())  # of its own: torch reads past a view's offset
+    if device.type == "cuda" and len(state) > cpu:
+        torch.cuda.set_rng_state(state[cpu:].cpu().clone(), device)
+
+
+def under(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:
+    """Those whose names begin so, by the rest of the name."""
+    return {key[len(prefix) :]: value for key, value in tensors.items() if key.startswith(prefix)}
+
+
+def _parameters(modules: Mapping[str, nn.Module]) -> Iterator[tuple[str, nn.Parameter]]:
+    for name, module in modules.items():
+        for key, parameter in module.named_parameters():
+            yield f"{name}.{key}", parameter
+
+
+def _beside(modules: Mapping[str, nn.Module]) -> Iterator[tuple[str, Tensor]]:
+    """Buffers beside the state dicts; what holds others that remember speaks for them."""
+    for name, module in modules.items():
+        spoken: set[int] = set()
+        for path, part in module.named_modules():
+            if id(part) not in spoken and isinstance(part, Remembering):
+                assert isinstance(part, nn.Module)
+                spoken.update(id(inner) for inner in part.modules())
+                for key, value in part.training_state().items():
+                    yield f"{name}.{path}.{key}", value

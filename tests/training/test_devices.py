@@ -1,0 +1,41 @@
+"""Losses run where their batches and modules are: on the meta device any tensor that was left behind is an error."""
+
+import pytest
+import torch
+from tests.face.tiny import CONFIG as FACE
+from tests.face.tiny import clip
+from tests.generator.test_train import clips, config, settings
+
+from echoavatar.face import MelConfig, paper_face
+from echoavatar.face.recipe import FaceTraining
+from echoavatar.face.train import FaceStage
+from echoavatar.generator import train as generator_train
+from echoavatar.generator.train import GeneratorStage
+from echoavatar.training import Stage
+from echoavatar.training.stage import cut, rows_of
+
+META = torch.device("meta")
+
+
+def descend_elsewhere(stage: Stage) -> None:
+    whole = stage.draw(0)
+    batch = cut(whole, slice(0, rows_of(whole)), META)
+    for module in stage.modules.values():
+        module.to(META)
+    loss = stage.loss(batch, 0).total
+    loss.backward()
+    assert loss.device == META
+
+
+@pytest.mark.parametrize("sizes", [FACE, paper_face(encoder=MelConfig())], ids=["ours", "paper"])
+def test_the_face(sizes) -> None:
+    descend_elsewhere(FaceStage(sizes, FaceTraining(batch=2, frames=16, tempo=False), [clip()]))
+
+
+@pytest.mark.parametrize("sequence", ["interleaved", "prefix"])
+@pytest.mark.parametrize("objective", ["motion", "streams"])
+def test_the_generator(sequence: str, objective: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Less its summary for the log, which needs numbers."""
+    monkeypatch.setattr(generator_train, "summary", lambda *args: {})
+    lesson = settings(objective=objective, exemplar=0.5, cue_weight=0.1)
+    descend_elsewhere(GeneratorStage(config(sequence=sequence, exemplar=True), lesson, clips()))

@@ -1,0 +1,29 @@
+from typing import NamedTuple
+
+import torch
+from tests.training.line import Line
+from torch import Tensor
+
+from echoavatar.training.stage import cut, leaves, rows_of
+
+
+class Pair(NamedTuple):
+    a: Tensor
+    b: tuple[Tensor, None, str]
+
+
+BATCH = Pair(torch.arange(6), (torch.arange(12).view(6, 2), None, "kept"))
+
+
+def test_rows_are_cut_from_every_tensor_and_the_rest_stays():
+    piece = cut(BATCH, slice(2, 4), torch.device("cpu"))
+    assert isinstance(piece, Pair)
+    assert piece.a.tolist() == [2, 3]
+    assert piece.b[0].tolist() == [[4, 5], [6, 7]]
+    assert piece.b[1:] == (None, "kept")
+
+
+def test_a_batch_has_as_many_rows_as_its_first_tensor():
+    assert rows_of(BATCH) == 6
+    assert len(list(leaves(BATCH))) == 2
+    assert Line().weight(BATCH) == 6.0
