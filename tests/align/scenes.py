@@ -12,7 +12,7 @@ FRAMES, LEAD = 72, 8
 def scene(
     speed: np.ndarray, *, beats=(), stresses=(), domain: int = 2, lead: int = LEAD, jitter: float = 0.0
 ) -> Scene:
-    """All joints but the hips circle at `speed` (m/s, one a frame, the lead included), so that speed is what is told."""
+    """All joints but the hips circle at `speed` (m/s, one a frame, the lead included)."""
     angle = np.cumsum(speed) / 30 / 0.2  # on a circle of 20 cm
     around = 0.2 * np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], -1)
     positions = HUMANOID.rest_positions.numpy()[None] + around[:, None]
@@ -45,3 +45,8 @@ def yardstick(**changes) -> Yardstick:
         "scenes": 10,
     }  # fmt: skip
     return Yardstick.model_validate(known | changes)
+
+
+def reach(made: Scene, own: Yardstick) -> float:
+    """A reward of one's own, by name: height of the left hand."""
+    return float(made.positions[:, made.skeleton.index("leftHand"), 1].mean())

@@ -19,7 +19,8 @@ def test_braking_on_the_beats_pays_and_braking_between_them_does_not():
     on, off = scene(dips(BEATS), beats=BEATS), scene(dips((0.25, 0.75, 1.25, 1.75)), beats=BEATS)
     assert say("beats", on) > 0.5
     assert say("beats", off) < 0
-    assert say("beat_alignment", on) > 0.2
+    braking = scene(dips([beat + 0.08 for beat in BEATS]), beats=BEATS)  # BA_D's beat is the hardest braking
+    assert say("beat_alignment", braking) > 0.3
     assert say("beat_alignment", off) < 0.05
 
 
@@ -78,11 +79,7 @@ def high_hands(made, own) -> float:
 def test_functions_of_ones_own():
     mix = RewardMix({"high_hands": 1.0}, yardstick(), own={"high_hands": high_hands})
     assert mix([scene(STEADY)]).whole[0] > 1
-    named = (
-        RewardMix({f"{__name__}:high_hands": 1.0}, yardstick())
-        if __name__ in __import__("sys").modules
-        else mix
-    )
+    named = RewardMix({"tests.align.scenes:reach": 1.0}, yardstick())
     assert named([scene(STEADY)]).whole[0] > 1
 
 

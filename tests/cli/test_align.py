@@ -21,7 +21,7 @@ def test_pairs_then_dpo_and_grpo_from_the_command_line(tmp_path, tiny_bundle, ca
         "--yardstick",
         str(tmp_path / "y.json"),
         "--reward",
-        "smoothness=1",
+        "liveliness=1",
     ]
     pairs = str(tmp_path / "pairs.jsonl")
     sizes = ["--past", "1", "--length", "1", "--fewest-events", "0", "--margin", "0", "--prompts", "3"]
