@@ -5,6 +5,7 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from ..config import Config
+from .prompts import Events
 
 Method = Literal["grpo", "dpo", "ppo"]
 
@@ -24,6 +25,9 @@ class AlignTraining(Config):
     length: int = Field(default=9, gt=0, description="chunks of a continuation (paper: 15, 4 s)")
     fewest_events: int = Field(
         default=2, ge=0, description="beats or stresses that a prompt's sound must hold"
+    )
+    events: Events = Field(
+        default="any", description="which kind of them: any, beat (music) or stress (speech)"
     )
     learning_rate: float = Field(default=1e-4, gt=0, description="AdamW (paper: 6e-5 at 0.5B)")
     warmup: int = Field(default=5, ge=0, description="steps of linear warm-up; constant afterwards")

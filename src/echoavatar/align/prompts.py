@@ -8,7 +8,7 @@ waveform.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import torch
@@ -24,6 +24,8 @@ from ..timing import (
     MOTION_TOKENS_PER_CHUNK,
 )
 from ..tokens import TokenLayout
+
+Events = Literal["any", "beat", "stress"]
 
 
 @dataclass(frozen=True)
@@ -97,18 +99,21 @@ class PromptBook:
         length: int,
         seed: int = 0,
         fewest_events: int = 0,
+        events: Events = "any",
     ) -> None:
-        """Prompts of `past` + `length` chunks; with `fewest_events` only those with so many beats or stresses ahead."""
+        """Prompts of `past` + `length` chunks; with `fewest_events` only those with so many events of a kind ahead."""
         self._clips, self._past, self._length, self._seed = dict(clips), past, length, seed
         self._spots: list[tuple[str, int]] = []
         for name, clip in self._clips.items():
             starts = np.arange(max(0, clip.chunks - past - length + 1))
-            counts = np.stack([self._events_ahead(cue_times(clip, column), starts) for column in (0, 1)])
+            columns = {"any": (0, 1), "beat": (0,), "stress": (1,)}[events]
+            counts = np.stack([self._events_ahead(cue_times(clip, column), starts) for column in columns])
             self._spots += [(name, int(start)) for start in starts[counts.max(0) >= fewest_events]]
         if not self._spots:
-            events = f" with {fewest_events} beats or stresses" if fewest_events else ""
+            kind = {"any": "beats or stresses", "beat": "beats", "stress": "stresses"}[events]
+            wanted = f" with {fewest_events} {kind}" if fewest_events else ""
             raise MotionError(
-                f"no clip holds a prompt of {past} + {length} chunks{events}; use longer clips or shorter prompts"
+                f"no clip holds a prompt of {past} + {length} chunks{wanted}; use longer clips or shorter prompts"
             )
 
     def _events_ahead(

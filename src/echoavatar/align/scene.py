@@ -31,7 +31,8 @@ class Scene:
     beats: Float[np.ndarray, " i"]
     stresses: Float[np.ndarray, " j"]
     audio_codes: Int[np.ndarray, "f l"] = field(default_factory=lambda: np.zeros((0, 2), np.int64))
-    """Of the new frames alone."""
+    """Of the new frames alone, as below."""
+    motion_codes: Int[np.ndarray, "n p q"] = field(default_factory=lambda: np.zeros((0, 3, 1), np.int64))
 
     @property
     def frames(self) -> int:
@@ -79,7 +80,8 @@ def decode_scenes(
                 np.concatenate([np.full(lead, domain[0]), domain]),
                 prompt.beats,
                 prompt.stresses,
-                prompt.audio[first:],
+                prompt.audio[first:].astype(np.int64),
+                codes[row].cpu().numpy(),
             )
         )
     return scenes

@@ -9,6 +9,7 @@ from ..errors import MotionError
 from ..generator import Generator, TokenClip
 from ..pipeline import load_bundle
 from ..tokenizer import BodyTokenizer
+from .audio_reward import AudioMotion
 from .config import AlignTraining, Method
 from .dpo import DpoTrainer
 from .grpo import GrpoTrainer
@@ -17,7 +18,8 @@ from .policy import GeneratorPolicy
 from .ppo import PpoTrainer
 from .preferences import rank, read_pairs, write_pairs
 from .prompts import PromptBook, read_token_clips
-from .rewards import RewardMix, parse_weights
+from .quality import QualityReward
+from .rewards import Reward, RewardMix, parse_weights
 from .scene import true_scenes
 from .trainer import AlignTrainer, run
 from .yardstick import Yardstick, measure_yardstick
@@ -30,7 +32,7 @@ DEFAULT_REWARDS = (
     "planted_feet=0.1",
     "stillness=0.5",
 )
-YARDSTICK_PROMPTS = 240
+YARDSTICK_PROMPTS = 160
 YARDSTICK_PAST, YARDSTICK_LENGTH = 3, 9
 
 
@@ -58,6 +60,8 @@ def setting(
     rewards: Sequence[str] | None = None,
     yardstick: Path | None = None,
     sampling: Mapping[str, float | None] | None = None,
+    quality: Path | None = None,
+    alignment: Path | None = None,
 ) -> Setting:
     """Load everything; a yardstick that is not given is measured on the train clips and kept in `folder`.
 
@@ -80,7 +84,12 @@ def setting(
     if not train:
         raise MotionError(f"{tokens} holds no clip of split train; there is nothing to draw prompts from")
     weights = parse_weights(rewards or DEFAULT_REWARDS)
-    mix = RewardMix(weights, measured(parts.tokenizer, train, yardstick, folder))
+    own: dict[str, Reward] = {}
+    if quality:
+        own["quality"] = QualityReward.load(quality).judge
+    if alignment:
+        own["alignment"] = AudioMotion.load(alignment).judge
+    mix = RewardMix(weights, measured(parts.tokenizer, train, yardstick, folder), own)
     begun = read_card(generator) if generator else read_card_of(parts.card)
     card = {
         "data": str(tokens),
@@ -140,6 +149,7 @@ def train(
             length=training.length,
             seed=training.seed,
             fewest_events=training.fewest_events,
+            events=training.events,
         )
 
     judge = SceneJudge(ready.tokenizer, ready.mix)

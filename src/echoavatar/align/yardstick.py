@@ -27,6 +27,7 @@ from .scene import Scene
 
 BEFORE, AFTER = 8, 12  # frames of the profile before and after an event
 STILL_M_S = 0.03  # added to the mean speed, so that a body at rest does not respond to anything
+HIGHEST = 2.0  # a single stroke in a quiet scene must not drown everything else
 ARMS = ("leftLowerArm", "leftHand", "rightLowerArm", "rightHand")
 FEWEST_EVENTS = 20
 Kind = Literal["beat", "stress"]
@@ -92,9 +93,10 @@ def measure_yardstick(scenes: Sequence[Scene]) -> Yardstick:
 
 
 def relative_speed(scene: Scene, kind: Kind) -> Float[np.ndarray, " t"]:
-    """Speed over its mean, less 1: of the whole body for beats, of the arms for stresses."""
+    """Speed over its mean, less 1, at most `HIGHEST`: of the whole body for beats, of the arms for stresses."""
     speed = scene.speed(None if kind == "beat" else scene.skeleton.indices(ARMS))
-    return np.asarray(speed / (speed.mean() + STILL_M_S) - speed.mean() / (speed.mean() + STILL_M_S))
+    relative = (speed - speed.mean()) / (speed.mean() + STILL_M_S)
+    return np.asarray(np.minimum(relative, HIGHEST))
 
 
 def event_frames(scene: Scene, kind: Kind) -> list[int]:

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 from tqdm import tqdm
 
+from . import align_rewards
+
 if TYPE_CHECKING:
     from ..align.config import AlignTraining
     from ..align.start import Setting
@@ -17,6 +19,9 @@ EXAMPLES = """examples:
   echoavatar align rollouts TOKENS -o pairs.jsonl --group 8        best and worst of eight, by reward
   echoavatar align dpo TOKENS -o runs/dpo --pairs pairs.jsonl
   echoavatar align ppo TOKENS -o runs/ppo --recipe tiny
+  echoavatar align calibrate TOKENS -o scores.json                 scores of corruption levels by one's own FID
+  echoavatar align reward-quality TOKENS -o runs/quality           how good motion looks
+  echoavatar align reward-alignment TOKENS -o runs/alignment       how well motion goes with sound
 
 TOKENS is a folder of codes that the bundle's own codec and tokenizer made (`echoavatar train tokens`).
 What each does, rewards of your own, recipes: docs/alignment.md.
@@ -29,6 +34,7 @@ SETTINGS = {
     "past": (int, "chunks of true motion before a continuation"),
     "length": (int, "chunks of a continuation"),
     "learning-rate": (float, "of AdamW"),
+    "fewest-events": (int, "events that a prompt's sound must hold"),
     "epochs": (int, "passes over a batch of continuations"),
     "kl-weight": (float, "of the divergence from the reference"),
     "kl-stop": (float, "mean KL (nats a code) at which the run stops"),
@@ -59,6 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_rollouts(
         kinds.add_parser("rollouts", help="continuations, best and worst by reward, as pairs for DPO")
     )
+    align_rewards.add_arguments(kinds)
     for child in (grpo, dpo, ppo):
         _add_common(child)
         child.add_argument(
@@ -72,6 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         )
         for name, (kind, text) in SETTINGS.items():
             child.add_argument(f"--{name}", type=kind, help=f"{text} (default: the recipe's)")
+        child.add_argument("--events", choices=("any", "beat", "stress"), help="(default: the recipe's)")
         child.add_argument("--credit", choices=("sequence", "to_go"), help="(default: the recipe's)")
         child.add_argument(
             "--minutes", type=float, help="stop this call after so many minutes; call again to go on"
@@ -119,6 +127,8 @@ def _add_common(child: argparse.ArgumentParser) -> None:
     child.add_argument(
         "--yardstick", type=Path, help="measured before (default: measured on the true motion)"
     )
+    child.add_argument("--quality", type=Path, help="trained quality reward, for --reward quality=1")
+    child.add_argument("--alignment", type=Path, help="trained alignment reward, for --reward alignment=1")
     for name, text in (("temperature", "of sampling"), ("cooling", "by RVQ layer"), ("top-p", "nucleus")):
         child.add_argument(
             f"--{name}", type=float, help=f"{text}, tuned for and saved (default: the generator's)"
@@ -128,6 +138,8 @@ def _add_common(child: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run one of them."""
+    if args.kind in align_rewards.KINDS:
+        return align_rewards.run(args)
     from ..align.start import setting
 
     with tqdm(unit="step", smoothing=0.05) as bar:
@@ -139,6 +151,8 @@ def run(args: argparse.Namespace) -> int:
             reference=args.reference,
             rewards=args.reward,
             yardstick=args.yardstick,
+            quality=args.quality,
+            alignment=args.alignment,
             sampling={key: getattr(args, key) for key in ("temperature", "cooling", "top_p")},
         )
 
@@ -182,7 +196,7 @@ def _training(args: argparse.Namespace) -> "AlignTraining":
     from ..align.config import AlignTraining, recipe
 
     base = recipe(args.recipe, args.kind)
-    names = [*(name.replace("-", "_") for name in SETTINGS), "credit"]
+    names = [*(name.replace("-", "_") for name in SETTINGS), "credit", "events"]
     given = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
     return AlignTraining.model_validate(base.model_dump() | given)
 
