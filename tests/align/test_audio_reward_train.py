@@ -31,12 +31,12 @@ def test_it_finds_motion_by_sound_and_sound_by_motion_among_windows_it_never_saw
     model = AudioMotion.over(
         torch.randn(2, 16, 8), torch.randn(3, 2, 8, 4), width=32, layers=1, sound_layers=1, heads=2, size=32
     )
-    training = AudioRewardTraining(steps=120, batch=24, learning_rate=3e-3)
-    model = train_audio_reward(model, Pairs(told(40, 0), chunks=4), tmp_path, training)
+    training = AudioRewardTraining(steps=80, batch=20, learning_rate=3e-3)
+    model = train_audio_reward(model, Pairs(told(30, 0), chunks=4), tmp_path, training)
     table = retrieval_table(*embed(model, Pairs(told(12, 1), chunks=4)))
     assert len(table) == 6  # two ways among all, in a gallery, in batches of 32
     for row in table.values():
-        assert row["R@1"] > 10 * row["chance"]["R@1"]
+        assert row["R@1"] > 8 * row["chance"]["R@1"]
     assert (tmp_path / "model.safetensors").exists()
 
 

@@ -12,7 +12,7 @@ from echoavatar.align.preferences import rank
 from echoavatar.align.prompts import batch_of
 
 
-def compared(prompts: int = 32, model=None):
+def compared(prompts: int = 24, model=None):
     mine = book()
     asked = [prompt for number in range(prompts) for prompt in mine.draw(number, 1)]
     pairs = rank(GeneratorPolicy(model or policy()), asked, wants_threes, past=1, group=8)
@@ -20,8 +20,8 @@ def compared(prompts: int = 32, model=None):
 
 
 def test_a_policy_learns_from_comparisons_to_say_the_wanted_code():
-    """Three rounds of 32 pairs, best against worst of eight, each from the policy of the round before."""
-    model, settings = policy(), training("dpo", batch=16, learning_rate=2e-2)
+    """Three rounds of 24 pairs, best against worst of eight, each from the policy of the round before."""
+    model, settings = policy(), training("dpo", batch=12, learning_rate=2e-2)
     for _ in range(3):
         trainer = DpoTrainer(model, copy.deepcopy(model), settings, wants_threes, pairs=compared(model=model))
         told = [trainer.step() for _ in range(8)]

@@ -6,7 +6,7 @@ from tests.align.tuning import book, policy, training, wants_threes
 from echoavatar.align.grpo import GrpoTrainer
 
 
-@pytest.mark.parametrize("credit", ["sequence", "to_go"])
+@pytest.mark.parametrize("credit", [pytest.param("sequence", marks=pytest.mark.slow), "to_go"])
 def test_a_policy_learns_to_say_the_wanted_code_everywhere(credit):
     """An eighth of the codes to begin with, over nine tenths after 320 continuations."""
     trainer = GrpoTrainer(policy(), policy(), training("grpo", credit=credit), wants_threes, book=book())
@@ -15,6 +15,7 @@ def test_a_policy_learns_to_say_the_wanted_code_everywhere(credit):
     assert rewards[-1] > 0.9
 
 
+@pytest.mark.slow
 def test_several_passes_learn_faster_from_the_same_continuations():
     curves = []
     for epochs in (1, 3):

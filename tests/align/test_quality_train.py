@@ -38,6 +38,7 @@ def tokenizer(tiny_bundle: Path) -> BodyTokenizer:
     return BodyTokenizer.load(tiny_bundle / "tokenizer")
 
 
+@pytest.mark.slow
 def test_it_ranks_corruption_on_held_out_clips(tokenizer, tmp_path):
     training = QualityTraining(steps=120, batch=12, pool=20, learning_rate=3e-3)
     model = train_quality(
@@ -62,6 +63,7 @@ def test_levels_depend_on_seed_and_number_alone_and_rows_mix(tokenizer):
     assert (mixed[1:] - levels.at(codes[1:], CLEAN, 0)).abs().max() > 0
 
 
+@pytest.mark.slow
 def test_calibration_finds_heavier_corruption_further_off(tokenizer):
     fid = calibrate(Levels(tokenizer, calm(3, 0), seed=0), load_shipped(), windows=4)
     assert set(fid) == set(paper_levels())

@@ -19,7 +19,7 @@ def trainer(kind=GrpoTrainer, **changes):
     return kind(policy(), policy(), training(method, **changes), wants_threes, book=book())
 
 
-@pytest.mark.parametrize("kind", [GrpoTrainer, PpoTrainer])
+@pytest.mark.parametrize("kind", [GrpoTrainer, pytest.param(PpoTrainer, marks=pytest.mark.slow)])
 def test_a_killed_run_resumes_to_the_same_weights_and_the_same_curve(kind, tmp_path):
     """Killed after step 5 with its last checkpoint at step 4: steps 4 and 5 are told again, all bits alike."""
     sizes = {"steps": 6, "save_every": 2, "probe_every": 3, "epochs": 2, "kl_weight": 0.01}
@@ -67,6 +67,7 @@ def test_a_divergence_that_runs_away_stops_the_run_at_the_last_checkpoint(tmp_pa
     assert calm.stopped  # another call does not go on
 
 
+@pytest.mark.slow
 def test_the_divergence_holds_the_policy_back():
     """The same steps with a heavy price on divergence end nearer to the reference."""
     far, near = trainer(), trainer(kl_weight=5.0)

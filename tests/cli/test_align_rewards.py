@@ -3,11 +3,13 @@
 import json
 
 import numpy as np
+import pytest
 from tests.align.tuning import clips
 
 from echoavatar.cli import main
 
 
+@pytest.mark.slow
 def test_each_reward_is_trained_measured_and_written(tmp_path, tiny_bundle, capsys):
     tokens = tmp_path / "tokens"
     tokens.mkdir()

@@ -72,7 +72,7 @@ class AudioMotion(nn.Module):
     motion_book: Tensor
 
     def __init__(
-        self, config: AudioMotionConfig, *, sound_shape: tuple[int, int], motion_shape: tuple[int, ...]
+        self, config: AudioMotionConfig, *, sound_shape: tuple[int, ...], motion_shape: tuple[int, ...]
     ) -> None:
         """`sound_shape` is (layers, codes) of the codec, `motion_shape` (parts, layers, codes) of the tokenizer."""
         super().__init__()
@@ -157,7 +157,7 @@ class AudioMotion(nn.Module):
             tuple(weights[name].shape[:-1]) for name in ("sound_book", "motion_book") if name in weights
         ]
         sound, motion = shapes if len(shapes) == 2 else ((1, 1), (1, 1, 1))
-        model = cls(config, sound_shape=(sound[0], sound[1]), motion_shape=motion)
+        model = cls(config, sound_shape=sound, motion_shape=motion)
         checkpoint.load_into(model, weights, origin=str(folder))
         return model.eval()
 

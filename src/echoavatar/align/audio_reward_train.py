@@ -130,8 +130,8 @@ def train_audio_reward(
 def embed(model: AudioMotion, pairs: Pairs) -> tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "n d"]]:
     """Embeddings of all windows without overlap."""
     sound, motion = pairs.grid()
-    heard = torch.cat([model.hear(part) for part in sound.split(64)])
-    seen = torch.cat([model.see(part) for part in motion.split(64)])
+    heard = torch.cat([model.hear(part) for part in torch.split(sound, 64)])
+    seen = torch.cat([model.see(part) for part in torch.split(motion, 64)])
     return heard.numpy(), seen.numpy()
 
 
@@ -153,7 +153,7 @@ def retrieval_table(
 
 
 def _row(scores: Retrieval) -> dict[str, object]:
-    recall = {f"R@{k}": round(value, 3) for k, value in scores.recall.items()}
+    recall: dict[str, object] = {f"R@{k}": round(value, 3) for k, value in scores.recall.items()}
     return recall | {
         "MedR": scores.median_rank,
         "MRR": round(scores.reciprocal_rank, 3),

@@ -196,6 +196,9 @@ def measure_quality(
 
 def draw_quality(found: Mapping[str, object], scores: Mapping[str, float], path: Path) -> None:
     """The paper's figure: mean score over severity, made and wanted, for kinds trained on and unseen."""
+    import matplotlib
+
+    matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
     means, unseen = found["levels"], found["unseen"]

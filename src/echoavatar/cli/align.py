@@ -164,6 +164,7 @@ def run(args: argparse.Namespace) -> int:
             count = _rollouts(args, ready, progress)
         else:
             _train(args, ready, progress)
+            _draw(args.output)
     print(f"{count} pairs in {args.output}" if args.kind == "rollouts" else f"{args.kind} in {args.output}")
     return 0
 
@@ -173,6 +174,16 @@ def _rollouts(args: argparse.Namespace, ready: "Setting", progress: Callable[[in
 
     names = ("prompts", "past", "length", "group", "margin", "fewest_events", "seed")
     return make_pairs(ready, args.output, **{name: getattr(args, name) for name in names}, progress=progress)
+
+
+def _draw(folder: Path) -> None:
+    from ..align.plots import draw_run
+
+    try:
+        import matplotlib  # noqa: F401
+    except ImportError:
+        return  # curves are a convenience of the extra `evaluate`; the numbers are in metrics.jsonl
+    draw_run(folder / "metrics.jsonl", folder / "metrics.png")
 
 
 def _train(args: argparse.Namespace, ready: "Setting", progress: Callable[[int, int], None]) -> None:
