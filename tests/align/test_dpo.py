@@ -20,9 +20,9 @@ def compared(prompts: int = 24, model=None):
 
 
 def test_a_policy_learns_from_comparisons_to_say_the_wanted_code():
-    """Three rounds of 24 pairs, best against worst of eight, each from the policy of the round before."""
-    model, settings = policy(), training("dpo", batch=12, learning_rate=2e-2)
-    for _ in range(3):
+    """Two rounds of up to 24 pairs, best against worst of eight, each from the policy of the round before."""
+    model, settings = policy(), training("dpo", batch=12, learning_rate=3e-2)
+    for _ in range(2):
         trainer = DpoTrainer(model, copy.deepcopy(model), settings, wants_threes, pairs=compared(model=model))
         told = [trainer.step() for _ in range(8)]
         assert told[0]["accuracy"] == 0.0  # policy and reference are the same: no margin yet

@@ -90,7 +90,7 @@ def setting(
     if alignment:
         own["alignment"] = AudioMotion.load(alignment).judge
     mix = RewardMix(weights, measured(parts.tokenizer, train, yardstick, folder), own)
-    begun = read_card(generator) if generator else read_card_of(parts.card)
+    begun = read_card(generator) if generator else parts.card
     card = {
         "data": str(tokens),
         "licence": begun.get("licence", "Apache-2.0"),
@@ -99,11 +99,6 @@ def setting(
     }
     name = str(reference or generator or bundle)
     return Setting(parts.tokenizer, policy, kept_near, name, train, test, mix, card)
-
-
-def read_card_of(card: Mapping[str, object]) -> dict[str, object]:
-    """A bundle's own card as a plain dictionary."""
-    return dict(card)
 
 
 def measured(
