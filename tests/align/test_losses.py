@@ -1,7 +1,7 @@
 """Losses against cases worked out by hand, against TRL's documented formulas, and by finite differences.
 
-TRL itself is not installable beside this stack everywhere; its formulas (docs of `GRPOTrainer` and `DPOTrainer`) are
-written out below in plain Python, number by number.
+TRL is no dependency and was not run here; the formulas of its documentation (`GRPOTrainer`, `DPOTrainer`) are written
+out below in plain Python, number by number.
 """
 
 import math

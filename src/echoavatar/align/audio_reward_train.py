@@ -120,6 +120,7 @@ def train_audio_reward(
                 "temperature": round(model.temperature.item(), 3),
             }
             out.write(json.dumps(told) + "\n")
+            out.flush()
             if progress is not None:
                 progress(step + 1, training.steps)
     model.save(folder, dict(card or {}) | {"kind": "audio_reward", "training": training.model_dump()})

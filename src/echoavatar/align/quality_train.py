@@ -150,6 +150,7 @@ def train_quality(
             torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
             optimiser.step()
             out.write(json.dumps({"step": step, "loss": round(loss.item(), 6)}) + "\n")
+            out.flush()
             if progress is not None:
                 progress(step + 1, training.steps)
     told = {"kind": "quality_reward", "training": training.model_dump(), "scores": table}
