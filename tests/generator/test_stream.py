@@ -82,3 +82,20 @@ def test_lower_precision_mostly_agrees(precision):
     x = audio(2, 60)
     exact, rough = greedy(open_stream(model), x), greedy(open_stream(model, precision), x)
     assert (exact[:, 0] == rough[:, 0]).float().mean() > 0.6
+
+
+@pytest.mark.parametrize("sequence", ["interleaved", "prefix"])
+def test_a_stream_primed_with_what_it_generated_goes_on_as_if_it_had_generated_it(sequence):
+    """Five chunks through a window of three, told in two helpings, then one of its own; an idle row stays fresh."""
+    stream, x = open_stream(generator(sequence=sequence)), audio(2, 120)
+    everyone, seeds = torch.ones(2, dtype=torch.bool), torch.tensor([3, 5])
+    state, told = stream.init_state(2), stream.init_state(2)
+    past = stream.step(x[:, :100], state, everyone, seeds=seeds)
+    stream.prime(x[:, :40], past[:, :4], told, everyone)
+    stream.prime(x[:, 40:100], past[:, 4:], told, everyone)
+    own = stream.step(x[:, 100:], state, everyone, seeds=seeds)
+    assert torch.equal(stream.step(x[:, 100:], told, everyone, seeds=seeds), own)
+    idle = stream.init_state(2)
+    stream.prime(x[:, :20], past[:, :2], idle, torch.tensor([True, False]))
+    for used, new in zip(idle.rows(slice(1, 2)).tensors(), stream.init_state(1).tensors(), strict=True):
+        assert torch.equal(used, new)

@@ -73,6 +73,16 @@ class GeneratorStream(StreamingModule[StateT]):
             )
         return torch.cat(parts, dim=1)
 
+    @abstractmethod
+    def prime(
+        self,
+        x: Int[Tensor, "b f l"],
+        motion: Int[Tensor, "b n p q"],
+        state: StateT,
+        active: Bool[Tensor, " b"],
+    ) -> None:
+        """Take known motion as what was answered to whole chunks of audio codes: how a prompt with a past begins."""
+
     def forward(self, x: Int[Tensor, "b f l"]) -> Int[Tensor, "b n p q"]:
         """A whole clip: one step from a fresh state, seed 0."""
         rows = x.shape[0]
@@ -154,12 +164,38 @@ class InterleavedStream(GeneratorStream[RingState]):
         prompt = torch.cat([last, self.layout.audio_ids(x)], dim=1)
         flat = self._decode(prompt, self._places(state, active), state.rings, sampler, steer)
         codes = self.layout.unflatten(flat)
+        self._advance(state, self.layout.motion_ids(codes)[:, -1], active)
+        return codes
+
+    @torch.no_grad()
+    def prime(
+        self,
+        x: Int[Tensor, "b f l"],
+        motion: Int[Tensor, "b n p q"],
+        state: RingState,
+        active: Bool[Tensor, " b"],
+    ) -> None:
+        """See `GeneratorStream.prime`. Two passes a chunk, because the ring has no room to write it all at once."""
+        sound, moves = (
+            ids.view(len(ids), -1, each)
+            for ids, each in (
+                (self.layout.audio_ids(x), self._order.audio_per_chunk),
+                (self.layout.motion_ids(motion), self._order.motion_per_chunk),
+            )
+        )
+        for chunk in range(sound.shape[1]):
+            last, places = state.last[:, None] + self.layout.start_id, self._places(state, active)
+            heard = torch.cat([last, sound[:, chunk]], dim=1)
+            self._decoder.run(heard, places.part(0, heard.shape[1]), state.rings)
+            self._decoder.run(moves[:, chunk, :-1], places.part(heard.shape[1]), state.rings)
+            self._advance(state, moves[:, chunk, -1], active)
+
+    def _advance(self, state: RingState, last: Int[Tensor, " b"], active: Bool[Tensor, " b"]) -> None:
         for ring in state.rings:
             ring.keys[..., -1] = 0
             ring.values[..., -1] = 0
-        write_rows(state.last, self.layout.motion_ids(codes)[:, -1] - self.layout.start_id, active)
+        write_rows(state.last, last - self.layout.start_id, active)
         write_rows(state.chunks, state.chunks + 1, active)
-        return codes
 
     def _places(self, state: RingState, active: Bool[Tensor, " b"]) -> Places:
         """Absolute positions of the chunk's ids, their slots, and which slots each one sees."""
@@ -226,6 +262,19 @@ class PrefixStream(GeneratorStream[HistoryState]):
         write_rows(state.motion, torch.cat([context, codes], dim=1), active)
         write_rows(state.chunks, state.chunks + 1, active)
         return codes
+
+    @torch.no_grad()
+    def prime(
+        self,
+        x: Int[Tensor, "b f l"],
+        motion: Int[Tensor, "b n p q"],
+        state: HistoryState,
+        active: Bool[Tensor, " b"],
+    ) -> None:
+        """See `GeneratorStream.prime`: the history takes it in."""
+        for past, new in ((state.audio, x), (state.motion, motion)):
+            write_rows(past, torch.cat([past, new.long()], dim=1)[:, new.shape[1] :], active)
+        write_rows(state.chunks, state.chunks + x.shape[1] // self.config.audio_frames, active)
 
     def _prompt(
         self,

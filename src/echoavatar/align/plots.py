@@ -1,0 +1,48 @@
+"""The curves of a run: reward and its components, divergence, entropy by layer, and the held-out probes."""
+
+import json
+from pathlib import Path
+
+from ..errors import CheckpointError
+
+
+def draw_run(metrics: Path, picture: Path) -> None:
+    """Draw `metrics.jsonl` of a run as a PNG.
+
+    Raises:
+        CheckpointError: there is no such file, or no step in it.
+    """
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    try:
+        lines = [json.loads(line) for line in metrics.read_text().splitlines()]
+    except (OSError, ValueError) as error:
+        raise CheckpointError(f"{metrics} holds no metrics ({error}); train first") from error
+    steps, probes = [one for one in lines if "step" in one], [one for one in lines if "probe" in one]
+    if not steps:
+        raise CheckpointError(f"{metrics} holds no step; train first")
+    figure, axes = plt.subplots(1, 4, figsize=(16, 3.6))
+    at = [one["step"] for one in steps]
+    for name in ("reward", "margin", "accuracy"):
+        if name in steps[0]:
+            axes[0].plot(at, [one[name] for one in steps], label=name)
+    axes[0].set_title("training batches")
+    for name in probes[0]["rewards"] if probes else ():
+        means, errors = zip(*(one["rewards"][name] for one in probes), strict=True)
+        axes[1].errorbar([one["probe"] for one in probes], means, errors, marker="o", capsize=3, label=name)
+    axes[1].set_title("held-out prompts, mean and standard error")
+    axes[2].plot(at, [one["kl"] for one in steps])
+    axes[2].set_title("KL from the reference, nats a code")
+    for layer in range(len(steps[0]["entropy"])):
+        axes[3].plot(at, [one["entropy"][layer] for one in steps], label=f"layer {layer}")
+    axes[3].set_title("entropy by RVQ layer, nats")
+    for axis in axes:
+        axis.set_xlabel("step")
+        if axis.get_legend_handles_labels()[0]:
+            axis.legend(fontsize=7)
+    figure.tight_layout()
+    figure.savefig(picture, dpi=100)
+    plt.close(figure)

@@ -1,0 +1,208 @@
+"""The policy: what samples motion codes and says how likely they were, by one and the same distribution.
+
+Paper, Reinforcement Learning. A sampled code comes from the K logits of its segment, divided by the temperature of its
+RVQ layer (temperature x cooling^layer) and cut to the nucleus. The scored log-probability is taken of that
+distribution, not of the plain softmax:
+
+- logits are sharpened by temperature and cooling before anything is computed;
+- the nucleus is found once, under the policy that sampled (`Scores.support`), and held fixed while the weights change.
+  The ratio, the entropy and the divergence from the reference are those of distributions over that support. Found anew
+  after each step, the support would change by jumps, and a code could fall out of it and be impossible.
+
+So a policy that was tuned is the policy that ships with the same temperature, cooling and top-p.
+"""
+
+from typing import NamedTuple, Protocol
+
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+from ..config import Config
+from ..errors import CheckpointError
+from ..generator import Generator, open_stream
+from ..generator.sampling import nucleus
+from ..timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
+from ..tokens import PARTS, TokenLayout
+from .prompts import PromptBatch
+
+
+class Sampling(Config):
+    """How codes are drawn."""
+
+    temperature: float = 1.0
+    cooling: float = 1.0
+    top_p: float = 1.0
+
+
+class Scores(NamedTuple):
+    """What a policy says of codes, for every time step and segment in grammar order; nats."""
+
+    log_probs: Float[Tensor, "b n k"]
+    all_log_probs: Float[Tensor, "b n k K"]  # -inf outside the support
+    support: Bool[Tensor, "b n k K"]
+    hidden: Float[Tensor, "b n k c"]  # what a value head reads
+
+    @property
+    def entropy(self) -> Float[Tensor, "b n k"]:
+        """Of the distribution over the support."""
+        log_probs = self.all_log_probs.masked_fill(~self.support, 0)
+        return -(self.all_log_probs.exp() * log_probs).sum(-1)
+
+
+class Policy(Protocol):
+    """What a trainer needs; a backend for rollouts elsewhere (a server, another library) implements `rollout`."""
+
+    @property
+    def layout(self) -> TokenLayout:
+        """The vocabulary it speaks."""
+
+    def rollout(self, prompts: PromptBatch, group: int, seeds: Int[Tensor, " r"]) -> Int[Tensor, "r n p q"]:
+        """`group` continuations of every prompt, prompt by prompt; `seeds` one a continuation."""
+
+    def score(
+        self,
+        prompts: PromptBatch,
+        codes: Int[Tensor, "b n p q"],
+        support: Bool[Tensor, "b n k K"] | None = None,
+        *,
+        is_cut: bool = True,
+    ) -> Scores:
+        """Log-probabilities of continuations; without `support` the nucleus is found (or not, unless `is_cut`)."""
+
+
+class GeneratorPolicy:
+    """A generator as a policy, in either order of the sequence, on the device it is on."""
+
+    def __init__(self, generator: Generator, sampling: Sampling | None = None) -> None:
+        if sampling is not None:
+            generator.config = generator.config.model_copy(update=sampling.model_dump())
+        self.generator = generator
+
+    @property
+    def layout(self) -> TokenLayout:
+        """The vocabulary."""
+        return self.generator.config.layout
+
+    @property
+    def sampling(self) -> Sampling:
+        """How it draws; saved with the generator, so that what was tuned is what ships."""
+        config = self.generator.config
+        return Sampling(temperature=config.temperature, cooling=config.cooling, top_p=config.top_p)
+
+    @torch.no_grad()
+    def rollout(self, prompts: PromptBatch, group: int, seeds: Int[Tensor, " r"]) -> Int[Tensor, "r n p q"]:
+        """See `Policy.rollout`. Each prompt is read once; its state is copied for the rest of the group.
+
+        The stream is the one that runs live: compiled on a CPU, operation by operation elsewhere.
+        """
+        stream = open_stream(self.generator)
+        rows, heard = len(prompts.past), prompts.past.shape[1] // MOTION_TOKENS_PER_CHUNK
+        border = heard * AUDIO_FRAMES_PER_CHUNK
+        device = prompts.audio.device
+        read, state = stream.init_state(rows), stream.init_state(rows * group)
+        everyone = torch.ones(rows * group, dtype=torch.bool, device=device)
+        if heard:
+            stream.prime(prompts.audio[:, :border], prompts.past, read, everyone[:rows])  # type: ignore[arg-type]
+        for mine, shared in zip(state.tensors(), read.tensors(), strict=True):
+            mine.copy_(shared.repeat_interleave(group, 0))
+        sound = prompts.audio[:, border:].repeat_interleave(group, 0)
+        return stream.step(sound, state, everyone, seeds=seeds)  # type: ignore[arg-type]
+
+    def score(
+        self,
+        prompts: PromptBatch,
+        codes: Int[Tensor, "b n p q"],
+        support: Bool[Tensor, "b n k K"] | None = None,
+        *,
+        is_cut: bool = True,
+    ) -> Scores:
+        """See `Policy.score`; one teacher-forced pass (`prefix`: one a chunk, because its window slides)."""
+        logits, hidden = self._logits(prompts, codes)
+        sampling = self.sampling
+        layers = torch.arange(self.layout.segments, device=logits.device) % self.layout.motion_layers
+        warmth = sampling.temperature * sampling.cooling ** layers.float()
+        logits = logits.float() / warmth[:, None]
+        chosen = codes.long().flatten(2)[..., None]
+        if support is None:
+            support = (
+                self._nucleus(logits.detach(), chosen)
+                if is_cut
+                else torch.ones_like(logits, dtype=torch.bool)
+            )
+        log_probs = torch.log_softmax(logits.masked_fill(~support, -torch.inf), -1)
+        return Scores(log_probs.gather(-1, chosen)[..., 0], log_probs, support, hidden)
+
+    def _nucleus(
+        self, logits: Float[Tensor, "b n k K"], chosen: Int[Tensor, "b n k 1"]
+    ) -> Bool[Tensor, "b n k K"]:
+        """What may be drawn; the drawn code always belongs, also where rounding puts it on the other side."""
+        flat = logits.flatten(0, 2)
+        top_p = torch.full((len(flat),), self.sampling.top_p, device=flat.device)
+        kept = (
+            nucleus(flat, top_p).isfinite()
+            if self.sampling.top_p < 1
+            else torch.ones_like(flat, dtype=torch.bool)
+        )
+        return kept.view(logits.shape).scatter(-1, chosen, True)
+
+    def _logits(
+        self, prompts: PromptBatch, codes: Int[Tensor, "b n p q"]
+    ) -> tuple[Float[Tensor, "b n k K"], Float[Tensor, "b n k c"]]:
+        """K logits and the hidden state behind them of every code of the continuations."""
+        motion, steps = torch.cat([prompts.past, codes], 1), codes.shape[1]
+        if self.generator.config.sequence == "interleaved":
+            missing = torch.zeros(len(motion), dtype=torch.int64, device=motion.device)
+            return self._read(prompts.audio, motion, missing, steps)
+        parts = [
+            self._read(*self._window(prompts.audio, motion, end), MOTION_TOKENS_PER_CHUNK)
+            for end in range(
+                motion.shape[1] - steps + MOTION_TOKENS_PER_CHUNK,
+                motion.shape[1] + 1,
+                MOTION_TOKENS_PER_CHUNK,
+            )
+        ]
+        return torch.cat([logits for logits, _ in parts], 1), torch.cat([hidden for _, hidden in parts], 1)
+
+    def _window(self, audio: Tensor, motion: Tensor, end: int) -> tuple[Tensor, Tensor, Tensor]:
+        """The window of the paper's order that ends with motion token `end` - 1, padded in front where it is short."""
+        chunks, window = end // MOTION_TOKENS_PER_CHUNK, self.generator.config.window_chunks
+        missing = max(0, window - chunks)
+        parts = []
+        for codes, each in ((audio, AUDIO_FRAMES_PER_CHUNK), (motion, MOTION_TOKENS_PER_CHUNK)):
+            seen = codes[:, max(0, chunks - window) * each : chunks * each]
+            pad = torch.zeros(
+                len(codes), missing * each, *codes.shape[2:], dtype=codes.dtype, device=codes.device
+            )
+            parts.append(torch.cat([pad, seen], 1))
+        return parts[0], parts[1], torch.full((len(audio),), missing, device=audio.device)
+
+    def _read(
+        self, audio: Tensor, motion: Tensor, missing: Tensor, steps: int
+    ) -> tuple[Float[Tensor, "b n k K"], Float[Tensor, "b n k c"]]:
+        batch = self.generator.config.order.build(audio, motion, motion, missing)
+        hidden = self.generator(batch.ids, batch.valid)
+        predictors = batch.predictors[:, -steps:]
+        logits = self.generator.segment_logits(hidden, predictors)
+        return logits.permute(1, 2, 0, 3), hidden[:, predictors.T]
+
+
+def by_layer(values: Float[Tensor, "b n k"], layers: int) -> list[float]:
+    """Means of each RVQ layer, coarsest first, over rows, time and body parts."""
+    split = values.detach().reshape(*values.shape[:2], PARTS, layers)
+    return [float(mean) for mean in split.mean((0, 1, 2))]
+
+
+def check_reference(policy: Generator, reference: Generator, *, name: str) -> None:
+    """Refuse a reference whose codes mean something else.
+
+    Raises:
+        CheckpointError: its vocabulary, its order of the sequence or the patience of its codes is another.
+    """
+    own, other = policy.config, reference.config
+    for what in ("layout", "sequence", "patience"):
+        if getattr(own, what) != getattr(other, what):
+            raise CheckpointError(
+                f"reference {name} is of another {'vocabulary' if what == 'layout' else what}:"
+                f" {getattr(other, what)}, the policy's is {getattr(own, what)}; take the generator it was trained from"
+            )

@@ -1,0 +1,146 @@
+"""Preference pairs: a JSONL file, from people or ranked by reward (paper, Direct Preference Alignment).
+
+A line is one pair: the prompt as clip name and first chunk of its past, and two continuations as nested lists of codes
+(motion tokens x parts x layers). The studio's export and `echoavatar align rollouts` write the same lines.
+"""
+
+import json
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Int
+from pydantic import Field, ValidationError
+
+from ..config import Config
+from ..errors import MotionError
+from ..timing import MOTION_TOKENS_PER_CHUNK
+from ..tokens import PARTS, TokenLayout
+from .policy import Policy
+from .prompts import Prompt, PromptBook, batch_of
+from .trainer import Judge
+
+Codes = tuple[tuple[tuple[int, ...], ...], ...]
+
+
+class Pair(Config):
+    """One comparison."""
+
+    clip: str = Field(description="name of the token file, without .npz")
+    start: int = Field(ge=0, description="chunk at which the prompt's past begins")
+    past: int = Field(ge=0, description="chunks of past")
+    chosen: Codes = Field(description="codes of the better continuation")
+    rejected: Codes = Field(description="codes of the worse one")
+    margin: float = Field(default=1.0, description="how much better: reward, or share of raters")
+    by: str = Field(default="", description="who or what compared")
+
+
+def write_pairs(path: Path, pairs: Iterable[Pair]) -> int:
+    """Write a file of pairs; returns how many."""
+    lines = [pair.model_dump_json() for pair in pairs]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("".join(line + "\n" for line in lines))
+    return len(lines)
+
+
+def read_pairs(
+    path: Path, book: PromptBook, layout: TokenLayout, *, margin: float = 0.0
+) -> list[tuple[Prompt, Pair]]:
+    """Pairs with their prompts; those with a margin below `margin` are left out.
+
+    Raises:
+        MotionError: a line is no pair, names an unknown clip, or holds codes that this vocabulary does not have.
+    """
+    try:
+        lines = path.read_text().splitlines()
+    except OSError as error:
+        raise MotionError(
+            f"{path} cannot be read ({error.strerror}); make pairs with `echoavatar align rollouts`"
+        ) from error
+    found = []
+    for number, line in enumerate(lines, start=1):
+        try:
+            pair = Pair.model_validate(json.loads(line))
+        except (ValueError, ValidationError) as error:
+            first = error.errors()[0]["msg"] if isinstance(error, ValidationError) else error
+            raise MotionError(f"{path}, line {number}: no pair ({first})") from error
+        if pair.past != book.past:
+            raise MotionError(
+                f"{path}, line {number}: its prompt has a past of {pair.past} chunks, this run one of {book.past};"
+                f" pass --past {pair.past}"
+            )
+        try:
+            prompt = book.cut(pair.clip, pair.start)
+            _check(pair, prompt, layout)
+        except MotionError as error:
+            raise MotionError(f"{path}, line {number}: {error}") from error
+        if pair.margin >= margin:
+            found.append((prompt, pair))
+    if not found:
+        raise MotionError(
+            f"{path} holds no pair with a margin of at least {margin}; make more, or lower --margin"
+        )
+    return found
+
+
+def _check(pair: Pair, prompt: Prompt, layout: TokenLayout) -> None:
+    wanted = (len(prompt.truth), PARTS, layout.motion_layers)
+    for name in ("chosen", "rejected"):
+        try:
+            codes = np.array(getattr(pair, name))
+        except ValueError:
+            codes = np.zeros(0)
+        if codes.shape != wanted:
+            chunks = wanted[0] // MOTION_TOKENS_PER_CHUNK
+            raise MotionError(
+                f"{name} has shape {codes.shape}, wanted {wanted} ({chunks} chunks; see --length)"
+            )
+        if codes.min() < 0 or codes.max() >= layout.motion_codes:
+            raise MotionError(
+                f"{name} holds codes outside 0..{layout.motion_codes - 1}: made by another tokenizer"
+            )
+
+
+def _nested(codes: Int[torch.Tensor, "n p q"]) -> Codes:
+    return tuple(tuple(tuple(int(code) for code in part) for part in step) for step in codes)
+
+
+def codes_of(pairs: Sequence[Pair], name: str) -> Int[torch.Tensor, "b n p q"]:
+    """`chosen` or `rejected` of pairs as a tensor."""
+    return torch.tensor([getattr(pair, name) for pair in pairs])
+
+
+def rank(
+    policy: Policy,
+    prompts: Sequence[Prompt],
+    judge: Judge,
+    *,
+    past: int,
+    group: int = 8,
+    margin: float = 0.0,
+    seed: int = 0,
+) -> list[Pair]:
+    """Best against worst of `group` continuations by reward; where they differ by less than `margin`, none."""
+    random = torch.Generator().manual_seed(seed)
+    seeds = torch.randint(2**62, (len(prompts) * group,), generator=random)
+    codes = policy.rollout(batch_of(prompts), group, seeds)
+    total = judge(prompts, codes).total.reshape(len(prompts), group)
+    pairs = []
+    for row, prompt in enumerate(prompts):
+        best, worst = int(total[row].argmax()), int(total[row].argmin())
+        gap = float(total[row, best] - total[row, worst])
+        if gap >= margin and best != worst:
+            chosen, rejected = (_nested(codes[row * group + at]) for at in (best, worst))
+            pairs.append(
+                Pair(
+                    clip=prompt.clip,
+                    start=prompt.start,
+                    past=past,
+                    chosen=chosen,
+                    rejected=rejected,
+                    margin=gap,
+                    by="reward",
+                )
+            )
+    return pairs

@@ -1,0 +1,99 @@
+"""The motion quality reward: how far motion is from what it was before it was corrupted (paper, appendix).
+
+    s = sigmoid(MLP(mean over time of TransformerEncoder(m)))
+
+in the tokenizer's shape: attention at 30, 15 and 7.5 Hz with halvings between, but every frame sees the whole clip and
+nothing is quantised. Trained with SmoothL1 on the scores of `degrade` (`quality_train`).
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Self
+
+import torch
+from jaxtyping import Float
+from pydantic import Field
+from torch import Tensor, nn
+
+from .. import checkpoint
+from ..config import Config
+from ..kinematics import FeatureStatistics
+from ..nn import Mlp
+from ..timing import FRAMES_PER_MOTION_TOKEN
+from .bidirectional import FullBlock
+from .scene import Scene
+from .yardstick import Yardstick
+
+LEVELS = FRAMES_PER_MOTION_TOKEN.bit_length()
+
+
+class QualityConfig(Config):
+    """Sizes; the paper's mirror its tokenizer (width 512, 8 heads)."""
+
+    features: int = Field(default=315, gt=0, description="channels of the motion features")
+    width: int = Field(default=96, gt=0, description="channels (paper: 512)")
+    heads: int = Field(default=4, gt=0, description="attention heads (paper: 8)")
+    blocks: int = Field(default=1, gt=0, description="attention blocks a level")
+
+
+class QualityReward(nn.Module):
+    """Motion features in, a score from 0 (noise) to 1 (as true motion) out."""
+
+    mean: Tensor
+    std: Tensor
+    varies: Tensor
+
+    def __init__(self, config: QualityConfig) -> None:
+        super().__init__()
+        self.config = config
+        width = config.width
+        self.input = nn.Linear(config.features, width)
+        self.levels = nn.ModuleList(
+            nn.Sequential(*(FullBlock(width=width, heads=config.heads) for _ in range(config.blocks)))
+            for _ in range(LEVELS)
+        )
+        self.down = nn.ModuleList(
+            Mlp(inputs=2 * width, hidden=4 * width, outputs=width) for _ in range(LEVELS - 1)
+        )
+        self.head = nn.Sequential(
+            nn.LayerNorm(width), nn.Linear(width, width), nn.GELU(), nn.Linear(width, 1)
+        )
+        self.register_buffer("mean", torch.zeros(config.features))
+        self.register_buffer("std", torch.ones(config.features))
+        self.register_buffer("varies", torch.ones(config.features, dtype=torch.bool))
+
+    @torch.no_grad()
+    def set_statistics(self, statistics: FeatureStatistics) -> None:
+        """Normalise as the tokenizer does."""
+        for own, value in zip((self.mean, self.std, self.varies), statistics, strict=True):
+            own.copy_(value)
+
+    def forward(self, features: Float[Tensor, "b t c"]) -> Float[Tensor, " b"]:
+        """Scores of clips of a multiple of four frames; features not normalised."""
+        x = self.input(FeatureStatistics(self.mean, self.std, self.varies).normalize(features))
+        for level, blocks in enumerate(self.levels):
+            x = blocks(x)
+            if level < LEVELS - 1:
+                x = self.down[level](x.view(x.shape[0], x.shape[1] // 2, -1))
+        y: Tensor = torch.sigmoid(self.head(x.mean(1)))
+        return y[:, 0]
+
+    def save(self, folder: Path, card: Mapping[str, object]) -> None:
+        """Write a checkpoint folder."""
+        checkpoint.save(folder, config=self.config, weights=self.state_dict(), card=card)
+
+    @classmethod
+    def load(cls, folder: Path) -> Self:
+        """Read a checkpoint folder.
+
+        Raises:
+            CheckpointError: it holds no quality reward.
+        """
+        model = cls(checkpoint.read_config(folder, QualityConfig))
+        checkpoint.load_into(model, checkpoint.read_weights(folder), origin=str(folder))
+        return model.eval()
+
+    @torch.no_grad()
+    def judge(self, scene: Scene, yardstick: Yardstick) -> float:
+        """As a reward function."""
+        return float(self(torch.from_numpy(scene.features)[None].float())[0])

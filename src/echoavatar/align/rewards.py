@@ -1,0 +1,200 @@
+"""Reward functions: plain functions of a scene, by name, combined by weight.
+
+A function takes a `Scene` and the `Yardstick` and returns a number, or a number for each new frame; what it returns a
+frame can be credited to the codes that made it, and its sum is the scene's reward. Every one is about 1 where
+motion is as the truth and falls below 0 where it is far off. Your own:
+
+    def high_hands(scene, yardstick):
+        return scene.positions[scene.lead :, scene.skeleton.index("leftHand"), 1].mean()
+
+    rewards = RewardMix({"beats": 1.0, "high_hands": 0.5}, yardstick, own={"high_hands": high_hands})
+"""
+
+import importlib
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ..errors import EchoAvatarError
+from ..kinematics.contact import skate
+from ..metrics.beat_alignment import SHARP_SIGMA_S, mean_hit_rate
+from ..metrics.dance_alignment import dance_beats
+from ..metrics.gesture_alignment import gesture_beats
+from ..metrics.physical import jerk_m_s3
+from ..timing import FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN
+from .scene import Scene
+from .yardstick import ARMS, Yardstick, response
+
+Reward = Callable[[Scene, Yardstick], float | Float[np.ndarray, " t"]]
+
+STROKE_DELAY_S = 0.18  # rehearsal strokes end so much after the stressed vowel (`evaluation.beats`)
+SHIFTS_S = tuple(float(shift) for shift in np.arange(0.1, 1.0, 0.1))
+FREE_RATIO = 1.5  # livelier or calmer than the truth by this factor costs nothing
+
+
+def beats(scene: Scene, yardstick: Yardstick) -> Float[np.ndarray, " t"]:
+    """Does the body brake on the beats as the truth does? 1 as the truth, 0 by chance; a number a frame."""
+    return response(scene, "beat", yardstick)
+
+
+def stresses(scene: Scene, yardstick: Yardstick) -> Float[np.ndarray, " t"]:
+    """Do strokes begin on stressed syllables as the truth's do? 1 as the truth, 0 by chance; a number a frame."""
+    return response(scene, "stress", yardstick)
+
+
+def beat_alignment(scene: Scene, yardstick: Yardstick) -> float:
+    """BA_D (`sharp`) on the beats less its chance: the mean at beats moved by 0.1 to 0.9 s, round the scene's end."""
+    return _excess(scene, [dance_beats(scene.positions)], scene.beats)
+
+
+def stress_alignment(scene: Scene, yardstick: Yardstick) -> float:
+    """BA_G (`sharp`) of the arms on the stressed syllables less its chance, as above; strokes end 0.18 s later."""
+    arms = scene.skeleton.indices(ARMS)
+    return _excess(scene, gesture_beats(scene.positions[:, arms]), scene.stresses + STROKE_DELAY_S)
+
+
+def smoothness(scene: Scene, yardstick: Yardstick) -> float:
+    """0 while jerk is at most the truth's, then minus the excess as a share of it, at most -3."""
+    return max(-3.0, -max(0.0, jerk_m_s3(scene.positions) / yardstick.jerk - 1.0))
+
+
+def planted_feet(scene: Scene, yardstick: Yardstick) -> float:
+    """Minus the skate of the planted balls of the feet in dm/s, at most -3 (before the pipeline's leg IK)."""
+    balls = list(scene.skeleton.config.feet)[1::2]
+    standing = scene.skeleton.rest_positions[balls, 1].numpy()
+    return max(-3.0, -0.1 * skate(scene.positions[:, balls], FRAME_RATE_HZ, standing_height=standing))
+
+
+def liveliness(scene: Scene, yardstick: Yardstick) -> float:
+    """0 while the mean speed is within 1.5 times the truth's of what is heard, then minus the log of the rest."""
+    domain, speed = scene.domain[scene.lead :], scene.speed()
+    heard = int(np.bincount(domain, minlength=3).argmax())
+    wanted = yardstick.speed[heard]
+    if heard == 0 or wanted <= 0:
+        return 0.0
+    return -max(0.0, abs(float(np.log((speed.mean() + 1e-3) / wanted))) - float(np.log(FREE_RATIO)))
+
+
+def stillness(scene: Scene, yardstick: Yardstick) -> Float[np.ndarray, " t"]:
+    """In silence: minus the hands' speed over that in speech, spread over the silent frames; 0 elsewhere."""
+    hands = scene.skeleton.indices(("leftHand", "rightHand"))
+    speed = scene.speed(hands) / max(yardstick.speed[1], 1e-3)
+    silent = scene.domain[scene.lead :] == 0
+    return np.asarray(np.where(silent, -np.minimum(speed, 3.0), 0.0) / scene.frames)
+
+
+def _excess(scene: Scene, found: Sequence[np.ndarray], events: Float[np.ndarray, " n"]) -> float:
+    times = [own - scene.lead / FRAME_RATE_HZ for own in found]
+    length = scene.frames / FRAME_RATE_HZ
+    events = events[events < length]
+    if not len(events):
+        return 0.0
+    by_chance = [mean_hit_rate((events + shift) % length, times, SHARP_SIGMA_S) for shift in SHIFTS_S]
+    return mean_hit_rate(events, times, SHARP_SIGMA_S) - float(np.mean(by_chance))
+
+
+BUILT_IN: dict[str, Reward] = {
+    "beats": beats,
+    "stresses": stresses,
+    "beat_alignment": beat_alignment,
+    "stress_alignment": stress_alignment,
+    "smoothness": smoothness,
+    "planted_feet": planted_feet,
+    "liveliness": liveliness,
+    "stillness": stillness,
+}
+
+
+class Rewards(NamedTuple):
+    """Weighted rewards of continuations."""
+
+    tokens: Float[np.ndarray, "r n"]  # what is credited to a time, by motion token
+    whole: Float[np.ndarray, " r"]  # what is said of a whole continuation
+    parts: dict[str, Float[np.ndarray, " r"]]  # sum of each component, not weighted
+
+    @property
+    def total(self) -> Float[np.ndarray, " r"]:
+        """One number a continuation."""
+        return np.asarray(self.tokens.sum(1) + self.whole)
+
+
+class RewardMix:
+    """A weighted sum of reward functions."""
+
+    def __init__(
+        self,
+        weights: Mapping[str, float],
+        yardstick: Yardstick,
+        own: Mapping[str, Reward] | None = None,
+    ) -> None:
+        known = BUILT_IN | dict(own or {})
+        self.weights, self.yardstick = dict(weights), yardstick
+        self._functions = {name: known[name] if name in known else _imported(name, known) for name in weights}
+
+    def __call__(self, scenes: Sequence[Scene]) -> Rewards:
+        """Rewards of scenes.
+
+        Raises:
+            EchoAvatarError: a function returned something that is no number, or of the wrong length.
+        """
+        tokens = np.zeros((len(scenes), scenes[0].frames // FRAMES_PER_MOTION_TOKEN))
+        whole, parts = np.zeros(len(scenes)), {}
+        for name, function in self._functions.items():
+            values = np.stack([self._checked(name, function, scene, row) for row, scene in enumerate(scenes)])
+            parts[name] = values if values.ndim == 1 else values.sum(1)
+            if values.ndim == 1:
+                whole += self.weights[name] * values
+            else:
+                tokens += self.weights[name] * values
+        return Rewards(tokens, whole, parts)
+
+    def _checked(self, name: str, function: Reward, scene: Scene, row: int) -> Float[np.ndarray, "*n"]:
+        value = np.asarray(function(scene, self.yardstick), np.float64)
+        if not np.isfinite(value).all():
+            raise EchoAvatarError(
+                f"reward {name!r} is {value[~np.isfinite(value)].flat[0] if value.ndim else value} for continuation"
+                f" {row}; it must be a finite number for every motion: mend the function or leave it out"
+            )
+        if value.ndim == 0:
+            return value
+        if value.shape != (scene.frames,):
+            raise EchoAvatarError(
+                f"reward {name!r} has shape {value.shape}; it must be a number, or one for each of the"
+                f" {scene.frames} new frames"
+            )
+        return np.asarray(value.reshape(-1, FRAMES_PER_MOTION_TOKEN).sum(1))
+
+
+def parse_weights(words: Sequence[str]) -> dict[str, float]:
+    """`beats=1 stillness=0.5` as weights; `module:function` names a function of your own.
+
+    Raises:
+        EchoAvatarError: a word is not NAME=WEIGHT.
+    """
+    weights = {}
+    for word in words:
+        name, _, weight = word.rpartition("=")
+        try:
+            weights[name] = float(weight)
+        except ValueError as error:
+            raise EchoAvatarError(f"reward {word!r} is not NAME=WEIGHT, such as beats=1") from error
+        if not name:
+            raise EchoAvatarError(f"reward {word!r} has no name; write for example beats={word.lstrip('=')}")
+    return weights
+
+
+def _imported(name: str, known: Mapping[str, Reward]) -> Reward:
+    module, _, attribute = name.partition(":")
+    if not attribute:
+        raise EchoAvatarError(
+            f"no reward {name!r}; there are {', '.join(known)}, or name your own as module:function"
+        )
+    try:
+        function: Reward = getattr(importlib.import_module(module), attribute)
+    except (ImportError, AttributeError) as error:
+        raise EchoAvatarError(
+            f"reward {name!r} cannot be imported ({error}); is its module on PYTHONPATH?"
+        ) from error
+    return function

@@ -1,0 +1,126 @@
+"""The yardstick: what true motion does around beats and stressed syllables, and how lively and smooth it is.
+
+Timing rewards are matched filters. Take the speed of the body around every beat (of the arms around every stressed
+syllable) in true motion, divided by its mean over the scene; its mean over events, less its own mean over time, is the
+profile P. The response of made motion u to one event is
+
+    sum_t u(t) P(t - event) / sum_t P(t)^2
+
+1 where motion responds as the truth does on average, 0 on average where it does not know of the event: since P sums to
+zero, chance is subtracted already, and neither standing still nor moving more is of use. Ours; the paper's alignment
+reward is the learned embedding of `audio_reward`.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal, Self
+
+import numpy as np
+from jaxtyping import Float
+from pydantic import Field, ValidationError
+
+from ..config import Config
+from ..errors import CheckpointError, MotionError
+from ..metrics.physical import jerk_m_s3
+from ..timing import FRAME_RATE_HZ
+from .scene import Scene
+
+BEFORE, AFTER = 8, 12  # frames of the profile before and after an event
+STILL_M_S = 0.03  # added to the mean speed, so that a body at rest does not respond to anything
+HIGHEST = 2.0  # a single stroke in a quiet scene must not drown everything else
+ARMS = ("leftLowerArm", "leftHand", "rightLowerArm", "rightHand")
+FEWEST_EVENTS = 20
+Kind = Literal["beat", "stress"]
+
+
+class Yardstick(Config):
+    """Measured once on true motion of the training clips."""
+
+    beat: tuple[float, ...] = Field(description="profile of the body's speed around beats, frame by frame")
+    stress: tuple[float, ...] = Field(description="profile of the arms' speed around stressed syllables")
+    speed: tuple[float, float, float] = Field(description="mean speed (m/s) in silence, speech, music")
+    jerk: float = Field(gt=0, description="mean jerk, m/s3")
+    scenes: int = Field(gt=0, description="how many scenes it was measured on")
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Read what `save` wrote.
+
+        Raises:
+            CheckpointError: there is no such file, or it is something else.
+        """
+        try:
+            return cls.model_validate_json(path.read_bytes())
+        except (OSError, ValidationError) as error:
+            raise CheckpointError(
+                f"{path} is no yardstick; let `echoavatar align grpo` measure it again"
+            ) from error
+
+    def save(self, path: Path) -> None:
+        """Write as JSON."""
+        path.write_text(self.model_dump_json(indent=1) + "\n")
+
+
+def measure_yardstick(scenes: Sequence[Scene]) -> Yardstick:
+    """Profiles and levels of true scenes.
+
+    Raises:
+        MotionError: too few beats and stresses to say anything.
+    """
+    profiles = {}
+    for kind in ("beat", "stress"):
+        around = [part for scene in scenes for part in _around(scene, kind)]
+        if len(around) < FEWEST_EVENTS:
+            around = []
+        mean = np.mean(around, 0) if around else np.zeros(BEFORE + AFTER + 1)
+        profiles[kind] = tuple(float(value) for value in mean - mean.mean())
+    if not any(any(profile) for profile in profiles.values()):
+        raise MotionError(
+            f"{len(scenes)} scenes hold fewer than {FEWEST_EVENTS} beats and stresses; tokenize a corpus that knows its"
+            " events (`data rehearse`, `data prepare`)"
+        )
+    speeds = np.concatenate([scene.speed() for scene in scenes])
+    domains = np.concatenate([scene.domain[scene.lead :] for scene in scenes])
+    level = [float(speeds[domains == d].mean()) if (domains == d).any() else 0.0 for d in range(3)]
+    jerk = float(np.mean([jerk_m_s3(scene.positions) for scene in scenes]))
+    return Yardstick(
+        beat=profiles["beat"],
+        stress=profiles["stress"],
+        speed=(level[0], level[1], level[2]),
+        jerk=max(jerk, 1e-6),
+        scenes=len(scenes),
+    )
+
+
+def relative_speed(scene: Scene, kind: Kind) -> Float[np.ndarray, " t"]:
+    """Speed over its mean, less 1, at most `HIGHEST`: of the whole body for beats, of the arms for stresses."""
+    speed = scene.speed(None if kind == "beat" else scene.skeleton.indices(ARMS))
+    relative = (speed - speed.mean()) / (speed.mean() + STILL_M_S)
+    return np.asarray(np.minimum(relative, HIGHEST))
+
+
+def event_frames(scene: Scene, kind: Kind) -> list[int]:
+    """Events around which the whole profile fits into the new frames."""
+    times = scene.beats if kind == "beat" else scene.stresses
+    at = np.round(times * FRAME_RATE_HZ).astype(int)
+    return [int(k) for k in at if k >= BEFORE and k + AFTER < scene.frames]
+
+
+def _around(scene: Scene, kind: Literal["beat", "stress"] | str) -> list[Float[np.ndarray, " w"]]:
+    which: Kind = "beat" if kind == "beat" else "stress"
+    u = relative_speed(scene, which)
+    return [u[k - BEFORE : k + AFTER + 1] for k in event_frames(scene, which)]
+
+
+def response(scene: Scene, kind: Kind, yardstick: Yardstick) -> Float[np.ndarray, " t"]:
+    """Response to the events of a scene, spread over the frames it comes from; the sum is the mean over events."""
+    profile = np.array(yardstick.beat if kind == "beat" else yardstick.stress)
+    out, frames = np.zeros(scene.frames), event_frames(scene, kind)
+    power = float((profile**2).sum())
+    if not frames or power == 0:
+        return out
+    u = relative_speed(scene, kind)
+    for k in frames:
+        span = slice(k - BEFORE, k + AFTER + 1)
+        out[span] += u[span] * profile / power / len(frames)
+    return out

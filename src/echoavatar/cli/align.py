@@ -1,0 +1,222 @@
+"""`echoavatar align`: reinforcement learning of a generator (GRPO, DPO, PPO), rollouts, reward models."""
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tqdm import tqdm
+
+from . import align_rewards
+
+if TYPE_CHECKING:
+    from ..align.config import AlignTraining
+    from ..align.start import Setting
+
+EXAMPLES = """examples:
+  echoavatar align grpo TOKENS -o runs/grpo                        tune the default bundle's generator to sound
+  echoavatar align grpo TOKENS -o runs/grpo --reward beats=1 --reward stillness=0.5 --minutes 30
+  echoavatar align rollouts TOKENS -o pairs.jsonl --group 8        best and worst of eight, by reward
+  echoavatar align dpo TOKENS -o runs/dpo --pairs pairs.jsonl
+  echoavatar align ppo TOKENS -o runs/ppo --recipe tiny
+  echoavatar align calibrate TOKENS -o scores.json                 scores of corruption levels by one's own FID
+  echoavatar align reward-quality TOKENS -o runs/quality           how good motion looks
+  echoavatar align reward-alignment TOKENS -o runs/alignment       how well motion goes with sound
+
+TOKENS is a folder of codes that the bundle's own codec and tokenizer made (`echoavatar train tokens`).
+What each does, rewards of your own, recipes: docs/alignment.md.
+"""
+
+SETTINGS = {
+    "steps": (int, "batches of the whole schedule"),
+    "batch": (int, "prompts (dpo: pairs) a step"),
+    "group": (int, "continuations of a prompt"),
+    "past": (int, "chunks of true motion before a continuation"),
+    "length": (int, "chunks of a continuation"),
+    "learning-rate": (float, "of AdamW"),
+    "fewest-events": (int, "events that a prompt's sound must hold"),
+    "epochs": (int, "passes over a batch of continuations"),
+    "kl-weight": (float, "of the divergence from the reference"),
+    "kl-stop": (float, "mean KL (nats a code) at which the run stops"),
+    "discount": (float, "of the reward of a motion token later, for credit by time"),
+    "probe": (int, "held-out prompts on which progress is measured"),
+    "probe-every": (int, "steps between measurements"),
+    "save-every": (int, "steps between checkpoints"),
+    "seed": (int, "of prompts and of the codes drawn"),
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the sub-commands."""
+    parser.epilog = EXAMPLES
+    kinds = parser.add_subparsers(dest="kind", metavar="WHAT", required=True)
+    grpo = kinds.add_parser("grpo", help="compare the continuations of a prompt with each other")
+    dpo = kinds.add_parser("dpo", help="preferred against rejected continuations")
+    ppo = kinds.add_parser("ppo", help="a value head foretells the reward")
+    dpo.add_argument(
+        "--pairs", type=Path, required=True, help="JSONL of pairs (`align rollouts`, the studio)"
+    )
+    dpo.add_argument(
+        "--margin",
+        type=float,
+        default=0.0,
+        help="pairs that differ by less are left out (default: %(default)s)",
+    )
+    _add_rollouts(
+        kinds.add_parser("rollouts", help="continuations, best and worst by reward, as pairs for DPO")
+    )
+    align_rewards.add_arguments(kinds)
+    for child in (grpo, dpo, ppo):
+        _add_common(child)
+        child.add_argument(
+            "-o", "--output", type=Path, required=True, help="folder to train in, or to go on in"
+        )
+        child.add_argument(
+            "--recipe",
+            choices=("tiny", "rehearsal", "paper"),
+            default="rehearsal",
+            help="(default: %(default)s)",
+        )
+        for name, (kind, text) in SETTINGS.items():
+            child.add_argument(f"--{name}", type=kind, help=f"{text} (default: the recipe's)")
+        child.add_argument("--events", choices=("any", "beat", "stress"), help="(default: the recipe's)")
+        child.add_argument("--credit", choices=("sequence", "to_go"), help="(default: the recipe's)")
+        child.add_argument(
+            "--minutes", type=float, help="stop this call after so many minutes; call again to go on"
+        )
+
+
+def _add_rollouts(child: argparse.ArgumentParser) -> None:
+    _add_common(child)
+    child.add_argument("-o", "--output", type=Path, required=True, metavar="JSONL", help="file to write")
+    child.add_argument("--prompts", type=int, default=200, help="prompts (default: %(default)s)")
+    child.add_argument("--group", type=int, default=8, help="continuations of each (default: %(default)s)")
+    child.add_argument(
+        "--past", type=int, default=3, help="chunks of true motion before (default: %(default)s)"
+    )
+    child.add_argument(
+        "--length", type=int, default=9, help="chunks of a continuation (default: %(default)s)"
+    )
+    child.add_argument(
+        "--margin",
+        type=float,
+        default=0.5,
+        help="least difference of rewards in a pair (default: %(default)s)",
+    )
+    child.add_argument(
+        "--fewest-events",
+        type=int,
+        default=2,
+        help="beats or stresses in a prompt's sound (default: %(default)s)",
+    )
+    child.add_argument("--seed", type=int, default=0, help="of prompts and codes (default: %(default)s)")
+
+
+def _add_common(child: argparse.ArgumentParser) -> None:
+    child.add_argument("source", type=Path, metavar="TOKENS", help="folder of codes (`train tokens`)")
+    child.add_argument("--bundle", default="default", help="bundle to tune (default: %(default)s)")
+    child.add_argument("--generator", type=Path, help="trained generator instead of the bundle's")
+    child.add_argument("--reference", type=Path, help="generator to stay near (default: the one tuned)")
+    child.add_argument(
+        "--reward",
+        action="append",
+        metavar="NAME=WEIGHT",
+        help="a component of the reward, also MODULE:FUNCTION=WEIGHT; may be repeated (default: beats=1 stresses=1 "
+        "liveliness=0.3 smoothness=0.1 planted_feet=0.1 stillness=0.5)",
+    )
+    child.add_argument(
+        "--yardstick", type=Path, help="measured before (default: measured on the true motion)"
+    )
+    child.add_argument("--quality", type=Path, help="trained quality reward, for --reward quality=1")
+    child.add_argument("--alignment", type=Path, help="trained alignment reward, for --reward alignment=1")
+    for name, text in (("temperature", "of sampling"), ("cooling", "by RVQ layer"), ("top-p", "nucleus")):
+        child.add_argument(
+            f"--{name}", type=float, help=f"{text}, tuned for and saved (default: the generator's)"
+        )
+    child.add_argument("--device", default="cpu", help="(default: %(default)s)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run one of them."""
+    if args.kind in align_rewards.KINDS:
+        return align_rewards.run(args)
+    from ..align.start import setting
+
+    with tqdm(unit="step", smoothing=0.05) as bar:
+        ready = setting(
+            args.source,
+            args.output.parent if args.kind == "rollouts" else args.output,
+            bundle=args.bundle,
+            generator=args.generator,
+            reference=args.reference,
+            rewards=args.reward,
+            yardstick=args.yardstick,
+            quality=args.quality,
+            alignment=args.alignment,
+            sampling={key: getattr(args, key) for key in ("temperature", "cooling", "top_p")},
+        )
+
+        def progress(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        if args.kind == "rollouts":
+            count = _rollouts(args, ready, progress)
+        else:
+            _train(args, ready, progress)
+            _draw(args.output)
+    print(f"{count} pairs in {args.output}" if args.kind == "rollouts" else f"{args.kind} in {args.output}")
+    return 0
+
+
+def _rollouts(args: argparse.Namespace, ready: "Setting", progress: Callable[[int, int], None]) -> int:
+    from ..align.start import make_pairs
+
+    names = ("prompts", "past", "length", "group", "margin", "fewest_events", "seed")
+    return make_pairs(ready, args.output, **{name: getattr(args, name) for name in names}, progress=progress)
+
+
+def _draw(folder: Path) -> None:
+    from ..align.plots import draw_run
+
+    try:
+        import matplotlib  # noqa: F401
+    except ImportError:
+        return  # curves are a convenience of the extra `evaluate`; the numbers are in metrics.jsonl
+    draw_run(folder / "metrics.jsonl", folder / "metrics.png")
+
+
+def _train(args: argparse.Namespace, ready: "Setting", progress: Callable[[int, int], None]) -> None:
+    from ..align.start import train
+
+    train(
+        args.kind,
+        _training(args),
+        ready,
+        args.output,
+        device=args.device,
+        minutes=args.minutes,
+        command=_command(args),
+        progress=progress,
+        pairs=getattr(args, "pairs", None),
+        margin=getattr(args, "margin", 0.0),
+    )
+
+
+def _training(args: argparse.Namespace) -> "AlignTraining":
+    from ..align.config import AlignTraining, recipe
+
+    base = recipe(args.recipe, args.kind)
+    names = [*(name.replace("-", "_") for name in SETTINGS), "credit", "events"]
+    given = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
+    return AlignTraining.model_validate(base.model_dump() | given)
+
+
+def _command(args: argparse.Namespace) -> str:
+    left_out = ("command", "kind", "source")
+    words = " ".join(
+        f"--{key.replace('_', '-')} {value}"
+        for key, value in vars(args).items()
+        if key not in left_out and value is not None
+    )
+    return f"echoavatar align {args.kind} {args.source} {words}"

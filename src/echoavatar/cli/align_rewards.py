@@ -1,0 +1,165 @@
+"""`echoavatar align calibrate`, `reward-quality`, `reward-alignment`: the learned rewards; each ends with JSON."""
+
+import argparse
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tqdm import tqdm
+
+from ..errors import EchoAvatarError
+
+if TYPE_CHECKING:
+    from ..generator import TokenClip
+    from ..pipeline import Bundle
+
+KINDS = ("calibrate", "reward-quality", "reward-alignment")
+
+
+def add_arguments(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the sub-commands."""
+    calibrate = kinds.add_parser("calibrate", help="FID of every level of corruption, and scores by it")
+    quality = kinds.add_parser("reward-quality", help="train the motion quality reward")
+    alignment = kinds.add_parser("reward-alignment", help="train the audio-motion alignment reward")
+    for child in (calibrate, quality, alignment):
+        child.add_argument("source", type=Path, metavar="TOKENS", help="folder of codes (`train tokens`)")
+        child.add_argument(
+            "-o", "--output", type=Path, required=True, help="folder (calibrate: file) to write"
+        )
+        child.add_argument(
+            "--bundle", default="default", help="whose codec and tokenizer (default: %(default)s)"
+        )
+        child.add_argument("--seed", type=int, default=0, help="(default: %(default)s)")
+    calibrate.add_argument("--windows", type=int, default=64, help="windows a level (default: %(default)s)")
+    quality.add_argument(
+        "--scores", type=Path, help="scores by `align calibrate` (default: the paper's table)"
+    )
+    quality.add_argument(
+        "--windows", type=int, default=32, help="held-out windows a level (default: %(default)s)"
+    )
+    alignment.add_argument(
+        "--held-out", type=Path, help="more token files to retrieve from, never trained on"
+    )
+    for child, steps in ((quality, 1500), (alignment, 4000)):
+        child.add_argument("--steps", type=int, default=steps, help="optimiser steps (default: %(default)s)")
+        child.add_argument(
+            "--width", type=int, default=96, help="channels (default: %(default)s; paper: 512)"
+        )
+        child.add_argument("--minutes", type=float, help="the schedule ends by then")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run one of them."""
+    from ..align.prompts import read_token_clips
+    from ..pipeline import load_bundle
+
+    bundle = load_bundle(args.bundle)
+    clips = read_token_clips(args.source, bundle.generator.config.layout)
+    train = {name: clip for name, clip in clips.items() if clip.split == "train"}
+    test = {name: clip for name, clip in clips.items() if clip.split != "train"}
+    if not train or not test:
+        raise EchoAvatarError(
+            f"{args.source} holds {len(train)} train and {len(test)} test clips; both are needed"
+        )
+    with tqdm(unit="step", smoothing=0.05) as bar:
+
+        def progress(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        kinds = {"calibrate": _calibrate, "reward-quality": _quality, "reward-alignment": _alignment}
+        found = kinds[args.kind](args, bundle, train, test, progress)
+    print(json.dumps(found))
+    return 0
+
+
+Clips = dict[str, "TokenClip"]
+Progress = Callable[[int, int], None]
+
+
+def _calibrate(
+    args: argparse.Namespace, bundle: "Bundle", train: Clips, test: Clips, progress: Progress
+) -> dict[str, Any]:
+    from ..align.degrade import scores_from_fid
+    from ..align.quality_train import Levels, calibrate
+    from ..metrics.motion_encoder import load_shipped
+
+    levels = Levels(bundle.tokenizer, list(train.values()), seed=args.seed)
+    fid = calibrate(levels, load_shipped(), windows=args.windows)
+    found = {"fid": fid, "scores": scores_from_fid(fid)}
+    args.output.parent.mkdir(parents=True, exist_ok=True)
+    args.output.write_text(json.dumps(found, indent=1) + "\n")
+    return found
+
+
+def _quality(
+    args: argparse.Namespace, bundle: "Bundle", train: Clips, test: Clips, progress: Progress
+) -> dict[str, Any]:
+    from ..align.degrade import paper_scores, read_scores
+    from ..align.quality import QualityConfig
+    from ..align.quality_train import Levels, QualityTraining, draw_quality, measure_quality, train_quality
+
+    scores = read_scores(args.scores) if args.scores else paper_scores()
+    model = train_quality(
+        Levels(bundle.tokenizer, list(train.values()), seed=args.seed),
+        args.output,
+        QualityTraining(steps=args.steps, seed=args.seed),
+        config=QualityConfig(features=bundle.tokenizer.mean.numel(), width=args.width),
+        scores=scores,
+        card=_card(args),
+        minutes=args.minutes,
+        progress=progress,
+    )
+    held_out = Levels(bundle.tokenizer, list(test.values()), seed=args.seed + 1)
+    found = measure_quality(model, held_out, scores, windows=args.windows)
+    (args.output / "held_out.json").write_text(json.dumps(found, indent=1) + "\n")
+    draw_quality(found, scores, args.output / "held_out.png")
+    return found
+
+
+def _alignment(
+    args: argparse.Namespace, bundle: "Bundle", train: Clips, test: Clips, progress: Progress
+) -> dict[str, Any]:
+    import torch
+
+    from ..align.audio_reward import AudioMotion
+    from ..align.audio_reward_train import (
+        AudioRewardTraining,
+        Pairs,
+        embed,
+        retrieval_table,
+        train_audio_reward,
+    )
+    from ..align.prompts import read_token_clips
+
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(args.seed)
+        books = bundle.codec.codebooks.detach(), bundle.tokenizer.codebooks().detach()
+        model = AudioMotion.over(*books, width=args.width)
+    model = train_audio_reward(
+        model,
+        Pairs(train),
+        args.output,
+        AudioRewardTraining(steps=args.steps, seed=args.seed),
+        card=_card(args),
+        minutes=args.minutes,
+        progress=progress,
+    )
+    asked = read_token_clips(args.held_out, bundle.generator.config.layout) if args.held_out else test
+    found = retrieval_table(*embed(model, Pairs(asked)))
+    (args.output / "held_out.json").write_text(json.dumps(found, indent=1) + "\n")
+    return found
+
+
+def _card(args: argparse.Namespace) -> dict[str, object]:
+    words = " ".join(
+        f"--{key.replace('_', '-')} {value}"
+        for key, value in vars(args).items()
+        if key not in ("command", "kind", "source") and value is not None
+    )
+    return {
+        "data": str(args.source),
+        "command": f"echoavatar align {args.kind} {args.source} {words}",
+        "licence": "as its data",
+    }

@@ -1,0 +1,75 @@
+"""The alignment reward: InfoNCE by hand, embeddings of unit length, files."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from tests.align.scenes import dips, scene, yardstick
+
+from echoavatar.align.audio_reward import AudioMotion, info_nce, soft_labels
+from echoavatar.errors import CheckpointError
+
+
+def model() -> AudioMotion:
+    torch.manual_seed(0)
+    return AudioMotion.over(
+        torch.randn(2, 16, 6), torch.randn(3, 2, 8, 4), width=16, layers=1, sound_layers=1, heads=2, size=24
+    ).eval()
+
+
+def test_windows_of_one_segment_share_the_probability():
+    wanted = torch.tensor([[0.5, 0.5, 0.0], [0.5, 0.5, 0.0], [0.0, 0.0, 1.0]])
+    assert torch.equal(soft_labels(torch.tensor([4, 4, 9])), wanted)
+
+
+def test_info_nce_by_hand():
+    """Two orthogonal pairs at temperature 1: -ln(e / (e + 1)) in both directions."""
+    eye = torch.eye(2)
+    loss = info_nce(eye, eye, torch.tensor(1.0), torch.tensor([0, 1]))
+    assert loss.item() == pytest.approx(-math.log(math.e / (math.e + 1)))
+    same = info_nce(eye, eye, torch.tensor(1.0), torch.tensor([0, 0]))
+    assert same.item() == pytest.approx(
+        -0.5 * math.log(math.e / (math.e + 1)) - 0.5 * math.log(1 / (math.e + 1))
+    )
+
+
+def test_info_nce_averages_both_directions():
+    """Sounds alike, motions apart: motions cannot be told by sound, and the loss is not that of one direction."""
+    sounds, motions = torch.tensor([[1.0, 0], [1.0, 0]]), torch.eye(2)
+    similar = sounds @ motions.T
+    forth = -similar.log_softmax(1).diag().mean()
+    back = -similar.T.log_softmax(1).diag().mean()
+    loss = info_nce(sounds, motions, torch.tensor(1.0), torch.tensor([0, 1]))
+    assert forth != back
+    assert loss.item() == pytest.approx((0.5 * (forth + back)).item())
+
+
+def test_the_temperature_begins_at_the_papers():
+    assert model().temperature.item() == pytest.approx(1 / 0.07)
+
+
+def test_embeddings_have_unit_length_and_know_the_order_of_things():
+    one = model()
+    sound, motion = torch.randint(16, (2, 60, 2)), torch.randint(8, (2, 6, 3, 2))
+    for found, turned in (
+        (one.hear(sound), one.hear(sound.flip(1))),
+        (one.see(motion), one.see(motion.flip(1))),
+    ):
+        torch.testing.assert_close(found.norm(dim=1), torch.ones(2))
+        assert (found - turned).abs().max() > 1e-3
+
+
+def test_files_and_reward(tmp_path):
+    one = model()
+    one.save(tmp_path / "a", {})
+    again, motion = AudioMotion.load(tmp_path / "a"), torch.randint(8, (1, 6, 3, 2))
+    torch.testing.assert_close(again.see(motion), one.see(motion))
+    with pytest.raises(CheckpointError, match="is not a checkpoint"):
+        AudioMotion.load(tmp_path / "none")
+    made = scene(dips(()))
+    heard, done = np.zeros((60, 2), np.int64), motion[0].numpy()
+    object.__setattr__(made, "audio_codes", heard)
+    object.__setattr__(made, "motion_codes", done)
+    wanted = (one.hear(torch.from_numpy(heard)[None]) * one.see(motion)).sum().item()
+    assert one.judge(made, yardstick()) == pytest.approx(wanted, abs=1e-6)

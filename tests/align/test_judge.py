@@ -1,0 +1,27 @@
+"""Judging in pieces is judging at once."""
+
+import numpy as np
+import torch
+from tests.align.scenes import yardstick
+from tests.align.tuning import clips
+
+from echoavatar.align import judge as room
+from echoavatar.align.judge import SceneJudge
+from echoavatar.align.prompts import PromptBook
+from echoavatar.align.rewards import RewardMix
+from echoavatar.tokenizer import BodyTokenizer
+
+
+def test_pieces_change_nothing(tiny_bundle, monkeypatch):
+    judge = SceneJudge(
+        BodyTokenizer.load(tiny_bundle / "tokenizer"),
+        RewardMix({"beats": 1.0, "smoothness": 1.0}, yardstick()),
+    )
+    prompts = PromptBook(clips(), past=1, length=3).spread(3)
+    codes = torch.randint(8, (6, 6, 3, 2), generator=torch.Generator().manual_seed(0))
+    whole = judge(prompts, codes)
+    monkeypatch.setattr(room, "PIECE", 2)
+    pieces = judge(prompts, codes)
+    np.testing.assert_allclose(pieces.total, whole.total, atol=1e-6)
+    assert whole.parts.keys() == {"beats", "smoothness"}
+    assert whole.tokens.shape == (6, 6)

@@ -1,0 +1,25 @@
+"""Curves are drawn from what runs write."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from echoavatar.align.plots import draw_run
+from echoavatar.errors import CheckpointError
+
+
+def test_a_picture_of_a_run(tmp_path: Path):
+    lines = [{"probe": 0, "rewards": {"beats": [0.1, 0.05], "stillness": [-0.2, 0.1]}}]
+    lines += [{"step": k, "reward": 0.1 * k, "kl": 0.01 * k, "entropy": [1.0, 0.5]} for k in range(5)]
+    (tmp_path / "metrics.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+    draw_run(tmp_path / "metrics.jsonl", tmp_path / "run.png")
+    assert (tmp_path / "run.png").stat().st_size > 10_000
+
+
+def test_no_metrics_are_named(tmp_path: Path):
+    with pytest.raises(CheckpointError, match="holds no metrics"):
+        draw_run(tmp_path / "none.jsonl", tmp_path / "run.png")
+    (tmp_path / "empty.jsonl").write_text("")
+    with pytest.raises(CheckpointError, match="holds no step"):
+        draw_run(tmp_path / "empty.jsonl", tmp_path / "run.png")

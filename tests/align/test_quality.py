@@ -1,0 +1,42 @@
+"""The quality reward: a score in (0, 1) of the whole clip, kept whole on disk."""
+
+import pytest
+import torch
+from tests.align.scenes import dips, scene, yardstick
+
+from echoavatar.align.quality import QualityConfig, QualityReward
+from echoavatar.errors import CheckpointError
+from echoavatar.kinematics import FeatureStatistics
+
+
+def model() -> QualityReward:
+    torch.manual_seed(0)
+    return QualityReward(QualityConfig(width=16, heads=2)).eval()
+
+
+def test_a_score_depends_on_every_frame():
+    x = torch.randn(1, 16, 315, requires_grad=True)
+    score = model()(x)
+    assert 0 < score.item() < 1
+    score.sum().backward()
+    assert (x.grad.abs().sum((0, 2)) > 0).all()
+
+
+def test_features_are_normalised_as_the_tokenizer_does():
+    one, other, x = model(), model(), torch.randn(2, 16, 315)
+    other.set_statistics(
+        FeatureStatistics(torch.full((315,), 2.0), torch.full((315,), 3.0), torch.ones(315, dtype=torch.bool))
+    )
+    torch.testing.assert_close(other(3 * x + 2), one(x))
+
+
+def test_files(tmp_path):
+    one, x = model(), torch.randn(2, 16, 315)
+    one.save(tmp_path / "q", {})
+    torch.testing.assert_close(QualityReward.load(tmp_path / "q")(x), one(x))
+    with pytest.raises(CheckpointError, match="is not a checkpoint"):
+        QualityReward.load(tmp_path / "none")
+
+
+def test_as_a_reward_function():
+    assert 0 < model().judge(scene(dips(())), yardstick()) < 1

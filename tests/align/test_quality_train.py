@@ -1,0 +1,71 @@
+"""A reward of a few thousand numbers learns to rank corruption on clips it never saw."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from tests.align.tuning import clips
+
+from echoavatar.align.degrade import CLEAN, paper_scores
+from echoavatar.align.quality import QualityConfig
+from echoavatar.align.quality_train import (
+    Levels,
+    QualityTraining,
+    calibrate,
+    draw_quality,
+    measure_quality,
+    paper_levels,
+    train_quality,
+)
+from echoavatar.generator import TokenClip
+from echoavatar.metrics.motion_encoder import load_shipped
+from echoavatar.tokenizer import BodyTokenizer
+
+
+def calm(count: int, seed: int) -> list[TokenClip]:
+    """Clips whose codes hardly change, so that corruption shows even through random weights."""
+    random = np.random.default_rng(seed)
+    made = []
+    for clip in clips(count, chunks=20).values():
+        codes = np.repeat(random.integers(2, size=(10, 3, 2)), 4, axis=0)
+        made.append(TokenClip(clip.audio, codes, clip.domain))
+    return made
+
+
+@pytest.fixture(scope="module")
+def tokenizer(tiny_bundle: Path) -> BodyTokenizer:
+    return BodyTokenizer.load(tiny_bundle / "tokenizer")
+
+
+@pytest.mark.slow
+def test_it_ranks_corruption_on_held_out_clips(tokenizer, tmp_path):
+    training = QualityTraining(steps=120, batch=12, pool=20, learning_rate=3e-3)
+    model = train_quality(
+        Levels(tokenizer, calm(4, 0), seed=0), tmp_path, training, config=QualityConfig(width=16, heads=2)
+    )
+    found = measure_quality(model, Levels(tokenizer, calm(2, 1), seed=1), paper_scores(), windows=3)
+    assert found["pearson_levels"] > 0.8
+    assert found["levels"]["uniform 1.0"] < found["levels"]["uniform 0.1"] < found["levels"][CLEAN]
+    assert set(found["unseen"]) == {"jitter", "time_warp", "foot_slide", "frozen_limbs"}
+    draw_quality(found, paper_scores(), tmp_path / "q.png")
+    assert (tmp_path / "q.png").stat().st_size > 5000
+    assert (tmp_path / "model.safetensors").exists()
+
+
+def test_levels_depend_on_seed_and_number_alone_and_rows_mix(tokenizer):
+    levels = Levels(tokenizer, calm(3, 0), seed=0)
+    codes = levels.codes(3, 2)
+    torch.testing.assert_close(levels.at(codes, "uniform 0.5", 7), levels.at(codes, "uniform 0.5", 7))
+    assert (levels.at(codes, "uniform 0.5", 7) - levels.at(codes, "uniform 0.5", 8)).abs().max() > 0
+    mixed = levels.mixed(codes, [CLEAN, "uniform 1.0"], 5)
+    torch.testing.assert_close(mixed[:1], levels.at(codes[:1], CLEAN, 0))
+    assert (mixed[1:] - levels.at(codes[1:], CLEAN, 0)).abs().max() > 0
+
+
+@pytest.mark.slow
+def test_calibration_finds_heavier_corruption_further_off(tokenizer):
+    fid = calibrate(Levels(tokenizer, calm(3, 0), seed=0), load_shipped(), windows=4)
+    assert set(fid) == set(paper_levels())
+    assert fid["uniform 1.0"] > fid["uniform 0.1"]
+    assert fid["uniform 1.0"] > fid[CLEAN]

@@ -1,0 +1,70 @@
+"""From folders to a tuned generator that a bundle can take."""
+
+import json
+from pathlib import Path
+
+import pytest
+from tests.align.scenes import yardstick
+from tests.align.tuning import clips
+
+from echoavatar.align.config import recipe
+from echoavatar.align.start import make_pairs, setting, train
+from echoavatar.errors import CheckpointError, MotionError
+from echoavatar.generator import Generator
+
+
+@pytest.fixture
+def tokens(tmp_path: Path) -> Path:
+    folder = tmp_path / "tokens"
+    folder.mkdir()
+    for name, clip in clips(4, chunks=8).items():
+        clip.save(folder / f"{name}.npz")
+    object.__setattr__(clip, "split", "test")
+    clip.save(folder / f"{name}.npz")
+    yardstick().save(tmp_path / "yardstick.json")
+    return folder
+
+
+def ready(tokens: Path, bundle: Path, **changes):
+    known = {"bundle": bundle, "yardstick": tokens.parent / "yardstick.json"} | changes
+    return setting(tokens, tokens.parent / "run", **known)
+
+
+@pytest.mark.parametrize("method", ["grpo", "ppo", "dpo"])
+def test_each_method_leaves_a_generator_with_the_sampling_it_was_tuned_for(tokens, tiny_bundle, method):
+    folder = tokens.parent / "run"
+    one = ready(tokens, tiny_bundle, sampling={"temperature": 0.9, "cooling": None, "top_p": 0.8})
+    pairs = tokens.parent / "pairs.jsonl"
+    if method == "dpo":
+        sizes = {
+            "prompts": 3,
+            "past": 1,
+            "length": 1,
+            "group": 4,
+            "margin": 0.0,
+            "fewest_events": 0,
+            "seed": 0,
+        }
+        assert make_pairs(one, pairs, **sizes) > 0
+    train(method, recipe("tiny", method), one, folder, pairs=pairs, command="echoavatar align")
+    tuned = Generator.load(folder)
+    assert (tuned.config.temperature, tuned.config.top_p) == (0.9, 0.8)
+    card = json.loads((folder / "card.json").read_text())
+    assert {"data", "command", "licence", "alignment", "rewards"} <= card.keys()
+    lines = [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
+    assert sum("step" in line for line in lines) == 4
+    assert {"reward", "kl", "entropy"} <= next(line for line in lines if "probe" in line).keys()
+
+
+def test_what_does_not_fit_is_named(tokens, tiny_bundle, tmp_path):
+    with pytest.raises(MotionError, match="dpo needs preference pairs"):
+        train("dpo", recipe("tiny", "dpo"), ready(tokens, tiny_bundle), tmp_path / "none")
+    other = Generator(Generator.load(tiny_bundle / "generator").config.model_copy(update={"patience": 0.3}))
+    other.save(tmp_path / "other", {})
+    with pytest.raises(CheckpointError, match="is of another patience"):
+        train(
+            "grpo",
+            recipe("tiny", "grpo"),
+            ready(tokens, tiny_bundle, reference=tmp_path / "other"),
+            tmp_path / "x",
+        )

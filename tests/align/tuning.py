@@ -1,0 +1,57 @@
+"""Small policies with a task whose best answer is known: say code 3 everywhere."""
+
+import numpy as np
+import torch
+from tests.generator.tiny import LAYOUT, generator
+
+from echoavatar.align.config import AlignTraining
+from echoavatar.align.prompts import PromptBook
+from echoavatar.align.rewards import Rewards
+from echoavatar.generator import TokenClip
+
+WANTED = 3
+
+
+def clips(count: int = 3, chunks: int = 6) -> dict[str, TokenClip]:
+    random = np.random.default_rng(0)
+    cues = np.zeros((20 * chunks, 2), np.uint8)
+    cues[30::37, 0] = cues[31::37, 0] = 1
+    return {
+        f"clip{k}": TokenClip(
+            random.integers(16, size=(20 * chunks, 2)),
+            random.integers(8, size=(2 * chunks, 3, 2)),
+            np.full(2 * chunks, 2, np.uint8),
+            cues=cues,
+        )
+        for k in range(count)
+    }
+
+
+def book(past: int = 1, length: int = 1) -> PromptBook:
+    return PromptBook(clips(), past=past, length=length)
+
+
+def wants_threes(prompts, codes: torch.Tensor) -> Rewards:
+    """The fraction of codes that are 3, by motion token (their sum is the fraction of all)."""
+    tokens = (codes == WANTED).double().mean((2, 3)).numpy() / codes.shape[1]
+    return Rewards(tokens, np.zeros(len(codes)), {"threes": tokens.sum(1)})
+
+
+def policy():
+    """Quiet enough to begin with nearly uniform codes."""
+    model = generator()
+    with torch.no_grad():
+        model.lm_head.weight.mul_(0.2)
+    return model
+
+
+def training(method: str, **changes) -> AlignTraining:
+    sizes = {
+        "method": method, "steps": 60, "batch": 2, "group": 8, "past": 1, "length": 1, "fewest_events": 0,
+        "learning_rate": 3e-2, "warmup": 1, "kl_weight": 0.0, "kl_stop": 100.0, "probe": 4, "probe_every": 1000,
+        "save_every": 1000, "micro": 64, "critic_rate": 1e-2,
+    }  # fmt: skip
+    return AlignTraining.model_validate(sizes | changes)
+
+
+__all__ = ["LAYOUT", "WANTED", "book", "clips", "policy", "training", "wants_threes"]
