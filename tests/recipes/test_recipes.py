@@ -20,6 +20,7 @@ from echoavatar.generator.recipe import GeneratorTraining
 from echoavatar.kinematics import HUMANOID
 from echoavatar.metrics.motion_encoder import MotionEncoderConfig
 from echoavatar.metrics.motion_encoder_train import MotionEncoderTraining
+from echoavatar.tokenizer.decoding import DecoderTraining
 from echoavatar.tokenizer.recipe import TokenizerTraining
 
 ROOT = Path(__file__).parents[2]
@@ -27,6 +28,7 @@ RECIPES = sorted((ROOT / "recipes").glob("*/*.yaml"))
 CONFIGS = {
     "codec": (CodecConfig, CodecTrainingConfig),
     "tokenizer": (None, TokenizerTraining),
+    "decoder": (None, DecoderTraining),
     "generator": (GeneratorConfig, GeneratorTraining),
     "face": (FaceConfig, FaceTraining),
     "fingers": (FingerConfig, FingerTraining),

@@ -9,13 +9,22 @@ from typing import Any
 from tqdm import tqdm
 
 from ..errors import EchoAvatarError
-from . import train_codec, train_face, train_fid_encoder, train_fingers, train_generator, train_tokenizer
+from . import (
+    train_codec,
+    train_decoder,
+    train_face,
+    train_fid_encoder,
+    train_fingers,
+    train_generator,
+    train_tokenizer,
+)
 from .recipe import Options, Settings
 
 ORDER = """the whole way from nothing to a bundle:
   echoavatar data rehearse --hours 3.5 --seed 1 -o corpus
   echoavatar train codec corpus -o runs/codec --minutes 40
   echoavatar train tokenizer corpus -o runs/tokenizer --steps 6000
+  echoavatar train decoder corpus -o runs/decoder --tokenizer runs/tokenizer  (optional: steadier motion)
   echoavatar train tokens corpus -o runs/tokens --codec runs/codec --tokenizer runs/tokenizer
   echoavatar train generator runs/tokens -o runs/generator --codec runs/codec --tokenizer runs/tokenizer
   echoavatar data face --rehearse 1.1 -o faces
@@ -53,6 +62,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     corpus = "corpus folder (`data rehearse`, `data prepare`)"
     train_codec.add_arguments(*stage("codec", "the audio codec, on the corpus's sound", corpus))
     train_tokenizer.add_arguments(*stage("tokenizer", "the motion tokenizer, on the corpus's motion", corpus))
+    decoder, options = stage(
+        "decoder", "a trained tokenizer's decoder, on the steady codes that a generator learns", corpus
+    )
+    train_decoder.add_arguments(decoder, options)
     tokens = kinds.add_parser("tokens", help="turn the corpus into codes with a trained codec and tokenizer")
     _add_folders(tokens, corpus)
     tokens.add_argument(
@@ -122,6 +135,7 @@ def _train(args: argparse.Namespace, progress: Progress) -> None:
     trainings = {
         "codec": train_codec.train,
         "tokenizer": train_tokenizer.train,
+        "decoder": train_decoder.train,
         "face": train_face.train,
         "fingers": train_fingers.train,
         "fid-encoder": train_fid_encoder.train,

@@ -32,15 +32,17 @@ class TokenizerScores(NamedTuple):
 
 
 @torch.no_grad()
-def measure(tokenizer: BodyTokenizer, clips: Sequence[Float[Tensor, "t c"]]) -> TokenizerScores:
-    """Encode and decode every clip as a stream and compare."""
+def measure(
+    tokenizer: BodyTokenizer, clips: Sequence[Float[Tensor, "t c"]], patience: float = 0.0
+) -> TokenizerScores:
+    """Encode (with `patience`, see `BodyTokenizer.encode`) and decode every clip as a stream and compare."""
     was_training = tokenizer.training
     tokenizer.eval()
     kinematics = PlaneKinematics(tokenizer.skeleton).to(tokenizer.mean.device)
     rows, codes = [], []
     for clip in clips:
         whole = clip[: len(clip) - len(clip) % FRAMES_PER_MOTION_TOKEN][None].to(tokenizer.mean)
-        chosen = tokenizer.encode(whole)
+        chosen = tokenizer.encode(whole, patience)
         rows.append(_errors(tokenizer.skeleton, kinematics, tokenizer.decode(chosen), whole))
         codes.append(chosen[0])
     tokenizer.train(was_training)
