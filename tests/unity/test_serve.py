@@ -9,12 +9,24 @@ import struct
 import numpy as np
 
 from echoavatar.engine import Engine
+from echoavatar.kinematics import Skeleton, SkeletonConfig
 from echoavatar.pipeline import Action, ActionLibrary, MotionChunk
 from echoavatar.pipeline.rig import RigConfig
 from echoavatar.reference.rig import AXES
 from echoavatar.unity import UnitySettings, serve_unity
 
 RIG = RigConfig(axes=AXES, metres_per_unit=0.01, up=2, unity=(((1, 0, 0), (0, 1, 0), (0, 0, 1)),) * 88)
+
+
+JOINTS = 88
+CHAIN = Skeleton(
+    SkeletonConfig(
+        names=tuple(f"joint{n}" for n in range(JOINTS)),
+        parents=tuple(range(-1, JOINTS - 1)),
+        offsets=((0.0, 0.01, 0.0),) * JOINTS,
+        parts={"all": tuple(range(JOINTS))},
+    )
+)
 
 
 class State:
@@ -33,6 +45,7 @@ class StandIn:
 
     actions = ActionLibrary({"wave": Action("wave", (3,), (0, 15), is_set=True)})
     directive_codes = 8
+    skeleton = CHAIN  # names that nothing in the engine knows
 
     def __init__(self) -> None:
         self.asked: list[list[int]] = []
@@ -48,7 +61,7 @@ class StandIn:
 
     def step(self, audio, state, active, *, directive=None):
         self.asked.append([] if directive is None else directive[0].nonzero().flatten().tolist())
-        turns = np.tile(np.float32([1, 0, 0, 0]), (8, 88, 1))
+        turns = np.tile(np.float32([1, 0, 0, 0]), (8, JOINTS, 1))
         root = np.full((8, 3), float(audio.abs().max()), np.float32)
         return [MotionChunk(turns, root, np.zeros((8, 52), np.float32)) for _ in audio]
 
