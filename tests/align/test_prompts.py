@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tests.align.tuning import LAYOUT, clips
 
-from echoavatar.align.prompts import PromptBook, batch_of, cue_times, read_token_clips
+from echoavatar.align.prompts import PromptBook, batch_of, cue_times, read_token_clips, true_clips
 from echoavatar.errors import MotionError
 
 
@@ -61,3 +61,14 @@ def test_token_files_of_another_vocabulary_are_named(tmp_path):
     small = type(LAYOUT).compact(audio_codes=16, motion_layers=2, motion_codes=4)
     with pytest.raises(MotionError, match=r"one\.npz has 2 motion layers, motion codes below 8"):
         read_token_clips(tmp_path, small)
+
+
+def test_motion_that_a_generator_made_is_no_truth(tmp_path):
+    mine = clips()
+    object.__setattr__(mine["clip1"], "has_truth", False)
+    for name, clip in mine.items():
+        clip.save(tmp_path / f"{name}.npz")
+    assert set(read_token_clips(tmp_path)) == {"clip0", "clip1", "clip2"}
+    assert set(read_token_clips(tmp_path, needs_truth=True)) == {"clip0", "clip2"}
+    with pytest.raises(MotionError, match="a generator's own motion only"):
+        true_clips({"clip1": read_token_clips(tmp_path)["clip1"]}, tmp_path)

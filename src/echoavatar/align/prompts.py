@@ -36,7 +36,7 @@ class Prompt:
     start: int  # chunk of the clip at which the past begins
     audio: Int[np.ndarray, "f l"]  # codes of the past and of what is to come
     past: Int[np.ndarray, "m p q"]
-    truth: Int[np.ndarray, "n p q"]  # what the clip itself does
+    truth: Int[np.ndarray, "n p q"]  # what the clip itself does, where it `has_truth`
     domain: Int[np.ndarray, " n"]  # of what is to come, one label a motion token
     beats: Float[np.ndarray, " i"]
     stresses: Float[np.ndarray, " j"]
@@ -66,8 +66,12 @@ def batch_of(prompts: Sequence[Prompt], device: str = "cpu") -> PromptBatch:
     return PromptBatch(audio, past)
 
 
-def read_token_clips(folder: Path, layout: TokenLayout | None = None) -> dict[str, TokenClip]:
+def read_token_clips(
+    folder: Path, layout: TokenLayout | None = None, *, needs_truth: bool = False
+) -> dict[str, TokenClip]:
     """The token files of a folder by name, checked against the generator's vocabulary where one is given.
+
+    With `needs_truth` those whose motion is a generator's own (`data rl-corpus`) are passed over.
 
     Raises:
         MotionError: there are none, one is damaged, or its codes do not fit the vocabulary.
@@ -85,7 +89,22 @@ def read_token_clips(folder: Path, layout: TokenLayout | None = None) -> dict[st
                 f" {has[2]}; this generator speaks {wanted[0]}, {wanted[1]} and {wanted[2]}: tokenize with its own"
                 " codec and tokenizer"
             )
-    return clips
+    return true_clips(clips, folder) if needs_truth else clips
+
+
+def true_clips(clips: Mapping[str, TokenClip], folder: Path) -> dict[str, TokenClip]:
+    """Those with motion that somebody made to the sound.
+
+    Raises:
+        MotionError: there are none.
+    """
+    found = {name: clip for name, clip in clips.items() if clip.has_truth}
+    if not found:
+        raise MotionError(
+            f"{folder} holds sound with a generator's own motion only, which nothing can be measured or learned from;"
+            " name a folder made by `echoavatar train tokens`"
+        )
+    return found
 
 
 class PromptBook:

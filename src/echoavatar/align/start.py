@@ -108,6 +108,12 @@ def measured(
     own = folder / "yardstick.json"
     if given or own.exists():
         return Yardstick.load(given or own)
+    clips = {name: clip for name, clip in clips.items() if clip.has_truth}
+    if not clips:
+        raise MotionError(
+            "rewards are measured against true motion, and these token files hold sound with a generator's own motion"
+            " only; pass the --yardstick that a run on a folder of `echoavatar train tokens` has left"
+        )
     book = PromptBook(clips, past=YARDSTICK_PAST, length=YARDSTICK_LENGTH)
     prompts = book.spread(YARDSTICK_PROMPTS)
     found = measure_yardstick(

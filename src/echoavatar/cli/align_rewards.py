@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
     from ..pipeline import load_bundle
 
     bundle = load_bundle(args.bundle)
-    clips = read_token_clips(args.source, bundle.generator.config.layout)
+    clips = read_token_clips(args.source, bundle.generator.config.layout, needs_truth=True)
     train = {name: clip for name, clip in clips.items() if clip.split == "train"}
     test = {name: clip for name, clip in clips.items() if clip.split != "train"}
     if not train or not test:
@@ -146,7 +146,8 @@ def _alignment(
         minutes=args.minutes,
         progress=progress,
     )
-    asked = read_token_clips(args.held_out, bundle.generator.config.layout) if args.held_out else test
+    layout = bundle.generator.config.layout
+    asked = read_token_clips(args.held_out, layout, needs_truth=True) if args.held_out else test
     found = retrieval_table(*embed(model, Pairs(asked)))
     (args.output / "held_out.json").write_text(json.dumps(found, indent=1) + "\n")
     return found

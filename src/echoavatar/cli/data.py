@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from tqdm import tqdm
 
 from ..errors import EchoAvatarError
-from . import data_face, data_prepare
+from . import data_face, data_prepare, data_rl_corpus
 
 if TYPE_CHECKING:
     from ..data import Clip
@@ -83,6 +83,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         description="Make a set that `train` reads from your own copy of a dataset.",
     )
     data_prepare.add_arguments(prepare)
+    sounds = kinds.add_parser(
+        "rl-corpus",
+        help="speech and music without motion, for reinforcement learning: text to speech, and your music or composed",
+        description="Make the sound that `align` tunes a generator on: an hour of speech and 100 pieces of music.",
+    )
+    data_rl_corpus.add_arguments(sounds)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -93,6 +99,7 @@ def run(args: argparse.Namespace) -> int:
         "preview": _preview,
         "describe": _describe,
         "face": data_face.run,
+        "rl-corpus": data_rl_corpus.run,
     }
     return kinds[args.kind](args)
 

@@ -81,6 +81,7 @@ def add_arguments(parser: argparse.ArgumentParser, options: Options, seed: str) 
 def train(args: argparse.Namespace, settings: Settings, how: dict[str, Any]) -> None:
     """Train on the token files."""
     from ..audio import AudioCodec
+    from ..errors import MotionError
     from ..generator import Generator, GeneratorConfig, TokenClip, patience_of
     from ..generator.recipe import GeneratorTraining
     from ..generator.train import train_generator
@@ -88,7 +89,13 @@ def train(args: argparse.Namespace, settings: Settings, how: dict[str, Any]) -> 
     from ..tokens import TokenLayout
 
     codec, tokenizer = AudioCodec.load(args.codec), BodyTokenizer.load(args.tokenizer)
-    clips = [TokenClip.load(path) for path in sorted(args.source.glob("*.npz"))]
+    found = [TokenClip.load(path) for path in sorted(args.source.glob("*.npz"))]
+    clips = [clip for clip in found if clip.has_truth]
+    if found and not clips:
+        raise MotionError(
+            f"{args.source} holds sound with a generator's own motion only, for `echoavatar align`; a generator learns"
+            " from true motion (`echoavatar train tokens`)"
+        )
     layout = TokenLayout.compact(
         audio_codes=codec.config.codes,
         motion_layers=tokenizer.config.layers,

@@ -2,5 +2,16 @@
 
 from .clip import DOMAINS, Clip
 from .corpus import ClipEntry, Corpus, Manifest, save_manifest, write_manifest
+from .sounds import Sound, SoundSet
 
-__all__ = ["DOMAINS", "Clip", "ClipEntry", "Corpus", "Manifest", "save_manifest", "write_manifest"]
+__all__ = [
+    "DOMAINS",
+    "Clip",
+    "ClipEntry",
+    "Corpus",
+    "Manifest",
+    "Sound",
+    "SoundSet",
+    "save_manifest",
+    "write_manifest",
+]

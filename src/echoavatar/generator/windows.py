@@ -2,7 +2,8 @@
 
 A token file is one clip: an npz with `audio_codes` (f, 2) int16 at 75 Hz, `motion_codes` (n, 3, Q) int16 at 7.5 Hz,
 `domain` (n,) uint8 (0 silence, 1 speech, 2 music) and `split` ("train" or "test"); optionally `cues` (f, 2) uint8, 1
-where a beat or a stressed syllable is heard, and `patience`, how steady the codes of motion are.
+where a beat or a stressed syllable is heard, `patience`, how steady the codes of motion are, and `has_truth`, false
+where nobody moved to the sound and the codes of motion are a generator's own (prompts for reinforcement learning).
 """
 
 import zipfile
@@ -33,6 +34,7 @@ class TokenClip:
     split: str = "train"
     cues: UInt8[np.ndarray, "f 2"] | None = None  # not known where None
     patience: float = 0.0  # how steady the codes of motion are (`quantize.steady`)
+    has_truth: bool = True  # whether the motion is true, or a generator's own
 
     def __post_init__(self) -> None:
         chunks = min(len(self.audio) // AUDIO_FRAMES_PER_CHUNK, len(self.motion) // MOTION_TOKENS_PER_CHUNK)
@@ -57,22 +59,29 @@ class TokenClip:
         try:
             with np.load(path, allow_pickle=False) as file:
                 cues, patience = file.get("cues"), float(file.get("patience", 0.0))
-                codes = file["audio_codes"], file["motion_codes"]
-                return cls(*codes, file["domain"], str(file["split"]), cues, patience)
+                codes, has_truth = (
+                    (file["audio_codes"], file["motion_codes"]),
+                    bool(file.get("has_truth", True)),
+                )
+                return cls(*codes, file["domain"], str(file["split"]), cues, patience, has_truth)
         except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
             raise MotionError(f"{path} is not a token file ({error}); tokenize the corpus again") from error
 
     def save(self, path: Path) -> None:
-        """Write a token file."""
-        np.savez_compressed(
-            path,
-            audio_codes=self.audio.astype(np.int16),
-            motion_codes=self.motion.astype(np.int16),
-            domain=self.domain.astype(np.uint8),
-            split=np.array(self.split),
-            cues=np.asarray(self.cues),
-            patience=np.array(self.patience),
-        )
+        """Write a token file, whole or not at all."""
+        partial = path.with_name(path.name + ".part")
+        with partial.open("wb") as file:
+            np.savez_compressed(
+                file,
+                audio_codes=self.audio.astype(np.int16),
+                motion_codes=self.motion.astype(np.int16),
+                domain=self.domain.astype(np.uint8),
+                split=np.array(self.split),
+                cues=np.asarray(self.cues),
+                patience=np.array(self.patience),
+                has_truth=np.array(self.has_truth),
+            )
+        partial.replace(path)
 
 
 def patience_of(clips: Sequence[TokenClip]) -> float:

@@ -4,7 +4,7 @@ Every clip is encoded continuously from its first sample, exactly as a stream wo
 codec), and once more mirrored: the same sound, left and right exchanged.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -81,10 +81,15 @@ def audio_codes(codec: AudioCodec, audio: Float[np.ndarray, " s"]) -> Int[np.nda
 
 
 def heard_cues(clip: Clip, frames: int) -> UInt8[np.ndarray, "f 2"]:
-    """1 in the three audio frames (40 ms) from each beat and from each stressed syllable's vowel on."""
+    """`cues_at` of a clip's events."""
+    return cues_at(clip.events, frames)
+
+
+def cues_at(events: Mapping[str, Float[np.ndarray, " n"]], frames: int) -> UInt8[np.ndarray, "f 2"]:
+    """1 in the three audio frames (40 ms) from each beat and from each stressed syllable's vowel on (seconds)."""
     cues = np.zeros((frames, 2), np.uint8)
     for column, name in enumerate(("beats", "stress")):
-        first = np.asarray(clip.events.get(name, np.zeros(0)) * AUDIO_TOKEN_RATE_HZ).astype(int)
+        first = np.asarray(events.get(name, np.zeros(0)) * AUDIO_TOKEN_RATE_HZ).astype(int)
         for later in range(CUE_FRAMES):
             at = first + later
             cues[at[(at >= 0) & (at < frames)], column] = 1

@@ -1,0 +1,154 @@
+"""`echoavatar data rl-corpus`: speech and music without motion, for reinforcement learning. May import all below."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tqdm import tqdm
+
+from ..errors import EchoAvatarError
+
+if TYPE_CHECKING:
+    from ..datasets.rl_corpus import Gathered, Kind, SoundPlan
+
+EXAMPLES = """examples:
+  echoavatar data rl-corpus -o sounds                                   all our own: local voices, composed music
+  echoavatar data rl-corpus -o sounds --hours 0.1 --pieces 5 --bundle default      and as prompts, in sounds/tokens
+  OPENAI_API_KEY=... echoavatar data rl-corpus -o sounds --tts openai --scripts talk.txt
+  ELEVENLABS_API_KEY=... echoavatar data rl-corpus -o sounds --tts elevenlabs --voice ID --voice ID
+  echoavatar data rl-corpus -o sounds --tts openai --tts-url http://localhost:8880/v1 --tts-model kokoro --voice af_sky
+  echoavatar data rl-corpus -o sounds --music my_music --music-licence "CC BY 4.0, see my_music/README"
+then, with a yardstick from a run on true motion:
+  echoavatar align grpo sounds/tokens -o runs/grpo --yardstick runs/first/yardstick.json
+
+Scripts are plain text: a turn a line, `Name: ` before it if wanted, a blank line between scripts; when they are used up
+our own and then made-up ones fill the hours. Keys are read from the environment and written nowhere. The same call goes
+on after a stop. What is in the folder: docs/alignment.md.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.epilog = EXAMPLES
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder")
+    parser.add_argument("--seed", type=int, default=0, help="of what is made up (default: %(default)s)")
+    speech = parser.add_argument_group("speech")
+    speech.add_argument("--hours", type=float, default=1.0, help="of speech; 0 none (default: %(default)s)")
+    speech.add_argument("--scripts", type=Path, metavar="FILE", help="what is said first, UTF-8 text")
+    speech.add_argument(
+        "--scripts-licence", default="not stated", metavar="TEXT", help="of that file, for the manifest"
+    )
+    speech.add_argument(
+        "--tts",
+        choices=("auto", "flite", "own", "openai", "elevenlabs"),
+        default="auto",
+        help="who speaks: flite, our own synthesiser, auto for flite where it is installed, or a service with its key"
+        " in OPENAI_API_KEY or ELEVENLABS_API_KEY (default: %(default)s)",
+    )
+    speech.add_argument(
+        "--tts-url", metavar="URL", help="another server that answers alike, up to and with its /v1"
+    )
+    speech.add_argument(
+        "--tts-model", metavar="NAME", help="of the service (default: the service's usual one)"
+    )
+    speech.add_argument(
+        "--voice", action="append", default=[], metavar="NAME", help="of the service; repeat for several"
+    )
+    music = parser.add_argument_group("music")
+    music.add_argument("--pieces", type=int, default=100, help="of music; 0 none (default: %(default)s)")
+    music.add_argument(
+        "--music",
+        type=Path,
+        metavar="DIR",
+        help="your pieces, any folder of sound files (default: composed by rule)",
+    )
+    music.add_argument(
+        "--music-licence", default="not stated", metavar="TEXT", help="of them, for the manifest"
+    )
+    after = parser.add_argument_group("afterwards")
+    after.add_argument(
+        "--bundle",
+        help="write DIR/tokens as well, prompts for `align`: codes by this bundle's codec, motion by its generator",
+    )
+    after.add_argument("--strict", action="store_true", help="exit with 1 if any recording failed")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Gather, tell, tokenise."""
+    from ..datasets.rl_corpus import SoundPlan
+    from ..datasets.voices import reader
+
+    plan = SoundPlan(
+        folder=args.output,
+        reader=reader(args.tts, url=args.tts_url, model=args.tts_model, voices=args.voice),
+        hours=args.hours,
+        pieces=args.pieces,
+        seed=args.seed,
+        scripts=args.scripts,
+        scripts_licence=args.scripts_licence,
+        music=args.music,
+        music_licence=args.music_licence,
+    )
+    found = _gather(plan)
+    _tell(found, args)
+    if not found.made and not found.kept:
+        raise EchoAvatarError(f"no recording could be made, the first: {': '.join(found.failures[0])}")
+    if args.bundle:
+        _tokens(args)
+    for name, why in found.failures:
+        print(f"failed: {name}  {why}")
+    return 1 if args.strict and found.failures else 0
+
+
+def _gather(plan: "SoundPlan") -> "Gathered":
+    from ..datasets.rl_corpus import gather
+
+    with (
+        tqdm(desc="speech", unit="min", disable=not plan.hours) as speech,
+        tqdm(desc="music", unit="piece", disable=not plan.pieces) as music,
+    ):
+
+        def progress(kind: str, done: float, total: float) -> None:
+            bar = speech if kind == "speech" else music
+            bar.total = max(round(total, 2), round(done, 2))
+            bar.update(round(done, 2) - bar.n)
+
+        try:
+            return gather(plan, progress)
+        except KeyboardInterrupt:
+            print(f"what is finished is in {plan.folder}; the same call goes on from there")
+            raise
+
+
+def _tell(found: "Gathered", args: argparse.Namespace) -> None:
+    kinds: tuple[Kind, ...] = ("speech", "music")
+    for kind in kinds:
+        sounds = found.sounds(kind)
+        held_out = sum(sound.split == "test" for sound in sounds)
+        print(
+            f"{kind}: {len(sounds)} recordings, {found.seconds(kind) / 60:.1f} minutes, {held_out} held out"
+        )
+    if args.music and len(found.sounds("music")) < args.pieces:
+        print(f"{args.music} has fewer than the {args.pieces} pieces asked for")
+    print(
+        f"{len(found.made)} made, {len(found.kept)} kept, {len(found.failures)} failed; {args.output / 'sounds.json'}"
+    )
+
+
+def _tokens(args: argparse.Namespace) -> None:
+    from ..data import SoundSet
+    from ..pipeline import load_bundle
+    from ..pipeline.tokenize_sound import tokenize_sounds
+
+    bundle, sounds = load_bundle(args.bundle), SoundSet(args.output)
+    with tqdm(total=len(sounds.sounds), desc="tokens", unit="sound") as bar:
+        count = tokenize_sounds(
+            sounds,
+            bundle.codec.eval(),
+            bundle.generator.eval(),
+            args.output / "tokens",
+            seed=args.seed,
+            progress=lambda done, _: bar.update(done - bar.n),
+        )
+    print(f"{count} token files in {args.output / 'tokens'}")

@@ -1,0 +1,176 @@
+"""The corpus that a generator is tuned on by reward: sound alone (paper, RL Alignment Corpus).
+
+About an hour of spoken conversation and 100 pieces of music. Each recording depends on the seed and its own name, is
+written before the manifest names it, and is kept by the next call, so a stopped run goes on.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import partial
+from itertools import islice
+from pathlib import Path
+from typing import Any, Literal
+from zlib import crc32
+
+import numpy as np
+
+from ..audio.io import write_wav
+from ..data.shards import checksum
+from ..data.sounds import MANIFEST, Sound, SoundSet, runs, save_sounds
+from ..errors import AudioError, EchoAvatarError
+from ..timing import SAMPLES_PER_FRAME
+from .conversations import OWN, RULE, Script, conversations
+from .pieces import Job, Take, composed, recorded
+from .voices import Reader
+
+Kind = Literal["speech", "music"]
+Progress = Callable[[Kind, float, float], None]
+FAILURES_IN_A_ROW = 5  # then it is not the scripts
+
+
+@dataclass(frozen=True)
+class SoundPlan:
+    """What to make, and where."""
+
+    folder: Path
+    reader: Reader
+    hours: float = 1.0
+    pieces: int = 100
+    seed: int = 0
+    scripts: Path | None = None
+    scripts_licence: str = "not stated"
+    music: Path | None = None
+    music_licence: str = "not stated"
+
+    def info(self) -> dict[str, Any]:
+        """What a folder is made with throughout."""
+        return {
+            "kind": "sound to tune a generator on by reward",
+            "seed": self.seed,
+            "voice": self.reader.title,
+            "scripts": self.scripts.name if self.scripts else "own",
+            "music": self.music.name if self.music else "composed by rule",
+        }
+
+
+@dataclass
+class Gathered:
+    """What a run made, kept and could not make."""
+
+    made: dict[str, Sound] = field(default_factory=dict)
+    kept: dict[str, Sound] = field(default_factory=dict)
+    failures: list[tuple[str, str]] = field(default_factory=list)
+
+    def sounds(self, kind: Kind) -> list[Sound]:
+        """Those of this run's plan, made or kept."""
+        return [sound for sound in (self.made | self.kept).values() if sound.kind == kind]
+
+    def seconds(self, kind: Kind) -> float:
+        """Their length."""
+        return sum(sound.seconds for sound in self.sounds(kind))
+
+
+def gather(plan: SoundPlan, progress: Progress | None = None) -> Gathered:
+    """Make, or complete, the corpus. Progress is told in minutes of speech and in pieces of music.
+
+    Raises:
+        EchoAvatarError: nothing is asked for, a folder cannot be used, or no script of several in a row can be spoken.
+        DependencyError: the voice cannot be reached or refuses the key.
+    """
+    if plan.hours < 0 or plan.pieces < 0 or plan.hours + plan.pieces == 0:
+        raise EchoAvatarError(
+            f"--hours {plan.hours:g} and --pieces {plan.pieces} ask for nothing; make one positive"
+        )
+    music = list(islice(_music(plan), plan.pieces))  # a folder without music is told before an hour is spoken
+    folder, found = _Folder(plan), Gathered()
+    in_a_row, jobs = 0, _speech(plan)
+    while found.seconds("speech") < plan.hours * 3600:
+        in_a_row = 0 if folder.take(next(jobs), "speech", found) else in_a_row + 1
+        if in_a_row == FAILURES_IN_A_ROW:
+            name, why = found.failures[-1]
+            raise EchoAvatarError(f"{in_a_row} scripts in a row failed, the last of them {name}: {why}")
+        if progress:
+            progress("speech", found.seconds("speech") / 60, plan.hours * 60)
+    for number, job in enumerate(music, start=1):
+        folder.take(job, "music", found)
+        if progress:
+            progress("music", number, len(music))
+    return found
+
+
+def _music(plan: SoundPlan) -> Iterator[Job]:
+    return recorded(plan.music, plan.music_licence) if plan.music else composed(plan.seed)
+
+
+def _speech(plan: SoundPlan) -> Iterator[Job]:
+    for script in conversations(plan.seed, plan.scripts):
+        yield Job(f"speech-{script.name}", script.split, partial(_spoken, plan, script))
+
+
+def _spoken(plan: SoundPlan, script: Script) -> Take:
+    said = plan.reader.read(script, np.random.default_rng([plan.seed, crc32(script.name.encode())]))
+    text = "Apache-2.0" if script.source in (OWN, RULE) else plan.scripts_licence
+    return Take(
+        said.audio,
+        said.domain,
+        {kind: times for kind, times in said.events.items() if times},
+        f"text: {script.source}; spoken by {plan.reader.title} ({', '.join(said.voices)})",
+        f"text: {text}; {plan.reader.licence}",
+        {"text": "\n".join(turn.text for turn in script.turns)},
+    )
+
+
+class _Folder:
+    """What is on disk: all that was there before stays listed."""
+
+    def __init__(self, plan: SoundPlan) -> None:
+        self._folder, self._info = plan.folder, plan.info()
+        self._listed: dict[str, Sound] = {}
+        try:
+            for kind in ("speech", "music"):
+                (plan.folder / kind).mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise EchoAvatarError(
+                f"cannot write to {plan.folder} ({error.strerror}); choose another -o"
+            ) from error
+        if not (plan.folder / MANIFEST).exists():
+            return
+        before = SoundSet(plan.folder)
+        for key, now in self._info.items():
+            if before.info.get(key) != now:
+                raise EchoAvatarError(
+                    f"{plan.folder} was made with {key} {before.info.get(key)!r}, this call says {now!r}; use the same"
+                    " options or choose another -o"
+                )
+        self._listed = {sound.name: sound for sound in before.sounds if before.is_intact(sound)}
+
+    def take(self, job: Job, kind: Kind, found: Gathered) -> bool:
+        """Make it unless it is there; a failure is noted and False."""
+        if job.name in self._listed:
+            found.kept[job.name] = self._listed[job.name]
+            return True
+        try:
+            sound = self._write(job, kind, job.make())
+        except AudioError as error:
+            found.failures.append((job.name, str(error)))
+            return False
+        found.made[job.name] = self._listed[job.name] = sound
+        save_sounds(self._folder, self._listed.values(), self._info)
+        return True
+
+    def _write(self, job: Job, kind: Kind, take: Take) -> Sound:
+        file = f"{kind}/{job.name}.wav"
+        write_wav(self._folder / file, take.audio)
+        return Sound(
+            name=job.name,
+            file=file,
+            kind=kind,
+            split=job.split,
+            frames=len(take.audio) // SAMPLES_PER_FRAME,
+            sha256=checksum(self._folder / file),
+            source=take.source,
+            licence=take.licence,
+            heard=runs(take.domain),
+            events=take.events,
+            notes=take.notes,
+        )
