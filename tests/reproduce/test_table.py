@@ -4,17 +4,18 @@ import pytest
 
 from echoavatar.evaluation.score_row import Row
 from echoavatar.metrics.bootstrap import Interval
-from echoavatar.reproduce.table import Cell, Column, Line, Table, cells, orderings
+from echoavatar.reproduce.table import Cell, Column, Line, Table, Wanted, cells, orderings
 
 
 def test_cells_are_scores_in_the_columns_unit() -> None:
-    row = Row("ba", "", 0.5, Interval(0.4, 0.6), truth=0.7)
-    assert cells([row], {"x": ("ba", 10.0), "y": ("other", 1.0)}) == {"x": Cell(5.0, 4.0, 6.0)}
-    assert cells([row], {"x": ("ba", 10.0)}, of="truth")["x"].value == pytest.approx(7.0)
+    row = Row("ba", "", 0.5, Interval(0.4, 0.6), 0.4, 0.1, Interval(0.05, 0.15), truth=0.7)
+    assert cells([row], {"x": Wanted("ba", 10.0), "y": Wanted("other")}) == {"x": Cell(5.0, 4.0, 6.0)}
+    assert cells([row], {"x": Wanted("ba", 10.0, "truth")})["x"].value == pytest.approx(7.0)
+    assert cells([row], {"x": Wanted("ba", 10.0, "excess")})["x"] == Cell(1.0, 0.5, 1.5)
 
 
 def test_what_could_not_be_measured_is_left_out() -> None:
-    assert cells([Row("ba", "", math.nan)], {"x": ("ba", 1.0)}) == {}
+    assert cells([Row("ba", "", math.nan)], {"x": Wanted("ba")}) == {}
 
 
 def test_orderings_count_pairs_the_right_way_round() -> None:

@@ -21,11 +21,13 @@ COLUMNS = (
     Column("gesture_preference", "Preference, gesture", better="higher"),
     Column("gesture_fid", "FID, gesture"),
     Column("gesture_ba_g", "BA_G", "1/10", better="higher"),
+    Column("gesture_ba_g_over", "BA_G over chance", "1/10", better="higher"),
     Column("dance_preference", "Preference, dance", better="higher"),
     Column("dance_fid", "FID, dance"),
     Column("dance_ba_d", "BA_D", "1/10", better="higher"),
+    Column("dance_ba_d_over", "BA_D over chance", "1/10", better="higher"),
 )
-SHOWN = {"gesture": (SPEECH, ("fid", "ba_g")), "dance": (MUSIC, ("fid", "ba_d"))}
+SHOWN = {"gesture": (SPEECH, ("fid", "ba_g", "ba_g_over")), "dance": (MUSIC, ("fid", "ba_d", "ba_d_over"))}
 
 
 class Variant(NamedTuple):

@@ -50,6 +50,7 @@ def make(workshop: Workshop) -> Table:
         f"{bundle.name}: {bundle.parameters / 1e6:.1f} M parameters, one session,"
         f" {report.summary['threads']:.0f} threads, {report.summary['seconds']:.0f} s of sound.",
         "Medians of stages do not sum to the median of the whole, which has the face in it as well.",
+        "The paper's numbers are the paper's, of other machines and its own models: not comparable.",
         "Spread over chunks is told by the 95th percentile; there are no clips to resample.",
     )
     return Table(NAME, "Latency of a chunk (paper, Real-time Performance Evaluation)", COLUMNS, lines, notes)

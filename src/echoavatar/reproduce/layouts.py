@@ -13,7 +13,9 @@ COLUMNS = (
     Column("fid", "FID"),
     Column("diversity", "Diversity", "m", better="higher"),
     Column("ba_g", "BA_G", "1/10", better="higher"),
+    Column("ba_g_over", "BA_G over chance", "1/10", better="higher"),
     Column("ba_d", "BA_D", "1/10", better="higher"),
+    Column("ba_d_over", "BA_D over chance", "1/10", better="higher"),
 )
 VARIANTS = {
     "prefix (paper)": GeneratorChoice("order-prefix", sizes={"sequence": "prefix"}),

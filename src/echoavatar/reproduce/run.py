@@ -25,6 +25,7 @@ NOTHING_LEARNED = (
     "Scale tiny: a few steps of small models. It shows that every part runs; no number means anything."
 )
 FOREIGN = "Numbers of the paper are the paper's, not comparable: other data and extractor. Only order can be compared."
+CHANCE = "Over chance: less what the same motion scores with the sound of other clips."
 INTERVALS = "In brackets: 95 % intervals, resampling test clips; of training runs there is one seed."
 
 
@@ -32,10 +33,10 @@ def reproduce(name: str, workshop: Workshop, *, command: str) -> Table:
     """Make the table with all notes; parts that are finished are kept."""
     table = TABLES[name](workshop)
     notes = list(table.notes)
-    if any(line.paper for line in table.lines):
-        notes.append(FOREIGN)
     if name != latency.NAME:
+        notes += [FOREIGN] if any(line.paper for line in table.lines) else []
         notes.append(INTERVALS)
+        notes += [CHANCE] if any(column.key.endswith("_over") for column in table.columns) else []
         notes += orderings(table) if workshop.scale.name != "tiny" else [NOTHING_LEARNED]
         notes.append(f"{len(workshop.tests)} test clips of {_about(workshop)}.")
     notes.append(f"Made by `{command}` on {hardware(workshop.device)}; seed {workshop.seed}.")

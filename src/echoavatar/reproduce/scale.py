@@ -50,16 +50,16 @@ class Scale(Config):
 
 TINY = Scale(
     name="tiny",
-    hours=64 * 3 / 3600,
+    hours=48 * 3 / 3600,
     clip_seconds=3.0,
-    test_clips=4,
+    test_clips=3,
     seconds=2.0,
     patience=0.0,
     tokenizer=MotionTokenizerConfig(
         features=1, width=32, heads=2, layers=2, codes=32, decay=0.9, dead_below=0.05, kmeans_steps=2
     ),
     tokenizer_training=TokenizerTraining(
-        steps=60, batch=8, frames=32, learning_rate=2e-3, warmup=5, temperature=0, dropout=0, evaluate_every=0
+        steps=30, batch=8, frames=32, learning_rate=2e-3, warmup=5, temperature=0, dropout=0, evaluate_every=0
     ),
     generator=GeneratorSizes(window_chunks=4, width=32, layers=2, mlp=96),
     generator_training=GeneratorTraining(steps=20, batch=4, warmup=2),

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 from ..evaluation.score_row import Row
+from ..metrics.bootstrap import UNKNOWN
 
 NAN = float("nan")
 
@@ -69,23 +70,26 @@ class Table:
         return any(column.key in line.ours for line in self.lines)
 
 
-def cells(
-    rows: Sequence[Row], wanted: Mapping[str, tuple[str, float]], *, of: str = "made"
-) -> dict[str, Cell]:
-    """Cells from scores: column key to name and factor of a score; `of` "truth" takes what true motion scores."""
+class Wanted(NamedTuple):
+    """Which score a column shows, times what, and which of its numbers."""
+
+    score: str
+    factor: float = 1.0
+    part: Literal["value", "excess", "truth"] = "value"
+
+
+def cells(rows: Sequence[Row], wanted: Mapping[str, Wanted]) -> dict[str, Cell]:
+    """Cells from scores, by the keys of columns; what could not be measured is left out."""
     found = {row.name: row for row in rows}
     made = {}
-    for key, (name, factor) in wanted.items():
+    for key, (name, factor, part) in wanted.items():
         if name not in found:
             continue
         row = found[name]
-        cell = (
-            Cell(row.truth * factor)
-            if of == "truth"
-            else Cell(row.value * factor, row.interval.low * factor, row.interval.high * factor)
-        )
-        if math.isfinite(cell.value):
-            made[key] = cell
+        ends = {"value": row.interval, "excess": row.excess_interval, "truth": UNKNOWN}[part]
+        value = {"value": row.value, "excess": row.excess, "truth": row.truth}[part]
+        if math.isfinite(value):
+            made[key] = Cell(value * factor, ends.low * factor, ends.high * factor)
     return made
 
 

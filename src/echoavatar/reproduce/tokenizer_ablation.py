@@ -12,7 +12,7 @@ from typing import NamedTuple
 from ..tokenizer import LossWeights
 from .choices import OURS, GeneratorChoice, TokenizerChoice
 from .scores import GENERATION, generated, reconstructed
-from .table import Cell, Column, Line, Table, cells
+from .table import Cell, Column, Line, Table, Wanted, cells
 from .workshop import Workshop, motion_of
 
 NAME = "tokenizer-ablation"
@@ -88,5 +88,5 @@ def _halves(workshop: Workshop) -> dict[str, Cell]:
     rows = generated(
         [motion_of(clip) for clip in workshop.tests], workshop.tests, workshop.extractor, seed=workshop.seed
     )
-    found = cells(rows, {"fid": GENERATION["fid"]}, of="truth")
+    found = cells(rows, {"fid": Wanted("fid", part="truth")})
     return {key: found["fid"] for key in ("fid", "generation_fid") if "fid" in found}
