@@ -77,7 +77,7 @@ def make(workshop: Workshop) -> Table:
         lines.append(Line(name, quoted, _scored(workshop, workshop.made(choice))))
     lines += [Line(name, dict(zip(keys, values, strict=True))) for name, values in QUOTED.items()]
     notes = (
-        "Diversity: ours is the L1 deviation from the mean pose, metres, summed over joints; the paper's unit is not given.",
+        "Diversity: L1 deviation from the mean pose, summed over joints, metres; the paper does not give its unit.",
         "The paper has no uniform corruption; MECo, EDGE, DPO and GRPO are quoted, not made here.",
     )
     return Table(NAME, "Generation (paper, Quantitative evaluation on test set)", COLUMNS, lines, notes)

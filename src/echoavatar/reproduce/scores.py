@@ -32,7 +32,7 @@ GENERATION = {
     "ba_d": Wanted("ba_d_paper", 10.0),
     "ba_d_over": Wanted("ba_d_paper", 10.0, "excess"),
 }
-"""Columns of generation; the paper prints beat alignment in tenths. Over chance: less what other clips' sound scores."""
+"""Columns of generation; beat alignment in tenths, as in the paper, and less what other clips' sound scores."""
 
 
 def reconstructed(
