@@ -1,9 +1,10 @@
+import argparse
 from pathlib import Path
 
 import pytest
 
 from echoavatar.cli import main
-from echoavatar.cli.reproduce import TABLES
+from echoavatar.cli.reproduce import TABLES, _command, add_arguments
 from echoavatar.reproduce import run
 
 
@@ -14,6 +15,13 @@ def test_the_command_offers_the_tables_there_are() -> None:
 def test_the_papers_scale_asks_for_data(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["reproduce", "main", "--scale", "paper", "-o", str(tmp_path)]) == 1
     assert "--corpus" in capsys.readouterr().err
+
+
+def test_a_command_is_told_without_places() -> None:
+    parser = argparse.ArgumentParser()
+    add_arguments(parser)
+    args = parser.parse_args(["main", "-o", "/a/b/runs", "--corpus", "/c/set", "--seed", "3"])
+    assert _command(args) == "echoavatar reproduce main --scale tiny -o runs --corpus set --seed 3"
 
 
 @pytest.mark.slow

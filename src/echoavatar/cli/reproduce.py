@@ -36,27 +36,50 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--qwen", type=Path, metavar="FOLDER", help="Qwen2.5-0.5B-Instruct, to begin generators with"
     )
     parser.add_argument("--device", default="cpu", help="where to train (default: %(default)s)")
+    parser.add_argument(
+        "--workers", type=int, default=1, help="processes that make a corpus (default: %(default)s)"
+    )
     parser.add_argument("--seed", type=int, default=0, help="of everything (default: %(default)s)")
 
 
 def run(args: argparse.Namespace) -> int:
     """Make what is missing, print and write the table."""
+    from tqdm import tqdm
+
     from ..reproduce.run import reproduce, write
     from ..reproduce.scale import SCALES
     from ..reproduce.text import markdown
     from ..reproduce.workshop import Sources, Workshop
 
-    workshop = Workshop(
-        args.output / args.scale,
-        SCALES[args.scale],
-        Sources(args.corpus, args.codec, args.extractor, args.qwen),
-        device=args.device,
-        seed=args.seed,
-        say=lambda line: print(line, file=sys.stderr, flush=True),
-    )
-    command = f"echoavatar reproduce {args.table} --scale {args.scale} -o {args.output.name}"
-    table = reproduce(args.table, workshop, command=command)
+    with tqdm(disable=not sys.stderr.isatty(), leave=False) as bar:
+
+        def progress(done: int, total: int) -> None:
+            bar.total, bar.n = total, done
+            bar.refresh()
+
+        workshop = Workshop(
+            args.output / args.scale,
+            SCALES[args.scale],
+            Sources(args.corpus, args.codec, args.extractor, args.qwen),
+            device=args.device,
+            seed=args.seed,
+            workers=args.workers,
+            say=lambda line: tqdm.write(line, file=sys.stderr),
+            progress=progress,
+        )
+        table = reproduce(args.table, workshop, command=_command(args))
     paths = write(table, args.output / args.scale)
     print(markdown(table))
     print("written: " + ", ".join(str(path) for path in paths))
     return 0
+
+
+def _command(args: argparse.Namespace) -> str:
+    """As it may be told: names of folders, not where they lie."""
+    words = [f"echoavatar reproduce {args.table} --scale {args.scale} -o {args.output.name}"]
+    for name in ("corpus", "codec", "extractor", "qwen"):
+        given = getattr(args, name)
+        words += [f"--{name} {given.name}"] if given else []
+    words += [f"--device {args.device}"] if args.device != "cpu" else []
+    words += [f"--seed {args.seed}"] if args.seed else []
+    return " ".join(words)

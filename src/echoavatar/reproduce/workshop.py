@@ -1,11 +1,9 @@
 """Makes what the tables need, each part once: corpus, tokenizers, codes, generators, motion; finished parts are kept.
 
-A part is a folder with `asked.json`, which says what was asked for and whether it is finished. Training goes on where
-it stopped. Tables of one output folder share their parts.
+Training goes on where it stopped. Tables of one output folder share their parts.
 """
 
 import hashlib
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
@@ -25,7 +23,9 @@ from ..metrics.motion_encoder import MotionEncoder, load_shipped
 from ..timing import FRAME_RATE_HZ
 from ..tokenizer import BodyTokenizer, MotionTokenizerConfig, as_one_part, body_config
 from ..tokens import TokenLayout
+from ..training import Progress
 from .choices import GeneratorChoice, TokenizerChoice
+from .kept import kept
 from .scale import Scale
 
 TOGETHER = 16  # sounds that go through a pipeline at once
@@ -62,10 +62,14 @@ class Workshop:
         *,
         device: str = "cpu",
         seed: int = 0,
+        workers: int = 1,
         say: Callable[[str], None] = lambda line: None,
+        progress: Progress | None = None,
     ) -> None:
+        """`workers` make a corpus; `say` is told what is made, `progress` how much of it is done."""
         self.folder, self.scale, self.sources = folder, scale, sources
-        self.device, self.seed, self.say = device, seed, say
+        self.device, self.seed, self.workers = device, seed, workers
+        self.say, self.progress = say, progress
 
     @cached_property
     def corpus(self) -> Corpus:
@@ -129,7 +133,14 @@ class Workshop:
             config = body_config(as_one_part(skeleton) if choice.is_whole else skeleton, sizes)
             clips = [self.corpus.motion(name) for name in self.corpus.names("train", has_mirrored=False)]
             train_tokenizer(
-                config, training, clips, [], folder, card=self._card("tokenizer"), device=self.device
+                config,
+                training,
+                clips,
+                [],
+                folder,
+                card=self._card("tokenizer"),
+                device=self.device,
+                progress=self.progress,
             )
 
         self._kept(folder, asked, make)
@@ -149,6 +160,7 @@ class Workshop:
                 folder,
                 is_mirrored_too=self.corpus.can_mirror,
                 patience=self.scale.patience,
+                progress=self.progress,
             )
 
         self._kept(folder, self._codes_asked(choice), make)
@@ -191,6 +203,7 @@ class Workshop:
                 qwen=self.sources.qwen,
                 audio_codebooks=self.codec.codebooks,
                 motion_codebooks=tokenizer.codebooks(),
+                progress=self.progress,
             )
 
         self._kept(folder, self._generator_asked(choice), make)
@@ -210,7 +223,9 @@ class Workshop:
             for first in range(0, len(self.tests), TOGETHER):
                 clips = self.tests[first : first + TOGETHER]
                 seeds = range(self.seed + first, self.seed + first + len(clips))
-                done = animate_many(pipeline, [clip.audio for clip in clips], seeds=list(seeds))
+                done = animate_many(
+                    pipeline, [clip.audio for clip in clips], seeds=list(seeds), progress=self.progress
+                )
                 for clip, motion in zip(clips, (each.motion for each in done), strict=True):
                     moved = replace(clip, rotations=motion.rotations, root=motion.root)
                     moved.save(folder / f"{clip.name}.npz")
@@ -258,7 +273,7 @@ class Workshop:
         folder = self.folder / "corpus"
         plan = Plan(self.scale.hours, self.seed + 1, folder, clip_seconds=self.scale.clip_seconds)
         asked = {"hours": plan.hours, "seed": plan.seed, "clip_seconds": plan.clip_seconds}
-        self._kept(folder, asked, lambda: rehearse(plan))
+        self._kept(folder, asked, lambda: rehearse(plan, workers=self.workers, progress=self.progress))
         return folder
 
     def _card(self, part: str) -> dict[str, object]:
@@ -271,25 +286,11 @@ class Workshop:
         }
 
     def _kept(self, folder: Path, asked: Mapping[str, object], make: Callable[[], object]) -> None:
-        """Make a part unless it is finished.
+        def told() -> None:
+            self.say(str(folder.relative_to(self.folder)))
+            make()
 
-        Raises:
-            EchoAvatarError: the folder holds a part made by other settings.
-        """
-        stamp, wanted = folder / "asked.json", json.loads(json.dumps(asked))
-        if stamp.exists():
-            found = json.loads(stamp.read_text())
-            if found["asked"] != wanted:
-                raise EchoAvatarError(
-                    f"{folder} was made with other settings or from other parts; remove it or choose another -o"
-                )
-            if found["is_finished"]:
-                return
-        folder.mkdir(parents=True, exist_ok=True)
-        stamp.write_text(json.dumps({"asked": wanted, "is_finished": False}, indent=1) + "\n")
-        self.say(str(folder.relative_to(self.folder)))
-        make()
-        stamp.write_text(json.dumps({"asked": wanted, "is_finished": True}, indent=1) + "\n")
+        kept(folder, asked, told)
 
 
 def is_mostly(clip: TokenClip, kind: str | None) -> bool:
