@@ -78,9 +78,7 @@ class Workshop:
         Raises:
             EchoAvatarError: the scale wants a real set and none is given, or it is on another rig than ours.
         """
-        folder = self.sources.corpus
-        if folder is None:
-            folder = self._rehearse()
+        folder = self.sources.corpus or self._rehearse()
         corpus = Corpus(folder)
         if corpus.skeleton.names != HUMANOID.names:
             raise EchoAvatarError(f"{folder} is on a rig of its own; prepare it with --rig unified")
@@ -268,7 +266,7 @@ class Workshop:
 
         if not self.scale.hours:
             raise EchoAvatarError(
-                f"scale {self.scale.name} wants a real set: name one that `echoavatar data prepare` made (--corpus)"
+                f"scale {self.scale.name} wants a real set: name one of `echoavatar data prepare` (--corpus)"
             )
         folder = self.folder / "corpus"
         plan = Plan(self.scale.hours, self.seed + 1, folder, clip_seconds=self.scale.clip_seconds)
@@ -286,11 +284,7 @@ class Workshop:
         }
 
     def _kept(self, folder: Path, asked: Mapping[str, object], make: Callable[[], object]) -> None:
-        def told() -> None:
-            self.say(str(folder.relative_to(self.folder)))
-            make()
-
-        kept(folder, asked, told)
+        kept(folder, asked, lambda: (self.say(str(folder.relative_to(self.folder))), make()))
 
 
 def is_mostly(clip: TokenClip, kind: str | None) -> bool:
