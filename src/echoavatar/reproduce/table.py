@@ -94,10 +94,14 @@ def cells(rows: Sequence[Row], wanted: Mapping[str, Wanted]) -> dict[str, Cell]:
 
 
 def orderings(table: Table) -> list[str]:
-    """For each column with both: how many pairs of lines lie the same way round with us as in the paper."""
+    """For each column with both: how many pairs of lines lie the same way round with us as in the paper.
+
+    The truth, at a distance of 0 from itself, does not count.
+    """
     told = []
     for column in table.columns:
         both = [line for line in table.lines if column.key in line.paper and column.key in line.ours]
+        both = [line for line in both if line.paper[column.key] != 0]
         pairs = [(a, b) for n, a in enumerate(both) for b in both[n + 1 :]]
         if not pairs:
             continue

@@ -67,9 +67,8 @@ class Workshop:
         progress: Progress | None = None,
     ) -> None:
         """`workers` make a corpus; `say` is told what is made, `progress` how much of it is done."""
-        self.folder, self.scale, self.sources = folder, scale, sources
-        self.device, self.seed, self.workers = device, seed, workers
-        self.say, self.progress = say, progress
+        self.folder, self.scale, self.sources, self.device = folder, scale, sources, device
+        self.seed, self.workers, self.say, self.progress = seed, workers, say, progress
 
     @cached_property
     def corpus(self) -> Corpus:
