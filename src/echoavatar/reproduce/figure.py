@@ -54,5 +54,5 @@ def _panel(axis: Any, table: Table, column: Column) -> None:
     known = [(line.paper[column.key], n) for n, line in enumerate(table.lines) if column.key in line.paper]
     above.plot(*zip(*known, strict=True), "D", color=_PAPER, mfc="none", ms=6)
     above.set_xlim(left=min(0, *(value for value, _ in known)) if len(known) > 1 else None)
-    above.set_xlabel("paper", fontsize=9, color=_PAPER)
+    above.set_xlabel("paper (not comparable)", fontsize=9, color=_PAPER)
     above.tick_params(axis="x", labelsize=8)
