@@ -28,3 +28,10 @@ def test_a_part_that_there_is_not_and_a_size_that_must_be_shared_are_refused() -
         body_sizes(settings({"parts": {"tail": {}}}), HUMANOID)
     with pytest.raises(EchoAvatarError, match="may not differ in width"):
         body_sizes(settings({"parts": {"hands": {"width": 16}}}), HUMANOID)
+
+
+def test_a_body_may_be_one_part() -> None:
+    found = body_sizes(settings({"is_whole": True, "blocks": "convolution"}), HUMANOID)
+    assert {name: (part.features, part.blocks) for name, part in found.parts.items()} == {
+        "body": (315, "convolution")
+    }

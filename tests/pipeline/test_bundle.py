@@ -1,11 +1,20 @@
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+import torch
 
-from echoavatar.errors import CheckpointError
-from echoavatar.pipeline import load_bundle
+from echoavatar.engine import animate_many
+from echoavatar.errors import CheckpointError, MotionError
+from echoavatar.generator import Generator
+from echoavatar.kinematics import to_features
+from echoavatar.pipeline import Pipeline, load_bundle
+from echoavatar.pipeline.action_making import action_from_motion, own_actions
+from echoavatar.tokenizer import BodyTokenizer, as_one_part, body_config
+from echoavatar.tokens import TokenLayout
 
 
 def test_a_bundle_loads_with_its_parts_fitting(tiny_bundle: Path) -> None:
@@ -13,6 +22,31 @@ def test_a_bundle_loads_with_its_parts_fitting(tiny_bundle: Path) -> None:
     assert bundle.skeleton.joints == 52
     assert bundle.generator.config.layout.motion_layers == bundle.tokenizer.config.layers == 2
     assert bundle.parameters > 1000
+
+
+def test_a_body_of_one_part_animates(tiny_bundle: Path, voice: np.ndarray) -> None:
+    """The vocabulary has a third of the segments; nothing behind the tokenizer knows."""
+    torch.manual_seed(0)
+    shipped = load_bundle(tiny_bundle)
+    parted = shipped.tokenizer
+    template = next(iter(parted.config.parts.values()))
+    whole = BodyTokenizer(body_config(as_one_part(parted.skeleton), template)).eval()
+    still = torch.eye(3).expand(2, whole.skeleton.joints, 3, 3)
+    root = whole.skeleton.offsets[0].expand(2, 3)
+    whole.mean.copy_(to_features(whole.skeleton, still, root)[0])
+    whole.std.fill_(0.02)
+    for name, book in whole.named_buffers():
+        if name.endswith("codebook"):
+            book.normal_()
+    layout = TokenLayout.compact(audio_codes=16, motion_layers=2, motion_codes=8, parts=1)
+    config = shipped.generator.config.model_copy(update={"layout": layout})
+    bundle = replace(shipped, tokenizer=whole, generator=Generator(config).eval(), actions=own_actions(whole))
+    (done,) = animate_many(Pipeline(bundle), [voice], seeds=[1])
+    assert done.motion.frames == 60
+    assert np.isfinite(done.motion.rotations).all()
+    assert np.abs(np.diff(done.motion.rotations, axis=0)).max() > 1e-4
+    with pytest.raises(MotionError, match="upper body"):
+        action_from_motion(whole, "sway", done.motion)
 
 
 def test_an_unknown_name_lists_what_there_is() -> None:
@@ -31,8 +65,7 @@ def test_parts_that_do_not_speak_the_same_codes_are_refused(tiny_bundle: Path, t
     folder = tmp_path / "b"
     shutil.copytree(tiny_bundle, folder)
     config = json.loads((folder / "generator" / "config.json").read_text())
-    from echoavatar.generator import Generator, GeneratorConfig
-    from echoavatar.tokens import TokenLayout
+    from echoavatar.generator import GeneratorConfig
 
     layout = TokenLayout.compact(audio_codes=32, motion_layers=2, motion_codes=8)
     Generator(GeneratorConfig(**(config | {"layout": layout}))).save(folder / "generator", {})

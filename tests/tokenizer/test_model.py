@@ -105,3 +105,44 @@ def test_lookback_halves_with_the_rate():
 def test_heads_must_divide_the_width():
     with pytest.raises(ValidationError, match="twice the heads"):
         MotionTokenizerConfig(features=4, width=12, heads=4)
+
+
+VARIANTS = [
+    {"blocks": "convolution", "resampling": "strided"},
+    {"resampling": "learned"},
+]
+
+
+@pytest.mark.parametrize("choice", VARIANTS, ids=str)
+def test_what_the_ablation_puts_in_place_streams_as_well(choice):
+    torch.manual_seed(0)
+    model = MotionTokenizer(MotionTokenizerConfig.model_validate(CONFIG.model_dump() | choice)).double()
+    for book in model.quantizer.books():
+        torch.nn.init.normal_(book.codebook)
+    with torch.no_grad():
+        streaming.hold(Encoding(model.eval()), frames, unit=4, atol=0)
+        streaming.hold(Decoding(model), codes, atol=1e-6)
+
+
+def test_without_look_back_a_token_sees_its_own_four_frames_only():
+    """So a stream in pieces must give what a whole clip gives."""
+    model = MotionTokenizer(CONFIG.model_copy(update={"lookback": 0})).double()
+    x = frames(1, 32, torch.Generator().manual_seed(0)).requires_grad_()
+    model.to_latents(x)[0, 5].sum().backward()
+    assert x.grad[0].abs().sum(-1).nonzero().flatten().tolist() == [20, 21, 22, 23]
+    state, every = model.init_encoder(1), torch.ones(1, dtype=torch.bool)
+    with torch.no_grad():
+        pieces = [model.latents_step(piece, state, every) for piece in x.split(12, 1)]
+        torch.testing.assert_close(torch.cat(pieces, 1), model.to_latents(x))
+
+
+def test_without_the_dual_path_only_the_mlp_carries():
+    """Silence the MLPs: the dual path still brings a mean, the learned one nothing but biases."""
+    x = frames(1, 8, torch.Generator().manual_seed(0))
+    for resampling, carries in (("dual", True), ("learned", False)):
+        model = MotionTokenizer(CONFIG.model_copy(update={"resampling": resampling, "lookback": 0})).double()
+        for mlp in model.down_sample:
+            torch.nn.init.zeros_(mlp.fc2.weight)
+        with torch.no_grad():
+            found = model.to_latents(x)
+        assert (not torch.allclose(found[0, 0], found[0, 1])) == carries

@@ -2,7 +2,8 @@ import pytest
 import torch
 
 from echoavatar.kinematics import HUMANOID, Skeleton, forward_kinematics, from_features
-from echoavatar.tokenizer.planes import PlaneKinematics, travel_columns, wrist_of
+from echoavatar.tokenizer import as_one_part
+from echoavatar.tokenizer.planes import PlaneKinematics, finger_joints, travel_columns, wrist_of
 
 
 def test_planes_give_the_positions_of_forward_kinematics():
@@ -39,3 +40,7 @@ def test_a_rig_with_joints_outside_the_parts_is_refused():
 def test_a_finger_hangs_on_its_wrist():
     tip = HUMANOID.index("leftIndexDistal")
     assert wrist_of(HUMANOID, tip) == HUMANOID.index("leftHand")
+
+
+def test_fingers_are_known_without_their_part():
+    assert finger_joints(as_one_part(HUMANOID)) == sorted(HUMANOID.config.parts["hands"])

@@ -1,3 +1,4 @@
+import pytest
 import torch
 
 from echoavatar.tokenizer import MotionTokenizer, MotionTokenizerConfig
@@ -25,3 +26,9 @@ def test_every_branch_still_learns():
     (tokenizer.from_latents(tokenizer.to_latents(frames[None])) - frames).square().mean().backward()
     branches = [tokenizer.encoder[0].attn.proj, tokenizer.down_sample[0].fc2, tokenizer.up_sample[1].fc2]
     assert all(layer.weight.grad.abs().sum() > 0 for layer in branches)
+
+
+def test_axes_need_a_short_path():
+    tokenizer = MotionTokenizer(MotionTokenizerConfig(features=10, width=16, heads=2, resampling="learned"))
+    with pytest.raises(ValueError, match="principal start"):
+        start_from_principal_axes(tokenizer, torch.zeros(8, 10))

@@ -56,3 +56,10 @@ def test_overlapping_rows_are_refused():
         TokenLayout(motion_layers=6)
     with pytest.raises(ValidationError, match="special"):
         TokenLayout(before_audio=(4,))
+
+
+def test_a_body_of_one_part_has_a_third_of_the_segments():
+    layout = TokenLayout.compact(audio_codes=4, motion_layers=3, motion_codes=5, parts=1)
+    assert (layout.segments, layout.vocabulary) == (3, 4 + 2 * 4 + 3 * 5)
+    motion = torch.randint(5, (2, 4, 1, 3), generator=torch.Generator().manual_seed(0))
+    assert torch.equal(layout.motion_codes_of(layout.motion_ids(motion)), motion)

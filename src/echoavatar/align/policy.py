@@ -23,7 +23,7 @@ from ..errors import CheckpointError
 from ..generator import Generator, open_stream
 from ..generator.sampling import nucleus
 from ..timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
-from ..tokens import PARTS, TokenLayout
+from ..tokens import TokenLayout
 from .prompts import PromptBatch
 
 
@@ -189,7 +189,7 @@ class GeneratorPolicy:
 
 def by_layer(values: Float[Tensor, "b n k"], layers: int) -> list[float]:
     """Means of each RVQ layer, coarsest first, over rows, time and body parts."""
-    split = values.detach().reshape(*values.shape[:2], PARTS, layers)
+    split = values.detach().reshape(*values.shape[:2], -1, layers)
     return [float(mean) for mean in split.mean((0, 1, 2))]
 
 

@@ -16,7 +16,7 @@ from pydantic import Field, ValidationError
 from ..config import Config
 from ..errors import MotionError
 from ..timing import MOTION_TOKENS_PER_CHUNK
-from ..tokens import PARTS, TokenLayout
+from ..tokens import TokenLayout
 from .policy import Policy
 from .prompts import Prompt, PromptBook, batch_of
 from .trainer import Judge
@@ -85,7 +85,7 @@ def read_pairs(
 
 
 def _check(pair: Pair, prompt: Prompt, layout: TokenLayout) -> None:
-    wanted = (len(prompt.truth), PARTS, layout.motion_layers)
+    wanted = (len(prompt.truth), layout.parts, layout.motion_layers)
     for name in ("chosen", "rejected"):
         try:
             codes = np.array(getattr(pair, name))

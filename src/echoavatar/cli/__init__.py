@@ -23,6 +23,7 @@ COMMANDS = {
     "evaluate": "score a bundle; the last line is JSON",
     "score": "score any motion against true motion: every metric with chance level and interval",
     "baseline": "motion without a model, to hold scores against: mean pose, random clip, nearest sound",
+    "reproduce": "make a table of the paper again, the paper's numbers beside ours",
     "data": "make training data",
     "train": "train the codec, the motion tokenizer, the generator, the face, the fingers or FID's extractor",
     "plot": "draw the metrics of training runs, one or several side by side",

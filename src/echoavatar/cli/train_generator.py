@@ -100,6 +100,7 @@ def train(args: argparse.Namespace, settings: Settings, how: dict[str, Any]) -> 
         audio_codes=codec.config.codes,
         motion_layers=tokenizer.config.layers,
         motion_codes=tokenizer.config.codes,
+        parts=len(tokenizer.config.parts),
     )
     model, chosen = settings.model, settings.training
     model.setdefault("mlp", 3 * int(model["width"]))

@@ -47,11 +47,16 @@ def train(args: argparse.Namespace, settings: Settings, card: dict[str, object],
 
 
 def body_sizes(settings: Settings, skeleton: "Skeleton") -> "BodyTokenizerConfig":
-    """One size for all parts, and what `model.parts` says of single ones (look-back, heads, codebook decay)."""
+    """One size for all parts, and what `model.parts` says of single ones (look-back, heads, codebook decay).
+
+    With `model.is_whole` the body is one part.
+    """
     from ..kinematics import part_sizes
-    from ..tokenizer import BodyTokenizerConfig, MotionTokenizerConfig
+    from ..tokenizer import BodyTokenizerConfig, MotionTokenizerConfig, as_one_part
 
     common = dict(settings.model)
+    if common.pop("is_whole", False):
+        skeleton = as_one_part(skeleton)
     own: dict[str, Any] = common.pop("parts", {})
     features = part_sizes(skeleton)
     if unknown := own.keys() - features.keys():

@@ -77,7 +77,8 @@ def score(
         true.append(measured(pair.true, extractor))
         if progress is not None:
             progress(done, len(pairs))
-    rows = [_fid(made, true, seed)] if extractor else []
+    latents = [[clip.latents for clip in side if clip.latents] for side in (made, true)]
+    rows = [fid_row(*latents, seed=seed)] if extractor else []
     if all(pair.audio is not None for pair in pairs):
         heard = [Heard(pair.audio, pair.domain) for pair in pairs if pair.audio is not None]
         places, truths = [clip.positions for clip in made], [clip.positions for clip in true]
@@ -119,9 +120,8 @@ def measured(motion: Motion, extractor: Extractor | None = None) -> Measured:
     )
 
 
-def _fid(made: Sequence[Measured], true: Sequence[Measured], seed: int) -> Row:
+def fid_row(ours: Sequence[Moments], theirs: Sequence[Moments], *, seed: int = 0) -> Row:
     """Interval over clips drawn on both sides alike; as `truth`, one half of the true clips against the other."""
-    ours, theirs = ([clip.latents for clip in side if clip.latents] for side in (made, true))
 
     def distance(clips: Sequence[int] | np.ndarray) -> float:
         return frechet_between(pooled([ours[k] for k in clips]), pooled([theirs[k] for k in clips]))

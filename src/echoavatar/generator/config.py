@@ -80,6 +80,10 @@ class GeneratorConfig(Config):
             raise ValueError(f"silence needs a code for each of {self.layout.audio_layers} layers")
         if any(not 0 <= segment < self.layout.segments for segment in self.steered):
             raise ValueError(f"steered segments {self.steered} must lie in 0..{self.layout.segments - 1}")
+        if self.exemplar and self.layout.parts == 1:
+            raise ValueError(
+                "control by exemplars speaks of the upper body, which this body is not split into"
+            )
         if self.steered and self.exemplar:
             raise ValueError(
                 "a generator trained with exemplars is steered in the upper body's first layer only"
@@ -99,7 +103,7 @@ class GeneratorConfig(Config):
     @property
     def directed(self) -> tuple[int, ...]:
         """The segments that a directive speaks of; it has K numbers for each."""
-        return self.steered or (self.layout.motion_layers,)
+        return self.steered or (min(1, self.layout.parts - 1) * self.layout.motion_layers,)
 
     @model_validator(mode="after")
     def _heads_divide(self) -> Self:

@@ -66,8 +66,8 @@ class ExemplarControl(nn.Module):
 
 
 def segment_of(layout: TokenLayout) -> int:
-    """The segment of the motion grammar that the set speaks of: the upper body's first layer."""
-    return UPPER * layout.motion_layers
+    """The segment of the motion grammar that the set speaks of: the first layer of the upper body, or of the whole."""
+    return min(UPPER, layout.parts - 1) * layout.motion_layers
 
 
 def member_rows(weight: Float[Tensor, "v c"], layout: TokenLayout) -> Float[Tensor, "K c"]:

@@ -7,7 +7,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
-from ..tokens import PARTS, Sequences
+from ..tokens import Sequences
 from .exemplar import UPPER, Exemplar
 from .model import Generator
 from .windows import DOMAINS, Window
@@ -35,7 +35,8 @@ def hierarchical_loss(
 ) -> Float[Tensor, ""]:
     """Mean over codes, each layer weighted by `depth_weights` (one per RVQ layer, the first is the coarsest)."""
     weights = (
-        torch.tensor(depth_weights, device=nll.device).repeat(PARTS)[None, :, None] * batch.mask[:, None]
+        torch.tensor(depth_weights, device=nll.device).repeat(nll.shape[1] // len(depth_weights))[:, None]
+        * batch.mask[:, None]
     )
     return (nll * weights).sum() / weights.sum()
 
@@ -58,8 +59,9 @@ def summary(
         for index, name in enumerate(DOMAINS)
         if bool((counts & (domain == index)).any())
     }
-    layers = nll.view(len(nll), PARTS, -1, nll.shape[2]).transpose(1, 2)
-    there = counts.reshape(len(nll), PARTS, -1, nll.shape[2]).transpose(1, 2)
+    parts = window.motion.shape[2]
+    layers = nll.view(len(nll), parts, -1, nll.shape[2]).transpose(1, 2)
+    there = counts.reshape(len(nll), parts, -1, nll.shape[2]).transpose(1, 2)
     if exemplar is not None:
         for name, where in (("told", exemplar.holds), ("untold", ~exemplar.holds)):
             chosen = layers[:, 0, UPPER][where & batch.mask]

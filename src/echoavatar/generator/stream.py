@@ -237,7 +237,7 @@ class PrefixStream(GeneratorStream[HistoryState]):
             return torch.zeros(rows, *shape, dtype=torch.int64, device=device)
 
         audio = zeros(tokens * AUDIO_FRAMES_PER_TOKEN, layout.audio_layers)
-        motion = zeros(tokens, 3, layout.motion_layers)
+        motion = zeros(tokens, layout.parts, layout.motion_layers)
         return HistoryState(audio, motion, zeros())
 
     def _heard(self, state: HistoryState) -> Int[Tensor, " b"]:

@@ -13,7 +13,6 @@ import torch.nn.functional as F
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
-from ..tokens import PARTS
 from .model import Generator
 from .windows import Window
 
@@ -45,7 +44,8 @@ def stream_nll(generator: Generator, window: Window) -> StreamNll:
 
 def stream_loss(nll: StreamNll, depth_weights: Sequence[float]) -> Float[Tensor, ""]:
     """Both streams alike; motion weighted by RVQ depth as everywhere."""
-    weights = torch.tensor(depth_weights, device=nll.motion.device).repeat(PARTS)[:, None]
+    weights = torch.tensor(depth_weights, device=nll.motion.device)
+    weights = weights.repeat(nll.motion.shape[1] // len(weights))[:, None]
     motion = (nll.motion * weights).mean() / weights.mean()
     return 0.5 * (nll.audio.mean() + motion)
 

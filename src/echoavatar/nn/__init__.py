@@ -2,6 +2,7 @@
 
 from .attention import AttentionState, CausalAttention, lookback_mask, rotary
 from .blocks import CausalBlock, Mlp
+from .convolution import CausalConvBlock
 from .parts import Parts
 from .stream import StateT, StreamingModule, StreamState, write_rows
 
@@ -9,6 +10,7 @@ __all__ = [
     "AttentionState",
     "CausalAttention",
     "CausalBlock",
+    "CausalConvBlock",
     "Mlp",
     "Parts",
     "StateT",

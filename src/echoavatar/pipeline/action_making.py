@@ -75,8 +75,13 @@ def read_clip(tokenizer: BodyTokenizer, motion: Motion) -> tuple[tuple[int, ...]
     """First-layer upper-body codes of a clip, whole chunks, and what of torso and head they do not say.
 
     The last pose is held to fill the last chunk.
+
+    Raises:
+        MotionError: the tokenizer has one part for the whole body.
     """
     skeleton = tokenizer.skeleton
+    if len(tokenizer.config.parts) <= UPPER:
+        raise MotionError("actions are codes of the upper body, which this tokenizer does not keep apart")
     if motion.skeleton != skeleton:
         motion = retarget(motion, skeleton)
     motion = resample(motion, float(FRAME_RATE_HZ))
@@ -109,8 +114,10 @@ def _overlay(skeleton: Skeleton, turns: Float[np.ndarray, "t j 3"]) -> Overlay |
 
 
 def own_actions(tokenizer: BodyTokenizer) -> ActionLibrary:
-    """The library that ships: every script of `action_clips`."""
+    """The library that ships: every script of `action_clips`; empty where the body is one part."""
     library = ActionLibrary()
+    if len(tokenizer.config.parts) <= UPPER:
+        return library
     for name, script in SCRIPTS.items():
         guides, moving = not script.is_on_top, clip(script)
         action = action_from_motion(

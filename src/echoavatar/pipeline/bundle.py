@@ -100,6 +100,7 @@ def _check(bundle: Bundle) -> None:
         ("audio codes", layout.audio_codes, bundle.codec.config.codes),
         ("motion layers", layout.motion_layers, tokenizer.layers),
         ("motion codes", layout.motion_codes, tokenizer.codes),
+        ("body parts", layout.parts, len(tokenizer.parts)),
     ]
     for what, wanted, has in pairs:
         if wanted != has:

@@ -3,7 +3,7 @@
 Training is `tokenizer.train`, imported by name, so that what only streams never loads it.
 """
 
-from .body import BodyState, BodyTokenizer, BodyTokenizerConfig, body_config
+from .body import BodyState, BodyTokenizer, BodyTokenizerConfig, as_one_part, body_config
 from .losses import LossWeights, MotionLoss
 from .measure import TokenizerScores, measure
 from .model import DecoderState, EncoderState, MotionTokenizer, MotionTokenizerConfig, TokenizerPass
@@ -21,6 +21,7 @@ __all__ = [
     "MotionTokenizerConfig",
     "TokenizerPass",
     "TokenizerScores",
+    "as_one_part",
     "body_config",
     "clip_features",
     "measure",

@@ -61,6 +61,12 @@ def body_config(skeleton: Skeleton, template: MotionTokenizerConfig) -> BodyToke
     )
 
 
+def as_one_part(skeleton: Skeleton) -> Skeleton:
+    """The same rig, tokenised whole: what the paper's body parts are compared with. Features change their order."""
+    joints = {"body": tuple(sorted(skeleton.feature_joints))}
+    return Skeleton(skeleton.config.model_copy(update={"parts": joints}))
+
+
 @dataclass
 class BodyState(StreamState, Generic[PartState]):
     """Running streams of all parts, in one direction."""

@@ -16,7 +16,7 @@ from torch import Tensor, nn
 
 from ..config import Config
 from ..kinematics import Skeleton
-from .planes import PlaneKinematics, travel_columns, wrist_of
+from .planes import PlaneKinematics, finger_joints, travel_columns, wrist_of
 
 CENTIMETRES = 100.0
 PLANTED_BELOW = 0.2  # cm per frame (6 cm/s): a foot slower than this in the data stands still
@@ -47,7 +47,7 @@ class MotionLoss(nn.Module):
         self.weights = weights
         self.kinematics = PlaneKinematics(skeleton)
         self.feet = list(skeleton.config.feet)
-        self.fingers = list(skeleton.config.parts.get("hands", ()))
+        self.fingers = finger_joints(skeleton)
         self.wrists = [wrist_of(skeleton, joint) for joint in self.fingers]
         self.travel = travel_columns(skeleton)
 

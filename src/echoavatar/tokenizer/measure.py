@@ -15,7 +15,7 @@ from ..kinematics import Skeleton
 from ..quantize import code_usage
 from ..timing import FRAMES_PER_MOTION_TOKEN
 from .body import BodyTokenizer
-from .planes import PlaneKinematics, travel_columns, wrist_of
+from .planes import PlaneKinematics, finger_joints, travel_columns, wrist_of
 
 MILLIMETRES = 1000.0
 
@@ -64,9 +64,8 @@ def measure(
 def _errors(skeleton: Skeleton, kinematics: PlaneKinematics, decoded: Tensor, truth: Tensor) -> Tensor:
     """(5, t): body, hands, root velocity errors in mm; slip of planted feet in mm per frame; planted feet."""
     ours, theirs = (kinematics(x)[:, :, 0] * MILLIMETRES for x in (decoded, truth))
-    parts = skeleton.config.parts
-    hands = list(parts["hands"])
-    body = [joint for name, joints in parts.items() if name != "hands" for joint in joints]
+    hands = finger_joints(skeleton)
+    body = [joint for joint in skeleton.feature_joints if joint not in hands]
     wrists = [wrist_of(skeleton, joint) for joint in hands]
     difference = ours - theirs
     start = travel_columns(skeleton).start

@@ -1,12 +1,13 @@
 """The causal attention RVQ-VAE of one body part (paper, Motion Tokenizer; architecture figure A, B, C).
 
 Three levels of attention at 30, 15 and 7.5 Hz, dual-path resampling between them, RVQ at the lowest. The state dict
-has the names of the released checkpoints (`input_liner` is their spelling), which therefore load.
+has the names of the released checkpoints (`input_liner` is their spelling), which therefore load. `blocks` and
+`resampling` choose what the paper's ablation puts in their place.
 """
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import NamedTuple, Self
+from typing import Any, Literal, NamedTuple, Self
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -14,7 +15,7 @@ from pydantic import Field, model_validator
 from torch import Tensor, nn
 
 from ..config import Config
-from ..nn import AttentionState, CausalBlock, Mlp, StreamState
+from ..nn import CausalBlock, CausalConvBlock, Mlp, StreamingModule, StreamState
 from ..quantize import ResidualVectorQuantizer, Share
 from ..timing import FRAMES_PER_MOTION_TOKEN
 
@@ -35,6 +36,13 @@ class MotionTokenizerConfig(Config):
         default=1.0, ge=0, description="average use per step under which a code is replaced"
     )
     kmeans_steps: int = Field(default=0, ge=0, description="k-means steps when the codebooks are initialised")
+    blocks: Literal["attention", "convolution"] = Field(
+        default="attention", description="what looks back; convolutions are the paper's baseline"
+    )
+    resampling: Literal["dual", "learned", "strided"] = Field(
+        default="dual",
+        description="between levels: mean and MLP (the paper's dual path), the MLP alone, or one strided convolution",
+    )
 
     @model_validator(mode="after")
     def _heads_divide_width(self) -> Self:
@@ -51,14 +59,14 @@ class MotionTokenizerConfig(Config):
 class EncoderState(StreamState):
     """Past of each encoder block."""
 
-    blocks: list[AttentionState]
+    blocks: list[StreamState]
 
 
 @dataclass
 class DecoderState(StreamState):
     """Past of each decoder block."""
 
-    blocks: list[AttentionState]
+    blocks: list[StreamState]
 
 
 class TokenizerPass(NamedTuple):
@@ -79,9 +87,7 @@ class MotionTokenizer(nn.Module):
         down = range(LEVELS)
         self.input_liner = nn.Linear(config.features, width)
         self.encoder = nn.ModuleList(self._block(level) for level in down)
-        self.down_sample = nn.ModuleList(
-            Mlp(inputs=2 * width, hidden=4 * width, outputs=width) for _ in down[1:]
-        )
+        self.down_sample = nn.ModuleList(self._resampler(2 * width, width) for _ in down[1:])
         self.quantizer = ResidualVectorQuantizer(
             codes=config.codes,
             width=width,
@@ -91,9 +97,7 @@ class MotionTokenizer(nn.Module):
             kmeans_steps=config.kmeans_steps,
         )
         self.decoder = nn.ModuleList(self._block(level) for level in reversed(down))
-        self.up_sample = nn.ModuleList(
-            Mlp(inputs=width, hidden=4 * width, outputs=2 * width) for _ in down[1:]
-        )
+        self.up_sample = nn.ModuleList(self._resampler(width, 2 * width) for _ in down[1:])
         self.output_liner = nn.Linear(width, config.features)
 
     def forward(
@@ -166,7 +170,8 @@ class MotionTokenizer(nn.Module):
         for level, block in enumerate(blocks):
             h = block(h)
             if level + 1 < LEVELS:
-                h = pool_pairs(h) + self.down_sample[level](h.reshape(h.shape[0], h.shape[1] // 2, -1))
+                joined: Tensor = self.down_sample[level](h.reshape(h.shape[0], h.shape[1] // 2, -1))
+                h = pool_pairs(h) + joined if self.config.resampling == "dual" else joined
         return h
 
     def _decode_with(self, latents: Tensor, blocks: "Iterable[nn.Module | _Bound]") -> Tensor:
@@ -174,12 +179,21 @@ class MotionTokenizer(nn.Module):
         for level, block in enumerate(blocks):
             z = block(z)
             if level + 1 < LEVELS:
-                z = z.repeat_interleave(2, 1) + self.up_sample[level](z).reshape(z.shape[0], -1, z.shape[2])
+                spread: Tensor = self.up_sample[level](z).reshape(z.shape[0], -1, z.shape[2])
+                z = z.repeat_interleave(2, 1) + spread if self.config.resampling == "dual" else spread
         result: Tensor = self.output_liner(z)
         return result
 
-    def _block(self, level: int) -> CausalBlock:
+    def _resampler(self, inputs: int, outputs: int) -> nn.Module:
+        """Of neighbouring frames side by side; a linear layer there is a convolution of stride 2 and kernel 2."""
+        if self.config.resampling == "strided":
+            return nn.Linear(inputs, outputs)
+        return Mlp(inputs=inputs, hidden=4 * self.config.width, outputs=outputs)
+
+    def _block(self, level: int) -> StreamingModule[Any]:
         config = self.config
+        if config.blocks == "convolution":
+            return CausalConvBlock(width=config.width)
         return CausalBlock(width=config.width, heads=config.heads, lookback=config.lookback_at(level))
 
 
@@ -192,13 +206,13 @@ def pool_pairs(x: Float[Tensor, "b t c"]) -> Float[Tensor, "b n c"]:
 class _Bound:
     """A block with its stream: callable like the block itself."""
 
-    block: CausalBlock
-    state: AttentionState
+    block: StreamingModule[Any]
+    state: StreamState
     active: Tensor
 
     def __call__(self, x: Tensor) -> Tensor:
         return self.block.step(x, self.state, self.active)
 
 
-def _blocks(modules: nn.ModuleList) -> list[CausalBlock]:
-    return [module for module in modules if isinstance(module, CausalBlock)]
+def _blocks(modules: nn.ModuleList) -> list[StreamingModule[Any]]:
+    return [module for module in modules if isinstance(module, StreamingModule)]

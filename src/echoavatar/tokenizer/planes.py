@@ -84,9 +84,21 @@ def travel_columns(skeleton: Skeleton) -> slice:
     return slice(end - TRAVEL_SIZE, end)
 
 
+def finger_joints(skeleton: Skeleton) -> list[int]:
+    """The part `hands`; where the body is one part, every joint below a hand of the VRM map."""
+    if "hands" in skeleton.config.parts:
+        return list(skeleton.config.parts["hands"])
+    wrists = {skeleton.config.vrm[name] for name in ("leftHand", "rightHand") if name in skeleton.config.vrm}
+    below: list[int] = []
+    for joint, parent in enumerate(skeleton.parents):
+        if parent in wrists or parent in below:
+            below.append(joint)
+    return below
+
+
 def wrist_of(skeleton: Skeleton, joint: int) -> int:
     """The first ancestor of a joint outside the hands."""
-    hands = skeleton.config.parts["hands"]
-    while joint in hands:
+    fingers = finger_joints(skeleton)
+    while joint in fingers:
         joint = skeleton.parents[joint]
     return joint

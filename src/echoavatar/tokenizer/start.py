@@ -17,7 +17,13 @@ SPARE_SCALE = 0.1  # channels that no axis needs start with a small share of the
 
 @torch.no_grad()
 def start_from_principal_axes(tokenizer: MotionTokenizer, normal: Float[Tensor, "n c"]) -> None:
-    """Initialise `tokenizer` from normalised features of its part."""
+    """Initialise `tokenizer` from normalised features of its part.
+
+    Raises:
+        ValueError: it has no short path between its levels, along which the axes would come through.
+    """
+    if tokenizer.config.blocks != "attention" or tokenizer.config.resampling != "dual":
+        raise ValueError("the principal start needs attention blocks and dual-path resampling; turn it off")
     frames = normal.double()
     centred = frames - frames.mean(0)
     _, axes = torch.linalg.eigh(centred.T @ centred / len(frames))  # ascending

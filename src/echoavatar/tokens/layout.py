@@ -25,6 +25,9 @@ class TokenLayout(Config):
     audio_codes: int = Field(default=512, gt=0, description="codes in each audio codebook")
     motion_layers: int = Field(default=4, gt=0, description="RVQ layers Q of each motion tokenizer")
     motion_codes: int = Field(default=512, gt=0, description="codes K in each motion codebook")
+    parts: int = Field(
+        default=PARTS, gt=0, description="motion tokenizers beside each other; 1: the body whole"
+    )
     start_id: int = Field(default=0, ge=0, description="the id that opens a sequence")
     before_audio: tuple[int, ...] = Field(default=(1,), description="ids before the audio of a prefix prompt")
     before_motion: tuple[int, ...] = Field(
@@ -56,7 +59,13 @@ class TokenLayout(Config):
 
     @classmethod
     def compact(
-        cls, *, audio_codes: int, motion_layers: int, motion_codes: int, audio_layers: int = 2
+        cls,
+        *,
+        audio_codes: int,
+        motion_layers: int,
+        motion_codes: int,
+        audio_layers: int = 2,
+        parts: int = PARTS,
     ) -> Self:
         """The smallest vocabulary for these codebooks: four specials, audio rows, motion rows."""
         motion_base = 4 + audio_layers * audio_codes
@@ -65,14 +74,15 @@ class TokenLayout(Config):
             audio_codes=audio_codes,
             motion_layers=motion_layers,
             motion_codes=motion_codes,
+            parts=parts,
             motion_base=motion_base,
-            vocabulary=motion_base + PARTS * motion_layers * motion_codes,
+            vocabulary=motion_base + parts * motion_layers * motion_codes,
         )
 
     @property
     def segments(self) -> int:
-        """Period 3 Q of the motion grammar."""
-        return PARTS * self.motion_layers
+        """Period 3 Q of the motion grammar (Q where the body is one part)."""
+        return self.parts * self.motion_layers
 
     def audio_ids(self, codes: Int[Tensor, "b f l"]) -> Int[Tensor, "b t"]:
         """Flatten audio codes (b, f, layers) into ids (b, f x layers): per frame layer 0, then layer 1."""
@@ -90,7 +100,7 @@ class TokenLayout(Config):
 
     def unflatten(self, flat: Int[Tensor, "b t"]) -> Int[Tensor, "b n p q"]:
         """The inverse of `flatten`."""
-        return flat.reshape(len(flat), -1, PARTS, self.motion_layers)
+        return flat.reshape(len(flat), -1, self.parts, self.motion_layers)
 
     def motion_ids(self, codes: Int[Tensor, "b n p q"]) -> Int[Tensor, "b t"]:
         """Flatten motion codes into ids (b, n x 3 Q), segment by segment."""
