@@ -21,7 +21,7 @@ class Perfect:
     def train(self, mode: bool) -> None:
         pass
 
-    def encode(self, features: torch.Tensor) -> torch.Tensor:
+    def encode(self, features: torch.Tensor, patience: float = 0.0) -> torch.Tensor:
         self.features = features
         return (
             torch.arange(16)
