@@ -92,3 +92,15 @@ def test_no_lanes_is_one_batch() -> None:
         machine.open().push(np.ones(6_400, np.float32))
     assert machine.tick() == 2
     assert pipeline.rows == [3]
+
+
+def test_who_is_shortest_of_motion_is_stepped_first() -> None:
+    machine = engine(seats=2)
+    flooding, modest = machine.open(), machine.open()
+    flooding.push(np.ones(64_000, np.float32))
+    assert machine.work()
+    modest.push(np.ones(6_400, np.float32))
+    assert machine.work()
+    assert (flooding.made, modest.made) == (6_400, 6_400)
+    assert machine.work()
+    assert flooding.made == 12_800

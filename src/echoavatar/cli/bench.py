@@ -64,12 +64,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     many.add_argument(
         "--neighbours", action="store_true", help="also beside one that floods, stalls or vanishes"
     )
-    many.add_argument(
-        "--clock",
-        choices=("wall", "cpu"),
-        default="wall",
-        help="cpu leaves out what other programs took; use it with one thread (default: %(default)s)",
-    )
 
     graphs = kinds.add_parser(
         "graphs",
@@ -92,9 +86,8 @@ def _counts(text: str) -> tuple[int, ...]:
 
 
 def _sessions(args: argparse.Namespace) -> int:
-    import time
-
     import torch
+    from tqdm import tqdm
 
     from ..evaluation.sessions_bench import bench_neighbour, bench_sessions, summary
     from ..pipeline import Pipeline, load_bundle
@@ -102,15 +95,17 @@ def _sessions(args: argparse.Namespace) -> int:
     if args.threads:
         torch.set_num_threads(args.threads)
     pipeline = Pipeline(load_bundle(args.model))
-    clock = time.perf_counter if args.clock == "wall" else time.process_time
-    loads = bench_sessions(pipeline, args.counts, seconds=args.seconds, clock=clock)
+    with tqdm(total=len(args.counts), unit="load", leave=False) as bar:
+        loads = bench_sessions(
+            pipeline, args.counts, seconds=args.seconds, progress=lambda done, _: bar.update(done - bar.n)
+        )
     print(f"{'sessions':<10}{'p50 ms':>10}{'p99 ms':>10}{'busy':>8}{'MB each':>10}  in real time")
     for load in loads:
         numbers = f"{load.p50_ms:>10.1f}{load.p99_ms:>10.1f}{load.busy:>8.2f}{load.memory_mb:>10.2f}"
         print(f"{load.sessions:<10}{numbers}  {'yes' if load.in_real_time else 'no'}")
     report = summary(loads)
     if args.neighbours:
-        report["p99_ms_beside"] = bench_neighbour(pipeline, seconds=args.seconds, clock=clock)
+        report["p99_ms_beside"] = bench_neighbour(pipeline, seconds=args.seconds)
     print(json.dumps(report))
     return 0
 

@@ -1,4 +1,7 @@
-"""Many sessions, one batch: each session owns one row of the pipeline's state, and nothing happens except in `tick`."""
+"""Many sessions: each owns one row of the pipeline's state, and nothing happens except in `tick` and `work`.
+
+Whoever steps a session claims its seat first, so several threads may call either at once.
+"""
 
 import threading
 import time
@@ -21,7 +24,7 @@ REWIND = 15  # chunks, 4 s: how far `Session.clear` can go back
 
 
 class Engine:
-    """A pure machine: one thread calls `tick` (tests and scripts call it directly); sessions may live in others."""
+    """A pure machine: `EngineThread` calls `work`, scripts call `tick`; sessions may live in other threads."""
 
     def __init__(
         self,
@@ -36,9 +39,9 @@ class Engine:
         is how many a session can take back, at 0.4 MB each with the default bundle.
 
         `lanes` sessions are stepped side by side, each by itself (default: as many as torch has threads; with more
-        than one, torch computes each with one thread); 0 steps all seats as one batch. On a CPU the inner loops cost
-        as much per row in a batch as alone, and a batch makes whoever is ready wait for seats that have nothing to
-        do; on a GPU a batch costs hardly more than a row.
+        than one, torch computes each with one thread), and a lane that is free takes the next one at once; 0 steps
+        all seats as one batch. On a CPU the inner loops cost as much per row in a batch as alone, and a batch makes
+        whoever is ready wait for seats that have nothing to do; on a GPU a batch costs hardly more than a row.
         """
         if seats < 1:
             raise EchoAvatarError(f"an engine needs at least one seat, got {seats}")
@@ -51,11 +54,12 @@ class Engine:
             )
         self.pipeline = pipeline
         self.actions: ActionLibrary = getattr(pipeline, "actions", ActionLibrary())
-        self.ticks, self.tick_seconds = 0, 0.0  # how many ticks had work, and how long the last of them took
+        self.step_seconds = 0.0  # how long the last step took
+        self.busy_seconds = 0.0  # all steps together
         self._codes: int = getattr(pipeline, "directive_codes", 0)
         self._state = pipeline.init_state(seats)
         self._sessions: dict[int, Session] = {}
-        self._new: list[Session] = []
+        self._claimed: set[int] = set()  # seats that a thread works on
         self._seats, self._look_ahead, self._rewind = seats, look_ahead, rewind
         self._lanes = torch.get_num_threads() if lanes is None else lanes
         self._pool = ThreadPoolExecutor(self._lanes, "lane", _in_one_thread) if self._lanes > 1 else None
@@ -89,7 +93,6 @@ class Engine:
                 self, free[0], seed=seed, options=options, look_ahead=self._look_ahead, rewind=self._rewind
             )
             self._sessions[free[0]] = session
-            self._new.append(session)
             return session
 
     def release(self, session: Session) -> None:
@@ -107,35 +110,64 @@ class Engine:
         self._awake.wait(seconds)
         self._awake.clear()
 
-    @torch.inference_mode()
+    @property
+    def lanes(self) -> int:
+        """How many threads are of use to `work`."""
+        return max(1, self._lanes)
+
     def tick(self) -> int:
         """Step every session that has a chunk waiting; return how many moved."""
-        began = time.perf_counter()
-        seated = self._settle()
-        ready = [session for session in seated if session.waiting]
-        if not ready:
-            return 0
-        groups = [[session] for session in ready] if self._lanes else [ready]
+        ready = self._claim(self._seats)
+        groups = [[session] for session in ready] if self._lanes else [ready] if ready else []
         list((self._pool.map if self._pool else map)(self._step, groups))
-        self.ticks, self.tick_seconds = self.ticks + 1, time.perf_counter() - began
         return len(ready)
 
-    def _settle(self) -> list[Session]:
-        """Rows of new sessions are reset, rows of sessions that go back are put back; who is seated."""
+    def work(self) -> bool:
+        """Step the session that is the shortest of motion (all that wait, where a batch is one step); False if none."""
+        ready = self._claim(1 if self._lanes else self._seats)
+        if ready:
+            self._step(ready)
+        return bool(ready)
+
+    def _claim(self, most: int) -> list[Session]:
+        """Sessions with a chunk waiting whose seats nobody works on, now ours."""
         with self._lock:
-            seated, new, self._new = list(self._sessions.values()), self._new, []
-        for session in new:
-            rows = torch.zeros(self._seats, dtype=torch.bool)
-            rows[session.seat] = True
-            self.pipeline.reset(self._state, rows, seed=session.seed, options=session.options)
-        for session in seated:
-            for patches in session.unmake():
-                undo(patches, self._state, session.seat)
-        return seated
+            idle = [session for seat, session in self._sessions.items() if seat not in self._claimed]
+            ready = sorted(
+                (session for session in idle if session.waiting), key=lambda session: session.ahead
+            )[:most]
+            for session in ready:
+                self._claimed.add(session.seat)
+                self._sessions[session.seat] = self._sessions.pop(
+                    session.seat
+                )  # among equals the last in line
+        return ready
 
     @torch.inference_mode()
     def _step(self, ready: list[Session]) -> None:
         """The next chunk of one session; or of several, in one batch of all seats."""
+        began = time.perf_counter()
+        try:
+            for session in ready:
+                self._settle(session)
+            self._make(ready)
+        finally:
+            with self._lock:
+                self._claimed.difference_update(session.seat for session in ready)
+                self.step_seconds = time.perf_counter() - began
+                self.busy_seconds += self.step_seconds
+
+    def _settle(self, session: Session) -> None:
+        """Its row is reset if it is new, put back if it goes back."""
+        if session.is_new:
+            row = self._state.rows(slice(session.seat, session.seat + 1))
+            everyone = torch.ones(1, dtype=torch.bool)
+            self.pipeline.reset(row, everyone, seed=session.seed, options=session.options)
+            session.is_new = False
+        for patches in session.unmake():
+            undo(patches, self._state, session.seat)
+
+    def _make(self, ready: list[Session]) -> None:
         seats = slice(0, self._seats) if len(ready) > 1 else slice(ready[0].seat, ready[0].seat + 1)
         rows = seats.stop - seats.start
         audio, active = np.zeros((rows, CHUNK_SAMPLES), np.float32), torch.zeros(rows, dtype=torch.bool)
@@ -158,6 +190,7 @@ class Engine:
 
 
 def _in_one_thread() -> None:
+    """A lane's own thread count; others keep theirs."""
     torch.set_num_threads(1)
 
 

@@ -73,7 +73,10 @@ class Session:
     ) -> None:
         self.seat = seat
         self.seed, self.options = seed, options
-        self.on_motion: Callable[[], None] | None = None  # called from the engine's thread after a chunk
+        self.is_new = True  # its row is not reset yet; the engine's note
+        self.on_motion: Callable[[], None] | None = (
+            None  # called from one of the engine's threads after a chunk
+        )
         self.late = 0  # chunks that were made after their time had come
         self._engine, self._look_ahead = engine, look_ahead
         self._lock = threading.RLock()
@@ -255,10 +258,18 @@ class Session:
         return self._screen.source
 
     @property
+    def ahead(self) -> int:
+        """Chunks made ahead of the player, or else ahead of the reader."""
+        with self._lock:
+            if self._played is None:
+                return self._screen.untaken
+            return -((self._played - self._next_chunk * CHUNK_SAMPLES) // CHUNK_SAMPLES)
+
+    @property
     def waiting(self) -> bool:
         """Whether a chunk may be made now: there is sound for it, and it is not too far ahead of the player."""
         with self._lock:
-            ahead = self._ahead()
+            ahead = self.ahead
             if self._look_ahead is not None and ahead >= self._look_ahead:
                 return False
             if self._inbox.has_chunk:
@@ -340,12 +351,6 @@ class Session:
             return self._target
         return self._chunks + (self._in_flight is not None)
 
-    def _ahead(self) -> int:
-        """Chunks made ahead of the player, or else ahead of the reader."""
-        if self._played is None:
-            return self._screen.untaken
-        return -((self._played - self._next_chunk * CHUNK_SAMPLES) // CHUNK_SAMPLES)
-
     def _source(self, chunk: int, heard: Heard) -> str:
         if self._acts.running(chunk) is not None:
             return "action"
@@ -355,7 +360,7 @@ class Session:
 
     def _replan(self) -> None:
         """Make motion again that was made too far ahead of the player for what is asked now; no audio is lost."""
-        if self._played is None or self._rewind == 0 or self._ahead() <= REPLAN_AHEAD:
+        if self._played is None or self._rewind == 0 or self.ahead <= REPLAN_AHEAD:
             return
         border = -(-self._played // CHUNK_SAMPLES) + 1
         if border < self._next_chunk:

@@ -165,7 +165,7 @@ class House:
             face=tuple(ARKIT_NAMES) if getattr(self.engine.pipeline, "face", None) is not None else (),
             actions=self._actions,
             tracks=self.tracks.titles,
-            latency=Latency(algorithm=1e3 * CHUNK_SECONDS, compute=1e3 * self.engine.tick_seconds),
+            latency=Latency(algorithm=1e3 * CHUNK_SECONDS, compute=1e3 * self.engine.step_seconds),
             limits=self.settings.limits,
         )
 
@@ -177,7 +177,7 @@ class House:
         with self._thread:
             try:
                 while True:
-                    now, step_s = time.monotonic(), self.engine.tick_seconds
+                    now, step_s = time.monotonic(), self.engine.step_seconds
                     due = [self._is_due(live, now, step_s) for live in self._live.values()]
                     for live in list(self._live.values()):
                         self._move(live, now, early=any(due), with_stats=beat % round(STATS_S / BEAT_S) == 0)
@@ -218,7 +218,7 @@ class House:
         try:
             if not self._thread.is_alive:
                 raise RuntimeError("the engine's thread has ended")
-            live.pump(now, self.engine.tick_seconds, early=early)
+            live.pump(now, self.engine.step_seconds, early=early)
             self._collect(live)
         except Exception:
             _LOG.exception("session %s failed", live.name)
@@ -232,10 +232,10 @@ class House:
             for outbox in live.listeners:
                 outbox.put(
                     live.stats(
-                        step_s=self.engine.tick_seconds, sessions=self.sessions, dropped=outbox.dropped
+                        step_s=self.engine.step_seconds, sessions=self.sessions, dropped=outbox.dropped
                     )
                 )
-            self.metrics.step.set(self.engine.tick_seconds)
+            self.metrics.step.set(self.engine.step_seconds)
 
     def _collect(self, live: LiveSession) -> None:
         if live.name not in self._live:
