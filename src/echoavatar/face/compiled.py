@@ -1,8 +1,9 @@
 """The face model's frame loop in the ring form, compiled by numba: eight frames, each some hundred tiny products.
 
-Computes what `FaceGpt` and `FlowHead` compute. Rows are sessions x guidance branches; matrices lie as (inputs,
-outputs), so a product of two rows or of thirty goes to the BLAS that SciPy brings. Sessions go through in groups
-whose intermediate results stay in the cache; keys and values are written where they stay, and read there.
+Computes what `FaceGpt` and `FlowHead` compute. Rows are sessions x guidance branches; matrices lie in tiles of (inputs,
+64 outputs), and products go tile by tile to the BLAS that SciPy brings: small enough that it starts no threads of its
+own, which would get in torch's way, yet many rows at once. Sessions go through in groups whose intermediate results
+stay in the cache; keys and values are written where they stay, and read there.
 """
 
 import math
@@ -13,13 +14,14 @@ import numpy as np
 from ..nn.compiled import NOTHING, ONE, ZERO, F, compiled, exponential, gelu, silu
 
 GROUP = 32  # sessions
+TILE = 64  # outputs: with 256 inputs as fast as any for 2 rows and for 64
 ONE_THREAD = 2**18  # multiplications up to which OpenBLAS takes no further threads
 
 
 class Affine(NamedTuple):
     """x W + b, of one layer or of several."""
 
-    weight: np.ndarray  # (l, i, o) float32
+    tiles: np.ndarray  # (l, k, i, TILE) float32: the columns of W, filled up with zeros
     bias: np.ndarray  # (l, o)
 
 
@@ -66,7 +68,7 @@ def _run_group(weights, ring, seen, chosen, heard, noise, last, steps, frames): 
     sessions, rows, count, width = chosen.shape[0], 2 * chosen.shape[0], heard.shape[1], heard.shape[2]
     one, x, y = np.empty((sessions, width), F), np.empty((rows, width), F), np.empty((rows, width), F)
     qkv, added = np.empty((rows, 3 * width), F), np.empty((rows, width), F)
-    hidden = np.empty((rows, weights.up.weight.shape[2]), F)
+    hidden = np.empty((rows, weights.up.bias.shape[1]), F)
     face = np.empty((sessions, last.shape[1]), F)
     for k in range(sessions):
         for c in range(face.shape[1]):
@@ -74,7 +76,7 @@ def _run_group(weights, ring, seen, chosen, heard, noise, last, steps, frames): 
     for i in range(count):
         _product(face, weights.embed, 0, one)
         _repeat(one, x)
-        for layer in range(weights.qkv.weight.shape[0]):
+        for layer in range(weights.qkv.bias.shape[0]):
             for k in range(sessions):
                 for c in range(width):
                     x[2 * k + 1, c] += heard[chosen[k], i, c]
@@ -153,10 +155,10 @@ def _attend(query, keys, values, bias, scores, y):  # type: ignore[no-untyped-de
 def _sample(weights, normal, steps, face):  # type: ignore[no-untyped-def]
     """Euler steps from noise to a face, in place; the guidance branches of a session lie side by side."""
     rows, sessions = normal.shape[0], face.shape[0]
-    blocks, width = weights.head_up.weight.shape[0], weights.head_up.weight.shape[1]
+    blocks, width = weights.head_down.bias.shape
     condition, bent = np.empty((rows, width), F), np.empty((rows, width), F)
     steering, shaped = np.empty((rows, 3 * width), F), np.empty((rows, width), F)
-    hidden = np.empty((rows, weights.head_up.weight.shape[2]), F)
+    hidden = np.empty((rows, weights.head_up.bias.shape[1]), F)
     one, x, y = np.empty((sessions, width), F), np.empty((rows, width), F), np.empty((rows, width), F)
     seen = np.empty((rows, face.shape[1]), F)
     _product(normal, weights.condition, 0, condition)
@@ -189,15 +191,19 @@ def _sample(weights, normal, steps, face):  # type: ignore[no-untyped-def]
 
 @compiled()
 def _product(x, affine, layer, y):  # type: ignore[no-untyped-def]
-    """Rows times W plus bias, in blocks that the BLAS does in the calling thread: its own would get in torch's way."""
-    weight = affine.weight[layer]
-    block = ONE_THREAD // weight.size
-    block = max(1, block - block % 4 if block > 4 else block)  # whole fours are fastest
+    """Rows times W plus bias."""
+    tiles, bias = affine.tiles[layer], affine.bias[layer]
+    block = max(1, min(y.shape[0], ONE_THREAD // tiles[0].size))
+    part = np.empty((block, TILE), F)
     for start in range(0, y.shape[0], block):
-        np.dot(x[start : start + block], weight, y[start : start + block])
-    for row in range(y.shape[0]):
-        for o in range(y.shape[1]):
-            y[row, o] += affine.bias[layer, o]
+        rows = min(block, y.shape[0] - start)
+        for tile in range(tiles.shape[0]):
+            np.dot(x[start : start + rows], tiles[tile], part[:rows])
+            left = tile * TILE
+            wide = min(TILE, y.shape[1] - left)
+            for row in range(rows):
+                for o in range(wide):
+                    y[start + row, left + o] = part[row, o] + bias[left + o]
 
 
 @compiled()

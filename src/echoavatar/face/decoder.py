@@ -13,7 +13,7 @@ from torch import Tensor, nn
 
 from ..nn import Mlp
 from .attention import RingAttention
-from .compiled import Affine, Steps, Weights, run_frames
+from .compiled import TILE, Affine, Steps, Weights, run_frames
 from .flow import Schedule
 from .gpt import GptState, RingBlock
 from .model import FaceModel
@@ -124,7 +124,8 @@ def _chain(first: _Map, second: _Map) -> _Map:
 
 
 def _stacked(maps: Sequence[_Map]) -> Affine:
-    return Affine(
-        np.ascontiguousarray(np.stack([one.weight for one in maps]), np.float32),
-        np.ascontiguousarray(np.stack([one.bias for one in maps]), np.float32),
-    )
+    weights, biases = np.stack([one.weight for one in maps]), np.stack([one.bias for one in maps])
+    layers, inputs, outputs = weights.shape
+    full = np.pad(weights, ((0, 0), (0, 0), (0, -outputs % TILE)))
+    tiles = full.reshape(layers, inputs, -1, TILE).transpose(0, 2, 1, 3)
+    return Affine(np.ascontiguousarray(tiles, np.float32), np.ascontiguousarray(biases, np.float32))
