@@ -1,6 +1,6 @@
 """`echoavatar bench sessions`: how many sessions keep up, and how long their chunks wait.
 
-Sessions arrive at odd moments, each sends a chunk of sound every 266.7 ms, and one engine serves them. Time is
+Sessions arrive at odd moments, each sends a chunk of sound as often as one lasts, and one engine serves them. Time is
 simulated, work is not: the clock jumps to the next arrival where the engine would wait, and by the measured time of
 every tick. So the bench takes as long as its work, and queueing shows as it would in a server.
 """
@@ -14,7 +14,6 @@ import torch
 
 from ..engine import Engine, Session
 from ..pipeline import Pipeline
-from ..timing import CHUNK_SAMPLES, CHUNK_SECONDS
 from .stream_bench import resident_mb
 
 Clock = Callable[[], float]
@@ -47,7 +46,7 @@ def bench_sessions(
         loads.append(_serve(pipeline, count, seconds, clock))
         if progress:
             progress(done + 1, len(counts))
-        if loads[-1].p99_ms > 4000 * CHUNK_SECONDS:
+        if loads[-1].p99_ms > 4000 * pipeline.chunk.seconds:
             break
     return loads
 
@@ -74,7 +73,7 @@ def _serve(pipeline: Pipeline, count: int, seconds: float, clock: Clock, last: s
     before = resident_mb()
     engine = Engine(pipeline, seats=count, look_ahead=8)
     visit = _Visit(engine, [engine.open(seed=seat) for seat in range(count)], clock, last)
-    chunks = max(4, round(seconds / CHUNK_SECONDS)) + WARM_UP_CHUNKS
+    chunks = max(4, round(seconds / pipeline.chunk.seconds)) + WARM_UP_CHUNKS
     visit.run(chunks)
     memory = (resident_mb() - before) / count
     for session in visit.sessions:
@@ -89,7 +88,7 @@ def _serve(pipeline: Pipeline, count: int, seconds: float, clock: Clock, last: s
         round(float(p99), 1),
         round(busy, 3),
         round(memory, 2),
-        bool(p99 <= 1000 * CHUNK_SECONDS and tail < CHUNK_SECONDS),
+        bool(p99 <= 1000 * pipeline.chunk.seconds and tail < pipeline.chunk.seconds),
     )
 
 
@@ -100,7 +99,7 @@ class _Visit:
         self.engine, self.sessions, self._clock, self._last = engine, sessions, clock, last
         self.waits: list[list[float]] = [[] for _ in sessions]
         self.worked = self.counted = 0.0
-        self._due = [(seat * GOLDEN) % 1 * CHUNK_SECONDS for seat in range(len(sessions))]
+        self._due = [(seat * GOLDEN) % 1 * self.engine.chunk.seconds for seat in range(len(sessions))]
         self._arrived: list[list[float]] = [[] for _ in sessions]
         self._rng = np.random.default_rng(0)
 
@@ -129,7 +128,7 @@ class _Visit:
         for seat, session in enumerate(self.sessions):
             while self._due[seat] <= now:
                 due = self._due[seat]
-                self._due[seat] += CHUNK_SECONDS
+                self._due[seat] += self.engine.chunk.seconds
                 if seat == len(self.sessions) - 1 and self._misbehaves(session, due):
                     continue
                 session.push(self._sound(1))
@@ -141,7 +140,7 @@ class _Visit:
             if session.seconds_waiting < 60:
                 session.push(self._sound(20))
             return True
-        if self._last == "vanishes" and due > 8 * CHUNK_SECONDS:
+        if self._last == "vanishes" and due > 8 * self.engine.chunk.seconds:
             session.close()
             return True
         return self._last == "stalls" and int(due / 2) % 2 == 0
@@ -153,4 +152,4 @@ class _Visit:
                     self.waits[seat].append(now - self._arrived[seat].pop(0))
 
     def _sound(self, chunks: int) -> np.ndarray:
-        return (0.1 * self._rng.standard_normal(chunks * CHUNK_SAMPLES)).astype(np.float32)
+        return (0.1 * self._rng.standard_normal(chunks * self.engine.chunk.samples)).astype(np.float32)
