@@ -16,7 +16,7 @@ def test_a_remainder_is_refused() -> None:
 
 
 def test_a_chunk_may_have_another_size() -> None:
-    """The release's three tokens: 12 frames, 9,600 samples, 0.4 s; 1 s is nearest to two of them, and to four of ours."""
+    """The release's three tokens: 12 frames, 9,600 samples, 0.4 s; 1 s is two or three of them, and four of ours."""
     three = timing.ChunkSize(3)
     assert (three.frames, three.samples, three.seconds) == (12, 9_600, 0.4)
     assert (three.within(1.0), timing.CHUNK.within(1.0), three.within(0.0)) == (2, 4, 1)

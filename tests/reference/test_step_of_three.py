@@ -12,7 +12,8 @@ import torch
 from tests.server.fakes import serving
 
 from echoavatar.cli import main
-from echoavatar.engine import Engine
+from echoavatar.engine import Engine, animate, animate_many
+from echoavatar.evaluation.face_bench import bench_face
 from echoavatar.evaluation.sessions_bench import bench_sessions
 from echoavatar.evaluation.stream_bench import bench_stream
 from echoavatar.kinematics import read_bvh
@@ -162,6 +163,18 @@ def test_benches_count_in_its_chunks(pipeline: Pipeline) -> None:
     assert report.summary["first_motion_ms"] > 400
     (load,) = bench_sessions(pipeline, (1,), seconds=1.0)
     assert load.sessions == 1
+    assert pipeline.face is not None
+    assert bench_face(pipeline.face.model, chunks=10, sessions=2)["face_ms_p50"] > 0
+
+
+def test_several_files_at_once_are_the_same_as_one(pipeline: Pipeline, voice: np.ndarray) -> None:
+    told: list[tuple[int, int]] = []
+    sounds = [voice[:15_000], voice[:30_000]]
+    made = animate_many(pipeline, sounds, seeds=[1, 2], progress=lambda *now: told.append(now))
+    assert [one.motion.frames for one in made] == [19, 38]
+    assert told[-1] == (6, 6)  # two chunks and four
+    alone = animate(pipeline, [sounds[1]], seed=2)
+    np.testing.assert_allclose(made[1].motion.rotations, alone.motion.rotations, atol=1e-4)
 
 
 def _pickled(samples: np.ndarray) -> bytes:

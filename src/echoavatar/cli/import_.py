@@ -79,13 +79,15 @@ def run(args: argparse.Namespace) -> int:
         actions = _actions(args)
     except CheckpointError as error:
         found.problems.append(str(error))
+    problems = list(dict.fromkeys(found.problems))  # one that three parts have is told once
     if args.dry_run:
         for line in found.lines:
             print(f"{line.file}: {line.name} {list(line.shape)} -> {line.target}")
-    for problem in found.problems:
+    for problem in problems:
         print(f"problem: {problem}", file=sys.stderr)
-    if found.problems:
-        raise CheckpointError(f"{len(found.problems)} problems, listed above; nothing was written")
+    if problems:
+        count = "1 problem" if len(problems) == 1 else f"{len(problems)} problems"
+        raise CheckpointError(f"{count}, listed above; nothing was written")
     if args.dry_run:
         print(f"{len(found.lines)} tensors and tables fit, {len(actions)} actions; nothing was written")
         return 0

@@ -18,7 +18,7 @@ from ..kinematics.rotations import matrix_from_quaternion
 from ..pipeline import MotionChunk, Pipeline
 from ..pipeline.motion_chunk import join
 from ..rehearsal.action_clips import SCRIPTS, clip
-from ..timing import FRAME_RATE_HZ
+from ..timing import CHUNK, FRAME_RATE_HZ
 
 BEGIN_CHUNKS = 8  # of speech before the action
 NOSE_M = 0.25  # ahead of the head
@@ -66,7 +66,7 @@ def evaluate_actions(
     return [_acted(name, off, motion, begin) for name, motion in zip(chosen, on, strict=True)]
 
 
-def _acted(name: str, off: Motion, on: Motion, begin: int) -> Acted:
+def _acted(name: str, off: Motion, on: Motion, begin: int = BEGIN_CHUNKS * CHUNK.frames) -> Acted:
     script = SCRIPTS[name]
     wanted = body_points(clip(script))
     moved = np.linalg.norm(wanted - wanted[:1], axis=-1).max(0) > MOVED_M
