@@ -4,6 +4,8 @@ Uses nothing else of the package. Paper, Settings: 30 fps motion, 7.5 Hz motion 
 steps of 8 frames (0.266 s).
 """
 
+from dataclasses import dataclass
+
 
 def exact_div(numerator: int, denominator: int) -> int:
     """Divide where a remainder would be a mistake in the clock."""
@@ -22,7 +24,36 @@ SAMPLES_PER_AUDIO_TOKEN = exact_div(SAMPLE_RATE_HZ, AUDIO_TOKEN_RATE_HZ)  # 320
 FRAMES_PER_MOTION_TOKEN = 4
 SAMPLES_PER_MOTION_TOKEN = FRAMES_PER_MOTION_TOKEN * SAMPLES_PER_FRAME  # 3,200 samples, 7.5 Hz
 CHUNK_FRAMES = 8
-CHUNK_SAMPLES = CHUNK_FRAMES * SAMPLES_PER_FRAME  # 6,400: what one step consumes and produces
+CHUNK_SAMPLES = CHUNK_FRAMES * SAMPLES_PER_FRAME  # 6,400: what one step of ours and the paper's takes
 CHUNK_SECONDS = CHUNK_SAMPLES / SAMPLE_RATE_HZ  # 0.2667
 AUDIO_FRAMES_PER_CHUNK = exact_div(CHUNK_SAMPLES, SAMPLES_PER_AUDIO_TOKEN)  # 20, times two RVQ layers
 MOTION_TOKENS_PER_CHUNK = exact_div(CHUNK_FRAMES, FRAMES_PER_MOTION_TOKEN)  # 2 time steps
+
+
+@dataclass(frozen=True)
+class ChunkSize:
+    """What one step of a pipeline consumes and produces: two motion tokens, unless its bundle has it otherwise."""
+
+    tokens: int = MOTION_TOKENS_PER_CHUNK
+
+    @property
+    def frames(self) -> int:
+        """Of motion, 30 a second."""
+        return self.tokens * FRAMES_PER_MOTION_TOKEN
+
+    @property
+    def samples(self) -> int:
+        """Of sound, 24,000 a second."""
+        return self.tokens * SAMPLES_PER_MOTION_TOKEN
+
+    @property
+    def seconds(self) -> float:
+        """Of either."""
+        return self.samples / SAMPLE_RATE_HZ
+
+    def within(self, seconds: float) -> int:
+        """The number of chunks that comes nearest to so many seconds, at least one."""
+        return max(1, round(seconds / self.seconds))
+
+
+CHUNK = ChunkSize()  # 8 frames, 6,400 samples: the paper's and our own bundles'

@@ -9,6 +9,7 @@ from echoavatar.engine import Engine
 from echoavatar.kinematics import HUMANOID
 from echoavatar.nn import StreamState
 from echoavatar.pipeline import MotionChunk
+from echoavatar.timing import CHUNK, ChunkSize
 
 
 @dataclass
@@ -19,6 +20,7 @@ class Heard(StreamState):
 
 class FakePipeline:
     skeleton = HUMANOID
+    chunk: ChunkSize = CHUNK
 
     def init_state(self, rows: int) -> Heard:
         return Heard(torch.zeros(rows), torch.zeros(rows, dtype=torch.int64))
@@ -29,8 +31,11 @@ class FakePipeline:
 
     def step(self, audio: torch.Tensor, state: Heard, active: torch.Tensor) -> list[MotionChunk]:
         state.total += torch.where(active, audio.sum(1), torch.zeros(1))
+        frames = audio.shape[1] // 800
         return [
-            MotionChunk(np.tile(np.float32([1, 0, 0, 0]), (8, 52, 1)), np.full((8, 3), float(total)))
+            MotionChunk(
+                np.tile(np.float32([1, 0, 0, 0]), (frames, 52, 1)), np.full((frames, 3), float(total))
+            )
             for total in state.total + state.seed
         ]
 

@@ -4,6 +4,7 @@ import pytest
 
 from echoavatar.errors import CheckpointError, EchoAvatarError
 from echoavatar.pipeline import Action, ActionLibrary
+from echoavatar.timing import ChunkSize
 
 BOW = Action("bow", (5, 6, 7, 5, 1, 2), (1, 2), "a bow")
 
@@ -35,3 +36,11 @@ def test_the_set_passes_along_the_clip() -> None:
     """Three chunks with codes 5 6 | 7 5 | 1 2: the set reaches one chunk each way."""
     sets = [set(BOW.members(chunk, 3, 8).nonzero().flatten().tolist()) for chunk in range(3)]
     assert sets == [{5, 6, 7}, {1, 2, 5, 6, 7}, {1, 2, 5, 7}]
+
+
+def test_a_bundle_of_longer_chunks_counts_in_them(tmp_path: Path) -> None:
+    """Six codes are two chunks of three tokens, 0.8 s; two seconds are five of them."""
+    ActionLibrary({"bow": BOW}).save(tmp_path)
+    bow = ActionLibrary.load(tmp_path, 8, ChunkSize(3))["bow"]
+    assert (bow.chunks, bow.seconds, bow.length(2.0)) == (2, pytest.approx(0.8), 5)
+    assert bow.members(0, 2, 8).nonzero().flatten().tolist() == [1, 2, 5, 6, 7]

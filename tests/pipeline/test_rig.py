@@ -10,6 +10,7 @@ from tests.laws.streaming import hold
 
 from echoavatar.kinematics import (
     HUMANOID,
+    Motion,
     Skeleton,
     feature_size,
     forward_kinematics,
@@ -17,11 +18,14 @@ from echoavatar.kinematics import (
     read_bvh,
     to_features,
 )
-from echoavatar.kinematics.features import REFERENCE
-from echoavatar.kinematics.rotations import matrix_from_axis_angle
+from echoavatar.kinematics.features import REFERENCE, travel_slice
+from echoavatar.kinematics.retarget import retarget
+from echoavatar.kinematics.rotations import matrix_from_axis_angle, quaternion_from_matrix
 from echoavatar.pipeline.rig import RigAdapter
 from echoavatar.reference.rig import AXES, CM, rig_config, skeleton_config
 from echoavatar.reference.statistics import feature_order
+from echoavatar.rehearsal.action_clips import SCRIPTS
+from echoavatar.rehearsal.action_clips import clip as motion_of
 
 GOLDEN = Path(__file__).parents[2] / "../shared/golden/reference_release"
 C = torch.tensor(AXES)
@@ -61,6 +65,38 @@ def test_native_bones_are_where_they_were() -> None:
     wanted = (root - root[:, :1]) @ C.T * CM
     torch.testing.assert_close(moved.root[..., [0, 2]], wanted[..., [0, 2]], atol=1e-5, rtol=0)
     assert out.shape[2] == feature_size(own)
+
+
+def test_a_clip_gives_the_features_that_it_would_come_from() -> None:
+    """Rotations and velocities are theirs to rounding; the height begins at the rest pose's, in centimetres."""
+    own = source()
+    turns, root, features = clip(own, 1, 8)
+    rotations = quaternion_from_matrix(C @ turns[0] @ C.T).numpy()
+    motion = Motion(own, rotations, (root[0] @ C.T * CM).numpy(), 30.0)
+    adapter = RigAdapter(config(own).model_copy(update={"swing": None}), own, "native")
+    made, height = adapter.features_of(motion), travel_slice(own).stop - 1
+    kept = [channel for channel in range(made.shape[1]) if channel != height]
+    torch.testing.assert_close(made[:, kept], features[0][:, kept], atol=1e-4, rtol=0)
+    rest = own.offsets[0, 1] / CM
+    torch.testing.assert_close(made[:, height], rest + root[0, :, 2] - root[0, 0, 2], atol=1e-3, rtol=0)
+
+
+def test_a_clip_carried_over_comes_back_pointing_the_same_way() -> None:
+    """Our wave on their rig, as its features, and back on ours: limbs within a tenth of a degree."""
+    own, waving = source(), motion_of(SCRIPTS["wave"])
+    adapter = RigAdapter(config(own).model_copy(update={"swing": None}), own)
+    features = adapter.features_of(retarget(waving, own, has_footing=False))
+    out = adapter.step(features[None], adapter.init_state(1), torch.ones(1, dtype=torch.bool))
+    back = from_features(HUMANOID, out[0])
+    theirs = forward_kinematics(HUMANOID, back.rotations, back.root).positions
+    ours, bones = waving.pose().positions, HUMANOID.config.vrm
+    for upper, lower in (
+        ("rightUpperArm", "rightLowerArm"),
+        ("rightLowerArm", "rightHand"),
+        ("neck", "head"),
+    ):
+        one, other = (place[:, bones[lower]] - place[:, bones[upper]] for place in (ours, theirs))
+        assert torch.nn.functional.cosine_similarity(one, other).min() > np.cos(np.radians(0.1))
 
 
 def test_on_the_humanoid_bones_point_the_same_way_and_the_root_travels_to_scale() -> None:

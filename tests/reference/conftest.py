@@ -10,6 +10,7 @@ from scripts.synthetic_release import make
 from echoavatar.audio import AudioCodec
 from echoavatar.reference import Release, convert, survey
 from echoavatar.reference.actions import find_table, library, read_table
+from echoavatar.timing import ChunkSize
 
 
 @pytest.fixture(scope="session")
@@ -37,7 +38,7 @@ def bundle_of(download: Path, output: Path, step: int = 2) -> Path:
     release = Release(download / "ckpts", download / "stats")
     table = find_table(release.stats)
     assert table is not None
-    actions = library(read_table(table), 512, origin=str(table))
+    actions = library(read_table(table), 512, origin=str(table), chunk=ChunkSize(step))
     codec = AudioCodec.from_pretrained_encodec(download / "encodec")
     convert(survey(release, step=step), codec, output, actions=actions)
     return output
@@ -46,3 +47,9 @@ def bundle_of(download: Path, output: Path, step: int = 2) -> Path:
 @pytest.fixture(scope="session")
 def imported(download: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return bundle_of(download, tmp_path_factory.mktemp("imported"))
+
+
+@pytest.fixture(scope="session")
+def in_threes(download: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same download with the release's own step: three motion tokens, 12 frames, 9,600 samples."""
+    return bundle_of(download, tmp_path_factory.mktemp("in_threes"), step=3)

@@ -1,6 +1,7 @@
 """The bundle that comes of a download: the same numbers, and it moves an avatar from the first chunk on."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -8,11 +9,13 @@ import torch
 
 from echoavatar.cli import main
 from echoavatar.engine import Engine
-from echoavatar.errors import CheckpointError, EchoAvatarError
+from echoavatar.errors import CheckpointError
+from echoavatar.kinematics import write_bvh
 from echoavatar.pipeline import Pipeline, load_bundle
 from echoavatar.reference import Release, convert, survey
 from echoavatar.reference.untrusted import read_tensors
 from echoavatar.reference.weights import StoredGenerator
+from echoavatar.rehearsal.action_clips import SCRIPTS, clip
 
 
 @pytest.fixture(scope="module")
@@ -77,26 +80,32 @@ def test_it_moves_from_the_first_chunk_and_can_be_taken_back(bundle, voice):
     assert set(drawn[-1][0, :, 0, 0].tolist()) == {495}
 
 
-def test_the_releases_step_of_three_tokens_is_a_chunk_of_twelve_frames(download, tmp_path, voice):
-    """Through the pipeline; the window's context is 27 tokens, the face's 52 frames."""
-    from tests.reference.conftest import bundle_of
-
-    bundle = load_bundle(bundle_of(download, tmp_path / "release", step=3))
-    assert bundle.face.config.context == 52
-    pipeline = Pipeline(bundle)
-    state, one = pipeline.init_state(1), torch.ones(1, dtype=torch.bool)
-    assert pipeline.chunk_samples == 9_600
-    for start in (0, 9_600):
-        (chunk,) = pipeline.step(torch.from_numpy(voice[None, start : start + 9_600]), state, one)
-        assert chunk.rotations.shape == (12, 52, 4)
-        assert chunk.face.shape == (12, 52)
-        assert np.isfinite(chunk.root).all()
-    with pytest.raises(EchoAvatarError, match="--step 2"):
-        Engine(pipeline)
-
-
-def test_its_actions_are_not_made_of_clips_on_our_rig(imported, capsys):
-    assert main(["actions", "remove", "wave", "--bundle", str(imported)]) == 1
-    assert "actions came with it" in capsys.readouterr().err
-    assert main(["actions", "list", "--bundle", str(imported)]) == 0
+def test_a_clip_on_any_rig_becomes_one_of_its_actions(imported, tmp_path, voice, capsys):
+    """A set of upper-body codes like the published ones: it holds as a whole, and the generator keeps to it."""
+    folder = tmp_path / "mine"
+    shutil.copytree(imported, folder)
+    waving = clip(SCRIPTS["wave"])
+    write_bvh(tmp_path / "wave.bvh", waving.skeleton, waving.rotations, waving.root, fps=waving.fps)
+    assert main(["actions", "add", "Big wave", str(tmp_path / "wave.bvh"), "--bundle", str(folder)]) == 0
+    mine = load_bundle(folder)
+    added = mine.actions["big_wave"]
+    assert added.is_set
+    assert added.seconds == pytest.approx(waving.seconds, abs=0.14)
+    assert added.overlay is None
+    drawn = []
+    pipeline = Pipeline(mine)
+    decode = pipeline.tokenizer.decode_step
+    pipeline.tokenizer.decode_step = lambda codes, *rest: (drawn.append(codes), decode(codes, *rest))[1]
+    with Engine(pipeline).open() as session:
+        session.act("big wave")
+        session.push(voice[:12_800])
+        list(session)
+    assert set(torch.cat(drawn)[..., 1, 0].flatten().tolist()) <= set(added.codes)
+    assert (
+        main(["actions", "remove", "stand", "--bundle", str(folder)]) == 0
+    )  # code 495 of the lower body is one
+    capsys.readouterr()
+    assert main(["actions", "list", "--bundle", str(folder)]) == 0
     assert "3 actions" in capsys.readouterr().out
+    assert main(["actions", "build", "--bundle", str(folder)]) == 1
+    assert "add clips one by one" in capsys.readouterr().err

@@ -17,6 +17,7 @@ from echoavatar.kinematics import HUMANOID
 from echoavatar.pipeline.actions import Action, ActionLibrary
 from echoavatar.server import ServerSettings, create_app
 from echoavatar.server.run import Server, configure, listen
+from echoavatar.timing import CHUNK, ChunkSize
 from echoavatar.wire import (
     Audio,
     ClientMessage,
@@ -39,8 +40,8 @@ class Body(FakePipeline):
     skeleton = HUMANOID
     actions = ActionLibrary({name: Action(name, (0,) * 8, (1, 2)) for name in ("wave", "bow")})
 
-    def __init__(self, seconds: float = 0.0) -> None:
-        self.seconds = seconds
+    def __init__(self, seconds: float = 0.0, chunk: ChunkSize = CHUNK) -> None:
+        self.seconds, self.chunk = seconds, chunk
 
     def step(self, audio: torch.Tensor, state: Heard, active: torch.Tensor) -> Any:
         time.sleep(self.seconds)
@@ -49,8 +50,10 @@ class Body(FakePipeline):
 
 
 @contextlib.contextmanager
-def serving(*, seats: int = 4, settings: ServerSettings = FAST, step_s: float = 0.0) -> Iterator["Place"]:
-    engine = Engine(Body(step_s), seats=seats)  # type: ignore[arg-type]
+def serving(
+    *, seats: int = 4, settings: ServerSettings = FAST, step_s: float = 0.0, pipeline: Any = None
+) -> Iterator["Place"]:
+    engine = Engine(pipeline or Body(step_s), seats=seats)
     app = create_app(engine, settings)
     with listen("127.0.0.1", 0) as listener:
         begun = threading.Event()

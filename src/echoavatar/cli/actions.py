@@ -2,8 +2,13 @@
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..errors import EchoAvatarError
+
+if TYPE_CHECKING:
+    from ..pipeline.actions import ActionLibrary
+    from ..timing import ChunkSize
 
 EXAMPLES = """examples:
   echoavatar actions list
@@ -26,7 +31,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         nargs=2,
         metavar=("FROM", "TO"),
-        help="seconds of the clip that repeat while the action is held (default: the middle half)",
+        help="seconds of the clip that repeat while the action is held; in an imported bundle, whose actions are sets, "
+        "those whose codes are the set (default: the middle half)",
     )
     add.add_argument("--about", default="", help="what it means, for language models")
     remove = kinds.add_parser("remove", help="take an action out")
@@ -49,12 +55,6 @@ def run(args: argparse.Namespace) -> int:
         raise EchoAvatarError(
             f"{args.bundle} is not a bundle's folder; `echoavatar bundle` makes one, or copy the shipped one"
         )
-    from ..pipeline.runtime import Runtime
-
-    if Runtime.load(folder).rig is not None:
-        raise EchoAvatarError(
-            f"{args.bundle} is for another rig and its actions came with it; edit the rows of its actions.json by hand"
-        )
     {"add": _add, "remove": _remove, "build": _build}[args.kind](args, folder)
     return 0
 
@@ -72,14 +72,18 @@ def _list(bundle: str) -> int:
 
 def _add(args: argparse.Namespace, folder: Path) -> None:
     from ..kinematics import read_bvh
-    from ..pipeline.action_making import action_from_motion
-    from ..pipeline.actions import ActionLibrary
+    from ..pipeline.action_making import action_from_motion, set_from_motion
+    from ..pipeline.runtime import Runtime
     from ..tokenizer import BodyTokenizer
 
-    tokenizer = BodyTokenizer.load(folder / "tokenizer").eval()
-    library = ActionLibrary.load(folder, tokenizer.config.codes)
+    library, chunk = _library(folder)
+    tokenizer, rig = BodyTokenizer.load(folder / "tokenizer").eval(), Runtime.load(folder).rig
     hold = None if args.hold is None else (args.hold[0], args.hold[1])
-    action = action_from_motion(tokenizer, args.name, read_bvh(args.clip), hold_s=hold, about=args.about)
+    clip, about = read_bvh(args.clip), args.about
+    if rig is None:
+        action = action_from_motion(tokenizer, args.name, clip, hold_s=hold, about=about)
+    else:
+        action = set_from_motion(tokenizer, rig, args.name, clip, chunk=chunk, hold_s=hold, about=about)
     library.with_action(action).save(folder)
     print(
         f"{action.name}: {action.seconds:.1f} s, {len(set(action.codes))} codes, in {folder / 'actions.json'}"
@@ -88,9 +92,8 @@ def _add(args: argparse.Namespace, folder: Path) -> None:
 
 def _remove(args: argparse.Namespace, folder: Path) -> None:
     from ..pipeline.actions import ActionLibrary
-    from ..tokenizer import BodyTokenizer
 
-    library = ActionLibrary.load(folder, BodyTokenizer.load(folder / "tokenizer").config.codes)
+    library, _ = _library(folder)
     gone = library.find(args.name)
     ActionLibrary({name: action for name, action in library.items() if action is not gone}).save(folder)
     print(f"{gone.name} removed from {folder / 'actions.json'}")
@@ -98,8 +101,26 @@ def _remove(args: argparse.Namespace, folder: Path) -> None:
 
 def _build(args: argparse.Namespace, folder: Path) -> None:
     from ..pipeline.action_making import own_actions
+    from ..pipeline.runtime import Runtime
     from ..tokenizer import BodyTokenizer
 
+    if Runtime.load(folder).rig is not None:
+        raise EchoAvatarError(
+            f"{args.bundle} is for another rig: the actions that ship pass along their clips and put turns on top of "
+            "our own rig, and an imported bundle's are sets; add clips one by one with `echoavatar actions add`"
+        )
     library = own_actions(BodyTokenizer.load(folder / "tokenizer").eval())
     library.save(folder)
     print(f"{len(library)} actions in {folder / 'actions.json'}")
+
+
+def _library(folder: Path) -> "tuple[ActionLibrary, ChunkSize]":
+    """A bundle's actions, without loading its generator, and what a chunk of it is."""
+    from ..checkpoint import read_config
+    from ..generator import GeneratorConfig
+    from ..pipeline.actions import ActionLibrary
+    from ..timing import ChunkSize
+
+    config = read_config(folder / "generator", GeneratorConfig)
+    chunk = ChunkSize(config.step)
+    return ActionLibrary.load(folder, len(config.directed) * config.layout.motion_codes, chunk), chunk

@@ -15,7 +15,7 @@ from torch import Tensor
 from ..errors import EchoAvatarError
 from ..pipeline.action_overlay import Overlay, joined
 from ..pipeline.actions import Action, ActionLibrary
-from ..timing import CHUNK_SAMPLES
+from ..timing import CHUNK, ChunkSize
 
 Status = Literal["accepted", "started", "done", "rejected"]
 KEPT = 64  # actions and statuses that nobody asked about
@@ -53,8 +53,8 @@ class Act:
 class Acts:
     """The actions of one session."""
 
-    def __init__(self, library: ActionLibrary) -> None:
-        self._library = library
+    def __init__(self, library: ActionLibrary, chunk: ChunkSize = CHUNK) -> None:
+        self._library, self._size = library, chunk.samples
         self._acts: deque[Act] = deque(maxlen=KEPT)
         self._statuses: deque[ActStatus] = deque(maxlen=4 * KEPT)
         self._told: set[tuple[str, Status]] = set()
@@ -86,7 +86,7 @@ class Acts:
             if hold_s is not None and not 0 <= hold_s < float("inf"):
                 raise EchoAvatarError(f"hold {hold_s:g} is not a number of seconds")
         except EchoAvatarError as error:
-            rejected = ActStatus(id, name, "rejected", chunk * CHUNK_SAMPLES, str(error))
+            rejected = ActStatus(id, name, "rejected", chunk * self._size, str(error))
             if not is_own:
                 self._statuses.append(rejected)
             return rejected
@@ -94,7 +94,7 @@ class Acts:
         if is_own:
             self._quiet.add(id)
         self._acts.append(Act(id, action, intensity, chunk, action.length(hold_s), is_own=is_own))
-        return self._tell(ActStatus(id, action.name, "accepted", chunk * CHUNK_SAMPLES))
+        return self._tell(ActStatus(id, action.name, "accepted", chunk * self._size))
 
     def knows(self, name: str) -> bool:
         """Whether there is such an action."""
@@ -137,9 +137,9 @@ class Acts:
         """A chunk of motion went out: its action has started, those that end with it are done."""
         for act in tuple(self._acts):
             if act.begin <= chunk and act.length > 0:
-                self._tell(ActStatus(act.id, act.action.name, "started", act.begin * CHUNK_SAMPLES))
+                self._tell(ActStatus(act.id, act.action.name, "started", act.begin * self._size))
             if act.end <= chunk + 1:
-                self._tell(ActStatus(act.id, act.action.name, "done", act.end * CHUNK_SAMPLES, act.reason))
+                self._tell(ActStatus(act.id, act.action.name, "done", act.end * self._size, act.reason))
 
     def take(self) -> list[ActStatus]:
         """Statuses since the last call, in order."""
@@ -153,7 +153,7 @@ class Acts:
                 length = max(0, chunk - act.begin)
                 self._acts[place] = replace(act, length=length, reason=reason)
                 if length == 0:
-                    self._tell(ActStatus(act.id, act.action.name, "done", chunk * CHUNK_SAMPLES, reason))
+                    self._tell(ActStatus(act.id, act.action.name, "done", chunk * self._size, reason))
 
     def _tell(self, status: ActStatus) -> ActStatus:
         """Each status once, also when a session is rewound and a chunk goes out again."""

@@ -15,12 +15,12 @@ from ..errors import AdmissionError, EchoAvatarError
 from ..generator.linear import Precision
 from ..pipeline import ActionLibrary, Pipeline, load_bundle
 from ..pipeline.modes import FREE, MotionOptions
-from ..timing import CHUNK_SAMPLES
+from ..timing import CHUNK, ChunkSize
 from .life import warm_up
 from .session import Session
 from .undo import changes, undo
 
-REWIND = 15  # chunks, 4 s: how far `Session.clear` can go back
+REWIND = 15  # chunks, 4 s at the paper's step: how far `Session.clear` can go back
 
 
 class Engine:
@@ -47,12 +47,8 @@ class Engine:
             raise EchoAvatarError(f"an engine needs at least one seat, got {seats}")
         if look_ahead is not None and look_ahead < 1:
             raise EchoAvatarError(f"look_ahead must be at least one chunk, got {look_ahead}")
-        if (taken := getattr(pipeline, "chunk_samples", CHUNK_SAMPLES)) != CHUNK_SAMPLES:
-            raise EchoAvatarError(
-                f"sessions run in chunks of {CHUNK_SAMPLES} samples, this bundle's generator steps by {taken}; "
-                "import it with --step 2, the paper's step, or call Pipeline.step yourself"
-            )
         self.pipeline = pipeline
+        self.chunk: ChunkSize = getattr(pipeline, "chunk", CHUNK)  # what a step of every session takes
         self.actions: ActionLibrary = getattr(pipeline, "actions", ActionLibrary())
         self.step_seconds = 0.0  # how long the last step took
         self.busy_seconds = 0.0  # all steps together
@@ -170,7 +166,7 @@ class Engine:
     def _make(self, ready: list[Session]) -> None:
         seats = slice(0, self._seats) if len(ready) > 1 else slice(ready[0].seat, ready[0].seat + 1)
         rows = seats.stop - seats.start
-        audio, active = np.zeros((rows, CHUNK_SAMPLES), np.float32), torch.zeros(rows, dtype=torch.bool)
+        audio, active = np.zeros((rows, self.chunk.samples), np.float32), torch.zeros(rows, dtype=torch.bool)
         members, is_asked, forgets = torch.zeros(rows, self._codes), False, torch.zeros_like(active)
         for session in ready:
             row = session.seat - seats.start

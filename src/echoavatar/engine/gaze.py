@@ -15,7 +15,7 @@ from ..face import ARKIT_NAMES
 from ..kinematics import Skeleton, lanes
 from ..pipeline import MotionChunk
 from ..pipeline.action_overlay import Overlay, laid_on
-from ..timing import CHUNK_FRAMES, FRAME_RATE_HZ
+from ..timing import CHUNK, FRAME_RATE_HZ, ChunkSize
 
 RISE_S, FALL_S = 0.5, 0.8  # to eye contact, and out of it
 HEAD_SHARE, NECK_SHARE = 0.8, 0.35  # of the turn: by head and neck together, and by the neck alone
@@ -39,7 +39,8 @@ Quaternions = Float[np.ndarray, "4 t"]
 class Gaze:
     """One session's."""
 
-    def __init__(self) -> None:
+    def __init__(self, chunk: ChunkSize = CHUNK) -> None:
+        self._frames = chunk.frames
         self._ends: dict[int, float] = {}  # by chunk: how far the turn had come at its end, 0 to 1
 
     def turned(
@@ -61,7 +62,7 @@ class Gaze:
         """How far it is turned in each frame of a chunk, smoothly between 0 and 1."""
         begin = self._ends.get(chunk - 1, 0.0)
         pace = 1 / (RISE_S * FRAME_RATE_HZ) if is_wanted else -1 / (FALL_S * FRAME_RATE_HZ)
-        path = np.clip(begin + pace * np.arange(1, CHUNK_FRAMES + 1), 0, 1)
+        path = np.clip(begin + pace * np.arange(1, self._frames + 1), 0, 1)
         self._ends[chunk] = float(path[-1])
         for old in [known for known in self._ends if known < chunk - KEPT]:
             del self._ends[old]

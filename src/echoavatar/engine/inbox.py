@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from ..audio import StreamResampler
 from ..errors import EchoAvatarError, InboxError
-from ..timing import CHUNK_SAMPLES, SAMPLE_RATE_HZ
+from ..timing import CHUNK, SAMPLE_RATE_HZ, ChunkSize
 from .music import MusicPlayer
 
 INBOX_SECONDS = 600
@@ -34,8 +34,9 @@ class Heard(NamedTuple):
 class Inbox:
     """Speech that waits, and the music player."""
 
-    def __init__(self) -> None:
-        self.player = MusicPlayer()
+    def __init__(self, chunk: ChunkSize = CHUNK) -> None:
+        self.player = MusicPlayer(chunk)
+        self._size = chunk.samples
         self._resampler: StreamResampler | None = None
         self._speech = np.zeros(0, np.float32)
         self._silence = 0  # samples at the end of the speech that are there for want of a source
@@ -49,7 +50,7 @@ class Inbox:
     @property
     def has_chunk(self) -> bool:
         """Whether a whole chunk of speech waits."""
-        return len(self._speech) >= CHUNK_SAMPLES
+        return len(self._speech) >= self._size
 
     def push(self, audio: Float[np.ndarray, "..."], rate: int) -> None:
         """Add speech.
@@ -74,7 +75,7 @@ class Inbox:
         """The source is late: complete the chunk in hand with silence."""
         if not self.has_chunk:
             self._flush()
-            missing = max(0, CHUNK_SAMPLES - len(self._speech))
+            missing = max(0, self._size - len(self._speech))
             self._speech = np.pad(self._speech, (0, missing))
             self._silence += missing
 
@@ -82,17 +83,17 @@ class Inbox:
         """No more speech will come: the rest is completed with silence to a whole chunk."""
         if not self._finished:
             self._flush()
-            self._speech = np.pad(self._speech, (0, -len(self._speech) % CHUNK_SAMPLES))
+            self._speech = np.pad(self._speech, (0, -len(self._speech) % self._size))
             self._finished = True
 
     def take(self) -> Heard:
         """The next chunk; where less than a chunk of speech waits, silence follows it."""
         if not self.has_chunk:
             self.stall()
-        speech, self._speech = self._speech[:CHUNK_SAMPLES], self._speech[CHUNK_SAMPLES:]
+        speech, self._speech = self._speech[: self._size], self._speech[self._size :]
         silent = max(0, self._silence - len(self._speech))  # of this chunk
         self._silence -= silent
-        voiced = silent < CHUNK_SAMPLES
+        voiced = silent < self._size
         return Heard(speech, self.player.next_chunk(speech), voiced)
 
     def give_back(self, speech: Samples, keep: int | None) -> None:

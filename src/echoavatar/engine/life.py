@@ -17,7 +17,7 @@ from ..kinematics import Skeleton
 from ..nn.octet import exact, inner
 from ..pipeline import MotionChunk
 from ..pipeline.modes import FREE, MotionOptions
-from ..timing import CHUNK_FRAMES, FRAME_RATE_HZ
+from ..timing import CHUNK, FRAME_RATE_HZ, ChunkSize
 
 UPPER = ("spine", "chest", "upperChest", "neck", "head", "leftShoulder", "rightShoulder")
 BREATH = np.array(  # radians at full lungs, of the same joints: backwards, and shoulders up
@@ -45,7 +45,8 @@ _30, _27, _31, _11 = (np.uint64(bits) for bits in (30, 27, 31, 11))
 class Life:
     """One session's."""
 
-    def __init__(self, seed: int, options: MotionOptions = FREE) -> None:
+    def __init__(self, seed: int, options: MotionOptions = FREE, chunk: ChunkSize = CHUNK) -> None:
+        self._frames = chunk.frames
         self._seed = np.uint64(seed % 2**64)
         self._may_shift = not (options.in_place or options.upper_body)
         self._ends: dict[int, float] = {}  # by chunk: how free it was at its end, 0 to 1
@@ -58,13 +59,13 @@ class Life:
         may_shift = self._may_shift and legs.min() >= 0
         offsets = skeleton.offsets.numpy()
         shares = self._shares(chunk, is_idle=is_idle)
-        _enliven(rotations, root, offsets, upper, legs, shares, chunk * CHUNK_FRAMES, self._seed, may_shift)
+        _enliven(rotations, root, offsets, upper, legs, shares, chunk * self._frames, self._seed, may_shift)
         return motion._replace(rotations=rotations, root=root.astype(motion.root.dtype))
 
     def _shares(self, chunk: int, *, is_idle: bool) -> Float[np.ndarray, " t"]:
         begin = self._ends.get(chunk - 1, 1.0 if chunk == 0 else 0.0)
         pace = 1 / (RISE_S * FRAME_RATE_HZ) if is_idle else -1 / (FALL_S * FRAME_RATE_HZ)
-        path = np.clip(begin + pace * np.arange(1, CHUNK_FRAMES + 1), 0, 1)
+        path = np.clip(begin + pace * np.arange(1, self._frames + 1), 0, 1)
         self._ends[chunk] = float(path[-1])
         for old in [known for known in self._ends if known < chunk - KEPT]:
             del self._ends[old]
@@ -73,9 +74,9 @@ class Life:
 
 def warm_up(skeleton: Skeleton) -> None:
     """Compile the loop, once on a machine."""
-    still = np.zeros((CHUNK_FRAMES, skeleton.joints, 4), np.float32)
+    still = np.zeros((CHUNK.frames, skeleton.joints, 4), np.float32)
     still[..., 0] = 1
-    Life(0).alive(0, MotionChunk(still, np.zeros((CHUNK_FRAMES, 3), np.float32)), skeleton, is_idle=True)
+    Life(0).alive(0, MotionChunk(still, np.zeros((CHUNK.frames, 3), np.float32)), skeleton, is_idle=True)
 
 
 def _place(skeleton: Skeleton, name: str) -> int:

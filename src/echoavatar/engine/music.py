@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..timing import CHUNK_SAMPLES, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
+from ..timing import CHUNK, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME, ChunkSize
 
 Samples = Float[np.ndarray, " s"]
 DUCKED = 0.35  # of the level, while someone speaks
@@ -41,8 +41,9 @@ class Command(NamedTuple):
 class MusicPlayer:
     """Plays into a session."""
 
-    def __init__(self) -> None:
+    def __init__(self, chunk: ChunkSize = CHUNK) -> None:
         self.now = Playing()
+        self._size = chunk.samples
         self._track: Samples | None = None
         self._tracks: dict[str, Samples] = {}
         self._told: list[tuple[int, Command]] = []
@@ -67,13 +68,13 @@ class MusicPlayer:
         if self._track is None:
             return None
         now = self.now
-        piece = self._track[now.at : now.at + CHUNK_SAMPLES]
+        piece = self._track[now.at : now.at + self._size]
         duck, quiet = _ducking(speech, now)
         step = 1 / (FADE_S * SAMPLE_RATE_HZ) if now.is_stopping else 0.0
-        fade = np.maximum(now.fade - step * np.arange(1, CHUNK_SAMPLES + 1), 0)
-        music = np.zeros(CHUNK_SAMPLES, np.float32)
+        fade = np.maximum(now.fade - step * np.arange(1, self._size + 1), 0)
+        music = np.zeros(self._size, np.float32)
         music[: len(piece)] = piece * (duck * fade)[: len(piece)]
-        end = now.at + CHUNK_SAMPLES
+        end = now.at + self._size
         self.now = replace(now, at=end, duck=float(duck[-1]), quiet=quiet, fade=float(fade[-1]))
         if end >= len(self._track) or fade[-1] <= 0:
             self.now, self._track = Playing(), None

@@ -14,7 +14,7 @@ from ..pipeline import MotionChunk, Pipeline
 from ..pipeline.interpolate import StreamInterpolator
 from ..pipeline.modes import FREE, MotionOptions
 from ..pipeline.motion_chunk import join
-from ..timing import CHUNK_FRAMES, CHUNK_SAMPLES, FRAME_RATE_HZ, SAMPLE_RATE_HZ
+from ..timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
 from .engine import Engine
 
 
@@ -89,7 +89,7 @@ def animate_many(
     for session, sound in zip(sessions, sounds, strict=True):
         session.push(sound)
         session.finish()
-    total = sum(-(-len(sound) // CHUNK_SAMPLES) for sound in sounds)
+    total = sum(-(-len(sound) // engine.chunk.samples) for sound in sounds)
     done = 0
     while moved := engine.tick():
         done += moved
@@ -132,4 +132,4 @@ def _collect(
     for chunk in session:
         chunks.append(chunk)
         if progress:
-            progress(len(chunks) * CHUNK_FRAMES / FRAME_RATE_HZ)
+            progress(len(chunks) * len(chunk.root) / FRAME_RATE_HZ)

@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from ..pipeline import MotionChunk
 from ..pipeline.inertial import InertialBlend
-from ..timing import CHUNK_FRAMES, SAMPLES_PER_FRAME
+from ..timing import CHUNK, SAMPLES_PER_FRAME, ChunkSize
 from .inbox import Heard
 
 COASTING = 0.5  # of its speed, for the one frame
@@ -33,7 +33,8 @@ class Delivery(NamedTuple):
 class Screen:
     """Motion of one session that is not taken yet, and as much of what was shown as can be taken back."""
 
-    def __init__(self) -> None:
+    def __init__(self, chunk: ChunkSize = CHUNK) -> None:
+        self._frames = chunk.frames
         self.epoch = 0
         self.taken = 0  # sample up to which motion was taken
         self.end = 0  # sample up to which there is motion
@@ -59,18 +60,18 @@ class Screen:
 
     def show(self, chunk: int, motion: MotionChunk, heard: Heard, source: str, *, memory: int) -> None:
         """New motion for a whole chunk; what was shown of the chunk before it was taken back stays."""
-        skip = max(0, self._fresh - chunk * CHUNK_FRAMES)
-        new = self._blended(_part(motion, skip, CHUNK_FRAMES))
+        skip = max(0, self._fresh - chunk * self._frames)
+        new = self._blended(_part(motion, skip, None))
         shown = self._recent.get(chunk)
         whole = new if shown is None else _joined(shown, new)
         self._recent[chunk] = whole
         for old in [at for at in self._recent if at < chunk - memory]:
             del self._recent[old]
-        self.end, self.source = (chunk + 1) * CHUNK_FRAMES * SAMPLES_PER_FRAME, source
+        self.end, self.source = (chunk + 1) * self._frames * SAMPLES_PER_FRAME, source
         if not len(new.root):
             return
         cut = skip * SAMPLES_PER_FRAME
-        start = chunk * CHUNK_FRAMES * SAMPLES_PER_FRAME + cut
+        start = chunk * self._frames * SAMPLES_PER_FRAME + cut
         music = None if heard.music is None else heard.music[cut:]
         self._out.append(Delivery(new, start, self.epoch, heard.audio[cut:], music, source))
 
@@ -80,7 +81,7 @@ class Screen:
         self._fresh = first_frame_after(sample)
         self.end, self.taken = sample, min(self.taken, sample)
         for chunk in list(self._recent):
-            left = self._fresh - chunk * CHUNK_FRAMES
+            left = self._fresh - chunk * self._frames
             if left <= 0:
                 del self._recent[chunk]
             elif left < len(self._recent[chunk].root):

@@ -18,7 +18,7 @@ from ..audio import StreamResampler
 from ..errors import EchoAvatarError
 from ..pipeline import MotionChunk
 from ..pipeline.modes import FREE, MotionOptions
-from ..timing import CHUNK_SAMPLES, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
+from ..timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from .acts import Acts, ActStatus
 from .gaze import Gaze
 from .inbox import Heard, Inbox
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from .engine import Engine
 
 LISTEN_S = 20.0  # a listening posture ends by itself
-MUSIC_AHEAD = 3  # chunks: music lets speech in within 0.8 s
+MUSIC_AHEAD_S = 0.8  # music is made so far ahead, and lets speech in within that time
 REPLAN_AHEAD = (
     2  # chunks that an action waits at most behind motion made earlier, where the player says what it shows
 )
@@ -74,17 +74,17 @@ class Session:
         self.seat = seat
         self.seed, self.options = seed, options
         self.is_new = True  # its row is not reset yet; the engine's note
-        self.on_motion: Callable[[], None] | None = (
-            None  # called from one of the engine's threads after a chunk
-        )
+        self.on_motion: Callable[[], None] | None = None  # called after a chunk, from an engine's thread
         self.late = 0  # chunks that were made after their time had come
         self._engine, self._look_ahead = engine, look_ahead
+        self.chunk = engine.chunk  # what a step of it takes
         self._lock = threading.RLock()
-        self._inbox = Inbox()
-        self._acts = Acts(engine.actions)
-        self._screen = Screen()
+        self._inbox = Inbox(self.chunk)
+        self._acts = Acts(engine.actions, self.chunk)
+        self._screen = Screen(self.chunk)
         self._listener = Listener(seed)
-        self._gaze, self._life, self._settling = Gaze(), Life(seed, options), Settling()
+        self._gaze, self._life = Gaze(self.chunk), Life(seed, options, self.chunk)
+        self._settling = Settling(self.chunk)
         self._ear: StreamResampler | None = None
         self._past: deque[Past] = deque()
         self._rewind = rewind
@@ -205,7 +205,7 @@ class Session:
             self._engine.release(self)
 
     def take(self) -> MotionChunk | None:
-        """The next motion that is ready, or None. Eight frames, or fewer right after a `clear` within a chunk."""
+        """The next motion that is ready, or None. A chunk, or less of it right after a `clear` within one."""
         delivery = self.take_timed()
         return None if delivery is None else delivery.motion
 
@@ -240,7 +240,7 @@ class Session:
     def made(self) -> int:
         """Sample up to which motion was made."""
         with self._lock:
-            return self._next_chunk * CHUNK_SAMPLES
+            return self._next_chunk * self.chunk.samples
 
     @property
     def epoch(self) -> int:
@@ -263,7 +263,7 @@ class Session:
         with self._lock:
             if self._played is None:
                 return self._screen.untaken
-            return -((self._played - self._next_chunk * CHUNK_SAMPLES) // CHUNK_SAMPLES)
+            return -((self._played - self._next_chunk * self.chunk.samples) // self.chunk.samples)
 
     @property
     def waiting(self) -> bool:
@@ -274,7 +274,12 @@ class Session:
                 return False
             if self._inbox.has_chunk:
                 return True
-            return self._inbox.player.is_playing and (self._played is None or ahead < MUSIC_AHEAD)
+            return self._inbox.player.is_playing and (self._played is None or ahead < self.music_ahead)
+
+    @property
+    def music_ahead(self) -> int:
+        """Chunks of music that are made ahead of the player."""
+        return self.chunk.within(MUSIC_AHEAD_S)
 
     # ---- what the engine calls, in its tick
 
@@ -320,7 +325,7 @@ class Session:
                 overlay=self._acts.overlay(chunk),
                 is_wanted=self.is_listening and self._is_free(chunk),
             )
-            self.late += (self._played or 0) > chunk * CHUNK_SAMPLES
+            self.late += (self._played or 0) > chunk * self.chunk.samples
             self._screen.show(chunk, motion, heard, source, memory=self._rewind)
             self._acts.delivered(chunk)
         if self.on_motion is not None:
@@ -362,20 +367,20 @@ class Session:
         """Make motion again that was made too far ahead of the player for what is asked now; no audio is lost."""
         if self._played is None or self._rewind == 0 or self.ahead <= REPLAN_AHEAD:
             return
-        border = -(-self._played // CHUNK_SAMPLES) + 1
+        border = -(-self._played // self.chunk.samples) + 1
         if border < self._next_chunk:
-            self._go_back(border * CHUNK_SAMPLES, is_forgotten=False)
+            self._go_back(border * self.chunk.samples, is_forgotten=False)
 
     def _go_back(self, sample: int, *, is_forgotten: bool) -> int:
         """Note that the state must return to the chunk border at or before a sample, and lay the audio back."""
         made = self._past if self._target is None else list(self._past)[: len(self._past) - self._undone]
-        border = max(sample // CHUNK_SAMPLES, self._oldest)
-        sample = max(sample, border * CHUNK_SAMPLES)
+        border = max(sample // self.chunk.samples, self._oldest)
+        sample = max(sample, border * self.chunk.samples)
         again = [past.heard.speech for past in list(made)[border - self._oldest :]]
         if self._in_flight is not None and self._in_flight[0] == self._screen.epoch:
             again.append(self._in_flight[1].speech)
         music = self._music_before(border)
-        keep = sample - border * CHUNK_SAMPLES if is_forgotten else None
+        keep = sample - border * self.chunk.samples if is_forgotten else None
         self._inbox.give_back(np.concatenate([np.zeros(0, np.float32), *again]), keep)
         if music is not None:
             self._inbox.player.rewind(border, music)

@@ -17,11 +17,11 @@ from jaxtyping import Float
 from ..kinematics import Skeleton
 from ..pipeline import MotionChunk
 from ..pipeline.pipeline import SILENCE
-from ..timing import FRAME_RATE_HZ
+from ..timing import CHUNK, FRAME_RATE_HZ, ChunkSize
 
 DANCING = 15.0  # degrees per second, mean over the legs' joints: standing and talking mostly stay under 10
-RECENT = 3  # chunks before the silence, of which the liveliest counts: dances stand still between moves
-AGAIN = 3  # chunks of silence after which one that dances on is made to forget once more
+RECENT_S = 0.8  # before the silence, of which the liveliest chunk counts: dances stand still between moves
+AGAIN_S = 0.8  # of silence after which one that dances on is made to forget once more
 KEPT = 64  # chunks that are remembered
 _LEGS = ("leftUpperLeg", "rightUpperLeg", "leftLowerLeg", "rightLowerLeg")
 
@@ -34,15 +34,16 @@ class _Chunk(NamedTuple):
 class Settling:
     """One session's."""
 
-    def __init__(self) -> None:
+    def __init__(self, chunk: ChunkSize = CHUNK) -> None:
+        self._recent, self._again = chunk.within(RECENT_S), chunk.within(AGAIN_S)
         self._chunks: dict[int, _Chunk] = {}
 
     def must_forget(self, chunk: int, audio: Float[np.ndarray, " s"]) -> bool:
         """Before a chunk is made: whether its sound breaks off a dance."""
         silent = self._silent(chunk, audio)
-        recent = range(chunk - (RECENT if silent == 1 else 1), chunk)
+        recent = range(chunk - (self._recent if silent == 1 else 1), chunk)
         legs = max((self._chunks[past].legs for past in recent if past in self._chunks), default=0.0)
-        return silent % AGAIN == 1 and legs > DANCING
+        return silent % self._again == 1 and legs > DANCING
 
     def made(
         self, chunk: int, audio: Float[np.ndarray, " s"], motion: MotionChunk, skeleton: Skeleton

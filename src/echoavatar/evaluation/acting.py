@@ -18,7 +18,7 @@ from ..kinematics.rotations import matrix_from_quaternion
 from ..pipeline import MotionChunk, Pipeline
 from ..pipeline.motion_chunk import join
 from ..rehearsal.action_clips import SCRIPTS, clip
-from ..timing import CHUNK_SAMPLES, FRAME_RATE_HZ, SAMPLES_PER_FRAME
+from ..timing import CHUNK, FRAME_RATE_HZ
 
 BEGIN_CHUNKS = 8  # of speech before the action
 NOSE_M = 0.25  # ahead of the head
@@ -46,28 +46,29 @@ def evaluate_actions(
     """All actions of the bundle that have a reference clip of ours (or those of `names`), in one batch."""
     chosen = list(names) or [name for name in SCRIPTS if name in pipeline.actions]
     longest = max(pipeline.actions[name].chunks for name in chosen)
-    samples = (BEGIN_CHUNKS + longest + 4) * CHUNK_SAMPLES
+    size = pipeline.chunk.samples
+    samples = (BEGIN_CHUNKS + longest + 4) * size
     sound = np.resize(audio, samples)
     engine = Engine(pipeline, seats=len(chosen) + 1, rewind=0, lanes=0)
     sessions = [engine.open(seed=seed) for _ in range(len(chosen) + 1)]
     made: list[list[MotionChunk]] = [[] for _ in sessions]
-    for number in range(samples // CHUNK_SAMPLES):
+    for number in range(samples // size):
         if number == BEGIN_CHUNKS:
             for session, name in zip(sessions[1:], chosen, strict=True):
                 session.act(name)
         for session in sessions:
-            session.push(sound[number * CHUNK_SAMPLES : (number + 1) * CHUNK_SAMPLES])
+            session.push(sound[number * size : (number + 1) * size])
         engine.tick()
         for chunks, session in zip(made, sessions, strict=True):
             chunks.extend(session)
     off, *on = (_motion(pipeline.skeleton, chunks) for chunks in made)
-    return [_acted(name, off, motion) for name, motion in zip(chosen, on, strict=True)]
+    begin = BEGIN_CHUNKS * pipeline.chunk.frames
+    return [_acted(name, off, motion, begin) for name, motion in zip(chosen, on, strict=True)]
 
 
-def _acted(name: str, off: Motion, on: Motion) -> Acted:
+def _acted(name: str, off: Motion, on: Motion, begin: int = BEGIN_CHUNKS * CHUNK.frames) -> Acted:
     script = SCRIPTS[name]
     wanted = body_points(clip(script))
-    begin = BEGIN_CHUNKS * CHUNK_SAMPLES // SAMPLES_PER_FRAME
     moved = np.linalg.norm(wanted - wanted[:1], axis=-1).max(0) > MOVED_M
     if not moved.any():  # to stand at ease concerns all of the body
         moved[:] = True

@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 
 from ..kinematics import Skeleton, forward_kinematics
 from ..kinematics.rotations import angle_between, matrix_from_quaternion
-from ..timing import CHUNK_FRAMES, FRAME_RATE_HZ
+from ..timing import CHUNK, FRAME_RATE_HZ, ChunkSize
 
 SILENCE, SPEECH, MUSIC = 0, 1, 2
 SETTLE_FRAMES = (
@@ -77,24 +77,24 @@ def by_domain(values: Sequence[np.ndarray], clips: Sequence[Track], domain: int)
     return float(joined.mean()) if len(joined) else float("nan")
 
 
-def border_speed_ratio(clips: Sequence[Track]) -> float:
+def border_speed_ratio(clips: Sequence[Track], chunk: ChunkSize = CHUNK) -> float:
     """Mean joint speed from the last frame of a chunk to the first of the next, over that inside chunks."""
     at_border, inside = [], []
     for clip in clips:
         speed = np.linalg.norm(np.diff(clip.positions, axis=0), axis=-1).mean(1)
-        border = np.arange(len(speed)) % CHUNK_FRAMES == CHUNK_FRAMES - 1
+        border = np.arange(len(speed)) % chunk.frames == chunk.frames - 1
         at_border.append(speed[border])
         inside.append(speed[~border])
     return float(np.concatenate(at_border).mean() / np.concatenate(inside).mean())
 
 
-def border_ratio(clips: Sequence[Track]) -> float:
+def border_ratio(clips: Sequence[Track], chunk: ChunkSize = CHUNK) -> float:
     """Mean joint acceleration at chunk borders over that inside chunks; 1 means borders cannot be told."""
     at_border, inside = [], []
     for clip in clips:
         change = np.linalg.norm(np.diff(clip.positions, n=2, axis=0), axis=-1).mean(1)
         frame = np.arange(len(change)) + 1  # the middle frame of each second difference
-        border = (frame % CHUNK_FRAMES == 0) | (frame % CHUNK_FRAMES == CHUNK_FRAMES - 1)
+        border = (frame % chunk.frames == 0) | (frame % chunk.frames == chunk.frames - 1)
         at_border.append(change[border])
         inside.append(change[~border])
     return float(np.concatenate(at_border).mean() / np.concatenate(inside).mean())

@@ -27,7 +27,7 @@ from ..pipeline import Bundle
 from ..rehearsal.lips import lip_curves
 from ..rehearsal.sound import SoundTrack
 from ..rehearsal.track import compose_track
-from ..timing import CHUNK_SAMPLES, FRAME_RATE_HZ, SAMPLES_PER_FRAME
+from ..timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
 
 CLOSED = 0.05  # of a jaw's full opening: lips that touch
 CLOSING_PHONES = ("p", "b", "m", "em")
@@ -104,7 +104,8 @@ def animate_face(
     stream: FaceStream, audio: Float[np.ndarray, " s"], *, seed: int
 ) -> Float[np.ndarray, "t 52"]:
     """The face of a whole recording (24 kHz mono), behind the level control as in the pipeline."""
-    padded = np.pad(audio, (0, -len(audio) % CHUNK_SAMPLES)).astype(np.float32)
+    step = stream.model.config.step * SAMPLES_PER_FRAME
+    padded = np.pad(audio, (0, -len(audio) % step)).astype(np.float32)
     heard = LevelControl()(torch.from_numpy(padded)[None])
     state, active = stream.init_state(1), torch.ones(1, dtype=torch.bool)
     curves = stream.step(heard, state, active, torch.tensor([seed]))

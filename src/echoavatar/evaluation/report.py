@@ -127,8 +127,8 @@ def _behaviour(bundle: Bundle, clips: Sequence[Track]) -> dict[str, float]:
         "skate_cm_s": float(np.average(sliding, weights=weight)),
         "jerk_m_s3": float(np.mean([jerk_m_s3(clip.positions) for clip in clips])),
         "max_joint_deg_s": float(max(clip.angular_speed.max() for clip in clips)),
-        "border_speed_ratio": behaviour.border_speed_ratio(clips),
-        "border_ratio": behaviour.border_ratio(clips),
+        "border_speed_ratio": behaviour.border_speed_ratio(clips, bundle.chunk),
+        "border_ratio": behaviour.border_ratio(clips, bundle.chunk),
     }
 
 

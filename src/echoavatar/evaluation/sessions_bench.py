@@ -1,7 +1,8 @@
 """`echoavatar bench sessions`: how many sessions keep up, and how long their chunks wait.
 
-Sessions arrive at odd moments, each sends a chunk of sound every 266.7 ms by the wall clock, and one engine serves them
-from its own threads, as in the server. So a run takes as long as its sound, and other programs on the machine show.
+Sessions arrive at odd moments, each sends a chunk of sound as often as one lasts by the wall clock, and one engine
+serves them from its own threads, as in the server. So a run takes as long as its sound, and other programs on the
+machine show.
 """
 
 import threading
@@ -14,14 +15,13 @@ import torch
 
 from ..engine import Engine, EngineThread, Session
 from ..pipeline import Pipeline
-from ..timing import CHUNK_SAMPLES, CHUNK_SECONDS
 from .stream_bench import resident_mb
 
 Manner = Literal["behaves", "floods", "stalls", "vanishes"]
 MANNERS: tuple[Manner, ...] = ("behaves", "floods", "stalls", "vanishes")
 WARM_UP_CHUNKS = 16  # longer than the attention window
 GOLDEN = 0.6180339887  # phases of the sessions: spread as evenly as they can be for any number
-HOPELESS_S = 4 * CHUNK_SECONDS  # a load that waits so long is not made heavier
+HOPELESS = 4  # chunks: a load that waits so long is not made heavier
 
 
 class Load(NamedTuple):
@@ -48,7 +48,7 @@ def bench_sessions(
         loads.append(_serve(pipeline, count, seconds))
         if progress:
             progress(done + 1, len(counts))
-        if loads[-1].p99_ms > 1000 * HOPELESS_S:
+        if loads[-1].p99_ms > 1000 * HOPELESS * pipeline.chunk.seconds:
             break
     return loads
 
@@ -69,42 +69,39 @@ def summary(loads: list[Load]) -> dict[str, object]:
 
 
 def _serve(pipeline: Pipeline, count: int, seconds: float, last: Manner = "behaves") -> Load:
-    before = resident_mb()
+    before, each = resident_mb(), pipeline.chunk.seconds
     engine = Engine(pipeline, seats=count, look_ahead=8)
     guests = [_Guest(engine.open(seed=seat), seat) for seat in range(count)]
     guests[-1].manner = last
-    chunks = max(4, round(seconds / CHUNK_SECONDS)) + WARM_UP_CHUNKS
+    chunks = max(4, round(seconds / each)) + WARM_UP_CHUNKS
     with EngineThread(engine) as threads:
         began = time.perf_counter()
-        due = [
-            (began + guest.phase + chunk * CHUNK_SECONDS, guest)
-            for guest in guests
-            for chunk in range(chunks)
-        ]
+        due = [(began + guest.phase + chunk * each, guest) for guest in guests for chunk in range(chunks)]
         for moment, guest in sorted(due, key=lambda item: item[0]):
             time.sleep(max(0.0, moment - time.perf_counter()))
             guest.send(moment - began)
             if threads.error is not None:
                 raise threads.error
         watched = [guest for guest in guests if guest.manner == "behaves"]
-        patience = time.perf_counter() + HOPELESS_S * count
+        patience = time.perf_counter() + HOPELESS * each * count
         while any(len(guest.waits) < chunks for guest in watched) and time.perf_counter() < patience:
             time.sleep(0.01)
         busy = engine.busy_seconds / (time.perf_counter() - began) / engine.lanes
         memory = (resident_mb() - before) / count
+    is_behind = any(len(guest.waits) < chunks for guest in watched)
     for guest in guests:
         guest.session.close()
+        guest.give_up()
     waits = np.concatenate([guest.waits[WARM_UP_CHUNKS:] for guest in watched])
     p50, p99 = np.percentile(waits, [50, 99]) * 1000
     tail = np.mean([guest.waits[-4:] for guest in watched])
-    is_behind = any(len(guest.waits) < chunks for guest in watched)
     return Load(
         count,
         round(float(p50), 1),
         round(float(p99), 1),
         round(busy, 3),
         round(memory, 2),
-        bool(p99 <= 1000 * CHUNK_SECONDS and tail < CHUNK_SECONDS and not is_behind),
+        bool(p99 <= 1000 * each and tail < each and not is_behind),
     )
 
 
@@ -113,7 +110,7 @@ class _Guest:
 
     def __init__(self, session: Session, seat: int) -> None:
         self.session, self.manner = session, MANNERS[0]
-        self.phase = (seat * GOLDEN) % 1 * CHUNK_SECONDS
+        self.phase = (seat * GOLDEN) % 1 * self.session.chunk.seconds
         self.waits: list[float] = []
         self._sent: list[float] = []
         self._rng, self._lock = np.random.default_rng(seat), threading.Lock()
@@ -124,7 +121,7 @@ class _Guest:
         if self.manner == "floods":
             if self.session.seconds_waiting < 60:
                 self.session.push(self._sound(20))
-        elif self.manner == "vanishes" and now > 8 * CHUNK_SECONDS:
+        elif self.manner == "vanishes" and now > 8 * self.session.chunk.seconds:
             self.session.close()
         elif self.manner != "stalls" or int(now / 2) % 2:
             with self._lock:
@@ -138,5 +135,10 @@ class _Guest:
                 if self._sent:
                     self.waits.append(now - self._sent.pop(0))
 
+    def give_up(self) -> None:
+        """What was not answered has waited until now."""
+        now = time.perf_counter()
+        self.waits.extend(now - sent for sent in self._sent)
+
     def _sound(self, chunks: int) -> np.ndarray:
-        return (0.1 * self._rng.standard_normal(chunks * CHUNK_SAMPLES)).astype(np.float32)
+        return (0.1 * self._rng.standard_normal(chunks * self.session.chunk.samples)).astype(np.float32)

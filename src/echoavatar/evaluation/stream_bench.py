@@ -16,7 +16,7 @@ import torch
 from ..engine import Engine
 from ..pipeline import Pipeline
 from ..pipeline.pipeline import STAGES
-from ..timing import CHUNK_SAMPLES, CHUNK_SECONDS, SAMPLE_RATE_HZ
+from ..timing import SAMPLE_RATE_HZ, ChunkSize
 
 WARM_UP_CHUNKS = 20  # longer than the attention window, so that the ring is full when counting begins
 FULL_WARM_UP_CHUNKS = 2  # where an opening fills the window, every chunk costs the same
@@ -60,14 +60,14 @@ def bench_stream(
     first_ms = _first_motion_ms(pipeline)
     engine = Engine(pipeline, seats=sessions, lanes=0)
     seats = [engine.open(seed=seat) for seat in range(sessions)]
-    laps, chunk_ms, memory = Laps(), [], []
+    chunk, laps, chunk_ms, memory = pipeline.chunk, Laps(), [], []
     pipeline.lap = laps
     warm_up = FULL_WARM_UP_CHUNKS if pipeline.generator.config.opening else WARM_UP_CHUNKS
-    chunks = max(2, round(seconds / CHUNK_SECONDS)) + warm_up
+    chunks = max(2, round(seconds / chunk.seconds)) + warm_up
     rng = np.random.default_rng(0)
     for index in range(chunks):
         for seat in seats:
-            seat.push(_sound(rng, index))
+            seat.push(_sound(rng, index, chunk))
         laps.start()
         began = time.perf_counter()
         engine.tick()
@@ -85,14 +85,14 @@ def bench_stream(
     rows = {stage: _percentiles(np.array(values[warm_up:])) for stage, values in laps.stages.items()}
     rows["whole chunk"] = _percentiles(counted)
     summary = {
-        "rtf": float(counted.mean() / 1000 / CHUNK_SECONDS),
+        "rtf": float(counted.mean() / 1000 / chunk.seconds),
         "chunk_ms_p50": rows["whole chunk"][0],
         "chunk_ms_p95": rows["whole chunk"][1],
         "chunk_ms_p99": rows["whole chunk"][2],
         "first_motion_ms": first_ms,
         "rss_mb_start": memory[0],
         "rss_mb_end": memory[-1],
-        "seconds": float(len(counted) * CHUNK_SECONDS),
+        "seconds": float(len(counted) * chunk.seconds),
         "sessions": float(sessions),
         "threads": float(torch.get_num_threads()),
     }
@@ -104,19 +104,19 @@ def _first_motion_ms(pipeline: Pipeline) -> float:
     best = []
     for attempt in range(3):
         with Engine(pipeline).open(seed=attempt) as session:
-            session.push(_sound(np.random.default_rng(attempt), 0))
+            session.push(_sound(np.random.default_rng(attempt), 0, pipeline.chunk))
             began = time.perf_counter()
             next(iter(session))
             best.append((time.perf_counter() - began) * 1000)
         if best[-1] > PATIENCE_MS:
             break
-    return CHUNK_SECONDS * 1000 + float(np.median(best))
+    return pipeline.chunk.seconds * 1000 + float(np.median(best))
 
 
-def _sound(rng: np.random.Generator, index: int) -> np.ndarray:
-    time_s = (np.arange(CHUNK_SAMPLES) + index * CHUNK_SAMPLES) / SAMPLE_RATE_HZ
+def _sound(rng: np.random.Generator, index: int, chunk: ChunkSize) -> np.ndarray:
+    time_s = (np.arange(chunk.samples) + index * chunk.samples) / SAMPLE_RATE_HZ
     tone = 0.1 * np.sin(2 * np.pi * 220 * time_s) * (index % 4 < 3)
-    return (tone + 0.02 * rng.standard_normal(CHUNK_SAMPLES)).astype(np.float32)
+    return (tone + 0.02 * rng.standard_normal(chunk.samples)).astype(np.float32)
 
 
 def _percentiles(values: np.ndarray) -> tuple[float, float, float]:

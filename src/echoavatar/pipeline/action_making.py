@@ -3,6 +3,7 @@
 Used by `echoavatar actions`; nothing that runs live needs it.
 """
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -23,10 +24,11 @@ from ..kinematics.rotations import (
 )
 from ..rehearsal.action_clips import SCRIPTS, clip
 from ..rehearsal.controls import minimum_jerk
-from ..timing import CHUNK_FRAMES, FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN
+from ..timing import CHUNK_FRAMES, FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN, ChunkSize
 from ..tokenizer import BodyTokenizer
 from .action_overlay import Overlay
 from .actions import Action, ActionLibrary
+from .rig import RigAdapter, RigConfig
 
 LEAD_CHUNKS = 4  # of the first pose, so that the tokenizer has settled
 SHORTEST_S, LONGEST_S = 0.5, 20.0
@@ -53,13 +55,7 @@ def action_from_motion(
     Raises:
         MotionError: the clip is too short or too long, or the name is not a name.
     """
-    plain = "_".join(name.lower().replace("-", " ").replace("_", " ").split())
-    if not plain.replace("_", "").isalnum() or not plain.isascii():
-        raise MotionError(f"{name!r} cannot name an action; use letters, digits and underscores")
-    if not SHORTEST_S <= motion.seconds <= LONGEST_S:
-        raise MotionError(
-            f"a clip of {motion.seconds:.1f} s cannot be an action; cut it to {SHORTEST_S:g} to {LONGEST_S:g} s"
-        )
+    plain = _plain(name, motion)
     codes, overlay = read_clip(tokenizer, motion)
     chunks = len(codes) // 2
     first, last = hold_s or (motion.seconds / 4, motion.seconds * 3 / 4)
@@ -68,6 +64,41 @@ def action_from_motion(
     end = min(max(round(last * per_chunk), begin + 1), chunks)
     asked = len(set(codes)) > 1 if guides is None else guides
     return Action(plain, codes, (begin, end), about or plain.replace("_", " "), asked, overlay)
+
+
+@torch.inference_mode()
+def set_from_motion(
+    tokenizer: BodyTokenizer,
+    rig: RigConfig,
+    name: str,
+    motion: Motion,
+    *,
+    chunk: ChunkSize,
+    hold_s: tuple[float, float] | None = None,
+    about: str = "",
+) -> Action:
+    """An action as the paper has it, for a bundle on a rig of its own: a set of codes that holds as a whole.
+
+    The clip, on any rig, is retargeted to the bundle's; the set are the codes of its stretch `hold_s` (default: the
+    middle half). It lasts as long as the clip, and nothing is put on top of what the codes say.
+
+    Raises:
+        MotionError: the clip is too short or too long, or the name is not a name.
+    """
+    plain, skeleton = _plain(name, motion), tokenizer.skeleton
+    motion = resample(retarget(motion, skeleton, has_footing=False), float(FRAME_RATE_HZ))
+    lead, fill = LEAD_CHUNKS * CHUNK_FRAMES, -motion.frames % FRAMES_PER_MOTION_TOKEN
+    at = np.clip(np.arange(-lead, motion.frames + fill), 0, motion.frames - 1)
+    whole = replace(motion, rotations=motion.rotations[at], root=motion.root[at])
+    features = RigAdapter(rig, skeleton, "native").features_of(whole)
+    codes = tokenizer.encode(features[None])[0, lead // FRAMES_PER_MOTION_TOKEN :, UPPER, 0]
+    first, last = hold_s or (motion.seconds / 4, motion.seconds * 3 / 4)
+    rate = FRAME_RATE_HZ / FRAMES_PER_MOTION_TOKEN
+    begin = min(int(first * rate), len(codes) - 1)
+    held = codes[begin : max(math.ceil(last * rate), begin + 1)]
+    length = chunk.within(motion.seconds)
+    members = tuple(sorted(set(held.tolist())))
+    return Action(plain, members, (0, length), about or plain.replace("_", " "), is_set=True, chunk=chunk)
 
 
 @torch.inference_mode()
@@ -140,6 +171,18 @@ def _with_shake(action: Action, moving: Motion, still: Motion) -> Overlay:
     if action.overlay is None:
         return Overlay(tuple(joints), own)
     return Overlay((*action.overlay.joints, *joints), np.concatenate([action.overlay.turns, own], axis=1))
+
+
+def _plain(name: str, motion: Motion) -> str:
+    """The name as the library keeps it; MotionError where it or the clip's length cannot be."""
+    plain = "_".join(name.lower().replace("-", " ").replace("_", " ").split())
+    if not plain.replace("_", "").isalnum() or not plain.isascii():
+        raise MotionError(f"{name!r} cannot name an action; use letters, digits and underscores")
+    if not SHORTEST_S <= motion.seconds <= LONGEST_S:
+        raise MotionError(
+            f"a clip of {motion.seconds:.1f} s cannot be an action; cut it to {SHORTEST_S:g} to {LONGEST_S:g} s"
+        )
+    return plain
 
 
 def _turn(rotations: Float[Tensor, "t j 3 3"]) -> Float[np.ndarray, "t j 3"]:

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..kinematics import Skeleton, lanes
-from ..timing import CHUNK_FRAMES
+from ..timing import CHUNK, ChunkSize
 from .motion_chunk import MotionChunk
 
 UNIT = 1e-3  # radians, of what is written to files
@@ -32,9 +32,9 @@ class Overlay:
             and np.array_equal(self.turns, other.turns)
         )
 
-    def chunk(self, place: int) -> "Overlay":
+    def chunk(self, place: int, size: ChunkSize = CHUNK) -> "Overlay":
         """One chunk of it."""
-        return Overlay(self.joints, self.turns[place * CHUNK_FRAMES : (place + 1) * CHUNK_FRAMES])
+        return Overlay(self.joints, self.turns[place * size.frames : (place + 1) * size.frames])
 
     def scaled(self, intensity: float) -> "Overlay":
         """The same turns, more or less of them."""
@@ -57,10 +57,11 @@ def joined(before: Overlay | None, now: Overlay | None) -> Overlay | None:
     if before is None and now is None:
         return None
     names = tuple(dict.fromkeys((*(before.joints if before else ()), *(now.joints if now else ()))))
-    last = _of(before, names)[-1]
-    turns = _of(now, names)
+    frames = len((now or before).turns)  # type: ignore[union-attr]  # one of them is there
+    last = _of(before, names, frames)[-1]
+    turns = _of(now, names, frames)
     gap = last - turns[0]
-    share = (np.arange(CHUNK_FRAMES, dtype=np.float32) + 1) / CHUNK_FRAMES
+    share = (np.arange(frames, dtype=np.float32) + 1) / frames
     fall = 1 - share**3 * (10 - share * (15 - 6 * share))
     return Overlay(names, (turns + fall[:, None, None] * gap).astype(np.float32))
 
@@ -76,9 +77,9 @@ def laid_on(motion: MotionChunk, overlay: Overlay, skeleton: Skeleton) -> Motion
     return motion._replace(rotations=rotations)
 
 
-def _of(overlay: Overlay | None, names: tuple[str, ...]) -> Float[np.ndarray, "t j 3"]:
+def _of(overlay: Overlay | None, names: tuple[str, ...], frames: int) -> Float[np.ndarray, "t j 3"]:
     """Turns of these joints, zero for those it does not hold."""
-    turns = np.zeros((CHUNK_FRAMES, len(names), 3), np.float32)
+    turns = np.zeros((frames, len(names), 3), np.float32)
     if overlay is not None:
         for at, name in enumerate(overlay.joints):
             turns[:, names.index(name)] = overlay.turns[:, at]

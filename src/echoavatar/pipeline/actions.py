@@ -17,13 +17,12 @@ from jaxtyping import Float
 from torch import Tensor
 
 from ..errors import CheckpointError, EchoAvatarError
-from ..timing import CHUNK_FRAMES, FRAME_RATE_HZ, MOTION_TOKENS_PER_CHUNK
+from ..timing import CHUNK, ChunkSize
 from .action_overlay import Overlay
 
 FILE = "actions.json"
 REACH = 1  # chunks before and after the present place that the set also holds
 LONGEST_S = 60.0
-CHUNK_S = CHUNK_FRAMES / FRAME_RATE_HZ
 
 
 class Directive(NamedTuple):
@@ -48,23 +47,24 @@ class Action:
     is_set: bool = (
         False  # whether all codes are asked for all the time, as the paper has it; `hold` says how long
     )
+    chunk: ChunkSize = CHUNK  # of the bundle: what a chunk of it is
 
     @property
     def chunks(self) -> int:
         """Length of the clip."""
         if self.is_set:
             return self.hold[1]
-        return len(self.codes) // MOTION_TOKENS_PER_CHUNK
+        return len(self.codes) // self.chunk.tokens
 
     @property
     def seconds(self) -> float:
         """Length of the clip."""
-        return self.chunks * CHUNK_S
+        return self.chunks * self.chunk.seconds
 
     def length(self, hold_s: float | None) -> int:
         """Chunks that the action takes when it is to be held for so long (None: as long as the clip)."""
         extra = 0.0 if hold_s is None else min(hold_s, LONGEST_S)
-        return max(self.chunks, round(extra / CHUNK_S))
+        return max(self.chunks, round(extra / self.chunk.seconds))
 
     def place(self, elapsed: int, length: int) -> int:
         """Chunk of the clip that is due `elapsed` chunks after the beginning, of `length` in all."""
@@ -84,9 +84,8 @@ class Action:
         if self.is_set:
             row[list(self.codes)] = 1.0
             return row
-        near = slice(
-            max(0, place - REACH) * MOTION_TOKENS_PER_CHUNK, (place + REACH + 1) * MOTION_TOKENS_PER_CHUNK
-        )
+        tokens = self.chunk.tokens
+        near = slice(max(0, place - REACH) * tokens, (place + REACH + 1) * tokens)
         row[list(self.codes[near])] = 1.0
         return row
 
@@ -94,7 +93,7 @@ class Action:
         """What is put on top of the chunk that is due."""
         if self.overlay is None:
             return None
-        return self.overlay.chunk(self.place(elapsed, length)).scaled(intensity)
+        return self.overlay.chunk(self.place(elapsed, length), self.chunk).scaled(intensity)
 
     def to_json(self) -> dict[str, object]:
         """As in `actions.json`."""
@@ -103,16 +102,15 @@ class Action:
         return row if self.overlay is None else row | {"overlay": self.overlay.to_json()}
 
     @classmethod
-    def from_json(cls, row: dict[str, Any]) -> Self:
+    def from_json(cls, row: dict[str, Any], chunk: ChunkSize = CHUNK) -> Self:
         """The inverse of `to_json`; KeyError, TypeError or ValueError where something is missing or wrong."""
         first, last = row["hold"]
         overlay = Overlay.from_json(row["overlay"]) if "overlay" in row else None
         codes = tuple(int(code) for code in row["codes"])
         guides = bool(row["guides"])
         is_set = bool(row.get("set", False))
-        return cls(
-            str(row["name"]), codes, (int(first), int(last)), str(row["about"]), guides, overlay, is_set
-        )
+        name, hold, about = str(row["name"]), (int(first), int(last)), str(row["about"])
+        return cls(name, codes, hold, about, guides, overlay, is_set, chunk)
 
 
 @dataclass(frozen=True)
@@ -155,8 +153,8 @@ class ActionLibrary(Mapping[str, Action]):
         partial.replace(folder / FILE)
 
     @classmethod
-    def load(cls, folder: Path, codes: int) -> "ActionLibrary":
-        """Read `actions.json`, where the folder has one; every code must be one of the tokenizer's `codes`.
+    def load(cls, folder: Path, codes: int, chunk: ChunkSize = CHUNK) -> "ActionLibrary":
+        """Read `actions.json`, where the folder has one; every code must be one of `codes`, a chunk is the bundle's.
 
         Raises:
             CheckpointError: the file is damaged, or made for another tokenizer.
@@ -166,11 +164,11 @@ class ActionLibrary(Mapping[str, Action]):
             return cls()
         try:
             rows = json.loads(path.read_text())["actions"]
-            actions = [Action.from_json(row) for row in rows]
+            actions = [Action.from_json(row, chunk) for row in rows]
         except (ValueError, KeyError, TypeError) as error:
             raise CheckpointError(f"{path} is not a library of actions ({error!r}); make it again") from error
         for action in actions:
-            whole = action.overlay is None or len(action.overlay.turns) == action.chunks * CHUNK_FRAMES
+            whole = action.overlay is None or len(action.overlay.turns) == action.chunks * chunk.frames
             first, last = action.hold
             fits = 0 <= first < last <= action.chunks and all(0 <= code < codes for code in action.codes)
             if not (fits and whole):

@@ -18,6 +18,7 @@ from ..errors import CheckpointError
 from ..face import ARKIT_NAMES, FaceModel
 from ..generator import Generator, qwen_half_billion
 from ..kinematics import Skeleton
+from ..timing import ChunkSize
 from ..tokenizer import BodyTokenizer
 from .actions import ActionLibrary
 from .runtime import Runtime
@@ -44,6 +45,11 @@ class Bundle:
         return self.tokenizer.skeleton
 
     @property
+    def chunk(self) -> ChunkSize:
+        """What a step takes and gives."""
+        return ChunkSize(self.generator.config.step)
+
+    @property
     def parameters(self) -> int:
         """How many weights there are in all."""
         parts: tuple[nn.Module | None, ...] = (self.codec, self.tokenizer, self.generator, self.face)
@@ -67,7 +73,8 @@ def load_bundle(name: str | Path = "default") -> Bundle:
         tokenizer = BodyTokenizer.load(folder / "tokenizer").eval()
         generator = Generator.load(folder / "generator").eval()
         width = len(generator.config.directed) * generator.config.layout.motion_codes
-        actions = ActionLibrary.load(folder, width)
+        chunk = ChunkSize(generator.config.step)
+        actions = ActionLibrary.load(folder, width, chunk)
         face = FaceModel.load(folder / "face") if (folder / "face").is_dir() else None
         runtime = Runtime.load(folder)
         bundle = Bundle(str(name), codec, tokenizer, generator, read_card(folder), actions, face, runtime)

@@ -1,4 +1,4 @@
-"""What leaves the pipeline for one session: eight frames of motion and face."""
+"""What leaves the pipeline for one session: a chunk of motion and face."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -23,7 +23,7 @@ from ..generator.linear import Precision
 from ..generator.stream import GeneratorStream, HistoryState, RingState
 from ..ik import BodyProfile
 from ..nn import StreamState
-from ..timing import CHUNK_FRAMES, SAMPLES_PER_MOTION_TOKEN
+from ..timing import CHUNK_FRAMES
 from ..tokenizer.body import BodyState
 from ..tokenizer.model import DecoderState
 from .actions import Directive
@@ -83,12 +83,22 @@ class Pipeline:
         self.face = FaceStream(bundle.face) if bundle.face else None
         self.actions = bundle.actions
         config = bundle.generator.config
-        self.chunk_samples = config.step * SAMPLES_PER_MOTION_TOKEN
+        self.chunk = bundle.chunk
         self.directive_codes = len(config.directed) * config.layout.motion_codes
         self._silent = runtime.silent_temperature
         own_bias = LEARNED_BIAS if config.exemplar else BIAS
         self._bias = own_bias if config.example_bias is None else config.example_bias
         self.lap: Lap = _no_lap
+
+    @property
+    def chunk_samples(self) -> int:
+        """Sound that one step takes, 24 kHz."""
+        return self.chunk.samples
+
+    @property
+    def chunk_frames(self) -> int:
+        """Motion that one step gives, 30 fps."""
+        return self.chunk.frames
 
     def init_state(self, rows: int) -> PipelineState:
         """Sessions that have heard nothing."""
@@ -131,7 +141,7 @@ class Pipeline:
         finally:
             patience.cancel()
 
-    def _temperature(self, level: Float[Tensor, "b 6400"]) -> Float[Tensor, " b"]:
+    def _temperature(self, level: Float[Tensor, "b s"]) -> Float[Tensor, " b"]:
         """How freely each row's codes are drawn."""
         is_silent = level.square().mean(1).sqrt() < SILENCE
         full = self.generator.config.temperature
@@ -144,7 +154,7 @@ class Pipeline:
     @torch.inference_mode()
     def step(
         self,
-        audio: Float[Tensor, "b 6400"],
+        audio: Float[Tensor, "b s"],
         state: PipelineState,
         active: Bool[Tensor, " b"],
         *,
@@ -152,7 +162,8 @@ class Pipeline:
     ) -> list[MotionChunk]:
         """Advance the active rows by one chunk; rows that are not active return what must be ignored.
 
-        A chunk is 6,400 samples, or where the bundle's generator takes other steps `chunk_samples`.
+        A chunk is `chunk_samples` (ours and the paper's: 6,400) and gives `chunk_frames` (8). The stages
+        behind the decoder take eight frames at a time, so a longer chunk goes through them in pieces.
 
         `directive` says what actions ask for, row by row.
         After each stage `lap(stage)` is called, so that a benchmark can time them.

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from ..config import Config
 from ..ik import SwingConfig, swing_clear
-from ..kinematics import Skeleton, to_features
+from ..kinematics import Motion, Skeleton, to_features
 from ..kinematics.features import FeatureConvention, from_features
 from ..kinematics.live_retarget import LiveRetarget
 from ..nn import StreamState, write_rows
@@ -104,6 +104,17 @@ class RigAdapter:
         if config.swing is not None:
             rotations = swing_clear(self.source, rotations, config.swing, config.arms)
         return rotations, travel
+
+    def features_of(self, motion: Motion) -> Float[Tensor, "t c"]:
+        """Features as the tokenizer knows them, of a clip on the source's bones: `canonical` undone.
+
+        Height counts from the first frame, which stands at the rest pose's: so the published data have it.
+        """
+        turn, rest = self._axes, self.source.offsets[:1]
+        root = torch.from_numpy(motion.root)
+        placed = (rest + root - root[:1]) @ turn / self.config.metres_per_unit
+        rotations = turn.T @ motion.matrices() @ turn
+        return to_features(self.source, rotations, placed, convention=self._convention)
 
     def _features(
         self, rotations: Float[Tensor, "b t j 3 3"], travel: Float[Tensor, "b t 3"]

@@ -13,9 +13,10 @@ from pathlib import Path
 
 from ..errors import CheckpointError
 from ..pipeline import Action, ActionLibrary
+from ..timing import CHUNK, ChunkSize
 
 LOWER_SHIFT = 6 * 512
-HOLD_CHUNKS = 15  # an action without a wanted length holds for 4 s; in the release it holds until the next
+HOLD_S = 4.0  # an action without a wanted length holds so long; in the release it holds until the next
 _ABOUT = "published with the authors' model; a set of codes that holds as a whole"
 _OPERATORS = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul}
 
@@ -46,7 +47,9 @@ def read_table(path: Path) -> Table:
     return max(found, key=len)
 
 
-def library(table: Mapping[str, Sequence[int]], codes: int, *, origin: str) -> ActionLibrary:
+def library(
+    table: Mapping[str, Sequence[int]], codes: int, *, origin: str, chunk: ChunkSize = CHUNK
+) -> ActionLibrary:
     """Actions of the table; a directive has `codes` numbers for the upper body, then as many for the lower.
 
     Raises:
@@ -58,7 +61,8 @@ def library(table: Mapping[str, Sequence[int]], codes: int, *, origin: str) -> A
         if not places or not all(0 <= place < 2 * codes for place in places):
             raise CheckpointError(f"{origin}: the action {name!r} names codes beyond {codes}: {list(own)}")
         key = "_".join(name.lower().replace("-", " ").replace("_", " ").split())
-        actions[key] = Action(key, tuple(sorted(set(places))), (0, HOLD_CHUNKS), _ABOUT, is_set=True)
+        own_codes, hold = tuple(sorted(set(places))), (0, chunk.within(HOLD_S))
+        actions[key] = Action(key, own_codes, hold, _ABOUT, is_set=True, chunk=chunk)
     return ActionLibrary(actions)
 
 

@@ -12,7 +12,7 @@ from ..engine.tools import HIDDEN, Toolbox
 from ..engine.tracks import Tracks
 from ..errors import AdmissionError
 from ..face import ARKIT_NAMES
-from ..timing import CHUNK_SAMPLES, CHUNK_SECONDS, FRAME_RATE_HZ, SAMPLE_RATE_HZ
+from ..timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
 from ..wire import VERSIONS, Hello, Latency, ProtocolError, Ready, Rig
 from .live import LiveSession
 from .metrics import Metrics
@@ -156,7 +156,7 @@ class House:
             received=live.intake.received,
             sample_rate=SAMPLE_RATE_HZ,
             frame_rate=FRAME_RATE_HZ,
-            chunk_samples=CHUNK_SAMPLES,
+            chunk_samples=self.engine.chunk.samples,
             rig=Rig(
                 names=rig.names,
                 parents=rig.parents,
@@ -165,7 +165,9 @@ class House:
             face=tuple(ARKIT_NAMES) if getattr(self.engine.pipeline, "face", None) is not None else (),
             actions=self._actions,
             tracks=self.tracks.titles,
-            latency=Latency(algorithm=1e3 * CHUNK_SECONDS, compute=1e3 * self.engine.step_seconds),
+            latency=Latency(
+                algorithm=1e3 * self.engine.chunk.seconds, compute=1e3 * self.engine.step_seconds
+            ),
             limits=self.settings.limits,
         )
 

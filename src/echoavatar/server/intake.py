@@ -7,11 +7,11 @@ import numpy as np
 from jaxtyping import Float
 
 from ..audio import StreamResampler
-from ..timing import CHUNK_SAMPLES, SAMPLE_RATE_HZ
+from ..timing import CHUNK, SAMPLE_RATE_HZ, ChunkSize
 from ..wire import Audio, AudioFormat, ProtocolError, unpack_audio
 
 Samples = Float[np.ndarray, " s"]
-KEPT_CHUNKS = 64  # of the ledger, 17 s: more than can be taken back
+KEPT_CHUNKS = 64  # of the ledger, 17 s and more: further than can be taken back
 
 
 class Span(NamedTuple):
@@ -26,7 +26,8 @@ class Span(NamedTuple):
 class Intake:
     """One speaker's sound: any rate in, 24 kHz chunks out. Bounded; what does not fit is refused, never dropped."""
 
-    def __init__(self, form: AudioFormat, *, seconds: float) -> None:
+    def __init__(self, form: AudioFormat, *, seconds: float, chunk: ChunkSize = CHUNK) -> None:
+        self._size = chunk.samples
         self.seg = 0  # the newest utterance
         self.received = 0  # samples of it, at its own rate
         self._form = form
@@ -108,12 +109,12 @@ class Intake:
 
     def next_chunk(self) -> tuple[Samples, tuple[Span, ...]]:
         """A chunk, completed with silence; an utterance that just begins is not torn for it, but waits."""
-        chunk, spans, filled = np.zeros(CHUNK_SAMPLES, np.float32), [], 0
-        if self._waiting < CHUNK_SAMPLES and self._is_beginning:
+        chunk, spans, filled = np.zeros(self._size, np.float32), [], 0
+        if self._waiting < self._size and self._is_beginning:
             return chunk, ()
-        while filled < CHUNK_SAMPLES and self._queue:
+        while filled < self._size and self._queue:
             seg, start, samples = self._queue.popleft()
-            part = samples[: CHUNK_SAMPLES - filled]
+            part = samples[: self._size - filled]
             chunk[filled : filled + len(part)] = part
             spans.append(Span(seg, start, filled, len(part)))
             filled += len(part)
@@ -143,7 +144,8 @@ class Intake:
 class Ledger:
     """Which utterance lies where on the session's clock."""
 
-    def __init__(self) -> None:
+    def __init__(self, chunk: ChunkSize = CHUNK) -> None:
+        self._size = chunk.samples
         self._chunks: dict[int, tuple[Span, ...]] = {}
         self._last: dict[int, int] = {}  # clock of the end of an utterance's last sample so far
 
@@ -151,7 +153,7 @@ class Ledger:
         """Chunk number `chunk` of the clock holds these."""
         self._chunks[chunk] = spans
         for span in spans:
-            self._last[span.seg] = chunk * CHUNK_SAMPLES + span.offset + span.length
+            self._last[span.seg] = chunk * self._size + span.offset + span.length
         for old in [known for known in self._chunks if known < chunk - KEPT_CHUNKS]:
             del self._chunks[old]
 
@@ -169,7 +171,7 @@ class Ledger:
 
     def cut(self, clock: int) -> tuple[int, int]:
         """Nothing from `clock` on came to be heard; returns the utterance that is cut and how much of it was heard."""
-        chunk, offset = divmod(clock, CHUNK_SAMPLES)
+        chunk, offset = divmod(clock, self._size)
         kept, lost = [], []
         for span in self._chunks.get(chunk, ()):
             if span.offset < offset:

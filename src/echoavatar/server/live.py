@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..engine import Delivery, Session
-from ..timing import CHUNK_SAMPLES, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
+from ..timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from ..wire import (
     Action,
     Audio,
@@ -39,7 +39,6 @@ from .outbox import Outbox
 from .playhead import Playhead
 from .settings import ServerSettings
 
-MUSIC_LEAD = 3 * CHUNK_SAMPLES  # the engine itself keeps music so far ahead
 MARGIN_S = 0.15  # for the line, on top of the engine's own time
 KEPT_S = 8.0  # of what was sent, for those who join or return
 
@@ -77,9 +76,9 @@ class LiveSession:
         actions: tuple[str, ...] = (),
     ) -> None:
         self.session = session
-        self._actions = actions
+        self._actions, self._size = actions, session.chunk.samples
         self.name, self.key = name, key
-        self.intake = Intake(hello.audio, seconds=settings.inbox_seconds)
+        self.intake = Intake(hello.audio, seconds=settings.inbox_seconds, chunk=session.chunk)
         self.playhead = Playhead()
         self.listeners: list[Outbox] = []
         self.source: Outbox | None = None
@@ -89,7 +88,7 @@ class LiveSession:
         self.underruns = 0
         self.sent: deque[Sent] = deque()
         self._user = Intake(hello.audio, seconds=settings.inbox_seconds)
-        self._ledger = Ledger()
+        self._ledger = Ledger(session.chunk)
         self._settings = settings
         self._told = State(state="idle", at=0, seg=0, finished=0)
         self._rate = hello.audio.rate
@@ -198,16 +197,16 @@ class LiveSession:
         """
         if not self._is_watched:
             return
-        just_in_time = self._just_in_time(step_s) + early * CHUNK_SAMPLES
+        just_in_time = self._just_in_time(step_s) + early * self._size
         while True:
             end = self._handed_over()
-            is_speech = self.intake.waiting >= CHUNK_SAMPLES
+            is_speech = self.intake.waiting >= self._size
             bound = self._settings.ahead_seconds * SAMPLE_RATE_HZ if is_speech else just_in_time
             if end - self.playhead.sample >= bound:
                 return
             chunk, spans = self.intake.next_chunk()
-            self._ledger.write(end // CHUNK_SAMPLES, spans)
-            self._pushed[end // CHUNK_SAMPLES] = now
+            self._ledger.write(end // self._size, spans)
+            self._pushed[end // self._size] = now
             self.session.push(chunk)
 
     def collect(self) -> list[float]:
@@ -219,7 +218,7 @@ class LiveSession:
             is_acting = bool(self._asked)
             self._tell_statuses()
             self._send(delivery, is_acting=is_acting or bool(self._asked))
-            pushed = self._pushed.pop(delivery.start // CHUNK_SAMPLES, None)
+            pushed = self._pushed.pop(delivery.start // self._size, None)
             if pushed is not None:
                 took.append(now - pushed)
         self._tell_statuses()
@@ -232,7 +231,7 @@ class LiveSession:
             queue_ms=1e3 * self.intake.waiting / SAMPLE_RATE_HZ,
             ahead_ms=1e3 * (self.end - self.playhead.sample) / SAMPLE_RATE_HZ,
             step_ms=1e3 * step_s,
-            rtf=step_s * SAMPLE_RATE_HZ / CHUNK_SAMPLES,
+            rtf=step_s * SAMPLE_RATE_HZ / self._size,
             dropped=dropped,
             underruns=self.underruns,
             sessions=sessions,
@@ -251,7 +250,9 @@ class LiveSession:
         return any(outbox.plays for outbox in self.listeners)
 
     def _just_in_time(self, step_s: float) -> float:
-        return MUSIC_LEAD if self._track.title else (MARGIN_S + min(1.0, 2 * step_s)) * SAMPLE_RATE_HZ
+        if self._track.title:  # the engine itself keeps music so far ahead
+            return self.session.music_ahead * self._size
+        return (MARGIN_S + min(1.0, 2 * step_s)) * SAMPLE_RATE_HZ
 
     def _handed_over(self) -> int:
         """Clock up to which the engine was given sound: what it made and what waits there."""
@@ -262,7 +263,7 @@ class LiveSession:
                 return made + waiting
 
     def _send(self, delivery: Delivery, *, is_acting: bool) -> None:
-        chunk = delivery.start // CHUNK_SAMPLES
+        chunk = delivery.start // self._size
         state = _STATES[delivery.source]
         if state == "idle" or (state == "acting" and not is_acting):  # or does something by itself
             state = "listening" if self.session.is_listening else "idle"
@@ -297,7 +298,7 @@ class LiveSession:
             if seg > finished and self.intake.is_drained(seg):
                 finished, at = seg, max(at, end)
         self._ledger.forget(finished)
-        seg = self._ledger.speaks(max(0, self.end - 1) // CHUNK_SAMPLES) if state == "speaking" else 0
+        seg = self._ledger.speaks(max(0, self.end - 1) // self._size) if state == "speaking" else 0
         if (state, seg, finished) != (self._told.state, self._told.seg, self._told.finished):
             self._told = State(state=state, at=at, seg=seg, finished=finished)
             self.tell(self._told)

@@ -19,7 +19,7 @@ from ..engine import Engine, EngineThread, Session
 from ..errors import AudioError, CheckpointError, EchoAvatarError
 from ..pipeline.rig import RigConfig
 from ..reference.untrusted import read_pickled_array
-from ..timing import CHUNK_SAMPLES, SAMPLE_RATE_HZ
+from ..timing import SAMPLE_RATE_HZ
 from .message import HEADER, LARGEST, Messages
 
 _LOG = logging.getLogger(__name__)
@@ -153,7 +153,7 @@ async def _pace(session: Session) -> None:
             begun = clock()
         if begun is None or session.waiting:
             continue
-        if session.made + CHUNK_SAMPLES < (clock() - begun) * SAMPLE_RATE_HZ:
+        if session.made + session.chunk.samples < (clock() - begun) * SAMPLE_RATE_HZ:
             session.stall()
 
 

@@ -6,7 +6,7 @@ from typing import Any, get_args
 
 import msgspec
 
-from ..timing import CHUNK_SAMPLES, FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
+from ..timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from .codec import subprotocol
 from .messages import CLOSE_CODES, ENCODINGS, MAX_MESSAGE_BYTES, VERSIONS, ClientMessage, ServerMessage
 
@@ -48,7 +48,6 @@ def _constants() -> str:
         "SAMPLE_RATE": SAMPLE_RATE_HZ,
         "FRAME_RATE": FRAME_RATE_HZ,
         "SAMPLES_PER_FRAME": SAMPLES_PER_FRAME,
-        "CHUNK_SAMPLES": CHUNK_SAMPLES,
         "CLOSE_CODES": CLOSE_CODES,
     }
     return "\n".join(f"export const {name} = {_literal(value)};" for name, value in values.items())

@@ -9,7 +9,6 @@ export const MAX_MESSAGE_BYTES = 1048576;
 export const SAMPLE_RATE = 24000;
 export const FRAME_RATE = 30;
 export const SAMPLES_PER_FRAME = 800;
-export const CHUNK_SAMPLES = 6400;
 export const CLOSE_CODES = {
   "bad_message": 4400,
   "bad_order": 4400,

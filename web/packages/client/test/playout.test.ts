@@ -29,6 +29,14 @@ it("starts at once with a chunk and the jitter buffer, and plays each sample in 
   expect(out.slice(100, 1280)).toEqual([...ramp(100, 1180)]);
 });
 
+it("waits for a longer chunk where the server's are longer", () => {
+  const queue = new Playout(JITTER, 9600);
+  queue.push(0, ramp(0, 9600 + JITTER - 1));
+  expect(run(queue, 1280).marks).toEqual([]);
+  queue.push(9600 + JITTER - 1, ramp(9600 + JITTER - 1, 9600));
+  expect(run(queue, 1280, 1280).marks).toEqual([{ frame: 1280, at: 0, playing: true, underruns: 0 }]);
+});
+
 it("waits for the jitter buffer's time when only one chunk came", () => {
   const queue = new Playout(JITTER, CHUNK);
   expect(run(queue, 1280).marks).toEqual([]);

@@ -43,13 +43,13 @@ const READY: ReadyMessage = {
   limits: { message_bytes: 1 << 20, inbox_seconds: 600, ahead_seconds: 2, resume_seconds: 30, ping_seconds: 30 },
 };
 
-function chunk(at: number, epoch = 0): ServerMessage[] {
-  const rotations = new Int16Array(8 * 4).map((_, i) => (i % 4 === 3 ? 32767 : 0));
-  const root = Float32Array.from({ length: 24 }, (_, i) => (i % 3 === 0 ? at / 800 + i / 3 : 0));
+function chunk(at: number, epoch = 0, frames = 8): ServerMessage[] {
+  const rotations = new Int16Array(frames * 4).map((_, i) => (i % 4 === 3 ? 32767 : 0));
+  const root = Float32Array.from({ length: 3 * frames }, (_, i) => (i % 3 === 0 ? at / 800 + i / 3 : 0));
   const raw = (array: ArrayBufferView) => new Uint8Array(array.buffer);
   return [
-    { type: "motion", at, epoch, frames: 8, rotations: raw(rotations), root: raw(root), face: new Uint8Array(8), state: "idle" },
-    { type: "audio", at, epoch, seg: 0, pcm: new Uint8Array(12800) },
+    { type: "motion", at, epoch, frames, rotations: raw(rotations), root: raw(root), face: new Uint8Array(frames), state: "idle" },
+    { type: "audio", at, epoch, seg: 0, pcm: new Uint8Array(1600 * frames) },
   ];
 }
 
@@ -72,8 +72,10 @@ afterEach(() => {
   vi.unstubAllGlobals();
 });
 
-function feed(until: number, epoch = 0, from = 0): void {
-  for (let at = from; at < until; at += 6400) for (const message of chunk(at, epoch)) latest().say(message);
+function feed(until: number, epoch = 0, from = 0, frames = 8): void {
+  for (let at = from; at < until; at += 800 * frames) {
+    for (const message of chunk(at, epoch, frames)) latest().say(message);
+  }
 }
 
 it("says hello in the agreed words", () => {
@@ -110,6 +112,33 @@ it("interrupts at the sample heard, shows nothing unheard, and goes on with the 
   expect(at).toBeGreaterThan(heard);
   expect(at).toBeLessThan(heard + 14000);
   expect(session.player!.played.epoch).toBe(1);
+});
+
+it("plays chunks as long as the server says they are, and cuts them anywhere", () => {
+  session.close();
+  session = new EchoSession({ url: "ws://x/v1/stream", playbackWorklet: "" });
+  session.connect();
+  latest().onopen();
+  latest().say({ ...READY, chunk_samples: 9600, latency: { algorithm: 400, compute: 1 } });
+  feed(48000, 0, 0, 12);
+  for (let picture = 0; picture < 20; picture++) {
+    vi.advanceTimersByTime(50);
+    const { pose, at } = session.picture(performance.now()) ?? { pose: null, at: -1 };
+    if (pose && at > 0) expect(pose.root[0]).toBeCloseTo(at / 800, 1);
+  }
+  expect(session.picture(performance.now())!.at).toBeGreaterThan(20000);
+  session.interrupt();
+  const [message] = latest().of("interrupt") as { heard: number }[];
+  const cut = Math.ceil(message!.heard / 800) * 800;
+  latest().say({ type: "flush", at: cut, epoch: 1, seg: 0, heard: 0 });
+  const left = 12 - ((cut / 800) % 12);
+  for (const first of chunk(cut, 1, left)) latest().say(first);
+  feed(cut + 40000, 1, cut + 800 * left, 12);
+  vi.advanceTimersByTime(500);
+  const { at } = session.picture(performance.now())!;
+  expect(at).toBeGreaterThan(cut);
+  expect(at).toBeLessThan(cut + 14000);
+  expect(session.player!.played.underruns).toBe(0);
 });
 
 it("comes back with the session's key and sends on from where the server is", () => {
