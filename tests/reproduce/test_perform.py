@@ -20,6 +20,13 @@ def test_live_motion_is_as_long_as_its_sound_whether_or_not_it_hears_ahead(
     assert np.isfinite(made.rotations).all()
 
 
+def test_codes_of_the_papers_order_are_decoded_too(tiny_bundle: Path, voice: np.ndarray) -> None:
+    bundle = load_bundle(tiny_bundle)
+    generator = Generator(bundle.generator.config.model_copy(update={"sequence": "prefix"}))
+    (made,) = decoded(bundle.codec, bundle.tokenizer, generator, {0: voice})
+    assert made.frames == 60
+
+
 def test_decoded_motion_follows_its_own_seed_and_sound(tiny_bundle: Path, voice: np.ndarray) -> None:
     bundle = load_bundle(tiny_bundle)
     parts = (bundle.codec, bundle.tokenizer, bundle.generator)

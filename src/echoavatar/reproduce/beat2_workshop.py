@@ -109,7 +109,7 @@ class Beat2Workshop(Workshop):
     def _performed(
         self, name: str, tokenizer: BodyTokenizer, generator: Generator, sounds: Sounds
     ) -> list[Motion]:
-        return decoded(self.codec, tokenizer, generator, sounds, progress=self.progress)
+        return decoded(self.codec, tokenizer, generator, sounds, device=self.device, progress=self.progress)
 
     def _prepared(self, copy: Path) -> Path:
         folder = self.folder / "set"

@@ -10,7 +10,7 @@ from ..audio import AudioCodec
 from ..generator import Generator
 from ..kinematics import Motion, from_features
 from ..kinematics.rotations import quaternion_from_matrix
-from ..timing import AUDIO_FRAMES_PER_CHUNK, CHUNK_SAMPLES, FRAME_RATE_HZ, SAMPLES_PER_FRAME
+from ..timing import CHUNK_SAMPLES, FRAME_RATE_HZ, SAMPLES_PER_FRAME
 from ..tokenizer import BodyTokenizer
 from ..training import Progress
 
@@ -47,19 +47,21 @@ def decoded(
     generator: Generator,
     sounds: Sounds,
     *,
+    device: str = "cpu",
     progress: Progress | None = None,
 ) -> list[Motion]:
     """Codes drawn and decoded, nothing done behind them, on the tokenizer's own rig: what published tables score."""
     from ..generator import open_stream
     from ..pipeline.tokenize import audio_codes
 
-    stream, one, motions = open_stream(generator.eval()), torch.ones(1, dtype=torch.bool), []
+    stream, motions = open_stream(generator.eval().to(device)), []
+    one = torch.ones(1, dtype=torch.bool, device=device)
     for number, (seed, sound) in enumerate(sounds.items(), 1):
         frames = len(sound) // SAMPLES_PER_FRAME
         heard = torch.from_numpy(audio_codes(codec, np.pad(sound, (0, -len(sound) % CHUNK_SAMPLES)))).long()
-        assert len(heard) % AUDIO_FRAMES_PER_CHUNK == 0
-        codes = stream.step(heard[None], stream.init_state(1), one, seeds=torch.tensor([seed]))  # type: ignore[arg-type]
-        made = from_features(tokenizer.skeleton, tokenizer.decode(codes)[0])
+        heard, seeds = heard[None].to(device), torch.tensor([seed], device=device)
+        codes = stream.step(heard, stream.init_state(1), one, seeds=seeds)  # type: ignore[arg-type]
+        made = from_features(tokenizer.skeleton, tokenizer.decode(codes.cpu())[0])
         turns, root = quaternion_from_matrix(made.rotations[:frames]).numpy(), made.root[:frames].numpy()
         motions.append(Motion(tokenizer.skeleton, turns, root, float(FRAME_RATE_HZ)))
         if progress:
