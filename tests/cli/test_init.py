@@ -1,6 +1,6 @@
 import pytest
 
-from echoavatar.cli import COMMANDS, main
+from echoavatar.cli import COMMANDS, main, plot
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -22,3 +22,14 @@ def test_an_error_the_user_can_mend_is_one_line_and_exit_code_1(capsys: pytest.C
     error = capsys.readouterr().err
     assert error.startswith("echoavatar: no bundle 'no-such-bundle'")
     assert error.count("\n") == 1
+
+
+def test_ctrl_c_is_told_in_a_word_and_exit_code_130(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def stop(args: object) -> int:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(plot, "run", stop)
+    assert main(["plot", "runs/a", "-o", "a.png"]) == 130
+    assert capsys.readouterr().err == "echoavatar: interrupted\n"

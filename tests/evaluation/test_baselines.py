@@ -5,8 +5,10 @@ from tests.evaluation.clips import clicks, clip
 
 from echoavatar.errors import AudioError, MotionError
 from echoavatar.evaluation.baselines import STRETCH_FRAMES, Baselines, Stretch, facing, spectra
+from echoavatar.kinematics import HUMANOID
 from echoavatar.kinematics.rotations import matrix_from_quaternion
 from echoavatar.metrics.position_error import heading
+from echoavatar.tokenizer import as_one_part
 
 
 def training() -> list:
@@ -75,3 +77,9 @@ def test_spectra_are_one_a_frame_and_what_is_missing_is_named() -> None:
         Baselines(training()).make("mean", np.zeros(799, np.float32))
     with pytest.raises(MotionError, match=f"{STRETCH_FRAMES} frames"):
         Baselines([clip("short", 30)]).make("nearest", clicks(30, 0.5))
+
+
+def test_baselines_stay_on_the_rig_of_their_clips() -> None:
+    rig = as_one_part(HUMANOID)
+    for kind in ("mean", "random"):
+        assert Baselines(training(), rig).make(kind, clicks(64, 0.4)).skeleton is rig

@@ -5,6 +5,7 @@ from tests.metrics.swings import swing
 
 from echoavatar.evaluation.score_beats import Heard, at_rate, dance_rows, gesture_rows
 from echoavatar.kinematics import HUMANOID
+from echoavatar.metrics.gesture_alignment import UPPER_BODY
 
 pytest.importorskip("librosa", reason="the evaluate extra is not installed")
 FRAMES = 300
@@ -71,3 +72,12 @@ def test_sixty_frames_a_second_pass_through_those_of_thirty() -> None:
     assert len(fast) == 2 * FRAMES - 1
     np.testing.assert_allclose(fast[::2], clip, atol=1e-9)
     assert at_rate(clip, 30) is clip
+
+
+def test_joints_of_another_rig_may_be_asked() -> None:
+    """The same arms at other numbers score the same."""
+    sounds, moves = [heard(0.4, SPEECH)], [dancer(0.8)]
+    usual = gesture_rows(sounds, moves, moves)
+    upper = HUMANOID.indices(UPPER_BODY)
+    few = [move[:, upper] for move in moves]
+    assert gesture_rows(sounds, few, few, upper=range(len(upper))) == usual

@@ -30,6 +30,12 @@ def test_the_paper_size_is_qwen_half_billion():
     assert (size.head_width, size.rope_theta, size.sequence) == (64, 1e6, "prefix")
 
 
+def test_sound_may_be_heard_ahead_while_the_window_still_holds_what_is_due():
+    assert GeneratorConfig(window_chunks=4, ahead_chunks=3).ahead_chunks == 3
+    with pytest.raises(ValidationError, match="under window_chunks"):
+        GeneratorConfig(window_chunks=4, ahead_chunks=4)
+
+
 def test_a_config_survives_json():
     config = GeneratorConfig(layout=TokenLayout.compact(audio_codes=7, motion_layers=1, motion_codes=3))
     assert GeneratorConfig.model_validate_json(config.model_dump_json()) == config

@@ -170,3 +170,15 @@ def test_in_stage_one_only_the_embeddings_learn_and_the_streams_get_likelier(tmp
     rows = [json.loads(row) for row in (tmp_path / "metrics.jsonl").read_text().splitlines()]
     assert rows[-1]["nll_audio"] < 0.6 * rows[0]["nll_audio"]
     assert rows[-1]["nll_motion"] < 0.6 * rows[0]["nll_motion"]
+
+
+def test_only_a_generator_that_hears_ahead_foretells_what_a_later_sound_decides(tmp_path):
+    """Each chunk moves to the next chunk's audio code: its first code is guesswork live, known one chunk ahead."""
+    made = [TokenClip(c.audio[:-20], c.motion[2:], c.domain[2:]) for c in clips(20, 13)]
+    training = settings(steps=60, batch=8, learning_rate=5e-3, warmup=5)
+    heard = {}
+    for ahead in (0, 1):
+        shape = config(layers=1, ahead_chunks=ahead)
+        model = train_generator(shape, training, made[:16], tmp_path / str(ahead))
+        heard[ahead] = nll_by_domain(model, made[16:])["speech"]
+    assert heard[1] < heard[0] - 0.1

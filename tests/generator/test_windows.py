@@ -68,3 +68,13 @@ def test_bad_files_and_short_clips_are_named(tmp_path):
         TokenClip.load(tmp_path / "bad.npz")
     with pytest.raises(MotionError, match="24 chunks"):
         WindowSampler([clip(5)], chunks=24)
+
+
+def test_sound_heard_ahead_lies_beside_earlier_motion():
+    """Two chunks early: beside the motion of chunk c lie sound and cues of chunk c + 2, and the last two chunks go."""
+    cues = np.repeat(np.arange(9, dtype=np.uint8), 20)[:, None].repeat(2, 1)
+    early = TokenClip(clip(9).audio, clip(9).motion, clip(9).domain, cues=cues).heard_ahead(2)
+    assert early.chunks == 7
+    assert np.array_equal(early.audio[::20, 0], early.motion[::2, 0, 0] + 2)
+    assert np.array_equal(early.cues[:, 0], early.audio[:, 0])
+    assert np.array_equal(clip(9).heard_ahead(0).audio, clip(9).audio)

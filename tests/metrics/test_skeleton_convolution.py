@@ -6,7 +6,11 @@ import torch
 from safetensors.torch import save_file
 
 from echoavatar.errors import CheckpointError, MotionError
-from echoavatar.metrics.skeleton_convolution import SkeletonConvolution, SkeletonConvolutionConfig
+from echoavatar.metrics.skeleton_convolution import (
+    SkeletonConvolution,
+    SkeletonConvolutionConfig,
+    extractor_input,
+)
 
 SMALL = SkeletonConvolutionConfig(parents=(-1, 0, 1, 2, 3, 3, 0), channels=(6, 6, 12), groups=3, reach=1)
 
@@ -52,3 +56,10 @@ def test_weights_come_back_with_and_without_the_prefix(model: SkeletonConvolutio
 def test_what_does_not_fit_is_refused(model: SkeletonConvolution, shape: tuple[int, ...]) -> None:
     with pytest.raises(MotionError, match="cut the clip"):
         model.encode(torch.zeros(shape))
+
+
+def test_the_extractor_reads_the_first_two_rows_of_each_rotation() -> None:
+    """A quarter turn about Z: rows (0, -1, 0) and (1, 0, 0)."""
+    half = 0.5**0.5
+    read = extractor_input(torch.tensor([[[half, 0.0, 0.0, half]]]))
+    torch.testing.assert_close(read, torch.tensor([[0.0, -1.0, 0.0, 1.0, 0.0, 0.0]]), atol=1e-6, rtol=0)

@@ -71,3 +71,17 @@ def test_parts_that_do_not_speak_the_same_codes_are_refused(tiny_bundle: Path, t
     Generator(GeneratorConfig(**(config | {"layout": layout}))).save(folder / "generator", {})
     with pytest.raises(CheckpointError, match="32 audio codes, the other part 16"):
         load_bundle(folder)
+
+
+def test_a_generator_that_hears_ahead_is_refused_by_name(tiny_bundle: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "early"
+    shutil.copytree(tiny_bundle, folder)
+    shipped = load_bundle(tiny_bundle)
+    config = shipped.generator.config.model_copy(update={"ahead_chunks": 2})
+    Generator(config).save(folder / "generator", {})
+    with pytest.raises(
+        CheckpointError, match=r"early: its generator hears the sound 2 chunks \(0\.53 s\) before"
+    ):
+        load_bundle(folder)
+    with pytest.raises(CheckpointError, match="cannot stream"):
+        Pipeline(replace(shipped, generator=Generator(config)))

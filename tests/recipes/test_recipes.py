@@ -70,7 +70,7 @@ def test_it_opens_with_the_commands_that_run_it_and_says_what_its_stage_knows(
         assert words[:1] == ["train"]
         assert words[words.index("--recipe") + 1] == str(path.relative_to(ROOT))
         kind, settings = settings_of(words)
-        assert kind.replace("-", "_") == path.stem.split("_stage")[0]
+        assert kind.replace("-", "_") == path.stem.split("_stage")[0].removesuffix("_offline")
         model, training = CONFIGS[kind]
         settings.checked(training, "training")
         if model is None:
@@ -125,6 +125,7 @@ def test_the_tiny_recipes_run_from_end_to_end(tmp_path: Path, monkeypatch: pytes
         "generator_stage1",
         "generator_stage2",
         "generator_stage3",
+        "generator_offline",
         "face",
         "fingers",
         "fid_encoder",

@@ -61,7 +61,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"echoavatar: {' '.join(str(error).split())}", file=sys.stderr)
         return 1
     except KeyboardInterrupt as stop:  # a training run says where it stopped, and which signal ended it
-        print(f"echoavatar: {stop or 'interrupted'}", file=sys.stderr)
+        print(f"echoavatar: {str(stop) or 'interrupted'}", file=sys.stderr)
         return int(getattr(stop, "code", 130))
     return code
 

@@ -76,6 +76,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     graphs.add_argument("--model", required=True, help="folder of the bundle (`echoavatar import reference`)")
     graphs.add_argument("--device", default="cuda", help="cuda, or cpu to try it (default: %(default)s)")
     graphs.add_argument("--chunks", type=int, default=100, help="chunks to time (default: %(default)s)")
+    train = kinds.add_parser(
+        "train",
+        help="training steps against the machine's matrix rate",
+        description=(
+            "Time steps of training on made-up data, and large matrix products in the same number format in the same "
+            "run; the share of that rate which a step of the generator reaches, and the share of the time that batches "
+            "take to be drawn."
+        ),
+        epilog="example: echoavatar bench train --scale paper --device cuda   (the 0.5B generator, stage 2)",
+    )
+    train.add_argument(
+        "--stage", choices=("generator", "tokenizer"), default="generator", help="default: %(default)s"
+    )
+    train.add_argument(
+        "--scale",
+        choices=("tiny", "rehearsal", "paper"),
+        default="tiny",
+        help="sizes and batch of `reproduce` (default: %(default)s)",
+    )
+    train.add_argument("--device", default="cpu", help="where (default: %(default)s)")
+    train.add_argument("--steps", type=int, default=5, help="steps that are timed (default: %(default)s)")
+    train.add_argument("--batch", type=int, help="windows per step (default: the scale's)")
+    train.add_argument("--accumulation", type=int, help="pieces of a batch (default: the scale's)")
 
 
 def _counts(text: str) -> tuple[int, ...]:
@@ -155,8 +178,41 @@ def _face(args: argparse.Namespace) -> int:
     return 0
 
 
+def _train(args: argparse.Namespace) -> int:
+    from ..evaluation.train_bench import bench_generator, bench_tokenizer
+    from ..generator import GeneratorConfig
+    from ..kinematics import HUMANOID
+    from ..reproduce.scale import SCALES
+    from ..tokenizer import body_config
+    from ..tokens import TokenLayout
+
+    scale = SCALES[args.scale]
+    pieces = {"batch": args.batch, "accumulation": args.accumulation}
+    chosen = {key: value for key, value in pieces.items() if value is not None}
+    how = {"device": args.device, "steps": args.steps}
+    if args.stage == "tokenizer":
+        schedule = scale.tokenizer_training.model_copy(update=chosen)
+        report = bench_tokenizer(body_config(HUMANOID, scale.tokenizer), schedule, **how)
+    else:
+        layers, codes = scale.tokenizer.layers, scale.tokenizer.codes
+        layout = TokenLayout.compact(audio_codes=1024, motion_layers=layers, motion_codes=codes)
+        config = GeneratorConfig(layout=layout, **scale.generator.model_dump())
+        filled = {"chunks": config.window_chunks + 6, "depth_weights": (1.0,) * layers}
+        report = bench_generator(config, scale.generator_training.model_copy(update=filled | chosen), **how)
+    print(f"{report.device}: {report.matrix_rate:.3g} Tflop/s in products of {report.number_format}")
+    print(
+        f"{report.stage}, scale {args.scale}: {report.step_seconds:.3g} s a step, {report.draw_share:.1%} of it drawing"
+    )
+    if report.share is not None:
+        print(f"{report.step_tflop:.3g} Tflop a step: {report.share:.1%} of the matrix rate")
+    print(json.dumps(report._asdict()))
+    return 0
+
+
 def run(args: argparse.Namespace) -> int:
     """Measure and print."""
+    if args.kind == "train":
+        return _train(args)
     if args.kind == "face":
         return _face(args)
     if args.kind == "graphs":

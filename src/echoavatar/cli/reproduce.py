@@ -8,14 +8,17 @@ EXAMPLES = """examples:
   echoavatar reproduce tokenizer-ablation --scale tiny -o runs/tiny         every part runs; the numbers mean nothing
   echoavatar reproduce main --scale rehearsal -o runs/rehearsal             on the synthetic corpus, hours on a CPU
   echoavatar reproduce main --scale paper -o runs/paper --corpus sets/all --codec runs/codec --qwen qwen --device cuda
+  echoavatar reproduce beat2 --scale paper -o runs/paper --corpus beat_english_v2.0.0 --extractor emage --device cuda
 
 Corpus, tokenizers, codes, generators and motion are made once in the output folder, shared by all tables there and
 kept: call again to go on where it stopped. The table is printed and written as .md, .csv, .tex and .png.
 
-Tables: tokenizer-ablation (variants of the tokenizer), main (corruption, baselines), dataset-composition (gesture,
-dance, both), layouts (order of the sequence; not in the paper), latency (stages, on this machine).
+Tables: tokenizer-ablation (variants of the tokenizer), main (corruption, baselines, an offline reference), beat2
+(SMPL-X, EMAGE's measures; --corpus is your copy of BEAT2, --extractor a folder with EMAGE's weights as safetensors),
+dataset-composition (gesture, dance, both), layouts (order of the sequence; not in the paper), latency (stages, on
+this machine).
 """
-TABLES = ("tokenizer-ablation", "main", "dataset-composition", "layouts", "latency")
+TABLES = ("tokenizer-ablation", "main", "beat2", "dataset-composition", "layouts", "latency")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

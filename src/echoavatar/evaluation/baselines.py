@@ -20,7 +20,7 @@ from jaxtyping import Float
 from ..audio.mel import log_mel
 from ..data import Clip
 from ..errors import AudioError, MotionError
-from ..kinematics import HUMANOID, Motion
+from ..kinematics import HUMANOID, Motion, Skeleton
 from ..kinematics.rotations import matrix_from_quaternion, quaternion_from_axis_angle, quaternion_multiply
 from ..metrics.position_error import heading, turn_about_up
 from ..timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
@@ -52,11 +52,11 @@ class _Library(NamedTuple):
 class Baselines:
     """Training clips, and what the three baselines make of them."""
 
-    def __init__(self, clips: Sequence[Clip]) -> None:
-        """Raises MotionError when there are no training clips."""
+    def __init__(self, clips: Sequence[Clip], skeleton: Skeleton = HUMANOID) -> None:
+        """Clips on the rig `skeleton`; raises MotionError when there are none."""
         if not clips:
             raise MotionError("there are no training clips; make a longer corpus")
-        self.clips = list(clips)
+        self.clips, self.skeleton = list(clips), skeleton
 
     def make(self, kind: Kind, audio: Float[np.ndarray, " s"], *, seed: int = 0) -> Motion:
         """Motion as long as the sound (24 kHz), whole frames.
@@ -73,7 +73,7 @@ class Baselines:
 
     def mean_pose(self, frames: int) -> Motion:
         """The mean of all poses without heading, at the mean height."""
-        total, heights = torch.zeros(HUMANOID.joints, 4, 4), []
+        total, heights = torch.zeros(self.skeleton.joints, 4, 4), []
         for clip in self.clips:
             turned = torch.from_numpy(facing(clip.rotations, clip.root)[0])
             total += torch.einsum("tjx,tjy->jxy", turned, turned)
@@ -84,7 +84,10 @@ class Baselines:
         root = np.array([0.0, np.concatenate(heights).mean(), 0.0], np.float32)
         rotations = (mean * torch.where(mean[:, :1] < 0, -1.0, 1.0)).numpy()
         return Motion(
-            HUMANOID, np.tile(rotations, (frames, 1, 1)), np.tile(root, (frames, 1)), float(FRAME_RATE_HZ)
+            self.skeleton,
+            np.tile(rotations, (frames, 1, 1)),
+            np.tile(root, (frames, 1)),
+            float(FRAME_RATE_HZ),
         )
 
     def at_random(self, frames: int, seed: int) -> list[Stretch]:
@@ -124,7 +127,7 @@ class Baselines:
             yaw = float(heading(last)[0])
             rotations.append(turned)
             roots.append(root)
-        return Motion(HUMANOID, np.concatenate(rotations), np.concatenate(roots), float(FRAME_RATE_HZ))
+        return Motion(self.skeleton, np.concatenate(rotations), np.concatenate(roots), float(FRAME_RATE_HZ))
 
     @cached_property
     def _library(self) -> "_Library":

@@ -75,12 +75,16 @@ def gesture_rows(
     made: Sequence[Float[np.ndarray, "t j 3"]],
     true: Sequence[Float[np.ndarray, "t j 3"]],
     *,
+    upper: Sequence[int] | None = None,
     seed: int = 0,
 ) -> list[Row]:
-    """BA_G in all forms, over clips with speech; empty where no clip has any."""
+    """BA_G in all forms, over clips with speech; empty where no clip has any.
+
+    `upper` are the numbers of the joints that count; None: those of our rig.
+    """
     if not any((clip.domain == SPEECH).any() for clip in heard):
         return []
-    upper = HUMANOID.indices(UPPER_BODY)
+    upper = HUMANOID.indices(UPPER_BODY) if upper is None else list(upper)
     made, true = [clip[:, upper] for clip in made], [clip[:, upper] for clip in true]
     lengths = np.array([len(clip) for clip in true], float)
     speed = np.average([mean_speeds(clip) for clip in true], axis=0, weights=lengths)

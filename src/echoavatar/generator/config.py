@@ -28,6 +28,11 @@ class GeneratorConfig(Config):
     window_chunks: int = Field(
         default=15, gt=0, description="chunks a position sees; 15 chunks are the paper's 4 s"
     )
+    ahead_chunks: int = Field(
+        default=0,
+        ge=0,
+        description="chunks by which sound is heard before it is due; above 0 offline only, an upper reference",
+    )
     width: int = Field(default=256, gt=0, description="channels of the residual stream")
     layers: int = Field(default=6, gt=0, description="transformer layers")
     heads: int = Field(default=4, gt=0, description="query heads")
@@ -75,6 +80,11 @@ class GeneratorConfig(Config):
         if self.window_tokens % self.step:
             raise ValueError(
                 f"the window ({self.window_tokens} motion tokens) must be whole steps of {self.step}"
+            )
+        if self.ahead_chunks >= self.window_chunks:
+            raise ValueError(
+                f"ahead_chunks ({self.ahead_chunks}) must be under window_chunks ({self.window_chunks}),"
+                " or no position hears the sound that is due"
             )
         if self.opening is not None and len(self.opening.silence) != self.layout.audio_layers:
             raise ValueError(f"silence needs a code for each of {self.layout.audio_layers} layers")

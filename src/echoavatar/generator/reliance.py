@@ -37,6 +37,7 @@ def nll_by_domain(
         MotionError: no clip is as long as a window.
     """
     order, device = generator.config.order, str(next(generator.parameters()).device)
+    clips = [clip.heard_ahead(generator.config.ahead_chunks) for clip in clips]
     windows, audio = _windows(clips, chunks or generator.config.window_chunks, shuffled_audio)
     random = torch.Generator().manual_seed(0)
     count = len(audio)

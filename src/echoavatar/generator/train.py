@@ -72,7 +72,7 @@ class GeneratorStage(Stage[Lesson]):
             freeze_body(self.generator)
         self.has_idle = config.exemplar and not training.exemplar and training.objective == "motion"
         self.chunks = training.chunks if config.sequence == "interleaved" else config.window_chunks
-        chosen = [clip for clip in clips if clip.split == "train"]
+        chosen = [clip.heard_ahead(config.ahead_chunks) for clip in clips if clip.split == "train"]
         self.sampler = WindowSampler(chosen, chunks=self.chunks, seed=training.seed)
 
     def begin_with(self, start: Generator) -> None:

@@ -8,7 +8,7 @@ where nobody moved to the sound and the codes of motion are a generator's own (p
 
 import zipfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple, Self
 
@@ -48,6 +48,15 @@ class TokenClip:
     def chunks(self) -> int:
         """Whole chunks of 8 frames."""
         return len(self.motion) // MOTION_TOKENS_PER_CHUNK
+
+    def heard_ahead(self, chunks: int) -> Self:
+        """The clip with its sound so many chunks early: beside a motion token lie sound and cues of later.
+
+        The last `chunks` chunks of motion go, their sound would lie behind the end.
+        """
+        first = chunks * AUDIO_FRAMES_PER_CHUNK
+        cues = None if self.cues is None else self.cues[first:]
+        return replace(self, audio=self.audio[first:], cues=cues)
 
     @classmethod
     def load(cls, path: Path) -> Self:

@@ -20,6 +20,7 @@ from torch import Tensor, nn
 from .. import checkpoint
 from ..config import Config
 from ..errors import MotionError
+from ..kinematics.rotations import matrix_from_quaternion
 from .skeleton_edges import SMPLX_PARENTS, Edge, averaging, merged, neighbours, skeleton_edges
 
 CLIP_MULTIPLE = 32
@@ -37,6 +38,11 @@ class SkeletonConvolutionConfig(Config):
     )
     reach: int = Field(default=2, ge=0, description="how far apart bones may be that are mixed")
     groups: int = Field(default=10, gt=0, description="groups of the normalisation")
+
+
+def extractor_input(rotations: Float[Tensor, "t j 4"]) -> Float[Tensor, "t c"]:
+    """What the extractor reads of quaternions: the first two rows of each matrix (our own features take columns)."""
+    return matrix_from_quaternion(rotations.float())[..., :2, :].flatten(1)
 
 
 class _MaskedConv(nn.Conv1d):
@@ -146,6 +152,10 @@ class SkeletonConvolution(nn.Module):
         """Latents of one clip for FID; frames beyond the last multiple of 32 are cut off, as EMAGE does."""
         whole = len(rotations) - len(rotations) % CLIP_MULTIPLE
         return self.encode(rotations[None, :whole])[0]
+
+    def save(self, folder: Path, card: Mapping[str, object]) -> None:
+        """Write config, weights and card."""
+        checkpoint.save(folder, config=self.config, weights=self.state_dict(), card=card)
 
     @classmethod
     def load(cls, folder: Path) -> "SkeletonConvolution":

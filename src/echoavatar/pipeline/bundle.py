@@ -18,7 +18,7 @@ from ..errors import CheckpointError
 from ..face import ARKIT_NAMES, FaceModel
 from ..generator import Generator, qwen_half_billion
 from ..kinematics import Skeleton
-from ..timing import ChunkSize
+from ..timing import CHUNK_SECONDS, ChunkSize
 from ..tokenizer import BodyTokenizer
 from .actions import ActionLibrary
 from .runtime import Runtime
@@ -101,7 +101,19 @@ def _folder(name: str | Path) -> Iterator[Path]:
     yield folder
 
 
+def foresight_refusal(bundle: Bundle) -> str:
+    """Why a generator that hears ahead cannot run live."""
+    chunks = bundle.generator.config.ahead_chunks
+    return (
+        f"bundle {bundle.name}: its generator hears the sound {chunks} chunks ({chunks * CHUNK_SECONDS:.2f} s)"
+        " before it is due, so it is an offline reference and cannot stream; train one with ahead_chunks 0"
+        " (`echoavatar reproduce main` runs such a reference on whole files)"
+    )
+
+
 def _check(bundle: Bundle) -> None:
+    if bundle.generator.config.ahead_chunks:
+        raise CheckpointError(foresight_refusal(bundle))
     layout, tokenizer = bundle.generator.config.layout, bundle.tokenizer.config
     pairs = [
         ("audio codes", layout.audio_codes, bundle.codec.config.codes),

@@ -10,13 +10,14 @@ import logging
 import threading
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from ..audio import LevelControl, LevelState, NetworkState
+from ..errors import CheckpointError
 from ..face import FaceState, FaceStream
 from ..generator import open_stream
 from ..generator.linear import Precision
@@ -27,7 +28,7 @@ from ..timing import CHUNK_FRAMES
 from ..tokenizer.body import BodyState
 from ..tokenizer.model import DecoderState
 from .actions import Directive
-from .bundle import Bundle
+from .bundle import Bundle, foresight_refusal
 from .modes import FREE, MotionOptions
 from .motion_chunk import MotionChunk, join
 from .post import POST_STAGES, Post, PostState
@@ -59,6 +60,8 @@ class PipelineState(StreamState):
 class Pipeline:
     """The trained parts of a bundle as one streaming machine."""
 
+    has_foresight: ClassVar[bool] = False  # whether sound is known before it is due, see `foresight`
+
     def __init__(
         self,
         bundle: Bundle,
@@ -71,7 +74,12 @@ class Pipeline:
         """`stages` behind the decoder to run (None: the bundle's choice), `body` the character's thickness: see `Post`.
 
         `output` matters where the bundle is for another rig than ours: `native` keeps its own bones.
+
+        Raises:
+            CheckpointError: the generator hears ahead of time, which no stream can give it.
         """
+        if bundle.generator.config.ahead_chunks and not self.has_foresight:
+            raise CheckpointError(foresight_refusal(bundle))
         runtime = bundle.runtime
         self.rig = RigAdapter(runtime.rig, bundle.skeleton, output) if runtime.rig else None
         self.skeleton = self.rig.skeleton if self.rig else bundle.skeleton
@@ -147,6 +155,12 @@ class Pipeline:
         full = self.generator.config.temperature
         return torch.where(is_silent, self._silent * full, full)
 
+    def hear(
+        self, level: Float[Tensor, "b 6400"], state: PipelineState, active: Bool[Tensor, " b"]
+    ) -> Int[Tensor, "b f l"]:
+        """Codes of the sound that the generator is told in this step."""
+        return self.codec.step(level, state.codec, active)
+
     def directive(self, members: Float[Tensor, "b K"]) -> Directive:
         """What to ask of a step for sets of codes, each with its intensity."""
         return Directive(members, self._bias * members)
@@ -172,7 +186,7 @@ class Pipeline:
         self.lap("level")
         face = self.face.step(level, state.face[0], active, state.seeds).numpy() if self.face else None
         self.lap("face")
-        sounds = self.codec.step(level, state.codec, active)
+        sounds = self.hear(level, state, active)
         self.lap("codec")
         exemplar, bias = (None, None) if directive is None else directive
         codes = self.generator.step(

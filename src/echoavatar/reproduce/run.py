@@ -5,18 +5,21 @@ import os
 import platform
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import torch
 
-from . import dataset_composition, latency, layouts, main, tokenizer_ablation
+from . import beat2, dataset_composition, latency, layouts, main, tokenizer_ablation
+from .beat2_workshop import Beat2Workshop
 from .figure import draw
 from .table import Table, orderings
 from .text import as_csv, latex, markdown
 from .workshop import Workshop
 
-TABLES: dict[str, Callable[[Workshop], Table]] = {
+TABLES: dict[str, Callable[[Any], Table]] = {
     tokenizer_ablation.NAME: tokenizer_ablation.make,
     main.NAME: main.make,
+    beat2.NAME: beat2.make,
     dataset_composition.NAME: dataset_composition.make,
     layouts.NAME: layouts.make,
     latency.NAME: latency.make,
@@ -31,6 +34,7 @@ INTERVALS = "In brackets: 95 % intervals, resampling test clips; of training run
 
 def reproduce(name: str, workshop: Workshop, *, command: str) -> Table:
     """Make the table with all notes; parts that are finished are kept."""
+    workshop = Beat2Workshop.of(workshop) if name == beat2.NAME else workshop
     table = TABLES[name](workshop)
     notes = list(table.notes)
     if name != latency.NAME:

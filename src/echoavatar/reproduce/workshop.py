@@ -26,6 +26,7 @@ from ..tokens import TokenLayout
 from ..training import Progress
 from .choices import GeneratorChoice, TokenizerChoice
 from .kept import kept
+from .perform import Sounds, live
 from .scale import Scale
 
 TOGETHER = 16  # sounds that go through a pipeline at once
@@ -207,29 +208,31 @@ class Workshop:
         return Generator.load(folder)
 
     def made(self, choice: GeneratorChoice) -> list[Motion]:
-        """What a generator makes of the test clips' sound, live pipeline and all, as long as the clips."""
-        from ..engine import animate_many
-        from ..pipeline import Pipeline
-        from ..pipeline.bundle import Bundle
-
+        """What a generator makes of the test clips' sound, as long as the clips."""
         folder = self.folder / "made" / choice.name
 
         def make() -> None:
             tokenizer, generator = self.tokenizer(choice.tokenizer), self.generator(choice)
-            pipeline = Pipeline(Bundle(choice.name, self.codec, tokenizer, generator.eval(), {}))
             for first in range(0, len(self.tests), TOGETHER):
                 clips = self.tests[first : first + TOGETHER]
-                seeds = range(self.seed + first, self.seed + first + len(clips))
-                done = animate_many(
-                    pipeline, [clip.audio for clip in clips], seeds=list(seeds), progress=self.progress
-                )
-                for clip, motion in zip(clips, (each.motion for each in done), strict=True):
+                sounds = {self.seed + first + n: clip.audio for n, clip in enumerate(clips)}
+                motions = self._performed(choice.name, tokenizer, generator, sounds)
+                for clip, motion in zip(clips, motions, strict=True):
                     moved = replace(clip, rotations=motion.rotations, root=motion.root)
                     moved.save(folder / f"{clip.name}.npz")
 
         asked = {"generator": self._generator_asked(choice), "clips": [clip.name for clip in self.tests]}
         self._kept(folder, asked, make)
-        return [motion_of(Clip.load(folder / f"{clip.name}.npz")) for clip in self.tests]
+        return [self.motion(Clip.load(folder / f"{clip.name}.npz")) for clip in self.tests]
+
+    def motion(self, clip: Clip) -> Motion:
+        """The motion of a clip on the workshop's rig."""
+        return motion_of(clip)
+
+    def _performed(
+        self, name: str, tokenizer: BodyTokenizer, generator: Generator, sounds: Sounds
+    ) -> list[Motion]:
+        return live(name, self.codec, tokenizer, generator, sounds, progress=self.progress)
 
     def _tokenizer_asked(self, choice: TokenizerChoice) -> dict[str, Any]:
         return {
@@ -288,10 +291,8 @@ class Workshop:
 
 def is_mostly(clip: TokenClip, kind: str | None) -> bool:
     """Whether more of a clip is speech, or music, than the other; any clip for None."""
-    if kind is None:
-        return True
     speech, music = (int(np.sum(clip.domain == number)) for number in (1, 2))
-    return speech > music if kind == "speech" else music > speech
+    return kind is None or (speech > music if kind == "speech" else music > speech)
 
 
 def motion_of(clip: Clip) -> Motion:

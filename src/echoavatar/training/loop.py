@@ -10,6 +10,7 @@ import torch
 from torch import Tensor, nn
 from torch.distributed.tensor import DTensor
 
+from ..config import Config
 from ..errors import CheckpointError, EchoAvatarError
 from . import state
 from .average import Average
@@ -161,8 +162,9 @@ class Loop(Generic[BatchT]):
         return {name: config.model_dump(mode="json") for name, config in self.stage.identity().items()}
 
     def _agree(self, folder: Path, saved: Any) -> None:
+        configs = self.stage.identity()
         for name, ours in self._identity().items():
-            theirs = saved.get(name, {})
+            theirs = _unsaid(configs[name]) | saved.get(name, {})
             differing = [
                 key for key in sorted(ours.keys() | theirs.keys()) if ours.get(key) != theirs.get(key)
             ]
@@ -173,6 +175,13 @@ class Loop(Generic[BatchT]):
                     f"{folder} holds a run of another {name} config: {key} was {theirs.get(key)}, is "
                     f"{ours.get(key)}; train into another folder"
                 )
+
+
+def _unsaid(config: Config) -> dict[str, Any]:
+    """What fields are that a run of an earlier version did not know: their defaults."""
+    fields = type(config).model_fields.items()
+    plain = {name: field.default for name, field in fields if not field.is_required()}
+    return {name: value for name, value in plain.items() if isinstance(value, bool | int | float | str)}
 
 
 _FREE = (
