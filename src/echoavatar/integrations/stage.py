@@ -88,7 +88,7 @@ class Stage:
         self._asked: dict[str, asyncio.Future[ActionStatus]] = {}
         self._mouth, self._ear = _Rate(), _Rate()
         self._is_speaking, self._is_unsaid = False, False  # an utterance is open; one did not leave yet
-        self._seg = 0  # the newest
+        self._seg, self._cut_seg = 0, 0  # the newest utterance, the newest that was cut off
         self._heard_of_user = 0
         self._closed = False
 
@@ -162,7 +162,7 @@ class Stage:
         if self._interrupted is None:
             heard = self.playback.position(time.monotonic())
             self._interrupted = asyncio.get_running_loop().create_future()
-            self._motion = None
+            self._motion, self._cut_seg = None, self._seg
             self._events = deque(event for event in self._events if not isinstance(event, Hop | Said))
             self.playback.jump(heard, time.monotonic())
             await self._there.interrupt(max(0, heard - self._shift))
@@ -285,10 +285,11 @@ class Stage:
         motion, self._motion = self._motion, None
         if motion is None or motion.at != sound.at:
             motion = msgspec.structs.replace(_STILL, at=sound.at, epoch=sound.epoch)
-        pcm = sound.pcm if sound.seg or any(sound.pcm) else b""
+        seg = sound.seg if sound.seg > self._cut_seg else 0  # the rest of a chunk that was cut is silence
+        pcm = sound.pcm if seg or any(sound.pcm) else b""
         self._end = max(self._end, sound.at + len(sound.pcm) // 2)
         is_again = sound.at < self._left  # made again for a gesture
-        self._put(Hop(motion, b"" if is_again else pcm, sound.at, sound.seg, is_again))
+        self._put(Hop(motion, b"" if is_again else pcm, sound.at, seg, is_again))
 
     def _cut(self, flush: Flush) -> None:
         asked, self._interrupted = self._interrupted, None
