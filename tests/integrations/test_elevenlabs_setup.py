@@ -109,7 +109,8 @@ def test_an_agent_can_be_named_by_its_id(service: tuple[str, type[Service]]) -> 
 
 
 def test_only_what_asks_for_an_answer_waits_for_one() -> None:
-    tools = {tool["tool_config"]["name"]: tool["tool_config"] for tool in make_plan(schemas("wave"), "", name="n").tools}
+    plan = make_plan(schemas("wave"), "", name="n")
+    tools = {tool["tool_config"]["name"]: tool["tool_config"] for tool in plan.tools}
     assert [name for name, tool in tools.items() if tool["expects_response"]] == ["list_actions"]
     assert "parameters" not in tools["stop_music"]
     intensity = tools["send_action"]["parameters"]["properties"]["intensity"]

@@ -3,7 +3,16 @@ from echoavatar.integrations.persona import persona
 
 def test_the_prompt_names_what_there_is() -> None:
     text = persona(["wave", "bow"], ["Waltz"], name="Mika", surroundings="The record store is on the right.")
-    for told in ("Mika", "wave, bow", "Waltz", "record store", "Producer", "send_action", "play_music", "stop_music"):
+    for told in (
+        "Mika",
+        "wave, bow",
+        "Waltz",
+        "record store",
+        "Producer",
+        "send_action",
+        "play_music",
+        "stop_music",
+    ):
         assert told in text
     assert "{" not in text
 

@@ -37,7 +37,7 @@ class Scene:
 
     async def until(self, what: Callable[[], bool], seconds: float = 15.0) -> None:
         async with asyncio.timeout(seconds):
-            while not what():
+            while not what():  # noqa: ASYNC110
                 await asyncio.sleep(0.01)
 
     async def watch(self) -> None:

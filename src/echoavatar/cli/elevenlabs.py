@@ -20,12 +20,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = EXAMPLES
     kinds = parser.add_subparsers(dest="kind", metavar="WHAT", required=True)
     setup = kinds.add_parser("setup", help="create or update the tools and an agent that uses them")
-    setup.add_argument("--agent", default="", metavar="ID", help="update this agent (default: find --name, or create it)")
+    setup.add_argument(
+        "--agent", default="", metavar="ID", help="update this agent (default: the one of --name)"
+    )
     setup.add_argument("--name", default="EchoAvatar", help="the agent's name (default: %(default)s)")
-    setup.add_argument("--persona", default="Echo", metavar="NAME", help="who it is in the prompt (default: %(default)s)")
-    setup.add_argument("--surroundings", default="", metavar="TEXT", help="what it knows of the place it stands in")
+    setup.add_argument(
+        "--persona", default="Echo", metavar="NAME", help="its name in the prompt (default: %(default)s)"
+    )
+    setup.add_argument(
+        "--surroundings", default="", metavar="TEXT", help="what it knows of the place it stands in"
+    )
     setup.add_argument("--prompt", type=Path, metavar="FILE", help="a prompt of your own instead")
-    setup.add_argument("--first-message", default="", metavar="TEXT", help="what it says first (default: nothing)")
+    setup.add_argument(
+        "--first-message", default="", metavar="TEXT", help="what it says first (default: nothing)"
+    )
     setup.add_argument(
         "--output-format",
         default="pcm_16000",
@@ -36,7 +44,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     where.add_argument("--bundle", default="default", help="whose actions (default: %(default)s)")
     where.add_argument("--server", metavar="URL", help="a running server's actions and music instead")
     setup.add_argument("--token", default=os.environ.get("ECHOAVATAR_TOKEN", ""), help="the server's token")
-    setup.add_argument("--base-url", default="", metavar="URL", help="of their API, for other regions and tests")
+    setup.add_argument(
+        "--base-url", default="", metavar="URL", help="of their API, for other regions and tests"
+    )
     setup.add_argument("--dry-run", action="store_true", help="print the requests as JSON and send nothing")
 
 
@@ -46,8 +56,10 @@ def run(args: argparse.Namespace) -> int:
     from ..integrations.persona import persona
 
     schemas = _schemas(args)
-    prompt = _read(args.prompt) if args.prompt else persona(
-        *_names(schemas), name=args.persona, surroundings=args.surroundings
+    prompt = (
+        _read(args.prompt)
+        if args.prompt
+        else persona(*_names(schemas), name=args.persona, surroundings=args.surroundings)
     )
     plan = make_plan(
         schemas, prompt, name=args.name, first_message=args.first_message, output_format=args.output_format

@@ -10,4 +10,13 @@ from .connection import Avatar, ConnectionLostError, Line, connect, stream_url
 from .recording import Recorder, Recording
 from .sound import read_sound
 
-__all__ = ["Avatar", "ConnectionLostError", "Line", "Recorder", "Recording", "connect", "read_sound", "stream_url"]
+__all__ = [
+    "Avatar",
+    "ConnectionLostError",
+    "Line",
+    "Recorder",
+    "Recording",
+    "connect",
+    "read_sound",
+    "stream_url",
+]

@@ -50,7 +50,7 @@ class AsyncAvatarAudioInterface(AsyncAudioInterface):  # type: ignore[misc]
     ) -> None:
         """`sample_rate`: of the agent's output format, such as 16000 for `pcm_16000`.
 
-        `where`: a server's address, or a bundle's name or folder, or an engine, to run here; `page_port` serves its page.
+        `where`: a server's address, or a bundle's name or folder, or an engine, to run here; `page_port`: its page.
         `device`: microphone and loudspeaker, an interface of the SDK's kind, sync or async, at 16 kHz.
         `on_event` is told everything the avatar does, motion included, in order.
 
@@ -58,7 +58,9 @@ class AsyncAvatarAudioInterface(AsyncAudioInterface):  # type: ignore[misc]
             AudioError: no such rate.
         """
         if sample_rate not in RATES:
-            raise AudioError(f"sample_rate {sample_rate}; ElevenLabs agents speak at {', '.join(map(str, RATES))}")
+            raise AudioError(
+                f"sample_rate {sample_rate}; ElevenLabs agents speak at {', '.join(map(str, RATES))}"
+            )
         self.stage = Stage(find_place(where, token=token, port=page_port), seed=seed)
         self._rate, self._device, self._on_event = sample_rate, device, on_event
         self._down: Any = soxr.ResampleStream(SAMPLE_RATE_HZ, DEVICE_RATE, 1, dtype="int16")

@@ -1,4 +1,4 @@
-"""What an ElevenLabs agent needs to move an avatar - tools, prompt, sound format - created by their API, again and again.
+"""What an ElevenLabs agent needs to move an avatar - tools, prompt, sound format - created by their API.
 
 Running it twice changes nothing: tools and agent are found by name and updated. No SDK is needed for it.
 """
@@ -27,7 +27,12 @@ class Plan(NamedTuple):
 
 
 def make_plan(
-    schemas: list[Payload], prompt: str, *, name: str, first_message: str = "", output_format: str = "pcm_16000"
+    schemas: list[Payload],
+    prompt: str,
+    *,
+    name: str,
+    first_message: str = "",
+    output_format: str = "pcm_16000",
 ) -> Plan:
     """Requests for the registry's tools and an agent that uses them.
 
@@ -43,7 +48,9 @@ def make_plan(
     return Plan([_tool(schema) for schema in schemas], {"name": name, "conversation_config": config})
 
 
-def carry_out(plan: Plan, *, api_key: str, agent_id: str = "", base_url: str = BASE_URL) -> tuple[str, list[str]]:
+def carry_out(
+    plan: Plan, *, api_key: str, agent_id: str = "", base_url: str = BASE_URL
+) -> tuple[str, list[str]]:
     """Create or update tools and agent; the agent's id, and one line for each thing that was done.
 
     Raises:
@@ -94,8 +101,9 @@ def _tool(schema: Payload) -> Payload:
 
 
 def _property(schema: Payload) -> Payload:
-    bounds = [f"{word} {schema[key]}" for key, word in (("minimum", "at least"), ("maximum", "at most")) if key in schema]
-    description = f"{schema.get('description', '')} ({', '.join(bounds)})" if bounds else schema.get("description", "")
+    words = {"minimum": "at least", "maximum": "at most"}
+    bounds = [f"{word} {schema[key]}" for key, word in words.items() if key in schema]
+    description = schema.get("description", "") + (f" ({', '.join(bounds)})" if bounds else "")
     told: Payload = {"type": schema["type"], "description": description}
     if "enum" in schema:
         told["enum"] = list(schema["enum"])

@@ -35,7 +35,9 @@ from ..wire import (
 from .place import Place
 from .playback import Playback
 
-LEAD_S = 0.25  # a hop leaves so long before it is due: less than the chunk that motion made again begins after
+LEAD_S = (
+    0.25  # a hop leaves so long before it is due: less than the chunk that motion made again begins after
+)
 REPORT_S = 0.2
 ANSWER_S = 5.0  # a server that is well answers sooner
 _BEAT_S = 0.01
@@ -341,7 +343,9 @@ class _Rate:
         if rate != self._rate:
             self._rate = rate
             self._stream = (
-                None if rate == SAMPLE_RATE_HZ else soxr.ResampleStream(rate, SAMPLE_RATE_HZ, 1, dtype="int16")
+                None
+                if rate == SAMPLE_RATE_HZ
+                else soxr.ResampleStream(rate, SAMPLE_RATE_HZ, 1, dtype="int16")
             )
         return pcm if self._stream is None else self._stream.resample_chunk(pcm)
 

@@ -1,4 +1,4 @@
-"""A room of two without a server: what LiveKit's documented protocol carries between them, and a source that keeps time."""
+"""A room of two without a server: what LiveKit's documented protocol carries between them, and a source."""
 
 import asyncio
 import time

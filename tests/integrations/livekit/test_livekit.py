@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 pytest.importorskip("livekit.agents", reason="pip install ./integrations/livekit-plugins-echoavatar")
-pytest.importorskip("livekit.plugins.echoavatar", reason="pip install ./integrations/livekit-plugins-echoavatar")
+pytest.importorskip(
+    "livekit.plugins.echoavatar", reason="pip install ./integrations/livekit-plugins-echoavatar"
+)
 
 from livekit import api, rtc
 from livekit.agents import AgentSession
@@ -75,7 +77,7 @@ class Scene:
 
     async def until(self, what: Callable[[], bool], seconds: float = 15.0) -> None:
         async with asyncio.timeout(seconds):
-            while not what():
+            while not what():  # noqa: ASYNC110
                 await asyncio.sleep(0.01)
 
     def is_hearing(self, samples: int) -> Callable[[], bool]:
@@ -327,7 +329,7 @@ def test_a_worker_hears_the_agent_and_tells_it_the_truth() -> None:
             before = len(speaker.heard)
             await speak(sink, tone(4.0))
             async with asyncio.timeout(10):
-                while speaker.queued_duration < 0 or len(speaker.heard) < before + 12_000:
+                while speaker.queued_duration < 0 or len(speaker.heard) < before + 12_000:  # noqa: ASYNC110
                     await asyncio.sleep(0.01)
             sink.clear_buffer()
             event = await asyncio.wait_for(sink.wait_for_playout(), 5)

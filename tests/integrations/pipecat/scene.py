@@ -25,7 +25,6 @@ from tests.server.fakes import Body
 
 from echoavatar.engine import Engine
 
-
 logger.remove()  # thousands of lines a test
 
 

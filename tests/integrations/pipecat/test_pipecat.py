@@ -21,10 +21,9 @@ from pipecat.frames.frames import (
 )
 from pipecat.tests.utils import SleepFrame, run_test
 from pipecat_echoavatar import AvatarSpeechFrame, EchoAvatarProcessor
+from tests.integrations.pipecat.scene import Scene, engine, play, tone
 
 from echoavatar.engine.tracks import Tracks
-
-from tests.integrations.pipecat.scene import Scene, engine, play, tone
 
 
 def test_motion_comes_before_the_sound_it_belongs_to_and_no_sound_is_lost() -> None:
@@ -168,7 +167,7 @@ def test_music_passes_through_the_avatar_and_goes_on_where_it_was_interrupted() 
     track = Tracks().load(title)
 
     async def script(scene: Scene) -> None:
-        result = await scene.avatar._declared.call("play_music", {"title": title})
+        result = await scene.avatar.tool_calls.call("play_music", {"title": title})
         assert result == {"title": title, "status": "accepted"}
         await scene.until(lambda: len(scene.transport.sound) > 30_000)
         await scene.push(InterruptionFrame())
@@ -192,7 +191,7 @@ def test_music_passes_through_the_avatar_and_goes_on_where_it_was_interrupted() 
 
 def test_speech_over_music_is_one_sound() -> None:
     async def script(scene: Scene) -> None:
-        await scene.avatar._declared.call("play_music", {})
+        await scene.avatar.tool_calls.call("play_music", {})
         await scene.until(lambda: len(scene.transport.sound) > 12_000)
         await scene.speak(0.8)
         await scene.until(lambda: any(name == "AvatarSpeechFrame" for _, name, _ in scene.transport.seen))
@@ -298,7 +297,7 @@ def test_the_default_bundle_speaks_dances_and_is_interrupted() -> None:
         await scene.speak(3.0)
         await scene.until(lambda: len(scene.transport.sound) > 24_000, 30)
         await scene.push(InterruptionFrame())
-        await scene.avatar._declared.call("play_music", {})
+        await scene.avatar.tool_calls.call("play_music", {})
         await scene.until(lambda: {m["state"] for m in scene.transport.messages("motion")} >= {"dancing"}, 30)
         await asyncio.sleep(2.0)
 

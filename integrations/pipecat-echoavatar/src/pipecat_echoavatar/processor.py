@@ -4,7 +4,7 @@
 
 Motion goes to the client as RTVI server messages in the transport's own queue: an output transport delivers a queued
 message when the sound in front of it is written, and drops both on an interruption. So the order motion, then sound, is
-the synchronisation. Music must come from here (`play_music`), not from a mixer behind the avatar, or it is not heard by it.
+the synchronisation. Music must come from here (`play_music`): what a mixer adds behind the avatar, it does not hear.
 """
 
 import contextlib
@@ -30,7 +30,7 @@ from pipecat.frames.frames import (
 from pipecat.processors.frame_processor import FrameDirection, FrameProcessor, FrameProcessorSetup
 from pipecat.processors.frameworks.rtvi import RTVIClientMessageFrame
 
-from echoavatar import Engine, EchoAvatarError
+from echoavatar import EchoAvatarError, Engine
 from echoavatar.integrations import Cut, Hop, Said, Stage, StageTools, find_place
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar.wire import Ready
@@ -86,12 +86,12 @@ class EchoAvatarProcessor(FrameProcessor):
 
         They name the gestures and tracks there are, so they exist once the avatar does: after `prepare`.
         """
-        return function_schemas(self._declared)
+        return function_schemas(self.tool_calls)
 
     @property
     def direct_functions(self) -> list[Callable[..., Awaitable[None]]]:
         """The same as direct functions, for a context's `tools=[...]`; their names are told in their docstrings."""
-        return direct_functions(self._declared)
+        return direct_functions(self.tool_calls)
 
     async def prepare(self) -> None:
         """Open the session before the pipeline does, to know its tools and its page.
@@ -104,7 +104,8 @@ class EchoAvatarProcessor(FrameProcessor):
             self._tools = StageTools(self.stage, await self.stage.place.tools())
 
     @property
-    def _declared(self) -> StageTools:
+    def tool_calls(self) -> StageTools:
+        """Declarations, and `call(name, arguments)`, for a bot that does without a language model."""
         if self._tools is None:
             raise EchoAvatarError("the avatar's tools are not known yet; await avatar.prepare() first")
         return self._tools

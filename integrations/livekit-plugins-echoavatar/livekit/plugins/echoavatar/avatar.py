@@ -35,9 +35,7 @@ class _Session(BaseAvatarSession[Any]):
     async def _wait_avatar_join(self) -> None:
         assert self._room is not None
         began = time.time()
-        await utils.wait_for_participant(
-            room=self._room, identity=self.avatar_identity, include_local=True
-        )
+        await utils.wait_for_participant(room=self._room, identity=self.avatar_identity, include_local=True)
         joined = time.time()
         metadata = Metadata(model_provider=PROVIDER)
         self._emit_metrics(

@@ -1,4 +1,4 @@
-"""Where motion goes: a data track (lossy, ordered, timestamped), or reliable data where a server knows no such tracks."""
+"""Where motion goes: a data track (lossy, ordered, timestamped), or reliable data where there are no such tracks."""
 
 import asyncio
 import time

@@ -54,9 +54,7 @@ class Segment:
 class Performer:
     """One avatar for one audio receiver."""
 
-    def __init__(
-        self, stage: Stage, receiver: AudioReceiver, source: Source, channel: MotionChannel
-    ) -> None:
+    def __init__(self, stage: Stage, receiver: AudioReceiver, source: Source, channel: MotionChannel) -> None:
         self.stage = stage
         self._receiver, self._source, self._channel = receiver, source, channel
         self._segments: deque[Segment] = deque()
@@ -71,7 +69,9 @@ class Performer:
         await self._channel.start()
         self._receiver.on("clear_buffer", self._clear)
         await self._receiver.start()
-        self._tasks = [asyncio.ensure_future(work) for work in (self._listen(), self._perform(), self._watch())]
+        self._tasks = [
+            asyncio.ensure_future(work) for work in (self._listen(), self._perform(), self._watch())
+        ]
 
     async def close(self) -> None:
         """End the session."""

@@ -1,6 +1,6 @@
 """An avatar in a process of its own: joins a room, hears the agent over a data stream, publishes sound and motion.
 
-    python -m livekit.plugins.echoavatar.worker --url ws://127.0.0.1:7880 --token TOKEN
+python -m livekit.plugins.echoavatar.worker --url ws://127.0.0.1:7880 --token TOKEN
 """
 
 import argparse
