@@ -2,8 +2,8 @@
 
     python integrations/pipecat-echoavatar/examples/offline.py
 
-Open the address it prints; the page shows the avatar and is its loudspeaker. Words such as wave, bow, dance and stop are
-obeyed, and a line typed while it speaks interrupts it. It needs flite or espeak-ng (Linux) or say (macOS).
+Open the address it prints; the page shows the avatar and is its loudspeaker. Words such as wave, bow, dance and stop
+are obeyed, and a line typed while it speaks interrupts it. It needs flite or espeak-ng (Linux) or say (macOS).
 """
 
 import argparse
