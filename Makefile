@@ -3,7 +3,7 @@
 PYTHON ?= python3
 PIP_FLAGS ?= --disable-pip-version-check -q
 
-.PHONY: demo test web web-test browser-test lint clean
+.PHONY: demo test integration-test web web-test browser-test lint clean
 
 demo: .venv-demo/ready
 	.venv-demo/bin/echoavatar demo
@@ -14,6 +14,16 @@ test: .venv-test/ready
 	.venv-test/bin/mypy
 	.venv-test/bin/lint-imports
 	OMP_NUM_THREADS=1 .venv-test/bin/pytest -n auto
+
+# Pipecat, LiveKit and ElevenLabs together in one environment; no network is used once it stands, and no keys.
+integration-test: .venv-integrations/ready
+	OMP_NUM_THREADS=1 .venv-integrations/bin/pytest -W default tests/integrations
+
+.venv-integrations/ready: pyproject.toml constraints.txt $(wildcard integrations/*/pyproject.toml)
+	$(PYTHON) -m venv .venv-integrations
+	.venv-integrations/bin/pip install $(PIP_FLAGS) -c constraints.txt -e '.[serve,elevenlabs]' \
+	    -e ./integrations/pipecat-echoavatar -e ./integrations/livekit-plugins-echoavatar 'pytest>=8.3,<10'
+	touch $@
 
 .venv-demo/ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv-demo
@@ -41,4 +51,4 @@ web/node_modules: web/package-lock.json
 	touch $@
 
 clean:
-	rm -rf .venv-demo .venv-test demo
+	rm -rf .venv-demo .venv-test .venv-integrations demo

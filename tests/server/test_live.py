@@ -209,6 +209,26 @@ def test_nothing_after_an_interruption_stems_from_unheard_sound(
     assert room.live.playhead.sample >= heard
 
 
+def test_what_was_heard_is_told_exactly_though_the_engine_is_faster(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The chunk that was cut may be made again between its being taken back and our telling of it."""
+    room = Room()
+    room.speak(1, 2.0)
+    room.go(1.0)
+    first = next(sound.at for sound in room.box.of(Sound) if sound.seg == 1)
+    clear = room.live.session.clear
+
+    def clear_and_go_on(heard: int | None = None) -> int:
+        at = clear(heard)
+        room.live.session.stall()
+        room.engine.tick()
+        return at
+
+    monkeypatch.setattr(room.live.session, "clear", clear_and_go_on)
+    room.live.interrupt(Interrupt(heard=first + 7_000))
+    [flush] = room.box.of(Flush)
+    assert (flush.seg, flush.heard) == (1, 7_000)
+
+
 def test_an_interruption_is_answered_before_anything_new_is_needed() -> None:
     room = Room()
     room.speak(1, 5.0)

@@ -18,6 +18,7 @@ COMMANDS = {
     "animate": "turn an audio file into full-body motion (BVH, GLB, NPZ, CSV or MP4)",
     "serve": "serve live avatars to browsers and voice agents",
     "say": "let the avatar of a running server say a sound file",
+    "elevenlabs": "set up an ElevenLabs agent that moves the avatar",
     "doctor": "say what works on this machine and what to do about the rest",
     "bench": "measure latency, real-time factor and memory",
     "evaluate": "score a bundle; the last line is JSON",

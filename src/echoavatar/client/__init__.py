@@ -6,8 +6,17 @@
 ...         ...
 """
 
-from .connection import Avatar, ConnectionLostError, connect
+from .connection import Avatar, ConnectionLostError, Line, connect, stream_url
 from .recording import Recorder, Recording
 from .sound import read_sound
 
-__all__ = ["Avatar", "ConnectionLostError", "Recorder", "Recording", "connect", "read_sound"]
+__all__ = [
+    "Avatar",
+    "ConnectionLostError",
+    "Line",
+    "Recorder",
+    "Recording",
+    "connect",
+    "read_sound",
+    "stream_url",
+]

@@ -1,15 +1,14 @@
 """The line to a server: says hello, speaks, listens, and comes back after a break."""
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager, suppress
-from typing import Any
+from typing import Any, Protocol
 from urllib.parse import urlsplit, urlunsplit
 
 import msgspec
 import numpy as np
 from jaxtyping import Shaped
-from websockets.asyncio.client import ClientConnection
 from websockets.asyncio.client import connect as connect_websocket
 from websockets.exceptions import ConnectionClosed, InvalidHandshake
 
@@ -46,6 +45,22 @@ class ConnectionLostError(EchoAvatarError):
     """There is no server, or no more."""
 
 
+class Line(Protocol):
+    """What messages go over: a WebSocket, or something like it."""
+
+    async def send(self, message: bytes) -> None:
+        """One frame; raises `ConnectionClosed` once the line is broken."""
+
+    async def recv(self, *, decode: bool | None = None) -> bytes | str:
+        """The next frame; raises `ConnectionClosed` once the line is broken."""
+
+    async def close(self) -> None:
+        """End it in good order."""
+
+
+Dial = Callable[[], Awaitable[Line]]
+
+
 class Avatar:
     """One session, as its source; open it with `connect`. Iterate to receive messages; they must be read.
 
@@ -53,11 +68,13 @@ class Avatar:
     a new one, perhaps at another server, goes on with what was not played: its clock begins at `ready.at` again.
     """
 
-    def __init__(self, url: str, hello: Hello) -> None:
+    def __init__(self, url: str, hello: Hello, dial: Dial | None = None) -> None:
+        """`dial` reaches the server in another way than by a WebSocket to `url`."""
         self.ready: Ready
         self.epoch = 0
         self._url, self._hello = url, hello
-        self._line: ClientConnection | None = None
+        self._dial = dial or self._dial_websocket
+        self._line: Line | None = None
         self._spoken = Spoken(hello.audio)
         self._requests = 0
 
@@ -160,13 +177,7 @@ class Avatar:
 
     async def _greet(self) -> None:
         try:
-            self._line = await connect_websocket(
-                self._url,
-                subprotocols=[subprotocol("msgpack")],  # type: ignore[list-item]
-                compression=None,
-                max_size=MAX_MESSAGE_BYTES,
-                open_timeout=PATIENCE_S,
-            )
+            self._line = await self._dial()
             await self._line.send(encode(self._hello))
             ready = await asyncio.wait_for(self.receive(), PATIENCE_S)
         except (OSError, TimeoutError, InvalidHandshake, ConnectionClosed) as error:
@@ -176,6 +187,15 @@ class Avatar:
         if not isinstance(ready, Ready):
             raise ProtocolError("bad_order", "the server did not say ready first")
         self.ready, self.epoch = ready, ready.epoch
+
+    async def _dial_websocket(self) -> Line:
+        return await connect_websocket(
+            self._url,
+            subprotocols=[subprotocol("msgpack")],  # type: ignore[list-item]
+            compression=None,
+            max_size=MAX_MESSAGE_BYTES,
+            open_timeout=PATIENCE_S,
+        )
 
     async def close(self) -> None:
         """Say goodbye; the session ends."""

@@ -153,7 +153,8 @@ class LiveSession:
         waited = self.intake.cut(message.seg or self.intake.seg)
         at = self.session.clear(heard)
         self.session.stall()
-        seg, count = self._ledger.cut(max(heard, self.session.made))
+        back = max(heard, at - SAMPLES_PER_FRAME + 1)  # further back than it remembers, it cannot go
+        seg, count = self._ledger.cut(back)
         seg, count = (seg, count) if seg else waited
         self._flush(Flush(at=at, epoch=self.session.epoch, seg=seg, heard=count))
         self.playhead.jump(heard)

@@ -32,7 +32,11 @@ function start(): void {
   document.documentElement.dataset["quality"] = low ? "low" : "high";
   const stage = new Stage(element<HTMLCanvasElement>("view"), low);
   const token = takeToken();
+  const watched = settings.get("watch") ?? "";
+  if (watched) document.documentElement.dataset["watch"] = ""; // someone else speaks; this page shows and plays it
   const session = new EchoSession({
+    role: watched ? "viewer" : "source",
+    session: watched,
     url: new URL("v1/stream", location.href).href.replace(/^http/, "ws").replace(/[?#].*$/, ""),
     token,
     playbackWorklet,

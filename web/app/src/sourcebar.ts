@@ -32,7 +32,9 @@ export class SourceBar {
     this.show("music", false);
     this.show("text", false);
     session.on("ready", (ready) => this.offer(ready));
-    element("begin").addEventListener("click", () => void this.choose("speech"));
+    const isWatching = "watch" in document.documentElement.dataset;
+    if (isWatching) element("begin").textContent = "Hear it";
+    element("begin").addEventListener("click", () => void (isWatching ? this.wake() : this.choose("speech")));
     element("stop").addEventListener("click", () => this.interrupt());
     const input = element("file") as HTMLInputElement;
     input.addEventListener("change", () => {

@@ -1,0 +1,188 @@
+"""The two ways to give an agent an avatar: in its own process, or by a worker that joins the room."""
+
+import time
+from pathlib import Path
+from typing import Any
+
+from livekit import api, rtc
+from livekit.agents import AgentSession, utils
+from livekit.agents.llm import RawFunctionTool
+from livekit.agents.metrics.base import AvatarMetrics, Metadata
+from livekit.agents.types import ATTRIBUTE_PUBLISH_ON_BEHALF
+from livekit.agents.voice.avatar import AvatarSession as BaseAvatarSession
+from livekit.agents.voice.avatar import DataStreamAudioOutput, QueueAudioOutput
+
+from echoavatar import Engine
+from echoavatar.integrations import Stage, StageTools, find_place
+from echoavatar.timing import SAMPLE_RATE_HZ
+
+from .motion import MotionChannel
+from .performer import QUEUE_MS, Performer
+from .tools import ask_for_tools, function_tools
+
+PROVIDER = "echoavatar"
+SAMPLES = SAMPLE_RATE_HZ
+
+
+class _Session(BaseAvatarSession[Any]):
+    """What both ways share: no video track is ever published, so joining is judged without one."""
+
+    @property
+    def provider(self) -> str:
+        """Who makes the avatar."""
+        return PROVIDER
+
+    async def _wait_avatar_join(self) -> None:
+        assert self._room is not None
+        began = time.time()
+        await utils.wait_for_participant(room=self._room, identity=self.avatar_identity, include_local=True)
+        joined = time.time()
+        metadata = Metadata(model_provider=PROVIDER)
+        self._emit_metrics(
+            AvatarMetrics(
+                timestamp=joined, session_started_time=began, avatar_joined_time=joined, metadata=metadata
+            )
+        )
+
+
+class AvatarSession(_Session):
+    """An avatar in the agent's process: its sound and motion are published by the agent itself.
+
+    >>> avatar = AvatarSession("default")        # or a server: AvatarSession("http://127.0.0.1:8765")
+    >>> await avatar.start(session, room=ctx.room)
+    >>> await session.start(agent=Agent(..., tools=avatar.tools), room=ctx.room,
+    ...                     room_options=RoomOptions(audio_output=False))
+    """
+
+    def __init__(
+        self,
+        where: str | Path | Engine = "default",
+        *,
+        token: str = "",
+        seed: int = 0,
+        page_port: int | None = None,
+        prefer_data_track: bool = True,
+    ) -> None:
+        """`where`: a server's address, or a bundle's name or folder, or an engine, to run here.
+
+        `page_port` serves the live page of an engine that runs here; `token` is the server's.
+        """
+        super().__init__()
+        self.stage = Stage(find_place(where, token=token, port=page_port), seed=seed)
+        self._prefer_track = prefer_data_track
+        self._performer: Performer | None = None
+        self._tools: StageTools | None = None
+        self._source: rtc.AudioSource | None = None
+        self._publication: rtc.LocalTrackPublication | None = None
+
+    @property
+    def avatar_identity(self) -> str:
+        """The agent's own: nobody else joins."""
+        return self._room.local_participant.identity if self._room is not None else PROVIDER
+
+    @property
+    def page(self) -> str:
+        """Address of a page that shows the avatar; empty where there is none."""
+        return self.stage.page
+
+    @property
+    def tools(self) -> list[RawFunctionTool[Any, Any]]:
+        """For `Agent(tools=...)`; known after `start` or `prepare`."""
+        if self._tools is None:
+            raise RuntimeError("the avatar's tools are not known yet; await avatar.prepare() first")
+        return function_tools(self._tools.schemas, self._tools.call)
+
+    async def prepare(self) -> None:
+        """Open the session, to know its tools and its page, and not to load the model in a conversation."""
+        await self.stage.start()
+        if self._tools is None:
+            self._tools = StageTools(self.stage, await self.stage.place.tools())
+
+    async def start(self, agent_session: AgentSession, room: rtc.Room) -> None:
+        """Take the place of the agent's audio output."""
+        await super().start(agent_session, room)
+        await self.prepare()
+        sink = QueueAudioOutput(sample_rate=SAMPLES, wait_playback_start=True)
+        self._source = rtc.AudioSource(SAMPLES, 1, queue_size_ms=QUEUE_MS)
+        channel = MotionChannel(room, prefer_track=self._prefer_track)
+        self._performer = Performer(self.stage, sink, self._source, channel)
+        agent_session.output.replace_audio_tail(sink)
+        if room.isconnected():
+            self._publication = await publish_sound(room, self._source)
+        await self._performer.start()
+        room.on("participant_connected", self._greet)
+
+    async def aclose(self) -> None:
+        """End it; the agent stays in the room, though the base class would have the avatar leave."""
+        room, self._room = self._room, None
+        if room is not None:
+            room.off("participant_connected", self._greet)
+            room.off("connection_state_changed", self._on_connection_state_changed)
+            if self._publication is not None and room.isconnected():
+                await room.local_participant.unpublish_track(self._publication.sid)
+        if self._performer is not None:
+            await self._performer.close()
+        await self.stage.close()
+        if self._source is not None:
+            await self._source.aclose()
+        await super().aclose()
+
+    def _greet(self, participant: rtc.RemoteParticipant) -> None:
+        if self._performer is not None:
+            self._performer.greet(participant.identity)
+
+
+class RemoteAvatarSession(_Session):
+    """The agent's half of an avatar in a worker of its own (`AvatarWorker`): speech goes there over a data stream.
+
+    >>> avatar = RemoteAvatarSession()
+    >>> token = avatar.worker_token("my-room", agent_identity, api_key=..., api_secret=...)
+    >>> await avatar.start(session, room=ctx.room)    # python -m livekit.plugins.echoavatar.worker --token ...
+    """
+
+    def __init__(self, *, avatar_identity: str = "echoavatar") -> None:
+        super().__init__()
+        self._identity = avatar_identity
+
+    @property
+    def avatar_identity(self) -> str:
+        """Under which the worker joins."""
+        return self._identity
+
+    def worker_token(self, room: str, agent_identity: str, *, api_key: str, api_secret: str) -> str:
+        """What the worker joins with: it publishes on behalf of the agent."""
+        return (
+            api.AccessToken(api_key, api_secret)
+            .with_kind("agent")
+            .with_identity(self._identity)
+            .with_name("EchoAvatar")
+            .with_grants(api.VideoGrants(room_join=True, room=room, can_publish_data=True))
+            .with_attributes({ATTRIBUTE_PUBLISH_ON_BEHALF: agent_identity})
+            .to_jwt()
+        )
+
+    async def start(self, agent_session: AgentSession, room: rtc.Room) -> None:
+        """Send the agent's speech to the worker; it waits until the worker is there."""
+        await super().start(agent_session, room)
+        agent_session.output.replace_audio_tail(
+            DataStreamAudioOutput(
+                room,
+                destination_identity=self._identity,
+                sample_rate=SAMPLES,
+                wait_playback_start=True,
+                clear_buffer_timeout=2.0,
+            )
+        )
+
+    async def tools(self) -> list[RawFunctionTool[Any, Any]]:
+        """For `Agent(tools=...)`: asked of the worker, which must be in the room."""
+        if self._room is None:
+            raise RuntimeError("start the avatar first; its tools are asked for in the room")
+        return await ask_for_tools(self._room, self._identity)
+
+
+async def publish_sound(room: rtc.Room, source: rtc.AudioSource) -> rtc.LocalTrackPublication:
+    """The avatar's sound, as an agent's voice is published."""
+    track = rtc.LocalAudioTrack.create_audio_track("echoavatar", source)
+    options = rtc.TrackPublishOptions(source=rtc.TrackSource.SOURCE_MICROPHONE)
+    return await room.local_participant.publish_track(track, options)

@@ -1,0 +1,85 @@
+"""Where motion goes: a data track (lossy, ordered, timestamped), or reliable data where there are no such tracks."""
+
+import asyncio
+import time
+from collections.abc import Coroutine
+from typing import Any
+
+from livekit import rtc
+
+from echoavatar.wire import Motion, ServerMessage, encode
+
+from .log import logger
+
+MOTION_TOPIC = "echoavatar.motion"  # name of the track, or topic of reliable data
+TOPIC = "echoavatar"  # everything else: rare, and must arrive
+PATIENCE_S = 5.0
+
+
+class MotionChannel:
+    """Messages of protocol `echoavatar.v1`, MessagePack, to everyone in a room."""
+
+    def __init__(self, room: rtc.Room, *, prefer_track: bool = True) -> None:
+        self._room, self._prefer_track = room, prefer_track
+        self._track: rtc.LocalDataTrack | None = None
+        self._sending: set[asyncio.Task[None]] = set()
+
+    @property
+    def has_track(self) -> bool:
+        """Whether motion goes over a data track."""
+        return self._track is not None
+
+    async def start(self) -> None:
+        """Publish the track; without one, reliable data is used."""
+        if not self._prefer_track:
+            return
+        try:
+            publishing = self._room.local_participant.publish_data_track(name=MOTION_TOPIC)
+            self._track = await asyncio.wait_for(publishing, PATIENCE_S)
+        except Exception as error:  # an old server, an old SDK, no permission: each says so in its own way
+            logger.info("no data track (%s); motion goes as reliable data", error)
+
+    def show(self, motion: Motion, *, due_s: float) -> None:
+        """Frames that are heard and seen in so many seconds; the frame's timestamp says when, in microseconds."""
+        payload = encode(motion)
+        if self._track is not None:
+            when = max(0, round((time.time() + due_s) * 1e6))
+            try:
+                self._track.try_push(rtc.DataTrackFrame(payload=payload, user_timestamp=when))
+                return
+            except rtc.PushFrameError as error:
+                if not self._track.is_published():
+                    logger.warning("the data track is gone (%s); motion goes as reliable data", error)
+                    self._track = None
+                else:
+                    return  # too fast: it is lossy on purpose
+        self._send(self._room.local_participant.publish_data(payload, reliable=True, topic=MOTION_TOPIC))
+
+    def tell(self, message: ServerMessage, *, to: str = "") -> None:
+        """Anything else, to all or to one."""
+        destinations = [to] if to else []
+        self._send(
+            self._room.local_participant.publish_data(
+                encode(message), reliable=True, topic=TOPIC, destination_identities=destinations
+            )
+        )
+
+    async def close(self) -> None:
+        """Take the track back."""
+        for task in self._sending:
+            task.cancel()
+        if self._track is not None:
+            await self._track.unpublish()
+            self._track = None
+
+    def _send(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.ensure_future(_quietly(work))
+        self._sending.add(task)
+        task.add_done_callback(self._sending.discard)
+
+
+async def _quietly(work: Coroutine[Any, Any, None]) -> None:
+    try:
+        await work
+    except Exception as error:  # the room may have closed meanwhile; the voice must not notice
+        logger.debug("a message was not sent: %s", error)

@@ -1,0 +1,211 @@
+"""Between an agent's voice and a room: speech in from LiveKit's audio receivers, sound and motion out, in step.
+
+The receiver is told the truth: playback starts when the first sample leaves the source's queue, and ends, or is cut,
+at the sample that was heard. Music is part of the sound that leaves here, so the avatar hears what it dances to.
+"""
+
+import asyncio
+import time
+from collections import deque
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from livekit import rtc
+from livekit.agents.voice.avatar import AudioReceiver, AudioSegmentEnd
+
+from echoavatar.errors import EchoAvatarError
+from echoavatar.integrations import Cut, Hop, Said, Stage
+from echoavatar.timing import SAMPLE_RATE_HZ
+from echoavatar.wire import Flush, Ready
+
+from .log import logger
+from .motion import MotionChannel
+
+BEAT_S = 0.02
+QUEUE_MS = 1_000  # of the source: the stage never fills more than half of it
+
+
+class Source(Protocol):
+    """What plays: `rtc.AudioSource`."""
+
+    @property
+    def queued_duration(self) -> float:
+        """Seconds that wait to be played."""
+
+    async def capture_frame(self, frame: rtc.AudioFrame) -> None:
+        """Queue some sound."""
+
+    def clear_queue(self) -> None:
+        """Forget what waits."""
+
+
+@dataclass
+class Segment:
+    """A stretch of speech between two ends, as LiveKit counts playback."""
+
+    seg: int = 0  # our utterance
+    seconds: float = 0.0  # pushed by the agent
+    starts: int | None = None  # clock of its first hop
+    ends: int | None = None  # clock of its last sample, once all of it has left
+    is_started: bool = False  # and the agent was told
+
+
+class Performer:
+    """One avatar for one audio receiver."""
+
+    def __init__(self, stage: Stage, receiver: AudioReceiver, source: Source, channel: MotionChannel) -> None:
+        self.stage = stage
+        self._receiver, self._source, self._channel = receiver, source, channel
+        self._segments: deque[Segment] = deque()
+        self._is_open = False  # whether the newest segment still grows
+        self._captured = 0  # clock of the end of the newest sound in the source
+        self._tasks: list[asyncio.Task[None]] = []
+        self._clearing: set[asyncio.Task[None]] = set()
+
+    async def start(self) -> None:
+        """Begin; the receiver may be waiting for its sender."""
+        await self.stage.start()
+        await self._channel.start()
+        self._receiver.on("clear_buffer", self._clear)
+        await self._receiver.start()
+        self._tasks = [
+            asyncio.ensure_future(work) for work in (self._listen(), self._perform(), self._watch())
+        ]
+
+    async def close(self) -> None:
+        """End the session."""
+        self._receiver.off("clear_buffer", self._clear)
+        for task in [*self._tasks, *self._clearing]:
+            task.cancel()
+        await asyncio.gather(*self._tasks, *self._clearing, return_exceptions=True)
+        await self._channel.close()
+        await self.stage.close()
+
+    def greet(self, identity: str) -> None:
+        """Someone came into the room: tell them of the rig."""
+        self._channel.tell(self.stage.ready, to=identity)
+
+    # ---- speech comes in
+
+    async def _listen(self) -> None:
+        async for item in self._receiver:
+            try:
+                if isinstance(item, AudioSegmentEnd):
+                    await self._end()
+                else:
+                    await self._say(item)
+            except EchoAvatarError as error:
+                logger.error("the avatar is gone: %s", error)
+
+    async def _say(self, frame: rtc.AudioFrame) -> None:
+        if not self._is_open:
+            self._is_open = True
+            self._segments.append(Segment())
+        segment = self._segments[-1]
+        segment.seconds += frame.duration
+        pcm = np.frombuffer(frame.data, np.int16).reshape(-1, frame.num_channels)[:, 0]
+        segment.seg = await self.stage.say(pcm, frame.sample_rate)
+
+    async def _end(self) -> None:
+        if self._is_open:
+            self._is_open = False
+            await self.stage.end()
+
+    # ---- sound and motion go out
+
+    async def _perform(self) -> None:
+        try:
+            async for event in self.stage:
+                match event:
+                    case Hop():
+                        await self._show(event)
+                    case Said():
+                        for segment in self._segments:
+                            if segment.seg and segment.seg <= event.seg and segment.ends is None:
+                                segment.ends = event.at
+                    case Cut():
+                        self._channel.tell(event.flush)
+                    case Ready():
+                        self._channel.tell(event)
+                    case _:
+                        self._channel.tell(event)
+        except EchoAvatarError as error:
+            logger.error("the avatar is gone: %s", error)
+            for _ in range(len(self._segments)):  # or the agent would wait for ever
+                segment = self._segments.popleft()
+                self._finished(segment.seconds, interrupted=True)
+
+    async def _show(self, hop: Hop) -> None:
+        now = time.monotonic()
+        due = (hop.at - self.stage.playback.position(now)) / SAMPLE_RATE_HZ
+        self._channel.show(hop.motion, due_s=due)
+        if not hop.pcm:
+            return
+        for segment in self._segments:
+            if segment.seg == hop.seg and segment.starts is None:
+                segment.starts = hop.at
+        self._captured = hop.at + len(hop.pcm) // 2
+        await self._source.capture_frame(
+            rtc.AudioFrame(hop.pcm, SAMPLE_RATE_HZ, num_channels=1, samples_per_channel=len(hop.pcm) // 2)
+        )
+
+    # ---- what the agent is told
+
+    def _sync(self) -> int:
+        """Where the listener is: while sound waits in the source, its queue says so exactly."""
+        now, queued = time.monotonic(), self._source.queued_duration
+        if queued > 0 and self.stage.playback.end >= self._captured:
+            self.stage.playback.plays(self._captured - round(queued * SAMPLE_RATE_HZ), now)
+        return self.stage.playback.position(now)
+
+    async def _watch(self) -> None:
+        while True:
+            await asyncio.sleep(BEAT_S)
+            position = self._sync()
+            for segment in self._segments:
+                if not segment.is_started and segment.starts is not None and position >= segment.starts:
+                    self._started(segment)
+            while self._segments and (ends := self._segments[0].ends) is not None and position >= ends:
+                segment = self._segments.popleft()
+                self._started(segment)
+                self._finished(segment.seconds, interrupted=False)
+
+    def _clear(self, *_: object) -> None:
+        """The agent was interrupted: silence at once, and the truth about what was heard."""
+        self._sync()
+        lost, self._segments, self._is_open = list(self._segments), deque(), False
+        if not lost and not self.stage.is_busy:
+            return
+        task = asyncio.ensure_future(self._cut(lost))
+        self._clearing.add(task)
+        task.add_done_callback(self._clearing.discard)
+
+    async def _cut(self, lost: list[Segment]) -> None:
+        try:
+            interrupting = asyncio.ensure_future(self.stage.interrupt())
+            await asyncio.sleep(0)  # from here on nothing stale leaves
+            self._source.clear_queue()
+            flush = await interrupting
+        except EchoAvatarError as error:
+            logger.error("the avatar is gone: %s", error)
+            flush = None
+        for segment in lost:
+            self._finished(_heard(segment, flush), interrupted=True)
+
+    def _started(self, segment: Segment) -> None:
+        if not segment.is_started:
+            segment.is_started = True
+            self._receiver.notify_playback_started()
+
+    def _finished(self, seconds: float, *, interrupted: bool) -> None:
+        self._receiver.notify_playback_finished(playback_position=seconds, interrupted=interrupted)
+
+
+def _heard(segment: Segment, flush: Flush | None) -> float:
+    """Seconds of a segment that were heard before a cut."""
+    if flush is None or not segment.seg or segment.seg > flush.seg > 0:
+        return 0.0
+    if segment.seg == flush.seg:
+        return min(segment.seconds, flush.heard / SAMPLE_RATE_HZ)
+    return segment.seconds  # the cut came after it

@@ -1,0 +1,56 @@
+"""The avatar's tools as LiveKit function tools, and over RPC where the avatar is in another process."""
+
+import json
+from collections.abc import Awaitable, Callable, Mapping
+from typing import Any
+
+from livekit import rtc
+from livekit.agents.llm import RawFunctionTool, function_tool
+
+RPC_CALL = "echoavatar.call"  # {"name": ..., "arguments": {...}}; without a name it gives the schemas
+Schema = dict[str, Any]
+Call = Callable[[str, Mapping[str, Any]], Awaitable[Schema]]
+
+
+def function_tools(schemas: list[Schema], call: Call) -> list[RawFunctionTool[Any, Any]]:
+    """One tool for each schema; silent when done, so that the model need not say anything about a gesture."""
+    return [_tool(schema, call) for schema in schemas]
+
+
+def _tool(schema: Schema, call: Call) -> RawFunctionTool[Any, Any]:
+    async def run(raw_arguments: dict[str, object]) -> str | None:
+        told = await call(schema["name"], raw_arguments)
+        return None if told.get("status") in ("accepted", "done") else json.dumps(told)
+
+    run.__name__ = schema["name"]
+    return function_tool(run, raw_schema=schema)
+
+
+def answer_calls(room: rtc.Room, schemas: list[Schema], call: Call) -> None:
+    """In the avatar's process: do what the agent's model asks for."""
+
+    async def handle(data: rtc.RpcInvocationData) -> str:
+        asked = json.loads(data.payload)
+        if not isinstance(asked, dict) or not isinstance(asked.get("arguments", {}), dict):
+            return json.dumps({"status": "rejected", "reason": "ask with a name and arguments"})
+        if "name" not in asked:
+            return json.dumps(schemas)
+        return json.dumps(await call(str(asked["name"]), asked.get("arguments", {})))
+
+    room.local_participant.register_rpc_method(RPC_CALL, handle)
+
+
+async def ask_for_tools(room: rtc.Room, identity: str) -> list[RawFunctionTool[Any, Any]]:
+    """In the agent's process: the tools of an avatar in the room."""
+
+    async def perform(payload: Schema) -> Any:
+        answer = await room.local_participant.perform_rpc(
+            destination_identity=identity, method=RPC_CALL, payload=json.dumps(payload)
+        )
+        return json.loads(answer)
+
+    async def call(name: str, arguments: Mapping[str, Any]) -> Schema:
+        told: Schema = await perform({"name": name, "arguments": dict(arguments)})
+        return told
+
+    return function_tools(await perform({}), call)

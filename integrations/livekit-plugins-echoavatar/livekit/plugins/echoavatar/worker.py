@@ -1,0 +1,107 @@
+"""An avatar in a process of its own: joins a room, hears the agent over a data stream, publishes sound and motion.
+
+python -m livekit.plugins.echoavatar.worker --url ws://127.0.0.1:7880 --token TOKEN
+"""
+
+import argparse
+import asyncio
+import os
+from pathlib import Path
+
+from livekit import rtc
+from livekit.agents.voice.avatar import AudioReceiver, DataStreamAudioReceiver
+
+from echoavatar import Engine
+from echoavatar.integrations import Stage, StageTools, find_place
+
+from .avatar import SAMPLES, publish_sound
+from .log import logger
+from .motion import MotionChannel
+from .performer import QUEUE_MS, Performer, Source
+from .tools import answer_calls
+
+FRAME_MS = 100
+
+
+class AvatarWorker:
+    """The avatar's half of `RemoteAvatarSession`, in a room that is connected."""
+
+    def __init__(
+        self,
+        room: rtc.Room,
+        where: str | Path | Engine = "default",
+        *,
+        token: str = "",
+        seed: int = 0,
+        agent_identity: str | None = None,
+        prefer_data_track: bool = True,
+        source: Source | None = None,
+    ) -> None:
+        """`where` and `token` as in `AvatarSession`; `agent_identity`: whom to hear, without it the first agent there.
+
+        `source` plays instead of an audio track of the room's.
+        """
+        self.room = room
+        self.stage = Stage(find_place(where, token=token), seed=seed)
+        self.receiver: AudioReceiver = DataStreamAudioReceiver(
+            room, sender_identity=agent_identity, frame_size_ms=FRAME_MS
+        )
+        self._source = source
+        self._prefer_track = prefer_data_track
+        self._performer: Performer | None = None
+
+    async def start(self) -> None:
+        """Begin; waits for the agent to join."""
+        await self.stage.start()
+        tools = StageTools(self.stage, await self.stage.place.tools())
+        answer_calls(self.room, tools.schemas, tools.call)
+        if self._source is None:
+            source = rtc.AudioSource(SAMPLES, 1, queue_size_ms=QUEUE_MS)
+            await publish_sound(self.room, source)
+            self._source = source
+        channel = MotionChannel(self.room, prefer_track=self._prefer_track)
+        self._performer = Performer(self.stage, self.receiver, self._source, channel)
+        self.room.on("participant_connected", self._greet)
+        await self._performer.start()
+
+    async def close(self) -> None:
+        """End it."""
+        self.room.off("participant_connected", self._greet)
+        await self.receiver.aclose()
+        if self._performer is not None:
+            await self._performer.close()
+        await self.stage.close()
+
+    def _greet(self, participant: rtc.RemoteParticipant) -> None:
+        if self._performer is not None:
+            self._performer.greet(participant.identity)
+
+
+async def perform(url: str, token: str, where: str, where_token: str) -> None:
+    """Join, and stay until the room closes."""
+    room, over = rtc.Room(), asyncio.Event()
+    room.on("disconnected", lambda *_: over.set())
+    await room.connect(url, token)
+    worker = AvatarWorker(room, where, token=where_token)
+    await worker.start()
+    logger.info("the avatar is in room %s", room.name)
+    try:
+        await over.wait()
+    finally:
+        await worker.close()
+        await room.disconnect()
+
+
+def main() -> None:
+    """Run a worker."""
+    parser = argparse.ArgumentParser(prog="livekit.plugins.echoavatar.worker", description=__doc__)
+    parser.add_argument("--url", default=os.environ.get("LIVEKIT_URL", "ws://127.0.0.1:7880"))
+    parser.add_argument("--token", required=True, help="of `RemoteAvatarSession.worker_token`")
+    parser.add_argument("--avatar", default="default", help="a bundle, or a server's address")
+    parser.add_argument("--avatar-token", default=os.environ.get("ECHOAVATAR_TOKEN", ""))
+    args = parser.parse_args()
+    asyncio.run(perform(args.url, args.token, args.avatar, args.avatar_token))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,75 @@
+"""A bot with ears: OpenAI hears, thinks and speaks, the avatar moves; the browser talks to it over WebRTC.
+
+    pip install 'pipecat-ai[webrtc,runner,silero,openai]'
+    OPENAI_API_KEY=... python integrations/pipecat-echoavatar/examples/hosted.py --transport webrtc
+
+Any other services fit in the same places. Motion reaches the browser's client as RTVI server messages; the address that
+is printed shows the avatar as well.
+"""
+
+import os
+import sys
+
+from pipecat.adapters.llm.schemas.tools_schema import ToolsSchema
+from pipecat.audio.vad.silero import SileroVADAnalyzer
+from pipecat.pipeline.pipeline import Pipeline
+from pipecat.pipeline.worker import PipelineWorker
+from pipecat.processors.aggregators.llm_context import LLMContext
+from pipecat.processors.aggregators.llm_response_universal import (
+    LLMContextAggregatorPair,
+    LLMUserAggregatorParams,
+)
+from pipecat.processors.frame_processor import FrameProcessor
+from pipecat.services.openai.llm import OpenAILLMService
+from pipecat.services.openai.stt import OpenAISTTService
+from pipecat.services.openai.tts import OpenAITTSService
+from pipecat.workers.runner import WorkerRunner
+from pipecat_echoavatar import EchoAvatarProcessor
+
+from echoavatar.integrations.persona import persona
+
+
+async def build(source: FrameProcessor, sink: FrameProcessor, avatar: EchoAvatarProcessor) -> PipelineWorker:
+    """The bot between a transport's two ends."""
+    await avatar.prepare()
+    ready = avatar.stage.ready
+    prompt = persona(ready.actions, ready.tracks)
+    context = LLMContext(
+        [{"role": "system", "content": prompt}], tools=ToolsSchema(standard_tools=avatar.tools)
+    )
+    user, assistant = LLMContextAggregatorPair(
+        context, user_params=LLMUserAggregatorParams(vad_analyzer=SileroVADAnalyzer())
+    )
+    key = os.environ["OPENAI_API_KEY"]
+    services = (
+        source,
+        OpenAISTTService(api_key=key),
+        user,
+        OpenAILLMService(api_key=key),
+        OpenAITTSService(api_key=key),
+        avatar,  # after the voice, before the transport
+        sink,
+        assistant,
+    )
+    return PipelineWorker(Pipeline(list(services)))
+
+
+async def bot(runner_args: object) -> None:
+    """What Pipecat's runner calls for every visitor."""
+    from pipecat.runner.utils import create_transport
+    from pipecat.transports.base_transport import TransportParams
+
+    params = {"webrtc": lambda: TransportParams(audio_in_enabled=True, audio_out_enabled=True)}
+    transport = await create_transport(runner_args, params)
+    avatar = EchoAvatarProcessor(os.environ.get("ECHOAVATAR_SERVER", "default"), page_port=0)
+    worker = await build(transport.input(), transport.output(), avatar)
+    print("see it:", avatar.page, file=sys.stderr)
+    runner = WorkerRunner()
+    await runner.add_workers(worker)
+    await runner.run()
+
+
+if __name__ == "__main__":
+    from pipecat.runner.run import main
+
+    main()

@@ -1,0 +1,98 @@
+"""A talking avatar without network or keys: type, and it answers with the voice of this machine.
+
+    python integrations/pipecat-echoavatar/examples/offline.py
+
+Open the address it prints; the page shows the avatar and is its loudspeaker. Words such as wave, bow, dance and stop
+are obeyed, and a line typed while it speaks interrupts it. It needs flite or espeak-ng (Linux) or say (macOS).
+"""
+
+import argparse
+import asyncio
+import io
+import sys
+import wave
+from collections.abc import AsyncGenerator
+
+from pipecat.frames.frames import EndFrame, Frame, InterruptionFrame, TTSAudioRawFrame, TTSSpeakFrame
+from pipecat.pipeline.pipeline import Pipeline
+from pipecat.pipeline.worker import PipelineWorker
+from pipecat.services.settings import TTSSettings
+from pipecat.services.tts_service import TTSService
+from pipecat.workers.runner import WorkerRunner
+from pipecat_echoavatar import EchoAvatarProcessor, SilentTransport
+
+from echoavatar.integrations import StageTools
+from echoavatar.server.voice import find_voice, speak
+
+
+class LocalVoice(TTSService):
+    """The voice of this machine."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            settings=TTSSettings(model=None, voice=None, language=None),
+            push_start_frame=True,
+            push_stop_frames=True,
+        )
+        self._program = find_voice()
+        if not self._program:
+            raise SystemExit("no voice here; install flite or espeak-ng")
+
+    async def run_tts(self, text: str, context_id: str) -> AsyncGenerator[Frame | None, None]:
+        """Speak a sentence."""
+        content = await asyncio.to_thread(speak, self._program, text)
+        with wave.open(io.BytesIO(content)) as file:
+            rate, pcm = file.getframerate(), file.readframes(file.getnframes())
+        yield TTSAudioRawFrame(audio=pcm, sample_rate=rate, num_channels=1, context_id=context_id)
+
+
+async def obey(line: str, tools: StageTools) -> str:
+    """What the companion says, after it did what it was asked for."""
+    words = set(line.lower().replace(",", " ").replace(".", " ").split())
+    if words & {"stop", "quiet", "silence"}:
+        await tools.call("stop_music", {})
+        return "Fine. I will stand still, for once."
+    if words & {"music", "dance", "song"}:
+        told = await tools.call("play_music", {})
+        return f"Oh, this one is mine. {told.get('title', '')}!"
+    actions = next(schema for schema in tools.schemas if schema["name"] == "send_action")
+    for action in actions["parameters"]["properties"]["action"]["enum"]:
+        if action in words or action.replace("_", " ") in line.lower():
+            await tools.call("send_action", {"action": action})
+            return "Like this? Of course like this."
+    return f"You said: {line}. And I say it with my hands, too."
+
+
+async def main() -> None:
+    """Talk until the input ends."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--avatar", default="default", help="a bundle, or the address of a running server")
+    parser.add_argument("--port", type=int, default=8770, help="of the page (default: %(default)s)")
+    args = parser.parse_args()
+    avatar = EchoAvatarProcessor(args.avatar, page_port=args.port)
+    worker = PipelineWorker(Pipeline([LocalVoice(), avatar, SilentTransport()]), cancel_on_idle_timeout=False)
+    await avatar.prepare()
+    print(f"see and hear it: {avatar.page}\ntype something; an empty line or Ctrl+D ends", flush=True)
+
+    async def read() -> None:
+        while line := (await asyncio.to_thread(sys.stdin.readline)).strip():
+            await worker.queue_frame(InterruptionFrame())
+            answer = await obey(line, avatar.tool_calls)
+            print(answer, flush=True)
+            await worker.queue_frame(TTSSpeakFrame(answer))
+        await asyncio.sleep(0.5)
+        while avatar.stage.is_busy:  # noqa: ASYNC110
+            await asyncio.sleep(0.1)
+        await worker.queue_frame(EndFrame())
+
+    runner = WorkerRunner()
+    await runner.add_workers(worker)
+    reading = asyncio.create_task(read())
+    await runner.run()
+    reading.cancel()
+
+
+if __name__ == "__main__":
+    asyncio.run(main())

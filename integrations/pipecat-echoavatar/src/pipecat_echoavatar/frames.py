@@ -1,0 +1,37 @@
+"""Frames of the avatar's own, so that what a transport wrote of them can be told from other sound; and its messages."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+from pipecat.frames.frames import OutputAudioRawFrame, TTSAudioRawFrame
+
+from echoavatar.wire import ServerMessage
+
+
+@dataclass
+class AvatarSpeechFrame(TTSAudioRawFrame):
+    """Speech, with the music under it."""
+
+
+@dataclass
+class AvatarMusicFrame(OutputAudioRawFrame):
+    """Music alone: the bot is not speaking."""
+
+
+def rtvi(message: ServerMessage) -> dict[str, Any]:
+    """A message of protocol `echoavatar.v1` as an RTVI server message, bytes in base64.
+
+    Stock `@pipecat-ai/client-js` hands `data` to `onServerMessage`.
+    """
+    payload = msgspec.to_builtins(message)
+    return {"label": "rtvi-ai", "type": "server-message", "data": {"type": "echoavatar", "message": payload}}
+
+
+def asks_for_avatar(message: Any) -> bool:
+    """Whether a client has just come, or asks; such messages get here only where Pipecat's own RTVI is switched off."""
+    if not isinstance(message, dict) or message.get("label") != "rtvi-ai":
+        return False
+    data = message.get("data")
+    is_asking = isinstance(data, dict) and data.get("t") == "echoavatar"
+    return message.get("type") == "client-ready" or (message.get("type") == "client-message" and is_asking)

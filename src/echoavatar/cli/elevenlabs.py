@@ -1,0 +1,107 @@
+"""`echoavatar elevenlabs setup`: tools, prompt and sound format of an ElevenLabs agent, created by their API."""
+
+import argparse
+import asyncio
+import json
+import os
+from pathlib import Path
+
+from ..errors import EchoAvatarError
+
+EXAMPLES = """examples:
+  echoavatar elevenlabs setup --dry-run                     (print what would be sent; no key, no network)
+  echoavatar elevenlabs setup --name "My idol"              (ELEVENLABS_API_KEY is set)
+  echoavatar elevenlabs setup --agent agent_01... --prompt prompt.txt --server http://127.0.0.1:8765
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the sub-command."""
+    parser.epilog = EXAMPLES
+    kinds = parser.add_subparsers(dest="kind", metavar="WHAT", required=True)
+    setup = kinds.add_parser("setup", help="create or update the tools and an agent that uses them")
+    setup.add_argument(
+        "--agent", default="", metavar="ID", help="update this agent (default: the one of --name)"
+    )
+    setup.add_argument("--name", default="EchoAvatar", help="the agent's name (default: %(default)s)")
+    setup.add_argument(
+        "--persona", default="Echo", metavar="NAME", help="its name in the prompt (default: %(default)s)"
+    )
+    setup.add_argument(
+        "--surroundings", default="", metavar="TEXT", help="what it knows of the place it stands in"
+    )
+    setup.add_argument("--prompt", type=Path, metavar="FILE", help="a prompt of your own instead")
+    setup.add_argument(
+        "--first-message", default="", metavar="TEXT", help="what it says first (default: nothing)"
+    )
+    setup.add_argument(
+        "--output-format",
+        default="pcm_16000",
+        metavar="FORMAT",
+        help="pcm_ and a rate; give the same rate to the audio interface (default: %(default)s)",
+    )
+    where = setup.add_mutually_exclusive_group()
+    where.add_argument("--bundle", default="default", help="whose actions (default: %(default)s)")
+    where.add_argument("--server", metavar="URL", help="a running server's actions and music instead")
+    setup.add_argument("--token", default=os.environ.get("ECHOAVATAR_TOKEN", ""), help="the server's token")
+    setup.add_argument(
+        "--base-url", default="", metavar="URL", help="of their API, for other regions and tests"
+    )
+    setup.add_argument("--dry-run", action="store_true", help="print the requests as JSON and send nothing")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Set it up."""
+    from ..integrations.elevenlabs_setup import BASE_URL, carry_out, make_plan
+    from ..integrations.persona import persona
+
+    schemas = _schemas(args)
+    prompt = (
+        _read(args.prompt)
+        if args.prompt
+        else persona(*_names(schemas), name=args.persona, surroundings=args.surroundings)
+    )
+    plan = make_plan(
+        schemas, prompt, name=args.name, first_message=args.first_message, output_format=args.output_format
+    )
+    if args.dry_run:
+        print(json.dumps({"tools": plan.tools, "agent": plan.agent}, indent=2, ensure_ascii=False))
+        return 0
+    key = os.environ.get("ELEVENLABS_API_KEY", "")
+    if not key:
+        raise EchoAvatarError("ELEVENLABS_API_KEY is not set; make a key at elevenlabs.io, or use --dry-run")
+    agent_id, done = carry_out(plan, api_key=key, agent_id=args.agent, base_url=args.base_url or BASE_URL)
+    print("\n".join(done))
+    print(f"agent {agent_id}: play it at sample_rate={args.output_format.removeprefix('pcm_')}")
+    return 0
+
+
+def _schemas(args: argparse.Namespace) -> list[dict[str, object]]:
+    if args.server:
+        from ..integrations import find_place
+
+        return asyncio.run(find_place(args.server, token=args.token).tools())
+    from ..engine.tools import Toolbox
+    from ..engine.tracks import Tracks
+    from ..pipeline import load_bundle
+
+    return Toolbox(load_bundle(args.bundle).actions, Tracks()).schemas()
+
+
+def _names(schemas: list[dict[str, object]]) -> tuple[list[str], list[str]]:
+    """Actions and tracks that the schemas offer."""
+    found: dict[str, list[str]] = {"action": [], "title": []}
+    for schema in schemas:
+        parameters = schema["parameters"]
+        assert isinstance(parameters, dict)
+        for key, known in parameters.get("properties", {}).items():
+            if key in found:
+                found[key] = list(known.get("enum", ()))
+    return found["action"], found["title"]
+
+
+def _read(path: Path) -> str:
+    try:
+        return path.read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise EchoAvatarError(f"cannot read the prompt {path}: {error}") from error

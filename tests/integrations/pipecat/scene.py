@@ -1,0 +1,131 @@
+"""A pipeline with a body of twenty lines and a transport that remembers what it wrote, when."""
+
+import asyncio
+import json
+import time
+from collections.abc import Awaitable, Callable
+
+import numpy as np
+from loguru import logger
+from pipecat.frames.frames import (
+    EndFrame,
+    Frame,
+    OutputAudioRawFrame,
+    OutputTransportMessageFrame,
+    OutputTransportMessageUrgentFrame,
+    TTSAudioRawFrame,
+    TTSStartedFrame,
+    TTSStoppedFrame,
+)
+from pipecat.pipeline.pipeline import Pipeline
+from pipecat.pipeline.worker import PipelineParams, PipelineWorker
+from pipecat.workers.runner import WorkerRunner
+from pipecat_echoavatar import EchoAvatarProcessor, SilentTransport
+from tests.server.fakes import Body
+
+from echoavatar.engine import Engine
+
+logger.remove()  # thousands of lines a test
+
+
+def engine(seconds: float = 0.0) -> Engine:
+    return Engine(Body(seconds), seats=2)  # type: ignore[arg-type]
+
+
+def tone(seconds: float, rate: int = 24_000, level: float = 8_000) -> bytes:
+    time_s = np.arange(round(seconds * rate)) / rate
+    return (level * np.sin(2 * np.pi * 220 * time_s)).astype("<i2").tobytes()
+
+
+class Stagehand(SilentTransport):
+    """Remembers everything that reached the user, in order: sound, or a message of the avatar's."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.seen: list[tuple[float, str, dict | bytes]] = []  # type: ignore[type-arg]
+
+    async def write_audio_frame(self, frame: OutputAudioRawFrame) -> bool:
+        if type(frame) is not OutputAudioRawFrame:  # the silence at a transport's end
+            self.seen.append((time.monotonic(), type(frame).__name__, frame.audio))
+        return await super().write_audio_frame(frame)
+
+    async def send_message(
+        self, frame: OutputTransportMessageFrame | OutputTransportMessageUrgentFrame
+    ) -> None:
+        if frame.message.get("type") != "server-message":
+            return  # Pipecat's own
+        data = frame.message["data"]
+        assert frame.message["label"] == "rtvi-ai"
+        assert data["type"] == "echoavatar"
+        json.dumps(frame.message)  # as transports do
+        self.seen.append((time.monotonic(), data["message"]["type"], data["message"]))
+
+    @property
+    def sound(self) -> np.ndarray:
+        blocks = [np.frombuffer(what, "<i2") for _, _, what in self.seen if isinstance(what, bytes)]
+        return np.concatenate([np.zeros(0, np.int16), *blocks])
+
+    def messages(self, kind: str) -> list[dict]:  # type: ignore[type-arg]
+        return [what for _, name, what in self.seen if name == kind and isinstance(what, dict)]
+
+
+class Scene:
+    """What a test's script can do."""
+
+    def __init__(self, avatar: EchoAvatarProcessor, transport: Stagehand, worker: PipelineWorker) -> None:
+        self.avatar, self.transport, self._worker = avatar, transport, worker
+
+    async def push(self, *frames: Frame) -> None:
+        for frame in frames:
+            await self._worker.queue_frame(frame)
+
+    async def speak(self, seconds: float, *, blocks: int = 10, stop: bool = True) -> None:
+        """As a voice does: all at once, in blocks."""
+        pcm = tone(seconds)
+        size = len(pcm) // blocks // 2 * 2
+        await self.push(TTSStartedFrame())
+        for start in range(0, len(pcm), size):
+            await self.push(
+                TTSAudioRawFrame(audio=pcm[start : start + size], sample_rate=24_000, num_channels=1)
+            )
+        if stop:
+            await self.push(TTSStoppedFrame())
+
+    async def until(self, what: Callable[[], bool], seconds: float = 10.0) -> None:
+        end = time.monotonic() + seconds
+        while not what():
+            assert time.monotonic() < end, "it never happened"
+            await asyncio.sleep(0.01)
+
+
+def play(script: Callable[[Scene], Awaitable[None]], where: object = None) -> Stagehand:
+    """Run a script in a pipeline, and end it."""
+
+    async def run() -> Stagehand:
+        avatar = EchoAvatarProcessor(where or engine())  # type: ignore[arg-type]
+        transport = Stagehand()
+        worker = PipelineWorker(
+            Pipeline([avatar, transport]), params=PipelineParams(), cancel_on_idle_timeout=False
+        )
+        begun = asyncio.Event()
+
+        @worker.event_handler("on_pipeline_started")
+        async def _begun(worker: object, frame: object) -> None:
+            begun.set()
+
+        async def act() -> None:
+            await asyncio.wait_for(begun.wait(), 120)
+            scene = Scene(avatar, transport, worker)
+            try:
+                await script(scene)
+            finally:
+                await worker.queue_frame(EndFrame())
+
+        runner = WorkerRunner()
+        await runner.add_workers(worker)
+        acting = asyncio.ensure_future(act())
+        await asyncio.wait_for(runner.run(), 150)
+        await acting
+        return transport
+
+    return asyncio.run(run())

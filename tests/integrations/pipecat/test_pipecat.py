@@ -1,0 +1,307 @@
+"""Pipecat's contract: its own harness and its own output transport, no network, no keys."""
+
+import asyncio
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("pipecat", reason="pip install ./integrations/pipecat-echoavatar")
+pytest.importorskip("pipecat_echoavatar", reason="pip install ./integrations/pipecat-echoavatar")
+
+from pipecat.frames.frames import (
+    InputAudioRawFrame,
+    InputTransportMessageFrame,
+    InterruptionFrame,
+    OutputTransportMessageFrame,
+    TTSAudioRawFrame,
+    TTSStartedFrame,
+    TTSStoppedFrame,
+    TTSTextFrame,
+)
+from pipecat.tests.utils import SleepFrame, run_test
+from pipecat_echoavatar import AvatarSpeechFrame, EchoAvatarProcessor
+from tests.integrations.pipecat.scene import Scene, engine, play, tone
+
+from echoavatar.engine.tracks import Tracks
+
+
+def test_motion_comes_before_the_sound_it_belongs_to_and_no_sound_is_lost() -> None:
+    said = tone(1.0)
+    down, _ = asyncio.run(
+        run_test(
+            EchoAvatarProcessor(engine()),
+            frames_to_send=[
+                TTSStartedFrame(),
+                *[
+                    TTSAudioRawFrame(audio=said[k : k + 9_600], sample_rate=24_000, num_channels=1)
+                    for k in range(0, len(said), 9_600)
+                ],
+                TTSStoppedFrame(),
+                SleepFrame(2.0),
+            ],
+            start_timeout=60,
+        )
+    )
+    heard = b"".join(frame.audio for frame in down if isinstance(frame, AvatarSpeechFrame))
+    sent, got = np.frombuffer(said, "<i2"), np.frombuffer(heard, "<i2")
+    np.testing.assert_allclose(got[: len(sent)], sent, atol=1)
+    assert len(got) < len(sent) + 6_400
+    assert not got[len(sent) :].any()
+    hops = [k for k, frame in enumerate(down) if isinstance(frame, AvatarSpeechFrame)]
+    for k in hops:
+        before = down[k - 1]
+        assert isinstance(before, OutputTransportMessageFrame)
+        motion = before.message["data"]["message"]
+        assert motion["type"] == "motion"
+        assert motion["frames"] * 800 == len(down[k].audio) // 2
+    assert not any(isinstance(frame, TTSAudioRawFrame) and k not in hops for k, frame in enumerate(down))
+    ends = [k for k, frame in enumerate(down) if isinstance(frame, TTSStoppedFrame)]
+    assert ends == [k for k in ends if k > hops[-1]]
+    assert len(ends) == 1
+
+
+def test_what_came_behind_speech_stays_behind_it() -> None:
+    def word(text: str) -> TTSTextFrame:
+        return TTSTextFrame(text, text_type="word")
+
+    half = TTSAudioRawFrame(audio=tone(0.6), sample_rate=24_000, num_channels=1)
+    other = TTSAudioRawFrame(audio=tone(0.6), sample_rate=24_000, num_channels=1)
+    down, _ = asyncio.run(
+        run_test(
+            EchoAvatarProcessor(engine()),
+            frames_to_send=[
+                word("before"),
+                half,
+                word("between"),
+                other,
+                word("after"),
+                TTSStoppedFrame(),
+                SleepFrame(2.0),
+            ],
+            start_timeout=60,
+        )
+    )
+    samples, passed = 0, {}
+    for frame in down:
+        if isinstance(frame, AvatarSpeechFrame):
+            samples += frame.num_frames
+        elif isinstance(frame, TTSTextFrame):
+            passed[frame.text] = samples
+    assert passed["before"] == 0
+    assert 0.6 * 24_000 <= passed["between"] <= 0.6 * 24_000 + 6_400
+    assert 1.2 * 24_000 <= passed["after"] <= 1.2 * 24_000 + 6_400
+
+
+def test_any_rate_is_spoken() -> None:
+    said = TTSAudioRawFrame(audio=tone(1.0, rate=16_000), sample_rate=16_000, num_channels=1)
+    down, _ = asyncio.run(
+        run_test(
+            EchoAvatarProcessor(engine()),
+            frames_to_send=[TTSStartedFrame(), said, TTSStoppedFrame(), SleepFrame(2.0)],
+            start_timeout=60,
+        )
+    )
+    sound = np.concatenate(
+        [np.frombuffer(frame.audio, "<i2") for frame in down if isinstance(frame, AvatarSpeechFrame)]
+    )
+    wanted = np.frombuffer(tone(1.0), "<i2").astype(float)
+    middle = slice(2_000, 22_000)
+    np.testing.assert_allclose(sound[middle], wanted[middle], atol=80)
+
+
+def _after(seen: list[Any], kind: str) -> list[Any]:
+    last = max(k for k, (_, name, _) in enumerate(seen) if name == kind)
+    return seen[last + 1 :]
+
+
+def test_an_interruption_stops_speech_where_it_was_heard() -> None:
+    """Two seconds of speech, cut after about one: the cut is where the transport was, within two of its blocks."""
+
+    async def script(scene: Scene) -> None:
+        await scene.speak(3.0)
+        await scene.until(lambda: len(scene.transport.sound) > 24_000)
+        await scene.push(InterruptionFrame())
+        await scene.until(lambda: bool(scene.transport.messages("flush")))
+        await asyncio.sleep(0.6)
+
+    transport = play(script)
+    flush = transport.messages("flush")[-1]
+    assert flush["seg"] == 1
+    assert abs(flush["heard"] - len(transport.sound)) <= 2 * 960
+    rest = _after(transport.seen, "flush")
+    assert not [name for _, name, _ in rest if name == "AvatarSpeechFrame"]
+    motion = [what for _, name, what in rest if name == "motion"]
+    assert motion, "the avatar froze"
+    assert all(what["epoch"] == flush["epoch"] for what in motion)
+    assert motion[0]["at"] == flush["at"]
+
+
+def test_interrupted_twice_in_a_row_it_speaks_again() -> None:
+    async def script(scene: Scene) -> None:
+        await scene.speak(3.0)
+        await scene.until(lambda: len(scene.transport.sound) > 12_000)
+        await scene.push(InterruptionFrame())
+        await scene.push(InterruptionFrame())
+        await scene.speak(3.0)
+        before = len(scene.transport.sound)
+        await scene.until(lambda: len(scene.transport.sound) > before + 12_000)
+        await scene.push(InterruptionFrame())
+        await asyncio.sleep(0.3)
+        quiet = len(scene.transport.sound)
+        await scene.speak(0.5)
+        await scene.until(lambda: len(scene.transport.sound) >= quiet + 12_000)
+        await asyncio.sleep(0.5)
+
+    transport = play(script)
+    assert [flush["seg"] for flush in transport.messages("flush")] == [1, 2]
+    spoken = np.frombuffer(tone(0.5), "<i2")
+    tail = transport.sound
+    tail = tail[: np.flatnonzero(tail)[-1] + 1]
+    np.testing.assert_allclose(tail[-len(spoken) + 1 :], spoken[1:], atol=1)
+
+
+def test_music_passes_through_the_avatar_and_goes_on_where_it_was_interrupted() -> None:
+    """The transport drops its queue; the music is given again from the last block that it wrote."""
+    title = Tracks().titles[0]
+    track = Tracks().load(title)
+
+    async def script(scene: Scene) -> None:
+        result = await scene.avatar.tool_calls.call("play_music", {"title": title})
+        assert result == {"title": title, "status": "accepted"}
+        await scene.until(lambda: len(scene.transport.sound) > 30_000)
+        await scene.push(InterruptionFrame())
+        await scene.push(InterruptionFrame())
+        before = len(scene.transport.sound)
+        await scene.until(lambda: len(scene.transport.sound) > before + 30_000)
+
+    transport = play(script)
+    names = {name for _, name, what in transport.seen if isinstance(what, bytes)}
+    assert names == {"AvatarMusicFrame"}, "music alone is no speech of the bot's"
+    assert {motion["state"] for motion in transport.messages("motion")} >= {"dancing"}
+    sound = transport.sound.astype(float) / 32_767
+    np.testing.assert_allclose(sound[:24_000], track[:24_000], atol=1e-3)
+    tail = sound[-20_000:-8_000]
+    lags = np.arange(-2_400, 2_401, 1)
+    middle = len(sound) - 20_000
+    fits = [np.abs(track[middle + lag : middle + lag + 12_000] - tail).max() for lag in lags]
+    assert min(fits) < 1e-3, "after the interruption it is another music"
+    assert abs(lags[int(np.argmin(fits))]) <= 2 * 960 + 800, "it jumped"
+
+
+def test_speech_over_music_is_one_sound() -> None:
+    async def script(scene: Scene) -> None:
+        await scene.avatar.tool_calls.call("play_music", {})
+        await scene.until(lambda: len(scene.transport.sound) > 12_000)
+        await scene.speak(0.8)
+        await scene.until(lambda: any(name == "AvatarSpeechFrame" for _, name, _ in scene.transport.seen))
+        await asyncio.sleep(0.5)
+        await scene.push(InterruptionFrame())
+        await asyncio.sleep(1.0)
+
+    transport = play(script)
+    names = [name for _, name, what in transport.seen if isinstance(what, bytes)]
+    assert names[-1] == "AvatarMusicFrame", "the speech is gone, the music plays on"
+
+
+def test_a_client_that_comes_late_is_told_of_the_rig() -> None:
+    async def script(scene: Scene) -> None:
+        await scene.until(lambda: bool(scene.transport.messages("ready")))
+        ready = {"label": "rtvi-ai", "type": "client-ready", "id": "1", "data": {}}
+        await scene.push(InputTransportMessageFrame(message=ready))
+        await scene.until(lambda: len(scene.transport.messages("ready")) > 1)
+
+    ready = play(script).messages("ready")[-1]
+    assert len(ready["rig"]["names"]) == 52
+    assert ready["actions"] == ("wave", "bow")
+
+
+def test_the_avatar_listens_to_the_user() -> None:
+    async def script(scene: Scene) -> None:
+        for _ in range(20):
+            frame = InputAudioRawFrame(audio=tone(0.1, 16_000, 12_000), sample_rate=16_000, num_channels=1)
+            await scene.push(frame)
+            await asyncio.sleep(0.05)
+        await scene.until(lambda: any(m["state"] == "listening" for m in scene.transport.messages("motion")))
+
+    play(script)
+
+
+def test_tools_name_what_there_is_and_are_silent() -> None:
+    answers: list[Any] = []
+
+    class Params:
+        def __init__(self, name: str, arguments: dict[str, Any]) -> None:
+            self.function_name, self.arguments = name, arguments
+
+        async def result_callback(self, result: Any, *, properties: Any = None) -> None:
+            answers.append((result, properties))
+
+    async def script(scene: Scene) -> None:
+        schemas = {schema.name: schema for schema in scene.avatar.tools}
+        assert set(schemas) == {"send_action", "play_music", "stop_music", "list_actions"}
+        assert schemas["send_action"].properties["action"]["enum"] == ["wave", "bow"]
+        functions = {function.__name__: function for function in scene.avatar.direct_functions}
+        assert set(functions) == set(schemas)
+        call: Any = schemas["send_action"].handler
+        await call(Params("send_action", {"action": "wave"}))
+        await call(Params("send_action", {"action": "fly"}))
+        await functions["send_action"](params=Params("send_action", {}), action="bow")
+
+    play(script)
+    (done, properties), (refused, loud), (direct, _) = answers
+    assert (done["status"], properties.run_llm) == ("accepted", False)
+    assert (refused["status"], loud) == ("rejected", None)
+    assert "wave" in refused["reason"]
+    assert direct["status"] == "accepted"
+
+
+def test_direct_functions_are_what_pipecat_understands() -> None:
+    from pipecat.adapters.llm.schemas.direct_function import DirectFunctionWrapper
+
+    async def script(scene: Scene) -> None:
+        for function in scene.avatar.direct_functions:
+            schema = DirectFunctionWrapper(function).to_function_schema()
+            assert schema.description
+            if schema.name == "send_action":
+                assert schema.required == ["action"]
+                assert "wave, bow" in schema.properties["action"]["description"]
+
+    play(script)
+
+
+def test_where_the_avatar_fails_the_voice_goes_on() -> None:
+    async def script(scene: Scene) -> None:
+        await scene.speak(1.0, stop=False)
+        await scene.until(lambda: len(scene.transport.sound) > 4_000)
+        assert scene.avatar.stage._avatar is not None
+        await scene.avatar.stage._avatar.close()
+        await scene.speak(1.0)
+        await scene.until(lambda: len(scene.transport.sound) > 2 * 24_000 - 2_000)
+
+    play(script)
+
+
+def test_without_a_server_the_voice_goes_on() -> None:
+    async def script(scene: Scene) -> None:
+        await scene.speak(0.5)
+        await scene.until(lambda: len(scene.transport.sound) > 11_000)
+
+    transport = play(script, where="http://127.0.0.1:9")
+    assert not transport.messages("motion")
+
+
+@pytest.mark.slow
+def test_the_default_bundle_speaks_dances_and_is_interrupted() -> None:
+    async def script(scene: Scene) -> None:
+        await scene.speak(3.0)
+        await scene.until(lambda: len(scene.transport.sound) > 24_000, 30)
+        await scene.push(InterruptionFrame())
+        await scene.avatar.tool_calls.call("play_music", {})
+        await scene.until(lambda: {m["state"] for m in scene.transport.messages("motion")} >= {"dancing"}, 30)
+        await asyncio.sleep(2.0)
+
+    transport = play(script, where="default")
+    motion = transport.messages("motion")
+    assert len({m["rotations"] for m in motion}) == len(motion)
+    assert all(len(m["face"]) > 100 for m in motion)

@@ -1,0 +1,80 @@
+"""ElevenLabs' side of a conversation, scripted, on this machine."""
+
+import base64
+import json
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.server import ServerConnection, serve
+
+
+class Talk:
+    """One conversation: what the agent says, and what the SDK answers."""
+
+    def __init__(self, line: ServerConnection) -> None:
+        self.line = line
+        self.events = 0
+        self.results: list[dict[str, Any]] = []
+        self.user_chunks = 0
+
+    def send(self, kind: str, **content: Any) -> None:
+        self.line.send(json.dumps({"type": kind, **content}))
+
+    def speak(self, samples: np.ndarray, rate: int) -> None:
+        """As the service does: faster than it is heard, a quarter of a second an event."""
+        for start in range(0, len(samples), rate // 4):
+            self.events += 1
+            part = samples[start : start + rate // 4].astype("<i2").tobytes()
+            audio = {"audio_base_64": base64.b64encode(part).decode(), "event_id": self.events}
+            self.send("audio", audio_event=audio)
+
+    def interrupt(self) -> None:
+        self.send("interruption", interruption_event={"event_id": self.events})
+
+    def call(self, name: str, **parameters: Any) -> dict[str, Any]:
+        """Call a client tool and wait for its result."""
+        call = {"tool_name": name, "tool_call_id": f"call-{len(self.results)}", "parameters": parameters}
+        self.send("client_tool_call", client_tool_call=call)
+        count = len(self.results)
+        while len(self.results) == count:
+            self.read(10)
+        return self.results[-1]
+
+    def read(self, seconds: float) -> None:
+        message = json.loads(self.line.recv(timeout=seconds))
+        if message.get("type") == "client_tool_result":
+            self.results.append(message)
+        elif "user_audio_chunk" in message:
+            self.user_chunks += 1
+
+
+@contextmanager
+def service(script: Callable[[Talk], None]) -> Iterator[str]:
+    """Its address; the script runs when a conversation begins, and its failure is raised here."""
+    failed: list[BaseException] = []
+
+    def answer(line: ServerConnection) -> None:
+        talk = Talk(line)
+        started = json.loads(line.recv(timeout=10))
+        assert started["type"] == "conversation_initiation_client_data"
+        metadata = {"conversation_id": "c1", "agent_output_audio_format": "pcm_24000"}
+        talk.send("conversation_initiation_metadata", conversation_initiation_metadata_event=metadata)
+        try:
+            script(talk)
+        except ConnectionClosed:
+            pass
+        except BaseException as error:
+            failed.append(error)
+
+    with serve(answer, "127.0.0.1", 0) as server:
+        thread = threading.Thread(target=server.serve_forever, daemon=True)
+        thread.start()
+        yield f"http://127.0.0.1:{server.socket.getsockname()[1]}"
+        server.shutdown()
+        thread.join(5)
+    if failed:
+        raise failed[0]
