@@ -20,9 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.epilog = EXAMPLES
     parser.add_argument("recording", type=Path, metavar="RECORDING", help=".npz or .bvh")
-    parser.add_argument(
-        "-o", "--output", type=Path, required=True, help=f"where to write; {FORMATS}"
-    )
+    parser.add_argument("-o", "--output", type=Path, required=True, help=f"where to write; {FORMATS}")
     parser.add_argument("--rig", type=Path, metavar="FILE", help=RIG_HELP)
 
 

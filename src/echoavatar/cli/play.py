@@ -17,7 +17,9 @@ EXAMPLES = """examples:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.epilog = EXAMPLES
-    parser.add_argument("recording", type=Path, metavar="RECORDING", help=".npz of `animate` or `say`, or .bvh")
+    parser.add_argument(
+        "recording", type=Path, metavar="RECORDING", help=".npz of `animate` or `say`, or .bvh"
+    )
     parser.add_argument("--sink", action="append", required=True, metavar="URL", help=SINK_HELP)
     parser.add_argument("--loop", action="store_true", help="again and again; Ctrl-C stops")
 

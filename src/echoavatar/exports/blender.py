@@ -14,7 +14,9 @@ from ..errors import DependencyError, MotionError
 PROGRAM = "BLENDER"  # environment variable that names it
 PATIENCE_S = 600.0
 _SCRIPT = """
-import sys, bpy
+import sys, bpy, numpy
+if not hasattr(numpy, "bool"):  # Blender 3 asks for it, NumPy 1.24 (Debian 12) has dropped it
+    numpy.bool = bool
 source, target = sys.argv[sys.argv.index("--") + 1:]
 bpy.ops.wm.read_factory_settings(use_empty=True)
 bpy.context.scene.render.fps = FPS
@@ -55,7 +57,15 @@ def write_fbx(path: Path, glb: bytes, fps: float) -> None:
         source, target, script = (Path(folder) / name for name in ("in.glb", "out.fbx", "convert.py"))
         source.write_bytes(glb)
         script.write_text(_SCRIPT.replace("FPS", str(round(fps))))
-        words = [program, "--background", "--factory-startup", "--python-exit-code", "1", "--python", str(script)]
+        words = [
+            program,
+            "--background",
+            "--factory-startup",
+            "--python-exit-code",
+            "1",
+            "--python",
+            str(script),
+        ]
         try:
             done = subprocess.run(
                 [*words, "--", str(source), str(target)], capture_output=True, text=True, timeout=PATIENCE_S

@@ -81,9 +81,7 @@ class _Tracks:
         self.samplers.append({"input": self._clock, "interpolation": "LINEAR", "output": output})
 
 
-def file_rotations(
-    rig: GltfRig, motion: Motion
-) -> tuple[Float[Array, "t j 4"], Float[Array, "t 3"]]:
+def file_rotations(rig: GltfRig, motion: Motion) -> tuple[Float[Array, "t j 4"], Float[Array, "t 3"]]:
     """Local rotations (wxyz) of the file's nodes and the local place of its hips."""
     world = motion.pose().rotations.double().numpy()
     root = motion.root.astype(np.float64)
@@ -100,7 +98,6 @@ def file_rotations(
         else:
             above = np.broadcast_to(rest[parent] if parent >= 0 else np.eye(3), (motion.frames, 3, 3))
         local[:, joint] = above.transpose(0, 2, 1) @ placed[:, joint]
-
 
     quaternions = quaternion_from_matrix(torch.from_numpy(local)).numpy()
     over = rig.parents[rig.order[0]]
@@ -129,16 +126,13 @@ def _unlock(node: dict[str, Any]) -> None:
         return
     matrix = np.array(node.pop("matrix"), np.float64).reshape(4, 4).T
 
-
     turn = quaternion_from_matrix(torch.from_numpy(_rotation(matrix))).numpy()
     node["translation"] = matrix[:3, 3].tolist()
     node["rotation"] = turn[[1, 2, 3, 0]].tolist()
     node["scale"] = np.linalg.norm(matrix[:3, :3], axis=0).tolist()
 
 
-def face_weights(
-    document: dict[str, Any], curves: Float[Array, "t 52"]
-) -> dict[int, Float[Array, "t n"]]:
+def face_weights(document: dict[str, Any], curves: Float[Array, "t 52"]) -> dict[int, Float[Array, "t n"]]:
     """Weights of the morph targets of each node that has a face; empty where there is none."""
     nodes = document["nodes"]
     known = {name.lower(): curve for name, curve in zip(ARKIT_NAMES, curves.T, strict=True)}

@@ -67,10 +67,12 @@ def _sized(path: Path) -> tuple[Motion, float]:
     for unit in _UNITS:
         motion = read_bvh(path, metres_per_unit=unit)
         places = motion.skeleton.rest_positions
-        tall = float((places[:, 1].max() - places[:, 1].min()))
+        tall = float(places[:, 1].max() - places[:, 1].min())
         if 0.3 < tall < 4.0:
             return motion, unit
-    raise MotionError(f"{path}: its figure is {100 * tall:.0f} units tall lying or standing; give one that stands")
+    raise MotionError(
+        f"{path}: its figure is {100 * tall:.0f} units tall lying or standing; give one that stands"
+    )
 
 
 def _lowest(skeleton: Skeleton) -> float:
@@ -88,7 +90,9 @@ def _standing(skeleton: Skeleton, low: float, path: Path) -> Skeleton:
     offsets[0, 1] -= low
     ankle = "leftFoot"
     feet = config.feet or tuple(
-        bones.get(f"{side}{part}", bones[f"{side}Foot"]) for side in ("left", "right") for part in ("Foot", "Toes")
+        bones.get(f"{side}{part}", bones[f"{side}Foot"])
+        for side in ("left", "right")
+        for part in ("Foot", "Toes")
     )
     placed = Skeleton(
         config.model_copy(update={"offsets": tuple(map(tuple, offsets.tolist())), "vrm": bones, "feet": feet})

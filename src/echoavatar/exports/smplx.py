@@ -1,8 +1,8 @@
 """SMPL-X parameters in the layout of BEAT2's `smplxflame_30`, for tools of the research world.
 
-Rotations are those of our bones on the 55 joints; `trans` is the pelvis less its rest place, Y up. Shape is the mean body
-(`betas` 0): who has the body model gives it their own. The jaw opens with `jawOpen`; FLAME's expression space has no
-published map from ARKit's, so `expressions` are 0.
+Rotations are those of our bones on the 55 joints; `trans` is the pelvis less its rest place, Y up. Shape is the mean
+body (`betas` 0): who has the body model gives it their own. The jaw opens with `jawOpen`; FLAME's expression space has
+no published map from ARKit's, so `expressions` are 0.
 """
 
 from pathlib import Path

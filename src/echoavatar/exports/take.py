@@ -53,10 +53,14 @@ def read_take(path: Path) -> Take:
     except FileNotFoundError as error:
         raise MotionError(f"{path} does not exist; check the name") from error
     except _FOREIGN as error:
-        raise MotionError(f"{path} holds no motion of ours or is damaged ({error}); write it again") from error
+        raise MotionError(
+            f"{path} holds no motion of ours or is damaged ({error}); write it again"
+        ) from error
     motion = motion or read_npz(path)
     if face is not None and len(face) != motion.frames:
-        raise MotionError(f"{path}: {len(face)} frames of face beside {motion.frames} of motion; write it again")
+        raise MotionError(
+            f"{path}: {len(face)} frames of face beside {motion.frames} of motion; write it again"
+        )
     return Take(motion, face, audio)
 
 

@@ -1,8 +1,9 @@
 """VRM Animation 1.0 (`.vrma`): body, face and gaze for any VRM avatar.
 
-The skeleton in the file stands in T-pose with the character's own proportions, so that a player can scale the hips' path
-to the avatar; only the hips travel. Expression weights are the X of a node's translation and the gaze is the rotation of
-another node, as the format has it. Vowels and blinks serve every avatar, the 52 ARKit shapes those that have them.
+The skeleton in the file stands in T-pose with the character's own proportions, so that a player can scale the hips'
+path to the avatar; only the hips travel. Expression weights are the X of a node's translation and the gaze is the
+rotation of another node, as the format has it. Vowels and blinks serve every avatar, the 52 ARKit shapes those that
+have them.
 """
 
 from pathlib import Path

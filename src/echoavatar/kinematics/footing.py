@@ -175,7 +175,9 @@ class _Leg:
         )
         thigh, shin = first @ world[:, self.hip], second @ world[:, self.knee]
         turns = turns.clone()
-        over_hip, over_knee, over_ankle = (world[:, joint] for joint in self.above)  # not always bones of the leg
+        over_hip, over_knee, over_ankle = (
+            world[:, joint] for joint in self.above
+        )  # not always bones of the leg
         turns[:, self.hip] = over_hip.transpose(-1, -2) @ thigh
         turns[:, self.knee] = (first @ over_knee).transpose(-1, -2) @ shin
         turns[:, self.ankle] = (second @ over_ankle).transpose(-1, -2) @ foot

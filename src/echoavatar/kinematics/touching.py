@@ -21,7 +21,11 @@ from .rotations import quaternion_from_matrix
 from .skeleton import Skeleton
 from .two_bone import reach
 
-NEAR, FAR = 1.3, 3.5  # hand lengths between the palms: up to the one they touch, from the other on they do not
+NEAR, FAR = (
+    1.3,
+    3.5,
+)  # hand lengths between the palms: up to the one they touch, from the other on they do not
+FOREARM = 0.37  # of its length: a hand whose knuckles are not known
 PALM = 0.8  # of the way from the wrist to the knuckles
 _STRAIGHT = 0.15  # sine of an elbow's bend below which its hinge is taken from the rest pose
 
@@ -38,9 +42,7 @@ class _Arm(NamedTuple):
 
 def keep_hands_together(source: Motion, moved: Motion) -> Motion:
     """`moved`, which is `source` on another rig, with its palms where they touch as the source's do."""
-    theirs, ours = (
-        [_arm(motion.skeleton, side) for side in ("left", "right")] for motion in (source, moved)
-    )
+    theirs, ours = ([_arm(motion.skeleton, side) for side in ("left", "right")] for motion in (source, moved))
     pose = forward_kinematics(
         source.skeleton, source.matrices().double(), torch.from_numpy(source.root).double()
     )
@@ -72,10 +74,8 @@ def _arm(skeleton: Skeleton, side: str) -> _Arm:
     upper, lower, hand = (bones[side + name] for name in ("UpperArm", "LowerArm", "Hand"))
     rest = skeleton.rest_positions.double()
     knuckle = bones.get(f"{side}MiddleProximal", bones.get(f"{side}IndexProximal"))
-    if knuckle is not None:
-        reach_of_hand = rest[knuckle] - rest[hand]
-    else:
-        reach_of_hand = 0.37 * (rest[hand] - rest[lower])  # a hand is so long beside its forearm
+    forearm = rest[hand] - rest[lower]
+    reach_of_hand = FOREARM * forearm if knuckle is None else rest[knuckle] - rest[hand]
     hinge = torch.linalg.cross(rest[lower] - rest[upper], torch.tensor([0.0, 0.0, 1.0]).double())
     return _Arm(
         (skeleton.parents[upper], skeleton.parents[lower], skeleton.parents[hand]),

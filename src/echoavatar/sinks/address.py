@@ -1,6 +1,7 @@
 """Where a sink is and how it wants to be served, as one address: `vmc://127.0.0.1:39539?rate=60&names=perfect`."""
 
 from dataclasses import dataclass, field
+from typing import cast
 from urllib.parse import parse_qsl, urlsplit
 
 from ..errors import EchoAvatarError
@@ -8,7 +9,7 @@ from ..wire import Rig
 from .json_udp import JsonEncoder
 from .live_link import LiveLinkEncoder
 from .sink import Encoder, Sink, UdpSink
-from .vmc import NAMES, VmcEncoder
+from .vmc import NAMES, Names, VmcEncoder
 
 PORTS = {"vmc": 39_539, "livelink": 11_111, "json": 39_570, "unity": 12_346}
 RATES = {"vmc": 60.0, "livelink": 60.0, "json": 30.0}
@@ -63,14 +64,16 @@ def make_sink(text: str, rig: Rig) -> Sink:
     """
     address = parse_address(text)
     if address.scheme == "unity":
-        raise EchoAvatarError("unity:// wants a server of its own: `echoavatar serve --sink unity://HOST:PORT`")
+        raise EchoAvatarError(
+            "unity:// wants a server of its own: `echoavatar serve --sink unity://HOST:PORT`"
+        )
     rate = _rate(text, address.options.get("rate", str(RATES[address.scheme])))
     encoder: Encoder
     if address.scheme == "vmc":
         names = address.options.get("names", "vrm0")
         if names not in NAMES:
             raise EchoAvatarError(f"sink {text!r}: names are one of {', '.join(NAMES)}, not {names!r}")
-        encoder = VmcEncoder(rig, names)
+        encoder = VmcEncoder(rig, cast(Names, names))
     elif address.scheme == "livelink":
         encoder = LiveLinkEncoder(rig, subject=address.options.get("subject", "EchoAvatar"), rate=rate)
     else:

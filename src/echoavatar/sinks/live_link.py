@@ -1,7 +1,7 @@
 """Live Link Face, what Epic's iPhone app sends: a face a packet, to MetaHumans without a plugin. No body.
 
-The packet orders the 52 shapes as Apple's headers and Unreal do, left before right; the CSV that the same app writes has
-the right side of jaw and mouth first. Angles are as in its CSV: to the avatar's left and up are negative.
+The packet orders the 52 shapes as Apple's headers and Unreal do, left before right; the CSV that the same app writes
+has the right side of jaw and mouth first. Angles are as in its CSV: to the avatar's left and up are negative.
 """
 
 import struct

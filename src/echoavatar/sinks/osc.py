@@ -1,4 +1,4 @@
-"""Open Sound Control, as much as a sender needs: messages whose floats are written in place, in bundles that fit a packet.
+"""Open Sound Control, as much as a sender needs: messages whose floats are written in place, in bundles.
 
 Building 110 messages anew sixty times a second would cost milliseconds; here their bytes are made once and a frame only
 writes its numbers into them.

@@ -86,4 +86,3 @@ class SinkPlayer:
                 _LOG.warning("%s does not take motion (%s); the session goes on without", self._name, error)
             return False
         return True
-

@@ -47,11 +47,12 @@ class UdpSink:
         self.rate, self.dropped, self.sent = rate, 0, 0
         self._encoder = encoder
         try:
-            family, _, _, _, self._address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+            found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
         except OSError as error:
             raise EchoAvatarError(
                 f"the address of {host!r} is not known ({error}); give a name or number that this machine knows"
             ) from error
+        family, self._address = found[0], found[4]
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         if family == socket.AF_INET:
