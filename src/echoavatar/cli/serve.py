@@ -167,10 +167,10 @@ def _unity(args: argparse.Namespace, sink: str) -> int:
 
 
 def _check(args: argparse.Namespace) -> None:
-    from ..sinks import parse_address
+    from ..sinks import check_address
 
     for text in args.sink:
-        parse_address(text)
+        check_address(text)
     if not 0.3 <= args.ahead <= 3.5:
         raise EchoAvatarError(f"--ahead {args.ahead:g} is not in 0.3 to 3.5: the engine can take back 4 s")
     if bool(args.certificate) != bool(args.key):

@@ -4,9 +4,18 @@ May import `face`, `kinematics`, `wire` and below. A sink has a thread; whoever 
 receiver does or does not do changes nothing here.
 """
 
-from .address import make_sink, parse_address
+from .address import check_address, make_sink, parse_address
 from .audience import Audience
 from .player import SinkPlayer
 from .sink import Frame, Sink, UdpSink
 
-__all__ = ["Audience", "Frame", "Sink", "SinkPlayer", "UdpSink", "make_sink", "parse_address"]
+__all__ = [
+    "Audience",
+    "Frame",
+    "Sink",
+    "SinkPlayer",
+    "UdpSink",
+    "check_address",
+    "make_sink",
+    "parse_address",
+]

@@ -56,6 +56,15 @@ def parse_address(text: str) -> Address:
     return Address(parts.scheme, parts.hostname, port or PORTS[parts.scheme], options)
 
 
+def check_address(text: str) -> None:
+    """Whether `make_sink` would take it, before there is a rig.
+
+    Raises:
+        EchoAvatarError: as there.
+    """
+    make_sink(text, Rig(names=("hips",), parents=(-1,), rest=((0.0, 0.0, 0.0),))).close()
+
+
 def make_sink(text: str, rig: Rig) -> Sink:
     """The sink of an address.
 
