@@ -142,7 +142,7 @@ def test_unusual_sound_still_moves(
 @pytest.mark.parametrize(
     ("output", "complaint"),
     [
-        ("out.fbx", "use one of .bvh"),
+        ("out.xyz", "use one of .bvh"),
         ("no/such/folder/out.bvh", "not a folder"),
         ("taken.bvh", "choose another"),
     ],

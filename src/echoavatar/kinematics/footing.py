@@ -66,16 +66,17 @@ def settle_feet(motion: Motion, contacts: NDArray[np.bool_] | None = None) -> Mo
     return replace(motion, rotations=quaternions, root=root.numpy().astype(np.float32))
 
 
-def foot_contacts(motion: Motion, *, stands_on_rest: bool = False) -> NDArray[np.bool_]:
+def foot_contacts(motion: Motion, *, stands_on_rest: bool = False, size: float = 1.0) -> NDArray[np.bool_]:
     """(t, 2, 2): left and right, heel (ankle height) and toe; slow sliding feet count, fast ones do not.
 
-    Standing height is measured from the clip, or is the rest pose's with `stands_on_rest`.
+    Standing height is measured from the clip, or is the rest pose's with `stands_on_rest`. `size` is that of the body
+    beside a grown one: the steps of a small one are low and slow.
     """
     bones = bone_map(motion.skeleton)
     names = ("leftFoot", "leftToes", "rightFoot", "rightToes")
     joints = [bones[name] if name in bones else bones[name.replace("Toes", "Foot")] for name in names]
-    places = motion.pose().positions[:, joints].numpy().astype(np.float64)
-    heights = motion.skeleton.rest_positions[joints, 1].numpy() if stands_on_rest else None
+    places = motion.pose().positions[:, joints].numpy().astype(np.float64) / size
+    heights = motion.skeleton.rest_positions[joints, 1].numpy() / size if stands_on_rest else None
     is_low = planted(places, motion.fps, standing_height=heights)
     speed = np.zeros(places.shape[:2])
     if len(places) > 1:
