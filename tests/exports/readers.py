@@ -1,4 +1,4 @@
-"""Readers that are not ours: Node (three-vrm-animation, Khronos validator, three.js) and Blender; absent, tests skip."""
+"""Readers that are not ours: Node (three-vrm-animation, Khronos validator, three.js), Blender; absent, tests skip."""
 
 import json
 import shutil

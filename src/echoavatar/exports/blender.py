@@ -23,6 +23,7 @@ bpy.context.scene.render.fps = FPS
 bpy.ops.import_scene.gltf(filepath=source)
 actions = [a for a in bpy.data.actions if any("pose.bones" in c.data_path for c in a.fcurves)]
 if actions:
+    bpy.context.scene.frame_start = int(min(a.frame_range[0] for a in actions))
     bpy.context.scene.frame_end = int(max(a.frame_range[1] for a in actions))
 bpy.ops.export_scene.fbx(filepath=target, add_leaf_bones=False, bake_anim=True,
     bake_anim_use_all_actions=False, bake_anim_use_nla_strips=False, bake_anim_simplify_factor=0.0)
