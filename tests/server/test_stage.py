@@ -62,6 +62,9 @@ class Stuck:
     rate = 60.0
     let_go = threading.Event()
 
+    def faces(self, curves: np.ndarray) -> np.ndarray:
+        return curves
+
     def send(self, frame: object) -> None:
         self.let_go.wait(30)
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from echoavatar.kinematics import HUMANOID
 from echoavatar.sinks import Frame
+from echoavatar.sinks.sink import Encoder
 from echoavatar.wire import Pose, Rig
 
 _CONFIG = HUMANOID.config
@@ -48,6 +49,11 @@ class Receiver:
 
     def __exit__(self, *reason: object) -> None:
         self.socket.close()
+
+
+def shown(encoder: Encoder, frame: Frame) -> Frame:
+    """The frame with its face as this encoder wants it."""
+    return frame if frame.face is None else frame._replace(face=encoder.faces(frame.face[None])[0])
 
 
 def random_frame(seed: int = 0, *, has_face: bool = True) -> Frame:

@@ -4,7 +4,7 @@ import struct
 
 import numpy as np
 import pytest
-from tests.sinks.receiving import RIG, random_frame
+from tests.sinks.receiving import RIG, random_frame, shown
 
 from echoavatar.face.arkit import ARKIT_NAMES
 from echoavatar.sinks.live_link import LiveLinkEncoder, head_angles
@@ -96,7 +96,8 @@ def decoded(packet: bytes) -> dict:  # type: ignore[type-arg]
 
 def test_a_face_comes_through_under_unreals_names() -> None:
     frame = random_frame()
-    (packet,) = LiveLinkEncoder(RIG, subject="Ada", rate=60)(frame)
+    encoder = LiveLinkEncoder(RIG, subject="Ada", rate=60)
+    (packet,) = encoder(shown(encoder, frame))
     read = decoded(packet)
     assert len(packet) == 45 + 3 + 17 + 61 * 4
     assert (read["version"], read["name"], read["rate"]) == (6, "Ada", 60)
@@ -109,7 +110,8 @@ def test_a_face_comes_through_under_unreals_names() -> None:
 def test_eyes_look_where_the_curves_say() -> None:
     face = np.zeros(52, np.float32)
     face[ARKIT_NAMES.index("eyeLookOutLeft")] = face[ARKIT_NAMES.index("eyeLookInRight")] = 1  # to its left
-    (packet,) = LiveLinkEncoder(RIG)(random_frame()._replace(face=face))
+    encoder = LiveLinkEncoder(RIG)
+    (packet,) = encoder(shown(encoder, random_frame()._replace(face=face)))
     shapes = decoded(packet)["shapes"]
     assert shapes["LeftEyeYaw"] == pytest.approx(shapes["RightEyeYaw"])
     assert shapes["LeftEyeYaw"] < -0.3

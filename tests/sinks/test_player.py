@@ -1,6 +1,7 @@
 import threading
 import time
 
+import numpy as np
 import pytest
 from tests.sinks.receiving import RIG, walking
 
@@ -15,6 +16,9 @@ class Noted:
         self.rate = rate
         self.frames: list[Frame] = []
         self.is_closed = False
+
+    def faces(self, curves: np.ndarray) -> np.ndarray:
+        return curves
 
     def send(self, frame: Frame) -> None:
         self.frames.append(frame)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from tests.sinks.receiving import RIG, random_frame
+from tests.sinks.receiving import RIG, random_frame, shown
 
 from echoavatar.face.arkit import to_vrm
 from echoavatar.sinks.vmc import VmcEncoder, expression_names, to_unity, unity_bone
@@ -37,7 +37,8 @@ def read(packets):  # type: ignore[no-untyped-def]
 
 def test_a_frame_comes_through_whole() -> None:
     frame = random_frame()
-    messages = read(VmcEncoder(RIG)(frame))
+    encoder = VmcEncoder(RIG)
+    messages = read(encoder(shown(encoder, frame)))
     assert [m.address.rpartition("/")[2] for m in messages[:3]] == ["OK", "T", "Pos"]
     assert messages[1].params == [pytest.approx(frame.seconds)]
     assert messages[2].params == ["root", 0, 0, 0, 0, 0, 0, 1]
@@ -81,8 +82,8 @@ def test_thumbs_are_named_one_bone_further_out() -> None:
 )
 def test_expressions_have_the_names_that_were_asked_for(names, first, count) -> None:  # type: ignore[no-untyped-def]
     assert expression_names(names)[0] == first
-    frame = random_frame()
-    blends = [m for m in read(VmcEncoder(RIG, names)(frame)) if m.address == "/VMC/Ext/Blend/Val"]
+    frame, encoder = random_frame(), VmcEncoder(RIG, names)
+    blends = [m for m in read(encoder(shown(encoder, frame))) if m.address == "/VMC/Ext/Blend/Val"]
     assert len(blends) == count
     if count == 52:
         np.testing.assert_allclose([m.params[1] for m in blends], frame.face, atol=1e-6)

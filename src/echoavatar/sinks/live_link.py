@@ -16,7 +16,7 @@ from .sink import Frame
 
 VERSION = 6
 SHAPES = 61
-_NO_FACE = np.zeros(len(ARKIT_NAMES), np.float32)
+_HEAD = slice(len(ARKIT_NAMES), len(ARKIT_NAMES) + 3)
 
 
 class LiveLinkEncoder:
@@ -29,12 +29,15 @@ class LiveLinkEncoder:
         self._head = struct.pack("<I", VERSION) + device + struct.pack("!i", len(name)) + name
         self._rate = round(rate)
 
+    def faces(self, curves: Float[np.ndarray, "t 52"]) -> Float[np.ndarray, "t 61"]:
+        """Shapes in the packet's order, and both eyes."""
+        return reorder(to_live_link(curves), ARKIT_NAMES + HEAD_AND_EYES, APPLE_NAMES + HEAD_AND_EYES)
+
     def __call__(self, frame: Frame) -> list[bytes]:
         """One packet."""
         whole, part = divmod(frame.seconds * self._rate, 1.0)
-        face = _NO_FACE if frame.face is None else frame.face
-        columns = to_live_link(face[None], head_angles(frame.rotations[self._neck])[None])
-        values = reorder(columns, ARKIT_NAMES + HEAD_AND_EYES, APPLE_NAMES + HEAD_AND_EYES)[0]
+        values = np.zeros(SHAPES) if frame.face is None else frame.face.copy()
+        values[_HEAD] = head_angles(frame.rotations[self._neck])
         time = struct.pack("!if2i", int(whole) % 2**31, part, self._rate, 1)
         return [self._head + time + struct.pack(f"!B{SHAPES}f", SHAPES, *values.tolist())]
 

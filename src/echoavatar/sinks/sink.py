@@ -15,7 +15,7 @@ class Frame(NamedTuple):
 
     rotations: Float[np.ndarray, "j 4"]  # quaternions wxyz, parent-relative
     root: Float[np.ndarray, "3"]  # metres, of the hips
-    face: Float[np.ndarray, "52"] | None  # ARKit curves 0..1, canonical order
+    face: Float[np.ndarray, " n"] | None  # what the sink's `faces` made of the curves; None without a face
     seconds: float  # since the sink began, on its own clock
     at: int  # sample of the session's clock that is heard with it
 
@@ -24,6 +24,9 @@ class Sink(Protocol):
     """Shows frames somewhere. `send` may raise `OSError`; nobody waits for it but the sink's own thread."""
 
     rate: float  # frames per second that it wants
+
+    def faces(self, curves: Float[np.ndarray, "t 52"]) -> Float[np.ndarray, "t n"]:
+        """What it shows of ARKit curves (0..1, canonical order): asked once a chunk, not once a frame."""
 
     def send(self, frame: Frame) -> None:
         """Show a frame."""
@@ -34,6 +37,9 @@ class Sink(Protocol):
 
 class Encoder(Protocol):
     """A frame as datagrams."""
+
+    def faces(self, curves: Float[np.ndarray, "t 52"]) -> Float[np.ndarray, "t n"]:
+        """As a sink's."""
 
     def __call__(self, frame: Frame) -> Iterable[bytes | bytearray]:
         """In the order in which they are sent."""
@@ -57,6 +63,10 @@ class UdpSink:
         self._socket.setblocking(False)
         if family == socket.AF_INET:
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
+
+    def faces(self, curves: Float[np.ndarray, "t 52"]) -> Float[np.ndarray, "t n"]:
+        """As the encoder wants them."""
+        return self._encoder.faces(curves)
 
     def send(self, frame: Frame) -> None:
         """Encode and send."""

@@ -4,7 +4,6 @@ We are the performer; the program with the avatar listens, on port 39539 by defa
 Unity's left-handed axes; bones are called as in Unity, whose thumbs are named one bone further out than VRM 1.0's.
 """
 
-from collections.abc import Sequence
 from typing import Literal, get_args
 
 import numpy as np
@@ -54,12 +53,13 @@ def to_unity(
 class VmcEncoder:
     """Frames as VMC bundles."""
 
-    def __init__(self, rig: Rig, names: Names = "vrm0", *, has_face: bool = True) -> None:
-        self._expressions: Sequence[str] = expression_names(names) if has_face else ()
+    def __init__(self, rig: Rig, names: Names = "vrm0") -> None:
+        expressions = expression_names(names)
         self._is_preset = names in ("vrm0", "vrm1")
+        self._at_rest = np.zeros(len(expressions))
         self._rest = np.array(rig.rest, np.float64)
         bones = [Message("/VMC/Ext/Bone/Pos", unity_bone(name), 7) for name in rig.names]
-        blends = [Message("/VMC/Ext/Blend/Val", name, 1) for name in self._expressions]
+        blends = [Message("/VMC/Ext/Blend/Val", name, 1) for name in expressions]
         self._bundles = Bundles(
             [
                 Message("/VMC/Ext/OK", 1, 0),
@@ -67,20 +67,18 @@ class VmcEncoder:
                 Message("/VMC/Ext/Root/Pos", "root", 7),
                 *bones,
                 *blends,
-                *([Message("/VMC/Ext/Blend/Apply", None, 0)] if blends else []),
+                Message("/VMC/Ext/Blend/Apply", None, 0),
             ]
         )
+
+    def faces(self, curves: Float[np.ndarray, "t 52"]) -> Float[np.ndarray, "t n"]:
+        """Weights of the expressions."""
+        return to_vrm(curves) if self._is_preset else curves
 
     def __call__(self, frame: Frame) -> list[bytearray]:
         """The bundles of one frame; they are written over by the next."""
         places = self._rest.copy()
         places[0] = frame.root
         parts = [np.array([frame.seconds, *_ROOT]), to_unity(frame.rotations, places).ravel()]
-        if self._expressions:
-            parts.append(self._weights(frame.face))
+        parts.append(self._at_rest if frame.face is None else frame.face)
         return self._bundles.fill(np.concatenate(parts))
-
-    def _weights(self, face: Float[np.ndarray, " c"] | None) -> Float[np.ndarray, " n"]:
-        if face is None:
-            return np.zeros(len(self._expressions))
-        return to_vrm(face[None])[0] if self._is_preset else face
