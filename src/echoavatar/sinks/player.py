@@ -6,6 +6,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 
+from ..timing import SAMPLES_PER_FRAME
 from ..wire import Flush, Motion, Pose, Rig, ServerMessage, unpack_pose
 from .clock import FollowingClock
 from .sink import Frame, Sink
@@ -65,7 +66,8 @@ class SinkPlayer:
             moment = self._clock.read(now)
             pose = None if moment is None else self._track.read(moment)
             if pose is not None and moment is not None:
-                held, at = pose, round(moment)
+                last = self._track.end - SAMPLES_PER_FRAME  # is held beyond it
+                held, at = pose, round(min(moment, last))
             if held is not None:
                 self._show(Frame(held.rotations, held.root, held.face, now - began, at))
         self._quietly(self._sink.close)
