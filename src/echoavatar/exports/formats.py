@@ -122,7 +122,9 @@ def _face47_csv(path: Path, take: Take, _: Rig | None) -> None:
 
 def _face(path: Path, take: Take) -> np.ndarray:
     if take.face is None:
-        raise EchoAvatarError(f"cannot write {path.name!r}: there is no face; use a bundle with a face model")
+        raise EchoAvatarError(
+            f"cannot write {path.name!r}: there is no face in it, as with a bundle that has no face model"
+        )
     return take.face
 
 
