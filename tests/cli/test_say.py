@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import soundfile
 from tests.server.fakes import serving
+from tests.sinks.receiving import Receiver
 
 from echoavatar.cli import main
 
@@ -43,3 +44,18 @@ def test_mistakes_are_one_line(talk: Path, tmp_path: Path, capsys: pytest.Captur
     ):
         assert main(["say", *words]) == 1
         assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_what_is_said_is_shown_in_sinks_at_the_pace_of_playback(
+    talk: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with serving() as place, Receiver() as receiver:
+        assert (
+            main(["say", str(talk), "--server", place.address, "--sink", f"json://127.0.0.1:{receiver.port}"])
+            == 0
+        )
+        poses = [json.loads(packet) for _, packet in receiver.packets(20)]
+    report = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert report["work_seconds"] > 0.9
+    clocks = [pose["clock"] for pose in poses if pose["type"] == "pose"]
+    assert clocks == sorted(clocks)

@@ -51,9 +51,14 @@ def test_a_server_serves_its_page_and_stops_in_good_order(tiny_bundle: Path) -> 
             process.kill()
 
 
-def test_the_legacy_sink_wants_an_address_and_an_imported_bundle(tiny_bundle, capsys):
-    legacy = ["serve", "--model", str(tiny_bundle), "--sink", "unity-legacy"]
-    assert main([*legacy, "--unity", "nowhere"]) == 1
-    assert "HOST:PORT" in capsys.readouterr().err
-    assert main(legacy) == 1
-    assert "not for that Unity project's rig" in capsys.readouterr().err
+def test_the_unity_sink_wants_an_address_and_an_imported_bundle_and_nobody_beside_it(tiny_bundle, capsys):
+    serve = ["serve", "--model", str(tiny_bundle)]
+    for words, complaint in (
+        (["--sink", "unity://"], "HOST:PORT"),
+        (["--sink", "unity://127.0.0.1", "--sink", "vmc://127.0.0.1"], "leave the other sinks out"),
+        (["--sink", "unity://127.0.0.1"], "not for that Unity project's rig"),
+        (["--sink", "unity-legacy"], "no known kind"),
+        (["--sink", "vmc://127.0.0.1?rate=0"], "1 to 240"),
+    ):
+        assert main([*serve, *words]) == 1
+        assert complaint in capsys.readouterr().err

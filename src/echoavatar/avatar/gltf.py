@@ -47,10 +47,10 @@ def write_glb(
     """Write the character with one animation; raises `MotionError` for motion that is not finite or of another rig."""
     curves = None if face is None else np.asarray(face)
     animation = Animation(name, np.asarray(rotations), np.asarray(root), fps, curves)
-    _write_whole(Path(path), pack_glb(character, [animation]))
+    write_whole(Path(path), pack_glb(character, [animation]))
 
 
-def _write_whole(path: Path, data: bytes) -> None:
+def write_whole(path: Path, data: bytes) -> None:
     """Write a file complete or not at all."""
     partial = path.with_name(path.name + ".partial")
     try:
@@ -85,7 +85,7 @@ def pack_glb(character: Character, animations: Sequence[Animation], *, compact: 
         "bufferViews": buffer.views,
         "buffers": [{"byteLength": len(buffer.data)}],
     }
-    return _container(document, bytes(buffer.data))
+    return container(document, bytes(buffer.data))
 
 
 def _joint_nodes() -> list[dict[str, Any]]:
@@ -112,7 +112,7 @@ def _animation(buffer: Buffer, animation: Animation, *, compact: bool) -> dict[s
     rotations, root = checked(animation.rotations, animation.root)
     times = (np.arange(len(root)) / animation.fps).astype(np.float32)
     clock = buffer.add(times, bounds=True)
-    xyzw = _continuous(rotations)[..., [1, 2, 3, 0]]
+    xyzw = continuous(rotations)[..., [1, 2, 3, 0]]
     samplers = [{"input": clock, "interpolation": "LINEAR", "output": buffer.add(root.astype(np.float32))}]
     channels: list[dict[str, Any]] = [{"sampler": 0, "target": {"node": 0, "path": "translation"}}]
     for joint in range(HUMANOID.joints):
@@ -150,7 +150,7 @@ def checked(
     return q / length, p
 
 
-def _continuous(q: Float[np.ndarray, "t j 4"]) -> Float[np.ndarray, "t j 4"]:
+def continuous(q: Float[np.ndarray, "t j 4"]) -> Float[np.ndarray, "t j 4"]:
     """Signs chosen so that neighbouring frames lie on the same half of the sphere."""
     flips = np.where(np.einsum("tji,tji->tj", q[1:], q[:-1]) < 0, -1.0, 1.0)
     signs = np.concatenate([np.ones((1, q.shape[1])), np.cumprod(flips, axis=0)])
@@ -158,7 +158,8 @@ def _continuous(q: Float[np.ndarray, "t j 4"]) -> Float[np.ndarray, "t j 4"]:
     return steady
 
 
-def _container(document: dict[str, Any], binary: bytes) -> bytes:
+def container(document: dict[str, Any], binary: bytes) -> bytes:
+    """A GLB's bytes from its JSON and its buffer (a multiple of four bytes)."""
     text = json.dumps(document, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
     total = 12 + 8 + len(text) + 8 + len(binary)

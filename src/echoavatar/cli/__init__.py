@@ -15,10 +15,12 @@ from ..errors import EchoAvatarError
 
 COMMANDS = {
     "demo": "render bundled speech and music to MP4, GLB and a page that plays them",
-    "animate": "turn an audio file into full-body motion (BVH, GLB, NPZ, CSV or MP4)",
+    "animate": "turn an audio file into full-body motion (GLB, VRMA, USD, FBX, BVH, MP4, ...)",
     "serve": "serve live avatars to browsers and voice agents",
     "say": "let the avatar of a running server say a sound file",
     "elevenlabs": "set up an ElevenLabs agent that moves the avatar",
+    "export": "turn a recording into a file for another program, or put it on your own character",
+    "play": "play a recording into VMC programs, MetaHumans or a receiver of yours",
     "doctor": "say what works on this machine and what to do about the rest",
     "bench": "measure latency, real-time factor and memory",
     "evaluate": "score a bundle; the last line is JSON",

@@ -22,6 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = (
         "examples:\n"
         "  echoavatar demo             serve the live page on this machine and open it; Ctrl-C stops\n"
+        "  echoavatar demo --sink vmc://127.0.0.1   the same, and the avatar moves in a VMC program too\n"
         "  echoavatar demo -o demo     write speech.mp4, music.mp4, speech.glb, music.glb and index.html\n"
     )
     parser.add_argument(
@@ -30,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--port", type=int, default=8765, help="of the live page; 0 takes any free one (default: %(default)s)"
     )
+    parser.add_argument("--sink", action="append", default=[], metavar="URL", help=serve.SINK_HELP)
     parser.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="of the files (default: %(default)s)")
     parser.add_argument(
@@ -47,6 +49,7 @@ def _live(args: argparse.Namespace) -> int:
     parser = argparse.ArgumentParser()
     serve.add_arguments(parser)
     words = ["--model", args.model, "--port", str(args.port)]
+    words += [word for sink in args.sink for word in ("--sink", sink)]
     return serve.run(parser.parse_args(words if args.no_browser else [*words, "--open"]))
 
 

@@ -6,11 +6,13 @@ import json
 import os
 import sys
 import time
+from contextlib import AsyncExitStack
 from pathlib import Path
 
 from tqdm import tqdm
 
 from ..errors import DependencyError, EchoAvatarError
+from .play import SINK_HELP
 
 TOKEN = "ECHOAVATAR_TOKEN"
 
@@ -18,7 +20,9 @@ TOKEN = "ECHOAVATAR_TOKEN"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.epilog = (
-        "example: echoavatar say talk.wav --server http://127.0.0.1:8765 -o talk.npz\n"
+        "examples:\n"
+        "  echoavatar say talk.wav --server http://127.0.0.1:8765 -o talk.npz\n"
+        "  echoavatar say talk.wav --sink vmc://192.168.1.7    shown there, at the speed of playback\n"
         "The last line is JSON: seconds of motion, of work, first motion, bytes."
     )
     parser.add_argument("audio", type=Path, help="WAV, FLAC, OGG or MP3")
@@ -31,6 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", type=Path, metavar="NPZ", help="write motion, face and sound here")
     parser.add_argument("--act", metavar="NAME", help="an action to do at the beginning")
     parser.add_argument("--seed", type=int, default=0, help="same seed, same motion (default: %(default)s)")
+    parser.add_argument("--sink", action="append", default=[], metavar="URL", help=SINK_HELP)
     parser.add_argument(
         "--live", action="store_true", help="at the speed of playback, not as fast as the server can"
     )
@@ -50,24 +55,31 @@ def run(args: argparse.Namespace) -> int:
 
 async def _say(args: argparse.Namespace) -> dict[str, float]:
     from ..client import Recorder, connect, read_sound
+    from ..sinks import Audience
     from ..wire import ActionStatus, Error, Motion, Sound
 
+    is_live = args.live or bool(args.sink)
     samples, rate = read_sound(args.audio)
     began, first, size = time.perf_counter(), 0.0, 0
-    async with connect(args.server, token=args.token, rate=rate, seed=args.seed) as avatar:
+    async with AsyncExitStack() as stack:
+        avatar = await stack.enter_async_context(
+            connect(args.server, token=args.token, rate=rate, seed=args.seed)
+        )
         recorder = Recorder(avatar.ready)
+        shown = stack.enter_context(Audience(args.sink, avatar.ready.rig, curves=len(avatar.ready.face)))
         if args.act:
             await avatar.act(args.act)
         seg = await avatar.speak(samples)
         with tqdm(total=len(samples) / rate, unit="s", disable=not sys.stderr.isatty(), desc="motion") as bar:
             async for message in avatar:
                 recorder.take(message)
+                shown.take(message)
                 match message:
                     case Motion():
                         first = first or time.perf_counter() - began
                         size += len(message.rotations) + len(message.root) + len(message.face)
                         bar.update(min(bar.total, recorder.end / 24_000) - bar.n)
-                    case Sound() if not args.live:
+                    case Sound() if not is_live:
                         await avatar.played(avatar.received)
                     case ActionStatus(status="rejected"):
                         raise EchoAvatarError(message.reason)
@@ -76,6 +88,7 @@ async def _say(args: argparse.Namespace) -> dict[str, float]:
                 if recorder.has(seg):
                     break
         recording = recorder.recording(seg)
+        await asyncio.to_thread(shown.finish)
     if args.output:
         recording.save(args.output)
         print(f"wrote {args.output}: {len(recording.root)} frames")

@@ -10,6 +10,10 @@ from pathlib import Path
 from ..errors import DependencyError, EchoAvatarError
 
 TOKEN = "ECHOAVATAR_TOKEN"
+SINK_HELP = (
+    "a program that shows the avatar: vmc://HOST[:PORT], livelink://HOST[:PORT], json://HOST[:PORT]; repeat for more. "
+    "unity://HOST[:PORT] alone: a Unity project of the paper's authors, with an imported bundle"
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -18,7 +22,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "examples:\n"
         "  echoavatar serve                             this machine only; open the address it prints\n"
         "  echoavatar serve --host 0.0.0.0 --seats 8    the network too; asks for a token\n"
-        "  echoavatar serve --model reference --sink unity-legacy --unity 192.168.1.7:12346\n"
+        "  echoavatar serve --sink vmc://127.0.0.1      and into VSeeFace, Warudo, Unity, Unreal or Blender\n"
+        "  echoavatar serve --model reference --sink unity://192.168.1.7\n"
         "                                               one session for a Unity project of the paper's authors\n"
     )
     parser.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
@@ -56,13 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--threads", type=int, help="torch threads (default: torch's own choice)")
     parser.add_argument("--certificate", metavar="PEM", help="TLS certificate, with --key: https and wss")
     parser.add_argument("--key", metavar="PEM", help="its private key")
-    parser.add_argument(
-        "--sink",
-        choices=("web", "unity-legacy"),
-        default="web",
-        help="unity-legacy: the TCP messages of the paper's authors; needs an imported bundle (default: %(default)s)",
-    )
-    parser.add_argument("--unity", default="127.0.0.1:12346", metavar="HOST:PORT", help="where Unity listens")
+    parser.add_argument("--sink", action="append", default=[], metavar="URL", help=SINK_HELP)
     parser.add_argument(
         "--audio-port", type=int, default=12345, help="for their audio sender (default: %(default)s)"
     )
@@ -77,8 +76,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Load the bundle and serve until stopped."""
-    if args.sink == "unity-legacy":
-        return _unity(args)
+    if legacy := [text for text in args.sink if text.startswith("unity:")]:
+        if len(args.sink) > 1:
+            raise EchoAvatarError(f"--sink {legacy[0]} serves nobody else; leave the other sinks out")
+        return _unity(args, legacy[0])
     try:
         from ..server import ServerSettings, create_app, serve
         from ..server.guard import is_loopback
@@ -100,6 +101,7 @@ def run(args: argparse.Namespace) -> int:
         music=args.music,
         ahead_seconds=args.ahead,
         drain_seconds=args.drain,
+        sinks=tuple(args.sink),
     )
     app = create_app(load(args.model, seats=args.seats), settings)
 
@@ -121,7 +123,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _unity(args: argparse.Namespace) -> int:
+def _unity(args: argparse.Namespace, sink: str) -> int:
     """One session, motion to a Unity project in its own format."""
     import asyncio
     import contextlib
@@ -130,19 +132,18 @@ def _unity(args: argparse.Namespace) -> int:
 
     from ..engine import Engine
     from ..pipeline import Pipeline, load_bundle
+    from ..sinks import parse_address
     from ..unity import UnitySettings, serve_unity
 
-    host, _, port = args.unity.rpartition(":")
-    if not host or not port.isdigit() or not 0 < int(port) < 65_536:
-        raise EchoAvatarError(f"--unity {args.unity!r} is not HOST:PORT, such as 192.168.1.7:12346")
+    address = parse_address(sink)
     if args.threads:
         torch.set_num_threads(args.threads)
     settings = UnitySettings(
         host=args.host,
         audio_port=args.audio_port,
         action_port=args.action_port,
-        unity_host=host,
-        unity_port=int(port),
+        unity_host=address.host,
+        unity_port=address.port,
     )
     bundle = load_bundle(args.model)
     if bundle.runtime.rig is None:
@@ -154,7 +155,7 @@ def _unity(args: argparse.Namespace) -> int:
 
     def ready(audio: int, action: int) -> None:
         print(
-            f"audio on {args.host}:{audio}, actions on {args.host}:{action}, motion to {args.unity}",
+            f"audio on {args.host}:{audio}, actions on {args.host}:{action}, motion to {address}",
             flush=True,
         )
 
@@ -166,6 +167,10 @@ def _unity(args: argparse.Namespace) -> int:
 
 
 def _check(args: argparse.Namespace) -> None:
+    from ..sinks import check_address
+
+    for text in args.sink:
+        check_address(text)
     if not 0.3 <= args.ahead <= 3.5:
         raise EchoAvatarError(f"--ahead {args.ahead:g} is not in 0.3 to 3.5: the engine can take back 4 s")
     if bool(args.certificate) != bool(args.key):

@@ -22,6 +22,7 @@ from .rotations import (
     matrix_from_axis_angle,
     quaternion_from_matrix,
 )
+from .skeleton import Skeleton
 from .two_bone import REACH, reach
 
 FADE_SECONDS = 0.25
@@ -51,7 +52,7 @@ def settle_feet(motion: Motion, contacts: NDArray[np.bool_] | None = None) -> Mo
     skeleton, bones = motion.skeleton, bone_map(motion.skeleton)
     rest = skeleton.rest_positions.double()
     turns, root = motion.matrices().double(), torch.from_numpy(motion.root).double()
-    legs = [_Leg(bones, side, rest) for side in ("left", "right")]
+    legs = [_Leg(skeleton, bones, side, rest) for side in ("left", "right")]
     contacts = foot_contacts(motion) if contacts is None else contacts
     pose = forward_kinematics(skeleton, turns, root)
     goals = [
@@ -65,16 +66,17 @@ def settle_feet(motion: Motion, contacts: NDArray[np.bool_] | None = None) -> Mo
     return replace(motion, rotations=quaternions, root=root.numpy().astype(np.float32))
 
 
-def foot_contacts(motion: Motion, *, stands_on_rest: bool = False) -> NDArray[np.bool_]:
+def foot_contacts(motion: Motion, *, stands_on_rest: bool = False, size: float = 1.0) -> NDArray[np.bool_]:
     """(t, 2, 2): left and right, heel (ankle height) and toe; slow sliding feet count, fast ones do not.
 
-    Standing height is measured from the clip, or is the rest pose's with `stands_on_rest`.
+    Standing height is measured from the clip, or is the rest pose's with `stands_on_rest`. `size` is that of the body
+    beside a grown one: the steps of a small one are low and slow.
     """
     bones = bone_map(motion.skeleton)
     names = ("leftFoot", "leftToes", "rightFoot", "rightToes")
     joints = [bones[name] if name in bones else bones[name.replace("Toes", "Foot")] for name in names]
-    places = motion.pose().positions[:, joints].numpy().astype(np.float64)
-    heights = motion.skeleton.rest_positions[joints, 1].numpy() if stands_on_rest else None
+    places = motion.pose().positions[:, joints].numpy().astype(np.float64) / size
+    heights = motion.skeleton.rest_positions[joints, 1].numpy() / size if stands_on_rest else None
     is_low = planted(places, motion.fps, standing_height=heights)
     speed = np.zeros(places.shape[:2])
     if len(places) > 1:
@@ -123,10 +125,10 @@ def _spread(paths: _Array) -> float:
 
 
 class _Leg:
-    def __init__(self, bones: dict[str, int], side: str, rest: Tensor) -> None:
+    def __init__(self, skeleton: Skeleton, bones: dict[str, int], side: str, rest: Tensor) -> None:
         self.hip, self.knee, self.ankle = (bones[side + name] for name in ("UpperLeg", "LowerLeg", "Foot"))
         self.toes = bones.get(f"{side}Toes", self.ankle)
-        self.parent_of_hip = bones["hips"]
+        self.above = [skeleton.parents[joint] for joint in (self.hip, self.knee, self.ankle)]
         floor = float(rest[:, 1].min()) if self.toes == self.ankle else 0.0
         self.toe_height = float(rest[self.toes, 1]) - floor
         self.toe_offset = rest[self.toes] - rest[self.ankle]
@@ -174,9 +176,12 @@ class _Leg:
         )
         thigh, shin = first @ world[:, self.hip], second @ world[:, self.knee]
         turns = turns.clone()
-        turns[:, self.hip] = world[:, self.parent_of_hip].transpose(-1, -2) @ thigh
-        turns[:, self.knee] = thigh.transpose(-1, -2) @ shin
-        turns[:, self.ankle] = shin.transpose(-1, -2) @ foot
+        over_hip, over_knee, over_ankle = (
+            world[:, joint] for joint in self.above
+        )  # not always bones of the leg
+        turns[:, self.hip] = over_hip.transpose(-1, -2) @ thigh
+        turns[:, self.knee] = (first @ over_knee).transpose(-1, -2) @ shin
+        turns[:, self.ankle] = (second @ over_ankle).transpose(-1, -2) @ foot
         return turns
 
 

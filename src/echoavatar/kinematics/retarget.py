@@ -51,7 +51,8 @@ def retarget(
     moved = Motion(target, quaternions, root.numpy().astype(np.float32), motion.fps)
     if not has_footing:
         return moved
-    contacts = foot_contacts(_with_map(motion, theirs)) | foot_contacts(moved, stands_on_rest=True)
+    size = min(1.0, leg_length(target, ours) / leg_length(HUMANOID, bone_map(HUMANOID)))
+    contacts = foot_contacts(_with_map(motion, theirs)) | foot_contacts(moved, stands_on_rest=True, size=size)
     return settle_feet(moved, contacts)
 
 

@@ -18,6 +18,7 @@ from .live import LiveSession
 from .metrics import Metrics
 from .outbox import Outbox
 from .settings import ServerSettings
+from .stage import Stage
 
 _LOG = logging.getLogger(__name__)
 BEAT_S = 0.02
@@ -40,6 +41,7 @@ class House:
         self._keys: dict[str, LiveSession] = {}
         self.toolbox = Toolbox(engine.actions, self.tracks)
         self._actions = tuple(name for name in engine.actions if name not in HIDDEN)
+        self._stage = Stage(settings.sinks, self._rig())
 
     @property
     def sessions(self) -> int:
@@ -143,7 +145,6 @@ class House:
             old.fail(ProtocolError("replaced", "the session goes on over another connection"))
 
     def _ready(self, live: LiveSession, hello: Hello, version: int, received: int | None) -> Ready:
-        rig = self.engine.pipeline.skeleton.config
         return Ready(
             version=version,
             server=f"echoavatar {__version__} {self.settings.name}".strip(),
@@ -157,11 +158,7 @@ class House:
             sample_rate=SAMPLE_RATE_HZ,
             frame_rate=FRAME_RATE_HZ,
             chunk_samples=self.engine.chunk.samples,
-            rig=Rig(
-                names=rig.names,
-                parents=rig.parents,
-                rest=rig.offsets,
-            ),
+            rig=self._rig(),
             face=tuple(ARKIT_NAMES) if getattr(self.engine.pipeline, "face", None) is not None else (),
             actions=self._actions,
             tracks=self.tracks.titles,
@@ -170,6 +167,10 @@ class House:
             ),
             limits=self.settings.limits,
         )
+
+    def _rig(self) -> Rig:
+        rig = self.engine.pipeline.skeleton.config
+        return Rig(names=rig.names, parents=rig.parents, rest=rig.offsets)
 
     # ---- time
 
@@ -183,9 +184,11 @@ class House:
                     due = [self._is_due(live, now, step_s) for live in self._live.values()]
                     for live in list(self._live.values()):
                         self._move(live, now, early=any(due), with_stats=beat % round(STATS_S / BEAT_S) == 0)
+                    self._stage.show(self._live.values(), now)
                     beat += 1
                     await asyncio.sleep(BEAT_S)
             finally:
+                self._stage.close()
                 for live in list(self._live.values()):
                     self.end(live)
 

@@ -21,6 +21,9 @@ class ServerSettings:
     drain_seconds: float = 10.0  # at the end, for what is being said
     connections: int = 256  # at once, whatever they are
     music: Path | None = None  # folder of further tracks
+    sinks: tuple[
+        str, ...
+    ] = ()  # programs that show the first session's avatar, such as vmc://127.0.0.1:39539
 
     @property
     def limits(self) -> Limits:

@@ -1,0 +1,37 @@
+"""`echoavatar export`: a recording becomes a file for another program, on our character or on the user's."""
+
+import argparse
+from pathlib import Path
+
+from .animate import FORMATS, RIG_HELP
+
+EXAMPLES = """examples:
+  echoavatar say talk.wav -o talk.npz                  record a session of a running server
+  echoavatar export talk.npz -o talk.vrma              for any VRM avatar
+  echoavatar export talk.npz -o talk.usdz              the character with skeleton, shapes and animation
+  echoavatar export talk.npz -o out.glb --rig me.vrm   your own character with the animation
+  echoavatar export clip.bvh -o out.bvh --rig rig.bvh  captured motion on another skeleton
+
+Recordings are .npz from `animate` or `say`, or any BVH whose joints have names that are known.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.epilog = EXAMPLES
+    parser.add_argument("recording", type=Path, metavar="RECORDING", help=".npz or .bvh")
+    parser.add_argument("-o", "--output", type=Path, required=True, help=f"where to write; {FORMATS}")
+    parser.add_argument("--rig", type=Path, metavar="FILE", help=RIG_HELP)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Read, put on the rig, write."""
+    from ..exports import read_rig, read_take, writer
+
+    write = writer(args.output, has_rig=args.rig is not None)
+    rig = None if args.rig is None else read_rig(args.rig)
+    take = read_take(args.recording)
+    write(args.output, take if rig is None else rig.put(take), rig)
+    motion = take.motion
+    print(f"{args.output}: {motion.frames} frames at {motion.fps:g} fps, {motion.seconds:.2f} s")
+    return 0

@@ -1,0 +1,53 @@
+"""`echoavatar play`: a recording into live sinks, to try a receiver without a server. It is silent."""
+
+import argparse
+from pathlib import Path
+
+from ..errors import EchoAvatarError
+
+SINK_HELP = "vmc://HOST[:PORT], livelink://HOST[:PORT] or json://HOST[:PORT]; repeat for more"
+EXAMPLES = """examples:
+  echoavatar animate talk.wav -o talk.npz
+  echoavatar play talk.npz --sink vmc://127.0.0.1              VSeeFace, Warudo, Unity, Unreal, Blender
+  echoavatar play talk.npz --sink livelink://192.168.1.7       the face of a MetaHuman
+  echoavatar play talk.npz --sink 'vmc://127.0.0.1?rate=30&names=perfect' --loop
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.epilog = EXAMPLES
+    parser.add_argument(
+        "recording", type=Path, metavar="RECORDING", help=".npz of `animate` or `say`, or .bvh"
+    )
+    parser.add_argument("--sink", action="append", required=True, metavar="URL", help=SINK_HELP)
+    parser.add_argument("--loop", action="store_true", help="again and again; Ctrl-C stops")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Play."""
+    from ..exports import read_take
+    from ..kinematics import HUMANOID
+    from ..sinks import Audience
+    from ..timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
+    from ..wire import Pose, Rig
+
+    take = read_take(args.recording).on_humanoid()
+    motion = take.motion
+    if round(motion.fps) % FRAME_RATE_HZ:
+        raise EchoAvatarError(f"{args.recording} has {motion.fps:g} frames per second; give one of 30 or 60")
+    step = round(motion.fps) // FRAME_RATE_HZ
+    face = None if take.face is None else take.face[::step]
+    pose = Pose(motion.rotations[::step], motion.root[::step], face)
+    config = HUMANOID.config
+    rig = Rig(names=config.names, parents=config.parents, rest=config.offsets)
+    rounds = 0
+    with Audience(args.sink, rig) as audience:
+        print(f"{args.recording}: {motion.seconds:.1f} s to {', '.join(args.sink)}", flush=True)
+        while rounds == 0 or args.loop:
+            audience.put(rounds * len(pose.root) * SAMPLES_PER_FRAME, pose)
+            audience.finish()
+            rounds += 1
+        frames = [player.shown for player in audience.players]
+    print(f"frames shown: {', '.join(map(str, frames))}")
+    return 0

@@ -1,0 +1,10 @@
+"""Motion into files of other programs, and onto other characters: VRMA, USD, FBX, SMPL-X, and `--rig`.
+
+May import `engine`, `unity`, `datasets`, `avatar`, `ik`, `face` and below.
+"""
+
+from .formats import FORMATS, writer
+from .rig import Rig, read_rig
+from .take import Take, read_take
+
+__all__ = ["FORMATS", "Rig", "Take", "read_rig", "read_take", "writer"]

@@ -1,0 +1,107 @@
+"""A character or skeleton of the user's that motion is to be put on: VRM, GLB or BVH, its rest pose and proportions.
+
+The skeleton stands with its soles on y = 0, wherever the file has its floor, and its rest pose has no rotations; what
+the file's own nodes have at rest comes back in when it is written.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import MotionError
+from ..ik.gltf_rig import GltfRig, read_gltf_rig
+from ..ik.skinned import skinned
+from ..kinematics import Motion, Skeleton, read_bvh
+from ..kinematics.retarget import retarget
+from ..kinematics.rigs import bone_map
+from ..kinematics.touching import keep_hands_together
+from .take import Take
+
+GLTF, BVH = (".vrm", ".glb"), ".bvh"
+_SMALLEST, _LARGEST = 0.2, 20.0  # metres from sole to hips that a character may have
+_UNITS = (0.01, 1.0, 0.0254, 0.001)  # metres: what a BVH may be written in, the usual first
+
+
+@dataclass(frozen=True)
+class Rig:
+    """Where motion goes."""
+
+    path: Path
+    skeleton: Skeleton
+    gltf: GltfRig | None  # None for a BVH
+    units_per_metre: float = 100.0  # of a BVH
+
+    def put(self, take: Take) -> Take:
+        """A take on this rig: planted feet stand on its floor, hands that touch still do.
+
+        Raises:
+            MotionError: the take's own rig is not known.
+        """
+        moved = retarget(take.motion, self.skeleton)
+        return Take(keep_hands_together(take.motion, moved), take.face, take.audio)
+
+
+def read_rig(path: Path) -> Rig:
+    """The rig of a file.
+
+    Raises:
+        MotionError: no such file, no known kind, bones that nobody knows, or a rest pose that does not stand.
+    """
+    suffix = path.suffix.lower()
+    if suffix in GLTF:
+        gltf = read_gltf_rig(path)
+        low = float(skinned(gltf).vertices[:, 1].min())
+        rig = Rig(path, _standing(gltf.skeleton, low, path), gltf)
+    elif suffix == BVH:
+        motion, unit = _sized(path)
+        low = _lowest(motion.skeleton)
+        rig = Rig(path, _standing(motion.skeleton, low, path), None, 1 / unit)
+    else:
+        raise MotionError(f"{path} is no rig: give a character (.vrm, .glb) or a skeleton (.bvh)")
+    return rig
+
+
+def _sized(path: Path) -> tuple[Motion, float]:
+    """The file in metres, and what its unit is: the first of the usual ones in which the figure has a body's size."""
+    for unit in _UNITS:
+        motion = read_bvh(path, metres_per_unit=unit)
+        places = motion.skeleton.rest_positions
+        tall = float(places[:, 1].max() - places[:, 1].min())
+        if 0.3 < tall < 4.0:
+            return motion, unit
+    raise MotionError(
+        f"{path}: its figure is {100 * tall:.0f} units tall lying or standing; give one that stands"
+    )
+
+
+def _lowest(skeleton: Skeleton) -> float:
+    """Height of the lowest joint or tip, metres."""
+    rest = skeleton.rest_positions.numpy()
+    tips = [rest[skeleton.index(name), 1] + tip[1] for name, tip in skeleton.config.tips.items()]
+    return float(min([*rest[:, 1].tolist(), *tips]))
+
+
+def _standing(skeleton: Skeleton, low: float, path: Path) -> Skeleton:
+    """Raised or lowered so that `low` is at 0; says which joint is which bone."""
+    bones = bone_map(skeleton)
+    config = skeleton.config
+    offsets = np.array(config.offsets)
+    offsets[0, 1] -= low
+    ankle = "leftFoot"
+    feet = config.feet or tuple(
+        bones.get(f"{side}{part}", bones[f"{side}Foot"])
+        for side in ("left", "right")
+        for part in ("Foot", "Toes")
+    )
+    placed = Skeleton(
+        config.model_copy(update={"offsets": tuple(map(tuple, offsets.tolist())), "vrm": bones, "feet": feet})
+    )
+    rest = placed.rest_positions
+    is_upright = bool(rest[bones["head"], 1] > rest[bones["hips"], 1] > rest[bones[ankle], 1])
+    if not is_upright or not _SMALLEST < float(rest[bones["hips"], 1]) < _LARGEST:
+        raise MotionError(
+            f"{path}: its rest pose does not stand upright (Y up, hips {float(rest[bones['hips'], 1]):.2f} m over the"
+            " floor); export it standing, in metres (BVH: in centimetres)"
+        )
+    return placed

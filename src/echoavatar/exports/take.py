@@ -1,0 +1,78 @@
+"""What is exported: motion, the face and the sound beside it; made by `animate`, or read from what was recorded."""
+
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from ..errors import MotionError
+from ..face.arkit import ARKIT_NAMES, reorder
+from ..kinematics import HUMANOID, Motion, read_bvh
+from ..kinematics.retarget import retarget
+from ..kinematics.tables import read_npz
+from ..timing import SAMPLE_RATE_HZ
+
+_FOREIGN = (OSError, ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile)
+
+
+@dataclass(frozen=True)
+class Take:
+    """One piece of motion on any rig; most writers want it on ours (`on_humanoid`)."""
+
+    motion: Motion
+    face: Float[np.ndarray, "t 52"] | None = None  # ARKit curves 0..1, canonical order; None without a face
+    audio: Float[np.ndarray, " s"] | None = None  # 24 kHz mono
+
+    def on_humanoid(self) -> "Take":
+        """The same on our rig."""
+        if self.motion.skeleton.names == HUMANOID.names:
+            return self
+        return Take(retarget(self.motion), self.face, self.audio)
+
+
+def read_take(path: Path) -> Take:
+    """A recording: NPZ from `animate` or `say`, or any BVH whose bones are known.
+
+    Raises:
+        MotionError: no such file, another kind of file, or a damaged one.
+    """
+    if path.suffix.lower() == ".bvh":
+        return Take(read_bvh(path))
+    if path.suffix.lower() != ".npz":
+        raise MotionError(f"{path} is neither .npz nor .bvh; give what `animate` or `say` wrote")
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            is_recording = "names" in stored
+            face = _face(stored) if "face" in stored else None
+            audio = None
+            if "audio" in stored and int(stored["sample_rate"]) == SAMPLE_RATE_HZ:
+                audio = np.asarray(stored["audio"], np.float32)
+            motion = _recorded(path, stored) if is_recording else None
+    except FileNotFoundError as error:
+        raise MotionError(f"{path} does not exist; check the name") from error
+    except _FOREIGN as error:
+        raise MotionError(
+            f"{path} holds no motion of ours or is damaged ({error}); write it again"
+        ) from error
+    motion = motion or read_npz(path)
+    if face is not None and len(face) != motion.frames:
+        raise MotionError(
+            f"{path}: {len(face)} frames of face beside {motion.frames} of motion; write it again"
+        )
+    return Take(motion, face, audio)
+
+
+def _recorded(path: Path, stored: "np.lib.npyio.NpzFile") -> Motion:
+    """What `client.Recording` saved: names say whose bones they are."""
+    names = tuple(str(name) for name in stored["names"])
+    if names != HUMANOID.names:
+        raise MotionError(f"{path} was recorded on another rig ({', '.join(names[:3])}, ...); record it anew")
+    rotations, root = (np.asarray(stored[key], np.float32) for key in ("rotations", "root"))
+    return Motion(HUMANOID, rotations, root, float(stored["frame_rate"]))
+
+
+def _face(stored: "np.lib.npyio.NpzFile") -> Float[np.ndarray, "t 52"] | None:
+    curves, names = np.asarray(stored["face"], np.float32), [str(name) for name in stored["face_names"]]
+    return reorder(curves, names, ARKIT_NAMES) if curves.shape[1] else None

@@ -1,0 +1,175 @@
+"""The rig of a character in a GLB or VRM file: which node is which bone, and where they are at rest.
+
+Known are VRM 1.0 and 0.x humanoid maps, and plain GLB whose joints carry names that `kinematics.rigs` knows. The rig is
+the subtree of the hips in the pose the file rests in, as a skeleton whose rest pose has no rotations: metres, Y up,
+turned to face +Z.
+"""
+
+import json
+import struct
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ..errors import MotionError
+from ..kinematics import Skeleton, SkeletonConfig
+from ..kinematics.rigs import bone_map
+
+Array = np.ndarray
+_OLD_THUMB = {"Proximal": "Metacarpal", "Intermediate": "Proximal", "Distal": "Distal"}  # VRM 0.x to 1.0
+_FEET = ("leftFoot", "leftToes", "rightFoot", "rightToes")
+
+
+class GltfRig(NamedTuple):
+    """A file and what was found in it."""
+
+    document: dict[str, Any]
+    binary: bytes
+    order: list[int]  # node of each joint of the skeleton
+    parents: dict[int, int]  # of every node; -1 for none
+    worlds: list[Float[Array, "4 4"]]  # of every node at rest, in the file's own axes
+    skeleton: Skeleton
+    is_turned: bool  # the file faces -Z: all was turned by half about Y
+
+
+def read_gltf_rig(path: Path) -> GltfRig:
+    """Read a binary glTF with a skin.
+
+    Raises:
+        MotionError: no such file, no binary glTF, compressed, without a skin, or with joints nobody knows.
+    """
+    document, binary = _chunks(path)
+    used = set(document.get("extensionsRequired", []))
+    if squeezed := used & {"KHR_draco_mesh_compression", "EXT_meshopt_compression"}:
+        raise MotionError(f"{path} is compressed ({squeezed.pop()}); export it without compression")
+    if not document.get("skins"):
+        raise MotionError(
+            f"{path} has no skin, so nothing says which vertex follows which bone; export it rigged"
+        )
+    worlds, parents = _worlds(document["nodes"])
+    order, bones = _rig(document, parents, path)
+    slot = {node: index for index, node in enumerate(order)}
+    places = np.array([worlds[node][:3, 3] for node in order])
+    is_turned = bool(places[bones["leftUpperArm"], 0] < places[bones["rightUpperArm"], 0])  # as VRM 0.x does
+    if is_turned:
+        places = places * [-1, 1, -1]
+    offsets = [
+        place - (places[slot[parents[node]]] if index else 0)
+        for index, (node, place) in enumerate(zip(order, places, strict=True))
+    ]
+    feet = [bones.get(name, bones[name.replace("Toes", "Foot")]) for name in _FEET]
+    config = SkeletonConfig(
+        names=_names(document["nodes"], order),
+        parents=tuple(-1 if not index else slot[parents[node]] for index, node in enumerate(order)),
+        offsets=tuple((float(x), float(y), float(z)) for x, y, z in offsets),
+        feet=tuple(feet),
+        vrm=bones,
+    )
+    return GltfRig(document, binary, order, parents, worlds, Skeleton(config), is_turned)
+
+
+def _chunks(path: Path) -> tuple[dict[str, Any], bytes]:
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise MotionError(f"{path} cannot be read; check the name") from error
+    try:
+        magic, _, _, length, kind = struct.unpack_from("<4sIIII", data)
+        if magic != b"glTF" or kind != 0x4E4F534A:
+            raise ValueError
+        document: dict[str, Any] = json.loads(data[20 : 20 + length])
+    except (struct.error, ValueError) as error:
+        raise MotionError(f"{path} is no binary glTF; export the character as .glb or .vrm") from error
+    return document, data[28 + length :]
+
+
+def _worlds(nodes: list[dict[str, Any]]) -> tuple[list[Array], dict[int, int]]:
+    """World matrix of every node in the file's rest pose, and each node's parent (-1 for none)."""
+    parents = dict.fromkeys(range(len(nodes)), -1)
+    for index, node in enumerate(nodes):
+        parents.update(dict.fromkeys(node.get("children", []), index))
+    worlds: list[Array | None] = [None] * len(nodes)
+
+    def world(index: int) -> Array:
+        known = worlds[index]
+        if known is None:
+            local = _local(nodes[index])
+            known = worlds[index] = local if parents[index] < 0 else world(parents[index]) @ local
+        return known
+
+    return [world(index) for index in range(len(nodes))], parents
+
+
+def _local(node: dict[str, Any]) -> Array:
+    if "matrix" in node:
+        return np.array(node["matrix"], np.float64).reshape(4, 4).T
+    x, y, z, w = node.get("rotation", (0, 0, 0, 1))
+    turn = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    matrix = np.eye(4)
+    matrix[:3, :3] = turn * np.array(node.get("scale", (1, 1, 1)))
+    matrix[:3, 3] = node.get("translation", (0, 0, 0))
+    return matrix
+
+
+def _rig(document: dict[str, Any], parents: dict[int, int], path: Path) -> tuple[list[int], dict[str, int]]:
+    """Nodes of the rig, hips first and parents before children; and the bones' places in that list."""
+    joints = {node for skin in document["skins"] for node in skin["joints"]}
+    known = _humanoid(document)
+    if not known:
+        listed = sorted(joints)
+        names = _names(document["nodes"], listed)
+        flat = SkeletonConfig(
+            names=names, parents=(-1, *([0] * (len(names) - 1))), offsets=((0.0, 0.0, 0.0),) * len(names)
+        )
+        known = {bone: listed[index] for bone, index in bone_map(Skeleton(flat)).items()}
+    missing = [bone for bone in ("hips", "head", "leftUpperArm", "rightUpperArm") if bone not in known]
+    if missing or any(f"{side}Foot" not in known for side in ("left", "right")):
+        raise MotionError(
+            f"{path} says of no joint that it is {(missing or ['a foot'])[0]}; check its humanoid map"
+        )
+    order, wanted = [known["hips"]], joints | set(known.values())
+    for node in order:
+        order += [
+            child for child in document["nodes"][node].get("children", []) if _has(child, wanted, parents)
+        ]
+    slot = {node: index for index, node in enumerate(order)}
+    return order, {bone: slot[node] for bone, node in known.items() if node in slot}
+
+
+def _has(node: int, wanted: set[int], parents: dict[int, int]) -> bool:
+    """Whether the node or one below it is wanted."""
+    for each in wanted:
+        while each >= 0 and each != node:
+            each = parents[each]
+        if each == node:
+            return True
+    return False
+
+
+def _humanoid(document: dict[str, Any]) -> dict[str, int]:
+    extensions = document.get("extensions", {})
+    if "VRMC_vrm" in extensions:
+        bones = extensions["VRMC_vrm"]["humanoid"]["humanBones"]
+        return {bone: int(entry["node"]) for bone, entry in bones.items()}
+    if "VRM" in extensions:
+        found = {e["bone"]: int(e["node"]) for e in extensions["VRM"]["humanoid"]["humanBones"]}
+        return {_renamed(bone): node for bone, node in found.items()}
+    return {}
+
+
+def _renamed(bone: str) -> str:
+    stem, thumb, part = bone.partition("Thumb")
+    return stem + thumb + _OLD_THUMB[part] if thumb else bone
+
+
+def _names(nodes: list[dict[str, Any]], order: list[int]) -> tuple[str, ...]:
+    names = [str(nodes[node].get("name", f"joint {node}")) for node in order]
+    return tuple(f"{name} {k}" if names.count(name) > 1 else name for k, name in enumerate(names))

@@ -1,0 +1,117 @@
+"""Hands that meet still meet on a body of other proportions: the last step of retargeting, for a whole clip.
+
+Rotations alone carry a clap to long arms as hands that pass through each other, and to short ones as hands that never
+meet. Where the source's palms come near each other, the target's are brought to the same offset from each other, in
+proportion to the size of the hands, about their own middle; both arms bend for it in closed form and the hands keep
+their orientation.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from .forward import Pose, forward_kinematics
+from .motion import Motion
+from .rigs import bone_map
+from .rotations import quaternion_from_matrix
+from .skeleton import Skeleton
+from .two_bone import reach
+
+NEAR, FAR = (
+    1.3,
+    3.5,
+)  # hand lengths between the palms: up to the one they touch, from the other on they do not
+FOREARM = 0.37  # of its length: a hand whose knuckles are not known
+PALM = 0.8  # of the way from the wrist to the knuckles
+_STRAIGHT = 0.15  # sine of an elbow's bend below which its hinge is taken from the rest pose
+
+
+class _Arm(NamedTuple):
+    above: tuple[int, int, int]  # parents of the three
+    upper: int
+    lower: int
+    hand: int
+    palm: Float[Tensor, "3"]  # from the wrist, in the hand's frame
+    length: float  # of the hand, wrist to knuckles
+    hinge: Float[Tensor, "3"]  # of the elbow at rest, flexing
+
+
+def keep_hands_together(source: Motion, moved: Motion) -> Motion:
+    """`moved`, which is `source` on another rig, with its palms where they touch as the source's do."""
+    theirs, ours = ([_arm(motion.skeleton, side) for side in ("left", "right")] for motion in (source, moved))
+    pose = forward_kinematics(
+        source.skeleton, source.matrices().double(), torch.from_numpy(source.root).double()
+    )
+    gap = _palm(pose, theirs[1]) - _palm(pose, theirs[0])
+    size = sum(arm.length for arm in theirs) / 2
+    weight = _nearness(gap.norm(dim=-1, keepdim=True) / size)
+    if not bool((weight > 0).any()):
+        return moved
+    turns = moved.matrices().double()
+    pose = forward_kinematics(moved.skeleton, turns, torch.from_numpy(moved.root).double())
+    palms = [_palm(pose, arm) for arm in ours]
+    middle = (palms[0] + palms[1]) / 2
+    wanted = gap * (sum(arm.length for arm in ours) / 2 / size)
+    for arm, palm, half in zip(ours, palms, (-0.5, 0.5), strict=True):
+        turns = _bring(arm, turns, pose, weight * (middle + half * wanted - palm))
+    return replace(moved, rotations=quaternion_from_matrix(turns).numpy().astype(np.float32))
+
+
+def palms(motion: Motion) -> Float[Tensor, "t 2 3"]:
+    """World positions of the left and the right palm."""
+    pose = forward_kinematics(
+        motion.skeleton, motion.matrices().double(), torch.from_numpy(motion.root).double()
+    )
+    return torch.stack([_palm(pose, _arm(motion.skeleton, side)) for side in ("left", "right")], 1)
+
+
+def _arm(skeleton: Skeleton, side: str) -> _Arm:
+    bones = bone_map(skeleton)
+    upper, lower, hand = (bones[side + name] for name in ("UpperArm", "LowerArm", "Hand"))
+    rest = skeleton.rest_positions.double()
+    knuckle = bones.get(f"{side}MiddleProximal", bones.get(f"{side}IndexProximal"))
+    forearm = rest[hand] - rest[lower]
+    reach_of_hand = FOREARM * forearm if knuckle is None else rest[knuckle] - rest[hand]
+    hinge = torch.linalg.cross(rest[lower] - rest[upper], torch.tensor([0.0, 0.0, 1.0]).double())
+    return _Arm(
+        (skeleton.parents[upper], skeleton.parents[lower], skeleton.parents[hand]),
+        upper,
+        lower,
+        hand,
+        PALM * reach_of_hand,
+        float(reach_of_hand.norm()),
+        hinge / hinge.norm(),
+    )
+
+
+def _palm(pose: Pose, arm: _Arm) -> Tensor:
+    return pose.positions[:, arm.hand] + (pose.rotations[:, arm.hand] @ arm.palm)
+
+
+def _nearness(distance: Tensor) -> Tensor:
+    """1 where palms touch, 0 where they are far, smooth between."""
+    share = ((distance - NEAR) / (FAR - NEAR)).clamp(0, 1)
+    return 1 - share.pow(3) * (10 - 15 * share + 6 * share.square())
+
+
+def _bring(arm: _Arm, turns: Tensor, pose: Pose, shift: Tensor) -> Tensor:
+    """Local rotations with this arm bent so that its hand is moved by `shift` and keeps its orientation."""
+    place, world = pose.positions, pose.rotations
+    shoulder, elbow, wrist = (place[:, joint] for joint in (arm.upper, arm.lower, arm.hand))
+    upper, lower = elbow - shoulder, wrist - elbow
+    bend = torch.linalg.cross(upper, lower) / (upper.norm(dim=-1) * lower.norm(dim=-1))[:, None]
+    hinge = bend + _STRAIGHT * (world[:, arm.lower] @ arm.hinge)
+    hinge = hinge / hinge.norm(dim=-1, keepdim=True).clamp_min(1e-9)
+    first, second = reach(hip=shoulder, knee=elbow, ankle=wrist, hinge=hinge, target=wrist + shift)
+    above = first @ world[:, arm.upper]
+    below = second @ world[:, arm.lower]
+    turns = turns.clone()
+    over_upper, over_lower, over_hand = arm.above  # a rig may have joints in the middle of a bone
+    turns[:, arm.upper] = world[:, over_upper].transpose(-1, -2) @ above
+    turns[:, arm.lower] = (first @ world[:, over_lower]).transpose(-1, -2) @ below
+    turns[:, arm.hand] = (second @ world[:, over_hand]).transpose(-1, -2) @ world[:, arm.hand]
+    return turns

@@ -1,0 +1,43 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.exports.bodies import make_rigs
+
+from echoavatar.cli import main
+from echoavatar.kinematics import HUMANOID, Motion, read_bvh
+from echoavatar.kinematics.tables import write_npz
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    rotations = np.zeros((12, HUMANOID.joints, 4), np.float32)
+    rotations[..., 0] = 1
+    root = np.tile(HUMANOID.offsets[:1].numpy(), (12, 1))
+    write_npz(tmp_path / "take.npz", Motion(HUMANOID, rotations, root, 30.0))
+    return tmp_path / "take.npz"
+
+
+def test_a_recording_becomes_a_file(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["export", str(recording), "-o", str(tmp_path / "a.vrma")]) == 0
+    assert "12 frames at 30 fps" in capsys.readouterr().out
+    assert (tmp_path / "a.vrma").read_bytes()[:4] == b"glTF"
+
+
+def test_a_recording_goes_onto_a_rig(recording: Path, tmp_path: Path) -> None:
+    rigs = make_rigs(tmp_path)
+    assert main(["export", str(recording), "-o", str(tmp_path / "a.bvh"), "--rig", str(rigs["tall"])]) == 0
+    assert read_bvh(tmp_path / "a.bvh").skeleton.names[0] == "mixamorig:Hips"
+    assert main(["export", str(recording), "-o", str(tmp_path / "a.vrm"), "--rig", str(rigs["child"])]) == 0
+
+
+def test_mistakes_are_one_line(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for words in (
+        [str(recording), "-o", str(tmp_path / "a.xyz")],
+        [str(recording), "-o", str(tmp_path / "a.glb"), "--rig", str(tmp_path / "none.vrm")],
+        [str(tmp_path / "none.npz"), "-o", str(tmp_path / "a.glb")],
+    ):
+        assert main(["export", *words]) == 1
+        assert capsys.readouterr().err.count("\n") == 1

@@ -1,0 +1,41 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.sinks.receiving import Receiver
+
+from echoavatar.cli import main
+from echoavatar.kinematics import HUMANOID, Motion
+from echoavatar.kinematics.tables import write_npz
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    rotations = np.zeros((12, HUMANOID.joints, 4), np.float32)
+    rotations[..., 0] = 1
+    path = tmp_path / "take.npz"
+    write_npz(path, Motion(HUMANOID, rotations, np.zeros((12, 3), np.float32), 30.0))
+    return path
+
+
+def test_a_recording_goes_to_every_sink(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with Receiver() as vmc, Receiver() as face:
+        words = ["--sink", f"vmc://127.0.0.1:{vmc.port}", "--sink", f"livelink://127.0.0.1:{face.port}"]
+        assert main(["play", str(recording), *words]) == 0
+        assert all(packet.startswith(b"#bundle") for _, packet in vmc.packets(6))
+        assert len({packet[:41] for _, packet in face.packets(6)}) == 1
+    assert "frames shown: " in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [(["missing.npz"], "does not exist"), (["x.wav"], "neither .npz nor .bvh")],
+)
+def test_mistakes_are_one_line(words: list[str], complaint: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["play", *words, "--sink", "vmc://127.0.0.1"]) == 1
+    assert complaint in capsys.readouterr().err
+
+
+def test_a_bad_address_is_named(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["play", str(recording), "--sink", "nowhere"]) == 1
+    assert "no known kind" in capsys.readouterr().err

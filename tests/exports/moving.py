@@ -1,0 +1,99 @@
+"""Motion made by hand, whose contacts are known: a body that claps and steps from side to side."""
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from echoavatar.kinematics import HUMANOID, Motion, forward_kinematics
+from echoavatar.kinematics.rotations import matrix_from_axis_angle, quaternion_from_matrix
+from echoavatar.kinematics.two_bone import reach
+
+FPS = 30.0
+CLAP_SECONDS, STEP_SECONDS = 0.8, 1.0
+
+
+def clapping(seconds: float = 6.0) -> Motion:
+    """Palms meet every 0.8 s at 2 cm; every second one foot steps 12 cm aside, lifted by 7 cm."""
+    time = torch.arange(round(seconds * FPS), dtype=torch.double) / FPS
+    turns = torch.eye(3).double().repeat(len(time), HUMANOID.joints, 1, 1)
+    sway = torch.sin(2 * torch.pi * time / (2 * STEP_SECONDS))
+    turns[:, 0] = about("y", 0.1 * sway)
+    turns[:, HUMANOID.index("spine")] = about("x", 0.05 * torch.sin(torch.pi * time))
+    root = torch.stack([0.05 * sway, 0.91 + 0 * time, 0 * time], 1)
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        turns = _limb(turns, root, side, "Leg", "Foot", _foot(time, sign), torch.eye(3).double())
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        turns = _limb(turns, root, side, "Arm", "Hand", *_hand(time, sign, root))
+    rotations = quaternion_from_matrix(turns).numpy().astype(np.float32)
+    return Motion(HUMANOID, rotations, root.numpy().astype(np.float32), FPS)
+
+
+def claps(motion: Motion) -> np.ndarray:
+    """Frames in the middle of each clap."""
+    return np.arange(0, motion.seconds - 1 / FPS, CLAP_SECONDS) * FPS + 0.5
+
+
+def about(axis: str, angle: Tensor) -> Tensor:
+    vector = torch.zeros(len(angle), 3, dtype=torch.double)
+    vector[:, "xyz".index(axis)] = angle
+    return matrix_from_axis_angle(vector)
+
+
+def _foot(time: Tensor, sign: float) -> Tensor:
+    """Where the ankle is: it steps out in its own second and back in the one after next."""
+    phase = torch.remainder(time / STEP_SECONDS - (0.0 if sign > 0 else 1.0), 4.0)
+    out = _eased(phase / 0.4) - _eased((phase - 2.0) / 0.4)
+    lift = torch.zeros_like(phase)
+    for start in (0.0, 2.0):
+        share = ((phase - start) / 0.4).clamp(0, 1)
+        lift = lift + 0.07 * torch.sin(torch.pi * share) ** 2
+    rest = HUMANOID.rest_positions[HUMANOID.index("leftFoot")]
+    return torch.stack(
+        [sign * (float(rest[0]) + 0.12 * out), float(rest[1]) + lift, float(rest[2]) + 0 * lift], 1
+    )
+
+
+def _eased(share: Tensor) -> Tensor:
+    share = share.clamp(0, 1)
+    return share.pow(3) * (10 - 15 * share + 6 * share.square())
+
+
+def _hand(time: Tensor, sign: float, root: Tensor) -> tuple[Tensor, Tensor]:
+    """The wrist's place, so that the palm is where it claps; the hand's rotation."""
+    ahead = torch.tensor([0.0, 0.5, 0.8660254]).double()
+    inward = torch.tensor([-sign, 0.0, 0.0]).double()
+    columns = [sign * ahead, -inward, torch.linalg.cross(sign * ahead, -inward)]
+    hand = torch.stack(columns, 1)
+    open_ = 0.5 - 0.5 * torch.cos(2 * torch.pi * time / CLAP_SECONDS)
+    palm = torch.stack([sign * (0.01 + 0.22 * open_), 1.2 + 0 * time, 0.32 + 0 * time], 1)
+    palm[:, 0] += root[:, 0]
+    offset = (
+        0.8 * HUMANOID.offsets[HUMANOID.index("leftMiddleProximal")].double() * torch.tensor([sign, 1, 1])
+    )
+    return palm - hand @ offset, hand
+
+
+def _limb(
+    turns: Tensor, root: Tensor, side: str, kind: str, end: str, target: Tensor, last: Tensor
+) -> Tensor:
+    """Bring the end of a limb to a place, with its last bone turned so."""
+    upper, lower, tip = (HUMANOID.index(side + name) for name in (f"Upper{kind}", f"Lower{kind}", end))
+    pose = forward_kinematics(HUMANOID, turns, root)
+    if kind == "Leg":
+        hinge = torch.tensor([1.0, 0.0, 0.0]).double()
+    else:
+        hinge = torch.tensor([0.3, -1.0 if side == "left" else 1.0, 0.0]).double()
+        hinge = hinge / hinge.norm()
+    first, second = reach(
+        hip=pose.positions[:, upper],
+        knee=pose.positions[:, lower],
+        ankle=pose.positions[:, tip],
+        hinge=hinge.expand(len(root), 3),
+        target=target,
+    )
+    above, below = first @ pose.rotations[:, upper], second @ pose.rotations[:, lower]
+    turns = turns.clone()
+    turns[:, upper] = pose.rotations[:, HUMANOID.parents[upper]].transpose(-1, -2) @ above
+    turns[:, lower] = above.transpose(-1, -2) @ below
+    turns[:, tip] = below.transpose(-1, -2) @ last
+    return turns
