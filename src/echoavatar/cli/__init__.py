@@ -31,6 +31,7 @@ COMMANDS = {
     "import": "make a bundle of the authors' published checkpoints",
     "pull": "fetch a model from the hub, resumed and checked",
     "actions": "list what the avatar can be asked to do; add an action from a clip",
+    "tools": "print what a language model may do with the avatar, in its framework's form",
     "rig": "measure a character's body, so that hands keep off it",
     "align": "tune a generator by reinforcement learning: GRPO, DPO, PPO and their rewards",
     "refine-fingers": "give motion that was captured without fingers plausible ones",

@@ -81,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
         return _unity(args)
     try:
         from ..server import ServerSettings, create_app, serve
-        from ..server.guard import is_loopback
+        from ..wire.guard import is_loopback
     except ModuleNotFoundError as error:
         raise DependencyError(f"the server needs {error.name}: pip install 'echoavatar[serve]'") from error
     import torch

@@ -9,5 +9,14 @@
 from .connection import Avatar, ConnectionLostError, connect
 from .recording import Recorder, Recording
 from .sound import read_sound
+from .tools import RemoteTools
 
-__all__ = ["Avatar", "ConnectionLostError", "Recorder", "Recording", "connect", "read_sound"]
+__all__ = [
+    "Avatar",
+    "ConnectionLostError",
+    "Recorder",
+    "Recording",
+    "RemoteTools",
+    "connect",
+    "read_sound",
+]
