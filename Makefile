@@ -22,7 +22,7 @@ test: .venv-test/ready
 
 .venv-test/ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv-test
-	.venv-test/bin/pip install $(PIP_FLAGS) -c constraints.txt -e '.[render,serve,evaluate,rehearse,character,train,dev]'
+	.venv-test/bin/pip install $(PIP_FLAGS) -c constraints.txt -e '.[render,serve,mcp,evaluate,rehearse,character,train,dev]'
 	touch $@
 
 # The page is built into src/echoavatar/server/static and committed; only who changes web/ needs Node.

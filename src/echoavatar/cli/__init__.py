@@ -17,6 +17,8 @@ COMMANDS = {
     "demo": "render bundled speech and music to MP4, GLB and a page that plays them",
     "animate": "turn an audio file into full-body motion (BVH, GLB, NPZ, CSV or MP4)",
     "serve": "serve live avatars to browsers and voice agents",
+    "proxy": "put an avatar behind a voice agent that speaks the OpenAI Realtime protocol",
+    "mcp": "offer an avatar's tools to agents over the Model Context Protocol",
     "say": "let the avatar of a running server say a sound file",
     "doctor": "say what works on this machine and what to do about the rest",
     "bench": "measure latency, real-time factor and memory",
