@@ -1,8 +1,8 @@
 """`echoavatar bench proxy`: what the avatar adds to the way of the voice, beside a plain relay, in one run.
 
 One scripted upstream says the same sound on three ways at nearly the same time: straight to the client, through a
-plain relay, and through the proxy with an avatar that moves to it. Upstream, relay and proxy are processes of their own,
-as they would be; every event carries the moment it was sent, and the ways take turns in who is first.
+plain relay, and through the proxy with an avatar that moves to it. Upstream, relay and proxy are processes of their
+own, as they would be; every event carries the moment it was sent, and the ways take turns in who is first.
 """
 
 import asyncio

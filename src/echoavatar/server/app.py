@@ -12,6 +12,7 @@ from starlette.websockets import WebSocket
 
 from .. import __version__
 from ..engine import Engine
+from .chat import chat_routes
 from .endpoint import Visit
 from .house import House
 from .metrics import CONTENT_TYPE
@@ -62,6 +63,7 @@ def _routes(house: House) -> list[BaseRoute]:
     return [
         WebSocketRoute("/v1/stream", stream),
         *tool_routes(house),
+        *chat_routes(house),
         Route("/health", health),
         Route("/metrics", metrics),
         voice_route(house.settings.token),
