@@ -239,6 +239,7 @@ def test_the_model_is_offered_the_tools_and_what_it_calls_is_done() -> None:
                 await client.say("go")
                 await client.listen(lambda c: bool(c.of("echoavatar.music.delta")))
                 [part] = upstream.parts
+                await part.until("conversation.item.create", 2)
                 update, done = part.got[0], [e for e in part.got if e["type"] == "conversation.item.create"]
                 assert update["session"]["type"] == "realtime"
                 assert [tool["name"] for tool in update["session"]["tools"]][:2] == [
