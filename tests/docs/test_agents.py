@@ -14,10 +14,8 @@ from echoavatar.cli import COMMANDS, _module
 from echoavatar.proxy import added, events
 
 ROOT = Path(__file__).parents[2]
-PAGES = {
-    name: (ROOT / f"docs/integrations/{name}.md").read_text()
-    for name in ("openai_realtime", "mcp", "local_agent")
-}
+NAMES = ("openai_realtime", "mcp", "local_agent")
+PAGES = {name: (ROOT / f"docs/integrations/{name}.md").read_text() for name in NAMES}
 
 
 def commands() -> list[str]:

@@ -49,6 +49,24 @@ def test_strangers_and_nonsense_are_refused(
         assert post(place, "/v1/tools/stop_music", body, **headers)[0] == status
 
 
+def test_a_server_of_many_does_not_say_who_is_there(place: Place) -> None:
+    from dataclasses import replace
+
+    from tests.server.fakes import FAST
+
+    with place.call(Hello()) as caller:
+        assert post(place, "/v1/tools/stop_music", b"{}", x_forwarded_for="1.2.3.4")[0] == 404
+        named = json.dumps({"session": caller.ready.session}).encode()
+        assert post(place, "/v1/tools/stop_music", named, x_forwarded_for="1.2.3.4")[0] == 200
+    with serving(settings=replace(FAST, lists_sessions=False)) as shared, shared.call(Hello()) as caller:
+        assert post(shared, "/v1/tools/stop_music", b"{}")[0] == 404
+        assert post(shared, "/v1/chat", b'{"text": "hi"}')[0] == 404
+        named = json.dumps({"session": caller.ready.session}).encode()
+        assert post(shared, "/v1/tools/stop_music", named)[0] == 200
+        with pytest.raises(urllib.error.HTTPError, match="403"):
+            urllib.request.urlopen(f"http://{shared.address}/v1/sessions", timeout=10)
+
+
 def test_without_a_session_there_is_nothing_to_do(place: Place) -> None:
     assert place.empties()
     assert post(place, "/v1/tools/stop_music", b"{}")[0] == 404

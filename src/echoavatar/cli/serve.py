@@ -100,6 +100,7 @@ def run(args: argparse.Namespace) -> int:
         music=args.music,
         ahead_seconds=args.ahead,
         drain_seconds=args.drain,
+        lists_sessions=is_loopback(args.host),
     )
     app = create_app(load(args.model, seats=args.seats), settings)
 

@@ -13,7 +13,7 @@ from ..errors import EchoAvatarError
 from ..wire import ProtocolError
 from ..wire.guard import check_origin
 from .house import House
-from .tool_routes import call_tool, locked, read_json
+from .tool_routes import asked_session, call_tool, locked, read_json
 
 MOST_LETTERS = 2_000
 MOST_SOUND = 4 << 20  # bytes: 80 s at 24 kHz
@@ -38,11 +38,7 @@ def chat_routes(house: House) -> list[BaseRoute]:
         if refusal is not None:
             return refusal
         try:
-            return JSONResponse(
-                await _talk(
-                    house, companion(), await read_json(request, house.settings.origins, most=1 << 16)
-                )
-            )
+            return JSONResponse(await _talk(house, companion(), request))
         except ProtocolError as error:
             return JSONResponse({"error": str(error)}, 403 if error.code == "forbidden_origin" else 404)
         except EchoAvatarError as error:
@@ -66,11 +62,12 @@ def chat_routes(house: House) -> list[BaseRoute]:
     ]
 
 
-async def _talk(house: House, companion: Companion, message: dict[str, Any]) -> dict[str, Any]:
+async def _talk(house: House, companion: Companion, request: Request) -> dict[str, Any]:
+    message = await read_json(request, house.settings.origins, most=1 << 16)
     text = message.get("text")
     if not isinstance(text, str) or not text.strip() or len(text) > MOST_LETTERS:
         raise EchoAvatarError(f'send {{"text": "..."}} of at most {MOST_LETTERS} letters')
-    live = house.find(str(message.get("session") or ""))
+    live = asked_session(house, request, message)
     did: list[dict[str, Any]] = []
 
     async def do(name: str, arguments: dict[str, Any]) -> dict[str, Any]:

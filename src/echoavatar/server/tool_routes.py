@@ -70,7 +70,12 @@ def tool_routes(house: House) -> list[BaseRoute]:
         return locked(house, request) or JSONResponse(house.toolbox.schemas(cast(Style, style)))
 
     async def sessions(request: Request) -> Response:
-        return locked(house, request) or JSONResponse({"sessions": list(house.names)})
+        refusal = locked(house, request)
+        if refusal is not None:
+            return refusal
+        if not lists_sessions(house, request):
+            return JSONResponse({"error": "this server does not say who is there; name a session"}, 403)
+        return JSONResponse({"sessions": list(house.names)})
 
     async def call(request: Request) -> Response:
         refusal = locked(house, request)
@@ -81,7 +86,7 @@ def tool_routes(house: House) -> list[BaseRoute]:
             arguments = message.get("arguments") or {}
             if not isinstance(arguments, dict):
                 raise EchoAvatarError('"arguments" must be an object')
-            live = house.find(message.get("session") or "")
+            live = asked_session(house, request, message)
         except ProtocolError as error:
             return JSONResponse({"error": str(error)}, 403 if error.code == "forbidden_origin" else 404)
         except EchoAvatarError as error:
@@ -100,6 +105,24 @@ def locked(house: House, request: Request) -> Response | None:
     if has_token(house.settings.token, request.headers):
         return None
     return JSONResponse({"error": "wrong token; send Authorization: Bearer TOKEN"}, 401)
+
+
+def lists_sessions(house: House, request: Request) -> bool:
+    """Whether sessions of others may be known: not on a server of many, nor through a proxy that may be one's door."""
+    is_forwarded = any(name in request.headers for name in ("forwarded", "x-forwarded-for"))
+    return house.settings.lists_sessions and not is_forwarded
+
+
+def asked_session(house: House, request: Request, message: dict[str, Any]) -> LiveSession:
+    """The session that is meant: by its name; without one the newest, where that may be known.
+
+    Raises:
+        ProtocolError: there is none, or it has to be named.
+    """
+    name = message.get("session") or ""
+    if not isinstance(name, str) or not (name or lists_sessions(house, request)):
+        raise ProtocolError("unknown_session", "name the session: this server does not say who is there")
+    return house.find(name)
 
 
 async def read_json(
