@@ -32,7 +32,7 @@ integration-test: .venv-integrations/ready
 
 .venv-test/ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv-test
-	.venv-test/bin/pip install $(PIP_FLAGS) -c constraints.txt -e '.[render,serve,evaluate,rehearse,character,train,usd,dev]'
+	.venv-test/bin/pip install $(PIP_FLAGS) -c constraints.txt -e '.[render,serve,mcp,evaluate,rehearse,character,train,usd,dev]'
 	touch $@
 
 # The page is built into src/echoavatar/server/static and committed; only who changes web/ needs Node.

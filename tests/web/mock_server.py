@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 import uvicorn
 from starlette.applications import Starlette
-from starlette.responses import Response
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
 from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
@@ -219,6 +220,20 @@ def _sway(seconds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return rotations, root
 
 
+async def _chat(request: Request) -> Response:
+    """A companion that repeats what it is told, long enough to be interrupted."""
+    if request.method == "GET":
+        return JSONResponse({"name": "parrot", "hears": True})
+    message = await request.json()
+    told = f"You said {message['text']}, and I have heard {len(message['history'])} sayings before it."
+    return JSONResponse({"say": told, "did": []})
+
+
+async def _ears(request: Request) -> Response:
+    wav = await request.body()
+    return JSONResponse({"text": "something aloud" if wav[:4] == b"RIFF" else ""})
+
+
 def make_app(recorded: Mapping[str, np.ndarray], *, tell_clock: bool) -> Starlette:
     """Page, sounds, character and stream, under the addresses of the real server."""
     from echoavatar.avatar import load_character
@@ -237,6 +252,8 @@ def make_app(recorded: Mapping[str, np.ndarray], *, tell_clock: bool) -> Starlet
             WebSocketRoute("/v1/stream", stream),
             Route("/avatar.glb", avatar),
             voice_route(""),
+            Route("/v1/chat", _chat, methods=["GET", "POST"]),
+            Route("/v1/chat/ears", _ears, methods=["POST"]),
             Mount("/sounds", StaticFiles(directory=ASSETS)),
             Mount("/", StaticFiles(directory=STATIC, html=True)),
         ]

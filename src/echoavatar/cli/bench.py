@@ -65,6 +65,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--neighbours", action="store_true", help="also beside one that floods, stalls or vanishes"
     )
 
+    proxy = kinds.add_parser(
+        "proxy",
+        help="what an avatar adds to the way of a voice",
+        description="Time events straight, through a plain relay and through the proxy, side by side in one run.",
+    )
+    proxy.add_argument("--seconds", type=float, default=60.0, help="of speech (default: %(default)s)")
+    proxy.add_argument("--model", default="default", help="bundle of the avatar (default: %(default)s)")
+    proxy.add_argument("--avatar", metavar="URL", help="a running server instead of one of its own")
+
     graphs = kinds.add_parser(
         "graphs",
         help="an imported bundle's step, captured as CUDA graphs",
@@ -164,6 +173,26 @@ def _graphs(args: argparse.Namespace) -> int:
     return 0
 
 
+def _proxy(args: argparse.Namespace) -> int:
+    from contextlib import ExitStack
+
+    from ..proxy.bench import bench_proxy
+    from .proxy import own_server
+
+    with ExitStack() as stack:
+        avatar = args.avatar or stack.enter_context(own_server(args.model, 1, ""))
+        report = bench_proxy(avatar, seconds=args.seconds)
+    print(f"{'way':<10}{'p50 ms':>10}{'p95 ms':>10}{'p99 ms':>10}{'most ms':>10}{'events':>10}")
+    for name, way in report.ways.items():
+        times = "".join(f"{value:>10.2f}" for value in way[:4])
+        print(f"{name:<10}{times}{way.events:>10}")
+    print(f"{report.frames} of {report.expected_frames} frames of motion came beside the voice")
+    verdict = "under" if report.added_p99_ms < 5 else "NOT under"
+    print(f"the avatar adds {report.added_p99_ms:.2f} ms (p99) to a plain relay: {verdict} 5 ms")
+    print(json.dumps(report.summary))
+    return 0
+
+
 def _face(args: argparse.Namespace) -> int:
     import torch
 
@@ -221,6 +250,8 @@ def run(args: argparse.Namespace) -> int:
         return _post(args)
     if args.kind == "sessions":
         return _sessions(args)
+    if args.kind == "proxy":
+        return _proxy(args)
     import torch
 
     from ..evaluation.stream_bench import bench_stream

@@ -82,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
         return _unity(args, legacy[0])
     try:
         from ..server import ServerSettings, create_app, serve
-        from ..server.guard import is_loopback
+        from ..wire.guard import is_loopback
     except ModuleNotFoundError as error:
         raise DependencyError(f"the server needs {error.name}: pip install 'echoavatar[serve]'") from error
     import torch
@@ -102,6 +102,7 @@ def run(args: argparse.Namespace) -> int:
         ahead_seconds=args.ahead,
         drain_seconds=args.drain,
         sinks=tuple(args.sink),
+        lists_sessions=is_loopback(args.host),
     )
     app = create_app(load(args.model, seats=args.seats), settings)
 

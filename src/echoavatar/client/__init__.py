@@ -9,6 +9,7 @@
 from .connection import Avatar, ConnectionLostError, Line, connect, stream_url
 from .recording import Recorder, Recording
 from .sound import read_sound
+from .tools import RemoteTools
 
 __all__ = [
     "Avatar",
@@ -19,4 +20,9 @@ __all__ = [
     "connect",
     "read_sound",
     "stream_url",
+    "Recorder",
+    "Recording",
+    "RemoteTools",
+    "connect",
+    "read_sound",
 ]

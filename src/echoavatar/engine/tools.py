@@ -1,4 +1,4 @@
-"""What a language model may do with the avatar: typed functions, their schemas in every framework's form, one place.
+"""What a language model may do with the avatar: typed functions and their schemas, one place for every framework.
 
 The enums come from the live libraries, so a model is never offered a gesture or a track that is not there; asked for
 one all the same, a tool answers "rejected" with the list, and never raises. All of them are silent: the model need not
@@ -6,17 +6,35 @@ say anything about the result.
 """
 
 from collections.abc import Callable, Mapping
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from jaxtyping import Float
 
 from ..errors import EchoAvatarError
 from ..pipeline.actions import LONGEST_S, ActionLibrary
-from .acts import STRONGEST
-from .session import Session
+from .acts import STRONGEST, ActStatus
+from .tool_forms import Schema, Style, render
 from .tracks import Tracks
 
-Schema = dict[str, Any]
-Style = Literal["plain", "openai", "openai-chat", "anthropic", "gemini", "mcp"]
+__all__ = ["HIDDEN", "Actor", "Schema", "Style", "Tool", "Toolbox"]
 HIDDEN = ("listen", "nod")  # actions that the avatar does by itself
+
+
+class Actor(Protocol):
+    """Who does what the tools ask for: a session of an engine, or of a server."""
+
+    def act(self, name: str, *, intensity: float = 1.0, hold_s: float | None = None) -> ActStatus:
+        """Begin an action."""
+        ...
+
+    def play(self, title: str, track: Float[np.ndarray, " s"]) -> None:
+        """Play 24 kHz mono."""
+        ...
+
+    def stop_music(self) -> None:
+        """Fade it out."""
+        ...
 
 
 class Tool(NamedTuple):
@@ -63,7 +81,7 @@ class Toolbox:
         )
 
     def send_action(
-        self, session: Session, action: str, intensity: float = 1.0, hold: float | None = None
+        self, session: Actor, action: str, intensity: float = 1.0, hold: float | None = None
     ) -> Schema:
         """Begin an action."""
         asked = session.act(action, intensity=intensity, hold_s=hold)
@@ -71,7 +89,7 @@ class Toolbox:
             {"reason": asked.reason} if asked.reason else {}
         )
 
-    def play_music(self, session: Session, title: str | None = None) -> Schema:
+    def play_music(self, session: Actor, title: str | None = None) -> Schema:
         """Begin a track. Reading it may take a moment: not for an event loop."""
         if title is None and not self._tracks.titles:
             return {"status": "rejected", "reason": "there is no music"}
@@ -79,17 +97,17 @@ class Toolbox:
         session.play(found, self._tracks.load(found))
         return {"status": "accepted", "title": found}
 
-    def stop_music(self, session: Session) -> Schema:
+    def stop_music(self, session: Actor) -> Schema:
         """Fade out."""
         session.stop_music()
         return {"status": "done"}
 
-    def list_actions(self, session: Session) -> Schema:
+    def list_actions(self, session: Actor) -> Schema:
         """Names and meanings."""
         del session
         return {"actions": {n: a.about for n, a in self._actions.items() if n not in HIDDEN}}
 
-    def call(self, session: Session, name: str, arguments: Mapping[str, Any]) -> Schema:
+    def call(self, session: Actor, name: str, arguments: Mapping[str, Any]) -> Schema:
         """Do what a model asked for; what cannot be done is told, not raised."""
         tools = {tool.name: tool for tool in self.tools}
         if name not in tools:
@@ -100,25 +118,14 @@ class Toolbox:
             return {"status": "rejected", "reason": str(error)}
 
     def schemas(self, style: Style = "plain") -> list[Schema]:
-        """Declarations in the form of a framework.
-
-        plain: name, description, parameters; openai: Realtime and Responses; openai-chat: Chat Completions;
-        gemini: one tool with its function declarations; mcp: Model Context Protocol.
-        """
-        plain: list[Schema] = [
-            {"name": tool.name, "description": tool.description, "parameters": tool.parameters}
-            for tool in self.tools
-        ]
-        if style == "openai":
-            return [{"type": "function", **tool} for tool in plain]
-        if style == "openai-chat":
-            return [{"type": "function", "function": tool} for tool in plain]
-        if style in ("anthropic", "mcp"):
-            key = "input_schema" if style == "anthropic" else "inputSchema"
-            return [{"name": t["name"], "description": t["description"], key: t["parameters"]} for t in plain]
-        if style == "gemini":
-            return [{"function_declarations": [_for_gemini(tool) for tool in plain]}]
-        return plain
+        """Declarations in the form of a framework; see `tool_forms`."""
+        return render(
+            style,
+            [
+                {"name": tool.name, "description": tool.description, "parameters": tool.parameters}
+                for tool in self.tools
+            ],
+        )
 
 
 def _number(description: str, most: float) -> Schema:
@@ -132,14 +139,6 @@ def _object(properties: Schema, required: list[str]) -> Schema:
         "required": required,
         "additionalProperties": False,
     }
-
-
-def _for_gemini(tool: Schema) -> Schema:
-    """Gemini knows no `additionalProperties`, and wants no parameters at all where there are none."""
-    if not tool["parameters"]["properties"]:
-        return {"name": tool["name"], "description": tool["description"]}
-    kept = {key: value for key, value in tool["parameters"].items() if key != "additionalProperties"}
-    return tool | {"parameters": kept}
 
 
 def _checked(tool: Tool, arguments: Mapping[str, Any]) -> dict[str, Any]:

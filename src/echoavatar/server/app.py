@@ -2,7 +2,6 @@
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from typing import cast, get_args
 
 import anyio
 from starlette.applications import Starlette
@@ -13,13 +12,13 @@ from starlette.websockets import WebSocket
 
 from .. import __version__
 from ..engine import Engine
-from ..engine.tools import Style
+from .chat import chat_routes
 from .endpoint import Visit
-from .guard import has_token
 from .house import House
 from .metrics import CONTENT_TYPE
 from .page import page_routes
 from .settings import ServerSettings
+from .tool_routes import locked, tool_routes
 from .voice import voice_route
 
 
@@ -59,26 +58,14 @@ def _routes(house: House) -> list[BaseRoute]:
         return JSONResponse(facts, 200 if is_ready else 503)
 
     async def metrics(request: Request) -> Response:
-        return _locked(house, request) or Response(house.metrics.text(), media_type=CONTENT_TYPE)
-
-    async def tools(request: Request) -> Response:
-        style = request.query_params.get("style", "plain")
-        if style not in get_args(Style):
-            return JSONResponse({"error": f"style is one of {', '.join(get_args(Style))}"}, 400)
-        return _locked(house, request) or JSONResponse(house.toolbox.schemas(cast(Style, style)))
+        return locked(house, request) or Response(house.metrics.text(), media_type=CONTENT_TYPE)
 
     return [
         WebSocketRoute("/v1/stream", stream),
-        Route("/v1/tools", tools),
+        *tool_routes(house),
+        *chat_routes(house),
         Route("/health", health),
         Route("/metrics", metrics),
         voice_route(house.settings.token),
         *page_routes(),
     ]
-
-
-def _locked(house: House, request: Request) -> Response | None:
-    """The refusal, where a token is asked for and not given."""
-    if has_token(house.settings.token, request.headers):
-        return None
-    return JSONResponse({"error": "wrong token; send Authorization: Bearer TOKEN"}, 401)

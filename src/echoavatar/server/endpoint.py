@@ -29,8 +29,8 @@ from ..wire import (
     negotiate,
     subprotocol,
 )
+from ..wire.guard import check_origin, check_token
 from .answers import answer
-from .guard import check_origin, check_token
 from .house import House
 from .live import LiveSession
 from .outbox import Outbox

@@ -49,6 +49,19 @@ class House:
         return len(self._live)
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """Public names of the sessions, the oldest first."""
+        return tuple(self._live)
+
+    def find(self, name: str = "") -> LiveSession:
+        """A session by its public name; the newest without one.
+
+        Raises:
+            ProtocolError: there is no such session.
+        """
+        return self._known(self._live, name or next(reversed(self._live), ""))
+
+    @property
     def is_well(self) -> bool:
         """Whether the engine runs."""
         return self._thread.is_alive

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..engine import Delivery, Session
+from ..engine import ActStatus, Delivery, Session
 from ..timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from ..wire import (
     Action,
@@ -159,10 +159,13 @@ class LiveSession:
         self._flush(Flush(at=at, epoch=self.session.epoch, seg=seg, heard=count))
         self.playhead.jump(heard)
 
-    def act(self, message: Action) -> None:
-        """Ask for an action; the answer follows as statuses."""
-        self.session.act(message.name, intensity=message.intensity, hold_s=message.hold, id=message.id)
+    def act(self, message: Action) -> ActStatus:
+        """Ask for an action; what becomes of it follows as statuses."""
+        asked = self.session.act(
+            message.name, intensity=message.intensity, hold_s=message.hold, id=message.id
+        )
         self._tell_statuses()
+        return asked
 
     def play(self, message: Music, title: str, track: Float[np.ndarray, " s"]) -> None:
         """Play a track instead of what plays."""

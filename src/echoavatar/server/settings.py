@@ -20,6 +20,7 @@ class ServerSettings:
     hello_seconds: float = 10.0
     drain_seconds: float = 10.0  # at the end, for what is being said
     connections: int = 256  # at once, whatever they are
+    lists_sessions: bool = True  # to whoever has the token; where strangers share a server, names are secrets
     music: Path | None = None  # folder of further tracks
     sinks: tuple[
         str, ...

@@ -14,7 +14,7 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
 from ..errors import EchoAvatarError
-from .guard import has_token
+from ..wire.guard import has_token
 
 MAX_LETTERS = 600
 _SECONDS = 20.0

@@ -15,6 +15,7 @@ const PATHS: Record<string, string> = {
   microphone: '<rect x="9" y="3" width="6" height="11" rx="3"/><path d="M5.500 11.500a6.500 6.500 0 0 0 13 0M12 18v3"/>',
   file: '<path d="M6 3.500h7.500L19 9v11.500H6z"/><path d="M13.500 3.500V9H19M12.500 12v5M10 14.500l2.500-2.500 2.500 2.500" />',
   tab: '<path d="M3 7.500V6a2 2 0 0 1 2-2h5l2 3.500h9V18a2 2 0 0 1-2 2H5a2 2 0 0 1-2-2z"/><path d="M9 12.500v2M12 11v5M15 12.500v2"/>',
+  chat: '<path d="M4 5h11v8H9l-3.500 3v-3H4z"/><path d="M18 9h2.500v8H19v3l-3.500-3H10v-1.500"/>',
   text: '<path d="M4 7V5h16v2M12 5v14M9 19h6"/>',
 };
 

@@ -26,17 +26,26 @@ function takeToken(): string {
   return token;
 }
 
-function start(): void {
+/** With `?watch=NAME` a session that another program leads is shown, without sound; with `?watch` the newest. */
+async function watched(token: string): Promise<string> {
+  const name = settings.get("watch");
+  if (name !== "") return name ?? "";
+  const answer = await fetch("./v1/sessions", { headers: token ? { authorization: `Bearer ${token}` } : {} });
+  const { sessions = [] } = (await answer.json()) as { sessions?: string[] };
+  return sessions.at(-1) ?? "";
+}
+
+async function start(): Promise<void> {
   drawIcons();
   const low = settings.get("quality") === "low";
   document.documentElement.dataset["quality"] = low ? "low" : "high";
   const stage = new Stage(element<HTMLCanvasElement>("view"), low);
   const token = takeToken();
-  const watched = settings.get("watch") ?? "";
-  if (watched) document.documentElement.dataset["watch"] = ""; // someone else speaks; this page shows and plays it
+  const leader = await watched(token);
+  if (settings.has("watch")) document.documentElement.dataset["watch"] = "";
   const session = new EchoSession({
-    role: watched ? "viewer" : "source",
-    session: watched,
+    role: settings.has("watch") ? "viewer" : "source",
+    session: leader,
     url: new URL("v1/stream", location.href).href.replace(/^http/, "ws").replace(/[?#].*$/, ""),
     token,
     playbackWorklet,
@@ -114,4 +123,4 @@ function inspect(session: EchoSession, stage: Stage, avatar: AvatarSlot, hud: Hu
   };
 }
 
-start();
+void start();

@@ -36,7 +36,8 @@ export class Saying {
     if (!form.hidden) element("text").focus();
   }
 
-  private async speak(text: string): Promise<Float32Array> {
+  /** The sound of a text. */
+  async speak(text: string): Promise<Float32Array> {
     const headers = { ...this.headers, "content-type": "application/json" };
     const answer = await fetch("./v1/voice", { method: "POST", headers, body: JSON.stringify({ text }) });
     if (!answer.ok) throw new Error(((await answer.json()) as { error: string }).error);

@@ -1,6 +1,7 @@
 /** The dock: what the avatar hears, and the button that interrupts it. */
 
 import type { EchoSession, protocol } from "@echoavatar/client";
+import { Chat } from "./chat.js";
 import { icon } from "./icons.js";
 import { openMenu, toast } from "./notices.js";
 import { Output } from "./output.js";
@@ -8,9 +9,9 @@ import { Saying } from "./saying.js";
 import { Capture, canShareTabs, decodeSound, fetchSound, openMicrophone, openTab, say } from "./sources.js";
 
 const SPEECH = "./sounds/speech.ogg";
-type Name = "speech" | "music" | "microphone" | "file" | "tab" | "text";
+type Name = "speech" | "music" | "microphone" | "file" | "tab" | "text" | "chat";
 const LABELS: Record<Name, string> = {
-  speech: "Speech", music: "Music", microphone: "Mic", file: "File", tab: "Tab", text: "Type",
+  speech: "Speech", music: "Music", microphone: "Mic", file: "File", tab: "Tab", text: "Type", chat: "Chat",
 };
 const element = (id: string) => document.getElementById(id)!;
 
@@ -23,14 +24,24 @@ export class SourceBar {
   private active: Name | null = null;
 
   private readonly saying: Saying;
+  private readonly chat: Chat;
+  private voiced = false;
 
   constructor(private readonly session: EchoSession, token: string) {
     this.saying = new Saying(token, () => this.rate, (samples) => this.speak("text", samples), (error) => toast(explain(error)));
-    void this.saying.isPossible().then((possible) => this.show("text", possible));
+    void this.saying.isPossible().then((possible) => this.show("text", (this.voiced = possible)));
+    this.chat = new Chat(session, {
+      token,
+      voice: async (text) => (this.voiced ? this.saying.speak(text) : null),
+      say: (samples) => this.answer(samples),
+      hush: () => this.hush(),
+    });
+    void this.chat.isPossible().then((possible) => this.show("chat", possible));
     for (const name of Object.keys(LABELS) as Name[]) this.addButton(name);
     this.show("tab", canShareTabs());
     this.show("music", false);
     this.show("text", false);
+    this.show("chat", false);
     session.on("ready", (ready) => this.offer(ready));
     const isWatching = "watch" in document.documentElement.dataset;
     if (isWatching) element("begin").textContent = "Hear it";
@@ -82,7 +93,22 @@ export class SourceBar {
     say(this.session, samples);
   }
 
+  /** What the companion says; music plays on under it. */
+  private async answer(samples: Float32Array): Promise<void> {
+    await this.wake();
+    this.hush();
+    this.mark("chat");
+    say(this.session, samples);
+  }
+
+  /** Words are cut off, music is not. */
+  private hush(): void {
+    this.stopCapture();
+    if (this.active) this.session.interrupt();
+  }
+
   interrupt(): void {
+    this.chat.stop();
     this.stopCapture();
     this.session.music("stop");
     this.session.interrupt();
@@ -128,7 +154,8 @@ export class SourceBar {
     else if (name === "microphone") this.chooseEar(button);
     else if (name === "tab") await this.listen("tab", await openTab(), "avatar");
     else if (name === "file") element("file").click();
-    else this.saying.toggle();
+    else if (name === "text") this.saying.toggle();
+    else this.chat.toggle();
   }
 
   /** What played before ends, what comes now begins. */

@@ -38,7 +38,9 @@ export class Capture {
     private readonly utterance: Utterance,
   ) {}
 
-  static async start(session: EchoSession, stream: MediaStream, speaker: Speaker, onEnd: () => void): Promise<Capture> {
+  static async start(
+    session: EchoSession, stream: MediaStream, speaker: Speaker, onEnd: () => void, onBlock?: (block: Float32Array) => void,
+  ): Promise<Capture> {
     const context = new AudioContext({ latencyHint: "interactive" });
     await context.audioWorklet.addModule(captureWorklet);
     const rate = session.ready?.sample_rate ?? 24000;
@@ -49,6 +51,7 @@ export class Capture {
     node.port.onmessage = ({ data }: MessageEvent<Float32Array>) => {
       utterance.push(data);
       session.pump();
+      onBlock?.(data);
     };
     context.createMediaStreamSource(new MediaStream(stream.getAudioTracks())).connect(node);
     stream.getAudioTracks()[0]!.addEventListener("ended", onEnd);

@@ -5,7 +5,7 @@ import ipaddress
 from collections.abc import Mapping
 from urllib.parse import urlsplit
 
-from ..wire import ProtocolError
+from .codec import ProtocolError
 
 
 def check_token(expected: str, given: str, headers: Mapping[str, str]) -> None:

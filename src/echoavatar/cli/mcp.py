@@ -1,0 +1,49 @@
+"""`echoavatar mcp`: the tools of a running avatar for agents that speak the Model Context Protocol."""
+
+import argparse
+import asyncio
+import os
+import sys
+
+from ..errors import DependencyError
+
+TOKEN = "ECHOAVATAR_TOKEN"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.epilog = (
+        "examples:\n"
+        "  echoavatar mcp                        over standard input and output, as agents start it themselves\n"
+        "  echoavatar mcp --http --port 8767     over streamable HTTP, at http://127.0.0.1:8767/mcp\n"
+        "It acts on a session of a running `echoavatar serve`: the newest, or --session.\n"
+    )
+    parser.add_argument(
+        "--server", default="http://127.0.0.1:8765", metavar="URL", help="(default: %(default)s)"
+    )
+    parser.add_argument(
+        "--token", default=os.environ.get(TOKEN, ""), help=f"the server's token; default ${TOKEN}"
+    )
+    parser.add_argument(
+        "--session", default="", metavar="NAME", help="`ready.session` (default: the newest there is)"
+    )
+    parser.add_argument("--http", action="store_true", help="serve streamable HTTP instead of standard input")
+    parser.add_argument("--host", default="127.0.0.1", help="with --http (default: %(default)s)")
+    parser.add_argument("--port", type=int, default=8767, help="with --http (default: %(default)s)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Serve until stopped."""
+    try:
+        from ..mcp import serve_http, serve_stdio
+    except ModuleNotFoundError as error:
+        raise DependencyError(f"this needs {error.name}: pip install 'echoavatar[mcp]'") from error
+    from ..client import RemoteTools
+
+    tools = RemoteTools(args.server, token=args.token, session=args.session)
+    if args.http:
+        print(f"echoavatar mcp is at http://{args.host}:{args.port}/mcp  (Ctrl-C stops)", file=sys.stderr)
+        asyncio.run(serve_http(tools, host=args.host, port=args.port))
+    else:
+        asyncio.run(serve_stdio(tools))
+    return 0

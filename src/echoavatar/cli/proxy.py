@@ -1,0 +1,120 @@
+"""`echoavatar proxy`: an avatar behind any voice agent that speaks the OpenAI Realtime protocol."""
+
+import argparse
+import asyncio
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+
+from ..errors import DependencyError, EchoAvatarError
+
+TOKEN = "ECHOAVATAR_TOKEN"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.epilog = (
+        "examples:\n"
+        "  echoavatar proxy --upstream wss://api.openai.com/v1/realtime\n"
+        "  echoavatar proxy --upstream ws://127.0.0.1:8765/v1/realtime --avatar http://127.0.0.1:8764 --tools\n"
+        "Then give your agent ws://127.0.0.1:8766/v1 instead of wss://api.openai.com/v1; its key goes through.\n"
+        "docs/integrations/openai_realtime.md lists the events that come beside the voice.\n"
+    )
+    parser.add_argument(
+        "--upstream", required=True, metavar="URL", help="such as wss://api.openai.com/v1/realtime"
+    )
+    parser.add_argument(
+        "--avatar", metavar="URL", help="a running `echoavatar serve` (default: one of its own is started)"
+    )
+    parser.add_argument(
+        "--token", default=os.environ.get(TOKEN, ""), help=f"that server's token; default ${TOKEN}"
+    )
+    parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: %(default)s)")
+    parser.add_argument("--port", type=int, default=8766, help="0 takes any free one (default: %(default)s)")
+    parser.add_argument(
+        "--tools", action="store_true", help="offer gestures and music to the model, and do what it calls"
+    )
+    parser.add_argument("--no-idle", action="store_true", help="only motion of what is said, none in between")
+    parser.add_argument(
+        "--origin", action="append", default=[], metavar="URL", help="pages of another host that may connect"
+    )
+    parser.add_argument(
+        "--model", default="default", help="bundle of the server it starts (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--seats", type=int, default=3, help="conversations with an avatar at once (default: %(default)s)"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Pass on until stopped."""
+    try:
+        from ..proxy import ProxySettings
+    except ModuleNotFoundError as error:
+        raise DependencyError(f"the proxy needs {error.name}: pip install 'echoavatar[serve]'") from error
+    settings = ProxySettings(
+        args.upstream,
+        avatar=args.avatar or "http://to.be.started",
+        token=args.token,
+        tools=args.tools,
+        idle=not args.no_idle,
+        origins=tuple(origin.rstrip("/") for origin in args.origin),
+    )
+    with contextlib.ExitStack() as stack:
+        own = args.avatar or stack.enter_context(own_server(args.model, args.seats, args.token))
+        asyncio.run(_proxy(settings, own, args.host, args.port))
+    print("echoavatar: stopped", file=sys.stderr)
+    return 0
+
+
+async def _proxy(settings: object, avatar: str, host: str, port: int) -> None:
+    from dataclasses import replace
+
+    from ..proxy import ProxySettings, Relay
+
+    assert isinstance(settings, ProxySettings)
+    relay = Relay(replace(settings, avatar=avatar))
+    taken = await relay.start(host, port)
+    name = f"[{host}]" if ":" in host else host
+    print(
+        f"echoavatar proxy is at ws://{name}:{taken}/v1/realtime  (avatar at {avatar}; Ctrl-C stops)",
+        flush=True,
+    )
+    stopped = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        with contextlib.suppress(NotImplementedError):  # Windows: Ctrl-C raises instead
+            loop.add_signal_handler(number, stopped.set)
+    await stopped.wait()
+    await relay.stop()
+
+
+@contextlib.contextmanager
+def own_server(model: str, seats: int, token: str) -> Iterator[str]:
+    """A server in a process of its own: what the engine does cannot hold up the voice."""
+    command = [sys.executable, "-m", "echoavatar", "serve", "--port", "0", "--model", model]
+    process = subprocess.Popen(
+        [*command, "--seats", str(seats), "--drain", "1"],
+        stdout=subprocess.PIPE,
+        text=True,
+        env=os.environ | {TOKEN: token},
+        start_new_session=True,  # Ctrl-C is for us, and we stop it
+    )
+    try:
+        assert process.stdout is not None
+        told = process.stdout.readline().split()
+        if "at" not in told:
+            raise EchoAvatarError(
+                f"the avatar's server did not start; try `echoavatar serve --model {model}`"
+            )
+        yield told[told.index("at") + 1].split("?")[0].rstrip("/")
+    finally:
+        process.terminate()
+        try:
+            process.wait(10)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()

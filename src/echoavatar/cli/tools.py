@@ -1,0 +1,33 @@
+"""`echoavatar tools`: what a language model may do with the avatar, as declarations for its framework."""
+
+import argparse
+import json
+from pathlib import Path
+from typing import cast, get_args
+
+FORMS = ("openai", "openai-chat", "gemini", "anthropic", "elevenlabs", "pipecat", "livekit", "mcp", "plain")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.epilog = (
+        "examples:\n"
+        "  echoavatar tools --format openai                 for session.update of the Realtime API, and Responses\n"
+        "  echoavatar tools --format gemini > tools.json\n"
+        "A running server gives the same at /v1/tools?style=openai, with its own music.\n"
+    )
+    parser.add_argument("--format", choices=FORMS, default="openai", help="whose form (default: %(default)s)")
+    parser.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
+    parser.add_argument("--music", type=Path, metavar="FOLDER", help="further tracks for play_music")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print them as JSON."""
+    from ..engine.tools import Style, Toolbox
+    from ..engine.tracks import Tracks
+    from ..pipeline import load_bundle
+
+    assert set(FORMS) == set(get_args(Style))
+    toolbox = Toolbox(load_bundle(args.model).actions, Tracks(args.music))
+    print(json.dumps(toolbox.schemas(cast(Style, args.format)), indent=2, ensure_ascii=False))
+    return 0

@@ -1,0 +1,119 @@
+"""A language model behind any OpenAI-compatible endpoint: Chat Completions with tools, and transcription.
+
+Plain HTTP from a thread, no package needed. The key goes into one header and nowhere else.
+"""
+
+import asyncio
+import json
+import secrets
+import urllib.error
+import urllib.request
+from collections.abc import Sequence
+from typing import Any
+
+from ..errors import EchoAvatarError
+from .persona import PERSONA
+from .talk import MOST_REMEMBERED, Doing, Said
+
+PATIENCE_S = 60.0
+MOST_ROUNDS = 3  # of calls, before words are asked for
+MOST_TOKENS = 300
+MOST_BYTES = 1 << 22
+
+
+class ChatModel:
+    """A model at `url`, such as http://127.0.0.1:11434/v1."""
+
+    def __init__(
+        self, url: str, *, model: str, key: str = "", ears: str = "", persona: str = PERSONA
+    ) -> None:
+        """`ears` is a model for `/audio/transcriptions` at the same address; empty: none.
+
+        Raises:
+            EchoAvatarError: an address that is none, or no model.
+        """
+        if not url.startswith(("http://", "https://")):
+            raise EchoAvatarError(
+                f"ECHOAVATAR_CHAT_URL {url!r} is no address; give one such as http://127.0.0.1:11434/v1"
+            )
+        if not model:
+            raise EchoAvatarError("ECHOAVATAR_CHAT_MODEL is not set; name a model of ECHOAVATAR_CHAT_URL")
+        self.name, self.hears = model, bool(ears)
+        self._url, self._key, self._ears, self._persona = url.rstrip("/"), key, ears, persona
+
+    async def reply(self, said: str, history: Sequence[Said], doing: Doing) -> str:
+        """What the model says; its calls are done on the way."""
+        messages: list[dict[str, Any]] = [{"role": "system", "content": self._persona}]
+        messages += [{"role": past.role, "content": past.text} for past in history[-MOST_REMEMBERED:]]
+        messages.append({"role": "user", "content": said})
+        for turn in range(MOST_ROUNDS + 1):
+            request = {"model": self.name, "messages": messages, "max_tokens": MOST_TOKENS}
+            if turn < MOST_ROUNDS and doing.tools:
+                request["tools"] = list(doing.tools)
+            answer = await self._message(request)
+            calls = answer.get("tool_calls") or []
+            words = answer.get("content")
+            text = words.strip() if isinstance(words, str) else ""
+            if not calls or turn == MOST_ROUNDS:
+                return text
+            results = [await self._call(call, doing) for call in calls]
+            if text:
+                return text  # it spoke beside its calls: a gesture needs no more words
+            messages += [{"role": "assistant", "content": None, "tool_calls": calls}, *results]
+        return ""
+
+    async def transcribe(self, wav: bytes) -> str:
+        """The words of a WAV file."""
+        if not self._ears:
+            raise EchoAvatarError("no ears: set ECHOAVATAR_CHAT_EARS to a model that transcribes")
+        border = secrets.token_hex(16)
+        parts = [
+            f'--{border}\r\ncontent-disposition: form-data; name="model"\r\n\r\n{self._ears}\r\n'.encode(),
+            f'--{border}\r\ncontent-disposition: form-data; name="file"; filename="said.wav"\r\n'
+            "content-type: audio/wav\r\n\r\n".encode(),
+            wav,
+            f"\r\n--{border}--\r\n".encode(),
+        ]
+        kind = f"multipart/form-data; boundary={border}"
+        answer = await asyncio.to_thread(self._post, "/audio/transcriptions", b"".join(parts), kind)
+        text = answer.get("text")
+        return text.strip() if isinstance(text, str) else ""
+
+    async def _message(self, request: dict[str, Any]) -> dict[str, Any]:
+        body = json.dumps(request).encode()
+        answer = await asyncio.to_thread(self._post, "/chat/completions", body, "application/json")
+        try:
+            message: dict[str, Any] = answer["choices"][0]["message"]
+        except (KeyError, IndexError, TypeError) as error:
+            raise EchoAvatarError(f"{self.name} did not answer as Chat Completions do") from error
+        return message
+
+    async def _call(self, call: dict[str, Any], doing: Doing) -> dict[str, Any]:
+        function = call.get("function") or {}
+        try:
+            arguments = json.loads(function.get("arguments") or "{}")
+        except (ValueError, TypeError):
+            arguments = None
+        if isinstance(arguments, dict):
+            result = await doing.do(str(function.get("name")), arguments)
+        else:
+            result = {"status": "rejected", "reason": "the arguments are no JSON object"}
+        return {"role": "tool", "tool_call_id": call.get("id"), "content": json.dumps(result)}
+
+    def _post(self, path: str, body: bytes, kind: str) -> dict[str, Any]:
+        headers = {"content-type": kind}
+        if self._key:
+            headers["authorization"] = f"Bearer {self._key}"
+        request = urllib.request.Request(self._url + path, body, headers)
+        try:
+            with urllib.request.urlopen(request, timeout=PATIENCE_S) as answer:
+                told = json.loads(answer.read(MOST_BYTES))
+        except urllib.error.HTTPError as error:
+            raise EchoAvatarError(f"{self.name} refused: HTTP {error.code}") from error
+        except (OSError, ValueError) as error:
+            raise EchoAvatarError(
+                f"no model answers at {self._url} ({type(error).__name__}); see ECHOAVATAR_CHAT_URL"
+            ) from error
+        if not isinstance(told, dict):
+            raise EchoAvatarError(f"{self.name} did not answer with an object")
+        return told

@@ -1,0 +1,121 @@
+"""Realtime events as far as the avatar cares; whatever else they hold is left alone, and nonsense is passed over.
+
+Names of both the present protocol (`response.output_audio.delta`) and its first one (`response.audio.delta`), which
+other servers still speak.
+"""
+
+import base64
+import binascii
+import json
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+
+AUDIO_DELTA = ("response.output_audio.delta", "response.audio.delta")
+AUDIO_DONE = ("response.output_audio.done", "response.audio.done")
+SESSION = ("session.created", "session.updated")
+
+
+class Event(msgspec.Struct):
+    """One event; fields that it does not have are empty."""
+
+    type: str
+    item_id: str | None = None
+    response_id: str | None = None
+    output_index: int | None = None
+    content_index: int | None = None
+    delta: Any = None  # base64 in audio events
+    audio: Any = None  # base64, from the client
+    audio_end_ms: float | None = None
+    call_id: str | None = None
+    name: str | None = None
+    arguments: Any = None
+    session: Any = None
+    response: Any = None
+    item: Any = None
+
+
+_DECODER = msgspec.json.Decoder(Event)
+
+
+def read(message: str | bytes) -> Event | None:
+    """An event; None for what is none."""
+    try:
+        return _DECODER.decode(message)
+    except (msgspec.DecodeError, UnicodeError, RecursionError):
+        return None
+
+
+def sound(field: Any) -> bytes:
+    """The bytes of a base64 field; none where it is broken."""
+    if not isinstance(field, str):
+        return b""
+    try:
+        return base64.b64decode(field, validate=True)
+    except (binascii.Error, ValueError):
+        return b""
+
+
+def inside(value: Any, *path: str) -> Any:
+    """A value deep in an object; None where the way ends."""
+    for key in path:
+        if not isinstance(value, dict):
+            return None
+        value = value.get(key)
+    return value
+
+
+def audio_format(session: Any, direction: str) -> tuple[str, int] | None:
+    """Kind and rate of a session's `input` or `output`; None where it does not say.
+
+    The present protocol: `audio.output.format.type`, the first one: `output_audio_format`.
+    """
+    form = inside(session, "audio", direction, "format") or inside(session, f"{direction}_audio_format")
+    rate = inside(form, "rate")
+    kind = inside(form, "type") if isinstance(form, dict) else form
+    match kind:
+        case "audio/pcmu" | "g711_ulaw":
+            return "ulaw", 8_000
+        case "audio/pcma" | "g711_alaw":
+            return "alaw", 8_000
+        case "audio/pcm" | "pcm16":
+            return "pcm", rate if isinstance(rate, int) and 8_000 <= rate <= 192_000 else 24_000
+    return None
+
+
+def interrupts(session: Any) -> bool | None:
+    """Whether the user's voice cuts the model off; None where the session does not say."""
+    for detection in (inside(session, "audio", "input", "turn_detection"), inside(session, "turn_detection")):
+        if isinstance(detection, dict):
+            return detection.get("interrupt_response") is not False
+    return None
+
+
+def tools_of(session: Any) -> list[Any] | None:
+    """The tools of a session; None where it does not say."""
+    tools = inside(session, "tools")
+    return tools if isinstance(tools, list) else None
+
+
+def is_for_us(message: str | bytes) -> bool:
+    """Whether a client's event is meant for the proxy."""
+    if len(message) > 4_096 or not isinstance(message, str) or '"echoavatar.' not in message:
+        return False
+    event = read(message)
+    return event is not None and event.type.startswith("echoavatar.")
+
+
+def with_tools(message: str | bytes, add: Callable[[list[Any]], list[Any]]) -> str | bytes:
+    """A client's `session.update` that sets tools, with others added to them; anything else as it came."""
+    if not isinstance(message, str) or '"session.update"' not in message:
+        return message
+    try:
+        event = json.loads(message)
+    except (ValueError, RecursionError):
+        return message
+    own = tools_of(inside(event, "session"))
+    if inside(event, "type") != "session.update" or own is None:
+        return message
+    event["session"]["tools"] = add(own)
+    return json.dumps(event)

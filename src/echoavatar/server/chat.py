@@ -1,0 +1,103 @@
+"""The companion behind the page's chat box: words in, words out, and what goes with them done in the session."""
+
+from functools import lru_cache
+from typing import Any
+
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+from starlette.routing import BaseRoute, Route
+
+from ..companion import Companion, Doing, Said, from_environment
+from ..companion.talk import MOST_REMEMBERED
+from ..errors import EchoAvatarError
+from ..wire import ProtocolError
+from ..wire.guard import check_origin
+from .house import House
+from .tool_routes import asked_session, call_tool, locked, read_json
+
+MOST_LETTERS = 2_000
+MOST_SOUND = 4 << 20  # bytes: 80 s at 24 kHz
+
+
+def chat_routes(house: House) -> list[BaseRoute]:
+    """Who talks (GET /v1/chat), what they say to `{"session", "text", "history"}` (POST), and words of a sound."""
+    companion = lru_cache(maxsize=1)(from_environment)
+
+    async def who(request: Request) -> Response:
+        refusal = locked(house, request)
+        if refusal is not None:
+            return refusal
+        try:
+            there = companion()
+        except EchoAvatarError as error:
+            return JSONResponse({"error": str(error)}, 503)
+        return JSONResponse({"name": there.name, "hears": there.hears})
+
+    async def talk(request: Request) -> Response:
+        refusal = locked(house, request)
+        if refusal is not None:
+            return refusal
+        try:
+            return JSONResponse(await _talk(house, companion(), request))
+        except ProtocolError as error:
+            return JSONResponse({"error": str(error)}, 403 if error.code == "forbidden_origin" else 404)
+        except EchoAvatarError as error:
+            return JSONResponse({"error": str(error)}, 400)
+
+    async def hear(request: Request) -> Response:
+        refusal = locked(house, request)
+        if refusal is not None:
+            return refusal
+        try:
+            return JSONResponse({"text": await companion().transcribe(await _sound(house, request))})
+        except ProtocolError as error:
+            return JSONResponse({"error": str(error)}, 403)
+        except EchoAvatarError as error:
+            return JSONResponse({"error": str(error)}, 400)
+
+    return [
+        Route("/v1/chat", who),
+        Route("/v1/chat", talk, methods=["POST"]),
+        Route("/v1/chat/ears", hear, methods=["POST"]),
+    ]
+
+
+async def _talk(house: House, companion: Companion, request: Request) -> dict[str, Any]:
+    message = await read_json(request, house.settings.origins, most=1 << 16)
+    text = message.get("text")
+    if not isinstance(text, str) or not text.strip() or len(text) > MOST_LETTERS:
+        raise EchoAvatarError(f'send {{"text": "..."}} of at most {MOST_LETTERS} letters')
+    live = asked_session(house, request, message)
+    did: list[dict[str, Any]] = []
+
+    async def do(name: str, arguments: dict[str, Any]) -> dict[str, Any]:
+        result = await call_tool(house, live, name, arguments)
+        did.append({"name": name, "arguments": arguments, "status": result.get("status", "done")})
+        return result
+
+    doing = Doing(house.toolbox.schemas("openai-chat"), do)
+    return {"say": await companion.reply(text, _history(message.get("history")), doing), "did": did}
+
+
+def _history(given: Any) -> list[Said]:
+    """What was said before, of the shape that it must have; the rest is left out."""
+    rows = given[-MOST_REMEMBERED:] if isinstance(given, list) else []
+    return [
+        Said(row["role"], row["text"][:MOST_LETTERS])
+        for row in rows
+        if isinstance(row, dict)
+        and row.get("role") in ("user", "assistant")
+        and isinstance(row.get("text"), str)
+    ]
+
+
+async def _sound(house: House, request: Request) -> bytes:
+    check_origin(request.headers, house.settings.origins)
+    if request.headers.get("content-type") != "audio/wav":  # a form on another page cannot say so
+        raise EchoAvatarError("send audio/wav")
+    body = b""
+    async for part in request.stream():
+        body += part
+        if len(body) > MOST_SOUND:
+            raise EchoAvatarError("that is too long")
+    return body

@@ -1,0 +1,104 @@
+"""A scripted voice, an avatar server with a body of twenty lines and a face, and a proxy between them."""
+
+import asyncio
+import contextlib
+import json
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from dataclasses import replace
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+import tests.server.fakes as fakes
+from tests.server.fakes import Body, Place, serving
+from websockets.asyncio.client import ClientConnection, connect
+
+from echoavatar.proxy import ProxySettings, Relay
+from echoavatar.proxy.scripted import Part, Script, ScriptedUpstream
+from echoavatar.proxy.upstream import quiet_logger
+
+
+class FacedBody(Body):
+    """Its left eye is shut as far as its hips are high."""
+
+    face = "a face"
+
+    def step(self, *given: Any) -> Any:
+        return [
+            chunk._replace(face=np.clip(np.tile(chunk.root[:, 1:2], (1, 52)), 0, 1))
+            for chunk in super().step(*given)
+        ]
+
+
+@contextlib.contextmanager
+def stage(**options: Any) -> Iterator[Place]:
+    """An avatar server."""
+    with patch.object(fakes, "Body", FacedBody), serving(**options) as place:
+        yield place
+
+
+@contextlib.asynccontextmanager
+async def proxied(
+    script: Script, avatar: str = "", *, settings: ProxySettings | None = None, **options: Any
+) -> AsyncIterator[tuple[str, ScriptedUpstream, Relay]]:
+    """The proxy's address, before a scripted upstream."""
+    async with ScriptedUpstream(script, **options) as upstream:
+        given = settings or ProxySettings("ws://nowhere.example")
+        relay = Relay(replace(given, upstream=upstream.url, avatar=avatar))
+        port = await relay.start(port=0)
+        try:
+            yield f"ws://127.0.0.1:{port}/v1/realtime", upstream, relay
+        finally:
+            await relay.stop()
+
+
+class Listener:
+    """A client that keeps everything: what the upstream said as text, what the proxy added as events."""
+
+    def __init__(self, line: ClientConnection) -> None:
+        self.line = line
+        self.passed: list[str] = []
+        self.added: list[dict[str, Any]] = []
+        self.code: int | None = None
+
+    async def listen(
+        self, until: Callable[["Listener"], bool] = lambda _: False, seconds: float = 15
+    ) -> None:
+        from websockets.exceptions import ConnectionClosed
+
+        async with asyncio.timeout(seconds):
+            while not until(self):
+                try:
+                    text = await self.line.recv()
+                except ConnectionClosed as closed:
+                    self.code = closed.rcvd.code if closed.rcvd else 1006
+                    return
+                if isinstance(text, str) and '"echoavatar_' in text[:120]:
+                    self.added.append(json.loads(text))
+                else:
+                    self.passed.append(text)  # type: ignore[arg-type]
+
+    def of(self, kind: str) -> list[dict[str, Any]]:
+        return [event for event in self.added if event["type"] == kind]
+
+    async def say(self, kind: str, **fields: Any) -> None:
+        await self.line.send(json.dumps({"type": kind, **fields}))
+
+
+@contextlib.asynccontextmanager
+async def listening(url: str, **options: Any) -> AsyncIterator[Listener]:
+    async with connect(url, compression=None, logger=quiet_logger(), **options) as line:
+        yield Listener(line)
+
+
+def tone(seconds: float, level: int = 8_000) -> bytes:
+    """Constant sound: what was heard of it can be summed up."""
+    return np.full(round(24_000 * seconds), level, "<i2").tobytes()
+
+
+async def silent(part: Part) -> None:
+    """Says nothing."""
+
+
+def run(what: Callable[[], Awaitable[None]], seconds: float = 30) -> None:
+    asyncio.run(asyncio.wait_for(what(), seconds))  # type: ignore[arg-type]

@@ -1,0 +1,230 @@
+"""The voice's way: byte for byte, in order, whatever happens beside it."""
+
+import asyncio
+import http.client
+import json
+import logging
+
+import pytest
+from tests.proxy.places import listening, proxied, run, silent, stage, tone
+from websockets.asyncio.client import connect
+from websockets.exceptions import InvalidStatus
+
+from echoavatar.errors import EchoAvatarError
+from echoavatar.proxy import ProxySettings, Relay
+from echoavatar.proxy.scripted import Part
+from echoavatar.proxy.upstream import dial
+
+ODD = [
+    '{"type":"x",  "spaces" :1}',
+    '{"type":"response.output_audio.delta","delta":7,"item_id":[]}',
+    '{"type":"response.output_audio.delta","item_id":"i","delta":"***"}',
+    '{"type":"response.output_audio.delta","item_id":"i","delta":null,"content_index":"a"}',
+    '{"type":"session.updated","session":"none"}',
+    '{"type":"session.created","session":{"tools":{"name":[]},"audio":[]}}',
+    '{"type":"response.done","response":[[]]}',
+    '{"type":"response.output_item.done","item":{"type":"function_call","name":[],"call_id":{}}}',
+    '{"type":"echoavatar.animation_body.delta"}',
+    "no JSON at all",
+    "",
+    "[" * 2_000,
+    '{"type": 5}',
+    '"only text"',
+    '{"type":"ä\\ud800 \\u0000","big":123456789012345678901234567890,"n":1e400}',
+    '{"a":1,"a":2}',
+]
+
+
+@pytest.mark.parametrize("tools", [False, True])
+def test_every_event_passes_byte_for_byte_and_in_order_both_ways(tools: bool) -> None:
+    async def script(part: Part) -> None:
+        for text in ODD:
+            await part.send_text(text)
+        await part.line.send(b"\x00\xff binary")
+        await part.until("bye")
+        await part.line.close(4321, "that was all")
+
+    async def conversation() -> None:
+        settings = ProxySettings("ws://x", tools=tools)
+        with stage() as place:
+            async with proxied(script, place.address, settings=settings) as (url, upstream, _):
+                async with listening(url) as client:
+                    for text in ODD:
+                        await client.line.send(text)
+                    await client.listen(lambda c: len(c.passed) >= len(ODD) + 2)
+                    await client.listen(lambda c: bool(c.of("echoavatar.animation_body.delta")))
+                    await client.say("bye")
+                    await client.listen()
+                [part] = upstream.parts
+                updated = [text for text in part.sent if '"session.updated", ' in text[:30]]
+                assert len(updated) == tools  # ours, as the tools were added
+                passed = [text for text in client.passed if text not in updated]
+                assert passed == [part.sent[0], *ODD, b"\x00\xff binary"]
+                assert client.code == 4321
+                assert client.line.close_reason == "that was all"
+
+    run(conversation)
+
+
+def test_the_upstream_gets_the_clients_bytes() -> None:
+    raw: list[object] = []
+
+    async def conversation() -> None:
+        from websockets.asyncio.server import serve
+
+        async def keep(line: object) -> None:
+            async for message in line:  # type: ignore[attr-defined]
+                raw.append(message)
+
+        async with serve(keep, "127.0.0.1", 0) as server:
+            port = server.sockets[0].getsockname()[1]
+            relay = Relay(ProxySettings(f"ws://127.0.0.1:{port}/x", avatar="127.0.0.1:9", tools=True))
+            async with connect(f"ws://127.0.0.1:{await relay.start(port=0)}") as line:
+                for text in ODD:
+                    await line.send(text)
+                await line.send(b"\x01\x02")
+                await line.close(4000, "done")
+            await asyncio.sleep(0.2)
+            await relay.stop()
+
+    run(conversation)
+    assert raw == [text for text in ODD if not text.startswith('{"type":"echoavatar.')] + [b"\x01\x02"]
+
+
+def test_credentials_query_and_subprotocol_are_passed_on_and_never_written(
+    caplog: pytest.LogCaptureFixture, capfd: pytest.CaptureFixture[str]
+) -> None:
+    async def conversation() -> None:
+        with stage() as place:
+            async with proxied(silent, place.address, subprotocols=("realtime",)) as (url, upstream, _):
+                headers = {"Authorization": "Bearer sk-very-secret", "OpenAI-Beta": "realtime=v1"}
+                options = {
+                    "additional_headers": headers,
+                    "subprotocols": ["other", "realtime", "openai-insecure-api-key.sk-very-secret"],
+                }
+                async with listening(f"{url}?model=m&api-key=sk-very-secret", **options) as client:
+                    assert client.line.subprotocol == "realtime"
+                    await client.listen(lambda c: bool(c.added))
+                [(path, got)] = upstream.requests
+                assert path == "/v1/realtime?model=m&api-key=sk-very-secret"
+                assert got["Authorization"] == "Bearer sk-very-secret"
+                assert got["OpenAI-Beta"] == "realtime=v1"
+
+    with caplog.at_level(logging.DEBUG):
+        run(conversation)
+    assert "sk-very-secret" not in caplog.text
+    told = capfd.readouterr()
+    assert "sk-very-secret" not in told.out + told.err
+
+
+def test_a_refusal_is_the_upstreams_own() -> None:
+    async def conversation() -> None:
+        from http import HTTPStatus
+
+        from websockets.asyncio.server import serve
+
+        def refuse(line: object, request: object) -> object:
+            return line.respond(HTTPStatus.UNAUTHORIZED, '{"error": "bad key"}')  # type: ignore[attr-defined]
+
+        async with serve(silent, "127.0.0.1", 0, process_request=refuse) as server:  # type: ignore[arg-type]
+            port = server.sockets[0].getsockname()[1]
+            relay = Relay(ProxySettings(f"ws://127.0.0.1:{port}/v1/realtime"))
+            own = await relay.start(port=0)
+            with pytest.raises(InvalidStatus) as refused:
+                await connect(f"ws://127.0.0.1:{own}/v1/realtime")
+            assert refused.value.response.status_code == 401
+            assert refused.value.response.body == b'{"error": "bad key"}'
+            assert relay.clients == 0
+            await relay.stop()
+
+    run(conversation)
+
+
+def test_nobody_upstream_is_a_bad_gateway_and_other_pages_are_not_let_in() -> None:
+    async def conversation() -> None:
+        relay = Relay(ProxySettings("ws://127.0.0.1:9/v1/realtime"))
+        port = await relay.start(port=0)
+        for headers, status in (({}, 502), ({"Origin": "https://evil.example"}, 403)):
+            with pytest.raises(InvalidStatus) as refused:
+                await connect(f"ws://127.0.0.1:{port}", additional_headers=headers)
+            assert refused.value.response.status_code == status
+        assert await asyncio.to_thread(_health, port) == {"status": "ready", "clients": 0}
+        with pytest.raises(EchoAvatarError, match="cannot listen"):
+            await Relay(ProxySettings("ws://x")).start(port=port)
+        await relay.stop()
+
+    run(conversation)
+
+
+def _health(port: int) -> object:
+    line = http.client.HTTPConnection("127.0.0.1", port, timeout=5)
+    line.request("GET", "/health")
+    return json.load(line.getresponse())
+
+
+def test_an_upstream_that_drops_ends_one_conversation_and_not_the_next() -> None:
+    async def script(part: Part) -> None:
+        await part.say(tone(0.5))
+        part.line.transport.abort()
+
+    async def conversation() -> None:
+        with stage() as place:
+            async with proxied(script, place.address) as (url, upstream, relay):
+                for _ in range(2):
+                    async with listening(url) as client:
+                        await client.listen()
+                        assert client.code == 1011
+                        assert client.passed == upstream.parts[-1].sent
+                assert len(upstream.parts) == 2
+                await asyncio.sleep(0.1)
+                assert relay.clients == 0
+            assert place.empties()
+
+    run(conversation)
+
+
+def test_a_client_that_leaves_takes_its_upstream_and_avatar_with_it() -> None:
+    async def conversation() -> None:
+        with stage() as place:
+            async with proxied(silent, place.address) as (url, upstream, relay):
+                async with listening(url) as client:
+                    await client.listen(lambda c: bool(c.of("echoavatar.session.created")))
+                    await client.line.close(4002, "off")
+                await upstream.parts[0].line.wait_closed()
+                assert upstream.parts[0].line.close_code == 4002
+                assert relay.clients == 0
+            assert place.empties()
+
+    run(conversation)
+
+
+def test_a_slow_client_gets_all_of_the_voice_and_less_of_the_motion() -> None:
+    """It stops reading for two seconds while 5 MB are said: the voice is whole, motion is left out."""
+
+    async def script(part: Part) -> None:
+        await part.until("go")
+        for number in range(80):
+            await part.send_text(json.dumps({"type": "filler", "n": number, "x": "x" * 65_536}))
+        await part.say(tone(1.0))
+
+    async def conversation() -> None:
+        with stage() as place:
+            async with (
+                proxied(script, place.address) as (url, upstream, _),
+                listening(url, max_queue=1) as client,
+            ):
+                await client.listen(lambda c: bool(c.of("echoavatar.animation_body.delta")))
+                await client.say("go")
+                await asyncio.sleep(3)
+                before = len(client.of("echoavatar.animation_body.delta"))
+                await client.listen(lambda c: any('"response.done"' in text for text in c.passed))
+                assert client.passed == upstream.parts[0].sent
+                late = client.of("echoavatar.animation_body.delta")[before:]
+                assert len(late) < 8  # three seconds would be 11
+
+    run(conversation)
+
+
+def test_dialling_says_who_cannot_be_reached() -> None:
+    with pytest.raises(OSError, match="127.0.0.1"):
+        asyncio.run(dial("ws://127.0.0.1:9", []))  # type: ignore[arg-type]

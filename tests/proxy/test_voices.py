@@ -1,0 +1,57 @@
+import numpy as np
+
+from echoavatar.proxy.decoder import Decoder
+from echoavatar.proxy.voices import Voice, Voices
+from echoavatar.timing import CHUNK_SAMPLES
+
+
+def voice(item: str = "a", begun: float = 0.0) -> Voice:
+    return Voice(item, "r", 0, 0, Decoder(), begun=begun)
+
+
+def test_only_whole_chunks_leave_and_the_last_is_completed_with_silence() -> None:
+    one = voice()
+    chunks = one.add(np.ones(CHUNK_SAMPLES + 100, "<i2").tobytes()) + one.end()
+    assert [len(chunk) for chunk in chunks] == [CHUNK_SAMPLES] * 2
+    assert (chunks[1].sum(), one.samples, one.chunks) == (100, CHUNK_SAMPLES + 100, 2)
+
+
+def test_samples_are_found_on_the_avatars_clock_across_gaps() -> None:
+    one = voice()
+    one.add(np.ones(3 * CHUNK_SAMPLES, "<i2").tobytes())
+    for at in (12_800, 32_000, 38_400, 32_000):
+        one.came_back(at)
+    assert [one.clock_at(s) for s in (0, 6_399, 6_400, 12_800, 19_200, 19_201)] == [
+        12_800,
+        19_199,
+        32_000,
+        38_400,
+        44_800,
+        None,
+    ]
+    one.void(32_500)
+    assert one.clock == [12_800, 32_000]
+
+
+def test_what_is_heard_now_is_known_from_when_it_came() -> None:
+    voices = Voices()
+    first, second = voice("a", 10.0), voice("b", 10.1)
+    voices.begin(first)
+    first.add(np.ones(24_000, "<i2").tobytes())
+    first.end()
+    voices.begin(second)
+    second.add(np.ones(24_000, "<i2").tobytes())
+    assert second.begun == 11.0  # after the first
+    assert voices.heard_now(9.0) is None
+    assert voices.heard_now(10.5) is first
+    assert voices.heard_now(11.5) is second
+    assert voices.heard_now(12.2) is second  # it may go on
+    assert voices.heard_now(13.0) is None  # it stalls
+    assert (first.heard(10.5), first.heard(99.0)) == (12_000, 24_000)
+
+
+def test_speech_is_silent_from_where_it_was_cut() -> None:
+    one = voice()
+    one.add(np.ones(2 * CHUNK_SAMPLES, "<i2").tobytes())
+    one.cut = CHUNK_SAMPLES + 100
+    assert (one.speech(0).sum(), one.speech(1).sum(), one.speech(7).sum()) == (CHUNK_SAMPLES, 100, 0)

@@ -1,0 +1,80 @@
+"""Tools over HTTP: who may, and what is refused."""
+
+import json
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+
+import pytest
+from tests.server.fakes import Place, serving
+
+from echoavatar.wire import Hello
+
+
+@pytest.fixture(scope="module")
+def place() -> Iterator[Place]:
+    with serving() as place:
+        yield place
+
+
+def post(place: Place, path: str, body: bytes, **headers: str) -> tuple[int, dict[str, str]]:
+    headers = {"content-type": "application/json"} | {k.replace("_", "-"): v for k, v in headers.items()}
+    request = urllib.request.Request(f"http://{place.address}{path}", body, headers)
+    try:
+        with urllib.request.urlopen(request, timeout=10) as answer:
+            return answer.status, json.load(answer)
+    except urllib.error.HTTPError as error:
+        return error.code, json.load(error)
+
+
+@pytest.mark.parametrize(
+    ("body", "headers", "status"),
+    [
+        (b"{}", {}, 200),
+        (b"{}", {"content_type": "text/plain"}, 400),  # what a form of another page can send
+        (b"{}", {"origin": "https://evil.example"}, 403),
+        (b"[]", {}, 400),
+        (b"{", {}, 400),
+        (b'{"arguments": []}', {}, 200),
+        (b'{"arguments": [1]}', {}, 400),
+        (b'{"session": "nobody"}', {}, 404),
+        (b'"' + b"x" * 20_000 + b'"', {}, 400),
+        (b"[" * 9_000, {}, 400),
+    ],
+)
+def test_strangers_and_nonsense_are_refused(
+    place: Place, body: bytes, headers: dict[str, str], status: int
+) -> None:
+    with place.call(Hello()):
+        assert post(place, "/v1/tools/stop_music", body, **headers)[0] == status
+
+
+def test_a_server_of_many_does_not_say_who_is_there(place: Place) -> None:
+    from dataclasses import replace
+
+    from tests.server.fakes import FAST
+
+    with place.call(Hello()) as caller:
+        assert post(place, "/v1/tools/stop_music", b"{}", x_forwarded_for="1.2.3.4")[0] == 404
+        named = json.dumps({"session": caller.ready.session}).encode()
+        assert post(place, "/v1/tools/stop_music", named, x_forwarded_for="1.2.3.4")[0] == 200
+    with serving(settings=replace(FAST, lists_sessions=False)) as shared, shared.call(Hello()) as caller:
+        assert post(shared, "/v1/tools/stop_music", b"{}")[0] == 404
+        assert post(shared, "/v1/chat", b'{"text": "hi"}')[0] == 404
+        named = json.dumps({"session": caller.ready.session}).encode()
+        assert post(shared, "/v1/tools/stop_music", named)[0] == 200
+        with pytest.raises(urllib.error.HTTPError, match="403"):
+            urllib.request.urlopen(f"http://{shared.address}/v1/sessions", timeout=10)
+
+
+def test_without_a_session_there_is_nothing_to_do(place: Place) -> None:
+    assert place.empties()
+    assert post(place, "/v1/tools/stop_music", b"{}")[0] == 404
+
+
+@pytest.mark.parametrize("arguments", [{"title": "No such tune"}, {"title": 3}])
+def test_music_that_is_not_there_is_rejected(place: Place, arguments: dict[str, object]) -> None:
+    with place.call(Hello()):
+        body = json.dumps({"arguments": arguments}).encode()
+        status, answer = post(place, "/v1/tools/play_music", body)
+        assert (status, answer["status"]) == (200, "rejected")
