@@ -1,4 +1,4 @@
-"""Write the TypeScript types of the studio's API; run after editing `studio/wire*.py`. A test holds what is committed to it."""
+"""Write the TypeScript types of the studio's API; run after editing `studio/wire*.py`."""
 
 from pathlib import Path
 

@@ -33,6 +33,7 @@ COMMANDS = {
     "actions": "list what the avatar can be asked to do; add an action from a clip",
     "rig": "measure a character's body, so that hands keep off it",
     "align": "tune a generator by reinforcement learning: GRPO, DPO, PPO and their rewards",
+    "studio": "collect preferences and run user studies in the browser",
     "refine-fingers": "give motion that was captured without fingers plausible ones",
 }
 

@@ -10,7 +10,6 @@ Name = Annotated[str, Meta(min_length=1, max_length=128)]
 Text = Annotated[str, Meta(max_length=2000)]
 
 
-
 class Login(Request):
     """An owner's name and password."""
 
@@ -80,7 +79,9 @@ class StudyDetail(Reply):
     settings: Annotated[str, Meta(description="study.yaml as it was taken")]
     systems: tuple[SystemRow, ...]
     progress: tuple[CellRow, ...]
-    per_hour: Annotated[tuple[int, ...], Meta(description="judgements in each of the last 24 hours, oldest first")]
+    per_hour: Annotated[
+        tuple[int, ...], Meta(description="judgements in each of the last 24 hours, oldest first")
+    ]
 
 
 class NewStudy(Request):
@@ -166,7 +167,9 @@ class RaterRow(Reply):
     median_seconds: float
     too_fast: Annotated[int, Meta(description="answers given before the clips could have been seen")]
     straight: Annotated[float, Meta(description="share of the commonest answer; 1: always the same")]
-    agreement: Annotated[float | None, Meta(description="correlation with the others' mean; null: too little")]
+    agreement: Annotated[
+        float | None, Meta(description="correlation with the others' mean; null: too little")
+    ]
     is_excluded: Annotated[bool, Meta(description="left out of results and export")]
     reason: str
 
@@ -185,10 +188,13 @@ class Exclude(Request):
 
 
 class Mean(Reply):
-    """A mean with its 95 % interval: mean - half to mean + half."""
+    """A mean with its 95 % interval: mean - half to mean + half; null below two observations."""
 
     mean: float
-    half: float
+    half: Annotated[float | None, Meta(description="over judgements, as in the paper")]
+    half_raters: Annotated[
+        float | None, Meta(description="over raters' own means: mind it where raters differ")
+    ]
     count: int
 
 
@@ -196,6 +202,7 @@ class ResultRow(Reply):
     """A system's scores: positive is preferred."""
 
     system: str
+    group: Annotated[str, Meta(description="heading of the table's rows; only systems of a group met")]
     category: Category
     scores: dict[Question, Mean]
 
@@ -213,6 +220,7 @@ class Strength(Reply):
     """Bradley-Terry: log strength with its 95 % interval, mean of all systems 0."""
 
     system: str
+    group: str
     question: Question
     category: Category | Literal["all"]
     strength: float
@@ -280,5 +288,13 @@ class Audit(Reply):
 
 OWNER_REQUESTS: tuple[type[Struct], ...] = (Login, NewStudy, ChangeState, Invite, Exclude)
 OWNER_REPLIES: tuple[type[Struct], ...] = (
-    OwnerSession, StudyList, StudyDetail, SetUp, Invited, Invitations, Raters, Results, Audit,
+    OwnerSession,
+    StudyList,
+    StudyDetail,
+    SetUp,
+    Invited,
+    Invitations,
+    Raters,
+    Results,
+    Audit,
 )

@@ -19,7 +19,6 @@ Seconds = Annotated[float, Meta(ge=0, le=86_400)]
 Count = Annotated[int, Meta(ge=0, le=10_000)]
 
 
-
 class Join(Request):
     """An invitation, or the rater's own key from `Joined.resume`: the part of the link behind `#`."""
 
@@ -56,7 +55,9 @@ class Joined(Reply):
     progress: Progress
     resume: Annotated[
         str,
-        Meta(description="link to go on with elsewhere; only when an open invitation was just taken, else empty"),
+        Meta(
+            description="link to go on with elsewhere; only when an open invitation was just taken, else empty"
+        ),
     ] = ""
 
 
@@ -73,8 +74,10 @@ class RaterTask(Reply):
     stage: Annotated[Stage, Meta(description="training: practice, does not count")]
     number: Annotated[int, Meta(description="1 is the first task")]
     seconds: Annotated[float, Meta(description="length of sound and of every clip")]
-    audio: Annotated[str, Meta(description="address of the sound, audio/ogg")]
-    clips: Annotated[tuple[str, ...], Meta(description="addresses of the motion: 2 (pairwise) or N (preference)")]
+    audio: Annotated[str, Meta(description="address of the sound, audio/flac")]
+    clips: Annotated[
+        tuple[str, ...], Meta(description="addresses of the motion: 2 (pairwise) or N (preference)")
+    ]
     first: Annotated[int, Meta(description="sequential: which of the two clips is played first")]
 
 
@@ -138,7 +141,9 @@ class RigInfo(Reply):
 
     names: tuple[str, ...]
     parents: tuple[int, ...]
-    rest: Annotated[tuple[tuple[float, float, float], ...], Meta(description="offset from the parent, metres")]
+    rest: Annotated[
+        tuple[tuple[float, float, float], ...], Meta(description="offset from the parent, metres")
+    ]
 
 
 class Scene(Reply):
@@ -151,6 +156,11 @@ class Scene(Reply):
 
 
 RATER_REQUESTS: tuple[type[Struct], ...] = (
-    Join, Consent, PairwiseAnswer, PreferenceAnswer, SkipAnswer, Withdraw,
+    Join,
+    Consent,
+    PairwiseAnswer,
+    PreferenceAnswer,
+    SkipAnswer,
+    Withdraw,
 )
 RATER_REPLIES: tuple[type[Struct], ...] = (Joined, NextTask, Saved, Done, Scene)

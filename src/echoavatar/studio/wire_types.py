@@ -1,4 +1,4 @@
-"""The API's messages as TypeScript, for the pages in `web/studio`. Made by `scripts/make_studio_types.py`, never edited."""
+"""The API's messages as TypeScript, for the pages in `web/studio`; `scripts/make_studio_types.py` writes it."""
 
 import json
 from collections.abc import Mapping
@@ -24,7 +24,9 @@ def typescript() -> str:
         "CATEGORIES": CATEGORIES,
         "MAX_CLIPS": MAX_CLIPS,
     }
-    values = "\n".join(f"export const {name} = {json.dumps(value)} as const;" for name, value in constants.items())
+    values = "\n".join(
+        f"export const {name} = {json.dumps(value)} as const;" for name, value in constants.items()
+    )
     blocks = [_HEADER, values]
     blocks += [interface(name, part, complete=name not in asked) for name, part in sorted(parts.items())]
     blocks.append("export type Answer = PairwiseAnswer | PreferenceAnswer | SkipAnswer;")

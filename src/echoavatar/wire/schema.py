@@ -29,7 +29,9 @@ def typescript() -> str:
     _, parts = msgspec.json.schema_components([ClientMessage, ServerMessage])
     sent = {kind.__name__ for kind in get_args(ServerMessage)} | {"Rig", "Latency", "Limits"}
     blocks = [_HEADER, _constants()]
-    blocks += [interface(name, schema, complete=name in sent, named=_named) for name, schema in sorted(parts.items())]
+    blocks += [
+        interface(name, schema, complete=name in sent, named=_named) for name, schema in sorted(parts.items())
+    ]
     for name, union in (("ClientMessage", ClientMessage), ("ServerMessage", ServerMessage)):
         kinds = " | ".join(_named(kind.__name__) for kind in get_args(union))
         blocks.append(f"export type {name} = {kinds};")
