@@ -105,6 +105,7 @@ export class Theatre {
 
   /** Covered views show nothing: in studies that show one clip after the other. */
   cover(slots: readonly number[]): void {
+    if (this.seats.every((seat, slot) => seat.covered === slots.includes(slot))) return;
     this.seats.forEach((seat, slot) => (seat.covered = slots.includes(slot)));
     this.redraw();
   }

@@ -44,8 +44,9 @@ export class Views {
     const canvas = document.createElement("canvas");
     canvas.className = "views";
     canvas.setAttribute("aria-hidden", "true");
-    const renderer = new WebGLRenderer({ canvas, alpha: true, antialias: !low, preserveDrawingBuffer: true });
-    const views = new Views(canvas, renderer, low);
+    const isWeak = low || isSoftware();
+    const renderer = new WebGLRenderer({ canvas, alpha: true, antialias: !isWeak, preserveDrawingBuffer: true });
+    const views = new Views(canvas, renderer, isWeak);
     await views.wear(scene, character);
     return views;
   }
@@ -102,7 +103,7 @@ export class Views {
     const floor = new Mesh(new PlaneGeometry(12, 12), new ShadowMaterial({ opacity: 0.26 }));
     floor.rotation.x = -Math.PI / 2;
     floor.receiveShadow = true;
-    const lines = new GridHelper(40, 80, 0x47616f, 0x7b909c); // half a metre each: sliding feet are seen against them
+    const lines = new GridHelper(20, 20, 0x5b7280, 0x7b909c); // a metre each: ways and sliding feet are seen against them
     Object.assign(lines.material as Material, { transparent: true, opacity: 0.28, depthWrite: false });
     const key = new DirectionalLight(0xfff1e0, 2.6);
     key.position.set(1.5, 4.2, 2.6);
@@ -121,4 +122,13 @@ export class Views {
     this.world.environmentIntensity = 0.5;
     generator.dispose();
   }
+}
+
+/** Whether the processor draws: then it had better draw little. */
+function isSoftware(): boolean {
+  const context = document.createElement("canvas").getContext("webgl2");
+  const told = context?.getExtension("WEBGL_debug_renderer_info");
+  const name = String(context?.getParameter(told?.UNMASKED_RENDERER_WEBGL ?? context.RENDERER) ?? "");
+  context?.getExtension("WEBGL_lose_context")?.loseContext();
+  return /swiftshader|llvmpipe|software|basic render/i.test(name);
 }

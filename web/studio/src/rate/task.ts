@@ -83,13 +83,13 @@ export class TaskPage {
   private build(): HTMLElement {
     const { panel } = this;
     const isTraining = this.setting.next.task.stage === "training";
-    return h("main", { class: `task ${this.setting.study.kind}` },
+    return h("main", { class: `task ${this.setting.study.kind}${isTraining ? " practice" : ""}` },
       h("div", { class: "ask-line" },
         h("h1", { tabindex: -1 }, panel.title), h("p", { class: "hint" }, panel.hint),
         isTraining && h("p", { class: "training" }, t("task_training"))),
       h("section", { class: "stage" }, panel.host, this.controls.element),
       panel.judge,
-      h("footer", { class: "foot" }, this.status, h("div", { class: "row" }, this.broken, this.skip, this.submit)));
+      h("footer", { class: "foot" }, this.status, this.broken, this.skip, this.submit));
   }
 
   /** Seconds from the first picture, over reloads. */
