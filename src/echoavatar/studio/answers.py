@@ -40,7 +40,7 @@ def given(session: Session, study: Study) -> list[Given]:
             select(Clip.id, System.name)
             .join(System, Clip.system_id == System.id)
             .where(Clip.study_id == study.id)
-        ).tuples()
+        ).all()
     )
     rows = session.execute(
         select(Judgement, Rater, Task, Trial, Sound)
@@ -50,7 +50,7 @@ def given(session: Session, study: Study) -> list[Given]:
         .join(Sound, Trial.sound_id == Sound.id)
         .where(Trial.study_id == study.id)
         .order_by(Judgement.at, Judgement.id)
-    ).tuples()
+    )
     return [_given(*row, names) for row in rows]
 
 

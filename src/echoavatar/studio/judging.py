@@ -30,7 +30,7 @@ def next_task(store: Store, visitor: Visitor) -> NextTask:
         rater = _consenting(session, visitor)
         check_open(session.get_one(Study, rater.study_id))
         answered = select(Judgement.task_id).where(Judgement.rater_id == rater.id)
-        rows = session.execute(_tasks(rater).where(Task.id.not_in(answered)).limit(2)).tuples().all()
+        rows = session.execute(_tasks(rater).where(Task.id.not_in(answered)).limit(2)).all()
         tasks = [_shown(*row) for row in rows]
         return NextTask(
             task=tasks[0] if tasks else None,

@@ -28,7 +28,7 @@ def rater_rows(store: Store, public: str) -> Raters:
                 .join(Task, Task.block_id == Block.id)
                 .where(Block.study_id == study.id, Block.rater_id.is_not(None))
                 .group_by(Block.rater_id)
-            ).tuples()
+            ).all()
         )
         people = session.execute(
             select(Rater, Invitation.label)

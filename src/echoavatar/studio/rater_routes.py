@@ -18,6 +18,7 @@ from .tables import Rater
 from .wire_rater import Answer, Consent, Done, Join, Withdraw
 
 PATH = "/api/rater"
+_LONG_AGO = "Thu, 01 Jan 1970 00:00:00 GMT"
 _KEY = re.compile(r"[A-Za-z0-9_-]{8,64}")
 _MEDIA = HEADERS | {"cache-control": "private, max-age=3600", "content-disposition": "inline"}
 
@@ -67,10 +68,9 @@ def _media(store: Store, folder: Path, call: Call) -> Response:
     slot = call.number("slot") if "slot" in call.request.path_params else None
     path = judging.media_path(folder, judging.media_of(store, call.signed, call.word("task"), slot))
     kind = "audio/flac" if slot is None else "application/msgpack"
-    answer = FileResponse(path, media_type=kind, headers=_MEDIA)
-    answer.set_stat_headers(path.stat())
-    for telling in ("etag", "last-modified"):  # they would be the same for the same clip in two tasks
-        del answer.headers[telling]
+    answer = FileResponse(path, media_type=kind, headers=_MEDIA, stat_result=path.stat())
+    # a clip's own would be the same in two tasks, and tell that it is the same clip
+    answer.headers["etag"], answer.headers["last-modified"] = f'"{call.word("task")}-{slot}"', _LONG_AGO
     return answer
 
 

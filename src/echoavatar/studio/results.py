@@ -136,7 +136,7 @@ def verdicts(
         .join(Sound, Trial.sound_id == Sound.id)
         .where(Trial.study_id == study.id, Trial.role == "real")
         .order_by(Trial.id)
-    ).tuples()
+    )
     return [
         (trial, sound, verdict(votes[trial.id], len(trial.clips), settings.keep)) for trial, sound in real
     ]

@@ -44,14 +44,14 @@ class Crowd:
                     select(Clip.id, System.name)
                     .join(System, Clip.system_id == System.id)
                     .where(Clip.study_id == row.id)
-                ).tuples()
+                ).all()
             )
             found = session.execute(
                 select(Task.public, Task.order, Trial.clips, Sound.category)
                 .join(Trial, Task.trial_id == Trial.id)
                 .join(Sound, Trial.sound_id == Sound.id)
                 .where(Trial.study_id == row.id)
-            ).tuples()
+            )
             self._clips = {public: [clips[place] for place in order] for public, order, clips, _ in found}
         self._names = names
         # candidates of one model differ too: each has a worth of its own, the same for all raters
