@@ -32,7 +32,7 @@ export class Views {
 
   private constructor(readonly canvas: HTMLCanvasElement, private readonly renderer: WebGLRenderer, readonly low: boolean) {
     renderer.toneMapping = NeutralToneMapping;
-    renderer.shadowMap.enabled = true;
+    renderer.shadowMap.enabled = !low; // a fluent picture says more of motion than a shadow does
     renderer.shadowMap.type = PCFShadowMap;
     renderer.setClearColor(new Color(0), 0);
     this.camera = new SharedCamera();
@@ -56,7 +56,7 @@ export class Views {
     const host = this.canvas.parentElement;
     if (!host) return;
     const [width, height] = [host.clientWidth, host.clientHeight];
-    this.renderer.setPixelRatio(this.low ? 1 : Math.min(window.devicePixelRatio, 2));
+    this.renderer.setPixelRatio(this.low ? 0.75 : Math.min(window.devicePixelRatio, 2));
     this.renderer.setSize(width, height, false);
   }
 
