@@ -25,7 +25,7 @@ test: .venv-test/ready
 	.venv-test/bin/pip install $(PIP_FLAGS) -c constraints.txt -e '.[render,serve,studio,evaluate,rehearse,character,train,dev]'
 	touch $@
 
-# The page is built into src/echoavatar/server/static and committed; only who changes web/ needs Node.
+# The pages are built into src/echoavatar/server/static and src/echoavatar/studio/static and committed; only who changes web/ needs Node.
 web: web/node_modules
 	cd web && npm run check && npm run build
 

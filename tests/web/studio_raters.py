@@ -1,4 +1,4 @@
-"""A studio that serves, and raters and owners who use its pages as people do: with clicks and keys, in tabs of their own."""
+"""A studio that serves, and raters who use its pages as people do: with clicks and keys, in tabs of their own."""
 
 import contextlib
 import threading
@@ -19,7 +19,9 @@ from echoavatar.studio.tables import Judgement, Rater, Study, Task, Trial
 from echoavatar.studio.wire_owner import Invite
 
 PATIENCE_S = 120  # pictures are drawn by the processor here, and it may be busy
-OUTSIDE = """[...document.querySelectorAll("button, h1, h2, legend, .choice, footer, header, input, select, .cell")].filter((element) => {
+OUTSIDE = """[...document.querySelectorAll(
+  "button, h1, h2, legend, .choice, footer, header, input, select, .cell"
+)].filter((element) => {
   const box = element.getBoundingClientRect();
   return box.width && !element.closest(".table, .tabs, nav") && (box.left < -1 || box.right > innerWidth + 1);
 }).map((element) => element.className || element.textContent)"""
@@ -60,7 +62,9 @@ class Studio:
         return canned.make_preference(self.maker, prompts=2, **(few | changes))
 
     def links(self, study: str, count: int = 1, *, is_open: bool = False) -> list[str]:
-        made = Desk(self.maker, "test").invite(study, Invite(count=count, is_open=is_open), page=f"{self.url}/rate?quality=low")
+        made = Desk(self.maker, "test").invite(
+            study, Invite(count=count, is_open=is_open), page=f"{self.url}/rate?quality=low"
+        )
         return [link.url for link in made.links]
 
     def judgements(self, study: str) -> list[Judgement]:
@@ -78,7 +82,11 @@ class Studio:
 
     def raters(self, study: str) -> int:
         with self.maker.store.read() as session:
-            wanted = select(func.count(Rater.id)).join(Study, Rater.study_id == Study.id).where(Study.public == study)
+            wanted = (
+                select(func.count(Rater.id))
+                .join(Study, Rater.study_id == Study.id)
+                .where(Study.public == study)
+            )
             return session.scalar(wanted) or 0
 
 
@@ -121,7 +129,7 @@ class RaterTab(PageDriver):
         for slot, which in ((best, "best"), (worst, "worst")):
             button = self.page.query_selector(f".cell[data-slot='{slot}'] .mark.{which}")
             if button and button.get_attribute("aria-pressed") == "false":
-                button.evaluate("(button) => button.click()")  # in the carousel of a phone it may be out of sight
+                button.evaluate("(it) => it.click()")  # in a phone's carousel it may be out of sight
         self.wait("!document.querySelector('.submit').disabled", PATIENCE_S)
 
     def submit(self) -> None:

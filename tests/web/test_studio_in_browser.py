@@ -1,4 +1,4 @@
-"""The studio's rater pages in a real browser against the real studio: whole studies, and everything that may go wrong on the way."""
+"""The studio's rater pages in a real browser against the real studio: whole studies, and what may go wrong."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -59,7 +59,9 @@ def test_whole_studies_of_both_kinds_by_several_raters_at_once(store, request, l
                 rater.judge(rating=1, best=2, worst=5)
         for study, tasks in studies.items():
             rows = studio.judgements(study)
-            assert Counter(row.rater_id for row in rows) == dict.fromkeys({row.rater_id for row in rows}, tasks)
+            assert Counter(row.rater_id for row in rows) == dict.fromkeys(
+                {row.rater_id for row in rows}, tasks
+            )
             assert len({row.rater_id for row in rows}) == 2
             assert len({row.task_id for row in rows}) == len(rows) == 2 * tasks
             assert all(min(row.plays) >= 1 and row.seconds > 0.5 for row in rows)
@@ -144,7 +146,10 @@ def test_a_reload_while_an_answer_is_on_its_way_sends_the_same_again(studio, tab
     rater.wait("document.querySelector('.missing').textContent.startsWith('Not saved yet')")
     assert studio.judgements(study) == []
     rater.page.unroute("**/answer")
-    rater.page.on("request", lambda request: "/answer" in request.url and keys.append(request.headers["idempotency-key"]))
+    rater.page.on(
+        "request",
+        lambda request: "/answer" in request.url and keys.append(request.headers["idempotency-key"]),
+    )
     rater.page.reload()
     rater.see(".task")
     rater.passed(before)
@@ -158,7 +163,9 @@ def test_a_double_click_answers_one_task(studio, tab):
     rater.watch()
     rater.choose()
     before = rater.task
-    rater.page.evaluate("() => { const button = document.querySelector('.submit'); button.click(); button.click(); }")
+    rater.page.evaluate(
+        "() => { const button = document.querySelector('.submit'); button.click(); button.click(); }"
+    )
     rater.passed(before)
     rater.page.keyboard.press("Enter")
     assert rater.number.startswith("2 ")
@@ -272,7 +279,7 @@ def test_one_after_the_other_shows_one_at_a_time_in_the_drawn_order(studio, tab)
 
 
 def test_motion_is_locked_to_the_sound(studio, tab):
-    """In the same display frame, the second shown is the second heard plus at most what the next picture is foreseen to take."""
+    """In a display frame, what is shown is what is heard, plus at most what the picture is foreseen to take."""
     study = studio.preference(candidates=2)
     rater = tab(300, 520).begin(studio.links(study)[0])
     rater.page.click(".controls button.play")
@@ -295,10 +302,17 @@ def test_motion_is_locked_to_the_sound(studio, tab):
 def test_a_rater_is_told_nothing_of_the_design(studio, tab):
     study = studio.pairwise(presentation="side_by_side")
     rater, told = tab(), []
-    rater.page.on("response", lambda answer: told.append(f"{answer.url} {answer.headers}") if "/api/" in answer.url else None)
+    rater.page.on(
+        "response",
+        lambda answer: told.append(f"{answer.url} {answer.headers}") if "/api/" in answer.url else None,
+    )
     rater.begin(studio.links(study)[0])
     rater.judge()
-    text = " ".join(told) + rater.page.content() + rater.page.evaluate("JSON.stringify(__studio.flow.page.setting.next)")
+    text = (
+        " ".join(told)
+        + rater.page.content()
+        + rater.page.evaluate("JSON.stringify(__studio.flow.page.setting.next)")
+    )
     for secret in (*canned.SYSTEMS, study, "candidate", "corrupted", "identical", ".motion", "etag"):
         assert secret not in text
 
@@ -322,7 +336,9 @@ def test_refusing_and_withdrawing_leave_nothing(studio, tab):
     assert (studio.raters(study), studio.judgements(study)) == (0, [])
 
 
-@pytest.mark.parametrize(("path", "title"), [("/rate", "Open your invitation"), ("/rate#" + "x" * 43, "This did not work")])
+@pytest.mark.parametrize(
+    ("path", "title"), [("/rate", "Open your invitation"), ("/rate#" + "x" * 43, "This did not work")]
+)
 def test_without_a_good_link_the_page_says_what_to_do(studio, tab, path, title):
     rater = tab()
     rater.page.goto(studio.url + path)

@@ -39,7 +39,7 @@ export async function invitationsTab(desk: Desk, id: string): Promise<HTMLElemen
     button.disabled = false;
   });
   await draw();
-  return h("div", { class: "parts" }, section(t("invite_make"), form, made), section(t("tab_invite"), rows));
+  return h("div", { class: "parts" }, section(t("invite_make"), h("p", { class: "soft" }, t("invite_explain")), form, made), section(t("tab_invite"), rows));
 }
 
 function list(invitations: readonly InvitationRow[], revoke: (row: InvitationRow) => Promise<void>): HTMLElement {

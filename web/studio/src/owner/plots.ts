@@ -43,7 +43,7 @@ export function whiskers(title: string, rows: readonly Whisker[], domain: readon
       s("line", { x1: x(row.low), x2: x(row.high), y1: y, y2: y }), s("circle", { cx: x(row.value), cy: y, r: 5 }),
       s("title", {}, `${row.label}: ${signed(row.value)} [${signed(row.low)}, ${signed(row.high)}]`));
   });
-  const words = rows.map((row) => `${row.label} ${signed(row.value)} (${signed(row.low)} – ${signed(row.high)})`).join("; ");
+  const words = rows.map((row) => `${row.label} ${signed(row.value)} [${signed(row.low)}, ${signed(row.high)}]`).join("; ");
   const legend = series.length > 1 && h("p", { class: "legend" }, ...series.map((name, k) => h("span", { style: `color: var(--c${k % 6})` }, "● ", h("b", {}, name))));
   return h("figure", { class: "plot" }, h("figcaption", {}, title), legend,
     s("svg", { viewBox: `0 0 ${WIDTH} ${height}`, role: "img", "aria-label": `${title}: ${words}` }, ...grid, ...lines));

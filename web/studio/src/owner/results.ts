@@ -64,7 +64,7 @@ function ranking(rows: readonly Strength[]): HTMLElement {
     const points = own.map(({ system, rank, strength, low, high }) => ({ label: `${rank}. ${system}`, series, value: strength, low, high }));
     return whiskers(`${word("q", question)}, ${word("category", category).toLowerCase()}`, points, domainOf(points));
   }));
-  const lines = rows.map((row) => [row.rank, row.system, word("q", row.question), word("category", row.category), signed(row.strength), `${signed(row.low)} – ${signed(row.high)}`]);
+  const lines = rows.map((row) => [row.rank, row.system, word("q", row.question), word("category", row.category), signed(row.strength), `[${signed(row.low)}, ${signed(row.high)}]`]);
   return section(t("ranking"), h("p", { class: "soft" }, t("ranking_note")), h("div", { class: "plots" }, ...plots), table(t("ranking"), [t("rank"), t("system"), t("question"), t("category"), t("strength"), t("interval")], lines));
 }
 

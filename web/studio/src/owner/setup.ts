@@ -140,7 +140,7 @@ class SetupForm {
   }
 
   private long(name: "intro" | "consent", label: Key, most: number): HTMLElement {
-    const area = h("textarea", { rows: 3, maxlength: most, oninput: () => (this.choices[name] = area.value) });
+    const area = h("textarea", { rows: 3, maxlength: most, name, placeholder: t("setup_own_text"), oninput: () => (this.choices[name] = area.value) });
     area.value = this.choices[name];
     return field(t(label), area);
   }

@@ -8,6 +8,7 @@ import type { Views } from "./views.js";
 
 const SLOWEST_PICTURE = 120; // ms; a picture is foreseen to come to the screen this much later at most
 const STUCK_MS = 4000;
+const WEAK_MS = 60; // a machine that draws with its processor draws no oftener: sound and clicks need it too
 
 interface Seat {
   readonly element: HTMLElement;
@@ -43,7 +44,7 @@ export class Theatre {
     document.addEventListener("visibilitychange", () => document.hidden && this.pause());
     const draw = (now: number) => {
       requestAnimationFrame(draw);
-      this.picture(now);
+      if (!views.low || now - this.last >= WEAK_MS) this.picture(now);
     };
     requestAnimationFrame(draw);
   }
