@@ -1,5 +1,6 @@
 import { defineConfig } from "vite";
 import { licences } from "../app/licences.js";
+import { stamp } from "./stamp.js";
 
 // Two pages, built into the Python package: `pip install echoavatar` needs no Node. Names carry a hash, so that a browser
 // never mixes the scripts of two versions.
@@ -7,7 +8,10 @@ const page = (name: string) => new URL(name, import.meta.url).pathname;
 
 export default defineConfig({
   base: "./",
-  plugins: [licences(new URL("../node_modules/", import.meta.url), "assets/licences.txt")],
+  plugins: [
+    licences(new URL("../node_modules/", import.meta.url), "assets/licences.txt"),
+    stamp(new URL("../", import.meta.url)),
+  ],
   build: {
     outDir: "../../src/echoavatar/studio/static",
     emptyOutDir: true,

@@ -5,14 +5,18 @@ type Attribute = string | number | boolean | null | undefined | ((event: Event) 
 
 /** An HTML element; `on...` attributes are listeners, `false` and null leave an attribute out. */
 export function h<Tag extends keyof HTMLElementTagNameMap>(
-  tag: Tag, attributes: Record<string, Attribute> = {}, ...children: Child[]
+  tag: Tag,
+  attributes: Record<string, Attribute> = {},
+  ...children: Child[]
 ): HTMLElementTagNameMap[Tag] {
   return fill(document.createElement(tag), attributes, children);
 }
 
 /** An SVG element. */
 export function s<Tag extends keyof SVGElementTagNameMap>(
-  tag: Tag, attributes: Record<string, Attribute> = {}, ...children: Child[]
+  tag: Tag,
+  attributes: Record<string, Attribute> = {},
+  ...children: Child[]
 ): SVGElementTagNameMap[Tag] {
   return fill(document.createElementNS("http://www.w3.org/2000/svg", tag), attributes, children);
 }
@@ -23,7 +27,11 @@ function fill<Kind extends Element>(element: Kind, attributes: Record<string, At
     else if (value === true) element.setAttribute(name, "");
     else if (value !== false && value !== null && value !== undefined) element.setAttribute(name, String(value));
   }
-  element.append(...children.filter((child) => child !== null && child !== undefined && child !== false).map((child) => (child instanceof Node ? child : String(child))));
+  element.append(
+    ...children
+      .filter((child) => child !== null && child !== undefined && child !== false)
+      .map((child) => (child instanceof Node ? child : String(child))),
+  );
   return element;
 }
 
@@ -63,11 +71,18 @@ export function note(text: string): void {
 /** Asks before something that cannot be undone; true when it was confirmed. */
 export function ask(question: string, yes: string, no: string, ...more: Node[]): Promise<boolean> {
   return new Promise((resolve) => {
-    const dialog = h("dialog", { class: "card ask", "aria-label": question },
-      h("p", {}, question), ...more,
-      h("form", { method: "dialog", class: "row end" },
+    const dialog = h(
+      "dialog",
+      { class: "card ask", "aria-label": question },
+      h("p", {}, question),
+      ...more,
+      h(
+        "form",
+        { method: "dialog", class: "row end" },
         h("button", { value: "no", class: "button", autofocus: true }, no),
-        h("button", { value: "yes", class: "button danger" }, yes)));
+        h("button", { value: "yes", class: "button danger" }, yes),
+      ),
+    );
     dialog.addEventListener("close", () => {
       dialog.remove();
       resolve(dialog.returnValue === "yes");

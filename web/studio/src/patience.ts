@@ -43,7 +43,10 @@ export interface Insisting {
 }
 
 /** Does it until it succeeds or trying again would not help. */
-export async function insist<Result>(work: () => Promise<Result>, { onWait, pause = new Pause() }: Insisting = {}): Promise<Result> {
+export async function insist<Result>(
+  work: () => Promise<Result>,
+  { onWait, pause = new Pause() }: Insisting = {},
+): Promise<Result> {
   for (let attempt = 0; ; attempt++) {
     try {
       return await work();

@@ -4,21 +4,46 @@ import { answerOf, isReady, mark, skipOf, unwatched } from "../src/rate/answer.j
 import { dropDraft, keepDraft, newKey, openDraft, unsaved } from "../src/rate/draft.js";
 
 const study = (changes: Partial<StudyFace> = {}): StudyFace => ({
-  title: "", kind: "pairwise", language: "en", intro: "", consent: "", presentation: "side_by_side",
-  questions: ["human_likeness", "beat_matching"], min_plays: 1, ...changes,
+  title: "",
+  kind: "pairwise",
+  language: "en",
+  intro: "",
+  consent: "",
+  presentation: "side_by_side",
+  questions: ["human_likeness", "beat_matching"],
+  min_plays: 1,
+  ...changes,
 });
 const task = (clips: number, id = "t1"): RaterTask => ({
-  id, stage: "rating", number: 1, seconds: 4, audio: "/a", clips: Array.from({ length: clips }, (_, k) => `/c${k}`), first: 0,
+  id,
+  stage: "rating",
+  number: 1,
+  seconds: 4,
+  audio: "/a",
+  clips: Array.from({ length: clips }, (_, k) => `/c${k}`),
+  first: 0,
 });
 
 class Memory implements Storage {
   private readonly kept = new Map<string, string>();
-  get length() { return this.kept.size; }
-  clear() { this.kept.clear(); }
-  getItem(key: string) { return this.kept.get(key) ?? null; }
-  key(index: number) { return [...this.kept.keys()][index] ?? null; }
-  removeItem(key: string) { this.kept.delete(key); }
-  setItem(key: string, value: string) { this.kept.set(key, value); }
+  get length() {
+    return this.kept.size;
+  }
+  clear() {
+    this.kept.clear();
+  }
+  getItem(key: string) {
+    return this.kept.get(key) ?? null;
+  }
+  key(index: number) {
+    return [...this.kept.keys()][index] ?? null;
+  }
+  removeItem(key: string) {
+    this.kept.delete(key);
+  }
+  setItem(key: string, value: string) {
+    this.kept.set(key, value);
+  }
 }
 
 describe("a draft", () => {
@@ -29,7 +54,12 @@ describe("a draft", () => {
     expect(unwatched(draft, study())).toEqual([0, 1]);
     draft.watched = [1, 1];
     draft.plays = [2, 20_000];
-    expect(answerOf(draft, study(), 12.3456)).toEqual({ type: "pairwise", ratings: { human_likeness: -2, beat_matching: 0 }, seconds: 12.35, plays: [2, 10_000] });
+    expect(answerOf(draft, study(), 12.3456)).toEqual({
+      type: "pairwise",
+      ratings: { human_likeness: -2, beat_matching: 0 },
+      seconds: 12.35,
+      plays: [2, 10_000],
+    });
   });
 
   it("is none while a question is open, however often it was watched", () => {
@@ -54,7 +84,12 @@ describe("a draft", () => {
   });
 
   it("can be skipped, and tells why", () => {
-    expect(skipOf(openDraft(task(2), new Memory()), "cannot_play", -1)).toEqual({ type: "skip", reason: "cannot_play", seconds: 0, plays: [0, 0] });
+    expect(skipOf(openDraft(task(2), new Memory()), "cannot_play", -1)).toEqual({
+      type: "skip",
+      reason: "cannot_play",
+      seconds: 0,
+      plays: [0, 0],
+    });
   });
 
   it("survives a reload with its key", () => {

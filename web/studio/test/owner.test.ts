@@ -6,16 +6,30 @@ import { toYaml } from "../src/owner/yaml.js";
 
 describe("study.yaml", () => {
   it("is block YAML with every string quoted", () => {
-    const text = toYaml({ title: 'a: "b" # \n', on: "yes", list: ["x", "y"], parts: [{ a: 1, b: { c: 0.5 } }, { a: 2 }], none: [] });
-    expect(text).toBe('title: "a: \\"b\\" # \\n"\non: "yes"\nlist: ["x", "y"]\nparts:\n  - a: 1\n    b:\n      c: 0.5\n  - a: 2\nnone: []\n');
+    const text = toYaml({
+      title: 'a: "b" # \n',
+      on: "yes",
+      list: ["x", "y"],
+      parts: [{ a: 1, b: { c: 0.5 } }, { a: 2 }],
+      none: [],
+    });
+    expect(text).toBe(
+      'title: "a: \\"b\\" # \\n"\non: "yes"\nlist: ["x", "y"]\nparts:\n  - a: 1\n    b:\n      c: 0.5\n  - a: 2\nnone: []\n',
+    );
   });
 
   it("has the fields of its kind only", () => {
     const choices = beginChoices();
     choices.title = "T";
-    choices.systems = [{ ...newSystem("default"), name: "A" }, { ...newSystem(""), name: "B", clips: "b", group: "G" }];
+    choices.systems = [
+      { ...newSystem("default"), name: "A" },
+      { ...newSystem(""), name: "B", clips: "b", group: "G" },
+    ];
     const pairwise = settingsOf(choices);
-    expect(pairwise["systems"]).toEqual([{ name: "A", model: "default", seed: 0 }, { name: "B", clips: "b", group: "G" }]);
+    expect(pairwise["systems"]).toEqual([
+      { name: "A", model: "default", seed: 0 },
+      { name: "B", clips: "b", group: "G" },
+    ]);
     expect(pairwise["checks"]).toEqual({ identical: 1, corrupted: 1 });
     expect(Object.keys(pairwise)).not.toContain("keep");
     expect(Object.keys(pairwise)).not.toContain("consent");
@@ -23,7 +37,8 @@ describe("study.yaml", () => {
     const preference = settingsOf(choices);
     expect(preference["keep"]).toEqual({ votes: 1, agreement: 0.6, margin: 0.3 });
     expect(preference["checks"]).toEqual({ corrupted: 1 });
-    for (const name of ["systems", "seconds", "questions", "presentation"]) expect(Object.keys(preference)).not.toContain(name);
+    for (const name of ["systems", "seconds", "questions", "presentation"])
+      expect(Object.keys(preference)).not.toContain(name);
   });
 });
 

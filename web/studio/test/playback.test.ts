@@ -4,14 +4,28 @@ import type { Scene } from "../src/api.generated.js";
 import { Clip, calm } from "../src/playback/clip.js";
 import { Rounds } from "../src/playback/rounds.js";
 
-const scene: Scene = { rig: { names: ["hips"], parents: [-1], rest: [[0, 1, 0]] }, face: ["jawOpen"], frame_rate: 30, avatar: "/a" };
+const scene: Scene = {
+  rig: { names: ["hips"], parents: [-1], rest: [[0, 1, 0]] },
+  face: ["jawOpen"],
+  frame_rate: 30,
+  avatar: "/a",
+};
 
 /** A body that goes along x at 3 m/s; 31 frames. */
 function walking(): ArrayBuffer {
   const frames = 31;
   const rotations = new Int16Array(frames * 4).map((_, i) => (i % 4 === 3 ? 32767 : 0));
   const root = new Float32Array(frames * 3).map((_, i) => (i % 3 === 0 ? i / 30 : 1));
-  const motion = { type: "motion", epoch: 0, at: 77, state: "acting", frames, rotations: bytes(rotations), root: bytes(root), face: new Uint8Array(frames).fill(51) };
+  const motion = {
+    type: "motion",
+    epoch: 0,
+    at: 77,
+    state: "acting",
+    frames,
+    rotations: bytes(rotations),
+    root: bytes(root),
+    face: new Uint8Array(frames).fill(51),
+  };
   return encode(motion).slice().buffer;
 }
 
@@ -44,7 +58,9 @@ describe("a clip", () => {
   it("is refused where it is no motion of the rig", () => {
     expect(() => new Clip(encode({ type: "pong" }).slice().buffer, scene)).toThrow(RangeError);
     expect(() => new Clip(new Uint8Array([193]).buffer, scene)).toThrow();
-    expect(() => new Clip(walking(), { ...scene, rig: { ...scene.rig, names: ["hips", "spine"] } })).toThrow(RangeError);
+    expect(() => new Clip(walking(), { ...scene, rig: { ...scene.rig, names: ["hips", "spine"] } })).toThrow(
+      RangeError,
+    );
   });
 
   it("is averaged over so many frames to each side", () => {

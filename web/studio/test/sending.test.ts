@@ -9,7 +9,11 @@ vi.stubGlobal("sessionStorage", { removeItem: vi.fn() });
 
 const refused = (code: Problem["code"], retry_after = 0) => new Refused({ code, message: "", retry_after });
 const saved = { is_repeated: false, progress: { done: 1, of: 2, is_finished: false } };
-const draft = { task: "a/b", key: "k".repeat(32), sent: { type: "skip", reason: "cannot_play", seconds: 1, plays: [0, 0] } } as unknown as Draft;
+const draft = {
+  task: "a/b",
+  key: "k".repeat(32),
+  sent: { type: "skip", reason: "cannot_play", seconds: 1, plays: [0, 0] },
+} as unknown as Draft;
 
 /** An API that gives these in turn, and remembers what it was asked. */
 function api(...answers: unknown[]) {
@@ -61,7 +65,10 @@ describe("patience", () => {
   it("can be hurried", async () => {
     const pause = new Pause();
     let tries = 0;
-    const result = insist(() => (tries++ ? Promise.resolve("there") : Promise.reject(new Unreachable(""))), { pause, onWait: (seconds) => seconds && setTimeout(() => pause.hurry()) });
+    const result = insist(() => (tries++ ? Promise.resolve("there") : Promise.reject(new Unreachable(""))), {
+      pause,
+      onWait: (seconds) => seconds && setTimeout(() => pause.hurry()),
+    });
     const began = Date.now();
     expect(await result).toBe("there");
     expect(Date.now() - began).toBeLessThan(900); // the first wait is a second

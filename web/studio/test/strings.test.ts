@@ -26,7 +26,10 @@ describe("strings", () => {
   it("hold every word that the pages say: no other file has English sentences in quotes", () => {
     for (const name of readdirSync(source, { recursive: true, encoding: "utf8" })) {
       if (!name.endsWith(".ts") || /strings|generated|icons/.test(name)) continue;
-      const text = readFileSync(new URL(name, source), "utf8").replace(/\/\*\*[\s\S]*?\*\/|\/\/.*|new (RangeError|Unreachable|Error)\([^)]*\)|super\([^)]*\)/g, "");
+      const text = readFileSync(new URL(name, source), "utf8").replace(
+        /\/\*\*[\s\S]*?\*\/|\/\/.*|new (RangeError|Unreachable|Error)\([^)]*\)|super\([^)]*\)/g,
+        "",
+      );
       expect(text.match(/"[A-Z][a-z]+ [a-z]+ [^"]*"/g) ?? [], name).toEqual([]);
     }
   });

@@ -51,10 +51,23 @@ export class OwnerApp {
     this.name = "";
     const status = h("p", { class: "problem", role: "alert" }, problem);
     const name = h("input", { name: "name", autocomplete: "username", required: true, maxlength: 128 });
-    const password = h("input", { name: "password", type: "password", autocomplete: "current-password", required: true, maxlength: 256 });
+    const password = h("input", {
+      name: "password",
+      type: "password",
+      autocomplete: "current-password",
+      required: true,
+      maxlength: 256,
+    });
     const button = h("button", { class: "button primary" }, t("owner_sign_in"));
-    const form = h("form", { class: "card sign-in" },
-      h("h1", { tabindex: -1 }, t("owner_title")), h("label", {}, t("owner_name"), name), h("label", {}, t("owner_password"), password), status, button);
+    const form = h(
+      "form",
+      { class: "card sign-in" },
+      h("h1", { tabindex: -1 }, t("owner_title")),
+      h("label", {}, t("owner_name"), name),
+      h("label", {}, t("owner_password"), password),
+      status,
+      button,
+    );
     form.addEventListener("submit", (event) => {
       event.preventDefault();
       if (button.disabled) return;
@@ -93,7 +106,11 @@ export class OwnerApp {
     } catch (error) {
       if (turn !== this.turn) return;
       if (isSessionGone(error)) this.signIn();
-      else show(this.header(room), h("main", { class: "owner" }, h("p", { class: "problem", role: "alert" }, explain(error))));
+      else
+        show(
+          this.header(room),
+          h("main", { class: "owner" }, h("p", { class: "problem", role: "alert" }, explain(error))),
+        );
     }
   }
 
@@ -101,7 +118,15 @@ export class OwnerApp {
     return {
       api: this.api,
       every: (seconds, work) => {
-        const timer = setInterval(() => void (turn === this.turn && !document.hidden && work().catch((error: unknown) => isSessionGone(error) && this.signIn())), seconds * 1000);
+        const timer = setInterval(
+          () =>
+            void (
+              turn === this.turn &&
+              !document.hidden &&
+              work().catch((error: unknown) => isSessionGone(error) && this.signIn())
+            ),
+          seconds * 1000,
+        );
         this.timers.push(timer);
       },
       attempt: (work) => this.attempt(work),
@@ -120,10 +145,26 @@ export class OwnerApp {
   }
 
   private header(room: string): HTMLElement {
-    const link = (to: string, label: string, isHere: boolean) => h("a", { href: `#/${to}`, "aria-current": isHere ? "page" : null }, label);
-    return h("header", { class: "top" }, h("b", {}, t("owner_title")),
-      h("nav", { "aria-label": t("owner_title") }, link("", t("owner_studies"), room !== "audit" && room !== "new"), link("new", t("owner_new"), room === "new"), link("audit", t("owner_audit"), room === "audit")),
-      h("span", { class: "who" }, this.name), h("button", { class: "button small sign-out", type: "button", onclick: () => void this.signOut() }, t("owner_sign_out")));
+    const link = (to: string, label: string, isHere: boolean) =>
+      h("a", { href: `#/${to}`, "aria-current": isHere ? "page" : null }, label);
+    return h(
+      "header",
+      { class: "top" },
+      h("b", {}, t("owner_title")),
+      h(
+        "nav",
+        { "aria-label": t("owner_title") },
+        link("", t("owner_studies"), room !== "audit" && room !== "new"),
+        link("new", t("owner_new"), room === "new"),
+        link("audit", t("owner_audit"), room === "audit"),
+      ),
+      h("span", { class: "who" }, this.name),
+      h(
+        "button",
+        { class: "button small sign-out", type: "button", onclick: () => void this.signOut() },
+        t("owner_sign_out"),
+      ),
+    );
   }
 
   private stopTimers(): void {

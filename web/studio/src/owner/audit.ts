@@ -16,7 +16,11 @@ export async function auditView(desk: Desk): Promise<HTMLElement> {
 export async function auditTable({ api, attempt }: Desk, study: string): Promise<HTMLElement> {
   const lines: Line[] = [];
   const box = h("div", {});
-  const more = h("button", { class: "button small", type: "button", onclick: () => void attempt(load) }, t("audit_more"));
+  const more = h(
+    "button",
+    { class: "button small", type: "button", onclick: () => void attempt(load) },
+    t("audit_more"),
+  );
   const load = async () => {
     const query = new URLSearchParams(study ? { study } : {});
     const last = lines.at(-1);
@@ -24,7 +28,15 @@ export async function auditTable({ api, attempt }: Desk, study: string): Promise
     const { events } = await api.get<Audit>(`/api/owner/audit?${query}`);
     lines.push(...events);
     more.hidden = events.length < PAGE;
-    box.replaceChildren(lines.length ? table(t("owner_audit"), [t("audit_when"), t("audit_who"), t("audit_what"), t("audit_detail")], lines.map((line) => [when(line.at), line.actor, line.action, line.detail])) : h("p", {}, t("none_yet")));
+    box.replaceChildren(
+      lines.length
+        ? table(
+            t("owner_audit"),
+            [t("audit_when"), t("audit_who"), t("audit_what"), t("audit_detail")],
+            lines.map((line) => [when(line.at), line.actor, line.action, line.detail]),
+          )
+        : h("p", {}, t("none_yet")),
+    );
   };
   await load();
   return section(t("owner_audit"), box, more);

@@ -38,7 +38,15 @@ export const KEEPING: readonly NumberField[] = [
   { name: "keep.agreement", label: "field_agreement", begin: 0.6, min: 0, max: 1, step: 0.05, kind: "preference" },
   { name: "keep.margin", label: "field_margin", begin: 0.3, min: 0, max: 1, step: 0.05, kind: "preference" },
 ];
-export const CLIP_SECONDS: NumberField = { name: "seconds", label: "field_seconds", begin: 10, min: 1, max: 60, step: 0.5, kind: "pairwise" };
+export const CLIP_SECONDS: NumberField = {
+  name: "seconds",
+  label: "field_seconds",
+  begin: 10,
+  min: 1,
+  max: 60,
+  step: 0.5,
+  kind: "pairwise",
+};
 
 export interface System {
   name: string;
@@ -72,10 +80,21 @@ export interface Choices {
 }
 
 export function beginChoices(): Choices {
-  const numbers = Object.fromEntries([...PEOPLE, ...CANDIDATES, ...KEEPING, CLIP_SECONDS].map((field) => [field.name, field.begin]));
+  const numbers = Object.fromEntries(
+    [...PEOPLE, ...CANDIDATES, ...KEEPING, CLIP_SECONDS].map((field) => [field.name, field.begin]),
+  );
   return {
-    kind: "pairwise", title: "", language: "en", intro: "", consent: "", model: "default", presentation: "sequential", questions: [...QUESTIONS],
-    systems: [newSystem("default"), newSystem("")], sounds: [newSound()], numbers,
+    kind: "pairwise",
+    title: "",
+    language: "en",
+    intro: "",
+    consent: "",
+    model: "default",
+    presentation: "sequential",
+    questions: [...QUESTIONS],
+    systems: [newSystem("default"), newSystem("")],
+    sounds: [newSound()],
+    numbers,
   };
 }
 
@@ -94,13 +113,19 @@ export function settingsOf(choices: Choices): { readonly [name: string]: Value }
   if (choices.intro.trim()) out["intro"] = choices.intro;
   if (choices.consent.trim()) out["consent"] = choices.consent;
   if (kind === "preference") out["model"] = choices.model;
-  else out["systems"] = choices.systems.map(({ name, source, model, clips, seed, group }) => ({ name, ...(source === "model" ? { model, seed } : { clips }), ...(group && { group }) }));
+  else
+    out["systems"] = choices.systems.map(({ name, source, model, clips, seed, group }) => ({
+      name,
+      ...(source === "model" ? { model, seed } : { clips }),
+      ...(group && { group }),
+    }));
   out["sounds"] = choices.sounds.map(({ path, category, start }) => ({ path, category, start }));
   if (kind === "pairwise") Object.assign(out, { presentation: choices.presentation, questions: choices.questions });
   for (const field of [CLIP_SECONDS, ...CANDIDATES, ...PEOPLE, ...KEEPING]) {
     if (field.kind && field.kind !== kind) continue;
     const [first, second] = field.name.split(".") as [string, string?];
-    if (second) out[first] = { ...(out[first] as Record<string, Value> | undefined), [second]: choices.numbers[field.name]! };
+    if (second)
+      out[first] = { ...(out[first] as Record<string, Value> | undefined), [second]: choices.numbers[field.name]! };
     else out[first] = choices.numbers[field.name]!;
   }
   return out;

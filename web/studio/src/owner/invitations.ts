@@ -4,6 +4,7 @@ import type { Done, InvitationRow, Invitations, Invite, Invited } from "../api.g
 import { ask, h } from "../dom.js";
 import { t } from "../strings.js";
 import type { Desk } from "./app.js";
+import { field } from "./inputs.js";
 import { path } from "./study.js";
 import { section, table, when } from "./table.js";
 
@@ -22,10 +23,22 @@ export async function invitationsTab(desk: Desk, id: string): Promise<HTMLElemen
     }
   };
   const count = h("input", { type: "number", min: 1, max: 500, value: 1, required: true });
-  const kind = h("select", {}, h("option", { value: "personal" }, t("invite_personal")), h("option", { value: "open" }, t("invite_open")));
+  const kind = h(
+    "select",
+    {},
+    h("option", { value: "personal" }, t("invite_personal")),
+    h("option", { value: "open" }, t("invite_open")),
+  );
   const label = h("input", { maxlength: 80, placeholder: t("invite_label_hint") });
   const button = h("button", { class: "button primary" }, t("invite_make"));
-  const form = h("form", { class: "fields" }, field(t("invite_kind"), kind), field(t("invite_count"), count), field(t("invite_label"), label), button);
+  const form = h(
+    "form",
+    { class: "fields" },
+    field(t("invite_kind"), kind),
+    field(t("invite_count"), count),
+    field(t("invite_label"), label),
+    button,
+  );
   form.addEventListener("submit", async (event) => {
     event.preventDefault();
     if (button.disabled) return;
@@ -39,28 +52,50 @@ export async function invitationsTab(desk: Desk, id: string): Promise<HTMLElemen
     button.disabled = false;
   });
   await draw();
-  return h("div", { class: "parts" }, section(t("invite_make"), h("p", { class: "soft" }, t("invite_explain")), form, made), section(t("tab_invite"), rows));
+  return h(
+    "div",
+    { class: "parts" },
+    section(t("invite_make"), h("p", { class: "soft" }, t("invite_explain")), form, made),
+    section(t("tab_invite"), rows),
+  );
 }
 
 function list(invitations: readonly InvitationRow[], revoke: (row: InvitationRow) => Promise<void>): HTMLElement {
   const rows = invitations.map((row) => [
-    row.label || `#${row.id}`, row.is_open ? t("invite_open") : t("invite_personal"), t("invite_seats", { taken: row.taken, seats: row.seats }), when(row.created),
-    row.is_revoked ? t("invite_revoked") : h("button", { class: "button small", type: "button", onclick: () => void revoke(row) }, t("invite_revoke")),
+    row.label || `#${row.id}`,
+    row.is_open ? t("invite_open") : t("invite_personal"),
+    t("invite_seats", { taken: row.taken, seats: row.seats }),
+    when(row.created),
+    row.is_revoked
+      ? t("invite_revoked")
+      : h("button", { class: "button small", type: "button", onclick: () => void revoke(row) }, t("invite_revoke")),
   ]);
   return table(t("tab_invite"), [t("label"), t("invite_kind"), t("seats"), t("created"), ""], rows);
 }
 
 function links_(urls: readonly string[]): HTMLElement {
-  const text = h("textarea", { readonly: true, rows: Math.min(10, urls.length + 1), "aria-label": t("link"), class: "links", spellcheck: "false" });
+  const text = h("textarea", {
+    readonly: true,
+    rows: Math.min(10, urls.length + 1),
+    "aria-label": t("link"),
+    class: "links",
+    spellcheck: "false",
+  });
   text.value = urls.join("\n");
-  const copy = h("button", { class: "button small", type: "button", onclick: () => {
-    text.select();
-    void navigator.clipboard?.writeText(text.value).then(() => (copy.textContent = t("copied")), () => undefined);
-  } }, t("copy_all"));
+  const copy = h(
+    "button",
+    {
+      class: "button small",
+      type: "button",
+      onclick: () => {
+        text.select();
+        void navigator.clipboard?.writeText(text.value).then(
+          () => (copy.textContent = t("copied")),
+          () => undefined,
+        );
+      },
+    },
+    t("copy_all"),
+  );
   return h("div", { class: "once" }, h("p", {}, t("invite_once")), text, copy);
-}
-
-/** A label with its field. */
-export function field(label: string, control: HTMLElement): HTMLLabelElement {
-  return h("label", { class: "field" }, h("span", {}, label), control);
 }

@@ -12,7 +12,13 @@ import { meanText, section, signed, table } from "./table.js";
 export async function resultsTab({ api }: Desk, id: string): Promise<HTMLElement> {
   const results = await api.get<Results>(path(id, "results"));
   const { judgements, raters, excluded } = results;
-  const parts = [section(t("tab_results"), h("p", {}, judgements ? t("results_summary", { judgements, raters, excluded }) : t("results_none")), exports(id, results))];
+  const parts = [
+    section(
+      t("tab_results"),
+      h("p", {}, judgements ? t("results_summary", { judgements, raters, excluded }) : t("results_none")),
+      exports(id, results),
+    ),
+  ];
   if (results.rows.length) parts.push(scores(results));
   if (results.ranking.length) parts.push(ranking(results.ranking));
   if (results.pairs.length) parts.push(pairs(results));
@@ -22,9 +28,25 @@ export async function resultsTab({ api }: Desk, id: string): Promise<HTMLElement
 }
 
 function exports(id: string, results: Results): HTMLElement {
-  const links = (names: readonly string[]) => names.map((name) => h("a", { class: "button small export", href: path(id, "export", name), download: name }, name));
-  return h("div", {}, h("div", { class: "row", role: "group", "aria-label": t("export") }, h("b", {}, t("export")), ...links(results.exports)),
-    results.plots.length > 0 && h("div", { class: "row", role: "group", "aria-label": t("export_plots") }, h("b", {}, t("export_plots")), ...links(results.plots)));
+  const links = (names: readonly string[]) =>
+    names.map((name) => h("a", { class: "button small export", href: path(id, "export", name), download: name }, name));
+  return h(
+    "div",
+    {},
+    h(
+      "div",
+      { class: "row", role: "group", "aria-label": t("export") },
+      h("b", {}, t("export")),
+      ...links(results.exports),
+    ),
+    results.plots.length > 0 &&
+      h(
+        "div",
+        { class: "row", role: "group", "aria-label": t("export_plots") },
+        h("b", {}, t("export_plots")),
+        ...links(results.plots),
+      ),
+  );
 }
 
 /** Questions that somebody was asked, in the paper's order. */
@@ -35,12 +57,37 @@ function asked(rows: readonly { scores: Record<string, Mean> }[]): string[] {
 function scores({ rows }: Results): HTMLElement {
   const questions = asked(rows);
   const plots = CATEGORIES.flatMap((category) => {
-    const points = rows.filter((row) => row.category === category).flatMap((row) => questions.flatMap((question, series) => whisker(row.system, series, row.scores[question])));
-    return points.length ? [whiskers(word("category", category), points, [-2, 2], questions.map((question) => word("q", question)))] : [];
+    const points = rows
+      .filter((row) => row.category === category)
+      .flatMap((row) => questions.flatMap((question, series) => whisker(row.system, series, row.scores[question])));
+    return points.length
+      ? [
+          whiskers(
+            word("category", category),
+            points,
+            [-2, 2],
+            questions.map((question) => word("q", question)),
+          ),
+        ]
+      : [];
   });
-  const lines = rows.map((row) => [row.system, word("category", row.category), ...questions.map((question) => meanText(row.scores[question])), Math.max(...questions.map((question) => row.scores[question]?.count ?? 0))]);
-  return section(t("scores"), h("p", { class: "soft" }, t("scores_note")), ...plots,
-    table(t("scores"), [t("system"), t("category"), ...questions.map((question) => word("q", question)), t("judgements")], lines), h("p", { class: "soft" }, t("half_raters_note")));
+  const lines = rows.map((row) => [
+    row.system,
+    word("category", row.category),
+    ...questions.map((question) => meanText(row.scores[question])),
+    Math.max(...questions.map((question) => row.scores[question]?.count ?? 0)),
+  ]);
+  return section(
+    t("scores"),
+    h("p", { class: "soft" }, t("scores_note")),
+    ...plots,
+    table(
+      t("scores"),
+      [t("system"), t("category"), ...questions.map((question) => word("q", question)), t("judgements")],
+      lines,
+    ),
+    h("p", { class: "soft" }, t("half_raters_note")),
+  );
 }
 
 function whisker(label: string, series: number, mean: Mean | undefined): Whisker[] {
@@ -51,32 +98,98 @@ function whisker(label: string, series: number, mean: Mean | undefined): Whisker
 
 function pairs({ pairs: rows }: Results): HTMLElement {
   const questions = asked(rows);
-  const lines = rows.map((row) => [t("first_against", { first: row.first, second: row.second }), word("category", row.category), ...questions.map((question) => meanText(row.scores[question]))]);
-  return section(t("pairs"), table(t("pairs"), [t("pairs"), t("category"), ...questions.map((question) => word("q", question))], lines));
+  const lines = rows.map((row) => [
+    t("first_against", { first: row.first, second: row.second }),
+    word("category", row.category),
+    ...questions.map((question) => meanText(row.scores[question])),
+  ]);
+  return section(
+    t("pairs"),
+    table(t("pairs"), [t("pairs"), t("category"), ...questions.map((question) => word("q", question))], lines),
+  );
 }
 
 function ranking(rows: readonly Strength[]): HTMLElement {
   const categories = [...new Set(rows.map((row) => row.category))];
   const shown = categories.includes("all") ? ["all"] : categories;
   const questions = QUESTIONS.filter((question) => rows.some((row) => row.question === question));
-  const plots = shown.flatMap((category) => questions.map((question, series) => {
-    const own = rows.filter((row) => row.question === question && row.category === category).sort((a, b) => a.rank - b.rank);
-    const points = own.map(({ system, rank, strength, low, high }) => ({ label: `${rank}. ${system}`, series, value: strength, low, high }));
-    return whiskers(`${word("q", question)}, ${word("category", category).toLowerCase()}`, points, domainOf(points));
-  }));
-  const lines = rows.map((row) => [row.rank, row.system, word("q", row.question), word("category", row.category), signed(row.strength), `[${signed(row.low)}, ${signed(row.high)}]`]);
-  return section(t("ranking"), h("p", { class: "soft" }, t("ranking_note")), h("div", { class: "plots" }, ...plots), table(t("ranking"), [t("rank"), t("system"), t("question"), t("category"), t("strength"), t("interval")], lines));
+  const plots = shown.flatMap((category) =>
+    questions.map((question, series) => {
+      const own = rows
+        .filter((row) => row.question === question && row.category === category)
+        .sort((a, b) => a.rank - b.rank);
+      const points = own.map(({ system, rank, strength, low, high }) => ({
+        label: `${rank}. ${system}`,
+        series,
+        value: strength,
+        low,
+        high,
+      }));
+      return whiskers(`${word("q", question)}, ${word("category", category).toLowerCase()}`, points, domainOf(points));
+    }),
+  );
+  const lines = rows.map((row) => [
+    row.rank,
+    row.system,
+    word("q", row.question),
+    word("category", row.category),
+    signed(row.strength),
+    `[${signed(row.low)}, ${signed(row.high)}]`,
+  ]);
+  return section(
+    t("ranking"),
+    h("p", { class: "soft" }, t("ranking_note")),
+    h("div", { class: "plots" }, ...plots),
+    table(t("ranking"), [t("rank"), t("system"), t("question"), t("category"), t("strength"), t("interval")], lines),
+  );
 }
 
 function agreement({ agreement: rows }: Results): HTMLElement {
-  const lines = rows.map((row) => [word("q", row.question), word("metric", row.metric), row.alpha === null ? t("undefined") : signed(row.alpha), row.units, row.raters]);
-  return section(t("agreement"), h("p", { class: "soft" }, t("agreement_note")), table(t("agreement"), [t("question"), t("metric"), t("alpha"), t("units"), t("raters")], lines));
+  const lines = rows.map((row) => [
+    word("q", row.question),
+    word("metric", row.metric),
+    row.alpha === null ? t("undefined") : signed(row.alpha),
+    row.units,
+    row.raters,
+  ]);
+  return section(
+    t("agreement"),
+    h("p", { class: "soft" }, t("agreement_note")),
+    table(t("agreement"), [t("question"), t("metric"), t("alpha"), t("units"), t("raters")], lines),
+  );
 }
 
 function preferences(rows: readonly PreferenceRow[]): HTMLElement {
   const kept = rows.filter((row) => row.is_kept).length;
   const number = (candidate: number | null) => (candidate === null ? "–" : candidate + 1);
-  const lines = rows.map((row) => [row.sound, word("category", row.category), row.votes, row.skips, number(row.chosen), number(row.rejected), row.agreement.toFixed(2), row.margin.toFixed(2), row.is_kept ? t("yes") : t("no")]);
-  return section(t("preferences"), h("p", {}, t("preferences_note", { kept, all: rows.length })),
-    table(t("preferences"), [t("sound_name"), t("category"), t("votes"), t("skips"), t("chosen_candidate"), t("rejected_candidate"), t("share"), t("margin"), t("kept")], lines));
+  const lines = rows.map((row) => [
+    row.sound,
+    word("category", row.category),
+    row.votes,
+    row.skips,
+    number(row.chosen),
+    number(row.rejected),
+    row.agreement.toFixed(2),
+    row.margin.toFixed(2),
+    row.is_kept ? t("yes") : t("no"),
+  ]);
+  return section(
+    t("preferences"),
+    h("p", {}, t("preferences_note", { kept, all: rows.length })),
+    table(
+      t("preferences"),
+      [
+        t("sound_name"),
+        t("category"),
+        t("votes"),
+        t("skips"),
+        t("chosen_candidate"),
+        t("rejected_candidate"),
+        t("share"),
+        t("margin"),
+        t("kept"),
+      ],
+      lines,
+    ),
+  );
 }

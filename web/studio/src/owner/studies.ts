@@ -20,21 +20,50 @@ export async function listView({ api, every }: Desk): Promise<HTMLElement> {
   };
   await load();
   every(POLL, load);
-  return h("main", { class: "owner" }, h("div", { class: "row spread" }, h("h1", { tabindex: -1 }, t("owner_studies")), h("a", { class: "button primary", href: "#/new" }, t("owner_new"))), list);
+  return h(
+    "main",
+    { class: "owner" },
+    h(
+      "div",
+      { class: "row spread" },
+      h("h1", { tabindex: -1 }, t("owner_studies")),
+      h("a", { class: "button primary", href: "#/new" }, t("owner_new")),
+    ),
+    list,
+  );
 }
 
 function card(study: StudyRow): HTMLElement {
-  return h("article", { class: "card study", "data-study": study.id },
+  return h(
+    "article",
+    { class: "card study", "data-study": study.id },
     h("h2", {}, h("a", { href: `#/study/${study.id}/overview` }, study.title)),
-    h("p", { class: "facts" }, state(study), h("span", {}, word("kind", study.kind)), h("span", {}, when(study.created)), h("span", {}, t("owner_raters", { here: study.raters, of: study.raters_wanted }))),
-    progress(study));
+    h(
+      "p",
+      { class: "facts" },
+      state(study),
+      h("span", {}, word("kind", study.kind)),
+      h("span", {}, when(study.created)),
+      h("span", {}, t("owner_raters", { here: study.raters, of: study.raters_wanted })),
+    ),
+    progress(study),
+  );
 }
 
 /** How far making or judging is, or why there is none. */
 export function progress(study: StudyRow): HTMLElement {
   if (study.problem) return h("p", { class: "problem" }, study.problem);
-  if (study.making) return meter(study.making.done, study.making.of, t("making", { what: study.making.what, done: study.making.done, of: study.making.of }));
-  return meter(study.judgements, study.judgements_wanted, t("owner_judgements", { done: study.judgements, of: study.judgements_wanted }));
+  if (study.making)
+    return meter(
+      study.making.done,
+      study.making.of,
+      t("making", { what: study.making.what, done: study.making.done, of: study.making.of }),
+    );
+  return meter(
+    study.judgements,
+    study.judgements_wanted,
+    t("owner_judgements", { done: study.judgements, of: study.judgements_wanted }),
+  );
 }
 
 export function state(study: StudyRow): HTMLElement {

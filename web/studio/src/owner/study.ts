@@ -16,21 +16,47 @@ const POLL = 4; // seconds
 const TABS = ["overview", "invite", "raters", "results", "settings", "audit"] as const;
 
 /** Addresses of a study's routes. */
-export const path = (id: string, ...more: (string | number)[]) => ["/api/owner/studies", ...[id, ...more].map((part) => encodeURIComponent(part))].join("/");
+export const path = (id: string, ...more: (string | number)[]) =>
+  ["/api/owner/studies", ...[id, ...more].map((part) => encodeURIComponent(part))].join("/");
 
 export async function studyView(desk: Desk, id = "", name = "overview"): Promise<HTMLElement> {
   const tab = TABS.find((known) => known === name) ?? "overview";
   const detail = await desk.api.get<StudyDetail>(path(id));
-  const tabs = h("nav", { class: "tabs", "aria-label": detail.study.title }, ...TABS.map((one) =>
-    h("a", { href: `#/study/${encodeURIComponent(id)}/${one}`, "aria-current": one === tab ? "page" : null }, t(`tab_${one}` as Key))));
+  const tabs = h(
+    "nav",
+    { class: "tabs", "aria-label": detail.study.title },
+    ...TABS.map((one) =>
+      h(
+        "a",
+        { href: `#/study/${encodeURIComponent(id)}/${one}`, "aria-current": one === tab ? "page" : null },
+        t(`tab_${one}` as Key),
+      ),
+    ),
+  );
   const head = h("div", { class: "head" }, h("h1", { tabindex: -1 }, detail.study.title));
   const facts = h("div", { class: "row spread" });
-  const drawFacts = (study: StudyRow) => facts.replaceChildren(h("p", { class: "facts" }, state(study), h("span", {}, word("kind", study.kind)), h("span", {}, t("owner_raters", { here: study.raters, of: study.raters_wanted }))), actions(desk, study));
+  const drawFacts = (study: StudyRow) =>
+    facts.replaceChildren(
+      h(
+        "p",
+        { class: "facts" },
+        state(study),
+        h("span", {}, word("kind", study.kind)),
+        h("span", {}, t("owner_raters", { here: study.raters, of: study.raters_wanted })),
+      ),
+      actions(desk, study),
+    );
   drawFacts(detail.study);
   return h("main", { class: "owner" }, head, facts, tabs, await content(desk, id, tab, detail, drawFacts));
 }
 
-async function content(desk: Desk, id: string, tab: (typeof TABS)[number], detail: StudyDetail, drawFacts: (study: StudyRow) => void): Promise<HTMLElement> {
+async function content(
+  desk: Desk,
+  id: string,
+  tab: (typeof TABS)[number],
+  detail: StudyDetail,
+  drawFacts: (study: StudyRow) => void,
+): Promise<HTMLElement> {
   switch (tab) {
     case "invite":
       return invitationsTab(desk, id);
@@ -48,7 +74,12 @@ async function content(desk: Desk, id: string, tab: (typeof TABS)[number], detai
 }
 
 /** Live: asked again every few seconds. */
-function overview({ api, every }: Desk, id: string, first: StudyDetail, drawFacts: (study: StudyRow) => void): HTMLElement {
+function overview(
+  { api, every }: Desk,
+  id: string,
+  first: StudyDetail,
+  drawFacts: (study: StudyRow) => void,
+): HTMLElement {
   const box = h("div", { class: "parts" });
   let shown = "";
   const draw = (detail: StudyDetail) => {
@@ -56,11 +87,19 @@ function overview({ api, every }: Desk, id: string, first: StudyDetail, drawFact
     if (next === shown) return;
     shown = next;
     drawFacts(detail.study);
-    const cells = detail.progress.map(({ category, sounds, done, of }) => meter(done, of, `${word("category", category)}: ${t("owner_judgements", { done, of })}, ${t("sounds")}: ${sounds}`));
+    const cells = detail.progress.map(({ category, sounds, done, of }) =>
+      meter(
+        done,
+        of,
+        `${word("category", category)}: ${t("owner_judgements", { done, of })}, ${t("sounds")}: ${sounds}`,
+      ),
+    );
     const systems = detail.systems.map(({ name, source, clips, judgements }) => [name, source, clips, judgements]);
     box.replaceChildren(
-      section(t("tab_overview"), progress(detail.study), ...cells), section(t("per_hour"), hourBars(detail.per_hour)),
-      section(t("by_system"), table(t("by_system"), [t("system"), t("source"), t("clips"), t("judgements")], systems)));
+      section(t("tab_overview"), progress(detail.study), ...cells),
+      section(t("per_hour"), hourBars(detail.per_hour)),
+      section(t("by_system"), table(t("by_system"), [t("system"), t("source"), t("clips"), t("judgements")], systems)),
+    );
   };
   draw(first);
   every(POLL, async () => draw(await api.get<StudyDetail>(path(id))));
@@ -68,11 +107,25 @@ function overview({ api, every }: Desk, id: string, first: StudyDetail, drawFact
 }
 
 function actions(desk: Desk, study: StudyRow): HTMLElement {
-  const change = (to: ChangeState["state"]) => () => void desk.attempt(() => desk.api.post<StudyRow>(path(study.id, "state"), { state: to })).then(reload);
+  const change = (to: ChangeState["state"]) => () =>
+    void desk.attempt(() => desk.api.post<StudyRow>(path(study.id, "state"), { state: to })).then(reload);
   const buttons: HTMLElement[] = [];
-  if (study.state === "open") buttons.push(h("button", { class: "button small close-study", type: "button", onclick: change("closed") }, t("close_study")));
-  if (study.state === "closed") buttons.push(h("button", { class: "button small open-study", type: "button", onclick: change("open") }, t("open_study")));
-  if (study.state === "closed" || study.state === "failed") buttons.push(h("button", { class: "button small danger delete-study", type: "button", onclick: () => void remove(desk, study) }, t("delete_study")));
+  if (study.state === "open")
+    buttons.push(
+      h("button", { class: "button small close-study", type: "button", onclick: change("closed") }, t("close_study")),
+    );
+  if (study.state === "closed")
+    buttons.push(
+      h("button", { class: "button small open-study", type: "button", onclick: change("open") }, t("open_study")),
+    );
+  if (study.state === "closed" || study.state === "failed")
+    buttons.push(
+      h(
+        "button",
+        { class: "button small danger delete-study", type: "button", onclick: () => void remove(desk, study) },
+        t("delete_study"),
+      ),
+    );
   return h("div", { class: "row" }, ...buttons);
 }
 

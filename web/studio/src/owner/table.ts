@@ -7,10 +7,17 @@ type Cell = Node | string | number | null | undefined;
 
 /** A table that scrolls sideways by itself on small screens. */
 export function table(caption: string, heads: readonly string[], rows: readonly (readonly Cell[])[]): HTMLElement {
-  return h("div", { class: "table", tabindex: 0, role: "region", "aria-label": caption },
-    h("table", {}, h("caption", { class: "unseen" }, caption),
+  return h(
+    "div",
+    { class: "table", tabindex: 0, role: "region", "aria-label": caption },
+    h(
+      "table",
+      {},
+      h("caption", { class: "unseen" }, caption),
       h("thead", {}, h("tr", {}, ...heads.map((head) => h("th", { scope: "col" }, head)))),
-      h("tbody", {}, ...rows.map((row) => h("tr", {}, ...row.map((cell) => h("td", {}, cell ?? "")))))));
+      h("tbody", {}, ...rows.map((row) => h("tr", {}, ...row.map((cell) => h("td", {}, cell ?? ""))))),
+    ),
+  );
 }
 
 export function section(title: string, ...content: (Node | false | null)[]): HTMLElement {
@@ -19,9 +26,23 @@ export function section(title: string, ...content: (Node | false | null)[]): HTM
 
 /** A bar with its numbers in words. */
 export function meter(done: number, of: number, label: string): HTMLElement {
-  return h("div", { class: "meter" },
-    h("div", { class: "track", role: "progressbar", "aria-valuemin": 0, "aria-valuemax": of, "aria-valuenow": done, "aria-label": label }, h("i", { style: `--share: ${of ? Math.min(1, done / of) : 0}` })),
-    h("span", {}, label));
+  return h(
+    "div",
+    { class: "meter" },
+    h(
+      "div",
+      {
+        class: "track",
+        role: "progressbar",
+        "aria-valuemin": 0,
+        "aria-valuemax": of,
+        "aria-valuenow": done,
+        "aria-label": label,
+      },
+      h("i", { style: `--share: ${of ? Math.min(1, done / of) : 0}` }),
+    ),
+    h("span", {}, label),
+  );
 }
 
 /** 2026-11-21T08:05:00Z as 2026-11-21 08:05 of the reader's clock. */

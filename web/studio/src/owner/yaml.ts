@@ -6,7 +6,8 @@ export type Value = string | number | boolean | readonly Value[] | { readonly [n
 export function toYaml(value: Value, indent = ""): string {
   if (Array.isArray(value)) {
     if (!value.length) return "[]\n";
-    if (value.every((item) => typeof item !== "object")) return `[${value.map((item) => plain(item as string)).join(", ")}]\n`;
+    if (value.every((item) => typeof item !== "object"))
+      return `[${value.map((item) => plain(item as string)).join(", ")}]\n`;
     return `\n${(value as readonly Value[]).map((item) => `${indent}- ${toYaml(item, `${indent}  `).replace(/^\n\s*/, "")}`).join("")}`;
   }
   if (typeof value === "object") {

@@ -25,7 +25,13 @@ export class SharedCamera {
     for (const old of this.controls) old.dispose();
     this.controls = elements.map((element) => {
       const controls = new OrbitControls(this.master, element);
-      Object.assign(controls, { enableDamping: false, minDistance: 0.6, maxDistance: 9, maxPolarAngle: 1.62, enablePan: false });
+      Object.assign(controls, {
+        enableDamping: false,
+        minDistance: 0.6,
+        maxDistance: 9,
+        maxPolarAngle: 1.62,
+        enablePan: false,
+      });
       controls.target = this.target;
       controls.addEventListener("change", () => this.onMove?.());
       element.style.touchAction = "pan-y"; // a thumb that goes up or down scrolls the page

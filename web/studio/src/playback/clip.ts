@@ -12,14 +12,20 @@ export class Clip {
   private readonly path: Float32Array; // x and z of the camera's centre, frame by frame
 
   /** Throws where the bytes are no motion of this rig. */
-  constructor(bytes: ArrayBuffer, private readonly scene: Scene) {
+  constructor(
+    bytes: ArrayBuffer,
+    private readonly scene: Scene,
+  ) {
     const motion = decodeMessage(bytes);
     if (motion?.type !== "motion") throw new RangeError("this is no motion");
     const { rig, face, frame_rate: rate } = scene;
     this.timeline = new MotionTimeline(rig.names.length, face.length, CLOCK / rate, CLOCK);
     this.timeline.insert({ ...motion, at: 0 });
     this.seconds = motion.frames / rate;
-    this.path = calm(unpackPoses({ ...motion, face: new Uint8Array() }, rig.names.length, face.length), Math.round(CALM * rate));
+    this.path = calm(
+      unpackPoses({ ...motion, face: new Uint8Array() }, rig.names.length, face.length),
+      Math.round(CALM * rate),
+    );
   }
 
   /** A pose of the right size, for `pose`. */
@@ -46,7 +52,10 @@ export class Clip {
 /** The root's x and z, each averaged over `reach` frames before and after. */
 export function calm(poses: readonly Pick<Pose, "root">[], reach: number): Float32Array {
   const out = new Float32Array(poses.length * 2);
-  for (const [axis, from] of [[0, 0], [1, 2]] as const) {
+  for (const [axis, from] of [
+    [0, 0],
+    [1, 2],
+  ] as const) {
     const sums = [0];
     for (const { root } of poses) sums.push(sums.at(-1)! + root[from]!);
     for (let k = 0; k < poses.length; k++) {

@@ -14,7 +14,10 @@ export interface Media {
 export class Library {
   private readonly files = new Map<string, Promise<ArrayBuffer>>();
 
-  constructor(private readonly api: Api, readonly scene: Scene) {}
+  constructor(
+    private readonly api: Api,
+    readonly scene: Scene,
+  ) {}
 
   /** Everything of a task, ready to play; `onPart` is told how much of it is here. Throws what trying again cannot mend. */
   async load(task: RaterTask, onPart: (share: number) => void, insisting: Insisting): Promise<Media> {

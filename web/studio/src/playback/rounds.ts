@@ -10,7 +10,10 @@ export class Rounds {
   private round = 0;
 
   constructor(
-    readonly slots: readonly number[], private readonly seconds: number, readonly isLooped: boolean, private readonly counts: Counts,
+    readonly slots: readonly number[],
+    private readonly seconds: number,
+    readonly isLooped: boolean,
+    private readonly counts: Counts,
   ) {
     for (const slot of slots) counts.plays[slot]!++;
   }

@@ -118,10 +118,22 @@ export class Theatre {
   }
 
   /** What is on the screen and what is heard, for tests. */
-  get state(): { position: number | null; shown: number[]; plays: readonly number[]; watched: readonly number[]; playing: readonly number[] } {
+  get state(): {
+    position: number | null;
+    shown: number[];
+    plays: readonly number[];
+    watched: readonly number[];
+    playing: readonly number[];
+  } {
     const position = this.sound.position(performance.now());
     const shown = this.seats.map(({ second }) => second);
-    return { position, shown, plays: this.counts.plays, watched: this.counts.watched, playing: this.isPlaying ? this.slots! : [] };
+    return {
+      position,
+      shown,
+      plays: this.counts.plays,
+      watched: this.counts.watched,
+      playing: this.isPlaying ? this.slots! : [],
+    };
   }
 
   private redraw(): void {

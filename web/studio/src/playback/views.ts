@@ -8,8 +8,24 @@
 import type { AvatarDriver, Pose } from "@echoavatar/client";
 import { loadAvatar } from "@echoavatar/client/three";
 import {
-  Box3, Color, DirectionalLight, GridHelper, Group, HemisphereLight, type Material, Mesh, NeutralToneMapping, type Object3D,
-  PCFShadowMap, PMREMGenerator, PerspectiveCamera, PlaneGeometry, Scene as World, ShadowMaterial, Vector3, WebGLRenderer,
+  Box3,
+  Color,
+  DirectionalLight,
+  GridHelper,
+  Group,
+  HemisphereLight,
+  type Material,
+  Mesh,
+  NeutralToneMapping,
+  type Object3D,
+  PCFShadowMap,
+  PMREMGenerator,
+  PerspectiveCamera,
+  PlaneGeometry,
+  Scene as World,
+  ShadowMaterial,
+  Vector3,
+  WebGLRenderer,
 } from "three";
 import { RoomEnvironment } from "three/examples/jsm/environments/RoomEnvironment.js";
 import type { Scene } from "../api.generated.js";
@@ -28,9 +44,14 @@ export class Views {
   private readonly world = new World();
   private readonly around = new Group(); // light and floor shadow: what goes along with the body
   private readonly lens = new PerspectiveCamera(28, 1, 0.05, 60);
+  private size = "";
   private driver: (AvatarDriver & { object: Object3D }) | null = null;
 
-  private constructor(readonly canvas: HTMLCanvasElement, private readonly renderer: WebGLRenderer, readonly low: boolean) {
+  private constructor(
+    readonly canvas: HTMLCanvasElement,
+    private readonly renderer: WebGLRenderer,
+    readonly low: boolean,
+  ) {
     renderer.toneMapping = NeutralToneMapping;
     renderer.shadowMap.enabled = !low; // a fluent picture says more of motion than a shadow does
     renderer.shadowMap.type = PCFShadowMap;
@@ -56,6 +77,9 @@ export class Views {
     const host = this.canvas.parentElement;
     if (!host) return;
     const [width, height] = [host.clientWidth, host.clientHeight];
+    const size = `${width} ${height} ${window.devicePixelRatio}`;
+    if (size === this.size) return;
+    this.size = size;
     this.renderer.setPixelRatio(this.low ? 0.75 : Math.min(window.devicePixelRatio, 2));
     this.renderer.setSize(width, height, false);
   }
@@ -91,7 +115,8 @@ export class Views {
     const driver = await loadAvatar(character);
     driver.bind(scene);
     driver.object.traverse((node) => {
-      if ((node as Mesh).isMesh) Object.assign(node, { castShadow: true, receiveShadow: !this.low, frustumCulled: false });
+      if ((node as Mesh).isMesh)
+        Object.assign(node, { castShadow: true, receiveShadow: !this.low, frustumCulled: false });
     });
     const size = new Box3().setFromObject(driver.object).getSize(new Vector3());
     this.camera.setHeight(size.y);

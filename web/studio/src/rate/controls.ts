@@ -22,25 +22,43 @@ export class Controls {
   private readonly sound: HTMLButtonElement;
   private readonly bar = h("div", { class: "time" }, h("i"));
 
-  constructor(private readonly theatre: Theatre, camera: SharedCamera, private readonly playing: Playing, ...more: HTMLElement[]) {
+  constructor(
+    private readonly theatre: Theatre,
+    camera: SharedCamera,
+    private readonly playing: Playing,
+    ...more: HTMLElement[]
+  ) {
     this.play = h("button", { class: "button primary play", type: "button", onclick: () => playing.toggle() });
     this.loop = tool("loop", t("loop"), () => this.toggleLoop());
     this.sound = tool("sound", t("sound"), () => this.toggleSound());
     const view = [
-      tool("left", t("view_left"), () => camera.step(-1, 0)), tool("right", t("view_right"), () => camera.step(1, 0)),
-      tool("closer", t("view_closer"), () => camera.step(0, 1)), tool("farther", t("view_farther"), () => camera.step(0, -1)),
+      tool("left", t("view_left"), () => camera.step(-1, 0)),
+      tool("right", t("view_right"), () => camera.step(1, 0)),
+      tool("closer", t("view_closer"), () => camera.step(0, 1)),
+      tool("farther", t("view_farther"), () => camera.step(0, -1)),
       tool("reset", t("view_reset"), () => camera.reset()),
     ];
-    this.element = h("div", { class: "controls" },
-      this.play, tool("again", t("again"), () => playing.again()), this.bar, this.loop, this.sound,
-      h("div", { class: "camera", role: "group", "aria-label": t("view") }, ...view), ...more);
+    this.element = h(
+      "div",
+      { class: "controls" },
+      this.play,
+      tool("again", t("again"), () => playing.again()),
+      this.bar,
+      this.loop,
+      this.sound,
+      h("div", { class: "camera", role: "group", "aria-label": t("view") }, ...view),
+      ...more,
+    );
     theatre.onTime = (share) => this.bar.style.setProperty("--at", String(share));
     this.update();
   }
 
   update(): void {
     const { isPlaying, sound } = this.theatre;
-    this.play.replaceChildren(icon(isPlaying ? "pause" : "play"), h("span", {}, isPlaying ? t("pause") : this.playing.label));
+    this.play.replaceChildren(
+      icon(isPlaying ? "pause" : "play"),
+      h("span", {}, isPlaying ? t("pause") : this.playing.label),
+    );
     this.loop.setAttribute("aria-pressed", String(this.isLooped));
     this.sound.setAttribute("aria-pressed", String(!sound.muted));
     this.sound.replaceChildren(icon(sound.muted ? "muted" : "sound"));

@@ -28,7 +28,15 @@ export function openDraft(task: RaterTask, store: Storage = sessionStorage): Dra
   if (kept && kept.plays.length === task.clips.length) return kept;
   const none = () => task.clips.map(() => 0);
   return {
-    task: task.id, key: newKey(), spent: 0, plays: none(), watched: none(), ratings: {}, best: null, worst: null, sent: null,
+    task: task.id,
+    key: newKey(),
+    spent: 0,
+    plays: none(),
+    watched: none(),
+    ratings: {},
+    best: null,
+    worst: null,
+    sent: null,
   };
 }
 

@@ -93,19 +93,27 @@ export class Flow {
     const percent = (share: number) => (bar.textContent = t("task_preparing", { percent: Math.round(share * 100) }));
     percent(0);
     show(taskHeader(setting), h("main", { class: "words" }, bar));
-    let show_: Show;
+    let shown: Show;
     let media: Media;
     try {
-      show_ = await this.again(() => this.shown!, bar);
-      media = await show_.library.load(task, percent, { pause: this.pause, onWait: (seconds) => this.tellWait(bar, seconds) });
+      shown = await this.again(() => this.shown!, bar);
+      media = await shown.library.load(task, percent, {
+        pause: this.pause,
+        onWait: (seconds) => this.tellWait(bar, seconds),
+      });
     } catch (error) {
       if (error instanceof Refused) throw error;
       return this.cannotPlay(task, error);
     }
-    show_.library.ahead(task, next.ahead);
+    shown.library.ahead(task, next.ahead);
     this.page = new TaskPage({
-      ...setting, views: show_.views, theatre: show_.theatre, media,
-      send: (draft, onWait) => this.send(draft, onWait), hurry: () => this.pause.hurry(), done: (outcome) => void this.done(outcome),
+      ...setting,
+      views: shown.views,
+      theatre: shown.theatre,
+      media,
+      send: (draft, onWait) => this.send(draft, onWait),
+      hurry: () => this.pause.hurry(),
+      done: (outcome) => void this.done(outcome),
     });
   }
 
@@ -120,7 +128,9 @@ export class Flow {
 
   private async sendOld(draft: Draft): Promise<void> {
     showWords(t("saving"), []);
-    const outcome = await this.send(draft, (seconds) => showWords(t("saving"), seconds ? [t("not_saved", { seconds: Math.ceil(seconds) })] : []));
+    const outcome = await this.send(draft, (seconds) =>
+      showWords(t("saving"), seconds ? [t("not_saved", { seconds: Math.ceil(seconds) })] : []),
+    );
     if (outcome.kind === "saved") this.tellSaved(draft.task);
     else dropDraft(draft.task);
   }
@@ -162,16 +172,35 @@ export class Flow {
   }
 
   private cannotPlay(task: RaterTask, error: unknown): void {
-    const skip = h("button", { class: "button", type: "button", onclick: async () => {
-      const draft = openDraft(task);
-      draft.sent ??= { type: "skip", reason: "cannot_play", seconds: 0, plays: draft.plays };
-      skip.disabled = true;
-      await this.send(draft, () => undefined).then((outcome) => this.done(outcome), (reason: unknown) => this.stopped(reason));
-    } }, t("broken_yes"));
-    const retry = h("button", { class: "button primary", type: "button", onclick: () => {
-      this.shown = this.open();
-      void this.begin();
-    } }, t("retry_now"));
+    const skip = h(
+      "button",
+      {
+        class: "button",
+        type: "button",
+        onclick: async () => {
+          const draft = openDraft(task);
+          draft.sent ??= { type: "skip", reason: "cannot_play", seconds: 0, plays: draft.plays };
+          skip.disabled = true;
+          await this.send(draft, () => undefined).then(
+            (outcome) => this.done(outcome),
+            (reason: unknown) => this.stopped(reason),
+          );
+        },
+      },
+      t("broken_yes"),
+    );
+    const retry = h(
+      "button",
+      {
+        class: "button primary",
+        type: "button",
+        onclick: () => {
+          this.shown = this.open();
+          void this.begin();
+        },
+      },
+      t("retry_now"),
+    );
     showWords(t("rate_refused_title"), [t("task_broken", { message: explain(error) })], retry, skip);
   }
 
@@ -184,7 +213,10 @@ export class Flow {
         note(explain(error));
       }
     };
-    const leaving = { leave: act("/api/rater/leave", null, "rate_left"), withdraw: act("/api/rater/withdraw", { sure: true }, "rate_withdrawn") };
+    const leaving = {
+      leave: act("/api/rater/leave", null, "rate_left"),
+      withdraw: act("/api/rater/withdraw", { sure: true }, "rate_withdrawn"),
+    };
     return menu(this.joined!.study.kind, sessionStorage.getItem(RESUME) ?? "", leaving);
   }
 
@@ -200,7 +232,8 @@ export class Flow {
 
   private stopped(error: unknown): void {
     this.closePage();
-    if (error instanceof Refused && error.code === "not_signed_in") return showWords(t("rate_no_link_title"), [t("rate_no_link")]);
+    if (error instanceof Refused && error.code === "not_signed_in")
+      return showWords(t("rate_no_link_title"), [t("rate_no_link")]);
     showWords(t("rate_refused_title"), [explain(error)]);
   }
 

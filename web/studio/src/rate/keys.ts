@@ -6,7 +6,8 @@ const NATIVE = "button, a, summary, input, select, textarea";
 export function onKeys(handle: (key: string) => boolean): () => void {
   const listen = (event: KeyboardEvent) => {
     const target = event.target as Element;
-    if (event.ctrlKey || event.metaKey || event.altKey || event.repeat || document.querySelector("dialog[open]")) return;
+    if (event.ctrlKey || event.metaKey || event.altKey || event.repeat || document.querySelector("dialog[open]"))
+      return;
     if (!isOurs(event.key, target)) return;
     if (handle(event.key.length === 1 ? event.key.toLowerCase() : event.key)) event.preventDefault();
   };

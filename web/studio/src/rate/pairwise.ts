@@ -6,7 +6,13 @@ import { type Panel, type Place, cell, showStatus } from "./panel.js";
 
 const NAMES = ["A", "B"] as const;
 const BETWEEN_MS = 800; // from the end of the first to the beginning of the second
-const RATINGS: readonly [number, Key][] = [[-2, "rating_m2"], [-1, "rating_m1"], [0, "rating_0"], [1, "rating_1"], [2, "rating_2"]];
+const RATINGS: readonly [number, Key][] = [
+  [-2, "rating_m2"],
+  [-1, "rating_m1"],
+  [0, "rating_0"],
+  [1, "rating_1"],
+  [2, "rating_2"],
+];
 
 export class PairwisePanel implements Panel {
   readonly title = t("task_title_pairwise");
@@ -23,13 +29,21 @@ export class PairwisePanel implements Panel {
     this.isSequential = place.study.presentation === "sequential";
     this.order = place.task.first === 1 ? [1, 0] : [0, 1];
     this.cells = NAMES.map((name, slot) => {
-      const play = h("button", { class: "button small", type: "button", onclick: () => this.start([slot]) }, t("play_clip", { name }));
+      const play = h(
+        "button",
+        { class: "button small", type: "button", onclick: () => this.start([slot]) },
+        t("play_clip", { name }),
+      );
       return cell(slot, name, ...(this.isSequential ? [play] : []));
     });
     this.cells.forEach(({ view }) => view.append(h("p", { class: "curtain" })));
     this.views = this.cells.map(({ view }) => view);
     this.host = h("div", { class: "host pair" }, ...this.cells.map(({ element }) => element));
-    this.judge = h("form", { class: "judge", onsubmit: (event) => event.preventDefault() }, ...place.study.questions.map((question) => this.question(question)));
+    this.judge = h(
+      "form",
+      { class: "judge", onsubmit: (event) => event.preventDefault() },
+      ...place.study.questions.map((question) => this.question(question)),
+    );
   }
 
   get hint(): string {
@@ -47,7 +61,8 @@ export class PairwisePanel implements Panel {
       showStatus(status, this.place, slot);
       element.classList.toggle("on", theatre.slots?.includes(slot) ?? false);
     });
-    for (const input of this.judge.querySelectorAll("input")) input.checked = draft.ratings[input.name] === Number(input.value);
+    for (const input of this.judge.querySelectorAll("input"))
+      input.checked = draft.ratings[input.name] === Number(input.value);
     if (this.isSequential) this.draw();
   }
 
@@ -79,6 +94,10 @@ export class PairwisePanel implements Panel {
     this.waiting = setTimeout(() => this.start([other]), BETWEEN_MS);
   }
 
+  close(): void {
+    clearTimeout(this.waiting);
+  }
+
   /** The clip that is to be played now: the first that was not watched, in the study's order. */
   private get next(): number {
     return this.order.find((slot) => !this.place.draft.watched[slot]) ?? this.order[0]!;
@@ -98,17 +117,30 @@ export class PairwisePanel implements Panel {
     theatre.cover(hidden);
     this.cells.forEach(({ view }, slot) => {
       const curtain = view.querySelector(".curtain")!;
-      curtain.textContent = hidden.includes(slot) ? (slot === this.next && !shown.length ? t("clip_next", { name: NAMES[slot]! }) : NAMES[slot]!) : "";
+      curtain.textContent = hidden.includes(slot)
+        ? slot === this.next && !shown.length
+          ? t("clip_next", { name: NAMES[slot]! })
+          : NAMES[slot]!
+        : "";
     });
   }
 
   private question(question: string): HTMLElement {
     const [a, b] = NAMES;
     const choices = RATINGS.map(([rating, key]) =>
-      h("label", { class: "choice" },
+      h(
+        "label",
+        { class: "choice" },
         h("input", { type: "radio", name: question, value: rating, onchange: () => this.rate(question, rating) }),
-        h("span", {}, t(key, { a, b }))));
-    return h("fieldset", { class: "question", "data-question": question }, h("legend", {}, word("question", question)), h("div", { class: "scale" }, ...choices));
+        h("span", {}, t(key, { a, b })),
+      ),
+    );
+    return h(
+      "fieldset",
+      { class: "question", "data-question": question },
+      h("legend", {}, word("question", question)),
+      h("div", { class: "scale" }, ...choices),
+    );
   }
 
   private rate(question: string, rating: number): void {

@@ -39,14 +39,24 @@ export interface Panel {
   /** What is chosen, in words; empty where the page shows it anyway. */
   summary(): string;
   ended(slots: readonly number[]): void;
+  /** The page goes: nothing begins any more. */
+  close(): void;
 }
 
 /** A view with its name below it. */
-export function cell(slot: number, name: string, ...more: Node[]): { element: HTMLElement; view: HTMLElement; status: HTMLElement } {
+export function cell(
+  slot: number,
+  name: string,
+  ...more: Node[]
+): { element: HTMLElement; view: HTMLElement; status: HTMLElement } {
   const view = h("div", { class: "view", role: "img", "aria-label": t("clip_name", { name }) });
   const status = h("span", { class: "status" });
-  const element = h("div", { class: "cell", "data-slot": slot, role: "group", "aria-label": t("clip_name", { name }) },
-    view, h("div", { class: "caption" }, h("b", { class: "name" }, name), status, ...more));
+  const element = h(
+    "div",
+    { class: "cell", "data-slot": slot, role: "group", "aria-label": t("clip_name", { name }) },
+    view,
+    h("div", { class: "caption" }, h("b", { class: "name" }, name), status, ...more),
+  );
   return { element, view, status };
 }
 
@@ -55,5 +65,17 @@ export function showStatus(element: HTMLElement, place: Place, slot: number): vo
   const { plays, watched } = place.draft;
   const isWatched = watched[slot]! >= Math.max(1, place.study.min_plays);
   const count = h("span", { class: "count", title: t("clip_begun", { count: plays[slot]! }) }, `× ${plays[slot]!}`);
-  element.replaceChildren(...(isWatched ? [h("span", { class: "watched", title: t("clip_watched") }, icon("tick"), h("span", { class: "unseen" }, t("clip_watched")))] : []), ...(plays[slot] ? [count] : []));
+  element.replaceChildren(
+    ...(isWatched
+      ? [
+          h(
+            "span",
+            { class: "watched", title: t("clip_watched") },
+            icon("tick"),
+            h("span", { class: "unseen" }, t("clip_watched")),
+          ),
+        ]
+      : []),
+    ...(plays[slot] ? [count] : []),
+  );
 }

@@ -27,10 +27,33 @@ export class PreferencePanel implements Panel {
     this.marks = slots.map((slot) => ({ best: this.markButton("best", slot), worst: this.markButton("worst", slot) }));
     this.cells = slots.map((slot) => this.cell(slot));
     this.views = this.cells.map(({ view }) => view);
-    this.strip = h("div", { class: "strip", role: "group" }, ...slots.map((slot) => h("button", { type: "button", class: "chip", "aria-label": t("clip_name", { name: slot + 1 }), onclick: () => this.go(slot) }, slot + 1)));
-    this.host = h("div", { class: "host grid", style: `--columns: ${columns(slots.length)}` }, ...this.cells.map(({ element }) => element));
+    this.strip = h(
+      "div",
+      { class: "strip", role: "group" },
+      ...slots.map((slot) =>
+        h(
+          "button",
+          {
+            type: "button",
+            class: "chip",
+            "aria-label": t("clip_name", { name: slot + 1 }),
+            onclick: () => this.go(slot),
+          },
+          slot + 1,
+        ),
+      ),
+    );
+    this.host = h(
+      "div",
+      { class: "host grid", style: `--columns: ${columns(slots.length)}` },
+      ...this.cells.map(({ element }) => element),
+    );
     this.layout = h("button", { class: "button small", type: "button", onclick: () => this.setGrid(!this.isGrid) });
-    const all = h("button", { class: "button small all", type: "button", onclick: () => this.playAll() }, t("play_all"));
+    const all = h(
+      "button",
+      { class: "button small all", type: "button", onclick: () => this.playAll() },
+      t("play_all"),
+    );
     this.tools = [all, this.layout, this.strip];
     this.setGrid(this.isGrid);
   }
@@ -71,7 +94,8 @@ export class PreferencePanel implements Panel {
   key(key: string): boolean {
     const many = this.cells.length;
     if (/^[1-9]$/.test(key) && Number(key) <= many) this.start(Number(key) - 1);
-    else if (key === "ArrowLeft" || key === "ArrowRight") this.go((this.current + (key === "ArrowRight" ? 1 : many - 1)) % many);
+    else if (key === "ArrowLeft" || key === "ArrowRight")
+      this.go((this.current + (key === "ArrowRight" ? 1 : many - 1)) % many);
     else if (key === "b" || key === "w") this.mark(key === "b" ? "best" : "worst", this.current);
     else if (key === "a") this.playAll();
     else return false;
@@ -85,6 +109,8 @@ export class PreferencePanel implements Panel {
   }
 
   ended(): void {}
+
+  close(): void {}
 
   /** Another candidate becomes the current one; what plays goes over to it from the start. */
   private go(slot: number): void {
@@ -106,7 +132,10 @@ export class PreferencePanel implements Panel {
 
   private playAll(): void {
     if (!this.isGrid) this.setGrid(true);
-    void this.place.theatre.play(this.cells.map((_, slot) => slot), this.place.isLooped());
+    void this.place.theatre.play(
+      this.cells.map((_, slot) => slot),
+      this.place.isLooped(),
+    );
   }
 
   private mark(which: "best" | "worst", slot: number): void {
@@ -126,13 +155,34 @@ export class PreferencePanel implements Panel {
 
   private cell(slot: number): ReturnType<typeof cell> {
     const { best, worst } = this.marks[slot]!;
-    const play = h("button", { class: "tool", type: "button", "aria-label": t("play_clip", { name: slot + 1 }), title: t("play_clip", { name: slot + 1 }), onclick: () => this.start(slot) }, icon("play"));
+    const play = h(
+      "button",
+      {
+        class: "tool",
+        type: "button",
+        "aria-label": t("play_clip", { name: slot + 1 }),
+        title: t("play_clip", { name: slot + 1 }),
+        onclick: () => this.start(slot),
+      },
+      icon("play"),
+    );
     return cell(slot, String(slot + 1), play, h("span", { class: "marks" }, best, worst));
   }
 
   private markButton(which: "best" | "worst", slot: number): HTMLButtonElement {
     const label = t(which === "best" ? "mark_best" : "mark_worst", { name: slot + 1 });
-    return h("button", { class: `mark ${which}`, type: "button", "aria-label": label, "aria-pressed": "false", onclick: () => this.mark(which, slot) }, icon(which), h("span", {}, t(which)));
+    return h(
+      "button",
+      {
+        class: `mark ${which}`,
+        type: "button",
+        "aria-label": label,
+        "aria-pressed": "false",
+        onclick: () => this.mark(which, slot),
+      },
+      icon(which),
+      h("span", {}, t(which)),
+    );
   }
 }
 

@@ -47,19 +47,46 @@ export class TaskPage {
     const { study, theatre, views, media, next } = setting;
     const task = next.task;
     this.draft = openDraft(task);
-    const place = { task, study, draft: this.draft, theatre, isLooped: () => this.controls.isLooped, changed: () => this.changed() };
+    const place = {
+      task,
+      study,
+      draft: this.draft,
+      theatre,
+      isLooped: () => this.controls.isLooped,
+      changed: () => this.changed(),
+    };
     this.panel = study.kind === "pairwise" ? new PairwisePanel(place) : new PreferencePanel(place);
     const { panel } = this;
-    const playing = { get label() { return panel.play; }, toggle: () => panel.toggle(), again: () => panel.again() };
+    const playing = {
+      get label() {
+        return panel.play;
+      },
+      toggle: () => panel.toggle(),
+      again: () => panel.again(),
+    };
     this.controls = new Controls(theatre, views.camera, playing, ...panel.tools);
     const label = task.stage === "training" ? "submit_training" : "submit";
-    this.submit = h("button", { class: "button primary submit", type: "button", onclick: () => this.answer() }, t(label));
-    this.skip = h("button", { class: "button skip", type: "button", hidden: study.kind === "pairwise", onclick: () => this.skipTask() }, t("skip"));
-    this.broken = h("button", { class: "button quiet broken", type: "button", onclick: () => void this.tellBroken() }, t("broken"));
+    this.submit = h(
+      "button",
+      { class: "button primary submit", type: "button", onclick: () => this.answer() },
+      t(label),
+    );
+    this.skip = h(
+      "button",
+      { class: "button skip", type: "button", hidden: study.kind === "pairwise", onclick: () => this.skipTask() },
+      t("skip"),
+    );
+    this.broken = h(
+      "button",
+      { class: "button quiet broken", type: "button", onclick: () => void this.tellBroken() },
+      t("broken"),
+    );
     this.main = this.build();
     show(taskHeader(setting), this.main);
     Object.assign(theatre, {
-      onChange: () => this.changed(), onEnd: (slots: number[]) => this.panel.ended(slots), onStuck: () => note(t("stuck")),
+      onChange: () => this.changed(),
+      onEnd: (slots: number[]) => this.panel.ended(slots),
+      onStuck: () => note(t("stuck")),
     });
     theatre.set(this.panel.host, this.panel.views, media, task.seconds, this.draft);
     this.leave = onKeys((key) => this.key(key));
@@ -71,6 +98,7 @@ export class TaskPage {
   /** Leaves the page to the next. */
   close(): void {
     this.isClosed = true;
+    this.panel.close();
     this.leave();
     removeEventListener("pagehide", this.keep);
     this.setting.theatre.stop();
@@ -83,13 +111,20 @@ export class TaskPage {
   private build(): HTMLElement {
     const { panel } = this;
     const isTraining = this.setting.next.task.stage === "training";
-    return h("main", { class: `task ${this.setting.study.kind}${isTraining ? " practice" : ""}` },
-      h("div", { class: "ask-line" },
-        h("h1", { tabindex: -1 }, panel.title), h("p", { class: "hint" }, panel.hint),
-        isTraining && h("p", { class: "training" }, t("task_training"))),
+    return h(
+      "main",
+      { class: `task ${this.setting.study.kind}${isTraining ? " practice" : ""}` },
+      h(
+        "div",
+        { class: "ask-line" },
+        h("h1", { tabindex: -1 }, panel.title),
+        h("p", { class: "hint" }, panel.hint),
+        isTraining && h("p", { class: "training" }, t("task_training")),
+      ),
       h("section", { class: "stage" }, panel.host, this.controls.element),
       panel.judge,
-      h("footer", { class: "foot" }, this.status, this.broken, this.skip, this.submit));
+      h("footer", { class: "foot" }, this.status, this.broken, this.skip, this.submit),
+    );
   }
 
   /** Seconds from the first picture, over reloads. */
@@ -118,7 +153,8 @@ export class TaskPage {
     const open = study.questions.filter((question) => draft.ratings[question] === undefined).length;
     const parts = [panel.summary()];
     if (names.length) parts.push(t("still_to_watch", { names: names.join(", ") }));
-    else if (!isChosen(draft, study)) parts.push(study.kind === "pairwise" ? t("still_to_answer", { count: open }) : t("still_to_mark"));
+    else if (!isChosen(draft, study))
+      parts.push(study.kind === "pairwise" ? t("still_to_answer", { count: open }) : t("still_to_mark"));
     this.setStatus(parts.filter(Boolean).join(" "));
     this.submit.disabled = !isReady(draft, study);
     this.skip.disabled = names.length > 0;
@@ -126,7 +162,8 @@ export class TaskPage {
   }
 
   private setStatus(text: string, ...more: Node[]): void {
-    if (this.status.firstChild?.textContent !== text || more.length) this.status.replaceChildren(h("span", {}, text), ...more);
+    if (this.status.firstChild?.textContent !== text || more.length)
+      this.status.replaceChildren(h("span", {}, text), ...more);
   }
 
   private answer(): void {
@@ -135,7 +172,8 @@ export class TaskPage {
   }
 
   private skipTask(): void {
-    if (!this.isSending && !unwatched(this.draft, this.setting.study).length) this.begin(skipOf(this.draft, "no_difference", this.seconds));
+    if (!this.isSending && !unwatched(this.draft, this.setting.study).length)
+      this.begin(skipOf(this.draft, "no_difference", this.seconds));
   }
 
   private async tellBroken(): Promise<void> {
@@ -172,7 +210,11 @@ export class TaskPage {
 
   private tellWait(seconds: number): void {
     if (!seconds) return this.setStatus(t("saving"));
-    const again = h("button", { class: "button small", type: "button", onclick: () => this.setting.hurry() }, t("retry_now"));
+    const again = h(
+      "button",
+      { class: "button small", type: "button", onclick: () => this.setting.hurry() },
+      t("retry_now"),
+    );
     this.setStatus(t("not_saved", { seconds: Math.ceil(seconds) }), again);
   }
 
@@ -205,7 +247,24 @@ export class TaskPage {
 export function taskHeader({ study, next, menu }: Pick<TaskSetting, "study" | "next" | "menu">): HTMLElement {
   const { done, of }: Saved["progress"] = next.progress;
   const label = t("task_progress_label", { done, of });
-  return h("header", { class: "bar" }, h("span", { class: "study" }, study.title),
-    h("div", { class: "progress", role: "progressbar", "aria-valuemin": 0, "aria-valuemax": of, "aria-valuenow": done, "aria-label": label, "aria-valuetext": label }, h("i", { style: `--share: ${of ? done / of : 1}` })),
-    h("span", { class: "number" }, t("task_progress", { number: next.task?.number ?? of, of })), menu);
+  return h(
+    "header",
+    { class: "bar" },
+    h("span", { class: "study" }, study.title),
+    h(
+      "div",
+      {
+        class: "progress",
+        role: "progressbar",
+        "aria-valuemin": 0,
+        "aria-valuemax": of,
+        "aria-valuenow": done,
+        "aria-label": label,
+        "aria-valuetext": label,
+      },
+      h("i", { style: `--share: ${of ? done / of : 1}` }),
+    ),
+    h("span", { class: "number" }, t("task_progress", { number: next.task?.number ?? of, of })),
+    menu,
+  );
 }
