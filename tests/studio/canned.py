@@ -4,6 +4,8 @@ python -m tests.studio.canned --folder FOLDER --port 8766
 """
 
 import argparse
+import sys
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -13,15 +15,16 @@ import yaml
 from echoavatar.kinematics import HUMANOID, Motion
 from echoavatar.kinematics.rotations import quaternion_from_axis_angle
 from echoavatar.kinematics.tables import write_npz
-from echoavatar.studio.accounts import set_owner
 from echoavatar.studio.app import create_app
 from echoavatar.studio.clips import Performance, save_clip, save_sound, spoil
 from echoavatar.studio.limits import Rate, Rates
 from echoavatar.studio.making import Maker, Material
 from echoavatar.studio.owning import Desk
 from echoavatar.studio.run import open_store, serve
+from echoavatar.studio.secrecy import hash_password
 from echoavatar.studio.settings import parse_study
 from echoavatar.studio.store import Store
+from echoavatar.studio.tables import Owner
 from echoavatar.studio.wire_owner import Invite
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
 
@@ -77,7 +80,6 @@ def pairwise_text(**changes: object) -> str:
 
 
 def preference_text(**changes: object) -> str:
-
     settings = {
         "kind": "preference", "title": "Canned candidates", "model": "default", "candidates": 8, "past": 1,
         "length": 2, "sounds": [{"path": "music", "category": "dance"}], "raters": 4, "tasks_per_rater": 3,
@@ -110,21 +112,32 @@ def make_preference(maker: Maker, *, seconds: float = 1.0, prompts: int = 3, **c
         save_clip(folder / f"{number:03d}-x.motion", spoil(shown, number))
         prompt = {"clip": f"clip{number}", "start": 0, "past": settings.past}
         sound, kind = f"{number:03d}.flac", ("dance", "gesture")[number % 2]
-        rows.append(Material(f"sound {number}", kind, sound, seconds, tuple(clips), f"{number:03d}-x.motion", prompt))
+        rows.append(
+            Material(f"sound {number}", kind, sound, seconds, tuple(clips), f"{number:03d}-x.motion", prompt)
+        )
     with maker.store.write() as session:
         maker.write(session, public, settings, rows)
     return public
 
 
+@lru_cache(maxsize=1)
+def _hashed() -> str:
+    return hash_password(PASSWORD)
+
+
 def studio(folder: Path, url: str | None = None) -> Maker:
     """An empty studio with the owner `anna`."""
     store: Store = open_store(folder, url)
-    set_owner(store, "anna", PASSWORD)
+    with store.write() as session:
+        if session.query(Owner).count() == 0:
+            session.add(Owner(name="anna", password=_hashed(), created=0.0))
     return Maker(store, folder / "media")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="serve canned studies; owner anna, password 'a long password'")
+    parser = argparse.ArgumentParser(
+        description="serve canned studies; owner anna, password 'a long password'"
+    )
     parser.add_argument("--folder", type=Path, required=True)
     parser.add_argument("--store")
     parser.add_argument("--port", type=int, default=8766)
@@ -139,12 +152,11 @@ def main() -> None:
         make_preference(maker, seconds=args.seconds)
 
     def ready(address: str) -> None:
-        print(f"{address}/  owner anna, password {PASSWORD!r}", flush=True)
+        sys.stdout.write(f"{address}/  owner anna, password {PASSWORD!r}\n")
         for row in desk.studies().studies:
             links = desk.invite(row.id, Invite(count=row.raters_wanted), page=f"{address}/rate").links
-            print(row.title, flush=True)
-            for link in links:
-                print(f"  {link.url}", flush=True)
+            sys.stdout.write("".join(f"{line}\n" for line in (row.title, *(link.url for link in links))))
+        sys.stdout.flush()
 
     serve(create_app(maker, library=place, rates=EASY), host="127.0.0.1", port=args.port, on_ready=ready)
 

@@ -27,7 +27,7 @@ from .store import Store
 from .tables import Study
 from .wire import Category
 
-SECONDS = 8.0
+SECONDS = 6.0
 SOUNDS: tuple[tuple[str, str, Category, float], ...] = (
     ("speech 1", "speech.ogg", "gesture", 0.0),
     ("speech 2", "speech.ogg", "gesture", 11.0),

@@ -273,7 +273,7 @@ def _with_prompt(row: Material, prompt: dict[str, object]) -> Material:
 def _systems(settings: PairwiseStudy | PreferenceStudy) -> Sequence[SystemChoice]:
     if settings.kind == "pairwise":
         return settings.systems
-    return [SystemChoice(name=settings.model, model=settings.model)]
+    return [SystemChoice(name=Path(settings.model).name[:80], model=settings.model)]
 
 
 def _study(session: Session, public: str) -> Study:

@@ -224,9 +224,7 @@ def _systems(session: Session, study: Study) -> tuple[SystemRow, ...]:
     )
     real = session.scalars(select(Trial).where(Trial.study_id == study.id, Trial.role == "real")).all()
     clips: dict[int | None, list[int]] = {}
-    for clip, of in session.execute(
-        select(Clip.id, Clip.system_id).where(Clip.study_id == study.id)
-    ):
+    for clip, of in session.execute(select(Clip.id, Clip.system_id).where(Clip.study_id == study.id)):
         clips.setdefault(of, []).append(clip)
     for system in session.scalars(select(System).where(System.study_id == study.id).order_by(System.place)):
         own = set(clips.get(system.id, ()))

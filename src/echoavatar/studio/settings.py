@@ -97,8 +97,8 @@ class Keeping(Config):
     """Which pairs are exported ("pairs lacking a distinct quality disparity are filtered out")."""
 
     votes: int = Field(default=1, ge=1, description="answers that a sound needs, skips included")
-    agreement: float = Field(0.6, ge=0, le=1, description="share in favour, of the answers that speak of it")
-    margin: float = Field(0.3, ge=0, le=1, description="those in favour less those against, of all answers")
+    agreement: float = Field(default=0.6, ge=0, le=1, description="share in favour, of the answers that speak of it")
+    margin: float = Field(default=0.3, ge=0, le=1, description="those in favour less those against, of all answers")
 
 
 class PreferenceStudy(_Study):

@@ -112,13 +112,18 @@ def _checked(url: str) -> URL:
 
 def _engine(url: URL, *, is_sqlite: bool) -> Engine:
     if not is_sqlite:
-        return create_engine(url, pool_size=20, max_overflow=30, pool_pre_ping=True)
+        return create_engine(url, pool_size=20, max_overflow=30, pool_pre_ping=True, hide_parameters=True)
     if not url.database or url.database == ":memory:":
         raise EchoAvatarError(
             "a store in memory would lose every judgement; name a file: sqlite:///studio.db"
         )
-    Path(url.database).parent.mkdir(parents=True, exist_ok=True)
-    engine = create_engine(url, pool_size=20, max_overflow=30)
+    try:
+        Path(url.database).parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise EchoAvatarError(
+            f"the store cannot be in {url.database} ({error.strerror}); choose another"
+        ) from error
+    engine = create_engine(url, pool_size=20, max_overflow=30, hide_parameters=True)
     event.listen(engine, "connect", _prepare_sqlite)
     event.listen(engine, "begin", _begin_sqlite)
     return engine

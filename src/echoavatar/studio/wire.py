@@ -65,7 +65,7 @@ class Reply(Struct, frozen=True, kw_only=True):
     """What the studio answers."""
 
 
-class Problem(Reply):
+class Problem(Reply, frozen=True, kw_only=True):
     """Every answer that is not 2xx."""
 
     code: ErrorCode

@@ -10,21 +10,21 @@ Name = Annotated[str, Meta(min_length=1, max_length=128)]
 Text = Annotated[str, Meta(max_length=2000)]
 
 
-class Login(Request):
+class Login(Request, frozen=True, kw_only=True):
     """An owner's name and password."""
 
     name: Name
     password: Annotated[str, Meta(min_length=1, max_length=256)]
 
 
-class OwnerSession(Reply):
+class OwnerSession(Reply, frozen=True, kw_only=True):
     """Answer to `login` and `me`."""
 
     name: str
     csrf: str
 
 
-class Making(Reply):
+class Making(Reply, frozen=True, kw_only=True):
     """How far the clips of a new study are."""
 
     done: int
@@ -32,7 +32,7 @@ class Making(Reply):
     what: str
 
 
-class StudyRow(Reply):
+class StudyRow(Reply, frozen=True, kw_only=True):
     """A study in the list."""
 
     id: str
@@ -48,13 +48,13 @@ class StudyRow(Reply):
     judgements_wanted: int
 
 
-class StudyList(Reply):
+class StudyList(Reply, frozen=True, kw_only=True):
     """All studies, newest first."""
 
     studies: tuple[StudyRow, ...]
 
 
-class SystemRow(Reply):
+class SystemRow(Reply, frozen=True, kw_only=True):
     """One of the things compared."""
 
     name: str
@@ -63,7 +63,7 @@ class SystemRow(Reply):
     judgements: int
 
 
-class CellRow(Reply):
+class CellRow(Reply, frozen=True, kw_only=True):
     """Live progress of one category."""
 
     category: Category
@@ -72,7 +72,7 @@ class CellRow(Reply):
     of: int
 
 
-class StudyDetail(Reply):
+class StudyDetail(Reply, frozen=True, kw_only=True):
     """One study in full."""
 
     study: StudyRow
@@ -84,20 +84,20 @@ class StudyDetail(Reply):
     ]
 
 
-class NewStudy(Request):
+class NewStudy(Request, frozen=True, kw_only=True):
     """Set-up in the page: the text of a study.yaml. Paths are below the studio's library folder."""
 
     settings: Annotated[str, Meta(min_length=1, max_length=20_000)]
 
 
-class Template(Reply):
+class Template(Reply, frozen=True, kw_only=True):
     """A commented study.yaml to begin with."""
 
     kind: Kind
     settings: str
 
 
-class SetUp(Reply):
+class SetUp(Reply, frozen=True, kw_only=True):
     """What a study can be made of: answer to `GET /api/owner/setup`."""
 
     templates: tuple[Template, ...]
@@ -106,13 +106,13 @@ class SetUp(Reply):
     sounds: Annotated[tuple[str, ...], Meta(description="sound files and folders in the library")]
 
 
-class ChangeState(Request):
+class ChangeState(Request, frozen=True, kw_only=True):
     """Open or close a study for raters."""
 
     state: Literal["open", "closed"]
 
 
-class Invite(Request):
+class Invite(Request, frozen=True, kw_only=True):
     """New links: `count` personal ones, or one open link for so many raters."""
 
     count: Annotated[int, Meta(ge=1, le=500)] = 1
@@ -120,20 +120,20 @@ class Invite(Request):
     label: Annotated[str, Meta(max_length=80)] = ""
 
 
-class Link(Reply):
+class Link(Reply, frozen=True, kw_only=True):
     """A link, told once: the studio keeps only a hash."""
 
     id: int
     url: str
 
 
-class Invited(Reply):
+class Invited(Reply, frozen=True, kw_only=True):
     """The new links."""
 
     links: tuple[Link, ...]
 
 
-class InvitationRow(Reply):
+class InvitationRow(Reply, frozen=True, kw_only=True):
     """An invitation as the owner sees it later."""
 
     id: int
@@ -145,13 +145,13 @@ class InvitationRow(Reply):
     created: str
 
 
-class Invitations(Reply):
+class Invitations(Reply, frozen=True, kw_only=True):
     """All of a study."""
 
     invitations: tuple[InvitationRow, ...]
 
 
-class RaterRow(Reply):
+class RaterRow(Reply, frozen=True, kw_only=True):
     """One rater's work, by number; there are no names."""
 
     id: int
@@ -174,20 +174,20 @@ class RaterRow(Reply):
     reason: str
 
 
-class Raters(Reply):
+class Raters(Reply, frozen=True, kw_only=True):
     """All raters of a study."""
 
     raters: tuple[RaterRow, ...]
 
 
-class Exclude(Request):
+class Exclude(Request, frozen=True, kw_only=True):
     """Leave a rater out of the results, or take them in again."""
 
     is_excluded: bool
     reason: Text = ""
 
 
-class Mean(Reply):
+class Mean(Reply, frozen=True, kw_only=True):
     """A mean with its 95 % interval: mean - half to mean + half; null below two observations."""
 
     mean: float
@@ -198,7 +198,7 @@ class Mean(Reply):
     count: int
 
 
-class ResultRow(Reply):
+class ResultRow(Reply, frozen=True, kw_only=True):
     """A system's scores: positive is preferred."""
 
     system: str
@@ -207,7 +207,7 @@ class ResultRow(Reply):
     scores: dict[Question, Mean]
 
 
-class PairRow(Reply):
+class PairRow(Reply, frozen=True, kw_only=True):
     """One system against another; positive: the first is preferred."""
 
     first: str
@@ -216,7 +216,7 @@ class PairRow(Reply):
     scores: dict[Question, Mean]
 
 
-class Strength(Reply):
+class Strength(Reply, frozen=True, kw_only=True):
     """Bradley-Terry: log strength with its 95 % interval, mean of all systems 0."""
 
     system: str
@@ -229,7 +229,7 @@ class Strength(Reply):
     rank: int
 
 
-class Agreement(Reply):
+class Agreement(Reply, frozen=True, kw_only=True):
     """Krippendorff's alpha; null where it is not defined."""
 
     question: str
@@ -239,7 +239,7 @@ class Agreement(Reply):
     raters: int
 
 
-class PreferenceRow(Reply):
+class PreferenceRow(Reply, frozen=True, kw_only=True):
     """One sound of a preference study."""
 
     sound: str
@@ -253,7 +253,7 @@ class PreferenceRow(Reply):
     is_kept: bool
 
 
-class Results(Reply):
+class Results(Reply, frozen=True, kw_only=True):
     """Everything that is known of a study now."""
 
     kind: Kind
@@ -269,7 +269,7 @@ class Results(Reply):
     exports: Annotated[tuple[str, ...], Meta(description="names for `export/NAME`, files")]
 
 
-class Event(Reply):
+class Event(Reply, frozen=True, kw_only=True):
     """A line of the audit."""
 
     id: int
@@ -280,7 +280,7 @@ class Event(Reply):
     detail: str
 
 
-class Audit(Reply):
+class Audit(Reply, frozen=True, kw_only=True):
     """Newest first; `before` of the query goes on."""
 
     events: tuple[Event, ...]

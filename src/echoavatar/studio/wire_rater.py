@@ -19,13 +19,13 @@ Seconds = Annotated[float, Meta(ge=0, le=86_400)]
 Count = Annotated[int, Meta(ge=0, le=10_000)]
 
 
-class Join(Request):
+class Join(Request, frozen=True, kw_only=True):
     """An invitation, or the rater's own key from `Joined.resume`: the part of the link behind `#`."""
 
     token: Token
 
 
-class StudyFace(Reply):
+class StudyFace(Reply, frozen=True, kw_only=True):
     """What a rater may know of a study."""
 
     title: str
@@ -38,7 +38,7 @@ class StudyFace(Reply):
     min_plays: Annotated[int, Meta(description="each clip is to be played so often before an answer")]
 
 
-class Progress(Reply):
+class Progress(Reply, frozen=True, kw_only=True):
     """How far this rater is."""
 
     done: Annotated[int, Meta(description="tasks answered or skipped, training included")]
@@ -46,7 +46,7 @@ class Progress(Reply):
     is_finished: bool
 
 
-class Joined(Reply):
+class Joined(Reply, frozen=True, kw_only=True):
     """Answer to `join` and `me`."""
 
     csrf: Annotated[str, Meta(description="for the header X-CSRF-Token of every POST")]
@@ -61,13 +61,13 @@ class Joined(Reply):
     ] = ""
 
 
-class Consent(Request):
+class Consent(Request, frozen=True, kw_only=True):
     """The rater has read the text and agrees."""
 
     agreed: bool
 
 
-class RaterTask(Reply):
+class RaterTask(Reply, frozen=True, kw_only=True):
     """One thing to judge."""
 
     id: Annotated[str, Meta(description="random; part of the addresses below")]
@@ -81,7 +81,7 @@ class RaterTask(Reply):
     first: Annotated[int, Meta(description="sequential: which of the two clips is played first")]
 
 
-class NextTask(Reply):
+class NextTask(Reply, frozen=True, kw_only=True):
     """The rater's current task; the same until it is answered, in every tab and on every device."""
 
     task: RaterTask | None
@@ -89,7 +89,7 @@ class NextTask(Reply):
     progress: Progress
 
 
-class PairwiseAnswer(Request, tag="pairwise", tag_field="type"):
+class PairwiseAnswer(Request, frozen=True, kw_only=True, tag="pairwise", tag_field="type"):
     """All questions of the study, each once."""
 
     ratings: Annotated[dict[Question, Rating], Meta(max_length=3)]
@@ -97,7 +97,7 @@ class PairwiseAnswer(Request, tag="pairwise", tag_field="type"):
     plays: Annotated[tuple[Count, ...], Meta(max_length=MAX_CLIPS, description="times each clip was begun")]
 
 
-class PreferenceAnswer(Request, tag="preference", tag_field="type"):
+class PreferenceAnswer(Request, frozen=True, kw_only=True, tag="preference", tag_field="type"):
     """Best and worst, which must differ."""
 
     best: Slot
@@ -106,7 +106,7 @@ class PreferenceAnswer(Request, tag="preference", tag_field="type"):
     plays: Annotated[tuple[Count, ...], Meta(max_length=MAX_CLIPS)]
 
 
-class SkipAnswer(Request, tag="skip", tag_field="type"):
+class SkipAnswer(Request, frozen=True, kw_only=True, tag="skip", tag_field="type"):
     """No clear difference (preference), or it cannot be judged (a clip does not play)."""
 
     reason: Literal["no_difference", "cannot_play"]
@@ -117,26 +117,26 @@ class SkipAnswer(Request, tag="skip", tag_field="type"):
 Answer = PairwiseAnswer | PreferenceAnswer | SkipAnswer
 
 
-class Saved(Reply):
+class Saved(Reply, frozen=True, kw_only=True):
     """The judgement is on disk. The same key again gives the same answer with `is_repeated`."""
 
     is_repeated: bool
     progress: Progress
 
 
-class Withdraw(Request):
+class Withdraw(Request, frozen=True, kw_only=True):
     """Delete everything this rater gave."""
 
     sure: Literal[True]
 
 
-class Done(Reply):
+class Done(Reply, frozen=True, kw_only=True):
     """It was done; there is nothing to tell."""
 
     ok: bool = True
 
 
-class RigInfo(Reply):
+class RigInfo(Reply, frozen=True, kw_only=True):
     """What the clips move; for `AvatarDriver.bind` of @echoavatar/client."""
 
     names: tuple[str, ...]
@@ -146,7 +146,7 @@ class RigInfo(Reply):
     ]
 
 
-class Scene(Reply):
+class Scene(Reply, frozen=True, kw_only=True):
     """Answer to `GET /api/scene`: constant, the same for everybody."""
 
     rig: RigInfo
