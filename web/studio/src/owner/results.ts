@@ -54,38 +54,41 @@ function asked(rows: readonly { scores: Record<string, Mean> }[]): string[] {
   return QUESTIONS.filter((question) => rows.some((row) => row.scores[question]));
 }
 
+/** Groups in their order: only systems of a group met, so only they share a plot. */
+function groupsOf(rows: readonly { group: string }[]): string[] {
+  return [...new Set(rows.map((row) => row.group))];
+}
+
+/** What a plot is of: its group where there is one, and the rest. */
+function titled(group: string, ...rest: string[]): string {
+  return [group, ...rest].filter(Boolean).join(", ");
+}
+
 function scores({ rows }: Results): HTMLElement {
   const questions = asked(rows);
-  const plots = CATEGORIES.flatMap((category) => {
-    const points = rows
-      .filter((row) => row.category === category)
-      .flatMap((row) => questions.flatMap((question, series) => whisker(row.system, series, row.scores[question])));
-    return points.length
-      ? [
-          whiskers(
-            word("category", category),
-            points,
-            [-2, 2],
-            questions.map((question) => word("q", question)),
-          ),
-        ]
-      : [];
-  });
+  const names = questions.map((question) => word("q", question));
+  const plots = groupsOf(rows).flatMap((group) =>
+    CATEGORIES.flatMap((category) => {
+      const own = rows.filter((row) => row.group === group && row.category === category);
+      const points = own.flatMap((row) =>
+        questions.flatMap((question, series) => whisker(row.system, series, row.scores[question])),
+      );
+      return points.length ? [whiskers(titled(group, word("category", category)), points, [-2, 2], names)] : [];
+    }),
+  );
   const lines = rows.map((row) => [
+    row.group,
     row.system,
     word("category", row.category),
     ...questions.map((question) => meanText(row.scores[question])),
     Math.max(...questions.map((question) => row.scores[question]?.count ?? 0)),
   ]);
+  const heads = [t("field_group"), t("system"), t("category"), ...names, t("judgements")];
   return section(
     t("scores"),
     h("p", { class: "soft" }, t("scores_note")),
     ...plots,
-    table(
-      t("scores"),
-      [t("system"), t("category"), ...questions.map((question) => word("q", question)), t("judgements")],
-      lines,
-    ),
+    table(t("scores"), heads, lines),
     h("p", { class: "soft" }, t("half_raters_note")),
   );
 }
@@ -110,25 +113,14 @@ function pairs({ pairs: rows }: Results): HTMLElement {
 }
 
 function ranking(rows: readonly Strength[]): HTMLElement {
-  const categories = [...new Set(rows.map((row) => row.category))];
-  const shown = categories.includes("all") ? ["all"] : categories;
-  const questions = QUESTIONS.filter((question) => rows.some((row) => row.question === question));
-  const plots = shown.flatMap((category) =>
-    questions.map((question, series) => {
-      const own = rows
-        .filter((row) => row.question === question && row.category === category)
-        .sort((a, b) => a.rank - b.rank);
-      const points = own.map(({ system, rank, strength, low, high }) => ({
-        label: `${rank}. ${system}`,
-        series,
-        value: strength,
-        low,
-        high,
-      }));
-      return whiskers(`${word("q", question)}, ${word("category", category).toLowerCase()}`, points, domainOf(points));
-    }),
+  const plots = groupsOf(rows).flatMap((group) =>
+    rankingPlots(
+      group,
+      rows.filter((row) => row.group === group),
+    ),
   );
   const lines = rows.map((row) => [
+    row.group,
     row.rank,
     row.system,
     word("q", row.question),
@@ -136,11 +128,33 @@ function ranking(rows: readonly Strength[]): HTMLElement {
     signed(row.strength),
     `[${signed(row.low)}, ${signed(row.high)}]`,
   ]);
+  const heads = ["field_group", "rank", "system", "question", "category", "strength", "interval"] as const;
   return section(
     t("ranking"),
     h("p", { class: "soft" }, t("ranking_note")),
     h("div", { class: "plots" }, ...plots),
-    table(t("ranking"), [t("rank"), t("system"), t("question"), t("category"), t("strength"), t("interval")], lines),
+    table(
+      t("ranking"),
+      heads.map((head) => t(head)),
+      lines,
+    ),
+  );
+}
+
+/** One a question, over all categories where that is known. */
+function rankingPlots(group: string, rows: readonly Strength[]): HTMLElement[] {
+  const categories = [...new Set(rows.map((row) => row.category))];
+  const shown = categories.includes("all") ? ["all"] : categories;
+  const questions = QUESTIONS.filter((question) => rows.some((row) => row.question === question));
+  return shown.flatMap((category) =>
+    questions.map((question, series) => {
+      const own = rows.filter((row) => row.question === question && row.category === category);
+      const points = own
+        .sort((a, b) => a.rank - b.rank)
+        .map((row) => ({ ...row, label: `${row.rank}. ${row.system}`, series, value: row.strength }));
+      const title = titled(group, word("q", question), word("category", category).toLowerCase());
+      return whiskers(title, points, domainOf(points));
+    }),
   );
 }
 
