@@ -2,7 +2,8 @@
 
 import type { Problem } from "./api.generated.js";
 
-const SECONDS = 30;
+const SECONDS = 30; // for an answer
+const FILE_SECONDS = 300; // for a file on a slow line
 
 /** The studio refused, and said why. */
 export class Refused extends Error {
@@ -42,7 +43,7 @@ export class Api {
 
   /** A file of a task, whole. */
   async bytes(path: string): Promise<ArrayBuffer> {
-    const response = await reach(path, { method: "GET" });
+    const response = await reach(path, { method: "GET" }, FILE_SECONDS);
     try {
       if (response.ok) return await response.arrayBuffer();
     } catch (error) {
@@ -62,9 +63,9 @@ export class Api {
   }
 }
 
-async function reach(path: string, request: RequestInit): Promise<Response> {
+async function reach(path: string, request: RequestInit, seconds = SECONDS): Promise<Response> {
   try {
-    return await fetch(path, { ...request, credentials: "same-origin", signal: AbortSignal.timeout(SECONDS * 1000) });
+    return await fetch(path, { ...request, credentials: "same-origin", signal: AbortSignal.timeout(seconds * 1000) });
   } catch (error) {
     throw new Unreachable(String(error));
   }

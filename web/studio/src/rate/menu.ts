@@ -48,8 +48,12 @@ export function menu(kind: string, resume: string, { leave, withdraw }: Leaving)
     box.open = false;
     box.querySelector("summary")?.focus();
   });
-  document.addEventListener("pointerdown", (event) => {
+  const outside = (event: Event) => {
     if (!box.contains(event.target as Node)) box.open = false;
+  };
+  box.addEventListener("toggle", () => {
+    if (box.open) document.addEventListener("pointerdown", outside);
+    else document.removeEventListener("pointerdown", outside);
   });
   return box;
 }
