@@ -157,6 +157,22 @@ def test_a_reload_while_an_answer_is_on_its_way_sends_the_same_again(studio, tab
     assert set(keys) == {row.key}
 
 
+def test_when_the_session_has_ended_the_link_opens_it_again_and_the_answer_is_sent(studio, tab):
+    study = studio.pairwise(presentation="side_by_side")
+    link = studio.links(study)[0]
+    rater = tab().begin(link)
+    rater.watch()
+    rater.choose()
+    rater.page.context.clear_cookies()
+    rater.page.click(".submit")
+    rater.wait("document.querySelector('h1')?.textContent === 'Open your invitation'")
+    assert studio.judgements(study) == []
+    rater.page.goto(link)
+    rater.see(".task")
+    assert rater.number.startswith("2 ")
+    assert len(studio.judgements(study)) == 1
+
+
 def test_a_double_click_answers_one_task(studio, tab):
     study = studio.pairwise(presentation="side_by_side")
     rater = tab().begin(studio.links(study)[0])
@@ -361,8 +377,16 @@ def test_a_busy_studio_is_waited_for(studio, tab):
     assert len(refused) == 2
 
 
-@pytest.mark.parametrize(("width", "height"), [(360, 640), (390, 844), (844, 390), (1280, 800)])
-@pytest.mark.parametrize("kind", ["pairwise", "preference"])
+@pytest.mark.parametrize(
+    ("kind", "width", "height"),
+    [
+        ("pairwise", 360, 640),
+        ("pairwise", 844, 390),
+        ("pairwise", 1280, 800),
+        ("preference", 390, 844),
+        ("preference", 1280, 800),
+    ],
+)
 def test_nothing_is_cut_off_and_everything_has_a_name(studio, tab, kind, width, height, tmp_path):
     study = studio.pairwise() if kind == "pairwise" else studio.preference()
     rater = tab(width, height)

@@ -60,12 +60,15 @@ export class Views {
     this.furnish();
   }
 
-  /** Throws where the browser has no WebGL or the character cannot be read. */
-  static async open(scene: Scene, character: ArrayBuffer, low: boolean): Promise<Views> {
+  /**
+   * `quality` is low or high; else the machine decides. Throws where the browser has no WebGL or the character cannot
+   * be read.
+   */
+  static async open(scene: Scene, character: ArrayBuffer, quality: string | null): Promise<Views> {
     const canvas = document.createElement("canvas");
     canvas.className = "views";
     canvas.setAttribute("aria-hidden", "true");
-    const isWeak = low || isSoftware();
+    const isWeak = quality === "low" || (quality !== "high" && isSoftware());
     const renderer = new WebGLRenderer({ canvas, alpha: true, antialias: !isWeak, preserveDrawingBuffer: true });
     const views = new Views(canvas, renderer, isWeak);
     await views.wear(scene, character);

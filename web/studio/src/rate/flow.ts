@@ -122,7 +122,12 @@ export class Flow {
     const insisting = { pause: this.pause, onWait };
     const outcome = await send(this.api, draft, insisting);
     if (outcome.kind !== "session") return outcome;
-    this.enter(await this.again(() => this.api.get<Joined>("/api/rater/me")));
+    try {
+      this.enter(await this.again(() => this.api.get<Joined>("/api/rater/me")));
+    } catch (error) {
+      if (error instanceof Refused) return outcome; // the link has to be opened again; the draft waits in this tab
+      throw error;
+    }
     return send(this.api, draft, insisting);
   }
 
@@ -165,8 +170,8 @@ export class Flow {
   private async open(): Promise<Show> {
     const scene = await insist(() => this.api.get<Scene>("/api/scene"), { pause: this.pause });
     const character = await insist(() => this.api.bytes(scene.avatar), { pause: this.pause });
-    const low = new URLSearchParams(location.search).get("quality") === "low";
-    const views = await Views.open(scene, character, low);
+    const quality = new URLSearchParams(location.search).get("quality");
+    const views = await Views.open(scene, character, quality);
     this.theatre = new Theatre(views);
     return { views, theatre: this.theatre, library: new Library(this.api, scene) };
   }
