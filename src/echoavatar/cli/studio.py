@@ -112,9 +112,11 @@ def _serve(store: "Store", maker: "Maker", folder: Path, args: argparse.Namespac
             make_demo(maker, folder / "library", model=args.model, progress=bar.show)
     for path in args.study:
         settings = read_study(path)
-        public = maker.begin(settings, by="studio")
-        with _Bar() as bar:
-            maker.make(public, settings, path.parent, progress=bar.show)
+        public = maker.known(settings)
+        if public is None:
+            public = maker.begin(settings, by="studio")
+            with _Bar() as bar:
+                maker.make(public, settings, path.parent, progress=bar.show)
         print(f"{settings.title}: study {public}", flush=True)
     password = first_owner(store)
     app = create_app(

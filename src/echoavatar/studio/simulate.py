@@ -57,7 +57,7 @@ class Crowd:
         # candidates of one model differ too: each has a worth of its own, the same for all raters
         own = np.random.default_rng([seed, 8])
         self._worth = {clip: taste.worth.get(name, 0.0) + own.normal(0, 0.3) for clip, name in names.items()}
-        self._is_pairwise = len(taste.worth) > 1
+        self._is_pairwise = row.kind == "pairwise"
 
     def work(self, visitor: Visitor, questions: tuple[Question, ...], *, tasks: int | None = None) -> int:
         """One rater answers so many tasks (None: all); returns how many."""
