@@ -121,10 +121,13 @@ export interface Making {
   what: string;
 }
 
-/** A mean with its 95 % interval: mean - half to mean + half. */
+/** A mean with its 95 % interval: mean - half to mean + half; null below two observations. */
 export interface Mean {
   mean: number;
-  half: number;
+  /** over judgements, as in the paper */
+  half: number | null;
+  /** over raters' own means: mind it where raters differ */
+  half_raters: number | null;
   count: number;
 }
 
@@ -136,6 +139,8 @@ export interface NewStudy {
 /** The rater's current task; the same until it is answered, in every tab and on every device. */
 export interface NextTask {
   task: RaterTask | null;
+  /** the one after it, to be loaded meanwhile */
+  ahead: RaterTask | null;
   progress: Progress;
 }
 
@@ -240,7 +245,7 @@ export interface RaterTask {
   number: number;
   /** length of sound and of every clip */
   seconds: number;
-  /** address of the sound, audio/ogg */
+  /** address of the sound, audio/flac */
   audio: string;
   /** addresses of the motion: 2 (pairwise) or N (preference) */
   clips: string[];
@@ -256,6 +261,8 @@ export interface Raters {
 /** A system's scores: positive is preferred. */
 export interface ResultRow {
   system: string;
+  /** heading of the table's rows; only systems of a group met */
+  group: string;
   category: "dance" | "gesture";
   scores: Record<string, Mean>;
 }
@@ -323,6 +330,7 @@ export interface SkipAnswer {
 /** Bradley-Terry: log strength with its 95 % interval, mean of all systems 0. */
 export interface Strength {
   system: string;
+  group: string;
   question: "beat_matching" | "human_likeness" | "overall_preference";
   category: "dance" | "gesture" | "all";
   strength: number;
