@@ -20,7 +20,6 @@ from .wire import Question
 from .wire_owner import Invite
 from .wire_rater import Answer, PairwiseAnswer, PreferenceAnswer, RaterTask, SkipAnswer
 
-
 SPOILT = -4.0  # the worth of a clip that is plainly broken
 
 
