@@ -277,7 +277,8 @@ def _with_prompt(row: Material, prompt: dict[str, object]) -> Material:
 
 
 def _text(settings: PairwiseStudy | PreferenceStudy) -> str:
-    return yaml.safe_dump(settings.model_dump(mode="json"), sort_keys=False, allow_unicode=True)
+    text: str = yaml.safe_dump(settings.model_dump(mode="json"), sort_keys=False, allow_unicode=True)
+    return text
 
 
 def _systems(settings: PairwiseStudy | PreferenceStudy) -> Sequence[SystemChoice]:

@@ -12,7 +12,7 @@ from .answers import Given, counting, given
 from .bradley_terry import strengths, wins_of
 from .intervals import mean_of
 from .owning import find_study
-from .settings import PairwiseStudy, PreferenceStudy, parse_study
+from .settings import PairwiseStudy, PreferenceStudy, kept_study
 from .store import Store
 from .tables import Sound, Study, Trial
 from .voting import Verdict, verdict
@@ -35,7 +35,7 @@ def results(store: Store, public: str) -> Results:
 
 def results_of(session: Session, study: Study) -> Results:
     """See `results`."""
-    settings, everything = parse_study(study.settings), given(session, study)
+    settings, everything = kept_study(study.settings), given(session, study)
     answers = counting(everything)
     people = {answer.rater for answer in answers}
     excluded = {answer.rater for answer in everything if answer.is_excluded}

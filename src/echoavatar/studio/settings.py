@@ -1,5 +1,6 @@
 """`study.yaml`: what an owner decides (paper, Subjective Evaluation Protocol, Direct Preference Alignment)."""
 
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -145,6 +146,12 @@ def parse_study(text: str, *, name: str = "study.yaml") -> PairwiseStudy | Prefe
             ".".join(str(part) for part in first["loc"] if part not in ("pairwise", "preference")) or "kind"
         )
         raise EchoAvatarError(f"{name}: {place}: {first['msg']}") from error
+
+
+@lru_cache(maxsize=256)
+def kept_study(text: str) -> PairwiseStudy | PreferenceStudy:
+    """Settings as the store keeps them; read once, because every answer asks for them."""
+    return parse_study(text)
 
 
 def read_study(path: Path) -> PairwiseStudy | PreferenceStudy:
