@@ -167,12 +167,14 @@ def _categories(answers: Sequence[Given]) -> list[Category]:
 
 
 def _pairwise_alpha(settings: PairwiseStudy, answers: Sequence[Given]) -> list[Agreement]:
+    """Which of two systems is named first means nothing, so every trial counts both ways, with either sign."""
     rows = []
     for question in settings.questions:
         units: dict[int, list[int]] = defaultdict(list)
         for answer in answers:
             if question in answer.ratings:
                 units[answer.trial].append(answer.ratings[question])
+                units[-answer.trial].append(-answer.ratings[question])
         rows.append(_agreement(question, "ordinal", units, answers))
     return rows
 
@@ -193,7 +195,7 @@ def _agreement(
 ) -> Agreement:
     values = [list(unit) for unit in units.values()]
     found = alpha(values, metric)  # type: ignore[arg-type]
-    paired = sum(len(unit) > 1 for unit in values)
+    paired = sum(len(unit) > 1 for trial, unit in units.items() if trial > 0)
     return Agreement(
         question=question,
         metric=metric,  # type: ignore[arg-type]
