@@ -5,6 +5,7 @@ python -m tests.studio.canned --folder FOLDER --port 8766
 
 import argparse
 import sys
+import tempfile
 from functools import lru_cache
 from pathlib import Path
 
@@ -23,7 +24,7 @@ from echoavatar.studio.owning import Desk
 from echoavatar.studio.run import open_store, serve
 from echoavatar.studio.secrecy import hash_password
 from echoavatar.studio.settings import parse_study
-from echoavatar.studio.store import Store
+from echoavatar.studio.store import Store, sqlite_url
 from echoavatar.studio.tables import Owner
 from echoavatar.studio.wire_owner import Invite
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
@@ -121,12 +122,28 @@ def make_preference(maker: Maker, *, seconds: float = 1.0, prompts: int = 3, **c
 
 
 @lru_cache(maxsize=1)
+def _migrated() -> bytes:
+    """An empty SQLite store: making one takes longer than copying it."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "studio.db"
+        store = Store(sqlite_url(path))
+        with store.engine.connect() as connection:
+            connection.exec_driver_sql("ROLLBACK")
+            connection.exec_driver_sql("PRAGMA wal_checkpoint(TRUNCATE)")
+        store.close()
+        return path.read_bytes()
+
+
+@lru_cache(maxsize=1)
 def _hashed() -> str:
     return hash_password(PASSWORD)
 
 
 def studio(folder: Path, url: str | None = None) -> Maker:
     """An empty studio with the owner `anna`."""
+    if url is None and not (folder / "studio.db").exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "studio.db").write_bytes(_migrated())
     store: Store = open_store(folder, url)
     with store.write() as session:
         if session.query(Owner).count() == 0:

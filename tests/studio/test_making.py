@@ -50,6 +50,12 @@ def test_a_study_that_cannot_be_made_says_why_and_leaves_no_files(maker: Maker, 
     assert not (maker.media / public).exists()
 
 
+def test_the_same_settings_are_known_again(maker: Maker, library):
+    public = canned.make_pairwise(maker, library)
+    assert maker.known(parse_study(canned.pairwise_text())) == public
+    assert maker.known(parse_study(canned.pairwise_text(raters=7))) is None
+
+
 def test_making_that_was_cut_off_is_marked(maker: Maker):
     maker.begin(parse_study(canned.pairwise_text()), by="test")
     mark_broken(maker.store)

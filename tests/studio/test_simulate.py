@@ -23,11 +23,11 @@ def expected(gap: float) -> float:
 
 
 def test_known_preferences_are_recovered_within_the_interval(maker: Maker, library):
-    study = canned.make_pairwise(maker, library, raters=30, tasks_per_rater=12)
+    study = canned.make_pairwise(maker, library, raters=20, tasks_per_rater=12)
     taste = Taste(worth=WORTH, noise=NOISE, of_question={"beat_matching": 0.5})
-    simulate(maker.store, Desk(maker, "test"), study, taste, raters=30, seed=1)
+    simulate(maker.store, Desk(maker, "test"), study, taste, raters=20, seed=1)
     found = results(maker.store, study)
-    assert found.judgements == 360
+    assert found.judgements == 240
     held = total = 0
     for row in found.pairs:
         for question, score in row.scores.items():
@@ -44,7 +44,10 @@ def test_known_preferences_are_recovered_within_the_interval(maker: Maker, libra
     overall = [row for row in found.ranking if row.question == "overall_preference" and row.category == "all"]
     assert [row.system for row in overall] == ["Alpha", "Beta", "Gamma"]
     assert overall[0].low > overall[1].strength > overall[2].high
-    assert all(row.alpha is not None and row.alpha > 0.2 for row in found.agreement)
+    alphas = {row.question: row.alpha or 0 for row in found.agreement}
+    # squared gaps 0.36, 1, 0.16 against a variance of 0.36 and a twelfth for rounding: 1 - 0.44 / (0.51 + 0.44)
+    assert 0.35 < alphas["overall_preference"] < 0.7
+    assert 0 < alphas["beat_matching"] < alphas["overall_preference"]  # half the gap, the same noise
     table = export(maker.store, maker.media, study, "table.tex").decode()
     alpha = next(line for line in table.splitlines() if " Alpha " in line)
     dance = next(row for row in found.rows if row.system == "Alpha" and row.category == "dance").scores

@@ -1,6 +1,7 @@
 """`echoavatar studio`: people compare motion in a browser; owners set up, watch and export."""
 
 import argparse
+import contextlib
 import getpass
 import os
 import sys
@@ -112,9 +113,11 @@ def _serve(store: "Store", maker: "Maker", folder: Path, args: argparse.Namespac
             make_demo(maker, folder / "library", model=args.model, progress=bar.show)
     for path in args.study:
         settings = read_study(path)
-        public = maker.begin(settings, by="studio")
-        with _Bar() as bar:
-            maker.make(public, settings, path.parent, progress=bar.show)
+        public = maker.known(settings)
+        if public is None:
+            public = maker.begin(settings, by="studio")
+            with _Bar() as bar:
+                maker.make(public, settings, path.parent, progress=bar.show)
         print(f"{settings.title}: study {public}", flush=True)
     password = first_owner(store)
     app = create_app(
@@ -136,7 +139,8 @@ def _serve(store: "Store", maker: "Maker", folder: Path, args: argparse.Namespac
             if not args.no_browser:
                 webbrowser.open(f"{address}/")
 
-    serve(app, host=args.host, port=args.port, on_ready=ready, certificate=args.certificate, key=args.key)
+    with contextlib.suppress(KeyboardInterrupt):  # uvicorn raises it again when all is closed
+        serve(app, host=args.host, port=args.port, on_ready=ready, certificate=args.certificate, key=args.key)
     print("echoavatar: stopped", file=sys.stderr)
     return 0
 

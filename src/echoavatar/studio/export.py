@@ -18,7 +18,7 @@ from .latex import latex_table
 from .owning import find_study
 from .quality import rater_rows
 from .results import FILES, PLOTS, results, verdicts
-from .settings import parse_study
+from .settings import kept_study
 from .store import Store
 from .tables import Clip
 from .wire import QUESTIONS
@@ -43,7 +43,7 @@ def export(store: Store, media: Path, public: str, name: str) -> bytes:
         DependencyError: a picture without matplotlib.
     """
     with store.read() as session:
-        settings = parse_study(find_study(session, public).settings)
+        settings = kept_study(find_study(session, public).settings)
     if name not in (*FILES[settings.kind], *(PLOTS if settings.kind == "pairwise" else ())):
         raise not_found()
     match name:
@@ -78,7 +78,7 @@ def pairs(store: Store, public: str) -> list[Pair]:
     """
     with store.read() as session:
         study = find_study(session, public)
-        settings = parse_study(study.settings)
+        settings = kept_study(study.settings)
         if settings.kind != "preference":
             raise not_found()
         found = []

@@ -9,7 +9,7 @@ from .audit import note
 from .errors import StudioError
 from .secrecy import hash_token, new_token
 from .sessions import Visitor, sign_in
-from .settings import parse_study
+from .settings import kept_study
 from .store import Store
 from .tables import Block, Invitation, Judgement, Rater, Study, Task
 from .wire_rater import Joined, Progress, StudyFace
@@ -137,7 +137,7 @@ def _new(session: Session, invitation: Invitation, page: str) -> tuple[Rater, st
 
 
 def _joined(session: Session, study: Study, rater: Rater, visitor: Visitor, resume: str) -> Joined:
-    settings = parse_study(study.settings)
+    settings = kept_study(study.settings)
     face = StudyFace(
         title=study.title,
         kind=settings.kind,

@@ -12,7 +12,7 @@ from .audit import note
 from .errors import StudioError, not_found
 from .joining import check_open, progress_of
 from .sessions import Visitor
-from .settings import parse_study
+from .settings import kept_study
 from .store import Store
 from .tables import Block, Clip, Judgement, Rater, Sound, Study, Task, Trial
 from .wire_rater import Answer, NextTask, PairwiseAnswer, PreferenceAnswer, RaterTask, Saved, SkipAnswer
@@ -96,7 +96,7 @@ def judge(store: Store, visitor: Visitor, name: str, key: str, answer: Answer) -
 
 
 def _row(answer: Answer, task: Task, study: Study) -> Judgement:
-    settings, clips = parse_study(study.settings), len(task.order)
+    settings, clips = kept_study(study.settings), len(task.order)
     if len(answer.plays) != clips:
         raise StudioError("bad_request", f"plays has {len(answer.plays)} numbers, the task {clips} clips")
     is_broken = isinstance(answer, SkipAnswer) and answer.reason == "cannot_play"

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import yaml
+from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from ..errors import EchoAvatarError
@@ -55,16 +56,21 @@ class Maker:
         self.making: dict[str, Making] = {}
         self._one_at_a_time = threading.Lock()
 
+    def known(self, settings: PairwiseStudy | PreferenceStudy) -> str | None:
+        """The study that was made of the very same settings: a studio that starts again does not make another."""
+        wanted = select(Study.public).where(Study.settings == _text(settings), Study.state != "failed")
+        with self.store.read() as session:
+            return session.scalar(wanted.limit(1))
+
     def begin(self, settings: PairwiseStudy | PreferenceStudy, *, by: str) -> str:
         """A study without clips; returns its public name."""
         with self.store.write() as session:
-            text = yaml.safe_dump(settings.model_dump(mode="json"), sort_keys=False, allow_unicode=True)
             study = Study(
                 public=new_name(),
                 kind=settings.kind,
                 title=settings.title,
                 state="making",
-                settings=text,
+                settings=_text(settings),
                 created=time.time(),
             )
             session.add(study)
@@ -268,6 +274,11 @@ def _stored(
 def _with_prompt(row: Material, prompt: dict[str, object]) -> Material:
     name = f"{row.name} @{prompt['second']:.1f}s"
     return Material(name, row.category, row.sound, row.seconds, row.clips, row.spoilt, prompt)
+
+
+def _text(settings: PairwiseStudy | PreferenceStudy) -> str:
+    text: str = yaml.safe_dump(settings.model_dump(mode="json"), sort_keys=False, allow_unicode=True)
+    return text
 
 
 def _systems(settings: PairwiseStudy | PreferenceStudy) -> Sequence[SystemChoice]:

@@ -157,8 +157,9 @@ class _Owner:
         if name not in EXPORTS:
             raise not_found()
         data = export(self._store, self._maker.media, public, name)
+        actor = self._desk(call).actor
         with self._store.write() as session:
-            note(session, self._desk(call).actor, "exported", study=public, detail=name)
+            note(session, actor, "exported", study=public, detail=name)
         headers = HEADERS | {"content-disposition": f'attachment; filename="{name}"'}
         return Response(data, media_type=EXPORTS[name], headers=headers)
 

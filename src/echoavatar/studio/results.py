@@ -12,7 +12,7 @@ from .answers import Given, counting, given
 from .bradley_terry import strengths, wins_of
 from .intervals import mean_of
 from .owning import find_study
-from .settings import PairwiseStudy, PreferenceStudy, parse_study
+from .settings import PairwiseStudy, PreferenceStudy, kept_study
 from .store import Store
 from .tables import Sound, Study, Trial
 from .voting import Verdict, verdict
@@ -35,7 +35,7 @@ def results(store: Store, public: str) -> Results:
 
 def results_of(session: Session, study: Study) -> Results:
     """See `results`."""
-    settings, everything = parse_study(study.settings), given(session, study)
+    settings, everything = kept_study(study.settings), given(session, study)
     answers = counting(everything)
     people = {answer.rater for answer in answers}
     excluded = {answer.rater for answer in everything if answer.is_excluded}
@@ -167,12 +167,14 @@ def _categories(answers: Sequence[Given]) -> list[Category]:
 
 
 def _pairwise_alpha(settings: PairwiseStudy, answers: Sequence[Given]) -> list[Agreement]:
+    """Which of two systems is named first means nothing, so every trial counts both ways, with either sign."""
     rows = []
     for question in settings.questions:
         units: dict[int, list[int]] = defaultdict(list)
         for answer in answers:
             if question in answer.ratings:
                 units[answer.trial].append(answer.ratings[question])
+                units[-answer.trial].append(-answer.ratings[question])
         rows.append(_agreement(question, "ordinal", units, answers))
     return rows
 
@@ -193,7 +195,7 @@ def _agreement(
 ) -> Agreement:
     values = [list(unit) for unit in units.values()]
     found = alpha(values, metric)  # type: ignore[arg-type]
-    paired = sum(len(unit) > 1 for unit in values)
+    paired = sum(len(unit) > 1 for trial, unit in units.items() if trial > 0)
     return Agreement(
         question=question,
         metric=metric,  # type: ignore[arg-type]

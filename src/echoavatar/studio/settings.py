@@ -1,5 +1,6 @@
 """`study.yaml`: what an owner decides (paper, Subjective Evaluation Protocol, Direct Preference Alignment)."""
 
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -38,7 +39,7 @@ class SystemChoice(Config):
     )
     seed: int = Field(default=0, ge=0, description="of the model")
     group: str = Field(
-        "", max_length=80, description="heading of the table's rows; only systems of a group meet"
+        default="", max_length=80, description="heading of the table's rows; only systems of a group meet"
     )
 
     @model_validator(mode="after")
@@ -63,7 +64,7 @@ class _Study(Config):
     sounds: tuple[SoundChoice, ...] = Field(min_length=1)
     raters: int = Field(ge=1, le=2000, description="how many are wanted")
     tasks_per_rater: int = Field(
-        20, ge=1, le=500, description="tasks that count; more than there are is all of them"
+        default=20, ge=1, le=500, description="tasks that count; more than there are is all of them"
     )
     training: int = Field(default=1, ge=0, le=10, description="practice tasks before the first")
     checks: Checks = Checks()
@@ -97,8 +98,12 @@ class Keeping(Config):
     """Which pairs are exported ("pairs lacking a distinct quality disparity are filtered out")."""
 
     votes: int = Field(default=1, ge=1, description="answers that a sound needs, skips included")
-    agreement: float = Field(default=0.6, ge=0, le=1, description="share in favour, of the answers that speak of it")
-    margin: float = Field(default=0.3, ge=0, le=1, description="those in favour less those against, of all answers")
+    agreement: float = Field(
+        default=0.6, ge=0, le=1, description="share in favour, of the answers that speak of it"
+    )
+    margin: float = Field(
+        default=0.3, ge=0, le=1, description="those in favour less those against, of all answers"
+    )
 
 
 class PreferenceStudy(_Study):
@@ -141,6 +146,12 @@ def parse_study(text: str, *, name: str = "study.yaml") -> PairwiseStudy | Prefe
             ".".join(str(part) for part in first["loc"] if part not in ("pairwise", "preference")) or "kind"
         )
         raise EchoAvatarError(f"{name}: {place}: {first['msg']}") from error
+
+
+@lru_cache(maxsize=256)
+def kept_study(text: str) -> PairwiseStudy | PreferenceStudy:
+    """Settings as the store keeps them; read once, because every answer asks for them."""
+    return parse_study(text)
 
 
 def read_study(path: Path) -> PairwiseStudy | PreferenceStudy:

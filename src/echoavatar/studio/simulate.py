@@ -20,6 +20,8 @@ from .wire import Question
 from .wire_owner import Invite
 from .wire_rater import Answer, PairwiseAnswer, PreferenceAnswer, RaterTask, SkipAnswer
 
+SPOILT = -4.0  # the worth of a clip that is plainly broken
+
 
 @dataclass(frozen=True)
 class Taste:
@@ -57,7 +59,7 @@ class Crowd:
         # candidates of one model differ too: each has a worth of its own, the same for all raters
         own = np.random.default_rng([seed, 8])
         self._worth = {clip: taste.worth.get(name, 0.0) + own.normal(0, 0.3) for clip, name in names.items()}
-        self._is_pairwise = len(taste.worth) > 1
+        self._is_pairwise = row.kind == "pairwise"
 
     def work(self, visitor: Visitor, questions: tuple[Question, ...], *, tasks: int | None = None) -> int:
         """One rater answers so many tasks (None: all); returns how many."""
@@ -74,35 +76,33 @@ class Crowd:
         random, taste, clips = self._random, self._taste, self._clips[task.id]
         plays = tuple(int(1 + random.poisson(0.4)) for _ in clips)
         seconds = round(float(task.seconds * sum(plays) + random.gamma(4, 1.5)), 2)
-        worth = np.array([self._worth[clip] if clip in self._names else -4.0 for clip in clips])
-        if random.random() < taste.careless:
-            worth = random.normal(0, 2, len(clips))
+        is_careless = random.random() < taste.careless
         if self._is_pairwise:
-            factor = taste.of_question or {}
-            same = clips[0] == clips[1]
-            gap = 0.0 if same else self._gap(clips, worth)
-            noise = 0.3 if same else taste.noise
-            ratings = {
-                question: int(
-                    np.clip(np.rint(gap * factor.get(question, 1.0) + random.normal(0, noise)), -2, 2)
-                )
-                for question in questions
-            }
+            ratings = self._by_lot(questions) if is_careless else self._ratings(clips, questions)
             return PairwiseAnswer(ratings=ratings, seconds=seconds, plays=plays)
         if random.random() < taste.skips:
             return SkipAnswer(reason="no_difference", seconds=seconds, plays=plays)
-        seen = worth + random.normal(0, taste.noise * 0.4, len(clips))
+        worth = np.array([self._worth.get(clip, SPOILT) for clip in clips])
+        seen = (0 if is_careless else worth) + random.normal(0, taste.noise * 0.4, len(clips))
         return PreferenceAnswer(
             best=int(seen.argmax()), worst=int(seen.argmin()), seconds=seconds, plays=plays
         )
 
-    def _gap(self, clips: list[int], worth: "np.ndarray[tuple[int], np.dtype[np.float64]]") -> float:
-        """Of two clips, towards the second; systems' worths only, so that what is to be recovered is known exactly."""
-        both = [
-            self._taste.worth.get(self._names.get(clip, ""), float(own))
-            for clip, own in zip(clips, worth, strict=True)
-        ]
-        return both[1] - both[0]
+    def _by_lot(self, questions: tuple[Question, ...]) -> dict[Question, int]:
+        return {question: int(self._random.integers(-2, 3)) for question in questions}
+
+    def _ratings(self, clips: list[int], questions: tuple[Question, ...]) -> dict[Question, int]:
+        """Towards the second clip; by systems' worths alone, so that what is to be recovered is known exactly."""
+        factor, is_same = self._taste.of_question or {}, clips[0] == clips[1]
+        one, other = (
+            self._taste.worth[self._names[clip]] if clip in self._names else SPOILT for clip in clips
+        )
+        noise = self._random.normal(0, 0.2 if is_same else self._taste.noise, len(questions))
+        means = [(other - one) * factor.get(question, 1.0) for question in questions]
+        return {
+            question: int(np.clip(np.rint(mean + off), -2, 2))
+            for question, mean, off in zip(questions, means, noise, strict=True)
+        }
 
 
 def simulate(
