@@ -32,10 +32,10 @@ integration-test: .venv-integrations/ready
 
 .venv-test/ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv-test
-	.venv-test/bin/pip install $(PIP_FLAGS) -c constraints.txt -e '.[render,serve,mcp,evaluate,rehearse,character,train,usd,dev]'
+	.venv-test/bin/pip install $(PIP_FLAGS) -c constraints.txt -e '.[render,serve,mcp,studio,evaluate,rehearse,character,train,usd,dev]'
 	touch $@
 
-# The page is built into src/echoavatar/server/static and committed; only who changes web/ needs Node.
+# The pages are built into src/echoavatar/server/static and src/echoavatar/studio/static and committed; only who changes web/ needs Node.
 web: web/node_modules
 	cd web && npm run check && npm run build
 
@@ -43,7 +43,7 @@ web-test: web/node_modules
 	cd web && npm run check && npm test
 
 browser-test: .venv-test/ready
-	.venv-test/bin/pip install $(PIP_FLAGS) -c constraints.txt -e '.[serve,browser]'
+	.venv-test/bin/pip install $(PIP_FLAGS) -c constraints.txt -e '.[serve,studio,browser]'
 	OMP_NUM_THREADS=1 .venv-test/bin/pytest -m browser tests/web
 
 web/node_modules: web/package-lock.json

@@ -10,7 +10,7 @@ from tests.align.tuning import clips
 from echoavatar.align.config import recipe
 from echoavatar.align.start import make_pairs, setting, train
 from echoavatar.errors import CheckpointError, MotionError
-from echoavatar.generator import Generator
+from echoavatar.generator import Generator, TokenClip
 
 
 @pytest.fixture
@@ -68,3 +68,15 @@ def test_what_does_not_fit_is_named(tokens, tiny_bundle, tmp_path):
             ready(tokens, tiny_bundle, reference=tmp_path / "other"),
             tmp_path / "x",
         )
+
+
+def test_comparisons_of_people_need_no_yardstick(tokens, tiny_bundle, tmp_path):
+    """Token files of a studio have no true motion: rewards have nothing to be measured against, and DPO wants none."""
+    for path in tokens.glob("*.npz"):
+        clip = TokenClip.load(path)
+        object.__setattr__(clip, "has_truth", False)
+        clip.save(path)
+    one = setting(tokens, tmp_path / "run", bundle=tiny_bundle, is_compared=True)
+    assert one.mix.weights == one.card["rewards"] == {}
+    with pytest.raises(MotionError, match="pass the --yardstick"):
+        setting(tokens, tmp_path / "run", bundle=tiny_bundle)

@@ -9,7 +9,8 @@ const BUNDLED = [
   "@pixiv/three-vrm-springbone", "@msgpack/msgpack",
 ];
 
-export function licences(modules: URL): Plugin {
+/** `fileName` is where, below the built page. */
+export function licences(modules: URL, fileName = "licences.txt"): Plugin {
   return {
     name: "licences",
     generateBundle() {
@@ -21,7 +22,7 @@ export function licences(modules: URL): Plugin {
         return `${name} ${version} (${license})\n\n${text}\n`;
       });
       const head = "The page is EchoAvatar's own (Apache-2.0). It contains:\n\n";
-      this.emitFile({ type: "asset", fileName: "licences.txt", source: head + parts.join(`\n${"-".repeat(80)}\n\n`) });
+      this.emitFile({ type: "asset", fileName, source: head + parts.join(`\n${"-".repeat(80)}\n\n`) });
     },
   };
 }

@@ -34,6 +34,9 @@ class Pair(Config):
     rejected: Codes = Field(description="codes of the worse one")
     margin: float = Field(default=1.0, description="how much better: reward, or share of raters")
     by: str = Field(default="", description="who or what compared")
+    audio: str = Field(default="", description="the sound they heard, where people compared")
+    model: str = Field(default="", description="bundle that made both")
+    seeds: tuple[int, ...] = Field(default=(), description="that made chosen and rejected")
 
 
 def write_pairs(path: Path, pairs: Iterable[Pair]) -> int:

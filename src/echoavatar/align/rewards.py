@@ -126,9 +126,10 @@ class RewardMix:
     def __init__(
         self,
         weights: Mapping[str, float],
-        yardstick: Yardstick,
+        yardstick: Yardstick | None,
         own: Mapping[str, Reward] | None = None,
     ) -> None:
+        """`yardstick` may be None where nothing is weighed."""
         known = BUILT_IN | dict(own or {})
         self.weights, self.yardstick = dict(weights), yardstick
         self._functions = {name: known[name] if name in known else _imported(name, known) for name in weights}
@@ -151,6 +152,7 @@ class RewardMix:
         return Rewards(tokens, whole, parts)
 
     def _checked(self, name: str, function: Reward, scene: Scene, row: int) -> Float[np.ndarray, "*n"]:
+        assert self.yardstick is not None
         value = np.asarray(function(scene, self.yardstick), np.float64)
         if not np.isfinite(value).all():
             raise EchoAvatarError(

@@ -62,8 +62,12 @@ def setting(
     sampling: Mapping[str, float | None] | None = None,
     quality: Path | None = None,
     alignment: Path | None = None,
+    is_compared: bool = False,
 ) -> Setting:
     """Load everything; a yardstick that is not given is measured on the train clips and kept in `folder`.
+
+    With `is_compared` (DPO) rewards only tell of progress on held-out clips: where there is neither true motion nor a
+    yardstick, as in the token files of a studio, none is measured.
 
     Raises:
         CheckpointError: a checkpoint is missing or damaged.
@@ -83,13 +87,18 @@ def setting(
     test = {name: clip for name, clip in clips.items() if clip.split != "train"}
     if not train:
         raise MotionError(f"{tokens} holds no clip of split train; there is nothing to draw prompts from")
-    weights = parse_weights(rewards or DEFAULT_REWARDS)
+    has_yardstick = yardstick is not None or (folder / "yardstick.json").exists()
+    is_unmeasured = (
+        is_compared and not rewards and not has_yardstick and not any(c.has_truth for c in train.values())
+    )
+    weights = {} if is_unmeasured else parse_weights(rewards or DEFAULT_REWARDS)
     own: dict[str, Reward] = {}
     if quality:
         own["quality"] = QualityReward.load(quality).judge
     if alignment:
         own["alignment"] = AudioMotion.load(alignment).judge
-    mix = RewardMix(weights, measured(parts.tokenizer, train, yardstick, folder), own)
+    rule = None if is_unmeasured else measured(parts.tokenizer, train, yardstick, folder)
+    mix = RewardMix(weights, rule, own)
     begun = read_card(generator) if generator else parts.card
     card = {
         "data": str(tokens),
@@ -170,7 +179,7 @@ def train(
             everything = PromptBook(ready.train | ready.test, past=training.past, length=training.length)
             compared = read_pairs(pairs, everything, ready.generator.config.layout, margin=margin)
             trainer = DpoTrainer(*parts, pairs=compared, **where)
-    held_out = book(ready.test) if ready.test else None
+    held_out = book(ready.test) if ready.test and ready.mix.weights else None
     card = ready.card | {"command": command}
     return run(trainer, folder, held_out=held_out, card=card, minutes=minutes, progress=progress)
 

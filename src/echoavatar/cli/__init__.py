@@ -39,6 +39,7 @@ COMMANDS = {
     "tools": "print what a language model may do with the avatar, in its framework's form",
     "rig": "measure a character's body, so that hands keep off it",
     "align": "tune a generator by reinforcement learning: GRPO, DPO, PPO and their rewards",
+    "studio": "collect preferences and run user studies in the browser",
     "refine-fingers": "give motion that was captured without fingers plausible ones",
 }
 

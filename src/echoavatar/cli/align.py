@@ -154,6 +154,7 @@ def run(args: argparse.Namespace) -> int:
             quality=args.quality,
             alignment=args.alignment,
             sampling={key: getattr(args, key) for key in ("temperature", "cooling", "top_p")},
+            is_compared=args.kind == "dpo",
         )
 
         def progress(done: int, total: int) -> None:

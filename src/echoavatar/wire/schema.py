@@ -1,16 +1,15 @@
 """The messages written down for others: JSON Schema of the JSON twin, and TypeScript types. Made, never edited."""
 
 import json
-from collections.abc import Iterable, Mapping
-from typing import Any, get_args
+from collections.abc import Mapping
+from typing import get_args
 
 import msgspec
 
 from ..timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from .codec import subprotocol
 from .messages import CLOSE_CODES, ENCODINGS, MAX_MESSAGE_BYTES, VERSIONS, ClientMessage, ServerMessage
-
-Schema = dict[str, Any]
+from .typescript import Schema, interface
 
 
 def json_schema() -> Schema:
@@ -30,7 +29,9 @@ def typescript() -> str:
     _, parts = msgspec.json.schema_components([ClientMessage, ServerMessage])
     sent = {kind.__name__ for kind in get_args(ServerMessage)} | {"Rig", "Latency", "Limits"}
     blocks = [_HEADER, _constants()]
-    blocks += [_interface(name, schema, complete=name in sent) for name, schema in sorted(parts.items())]
+    blocks += [
+        interface(name, schema, complete=name in sent, named=_named) for name, schema in sorted(parts.items())
+    ]
     for name, union in (("ClientMessage", ClientMessage), ("ServerMessage", ServerMessage)):
         kinds = " | ".join(_named(kind.__name__) for kind in get_args(union))
         blocks.append(f"export type {name} = {kinds};")
@@ -64,36 +65,3 @@ def _named(name: str) -> str:
     """Messages get a suffix: `Error` and `Audio` are names of the browser's own."""
     kinds = get_args(ClientMessage) + get_args(ServerMessage)
     return f"{name}Message" if name in {kind.__name__ for kind in kinds} else name
-
-
-def _interface(name: str, schema: Schema, *, complete: bool) -> str:
-    lines = [*_comment(schema), f"export interface {_named(name)} {{"]
-    for field, what in schema["properties"].items():
-        lines += [f"  {line}" for line in _comment(what)]
-        always = complete or field in schema["required"]
-        lines.append(f"  {field}{'' if always else '?'}: {_type(what)};")
-    return "\n".join([*lines, "}"])
-
-
-def _comment(schema: Schema) -> Iterable[str]:
-    return [f"/** {schema['description']} */"] if "description" in schema else []
-
-
-def _type(schema: Schema) -> str:
-    match schema:
-        case {"$ref": str(ref)}:
-            return ref.rsplit("/", 1)[1]
-        case {"enum": list(values)}:
-            return " | ".join(json.dumps(value) for value in values)
-        case {"anyOf": list(choices)}:
-            return " | ".join(_type(choice) for choice in choices)
-        case {"type": "array", "items": dict(items)}:
-            inner = _type(items)
-            return f"({inner})[]" if " " in inner else f"{inner}[]"
-        case {"type": "string", "contentEncoding": "base64"}:
-            return "Uint8Array"
-        case {"type": "integer" | "number"}:
-            return "number"
-        case {"type": "string" | "boolean" | "null" as kind}:
-            return str(kind)
-    raise NotImplementedError(f"no TypeScript type for {schema}")

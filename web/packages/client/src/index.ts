@@ -1,4 +1,5 @@
 export { encodeMessage, decodeMessage, floatToPcm, pcmToFloat, ProtocolError } from "./codec.js";
+export { outputFrame } from "./clock.js";
 export { Connection, type ConnectionOptions, type LineState } from "./connection.js";
 export type { AvatarDriver } from "./driver.js";
 export { Inertia } from "./inertia.js";

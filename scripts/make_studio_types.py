@@ -1,0 +1,19 @@
+"""Write the TypeScript types of the studio's API; run after editing `studio/wire*.py`."""
+
+from pathlib import Path
+
+from echoavatar.studio.wire_types import typescript
+
+PATH = Path("web/studio/src/api.generated.ts")
+
+
+def main() -> None:
+    """Write them."""
+    target = Path(__file__).parents[1] / PATH
+    target.parent.mkdir(parents=True, exist_ok=True)
+    target.write_text(typescript(), encoding="utf-8")
+    print(PATH)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,228 @@
+"""One way in for every request of the API: limits, origin, session, CSRF, body, then the work, in a thread of its own.
+
+Everything that goes wrong leaves as a `Problem`, and refusals that speak of mischief leave a line in the audit.
+"""
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, TypeVar
+from urllib.parse import urlsplit
+
+import anyio.to_thread
+import msgspec
+from sqlalchemy.exc import IntegrityError, NoResultFound
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import Response
+from starlette.routing import Route
+
+from .audit import note
+from .errors import StudioError
+from .limits import Limiter, Rate, Rates
+from .secrecy import is_same
+from .sessions import Visitor, find_visitor
+from .store import Store
+from .tables import Owner, Rater, Study
+from .wire import MAX_REQUEST_BYTES
+
+_LOG = logging.getLogger(__name__)
+T = TypeVar("T")
+Who = Literal["rater", "owner", "anyone"]
+COOKIES: dict[Who, str] = {"rater": "studio_rater", "owner": "studio_owner"}
+_AUDITED = {
+    "bad_csrf",
+    "bad_origin",
+    "bad_login",
+    "bad_invitation",
+    "not_found",
+    "bad_request",
+    "too_large",
+    "key_reused",
+}
+_AUDIT_RATE = Rate(30, 30)  # a flood of refusals must not fill the store
+HEADERS = {"cache-control": "no-store", "x-content-type-options": "nosniff", "referrer-policy": "no-referrer"}
+
+
+@dataclass(frozen=True)
+class Call:
+    """A request that passed all checks."""
+
+    request: Request
+    visitor: Visitor | None
+    address: str  # of the caller; for limits only
+    body: bytes = b""
+
+    @property
+    def signed(self) -> Visitor:
+        """The visitor of a route that asks for one."""
+        assert self.visitor is not None
+        return self.visitor
+
+    def page(self, name: str) -> str:
+        """The address of one of our pages, as this caller sees it."""
+        return f"{self.request.url.scheme}://{self.request.headers.get('host', '')}/{name}"
+
+    def word(self, name: str) -> str:
+        """A part of the path."""
+        return str(self.request.path_params[name])
+
+    def number(self, name: str) -> int:
+        """A number in the path; Starlette's `int` convertor has checked it."""
+        return int(self.request.path_params[name])
+
+
+Work = Callable[[Call], msgspec.Struct | Response]
+
+
+class Gate:
+    """Builds routes."""
+
+    def __init__(self, store: Store, *, rates: Rates | None = None, origins: tuple[str, ...] = ()) -> None:
+        self.store, self.rates, self._origins = store, rates or Rates(), origins
+        self.limiter = Limiter()
+
+    def route(
+        self, method: str, path: str, work: Work, *, who: Who, signed: bool = True, rate: Rate | None = None
+    ) -> Route:
+        """A route for a rater or an owner; `signed`: refused without a session, and changes need the CSRF token."""
+
+        async def endpoint(request: Request) -> Response:
+            return await self._answer(request, work, who, signed, rate)
+
+        return Route(path, endpoint, methods=[method])
+
+    def hold(self, key: str, rate: Rate) -> None:
+        """Count a request.
+
+        Raises:
+            StudioError: too many of them.
+        """
+        if wait := self.limiter.wait(key, rate):
+            raise StudioError(
+                "too_many_requests", "too many requests; wait a little", retry_after=round(wait, 1)
+            )
+
+    async def _answer(
+        self, request: Request, work: Work, who: Who, signed: bool, rate: Rate | None
+    ) -> Response:
+        visitor: Visitor | None = None
+        try:
+            call = await self._admit(request, who, signed, rate)
+            visitor = call.visitor
+            done = await anyio.to_thread.run_sync(work, call)
+            return done if isinstance(done, Response) else reply(done)
+        except StudioError as refusal:
+            visitor = visitor or getattr(request.state, "visitor", None)
+            if refusal.code in _AUDITED:
+                await anyio.to_thread.run_sync(self._note, request, visitor, refusal)
+            return refused(refusal)
+        except NoResultFound:  # deleted while the request was on its way
+            return refused(StudioError("not_signed_in", "this session has ended; open your link again"))
+        except IntegrityError as error:
+            _LOG.warning("a change met another: %s", error.orig)
+            return refused(StudioError("busy", "somebody else changed this at the same moment; try again"))
+        except ClientDisconnect:
+            return Response(status_code=499)
+        except Exception:
+            _LOG.exception("%s %s failed", request.method, request.url.path)
+            return refused(StudioError("internal", "the studio made a mistake; it is in the server's log"))
+
+    async def _admit(self, request: Request, who: Who, signed: bool, rate: Rate | None) -> Call:
+        address = request.client.host if request.client else ""
+        changes = request.method not in ("GET", "HEAD")
+        if changes:
+            self._check_origin(request)
+        token = request.cookies.get(COOKIES[who], "") if who in COOKIES else ""
+        visitor = await anyio.to_thread.run_sync(find_visitor, self.store, token) if token else None
+        request.state.visitor = visitor
+        if visitor is None:
+            self.hold(f"stranger {address}", self.rates.stranger)
+        else:
+            self.hold(f"session {visitor.login_id}", self.rates.read)
+            if rate is not None:
+                self.hold(f"{rate} {visitor.login_id}", rate)
+        if signed and visitor is None:
+            raise StudioError("not_signed_in", "no session; open your link again, or sign in")
+        if signed and changes and visitor is not None:
+            self._check_csrf(request, visitor)
+        return Call(request, visitor, address, await read_body(request) if changes else b"")
+
+    def _check_csrf(self, request: Request, visitor: Visitor) -> None:
+        if not is_same(request.headers.get("x-csrf-token", ""), visitor.csrf):
+            raise StudioError("bad_csrf", "the header X-CSRF-Token is missing or of another session")
+
+    def _check_origin(self, request: Request) -> None:
+        origin = request.headers.get("origin")
+        if origin is None or origin in self._origins:
+            return
+        try:
+            page = urlsplit(origin).netloc
+        except ValueError:
+            page = ""
+        if not page or page != request.headers.get("host", ""):
+            raise StudioError("bad_origin", "pages of another address may not do this; see --origin")
+
+    def _note(self, request: Request, visitor: Visitor | None, refusal: StudioError) -> None:
+        address = request.client.host if request.client else ""
+        who = f"login {visitor.login_id}" if visitor else address
+        if self.limiter.wait(f"audit {who}", _AUDIT_RATE):
+            return
+        with self.store.write() as session:
+            actor, study = "stranger", ""
+            if visitor and visitor.rater_id and (rater := session.get(Rater, visitor.rater_id)):
+                actor, study = f"rater {rater.number}", session.get_one(Study, rater.study_id).public
+            elif visitor and visitor.owner_id and (owner := session.get(Owner, visitor.owner_id)):
+                actor = f"owner {owner.name}"
+            what = f"{request.method} {request.url.path[:200]}: {refusal}"
+            note(session, actor, f"refused: {refusal.code}", study=study, detail=what)
+
+
+async def read_body(request: Request) -> bytes:
+    """The body of a change.
+
+    Raises:
+        StudioError: longer than allowed, or not JSON by its header.
+    """
+    declared = request.headers.get("content-length", "0")
+    body = b""
+    if declared.isdigit() and int(declared) <= MAX_REQUEST_BYTES:
+        async for part in request.stream():
+            body += part
+            if len(body) > MAX_REQUEST_BYTES:
+                break
+        else:
+            kind = request.headers.get("content-type", "").split(";")[0].strip().lower()
+            if body and kind != "application/json":
+                raise StudioError("bad_request", "send JSON, with Content-Type: application/json")
+            return body
+    raise StudioError("too_large", f"a request has at most {MAX_REQUEST_BYTES} bytes")
+
+
+def decoded(call: Call, kind: type[T]) -> T:
+    """The body as a message.
+
+    Raises:
+        StudioError: it is none.
+    """
+    try:
+        return msgspec.json.decode(call.body, type=kind)
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+        raise StudioError("bad_request", f"this is no such message: {str(error)[:200]}") from error
+
+
+def reply(message: msgspec.Struct, status: int = 200) -> Response:
+    """A message as JSON."""
+    return Response(msgspec.json.encode(message), status, media_type="application/json", headers=HEADERS)
+
+
+def refused(refusal: StudioError) -> Response:
+    """A refusal as JSON."""
+    answer = reply(refusal.problem, refusal.status)
+    if refusal.retry_after:
+        answer.headers["retry-after"] = str(max(1, round(refusal.retry_after)))
+    return answer
+
+
+def nothing_here(_: Request, __: Exception) -> Response:
+    """What Starlette answers for unknown addresses and methods, as a `Problem`."""
+    return refused(StudioError("not_found", "there is no such address"))

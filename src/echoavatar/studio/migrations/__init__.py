@@ -1,0 +1,1 @@
+"""Alembic migrations of the store, applied when it is opened. May import `tables`."""

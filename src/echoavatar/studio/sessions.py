@@ -1,0 +1,56 @@
+"""Who is signed in: a random token in a cookie, its hash in the store, and the CSRF token of the session's pages."""
+
+import time
+from dataclasses import dataclass
+
+from sqlalchemy import delete, select
+from sqlalchemy.orm import Session
+
+from .secrecy import hash_token, new_token
+from .store import Store
+from .tables import Login
+
+RATER_SECONDS = 60 * 86_400.0
+OWNER_SECONDS = 12 * 3_600.0
+
+
+@dataclass(frozen=True)
+class Visitor:
+    """A signed-in owner or rater."""
+
+    login_id: int
+    csrf: str
+    owner_id: int | None
+    rater_id: int | None
+
+
+def sign_in(
+    session: Session, *, owner_id: int | None = None, rater_id: int | None = None
+) -> tuple[str, Visitor]:
+    """A new session: the token for the cookie, and the visitor."""
+    token, csrf, now = new_token(), new_token(), time.time()
+    session.execute(delete(Login).where(Login.expires < now))
+    expires = now + (OWNER_SECONDS if owner_id is not None else RATER_SECONDS)
+    row = Login(
+        token_hash=hash_token(token), csrf=csrf, owner_id=owner_id, rater_id=rater_id, expires=expires
+    )
+    session.add(row)
+    session.flush()
+    return token, Visitor(row.id, csrf, owner_id, rater_id)
+
+
+def find_visitor(store: Store, token: str) -> Visitor | None:
+    """Whose cookie this is; None for one that is unknown or too old."""
+    if not token:
+        return None
+    with store.read() as session:
+        row = session.scalar(
+            select(Login).where(Login.token_hash == hash_token(token), Login.expires > time.time())
+        )
+        return None if row is None else Visitor(row.id, row.csrf, row.owner_id, row.rater_id)
+
+
+def sign_out(store: Store, visitor: Visitor) -> None:
+    """End a session."""
+    with store.write() as session:
+        session.execute(delete(Login).where(Login.id == visitor.login_id))

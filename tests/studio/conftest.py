@@ -1,0 +1,99 @@
+"""Studios to test: on SQLite, and on a real PostgreSQL where Debian's package is installed."""
+
+import os
+import pwd
+import shutil
+import subprocess
+import tempfile
+import uuid
+from collections.abc import Iterator
+from pathlib import Path
+
+import psycopg
+import pytest
+from tests.studio import canned
+
+from echoavatar.studio.making import Maker
+from echoavatar.studio.store import sqlite_url
+
+PROGRAMS = [Path(path).parent for path in (shutil.which("initdb"),) if path] + sorted(
+    Path("/usr/lib/postgresql").glob("*/bin"), reverse=True
+)
+
+
+@pytest.fixture(scope="session")
+def postgres() -> Iterator[str]:
+    """The address of a PostgreSQL server of our own, on a socket in a temporary folder."""
+    programs = next((folder for folder in PROGRAMS if (folder / "initdb").exists()), None)
+    if programs is None:
+        pytest.skip("PostgreSQL is not installed (Debian: apt install postgresql)")
+    folder = Path(tempfile.mkdtemp(prefix="studio-pg-"))  # short: a socket's path has 107 bytes at most
+    who: dict[str, object] = {}
+    if os.geteuid() == 0:  # the server refuses to run as root
+        name = next(
+            name for name in ("postgres", "nobody") if any(entry.pw_name == name for entry in pwd.getpwall())
+        )
+        account = pwd.getpwnam(name)
+        os.chown(folder, account.pw_uid, account.pw_gid)
+        who = {"user": account.pw_uid, "group": account.pw_gid, "extra_groups": []}
+
+    def run(program: str, *words: str) -> None:
+        done = subprocess.run(
+            [programs / program, *words],
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            env={"LC_ALL": "C"},
+            **who,
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+
+    data = folder / "data"
+    run("initdb", "-D", str(data), "-U", "studio", "-A", "trust", "--no-sync", "-E", "UTF8")
+    options = f"-c listen_addresses='' -c unix_socket_directories={folder} -c max_connections=300"
+    run("pg_ctl", "-D", str(data), "-w", "-t", "120", "-l", str(folder / "log"), "-o", options, "start")
+    try:
+        yield f"postgresql://studio@/{{name}}?host={folder}"
+    finally:
+        run("pg_ctl", "-D", str(data), "-m", "immediate", "stop")
+        shutil.rmtree(folder)
+
+
+def fresh_database(postgres: str) -> str:
+    """The address of a new, empty database."""
+    name = f"studio_{uuid.uuid4().hex}"
+    with psycopg.connect(postgres.format(name="postgres"), autocommit=True) as connection:
+        connection.execute(f"CREATE DATABASE {name}")
+    return postgres.format(name=name)
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
+    """An empty store's address, of both kinds."""
+    if request.param == "sqlite":
+        return sqlite_url(tmp_path / "studio.db")
+    return fresh_database(request.getfixturevalue("postgres"))
+
+
+@pytest.fixture(scope="session")
+def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two sounds of each kind, and clips of three systems."""
+    folder = tmp_path_factory.mktemp("library")
+    canned.library(folder)
+    return folder
+
+
+@pytest.fixture
+def maker(tmp_path: Path) -> Iterator[Maker]:
+    """An empty studio on SQLite."""
+    made = canned.studio(tmp_path / "studio")
+    yield made
+    made.store.close()
+
+
+@pytest.fixture
+def either(url: str, tmp_path: Path) -> Iterator[Maker]:
+    """An empty studio on either kind of store."""
+    made = canned.studio(tmp_path / "studio", url)
+    yield made
+    made.store.close()

@@ -1,0 +1,62 @@
+"""Blocks, sides and checks: balanced, and by lot where they may be."""
+
+from collections import Counter
+from itertools import combinations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from echoavatar.studio.design import Sides, blocks, spread
+
+
+@given(trials=st.integers(1, 20), count=st.integers(1, 15), size=st.integers(1, 25), seed=st.integers(0, 99))
+def test_trials_are_used_equally_often_up_to_one_and_never_twice_in_a_block(trials, count, size, seed):
+    found = blocks([[f"sound {k}"] for k in range(trials)], count=count, size=size, seed=seed)
+    uses = Counter(trial for block in found for trial in block)
+    assert all(len(set(block)) == len(block) == min(size, trials) for block in found)
+    assert max(uses.values()) - min(uses.get(k, 0) for k in range(trials)) <= 1
+
+
+def test_a_balanced_incomplete_block_design_is_nearly_found():
+    """Seven trials in seven blocks of three: the Fano plane has every two together once; greedily, most."""
+    found = blocks([[] for _ in range(7)], count=7, size=3, seed=0)
+    together = Counter(pair for block in found for pair in combinations(sorted(block), 2))
+    assert max(together.values()) <= 2
+    assert len(together) >= 15  # of 21
+
+
+def test_systems_and_sounds_alternate_within_a_block():
+    pairs = [("A", "B"), ("A", "C"), ("B", "C")]
+    groups = [[f"sound {s}", f"pair {p}", *p] for s in range(4) for p in pairs]
+    for block in blocks(groups, count=12, size=6, seed=3):
+        shown = Counter(groups[trial][1] for trial in block)
+        assert max(shown.values()) - min(shown.get(f"pair {p}", 0) for p in pairs) <= 1
+
+
+def test_sides_and_playing_order_are_balanced_for_trial_and_rater():
+    sides = Sides(0)
+    shown = {rater: [sides.pair(trial, rater) for trial in range(8)] for rater in range(12)}
+    for trial in range(8):
+        ways = Counter((row[trial].order, row[trial].first) for row in shown.values())
+        assert set(ways.values()) == {3}  # 12 raters, four ways
+    for row in shown.values():
+        assert abs(sum(one.order == (0, 1) for one in row) - 4) <= 2
+
+
+def test_another_seed_is_another_design_and_the_same_seed_the_same():
+    groups = [[str(k)] for k in range(10)]
+    assert blocks(groups, count=5, size=4, seed=1) == blocks(groups, count=5, size=4, seed=1)
+    assert blocks(groups, count=5, size=4, seed=1) != blocks(groups, count=5, size=4, seed=2)
+
+
+def test_a_grid_is_a_permutation():
+    assert sorted(Sides(0).many(0, 8).order) == list(range(8))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_checks_are_never_first_and_all_there(seed):
+    row = spread([1, 2, 3, 4, 5, 6], [91, 92], [seed])
+    assert row[0] not in (91, 92)
+    assert sorted(row) == [1, 2, 3, 4, 5, 6, 91, 92]
+    assert [one for one in row if one < 90] == [1, 2, 3, 4, 5, 6]

@@ -1,0 +1,34 @@
+"""The table has the paper's form."""
+
+from echoavatar.studio.latex import escaped, latex_table
+from echoavatar.studio.wire import QUESTIONS
+from echoavatar.studio.wire_owner import Mean, ResultRow
+
+
+def row(system: str, group: str, category: str, *means: float) -> ResultRow:
+    scores = {
+        q: Mean(mean=m, half=0.1234, half_raters=None, count=9) for q, m in zip(QUESTIONS, means, strict=True)
+    }
+    return ResultRow(system=system, group=group, category=category, scores=scores)
+
+
+def test_the_papers_form():
+    rows = [
+        row("EDGE", "Comparison with SOTA", "dance", 0.148, -0.136, 0.099),
+        row("Ours", "Comparison with SOTA", "dance", 0.244, 0.337, 0.267),
+        row("Ours", "Comparison with SOTA", "gesture", 0.588, 0.798, 0.816),
+    ]
+    text = latex_table(rows, QUESTIONS, caption="A study")
+    lines = text.splitlines()
+    assert r"\begin{tabular}{ll ccc c ccc}" in lines
+    assert r"\multicolumn{3}{c}{Dance} & & \multicolumn{3}{c}{Gesture} \\" in text
+    assert r"\cmidrule(lr){3-5} \cmidrule(lr){7-9}" in lines
+    first = r"\multirow{2}{*}{Comparison with SOTA} & EDGE & $0.148 \pm 0.123$ & $-0.136 \pm 0.123$"
+    assert first + r" & $0.099 \pm 0.123$ & & - & - & - \\" in lines
+    assert lines.count(r"\midrule") == 1
+    assert text.count("&") == 4 + 3 * 8  # nine columns; in the first row a title spans three
+
+
+def test_names_cannot_break_the_table():
+    assert escaped("50% & more_\n{x}") == r"50\% \& more\_ \{x\}"
+    assert escaped("\\input{x}") == r"\textbackslash{}input\{x\}"

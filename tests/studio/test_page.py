@@ -1,0 +1,30 @@
+"""Pages and what all of them share."""
+
+from starlette.applications import Starlette
+from starlette.testclient import TestClient
+
+from echoavatar.face import ARKIT_NAMES
+from echoavatar.kinematics import HUMANOID
+from echoavatar.studio.page import page_routes, scene
+
+
+def test_the_scene_is_our_rig():
+    assert scene().rig.names == tuple(HUMANOID.names)
+    assert scene().face == tuple(ARKIT_NAMES)
+    assert len(scene().rig.rest) == HUMANOID.joints
+
+
+def test_pages_come_from_this_server_only(tmp_path):
+    (tmp_path / "assets").mkdir()
+    (tmp_path / "rate.html").write_text("<p>rate")
+    (tmp_path / "assets" / "rate.js").write_text("1")
+    http = TestClient(Starlette(routes=page_routes(tmp_path)))
+    page = http.get("/rate")
+    assert page.text == "<p>rate"
+    assert "default-src 'none'" in page.headers["content-security-policy"]
+    assert "frame-ancestors 'none'" in page.headers["content-security-policy"]
+    assert page.headers["referrer-policy"] == "no-referrer"
+    assert http.get("/assets/rate.js").text == "1"
+    assert "not built" in http.get("/").text
+    assert http.get("/avatar.glb").content[:4] == b"glTF"
+    assert http.get("/api/scene").json()["frame_rate"] == 30

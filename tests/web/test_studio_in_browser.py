@@ -1,0 +1,411 @@
+"""The studio's rater pages in a real browser against the real studio: whole studies, and what may go wrong."""
+
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("sqlalchemy")
+psycopg = pytest.importorskip("psycopg")
+
+from tests.studio import canned  # noqa: E402
+from tests.studio.conftest import fresh_database, postgres  # noqa: E402, F401
+from tests.web.studio_raters import NAMELESS, OUTSIDE, RaterTab, Studio, new_tab  # noqa: E402
+
+pytestmark = pytest.mark.browser
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("library")
+    canned.library(folder, seconds=1.0)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def studio(library: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Studio]:
+    with Studio(canned.studio(tmp_path_factory.mktemp("studio")), library).serving() as served:
+        yield served
+
+
+@pytest.fixture
+def tab(browser: Any) -> Iterator[Any]:
+    made: list[RaterTab] = []
+
+    def make(*size: int, **options: Any) -> RaterTab:
+        made.append(new_tab(browser, *size, **options))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.page.context.close()
+
+
+@pytest.mark.parametrize("store", ["sqlite", "postgresql"])
+def test_whole_studies_of_both_kinds_by_several_raters_at_once(store, request, library, tmp_path, tab):
+    """Two raters of each of three studies, task by task in turn: every answer is there, once, and theirs."""
+    url = fresh_database(request.getfixturevalue("postgres")) if store == "postgresql" else None
+    with Studio(canned.studio(tmp_path / "studio", url), library).serving() as studio:
+        studies = {
+            studio.pairwise(presentation="side_by_side", tasks_per_rater=2, raters=2): 1 + 2 + 1,
+            studio.pairwise(presentation="sequential", tasks_per_rater=2, raters=2): 1 + 2 + 1,
+            studio.preference(raters=2): 1 + 2,
+        }
+        raters = [tab().begin(link) for study in studies for link in studio.links(study, 2)]
+        while unfinished := [rater for rater in raters if not rater.is_finished]:
+            for rater in unfinished:
+                rater.judge(rating=1, best=2, worst=5)
+        for study, tasks in studies.items():
+            rows = studio.judgements(study)
+            assert Counter(row.rater_id for row in rows) == dict.fromkeys(
+                {row.rater_id for row in rows}, tasks
+            )
+            assert len({row.rater_id for row in rows}) == 2
+            assert len({row.task_id for row in rows}) == len(rows) == 2 * tasks
+            assert all(min(row.plays) >= 1 and row.seconds > 0.5 for row in rows)
+            if rows[0].best is None:
+                assert {abs(row.overall_preference) for row in rows} == {1}
+            else:
+                assert all(row.best != row.worst for row in rows)
+        for rater in raters:
+            assert rater.problems == []
+
+
+def test_a_reload_in_mid_judgement_loses_nothing(studio, tab):
+    study = studio.pairwise(presentation="side_by_side")
+    rater = tab().begin(studio.links(study)[0])
+    rater.watch()
+    rater.page.check("[data-question=beat_matching] input[value='-2']")
+    before, plays = rater.task, rater.ask("__studio.theatre.plays")
+    rater.page.reload()
+    rater.see(".task")
+    assert rater.task == before
+    assert rater.page.is_checked("[data-question=beat_matching] input[value='-2']")
+    assert min(rater.ask("__studio.theatre.plays")) >= min(plays) >= 1
+    for question in ("human_likeness", "overall_preference"):
+        rater.page.check(f"[data-question={question}] input[value='0']")
+    rater.submit()
+    (row,) = studio.judgements(study)
+    assert abs(row.beat_matching) == 2
+    assert row.seconds > 1  # the time before the reload counts
+
+
+def test_without_a_line_nothing_is_said_to_be_saved_and_it_is_once_the_line_is_back(studio, tab):
+    study = studio.pairwise(presentation="side_by_side")
+    rater = tab().begin(studio.links(study)[0])
+    rater.watch()
+    rater.choose()
+    before = rater.task
+    rater.page.context.set_offline(True)
+    rater.page.click(".submit")
+    rater.wait("document.querySelector('.missing').textContent.startsWith('Not saved yet')")
+    assert rater.task == before
+    assert rater.page.query_selector(".note") is None
+    assert studio.judgements(study) == []
+    rater.page.context.set_offline(False)
+    rater.passed(before)
+    rater.wait("document.getElementById('said').textContent === 'Saved'")
+    assert len(studio.judgements(study)) == 1
+
+
+def test_an_answer_whose_receipt_is_lost_is_sent_again_and_kept_once(studio, tab):
+    study = studio.preference()
+    rater = tab(900, 640).begin(studio.links(study)[0])
+    seen: list[str] = []
+
+    def lose(route: Any) -> None:
+        seen.append(route.request.headers["idempotency-key"])
+        if len(seen) < 3:
+            route.fetch()  # the studio has it
+            return route.abort()  # the page is not told
+        return route.continue_()
+
+    rater.page.route("**/answer", lose)
+    rater.judge()
+    assert len(seen) == 3
+    assert len(set(seen)) == 1
+    assert len(studio.judgements(study)) == 1
+
+
+def test_a_reload_while_an_answer_is_on_its_way_sends_the_same_again(studio, tab):
+    study = studio.pairwise(presentation="side_by_side")
+    rater = tab().begin(studio.links(study)[0])
+    keys: list[str] = []
+
+    def cut(route: Any) -> None:
+        keys.append(route.request.headers["idempotency-key"])
+        route.abort()
+
+    rater.page.route("**/answer", cut)
+    rater.watch()
+    rater.choose()
+    before = rater.task
+    rater.page.click(".submit")
+    rater.wait("document.querySelector('.missing').textContent.startsWith('Not saved yet')")
+    assert studio.judgements(study) == []
+    rater.page.unroute("**/answer")
+    rater.page.on(
+        "request",
+        lambda request: "/answer" in request.url and keys.append(request.headers["idempotency-key"]),
+    )
+    rater.page.reload()
+    rater.see(".task")
+    rater.passed(before)
+    (row,) = studio.judgements(study)
+    assert set(keys) == {row.key}
+
+
+def test_when_the_session_has_ended_the_link_opens_it_again_and_the_answer_is_sent(studio, tab):
+    study = studio.pairwise(presentation="side_by_side")
+    link = studio.links(study)[0]
+    rater = tab().begin(link)
+    rater.watch()
+    rater.choose()
+    rater.page.context.clear_cookies()
+    rater.page.click(".submit")
+    rater.wait("document.querySelector('h1')?.textContent === 'Open your invitation'")
+    assert studio.judgements(study) == []
+    rater.page.goto(link)
+    rater.see(".task")
+    assert rater.number.startswith("2 ")
+    assert len(studio.judgements(study)) == 1
+
+
+def test_a_double_click_answers_one_task(studio, tab):
+    study = studio.pairwise(presentation="side_by_side")
+    rater = tab().begin(studio.links(study)[0])
+    rater.watch()
+    rater.choose()
+    before = rater.task
+    rater.page.evaluate(
+        "() => { const button = document.querySelector('.submit'); button.click(); button.click(); }"
+    )
+    rater.passed(before)
+    rater.page.keyboard.press("Enter")
+    assert rater.number.startswith("2 ")
+    assert len(studio.judgements(study)) == 1
+
+
+def test_the_back_button_leads_out_and_forward_again_to_the_same_task(studio, tab):
+    study = studio.pairwise(presentation="side_by_side")
+    rater = tab()
+    rater.page.goto(f"{studio.url}/avatar.glb/nothing")  # a page before
+    rater.begin(studio.links(study)[0])
+    rater.judge()
+    rater.page.check("[data-question=beat_matching] input[value='1']")
+    before = rater.task
+    rater.page.go_back()
+    rater.page.go_forward()
+    rater.see(".task")
+    assert rater.task == before
+    assert rater.page.is_checked("[data-question=beat_matching] input[value='1']")
+    assert "#" not in rater.page.url
+    rater.judge()
+    assert len(studio.judgements(study)) == 2
+
+
+def test_two_tabs_never_judge_twice(studio, tab):
+    """The other tab hears of it; where it cannot, the studio refuses, and it goes on."""
+    study = studio.pairwise(presentation="side_by_side")
+    first = tab().begin(studio.links(study)[0])
+    second = RaterTab(first.page.context.new_page())
+    second.page.goto(f"{studio.url}/rate?quality=low")
+    second.see(".task")
+    assert second.task == first.task
+    first.page.bring_to_front()
+    one = first.task
+    first.judge(rating=2)
+    second.page.bring_to_front()
+    second.passed(one)
+    assert second.task == first.task
+    # and now without a word between them
+    second.page.evaluate("__studio.flow.channel.close()")
+    second.watch()
+    second.choose(rating=-1)
+    two = second.task
+    first.page.bring_to_front()
+    first.judge(rating=2)
+    second.page.bring_to_front()
+    second.page.click(".submit")
+    second.passed(two)
+    rows = studio.judgements(study)
+    assert [abs(row.overall_preference) for row in rows] == [2, 2]
+
+
+def test_another_device_goes_on_where_the_first_one_was(studio, tab):
+    study = studio.pairwise(presentation="side_by_side")
+    phone = tab()
+    phone.page.goto(studio.links(study, 3, is_open=True)[0])
+    phone.see(".resume input")
+    resume = phone.page.input_value(".resume input")
+    phone.page.click(".agree")
+    phone.see(".task")
+    phone.judge()
+    desk = tab()
+    desk.page.goto(resume.replace("/rate#", "/rate?quality=low#"))
+    desk.see(".task")
+    assert desk.number.startswith("2 ")
+    desk.judge()
+    assert studio.raters(study) == 1
+    assert len(studio.judgements(study)) == 2
+
+
+def test_a_task_is_judged_with_keys_alone(studio, tab):
+    study = studio.preference()
+    rater = tab(1000, 640).begin(studio.links(study)[0])
+    keys = rater.page.keyboard
+    rater.page.evaluate("document.activeElement.blur()")
+    keys.press("a")
+    rater.wait("__studio.theatre.watched.every((times) => times > 0)", 120)
+    keys.press(" ")
+    rater.wait("__studio.theatre.playing.length === 0")
+    for key in ("3", "b", "ArrowRight", "w"):
+        keys.press(key)
+    rater.wait("document.querySelector('.missing').textContent.includes('Best: 3. Worst: 4.')")
+    before = rater.task
+    keys.press("Enter")
+    rater.passed(before)
+    assert len(studio.judgements(study)) == 1
+
+
+def test_no_clear_difference_is_an_answer_after_all_were_watched(studio, tab):
+    study = studio.preference()
+    rater = tab(1000, 640).begin(studio.links(study)[0])
+    assert rater.page.is_disabled(".skip")
+    rater.watch()
+    before = rater.task
+    rater.page.click(".skip")
+    rater.passed(before)
+    assert studio.judgements(study)[0].skipped == "no_difference"
+
+
+def test_one_after_the_other_shows_one_at_a_time_in_the_drawn_order(studio, tab):
+    study = studio.pairwise(presentation="sequential", seconds=1.0)
+    rater = tab().begin(studio.links(study)[0])
+    first = rater.ask("__studio.flow.page.setting.next.task.first")
+    rater.page.click(".controls button.play")
+    assert rater.ask("__studio.theatre.plays")[1 - first] == 0
+    hidden = f".cell[data-slot='{1 - first}'] .curtain"
+    assert rater.page.inner_text(hidden) == "AB"[1 - first]
+    rater.wait("__studio.theatre.watched.every((times) => times === 1)", 120)
+    assert rater.ask("__studio.theatre.plays") == [1, 1]
+    assert rater.ask("__studio.theatre.playing") == []
+
+
+def test_motion_is_locked_to_the_sound(studio, tab):
+    """In a display frame, what is shown is what is heard, plus at most what the picture is foreseen to take."""
+    study = studio.preference(candidates=2)
+    rater = tab(300, 520).begin(studio.links(study)[0])
+    rater.page.click(".controls button.play")
+    rater.wait("__studio.theatre.position > 0")
+    gaps = rater.page.evaluate("""async () => {
+      const gaps = [];
+      for (let k = 0; k < 12; k++) {
+        await new Promise(requestAnimationFrame);
+        const { position, shown, playing } = __studio.theatre;
+        if (playing.length && position > 0) gaps.push(shown[0] - (position % 1));
+      }
+      return gaps;
+    }""")
+    folded = [(gap + 0.5) % 1 - 0.5 for gap in gaps]
+    assert len(folded) > 5
+    assert sorted(map(abs, folded))[len(folded) // 2] < 0.13
+    assert rater.ask("__studio.theatre.plays")[0] >= 1
+
+
+def test_a_rater_is_told_nothing_of_the_design(studio, tab):
+    study = studio.pairwise(presentation="side_by_side")
+    rater, told = tab(), []
+    rater.page.on(
+        "response",
+        lambda answer: told.append(f"{answer.url} {answer.headers}") if "/api/" in answer.url else None,
+    )
+    rater.begin(studio.links(study)[0])
+    rater.judge()
+    text = (
+        " ".join(told)
+        + rater.page.content()
+        + rater.page.evaluate("JSON.stringify(__studio.flow.page.setting.next)")
+    )
+    for secret in (*canned.SYSTEMS, study, "candidate", "corrupted", "identical", ".motion"):
+        assert secret not in text
+
+
+def test_refusing_and_withdrawing_leave_nothing(studio, tab):
+    study = studio.pairwise(presentation="side_by_side")
+    link = studio.links(study, 2, is_open=True)[0]
+    refusing = tab()
+    refusing.page.goto(link)
+    refusing.see(".disagree")
+    refusing.page.click(".disagree")
+    refusing.wait("document.querySelector('h1').textContent === 'Nothing was kept'")
+    assert studio.raters(study) == 0
+    leaving = tab().begin(link)
+    leaving.judge()
+    assert len(studio.judgements(study)) == 1
+    leaving.page.click(".menu summary")
+    leaving.page.click(".menu .withdraw")
+    leaving.page.click("dialog [value=yes]")
+    leaving.wait("document.querySelector('h1').textContent === 'Everything was deleted'")
+    assert (studio.raters(study), studio.judgements(study)) == (0, [])
+
+
+@pytest.mark.parametrize(
+    ("path", "title"), [("/rate", "Open your invitation"), ("/rate#" + "x" * 43, "This did not work")]
+)
+def test_without_a_good_link_the_page_says_what_to_do(studio, tab, path, title):
+    rater = tab()
+    rater.page.goto(studio.url + path)
+    rater.wait(f"document.querySelector('h1')?.textContent === {title!r}")
+
+
+def test_a_busy_studio_is_waited_for(studio, tab):
+    study = studio.pairwise(presentation="side_by_side")
+    rater, refused = tab(), []
+
+    def refuse(route: Any) -> None:
+        if len(refused) >= 2:
+            return route.continue_()
+        refused.append(1)
+        problem = '{"code": "too_many_requests", "message": "slowly", "retry_after": 0.6}'
+        return route.fulfill(status=429, content_type="application/json", body=problem)
+
+    rater.page.route("**/clips/1", refuse)
+    rater.begin(studio.links(study)[0])
+    assert len(refused) == 2
+
+
+@pytest.mark.parametrize(
+    ("kind", "width", "height"),
+    [
+        ("pairwise", 360, 640),
+        ("pairwise", 844, 390),
+        ("pairwise", 1280, 800),
+        ("preference", 390, 844),
+        ("preference", 1280, 800),
+    ],
+)
+def test_nothing_is_cut_off_and_everything_has_a_name(studio, tab, kind, width, height, tmp_path):
+    study = studio.pairwise() if kind == "pairwise" else studio.preference()
+    rater = tab(width, height)
+    rater.page.goto(studio.links(study)[0])
+    rater.see(".agree")
+    assert rater.ask(OUTSIDE) == []
+    rater.page.click(".agree")
+    rater.see(".task")
+    assert rater.ask(OUTSIDE) == []
+    assert rater.ask(NAMELESS) == []
+    assert rater.ask("document.activeElement.tagName") == "H1"
+    assert rater.ask("document.documentElement.scrollWidth <= innerWidth")
+    rater.shot(tmp_path / f"{kind}-{width}.png")
+
+
+def test_reduced_motion_repeats_nothing_by_itself(studio, tab):
+    study = studio.pairwise(presentation="side_by_side")
+    rater = tab(reduced_motion="reduce").begin(studio.links(study)[0])
+    assert rater.page.get_attribute("[aria-label='Repeat']", "aria-pressed") == "false"
+    rater.watch()
+    rater.wait("__studio.theatre.playing.length === 0")
+    assert rater.ask("__studio.theatre.plays") == [1, 1]

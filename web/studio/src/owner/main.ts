@@ -1,0 +1,5 @@
+/** The owners' page. */
+
+import { OwnerApp } from "./app.js";
+
+void new OwnerApp().begin();

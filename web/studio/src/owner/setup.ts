@@ -1,0 +1,30 @@
+/** Set-up of a study: the form, and the button that makes it. */
+
+import type { NewStudy, SetUp, StudyRow } from "../api.generated.js";
+import { h } from "../dom.js";
+import { t } from "../strings.js";
+import type { Desk } from "./app.js";
+import { SetupForm } from "./form.js";
+
+export async function setupView({ api, attempt }: Desk): Promise<HTMLElement> {
+  const known = await api.get<SetUp>("/api/owner/setup");
+  const form = new SetupForm(known);
+  const make = h("button", { class: "button primary make", type: "button" }, t("setup_make"));
+  make.addEventListener("click", async () => {
+    if (make.disabled || !form.isValid()) return;
+    make.disabled = true; // a second click makes no second study
+    const body: NewStudy = { settings: form.text };
+    await attempt(async () => {
+      const study = await api.post<StudyRow>("/api/owner/studies", body);
+      location.hash = `#/study/${study.id}/overview`;
+    });
+    make.disabled = false;
+  });
+  return h(
+    "main",
+    { class: "owner" },
+    h("h1", { tabindex: -1 }, t("owner_new")),
+    form.element,
+    h("div", { class: "row end" }, make),
+  );
+}

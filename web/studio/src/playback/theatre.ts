@@ -1,0 +1,179 @@
+/** Plays the clips of a task in their views, locked to the sound that is heard. */
+
+import type { Pose } from "@echoavatar/client";
+import type { Media } from "./media.js";
+import { type Counts, Rounds } from "./rounds.js";
+import { Sound } from "./sound.js";
+import type { Views } from "./views.js";
+
+const SLOWEST_PICTURE = 120; // ms; a picture is foreseen to come to the screen this much later at most
+const STUCK_MS = 4000;
+const WEAK_MS = 60; // a machine that draws with its processor draws no oftener: sound and clicks need it too
+
+interface Seat {
+  readonly element: HTMLElement;
+  readonly pose: Pose;
+  second: number;
+  covered: boolean;
+  dirty: boolean;
+}
+
+export class Theatre {
+  readonly sound = new Sound();
+  private media: Media | null = null;
+  private seats: Seat[] = [];
+  private seconds = 1;
+  private counts: Counts = { plays: [], watched: [] };
+  private rounds: Rounds | null = null;
+  private paused: number | null = null; // second of the sound at which it was paused
+  private readonly sizes = new ResizeObserver(() => this.fit());
+  private last = 0;
+  private interval = 16;
+  private moving = { position: -1, since: 0 };
+  /** Told when playing begins, pauses, ends or comes round. */
+  onChange: (() => void) | null = null;
+  /** Told with 0 to 1 for every picture while playing. */
+  onTime: ((share: number) => void) | null = null;
+  /** Told when clips that are not looped have come to their end. */
+  onEnd: ((slots: readonly number[]) => void) | null = null;
+  /** Told when the sound does not move although it should. */
+  onStuck: (() => void) | null = null;
+
+  constructor(private readonly views: Views) {
+    views.camera.onMove = () => this.redraw();
+    document.addEventListener("visibilitychange", () => document.hidden && this.pause());
+    const draw = (now: number) => {
+      requestAnimationFrame(draw);
+      if (!views.low || now - this.last >= WEAK_MS) this.picture(now);
+    };
+    requestAnimationFrame(draw);
+  }
+
+  /** Shows the first frame of each clip in its element; `host` holds all of them and the canvas. */
+  set(host: HTMLElement, elements: readonly HTMLElement[], media: Media, seconds: number, counts: Counts): void {
+    this.stop();
+    host.append(this.views.canvas);
+    this.seats = elements.map((element, slot) => {
+      return { element, pose: media.clips[slot]!.blank(), second: 0, covered: false, dirty: true };
+    });
+    [this.media, this.seconds, this.counts] = [media, seconds, counts];
+    this.views.camera.attach(elements);
+    this.views.camera.reset();
+    this.sizes.disconnect();
+    for (const element of [host, ...elements]) this.sizes.observe(element);
+    this.fit();
+  }
+
+  /** Slots that play or are paused; null when none was begun or it came to its end. */
+  get slots(): readonly number[] | null {
+    return this.rounds?.slots ?? null;
+  }
+
+  get isPlaying(): boolean {
+    return this.rounds !== null && this.paused === null;
+  }
+
+  /** From the start, together. Call it from a click or a key. */
+  async play(slots: readonly number[], isLooped: boolean): Promise<void> {
+    if (!this.media) return;
+    this.rounds = new Rounds(slots, this.seconds, isLooped, this.counts);
+    this.paused = null;
+    this.moving = { position: -1, since: performance.now() };
+    this.onChange?.();
+    await this.sound.play(this.media.sound, 0, this.seconds, isLooped);
+  }
+
+  pause(): void {
+    if (!this.isPlaying) return;
+    this.paused = this.sound.stop() % this.seconds;
+    this.onChange?.();
+  }
+
+  async resume(): Promise<void> {
+    if (!this.media || !this.rounds || this.paused === null) return;
+    const from = this.paused;
+    this.paused = null;
+    this.rounds.rewind();
+    this.moving = { position: -1, since: performance.now() };
+    this.onChange?.();
+    await this.sound.play(this.media.sound, from, this.seconds, this.rounds.isLooped);
+  }
+
+  stop(): void {
+    this.sound.stop();
+    this.rounds = this.paused = null;
+  }
+
+  /** Covered views show nothing: in studies that show one clip after the other. */
+  cover(slots: readonly number[]): void {
+    if (this.seats.every((seat, slot) => seat.covered === slots.includes(slot))) return;
+    this.seats.forEach((seat, slot) => (seat.covered = slots.includes(slot)));
+    this.redraw();
+  }
+
+  /** The canvas again fits the views: after their places changed. */
+  fit(): void {
+    this.views.resize();
+    this.redraw();
+  }
+
+  /** What is on the screen and what is heard, for tests. */
+  get state(): {
+    position: number | null;
+    shown: number[];
+    plays: readonly number[];
+    watched: readonly number[];
+    playing: readonly number[];
+  } {
+    const position = this.sound.position(performance.now());
+    const shown = this.seats.map(({ second }) => second);
+    return {
+      position,
+      shown,
+      plays: this.counts.plays,
+      watched: this.counts.watched,
+      playing: this.isPlaying ? this.slots! : [],
+    };
+  }
+
+  private redraw(): void {
+    this.views.clear();
+    for (const seat of this.seats) seat.dirty = true;
+  }
+
+  private picture(now: number): void {
+    const gap = Math.max(0, now - this.last);
+    this.last = now;
+    this.interval += (Math.min(gap, SLOWEST_PICTURE) - this.interval) * 0.1;
+    if (this.isPlaying) this.advance(now);
+    this.seats.forEach((seat, slot) => {
+      if (!seat.dirty || seat.covered || !this.media) return;
+      const clip = this.media.clips[slot]!;
+      clip.pose(seat.second, seat.pose);
+      this.views.draw({ element: seat.element, pose: seat.pose, centre: clip.centre(seat.second) }, gap / 1000);
+      seat.dirty = false;
+    });
+  }
+
+  /** Moves the playing seats to the second that will be heard when the picture is seen. */
+  private advance(now: number): void {
+    const position = this.sound.position(now + this.interval);
+    if (position === null) return;
+    this.watch(position, now);
+    const rounds = this.rounds!;
+    const { second, isOver, isNews } = rounds.at(position);
+    for (const slot of rounds.slots) Object.assign(this.seats[slot]!, { second, dirty: true });
+    this.onTime?.(second / this.seconds);
+    if (isOver) this.stop();
+    if (isNews) this.onChange?.();
+    if (isOver) this.onEnd?.(rounds.slots);
+  }
+
+  private watch(position: number, now: number): void {
+    if (position !== this.moving.position) this.moving = { position, since: now };
+    else if (now - this.moving.since > STUCK_MS) {
+      this.moving.since = now;
+      this.onStuck?.();
+    }
+  }
+}

@@ -1,0 +1,32 @@
+import { defineConfig } from "vite";
+import { licences } from "../app/licences.js";
+import { stamp } from "./stamp.js";
+
+// Two pages, built into the Python package: `pip install echoavatar` needs no Node. Names carry a hash, so that a browser
+// never mixes the scripts of two versions.
+const page = (name: string) => new URL(name, import.meta.url).pathname;
+
+export default defineConfig({
+  base: "./",
+  plugins: [
+    licences(new URL("../node_modules/", import.meta.url), "assets/licences.txt"),
+    stamp(new URL("../", import.meta.url)),
+  ],
+  build: {
+    outDir: "../../src/echoavatar/studio/static",
+    emptyOutDir: true,
+    target: "es2022",
+    assetsInlineLimit: 0,
+    chunkSizeWarningLimit: 1500,
+    modulePreload: { polyfill: false },
+    rollupOptions: {
+      input: { index: page("index.html"), rate: page("rate.html") },
+      output: {
+        entryFileNames: "assets/[name]-[hash].js",
+        chunkFileNames: "assets/[name]-[hash].js",
+        assetFileNames: "assets/[name]-[hash][extname]",
+      },
+    },
+  },
+  server: { proxy: { "/api": "http://127.0.0.1:8800", "/avatar.glb": "http://127.0.0.1:8800" } },
+});
