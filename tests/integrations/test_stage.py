@@ -12,8 +12,8 @@ from echoavatar.client import ConnectionLostError
 from echoavatar.engine import Engine
 from echoavatar.errors import EchoAvatarError
 from echoavatar.integrations import Cut, Hop, Said, Stage
+from echoavatar.integrations.hop import Event
 from echoavatar.integrations.place import Local
-from echoavatar.integrations.stage import Event
 from echoavatar.wire import ActionStatus, Ready, State
 
 

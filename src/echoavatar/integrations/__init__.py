@@ -7,8 +7,9 @@
 ...     ...
 """
 
+from .hop import Cut, Hop, Said
 from .place import Place, find_place
-from .stage import Cut, Hop, Said, Stage
+from .stage import Stage
 from .tools import StageTools
 
 __all__ = ["Cut", "Hop", "Place", "Said", "Stage", "StageTools", "find_place"]

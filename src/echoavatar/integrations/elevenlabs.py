@@ -19,8 +19,9 @@ import soxr
 from ..engine import Engine
 from ..errors import AudioError, DependencyError, EchoAvatarError
 from ..timing import SAMPLE_RATE_HZ
+from .hop import Event, Hop
 from .place import find_place
-from .stage import Event, Hop, Stage
+from .stage import Stage
 from .tools import StageTools
 
 try:

@@ -10,11 +10,10 @@ import time
 from collections import deque
 from collections.abc import AsyncIterator, Coroutine
 from contextlib import suppress
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 import numpy as np
-import soxr
 from jaxtyping import Shaped
 
 from ..client import Avatar
@@ -32,8 +31,10 @@ from ..wire import (
     Sound,
     State,
 )
+from .hop import Cut, Event, Hop, Said, make_hop
 from .place import Place
 from .playback import Playback
+from .rate import Rate
 
 LEAD_S = (
     0.25  # a hop leaves so long before it is due: less than the chunk that motion made again begins after
@@ -41,33 +42,6 @@ LEAD_S = (
 REPORT_S = 0.2
 ANSWER_S = 5.0  # a server that is well answers sooner
 _BEAT_S = 0.01
-
-
-class Hop(NamedTuple):
-    """Some frames of motion and the sound that belongs under them; the motion must be shown with the sound."""
-
-    motion: Motion
-    pcm: bytes  # s16le mono, 24 kHz; empty where nothing is to be heard, or where it left before with other motion
-    at: int  # clock
-    seg: int  # utterance that speaks here; 0 is none
-    is_again: bool = False  # its sound left before: the motion must overtake what a framework has queued
-
-
-class Cut(NamedTuple):
-    """What left before from `flush.at` on is void: it was interrupted, or is made again for a gesture."""
-
-    flush: Flush
-    is_interruption: bool
-
-
-class Said(NamedTuple):
-    """All of an utterance has left; its last sample is heard at clock `at`."""
-
-    seg: int
-    at: int
-
-
-Event = Hop | Cut | Said | Ready | State | ActionStatus
 
 
 class Stage:
@@ -88,7 +62,7 @@ class Stage:
         self._shift = 0  # our clock less that of the session, after one was lost and another goes on
         self._interrupted: asyncio.Future[Flush] | None = None
         self._asked: dict[str, asyncio.Future[ActionStatus]] = {}
-        self._mouth, self._ear = _Rate(), _Rate()
+        self._mouth, self._ear = Rate(), Rate()
         self._is_speaking, self._is_unsaid = False, False  # an utterance is open; one did not leave yet
         self._seg, self._cut_seg = 0, 0  # the newest utterance, the newest that was cut off
         self._heard_of_user = 0
@@ -285,13 +259,8 @@ class Stage:
     def _pair(self, sound: Sound) -> None:
         """A hop, when both halves are here; a slow line may have lost motion, never sound."""
         motion, self._motion = self._motion, None
-        if motion is None or motion.at != sound.at:
-            motion = msgspec.structs.replace(_STILL, at=sound.at, epoch=sound.epoch)
-        seg = sound.seg if sound.seg > self._cut_seg else 0  # the rest of a chunk that was cut is silence
-        pcm = sound.pcm if seg or any(sound.pcm) else b""
         self._end = max(self._end, sound.at + len(sound.pcm) // 2)
-        is_again = sound.at < self._left  # made again for a gesture
-        self._put(Hop(motion, b"" if is_again else pcm, sound.at, seg, is_again))
+        self._put(make_hop(motion, sound, left=self._left, cut_seg=self._cut_seg))
 
     def _cut(self, flush: Flush) -> None:
         asked, self._interrupted = self._interrupted, None
@@ -326,38 +295,3 @@ class Stage:
             return ActionStatus(
                 id=id, name="", status="rejected", at=0, reason="the avatar did not answer", choices=()
             )
-
-
-_STILL = Motion(at=0, epoch=0, frames=8, rotations=b"", root=b"", face=b"", state="idle")
-
-
-class _Rate:
-    """Any rate in, the session's rate out, without a seam between blocks."""
-
-    def __init__(self) -> None:
-        self._rate = SAMPLE_RATE_HZ
-        self._stream: Any = None
-
-    def push(self, pcm: Shaped[np.ndarray, " s"], rate: int) -> Shaped[np.ndarray, " t"]:
-        """Some samples more; what they turn into may come with the next."""
-        if rate != self._rate:
-            self._rate = rate
-            self._stream = (
-                None
-                if rate == SAMPLE_RATE_HZ
-                else soxr.ResampleStream(rate, SAMPLE_RATE_HZ, 1, dtype="int16")
-            )
-        return pcm if self._stream is None else self._stream.resample_chunk(pcm)
-
-    def flush(self) -> Shaped[np.ndarray, " t"]:
-        """The rest; what follows is another stream."""
-        rest = np.zeros(0, np.int16)
-        if self._stream is not None:
-            rest = self._stream.resample_chunk(rest, last=True)
-            self._stream.clear()
-        return rest
-
-    def reset(self) -> None:
-        """Forget what did not come out yet."""
-        if self._stream is not None:
-            self._stream.clear()

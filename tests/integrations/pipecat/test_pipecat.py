@@ -304,4 +304,4 @@ def test_the_default_bundle_speaks_dances_and_is_interrupted() -> None:
     transport = play(script, where="default")
     motion = transport.messages("motion")
     assert len({m["rotations"] for m in motion}) == len(motion)
-    assert all(len(m["face"]) > 100 for m in motion)
+    assert all(m["face"] for m in motion)
