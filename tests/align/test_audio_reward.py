@@ -14,7 +14,7 @@ from echoavatar.errors import CheckpointError
 def model() -> AudioMotion:
     torch.manual_seed(0)
     return AudioMotion.over(
-        torch.randn(2, 16, 6), torch.randn(3, 2, 8, 4), width=16, layers=1, sound_layers=1, heads=2, size=24
+        torch.randn(2, 16, 6), torch.randn(3, 2, 8, 4), width=16, layers=1, sound_layers=1, heads=2, size=120
     ).eval()
 
 

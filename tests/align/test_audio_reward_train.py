@@ -29,9 +29,9 @@ def told(count: int, seed: int) -> dict[str, TokenClip]:
 def test_it_finds_motion_by_sound_and_sound_by_motion_among_windows_it_never_saw(tmp_path):
     torch.manual_seed(0)
     model = AudioMotion.over(
-        torch.randn(2, 16, 8), torch.randn(3, 2, 8, 4), width=32, layers=1, sound_layers=1, heads=2, size=32
+        torch.randn(2, 16, 8), torch.randn(3, 2, 8, 4), width=32, layers=1, sound_layers=1, heads=2, size=96
     )
-    training = AudioRewardTraining(steps=80, batch=20, learning_rate=3e-3)
+    training = AudioRewardTraining(steps=80, batch=20, each=1, learning_rate=3e-3)
     model = train_audio_reward(model, Pairs(told(30, 0), chunks=4), tmp_path, training)
     table = retrieval_table(*embed(model, Pairs(told(12, 1), chunks=4)))
     assert len(table) == 6  # two ways among all, in a gallery, in batches of 32

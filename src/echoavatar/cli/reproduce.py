@@ -13,9 +13,10 @@ Corpus, tokenizers, codes, generators and motion are made once in the output fol
 kept: call again to go on where it stopped. The table is printed and written as .md, .csv, .tex and .png.
 
 Tables: tokenizer-ablation (variants of the tokenizer), main (corruption, baselines), dataset-composition (gesture,
-dance, both), layouts (order of the sequence; not in the paper), latency (stages, on this machine).
+dance, both), layouts (order of the sequence; not in the paper), latency (stages, on this machine), alignment (no RL,
+DPO, GRPO, PPO).
 """
-TABLES = ("tokenizer-ablation", "main", "dataset-composition", "layouts", "latency")
+TABLES = ("tokenizer-ablation", "main", "dataset-composition", "layouts", "latency", "alignment")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import torch
 
-from . import dataset_composition, latency, layouts, main, tokenizer_ablation
+from . import alignment, dataset_composition, latency, layouts, main, tokenizer_ablation
 from .figure import draw
 from .table import Table, orderings
 from .text import as_csv, latex, markdown
@@ -20,6 +20,7 @@ TABLES: dict[str, Callable[[Workshop], Table]] = {
     dataset_composition.NAME: dataset_composition.make,
     layouts.NAME: layouts.make,
     latency.NAME: latency.make,
+    alignment.NAME: alignment.make,
 }
 NOTHING_LEARNED = (
     "Scale tiny: a few steps of small models. It shows that every part runs; no number means anything."
