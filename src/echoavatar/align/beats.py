@@ -137,7 +137,8 @@ class Beats(nn.Module):
 
     def forward(self, wave: Float[Tensor, "b s"]) -> Float[Tensor, "b t c"]:
         """States by time: the mean over bands."""
-        return self.patches(wave).unflatten(1, (-1, BANDS // PATCH)).mean(2)
+        states = self.patches(wave)
+        return states.view(len(states), -1, BANDS // PATCH, states.shape[2]).mean(2)
 
     @classmethod
     def published(cls, tensors: Mapping[str, Tensor]) -> Self:

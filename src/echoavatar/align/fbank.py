@@ -30,7 +30,8 @@ def fbank(wave: Float[Tensor, "b s"]) -> Float[Tensor, "b t 128"]:
     window, bands = _window().to(wave), _bands().to(wave)
     power = torch.fft.rfft((frames - PRE_EMPHASIS * before) * window, n=SPECTRUM).abs().square()
     energies = power[..., : SPECTRUM // 2] @ bands
-    return (energies.clamp(min=torch.finfo(torch.float32).eps).log() - MEAN) / (2 * STD)
+    logs: Tensor = energies.clamp(min=torch.finfo(torch.float32).eps).log()
+    return (logs - MEAN) / (2 * STD)
 
 
 def _mel(hertz: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
