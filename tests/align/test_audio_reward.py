@@ -7,14 +7,14 @@ import pytest
 import torch
 from tests.align.scenes import dips, scene, yardstick
 
-from echoavatar.align.audio_reward import AudioMotion, info_nce, soft_labels
+from echoavatar.align.audio_reward import AudioMotion, AudioMotionConfig, info_nce, soft_labels
 from echoavatar.errors import CheckpointError
 
 
 def model() -> AudioMotion:
     torch.manual_seed(0)
     return AudioMotion.over(
-        torch.randn(2, 16, 6), torch.randn(3, 2, 8, 4), width=16, layers=1, sound_layers=1, heads=2, size=24
+        torch.randn(2, 16, 6), torch.randn(3, 2, 8, 4), width=16, layers=1, sound_layers=1, heads=2, size=120
     ).eval()
 
 
@@ -58,6 +58,25 @@ def test_embeddings_have_unit_length_and_know_the_order_of_things():
     ):
         torch.testing.assert_close(found.norm(dim=1), torch.ones(2))
         assert (found - turned).abs().max() > 1e-3
+
+
+def test_slices_of_time_stay_apart():
+    """What happens late in a clip does not reach the part of the embedding that stands for its beginning."""
+    one = model()
+    one.motion = torch.nn.Identity()
+    codes = torch.zeros(1, 30, 3, 2, dtype=torch.int64)
+    late = codes.clone()
+    late[:, 20:] = 5
+    found, other = (one.see(motion).view(5, 24).T for motion in (codes, late))
+    found, other = found / found[0].norm(), other / other[0].norm()
+    torch.testing.assert_close(found[:16], other[:16])
+    assert (found[16:] - other[16:]).abs().max() > 1e-3
+    assert one.see(codes[:, :10]).shape == (1, 8 * 5)
+
+
+def test_a_size_that_slices_cannot_share_is_refused():
+    with pytest.raises(ValueError, match=r"size \(100\) must be a multiple of slices \(24\)"):
+        AudioMotionConfig(sound_channels=1, motion_channels=1, size=100)
 
 
 def test_files_and_reward(tmp_path):

@@ -6,14 +6,17 @@ import torch
 
 from echoavatar.align.audio_reward import AudioMotion
 from echoavatar.align.audio_reward_train import (
+    AudioRewardStage,
     AudioRewardTraining,
     Pairs,
     embed,
     retrieval_table,
+    retrieval_tables,
     train_audio_reward,
 )
 from echoavatar.errors import MotionError
 from echoavatar.generator import TokenClip
+from echoavatar.training import Loop
 
 
 def told(count: int, seed: int) -> dict[str, TokenClip]:
@@ -29,9 +32,9 @@ def told(count: int, seed: int) -> dict[str, TokenClip]:
 def test_it_finds_motion_by_sound_and_sound_by_motion_among_windows_it_never_saw(tmp_path):
     torch.manual_seed(0)
     model = AudioMotion.over(
-        torch.randn(2, 16, 8), torch.randn(3, 2, 8, 4), width=32, layers=1, sound_layers=1, heads=2, size=32
+        torch.randn(2, 16, 8), torch.randn(3, 2, 8, 4), width=32, layers=1, sound_layers=1, heads=2, size=96
     )
-    training = AudioRewardTraining(steps=80, batch=20, learning_rate=3e-3)
+    training = AudioRewardTraining(steps=80, batch=20, each=1, learning_rate=3e-3)
     model = train_audio_reward(model, Pairs(told(30, 0), chunks=4), tmp_path, training)
     table = retrieval_table(*embed(model, Pairs(told(12, 1), chunks=4)))
     assert len(table) == 6  # two ways among all, in a gallery, in batches of 32
@@ -47,6 +50,61 @@ def test_mirrored_clips_share_their_segments():
     _, _, segments = pairs.draw(0, 64, 0)
     assert len(set(segments.tolist())) == 2
     assert pairs.grid()[0].shape == (2, 320, 2)  # mirrored windows are not asked for
+
+
+def test_windows_of_one_clip_lie_side_by_side_in_a_batch():
+    pairs = Pairs(told(6, 0), chunks=4)
+    segments = pairs.draw(3, 12, 0, each=3).segments
+    clip, start = segments // 100_000, segments % 100_000
+    for k in range(0, 12, 3):
+        assert len(set(clip[k : k + 3].tolist())) == 1
+        apart = start[k : k + 3].sort().values.diff()
+        assert (apart >= 4).all()
+    assert torch.equal(segments, pairs.draw(3, 12, 0, each=3).segments)
+
+
+def test_retrieval_is_told_within_each_domain_as_well():
+    """Speech and music cannot be mistaken for each other when only one of them is asked."""
+    clips = told(10, 0)
+    for k in range(4):
+        clips[f"clip{k}"].domain[:] = 1
+    torch.manual_seed(0)
+    model = AudioMotion.over(
+        torch.randn(2, 16, 8), torch.randn(3, 2, 8, 4), width=16, layers=1, sound_layers=1, heads=2, size=96
+    ).eval()
+    pairs = Pairs(clips, chunks=2)
+    tables = retrieval_tables(model, pairs)
+    galleries = {name: table["audio to motion, all"]["gallery"] for name, table in tables.items()}
+    assert galleries == {"everything": 80, "speech": 32, "music": 48}
+    with pytest.raises(MotionError, match="no window of 2 chunks is mostly silence"):
+        pairs.grid(0)
+
+
+def test_a_run_that_was_stopped_goes_on_to_the_same_weights(tmp_path):
+    def run(folder, steps):
+        torch.manual_seed(0)
+        model = AudioMotion.over(
+            torch.randn(2, 16, 8),
+            torch.randn(3, 2, 8, 4),
+            width=16,
+            layers=1,
+            sound_layers=1,
+            heads=2,
+            size=96,
+        )
+        training = AudioRewardTraining(steps=6, batch=8, save_every=1)
+        stage = AudioRewardStage(model, Pairs(told(6, 0), chunks=4), training)
+        loop = Loop(stage)
+        loop.resume(folder)
+        while loop.step < steps:
+            loop.advance()
+        loop.save(folder)
+        return model.state_dict()
+
+    whole = run(tmp_path / "whole", 6)
+    run(tmp_path / "broken", 3)
+    again = run(tmp_path / "broken", 6)
+    assert all(torch.equal(again[name], value) for name, value in whole.items())
 
 
 def test_clips_that_are_too_short_are_refused():

@@ -1,7 +1,8 @@
-"""Losses against cases worked out by hand, against TRL's documented formulas, and by finite differences.
+"""Losses against cases worked out by hand, against TRL, and by finite differences.
 
-TRL is no dependency and was not run here; the formulas of its documentation (`GRPOTrainer`, `DPOTrainer`) are written
-out below in plain Python, number by number.
+TRL is no dependency; the numbers marked TRL are what the functions `GRPOTrainer._compute_loss` (`loss_type="grpo"`) and
+`DPOTrainer._compute_loss` (`loss_type="sigmoid"`) of its release 1.16.0 returned in double precision for the
+log-probabilities beside them, with their gradients. Its PPO trainer is gone from that release.
 """
 
 import math
@@ -76,36 +77,79 @@ def test_exact_divergence_by_hand_and_as_the_mean_of_the_estimator():
     assert estimated.item() == pytest.approx(kl.item())
 
 
-def grpo_as_trl_documents(policy, old, reference, advantages, clip, beta):
-    """Mean over codes of a row, then over rows, of -min(r A, clip(r) A) + beta k3 (`loss_type="grpo"`)."""
-    rows = []
-    for p_row, o_row, r_row, a in zip(policy, old, reference, advantages, strict=True):
-        codes = []
-        for p, o, r in zip(p_row, o_row, r_row, strict=True):
-            ratio = math.exp(p - o)
-            limited = min(max(ratio, 1 - clip), 1 + clip)
-            codes.append(-min(ratio * a, limited * a) + beta * (math.exp(r - p) - (r - p) - 1))
-        rows.append(sum(codes) / len(codes))
-    return sum(rows) / len(rows)
+POLICY = [[-1.2, -0.3, -2.0, -0.7], [-0.5, -1.1, -0.9, -1.6], [-3.0, -0.2, -0.4, -1.0]]
+OLD = [[-1.0, -0.5, -2.5, -0.7], [-0.6, -1.0, -0.4, -1.9], [-2.4, -0.3, -0.4, -1.3]]
+REFERENCE = [[-1.1, -0.4, -2.2, -0.9], [-0.5, -1.4, -0.6, -1.5], [-2.9, -0.2, -0.6, -0.8]]
+ADVANTAGES = [1.1, -0.3, -0.8]
+TRL_KL, TRL_CLIPPED = 0.015718518159561583, 1 / 3
+TRL_GRPO = {
+    (0.2, 0.04): (
+        0.0015770819965344278,
+        [
+            [-0.07540088875906717, 0.00031720860654680175, 0.0006042308230733945, -0.09106243584359328],
+            [0.027629272951891184, 0.023484874715293258, -0.001166196025253344, 0.03339590046248125],
+            [-0.0003505697269188257, 0.07367806120504317, 0.06727089748974006, 0.08925257797786632],
+        ],
+    ),
+    (0.1, 0.0): (
+        0.028448341270151906,
+        [
+            [-0.07505031903214834, 0.0, 0.0, -0.09166666666666667],
+            [0.027629272951891184, 0.022620935450898987, 0.0, 0.03374647018940007],
+            [0.0, 0.07367806120504317, 0.06666666666666667, 0.08999058717173354],
+        ],
+    ),
+}
 
 
-def test_grpo_is_trls_formula():
-    random = torch.Generator().manual_seed(0)
-    policy, old, reference = (-torch.rand(3, 5, generator=random, dtype=torch.float64) for _ in range(3))
-    advantages = t(1.0, -0.5, 0.3)
+@pytest.mark.parametrize(("clip", "weight"), TRL_GRPO)
+def test_grpo_is_trls(clip, weight):
+    """TRL 1.16.0: loss, gradient, mean of its KL estimator, share of clipped codes."""
+    policy = torch.tensor(POLICY, dtype=torch.float64, requires_grad=True)
+    old, reference = (torch.tensor(rows, dtype=torch.float64) for rows in (OLD, REFERENCE))
     told = grpo_loss(
         policy=policy,
         old=old,
-        advantages=advantages[:, None],
+        advantages=t(*ADVANTAGES)[:, None],
         kl=k3(policy, reference),
-        clip=0.2,
-        kl_weight=0.04,
+        clip=clip,
+        kl_weight=weight,
     )
-    wanted = grpo_as_trl_documents(
-        policy.tolist(), old.tolist(), reference.tolist(), advantages.tolist(), 0.2, 0.04
+    told.loss.backward()
+    loss, gradient = TRL_GRPO[clip, weight]
+    assert told.loss.item() == pytest.approx(loss, rel=1e-12)
+    torch.testing.assert_close(policy.grad, torch.tensor(gradient, dtype=torch.float64))
+    assert told.kl.item() == pytest.approx(TRL_KL, rel=1e-12)
+    assert told.clipped.item() == pytest.approx(TRL_CLIPPED)
+
+
+TRL_DPO = {
+    0.1: (0.6711532597927776, [-0.023875758760409996, -0.025], 0.045),
+    0.5: (0.5931980632787001, [-0.09734019151269449, -0.125], 0.225),
+}
+
+
+@pytest.mark.parametrize("beta", TRL_DPO)
+def test_dpo_is_trls(beta):
+    """TRL 1.16.0, of two codes a continuation: loss, gradient by chosen code (rejected: the opposite), margin."""
+    chosen, rejected = (
+        torch.tensor(rows, dtype=torch.float64, requires_grad=True)
+        for rows in ([[-1.0, -2.5], [-0.7, -1.2]], [[-2.0, -0.1], [-1.5, -1.5]])
     )
-    assert told.loss.item() == pytest.approx(wanted, rel=1e-12)
-    assert 0 < told.clipped < 1
+    told = dpo_loss(
+        chosen=chosen.sum(1),
+        rejected=rejected.sum(1),
+        reference_chosen=t(-1.4 - 2.6, -0.6 - 1.0),
+        reference_rejected=t(-1.2 - 0.5, -1.6 - 1.1),
+        beta=beta,
+    )
+    told.loss.backward()
+    loss, gradient, margin = TRL_DPO[beta]
+    assert told.loss.item() == pytest.approx(loss, rel=1e-12)
+    wanted = torch.tensor(gradient, dtype=torch.float64)[:, None].expand(2, 2)
+    torch.testing.assert_close(chosen.grad, wanted)
+    torch.testing.assert_close(rejected.grad, -wanted)
+    assert (told.margin.item(), told.accuracy.item()) == pytest.approx((margin, 0.5))
 
 
 def test_on_policy_the_gradient_of_grpo_is_that_of_reinforce():

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from echoavatar.align.plots import draw_run
+from echoavatar.align.plots import draw_run, gain
 from echoavatar.errors import CheckpointError
 
 
@@ -15,6 +15,11 @@ def test_a_picture_of_a_run(tmp_path: Path):
     (tmp_path / "metrics.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
     draw_run(tmp_path / "metrics.jsonl", tmp_path / "run.png")
     assert (tmp_path / "run.png").stat().st_size > 10_000
+
+
+def test_a_gain_is_taken_prompt_by_prompt():
+    """Prompts differ by 10, the policy by 1 and 3: 2, give or take 1."""
+    assert gain({"by_prompt": [0.0, 10.0]}, {"by_prompt": [1.0, 13.0]}) == pytest.approx((2.0, 1.0))
 
 
 def test_no_metrics_are_named(tmp_path: Path):

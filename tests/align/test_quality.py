@@ -4,7 +4,7 @@ import pytest
 import torch
 from tests.align.scenes import dips, scene, yardstick
 
-from echoavatar.align.quality import QualityConfig, QualityReward
+from echoavatar.align.quality import PACE, QualityConfig, QualityReward, _with_differences
 from echoavatar.errors import CheckpointError
 from echoavatar.kinematics import FeatureStatistics
 
@@ -40,3 +40,11 @@ def test_files(tmp_path):
 
 def test_as_a_reward_function():
     assert 0 < model().judge(scene(dips(())), yardstick()) < 1
+
+
+def test_a_jolt_is_seen_in_the_differences():
+    """A steady rise: one value, one pace, and a single jolt where it begins."""
+    x = torch.arange(8.0)[None, :, None]
+    found = _with_differences(x)[0]
+    assert found[:, 1].tolist() == [0.0] + [PACE] * 7
+    assert found[1:, 2].tolist() == [PACE] + [0.0] * 6

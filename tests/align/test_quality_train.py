@@ -11,6 +11,7 @@ from echoavatar.align.degrade import CLEAN, paper_scores
 from echoavatar.align.quality import QualityConfig
 from echoavatar.align.quality_train import (
     Levels,
+    QualityStage,
     QualityTraining,
     calibrate,
     draw_quality,
@@ -61,6 +62,28 @@ def test_levels_depend_on_seed_and_number_alone_and_rows_mix(tokenizer):
     mixed = levels.mixed(codes, [CLEAN, "uniform 1.0"], 5)
     torch.testing.assert_close(mixed[:1], levels.at(codes[:1], CLEAN, 0))
     assert (mixed[1:] - levels.at(codes[1:], CLEAN, 0)).abs().max() > 0
+
+
+def test_a_code_that_is_wrong_stays_wrong_at_higher_rates(tokenizer):
+    levels = Levels(tokenizer, calm(3, 0), seed=0)
+    codes = levels.codes(0, 2)
+    for kind in ("uniform", "hierarchical"):
+        before = torch.zeros_like(codes, dtype=torch.bool)
+        for rate in ("0.2", "0.5", "1.0"):
+            made = levels._spoil(codes, f"{kind} {rate}", 0)
+            changed = made != codes
+            assert not (before & ~changed).any()
+            before = changed
+
+
+def test_batches_hold_several_levels_of_a_window_and_are_decoded_once(tokenizer):
+    levels = Levels(tokenizer, calm(3, 0), seed=0)
+    training = QualityTraining(steps=4, batch=6, levels=3, pool=2)
+    stage = QualityStage(levels, QualityConfig(width=16, heads=2), training, paper_scores())
+    first = stage.draw(0)
+    assert all(len(set(first.scores[k : k + 3].tolist())) == 3 for k in (0, 3))
+    assert torch.equal(stage.draw(2).features, first.features)
+    assert not torch.equal(stage.draw(1).features, first.features)
 
 
 @pytest.mark.slow

@@ -1,12 +1,14 @@
 """The audio-motion alignment reward: one embedding of sound and motion (paper, appendix Audio-Motion Alignment Reward).
 
-Both sides are pooled over time, projected and normed to d = 768; the reward is their cosine. Trained with InfoNCE in
-both directions, with soft labels: windows of the same segment (mirrored motion has the same sound) share the
-probability. The temperature is learnt from 1 / 0.07.
+Both sides are projected to d = 768 and normed; the reward is their cosine. Trained with InfoNCE in both directions,
+with soft labels: windows of the same segment (mirrored motion has the same sound) share the probability. The
+temperature is learnt from 1 / 0.07.
 
-Sound and motion are read as their codes' vectors (what the generator
-hears and says), sound by a small encoder that is trained along. It departs from the
-paper in that; BEATs needs the waveform, which token files do not hold.
+Departs from the paper in two things. Sound and motion are read as their codes' vectors (what the generator hears and
+says), sound by a small encoder that is trained along; BEATs needs the waveform, which token files do not hold. And the
+paper's mean over all of a clip's time cannot say when anything happened: here 4 s are pooled into 24 slices of 1/6 s
+that stay apart in the embedding (32 channels each), so that the cosine is a sum of what agrees at the same time.
+`slices` 1 is the paper's.
 """
 
 from collections.abc import Mapping
@@ -16,7 +18,7 @@ from typing import Self
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float, Int
-from pydantic import Field
+from pydantic import Field, model_validator
 from torch import Tensor, nn
 
 from .. import checkpoint
@@ -29,6 +31,7 @@ from .yardstick import Yardstick
 FRAMES_PER_TOKEN = exact_div(
     SAMPLES_PER_MOTION_TOKEN, SAMPLES_PER_AUDIO_TOKEN
 )  # 10 audio frames a motion token
+WINDOW_TOKENS = 30  # 4 s, what the reward is trained on
 HALF = exact_div(FRAMES_PER_TOKEN, 2)  # sound is read at 15 Hz
 FIRST_TEMPERATURE = 1 / 0.07
 LARGEST_TEMPERATURE = 100.0
@@ -43,7 +46,14 @@ class AudioMotionConfig(Config):
     layers: int = Field(default=4, gt=0, description="transformer layers of the motion encoder")
     sound_layers: int = Field(default=2, gt=0, description="transformer layers of the small sound encoder")
     heads: int = Field(default=4, gt=0, description="attention heads (paper: 8)")
-    size: int = Field(default=768, gt=0, description="length of an embedding")
+    size: int = Field(default=768, gt=0, description="length of an embedding of 4 s")
+    slices: int = Field(default=24, gt=0, description="times that an embedding of 4 s keeps apart (paper: 1)")
+
+    @model_validator(mode="after")
+    def _slices_share_the_size(self) -> Self:
+        if self.size % self.slices:
+            raise ValueError(f"size ({self.size}) must be a multiple of slices ({self.slices})")
+        return self
 
 
 class SoundEncoder(nn.Module):
@@ -87,8 +97,9 @@ class AudioMotion(nn.Module):
         self.motion = nn.Sequential(
             *(FullBlock(width=width, heads=config.heads) for _ in range(config.layers))
         )
-        self.sound_out = nn.Sequential(nn.Linear(width, config.size), nn.LayerNorm(config.size))
-        self.motion_out = nn.Sequential(nn.Linear(width, config.size), nn.LayerNorm(config.size))
+        each = config.size // config.slices
+        self.sound_out = nn.Sequential(nn.LayerNorm(width), nn.Linear(width, each))
+        self.motion_out = nn.Sequential(nn.LayerNorm(width), nn.Linear(width, each))
         self.log_temperature = nn.Parameter(torch.tensor(FIRST_TEMPERATURE).log())
 
     @classmethod
@@ -113,21 +124,27 @@ class AudioMotion(nn.Module):
         return self.log_temperature.exp().clamp(max=LARGEST_TEMPERATURE)
 
     def hear(self, codes: Int[Tensor, "b f l"]) -> Float[Tensor, "b d"]:
-        """Unit embeddings of sound."""
+        """Unit embeddings of sound; d is `size` for 4 s."""
         vectors = sum(
             (self.sound_book[layer][codes[..., layer]] for layer in range(codes.shape[2])), torch.zeros(())
         )
-        return F.normalize(self.sound_out(self.sound(vectors).mean(1)), dim=-1)
+        return self._pooled(self.sound_out(self.sound(vectors)), codes.shape[1] // FRAMES_PER_TOKEN)
 
     def see(self, codes: Int[Tensor, "b n p q"]) -> Float[Tensor, "b d"]:
-        """Unit embeddings of motion."""
+        """Unit embeddings of motion; d is `size` for 4 s."""
         parts = [
             sum((self.motion_book[p, q][codes[:, :, p, q]] for q in range(codes.shape[3])), torch.zeros(()))
             for p in range(codes.shape[2])
         ]
         x = self.motion_in(torch.cat(parts, -1))
         states = self.motion(x + sinusoids(x.shape[1], x.shape[2]).to(x))
-        return F.normalize(self.motion_out(states.mean(1)), dim=-1)
+        return self._pooled(self.motion_out(states), codes.shape[1])
+
+    def _pooled(self, states: Float[Tensor, "b t c"], tokens: int) -> Float[Tensor, "b d"]:
+        """Slices of the same length whatever the clip's; a clip that is shorter has fewer."""
+        slices = max(1, round(self.config.slices * tokens / WINDOW_TOKENS))
+        pooled = F.adaptive_avg_pool1d(states.transpose(1, 2), slices)
+        return F.normalize(pooled.flatten(1), dim=-1)
 
     @torch.no_grad()
     def judge(self, scene: Scene, yardstick: Yardstick) -> float:

@@ -1,10 +1,8 @@
 """Training the alignment reward on token clips, and testing it by retrieval among held-out windows."""
 
-import json
-import math
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -16,21 +14,35 @@ from ..config import Config
 from ..errors import MotionError
 from ..generator import TokenClip
 from ..metrics.retrieval import PAPER_GALLERY, Retrieval, batched, chance, gallery, retrieval, similarity
-from ..timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
-from .audio_reward import AudioMotion, info_nce
+from ..timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK, exact_div
+from ..training import Loss, Progress, Stage, TrainingConfig, train
+from .audio_reward import WINDOW_TOKENS, AudioMotion, info_nce
 
-WINDOW_CHUNKS = 15  # 4 s
+WINDOW_CHUNKS = exact_div(WINDOW_TOKENS, MOTION_TOKENS_PER_CHUNK)
+DOMAINS = ("silence", "speech", "music")
+FEWEST = 32  # windows of a domain, for a table of its own
 MIRROR = ".mirror"  # ending of the name of a mirrored clip (`pipeline.tokenize`)
 
 
-class AudioRewardTraining(Config):
-    """How the reward is trained."""
+class AudioRewardTraining(TrainingConfig):
+    """How the reward is trained. Negatives are those of one piece: several processes want larger batches."""
 
-    steps: int = Field(default=2000, gt=0, description="optimiser steps")
+    steps: int = Field(default=1000, gt=0, description="optimiser steps")
     batch: int = Field(default=64, gt=0, description="windows a step (paper: 32)")
+    each: int = Field(default=4, gt=0, description="windows of one clip in a batch, which do not overlap")
     learning_rate: float = Field(default=1e-3, gt=0, description="peak, cosine (paper: 1e-4)")
+    warmup: int = Field(default=50, ge=0, description="steps of linear warm-up")
+    final_rate: float = Field(default=0.0, ge=0, le=1, description="share of the peak at the end")
     weight_decay: float = Field(default=0.05, ge=0, description="AdamW decay")
-    seed: int = Field(default=0, description="of weights and windows")
+    save_every: int = Field(default=50, ge=0, description="steps between checkpoints")
+
+
+class Windows(NamedTuple):
+    """Sound, motion, and the number of the segment, the same for mirrored motion."""
+
+    sound: Tensor
+    motion: Tensor
+    segments: Int[Tensor, " b"]
 
 
 class Pairs:
@@ -45,27 +57,36 @@ class Pairs:
             raise MotionError(f"no clip is as long as a window of {chunks} chunks")
         self._names = list(self._clips)
 
-    def draw(self, number: int, size: int, seed: int) -> tuple[Tensor, Tensor, Int[Tensor, " b"]]:
-        """Sound, motion and segment of so many random windows."""
-        random = np.random.default_rng([seed, number])
-        spots = []
-        for at in random.integers(len(self._names), size=size):
-            name = self._names[int(at)]
-            spots.append((name, int(random.integers(self._clips[name].chunks - self._chunks + 1))))
-        return self._cut(spots)
+    def draw(self, number: int, size: int, seed: int, *, each: int = 1) -> Windows:
+        """So many random windows, `each` of a clip: other moments of the same sound are the hardest to tell apart."""
+        random, spots = np.random.default_rng([seed, number]), list[tuple[str, int]]()
+        while len(spots) < size:
+            name = self._names[int(random.integers(len(self._names)))]
+            room = self._clips[name].chunks - self._chunks
+            first = int(random.integers(min(self._chunks, room + 1)))
+            starts = np.arange(first, room + 1, self._chunks)
+            spots += [(name, int(start)) for start in random.permutation(starts)[:each]]
+        return self._cut(spots[:size])
 
-    def grid(self) -> tuple[Tensor, Tensor]:
-        """All windows without overlap, mirrored ones left out."""
+    def grid(self, sound: int | None = None) -> Windows:
+        """All windows without overlap, mirrored ones left out; of mostly one domain, where one is given."""
         spots = [
             (name, start)
             for name, clip in self._clips.items()
             if not name.endswith(MIRROR)
             for start in range(0, clip.chunks - self._chunks + 1, self._chunks)
+            if sound is None or self._domain(name, start) == sound
         ]
-        sound, motion, _ = self._cut(spots)
-        return sound, motion
+        if not spots:
+            raise MotionError(f"no window of {self._chunks} chunks is mostly {DOMAINS[sound or 0]}")
+        return self._cut(spots)
 
-    def _cut(self, spots: Sequence[tuple[str, int]]) -> tuple[Tensor, Tensor, Int[Tensor, " b"]]:
+    def _domain(self, name: str, start: int) -> int:
+        """What fills most of a window."""
+        span = slice(start * MOTION_TOKENS_PER_CHUNK, (start + self._chunks) * MOTION_TOKENS_PER_CHUNK)
+        return int(np.bincount(self._clips[name].domain[span], minlength=len(DOMAINS)).argmax())
+
+    def _cut(self, spots: Sequence[tuple[str, int]]) -> Windows:
         def stacked(field: str, each: int) -> Tensor:
             parts = [
                 getattr(self._clips[name], field)[start * each : (start + self._chunks) * each]
@@ -74,11 +95,46 @@ class Pairs:
             return torch.from_numpy(np.stack(parts).astype(np.int64))
 
         segments = [self._source[name.removesuffix(MIRROR)] * 100_000 + start for name, start in spots]
-        return (
+        return Windows(
             stacked("audio", AUDIO_FRAMES_PER_CHUNK),
             stacked("motion", MOTION_TOKENS_PER_CHUNK),
             torch.tensor(segments),
         )
+
+
+class AudioRewardStage(Stage[Windows]):
+    """The two encoders and the pairs they learn."""
+
+    config: AudioRewardTraining
+
+    def __init__(
+        self,
+        model: AudioMotion,
+        pairs: Pairs,
+        training: AudioRewardTraining,
+        card: Mapping[str, object] | None = None,
+    ) -> None:
+        super().__init__(training, {"model": model})
+        self.model, self._pairs, self._card = model, pairs, dict(card or {})
+
+    def identity(self) -> Mapping[str, Config]:
+        """Sizes and schedule."""
+        return {"reward": self.model.config, "training": self.config}
+
+    def draw(self, step: int) -> Windows:
+        """See `Stage.draw`."""
+        return self._pairs.draw(step, self.config.batch, self.config.seed, each=self.config.each)
+
+    def loss(self, batch: Windows, step: int) -> Loss:
+        """See `Stage.loss`."""
+        model = self.model
+        found = info_nce(model.hear(batch.sound), model.see(batch.motion), model.temperature, batch.segments)
+        return Loss(found, {"temperature": model.temperature})
+
+    def save(self, folder: Path, step: int) -> None:
+        """The reward."""
+        about = {"kind": "audio_reward", "step": step, "training": self.config.model_dump()}
+        self.model.save(folder, self._card | about)
 
 
 def train_audio_reward(
@@ -88,52 +144,35 @@ def train_audio_reward(
     training: AudioRewardTraining,
     *,
     card: Mapping[str, object] | None = None,
-    minutes: float | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> AudioMotion:
-    """Train and write a checkpoint folder; with `minutes` the schedule follows the clock as well."""
-    optimiser = torch.optim.AdamW(
-        model.parameters(), lr=training.learning_rate, weight_decay=training.weight_decay
-    )
-    folder.mkdir(parents=True, exist_ok=True)
-    began = time.monotonic()
-    model.train()
-    with (folder / "metrics.jsonl").open("w") as out:
-        for step in range(training.steps):
-            share = max(
-                step / training.steps, 0 if minutes is None else (time.monotonic() - began) / 60 / minutes
-            )
-            if share >= 1:
-                break
-            for group in optimiser.param_groups:
-                rate = training.learning_rate * 0.5 * (1 + math.cos(math.pi * share))
-                group["lr"] = rate * min(1.0, (step + 1) / 50)
-            sound, motion, segments = pairs.draw(step, training.batch, training.seed)
-            loss = info_nce(model.hear(sound), model.see(motion), model.temperature, segments)
-            optimiser.zero_grad(set_to_none=True)
-            loss.backward()  # type: ignore[no-untyped-call]
-            torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
-            optimiser.step()
-            told = {
-                "step": step,
-                "loss": round(loss.item(), 5),
-                "temperature": round(model.temperature.item(), 3),
-            }
-            out.write(json.dumps(told) + "\n")
-            out.flush()
-            if progress is not None:
-                progress(step + 1, training.steps)
-    model.save(folder, dict(card or {}) | {"kind": "audio_reward", "training": training.model_dump()})
+    """Train into a checkpoint folder, going on with what is there."""
+    train(AudioRewardStage(model, pairs, training, card), folder, progress=progress)
     return model.eval()
 
 
 @torch.no_grad()
-def embed(model: AudioMotion, pairs: Pairs) -> tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "n d"]]:
-    """Embeddings of all windows without overlap."""
-    sound, motion = pairs.grid()
-    heard = torch.cat([model.hear(part) for part in torch.split(sound, 64)])
-    seen = torch.cat([model.see(part) for part in torch.split(motion, 64)])
+def embed(
+    model: AudioMotion, pairs: Pairs, sound: int | None = None
+) -> tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "n d"]]:
+    """Embeddings of all windows without overlap, or of those of mostly one domain."""
+    asked = pairs.grid(sound)
+    heard = torch.cat([model.hear(part) for part in torch.split(asked.sound, 64)])
+    seen = torch.cat([model.see(part) for part in torch.split(asked.motion, 64)])
     return heard.numpy(), seen.numpy()
+
+
+def retrieval_tables(model: AudioMotion, pairs: Pairs) -> dict[str, dict[str, dict[str, object]]]:
+    """`retrieval_table` of everything, and within each domain alone, where telling domains apart does not help."""
+    tables = {"everything": retrieval_table(*embed(model, pairs))}
+    for at, name in enumerate(DOMAINS):
+        try:
+            found = embed(model, pairs, at)
+        except MotionError:  # none of it
+            continue
+        if len(found[0]) >= FEWEST:
+            tables[name] = retrieval_table(*found)
+    return tables
 
 
 def retrieval_table(

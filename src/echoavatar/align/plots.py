@@ -1,9 +1,18 @@
 """The curves of a run: reward and its components, divergence, entropy by layer, and the held-out probes."""
 
 import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from ..errors import CheckpointError
+
+
+def gain(first: Mapping[str, Sequence[float]], later: Mapping[str, Sequence[float]]) -> tuple[float, float]:
+    """By how much the reward of a measurement is over that of an earlier one: mean and standard error over prompts."""
+    more = np.subtract(later["by_prompt"], first["by_prompt"])
+    return float(more.mean()), float(more.std(ddof=1) / len(more) ** 0.5) if len(more) > 1 else 0.0
 
 
 def draw_run(metrics: Path, picture: Path) -> None:
@@ -33,6 +42,10 @@ def draw_run(metrics: Path, picture: Path) -> None:
     for name in probes[0]["rewards"] if probes else ():
         means, errors = zip(*(one["rewards"][name] for one in probes), strict=True)
         axes[1].errorbar([one["probe"] for one in probes], means, errors, marker="o", capsize=3, label=name)
+    if probes and all("by_prompt" in one for one in probes):
+        means, errors = zip(*(gain(probes[0], one) for one in probes), strict=True)
+        at_probes = [one["probe"] for one in probes]
+        axes[1].errorbar(at_probes, means, errors, color="black", marker="s", capsize=3, label="gain")
     axes[1].set_title("held-out prompts, mean and standard error")
     axes[2].plot(at, [one["kl"] for one in steps])
     axes[2].set_title("KL from the reference, nats a code")

@@ -4,12 +4,10 @@ Every step's windows, levels and noise follow from the seed and the step's numbe
 another split.
 """
 
-import json
 import math
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import get_args
+from typing import NamedTuple, get_args
 
 import numpy as np
 import torch
@@ -27,6 +25,7 @@ from ..metrics.frechet import Moments, frechet_between, moments, pooled
 from ..metrics.motion_encoder import MotionEncoder
 from ..metrics.motion_features import motion_features
 from ..tokenizer import BodyTokenizer
+from ..training import Loss, Progress, Stage, TrainingConfig, train
 from .degrade import CLEAN, RATES, Kind, Unseen, corrupted, level_name, paper_scores, spoiled
 from .quality import QualityConfig, QualityReward
 
@@ -34,22 +33,32 @@ WINDOW_CHUNKS = 15  # 4 s
 STRENGTHS = (0.0, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0)
 
 
-class QualityTraining(Config):
+class QualityTraining(TrainingConfig):
     """How the reward is trained."""
 
-    steps: int = Field(default=600, gt=0, description="optimiser steps")
-    batch: int = Field(default=16, gt=0, description="windows a step")
+    steps: int = Field(default=1200, gt=0, description="optimiser steps")
+    batch: int = Field(default=24, gt=0, description="windows a step")
+    levels: int = Field(default=4, gt=0, description="levels of one window in a batch, to be told apart")
     pool: int = Field(default=150, gt=0, description="batches decoded; later steps see them again")
     learning_rate: float = Field(default=1e-3, gt=0, description="peak; cosine to zero")
-    seed: int = Field(default=0, description="of weights, windows, levels and noise")
+    warmup: int = Field(default=50, ge=0, description="steps of linear warm-up")
+    final_rate: float = Field(default=0.0, ge=0, le=1, description="share of the peak at the end")
+    save_every: int = Field(default=100, ge=0, description="steps between checkpoints")
 
 
 class Levels:
     """Decoded windows at any level of corruption."""
 
-    def __init__(self, tokenizer: BodyTokenizer, clips: Sequence[TokenClip], *, seed: int) -> None:
+    def __init__(
+        self,
+        tokenizer: BodyTokenizer,
+        clips: Sequence[TokenClip],
+        *,
+        seed: int,
+        chunks: int = WINDOW_CHUNKS,
+    ) -> None:
         self.tokenizer, self._seed = tokenizer, seed
-        self._windows = WindowSampler(clips, chunks=WINDOW_CHUNKS, seed=seed)
+        self._windows = WindowSampler(clips, chunks=chunks, seed=seed)
 
     def codes(self, number: int, size: int) -> Int[Tensor, "b n p q"]:
         """Clean windows of a number."""
@@ -57,7 +66,10 @@ class Levels:
 
     @torch.no_grad()
     def at(self, codes: Int[Tensor, "b n p q"], name: str, number: int) -> Float[Tensor, "b t c"]:
-        """Features of windows at a level; the noise depends on seed, number and level."""
+        """Features of windows at a level; the noise depends on seed, number and kind.
+
+        It is the same at every rate: a code that is wrong at one is wrong, in the same way, at all higher ones.
+        """
         return self.tokenizer.decode(self._spoil(codes, name, number))
 
     @torch.no_grad()
@@ -71,9 +83,10 @@ class Levels:
     def _spoil(self, codes: Int[Tensor, "b n p q"], name: str, number: int) -> Int[Tensor, "b n p q"]:
         if name == CLEAN:
             return codes
-        level = paper_levels().index(name)
-        random = torch.Generator().manual_seed((self._seed * 1_000_003 + number) * 64 + level)
         which: Kind = "uniform" if name.startswith("uniform") else "hierarchical"
+        random = torch.Generator().manual_seed(
+            (self._seed * 1_000_003 + number) * 2 + get_args(Kind).index(which)
+        )
         rate = float(name.split()[1])
         return corrupted(codes, which, rate, codebook=self.tokenizer.config.codes, generator=random)
 
@@ -103,6 +116,70 @@ def calibrate(levels: Levels, encoder: MotionEncoder, *, windows: int = 64) -> d
     return {name: frechet_between(at(name, 0), true) for name in paper_levels()}
 
 
+class Graded(NamedTuple):
+    """Windows and what they should score."""
+
+    features: Float[Tensor, "b t c"]
+    scores: Float[Tensor, " b"]
+
+
+class QualityStage(Stage[Graded]):
+    """The reward and the levels that it learns."""
+
+    config: QualityTraining
+
+    def __init__(
+        self,
+        levels: Levels,
+        config: QualityConfig,
+        training: QualityTraining,
+        scores: Mapping[str, float],
+        card: Mapping[str, object] | None = None,
+    ) -> None:
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(training.seed)
+            self.model = QualityReward(config)
+        self.model.set_statistics(levels.tokenizer.statistics)
+        super().__init__(training, {"model": self.model})
+        self._levels, self._scores, self._card = levels, dict(scores), dict(card or {})
+        self._pool: dict[int, Graded] = {}
+
+    def identity(self) -> Mapping[str, Config]:
+        """Sizes and schedule."""
+        return {"reward": self.model.config, "training": self.config}
+
+    def draw(self, step: int) -> Graded:
+        """See `Stage.draw`; batches are decoded once."""
+        number = step % self.config.pool
+        if number not in self._pool:
+            made = self._made(number)
+            self._pool[number] = Graded(made.features.half(), made.scores)
+        found = self._pool[number]
+        return Graded(found.features.float(), found.scores)
+
+    def _made(self, number: int) -> Graded:
+        training, names = self.config, [name for name in paper_levels() if name in self._scores]
+        random = np.random.default_rng([training.seed, number])
+        windows = math.ceil(training.batch / training.levels)
+        codes = self._levels.codes(number, windows).repeat_interleave(training.levels, 0)[: training.batch]
+        asked = [
+            names[int(k)] for _ in range(windows) for k in random.permutation(len(names))[: training.levels]
+        ][: training.batch]
+        features = self._levels.mixed(codes, asked, number)
+        return Graded(features, torch.tensor([self._scores[name] for name in asked]))
+
+    def loss(self, batch: Graded, step: int) -> Loss:
+        """SmoothL1, quadratic only up close: scores lie within 1."""
+        made = self.model(batch.features)
+        error = (made - batch.scores).abs().mean()
+        return Loss(F.smooth_l1_loss(made, batch.scores, beta=0.1), {"error": error})
+
+    def save(self, folder: Path, step: int) -> None:
+        """The reward."""
+        about = {"kind": "quality_reward", "step": step, "training": self.config.model_dump()}
+        self.model.save(folder, self._card | about | {"scores": self._scores})
+
+
 def train_quality(
     levels: Levels,
     folder: Path,
@@ -111,51 +188,13 @@ def train_quality(
     config: QualityConfig | None = None,
     scores: Mapping[str, float] | None = None,
     card: Mapping[str, object] | None = None,
-    minutes: float | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> QualityReward:
-    """Train and write a checkpoint folder; with `minutes` the schedule follows the clock as well."""
-    table = dict(scores or paper_scores())
-    names = [name for name in paper_levels() if name in table]
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(training.seed)
-        features = int(levels.tokenizer.mean.numel())
-        model = QualityReward(config or QualityConfig(features=features))
-    model.set_statistics(levels.tokenizer.statistics)
-    optimiser = torch.optim.AdamW(model.parameters(), lr=training.learning_rate, weight_decay=0.01)
-    folder.mkdir(parents=True, exist_ok=True)
-    began, pool = time.monotonic(), list[tuple[Tensor, Tensor]]()
-    with (folder / "metrics.jsonl").open("w") as out:
-        for step in range(training.steps):
-            share = max(
-                step / training.steps, 0 if minutes is None else (time.monotonic() - began) / 60 / minutes
-            )
-            if share >= 1:
-                break
-            for group in optimiser.param_groups:
-                warm = min(1.0, (step + 1) / 50)
-                group["lr"] = training.learning_rate * warm * 0.5 * (1 + math.cos(math.pi * share))
-            if step < training.pool:
-                random = np.random.default_rng([training.seed, step])
-                asked = [names[int(k)] for k in random.integers(len(names), size=training.batch)]
-                fresh = levels.mixed(levels.codes(step, training.batch), asked, step)
-                pool.append((fresh.half(), torch.tensor([table[name] for name in asked])))
-            made, wanted = pool[step % training.pool]
-            made = made.float()
-            loss = F.smooth_l1_loss(
-                model(made), wanted, beta=0.1
-            )  # scores lie within 1: quadratic only up close
-            optimiser.zero_grad(set_to_none=True)
-            loss.backward()  # type: ignore[no-untyped-call]
-            torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
-            optimiser.step()
-            out.write(json.dumps({"step": step, "loss": round(loss.item(), 6)}) + "\n")
-            out.flush()
-            if progress is not None:
-                progress(step + 1, training.steps)
-    told = {"kind": "quality_reward", "training": training.model_dump(), "scores": table}
-    model.save(folder, dict(card or {}) | told)
-    return model.eval()
+    """Train into a checkpoint folder, going on with what is there."""
+    config = config or QualityConfig(features=levels.tokenizer.mean.numel())
+    stage = QualityStage(levels, config, training, scores or paper_scores(), card)
+    train(stage, folder, progress=progress)
+    return stage.model.eval()
 
 
 @torch.no_grad()

@@ -22,7 +22,6 @@ from ..kinematics.contact import skate
 from ..metrics.beat_alignment import SHARP_SIGMA_S, mean_hit_rate
 from ..metrics.dance_alignment import dance_beats
 from ..metrics.gesture_alignment import gesture_beats
-from ..metrics.physical import jerk_m_s3
 from ..timing import FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN
 from .scene import Scene
 from .yardstick import ARMS, Yardstick, response
@@ -31,6 +30,7 @@ Reward = Callable[[Scene, Yardstick], float | Float[np.ndarray, " t"]]
 
 STROKE_DELAY_S = 0.18  # rehearsal strokes end so much after the stressed vowel (`evaluation.beats`)
 SHIFTS_S = tuple(float(shift) for shift in np.arange(0.1, 1.0, 0.1))
+FREE_JERK, MOST_JERK = 2.0, 4.0  # of the truth's mean: strokes have twice that for moments
 FREE_RATIO = 1.5  # livelier or calmer than the truth by this factor costs nothing
 
 
@@ -55,9 +55,15 @@ def stress_alignment(scene: Scene, yardstick: Yardstick) -> float:
     return _excess(scene, gesture_beats(scene.positions[:, arms]), scene.stresses + STROKE_DELAY_S)
 
 
-def smoothness(scene: Scene, yardstick: Yardstick) -> float:
-    """0 while jerk is at most the truth's, then minus the excess as a share of it, at most -3."""
-    return max(-3.0, -max(0.0, jerk_m_s3(scene.positions) / yardstick.jerk - 1.0))
+def smoothness(scene: Scene, yardstick: Yardstick) -> Float[np.ndarray, " t"]:
+    """0 while jerk is at most twice the truth's mean, then minus the excess over that, at most 4; spread over frames.
+
+    By time, because a jolt comes from the codes right before it and from no others.
+    """
+    jerk = np.linalg.norm(np.diff(scene.positions - scene.positions[:, :1], n=3, axis=0), axis=-1).mean(1)
+    excess = np.clip(jerk * FRAME_RATE_HZ**3 / yardstick.jerk - FREE_JERK, 0, MOST_JERK)
+    late = excess[max(0, scene.lead - 3) :]
+    return np.asarray(-np.concatenate([np.zeros(scene.frames - len(late)), late]) / scene.frames)
 
 
 def planted_feet(scene: Scene, yardstick: Yardstick) -> float:

@@ -34,6 +34,7 @@ DEFAULT_REWARDS = (
 )
 YARDSTICK_PROMPTS = 160
 YARDSTICK_PAST, YARDSTICK_LENGTH = 3, 9
+TOGETHER = 8  # prompts whose continuations are drawn at once
 
 
 @dataclass(frozen=True)
@@ -201,16 +202,12 @@ def make_pairs(
     book = PromptBook(ready.train, past=past, length=length, seed=seed, fewest_events=fewest_events)
     policy, judge = GeneratorPolicy(ready.generator), SceneJudge(ready.tokenizer, ready.mix)
     pairs = []
-    for done in range(prompts):
+    for first in range(0, prompts, TOGETHER):
+        some = min(TOGETHER, prompts - first)
+        drawn = book.draw(first // TOGETHER, TOGETHER)[:some]
         pairs += rank(
-            policy,
-            book.draw(done, 1),
-            judge,
-            past=past,
-            group=group,
-            margin=margin,
-            seed=seed * 1_000_003 + done,
+            policy, drawn, judge, past=past, group=group, margin=margin, seed=seed * 1_000_003 + first
         )
         if progress is not None:
-            progress(done + 1, prompts)
+            progress(first + some, prompts)
     return write_pairs(path, pairs)

@@ -106,7 +106,11 @@ class AlignTrainer(ABC):
 
     @torch.no_grad()
     def probe(self, prompts: Sequence[Prompt]) -> Told:
-        """Rewards, divergence and entropy on prompts, drawn with the same seeds every time."""
+        """Rewards, divergence and entropy on prompts, drawn with the same seeds every time.
+
+        `by_prompt` lets a measurement be compared with an earlier one prompt by prompt (`plots.gain`): prompts differ
+        among each other by far more than a policy from the one it was.
+        """
         group, began = self.training.probe_group, time.monotonic()
         random = torch.Generator().manual_seed(987_654_321)
         seeds = torch.randint(2**62, (len(prompts) * group,), generator=random).to(self.device)
@@ -123,6 +127,7 @@ class AlignTrainer(ABC):
             "probe": self.next_step,
             "reward": _mean_and_error(rewards.total, group),
             "rewards": {name: _mean_and_error(values, group) for name, values in rewards.parts.items()},
+            "by_prompt": [round(float(mean), 5) for mean in rewards.total.reshape(-1, group).mean(1)],
             "kl": float(torch.cat(kl).mean()),
             "entropy": by_layer(torch.cat(entropy), self.policy.layout.motion_layers),
             "seconds": round(time.monotonic() - began, 2),

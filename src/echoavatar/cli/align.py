@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from tqdm import tqdm
 
-from . import align_rewards
+from . import align_compare, align_rewards
 
 if TYPE_CHECKING:
     from ..align.config import AlignTraining
@@ -19,6 +19,7 @@ EXAMPLES = """examples:
   echoavatar align rollouts TOKENS -o pairs.jsonl --group 8        best and worst of eight, by reward
   echoavatar align dpo TOKENS -o runs/dpo --pairs pairs.jsonl
   echoavatar align ppo TOKENS -o runs/ppo --recipe tiny
+  echoavatar align compare TOKENS -o it.json --beside runs/grpo    what it gained and what it cost
   echoavatar align calibrate TOKENS -o scores.json                 scores of corruption levels by one's own FID
   echoavatar align reward-quality TOKENS -o runs/quality           how good motion looks
   echoavatar align reward-alignment TOKENS -o runs/alignment       how well motion goes with sound
@@ -65,6 +66,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_rollouts(
         kinds.add_parser("rollouts", help="continuations, best and worst by reward, as pairs for DPO")
     )
+    beside = kinds.add_parser("compare", help="generators side by side on held-out prompts")
+    _add_common(beside)
+    align_compare.add_arguments(beside)
     align_rewards.add_arguments(kinds)
     for child in (grpo, dpo, ppo):
         _add_common(child)
@@ -140,6 +144,8 @@ def run(args: argparse.Namespace) -> int:
     """Run one of them."""
     if args.kind in align_rewards.KINDS:
         return align_rewards.run(args)
+    if args.kind == "compare":
+        return align_compare.run(args)
     from ..align.start import setting
 
     with tqdm(unit="step", smoothing=0.05) as bar:

@@ -41,10 +41,10 @@ def add_arguments(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") 
     alignment.add_argument(
         "--held-out", type=Path, help="more token files to retrieve from, never trained on"
     )
-    for child, steps in ((quality, 1500), (alignment, 4000)):
+    for child, steps, width in ((quality, 1200, 96), (alignment, 1000, 128)):
         child.add_argument("--steps", type=int, default=steps, help="optimiser steps (default: %(default)s)")
         child.add_argument(
-            "--width", type=int, default=96, help="channels (default: %(default)s; paper: 512)"
+            "--width", type=int, default=width, help="channels (default: %(default)s; paper: 512)"
         )
         child.add_argument("--minutes", type=float, help="the schedule ends by then")
 
@@ -104,11 +104,10 @@ def _quality(
     model = train_quality(
         Levels(bundle.tokenizer, list(train.values()), seed=args.seed),
         args.output,
-        QualityTraining(steps=args.steps, seed=args.seed),
+        QualityTraining(steps=args.steps, seed=args.seed, minutes=args.minutes or 0),
         config=QualityConfig(features=bundle.tokenizer.mean.numel(), width=args.width),
         scores=scores,
         card=_card(args),
-        minutes=args.minutes,
         progress=progress,
     )
     held_out = Levels(bundle.tokenizer, list(test.values()), seed=args.seed + 1)
@@ -127,8 +126,7 @@ def _alignment(
     from ..align.audio_reward_train import (
         AudioRewardTraining,
         Pairs,
-        embed,
-        retrieval_table,
+        retrieval_tables,
         train_audio_reward,
     )
     from ..align.prompts import read_token_clips
@@ -141,14 +139,13 @@ def _alignment(
         model,
         Pairs(train),
         args.output,
-        AudioRewardTraining(steps=args.steps, seed=args.seed),
+        AudioRewardTraining(steps=args.steps, seed=args.seed, minutes=args.minutes or 0),
         card=_card(args),
-        minutes=args.minutes,
         progress=progress,
     )
     layout = bundle.generator.config.layout
     asked = read_token_clips(args.held_out, layout, needs_truth=True) if args.held_out else test
-    found = retrieval_table(*embed(model, Pairs(asked)))
+    found = retrieval_tables(model, Pairs(asked))
     (args.output / "held_out.json").write_text(json.dumps(found, indent=1) + "\n")
     return found
 

@@ -16,9 +16,9 @@ kept: call again to go on where it stopped. The table is printed and written as 
 Tables: tokenizer-ablation (variants of the tokenizer), main (corruption, baselines, an offline reference), beat2
 (SMPL-X, EMAGE's measures; --corpus is your copy of BEAT2, --extractor a folder with EMAGE's weights as safetensors),
 dataset-composition (gesture, dance, both), layouts (order of the sequence; not in the paper), latency (stages, on
-this machine).
+this machine), alignment (no RL, DPO, GRPO, PPO).
 """
-TABLES = ("tokenizer-ablation", "main", "beat2", "dataset-composition", "layouts", "latency")
+TABLES = ("tokenizer-ablation", "main", "beat2", "dataset-composition", "layouts", "latency", "alignment")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import torch
 
-from . import beat2, dataset_composition, latency, layouts, main, tokenizer_ablation
+from . import alignment, beat2, dataset_composition, latency, layouts, main, tokenizer_ablation
 from .beat2_workshop import Beat2Workshop
 from .figure import draw
 from .table import Table, orderings
@@ -23,6 +23,7 @@ TABLES: dict[str, Callable[[Any], Table]] = {
     dataset_composition.NAME: dataset_composition.make,
     layouts.NAME: layouts.make,
     latency.NAME: latency.make,
+    alignment.NAME: alignment.make,
 }
 NOTHING_LEARNED = (
     "Scale tiny: a few steps of small models. It shows that every part runs; no number means anything."

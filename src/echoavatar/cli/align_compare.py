@@ -1,0 +1,53 @@
+"""`echoavatar align compare`: generators side by side on held-out prompts; ends with a line of JSON."""
+
+import argparse
+import json
+from pathlib import Path
+
+
+def add_arguments(child: argparse.ArgumentParser) -> None:
+    """What `align` does not declare already."""
+    child.add_argument(
+        "--beside", type=Path, action="append", default=[], metavar="FOLDER", help="tuned generator; repeat"
+    )
+    child.add_argument("--prompts", type=int, default=48, help="held-out prompts (default: %(default)s)")
+    child.add_argument("--group", type=int, default=4, help="continuations of each (default: %(default)s)")
+    child.add_argument("--past", type=int, default=3, help="chunks before (default: %(default)s)")
+    child.add_argument("--length", type=int, default=9, help="chunks of each (default: %(default)s)")
+    child.add_argument("--seed", type=int, default=0, help="of the codes drawn (default: %(default)s)")
+    child.add_argument("-o", "--output", type=Path, required=True, metavar="JSON", help="file to write")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure and print."""
+    from ..align.compare import compare
+    from ..align.prompts import PromptBook
+    from ..align.start import setting
+    from ..errors import MotionError
+    from ..generator import Generator
+    from ..metrics.motion_encoder import load_shipped
+
+    ready = setting(
+        args.source,
+        args.output.parent,
+        bundle=args.bundle,
+        generator=args.generator,
+        rewards=args.reward,
+        yardstick=args.yardstick,
+        quality=args.quality,
+        alignment=args.alignment,
+        sampling={key: getattr(args, key) for key in ("temperature", "cooling", "top_p")},
+    )
+    if not ready.test:
+        raise MotionError(f"{args.source} holds no clip of split test; there is nothing to measure on")
+    prompts = PromptBook(ready.test, past=args.past, length=args.length).spread(args.prompts)
+    generators = {"untuned": ready.generator} | {
+        str(folder): Generator.load(folder) for folder in args.beside
+    }
+    found = compare(
+        generators, ready.tokenizer, prompts, ready.mix, load_shipped(), group=args.group, seed=args.seed
+    )
+    told = {"prompts": len(prompts), "group": args.group, "seed": args.seed, "found": found}
+    args.output.write_text(json.dumps(told, indent=1) + "\n")
+    print(json.dumps(told))
+    return 0

@@ -1,0 +1,52 @@
+"""Generators side by side: the same one gains nothing and costs nothing, another vocabulary is refused."""
+
+from pathlib import Path
+
+import pytest
+import torch
+from tests.align.scenes import yardstick
+from tests.align.tuning import clips
+
+from echoavatar.align.compare import compare
+from echoavatar.align.prompts import PromptBook
+from echoavatar.align.rewards import RewardMix
+from echoavatar.errors import CheckpointError
+from echoavatar.generator import Generator
+from echoavatar.metrics.motion_encoder import load_shipped
+from echoavatar.pipeline import load_bundle
+
+
+@pytest.fixture
+def parts(tiny_bundle: Path):
+    bundle = load_bundle(tiny_bundle)
+    prompts = PromptBook(clips(3, chunks=8), past=2, length=4).spread(3)
+    mix = RewardMix({"smoothness": 1.0}, yardstick())
+    return bundle, prompts, mix
+
+
+def test_the_same_generator_gains_nothing_and_another_diverges(parts):
+    bundle, prompts, mix = parts
+    other = Generator(bundle.generator.config)
+    other.load_state_dict(bundle.generator.state_dict())
+    with torch.no_grad():
+        other.lm_head.weight.mul_(3.0)
+    made = {"first": bundle.generator, "again": bundle.generator, "sharper": other}
+    found = compare(made, bundle.tokenizer, prompts, mix, load_shipped(), group=2)
+    assert list(found) == ["truth", "first", "again", "sharper"]
+    assert found["truth"]["fid"] == pytest.approx(0, abs=1e-2)
+    assert found["again"] == found["first"]
+    assert found["again"]["gain"] == (0.0, 0.0)
+    assert found["again"]["kl"] == pytest.approx(0, abs=1e-6)
+    assert found["sharper"]["kl"] > 1e-3
+    gained = found["sharper"]["reward"][0] - found["first"]["reward"][0]
+    assert found["sharper"]["gain"][0] == pytest.approx(gained, abs=1e-4)
+
+
+def test_another_vocabulary_is_refused(parts):
+    bundle, prompts, mix = parts
+    layout = bundle.generator.config.layout.model_copy(update={"audio_codes": 7})
+    foreign = Generator(bundle.generator.config.model_copy(update={"layout": layout}))
+    with pytest.raises(CheckpointError, match="another vocabulary"):
+        compare(
+            {"a": bundle.generator, "b": foreign}, bundle.tokenizer, prompts, mix, load_shipped(), group=2
+        )
