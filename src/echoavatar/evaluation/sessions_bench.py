@@ -5,6 +5,7 @@ serves them from its own threads, as in the server. So a run takes as long as it
 machine show.
 """
 
+import gc
 import threading
 import time
 from collections.abc import Callable
@@ -69,6 +70,7 @@ def summary(loads: list[Load]) -> dict[str, object]:
 
 
 def _serve(pipeline: Pipeline, count: int, seconds: float, last: Manner = "behaves") -> Load:
+    gc.collect()  # what the load before left behind
     before, each = resident_mb(), pipeline.chunk.seconds
     engine = Engine(pipeline, seats=count, look_ahead=8)
     guests = [_Guest(engine.open(seed=seat), seat) for seat in range(count)]
