@@ -19,6 +19,7 @@ from echoavatar.studio.store import sqlite_url
 PROGRAMS = [Path(path).parent for path in (shutil.which("initdb"),) if path] + sorted(
     Path("/usr/lib/postgresql").glob("*/bin"), reverse=True
 )
+STORES = ("sqlite", "postgresql")
 
 
 @pytest.fixture(scope="session")
@@ -67,12 +68,15 @@ def fresh_database(postgres: str) -> str:
     return postgres.format(name=name)
 
 
-@pytest.fixture(params=["sqlite", "postgresql"])
+def store_of(request: pytest.FixtureRequest) -> str | None:
+    """For a fixture with `STORES` as its parameters: the address of a new store, None for SQLite in the studio's folder."""
+    return fresh_database(request.getfixturevalue("postgres")) if request.param == "postgresql" else None
+
+
+@pytest.fixture(params=STORES)
 def url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
     """An empty store's address, of both kinds."""
-    if request.param == "sqlite":
-        return sqlite_url(tmp_path / "studio.db")
-    return fresh_database(request.getfixturevalue("postgres"))
+    return store_of(request) or sqlite_url(tmp_path / "studio.db")
 
 
 @pytest.fixture(scope="session")

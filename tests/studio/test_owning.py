@@ -53,7 +53,9 @@ def wanted(owner: OwnerPerson) -> int:
     return int(owner.get("/api/owner/studies").json()["studies"][0]["raters_wanted"])
 
 
-def test_leaving_out_twice_gives_out_once_and_taking_in_takes_it_back(maker: Maker, library, owner: OwnerPerson):
+def test_leaving_out_twice_gives_out_once_and_taking_in_takes_it_back(
+    maker: Maker, library, owner: OwnerPerson
+):
     study = canned.make_pairwise(maker, library)
     one, two = tokens(maker, study, 2)
     RaterPerson(owner.http.app).begin(one)

@@ -3,6 +3,7 @@
 import csv
 import json
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -11,6 +12,7 @@ pytest.importorskip("sqlalchemy")
 pytest.importorskip("psycopg")
 
 from tests.studio import canned  # noqa: E402
+from tests.studio.conftest import STORES, postgres, store_of  # noqa: E402, F401
 from tests.web.conftest import PageDriver  # noqa: E402
 from tests.web.studio_raters import NAMELESS, OUTSIDE, Studio  # noqa: E402
 
@@ -22,10 +24,18 @@ TASTE = Taste(worth={"Alpha": 0.8, "Beta": 0.0, "Gamma": -0.8})
 
 
 @pytest.fixture(scope="module")
-def studio(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Studio]:
-    library = tmp_path_factory.mktemp("library")
-    canned.library(library, sounds=8, seconds=1.0)
-    with Studio(canned.studio(tmp_path_factory.mktemp("studio")), library).serving() as served:
+def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("library")
+    canned.library(folder, sounds=8, seconds=1.0)
+    return folder
+
+
+@pytest.fixture(scope="module", params=STORES)
+def studio(request: pytest.FixtureRequest, library: Path, tmp_path_factory: Any) -> Iterator[Studio]:
+    """One studio on SQLite, then one on PostgreSQL: every test below runs on both."""
+    with Studio(
+        canned.studio(tmp_path_factory.mktemp("studio"), store_of(request)), library
+    ).serving() as served:
         yield served
 
 

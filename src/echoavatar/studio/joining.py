@@ -88,7 +88,9 @@ def forget(session: Session, rater: Rater, *, actor: str, why: str) -> None:
     else:
         invitation.is_revoked = True
     own = Block.rater_id == rater.id
-    session.execute(delete(Block).where(own) if rater.is_excluded else update(Block).where(own).values(rater_id=None))
+    session.execute(
+        delete(Block).where(own) if rater.is_excluded else update(Block).where(own).values(rater_id=None)
+    )
     note(session, actor, "rater deleted", study=study.public, detail=f"rater {rater.number}: {why}")
     session.delete(rater)
 
