@@ -69,7 +69,7 @@ def fresh_database(postgres: str) -> str:
 
 
 def store_of(request: pytest.FixtureRequest) -> str | None:
-    """For a fixture with `STORES` as its parameters: the address of a new store, None for SQLite in the studio's folder."""
+    """For a fixture whose parameters are `STORES`: a new store's address, None for SQLite in the studio's folder."""
     return fresh_database(request.getfixturevalue("postgres")) if request.param == "postgresql" else None
 
 

@@ -363,6 +363,23 @@ def test_without_a_good_link_the_page_says_what_to_do(studio, tab, path, title):
     rater.wait(f"document.querySelector('h1')?.textContent === {title!r}")
 
 
+def test_a_page_speaks_the_language_of_the_study(studio, tab):
+    """As far as the owner's file of words goes; the rest is said in English."""
+    words = studio.maker.media.parent / "words"
+    words.mkdir(exist_ok=True)
+    (words / "de.json").write_text('{"rate_agree": "Einverstanden, los geht es", "play_both": "Beide abspielen"}')
+    study = studio.pairwise(presentation="side_by_side", language="de-AT")
+    rater = tab()
+    rater.page.goto(studio.links(study)[0])
+    rater.see(".agree")
+    assert rater.page.inner_text(".agree") == "Einverstanden, los geht es"
+    assert rater.page.inner_text(".disagree") == "I do not agree"
+    assert rater.page.get_attribute("html", "lang") == "de"
+    rater.page.click(".agree")
+    rater.see(".task")
+    assert rater.page.inner_text(".controls .play") == "Beide abspielen"
+
+
 def test_a_busy_studio_is_waited_for(studio, tab):
     study = studio.pairwise(presentation="side_by_side")
     rater, refused = tab(), []
