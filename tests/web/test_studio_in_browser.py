@@ -12,7 +12,7 @@ pytest.importorskip("psycopg")
 
 from tests.studio import canned  # noqa: E402
 from tests.studio.conftest import STORES, postgres, store_of  # noqa: E402, F401
-from tests.web.studio_raters import NAMELESS, OUTSIDE, RaterTab, Studio, new_tab  # noqa: E402
+from tests.web.studio_raters import NAMELESS, OUTSIDE, PALE, RaterTab, Studio, new_tab  # noqa: E402
 
 pytestmark = pytest.mark.browser
 
@@ -367,7 +367,9 @@ def test_a_page_speaks_the_language_of_the_study(studio, tab):
     """As far as the owner's file of words goes; the rest is said in English."""
     words = studio.maker.media.parent / "words"
     words.mkdir(exist_ok=True)
-    (words / "de.json").write_text('{"rate_agree": "Einverstanden, los geht es", "play_both": "Beide abspielen"}')
+    (words / "de.json").write_text(
+        '{"rate_agree": "Einverstanden, los geht es", "play_both": "Beide abspielen"}'
+    )
     study = studio.pairwise(presentation="side_by_side", language="de-AT")
     rater = tab()
     rater.page.goto(studio.links(study)[0])
@@ -397,24 +399,26 @@ def test_a_busy_studio_is_waited_for(studio, tab):
 
 
 @pytest.mark.parametrize(
-    ("kind", "width", "height"),
+    ("kind", "width", "height", "colours"),
     [
-        ("pairwise", 360, 640),
-        ("pairwise", 844, 390),
-        ("pairwise", 1280, 800),
-        ("preference", 390, 844),
-        ("preference", 1280, 800),
+        ("pairwise", 360, 640, "light"),
+        ("pairwise", 844, 390, "dark"),
+        ("pairwise", 1280, 800, "light"),
+        ("preference", 390, 844, "dark"),
+        ("preference", 1280, 800, "light"),
     ],
 )
-def test_nothing_is_cut_off_and_everything_has_a_name(studio, tab, kind, width, height, tmp_path):
+def test_nothing_is_cut_off_or_pale_and_everything_has_a_name(
+    studio, tab, kind, width, height, colours, tmp_path
+):
     study = studio.pairwise() if kind == "pairwise" else studio.preference()
-    rater = tab(width, height)
+    rater = tab(width, height, color_scheme=colours)
     rater.page.goto(studio.links(study)[0])
     rater.see(".agree")
-    assert rater.ask(OUTSIDE) == []
+    assert rater.ask(OUTSIDE) == rater.ask(PALE) == []
     rater.page.click(".agree")
     rater.see(".task")
-    assert rater.ask(OUTSIDE) == []
+    assert rater.ask(OUTSIDE) == rater.ask(PALE) == []
     assert rater.ask(NAMELESS) == []
     assert rater.ask("document.activeElement.tagName") == "H1"
     assert rater.ask("document.documentElement.scrollWidth <= innerWidth")

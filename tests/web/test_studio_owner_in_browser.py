@@ -14,7 +14,7 @@ pytest.importorskip("psycopg")
 from tests.studio import canned  # noqa: E402
 from tests.studio.conftest import STORES, postgres, store_of  # noqa: E402, F401
 from tests.web.conftest import PageDriver  # noqa: E402
-from tests.web.studio_raters import NAMELESS, OUTSIDE, Studio  # noqa: E402
+from tests.web.studio_raters import NAMELESS, OUTSIDE, PALE, Studio  # noqa: E402
 
 from echoavatar.studio.owning import Desk  # noqa: E402
 from echoavatar.studio.simulate import Taste, simulate  # noqa: E402
@@ -222,14 +222,18 @@ def test_signing_out_ends_the_session(studio, owner):
     assert owner.page.query_selector(".top") is None
 
 
-@pytest.mark.parametrize(("width", "height"), [(360, 640), (1280, 800)])
-def test_nothing_is_cut_off_and_everything_has_a_name(studio, judged, owner, width, height, tmp_path):
+@pytest.mark.parametrize(("width", "height", "colours"), [(360, 640, "dark"), (1280, 800, "light")])
+def test_nothing_is_cut_off_or_pale_and_everything_has_a_name(
+    judged, owner, width, height, colours, tmp_path
+):
     owner.page.set_viewport_size({"width": width, "height": height})
+    owner.page.emulate_media(color_scheme=colours)
     tabs = ("overview", "invite", "raters", "results", "settings")
     places = [("new",), ("audit",), *(("study", judged, tab) for tab in tabs)]
     for place in places:
         owner.go(*place)
         assert owner.ask(OUTSIDE) == [], place
+        assert owner.ask(PALE) == [], place
         assert owner.ask(NAMELESS) == [], place
         assert owner.ask("document.documentElement.scrollWidth <= innerWidth"), place
         owner.page.screenshot(path=tmp_path / f"{place[-1]}-{width}.png", full_page=True)
