@@ -68,8 +68,8 @@ def _exchange(
 ) -> None:
     """Two trials of two blocks change places, again and again, unless the design would be worse for it.
 
-    Worse is: more that is alike (same system, same sound) within blocks, or else pairs of trials that meet more unequally
-    often (sum of squares of `together`). Changes that make neither better nor worse lead out of dead ends.
+    Worse is: more that is alike (same system, same sound) within blocks, or else pairs of trials that meet less evenly
+    (sum of squares of `together`). Changes that make it neither better nor worse lead out of dead ends.
     """
     inside = np.zeros((len(found), len(groups)), int)
     for row, block in enumerate(found):
