@@ -1,4 +1,4 @@
-"""`echoavatar train`: codec, tokenizer, generator, face, pulse in this order; fingers, FID's extractor. Each resumes."""
+"""`echoavatar train`: codec, tokenizer, generator, face, pulse in this order; fingers, FID extractor. Each resumes."""
 
 import argparse
 import os

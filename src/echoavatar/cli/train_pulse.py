@@ -20,7 +20,8 @@ def add_arguments(parser: argparse.ArgumentParser, options: Options, seed: str) 
 def train(args: argparse.Namespace, settings: Settings, card: dict[str, object], how: dict[str, Any]) -> None:
     """Train on the clips of split "train", mirror images left out: they sound the same."""
     from ..data import Corpus
-    from ..pulse.config import PulseConfig, PulseTraining
+    from ..pulse import PulseConfig
+    from ..pulse.recipe import PulseTraining
     from ..pulse.train import train_pulse
 
     corpus = Corpus(args.source)

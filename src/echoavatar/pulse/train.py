@@ -8,9 +8,10 @@ import torch.nn.functional as F
 
 from ..data import Clip
 from ..training import Loss, Progress, Stage, train
-from .config import PulseConfig, PulseTraining
+from .config import PulseConfig
 from .lesson import PulseBatch, PulseSampler
 from .model import PulseModel
+from .recipe import PulseTraining
 
 
 class PulseStage(Stage[PulseBatch]):
