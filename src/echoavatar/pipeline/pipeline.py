@@ -1,7 +1,7 @@
 """One chunk of audio in, one chunk of motion out, for many sessions at once (paper, Real-time Deployment).
 
-    level control -> codec -> generator -> tokenizer decoder -> rig -> timing -> post: calm, ground, leash, feet, hands
-                  -> pulse, where the bundle has a pulse model ------------^
+    level control -> codec -> generator -> tokenizer decoder -> rig -> post: calm, ground, leash, feet, hands -> timing
+                  -> pulse, where the bundle has a pulse model ---------------------------------------------------^
                   -> face, where the bundle has a face model
 
 Offline and live are the same: a file is a session that is pushed faster. Nothing here depends on the wall clock.
@@ -43,7 +43,7 @@ BIAS = 14.0  # nats that an action of intensity 1 adds to the logits of its code
 LEARNED_BIAS = 12.0  # the same, beside what a generator trained with exemplars does by itself
 SILENCE = 0.003  # root mean square of a chunk behind the level control, -50 dBFS, below which nobody is heard
 # in silence a share of the temperature: at full heat one draw in a hundred leaves the rest, and hands never settle
-STAGES = ("level", "face", "codec", "generator", "decoder", "rig", TIMING, *POST_STAGES)
+STAGES = ("level", "face", "codec", "generator", "decoder", "rig", *POST_STAGES, TIMING)
 
 
 @dataclass
@@ -101,7 +101,7 @@ class Pipeline:
         self.tokenizer = bundle.tokenizer
         chosen = set(runtime.stages if stages is None else stages)
         self.pulse = bundle.pulse if TIMING in chosen else None
-        self.retime = Retime(self.skeleton) if self.pulse else None
+        self.retime = Retime(self.skeleton.joints) if self.pulse else None
         self.post = Post(self.skeleton, stages=chosen - {TIMING}, body=body)
         self.face = FaceStream(bundle.face) if bundle.face else None
         self.actions = bundle.actions
@@ -225,14 +225,14 @@ class Pipeline:
         if self.rig is not None:
             features = self.rig.step(features, state.rig[0], active)
         self.lap("rig")
-        if self.pulse and self.retime:
-            brake = self.pulse.step(level, state.timing[0].pulse, active)
-            features = self.retime.step(features, brake, state.timing[0].retime, active)
-        self.lap(TIMING)
         pieces: tuple[Tensor, ...] = torch.split(features, CHUNK_FRAMES, 1)
         lap = None if self.lap is _no_lap else self.lap
         parts = [self.post.step(piece, state.post, active, lap) for piece in pieces]
         chunks = parts[0] if len(parts) == 1 else [join(row) for row in zip(*parts, strict=True)]
+        if self.pulse and self.retime:
+            brake = self.pulse.step(level, state.timing[0].pulse, active)
+            chunks = self.retime.step(chunks, brake, state.timing[0].retime, active)
+        self.lap(TIMING)
         return chunks if face is None else [c._replace(face=f) for c, f in zip(chunks, face, strict=True)]
 
 

@@ -11,8 +11,8 @@ class PulseConfig(Config):
 
     encoder: MelConfig = Field(default=MelConfig(width=96, past=15), description="what it hears with")
     sharpness: float = Field(
-        default=2.0,
+        default=1.5,
         gt=0,
         description="by which logits are multiplied when used: half a dip in time helps little",
     )
-    eagerness: float = Field(default=1.0, description="added to them then: a dip too many costs little")
+    eagerness: float = Field(default=0.5, description="added to them then: a dip too many costs little")
