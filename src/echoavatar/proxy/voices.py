@@ -69,8 +69,8 @@ class Voice:
         self._rest = np.concatenate([self._rest, new])
         made = []
         while len(self._rest) >= self.chunk.samples:
-            made.append(self._rest[:self.chunk.samples])
-            self._rest = self._rest[self.chunk.samples:]
+            made.append(self._rest[: self.chunk.samples])
+            self._rest = self._rest[self.chunk.samples :]
             self._chunks[self._made] = made[-1]
             self._made += 1
         return made
