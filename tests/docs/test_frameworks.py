@@ -6,6 +6,7 @@ ask for what a newcomer lacks. Hosted services are a port on this machine.
 
 import ast
 import importlib.metadata
+import importlib.util
 import os
 import re
 import shlex
@@ -141,3 +142,36 @@ def test_talking_with_elevenlabs_asks_for_its_key() -> None:
     pytest.importorskip("elevenlabs")
     [line] = commands("python integrations/elevenlabs/examples/talk.py")
     assert "ELEVENLABS_API_KEY" in says(shlex.split(line)[1:], "ELEVENLABS_API_KEY")
+
+
+def test_talking_with_elevenlabs_is_a_conversation(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The example as it stands, with a scripted service, a loudspeaker that remembers, and a body of twenty lines."""
+    pytest.importorskip("elevenlabs")
+    from elevenlabs import ElevenLabs
+    from tests.integrations import test_elevenlabs as scene
+
+    from echoavatar.integrations.elevenlabs import AvatarAudioInterface
+
+    spec = importlib.util.spec_from_file_location("talk", ROOT / "integrations/elevenlabs/examples/talk.py")
+    assert spec is not None
+    assert spec.loader is not None
+    example, device = importlib.util.module_from_spec(spec), scene.Device()
+    spec.loader.exec_module(example)
+
+    def script(talk: scene.Talk) -> None:
+        talk.speak(scene.tone(1.0, 16_000), 16_000)
+        scene.wait(lambda: len(device.heard) > 12_000)
+        assert not talk.call("send_action", action="wave")["is_error"]
+
+    with scene.service(script) as url:
+        monkeypatch.setattr(example, "DefaultAudioInterface", lambda: device)
+        monkeypatch.setattr(example, "ElevenLabs", lambda api_key: ElevenLabs(api_key=api_key, base_url=url))
+        monkeypatch.setattr(
+            example,
+            "AvatarAudioInterface",
+            lambda _, **given: AvatarAudioInterface(scene.engine(), **given | {"page_port": None}),
+        )
+        monkeypatch.setattr(sys, "argv", ["talk.py", "agent"])
+        monkeypatch.setenv("ELEVENLABS_API_KEY", "none")
+        example.main()
+    assert len(device.heard) > 12_000
