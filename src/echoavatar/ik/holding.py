@@ -17,7 +17,7 @@ from ..kinematics.rigs import bone_map
 from ..kinematics.rotations import quaternion_from_matrix
 from ..kinematics.touching import carried, falling, find_arm
 from .hand import hand_points
-from .profile import BodyProfile
+from .profile import BodyProfile, RoundedPart
 
 NEAR, FAR = 0.3, 1.3  # hand lengths of air: up to the one it touches, from the other on it does not
 HANGING, BENT = 0.45, 0.9  # radians of the elbow: up to the one an arm hangs, from the other on it does not
@@ -33,15 +33,19 @@ def keep_hands_on_body(source: Motion, moved: Motion, theirs: BodyProfile, ours:
         return moved
     shared = maps[0].keys() & maps[1].keys()
     poses = [_pose(motion) for motion in (source, moved)]
-    parts = [
+    parts: list[str] = [
         part.bone
         for part in theirs.parts
         if part.bone in {p.bone for p in ours.parts} and part.bone in shared
     ]
     turns = moved.matrices().double()
-    axes = poses[1].rotations[
-        :, [maps[1][bone] for bone in parts]
-    ]  # the same on both, whatever the source's rest
+    bodies = [
+        _body(profile, parts, bones, pose)
+        for profile, bones, pose in zip((theirs, ours), maps, poses, strict=True)
+    ]
+    (places, centres, radii), (our_places, our_centres, our_radii) = bodies
+    joints = [maps[1][bone] for bone in parts]
+    axes = poses[1].rotations[:, joints]  # of the source's parts too, whatever its rest pose is
     for side in ("left", "right"):
         arm = find_arm(source.skeleton, side)
         elbow = _bend(poses[0], arm.upper, arm.lower, arm.hand)
@@ -49,12 +53,7 @@ def keep_hands_on_body(source: Motion, moved: Motion, theirs: BodyProfile, ours:
             _points(motion.skeleton, {name: bones[name] for name in shared}, side, pose, profile)
             for motion, bones, pose, profile in zip((source, moved), maps, poses, (theirs, ours), strict=True)
         ]
-        bodies = [
-            _body(profile, parts, bones, pose)
-            for profile, bones, pose in zip((theirs, ours), maps, poses, strict=True)
-        ]
         (points, thick), (our_points, our_thick) = hands
-        (places, centres, radii), (our_places, our_centres, our_radii) = bodies
         away = torch.einsum("teij,tpei->tpej", axes, points[:, :, None] - places[:, None]) - centres
         wide = radii + thick[:, None, None]
         unit = away / wide
@@ -97,7 +96,7 @@ def _body(
     profile: BodyProfile, parts: list[str], bones: dict[str, int], pose: Pose
 ) -> tuple[Float[Tensor, "t e 3"], Float[Tensor, "e 3"], Float[Tensor, "e 3"]]:
     """World places of the bones that carry the parts; centres and radii of the parts in their axes."""
-    known = {part.bone: part for part in profile.parts}
+    known: dict[str, RoundedPart] = {part.bone: part for part in profile.parts}
     centres = torch.tensor([known[bone].centre for bone in parts]).double()
     radii = torch.tensor([known[bone].radii for bone in parts]).double()
     return pose.positions[:, [bones[bone] for bone in parts]], centres, radii
