@@ -17,7 +17,7 @@ test: .venv-test/ready
 
 # Pipecat, LiveKit and ElevenLabs together in one environment; no network is used once it stands, and no keys.
 integration-test: .venv-integrations/ready
-	OMP_NUM_THREADS=1 .venv-integrations/bin/pytest -W default tests/integrations
+	OMP_NUM_THREADS=1 .venv-integrations/bin/pytest -W default tests/integrations tests/docs/test_frameworks.py
 
 .venv-integrations/ready: pyproject.toml constraints.txt $(wildcard integrations/*/pyproject.toml)
 	$(PYTHON) -m venv .venv-integrations

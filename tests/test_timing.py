@@ -20,4 +20,11 @@ def test_a_chunk_may_have_another_size() -> None:
     three = timing.ChunkSize(3)
     assert (three.frames, three.samples, three.seconds) == (12, 9_600, 0.4)
     assert (three.within(1.0), timing.CHUNK.within(1.0), three.within(0.0)) == (2, 4, 1)
+    assert timing.ChunkSize.of(9_600) == three
     assert (timing.CHUNK.frames, timing.CHUNK.samples) == (timing.CHUNK_FRAMES, timing.CHUNK_SAMPLES)
+
+
+@pytest.mark.parametrize("samples", [0, -3_200, 5_000])
+def test_a_chunk_is_whole_tokens(samples: int) -> None:
+    with pytest.raises(ValueError, match="multiple|some samples"):
+        timing.ChunkSize.of(samples)

@@ -36,6 +36,17 @@ class ChunkSize:
 
     tokens: int = MOTION_TOKENS_PER_CHUNK
 
+    @classmethod
+    def of(cls, samples: int) -> "ChunkSize":
+        """By its samples of sound, as a server names it.
+
+        Raises:
+            ValueError: that is no whole number of motion tokens.
+        """
+        if samples < 1:
+            raise ValueError(f"a chunk has some samples, not {samples}")
+        return cls(exact_div(samples, SAMPLES_PER_MOTION_TOKEN))
+
     @property
     def frames(self) -> int:
         """Of motion, 30 a second."""

@@ -1,17 +1,29 @@
-"""The pages on voice agents tell the truth: commands exist, examples are Python, links lead somewhere."""
+"""The pages on voice agents tell the truth: commands exist, examples run, links lead somewhere."""
 
 import argparse
 import ast
+import asyncio
 import importlib
 import json
 import re
 import shlex
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from tests.proxy.places import proxied, stage, tone
+from tests.server.fakes import Place, serving
 
 from echoavatar.cli import COMMANDS, _module
 from echoavatar.proxy import added, events
+from echoavatar.proxy.scripted import Part
+from echoavatar.wire import ActionStatus, Hello
 
 ROOT = Path(__file__).parents[2]
 NAMES = ("openai_realtime", "mcp", "local_agent")
@@ -56,3 +68,77 @@ def test_every_variable_of_the_companion_is_on_its_page() -> None:
     names = set(re.findall(r'"(ECHOAVATAR_\w+)"', source))
     assert len(names) == 5
     assert [name for name in names if name not in PAGES["local_agent"]] == []
+
+
+def example(name: str, **replaced: str) -> str:
+    """The page's program, with other addresses."""
+    [code] = re.findall(r"```python\n(.*?)```", PAGES[name], re.S)
+    for old, new in replaced.values():
+        assert old in code
+        code = code.replace(old, new)
+    return str(code)
+
+
+@contextmanager
+def conversation(place: Place) -> Iterator[str]:
+    """The proxy's address, before a scripted voice, in a thread of its own."""
+    there, over, told = threading.Event(), threading.Event(), []
+
+    async def greet(part: Part) -> None:
+        """One second, when asked and the avatar is there; then the voice hangs up."""
+        await part.until("response.create")
+        while not place.house.sessions:  # noqa: ASYNC110
+            await asyncio.sleep(0.1)
+        await asyncio.sleep(1.0)
+        await part.say(tone(1.0), pace=1.0)
+        await asyncio.sleep(2.0)
+        await part.line.close()
+
+    async def stand() -> None:
+        async with proxied(greet, place.address) as (url, _, _):
+            told.append(url)
+            there.set()
+            await asyncio.to_thread(over.wait)
+
+    thread = threading.Thread(target=lambda: asyncio.run(stand()), daemon=True)
+    thread.start()
+    assert there.wait(20)
+    yield told[0]
+    over.set()
+    thread.join(20)
+
+
+def test_the_example_with_openais_client_shows_frames(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("openai")
+    monkeypatch.setenv("OPENAI_API_KEY", "sk-test")
+    with stage() as place, conversation(place) as url:
+        code = example("openai_realtime", url=("ws://127.0.0.1:8766/v1", url.removesuffix("/realtime")))
+        exec(compile(code, "openai_realtime.md", "exec"), {})
+    printed = capsys.readouterr().out.splitlines()
+    assert printed[:2] == ["item_1 0 8", "item_1 8 8"]
+
+
+def test_the_example_with_mcps_client_makes_the_avatar_bow(capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("mcp")
+    [line] = [line for line in commands() if "mcp --http" in line]
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = str(probe.getsockname()[1])
+    words = [port if word == "8767" else word for word in shlex.split(line, comments=True)]
+    code = example("mcp", url=("8767", port))
+    with serving() as place, place.call(Hello()) as caller:
+        server = subprocess.Popen([sys.executable, "-m", *words, "--server", place.address])
+        try:
+            for _ in range(300):
+                with socket.socket() as line_:
+                    if line_.connect_ex(("127.0.0.1", int(port))) == 0:
+                        break
+                time.sleep(0.1)
+            exec(compile(code, "mcp.md", "exec"), {})
+        finally:
+            server.terminate()
+            server.wait(20)
+        assert caller.until(ActionStatus).name == "bow"
+    assert "accepted" in capsys.readouterr().out

@@ -42,6 +42,13 @@ def places():
     return {name: [head.x, head.z, -head.y] for name, head in heads.items()}
 
 
+def ahead():
+    """1 where it faces the camera's usual side, -1 where it faces away, as VRM 0.x does."""
+    x = {name.lower().replace("upper", ""): place[0] for name, place in places().items()}
+    left, right = (next(x[name] for name in x if name.endswith(f"{side}arm")) for side in ("left", "right"))
+    return 1.0 if left > right else -1.0
+
+
 action = rig.animation_data.action
 last = int(action.frame_range[1])
 sampled = sorted({*range(int(action.frame_range[0]), last + 1, 10), *frames})
@@ -82,7 +89,7 @@ if pictures:
         heads = [Vector(place) for place in places().values()]
         tall = max(head.y for head in heads) + 0.25
         middle = sum((Vector((h.x, -h.z, 0)) for h in heads), Vector()) / len(heads)
-        camera.location = middle + Vector((1.0, -2.6, 1.15)) * tall * 0.75
+        camera.location = middle + Vector((1.0 * ahead(), -2.6 * ahead(), 1.15)) * tall * 0.75
         aim = middle + Vector((0, 0, tall * 0.52)) - camera.location
         camera.rotation_euler = aim.to_track_quat("-Z", "Y").to_euler()
         scene.render.filepath = pictures[0].replace(".png", f"-{frame}.png")

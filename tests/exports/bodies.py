@@ -26,6 +26,26 @@ _CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)],
 _FACES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
 CORNERS = _CUBE[_FACES].reshape(-1, 3)
 TRIANGLES = np.arange(24).reshape(6, 4)[:, [0, 1, 2, 0, 2, 3]].reshape(-1)
+_RINGS = np.linspace(-np.pi / 2, np.pi / 2, 9)
+_TURNS = np.linspace(0, 2 * np.pi, 13)
+
+
+def _round() -> np.ndarray:
+    """A ball of diameter 1, in quads."""
+
+    def point(ring: int, turn: int) -> list[float]:
+        high, round_ = _RINGS[ring], _TURNS[turn]
+        return [np.cos(high) * np.sin(round_) / 2, np.sin(high) / 2, np.cos(high) * np.cos(round_) / 2]
+
+    quads = [
+        [point(ring, turn), point(ring, turn + 1), point(ring + 1, turn + 1), point(ring + 1, turn)]
+        for ring in range(8)
+        for turn in range(12)
+    ]
+    return np.array(quads).reshape(-1, 3)
+
+
+ROUND = _round()
 _AS_VRM0 = {"ThumbMetacarpal": "ThumbProximal", "ThumbProximal": "ThumbIntermediate"}
 
 
@@ -179,12 +199,12 @@ def _character(
 
 
 def _body(buffer: Buffer, places: np.ndarray, ahead: float, head: float) -> dict[str, Any]:
-    """A box from each joint to its parent, turned along it; a head, and soles on the floor."""
+    """A box from each joint to its parent, turned along it; a trunk, a head, and soles on the floor."""
     points, owners = [], []
 
     def box(joint: int, corners: np.ndarray) -> None:
         points.append(corners)
-        owners.extend([joint] * 24)
+        owners.extend([joint] * len(corners))
 
     for joint, parent in enumerate(HUMANOID.parents):
         if parent < 0:
@@ -198,7 +218,14 @@ def _body(buffer: Buffer, places: np.ndarray, ahead: float, head: float) -> dict
         frame = np.stack([axis, side, np.cross(axis, side)], 1)
         box(parent, (CORNERS * [length, thick, thick]) @ frame.T + (places[joint] + places[parent]) / 2)
     skull = NAMES.index("head")
-    box(skull, CORNERS * np.array([0.16, 0.22, 0.19]) * head + places[skull] + [0, 0.1 * head, 0.02 * ahead])
+    box(skull, ROUND * np.array([0.16, 0.22, 0.19]) * head + places[skull] + [0, 0.1 * head, 0.02 * ahead])
+    broad = 0.6 * abs(places[NAMES.index("leftUpperArm"), 0])
+    for bone, wide in (("hips", 1.5), ("spine", 1.25), ("chest", 1.4), ("upperChest", 1.6)):
+        joint = NAMES.index(bone)
+        tall = 1.6 * (places[joint + 1] - places[joint])[1]
+        box(
+            joint, ROUND * [2 * wide * broad, 2 * tall, 1.5 * wide * broad] + places[joint] + [0, tall / 2, 0]
+        )
     for side in ("left", "right"):
         ankle, toes = (NAMES.index(f"{side}{part}") for part in ("Foot", "Toes"))
         middle = (places[ankle] + places[toes]) / 2
@@ -215,7 +242,7 @@ def _body(buffer: Buffer, places: np.ndarray, ahead: float, head: float) -> dict
         "JOINTS_0": buffer.add(joints),
         "WEIGHTS_0": buffer.add(weights),
     }
-    triangles = np.concatenate([TRIANGLES + 24 * k for k in range(len(points))]).astype(np.uint16)
+    triangles = np.concatenate([TRIANGLES + 24 * k for k in range(len(positions) // 24)]).astype(np.uint16)
     return {"primitives": [{"attributes": attributes, "indices": buffer.add(triangles), "material": 0}]}
 
 
@@ -231,7 +258,8 @@ def _mouth(buffer: Buffer, head: float) -> dict[str, Any]:
 
 def _normals(positions: np.ndarray) -> np.ndarray:
     a, b, c = (positions.reshape(-1, 4, 3)[:, i] for i in range(3))
-    normals = np.cross(b - a, c - a)
+    d = positions.reshape(-1, 4, 3)[:, 3]
+    normals = np.cross(c - a, d - b)  # of the diagonals: a quad at a pole has two corners in one place
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     return np.repeat(normals, 4, axis=0).astype(np.float32)
 

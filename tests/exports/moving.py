@@ -1,11 +1,21 @@
-"""Motion made by hand, whose contacts are known: a body that claps and steps from side to side."""
+"""Motion made by hand, whose contacts are known: a body that steps from side to side, claps, or touches itself."""
+
+from typing import NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from echoavatar.ik import BodyProfile, HandGuard, body_of_rig
 from echoavatar.kinematics import HUMANOID, Motion, forward_kinematics
-from echoavatar.kinematics.rotations import matrix_from_axis_angle, quaternion_from_matrix
+from echoavatar.kinematics.rigs import bone_map
+from echoavatar.kinematics.rotations import (
+    matrix_from_axis_angle,
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+    slerp,
+)
+from echoavatar.kinematics.touching import palms
 from echoavatar.kinematics.two_bone import reach
 
 FPS = 30.0
@@ -14,6 +24,79 @@ CLAP_SECONDS, STEP_SECONDS = 0.8, 1.0
 
 def clapping(seconds: float = 6.0) -> Motion:
     """Palms meet every 0.8 s at 2 cm; every second one foot steps 12 cm aside, lifted by 7 cm."""
+    time, turns, root = _stepping(seconds)
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        turns = _limb(turns, root, side, "Arm", "Hand", *_hand(time, sign, root))
+    return _motion(turns, root)
+
+
+class Touch(NamedTuple):
+    """A palm that lies on a part of our character's body, from one second to another."""
+
+    side: str
+    bone: str
+    towards: tuple[float, float, float]  # where on the part, in shares of its half axes
+    fingers: tuple[float, float, float]  # where they point
+    start: float
+    stop: float
+
+
+TOUCHES = (
+    Touch("left", "head", (0.88, -0.2, 0.45), (-0.1, 0.9, 0.25), 0.8, 2.0),
+    Touch("right", "hips", (-0.9, 0.45, 0.2), (0.25, -0.45, 0.85), 0.8, 2.0),
+    Touch("left", "spine", (0.25, 0.0, 1.0), (-0.95, 0.1, 0.2), 3.2, 4.4),
+    Touch("right", "upperChest", (0.2, 0.1, 1.0), (0.85, 0.4, 0.2), 3.2, 4.4),
+)
+
+
+def felt(motion: Motion, profile: BodyProfile, touch: Touch) -> tuple[np.ndarray, np.ndarray]:
+    """Where on its part the palm is while it touches, in shares of the part's half axes; and these, with the palm."""
+    frames = slice(round((touch.start + 0.1) * FPS), round((touch.stop - 0.1) * FPS))
+    part = next(part for part in profile.parts if part.bone == touch.bone)
+    pose, joint = motion.pose(), bone_map(motion.skeleton)[touch.bone]
+    away = palms(motion)[frames, int(touch.side == "right")].numpy() - pose.positions[frames, joint].numpy()
+    local = np.einsum("tij,ti->tj", pose.rotations[frames, joint].numpy(), away) - part.centre
+    radii = np.array(part.radii) + profile.palm
+    return local / radii, radii
+
+
+def touching(seconds: float = 5.2) -> Motion:
+    """A hand on the cheek and one on the hip; then one on the belly and one on the heart."""
+    time, turns, root = _stepping(seconds)
+    pose = forward_kinematics(HUMANOID, turns, root)
+    body = body_of_rig(HUMANOID)
+    parts = {part.bone: part for part in body.parts}
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        ahead, inward = torch.tensor([0.0, 0.3, 0.95]).double(), torch.tensor([-sign, 0.0, 0.0]).double()
+        palm = root + torch.tensor([sign * 0.26, 0.15, 0.34]).double()
+        hand = quaternion_from_matrix(_facing(sign, ahead, inward)).expand(len(time), 4)
+        for touch in (touch for touch in TOUCHES if touch.side == side):
+            part, joint = parts[touch.bone], HUMANOID.index(touch.bone)
+            towards = torch.tensor(touch.towards).double()
+            on = torch.tensor(part.centre) + (torch.tensor(part.radii) + body.palm) * towards / towards.norm()
+            place = pose.positions[:, joint] + pose.rotations[:, joint] @ on.double()
+            normal = -towards / torch.tensor(part.radii).double()
+            turn = pose.rotations[:, joint] @ _facing(sign, torch.tensor(touch.fingers).double(), normal)
+            share = _eased((time - touch.start + 0.6) / 0.6) - _eased((time - touch.stop) / 0.6)
+            palm = palm + share[:, None] * (place - palm)
+            hand = slerp(hand, quaternion_from_matrix(turn), share)
+        turns = _limb(turns, root, side, "Arm", "Hand", *_wrist(sign, palm, matrix_from_quaternion(hand)))
+    free = (
+        HandGuard(HUMANOID, body).step(turns[None].float())[0].double()
+    )  # fingers are straight: they may be inside
+    return _motion(free, root)
+
+
+def _facing(sign: float, fingers: Tensor, palm: Tensor) -> Tensor:
+    """Rotation of a hand whose fingers point so and whose palm looks as nearly so as it can."""
+    along = sign * fingers / fingers.norm()
+    up = -(palm - (palm @ along) * along)
+    up = up / up.norm()
+    return torch.stack([along, up, torch.linalg.cross(along, up)], 1)
+
+
+def _stepping(seconds: float) -> tuple[Tensor, Tensor, Tensor]:
+    """Times, rotations and root of a body that sways and steps; its arms are at rest."""
     time = torch.arange(round(seconds * FPS), dtype=torch.double) / FPS
     turns = torch.eye(3).double().repeat(len(time), HUMANOID.joints, 1, 1)
     sway = torch.sin(2 * torch.pi * time / (2 * STEP_SECONDS))
@@ -22,8 +105,10 @@ def clapping(seconds: float = 6.0) -> Motion:
     root = torch.stack([0.05 * sway, 0.91 + 0 * time, 0 * time], 1)
     for side, sign in (("left", 1.0), ("right", -1.0)):
         turns = _limb(turns, root, side, "Leg", "Foot", _foot(time, sign), torch.eye(3).double())
-    for side, sign in (("left", 1.0), ("right", -1.0)):
-        turns = _limb(turns, root, side, "Arm", "Hand", *_hand(time, sign, root))
+    return time, turns, root
+
+
+def _motion(turns: Tensor, root: Tensor) -> Motion:
     rotations = quaternion_from_matrix(turns).numpy().astype(np.float32)
     return Motion(HUMANOID, rotations, root.numpy().astype(np.float32), FPS)
 
@@ -63,10 +148,15 @@ def _hand(time: Tensor, sign: float, root: Tensor) -> tuple[Tensor, Tensor]:
     ahead = torch.tensor([0.0, 0.5, 0.8660254]).double()
     inward = torch.tensor([-sign, 0.0, 0.0]).double()
     columns = [sign * ahead, -inward, torch.linalg.cross(sign * ahead, -inward)]
-    hand = torch.stack(columns, 1)
+    hand = torch.stack(columns, 1).expand(len(time), 3, 3)
     open_ = 0.5 - 0.5 * torch.cos(2 * torch.pi * time / CLAP_SECONDS)
     palm = torch.stack([sign * (0.01 + 0.22 * open_), 1.2 + 0 * time, 0.32 + 0 * time], 1)
     palm[:, 0] += root[:, 0]
+    return _wrist(sign, palm, hand)
+
+
+def _wrist(sign: float, palm: Tensor, hand: Tensor) -> tuple[Tensor, Tensor]:
+    """The place of the wrist whose palm is there."""
     offset = (
         0.8 * HUMANOID.offsets[HUMANOID.index("leftMiddleProximal")].double() * torch.tensor([sign, 1, 1])
     )

@@ -4,12 +4,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.exports.moving import claps
+from tests.exports.moving import TOUCHES, claps, felt, touching
 
 from echoavatar.errors import MotionError
 from echoavatar.exports import Rig, Take, read_rig
+from echoavatar.ik import body_of_rig, penetration_depth_m
 from echoavatar.kinematics import HUMANOID, Motion, write_bvh
 from echoavatar.kinematics.footing import foot_contacts
+from echoavatar.kinematics.retarget import retarget
 from echoavatar.kinematics.rigs import bone_map
 from echoavatar.kinematics.touching import palms
 
@@ -55,6 +57,29 @@ def test_palms_that_meet_still_meet(put: tuple[Rig, Motion], take: Take) -> None
         near = gap[max(0, round(moment) - 2) : round(moment) + 3].min()
         assert near == pytest.approx(0.02 * hand / ours, abs=0.005)
     assert gap.max() > 3 * hand
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_hands_that_rest_on_the_body_still_do_and_none_is_inside(kind: str, rigs) -> None:  # type: ignore[no-untyped-def]
+    """Cheek, hip, belly and heart: each palm within 2 cm of the same place on the same part of another body."""
+    rig, source = read_rig(rigs[kind]), touching()
+    plain, motion = retarget(source, rig.skeleton), rig.put(Take(source, None, None)).motion
+    assert penetration_depth_m(rig.skeleton, motion.matrices(), rig.body).max() < 1e-3
+    missed, by_rotations_alone = [], []
+    for touch in TOUCHES:
+        place, _ = felt(source, body_of_rig(HUMANOID), touch)
+        for moved, found in ((motion, missed), (plain, by_rotations_alone)):
+            there, radii = felt(moved, rig.body, touch)
+            found.append(np.linalg.norm((there - place) * radii, axis=-1).max())
+    assert max(missed) < 0.02
+    assert max(by_rotations_alone) > {"child": 0.10, "tall": 0.018, "longarm": 0.15}[kind]
+
+
+def test_a_body_is_measured_where_there_is_a_mesh(rigs) -> None:  # type: ignore[no-untyped-def]
+    child = read_rig(rigs["child"])
+    head = next(part for part in child.body.parts if part.bone == "head")
+    np.testing.assert_allclose(head.radii, [0.12, 0.165, 0.1425], atol=0.015)  # as large as `bodies` made it
+    assert read_rig(rigs["tall"]).body == body_of_rig(read_rig(rigs["tall"]).skeleton)
 
 
 def test_motion_stays_smooth(put: tuple[Rig, Motion], take: Take) -> None:

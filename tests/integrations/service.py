@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
 from websockets.sync.server import ServerConnection, serve
 
 
@@ -70,7 +71,16 @@ def service(script: Callable[[Talk], None]) -> Iterator[str]:
         except BaseException as error:
             failed.append(error)
 
-    with serve(answer, "127.0.0.1", 0) as server:
+    def sign(line: ServerConnection, request: Request) -> Response | None:
+        """The address of a conversation that wants a key, as their API gives it."""
+        if "get-signed-url" not in request.path:
+            return None
+        port = line.socket.getsockname()[1]
+        return line.respond(
+            200, json.dumps({"signed_url": f"ws://127.0.0.1:{port}/v1/convai/conversation?signed=1"})
+        )
+
+    with serve(answer, "127.0.0.1", 0, process_request=sign) as server:
         thread = threading.Thread(target=server.serve_forever, daemon=True)
         thread.start()
         yield f"http://127.0.0.1:{server.socket.getsockname()[1]}"

@@ -20,6 +20,8 @@ def test_motion_and_sound_of_one_clock_are_a_hop() -> None:
 def test_lost_motion_does_not_cost_the_sound(motion: Motion | None) -> None:
     hop = make_hop(motion, SOUND, left=0, cut_seg=0)
     assert (hop.motion.at, hop.motion.rotations, hop.pcm) == (6_400, b"", SOUND.pcm)
+    longer = msgspec.structs.replace(SOUND, pcm=bytes(2 * 9_600))
+    assert [make_hop(None, sound, left=0, cut_seg=0).motion.frames for sound in (SOUND, longer)] == [8, 12]
 
 
 def test_a_pause_in_speech_is_sound_and_silence_around_it_is_none() -> None:

@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.proxy.places import Listener, listening, proxied, run, silent, stage, tone
+from tests.proxy.places import FacedBody, Listener, listening, proxied, run, silent, stage, tone
 
 from echoavatar.proxy import ProxySettings
 from echoavatar.proxy.scripted import Part
+from echoavatar.timing import ChunkSize
 from echoavatar.wire import Motion, unpack_pose
 
 BODY, FACE, FLUSH = (
@@ -67,6 +68,27 @@ def test_every_frame_of_an_item_comes_with_its_place_and_nothing_of_the_voice_is
                 await client.listen(lambda c: any(event["item_id"] is None for event in c.of(BODY)))
                 idle = [event for event in client.of(BODY) if event["item_id"] is None]
                 assert all(event["face"] and event["frame_index"] is None for event in idle)
+
+    run(conversation)
+
+
+def test_an_avatar_of_longer_steps_has_its_own_count() -> None:
+    """A bundle imported with `--step 3` moves by 12 frames."""
+
+    async def conversation() -> None:
+        with stage(pipeline=FacedBody(chunk=ChunkSize(3))) as place:
+            async with (
+                proxied(speak_when_told, place.address) as (url, upstream, _),
+                listening(url) as client,
+            ):
+                await client.listen(is_there)
+                await client.say("go")
+                await client.listen(lambda c: bool(c.of(DONE)))
+                assert client.passed == upstream.parts[0].sent
+                bodies = [event for event in client.of(BODY) if event["item_id"]]
+                assert [event["frame_index"] for event in bodies] == [0, 12, 24]
+                assert [len(event["frames"]) for event in client.of(FACE)] == [12] * 3
+                np.testing.assert_allclose([heights(e) for e in bodies], [0.4, 0.8, 1.0], atol=2e-3)
 
     run(conversation)
 

@@ -2,7 +2,7 @@ import numpy as np
 
 from echoavatar.proxy.decoder import Decoder
 from echoavatar.proxy.voices import Voice, Voices
-from echoavatar.timing import CHUNK_SAMPLES
+from echoavatar.timing import CHUNK_SAMPLES, ChunkSize
 
 
 def voice(item: str = "a", begun: float = 0.0) -> Voice:
@@ -14,6 +14,15 @@ def test_only_whole_chunks_leave_and_the_last_is_completed_with_silence() -> Non
     chunks = one.add(np.ones(CHUNK_SAMPLES + 100, "<i2").tobytes()) + one.end()
     assert [len(chunk) for chunk in chunks] == [CHUNK_SAMPLES] * 2
     assert (chunks[1].sum(), one.samples, one.chunks) == (100, CHUNK_SAMPLES + 100, 2)
+
+
+def test_chunks_are_as_long_as_the_avatars() -> None:
+    one = Voice("a", "r", 0, 0, Decoder(), begun=0.0, chunk=ChunkSize(3))
+    chunks = one.add(np.ones(10_000, "<i2").tobytes()) + one.end()
+    assert [len(chunk) for chunk in chunks] == [9_600, 9_600]
+    for at in (19_200, 28_800):
+        one.came_back(at)
+    assert (one.clock_at(9_700), one.frame(1), one.speech(1).sum()) == (28_900, 12, 400)
 
 
 def test_samples_are_found_on_the_avatars_clock_across_gaps() -> None:

@@ -4,6 +4,7 @@ python -m tests.studio.canned --folder FOLDER --port 8766
 """
 
 import argparse
+import shutil
 import sys
 import tempfile
 from functools import lru_cache
@@ -16,6 +17,7 @@ import yaml
 from echoavatar.kinematics import HUMANOID, Motion
 from echoavatar.kinematics.rotations import quaternion_from_axis_angle
 from echoavatar.kinematics.tables import write_npz
+from echoavatar.studio import making
 from echoavatar.studio.app import create_app
 from echoavatar.studio.clips import Performance, save_clip, save_sound, spoil
 from echoavatar.studio.limits import Rate, Rates
@@ -23,7 +25,7 @@ from echoavatar.studio.making import Maker, Material
 from echoavatar.studio.owning import Desk
 from echoavatar.studio.run import open_store, serve
 from echoavatar.studio.secrecy import hash_password
-from echoavatar.studio.settings import parse_study
+from echoavatar.studio.settings import PairwiseStudy, SoundChoice, SystemChoice, parse_study
 from echoavatar.studio.store import Store, sqlite_url
 from echoavatar.studio.tables import Owner
 from echoavatar.studio.wire_owner import Invite
@@ -90,11 +92,34 @@ def preference_text(**changes: object) -> str:
 
 
 def make_pairwise(maker: Maker, base: Path, **changes: object) -> str:
-    """An open pairwise study; returns its public name."""
+    """An open pairwise study; returns its public name. Its clips are made once and then copied: that is quicker."""
     settings = parse_study(pairwise_text(**changes))
+    assert settings.kind == "pairwise"
     public = maker.begin(settings, by="test")
-    maker.make(public, settings, base)
+    rows, folder = _clips(base, settings.systems, settings.sounds, settings.seconds)
+    shutil.copytree(folder, maker.media / public)
+    with maker.store.write() as session:
+        maker.write(session, public, settings, rows)
     return public
+
+
+_KEPT = tempfile.TemporaryDirectory(prefix="studio-clips-")
+
+
+@lru_cache(maxsize=32)
+def _clips(
+    base: Path, systems: tuple[SystemChoice, ...], sounds: tuple[SoundChoice, ...], seconds: float
+) -> tuple[list[Material], Path]:
+    text = {
+        "kind": "pairwise",
+        "title": "Clips",
+        "raters": 1,
+        "systems": systems,
+        "sounds": sounds,
+        "seconds": seconds,
+    }
+    folder = Path(tempfile.mkdtemp(dir=_KEPT.name))
+    return making.make_pairwise(PairwiseStudy.model_validate(text), base, folder, lambda *_: None), folder
 
 
 def make_preference(maker: Maker, *, seconds: float = 1.0, prompts: int = 3, **changes: object) -> str:

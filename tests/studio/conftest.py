@@ -7,6 +7,7 @@ import subprocess
 import tempfile
 import uuid
 from collections.abc import Iterator
+from functools import lru_cache
 from pathlib import Path
 
 import psycopg
@@ -14,11 +15,12 @@ import pytest
 from tests.studio import canned
 
 from echoavatar.studio.making import Maker
-from echoavatar.studio.store import sqlite_url
+from echoavatar.studio.store import Store, sqlite_url
 
 PROGRAMS = [Path(path).parent for path in (shutil.which("initdb"),) if path] + sorted(
     Path("/usr/lib/postgresql").glob("*/bin"), reverse=True
 )
+STORES = ("sqlite", "postgresql")
 
 
 @pytest.fixture(scope="session")
@@ -61,15 +63,36 @@ def postgres() -> Iterator[str]:
 
 def fresh_database(postgres: str) -> str:
     """The address of a new, empty database."""
+    return _database(postgres, "template1")
+
+
+def ready_database(postgres: str) -> str:
+    """The address of a new database that has all tables: copying one is quicker than making them."""
+    return _database(postgres, _migrated(postgres))
+
+
+def _database(postgres: str, like: str) -> str:
     name = f"studio_{uuid.uuid4().hex}"
     with psycopg.connect(postgres.format(name="postgres"), autocommit=True) as connection:
-        connection.execute(f"CREATE DATABASE {name}")
+        connection.execute(f"CREATE DATABASE {name} TEMPLATE {like}")
     return postgres.format(name=name)
 
 
-@pytest.fixture(params=["sqlite", "postgresql"])
+@lru_cache(maxsize=1)
+def _migrated(postgres: str) -> str:
+    url = fresh_database(postgres)
+    Store(url).close()
+    return url.split("@/")[1].split("?")[0]
+
+
+def store_of(request: pytest.FixtureRequest) -> str | None:
+    """For a fixture whose parameters are `STORES`: a new store's address, None for SQLite in the studio's folder."""
+    return ready_database(request.getfixturevalue("postgres")) if request.param == "postgresql" else None
+
+
+@pytest.fixture(params=STORES)
 def url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
-    """An empty store's address, of both kinds."""
+    """An address of both kinds where nothing is yet."""
     if request.param == "sqlite":
         return sqlite_url(tmp_path / "studio.db")
     return fresh_database(request.getfixturevalue("postgres"))
@@ -91,9 +114,9 @@ def maker(tmp_path: Path) -> Iterator[Maker]:
     made.store.close()
 
 
-@pytest.fixture
-def either(url: str, tmp_path: Path) -> Iterator[Maker]:
+@pytest.fixture(params=STORES)
+def either(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Maker]:
     """An empty studio on either kind of store."""
-    made = canned.studio(tmp_path / "studio", url)
+    made = canned.studio(tmp_path / "studio", store_of(request))
     yield made
     made.store.close()

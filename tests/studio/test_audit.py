@@ -1,8 +1,13 @@
 """The audit: newest first, by study, in pages, and in the transaction of what it tells."""
 
+from collections.abc import Callable
+
 import pytest
+from tests.studio import canned
+from tests.studio.people import OwnerPerson, RaterPerson, app_of
 
 from echoavatar.studio.audit import PAGE, iso, note, read_audit
+from echoavatar.studio.backup import back_up
 from echoavatar.studio.making import Maker
 
 
@@ -27,6 +32,47 @@ def test_what_was_undone_is_not_told(maker: Maker):
     with pytest.raises(RuntimeError):
         undone()
     assert read_audit(maker.store).events == ()
+
+
+def test_every_change_and_every_way_in_and_out_leaves_its_line(maker: Maker, library, tmp_path):
+    """From set-up to deletion, over HTTP: each request that changes something adds exactly the line it should."""
+    study, app = canned.make_pairwise(maker, library), app_of(maker)
+    owner, rater, path = OwnerPerson(app), RaterPerson(app), f"/api/owner/studies/{study}"
+    links: list[str] = []
+
+    def invite() -> None:
+        links.extend(
+            link["url"].split("#")[1]
+            for link in owner.post(f"{path}/invitations", {"count": 2}).json()["links"]
+        )
+
+    steps: list[tuple[Callable[[], object], str]] = [
+        (owner.log_in, "owner anna: signed in"),
+        (invite, "owner anna: invited"),
+        (lambda: rater.join(links[0]), "rater 1: joined"),
+        (lambda: rater.post("/api/rater/consent", {"agreed": True}), "rater 1: consented"),
+        (lambda: rater.answer(rater.task()), "rater 1: judged"),
+        (lambda: rater.post("/api/rater/leave"), "rater 1: signed out"),
+        (lambda: rater.join(links[0]), "rater 1: came"),
+        (lambda: owner.get(f"{path}/export/results.json"), "owner anna: exported"),
+        (lambda: owner.post(f"{path}/raters/1/exclude", {"is_excluded": True}), "owner anna: rater excluded"),
+        (
+            lambda: owner.post(f"{path}/raters/1/exclude", {"is_excluded": False}),
+            "owner anna: rater taken in again",
+        ),
+        (lambda: owner.delete(f"{path}/invitations/2"), "owner anna: invitation revoked"),
+        (lambda: rater.post("/api/rater/withdraw", {"sure": True}), "rater 1: rater deleted"),
+        (lambda: owner.post(f"{path}/state", {"state": "closed"}), "owner anna: study closed"),
+        (lambda: back_up(maker.store, maker.media, tmp_path / "b.zip"), "studio: backed up"),
+        (lambda: owner.delete(path), "owner anna: study deleted"),
+        (lambda: owner.post("/api/owner/logout"), "owner anna: signed out"),
+    ]
+    newest = read_audit(maker.store).events[0].id
+    for step, line in steps:
+        step()
+        added = [event for event in read_audit(maker.store).events if event.id > newest]
+        assert [f"{event.actor}: {event.action}" for event in added] == [line]
+        newest = added[0].id
 
 
 def test_moments_are_utc_and_details_are_cut():

@@ -24,14 +24,15 @@ def filled(maker: Maker, library) -> tuple[str, str]:
     return study, token
 
 
-def test_a_studio_comes_back_and_goes_on(maker: Maker, library, url: str, tmp_path):
-    study, token = filled(maker, library)
-    told = back_up(maker.store, maker.media, tmp_path / "b.zip")
+def test_a_studio_comes_back_and_goes_on(either: Maker, library, url: str, tmp_path):
+    """From SQLite and from PostgreSQL, into SQLite and into PostgreSQL."""
+    study, token = filled(either, library)
+    told = back_up(either.store, either.media, tmp_path / "b.zip")
     assert told["judgements"] == 4
     assert told["files"] == 4 * 5  # a sound, three clips and a spoilt one each
     other = Maker(canned.open_store(tmp_path / "other", url), tmp_path / "other" / "media")
     assert restore(other.store, other.media, tmp_path / "b.zip") == told
-    assert results(other.store, study) == results(maker.store, study)
+    assert results(other.store, study) == results(either.store, study)
     app = app_of(other)
     rater = RaterPerson(app)
     assert rater.join(token).json()["progress"]["done"] == 4  # the old link, the old place

@@ -1,6 +1,8 @@
 """Candidates of a small bundle: drawn, shown, and exported to a step of DPO."""
 
+import io
 import json
+import zipfile
 
 import numpy as np
 import pytest
@@ -83,7 +85,7 @@ def test_prompts_are_spread_over_a_sound_and_short_ones_are_refused(bundle, tmp_
 
 
 def test_from_sounds_over_raters_to_a_step_of_dpo(tiny_bundle, maker: Maker, tmp_path, capsys):
-    """study.yaml -> candidates -> two raters who agree -> pairs.jsonl -> `align dpo`, one step."""
+    """study.yaml -> candidates -> two raters who agree -> pairs.jsonl and tokens.zip -> `align dpo`, one step."""
     for number in range(3):
         save_sound(tmp_path / "speech" / f"talk {number}.flac", canned.hum(3.0, 150 + 40 * number))
     text = canned.preference_text(
@@ -107,7 +109,9 @@ def test_from_sounds_over_raters_to_a_step_of_dpo(tiny_bundle, maker: Maker, tmp
     assert (first["by"], first["past"], len(first["seeds"])) == ("2 raters", 1, 2)
     pairs = tmp_path / "pairs.jsonl"
     pairs.write_bytes(lines)
-    folder = maker.media / public / "tokens"
+    with zipfile.ZipFile(io.BytesIO(export(maker.store, maker.media, public, "tokens.zip"))) as whole:
+        whole.extractall(tmp_path / "mine")
+    folder = tmp_path / "mine" / "tokens"
     words = [
         "align",
         "dpo",

@@ -1,12 +1,14 @@
 """Other ids, other studies, forged forms, oversized and malformed posts: refused, logged, others unharmed."""
 
 import pytest
+from starlette.applications import Starlette
+from starlette.routing import Route
 from tests.studio import canned
 from tests.studio.people import OwnerPerson, RaterPerson, app_of, tokens, usual
 
 from echoavatar.studio.limits import Rate, Rates
 from echoavatar.studio.making import Maker
-from echoavatar.studio.tables import Event, Judgement
+from echoavatar.studio.tables import Event, Judgement, Study
 
 
 def actions(maker: Maker) -> list[str]:
@@ -15,13 +17,13 @@ def actions(maker: Maker) -> list[str]:
 
 
 @pytest.fixture
-def scene(maker: Maker, library):
-    """A bad rater and a good one in one study, and a third in another."""
-    app = app_of(maker)
-    one, two = canned.make_pairwise(maker, library), canned.make_preference(maker)
-    bad, good = (RaterPerson(app).begin(token) for token in tokens(maker, one, 2))
-    other = RaterPerson(app).begin(tokens(maker, two, 1)[0])
-    return maker, bad, good, other
+def scene(either: Maker, library):
+    """A bad rater and a good one in one study, and a third in another. On SQLite and on PostgreSQL."""
+    app = app_of(either)
+    one, two = canned.make_pairwise(either, library), canned.make_preference(either)
+    bad, good = (RaterPerson(app).begin(token) for token in tokens(either, one, 2))
+    other = RaterPerson(app).begin(tokens(either, two, 1)[0])
+    return either, bad, good, other
 
 
 def test_tasks_of_others_do_not_exist(scene):
@@ -46,14 +48,58 @@ def test_tasks_of_others_do_not_exist(scene):
     assert "refused: not_found" in actions(maker)
 
 
-def test_a_rater_is_no_owner(scene, maker: Maker):
-    _, bad, _, _ = scene
-    for path in ("studies", "me", "audit", "setup"):
-        assert bad.get(f"/api/owner/{path}").json()["code"] == "not_signed_in"
-    bad.http.cookies.set("studio_owner", bad.http.cookies["studio_rater"], path="/api/owner")
-    assert (
-        bad.get("/api/owner/me").json()["code"] == "internal" or bad.get("/api/owner/me").status_code == 401
-    )
+def every(app: Starlette, prefix: str, study: str) -> list[tuple[str, str]]:
+    """Method and address of all routes below a prefix that ask for a session."""
+    filled = {
+        "{study}": study,
+        "{number:int}": "1",
+        "{name}": "results.json",
+        "{task}": "none",
+        "{slot:int}": "0",
+    }
+    found = []
+    for route in app.routes:
+        if (
+            isinstance(route, Route)
+            and route.path.startswith(prefix)
+            and not route.path.endswith(("join", "login"))
+        ):
+            path = route.path
+            for name, value in filled.items():
+                path = path.replace(name, value)
+            found += [(method, path) for method in route.methods - {"HEAD"}]
+    return found
+
+
+@pytest.mark.parametrize("has_cookie", [False, True])
+def test_no_route_of_owners_opens_to_a_rater(scene, has_cookie: bool):
+    """Not even with the rater's own token under the name of the owners' cookie, which any browser lets one set."""
+    maker, bad, _, _ = scene
+    if has_cookie:
+        bad.http.cookies.set("studio_owner", bad.http.cookies["studio_rater"], path="/api/owner")
+    with maker.store.read() as session:
+        study = session.query(Study).first().public
+    routes = every(bad.http.app, "/api/owner", study)
+    assert len(routes) == 17
+    for method, path in routes:
+        answer = bad.http.request(method, path, headers={"x-csrf-token": bad.csrf})
+        assert (answer.status_code, answer.json()["code"]) == (401, "not_signed_in"), (method, path)
+    with maker.store.read() as session:
+        told = session.query(Event).filter(Event.action == "refused: not_signed_in").all()
+    assert {event.actor for event in told} == {"rater 1" if has_cookie else "stranger"}
+    assert len(told) == 16  # all but `me`, which pages ask before anybody signs in
+
+
+def test_no_route_of_raters_opens_to_an_owner(scene):
+    maker, bad, _, _ = scene
+    owner = OwnerPerson(bad.http.app)
+    owner.log_in()
+    owner.http.cookies.set("studio_rater", owner.http.cookies["studio_owner"], path="/api/rater")
+    routes = every(bad.http.app, "/api/rater", "")
+    assert len(routes) == 8
+    for method, path in routes:
+        answer = owner.http.request(method, path, headers={"x-csrf-token": owner.csrf})
+        assert (answer.status_code, answer.json()["code"]) == (401, "not_signed_in"), (method, path)
 
 
 def test_forged_forms_are_refused(scene):
@@ -78,20 +124,21 @@ def test_forged_forms_are_refused(scene):
     assert {"refused: bad_csrf", "refused: bad_origin", "refused: bad_request"} <= set(actions(maker))
 
 
-@pytest.mark.parametrize(
-    "body",
-    [
-        b"", b"{", b"null", b"[]", b"\xff\xfe", b"[" * 60_000, b'{"type":"pairwise"}', b'{"type":"nothing"}',
-        b'{"type":"skip","reason":"no_difference","seconds":1e999,"plays":[1,1]}',
-        b'{"type":"skip","reason":"no_difference","seconds":1,"plays":[99999999999999999999999,1]}',
-        b'{"type":"pairwise","ratings":{"human_likeness":true},"seconds":1,"plays":[1,1]}',
-    ],
+MALFORMED = (
+    b"", b"{", b"null", b"[]", b"\xff\xfe", b"[" * 60_000, b'{"type":"pairwise"}', b'{"type":"nothing"}',
+    b'{"type":"skip","reason":"no_difference","seconds":1e999,"plays":[1,1]}',
+    b'{"type":"skip","reason":"no_difference","seconds":1,"plays":[99999999999999999999999,1]}',
+    b'{"type":"pairwise","ratings":{"human_likeness":true},"seconds":1,"plays":[1,1]}',
 )  # fmt: skip
-def test_malformed_posts_are_refused(scene, body: bytes):
-    _, bad, _, _ = scene
+
+
+def test_malformed_posts_are_refused(scene):
+    maker, bad, _, _ = scene
     task = bad.task()
-    refused = bad.post(f"/api/rater/tasks/{task['id']}/answer", body, idempotency_key="key-12345")
-    assert (refused.status_code, refused.json()["code"]) == (400, "bad_request")
+    for body in MALFORMED:
+        refused = bad.post(f"/api/rater/tasks/{task['id']}/answer", body, idempotency_key="key-12345")
+        assert (refused.status_code, refused.json()["code"]) == (400, "bad_request"), body
+    assert actions(maker).count("refused: bad_request") == len(MALFORMED)
     assert bad.answer(task).status_code == 200
 
 
@@ -105,10 +152,10 @@ def test_oversized_posts_are_refused_whether_they_say_so_or_not(scene):
     assert stream.json()["code"] == "too_large"
 
 
-@pytest.mark.parametrize("key", ["", "short", "x" * 65, "semi;colon!", "new\tline--"])
-def test_idempotency_keys_have_a_form(scene, key: str):
+def test_idempotency_keys_have_a_form(scene):
     _, bad, _, _ = scene
-    assert bad.answer(bad.task(), key=key).json()["code"] == "bad_request"
+    for key in ("", "short", "x" * 65, "semi;colon!", "new\tline--"):
+        assert bad.answer(bad.task(), key=key).json()["code"] == "bad_request", key
 
 
 def test_floods_are_held_and_others_go_on(maker: Maker, library):
@@ -144,7 +191,7 @@ def test_refusals_are_logged_but_cannot_fill_the_store(maker: Maker, monkeypatch
 
 
 def test_nothing_of_all_this_was_kept(scene):
-    maker, bad, good, _ = scene
+    maker, bad, _, _ = scene
     bad.post("/api/rater/tasks/none/answer", usual(bad.task()), idempotency_key="key-12345")
     with maker.store.read() as session:
         assert session.query(Judgement).count() == 0

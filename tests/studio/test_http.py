@@ -14,7 +14,7 @@ from echoavatar.studio.wire_rater import Consent, Done
 
 def person(maker: Maker, work, *, rates: Rates = canned.EASY, method: str = "GET") -> Person:
     gate = Gate(maker.store, rates=rates, origins=("https://studio.example.org",))
-    return Person(Starlette(routes=[gate.route(method, "/x", work, who="anyone", signed=False)]))
+    return Person(Starlette(routes=[gate.route(method, "/x", work, who="rater", signed=False)]))
 
 
 def test_replies_are_not_stored_by_browsers(maker: Maker):

@@ -49,6 +49,25 @@ def test_links_are_told_once_and_revoked(maker: Maker, library, owner: OwnerPers
     )
 
 
+def wanted(owner: OwnerPerson) -> int:
+    return int(owner.get("/api/owner/studies").json()["studies"][0]["raters_wanted"])
+
+
+def test_leaving_out_twice_gives_out_once_and_taking_in_takes_it_back(
+    maker: Maker, library, owner: OwnerPerson
+):
+    study = canned.make_pairwise(maker, library)
+    one, two = tokens(maker, study, 2)
+    RaterPerson(owner.http.app).begin(one)
+    path = f"/api/owner/studies/{study}/raters/1/exclude"
+    for is_excluded, places in ((True, 7), (True, 7), (False, 6), (True, 7)):
+        owner.post(path, {"is_excluded": is_excluded, "reason": "late"})
+        assert wanted(owner) == places
+    RaterPerson(owner.http.app).begin(two)  # has the second block, the copy is free
+    owner.post(path, {"is_excluded": False})
+    assert wanted(owner) == 6
+
+
 def test_raters_are_excluded_and_deleted(maker: Maker, library, owner: OwnerPerson):
     study = canned.make_pairwise(maker, library)
     token = tokens(maker, study, 1)[0]
@@ -57,8 +76,9 @@ def test_raters_are_excluded_and_deleted(maker: Maker, library, owner: OwnerPers
     path = f"/api/owner/studies/{study}/raters"
     assert owner.post(f"{path}/1/exclude", {"is_excluded": True, "reason": "too fast"}).json() == {"ok": True}
     assert owner.get(path).json()["raters"][0]["reason"] == "too fast"
-    assert owner.get("/api/owner/studies").json()["studies"][0]["raters_wanted"] == 7
+    assert wanted(owner) == 7
     assert owner.delete(f"{path}/1").json() == {"ok": True}
+    assert wanted(owner) == 6  # what was given out once more is in place of what was deleted
     assert owner.get(path).json()["raters"] == []
     assert rater.get("/api/rater/me").json()["code"] == "not_signed_in"
     assert owner.delete(f"{path}/1").json()["code"] == "not_found"

@@ -1,5 +1,7 @@
 """Pages and what all of them share."""
 
+import json
+
 from starlette.applications import Starlette
 from starlette.testclient import TestClient
 
@@ -12,6 +14,24 @@ def test_the_scene_is_our_rig():
     assert scene().rig.names == tuple(HUMANOID.names)
     assert scene().face == tuple(ARKIT_NAMES)
     assert len(scene().rig.rest) == HUMANOID.joints
+
+
+def test_words_are_the_owners_else_ours_else_there_are_none(tmp_path, caplog):
+    own = tmp_path / "words"
+    http = TestClient(Starlette(routes=page_routes(words=own)))
+    english = http.get("/words/en.json").json()
+    assert english["saved"] == "Saved"
+    assert http.get("/words/de.json").json()["code"] == "not_found"
+    own.mkdir()
+    (own / "de.json").write_text(json.dumps({"saved": "Gespeichert"}))
+    assert http.get("/words/de.json").json() == {"saved": "Gespeichert"}
+    for text in ('{"saved": 1}', "no words", '["saved"]'):
+        (own / "fr.json").write_text(text)
+        assert http.get("/words/fr.json").status_code == 404
+        assert "fr.json holds no words" in caplog.text
+    (tmp_path / "xx.json").write_text("{}")
+    for name in ("../xx", "%2e%2e%2fxx", "german", ""):
+        assert http.get(f"/words/{name}.json").status_code == 404
 
 
 def test_pages_come_from_this_server_only(tmp_path):

@@ -1,6 +1,7 @@
 """Starting: folders, ports, and a real server that answers."""
 
 import json
+import resource
 import socket
 import threading
 import urllib.request
@@ -9,7 +10,7 @@ import pytest
 from tests.studio import canned
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.studio.run import _listen, open_store
+from echoavatar.studio.run import _listen, allow_open_files, open_store
 
 
 def test_a_folder_that_cannot_be_is_refused(tmp_path):
@@ -24,6 +25,13 @@ def test_a_taken_port_is_told():
         taken.listen()
         with pytest.raises(EchoAvatarError, match="choose another --host or --port"):
             _listen("127.0.0.1", taken.getsockname()[1])
+
+
+def test_connections_are_not_held_back_by_the_usual_limit_of_open_files():
+    _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (1000, hard))
+    allow_open_files()
+    assert resource.getrlimit(resource.RLIMIT_NOFILE) == (hard, hard)
 
 
 def test_the_studio_answers_over_a_socket(maker, monkeypatch):

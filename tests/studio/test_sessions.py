@@ -33,6 +33,13 @@ def test_signing_out_and_age_end_a_session(maker: Maker):
         assert session.query(Login).count() == 1
 
 
+def test_a_session_is_of_a_rater_or_of_an_owner(maker: Maker):
+    visitor = sessions.find_visitor(maker.store, log_in(maker.store, "anna", canned.PASSWORD)[0])
+    assert visitor is not None
+    assert visitor.is_a("owner")
+    assert not visitor.is_a("rater")
+
+
 def test_sessions_end_with_the_person(maker: Maker):
     token, _ = log_in(maker.store, "anna", canned.PASSWORD)
     with maker.store.write() as session:

@@ -28,6 +28,36 @@ OUTSIDE = """[...document.querySelectorAll(
 NAMELESS = """[...document.querySelectorAll("button, input, select, textarea, summary, a")].filter((element) =>
   element.getBoundingClientRect().width && !(element.getAttribute("aria-label") || element.textContent.trim()
   || element.labels?.length || element.closest("label"))).map((element) => element.outerHTML)"""
+# WCAG 2.2, 1.4.3: 4.5 times the luminance of what the text lies on, or the other way round; 3 times where it is large
+PALE = """(() => {
+  const parts = (colour) => colour.match(/[0-9.]+/g).map(Number);
+  const light = ([r, g, b]) => [r, g, b].map((v) => v / 255)
+    .map((v) => (v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4))
+    .reduce((sum, v, k) => sum + v * [0.2126, 0.7152, 0.0722][k], 0);
+  const under = (element) => {
+    for (let at = element; at; at = at.parentElement) {
+      const { backgroundColor, backgroundImage } = getComputedStyle(at);
+      if (backgroundImage !== "none") return null;
+      const colour = parts(backgroundColor);
+      if (colour[3] === undefined || colour[3] > 0.99) return colour;
+    }
+    return [255, 255, 255];
+  };
+  const texts = [...document.body.querySelectorAll("*")].filter((element) =>
+    [...element.childNodes].some((node) => node.nodeType === 3 && node.textContent.trim())
+    && element.getBoundingClientRect().width > 1 && element.checkVisibility() && !element.closest(":disabled"));
+  const found = texts.map((element) => {
+    const style = getComputedStyle(element), ground = under(element);
+    if (!ground) return null;
+    const ink = parts(element instanceof SVGElement ? style.fill : style.color);
+    const [one, other] = [light(ink), light(ground)].sort((a, b) => b - a);
+    const size = parseFloat(style.fontSize), isLarge = size >= 24 || (size >= 18.66 && style.fontWeight >= 700);
+    const ratio = (one + 0.05) / (other + 0.05);
+    return ratio < (isLarge ? 3 : 4.5) ? `${element.textContent.trim().slice(0, 30)}: ${ratio.toFixed(2)}` : null;
+  });
+  if (texts.length < 3) throw new Error("no text was looked at");
+  return found.filter((line) => line !== null);
+})()"""
 
 
 class Studio:

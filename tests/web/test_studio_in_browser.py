@@ -8,11 +8,11 @@ from typing import Any
 import pytest
 
 pytest.importorskip("sqlalchemy")
-psycopg = pytest.importorskip("psycopg")
+pytest.importorskip("psycopg")
 
 from tests.studio import canned  # noqa: E402
-from tests.studio.conftest import fresh_database, postgres  # noqa: E402, F401
-from tests.web.studio_raters import NAMELESS, OUTSIDE, RaterTab, Studio, new_tab  # noqa: E402
+from tests.studio.conftest import STORES, postgres, store_of  # noqa: E402, F401
+from tests.web.studio_raters import NAMELESS, OUTSIDE, PALE, RaterTab, Studio, new_tab  # noqa: E402
 
 pytestmark = pytest.mark.browser
 
@@ -24,9 +24,12 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture(scope="module")
-def studio(library: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Studio]:
-    with Studio(canned.studio(tmp_path_factory.mktemp("studio")), library).serving() as served:
+@pytest.fixture(scope="module", params=STORES)
+def studio(request: pytest.FixtureRequest, library: Path, tmp_path_factory: Any) -> Iterator[Studio]:
+    """One studio on SQLite, then one on PostgreSQL: every test below runs on both."""
+    with Studio(
+        canned.studio(tmp_path_factory.mktemp("studio"), store_of(request)), library
+    ).serving() as served:
         yield served
 
 
@@ -43,34 +46,33 @@ def tab(browser: Any) -> Iterator[Any]:
         one.page.context.close()
 
 
-@pytest.mark.parametrize("store", ["sqlite", "postgresql"])
-def test_whole_studies_of_both_kinds_by_several_raters_at_once(store, request, library, tmp_path, tab):
+def test_the_store_is_what_the_test_is_named_after(studio, request):
+    assert studio.maker.store.is_sqlite == ("sqlite" in request.node.name)
+
+
+def test_whole_studies_of_both_kinds_by_several_raters_at_once(studio, tab):
     """Two raters of each of three studies, task by task in turn: every answer is there, once, and theirs."""
-    url = fresh_database(request.getfixturevalue("postgres")) if store == "postgresql" else None
-    with Studio(canned.studio(tmp_path / "studio", url), library).serving() as studio:
-        studies = {
-            studio.pairwise(presentation="side_by_side", tasks_per_rater=2, raters=2): 1 + 2 + 1,
-            studio.pairwise(presentation="sequential", tasks_per_rater=2, raters=2): 1 + 2 + 1,
-            studio.preference(raters=2): 1 + 2,
-        }
-        raters = [tab().begin(link) for study in studies for link in studio.links(study, 2)]
-        while unfinished := [rater for rater in raters if not rater.is_finished]:
-            for rater in unfinished:
-                rater.judge(rating=1, best=2, worst=5)
-        for study, tasks in studies.items():
-            rows = studio.judgements(study)
-            assert Counter(row.rater_id for row in rows) == dict.fromkeys(
-                {row.rater_id for row in rows}, tasks
-            )
-            assert len({row.rater_id for row in rows}) == 2
-            assert len({row.task_id for row in rows}) == len(rows) == 2 * tasks
-            assert all(min(row.plays) >= 1 and row.seconds > 0.5 for row in rows)
-            if rows[0].best is None:
-                assert {abs(row.overall_preference) for row in rows} == {1}
-            else:
-                assert all(row.best != row.worst for row in rows)
-        for rater in raters:
-            assert rater.problems == []
+    studies = {
+        studio.pairwise(presentation="side_by_side", tasks_per_rater=2, raters=2): 1 + 2 + 1,
+        studio.pairwise(presentation="sequential", tasks_per_rater=2, raters=2): 1 + 2 + 1,
+        studio.preference(raters=2): 1 + 2,
+    }
+    raters = [tab().begin(link) for study in studies for link in studio.links(study, 2)]
+    while unfinished := [rater for rater in raters if not rater.is_finished]:
+        for rater in unfinished:
+            rater.judge(rating=1, best=2, worst=5)
+    for study, tasks in studies.items():
+        rows = studio.judgements(study)
+        assert Counter(row.rater_id for row in rows) == dict.fromkeys({row.rater_id for row in rows}, tasks)
+        assert len({row.rater_id for row in rows}) == 2
+        assert len({row.task_id for row in rows}) == len(rows) == 2 * tasks
+        assert all(min(row.plays) >= 1 and row.seconds > 0.5 for row in rows)
+        if rows[0].best is None:
+            assert {abs(row.overall_preference) for row in rows} == {1}
+        else:
+            assert all(row.best != row.worst for row in rows)
+    for rater in raters:
+        assert rater.problems == []
 
 
 def test_a_reload_in_mid_judgement_loses_nothing(studio, tab):
@@ -361,6 +363,25 @@ def test_without_a_good_link_the_page_says_what_to_do(studio, tab, path, title):
     rater.wait(f"document.querySelector('h1')?.textContent === {title!r}")
 
 
+def test_a_page_speaks_the_language_of_the_study(studio, tab):
+    """As far as the owner's file of words goes; the rest is said in English."""
+    words = studio.maker.media.parent / "words"
+    words.mkdir(exist_ok=True)
+    (words / "de.json").write_text(
+        '{"rate_agree": "Einverstanden, los geht es", "play_both": "Beide abspielen"}'
+    )
+    study = studio.pairwise(presentation="side_by_side", language="de-AT")
+    rater = tab()
+    rater.page.goto(studio.links(study)[0])
+    rater.see(".agree")
+    assert rater.page.inner_text(".agree") == "Einverstanden, los geht es"
+    assert rater.page.inner_text(".disagree") == "I do not agree"
+    assert rater.page.get_attribute("html", "lang") == "de"
+    rater.page.click(".agree")
+    rater.see(".task")
+    assert rater.page.inner_text(".controls .play") == "Beide abspielen"
+
+
 def test_a_busy_studio_is_waited_for(studio, tab):
     study = studio.pairwise(presentation="side_by_side")
     rater, refused = tab(), []
@@ -378,24 +399,26 @@ def test_a_busy_studio_is_waited_for(studio, tab):
 
 
 @pytest.mark.parametrize(
-    ("kind", "width", "height"),
+    ("kind", "width", "height", "colours"),
     [
-        ("pairwise", 360, 640),
-        ("pairwise", 844, 390),
-        ("pairwise", 1280, 800),
-        ("preference", 390, 844),
-        ("preference", 1280, 800),
+        ("pairwise", 360, 640, "light"),
+        ("pairwise", 844, 390, "dark"),
+        ("pairwise", 1280, 800, "light"),
+        ("preference", 390, 844, "dark"),
+        ("preference", 1280, 800, "light"),
     ],
 )
-def test_nothing_is_cut_off_and_everything_has_a_name(studio, tab, kind, width, height, tmp_path):
+def test_nothing_is_cut_off_or_pale_and_everything_has_a_name(
+    studio, tab, kind, width, height, colours, tmp_path
+):
     study = studio.pairwise() if kind == "pairwise" else studio.preference()
-    rater = tab(width, height)
+    rater = tab(width, height, color_scheme=colours)
     rater.page.goto(studio.links(study)[0])
     rater.see(".agree")
-    assert rater.ask(OUTSIDE) == []
+    assert rater.ask(OUTSIDE) == rater.ask(PALE) == []
     rater.page.click(".agree")
     rater.see(".task")
-    assert rater.ask(OUTSIDE) == []
+    assert rater.ask(OUTSIDE) == rater.ask(PALE) == []
     assert rater.ask(NAMELESS) == []
     assert rater.ask("document.activeElement.tagName") == "H1"
     assert rater.ask("document.documentElement.scrollWidth <= innerWidth")

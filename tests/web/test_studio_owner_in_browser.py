@@ -3,6 +3,7 @@
 import csv
 import json
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -11,8 +12,9 @@ pytest.importorskip("sqlalchemy")
 pytest.importorskip("psycopg")
 
 from tests.studio import canned  # noqa: E402
+from tests.studio.conftest import STORES, postgres, store_of  # noqa: E402, F401
 from tests.web.conftest import PageDriver  # noqa: E402
-from tests.web.studio_raters import NAMELESS, OUTSIDE, Studio  # noqa: E402
+from tests.web.studio_raters import NAMELESS, OUTSIDE, PALE, Studio  # noqa: E402
 
 from echoavatar.studio.owning import Desk  # noqa: E402
 from echoavatar.studio.simulate import Taste, simulate  # noqa: E402
@@ -22,10 +24,18 @@ TASTE = Taste(worth={"Alpha": 0.8, "Beta": 0.0, "Gamma": -0.8})
 
 
 @pytest.fixture(scope="module")
-def studio(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Studio]:
-    library = tmp_path_factory.mktemp("library")
-    canned.library(library, sounds=8, seconds=1.0)
-    with Studio(canned.studio(tmp_path_factory.mktemp("studio")), library).serving() as served:
+def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("library")
+    canned.library(folder, sounds=8, seconds=1.0)
+    return folder
+
+
+@pytest.fixture(scope="module", params=STORES)
+def studio(request: pytest.FixtureRequest, library: Path, tmp_path_factory: Any) -> Iterator[Studio]:
+    """One studio on SQLite, then one on PostgreSQL: every test below runs on both."""
+    with Studio(
+        canned.studio(tmp_path_factory.mktemp("studio"), store_of(request)), library
+    ).serving() as served:
         yield served
 
 
@@ -212,14 +222,18 @@ def test_signing_out_ends_the_session(studio, owner):
     assert owner.page.query_selector(".top") is None
 
 
-@pytest.mark.parametrize(("width", "height"), [(360, 640), (1280, 800)])
-def test_nothing_is_cut_off_and_everything_has_a_name(studio, judged, owner, width, height, tmp_path):
+@pytest.mark.parametrize(("width", "height", "colours"), [(360, 640, "dark"), (1280, 800, "light")])
+def test_nothing_is_cut_off_or_pale_and_everything_has_a_name(
+    judged, owner, width, height, colours, tmp_path
+):
     owner.page.set_viewport_size({"width": width, "height": height})
+    owner.page.emulate_media(color_scheme=colours)
     tabs = ("overview", "invite", "raters", "results", "settings")
     places = [("new",), ("audit",), *(("study", judged, tab) for tab in tabs)]
     for place in places:
         owner.go(*place)
         assert owner.ask(OUTSIDE) == [], place
+        assert owner.ask(PALE) == [], place
         assert owner.ask(NAMELESS) == [], place
         assert owner.ask("document.documentElement.scrollWidth <= innerWidth"), place
         owner.page.screenshot(path=tmp_path / f"{place[-1]}-{width}.png", full_page=True)

@@ -1,4 +1,5 @@
-import { defineConfig } from "vite";
+import { readFileSync } from "node:fs";
+import { type Plugin, defineConfig } from "vite";
 import { licences } from "../app/licences.js";
 import { stamp } from "./stamp.js";
 
@@ -6,11 +7,20 @@ import { stamp } from "./stamp.js";
 // never mixes the scripts of two versions.
 const page = (name: string) => new URL(name, import.meta.url).pathname;
 
+/** Lays the English words beside the pages: what a translator begins with. */
+const words = (english: URL): Plugin => ({
+  name: "words",
+  generateBundle() {
+    this.emitFile({ type: "asset", fileName: "words/en.json", source: readFileSync(english) });
+  },
+});
+
 export default defineConfig({
   base: "./",
   plugins: [
     licences(new URL("../node_modules/", import.meta.url), "assets/licences.txt"),
     stamp(new URL("../", import.meta.url)),
+    words(new URL("src/words/en.json", import.meta.url)),
   ],
   build: {
     outDir: "../../src/echoavatar/studio/static",
@@ -28,5 +38,5 @@ export default defineConfig({
       },
     },
   },
-  server: { proxy: { "/api": "http://127.0.0.1:8800", "/avatar.glb": "http://127.0.0.1:8800" } },
+  server: { proxy: Object.fromEntries(["/api", "/avatar.glb", "/words"].map((path) => [path, "http://127.0.0.1:8800"])) },
 });

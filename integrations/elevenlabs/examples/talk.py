@@ -17,6 +17,10 @@ from echoavatar.integrations.elevenlabs import AvatarAudioInterface
 
 def main() -> None:
     """Until the agent or Ctrl+C ends it."""
+    if len(sys.argv) != 2 or not os.environ.get("ELEVENLABS_API_KEY"):
+        raise SystemExit(
+            "usage: ELEVENLABS_API_KEY=... python talk.py AGENT_ID\n`echoavatar elevenlabs setup` prints the id"
+        )
     audio = AvatarAudioInterface(
         "default", sample_rate=16_000, device=DefaultAudioInterface(), page_port=8770
     )

@@ -36,4 +36,6 @@ async def entrypoint(ctx: JobContext) -> None:
 
 
 if __name__ == "__main__":
+    if not os.environ.get("OPENAI_API_KEY"):
+        raise SystemExit("set OPENAI_API_KEY: OpenAI hears, thinks and speaks here")
     cli.run_app(WorkerOptions(entrypoint_fnc=entrypoint))

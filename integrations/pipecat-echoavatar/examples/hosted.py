@@ -70,6 +70,9 @@ async def bot(runner_args: object) -> None:
 
 
 if __name__ == "__main__":
+    if not os.environ.get("OPENAI_API_KEY"):
+        raise SystemExit("set OPENAI_API_KEY: OpenAI hears, thinks and speaks here")
+
     from pipecat.runner.run import main
 
     main()

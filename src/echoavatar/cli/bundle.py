@@ -17,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "  echoavatar bundle default               show the shipped bundle's card"
     )
     parser.add_argument(
-        "source", help="folder with codec/, tokenizer/, generator/, perhaps face/; or a bundle"
+        "source", help="folder with codec/, tokenizer/, generator/, perhaps face/ and pulse/; or a bundle"
     )
     parser.add_argument(
         "-o", "--output", type=Path, help="folder of the new bundle; without it the card is shown"
@@ -44,7 +44,8 @@ def run(args: argparse.Namespace) -> int:
 def assemble(source: Path, output: Path) -> None:
     """Copy the checkpoints (not their training state), weights in half precision, and check that they fit.
 
-    A face model (`face/`) comes along where there is one. Our own actions are made where there is no `actions.json`.
+    A face (`face/`) and a pulse model (`pulse/`) come along where there are such. Our own actions are made where there
+    is no `actions.json`.
 
     Raises:
         EchoAvatarError: a part is missing.
@@ -53,6 +54,7 @@ def assemble(source: Path, output: Path) -> None:
     from ..checkpoint import read_card
     from ..face import FaceModel
     from ..generator import Generator
+    from ..pulse import PulseModel
     from ..tokenizer import BodyTokenizer
 
     for part in ("codec", "tokenizer", "generator"):
@@ -79,6 +81,10 @@ def assemble(source: Path, output: Path) -> None:
         own_actions(BodyTokenizer.load(output / "tokenizer").eval()).save(output)
     if (source / "face").is_dir():
         FaceModel.load(source / "face").save(output / "face", read_card(source / "face"), dtype=torch.float16)
+    if (source / "pulse").is_dir():
+        PulseModel.load(source / "pulse").save(
+            output / "pulse", read_card(source / "pulse"), dtype=torch.float16
+        )
     if not (output / "card.json").exists():
         parts = {part.name: read_card(part) for part in sorted(output.iterdir()) if part.is_dir()}
         (output / "card.json").write_text(

@@ -55,6 +55,9 @@ def run(args: argparse.Namespace) -> int:
     from ..integrations.elevenlabs_setup import BASE_URL, carry_out, make_plan
     from ..integrations.persona import persona
 
+    key = os.environ.get("ELEVENLABS_API_KEY", "")
+    if not key and not args.dry_run:
+        raise EchoAvatarError("ELEVENLABS_API_KEY is not set; make a key at elevenlabs.io, or use --dry-run")
     schemas = _schemas(args)
     prompt = (
         _read(args.prompt)
@@ -67,9 +70,6 @@ def run(args: argparse.Namespace) -> int:
     if args.dry_run:
         print(json.dumps({"tools": plan.tools, "agent": plan.agent}, indent=2, ensure_ascii=False))
         return 0
-    key = os.environ.get("ELEVENLABS_API_KEY", "")
-    if not key:
-        raise EchoAvatarError("ELEVENLABS_API_KEY is not set; make a key at elevenlabs.io, or use --dry-run")
     agent_id, done = carry_out(plan, api_key=key, agent_id=args.agent, base_url=args.base_url or BASE_URL)
     print("\n".join(done))
     print(f"agent {agent_id}: play it at sample_rate={args.output_format.removeprefix('pcm_')}")

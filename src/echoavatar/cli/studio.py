@@ -155,6 +155,7 @@ def _owner(store: "Store", name: str) -> int:
 
 
 def _export(store: "Store", media: Path, args: argparse.Namespace) -> int:
+    from ..studio.audit import note
     from ..studio.export import export
     from ..studio.making import Maker
     from ..studio.owning import Desk
@@ -173,6 +174,8 @@ def _export(store: "Store", media: Path, args: argparse.Namespace) -> int:
         data = export(store, media, public, name)
         (output / name).write_bytes(data)
         print(f"{output / name}  {len(data)} bytes")
+    with store.write() as session:
+        note(session, "studio", "exported", study=public, detail=str(output))
     return 0
 
 

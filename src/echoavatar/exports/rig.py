@@ -4,17 +4,21 @@ The skeleton stands with its soles on y = 0, wherever the file has its floor, an
 the file's own nodes have at rest comes back in when it is written.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import MotionError
+from ..ik import BodyProfile, HandGuard, body_of_rig, measure_body
 from ..ik.gltf_rig import GltfRig, read_gltf_rig
+from ..ik.holding import keep_hands_on_body
 from ..ik.skinned import skinned
 from ..kinematics import Motion, Skeleton, read_bvh
 from ..kinematics.retarget import retarget
 from ..kinematics.rigs import bone_map
+from ..kinematics.rotations import quaternion_from_matrix
 from ..kinematics.touching import keep_hands_together
 from .take import Take
 
@@ -33,13 +37,32 @@ class Rig:
     units_per_metre: float = 100.0  # of a BVH
 
     def put(self, take: Take) -> Take:
-        """A take on this rig: planted feet stand on its floor, hands that touch still do.
+        """A take on this rig: planted feet stand on its floor, hands that touch each other or the body still do.
 
         Raises:
             MotionError: the take's own rig is not known.
         """
-        moved = retarget(take.motion, self.skeleton)
-        return Take(keep_hands_together(take.motion, moved), take.face, take.audio)
+        motion, body = take.motion, self.body
+        moved = keep_hands_on_body(
+            motion, retarget(motion, self.skeleton), body_of_rig(motion.skeleton), body
+        )
+        moved = keep_hands_together(motion, moved)
+        turns = HandGuard(self.skeleton, body).step(moved.matrices()[None])[0]
+        moved = replace(moved, rotations=quaternion_from_matrix(turns).numpy())
+        return Take(moved, take.face, take.audio)
+
+    @cached_property
+    def body(self) -> BodyProfile:
+        """How thick it is: measured on its mesh, and where there is none, estimated from its bones."""
+        estimated = body_of_rig(self.skeleton)
+        if self.gltf is None:
+            return estimated
+        try:
+            measured = measure_body(self.gltf.skeleton, *skinned(self.gltf)[1:])
+        except MotionError:
+            return estimated
+        known = {part.bone: part for part in (*estimated.parts, *measured.parts)}
+        return estimated.model_copy(update={"parts": tuple(known.values())})
 
 
 def read_rig(path: Path) -> Rig:

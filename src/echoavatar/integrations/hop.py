@@ -2,11 +2,10 @@
 
 from typing import NamedTuple
 
-import msgspec
-
+from ..timing import SAMPLES_PER_FRAME
 from ..wire import ActionStatus, Flush, Motion, Ready, Sound, State
 
-_STILL = Motion(at=0, epoch=0, frames=8, rotations=b"", root=b"", face=b"", state="idle")
+_FRAME_BYTES = 2 * SAMPLES_PER_FRAME
 
 
 class Hop(NamedTuple):
@@ -43,7 +42,10 @@ def make_hop(motion: Motion | None, sound: Sound, *, left: int, cut_seg: int) ->
     chunk of utterances up to `cut_seg`, which were cut off, is silence.
     """
     if motion is None or motion.at != sound.at:
-        motion = msgspec.structs.replace(_STILL, at=sound.at, epoch=sound.epoch)
+        frames = len(sound.pcm) // _FRAME_BYTES
+        motion = Motion(
+            at=sound.at, epoch=sound.epoch, frames=frames, rotations=b"", root=b"", face=b"", state="idle"
+        )
     seg = sound.seg if sound.seg > cut_seg else 0
     pcm = sound.pcm if seg or any(sound.pcm) else b""
     is_again = sound.at < left

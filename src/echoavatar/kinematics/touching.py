@@ -30,7 +30,9 @@ PALM = 0.8  # of the way from the wrist to the knuckles
 _STRAIGHT = 0.15  # sine of an elbow's bend below which its hinge is taken from the rest pose
 
 
-class _Arm(NamedTuple):
+class Arm(NamedTuple):
+    """The joints of an arm, its palm, and how its elbow bends."""
+
     above: tuple[int, int, int]  # parents of the three
     upper: int
     lower: int
@@ -42,13 +44,15 @@ class _Arm(NamedTuple):
 
 def keep_hands_together(source: Motion, moved: Motion) -> Motion:
     """`moved`, which is `source` on another rig, with its palms where they touch as the source's do."""
-    theirs, ours = ([_arm(motion.skeleton, side) for side in ("left", "right")] for motion in (source, moved))
+    theirs, ours = (
+        [find_arm(motion.skeleton, side) for side in ("left", "right")] for motion in (source, moved)
+    )
     pose = forward_kinematics(
         source.skeleton, source.matrices().double(), torch.from_numpy(source.root).double()
     )
     gap = _palm(pose, theirs[1]) - _palm(pose, theirs[0])
     size = sum(arm.length for arm in theirs) / 2
-    weight = _nearness(gap.norm(dim=-1, keepdim=True) / size)
+    weight = falling(gap.norm(dim=-1, keepdim=True) / size, NEAR, FAR)
     if not bool((weight > 0).any()):
         return moved
     turns = moved.matrices().double()
@@ -57,7 +61,7 @@ def keep_hands_together(source: Motion, moved: Motion) -> Motion:
     middle = (palms[0] + palms[1]) / 2
     wanted = gap * (sum(arm.length for arm in ours) / 2 / size)
     for arm, palm, half in zip(ours, palms, (-0.5, 0.5), strict=True):
-        turns = _bring(arm, turns, pose, weight * (middle + half * wanted - palm))
+        turns = carried(arm, turns, pose, weight * (middle + half * wanted - palm))
     return replace(moved, rotations=quaternion_from_matrix(turns).numpy().astype(np.float32))
 
 
@@ -66,10 +70,11 @@ def palms(motion: Motion) -> Float[Tensor, "t 2 3"]:
     pose = forward_kinematics(
         motion.skeleton, motion.matrices().double(), torch.from_numpy(motion.root).double()
     )
-    return torch.stack([_palm(pose, _arm(motion.skeleton, side)) for side in ("left", "right")], 1)
+    return torch.stack([_palm(pose, find_arm(motion.skeleton, side)) for side in ("left", "right")], 1)
 
 
-def _arm(skeleton: Skeleton, side: str) -> _Arm:
+def find_arm(skeleton: Skeleton, side: str) -> Arm:
+    """The `left` or `right` arm of a rig whose bones are known."""
     bones = bone_map(skeleton)
     upper, lower, hand = (bones[side + name] for name in ("UpperArm", "LowerArm", "Hand"))
     rest = skeleton.rest_positions.double()
@@ -77,7 +82,7 @@ def _arm(skeleton: Skeleton, side: str) -> _Arm:
     forearm = rest[hand] - rest[lower]
     reach_of_hand = FOREARM * forearm if knuckle is None else rest[knuckle] - rest[hand]
     hinge = torch.linalg.cross(rest[lower] - rest[upper], torch.tensor([0.0, 0.0, 1.0]).double())
-    return _Arm(
+    return Arm(
         (skeleton.parents[upper], skeleton.parents[lower], skeleton.parents[hand]),
         upper,
         lower,
@@ -88,17 +93,19 @@ def _arm(skeleton: Skeleton, side: str) -> _Arm:
     )
 
 
-def _palm(pose: Pose, arm: _Arm) -> Tensor:
+def _palm(pose: Pose, arm: Arm) -> Tensor:
     return pose.positions[:, arm.hand] + (pose.rotations[:, arm.hand] @ arm.palm)
 
 
-def _nearness(distance: Tensor) -> Tensor:
-    """1 where palms touch, 0 where they are far, smooth between."""
-    share = ((distance - NEAR) / (FAR - NEAR)).clamp(0, 1)
+def falling(value: Float[Tensor, "*n"], full: float, none: float) -> Float[Tensor, "*n"]:
+    """1 up to `full`, 0 from `none` on, smooth between."""
+    share = ((value - full) / (none - full)).clamp(0, 1)
     return 1 - share.pow(3) * (10 - 15 * share + 6 * share.square())
 
 
-def _bring(arm: _Arm, turns: Tensor, pose: Pose, shift: Tensor) -> Tensor:
+def carried(
+    arm: Arm, turns: Float[Tensor, "t j 3 3"], pose: Pose, shift: Float[Tensor, "t 3"]
+) -> Float[Tensor, "t j 3 3"]:
     """Local rotations with this arm bent so that its hand is moved by `shift` and keeps its orientation."""
     place, world = pose.positions, pose.rotations
     shoulder, elbow, wrist = (place[:, joint] for joint in (arm.upper, arm.lower, arm.hand))
@@ -109,9 +116,9 @@ def _bring(arm: _Arm, turns: Tensor, pose: Pose, shift: Tensor) -> Tensor:
     first, second = reach(hip=shoulder, knee=elbow, ankle=wrist, hinge=hinge, target=wrist + shift)
     above = first @ world[:, arm.upper]
     below = second @ world[:, arm.lower]
-    turns = turns.clone()
+    bent = turns.clone()
     over_upper, over_lower, over_hand = arm.above  # a rig may have joints in the middle of a bone
-    turns[:, arm.upper] = world[:, over_upper].transpose(-1, -2) @ above
-    turns[:, arm.lower] = (first @ world[:, over_lower]).transpose(-1, -2) @ below
-    turns[:, arm.hand] = (second @ world[:, over_hand]).transpose(-1, -2) @ world[:, arm.hand]
-    return turns
+    bent[:, arm.upper] = world[:, over_upper].transpose(-1, -2) @ above
+    bent[:, arm.lower] = (first @ world[:, over_lower]).transpose(-1, -2) @ below
+    bent[:, arm.hand] = (second @ world[:, over_hand]).transpose(-1, -2) @ world[:, arm.hand]
+    return torch.where((shift != 0).any(-1)[:, None, None, None], bent, turns)

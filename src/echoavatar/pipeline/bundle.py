@@ -1,7 +1,7 @@
 """A bundle: the trained parts that belong together, in one folder.
 
-`codec/`, `tokenizer/`, `generator/` and, if there is one, `face/` are checkpoints of their own; `card.json` beside
-them says what the whole is.
+`codec/`, `tokenizer/`, `generator/` and, where there are such, `face/` and `pulse/` are checkpoints of their own;
+`card.json` beside them says what the whole is.
 """
 
 from collections.abc import Iterator
@@ -18,6 +18,7 @@ from ..errors import CheckpointError
 from ..face import ARKIT_NAMES, FaceModel
 from ..generator import Generator, qwen_half_billion
 from ..kinematics import Skeleton
+from ..pulse import PulseModel
 from ..timing import CHUNK_SECONDS, ChunkSize
 from ..tokenizer import BodyTokenizer
 from .actions import ActionLibrary
@@ -28,7 +29,7 @@ PARTS = ("codec", "tokenizer", "generator")
 
 @dataclass(frozen=True)
 class Bundle:
-    """Audio codec, motion tokenizer, generator and perhaps a face model, loaded and checked against each other."""
+    """Codec, motion tokenizer, generator, perhaps face and pulse models, loaded and checked against each other."""
 
     name: str
     codec: AudioCodec
@@ -38,6 +39,7 @@ class Bundle:
     actions: ActionLibrary = field(default_factory=ActionLibrary)
     face: FaceModel | None = None
     runtime: Runtime = field(default_factory=Runtime)
+    pulse: PulseModel | None = None
 
     @property
     def skeleton(self) -> Skeleton:
@@ -52,7 +54,8 @@ class Bundle:
     @property
     def parameters(self) -> int:
         """How many weights there are in all."""
-        parts: tuple[nn.Module | None, ...] = (self.codec, self.tokenizer, self.generator, self.face)
+        parts: tuple[nn.Module | None, ...]
+        parts = (self.codec, self.tokenizer, self.generator, self.face, self.pulse)
         modules = [part for part in parts if part is not None]
         return sum(weight.numel() for module in modules for weight in module.parameters())
 
@@ -76,8 +79,11 @@ def load_bundle(name: str | Path = "default") -> Bundle:
         chunk = ChunkSize(generator.config.step)
         actions = ActionLibrary.load(folder, width, chunk)
         face = FaceModel.load(folder / "face") if (folder / "face").is_dir() else None
+        pulse = PulseModel.load(folder / "pulse") if (folder / "pulse").is_dir() else None
         runtime = Runtime.load(folder)
-        bundle = Bundle(str(name), codec, tokenizer, generator, read_card(folder), actions, face, runtime)
+        bundle = Bundle(
+            str(name), codec, tokenizer, generator, read_card(folder), actions, face, runtime, pulse
+        )
     _check(bundle)
     return bundle
 

@@ -1,6 +1,7 @@
 """One chunk of audio in, one chunk of motion out, for many sessions at once (paper, Real-time Deployment).
 
-    level control -> codec -> generator -> tokenizer decoder -> rig -> post: calm, ground, leash, feet, hands
+    level control -> codec -> generator -> tokenizer decoder -> rig -> post: calm, ground, leash, feet, hands -> timing
+                  -> pulse, where the bundle has a pulse model ---------------------------------------------------^
                   -> face, where the bundle has a face model
 
 Offline and live are the same: a file is a session that is pushed faster. Nothing here depends on the wall clock.
@@ -24,6 +25,7 @@ from ..generator.linear import Precision
 from ..generator.stream import GeneratorStream, HistoryState, RingState
 from ..ik import BodyProfile
 from ..nn import StreamState
+from ..pulse import PulseState
 from ..timing import CHUNK_FRAMES
 from ..tokenizer.body import BodyState
 from ..tokenizer.model import DecoderState
@@ -33,6 +35,7 @@ from .device import find_device
 from .modes import FREE, MotionOptions
 from .motion_chunk import MotionChunk, join
 from .post import POST_STAGES, Post, PostState
+from .retime import TIMING, Retime, RetimeState
 from .rig import Output, RigAdapter, RigState
 
 _LOG = logging.getLogger(__name__)
@@ -41,7 +44,15 @@ BIAS = 14.0  # nats that an action of intensity 1 adds to the logits of its code
 LEARNED_BIAS = 12.0  # the same, beside what a generator trained with exemplars does by itself
 SILENCE = 0.003  # root mean square of a chunk behind the level control, -50 dBFS, below which nobody is heard
 # in silence a share of the temperature: at full heat one draw in a hundred leaves the rest, and hands never settle
-STAGES = ("level", "face", "codec", "generator", "decoder", "rig", *POST_STAGES)
+STAGES = ("level", "face", "codec", "generator", "decoder", "rig", *POST_STAGES, TIMING)
+
+
+@dataclass
+class TimingState(StreamState):
+    """What hears the pulse and what follows it."""
+
+    pulse: PulseState
+    retime: RetimeState
 
 
 @dataclass
@@ -55,6 +66,7 @@ class PipelineState(StreamState):
     post: PostState
     rig: list[RigState]  # one where the tokenizer speaks of another rig
     face: list[FaceState]  # one, or none without a face model
+    timing: list[TimingState]  # one, or none without a pulse model
     seeds: Int[Tensor, " b"]
 
 
@@ -96,7 +108,10 @@ class Pipeline:
             bundle.generator.to(self.device), precision or own_precision
         )
         self.tokenizer = bundle.tokenizer.to(self.device)
-        self.post = Post(self.skeleton, stages=runtime.stages if stages is None else stages, body=body)
+        chosen = set(runtime.stages if stages is None else stages)
+        self.pulse = bundle.pulse if TIMING in chosen else None
+        self.retime = Retime(self.skeleton.joints) if self.pulse else None
+        self.post = Post(self.skeleton, stages=chosen - {TIMING}, body=body)
         self.face = FaceStream(bundle.face) if bundle.face else None
         self.actions = bundle.actions
         config = bundle.generator.config
@@ -127,8 +142,14 @@ class Pipeline:
             self.post.init_state(rows),
             [self.rig.init_state(rows)] if self.rig else [],
             [self.face.init_state(rows)] if self.face else [],
+            self._init_timing(rows),
             torch.zeros(rows, dtype=torch.int64),
         )
+
+    def _init_timing(self, rows: int) -> list[TimingState]:
+        if not (self.pulse and self.retime):
+            return []
+        return [TimingState(self.pulse.init_state(rows), self.retime.init_state(rows))]
 
     def reset(
         self,
@@ -218,6 +239,10 @@ class Pipeline:
         lap = None if self.lap is _no_lap else self.lap
         parts = [self.post.step(piece, state.post, active, lap) for piece in pieces]
         chunks = parts[0] if len(parts) == 1 else [join(row) for row in zip(*parts, strict=True)]
+        if self.pulse and self.retime:
+            brake = self.pulse.step(level, state.timing[0].pulse, active)
+            chunks = self.retime.step(chunks, brake, state.timing[0].retime, active)
+        self.lap(TIMING)
         return chunks if face is None else [c._replace(face=f) for c, f in zip(chunks, face, strict=True)]
 
 

@@ -10,6 +10,7 @@ from pydantic import Field, ValidationError
 from ..config import Config
 from ..errors import CheckpointError
 from .post import SWITCHES
+from .retime import TIMING
 from .rig import RigConfig
 
 FILE = "runtime.json"
@@ -23,7 +24,7 @@ class Runtime(Config):
         default=0.3, ge=0, description="of the temperature while nobody is heard (ours: 0.3, paper: 1)"
     )
     stages: tuple[str, ...] = Field(
-        default=SWITCHES, description="stages behind the decoder, unless asked for"
+        default=(TIMING, *SWITCHES), description="stages behind the decoder, unless asked for"
     )
     rig: RigConfig | None = Field(
         default=None, description="how its features differ from ours; None: not at all"

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from ..client import Avatar
-from ..timing import SAMPLE_RATE_HZ
+from ..timing import CHUNK, SAMPLE_RATE_HZ, ChunkSize
 from ..wire import Audio, Sound
 from .decoder import Decoder, Pcm
 from .events import AUDIO_DELTA, AUDIO_DONE, SESSION, Event, audio_format, inside, interrupts, sound
@@ -27,6 +27,7 @@ class Hearing:
 
     def __init__(self) -> None:
         self.voices = Voices()
+        self._chunk = CHUNK
         self._format = {"input": ("pcm", SAMPLE_RATE_HZ), "output": ("pcm", SAMPLE_RATE_HZ)}
         self._response_format: tuple[str, int] | None = None
         self._is_cut_by_user = True
@@ -36,8 +37,9 @@ class Hearing:
 
     # ---- the avatar's session
 
-    def begin(self) -> None:
-        """The avatar is there, or there again; what was said before is not said again."""
+    def begin(self, chunk: ChunkSize = CHUNK) -> None:
+        """The avatar is there, or there again, and steps by such chunks; what was said before is not said again."""
+        self._chunk = chunk
         self._user_seg, self._user_sent = self._user_seg + 1, 0
 
     def lose(self) -> None:
@@ -92,6 +94,7 @@ class Hearing:
                 content_index=event.content_index or 0,
                 decoder=Decoder(*(self._response_format or self._format["output"])),
                 begun=now,
+                chunk=self._chunk,
             )
             if avatar is None:
                 voice.cut = 0  # its beginning was missed: the body stays at rest for it

@@ -17,6 +17,7 @@ from websockets.exceptions import ConnectionClosed
 
 from ..client import Avatar, RemoteTools, connect
 from ..errors import EchoAvatarError
+from ..timing import ChunkSize
 from ..wire import Ready, Sound
 from . import added
 from .calls import Calls
@@ -133,7 +134,7 @@ class AvatarLink:
         """A session of the avatar's, new or gone on with."""
         assert self._tools is not None
         self._tools.session = avatar.ready.session
-        self._hearing.begin()
+        self._hearing.begin(ChunkSize.of(avatar.ready.chunk_samples))
         self._avatar = avatar
         await self._send_down(added.session_created(avatar.ready))
         if self._settings.tools and not self._calls.declared:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Int16
 
-from ..timing import CHUNK_FRAMES, CHUNK_SAMPLES, SAMPLE_RATE_HZ
+from ..timing import CHUNK, SAMPLE_RATE_HZ, ChunkSize
 from .decoder import Decoder, Pcm
 
 STALL_S = 0.5  # an item that brings nothing for longer than this is not waited for
@@ -30,6 +30,7 @@ class Voice:
     content_index: int
     decoder: Decoder
     begun: float  # when its first sound was passed on, by the loop's clock
+    chunk: ChunkSize = CHUNK  # of the avatar that is told
     seg: int = 0  # the avatar's number for it; 0: not told yet
     samples: int = 0  # received
     is_ended: bool = False
@@ -60,16 +61,16 @@ class Voice:
         self.is_ended = True
         chunks = self._take(self.decoder.push(b"", is_last=True))
         if len(self._rest):
-            chunks += self._take(np.zeros(CHUNK_SAMPLES - len(self._rest), np.int16), is_silence=True)
+            chunks += self._take(np.zeros(self.chunk.samples - len(self._rest), np.int16), is_silence=True)
         return chunks
 
     def _take(self, new: Pcm, *, is_silence: bool = False) -> list[Pcm]:
         self.samples += 0 if is_silence else len(new)
         self._rest = np.concatenate([self._rest, new])
         made = []
-        while len(self._rest) >= CHUNK_SAMPLES:
-            made.append(self._rest[:CHUNK_SAMPLES])
-            self._rest = self._rest[CHUNK_SAMPLES:]
+        while len(self._rest) >= self.chunk.samples:
+            made.append(self._rest[: self.chunk.samples])
+            self._rest = self._rest[self.chunk.samples :]
             self._chunks[self._made] = made[-1]
             self._made += 1
         return made
@@ -93,27 +94,27 @@ class Voice:
 
     def clock_at(self, sample: int) -> int | None:
         """Where on the avatar's clock a sample lies; None where that is not known."""
-        chunk, offset = divmod(max(0, sample), CHUNK_SAMPLES)
+        chunk, offset = divmod(max(0, sample), self.chunk.samples)
         if chunk < len(self.clock):
             return self.clock[chunk] + offset
-        if self.clock and sample <= len(self.clock) * CHUNK_SAMPLES:
-            return self.clock[-1] + CHUNK_SAMPLES
+        if self.clock and sample <= len(self.clock) * self.chunk.samples:
+            return self.clock[-1] + self.chunk.samples
         return None
 
     def speech(self, chunk: int) -> Int16[np.ndarray, " s"]:
         """What of a chunk is speech; nothing from where it was cut off."""
         known = self._chunks.get(chunk)
         if known is None:
-            return np.zeros(CHUNK_SAMPLES, np.int16)
-        if self.cut is None or self.cut >= (chunk + 1) * CHUNK_SAMPLES:
+            return np.zeros(self.chunk.samples, np.int16)
+        if self.cut is None or self.cut >= (chunk + 1) * self.chunk.samples:
             return known
         kept = known.copy()
-        kept[max(0, self.cut - chunk * CHUNK_SAMPLES) :] = 0
+        kept[max(0, self.cut - chunk * self.chunk.samples) :] = 0
         return kept
 
     def frame(self, chunk: int) -> int:
         """Number of a chunk's first frame, counted from the item's beginning."""
-        return chunk * CHUNK_FRAMES
+        return chunk * self.chunk.frames
 
 
 class Voices:

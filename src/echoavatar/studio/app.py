@@ -30,7 +30,7 @@ def create_app(
     routes: list[BaseRoute] = [
         *rater_routes(gate, maker.media),
         *owner_routes(gate, maker, library or maker.media.parent / "library"),
-        *page_routes(),
+        *page_routes(words=maker.media.parent / "words"),
     ]
     app = Starlette(routes=routes, exception_handlers={HTTPException: nothing_here})
     app.state.maker = maker

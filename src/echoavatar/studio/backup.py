@@ -43,6 +43,8 @@ def back_up(store: Store, media: Path, path: Path) -> dict[str, int]:
             for file in files:
                 whole.write(file, f"media/{file.relative_to(media).as_posix()}", zipfile.ZIP_STORED)
         partial.replace(path)
+        with store.write() as session:
+            note(session, "studio", "backed up", detail=path.name)
     except OSError as error:
         raise EchoAvatarError(f"cannot write {path} ({error.strerror}); choose another -o") from error
     finally:

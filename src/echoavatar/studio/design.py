@@ -2,9 +2,9 @@
 
 A rater sees only some of the trials (a block). Blocks are filled one by one with the trial that was used least so far;
 among those the one that shares the fewest groups (systems, sounds) with what the block has, and the fewest blocks
-with its trials. So any two trials are judged equally often up to one, whatever the numbers are, and where a balanced
-incomplete block design exists for them the greedy choice comes near it. Sides and playing order are balanced the same
-way.
+with its trials. So any two trials are judged equally often up to one, whatever the numbers are. Then blocks exchange
+trials as long as any two trials meet in more equally many blocks, which ends at a balanced incomplete block design
+where there is one for such numbers and it is small. Sides and playing order are balanced too.
 """
 
 from collections import Counter, defaultdict
@@ -13,6 +13,9 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Int
+
+_TRIES, _TRIES_PER_BLOCK = 20_000, 120
 
 
 class Shown(NamedTuple):
@@ -52,8 +55,46 @@ def blocks(groups: Sequence[Sequence[str]], *, count: int, size: int, seed: int)
         for one, other in combinations(block, 2):
             together[one, other] += 1
             together[other, one] += 1
-        found.append([int(trial) for trial in random.permutation(block)])
-    return found
+        found.append(block)
+    _exchange(found, groups, together, random)
+    return [[int(trial) for trial in random.permutation(block)] for block in found]
+
+
+def _exchange(
+    found: list[list[int]],
+    groups: Sequence[Sequence[str]],
+    together: Int[np.ndarray, "n n"],
+    random: np.random.Generator,
+) -> None:
+    """Two trials of two blocks change places, again and again, unless the design would be worse for it.
+
+    Worse is: more that is alike (same system, same sound) within blocks, or else pairs of trials that meet less evenly
+    (sum of squares of `together`). Changes that make it neither better nor worse lead out of dead ends.
+    """
+    inside = np.zeros((len(found), len(groups)), int)
+    for row, block in enumerate(found):
+        inside[row, block] = 1
+    names = sorted({mark for marks in groups for mark in marks})
+    has = np.array([[mark in marks for mark in names] for marks in groups], int).reshape(
+        len(groups), len(names)
+    )
+    alike = has @ has.T
+    for _ in range(min(_TRIES, _TRIES_PER_BLOCK * len(found))):
+        one, other = random.integers(len(found), size=2)
+        gives, takes = (np.flatnonzero(inside[x] > inside[y]) for x, y in ((one, other), (other, one)))
+        if not len(gives):
+            continue
+        a, b = random.choice(gives), random.choice(takes)
+        change = inside[other] - inside[one]  # of what `a` meets; `b` meets the opposite
+        change[[a, b]] = 0
+        costs = change @ (alike[a] - alike[b]), change @ (together[a] - together[b]) + change @ change
+        if costs > (0, 0):
+            continue
+        for trial, sign in ((a, 1), (b, -1)):
+            together[trial] += sign * change
+            together[:, trial] += sign * change
+        inside[one, [a, b]], inside[other, [a, b]] = (0, 1), (1, 0)
+        found[one][found[one].index(a)], found[other][found[other].index(b)] = int(b), int(a)
 
 
 class Sides:

@@ -2,7 +2,7 @@
 
 import time
 
-from sqlalchemy import func, select, update
+from sqlalchemy import delete, func, select, update
 from sqlalchemy.orm import Session
 
 from .audit import note
@@ -26,7 +26,7 @@ def join(store: Store, token: str, current: Visitor | None, *, page: str) -> tup
     hashed = hash_token(token)
     with store.write() as session:
         rater = session.scalar(select(Rater).where(Rater.token_hash == hashed))
-        resume = ""
+        resume, action = "", "came"
         if rater is None:
             invitation = session.scalar(
                 select(Invitation).where(Invitation.token_hash == hashed).with_for_update()
@@ -35,11 +35,11 @@ def join(store: Store, token: str, current: Visitor | None, *, page: str) -> tup
                 raise StudioError("bad_invitation", "this link is not valid any more; ask who invited you")
             rater = _known(session, invitation, current)
             if rater is None:
-                rater, resume = _new(session, invitation, page)
+                (rater, resume), action = _new(session, invitation, page), "joined"
         study = session.get_one(Study, rater.study_id)
         rater.seen = time.time()
         cookie, visitor = sign_in(session, rater_id=rater.id)
-        note(session, f"rater {rater.number}", "joined" if resume else "came", study=study.public)
+        note(session, f"rater {rater.number}", action, study=study.public)
         return cookie, _joined(session, study, rater, visitor, resume)
 
 
@@ -77,14 +77,20 @@ def agree(store: Store, visitor: Visitor) -> Joined:
 
 
 def forget(session: Session, rater: Rater, *, actor: str, why: str) -> None:
-    """Delete a rater with all answers; the block is free again, and a personal link is void."""
+    """Delete a rater with all answers; the block is free again, and a personal link is void.
+
+    The block of an excluded one goes too: a copy of it was given out when they were excluded.
+    """
     study = session.get_one(Study, rater.study_id)
     invitation = session.get_one(Invitation, rater.invitation_id)
     if invitation.is_open:
         invitation.taken -= 1
     else:
         invitation.is_revoked = True
-    session.execute(update(Block).where(Block.rater_id == rater.id).values(rater_id=None))
+    own = Block.rater_id == rater.id
+    session.execute(
+        delete(Block).where(own) if rater.is_excluded else update(Block).where(own).values(rater_id=None)
+    )
     note(session, actor, "rater deleted", study=study.public, detail=f"rater {rater.number}: {why}")
     session.delete(rater)
 

@@ -127,12 +127,15 @@ class Desk:
             note(session, self.actor, "invitation revoked", study=public, detail=str(number))
 
     def exclude(self, public: str, number: int, *, is_excluded: bool, reason: str) -> None:
-        """Leave a rater out of the results, or take them in again; an excluded one's tasks are given out once more."""
+        """Leave a rater out of the results, or take them in again; an excluded one's tasks are given out once more.
+
+        Saying it twice changes nothing, and taking in again takes back what nobody has begun.
+        """
         with self._store.write() as session:
             rater = _rater(session, public, number)
+            if is_excluded != rater.is_excluded:
+                (_give_out_again if is_excluded else _take_back)(session, rater)
             rater.is_excluded, rater.reason = is_excluded, reason if is_excluded else ""
-            if is_excluded:
-                _give_out_again(session, rater)
             action = "rater excluded" if is_excluded else "rater taken in again"
             note(session, self.actor, action, study=public, detail=f"rater {number}: {reason}")
 
@@ -199,6 +202,20 @@ def _give_out_again(session: Session, rater: Rater) -> None:
     for task in session.scalars(select(Task).where(Task.block_id == block.id)).all():
         kept = {name: getattr(task, name) for name in ("trial_id", "position", "order", "first")}
         session.add(Task(public=new_name(), block_id=copy.id, **kept))
+
+
+def _take_back(session: Session, rater: Rater) -> None:
+    """The copy of the rater's block, where nobody has it yet: its answers count again."""
+    block = session.scalar(select(Block).where(Block.rater_id == rater.id))
+    free = select(Block).where(Block.study_id == rater.study_id, Block.rater_id.is_(None))
+    for copy in session.scalars(free.order_by(Block.number.desc())).all():
+        if block is not None and _trials(session, copy) == _trials(session, block):
+            return session.delete(copy)
+
+
+def _trials(session: Session, block: Block) -> list[tuple[int, int]]:
+    wanted = select(Task.position, Task.trial_id).where(Task.block_id == block.id).order_by(Task.position)
+    return [(position, trial) for position, trial in session.execute(wanted)]
 
 
 def _invitation(row: Invitation) -> InvitationRow:

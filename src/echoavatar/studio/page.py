@@ -1,9 +1,13 @@
 """The studio's pages, the character they show, and what every clip moves. Everything comes from this server."""
 
-from functools import lru_cache
+import logging
+import re
+from collections.abc import Sequence
+from functools import lru_cache, partial
 from pathlib import Path
 
 import anyio.to_thread
+import msgspec
 from starlette.requests import Request
 from starlette.responses import FileResponse, HTMLResponse, Response
 from starlette.routing import BaseRoute, Mount, Route
@@ -14,9 +18,12 @@ from ..avatar.gltf import pack_glb
 from ..face import ARKIT_NAMES
 from ..kinematics import HUMANOID
 from ..timing import FRAME_RATE_HZ
-from .http import reply
+from .errors import not_found
+from .http import refused, reply
+from .settings import LANGUAGE
 from .wire_rater import RigInfo, Scene
 
+_LOG = logging.getLogger(__name__)
 STATIC = Path(__file__).parent / "static"
 _HEADERS = {
     "content-security-policy": "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
@@ -32,8 +39,12 @@ _PLAIN = """<!doctype html><html lang="en"><title>EchoAvatar studio</title>
 """
 
 
-def page_routes(static: Path = STATIC) -> list[BaseRoute]:
-    """Routes of pages and what all of them share; they catch every address, so they come last."""
+def page_routes(static: Path = STATIC, *, words: Path | None = None) -> list[BaseRoute]:
+    """Routes of pages and what all of them share; they catch every address, so they come last.
+
+    `words` is where the owner's translations are, a file `de.json` or `pt-BR.json` for each language.
+    """
+    languages = [folder for folder in (words, static / "words") if folder is not None]
 
     def page(name: str) -> Route:
         async def answer(_: Request) -> Response:
@@ -47,12 +58,39 @@ def page_routes(static: Path = STATIC) -> list[BaseRoute]:
     routes: list[BaseRoute] = [
         Route("/api/scene", _scene),
         Route("/avatar.glb", _avatar),
+        Route("/words/{language}.json", partial(_words, languages)),
         page("index"),
         page("rate"),
     ]
     if (static / "assets").is_dir():
         routes.append(Mount("/assets", StaticFiles(directory=static / "assets")))
     return routes
+
+
+async def _words(folders: Sequence[Path], request: Request) -> Response:
+    found = await anyio.to_thread.run_sync(read_words, folders, request.path_params["language"])
+    if found is None:
+        return refused(not_found())
+    return Response(
+        msgspec.json.encode(found), media_type="application/json", headers={"cache-control": "no-cache"}
+    )
+
+
+def read_words(folders: Sequence[Path], language: str) -> dict[str, str] | None:
+    """What the pages say in a language, of the first folder that has it; None where none does.
+
+    A file that is no table of words is passed over with a line in the log: raters then read English.
+    """
+    if not re.fullmatch(LANGUAGE, language):
+        return None
+    for path in (folder / f"{language}.json" for folder in folders):
+        try:
+            return msgspec.json.decode(path.read_bytes(), type=dict[str, str])
+        except FileNotFoundError:
+            continue
+        except (OSError, msgspec.MsgspecError) as error:
+            _LOG.warning("%s holds no words: %s", path, error)
+    return None
 
 
 async def _scene(_: Request) -> Response:

@@ -66,6 +66,7 @@ def serve(
     Raises:
         EchoAvatarError: the port is taken, or not ours to take.
     """
+    allow_open_files()
     listener = _listen(host, port)
     name = f"[{host}]" if ":" in host else host
     address = f"{'https' if certificate else 'http'}://{name}:{listener.getsockname()[1]}"
@@ -84,6 +85,16 @@ def serve(
     )
     with listener:
         _Server(config, lambda: on_ready(address)).run(sockets=[listener])
+
+
+def allow_open_files() -> None:
+    """As many as the system lets a process have: each rater's connection is one, and 1,024 is a usual first limit."""
+    try:
+        import resource
+    except ImportError:  # Windows has no such limit
+        return
+    _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
 
 
 def _listen(host: str, port: int) -> socket.socket:

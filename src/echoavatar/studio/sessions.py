@@ -2,13 +2,15 @@
 
 import time
 from dataclasses import dataclass
+from typing import Literal
 
 from sqlalchemy import delete, select
 from sqlalchemy.orm import Session
 
+from .audit import note
 from .secrecy import hash_token, new_token
 from .store import Store
-from .tables import Login
+from .tables import Login, Owner, Rater, Study
 
 RATER_SECONDS = 60 * 86_400.0
 OWNER_SECONDS = 12 * 3_600.0
@@ -22,6 +24,10 @@ class Visitor:
     csrf: str
     owner_id: int | None
     rater_id: int | None
+
+    def is_a(self, who: Literal["rater", "owner"]) -> bool:
+        """Whether the session was opened by a rater's link, or by an owner's password."""
+        return (self.rater_id if who == "rater" else self.owner_id) is not None
 
 
 def sign_in(
@@ -53,4 +59,15 @@ def find_visitor(store: Store, token: str) -> Visitor | None:
 def sign_out(store: Store, visitor: Visitor) -> None:
     """End a session."""
     with store.write() as session:
+        actor, study = name_of(session, visitor)
+        note(session, actor, "signed out", study=study)
         session.execute(delete(Login).where(Login.id == visitor.login_id))
+
+
+def name_of(session: Session, visitor: Visitor | None) -> tuple[str, str]:
+    """What the audit calls somebody, and the study they are a rater of."""
+    if visitor and visitor.rater_id and (rater := session.get(Rater, visitor.rater_id)):
+        return f"rater {rater.number}", session.get_one(Study, rater.study_id).public
+    if visitor and visitor.owner_id and (owner := session.get(Owner, visitor.owner_id)):
+        return f"owner {owner.name}", ""
+    return "stranger", ""

@@ -21,6 +21,9 @@ CONSENT = (
 INTRO = "Please use headphones or loudspeakers, and watch every clip to its end before you answer."
 
 
+LANGUAGE = "[a-z]{2}(-[A-Z]{2})?"  # such as de or pt-BR
+
+
 class SoundChoice(Config):
     """A sound file, or a folder of them."""
 
@@ -58,7 +61,7 @@ class Checks(Config):
 
 class _Study(Config):
     title: str = Field(min_length=1, max_length=200)
-    language: str = Field(default="en", pattern=r"^[a-z]{2}(-[A-Z]{2})?$", description="of the raters' page")
+    language: str = Field(default="en", pattern=f"^{LANGUAGE}$", description="of the raters' page")
     intro: str = Field(default=INTRO, max_length=4000)
     consent: str = Field(default=CONSENT, min_length=1, max_length=8000)
     sounds: tuple[SoundChoice, ...] = Field(min_length=1)

@@ -1,6 +1,8 @@
 import { encode } from "@msgpack/msgpack";
+import { PerspectiveCamera, Vector3 } from "three";
 import { describe, expect, it } from "vitest";
 import type { Scene } from "../src/api.generated.js";
+import { SharedCamera } from "../src/playback/camera.js";
 import { Clip, calm } from "../src/playback/clip.js";
 import { Rounds } from "../src/playback/rounds.js";
 
@@ -98,5 +100,27 @@ describe("rounds", () => {
     rounds.at(1.2);
     rounds.at(4.1);
     expect(counts).toEqual({ plays: [3, 0, 0], watched: [2, 0, 0] });
+  });
+});
+
+describe("the camera", () => {
+  /** Where a point of the body is in a view: -1 at its lower edge, 1 at its upper one. */
+  const height = (camera: SharedCamera, y: number) => {
+    const lens = new PerspectiveCamera(28);
+    camera.aim(lens, 0.8, 0, 0);
+    lens.updateMatrixWorld();
+    return new Vector3(0, y, 0).project(lens).y;
+  };
+
+  it.each([1.2, 1.65, 2])("shows the whole body of %s m, and its face from close by", (tall) => {
+    const camera = new SharedCamera();
+    camera.setHeight(tall);
+    expect(height(camera, 0)).toBeGreaterThan(-1);
+    expect(height(camera, tall)).toBeLessThan(1);
+    for (let k = 0; k < 11; k++) camera.step(0, 1);
+    expect(Math.abs(height(camera, 0.92 * tall))).toBeLessThan(0.25);
+    expect(height(camera, 0.5 * tall)).toBeLessThan(-1);
+    for (let k = 0; k < 11; k++) camera.step(0, -1);
+    expect(height(camera, 0)).toBeGreaterThan(-1);
   });
 });

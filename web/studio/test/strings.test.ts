@@ -1,7 +1,7 @@
 import { readFileSync, readdirSync } from "node:fs";
 import { describe, expect, it, vi } from "vitest";
 import { STATUS } from "../src/api.generated.js";
-import { speak, t, word } from "../src/strings.js";
+import { type Words, speak, t, word } from "../src/strings.js";
 
 const source = new URL("../src/", import.meta.url);
 
@@ -16,11 +16,21 @@ describe("strings", () => {
     for (const code of Object.keys(STATUS)) expect(word("problem", code), code).not.toBe(code);
   });
 
-  it("are English where a language is not known", () => {
+  it("are of the study's language, of the language without its country, or English", async () => {
     vi.stubGlobal("document", { documentElement: { lang: "" } });
-    speak("tlh-KL");
-    expect(t("saved")).toBe("Saved");
-    expect(document.documentElement.lang).toBe("en");
+    const files: Record<string, Words> = {
+      de: { saved: "Gespeichert", play_clip: "{name} abspielen", play: "" },
+      "pt-BR": { saved: "Salvo" },
+    };
+    const fetch = async (code: string) => files[code] ?? null;
+    const said = async (language: string) => {
+      await speak(language, fetch);
+      return [document.documentElement.lang, t("saved"), t("play_clip", { name: "A" }), t("play")];
+    };
+    expect(await said("de-AT")).toEqual(["de", "Gespeichert", "A abspielen", "Play"]);
+    expect(await said("pt-BR")).toEqual(["pt-BR", "Salvo", "Play A", "Play"]);
+    expect(await said("tlh-KL")).toEqual(["en", "Saved", "Play A", "Play"]);
+    expect(await said("en-GB")).toEqual(["en", "Saved", "Play A", "Play"]);
   });
 
   it("hold every word that the pages say: no other file has English sentences in quotes", () => {

@@ -6,7 +6,9 @@ import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 const DISTANCE = 4.7; // metres, for a body of 1.65 m
 const TURN = Math.PI / 12;
 const CLOSER = 0.85;
-const HEIGHT = 0.52; // of the body: what is looked at
+const HEIGHT = 0.52; // of the body: what is looked at from afar,
+const HEAD = 0.9; // and from close by, where the face is to be seen
+const CLOSE = 1; // metres, for a body of 1.65 m
 
 export class SharedCamera {
   private readonly master = new PerspectiveCamera(28, 1, 0.05, 60);
@@ -33,7 +35,7 @@ export class SharedCamera {
         enablePan: false,
       });
       controls.target = this.target;
-      controls.addEventListener("change", () => this.onMove?.());
+      controls.addEventListener("change", () => this.moved());
       element.style.touchAction = "pan-y"; // a thumb that goes up or down scrolls the page
       return controls;
     });
@@ -72,7 +74,14 @@ export class SharedCamera {
     lens.updateProjectionMatrix();
   }
 
+  /** Looks higher the closer it is: hips in the middle of a whole body, the face in a close-up. */
   private moved(): void {
+    const scale = this.tall / 1.65;
+    const distance = this.master.position.distanceTo(this.target);
+    const share = Math.min(1, Math.max(0, (DISTANCE * scale - distance) / ((DISTANCE - CLOSE) * scale)));
+    const rise = (HEIGHT + (HEAD - HEIGHT) * share) * this.tall - this.target.y;
+    this.target.y += rise;
+    this.master.position.y += rise;
     this.master.lookAt(this.target);
     this.onMove?.();
   }

@@ -8,7 +8,7 @@ import { Pause, insist } from "../patience.js";
 import { Library, type Media } from "../playback/media.js";
 import { Theatre } from "../playback/theatre.js";
 import { Views } from "../playback/views.js";
-import { speak, t } from "../strings.js";
+import { type Words, speak, t } from "../strings.js";
 import { type Draft, dropDraft, openDraft, unsaved } from "./draft.js";
 import { menu } from "./menu.js";
 import { type Outcome, send } from "./sending.js";
@@ -45,7 +45,7 @@ export class Flow {
     showWords(t("loading"), []);
     try {
       const token = location.hash.slice(1);
-      this.enter(token ? await this.join(token) : await this.again(() => this.api.get<Joined>("/api/rater/me")));
+      await this.enter(token ? await this.join(token) : await this.again(() => this.api.get<Joined>("/api/rater/me")));
       for (const draft of unsaved()) await this.sendOld(draft);
       if (!this.joined!.has_consented) this.consent();
       else await this.next();
@@ -60,20 +60,29 @@ export class Flow {
     return joined;
   }
 
-  private enter(joined: Joined): void {
+  private async enter(joined: Joined): Promise<void> {
     this.joined = joined;
     this.api.csrf = joined.csrf;
-    speak(joined.study.language);
     document.title = joined.study.title;
     if (joined.resume) sessionStorage.setItem(RESUME, joined.resume);
     this.shown ??= this.open(); // while the rater reads
     this.shown.catch(() => undefined);
+    await speak(joined.study.language, (code) => this.words(code));
+  }
+
+  private async words(language: string): Promise<Words | null> {
+    try {
+      return await this.again(() => this.api.get<Words>(`/words/${language}.json`));
+    } catch (error) {
+      if (error instanceof Refused && error.code === "not_found") return null;
+      throw error;
+    }
   }
 
   private consent(): void {
     showConsent(this.joined!, sessionStorage.getItem(RESUME) ?? "", async (agreed) => {
       try {
-        this.enter(await this.again(() => this.api.post<Joined>("/api/rater/consent", { agreed })));
+        await this.enter(await this.again(() => this.api.post<Joined>("/api/rater/consent", { agreed })));
         await this.next();
       } catch (error) {
         if (!agreed && error instanceof Refused && error.code === "not_signed_in") this.gone("rate_kept_nothing");
@@ -123,7 +132,7 @@ export class Flow {
     const outcome = await send(this.api, draft, insisting);
     if (outcome.kind !== "session") return outcome;
     try {
-      this.enter(await this.again(() => this.api.get<Joined>("/api/rater/me")));
+      await this.enter(await this.again(() => this.api.get<Joined>("/api/rater/me")));
     } catch (error) {
       if (error instanceof Refused) return outcome; // the link has to be opened again; the draft waits in this tab
       throw error;

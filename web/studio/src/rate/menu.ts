@@ -61,7 +61,7 @@ export function menu(kind: string, resume: string, { leave, withdraw }: Leaving)
 /** The list of keys; a dialog of its own. */
 export function showKeys(kind: string): void {
   const rows: [string, string][] = [
-    ["Space", t("key_space")],
+    [t("key_name_space"), t("key_space")],
     ["R", t("key_again")],
     ["1 2 …", t("key_number")],
   ];
@@ -74,7 +74,7 @@ export function showKeys(kind: string): void {
     ["V", t("key_view")],
     ["L", t("loop")],
     ["M", t("key_mute")],
-    ["Enter", t("key_submit")],
+    [t("key_name_enter"), t("key_submit")],
   );
   const dialog = h(
     "dialog",

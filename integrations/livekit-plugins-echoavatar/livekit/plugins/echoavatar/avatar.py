@@ -137,7 +137,7 @@ class RemoteAvatarSession(_Session):
 
     >>> avatar = RemoteAvatarSession()
     >>> token = avatar.worker_token("my-room", agent_identity, api_key=..., api_secret=...)
-    >>> await avatar.start(session, room=ctx.room)    # python -m livekit.plugins.echoavatar.worker --token ...
+    >>> await avatar.start(session, room=ctx.room)    # python -m livekit.plugins.echoavatar --token ...
     """
 
     def __init__(self, *, avatar_identity: str = "echoavatar") -> None:

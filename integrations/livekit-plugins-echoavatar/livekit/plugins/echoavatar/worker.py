@@ -1,6 +1,6 @@
 """An avatar in a process of its own: joins a room, hears the agent over a data stream, publishes sound and motion.
 
-python -m livekit.plugins.echoavatar.worker --url ws://127.0.0.1:7880 --token TOKEN
+python -m livekit.plugins.echoavatar --url ws://127.0.0.1:7880 --token TOKEN
 """
 
 import argparse
@@ -94,13 +94,16 @@ async def perform(url: str, token: str, where: str, where_token: str) -> None:
 
 def main() -> None:
     """Run a worker."""
-    parser = argparse.ArgumentParser(prog="livekit.plugins.echoavatar.worker", description=__doc__)
+    parser = argparse.ArgumentParser(prog="livekit.plugins.echoavatar", description=__doc__)
     parser.add_argument("--url", default=os.environ.get("LIVEKIT_URL", "ws://127.0.0.1:7880"))
     parser.add_argument("--token", required=True, help="of `RemoteAvatarSession.worker_token`")
     parser.add_argument("--avatar", default="default", help="a bundle, or a server's address")
     parser.add_argument("--avatar-token", default=os.environ.get("ECHOAVATAR_TOKEN", ""))
     args = parser.parse_args()
-    asyncio.run(perform(args.url, args.token, args.avatar, args.avatar_token))
+    try:
+        asyncio.run(perform(args.url, args.token, args.avatar, args.avatar_token))
+    except rtc.ConnectError as error:
+        parser.exit(1, f"cannot join at {args.url}: {error}; check the server's address and the token\n")
 
 
 if __name__ == "__main__":

@@ -1,0 +1,5 @@
+"""`python -m livekit.plugins.echoavatar`: the worker."""
+
+from .worker import main
+
+main()

@@ -1,0 +1,36 @@
+"""`echoavatar train pulse`: what tells the body when to brake, on the corpus's stresses and beats."""
+
+import argparse
+from typing import Any
+
+from .recipe import Options, Settings
+
+
+def add_arguments(parser: argparse.ArgumentParser, options: Options, seed: str) -> None:
+    """Declare the arguments that only the pulse has."""
+    options.add("--steps", "training.steps", 2000, type=int, help="optimiser steps")
+    options.add("--batch", "training.batch", 24, type=int, help="windows per step")
+    options.add("--rate", "training.learning_rate", 2e-3, type=float, help="peak learning rate")
+    options.add("--seed", "training.seed", 0, type=int, help=seed)
+    parser.add_argument(
+        "--minutes", type=float, help="stop this call after so many minutes; call again to go on"
+    )
+
+
+def train(args: argparse.Namespace, settings: Settings, card: dict[str, object], how: dict[str, Any]) -> None:
+    """Train on the clips of split "train", mirror images left out: they sound the same."""
+    from ..data import Corpus
+    from ..pulse import PulseConfig
+    from ..pulse.recipe import PulseTraining
+    from ..pulse.train import train_pulse
+
+    corpus = Corpus(args.source)
+    train_pulse(
+        settings.checked(PulseConfig, "model"),
+        settings.checked(PulseTraining, "training"),
+        [corpus.load(name) for name in corpus.names("train", has_mirrored=False)],
+        args.output,
+        minutes=args.minutes,
+        card=card,
+        **how,
+    )

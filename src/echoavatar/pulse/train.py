@@ -1,0 +1,75 @@
+"""Training of the pulse model, on rehearsal clips, whose stresses and beats are known."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import torch
+import torch.nn.functional as F
+
+from ..data import Clip
+from ..training import Loss, Progress, Stage, train
+from .config import PulseConfig
+from .lesson import PulseBatch, PulseSampler
+from .model import PulseModel
+from .recipe import PulseTraining
+
+
+class PulseStage(Stage[PulseBatch]):
+    """A pulse model and the clips that it learns."""
+
+    config: PulseTraining
+
+    def __init__(
+        self,
+        config: PulseConfig,
+        training: PulseTraining,
+        clips: Sequence[Clip],
+        *,
+        card: Mapping[str, object] | None = None,
+    ) -> None:
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(training.seed)
+            self.model = PulseModel(config)
+        super().__init__(training, {"model": self.model})
+        self.sampler = PulseSampler(
+            clips, frames=training.frames, seed=training.seed, gain_db=training.gain_db
+        )
+        self._card = dict(card or {})
+
+    def identity(self) -> dict[str, PulseConfig | PulseTraining]:
+        """Sizes and schedule."""
+        return {"pulse": self.model.config, "training": self.config}
+
+    def draw(self, step: int) -> PulseBatch:
+        """See `Stage.draw`."""
+        return self.sampler.batch(step, self.config.batch)
+
+    def loss(self, batch: PulseBatch, step: int) -> Loss:
+        """Cross-entropy with the curve; `told` is what would be left if the model knew nothing but the mean."""
+        logits = self.model.logits(self.model.encoder(batch.audio))
+        error = F.binary_cross_entropy_with_logits(logits, batch.brake)
+        blind = F.binary_cross_entropy(batch.brake.mean().expand_as(batch.brake), batch.brake)
+        return Loss(error, {"blind": blind})
+
+    def save(self, folder: Path, step: int) -> None:
+        """The pulse model."""
+        about = {"kind": "pulse", "step": step, "training": self.config.model_dump()}
+        self.model.save(folder, self._card | about)
+
+
+def train_pulse(
+    config: PulseConfig,
+    training: PulseTraining,
+    clips: Sequence[Clip],
+    folder: Path,
+    *,
+    minutes: float | None = None,
+    device: str = "cpu",
+    card: Mapping[str, object] | None = None,
+    trackers: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> PulseModel:
+    """Train on the clips, checkpointing into `folder` with `card`; continues what is there."""
+    stage = PulseStage(config, training, clips, card=card)
+    train(stage, folder, minutes=minutes, device=device, trackers=trackers, progress=progress)
+    return stage.model.eval()
