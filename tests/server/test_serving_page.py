@@ -1,7 +1,9 @@
 """The page about serving: its example runs against a real server."""
 
+import argparse
 import asyncio
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -21,12 +23,18 @@ def test_the_example_runs(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_flags_that_are_named_are_there() -> None:
-    import argparse
+    from echoavatar.cli import bench, say, serve
 
-    from echoavatar.cli.serve import add_arguments
+    known = {option for room in (serve, say) for option in options(room.add_arguments)}
+    known |= options(bench.add_arguments, "sessions")
+    ours = re.sub(r"`buildah[^`]*`", "", PAGE)
+    assert set(re.findall(r"(?<![\w-])--[a-z]+", ours)) <= known
 
+
+def options(add: Callable[[argparse.ArgumentParser], None], kind: str = "") -> set[str]:
+    """Flags of a command, or of one of its kinds."""
     parser = argparse.ArgumentParser()
-    add_arguments(parser)
-    known = {option for action in parser._actions for option in action.option_strings}
-    named = set(re.findall(r"(?<![\w-])--[a-z]+", PAGE)) - {"--server", "--neighbours"}
-    assert named <= known
+    add(parser)
+    if kind:
+        (parser,) = (a.choices[kind] for a in parser._actions if isinstance(a, argparse._SubParsersAction))
+    return {option for action in parser._actions for option in action.option_strings}
