@@ -37,6 +37,13 @@ def add_arguments(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") 
         "--scores", type=Path, help="scores by `align calibrate` (default: the paper's table)"
     )
     quality.add_argument(
+        "--kinds",
+        nargs="+",
+        default=[],
+        choices=("jitter", "time_warp", "foot_slide", "frozen_limbs"),
+        help="what else to train on; by default these only test whether the reward generalises",
+    )
+    quality.add_argument(
         "--windows", type=int, default=32, help="held-out windows a level (default: %(default)s)"
     )
     alignment.add_argument(
@@ -116,11 +123,12 @@ def _calibrate(
 def _quality(
     args: argparse.Namespace, bundle: "Bundle", train: Clips, test: Clips, progress: Progress
 ) -> dict[str, Any]:
-    from ..align.degrade import paper_scores, read_scores
+    from ..align.degrade import paper_scores, read_scores, spoiled_scores
     from ..align.quality import QualityConfig
     from ..align.quality_train import Levels, QualityTraining, draw_quality, measure_quality, train_quality
 
     scores = read_scores(args.scores) if args.scores else paper_scores()
+    scores |= spoiled_scores(args.kinds)
     model = train_quality(
         Levels(bundle.tokenizer, list(train.values()), seed=args.seed),
         args.output,
