@@ -4,6 +4,8 @@ import pytest
 import torch
 from tests.align.tuning import grpo, ppo, wants_threes
 
+from echoavatar.align.trainer import Around
+from echoavatar.training import Loop
 from echoavatar.training.stage import leaves
 
 
@@ -19,6 +21,23 @@ def test_a_batch_is_drawn_once_for_all_its_epochs_and_survives_a_checkpoint_betw
     for own, theirs in zip(leaves(first), leaves(other.draw(5)), strict=True):
         assert torch.equal(own, theirs)
     assert other.of_rows(first).keys() == one.of_rows(first).keys() == {"reward", "rewards.threes", "spread"}
+
+
+def test_continuations_may_come_from_a_backend():
+    """One that is told the policy, so that it may take over its weights, and answers like it, a code off."""
+    asked = []
+
+    def backend(own):
+        def rollout(prompts, group, seeds):
+            asked.append(len(seeds))
+            return (own.rollout(prompts, group, seeds) + 1) % 8
+
+        return rollout
+
+    one, plain = grpo(around=Around(rollouts=backend)), grpo()
+    assert torch.equal(one.draw(3).codes, (plain.draw(3).codes + 1) % 8)
+    assert asked == [one.config.batch * one.config.group]
+    Loop(one).advance()
 
 
 def test_one_epoch_of_grpo_needs_no_second_look_at_the_policy():

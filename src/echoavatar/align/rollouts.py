@@ -45,6 +45,9 @@ class RolloutStage(PolicyStage[Played]):
     def __init__(self, *args: Any, book: PromptBook, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         self._book = book
+        self._rollout = (
+            self.policy.rollout if self.around.rollouts is None else self.around.rollouts(self.policy)
+        )
         self._kept: tuple[int, Played] | None = None
         self._names: tuple[str, ...] = ()
         self._step = 0
@@ -73,7 +76,7 @@ class RolloutStage(PolicyStage[Played]):
         first = self.processes.rank * rows
         chosen = seeds(training, number, len(drawn) * group)[first : first + rows].to(device)
         asked = batch_of(mine, str(device))
-        codes = self.policy.rollout(asked, group, chosen)
+        codes = self._rollout(asked, group, chosen)
         rewards = self.judge(mine, codes)
         self._names = ("reward", *(f"rewards.{name}" for name in rewards.parts), "spread")
         tokens, whole, *columns = (

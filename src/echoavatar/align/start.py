@@ -28,7 +28,7 @@ from .preferences import rank, read_pairs, write_pairs
 from .probe import Probe
 from .prompts import PromptBook, read_token_clips
 from .quality import QualityReward
-from .rewards import Reward, RewardMix, parse_weights
+from .rewards import Reward, RewardMix, imported, parse_weights
 from .samples import Films, can_film
 from .scene import true_scenes
 from .trainer import Around, DivergedError, PolicyStage
@@ -156,9 +156,10 @@ def stage_of(
     *,
     pairs: Path | None = None,
     margin: float = 0.0,
+    rollouts: str | None = None,
     command: str = "",
 ) -> PolicyStage[Any]:
-    """One of the methods, ready to be trained."""
+    """One of the methods, ready to be trained; `rollouts` names a backend as module:function (docs/alignment.md)."""
 
     def book(clips: Mapping[str, TokenClip]) -> PromptBook:
         return PromptBook(
@@ -183,6 +184,7 @@ def stage_of(
         film=film,
         rewards=ready.mix.weights,
         reference_name=ready.reference_name,
+        rollouts=imported(rollouts, "backend") if rollouts else None,
     )
     parts = (ready.generator, ready.reference, training, judge, around)
     match method:

@@ -21,7 +21,7 @@ from ..training import Gather, Loss, Stage, adamw
 from .config import AlignTraining
 from .judge import Judge
 from .losses import exact_kl
-from .policy import GeneratorPolicy, Scores, by_layer, check_reference
+from .policy import GeneratorPolicy, Rollout, Scores, by_layer, check_reference
 from .probe import Probe
 from .prompts import Prompt, PromptBatch
 
@@ -50,6 +50,7 @@ class Around(NamedTuple):
     film: Film | None = None
     rewards: Mapping[str, float] = {}
     reference_name: str = "the reference"
+    rollouts: Callable[[GeneratorPolicy], Rollout] | None = None  # a backend in place of the policy's own
 
 
 BARE = Around()

@@ -67,6 +67,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=0.0,
         help="pairs that differ by less are left out (default: %(default)s)",
     )
+    for child in (grpo, ppo):
+        child.add_argument(
+            "--rollouts",
+            metavar="MODULE:FUNCTION",
+            help="what draws continuations in place of the generator's own stream (docs/alignment.md)",
+        )
     _add_rollouts(
         kinds.add_parser("rollouts", help="continuations, best and worst by reward, as pairs for DPO")
     )
@@ -215,7 +221,8 @@ def _train(args: argparse.Namespace, ready: "Setting", progress: Callable[[int, 
     training = _training(args)
     if training.videos and not can_film():
         sys.stderr.write("no films at checkpoints: they need pip install 'echoavatar[render]'\n")
-    given = {"pairs": args.pairs, "margin": args.margin} if args.kind == "dpo" else {}
+    names = ("pairs", "margin") if args.kind == "dpo" else ("rollouts",)
+    given = {name: getattr(args, name) for name in names}
     stage = stage_of(args.kind, training, ready, command=_command(args), **given)
     how = {"device": args.device, "minutes": args.minutes, "trackers": args.track, "progress": progress}
     stopped = tune(stage, args.output, **how)
