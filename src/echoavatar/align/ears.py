@@ -122,4 +122,5 @@ def wave_of(codec: AudioCodec, codes: Int[Tensor, "b f l"]) -> Float[Tensor, "b 
     sound = codec.decode(codes)
     samples = sound.shape[1] * RATE_HZ // SAMPLE_RATE_HZ
     spectrum = torch.fft.rfft(sound.float())[:, : samples // 2 + 1]
-    return torch.fft.irfft(spectrum, n=samples) * (RATE_HZ / SAMPLE_RATE_HZ)
+    wave: Tensor = torch.fft.irfft(spectrum, n=samples) * (RATE_HZ / SAMPLE_RATE_HZ)
+    return wave

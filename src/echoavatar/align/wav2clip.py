@@ -64,7 +64,7 @@ class Wav2Clip(nn.Module):
         self.bn1 = nn.BatchNorm2d(config.width)
         inputs = config.width
         for stage in range(STAGES):
-            outputs = config.width * 2**stage
+            outputs = config.width << stage
             blocks = [Block(inputs, outputs, 1 if stage == 0 else 2)]
             blocks += [Block(outputs, outputs, 1) for _ in range(config.blocks - 1)]
             setattr(self, f"layer{stage + 1}", nn.Sequential(*blocks))
@@ -73,7 +73,7 @@ class Wav2Clip(nn.Module):
     @property
     def width(self) -> int:
         """Channels of a state."""
-        return self.config.width * 2 ** (STAGES - 1)
+        return self.config.width << (STAGES - 1)
 
     def forward(self, wave: Float[Tensor, "b s"]) -> Float[Tensor, "b t c"]:
         """States by time: the mean over frequencies."""

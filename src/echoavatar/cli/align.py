@@ -37,6 +37,7 @@ SETTINGS = {
     "past": (int, "chunks of true motion before a continuation"),
     "length": (int, "chunks of a continuation"),
     "learning-rate": (float, "of AdamW"),
+    "critic-rate": (float, "of the value head (ppo)"),
     "fewest-events": (int, "events that a prompt's sound must hold"),
     "accumulation": (int, "pieces that a batch is taken in, to save memory"),
     "epochs": (int, "steps on the same continuations"),
