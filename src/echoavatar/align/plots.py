@@ -69,14 +69,14 @@ def draw_run(metrics: Path, picture: Path) -> None:
 
 def _draw_cost(axis: Any, at: Sequence[int], probes: Sequence[Mapping[str, Any]]) -> None:
     """FID on the left scale, beat and stress alignment over chance on the right."""
-    axis.set_title("held-out prompts: FID (left), alignment over chance (right)")
+    axis.set_title("held-out: FID (left), alignment over chance (right)")
     if not probes or "fid" not in probes[0]:
         return
-    axis.plot(at, [one["fid"] for one in probes], "o-", color="black", label="FID")
-    other = axis.twinx()
+    shown = axis.plot(at, [one["fid"] for one in probes], "o-", color="black")
+    names, other = ["FID"], axis.twinx()
     for name in ("beat_alignment", "stress_alignment"):
         if all(name in one for one in probes):
             means, errors = zip(*(one[name] for one in probes), strict=True)
-            other.errorbar(at, means, errors, marker=".", capsize=3, label=name)
-    if other.get_legend_handles_labels()[0]:
-        other.legend(fontsize=7, loc="upper right")
+            shown.append(other.errorbar(at, means, errors, marker=".", capsize=3))
+            names.append(name)
+    other.legend(shown, names, fontsize=7)
