@@ -1,7 +1,7 @@
 # The live server:
 #   docker build -t echoavatar . && docker run -p 8765:8765 -e ECHOAVATAR_TOKEN=secret echoavatar
 FROM python:3.11-slim AS build
-# The CPU build of torch; another index brings another build.
+# The CPU build of torch; another index brings another build (https://pypi.org/simple: CUDA, see compose.gpu.yaml).
 ARG TORCH_INDEX=https://download.pytorch.org/whl/cpu
 RUN python -m venv /venv
 ENV PATH=/venv/bin:$PATH PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1

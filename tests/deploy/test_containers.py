@@ -15,6 +15,8 @@ ROOT = Path(__file__).parents[2]
 DOCKER = (ROOT / "Dockerfile").read_text()
 SERVICE: dict[str, Any] = yaml.safe_load((ROOT / "compose.yaml").read_text())["services"]["echoavatar"]
 
+ON_GPU: dict[str, Any] = yaml.safe_load((ROOT / "compose.gpu.yaml").read_text())["services"]["echoavatar"]
+
 
 def lines(word: str) -> list[str]:
     """What follows an instruction, wherever it stands; lines that are continued are one."""
@@ -58,7 +60,7 @@ def test_it_runs_as_nobody_and_ends_by_a_signal_that_drains() -> None:
     assert grace > parsed([]).drain
 
 
-@pytest.mark.parametrize("command", [yaml.safe_load(lines("CMD")[-1]), SERVICE["command"]])
+@pytest.mark.parametrize("command", [yaml.safe_load(lines("CMD")[-1]), SERVICE["command"], ON_GPU["command"]])
 def test_the_command_line_is_understood(command: list[str]) -> None:
     program, room, *fixed = yaml.safe_load(lines("ENTRYPOINT")[0])
     assert (program, room) == ("echoavatar", "serve")
@@ -84,3 +86,13 @@ def test_a_read_only_container_can_keep_what_it_compiles() -> None:
     assert SERVICE["read_only"]
     (kept,) = re.findall(r"NUMBA_CACHE_DIR=(\S+)", DOCKER)
     assert any(Path(kept).is_relative_to(folder) for folder in SERVICE["tmpfs"])
+
+
+def test_the_gpu_is_reserved_and_used_by_a_build_that_knows_it() -> None:
+    (device,) = ON_GPU["deploy"]["resources"]["reservations"]["devices"]
+    assert (device["driver"], device["capabilities"]) == ("nvidia", ["gpu"])
+    options = parsed([without_defaults(word) for word in ON_GPU["command"]])
+    assert (options.device, options.music) == ("cuda", Path("/music")), "a command replaces the one below it"
+    (asked,) = ON_GPU["build"]["args"]
+    assert f"ARG {asked}=" in DOCKER
+    assert set(ON_GPU) <= {*SERVICE, "deploy"}

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from tqdm import tqdm
 
+from .serve import DEVICE_HELP
+
 if TYPE_CHECKING:
     from ..exports import Take
 
@@ -37,6 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("-o", "--output", type=Path, required=True, help=f"where to write; {FORMATS}")
     parser.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
+    parser.add_argument("--device", default="cpu", help=DEVICE_HELP)
     parser.add_argument("--seed", type=int, default=0, help="same seed, same motion (default: %(default)s)")
     parser.add_argument(
         "--fps", type=int, choices=(30, 60), default=30, help="frame rate (default: %(default)s)"
@@ -60,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
     from ..pipeline import Pipeline, load_bundle
     from ..pipeline.modes import MotionOptions
 
-    pipeline = Pipeline(load_bundle(args.model))
+    pipeline = Pipeline(load_bundle(args.model), device=args.device)
     pipeline.warm_up()
     with tqdm(
         unit="s", desc="animating", bar_format="{desc}: {n:.1f} s of motion [{elapsed}]", disable=_is_quiet()

@@ -3,8 +3,15 @@
 import argparse
 import json
 import sys
+from typing import TYPE_CHECKING
 
 from tqdm import tqdm
+
+from .serve import DEVICE_HELP
+
+if TYPE_CHECKING:
+    from ..generator.linear import Precision
+    from ..pipeline import Pipeline
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -16,21 +23,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         description="Time every stage of the streaming pipeline, chunk by chunk (a chunk is 266.7 ms of sound).",
         epilog="example: echoavatar bench stream --seconds 3600   (a simulated hour: is memory flat?)",
     )
-    stream.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
-    stream.add_argument(
-        "--size",
-        choices=("bundle", "paper"),
-        default="bundle",
-        help="'paper' swaps in the 0.5B generator with random weights, to time it (default: %(default)s)",
-    )
+    _models(stream)
     stream.add_argument("--seconds", type=float, default=60.0, help="sound to push (default: %(default)s)")
     stream.add_argument("--sessions", type=int, default=1, help="seats in the batch (default: %(default)s)")
     stream.add_argument("--threads", type=int, help="torch threads (default: torch's own choice)")
     stream.add_argument(
         "--precision",
         choices=("float32", "bfloat16", "int8"),
-        default="int8",
-        help="of the generator's weights (default: %(default)s, as everywhere)",
+        help="of the generator's weights (default: int8 on a CPU, bfloat16 on a GPU, as everywhere)",
     )
     post = kinds.add_parser(
         "post",
@@ -52,7 +52,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="how many sessions are served in real time",
         description="Serve 1, 2, 3 ... sessions that send sound at odd moments; time from sound to motion, memory.",
     )
-    many.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
+    many.epilog = "example: echoavatar bench sessions --size paper --device cuda --counts 16,32,64"
+    _models(many)
     many.add_argument(
         "--counts",
         type=_counts,
@@ -110,6 +111,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     train.add_argument("--accumulation", type=int, help="pieces of a batch (default: the scale's)")
 
 
+def _models(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
+    parser.add_argument(
+        "--size",
+        choices=("bundle", "paper"),
+        default="bundle",
+        help="'paper' swaps in the 0.5B generator with random weights, to time it (default: %(default)s)",
+    )
+    parser.add_argument("--device", default="cpu", help=DEVICE_HELP)
+
+
+def _pipeline(args: argparse.Namespace, precision: "Precision | None" = None) -> "Pipeline":
+    """What `_models` asked for."""
+    import torch
+
+    from ..pipeline import Pipeline, load_bundle
+    from ..pipeline.bundle import with_random_generator
+
+    if args.threads:
+        torch.set_num_threads(args.threads)
+    bundle = load_bundle(args.model)
+    chosen = with_random_generator(bundle) if args.size == "paper" else bundle
+    return Pipeline(chosen, precision=precision, device=args.device)
+
+
 def _counts(text: str) -> tuple[int, ...]:
     counts = tuple(int(part) for part in text.split(","))
     if min(counts) < 1:
@@ -118,15 +144,9 @@ def _counts(text: str) -> tuple[int, ...]:
 
 
 def _sessions(args: argparse.Namespace) -> int:
-    import torch
-    from tqdm import tqdm
-
     from ..evaluation.sessions_bench import bench_neighbour, bench_sessions, summary
-    from ..pipeline import Pipeline, load_bundle
 
-    if args.threads:
-        torch.set_num_threads(args.threads)
-    pipeline = Pipeline(load_bundle(args.model))
+    pipeline = _pipeline(args)
     with tqdm(total=len(args.counts), unit="load", leave=False) as bar:
         loads = bench_sessions(
             pipeline, args.counts, seconds=args.seconds, progress=lambda done, _: bar.update(done - bar.n)
@@ -252,18 +272,9 @@ def run(args: argparse.Namespace) -> int:
         return _sessions(args)
     if args.kind == "proxy":
         return _proxy(args)
-    import torch
-
     from ..evaluation.stream_bench import bench_stream
-    from ..pipeline import Pipeline, load_bundle
-    from ..pipeline.bundle import with_random_generator
 
-    if args.threads:
-        torch.set_num_threads(args.threads)
-    bundle = load_bundle(args.model)
-    if args.size == "paper":
-        bundle = with_random_generator(bundle)
-    pipeline = Pipeline(bundle, precision=args.precision)
+    pipeline = _pipeline(args, args.precision)
     with tqdm(unit="chunk", disable=not sys.stderr.isatty()) as bar:
         report = bench_stream(
             pipeline,

@@ -33,6 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--sink", action="append", default=[], metavar="URL", help=serve.SINK_HELP)
     parser.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
+    parser.add_argument("--device", default="cpu", help=serve.DEVICE_HELP)
     parser.add_argument("--seed", type=int, default=0, help="of the files (default: %(default)s)")
     parser.add_argument(
         "--no-video", action="store_true", help="leave out the MP4s, which take the most time"
@@ -48,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
 def _live(args: argparse.Namespace) -> int:
     parser = argparse.ArgumentParser()
     serve.add_arguments(parser)
-    words = ["--model", args.model, "--port", str(args.port)]
+    words = ["--model", args.model, "--port", str(args.port), "--device", args.device]
     words += [word for sink in args.sink for word in ("--sink", sink)]
     return serve.run(parser.parse_args(words if args.no_browser else [*words, "--open"]))
 
@@ -68,7 +69,7 @@ def _files(args: argparse.Namespace) -> int:
         raise EchoAvatarError(
             f"cannot write to {args.output}: {error.strerror}; choose another -o"
         ) from error
-    pipeline, character = Pipeline(load_bundle(args.model)), load_character()
+    pipeline, character = Pipeline(load_bundle(args.model), device=args.device), load_character()
     pipeline.warm_up()
     clips, animations = [], []
     for name, title in CLIPS:

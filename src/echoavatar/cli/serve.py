@@ -15,6 +15,10 @@ SINK_HELP = (
     "unity://HOST[:PORT] alone: a Unity project of the paper's authors, with an imported bundle"
 )
 
+DEVICE_HELP = (
+    "processor for the models: cpu, cuda, cuda:1, or auto for a GPU where there is one (default: cpu)"
+)
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
@@ -58,6 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="SECONDS",
         help="time to finish what is being said when the server is stopped (default: %(default)s)",
     )
+    parser.add_argument("--device", default="cpu", help=DEVICE_HELP)
     parser.add_argument("--threads", type=int, help="torch threads (default: torch's own choice)")
     parser.add_argument("--certificate", metavar="PEM", help="TLS certificate, with --key: https and wss")
     parser.add_argument("--key", metavar="PEM", help="its private key")
@@ -104,7 +109,7 @@ def run(args: argparse.Namespace) -> int:
         sinks=tuple(args.sink),
         lists_sessions=is_loopback(args.host),
     )
-    app = create_app(load(args.model, seats=args.seats), settings)
+    app = create_app(load(args.model, seats=args.seats, device=args.device), settings)
 
     def ready(address: str) -> None:
         page = f"{address}/?token={token}" if token else f"{address}/"
@@ -151,7 +156,7 @@ def _unity(args: argparse.Namespace, sink: str) -> int:
         raise EchoAvatarError(
             f"{args.model} is not for that Unity project's rig; see `echoavatar import reference`"
         )
-    pipeline = Pipeline(bundle, stages=(), output="native")
+    pipeline = Pipeline(bundle, stages=(), output="native", device=args.device)
     pipeline.warm_up()
 
     def ready(audio: int, action: int) -> None:

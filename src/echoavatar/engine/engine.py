@@ -20,6 +20,7 @@ from .life import warm_up
 from .session import Session
 from .undo import changes, undo
 
+_HOST = torch.device("cpu")
 REWIND = 15  # chunks, 4 s at the paper's step: how far `Session.clear` can go back
 
 
@@ -38,10 +39,11 @@ class Engine:
         """`look_ahead` bounds the chunks made ahead of the player (`Session.played`) or else of the reader; `rewind`
         is how many a session can take back, at 0.4 MB each with the default bundle.
 
-        `lanes` sessions are stepped side by side, each by itself (default: as many as torch has threads; with more
-        than one, torch computes each with one thread), and a lane that is free takes the next one at once; 0 steps
-        all seats as one batch. On a CPU the inner loops cost as much per row in a batch as alone, and a batch makes
-        whoever is ready wait for seats that have nothing to do; on a GPU a batch costs hardly more than a row.
+        `lanes` sessions are stepped side by side, each by itself (default: as many as torch has threads, 0 where the
+        models are on a GPU; with more than one, torch computes each with one thread), and a lane that is free takes
+        the next one at once; 0 steps all seats as one batch. On a CPU the inner loops cost as much per row in a batch
+        as alone, and a batch makes whoever is ready wait for seats that have nothing to do; on a GPU a batch costs
+        hardly more than a row.
         """
         if seats < 1:
             raise EchoAvatarError(f"an engine needs at least one seat, got {seats}")
@@ -57,7 +59,8 @@ class Engine:
         self._sessions: dict[int, Session] = {}
         self._claimed: set[int] = set()  # seats that a thread works on
         self._seats, self._look_ahead, self._rewind = seats, look_ahead, rewind
-        self._lanes = torch.get_num_threads() if lanes is None else lanes
+        is_on_host = getattr(pipeline, "device", _HOST).type == _HOST.type
+        self._lanes = (torch.get_num_threads() if is_on_host else 0) if lanes is None else lanes
         self._pool = ThreadPoolExecutor(self._lanes, "lane", _in_one_thread) if self._lanes > 1 else None
         self._lock, self._awake = threading.RLock(), threading.Event()
 
@@ -194,15 +197,17 @@ def load(
     bundle: str | Path = "default",
     *,
     seats: int = 1,
-    precision: Precision = "int8",
+    precision: Precision | None = None,
     look_ahead: int | None = None,
+    device: str = "cpu",
 ) -> Engine:
-    """An engine for a bundle: the name of a shipped one, or a folder.
+    """An engine for a bundle, the name of a shipped one or a folder; for `device` and `precision` see `Pipeline`.
 
     Raises:
         CheckpointError: no such bundle, or a damaged one.
+        EchoAvatarError: there is no such device.
     """
-    pipeline = Pipeline(load_bundle(bundle), precision=precision)
+    pipeline = Pipeline(load_bundle(bundle), precision=precision, device=device)
     warm_up(pipeline.skeleton)
     pipeline.warm_up()
     return Engine(pipeline, seats=seats, look_ahead=look_ahead)

@@ -48,10 +48,11 @@ def _row(tensor: Tensor, row: int) -> Tensor:
 def _patch(old: Tensor, new: Tensor) -> Patch:
     if old.numel() < SMALL:
         return Patch(None, old.clone())
-    different = (_bits(old) != _bits(new)).cpu().numpy()
-    where = torch.from_numpy(np.flatnonzero(different)).to(
-        old.device
-    )  # torch's own nonzero takes twice as long
+    different = _bits(old) != _bits(new)
+    if old.device.type == "cpu":
+        where = torch.from_numpy(np.flatnonzero(different.numpy()))  # torch's own nonzero takes twice as long
+    else:
+        where = different.nonzero().flatten()
     return Patch(where, old[where]) if 2 * len(where) < old.numel() else Patch(None, old.clone())
 
 

@@ -31,6 +31,7 @@ from ..tokenizer.body import BodyState
 from ..tokenizer.model import DecoderState
 from .actions import Directive
 from .bundle import Bundle, foresight_refusal
+from .device import find_device
 from .modes import FREE, MotionOptions
 from .motion_chunk import MotionChunk, join
 from .post import POST_STAGES, Post, PostState
@@ -78,17 +79,21 @@ class Pipeline:
         self,
         bundle: Bundle,
         *,
-        precision: Precision = "int8",
+        precision: Precision | None = None,
         stages: Collection[str] | None = None,
         body: BodyProfile | None = None,
         output: Output = "humanoid",
+        device: str = "cpu",
     ) -> None:
         """`stages` behind the decoder to run (None: the bundle's choice), `body` the character's thickness: see `Post`.
 
-        `output` matters where the bundle is for another rig than ours: `native` keeps its own bones.
+        `output` matters where the bundle is for another rig than ours: `native` keeps its own bones. `device` (see
+        `find_device`) takes the bundle's codec, generator and tokenizer; the face, and what follows the decoder, are
+        compiled loops on the host. `precision` of the generator's weights: int8 on a CPU, bfloat16 elsewhere.
 
         Raises:
             CheckpointError: the generator hears ahead of time, which no stream can give it.
+            EchoAvatarError: there is no such device.
         """
         if bundle.generator.config.ahead_chunks and not self.has_foresight:
             raise CheckpointError(foresight_refusal(bundle))
@@ -96,9 +101,13 @@ class Pipeline:
         self.rig = RigAdapter(runtime.rig, bundle.skeleton, output) if runtime.rig else None
         self.skeleton = self.rig.skeleton if self.rig else bundle.skeleton
         self.level = LevelControl() if runtime.level_control else None
-        self.codec = bundle.codec
-        self.generator: GeneratorStream[Any] = open_stream(bundle.generator, precision)
-        self.tokenizer = bundle.tokenizer
+        self.device = find_device(device)
+        self.codec = bundle.codec.to(self.device)
+        own_precision: Precision = "int8" if self.device.type == "cpu" else "bfloat16"
+        self.generator: GeneratorStream[Any] = open_stream(
+            bundle.generator.to(self.device), precision or own_precision
+        )
+        self.tokenizer = bundle.tokenizer.to(self.device)
         chosen = set(runtime.stages if stages is None else stages)
         self.pulse = bundle.pulse if TIMING in chosen else None
         self.retime = Retime(self.skeleton.joints) if self.pulse else None
@@ -180,7 +189,7 @@ class Pipeline:
         self, level: Float[Tensor, "b 6400"], state: PipelineState, active: Bool[Tensor, " b"]
     ) -> Int[Tensor, "b f l"]:
         """Codes of the sound that the generator is told in this step."""
-        return self.codec.step(level, state.codec, active)
+        return self.codec.step(level.to(self.device), state.codec, active.to(self.device))
 
     def directive(self, members: Float[Tensor, "b K"]) -> Directive:
         """What to ask of a step for sets of codes, each with its intensity."""
@@ -209,18 +218,19 @@ class Pipeline:
         self.lap("face")
         sounds = self.hear(level, state, active)
         self.lap("codec")
-        exemplar, bias = (None, None) if directive is None else directive
+        there = self.device
+        exemplar, bias = (None, None) if directive is None else (part.to(there) for part in directive)
         codes = self.generator.step(
-            sounds,
+            sounds.to(there),
             state.generator,
-            active,
-            seeds=state.seeds,
-            temperature=self._temperature(level),
+            active.to(there),
+            seeds=state.seeds.to(there),
+            temperature=self._temperature(level).to(there),
             exemplar=exemplar,
             bias=bias,
         )
         self.lap("generator")
-        features = self.tokenizer.decode_step(codes, state.decoder, active)
+        features = self.tokenizer.decode_step(codes, state.decoder, active.to(there)).cpu()
         self.lap("decoder")
         if self.rig is not None:
             features = self.rig.step(features, state.rig[0], active)
