@@ -8,6 +8,7 @@ import torch
 from tests.align.scenes import dips, scene, yardstick
 
 from echoavatar.align.audio_reward import AudioMotion, AudioMotionConfig, info_nce, soft_labels
+from echoavatar.align.ears import EarsConfig
 from echoavatar.errors import CheckpointError
 
 
@@ -76,7 +77,7 @@ def test_slices_of_time_stay_apart():
 
 def test_a_size_that_slices_cannot_share_is_refused():
     with pytest.raises(ValueError, match=r"size \(100\) must be a multiple of slices \(24\)"):
-        AudioMotionConfig(sound_channels=1, motion_channels=1, size=100)
+        AudioMotionConfig(ears=EarsConfig(), motion_channels=1, size=100)
 
 
 def test_files_and_reward(tmp_path):

@@ -17,6 +17,7 @@ from echoavatar.align.degrade import (
     read_scores,
     scores_from_fid,
     spoiled,
+    spoiled_scores,
 )
 from echoavatar.errors import CheckpointError
 from echoavatar.kinematics import HUMANOID, to_features
@@ -91,3 +92,10 @@ def test_files_of_scores(tmp_path):
         read_scores(tmp_path / "half.json")
     with pytest.raises(CheckpointError, match="holds no scores"):
         read_scores(tmp_path / "none.json")
+
+
+def test_scores_of_motion_made_worse_fall_with_its_severity():
+    found = spoiled_scores(["jitter", "time_warp"])
+    assert found["jitter 1.0"] == found["time_warp 1.0"] == pytest.approx(0.40)
+    assert found["jitter 0.1"] == pytest.approx(0.91 - 0.051)
+    assert len(found) == 12

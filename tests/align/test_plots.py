@@ -10,8 +10,13 @@ from echoavatar.errors import CheckpointError
 
 
 def test_a_picture_of_a_run(tmp_path: Path):
-    lines = [{"probe": 0, "rewards": {"beats": [0.1, 0.05], "stillness": [-0.2, 0.1]}}]
-    lines += [{"step": k, "reward": 0.1 * k, "kl": 0.01 * k, "entropy": [1.0, 0.5]} for k in range(5)]
+    lines = [
+        {"step": k, "loss": 0.0, "reward": 0.1 * k, "rewards.beats": 0.1, "kl": 0.01 * k, "entropy.0": 1.0}
+        for k in range(1, 5)
+    ]
+    for step in (0, 4):
+        held_out = {"rewards": {"beats": [0.1, 0.05]}, "by_prompt": [0.1, 0.2], "fid": 3.0 + step}
+        lines.append({"step": step, "held_out": held_out | {"beat_alignment": [0.1, 0.02]}})
     (tmp_path / "metrics.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
     draw_run(tmp_path / "metrics.jsonl", tmp_path / "run.png")
     assert (tmp_path / "run.png").stat().st_size > 10_000

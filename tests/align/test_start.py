@@ -3,12 +3,13 @@
 import json
 from pathlib import Path
 
+import av
 import pytest
 from tests.align.scenes import yardstick
 from tests.align.tuning import clips
 
 from echoavatar.align.config import recipe
-from echoavatar.align.start import make_pairs, setting, train
+from echoavatar.align.start import make_pairs, setting, stage_of, tune
 from echoavatar.errors import CheckpointError, MotionError
 from echoavatar.generator import Generator, TokenClip
 
@@ -46,28 +47,39 @@ def test_each_method_leaves_a_generator_with_the_sampling_it_was_tuned_for(token
             "seed": 0,
         }
         assert make_pairs(one, pairs, **sizes) > 0
-    train(method, recipe("tiny", method), one, folder, pairs=pairs, command="echoavatar align")
+    given = pairs if method == "dpo" else None
+    tune(stage_of(method, recipe("tiny", method), one, pairs=given, command="echoavatar align"), folder)
     tuned = Generator.load(folder)
     assert (tuned.config.temperature, tuned.config.top_p) == (0.9, 0.8)
     card = json.loads((folder / "card.json").read_text())
     assert {"data", "command", "licence", "alignment", "rewards"} <= card.keys()
     lines = [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
-    assert sum("step" in line for line in lines) == 4
-    assert {"reward", "kl", "entropy"} <= next(line for line in lines if "probe" in line).keys()
+    assert [line["step"] for line in lines if "loss" in line] == [1, 2, 3, 4]
+    assert {"loss", "kl", "gradient", "rate", "entropy.0", "entropy.1"} <= lines[1].keys()
+    measured = {line["step"]: line["held_out"] for line in lines if "held_out" in line}
+    assert list(measured) == [0, 2, 4]
+    assert {"reward", "rewards", "by_prompt", "kl", "entropy", "fid", "diversity"} <= measured[4].keys()
+    assert not (folder / "samples").exists()  # the tiny recipe films nothing
+
+
+def test_checkpoints_come_with_films_of_held_out_prompts(tokens, tiny_bundle):
+    folder, training = (
+        tokens.parent / "run",
+        recipe("tiny", "grpo").model_copy(update={"steps": 2, "videos": 1}),
+    )
+    tune(stage_of("grpo", training, ready(tokens, tiny_bundle)), folder)
+    with av.open(str(folder / "samples" / "step_000002_0.mp4")) as film:
+        assert film.streams.video[0].frames == 16  # a chunk of past and a chunk of its own
+        assert film.streams.audio
 
 
 def test_what_does_not_fit_is_named(tokens, tiny_bundle, tmp_path):
     with pytest.raises(MotionError, match="dpo needs preference pairs"):
-        train("dpo", recipe("tiny", "dpo"), ready(tokens, tiny_bundle), tmp_path / "none")
+        stage_of("dpo", recipe("tiny", "dpo"), ready(tokens, tiny_bundle))
     other = Generator(Generator.load(tiny_bundle / "generator").config.model_copy(update={"patience": 0.3}))
     other.save(tmp_path / "other", {})
     with pytest.raises(CheckpointError, match="is of another patience"):
-        train(
-            "grpo",
-            recipe("tiny", "grpo"),
-            ready(tokens, tiny_bundle, reference=tmp_path / "other"),
-            tmp_path / "x",
-        )
+        stage_of("grpo", recipe("tiny", "grpo"), ready(tokens, tiny_bundle, reference=tmp_path / "other"))
 
 
 def test_comparisons_of_people_need_no_yardstick(tokens, tiny_bundle, tmp_path):

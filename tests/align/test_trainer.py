@@ -1,114 +1,182 @@
-"""Exact resume, early stop, refusals."""
+"""Exact resume, early stop, refusals, several processes."""
 
 import json
+from pathlib import Path
 
 import pytest
 import torch
-from tests.align.tuning import book, clips, policy, training, wants_threes
+from tests.align.tuning import book, clips, dpo, grpo, policy, ppo, training, wants_threes
 from tests.generator.tiny import generator
+from tests.training.test_processes import launch
 
-from echoavatar.align.grpo import GrpoTrainer
-from echoavatar.align.ppo import PpoTrainer
+from echoavatar.align.grpo import GrpoStage
+from echoavatar.align.probe import Probe
 from echoavatar.align.prompts import PromptBook
-from echoavatar.align.trainer import run
+from echoavatar.align.start import tune
+from echoavatar.align.trainer import Around
 from echoavatar.errors import CheckpointError
+from echoavatar.generator import Generator
+from echoavatar.training import Loop
 
 
-def trainer(kind=GrpoTrainer, **changes):
-    method = "grpo" if kind is GrpoTrainer else "ppo"
-    return kind(policy(), policy(), training(method, **changes), wants_threes, book=book())
+def probed(kind=grpo, **changes):
+    """A stage that is measured on four prompts."""
+    probe = Probe(book().spread(4), wants_threes, group=2)
+    return kind(around=Around(probe=probe, rewards={"threes": 1.0}), **changes)
 
 
-@pytest.mark.parametrize("kind", [GrpoTrainer, pytest.param(PpoTrainer, marks=pytest.mark.slow)])
+def told(folder: Path) -> list[dict]:
+    return [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
+
+
+@pytest.mark.parametrize("kind", [grpo, pytest.param(ppo, marks=pytest.mark.slow), dpo])
 def test_a_killed_run_resumes_to_the_same_weights_and_the_same_curve(kind, tmp_path):
-    """Killed after step 5 with its last checkpoint at step 4: steps 4 and 5 are told again, all bits alike."""
-    sizes = {"steps": 6, "save_every": 2, "probe_every": 3, "epochs": 2, "kl_weight": 0.01}
-    whole = run(trainer(kind, **sizes), tmp_path / "whole", held_out=book(), card={})
+    """Killed after step 6 with its last checkpoint at step 5, in the middle of a batch's two epochs."""
+    sizes = {"steps": 8, "save_every": 5, "evaluate_every": 4, "epochs": 2, "kl_weight": 0.01}
+    tune(probed(kind, **sizes), tmp_path / "whole")
 
     class KilledError(Exception):
         pass
 
     def kill(done: int, total: int) -> None:
-        if done == 5:
+        if done == 6:
             raise KilledError
 
-    killed = trainer(kind, **sizes)
     with pytest.raises(KilledError):
-        run(killed, tmp_path / "cut", held_out=book(), card={}, progress=kill)
-    again = run(trainer(kind, **sizes), tmp_path / "cut", held_out=book(), card={})
-    for name, value in whole.state_dict().items():
-        assert torch.equal(value, again.state_dict()[name]), name
+        tune(probed(kind, **sizes), tmp_path / "cut", progress=kill)
+    tune(probed(kind, **sizes), tmp_path / "cut")
+    whole, again = (Generator.load(tmp_path / name).state_dict() for name in ("whole", "cut"))
+    for name, value in whole.items():
+        assert torch.equal(value, again[name]), name
     curves = []
     for name in ("whole", "cut"):
-        lines = [json.loads(line) for line in (tmp_path / name / "metrics.jsonl").read_text().splitlines()]
-        curves.append([{key: line[key] for key in line if key != "seconds"} for line in lines])
+        lines = told(tmp_path / name)
+        for line in lines:
+            line.pop("seconds", None)
+            line.get("held_out", {}).pop("seconds", None)
+        curves.append(lines)
     assert curves[0] == curves[1]
-    assert [line["step"] for line in curves[0] if "step" in line] == [0, 1, 2, 3, 4, 5]
-    assert [line["probe"] for line in curves[0] if "probe" in line] == [0, 3, 6]
+    assert [line["step"] for line in curves[0] if "loss" in line] == [1, 2, 3, 4, 5, 6, 7, 8]
+    assert [line["step"] for line in curves[0] if "held_out" in line] == [0, 4, 8]
+    tune(probed(kind, **sizes), tmp_path / "whole")  # done: nothing is told twice
+    assert len(told(tmp_path / "whole")) == len(curves[0])
+    tune(probed(kind, **sizes | {"steps": 9}), tmp_path / "whole")  # steps may be added
+    assert told(tmp_path / "whole")[-1]["step"] == 9
 
 
-def test_how_many_fit_into_memory_changes_nothing_but_rounding():
-    first, second = trainer(micro=64), trainer(micro=5)
-    one, two = first.step(), second.step()
-    assert one["reward"] == two["reward"]
-    assert one["loss"] == pytest.approx(two["loss"], abs=1e-6)
-    for a, b in zip(first.trained(), second.trained(), strict=True):
-        torch.testing.assert_close(a.grad if a.grad is not None else a, b.grad if b.grad is not None else b)
+def test_in_how_many_pieces_a_batch_is_taken_changes_nothing_but_rounding():
+    found = []
+    for pieces in (1, 2):
+        loop = Loop(grpo(accumulation=pieces, epochs=2))
+        found.append([loop.advance(), loop.advance()])
+    for one, two in zip(*found, strict=True):
+        assert one["reward"] == pytest.approx(two["reward"])
+        assert one["loss"] == pytest.approx(two["loss"], abs=1e-6)
+        assert one["gradient"] == pytest.approx(two["gradient"], rel=1e-5)
+
+
+SHARED = """
+import json, sys
+from tests.align.test_trainer import curves
+from echoavatar.training.processes import processes_here
+
+print(json.dumps(curves(processes_here())))
+"""
+
+
+def curves(processes=None) -> dict[str, list[list[float]]]:
+    """Reward, loss and gradient of two steps of each method."""
+    found = {}
+    for kind in (grpo, ppo, dpo):
+        loop = Loop(kind(epochs=2, kl_weight=0.01, batch=4, group=4), processes)
+        steps = [loop.advance() for _ in range(2)]
+        found[kind.__name__] = [[one.get("reward", 0.0), one["loss"], one["gradient"]] for one in steps]
+    return found
+
+
+def test_two_processes_take_the_steps_of_one():
+    """Each answers half of the prompts; the same rewards, losses and gradients as one process with all of them."""
+    pytest.importorskip("accelerate")
+    expected = curves()
+    for out in launch(SHARED):
+        found = json.loads(out.splitlines()[-1])
+        for name, steps in expected.items():
+            torch.testing.assert_close(
+                torch.tensor(found[name]),
+                torch.tensor(steps),
+                rtol=1e-4,
+                atol=1e-5,
+                msg=lambda m, n=name: f"{n}: {m}",
+            )
 
 
 def test_a_divergence_that_runs_away_stops_the_run_at_the_last_checkpoint(tmp_path):
-    run(trainer(steps=60, save_every=1, kl_stop=0.05), tmp_path, held_out=None, card={})
-    lines = [json.loads(line) for line in (tmp_path / "metrics.jsonl").read_text().splitlines()]
+    assert "over kl_stop 0.05" in tune(grpo(steps=60, save_every=1, kl_stop=0.05), tmp_path)
+    lines = told(tmp_path)
     assert "over kl_stop" in lines[-1]["stopped"]
     assert lines[-1]["step"] < 30
-    calm = trainer(steps=60, save_every=1, kl_stop=0.05)
-    calm.resume(tmp_path)
-    assert calm.next_step == lines[-1]["step"]
-    assert calm.stopped  # another call does not go on
+    kept = Generator.load(tmp_path).state_dict()
+    assert "over kl_stop 0.05" in tune(grpo(steps=60, save_every=1, kl_stop=0.05), tmp_path)  # does not go on
+    assert told(tmp_path)[-1] == lines[-1]
+    assert all(
+        torch.equal(value, kept[name]) for name, value in Generator.load(tmp_path).state_dict().items()
+    )
+    with pytest.raises(CheckpointError, match="before the first checkpoint; take a smaller learning rate"):
+        tune(grpo(steps=60, kl_stop=0.05), tmp_path / "never")
 
 
 @pytest.mark.slow
 def test_the_divergence_holds_the_policy_back():
     """The same steps with a heavy price on divergence end nearer to the reference."""
-    far, near = trainer(), trainer(kl_weight=5.0)
-    for one in (far, near):
-        for _ in range(12):
-            told = one.step()
-        one.told = told
-    assert near.told["kl"] < 0.5 * far.told["kl"]
-    assert far.told["kl"] > 0.02
+    far, near = (
+        [Loop.advance(loop) for _ in range(12)][-1] for loop in (Loop(grpo()), Loop(grpo(kl_weight=5.0)))
+    )
+    assert near["kl"] < 0.5 * far["kl"]
+    assert far["kl"] > 0.02
 
 
 def test_the_reference_and_exemplar_control_do_not_move():
-    one = GrpoTrainer(
-        generator(exemplar=True), generator(exemplar=True), training("grpo"), wants_threes, book=book()
-    )
+    models = generator(exemplar=True), generator(exemplar=True)
+    one = GrpoStage(*models, training("grpo"), wants_threes, book=book())
     before = {name: value.clone() for name, value in one.reference.generator.state_dict().items()}
     control = {n: v.clone() for n, v in one.generator.state_dict().items() if n.startswith("exemplar")}
-    one.step()
+    first = {n: v.clone() for n, v in one.generator.state_dict().items()}
+    Loop(one).advance()
+    assert control
     assert all(torch.equal(v, before[n]) for n, v in one.reference.generator.state_dict().items())
     assert all(torch.equal(v, control[n]) for n, v in one.generator.state_dict().items() if n in control)
+    assert not all(torch.equal(v, first[n]) for n, v in one.generator.state_dict().items())
+
+
+def test_bfloat16_products_take_nearly_the_same_step():
+    plain, fast = (Loop(grpo(autocast=autocast)).advance() for autocast in (False, True))
+    assert plain["reward"] == fast["reward"]
+    assert fast["gradient"] == pytest.approx(plain["gradient"], rel=0.05)
 
 
 def test_refusals_name_what_is_wrong(tmp_path):
     layout = type(policy().config.layout).compact(audio_codes=16, motion_layers=2, motion_codes=4)
-    other = generator(layout=layout)
+    other, named = generator(layout=layout), Around(reference_name="old.gen")
     with pytest.raises(CheckpointError, match="reference old.gen is of another vocabulary"):
-        GrpoTrainer(policy(), other, training("grpo"), wants_threes, book=book(), reference_name="old.gen")
-    run(trainer(steps=1), tmp_path, held_out=None, card={})
-    differs = trainer(steps=1, learning_rate=1e-3)
-    with pytest.raises(CheckpointError, match="another training"):
-        differs.resume(tmp_path)
-    differs = GrpoTrainer(policy(), generator(seed=5), training("grpo", steps=1), wants_threes, book=book())
-    with pytest.raises(CheckpointError, match="another reference"):
-        differs.resume(tmp_path)
+        GrpoStage(policy(), other, training("grpo"), wants_threes, named, book=book())
+    tune(probed(steps=1), tmp_path)
+    with pytest.raises(CheckpointError, match="another training config: learning_rate was 0.03, is 0.001"):
+        tune(probed(steps=1, learning_rate=1e-3), tmp_path)
+    with pytest.raises(CheckpointError, match="another origin config: rewards was"):
+        tune(grpo(steps=1), tmp_path)
+    rewards = Around(rewards={"threes": 1.0})
+    differs = GrpoStage(
+        policy(), generator(seed=5), training("grpo", steps=1), wants_threes, rewards, book=book()
+    )
+    with pytest.raises(CheckpointError, match="another origin config: reference was"):
+        tune(differs, tmp_path)
 
 
 def test_probes_do_not_depend_on_the_step():
-    one = trainer()
     prompts = PromptBook(clips(), past=1, length=1).spread(4)
-    first = one.probe(prompts)
-    one.next_step = 7
-    second = one.probe(prompts)
+    probe, one = Probe(prompts, wants_threes, group=2), grpo()
+    first = probe(one.policy, one.reference)
+    one.draw(7)
+    second = probe(one.policy, one.reference)
     assert first["rewards"] == second["rewards"]
     assert first["kl"] == 0

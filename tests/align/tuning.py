@@ -1,12 +1,20 @@
 """Small policies with a task whose best answer is known: say code 3 everywhere."""
 
+import copy
+
 import numpy as np
 import torch
 from tests.generator.tiny import LAYOUT, generator
 
 from echoavatar.align.config import AlignTraining
+from echoavatar.align.dpo import DpoStage
+from echoavatar.align.grpo import GrpoStage
+from echoavatar.align.policy import GeneratorPolicy
+from echoavatar.align.ppo import PpoStage
+from echoavatar.align.preferences import rank
 from echoavatar.align.prompts import PromptBook
 from echoavatar.align.rewards import Rewards
+from echoavatar.align.trainer import BARE, Around
 from echoavatar.generator import TokenClip
 
 WANTED = 3
@@ -48,10 +56,45 @@ def policy():
 def training(method: str, **changes) -> AlignTraining:
     sizes = {
         "method": method, "steps": 60, "batch": 2, "group": 8, "past": 1, "length": 1, "fewest_events": 0,
-        "learning_rate": 3e-2, "warmup": 1, "kl_weight": 0.0, "kl_stop": 100.0, "probe": 4, "probe_every": 1000,
-        "save_every": 1000, "micro": 64, "critic_rate": 1e-2,
+        "learning_rate": 3e-2, "warmup": 1, "kl_weight": 0.0, "kl_stop": 100.0, "probe": 4, "evaluate_every": 1000,
+        "save_every": 1000, "critic_rate": 1e-2,
     }  # fmt: skip
     return AlignTraining.model_validate(sizes | changes)
 
 
-__all__ = ["LAYOUT", "WANTED", "book", "clips", "policy", "training", "wants_threes"]
+def grpo(around: Around = BARE, **changes) -> GrpoStage:
+    return GrpoStage(policy(), policy(), training("grpo", **changes), wants_threes, around, book=book())
+
+
+def ppo(around: Around = BARE, **changes) -> PpoStage:
+    return PpoStage(policy(), policy(), training("ppo", **changes), wants_threes, around, book=book())
+
+
+def dpo(around: Around = BARE, model=None, prompts: int = 12, **changes) -> DpoStage:
+    model = model or policy()
+    settings = training("dpo", **changes)
+    return DpoStage(
+        model, copy.deepcopy(model), settings, wants_threes, around, pairs=compared(prompts, model)
+    )
+
+
+def compared(prompts: int, model):
+    mine = book()
+    asked = [prompt for number in range(prompts) for prompt in mine.draw(number, 1)]
+    pairs = rank(GeneratorPolicy(model), asked, wants_threes, past=1, group=8)
+    return [(mine.cut(pair.clip, pair.start), pair) for pair in pairs]
+
+
+__all__ = [
+    "LAYOUT",
+    "WANTED",
+    "book",
+    "clips",
+    "policy",
+    "compared",
+    "dpo",
+    "grpo",
+    "ppo",
+    "training",
+    "wants_threes",
+]

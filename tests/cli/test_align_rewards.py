@@ -4,8 +4,12 @@ import json
 
 import numpy as np
 import pytest
+import torch
 from tests.align.tuning import clips
 
+from echoavatar.align.audio_reward import AudioMotion
+from echoavatar.align.beats import Beats, BeatsConfig
+from echoavatar.align.wav2clip import Wav2Clip, Wav2ClipConfig
 from echoavatar.cli import main
 
 
@@ -30,11 +34,84 @@ def test_each_reward_is_trained_measured_and_written(tmp_path, tiny_bundle, caps
     assert np.isfinite(found["pearson_levels"])
     assert main(["align", "reward-alignment", *common, "-o", alignment, *small]) == 0
     table = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert table["audio to motion, all"]["gallery"] == 1
+    assert table["everything"]["audio to motion, all"]["gallery"] == 1
     for folder in (quality, alignment):
         card = json.loads((tmp_path / folder / "card.json").read_text())
         assert {"data", "command", "licence"} <= card.keys()
         assert (tmp_path / folder / "held_out.json").exists()
+
+
+def two_clips(tmp_path):
+    tokens = tmp_path / "tokens"
+    tokens.mkdir()
+    for name, clip in clips(2, chunks=16).items():
+        object.__setattr__(clip, "split", "test" if name == "clip1" else "train")
+        clip.save(tokens / f"{name}.npz")
+    return tokens
+
+
+def test_beats_and_wav2clip_hear_with_published_weights_which_are_left_as_they_are(
+    tmp_path, tiny_bundle, capsys
+):
+    """Random weights in the published files' layout, at a small size."""
+    beats = Beats(BeatsConfig(layers=1, width=16, heads=2, hidden=24, patch_width=8, reach=4, groups=2))
+    wav2clip = Wav2Clip(Wav2ClipConfig(width=4, blocks=1))
+    named = {f"audio_encoder.{name}": value for name, value in wav2clip.state_dict().items()}
+    torch.save({"cfg": {"encoder_layers": 1}, "model": beats.state_dict()}, tmp_path / "beats.pt")
+    torch.save({"state_dict": named, "epoch": 3}, tmp_path / "wav2clip.pt")
+    common = [
+        str(two_clips(tmp_path)),
+        "--bundle",
+        str(tiny_bundle),
+        "--steps",
+        "2",
+        "--batch",
+        "4",
+        "--width",
+        "16",
+    ]
+    for kind, own in (("beats", beats), ("wav2clip", wav2clip)):
+        folder, weights = tmp_path / kind, str(tmp_path / f"{kind}.pt")
+        command = ["align", "reward-alignment", *common, "-o", str(folder), "--encoder", kind]
+        assert main([*command, "--encoder-weights", weights]) == 0
+        table = json.loads(capsys.readouterr().out.splitlines()[-1])
+        assert "audio to motion, all" in table["everything"]
+        kept = AudioMotion.load(folder).ears.network.state_dict()
+        assert all(torch.equal(value, kept[name]) for name, value in own.state_dict().items())
+
+
+class Hostile:
+    def __reduce__(self):
+        return print, ("ran",)
+
+
+@pytest.mark.parametrize(
+    ("made", "message"),
+    [
+        (None, "is missing"),
+        (b"PK\x03\x04 cut off", "is damaged or cut off"),
+        ({"model": {"a": Hostile()}}, "is refused: it would run"),
+        ({"weights": {}}, "has no entry 'model'"),
+        ({"model": {"a": torch.zeros(2)}}, "these are no weights of BEATs"),
+    ],
+)
+def test_files_that_are_no_weights_are_named_and_never_run(tmp_path, tiny_bundle, capsys, made, message):
+    path = tmp_path / "beats.pt"
+    if isinstance(made, bytes):
+        path.write_bytes(made)
+    elif made is not None:
+        torch.save(made, path)
+    command = ["align", "reward-alignment", str(two_clips(tmp_path)), "--bundle", str(tiny_bundle), "-o"]
+    assert main([*command, str(tmp_path / "o"), "--encoder", "beats", "--encoder-weights", str(path)]) == 1
+    told = capsys.readouterr()
+    assert message in told.err
+    assert "ran" not in told.out.split()
+
+
+def test_weights_without_their_encoder_are_refused(tmp_path, tiny_bundle, capsys):
+    command = ["align", "reward-alignment", str(two_clips(tmp_path)), "--bundle", str(tiny_bundle), "-o"]
+    assert main([*command, str(tmp_path / "o"), "--encoder-weights", "beats.pt"]) == 1
+    assert "name one of them" in capsys.readouterr().err
 
 
 def test_tokens_without_held_out_clips_are_refused(tmp_path, tiny_bundle, capsys):

@@ -9,9 +9,9 @@ from echoavatar.reproduce import alignment
 from echoavatar.reproduce.workshop import motion_of
 
 PROBES = (
-    {"probe": 0, "rewards": {"quality": [0.5, 0.1], "alignment": [0.2, 0.0]}, "kl": 0.0},
-    {"step": 0, "rewards": {"quality": 0.4, "alignment": 0.1}, "kl": 0.3},
-    {"probe": 2, "rewards": {"quality": [0.7, 0.1], "alignment": [0.3, 0.0]}, "kl": 0.04},
+    {"step": 0, "held_out": {"rewards": {"quality": [0.5, 0.1], "alignment": [0.2, 0.0]}, "kl": 0.0}},
+    {"step": 1, "loss": 0.1, "rewards.quality": 0.4, "rewards.alignment": 0.1, "kl": 0.3},
+    {"step": 2, "held_out": {"rewards": {"quality": [0.7, 0.1], "alignment": [0.3, 0.0]}, "kl": 0.04}},
 )
 
 

@@ -109,3 +109,18 @@ def test_the_clock_counts_where_it_is_part_of_the_schedule():
     assert loop.done() == 0.75
     loop.step = 12
     assert loop.done() == 1
+
+
+def test_groups_may_have_a_rate_relative_to_the_steps_and_the_stage_knows_who_shares_the_run():
+    class Slower(Line):
+        def optimisers(self):
+            first, second = self.modules["layers"]
+            groups = [{"params": first.parameters()}, {"params": second.parameters(), "relative": 0.1}]
+            return [torch.optim.AdamW(groups)]
+
+    loop = Loop(Slower())
+    told = loop.advance()
+    assert [group["lr"] for group in loop.optimisers[0].param_groups] == pytest.approx(
+        [told["rate"], 0.1 * told["rate"]]
+    )
+    assert loop.stage.processes is loop.processes

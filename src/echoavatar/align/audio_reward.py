@@ -4,11 +4,10 @@ Both sides are projected to d = 768 and normed; the reward is their cosine. Trai
 with soft labels: windows of the same segment (mirrored motion has the same sound) share the probability. The
 temperature is learnt from 1 / 0.07.
 
-Departs from the paper in two things. Sound and motion are read as their codes' vectors (what the generator hears and
-says), sound by a small encoder that is trained along; BEATs needs the waveform, which token files do not hold. And the
-paper's mean over all of a clip's time cannot say when anything happened: here 4 s are pooled into 24 slices of 1/6 s
-that stay apart in the embedding (32 channels each), so that the cosine is a sum of what agrees at the same time.
-`slices` 1 is the paper's.
+Sound is heard by codes, BEATs or Wav2CLIP (`ears`). Departs from the paper in two things. Motion is read as its codes'
+vectors (what the generator says). And the paper's mean over all of a clip's time cannot say when anything happened:
+here 4 s are pooled into 24 slices of 1/6 s that stay apart in the embedding (32 channels each), so that the cosine is a
+sum of what agrees at the same time. `slices` 1 is the paper's.
 """
 
 from collections.abc import Mapping
@@ -22,29 +21,33 @@ from pydantic import Field, model_validator
 from torch import Tensor, nn
 
 from .. import checkpoint
+from ..audio import AudioCodec
 from ..config import Config
-from ..timing import SAMPLES_PER_AUDIO_TOKEN, SAMPLES_PER_MOTION_TOKEN, exact_div
+from ..timing import SAMPLE_RATE_HZ, SAMPLES_PER_AUDIO_TOKEN, SAMPLES_PER_MOTION_TOKEN, exact_div
+from .beats import Beats
 from .bidirectional import FullBlock, sinusoids
+from .ears import CodeEars, EarsConfig, WaveEars
+from .fbank import RATE_HZ
 from .scene import Scene
+from .wav2clip import Wav2Clip
 from .yardstick import Yardstick
 
 FRAMES_PER_TOKEN = exact_div(
     SAMPLES_PER_MOTION_TOKEN, SAMPLES_PER_AUDIO_TOKEN
 )  # 10 audio frames a motion token
 WINDOW_TOKENS = 30  # 4 s, what the reward is trained on
-HALF = exact_div(FRAMES_PER_TOKEN, 2)  # sound is read at 15 Hz
 FIRST_TEMPERATURE = 1 / 0.07
 LARGEST_TEMPERATURE = 100.0
+LEAST = 1e-6  # spread that code vectors are brought to 1 from; those of an untrained codec have none
 
 
 class AudioMotionConfig(Config):
     """Sizes; the paper's are width 512, 4 layers, 8 heads, d 768."""
 
-    sound_channels: int = Field(gt=0, description="length of an audio code's vector, both layers summed")
+    ears: EarsConfig = Field(description="what sound is heard with")
     motion_channels: int = Field(gt=0, description="length of a motion token's vector, parts side by side")
     width: int = Field(default=128, gt=0, description="channels of both encoders (paper: 512)")
     layers: int = Field(default=4, gt=0, description="transformer layers of the motion encoder")
-    sound_layers: int = Field(default=2, gt=0, description="transformer layers of the small sound encoder")
     heads: int = Field(default=4, gt=0, description="attention heads (paper: 8)")
     size: int = Field(default=768, gt=0, description="length of an embedding of 4 s")
     slices: int = Field(default=24, gt=0, description="times that an embedding of 4 s keeps apart (paper: 1)")
@@ -56,29 +59,9 @@ class AudioMotionConfig(Config):
         return self
 
 
-class SoundEncoder(nn.Module):
-    """The small encoder: vectors at 75 Hz, brought to 15 Hz by a convolution, then attention."""
-
-    def __init__(self, config: AudioMotionConfig) -> None:
-        super().__init__()
-        self.before = nn.Conv1d(config.sound_channels, config.width, 3, padding=1)
-        self.down = nn.Conv1d(config.width, config.width, HALF, stride=HALF)
-        self.blocks = nn.Sequential(
-            *(FullBlock(width=config.width, heads=config.heads) for _ in range(config.sound_layers))
-        )
-
-    def forward(self, x: Float[Tensor, "b f c"]) -> Float[Tensor, "b t d"]:
-        """States at 15 Hz."""
-        y = F.gelu(self.before(x.transpose(1, 2)))
-        y = self.down(y).transpose(1, 2)
-        states: Tensor = self.blocks(y + sinusoids(y.shape[1], y.shape[2]).to(y))
-        return states
-
-
 class AudioMotion(nn.Module):
     """Two encoders into one space."""
 
-    sound_book: Tensor
     motion_book: Tensor
 
     def __init__(
@@ -88,11 +71,14 @@ class AudioMotion(nn.Module):
         super().__init__()
         self.config = config
         width = config.width
-        self.register_buffer("sound_book", torch.zeros(*sound_shape, config.sound_channels))
         self.register_buffer(
             "motion_book", torch.zeros(*motion_shape, config.motion_channels // motion_shape[0])
         )
-        self.sound = SoundEncoder(config)
+        self.ears: CodeEars | WaveEars
+        if config.ears.kind == "codes":
+            self.ears = CodeEars(config.ears, sound_shape, width=width, heads=config.heads)
+        else:
+            self.ears = WaveEars(config.ears, width=width)
         self.motion_in = nn.Linear(config.motion_channels, width)
         self.motion = nn.Sequential(
             *(FullBlock(width=width, heads=config.heads) for _ in range(config.layers))
@@ -104,18 +90,47 @@ class AudioMotion(nn.Module):
 
     @classmethod
     def over(
-        cls, sound_book: Float[Tensor, "l A a"], motion_book: Float[Tensor, "p q K c"], **sizes: int
+        cls,
+        sound_book: Float[Tensor, "l A a"],
+        motion_book: Float[Tensor, "p q K c"],
+        *,
+        sound_layers: int = 2,
+        **sizes: int,
     ) -> Self:
         """Over the code vectors of a codec and a tokenizer, scaled to unit spread."""
+        ears = EarsConfig(channels=sound_book.shape[2], layers=sound_layers)
+        model = cls._over(ears, motion_book, tuple(sound_book.shape[:2]), sizes)
+        assert isinstance(model.ears, CodeEars)
+        model.ears.book.copy_(sound_book / sound_book.sum(0).std().clamp(min=LEAST))
+        return model
+
+    @classmethod
+    def hearing(
+        cls,
+        network: Beats | Wav2Clip,
+        codec: AudioCodec,
+        motion_book: Float[Tensor, "p q K c"],
+        *,
+        is_frozen: bool,
+        **sizes: int,
+    ) -> Self:
+        """With BEATs or Wav2CLIP over a codec; its weights are taken over, and left as they are if `is_frozen`."""
+        kinds = {"beats": network.config} if isinstance(network, Beats) else {"wav2clip": network.config}
+        ears = EarsConfig.model_validate({"codec": codec.config, "is_frozen": is_frozen} | kinds)
+        model = cls._over(ears, motion_book, (), sizes)
+        assert isinstance(model.ears, WaveEars)
+        model.ears.network.load_state_dict(network.state_dict())
+        model.ears.codec.load_state_dict(codec.state_dict())
+        return model
+
+    @classmethod
+    def _over(
+        cls, ears: EarsConfig, motion_book: Tensor, sound_shape: tuple[int, ...], sizes: Mapping[str, int]
+    ) -> Self:
         parts, channels = motion_book.shape[0], motion_book.shape[3]
-        config = AudioMotionConfig(
-            sound_channels=sound_book.shape[2], motion_channels=parts * channels, **sizes
-        )
-        model = cls(
-            config, sound_shape=tuple(sound_book.shape[:2]), motion_shape=tuple(motion_book.shape[:3])
-        )
-        model.sound_book.copy_(sound_book / sound_book.sum(0).std())
-        model.motion_book.copy_(motion_book / motion_book.sum(1).std())
+        config = AudioMotionConfig(ears=ears, motion_channels=parts * channels, **sizes)
+        model = cls(config, sound_shape=sound_shape, motion_shape=tuple(motion_book.shape[:3]))
+        model.motion_book.copy_(motion_book / motion_book.sum(1).std().clamp(min=LEAST))
         return model
 
     @property
@@ -123,12 +138,13 @@ class AudioMotion(nn.Module):
         """tau, what similarities are multiplied by."""
         return self.log_temperature.exp().clamp(max=LARGEST_TEMPERATURE)
 
-    def hear(self, codes: Int[Tensor, "b f l"]) -> Float[Tensor, "b d"]:
-        """Unit embeddings of sound; d is `size` for 4 s."""
-        vectors = sum(
-            (self.sound_book[layer][codes[..., layer]] for layer in range(codes.shape[2])), torch.zeros(())
-        )
-        return self._pooled(self.sound_out(self.sound(vectors)), codes.shape[1] // FRAMES_PER_TOKEN)
+    def hear(self, sound: Tensor) -> Float[Tensor, "b d"]:
+        """Unit embeddings of codes (b, f, l), or of a waveform at 16 kHz (b, s); d is `size` for 4 s."""
+        if sound.is_floating_point():
+            tokens = round(sound.shape[1] * SAMPLE_RATE_HZ / RATE_HZ / SAMPLES_PER_MOTION_TOKEN)
+        else:
+            tokens = sound.shape[1] // FRAMES_PER_TOKEN
+        return self._pooled(self.sound_out(self.ears(sound)), tokens)
 
     def see(self, codes: Int[Tensor, "b n p q"]) -> Float[Tensor, "b d"]:
         """Unit embeddings of motion; d is `size` for 4 s."""
@@ -155,11 +171,7 @@ class AudioMotion(nn.Module):
 
     def save(self, folder: Path, card: Mapping[str, object]) -> None:
         """Write a checkpoint folder."""
-        shapes = {
-            "sound_shape": list(self.sound_book.shape[:2]),
-            "motion_shape": list(self.motion_book.shape[:3]),
-        }
-        checkpoint.save(folder, config=self.config, weights=self.state_dict(), card=dict(card) | shapes)
+        checkpoint.save(folder, config=self.config, weights=self.state_dict(), card=dict(card))
 
     @classmethod
     def load(cls, folder: Path) -> Self:
@@ -170,10 +182,10 @@ class AudioMotion(nn.Module):
         """
         config = checkpoint.read_config(folder, AudioMotionConfig)
         weights = checkpoint.read_weights(folder)
-        shapes = [
-            tuple(weights[name].shape[:-1]) for name in ("sound_book", "motion_book") if name in weights
-        ]
-        sound, motion = shapes if len(shapes) == 2 else ((1, 1), (1, 1, 1))
+        sound, motion = (
+            tuple(weights[name].shape[:-1]) if name in weights else (1,) * few
+            for name, few in (("ears.book", 2), ("motion_book", 3))
+        )
         model = cls(config, sound_shape=sound, motion_shape=motion)
         checkpoint.load_into(model, weights, origin=str(folder))
         return model.eval()

@@ -10,13 +10,16 @@ from jaxtyping import Float, Int
 from pydantic import Field
 from torch import Tensor
 
+from ..audio import AudioCodec
 from ..config import Config
 from ..errors import MotionError
 from ..generator import TokenClip
 from ..metrics.retrieval import PAPER_GALLERY, Retrieval, batched, chance, gallery, retrieval, similarity
-from ..timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK, exact_div
+from ..timing import AUDIO_FRAMES_PER_CHUNK, CHUNK_SECONDS, MOTION_TOKENS_PER_CHUNK, exact_div
 from ..training import Loss, Progress, Stage, TrainingConfig, train
 from .audio_reward import WINDOW_TOKENS, AudioMotion, info_nce
+from .ears import wave_of
+from .fbank import RATE_HZ
 
 WINDOW_CHUNKS = exact_div(WINDOW_TOKENS, MOTION_TOKENS_PER_CHUNK)
 DOMAINS = ("silence", "speech", "music")
@@ -40,7 +43,7 @@ class AudioRewardTraining(TrainingConfig):
 class Windows(NamedTuple):
     """Sound, motion, and the number of the segment, the same for mirrored motion."""
 
-    sound: Tensor
+    sound: Tensor  # codes, or a waveform at 16 kHz
     motion: Tensor
     segments: Int[Tensor, " b"]
 
@@ -48,8 +51,15 @@ class Windows(NamedTuple):
 class Pairs:
     """Windows of sound and motion; windows of one segment, mirrored ones too, have the same number."""
 
-    def __init__(self, clips: Mapping[str, TokenClip], *, chunks: int = WINDOW_CHUNKS) -> None:
-        self._chunks = chunks
+    def __init__(
+        self,
+        clips: Mapping[str, TokenClip],
+        *,
+        chunks: int = WINDOW_CHUNKS,
+        waves: Mapping[str, Tensor] | None = None,
+    ) -> None:
+        """With `waves` (`waves_of`) sound is waveforms, else codes."""
+        self._chunks, self._waves = chunks, waves
         sources = sorted({name.removesuffix(MIRROR) for name in clips})
         self._source = {name: at for at, name in enumerate(sources)}
         self._clips = {name: clip for name, clip in clips.items() if clip.chunks >= chunks}
@@ -94,12 +104,34 @@ class Pairs:
             ]
             return torch.from_numpy(np.stack(parts).astype(np.int64))
 
+        sound = stacked("audio", AUDIO_FRAMES_PER_CHUNK) if self._waves is None else self._heard(spots)
         segments = [self._source[name.removesuffix(MIRROR)] * 100_000 + start for name, start in spots]
         return Windows(
-            stacked("audio", AUDIO_FRAMES_PER_CHUNK),
+            sound,
             stacked("motion", MOTION_TOKENS_PER_CHUNK),
             torch.tensor(segments),
         )
+
+    def _heard(self, spots: Sequence[tuple[str, int]]) -> Float[Tensor, "b s"]:
+        """Windows of the waveforms."""
+        assert self._waves is not None
+        samples = int(self._chunks * CHUNK_SECONDS * RATE_HZ)  # a chunk is no whole number of them
+        firsts = [(name, int(start * CHUNK_SECONDS * RATE_HZ)) for name, start in spots]
+        rows = [self._waves[name.removesuffix(MIRROR)][first : first + samples] for name, first in firsts]
+        return torch.stack(rows).float()
+
+
+def waves_of(
+    codec: AudioCodec, clips: Mapping[str, TokenClip], progress: Progress | None = None
+) -> dict[str, Float[Tensor, " s"]]:
+    """What the codec makes of the clips' codes, at 16 kHz in half precision, by name; mirrored ones share theirs."""
+    sources = {name.removesuffix(MIRROR): clip for name, clip in clips.items()}
+    waves = {}
+    for done, (name, clip) in enumerate(sources.items(), start=1):
+        waves[name] = wave_of(codec, torch.from_numpy(clip.audio.astype(np.int64))[None])[0].half()
+        if progress is not None:
+            progress(done, len(sources))
+    return waves
 
 
 class AudioRewardStage(Stage[Windows]):

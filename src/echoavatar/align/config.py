@@ -4,20 +4,24 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from ..config import Config
+from ..training import Schedule, TrainingConfig
 from .prompts import Events
 
 Method = Literal["grpo", "dpo", "ppo"]
 
 
-class AlignTraining(Config):
-    """How a policy is tuned. The defaults are the rehearsal recipe's."""
+class AlignTraining(TrainingConfig):
+    """How a policy is tuned. The defaults are the rehearsal recipe's.
+
+    `batch` counts prompts (dpo: pairs), each of which is `group` continuations.
+    """
 
     method: Method = Field(default="grpo", description="grpo, dpo or ppo")
-    steps: int = Field(
-        default=200, gt=0, description="optimiser schedules: batches of prompts (dpo: of pairs)"
-    )
+    steps: int = Field(default=200, gt=0, description="optimiser steps")
     batch: int = Field(default=4, gt=0, description="prompts, or pairs, a step (paper: 16)")
+    accumulation: int = Field(
+        default=1, gt=0, description="pieces that a batch is taken in; changes memory, not the result"
+    )
     group: int = Field(
         default=8, gt=0, description="continuations of a prompt (paper: 30 for GRPO, 1 for PPO)"
     )
@@ -30,12 +34,12 @@ class AlignTraining(Config):
         default="any", description="which kind of them: any, beat (music) or stress (speech)"
     )
     learning_rate: float = Field(default=1e-4, gt=0, description="AdamW (paper: 6e-5 at 0.5B)")
-    warmup: int = Field(default=5, ge=0, description="steps of linear warm-up; constant afterwards")
-    clip_norm: float = Field(default=1.0, gt=0, description="largest norm of the gradient")
-    epochs: int = Field(default=1, gt=0, description="passes over a batch of continuations")
-    micro: int = Field(
-        default=16, gt=0, description="continuations in memory at a time; changes nothing else"
+    schedule: Schedule = Field(
+        default="constant", description="course of the rate, so that steps may be added"
     )
+    warmup: int = Field(default=5, ge=0, description="steps of linear warm-up")
+    weight_decay: float = Field(default=0.0, ge=0, description="AdamW's decay")
+    epochs: int = Field(default=1, gt=0, description="steps that are taken on the same continuations")
     credit: Literal["sequence", "to_go"] = Field(
         default="to_go",
         description="one advantage a continuation (paper), or by time of what a code can still change",
@@ -47,7 +51,7 @@ class AlignTraining(Config):
         default=0.01, ge=0, description="of the divergence from the reference (paper: 0.01)"
     )
     kl_stop: float = Field(default=0.5, gt=0, description="mean KL in nats a code at which the run stops")
-    clip: float = Field(default=0.2, gt=0, description="of the ratio")
+    ratio_clip: float = Field(default=0.2, gt=0, description="of the ratio of new to old probability")
     beta: float = Field(default=0.1, gt=0, description="dpo (paper: 0.1)")
     critic_rate: float = Field(
         default=1e-5, gt=0, description="ppo: learning rate of the value head (paper: 1e-5)"
@@ -55,8 +59,9 @@ class AlignTraining(Config):
     gae: float = Field(default=0.95, ge=0, le=1, description="ppo: decay of generalised advantages")
     probe: int = Field(default=24, gt=0, description="held-out prompts on which progress is measured")
     probe_group: int = Field(default=2, gt=0, description="continuations of each of them")
-    probe_every: int = Field(default=20, gt=0, description="steps between measurements")
-    save_every: int = Field(default=10, gt=0, description="steps between checkpoints")
+    evaluate_every: int = Field(default=20, ge=0, description="steps between measurements on them")
+    save_every: int = Field(default=10, ge=0, description="steps between checkpoints")
+    videos: int = Field(default=1, ge=0, description="held-out prompts filmed at each checkpoint; 0: none")
     seed: int = Field(default=0, description="of prompts and of the codes drawn")
 
     @model_validator(mode="after")
@@ -68,7 +73,9 @@ class AlignTraining(Config):
 
 def recipe(name: str, method: Method) -> AlignTraining:
     """The recipe of that name for a method: `tiny`, `rehearsal` or `paper`."""
-    own: dict[str, object] = {"group": 1, "batch": 16} if method == "ppo" else {}
+    own: dict[str, object] = {"accumulation": 2}
+    if method == "ppo":
+        own = {"group": 1, "batch": 16}
     if method == "dpo":
         own = {"learning_rate": 3e-5}
     match name:
@@ -81,13 +88,14 @@ def recipe(name: str, method: Method) -> AlignTraining:
                 "probe": 2,
                 "fewest_events": 0,
             }
-            sizes |= {"group": 1 if method == "ppo" else 4, "probe_every": 2, "save_every": 2}
+            sizes |= {"group": 1 if method == "ppo" else 4, "evaluate_every": 2, "save_every": 2, "videos": 0}
         case "rehearsal":
             sizes = own
         case "paper":
             # 4 s windows: the paper does not say how much of them is past; ours continues from nothing
             sizes = {"batch": 16, "group": 1 if method == "ppo" else 30, "past": 0, "length": 15}
             sizes |= {"learning_rate": 6e-5, "credit": "sequence", "discount": 1.0, "fewest_events": 0}
+            sizes |= {"accumulation": {"grpo": 16, "dpo": 2, "ppo": 1}[method]}
         case _:
             raise ValueError(f"no recipe {name!r}: tiny, rehearsal or paper")
     return AlignTraining.model_validate({"method": method} | sizes)

@@ -1,11 +1,11 @@
 """Motion made worse by known amounts: the curriculum of the quality reward (paper, Corruption-based Quality Ordering).
 
-Two kinds act on codes and are trained on; four act on motion and only test whether the reward generalises. Scores are
-the paper's table, or one's own by FID (`scores_from_fid`).
+Two kinds act on codes and are trained on; four act on motion and test whether the reward generalises, unless they are
+trained on as well (`spoiled_scores`). Scores are the paper's table, or one's own by FID (`scores_from_fid`).
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -24,6 +24,8 @@ Kind = Literal["hierarchical", "uniform"]
 Unseen = Literal["jitter", "time_warp", "foot_slide", "frozen_limbs"]
 RATES = tuple(round(0.1 * k, 1) for k in range(1, 11))
 CLEAN = "reconstruction"
+STRENGTHS = (0.0, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0)
+"""Severities of the kinds that act on motion."""
 
 PAPER_TRUTH, PAPER_CLEAN = 0.97, 0.91
 PAPER_SCORES: dict[Kind, tuple[float, ...]] = {
@@ -37,7 +39,7 @@ PAPER_FID: dict[Kind, tuple[float, ...]] = {
 PAPER_CLEAN_FID = 1.36
 
 
-def level_name(kind: Kind, rate: float) -> str:
+def level_name(kind: Kind | Unseen, rate: float) -> str:
     """`uniform 0.3`, the key of a level in tables and files."""
     return f"{kind} {rate:.1f}"
 
@@ -48,6 +50,17 @@ def paper_scores() -> dict[str, float]:
     for kind in get_args(Kind):
         table |= {level_name(kind, r): s for r, s in zip(RATES, PAPER_SCORES[kind], strict=True)}
     return table
+
+
+def spoiled_scores(kinds: Sequence[Unseen]) -> dict[str, float]:
+    """Scores of motion made worse by hand: by severity from the clean score down to the worst hierarchical one's.
+
+    Ours: FID hardly sees frozen limbs or warped time, so these scores are set, not measured.
+    """
+    worst = PAPER_SCORES["hierarchical"][-1]
+    return {
+        level_name(kind, s): PAPER_CLEAN + (worst - PAPER_CLEAN) * s for kind in kinds for s in STRENGTHS if s
+    }
 
 
 def scores_from_fid(fid: Mapping[str, float]) -> dict[str, float]:

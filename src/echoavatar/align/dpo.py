@@ -1,21 +1,31 @@
 """DPO: preferred against rejected continuations of the same prompt (paper, Direct Preference Alignment)."""
 
+import hashlib
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from ..training import Loss
 from .losses import dpo_loss
-from .policy import GeneratorPolicy, by_layer
+from .policy import GeneratorPolicy
 from .preferences import Pair, codes_of
 from .prompts import Prompt, PromptBatch, batch_of
-from .trainer import AlignTrainer, Told
+from .trainer import PolicyStage
 
 
-class DpoTrainer(AlignTrainer):
+class Compared(NamedTuple):
+    """Pairs, a row each."""
+
+    prompts: PromptBatch
+    chosen: Int[Tensor, "b n p q"]
+    rejected: Int[Tensor, "b n p q"]
+
+
+class DpoStage(PolicyStage[Compared]):
     """Pairs in a new order every pass; log-probabilities are of the sharpened distribution, without nucleus.
 
     A pair may come from elsewhere, with codes outside this policy's nucleus, whose log-probability would be -inf.
@@ -25,45 +35,39 @@ class DpoTrainer(AlignTrainer):
         super().__init__(*args, **kwargs)
         self._pairs = list(pairs)
 
-    def step(self) -> Told:
-        """See `AlignTrainer.step`."""
-        training = self.training
-        chosen = [self._pairs[at] for at in self._order()]
-        batch = batch_of([prompt for prompt, _ in chosen], self.device)
-        codes = [
-            codes_of([pair for _, pair in chosen], name).to(self.device) for name in ("chosen", "rejected")
-        ]
-        rows, each = len(chosen), max(1, training.micro // 2)
-        sums = {"loss": 0.0, "margin": 0.0, "accuracy": 0.0, "kl": 0.0}
-        entropy = torch.zeros(self.policy.layout.motion_layers)
-        for start in range(0, rows, each):
-            at = slice(start, min(start + each, rows))
-            share, prompts = (at.stop - at.start) / rows, batch.rows(at)
-            own = [self.policy.score(prompts, part[at], is_cut=False) for part in codes]
-            with torch.no_grad():
-                other = [_sums(self.reference, prompts, part[at]) for part in codes]
-                kl = self.divergence(own[0], prompts, codes[0][at]).mean()
-            told = dpo_loss(
-                chosen=own[0].log_probs.sum((1, 2)),
-                rejected=own[1].log_probs.sum((1, 2)),
-                reference_chosen=other[0],
-                reference_rejected=other[1],
-                beta=training.beta,
-            )
-            (told.loss * share).backward()  # type: ignore[no-untyped-call]
-            for name, value in (*told._asdict().items(), ("kl", kl)):
-                sums[name] += float(value.detach()) * share
-            entropy += share * torch.tensor(by_layer(own[0].entropy, len(entropy)))
-        norm = self.descend()
-        self.next_step += 1
-        return {"gradient": norm, "entropy": entropy.tolist()} | sums
+    def compared(self) -> str:
+        """See `PolicyStage.compared`."""
+        return hashlib.sha256("".join(pair.model_dump_json() for _, pair in self._pairs).encode()).hexdigest()
 
-    def _order(self) -> list[int]:
-        """The pairs of this step: each pass over all pairs is a permutation of its own."""
-        batch, count = min(self.training.batch, len(self._pairs)), len(self._pairs)
-        at = np.arange(self.next_step * batch, (self.next_step + 1) * batch)
+    def draw(self, step: int) -> Compared:
+        """The pairs of a step."""
+        drawn = [self._pairs[at] for at in self.order(step)]
+        pairs = [pair for _, pair in drawn]
+        prompts = batch_of([prompt for prompt, _ in drawn])
+        return Compared(prompts, codes_of(pairs, "chosen"), codes_of(pairs, "rejected"))
+
+    def loss(self, batch: Compared, step: int) -> Loss:
+        """See `Stage.loss`."""
+        own = [self.policy.score(batch.prompts, part, is_cut=False) for part in batch[1:]]
+        with torch.no_grad():
+            other = [_sums(self.reference, batch.prompts, part) for part in batch[1:]]
+        kl = self.divergence(own[0], batch.prompts, batch.chosen)
+        found = dpo_loss(
+            chosen=own[0].log_probs.sum((1, 2)),
+            rejected=own[1].log_probs.sum((1, 2)),
+            reference_chosen=other[0],
+            reference_rejected=other[1],
+            beta=self.config.beta,
+        )
+        told = {"margin": found.margin, "accuracy": found.accuracy}
+        return Loss(found.loss, self.told(told, kl, own[0]))
+
+    def order(self, step: int) -> list[int]:
+        """The pairs of a step: each pass over all pairs is a permutation of its own; few pairs may come twice."""
+        batch, count = self.config.batch, len(self._pairs)
+        at = np.arange(step * batch, (step + 1) * batch)
         orders = {
-            int(turn): np.random.default_rng([self.training.seed, int(turn)]).permutation(count)
+            int(turn): np.random.default_rng([self.config.seed, int(turn)]).permutation(count)
             for turn in np.unique(at // count)
         }
         return [int(orders[int(k // count)][k % count]) for k in at]

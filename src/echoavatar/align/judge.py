@@ -1,6 +1,6 @@
 """From codes to rewards: decode, then ask the reward functions."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from jaxtyping import Int
@@ -9,16 +9,18 @@ from torch import Tensor
 from ..tokenizer import BodyTokenizer
 from .prompts import Prompt
 from .rewards import RewardMix, Rewards
-from .scene import decode_scenes
+from .scene import Scene, decode_scenes
 
 PIECE = 64  # continuations decoded at a time
+Judge = Callable[[Sequence[Prompt], Int[Tensor, "r n p q"]], Rewards]
+"""Rewards of continuations, prompt by prompt."""
 
 
 class SceneJudge:
     """Continuations are decoded by the tokenizer that made the codes, and judged."""
 
     def __init__(self, tokenizer: BodyTokenizer, mix: RewardMix) -> None:
-        self._tokenizer, self._mix = tokenizer, mix
+        self.tokenizer, self.mix = tokenizer, mix
 
     def __call__(self, prompts: Sequence[Prompt], codes: Int[Tensor, "r n p q"]) -> Rewards:
         """Rewards of continuations."""
@@ -28,8 +30,12 @@ class SceneJudge:
         for start in range(0, len(prompts), each):
             some = prompts[start : start + each]
             rows = slice(start * group, (start + len(some)) * group)
-            found.append(self._mix(decode_scenes(self._tokenizer, some, codes[rows])))
+            found.append(self.mix(self.scenes(some, codes[rows])))
         return joined(found)
+
+    def scenes(self, prompts: Sequence[Prompt], codes: Int[Tensor, "r n p q"]) -> list[Scene]:
+        """Continuations as scenes."""
+        return decode_scenes(self.tokenizer, prompts, codes)
 
 
 def joined(found: Sequence[Rewards]) -> Rewards:

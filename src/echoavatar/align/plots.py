@@ -3,6 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -30,32 +31,52 @@ def draw_run(metrics: Path, picture: Path) -> None:
         lines = [json.loads(line) for line in metrics.read_text().splitlines()]
     except (OSError, ValueError) as error:
         raise CheckpointError(f"{metrics} holds no metrics ({error}); train first") from error
-    steps, probes = [one for one in lines if "step" in one], [one for one in lines if "probe" in one]
+    steps = [one for one in lines if "loss" in one]
+    probes = [one["held_out"] | {"step": one["step"]} for one in lines if "held_out" in one]
     if not steps:
         raise CheckpointError(f"{metrics} holds no step; train first")
-    figure, axes = plt.subplots(1, 4, figsize=(16, 3.6))
-    at = [one["step"] for one in steps]
+    figure, grid = plt.subplots(2, 3, figsize=(14, 7.2))
+    batches, held_out, components, divergence, entropy, cost = grid.flat
+    at, measured = [one["step"] for one in steps], [one["step"] for one in probes]
     for name in ("reward", "margin", "accuracy"):
         if name in steps[0]:
-            axes[0].plot(at, [one[name] for one in steps], label=name)
-    axes[0].set_title("training batches")
+            batches.plot(at, [one[name] for one in steps], label=name)
+    batches.set_title("training batches")
+    for name in (name for name in steps[0] if name.startswith("rewards.")):
+        components.plot(at, [one[name] for one in steps], label=name.removeprefix("rewards."))
+    components.set_title("training batches, by component")
     for name in probes[0]["rewards"] if probes else ():
         means, errors = zip(*(one["rewards"][name] for one in probes), strict=True)
-        axes[1].errorbar([one["probe"] for one in probes], means, errors, marker="o", capsize=3, label=name)
-    if probes and all("by_prompt" in one for one in probes):
+        held_out.errorbar(measured, means, errors, marker="o", capsize=3, label=name)
+    if probes:
         means, errors = zip(*(gain(probes[0], one) for one in probes), strict=True)
-        at_probes = [one["probe"] for one in probes]
-        axes[1].errorbar(at_probes, means, errors, color="black", marker="s", capsize=3, label="gain")
-    axes[1].set_title("held-out prompts, mean and standard error")
-    axes[2].plot(at, [one["kl"] for one in steps])
-    axes[2].set_title("KL from the reference, nats a code")
-    for layer in range(len(steps[0]["entropy"])):
-        axes[3].plot(at, [one["entropy"][layer] for one in steps], label=f"layer {layer}")
-    axes[3].set_title("entropy by RVQ layer, nats")
-    for axis in axes:
+        held_out.errorbar(measured, means, errors, color="black", marker="s", capsize=3, label="gain")
+    held_out.set_title("held-out prompts, mean and standard error")
+    divergence.plot(at, [one["kl"] for one in steps])
+    divergence.set_title("KL from the reference, nats a code")
+    for layer, name in enumerate(name for name in steps[0] if name.startswith("entropy.")):
+        entropy.plot(at, [one[name] for one in steps], label=f"layer {layer}")
+    entropy.set_title("entropy by RVQ layer, nats")
+    _draw_cost(cost, measured, probes)
+    for axis in grid.flat:
         axis.set_xlabel("step")
         if axis.get_legend_handles_labels()[0]:
             axis.legend(fontsize=7)
     figure.tight_layout()
     figure.savefig(picture, dpi=100)
     plt.close(figure)
+
+
+def _draw_cost(axis: Any, at: Sequence[int], probes: Sequence[Mapping[str, Any]]) -> None:
+    """FID on the left scale, beat and stress alignment over chance on the right."""
+    axis.set_title("held-out: FID (left), alignment over chance (right)")
+    if not probes or "fid" not in probes[0]:
+        return
+    shown = axis.plot(at, [one["fid"] for one in probes], "o-", color="black")
+    names, other = ["FID"], axis.twinx()
+    for name in ("beat_alignment", "stress_alignment"):
+        if all(name in one for one in probes):
+            means, errors = zip(*(one[name] for one in probes), strict=True)
+            shown.append(other.errorbar(at, means, errors, marker=".", capsize=3))
+            names.append(name)
+    other.legend(shown, names, fontsize=7)

@@ -50,8 +50,15 @@ class Scores(NamedTuple):
         return -(self.all_log_probs.exp() * log_probs).sum(-1)
 
 
+class Rollout(Protocol):
+    """What draws continuations: `Policy.rollout`, or a backend's (a server, another library)."""
+
+    def __call__(self, prompts: PromptBatch, group: int, seeds: Int[Tensor, " r"]) -> Int[Tensor, "r n p q"]:
+        """`group` continuations of every prompt, prompt by prompt; `seeds` one a continuation."""
+
+
 class Policy(Protocol):
-    """What a trainer needs; a backend for rollouts elsewhere (a server, another library) implements `rollout`."""
+    """What samples and scores."""
 
     @property
     def layout(self) -> TokenLayout:

@@ -6,10 +6,12 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from ..generator import Generator
+from ..training import Loss, adamw
+from .config import AlignTraining
 from .losses import generalised_advantages, ppo_loss
-from .policy import by_layer
-from .prompts import PromptBook, batch_of
-from .trainer import AlignTrainer, Told, told_rewards
+from .policy import Scores
+from .rollouts import Judged, Played, RolloutStage
 
 
 class ValueHead(nn.Module):
@@ -27,70 +29,56 @@ class ValueHead(nn.Module):
     def forward(self, hidden: Float[Tensor, "b n k c"]) -> Float[Tensor, "b n"]:
         """One value a motion token."""
         values: Tensor = self.value(hidden[:, :, 0].detach().float())
-        return values[..., 0]
+        return values[..., 0].float()
 
 
-class PpoTrainer(AlignTrainer):
+class PpoStage(RolloutStage):
     """Clipped surrogate with generalised advantages; what is said of a whole continuation is spread over its tokens."""
 
-    def __init__(self, *args: Any, book: PromptBook, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
-        self._book = book
-        self.critic = ValueHead(self.generator.config.width).to(self.device)
-        self.optimisers.append(self._adamw(list(self.critic.parameters()), self.training.critic_rate))
+    is_scored = True
 
-    def modules(self) -> dict[str, nn.Module]:
-        """See `AlignTrainer.modules`."""
-        return super().modules() | {"critic": self.critic}
+    def __init__(
+        self, generator: Generator, reference: Generator, training: AlignTraining, *args: Any, **kwargs: Any
+    ) -> None:
+        self.critic = ValueHead(generator.config.width)
+        super().__init__(generator, reference, training, *args, critic=self.critic, **kwargs)
 
-    def step(self) -> Told:
-        """See `AlignTrainer.step`."""
-        training = self.training
-        prompts = self._book.draw(self.next_step, training.batch)
-        rows = training.batch * training.group
-        every = batch_of(prompts, self.device).repeated(training.group)
-        codes = self.policy.rollout(batch_of(prompts, self.device), training.group, self.seeds(rows))
-        rewards = self.judge(prompts, codes)
-        tokens, whole = (torch.from_numpy(part).float().to(self.device) for part in rewards[:2])
-        old, support, values = self._before(every, codes)
+    def optimisers(self) -> list[torch.optim.Optimizer]:
+        """One more, for the critic, at a rate of its own."""
+        critic = adamw([self.critic], self.config)
+        for group in critic.param_groups:
+            group["relative"] = self.config.critic_rate / self.config.learning_rate
+        return [*super().optimisers(), critic]
+
+    def foretold(self, scores: Scores) -> Float[Tensor, "r n"]:
+        """See `RolloutStage.foretold`."""
+        values: Tensor = self.critic(scores.hidden)
+        return values
+
+    def weighed(self, judged: Judged, made: Played) -> tuple[Tensor, Tensor]:
+        """Advantages over all continuations, and what the critic should have said."""
+        assert made.values is not None
+        rewards = judged.tokens + judged.whole[:, None] / judged.tokens.shape[1]
         advantages, returns = generalised_advantages(
-            tokens + whole[:, None] / tokens.shape[1], values, discount=training.discount, decay=training.gae
+            rewards, made.values, discount=self.config.discount, decay=self.config.gae
         )
-        advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
-        sums = dict.fromkeys(("policy", "value", "clipped", "kl"), 0.0)
-        entropy, norm = torch.zeros(self.policy.layout.motion_layers), 0.0
-        for _ in range(training.epochs):
-            sums, entropy = dict.fromkeys(sums, 0.0), torch.zeros_like(entropy)
-            for start in range(0, rows, training.micro):
-                at = slice(start, min(start + training.micro, rows))
-                share = (at.stop - at.start) / rows
-                scores = self.policy.score(every.rows(at), codes[at], support[at])
-                kl = self.divergence(scores, every.rows(at), codes[at]).mean()
-                told = ppo_loss(
-                    policy=scores.log_probs,
-                    old=old[at],
-                    advantages=advantages[at, :, None],
-                    values=self.critic(scores.hidden),
-                    old_values=values[at],
-                    returns=returns[at],
-                    clip=training.clip,
-                )
-                loss = told.policy + told.value + training.kl_weight * kl
-                (loss * share).backward()  # type: ignore[no-untyped-call]
-                for name, value in (*told._asdict().items(), ("kl", kl)):
-                    sums[name] += float(value.detach()) * share
-                entropy += share * torch.tensor(by_layer(scores.entropy, len(entropy)))
-            norm = self.descend()
-        self.next_step += 1
-        return told_rewards(rewards, training.group) | {"gradient": norm, "entropy": entropy.tolist()} | sums
+        return (advantages - advantages.mean()) / (advantages.std() + 1e-8), returns
 
-    @torch.no_grad()
-    def _before(self, every: Any, codes: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Log-probabilities, supports and values under the policy that sampled."""
-        parts = []
-        for start in range(0, len(codes), self.training.micro):
-            at = slice(start, start + self.training.micro)
-            scores = self.policy.score(every.rows(at), codes[at])
-            parts.append((scores.log_probs, scores.support, self.critic(scores.hidden)))
-        old, support, values = (torch.cat(column) for column in zip(*parts, strict=True))
-        return old, support, values
+    def loss(self, batch: Played, step: int) -> Loss:
+        """See `Stage.loss`."""
+        assert batch.old is not None
+        assert batch.values is not None
+        assert batch.returns is not None
+        scores = self.policy.score(batch.prompts, batch.codes, batch.support)
+        kl = self.divergence(scores, batch.prompts, batch.codes)
+        found = ppo_loss(
+            policy=scores.log_probs,
+            old=batch.old,
+            advantages=batch.advantages[:, :, None],
+            values=self.foretold(scores),
+            old_values=batch.values,
+            returns=batch.returns,
+            clip=self.config.ratio_clip,
+        )
+        total = found.policy + found.value + self.config.kl_weight * kl.mean()
+        return Loss(total, self.told(self.of_rows(batch) | found._asdict(), kl, scores))

@@ -17,9 +17,9 @@ from ..config import Config
 from ..errors import MotionError
 from ..timing import MOTION_TOKENS_PER_CHUNK
 from ..tokens import TokenLayout
+from .judge import Judge
 from .policy import Policy
 from .prompts import Prompt, PromptBook, batch_of
-from .trainer import Judge
 
 Codes = tuple[tuple[tuple[int, ...], ...], ...]
 

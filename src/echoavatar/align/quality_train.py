@@ -7,7 +7,7 @@ another split.
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple, get_args
+from typing import NamedTuple, cast, get_args
 
 import numpy as np
 import torch
@@ -26,11 +26,10 @@ from ..metrics.motion_encoder import MotionEncoder
 from ..metrics.motion_features import motion_features
 from ..tokenizer import BodyTokenizer
 from ..training import Loss, Progress, Stage, TrainingConfig, train
-from .degrade import CLEAN, RATES, Kind, Unseen, corrupted, level_name, paper_scores, spoiled
+from .degrade import CLEAN, RATES, STRENGTHS, Kind, Unseen, corrupted, level_name, paper_scores, spoiled
 from .quality import QualityConfig, QualityReward
 
 WINDOW_CHUNKS = 15  # 4 s
-STRENGTHS = (0.0, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0)
 
 
 class QualityTraining(TrainingConfig):
@@ -70,18 +69,30 @@ class Levels:
 
         It is the same at every rate: a code that is wrong at one is wrong, in the same way, at all higher ones.
         """
-        return self.tokenizer.decode(self._spoil(codes, name, number))
+        return self._moved(self.tokenizer.decode(self._spoil(codes, name, number)), name, number)
 
     @torch.no_grad()
     def mixed(
         self, codes: Int[Tensor, "b n p q"], names: Sequence[str], number: int
     ) -> Float[Tensor, "b t c"]:
         """The same with a level for each row."""
-        rows = [self._spoil(codes[k : k + 1], name, number * 64 + k) for k, name in enumerate(names)]
-        return self.tokenizer.decode(torch.cat(rows))
+        numbers = [number * 64 + k for k in range(len(names))]
+        rows = [self._spoil(codes[k : k + 1], name, numbers[k]) for k, name in enumerate(names)]
+        made = self.tokenizer.decode(torch.cat(rows))
+        return torch.cat([self._moved(made[k : k + 1], name, numbers[k]) for k, name in enumerate(names)])
+
+    def _moved(self, features: Float[Tensor, "b t c"], name: str, number: int) -> Float[Tensor, "b t c"]:
+        """Features at a level that acts on motion; the others are as they are."""
+        kind = name.split()[0]
+        if kind not in get_args(Unseen):
+            return features
+        seed = self._seed * 1_000_003 + number
+        return spoiled(
+            features, cast(Unseen, kind), float(name.split()[1]), self.tokenizer.skeleton, seed=seed
+        )
 
     def _spoil(self, codes: Int[Tensor, "b n p q"], name: str, number: int) -> Int[Tensor, "b n p q"]:
-        if name == CLEAN:
+        if name == CLEAN or name.split()[0] in get_args(Unseen):
             return codes
         which: Kind = "uniform" if name.startswith("uniform") else "hierarchical"
         random = torch.Generator().manual_seed(
@@ -158,7 +169,7 @@ class QualityStage(Stage[Graded]):
         return Graded(found.features.float(), found.scores)
 
     def _made(self, number: int) -> Graded:
-        training, names = self.config, [name for name in paper_levels() if name in self._scores]
+        training, names = self.config, list(self._scores)
         random = np.random.default_rng([training.seed, number])
         windows = math.ceil(training.batch / training.levels)
         codes = self._levels.codes(number, windows).repeat_interleave(training.levels, 0)[: training.batch]
@@ -215,16 +226,13 @@ def measure_quality(
         "pearson_levels": float(pearsonr(wanted, [means[name] for name in by_level])[0]),
         "pearson_windows": float(pearsonr(np.repeat(wanted, windows), single)[0]),
         "spearman_windows": float(spearmanr(np.repeat(wanted, windows), single)[0]),
-        "is_ordered": {
-            kind: bool(
-                np.all(np.diff([means[CLEAN], *(means[level_name(kind, rate)] for rate in RATES)]) < 0)
-            )
-            for kind in get_args(Kind)
-        },
+        "is_ordered": {kind: _falls(means, kind) for kind in _kinds(scores)},
         "levels": means,
     }
     unseen, motion = {}, levels.tokenizer.decode(clean)
     for other in get_args(Unseen):
+        if level_name(other, 1.0) in scores:  # trained on: its windows are among the levels
+            continue
         found = [model(spoiled(motion, other, s, levels.tokenizer.skeleton)).numpy() for s in STRENGTHS]
         severity = np.repeat(STRENGTHS, windows)
         unseen[other] = {
@@ -232,6 +240,22 @@ def measure_quality(
             "means": [float(one.mean()) for one in found],
         }
     return result | {"unseen": unseen, "windows": windows}
+
+
+def _kinds(scores: Mapping[str, float]) -> list[str]:
+    """The kinds that have levels, in order."""
+    return list(dict.fromkeys(name.split()[0] for name in scores if name != CLEAN))
+
+
+def _course(levels: Mapping[str, float], kind: str) -> tuple[list[float], list[float]]:
+    """Severities of a kind, from the clean level on, and what its levels have."""
+    found = {float(name.split()[1]): value for name, value in levels.items() if name.split()[0] == kind}
+    return [0.0, *sorted(found)], [levels[CLEAN], *(found[rate] for rate in sorted(found))]
+
+
+def _falls(means: Mapping[str, float], kind: str) -> bool:
+    """Whether each severity has a lower mean than the one before."""
+    return bool(np.all(np.diff(_course(means, kind)[1]) < 0))
 
 
 def draw_quality(found: Mapping[str, object], scores: Mapping[str, float], path: Path) -> None:
@@ -244,17 +268,18 @@ def draw_quality(found: Mapping[str, object], scores: Mapping[str, float], path:
     means, unseen = found["levels"], found["unseen"]
     assert isinstance(means, dict)
     assert isinstance(unseen, dict)
-    figure, axes = plt.subplots(1, 3, figsize=(12, 3.6), sharey=True)
-    for axis, kind in zip(axes, get_args(Kind), strict=False):
-        names = [CLEAN, *(level_name(kind, rate) for rate in RATES)]
-        axis.plot([0, *RATES], [scores[name] for name in names], "--", color="0.5", label="assigned")
-        axis.plot([0, *RATES], [means[name] for name in names], "o-", label="reward")
+    kinds = _kinds(scores)
+    figure, axes = plt.subplots(1, len(kinds) + 1, figsize=(4 * len(kinds) + 4, 3.6), sharey=True)
+    for axis, kind in zip(axes, kinds, strict=False):
+        axis.plot(*_course(scores, kind), "--", color="0.5", label="assigned")
+        axis.plot(*_course(means, kind), "o-", label="reward")
         axis.set_title(f"{kind} (trained on)")
         axis.legend()
     for kind, one in unseen.items():
-        axes[2].plot(STRENGTHS, one["means"], "o-", label=kind)
-    axes[2].set_title("never trained on")
-    axes[2].legend()
+        axes[-1].plot(STRENGTHS, one["means"], "o-", label=kind)
+    axes[-1].set_title("never trained on")
+    if unseen:
+        axes[-1].legend()
     for axis in axes:
         axis.set_xlabel("severity")
     axes[0].set_ylabel("quality reward, held-out")

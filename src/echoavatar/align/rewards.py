@@ -12,7 +12,7 @@ motion is as the truth and falls below 0 where it is far off. Your own:
 
 import importlib
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -194,15 +194,24 @@ def parse_weights(words: Sequence[str]) -> dict[str, float]:
 
 
 def _imported(name: str, known: Mapping[str, Reward]) -> Reward:
-    module, _, attribute = name.partition(":")
-    if not attribute:
+    if ":" not in name:
         raise EchoAvatarError(
             f"no reward {name!r}; there are {', '.join(known)}, or name your own as module:function"
         )
-    try:
-        function: Reward = getattr(importlib.import_module(module), attribute)
-    except (ImportError, AttributeError) as error:
-        raise EchoAvatarError(
-            f"reward {name!r} cannot be imported ({error}); is its module on PYTHONPATH?"
-        ) from error
+    function: Reward = imported(name, "reward")
     return function
+
+
+def imported(name: str, what: str) -> Any:
+    """What `module:name` names.
+
+    Raises:
+        EchoAvatarError: there is no such thing.
+    """
+    module, _, attribute = name.partition(":")
+    try:
+        return getattr(importlib.import_module(module), attribute)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise EchoAvatarError(
+            f"{what} {name!r} cannot be imported ({error}); is its module on PYTHONPATH?"
+        ) from error

@@ -1,27 +1,37 @@
 """From folders to a running trainer: bundle, tokens, yardstick, rewards."""
 
+import json
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+from ..audio import AudioCodec
 from ..checkpoint import read_card
-from ..errors import MotionError
+from ..errors import CheckpointError, MotionError
 from ..generator import Generator, TokenClip
+from ..metrics.motion_encoder import load_shipped
 from ..pipeline import load_bundle
 from ..tokenizer import BodyTokenizer
+from ..training import Progress, has_state, train
+from ..training.journal import FILE
 from .audio_reward import AudioMotion
 from .config import AlignTraining, Method
-from .dpo import DpoTrainer
-from .grpo import GrpoTrainer
+from .dpo import DpoStage
+from .gauge import Gauge
+from .grpo import GrpoStage
 from .judge import SceneJudge
 from .policy import GeneratorPolicy
-from .ppo import PpoTrainer
+from .ppo import PpoStage
 from .preferences import rank, read_pairs, write_pairs
+from .probe import Probe
 from .prompts import PromptBook, read_token_clips
 from .quality import QualityReward
-from .rewards import Reward, RewardMix, parse_weights
+from .rewards import Reward, RewardMix, imported, parse_weights
+from .samples import Films, can_film
 from .scene import true_scenes
-from .trainer import AlignTrainer, run
+from .trainer import Around, DivergedError, PolicyStage
 from .yardstick import Yardstick, measure_yardstick
 
 DEFAULT_REWARDS = (
@@ -49,6 +59,7 @@ class Setting:
     test: dict[str, TokenClip]
     mix: RewardMix
     card: dict[str, object]
+    codec: AudioCodec | None = None  # films have sound where it is given
 
 
 def setting(
@@ -108,7 +119,7 @@ def setting(
         "rewards": weights,
     }
     name = str(reference or generator or bundle)
-    return Setting(parts.tokenizer, policy, kept_near, name, train, test, mix, card)
+    return Setting(parts.tokenizer, policy, kept_near, name, train, test, mix, card, parts.codec)
 
 
 def measured(
@@ -138,20 +149,17 @@ def measured(
     return found
 
 
-def train(
+def stage_of(
     method: Method,
     training: AlignTraining,
     ready: Setting,
-    folder: Path,
     *,
-    device: str = "cpu",
     pairs: Path | None = None,
     margin: float = 0.0,
-    minutes: float | None = None,
+    rollouts: str | None = None,
     command: str = "",
-    progress: Callable[[int, int], None] | None = None,
-) -> Generator:
-    """Tune by one of the methods."""
+) -> PolicyStage[Any]:
+    """One of the methods, ready to be trained; `rollouts` names a backend as module:function (docs/alignment.md)."""
 
     def book(clips: Mapping[str, TokenClip]) -> PromptBook:
         return PromptBook(
@@ -164,14 +172,26 @@ def train(
         )
 
     judge = SceneJudge(ready.tokenizer, ready.mix)
-    parts = (ready.generator, ready.reference, training, judge)
-    where = {"device": device, "reference_name": ready.reference_name}
-    trainer: AlignTrainer
+    probe = film = None
+    if ready.test and ready.mix.weights:
+        asked = book(ready.test).spread(training.probe)
+        probe = Probe(asked, judge, group=training.probe_group, gauge=_gauge(ready, asked))
+        if training.videos and ready.codec is not None and can_film():
+            film = Films(ready.codec, ready.tokenizer, asked[: training.videos])
+    around = Around(
+        card=ready.card | {"command": command},
+        probe=probe,
+        film=film,
+        rewards=ready.mix.weights,
+        reference_name=ready.reference_name,
+        rollouts=imported(rollouts, "backend") if rollouts else None,
+    )
+    parts = (ready.generator, ready.reference, training, judge, around)
     match method:
         case "grpo":
-            trainer = GrpoTrainer(*parts, book=book(ready.train), **where)
+            return GrpoStage(*parts, book=book(ready.train))
         case "ppo":
-            trainer = PpoTrainer(*parts, book=book(ready.train), **where)
+            return PpoStage(*parts, book=book(ready.train))
         case "dpo":
             if pairs is None:
                 raise MotionError(
@@ -179,10 +199,68 @@ def train(
                 )
             everything = PromptBook(ready.train | ready.test, past=training.past, length=training.length)
             compared = read_pairs(pairs, everything, ready.generator.config.layout, margin=margin)
-            trainer = DpoTrainer(*parts, pairs=compared, **where)
-    held_out = book(ready.test) if ready.test and ready.mix.weights else None
-    card = ready.card | {"command": command}
-    return run(trainer, folder, held_out=held_out, card=card, minutes=minutes, progress=progress)
+            return DpoStage(*parts, pairs=compared)
+
+
+def _gauge(ready: Setting, prompts: Sequence[Any]) -> Gauge | None:
+    """None where prompts have no true motion to measure against."""
+    if ready.mix.yardstick is None or not all(ready.test[prompt.clip].has_truth for prompt in prompts):
+        return None
+    return Gauge(ready.tokenizer, prompts, load_shipped(), ready.mix.yardstick)
+
+
+def tune(
+    stage: PolicyStage[Any],
+    folder: Path,
+    *,
+    device: str = "cpu",
+    minutes: float | None = None,
+    trackers: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> str:
+    """Train into `folder`, going on with what is there; returns why the run ended early, or nothing.
+
+    A run whose divergence runs away ends with its last checkpoint, from before; called again it would do the same steps
+    and end there again.
+
+    Raises:
+        CheckpointError: it ran away before there was a checkpoint, or the folder holds another run.
+    """
+    is_first = os.environ.get("RANK", "0") == "0"  # of several processes the one that writes
+    is_measured = is_first and stage.around.probe is not None and stage.config.evaluate_every > 0
+    if is_measured and not has_state(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / FILE).unlink(missing_ok=True)
+        for generator in (stage.generator, stage.reference.generator):
+            generator.to(device)
+        _tell(folder, 0, stage.evaluate())
+    try:
+        train(stage, folder, device=device, minutes=minutes, trackers=trackers, progress=progress)
+    except DivergedError as error:
+        if not has_state(folder):
+            raise CheckpointError(
+                f"{error}, before the first checkpoint; take a smaller learning rate or a larger kl_weight"
+            ) from error
+        if is_first:
+            _tell(folder, _step(folder), {"stopped": str(error)})
+        return str(error)
+    if is_measured and _step(folder) == stage.config.steps and not _is_told(folder, stage.config.steps):
+        _tell(folder, stage.config.steps, stage.evaluate())
+    return ""
+
+
+def _step(folder: Path) -> int:
+    return int(str(read_card(folder)["step"]))
+
+
+def _tell(folder: Path, step: int, values: Mapping[str, object]) -> None:
+    with (folder / FILE).open("a") as file:
+        file.write(json.dumps({"step": step} | dict(values)) + "\n")
+
+
+def _is_told(folder: Path, step: int) -> bool:
+    lines = (json.loads(line) for line in (folder / FILE).read_text().splitlines())
+    return any(line["step"] == step and "held_out" in line for line in lines)
 
 
 def make_pairs(

@@ -1,6 +1,8 @@
 """`echoavatar align`: reinforcement learning of a generator (GRPO, DPO, PPO), rollouts, reward models."""
 
 import argparse
+import os
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -29,20 +31,23 @@ What each does, rewards of your own, recipes: docs/alignment.md.
 """
 
 SETTINGS = {
-    "steps": (int, "batches of the whole schedule"),
+    "steps": (int, "optimiser steps"),
     "batch": (int, "prompts (dpo: pairs) a step"),
     "group": (int, "continuations of a prompt"),
     "past": (int, "chunks of true motion before a continuation"),
     "length": (int, "chunks of a continuation"),
     "learning-rate": (float, "of AdamW"),
+    "critic-rate": (float, "of the value head (ppo)"),
     "fewest-events": (int, "events that a prompt's sound must hold"),
-    "epochs": (int, "passes over a batch of continuations"),
+    "accumulation": (int, "pieces that a batch is taken in, to save memory"),
+    "epochs": (int, "steps on the same continuations"),
     "kl-weight": (float, "of the divergence from the reference"),
     "kl-stop": (float, "mean KL (nats a code) at which the run stops"),
     "discount": (float, "of the reward of a motion token later, for credit by time"),
     "probe": (int, "held-out prompts on which progress is measured"),
-    "probe-every": (int, "steps between measurements"),
+    "evaluate-every": (int, "steps between measurements; 0: none"),
     "save-every": (int, "steps between checkpoints"),
+    "videos": (int, "held-out prompts filmed at each checkpoint; 0: none"),
     "seed": (int, "of prompts and of the codes drawn"),
 }
 
@@ -63,6 +68,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=0.0,
         help="pairs that differ by less are left out (default: %(default)s)",
     )
+    for child in (grpo, ppo):
+        child.add_argument(
+            "--rollouts",
+            metavar="MODULE:FUNCTION",
+            help="what draws continuations in place of the generator's own stream (docs/alignment.md)",
+        )
     _add_rollouts(
         kinds.add_parser("rollouts", help="continuations, best and worst by reward, as pairs for DPO")
     )
@@ -85,6 +96,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             child.add_argument(f"--{name}", type=kind, help=f"{text} (default: the recipe's)")
         child.add_argument("--events", choices=("any", "beat", "stress"), help="(default: the recipe's)")
         child.add_argument("--credit", choices=("sequence", "to_go"), help="(default: the recipe's)")
+        child.add_argument(
+            "--autocast", action="store_true", help="bfloat16 products; faster on processors that have them"
+        )
+        child.add_argument(
+            "--track",
+            action="append",
+            default=[],
+            choices=("tensorboard", "wandb"),
+            help="tell metrics there as well as in metrics.jsonl; may be given twice",
+        )
         child.add_argument(
             "--minutes", type=float, help="stop this call after so many minutes; call again to go on"
         )
@@ -148,7 +169,8 @@ def run(args: argparse.Namespace) -> int:
         return align_compare.run(args)
     from ..align.start import setting
 
-    with tqdm(unit="step", smoothing=0.05) as bar:
+    is_first = os.environ.get("RANK", "0") == "0"
+    with tqdm(unit="step", smoothing=0.05, disable=not is_first) as bar:
         ready = setting(
             args.source,
             args.output.parent if args.kind == "rollouts" else args.output,
@@ -168,11 +190,11 @@ def run(args: argparse.Namespace) -> int:
             bar.update(done - bar.n)
 
         if args.kind == "rollouts":
-            count = _rollouts(args, ready, progress)
+            told = f"{_rollouts(args, ready, progress)} pairs in {args.output}"
         else:
-            _train(args, ready, progress)
-            _draw(args.output)
-    print(f"{count} pairs in {args.output}" if args.kind == "rollouts" else f"{args.kind} in {args.output}")
+            told = _train(args, ready, progress)
+    if is_first:
+        print(told)
     return 0
 
 
@@ -193,20 +215,23 @@ def _draw(folder: Path) -> None:
     draw_run(folder / "metrics.jsonl", folder / "metrics.png")
 
 
-def _train(args: argparse.Namespace, ready: "Setting", progress: Callable[[int, int], None]) -> None:
-    from ..align.start import train
+def _train(args: argparse.Namespace, ready: "Setting", progress: Callable[[int, int], None]) -> str:
+    from ..align.samples import can_film
+    from ..align.start import stage_of, tune
 
-    train(
-        args.kind,
-        _training(args),
-        ready,
-        args.output,
-        device=args.device,
-        minutes=args.minutes,
-        command=_command(args),
-        progress=progress,
-        pairs=getattr(args, "pairs", None),
-        margin=getattr(args, "margin", 0.0),
+    training = _training(args)
+    if training.videos and not can_film():
+        sys.stderr.write("no films at checkpoints: they need pip install 'echoavatar[render]'\n")
+    names = ("pairs", "margin") if args.kind == "dpo" else ("rollouts",)
+    given = {name: getattr(args, name) for name in names}
+    stage = stage_of(args.kind, training, ready, command=_command(args), **given)
+    how = {"device": args.device, "minutes": args.minutes, "trackers": args.track, "progress": progress}
+    stopped = tune(stage, args.output, **how)
+    _draw(args.output)
+    return (
+        f"stopped: {stopped}; {args.output} holds the checkpoint before"
+        if stopped
+        else f"{args.kind} in {args.output}"
     )
 
 
@@ -216,6 +241,7 @@ def _training(args: argparse.Namespace) -> "AlignTraining":
     base = recipe(args.recipe, args.kind)
     names = [*(name.replace("-", "_") for name in SETTINGS), "credit", "events"]
     given = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
+    given |= {"autocast": args.autocast}
     return AlignTraining.model_validate(base.model_dump() | given)
 
 

@@ -11,6 +11,7 @@ from tqdm import tqdm
 from ..errors import EchoAvatarError
 
 if TYPE_CHECKING:
+    from ..align.audio_reward import AudioMotion
     from ..generator import TokenClip
     from ..pipeline import Bundle
 
@@ -36,11 +37,37 @@ def add_arguments(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") 
         "--scores", type=Path, help="scores by `align calibrate` (default: the paper's table)"
     )
     quality.add_argument(
+        "--kinds",
+        nargs="+",
+        default=[],
+        choices=("jitter", "time_warp", "foot_slide", "frozen_limbs"),
+        help="what else to train on; by default these only test whether the reward generalises",
+    )
+    quality.add_argument(
         "--windows", type=int, default=32, help="held-out windows a level (default: %(default)s)"
     )
     alignment.add_argument(
         "--held-out", type=Path, help="more token files to retrieve from, never trained on"
     )
+    alignment.add_argument(
+        "--encoder",
+        choices=("codes", "beats", "wav2clip"),
+        default="codes",
+        help="what hears: the codec's codes, or BEATs (paper) or Wav2CLIP (its comparison) over what the codec makes "
+        "of them (default: %(default)s)",
+    )
+    alignment.add_argument(
+        "--encoder-weights",
+        type=Path,
+        metavar="FILE",
+        help="published weights, such as BEATs_iter3_plus_AS2M.pt or Wav2CLIP's ResNet_CX.ckpt, then left as they "
+        "are (default: a small network of that kind, trained along)",
+    )
+    alignment.add_argument("--batch", type=int, default=64, help="windows a step (default: %(default)s)")
+    for child in (quality, alignment):
+        child.add_argument(
+            "--autocast", action="store_true", help="bfloat16 products; faster on processors that have them"
+        )
     for child, steps, width in ((quality, 1200, 96), (alignment, 1000, 128)):
         child.add_argument("--steps", type=int, default=steps, help="optimiser steps (default: %(default)s)")
         child.add_argument(
@@ -96,15 +123,16 @@ def _calibrate(
 def _quality(
     args: argparse.Namespace, bundle: "Bundle", train: Clips, test: Clips, progress: Progress
 ) -> dict[str, Any]:
-    from ..align.degrade import paper_scores, read_scores
+    from ..align.degrade import paper_scores, read_scores, spoiled_scores
     from ..align.quality import QualityConfig
     from ..align.quality_train import Levels, QualityTraining, draw_quality, measure_quality, train_quality
 
     scores = read_scores(args.scores) if args.scores else paper_scores()
+    scores |= spoiled_scores(args.kinds)
     model = train_quality(
         Levels(bundle.tokenizer, list(train.values()), seed=args.seed),
         args.output,
-        QualityTraining(steps=args.steps, seed=args.seed, minutes=args.minutes or 0),
+        QualityTraining(steps=args.steps, seed=args.seed, minutes=args.minutes or 0, autocast=args.autocast),
         config=QualityConfig(features=bundle.tokenizer.mean.numel(), width=args.width),
         scores=scores,
         card=_card(args),
@@ -120,34 +148,66 @@ def _quality(
 def _alignment(
     args: argparse.Namespace, bundle: "Bundle", train: Clips, test: Clips, progress: Progress
 ) -> dict[str, Any]:
-    import torch
-
-    from ..align.audio_reward import AudioMotion
     from ..align.audio_reward_train import (
         AudioRewardTraining,
         Pairs,
         retrieval_tables,
         train_audio_reward,
+        waves_of,
     )
     from ..align.prompts import read_token_clips
 
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(args.seed)
-        books = bundle.codec.codebooks.detach(), bundle.tokenizer.codebooks().detach()
-        model = AudioMotion.over(*books, width=args.width)
-    model = train_audio_reward(
-        model,
-        Pairs(train),
-        args.output,
-        AudioRewardTraining(steps=args.steps, seed=args.seed, minutes=args.minutes or 0),
-        card=_card(args),
-        progress=progress,
-    )
     layout = bundle.generator.config.layout
     asked = read_token_clips(args.held_out, layout, needs_truth=True) if args.held_out else test
-    found = retrieval_tables(model, Pairs(asked))
+    model = _listener(args, bundle)
+
+    def pairs(clips: Clips) -> Pairs:
+        waves = None if args.encoder == "codes" else waves_of(bundle.codec, clips, progress)
+        return Pairs(clips, waves=waves)
+
+    training = AudioRewardTraining(
+        steps=args.steps,
+        batch=args.batch,
+        seed=args.seed,
+        minutes=args.minutes or 0,
+        autocast=args.autocast,
+    )
+    model = train_audio_reward(
+        model, pairs(train), args.output, training, card=_card(args), progress=progress
+    )
+    found = retrieval_tables(model, pairs(asked))
     (args.output / "held_out.json").write_text(json.dumps(found, indent=1) + "\n")
     return found
+
+
+def _listener(args: argparse.Namespace, bundle: "Bundle") -> "AudioMotion":
+    """The reward before it is trained; published weights are read by the reader that builds tensors only."""
+    import torch
+
+    from ..align.audio_reward import AudioMotion
+    from ..align.beats import Beats
+    from ..align.ears import SMALL_BEATS, SMALL_WAV2CLIP
+    from ..align.wav2clip import Wav2Clip
+    from ..reference.untrusted import read_tensors
+
+    if args.encoder_weights and args.encoder == "codes":
+        raise EchoAvatarError("--encoder-weights are of --encoder beats or wav2clip; name one of them")
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(args.seed)
+        motion_book = bundle.tokenizer.codebooks().detach()
+        if args.encoder == "codes":
+            return AudioMotion.over(bundle.codec.codebooks.detach(), motion_book, width=args.width)
+        network: Beats | Wav2Clip
+        if args.encoder == "beats":
+            network = Beats(SMALL_BEATS)
+            if args.encoder_weights:
+                network = Beats.published(read_tensors(args.encoder_weights, "model"))
+        else:
+            network = Wav2Clip(SMALL_WAV2CLIP)
+            if args.encoder_weights:
+                network = Wav2Clip.published(read_tensors(args.encoder_weights, "state_dict"))
+        is_frozen = args.encoder_weights is not None
+        return AudioMotion.hearing(network, bundle.codec, motion_book, is_frozen=is_frozen, width=args.width)
 
 
 def _card(args: argparse.Namespace) -> dict[str, object]:

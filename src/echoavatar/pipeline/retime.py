@@ -22,9 +22,9 @@ from ..timing import FRAME_RATE_HZ
 from .motion_chunk import MotionChunk
 
 TIMING = "timing"  # the stage's name
-DEPTH = 0.8  # share of its speed that a body loses where it brakes fully
-CATCH_UP = 0.2  # of the lag that a frame makes up for
-FASTEST = 1.6  # of the speed as made, while catching up
+DEPTH = 0.77  # share of its speed that a body loses where it brakes fully
+CATCH_UP = 0.13  # of the lag that a frame makes up for
+FASTEST = 1.5  # of the speed as made, while catching up
 WILLING = 0.6  # of the change of pace that is wanted, what a frame does of it
 LARGEST_LAG = 7  # frames
 LARGEST_TURN = math.radians(1150) / FRAME_RATE_HZ  # of any joint from frame to frame

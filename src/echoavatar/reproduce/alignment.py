@@ -20,7 +20,7 @@ from ..align.prompts import read_token_clips
 from ..align.quality import QualityConfig, QualityReward
 from ..align.quality_train import Levels, QualityTraining, train_quality
 from ..align.rewards import RewardMix
-from ..align.start import Setting, make_pairs, train
+from ..align.start import Setting, make_pairs, stage_of, tune
 from ..align.trainer import fingerprint
 from ..align.yardstick import Yardstick
 from ..data import Clip
@@ -121,16 +121,8 @@ def tuned(workshop: Workshop, method: Method) -> Outcome:
             pairs = folder / "pairs.jsonl"
             if not pairs.exists():
                 _rank(workshop, ready, pairs, training)
-        train(
-            method,
-            training,
-            ready,
-            folder,
-            device=workshop.device,
-            pairs=pairs,
-            command="echoavatar reproduce alignment",
-            progress=workshop.progress,
-        )
+        stage = stage_of(method, training, ready, pairs=pairs, command="echoavatar reproduce alignment")
+        tune(stage, folder, device=workshop.device, progress=workshop.progress)
 
     kept(folder, asked, work)
     motions = folder / "made"
@@ -143,7 +135,7 @@ def tuned(workshop: Workshop, method: Method) -> Outcome:
 def rewards_of(folder: Path, *, is_first: bool = False) -> dict[str, Cell]:
     """Both rewards and the divergence at the last measurement on held-out prompts of a run, or at the first."""
     lines = [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
-    probe = [line for line in lines if "probe" in line][0 if is_first else -1]
+    probe = [line["held_out"] for line in lines if "held_out" in line][0 if is_first else -1]
     found = {name: probe["rewards"][name] for name in REWARDS}
     made = {
         name: Cell(mean, mean - NORMAL * error, mean + NORMAL * error)
@@ -153,11 +145,8 @@ def rewards_of(folder: Path, *, is_first: bool = False) -> dict[str, Cell]:
 
 
 def _training(workshop: Workshop, method: Method) -> AlignTraining:
-    """The recipe of the scale, measured at its end."""
-    training = recipe(workshop.scale.name, method)
-    return training.model_copy(
-        update={"seed": workshop.seed, "probe_every": min(training.probe_every, training.steps)}
-    )
+    """The recipe of the scale."""
+    return recipe(workshop.scale.name, method).model_copy(update={"seed": workshop.seed})
 
 
 def _setting(workshop: Workshop) -> Setting:

@@ -36,6 +36,7 @@ class Loop(Generic[BatchT]):
     def __init__(self, stage: Stage[BatchT], processes: Processes | None = None) -> None:
         """Raises EchoAvatarError when the batch cannot be shared evenly."""
         self.stage, self.processes = stage, processes or Processes()
+        stage.processes = self.processes
         self._pieces = self.processes.count * stage.config.accumulation
         if stage.config.batch % self._pieces:
             raise EchoAvatarError(
@@ -68,7 +69,7 @@ class Loop(Generic[BatchT]):
         rate = stage.rate(step, self.done())
         for optimiser in self.optimisers:
             for group in optimiser.param_groups:
-                group["lr"] = rate
+                group["lr"] = rate * group.get("relative", 1.0)
         rows, every = rows_of(whole_batch) // self._pieces, stage.weight(whole_batch)
         assert rows * self._pieces == rows_of(whole_batch), "a batch must have as many rows for each piece"
         first, told = self.processes.rank * stage.config.accumulation, _Means()

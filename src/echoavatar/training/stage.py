@@ -15,6 +15,7 @@ from torch import Tensor, nn
 from ..config import Config
 from .config import TrainingConfig
 from .optimisers import adamw
+from .processes import Processes
 
 BatchT = TypeVar("BatchT")
 Gather = Callable[[Tensor], Tensor]
@@ -35,6 +36,8 @@ class Stage(ABC, Generic[BatchT]):
     """Whether some of what learns gets no gradient in some steps; several processes must know."""
     seconds = 0.0
     """Time spent in steps up to the checkpoint that is being saved."""
+    processes = Processes()
+    """Those that share the run, set by the loop: `draw` may divide dear work among them, if all end with one batch."""
 
     def __init__(self, config: TrainingConfig, modules: Mapping[str, nn.Module]) -> None:
         """`modules` are all that learns or remembers, by the name under which it is kept."""
@@ -54,7 +57,10 @@ class Stage(ABC, Generic[BatchT]):
         """Write what others load, after `step` steps; the modules hold the weights to be shown."""
 
     def optimisers(self) -> list[torch.optim.Optimizer]:
-        """AdamW over all that learns; asked for once the modules are where they will be trained."""
+        """AdamW over all that learns; asked for once the modules are where they will be trained.
+
+        A group of parameters with an entry "relative" has so many times the rate of the step.
+        """
         return [adamw(self.modules.values(), self.config)]
 
     def identity(self) -> Mapping[str, Config]:

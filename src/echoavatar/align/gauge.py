@@ -1,0 +1,71 @@
+"""What tuning may cost: FID against the true motion of fixed prompts, diversity, alignment with beats over chance."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from jaxtyping import Float
+
+from ..kinematics import from_features
+from ..kinematics.rotations import quaternion_from_matrix
+from ..metrics.diversity import l1_deviation
+from ..metrics.frechet import Moments, frechet_between, moments, pooled
+from ..metrics.motion_encoder import MotionEncoder
+from ..metrics.motion_features import motion_features
+from ..tokenizer import BodyTokenizer
+from .prompts import Prompt
+from .rewards import beat_alignment, stress_alignment
+from .scene import Scene, true_scenes
+from .yardstick import Yardstick
+
+TOGETHER = 8  # prompts decoded at once
+Told = dict[str, object]
+
+
+class Gauge:
+    """Measures scenes of the prompts that it was made with."""
+
+    def __init__(
+        self,
+        tokenizer: BodyTokenizer,
+        prompts: Sequence[Prompt],
+        extractor: MotionEncoder,
+        yardstick: Yardstick,
+    ) -> None:
+        self.truth = [
+            scene
+            for at in range(0, len(prompts), TOGETHER)
+            for scene in true_scenes(tokenizer, prompts[at : at + TOGETHER])
+        ]
+        self._extractor, self._yardstick = extractor, yardstick
+        self._wanted = self._latents(self.truth)
+
+    def __call__(self, scenes: Sequence[Scene]) -> Told:
+        """`fid`, `diversity` (m), `beat_alignment` and `stress_alignment`, these two as mean and standard error."""
+        aligned = {
+            "beat_alignment": [beat_alignment(s, self._yardstick) for s in scenes if len(s.beats)],
+            "stress_alignment": [stress_alignment(s, self._yardstick) for s in scenes if len(s.stresses)],
+        }
+        relative = [scene.positions - scene.positions[:, :1] for scene in scenes]
+        return {
+            "fid": frechet_between(self._latents(scenes), self._wanted),
+            "diversity": float(np.mean([l1_deviation(one) for one in relative])),
+            **{name: mean_and_error(np.array(values)) for name, values in aligned.items() if values},
+        }
+
+    def _latents(self, scenes: Sequence[Scene]) -> Moments:
+        features = torch.from_numpy(np.stack([scene.features for scene in scenes]))
+        moved = from_features(scenes[0].skeleton, features)
+        turns = quaternion_from_matrix(moved.rotations)
+        return pooled(
+            [
+                moments(self._extractor.features(motion_features(turn, root)).numpy())
+                for turn, root in zip(turns, moved.root, strict=True)
+            ]
+        )
+
+
+def mean_and_error(values: Float[np.ndarray, " n"]) -> tuple[float, float]:
+    """Mean, and its standard error."""
+    error = values.std(ddof=1) / len(values) ** 0.5 if len(values) > 1 else 0.0
+    return round(float(values.mean()), 5), round(float(error), 5)

@@ -1,0 +1,80 @@
+"""How far a policy is on held-out prompts: the same ones with the same seeds at every measurement."""
+
+import time
+from collections.abc import Mapping, Sequence
+
+import torch
+
+from .gauge import Gauge, mean_and_error
+from .judge import Judge, SceneJudge, joined
+from .losses import exact_kl
+from .policy import GeneratorPolicy, by_layer
+from .prompts import Prompt, batch_of
+from .rewards import Rewards
+
+TOGETHER = 8  # prompts whose continuations are drawn and scored at once
+SEED = 987_654_321  # no run's
+
+
+class Probe:
+    """Rewards, divergence and entropy; with a gauge what they cost as well."""
+
+    def __init__(
+        self,
+        prompts: Sequence[Prompt],
+        judge: Judge,
+        *,
+        group: int,
+        gauge: Gauge | None = None,
+        seed: int = SEED,
+    ) -> None:
+        """Only a `SceneJudge` can be beside a gauge: it decodes."""
+        self.prompts, self._judge, self._group = list(prompts), judge, group
+        self._gauge, self._seed = gauge, seed
+
+    @torch.no_grad()
+    def __call__(self, policy: GeneratorPolicy, reference: GeneratorPolicy) -> dict[str, object]:
+        """Means with their standard errors over prompts.
+
+        `by_prompt` lets a measurement be compared with an earlier one prompt by prompt (`plots.gain`): prompts differ
+        among each other by far more than a policy from the one it was.
+        """
+        began, group = time.monotonic(), self._group
+        random = torch.Generator().manual_seed(self._seed)
+        seeds = torch.randint(2**62, (len(self.prompts), group), generator=random)
+        device = str(next(policy.generator.parameters()).device)
+        codes, kl, entropy = [], [], []
+        for at in range(0, len(self.prompts), TOGETHER):
+            batch = batch_of(self.prompts[at : at + TOGETHER], device)
+            codes.append(policy.rollout(batch, group, seeds[at : at + TOGETHER].flatten().to(device)))
+            every = batch.repeated(group)
+            own = policy.score(every, codes[-1])
+            other = reference.score(every, codes[-1], own.support)
+            kl.append(exact_kl(own.all_log_probs, other.all_log_probs, own.support))
+            entropy.append(own.entropy)
+        rewards, cost = self._judged(torch.cat(codes))
+        by_prompt = {
+            name: values.reshape(-1, group).mean(1)
+            for name, values in {"": rewards.total, **rewards.parts}.items()
+        }
+        return {
+            "reward": mean_and_error(by_prompt[""]),
+            "rewards": {name: mean_and_error(values) for name, values in by_prompt.items() if name},
+            "by_prompt": [round(float(mean), 5) for mean in by_prompt[""]],
+            "kl": float(torch.cat(kl).mean()),
+            "entropy": by_layer(torch.cat(entropy), policy.layout.motion_layers),
+            **cost,
+            "seconds": round(time.monotonic() - began, 2),
+        }
+
+    def _judged(self, codes: torch.Tensor) -> tuple[Rewards, Mapping[str, object]]:
+        if self._gauge is None:
+            return self._judge(self.prompts, codes), {}
+        assert isinstance(self._judge, SceneJudge)
+        each, group, scenes, found = TOGETHER, self._group, [], []
+        for at in range(0, len(self.prompts), each):
+            some = self.prompts[at : at + each]
+            made = self._judge.scenes(some, codes[at * group : (at + len(some)) * group])
+            found.append(self._judge.mix(made))
+            scenes += made
+        return joined(found), self._gauge(scenes)

@@ -1,0 +1,53 @@
+"""Films of what a policy makes of held-out prompts, one each checkpoint: rewards can be cheated, eyes less so.
+
+Sound is what the codec's decoder makes of the prompt's codes, since token files hold no waveform.
+"""
+
+import importlib.util
+from collections.abc import Sequence
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from ..audio import AudioCodec
+from ..avatar.video import write_mp4
+from ..kinematics import Motion, from_features
+from ..kinematics.rotations import quaternion_from_matrix
+from ..timing import FRAME_RATE_HZ
+from ..tokenizer import BodyTokenizer
+from .policy import GeneratorPolicy
+from .prompts import Prompt, batch_of
+
+SIZE = (480, 360)
+SEED = 20
+
+
+def can_film() -> bool:
+    """Whether the extra `render` is installed."""
+    return importlib.util.find_spec("PIL") is not None
+
+
+class Films:
+    """Writes `FOLDER_0.mp4` and so on: the past as it was, then what the policy goes on with."""
+
+    def __init__(self, codec: AudioCodec, tokenizer: BodyTokenizer, prompts: Sequence[Prompt]) -> None:
+        self._codec, self._tokenizer, self._prompts = codec, tokenizer, list(prompts)
+
+    @torch.no_grad()
+    def __call__(self, policy: GeneratorPolicy, path: Path) -> None:
+        """One file a prompt, with the same seeds every time."""
+        device = next(policy.generator.parameters()).device
+        batch = batch_of(self._prompts, str(device))
+        seeds = torch.arange(SEED, SEED + len(self._prompts), device=device)
+        codes = torch.cat([batch.past, policy.rollout(batch, 1, seeds)], 1).cpu()
+        sounds = self._codec.decode(batch.audio.cpu())
+        path.parent.mkdir(parents=True, exist_ok=True)
+        for at, (row, sound) in enumerate(zip(codes, sounds, strict=True)):
+            target = path.with_name(f"{path.name}_{at}.mp4")
+            write_mp4(target, self._motion(row), sound.numpy(), size=SIZE, samples=1)
+
+    def _motion(self, codes: Tensor) -> Motion:
+        moved = from_features(self._tokenizer.skeleton, self._tokenizer.decode(codes[None]))
+        turns = quaternion_from_matrix(moved.rotations)[0].numpy()
+        return Motion(self._tokenizer.skeleton, turns, moved.root[0].numpy(), FRAME_RATE_HZ)

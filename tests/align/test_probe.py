@@ -1,0 +1,42 @@
+"""Measurements repeat, pieces change nothing, and a gauge's numbers come beside the rewards."""
+
+import pytest
+from tests.align.scenes import yardstick
+from tests.align.tuning import book, clips, policy, wants_threes
+
+from echoavatar.align import probe as room
+from echoavatar.align.gauge import Gauge
+from echoavatar.align.judge import SceneJudge
+from echoavatar.align.policy import GeneratorPolicy
+from echoavatar.align.probe import Probe
+from echoavatar.align.prompts import PromptBook
+from echoavatar.align.rewards import RewardMix
+from echoavatar.metrics.motion_encoder import load_shipped
+from echoavatar.pipeline import load_bundle
+
+
+def test_the_reward_is_that_of_the_continuations_and_pieces_change_nothing(monkeypatch):
+    one, prompts = GeneratorPolicy(policy()), book().spread(5)
+    found = Probe(prompts, wants_threes, group=3)(one, one)
+    assert found["kl"] == pytest.approx(0, abs=1e-6)
+    assert found["reward"] == found["rewards"]["threes"]
+    assert sum(found["by_prompt"]) / 5 == pytest.approx(found["reward"][0], abs=1e-4)
+    assert 0.02 < found["reward"][0] < 0.3  # an eighth by chance
+    monkeypatch.setattr(room, "TOGETHER", 2)
+    again = Probe(prompts, wants_threes, group=3)(one, one)
+    assert again["by_prompt"] == found["by_prompt"]
+    other = Probe(prompts, wants_threes, group=3, seed=1)(one, one)
+    assert other["by_prompt"] != found["by_prompt"]
+
+
+def test_what_it_cost_comes_beside_the_rewards(tiny_bundle):
+    bundle = load_bundle(tiny_bundle)
+    prompts = PromptBook(clips(3, chunks=8), past=2, length=4).spread(3)
+    judge = SceneJudge(bundle.tokenizer, RewardMix({"smoothness": 1.0}, yardstick()))
+    gauge = Gauge(bundle.tokenizer, prompts, load_shipped(), yardstick())
+    one = GeneratorPolicy(bundle.generator)
+    found = Probe(prompts, judge, group=2, gauge=gauge)(one, one)
+    plain = Probe(prompts, judge, group=2)(one, one)
+    assert found["by_prompt"] == plain["by_prompt"]
+    assert found["fid"] > 0
+    assert "fid" not in plain

@@ -1,0 +1,57 @@
+"""What is kept of a batch of continuations, and what of it a checkpoint holds."""
+
+import pytest
+import torch
+from tests.align.tuning import grpo, ppo, wants_threes
+
+from echoavatar.align.trainer import Around
+from echoavatar.training import Loop
+from echoavatar.training.stage import leaves
+
+
+@pytest.mark.parametrize("kind", [grpo, ppo])
+def test_a_batch_is_drawn_once_for_all_its_epochs_and_survives_a_checkpoint_between_them(kind):
+    one = kind(epochs=2)
+    first = one.draw(4)
+    kept = dict(one.state())
+    assert one.draw(5) is first
+    assert one.state() == {}  # the next step draws anew
+    other = kind(epochs=2)
+    other.load_state(kept)
+    for own, theirs in zip(leaves(first), leaves(other.draw(5)), strict=True):
+        assert torch.equal(own, theirs)
+    assert other.of_rows(first).keys() == one.of_rows(first).keys() == {"reward", "rewards.threes", "spread"}
+
+
+def test_continuations_may_come_from_a_backend():
+    """One that is told the policy, so that it may take over its weights, and answers like it, a code off."""
+    asked = []
+
+    def backend(own):
+        def rollout(prompts, group, seeds):
+            asked.append(len(seeds))
+            return (own.rollout(prompts, group, seeds) + 1) % 8
+
+        return rollout
+
+    one, plain = grpo(around=Around(rollouts=backend)), grpo()
+    assert torch.equal(one.draw(3).codes, (plain.draw(3).codes + 1) % 8)
+    assert asked == [one.config.batch * one.config.group]
+    Loop(one).advance()
+
+
+def test_one_epoch_of_grpo_needs_no_second_look_at_the_policy():
+    assert grpo(epochs=1).draw(0).old is None
+    assert grpo(epochs=2).draw(0).old is not None
+    assert ppo(epochs=1).draw(0).values is not None
+
+
+def test_what_is_told_of_rows_is_what_was_judged():
+    one = grpo()
+    made = one.draw(0)
+    prompts = one._book.draw(0, one.config.batch)
+    wanted = wants_threes(prompts, made.codes).total
+    told = one.of_rows(made)
+    assert float(told["reward"]) == pytest.approx(wanted.mean(), abs=1e-6)
+    spread = wanted.reshape(one.config.batch, -1).std(1).mean()
+    assert float(told["spread"]) == pytest.approx(spread, abs=1e-6)
