@@ -137,7 +137,7 @@ def test_from_sounds_over_raters_to_a_step_of_dpo(tiny_bundle, maker: Maker, tmp
     ]
     assert main(words) == 0, capsys.readouterr().err
     told = [json.loads(line) for line in (tmp_path / "run" / "metrics.jsonl").read_text().splitlines()]
-    assert [line["step"] for line in told] == [0]
+    assert [line["step"] for line in told] == [1]
     assert told[0]["loss"] == pytest.approx(
         np.log(2), abs=1e-3
     )  # policy and reference are the same before the step
