@@ -1,4 +1,6 @@
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -74,3 +76,34 @@ def test_every_stage_reports_its_end_in_order(pipeline: Pipeline, voice: np.ndar
     pipeline.lap = laps.append
     stream(pipeline, [(voice, 0)], [[True]])
     assert tuple(laps) == STAGES
+
+
+def test_a_body_that_stands_still_while_it_hears_something_is_drawn_more_freely(
+    pipeline: Pipeline, voice: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Still for six chunks of sound: hotter from the seventh on; never in silence; and an action may hold a pose."""
+    heats, draw, codes = [], pipeline.generator.step, []
+
+    def step(*args: Any, **options: Any) -> torch.Tensor:
+        heats.append(options["temperature"].clone())
+        codes[:] = codes or [draw(*args, **options)]
+        return codes[0]
+
+    still = torch.zeros(3, 8, 315)
+    monkeypatch.setattr(pipeline.generator, "step", step)
+    monkeypatch.setattr(pipeline.tokenizer, "decode_step", lambda codes, state, active: still.clone())
+    monkeypatch.setattr(
+        pipeline, "post", SimpleNamespace(step=lambda *rest: [None] * 3, init_state=pipeline.post.init_state)
+    )
+    members = torch.zeros(3, pipeline.directive_codes)
+    members[2, 0] = 1
+    state, sound = pipeline.init_state(3), torch.from_numpy(voice[:6400])
+    audio = torch.stack([sound, torch.zeros(6400), sound])
+    for _ in range(8):
+        pipeline.step(audio, state, torch.ones(3, dtype=torch.bool), directive=pipeline.directive(members))
+    told = torch.stack(heats)
+    full = pipeline.generator.config.temperature
+    torch.testing.assert_close(told[:, 0], torch.tensor([full] * 6 + [1.5 * full] * 2))
+    torch.testing.assert_close(told[:, 1], torch.full((8,), 0.3 * full))
+    torch.testing.assert_close(told[:, 2], torch.full((8,), full))
+    assert state.still.tolist() == [8, 0, 0]

@@ -24,7 +24,8 @@ from ..generator import open_stream
 from ..generator.linear import Precision
 from ..generator.stream import GeneratorStream, HistoryState, RingState
 from ..ik import BodyProfile
-from ..nn import StreamState
+from ..kinematics.features import part_sizes
+from ..nn import StreamState, write_rows
 from ..pulse import PulseState
 from ..timing import CHUNK_FRAMES
 from ..tokenizer.body import BodyState
@@ -42,6 +43,10 @@ _LOG = logging.getLogger(__name__)
 Lap = Callable[[str], None]
 BIAS = 14.0  # nats that an action of intensity 1 adds to the logits of its codes
 LEARNED_BIAS = 12.0  # the same, beside what a generator trained with exemplars does by itself
+STILL = (
+    0.0125  # a frame's largest change of an upper-body feature, mean over a chunk, below which nothing moves
+)
+PATIENCE = 6  # chunks of stillness, 1.6 s, after which codes are drawn at a higher temperature
 SILENCE = 0.003  # root mean square of a chunk behind the level control, -50 dBFS, below which nobody is heard
 # in silence a share of the temperature: at full heat one draw in a hundred leaves the rest, and hands never settle
 STAGES = ("level", "face", "codec", "generator", "decoder", "rig", *POST_STAGES, TIMING)
@@ -68,6 +73,9 @@ class PipelineState(StreamState):
     face: list[FaceState]  # one, or none without a face model
     timing: list[TimingState]  # one, or none without a pulse model
     seeds: Int[Tensor, " b"]
+    still: Int[
+        Tensor, " b"
+    ]  # chunks in a row of which the body stood still though there was something to hear
 
 
 class Pipeline:
@@ -117,7 +125,11 @@ class Pipeline:
         config = bundle.generator.config
         self.chunk = bundle.chunk
         self.directive_codes = len(config.directed) * config.layout.motion_codes
-        self._silent = runtime.silent_temperature
+        self._silent, self._restless = runtime.silent_temperature, runtime.restless_temperature
+        sizes = {} if runtime.rig else part_sizes(bundle.skeleton)
+        before = list(sizes).index("upper") if "upper" in sizes else 0
+        start = sum(list(sizes.values())[:before])
+        self._upper = slice(start, start + sizes.get("upper", 0))  # features by which stillness is told
         own_bias = LEARNED_BIAS if config.exemplar else BIAS
         self._bias = own_bias if config.example_bias is None else config.example_bias
         self.lap: Lap = _no_lap
@@ -143,6 +155,7 @@ class Pipeline:
             [self.rig.init_state(rows)] if self.rig else [],
             [self.face.init_state(rows)] if self.face else [],
             self._init_timing(rows),
+            torch.zeros(rows, dtype=torch.int64),
             torch.zeros(rows, dtype=torch.int64),
         )
 
@@ -179,11 +192,28 @@ class Pipeline:
         finally:
             patience.cancel()
 
-    def _temperature(self, level: Float[Tensor, "b s"]) -> Float[Tensor, " b"]:
+    def _temperature(self, is_silent: Bool[Tensor, " b"], state: PipelineState) -> Float[Tensor, " b"]:
         """How freely each row's codes are drawn."""
-        is_silent = level.square().mean(1).sqrt() < SILENCE
-        full = self.generator.config.temperature
+        full = torch.full(is_silent.shape, self.generator.config.temperature)
+        full = torch.where(state.still >= PATIENCE, self._restless * full, full)
         return torch.where(is_silent, self._silent * full, full)
+
+    def _watch(
+        self,
+        features: Float[Tensor, "b t c"],
+        is_free: Bool[Tensor, " b"],
+        state: PipelineState,
+        active: Tensor,
+    ) -> None:
+        """Count the chunks in which a row that was free to move, and had something to hear, did not.
+
+        A generator can fall into a pose that foretells itself, and stand in it for many seconds of speech.
+        """
+        upper = features[..., self._upper]
+        if not upper.shape[2]:
+            return
+        moved = upper.diff(dim=1).abs().amax(2).mean(1).cpu()
+        write_rows(state.still, torch.where(is_free & (moved < STILL), state.still + 1, 0), active)
 
     def hear(
         self, level: Float[Tensor, "b 6400"], state: PipelineState, active: Bool[Tensor, " b"]
@@ -219,18 +249,21 @@ class Pipeline:
         sounds = self.hear(level, state, active)
         self.lap("codec")
         there = self.device
+        is_silent = level.square().mean(1).sqrt() < SILENCE
         exemplar, bias = (None, None) if directive is None else (part.to(there) for part in directive)
         codes = self.generator.step(
             sounds.to(there),
             state.generator,
             active.to(there),
             seeds=state.seeds.to(there),
-            temperature=self._temperature(level).to(there),
+            temperature=self._temperature(is_silent, state).to(there),
             exemplar=exemplar,
             bias=bias,
         )
         self.lap("generator")
         features = self.tokenizer.decode_step(codes, state.decoder, active.to(there)).cpu()
+        is_free = ~is_silent if directive is None else ~is_silent & ~(directive.exemplar > 0).any(1).cpu()
+        self._watch(features, is_free, state, active)
         self.lap("decoder")
         if self.rig is not None:
             features = self.rig.step(features, state.rig[0], active)

@@ -23,6 +23,11 @@ class Runtime(Config):
     silent_temperature: float = Field(
         default=0.3, ge=0, description="of the temperature while nobody is heard (ours: 0.3, paper: 1)"
     )
+    restless_temperature: float = Field(
+        default=1.5,
+        gt=0,
+        description="of the temperature once the body has stood still for 1.6 s of sound (paper: 1)",
+    )
     stages: tuple[str, ...] = Field(
         default=(TIMING, *SWITCHES), description="stages behind the decoder, unless asked for"
     )

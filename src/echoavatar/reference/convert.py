@@ -55,7 +55,7 @@ def convert(
     _write_face(found, output / "face", card, face_order)
     actions.save(output)
     assert found.rig is not None
-    Runtime(level_control=False, silent_temperature=1.0, rig=found.rig).save(output)
+    Runtime(level_control=False, silent_temperature=1.0, restless_temperature=1.0, rig=found.rig).save(output)
     (output / "card.json").write_text(json.dumps(card, indent=2) + "\n")
 
 
