@@ -84,7 +84,7 @@ class FaceConfig(Config):
         default=0,
         ge=0,
         le=2,
-        description="frames by which the face follows the sound, so that a chunk's last lips hear what comes (paper: 0)",
+        description="frames by which the face follows the sound, so that the ends of chunks hear what comes (paper: 0)",
     )
     order: ChannelOrder = Field(
         default="live_link",

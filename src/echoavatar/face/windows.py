@@ -43,7 +43,9 @@ class FaceSampler:
             raise MotionError(
                 f"no face clip of split train is longer than {frames} frames; record longer takes"
             )
-        self._versions = [[following(at_speed(clip, speed), late) for speed in speeds] for clip in long_enough]
+        self._versions = [
+            [following(at_speed(clip, speed), late) for speed in speeds] for clip in long_enough
+        ]
         lengths = np.array([len(clip.curves) for clip in long_enough], float)
         self._share, self._frames, self._seed, self._gain_db = lengths / lengths.sum(), frames, seed, gain_db
 
