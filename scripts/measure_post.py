@@ -1,10 +1,11 @@
 """What the stages behind the decoder do to generated motion: before and after, in numbers.
 
-    python scripts/measure_post.py FEATURES.npy SOUND...          generate (with the default bundle) and measure
-    python scripts/measure_post.py FEATURES.npy                   measure what was generated before
+    python scripts/measure_post.py MADE.npz SOUND...          generate (with the default bundle) and measure
+    python scripts/measure_post.py MADE.npz                   measure what was generated before
 
-Every sound becomes `SECONDS` of motion (looped or cut), all in one batch; decoded features are kept in FEATURES.npy
-(sessions, frames, channels). For the hour on a leash each session repeats its own. Steps of angular velocity are its
+Every sound becomes `SECONDS` of motion (looped or cut), all in one batch; kept in MADE.npz are decoded `features`
+(sessions, frames, channels) and the `brake` (sessions, frames) of the last stage, timing. For the hour on a leash each
+session repeats its own. Steps of angular velocity are its
 mean change from frame to frame at chunk borders, over that at other frames: 1 where a border does not show.
 Prints one line of JSON.
 """
@@ -32,14 +33,15 @@ from echoavatar.pipeline.interpolate import StreamInterpolator
 from echoavatar.pipeline.modes import MotionOptions
 from echoavatar.pipeline.motion_chunk import MotionChunk
 from echoavatar.pipeline.post import SWITCHES, Post
+from echoavatar.pipeline.retime import Retime
 from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES, FRAME_RATE_HZ, SAMPLE_RATE_HZ
 
 SECONDS = 60.0
 BALLS = list(HUMANOID.config.feet)[1::2]
 
 
-def generate(sounds: list[Path]) -> torch.Tensor:
-    """Decoded features (b, t, c), before any other stage."""
+def generate(sounds: list[Path]) -> tuple[torch.Tensor, torch.Tensor]:
+    """Decoded features (b, t, c), before any other stage, and the brake (b, t) that the pulse model heard."""
     chunks = int(SECONDS * SAMPLE_RATE_HZ / CHUNK_SAMPLES)
     audio = np.stack(
         [np.resize(np.concatenate(list(stream_audio(path))), chunks * CHUNK_SAMPLES) for path in sounds]
@@ -48,28 +50,43 @@ def generate(sounds: list[Path]) -> torch.Tensor:
     state, active = pipeline.init_state(len(sounds)), torch.ones(len(sounds), dtype=torch.bool)
     for row in range(len(sounds)):
         pipeline.reset(state, torch.arange(len(sounds)) == row, seed=row)
-    seen: list[torch.Tensor] = []
-    decode = pipeline.tokenizer.decode_step
-
-    def tapped(*arguments: object) -> torch.Tensor:
-        seen.append(decode(*arguments).clone())  # type: ignore[arg-type]
-        return seen[-1]
-
-    pipeline.tokenizer.decode_step = tapped  # type: ignore[assignment,method-assign]
+    assert pipeline.pulse is not None
+    features = _tap(pipeline.tokenizer, "decode_step")
+    brake = _tap(pipeline.pulse, "step")
     for step in range(chunks):
         part = audio[:, step * CHUNK_SAMPLES : (step + 1) * CHUNK_SAMPLES]
         pipeline.step(torch.from_numpy(np.ascontiguousarray(part)), state, active)
-    return torch.cat(seen, 1)
+    return torch.cat(features, 1), torch.cat(brake, 1)
+
+
+def _tap(stage: object, name: str) -> list[torch.Tensor]:
+    """What a method of a stage returns from now on."""
+    seen: list[torch.Tensor] = []
+    method = getattr(stage, name)
+
+    def tapped(*arguments: object) -> torch.Tensor:
+        seen.append(method(*arguments).clone())
+        return seen[-1]
+
+    setattr(stage, name, tapped)
+    return seen
 
 
 def through(
-    features: torch.Tensor, stages: tuple[str, ...], options: MotionOptions
+    features: torch.Tensor,
+    stages: tuple[str, ...],
+    options: MotionOptions,
+    brake: torch.Tensor | None = None,
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Rotation matrices and roots of every session."""
-    post = Post(HUMANOID, stages=stages)
+    """Rotations and roots of every session; with `brake` behind timing too."""
+    post, retime = Post(HUMANOID, stages=stages), Retime(HUMANOID.joints)
     state, active = post.init_state(len(features)), torch.ones(len(features), dtype=torch.bool)
+    timing = retime.init_state(len(features))
     state.modes.choose(active, options)
     shown = [post.step(part, state, active, lambda stage: None) for part in features.split(CHUNK_FRAMES, 1)]
+    if brake is not None:
+        brakes = brake.split(CHUNK_FRAMES, 1)
+        shown = [retime.step(*both, timing, active) for both in zip(shown, brakes, strict=True)]
     rotations = np.concatenate([np.stack([c.rotations for c in chunks]) for chunks in shown], 1)
     root = np.concatenate([np.stack([c.root for c in chunks]) for chunks in shown], 1)
     return torch.from_numpy(rotations), torch.from_numpy(root)
@@ -143,22 +160,26 @@ def main() -> None:
     torch.set_num_threads(1)
     path, sounds = Path(sys.argv[1]), [Path(name) for name in sys.argv[2:]]
     if sounds:
-        np.save(path, generate(sounds).numpy())
-    features = torch.from_numpy(np.load(path))
+        made = generate(sounds)
+        np.savez(path, features=made[0].numpy(), brake=made[1].numpy())
+    with np.load(path) as kept:
+        features, brake = torch.from_numpy(kept["features"]), torch.from_numpy(kept["brake"])
     free = MotionOptions()
     without_hands = tuple(stage for stage in SWITCHES if stage != "hands")
-    full = through(features, SWITCHES, free)
+    full, timed = through(features, SWITCHES, free), through(features, SWITCHES, free, brake)
     report: dict[str, object] = {
         "minutes": features.shape[0] * features.shape[1] / FRAME_RATE_HZ / 60,
         "decoded": measured(*through(features, ("ground",), free)),
         "without hands": measured(*through(features, without_hands, free)),
         "all": measured(*full),
+        "all and timing": measured(*timed),
         "at 60 fps": at_60(*full),
+        "at 60 fps, with timing": at_60(*timed),
         "an hour": farthest(features, 60, free),
         "an hour on a leash of 1 m": farthest(features, 60, MotionOptions(leash_m=1)),
     }
     for name in ("leash_m", "in_place", "upper_body"):
-        report[name] = measured(*through(features, SWITCHES, MotionOptions.model_validate({name: 1})))
+        report[name] = measured(*through(features, SWITCHES, MotionOptions.model_validate({name: 1}), brake))
     print(json.dumps(report))
 
 

@@ -30,3 +30,10 @@ def test_speeds_are_those_asked_for():
 
     assert found(1.0) == 20
     assert found(1.1) < 15
+
+
+def test_a_late_face_is_that_of_the_frame_before_and_the_sound_stays():
+    now, late = (FaceSampler([clip()], frames=16, seed=3, late=frames).batch(0, 6) for frames in (0, 2))
+    assert torch.equal(now.audio, late.audio)
+    assert torch.equal(now.curves[:, 1:-2], late.curves[:, 3:])
+    assert torch.equal(now.before, late.curves[:, 1])

@@ -20,6 +20,8 @@ from echoavatar.generator.recipe import GeneratorTraining
 from echoavatar.kinematics import HUMANOID
 from echoavatar.metrics.motion_encoder import MotionEncoderConfig
 from echoavatar.metrics.motion_encoder_train import MotionEncoderTraining
+from echoavatar.pulse import PulseConfig
+from echoavatar.pulse.recipe import PulseTraining
 from echoavatar.tokenizer.decoding import DecoderTraining
 from echoavatar.tokenizer.recipe import TokenizerTraining
 
@@ -32,6 +34,7 @@ CONFIGS = {
     "generator": (GeneratorConfig, GeneratorTraining),
     "face": (FaceConfig, FaceTraining),
     "fingers": (FingerConfig, FingerTraining),
+    "pulse": (PulseConfig, PulseTraining),
     "fid-encoder": (MotionEncoderConfig, MotionEncoderTraining),
 }
 
@@ -88,6 +91,7 @@ def test_the_rehearsal_recipes_are_those_of_the_shipped_models(monkeypatch) -> N
         "generator_stage3": bundles / "default" / "generator",
         "face": bundles / "default" / "face",
         "codec": bundles / "default" / "codec",
+        "pulse": bundles / "default" / "pulse",
         "fingers": bundles / "fingers",
         "fid_encoder": bundles / "fid_encoder",
     }
@@ -128,6 +132,7 @@ def test_the_tiny_recipes_run_from_end_to_end(tmp_path: Path, monkeypatch: pytes
         "generator_offline",
         "face",
         "fingers",
+        "pulse",
         "fid_encoder",
     ):
         go(stem)

@@ -1,5 +1,10 @@
 """The table has the paper's form."""
 
+import shutil
+import subprocess
+
+import pytest
+
 from echoavatar.studio.latex import escaped, latex_table
 from echoavatar.studio.wire import QUESTIONS
 from echoavatar.studio.wire_owner import Mean, ResultRow
@@ -32,3 +37,15 @@ def test_the_papers_form():
 def test_names_cannot_break_the_table():
     assert escaped("50% & more_\n{x}") == r"50\% \& more\_ \{x\}"
     assert escaped("\\input{x}") == r"\textbackslash{}input\{x\}"
+
+
+@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="no pdflatex; apt install texlive-latex-extra")
+def test_latex_takes_the_table(tmp_path):
+    rows = [row("Ours & _theirs_", "50% {more}", "dance", 0.148, -0.136, 0.099)]
+    table = latex_table(rows, QUESTIONS, caption="~ ^ \\ #1 $")
+    packages = table.splitlines()[0].removeprefix("% ")
+    page = rf"\documentclass{{article}}{packages}\begin{{document}}{table}\end{{document}}"
+    (tmp_path / "page.tex").write_text(page)
+    command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "page.tex"]
+    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, timeout=120)
+    assert (tmp_path / "page.pdf").stat().st_size > 10_000

@@ -80,6 +80,12 @@ class FaceConfig(Config):
         gt=0,
         description="frames of a step; others than 8 (release: 12) in the window form",
     )
+    late: int = Field(
+        default=0,
+        ge=0,
+        le=2,
+        description="frames by which the face follows the sound, so that the ends of chunks hear what comes (paper: 0)",
+    )
     order: ChannelOrder = Field(
         default="live_link",
         description="of the model's channels; they differ in left and right of jaw and mouth",

@@ -57,6 +57,7 @@ class FaceStage(Stage[FaceLesson]):
             seed=training.seed,
             gain_db=training.gain_db,
             speeds=SPEEDS if training.tempo else (1.0,),
+            late=config.late,
         )
         self.model.measure(torch.from_numpy(np.concatenate([clip.curves for clip in chosen])))
         self._card = dict(card or {})

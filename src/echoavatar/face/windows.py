@@ -35,13 +35,17 @@ class FaceSampler:
         seed: int,
         gain_db: float = 0.0,
         speeds: Sequence[float] = SPEEDS,
+        late: int = 0,
     ) -> None:
+        """`late`: frames by which the face of a window follows its sound."""
         long_enough = [clip for clip in clips if round(len(clip.curves) / max(speeds)) > frames]
         if not long_enough:
             raise MotionError(
                 f"no face clip of split train is longer than {frames} frames; record longer takes"
             )
-        self._versions = [[at_speed(clip, speed) for speed in speeds] for clip in long_enough]
+        self._versions = [
+            [following(at_speed(clip, speed), late) for speed in speeds] for clip in long_enough
+        ]
         lengths = np.array([len(clip.curves) for clip in long_enough], float)
         self._share, self._frames, self._seed, self._gain_db = lengths / lengths.sum(), frames, seed, gain_db
 
@@ -60,6 +64,12 @@ class FaceSampler:
         return FaceBatch(
             *(torch.from_numpy(np.stack(part).astype(np.float32)) for part in (audio, curves, before))
         )
+
+
+def following(clip: FaceClip, frames: int) -> FaceClip:
+    """The clip with its face so many frames later; it begins with its first face held."""
+    held = np.repeat(clip.curves[:1], frames, axis=0)
+    return replace(clip, curves=np.concatenate([held, clip.curves[: len(clip.curves) - frames]]))
 
 
 def levelled(clip: FaceClip) -> FaceClip:

@@ -19,7 +19,7 @@ _SPECIAL = {
 
 
 def latex_table(rows: Sequence[ResultRow], questions: Sequence[Question], *, caption: str) -> str:
-    """A `table*` for booktabs and multirow; a dash where a system has no judgements."""
+    """A `table*`; its first line names the packages that it needs. A dash where a system has no judgements."""
     width = len(questions)
     found = {(row.group, row.system, row.category): row.scores for row in rows}
     systems = list(dict.fromkeys((row.group, row.system) for row in rows))
@@ -29,6 +29,7 @@ def latex_table(rows: Sequence[ResultRow], questions: Sequence[Question], *, cap
     rules = " ".join(rf"\cmidrule(lr){{{first}-{first + width - 1}}}" for first in (3, 4 + width))
     titles = " & & ".join(" & ".join(TITLES[question] for question in questions) for _ in CATEGORIES)
     lines = [
+        r"% \usepackage{booktabs, multirow, graphicx}",
         r"\begin{table*}[t]",
         r"\centering",
         rf"\caption{{{escaped(caption)}}}",
