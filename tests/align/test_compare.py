@@ -1,5 +1,6 @@
 """Generators side by side: the same one gains nothing and costs nothing, another vocabulary is refused."""
 
+import copy
 from pathlib import Path
 
 import pytest
@@ -40,6 +41,24 @@ def test_the_same_generator_gains_nothing_and_another_diverges(parts):
     assert found["sharper"]["kl"] > 1e-3
     gained = found["sharper"]["reward"][0] - found["first"]["reward"][0]
     assert found["sharper"]["gain"][0] == pytest.approx(gained, abs=1e-4)
+
+
+def test_generators_go_where_they_are_asked_to(parts, monkeypatch):
+    """Nothing can be drawn on a device without memory, so the probe only looks where the weights are."""
+    bundle, prompts, mix = parts
+    seen = []
+
+    def looks(*args, **kwargs):
+        def probe(policy, reference):
+            seen.append({next(one.generator.parameters()).device.type for one in (policy, reference)})
+            return {"by_prompt": [0.0, 0.0, 0.0], "seconds": 0.0}
+
+        return probe
+
+    monkeypatch.setattr("echoavatar.align.compare.Probe", looks)
+    made = {"first": bundle.generator, "second": copy.deepcopy(bundle.generator)}
+    compare(made, bundle.tokenizer, prompts, mix, load_shipped(), group=2, device="meta")
+    assert seen == [{"meta"}, {"meta"}]
 
 
 def test_another_vocabulary_is_refused(parts):

@@ -1,15 +1,17 @@
 """`align compare` measures what is given and writes what it prints."""
 
 import json
+import shutil
 from pathlib import Path
 
 from tests.align.scenes import yardstick
 from tests.align.tuning import clips
 
+from echoavatar.align.compare import compare
 from echoavatar.cli import main
 
 
-def test_generators_side_by_side(tmp_path: Path, tiny_bundle: Path, capsys) -> None:
+def test_generators_side_by_side(tmp_path: Path, tiny_bundle: Path, capsys, monkeypatch) -> None:
     folder = tmp_path / "tokens"
     folder.mkdir()
     for number, (name, clip) in enumerate(clips(3, chunks=8).items()):
@@ -19,9 +21,19 @@ def test_generators_side_by_side(tmp_path: Path, tiny_bundle: Path, capsys) -> N
     yardstick().save(tmp_path / "yardstick.json")
     words = ["--bundle", str(tiny_bundle), "--yardstick", str(tmp_path / "yardstick.json")]
     words += ["--reward", "smoothness=1", "--prompts", "2", "--group", "2", "--past", "2", "--length", "4"]
-    words += ["--beside", str(tiny_bundle / "generator"), "-o", str(tmp_path / "found.json")]
+    again = tmp_path / "again"
+    shutil.copytree(tiny_bundle / "generator", again)
+    both = [str(tiny_bundle / "generator"), str(again)]
+    words += ["--beside", *both, "--device", "cpu", "-o", str(tmp_path / "found.json")]
+    asked = []
+    monkeypatch.setattr(
+        "echoavatar.align.compare.compare", lambda *a, **b: asked.append(b) or compare(*a, **b)
+    )
     assert main(["align", "compare", str(folder), *words]) == 0
     told = json.loads((tmp_path / "found.json").read_text())
     assert json.loads(capsys.readouterr().out.splitlines()[-1]) == told
-    assert list(told["found"]) == ["truth", "untuned", str(tiny_bundle / "generator")]
+    assert list(told["found"]) == ["truth", "untuned", *both]
+    assert told["over_seeds"][", ".join(both)]["gain"] == [0.0, 0.0, 0.0]
+    assert asked[0]["device"] == "cpu"
+    assert len((tmp_path / "found.md").read_text().splitlines()) == 5
     assert told["prompts"] == 2

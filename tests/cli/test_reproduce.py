@@ -37,3 +37,24 @@ def test_the_ablation_from_nothing_and_again(tmp_path: Path, capsys: pytest.Capt
     assert first.out == second.out
     for line in ("CausalConv-RVQ", "Attn (w/o dual)", "Attn (w/ bodypart)"):
         assert f"| {line} |" in second.out
+
+
+@pytest.mark.slow
+def test_the_trade_off_from_nothing_and_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Both rewards, pairs, all three methods; the second call makes nothing and prints the same."""
+    words = ["reproduce", "alignment", "--scale", "tiny", "-o", str(tmp_path / "out")]
+    assert main(words) == 0
+    first = capsys.readouterr()
+    assert "line: Ours (PPO)" in first.err
+    assert main(words) == 0
+    second = capsys.readouterr()
+    assert "tokenizers/" not in second.err
+    assert first.out == second.out
+    rows = [[cell.strip() for cell in row.split("|")[1:-1]] for row in second.out.splitlines() if "|" in row]
+    ours = [column for column, head in enumerate(rows[0]) if head.endswith("ours")]
+    found = {row[0]: [row[column] for column in ours] for row in rows[2:]}
+    assert list(found) == ["GT", "Ours (no RL)", "Ours (DPO)", "Ours (GRPO)", "Ours (PPO)"]
+    assert (
+        len(ours) >= 7
+    )  # FID, diversity, BA_G and over chance, both rewards, KL; BA_D where a test clip is music
+    assert all("-" not in cells for name, cells in found.items() if name != "GT")

@@ -28,9 +28,10 @@ def compare(
     *,
     group: int = 4,
     seed: int = 0,
+    device: str = "cpu",
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, Told]:
-    """Measurements of each generator by name, those of the true motion first.
+    """Measurements of each generator by name, those of the true motion first; generators are moved to `device`.
 
     Raises:
         CheckpointError: generators speak different vocabularies.
@@ -50,12 +51,12 @@ def compare(
         }
     }
     begun: dict[str, Any] = {}
+    reference = GeneratorPolicy(first.eval().to(device))
     for number, (name, generator) in enumerate(generators.items()):
-        found = probe(GeneratorPolicy(generator.eval()), GeneratorPolicy(first.eval()))
+        found: dict[str, Any] = probe(GeneratorPolicy(generator.eval().to(device)), reference)
         found.pop("seconds")
-        now: dict[str, Any] = {"by_prompt": found.pop("by_prompt")}
-        begun = begun or now
-        told[name] = found | {"gain": gain(begun, now)}
+        begun = begun or found
+        told[name] = found | {"gain": gain(begun, found)}
         if progress is not None:
             progress(number + 1, len(generators))
     return told

@@ -1,4 +1,4 @@
-"""`echoavatar align compare`: generators side by side on held-out prompts; ends with a line of JSON."""
+"""`echoavatar align compare`: generators side by side on held-out prompts; writes JSON and a table, prints the JSON."""
 
 import argparse
 import json
@@ -8,7 +8,13 @@ from pathlib import Path
 def add_arguments(child: argparse.ArgumentParser) -> None:
     """What `align` does not declare already."""
     child.add_argument(
-        "--beside", type=Path, action="append", default=[], metavar="FOLDER", help="tuned generator; repeat"
+        "--beside",
+        type=Path,
+        nargs="+",
+        action="append",
+        default=[],
+        metavar="FOLDER",
+        help="tuned generator, or runs of one method with several seeds, which become one line; repeat",
     )
     child.add_argument("--prompts", type=int, default=48, help="held-out prompts (default: %(default)s)")
     child.add_argument("--group", type=int, default=4, help="continuations of each (default: %(default)s)")
@@ -22,6 +28,7 @@ def run(args: argparse.Namespace) -> int:
     """Measure and print."""
     from ..align.compare import compare
     from ..align.prompts import PromptBook
+    from ..align.seeds import as_markdown, over_seeds
     from ..align.start import setting
     from ..errors import MotionError
     from ..generator import Generator
@@ -42,12 +49,30 @@ def run(args: argparse.Namespace) -> int:
         raise MotionError(f"{args.source} holds no clip of split test; there is nothing to measure on")
     prompts = PromptBook(ready.test, past=args.past, length=args.length).spread(args.prompts)
     generators = {"untuned": ready.generator} | {
-        str(folder): Generator.load(folder) for folder in args.beside
+        str(folder): Generator.load(folder) for folders in args.beside for folder in folders
     }
     found = compare(
-        generators, ready.tokenizer, prompts, ready.mix, load_shipped(), group=args.group, seed=args.seed
+        generators,
+        ready.tokenizer,
+        prompts,
+        ready.mix,
+        load_shipped(),
+        group=args.group,
+        seed=args.seed,
+        device=args.device,
     )
-    told = {"prompts": len(prompts), "group": args.group, "seed": args.seed, "found": found}
-    args.output.write_text(json.dumps(told, indent=1) + "\n")
+    lines = {
+        ", ".join(map(str, folders)): over_seeds(found["untuned"], [found[str(folder)] for folder in folders])
+        for folders in args.beside
+    }
+    told = {
+        "prompts": len(prompts),
+        "group": args.group,
+        "seed": args.seed,
+        "found": found,
+        "over_seeds": lines,
+    }
+    args.output.write_text(json.dumps(told) + "\n")
+    args.output.with_suffix(".md").write_text(as_markdown(found, lines))
     print(json.dumps(told))
     return 0
