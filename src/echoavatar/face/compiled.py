@@ -203,18 +203,18 @@ def _sample(weights, normal, steps, face):  # type: ignore[no-untyped-def]
 
 @compiled()
 def _product(x, affine, layer, y):  # type: ignore[no-untyped-def]
-    """Rows times W plus bias."""
+    """Rows times W plus bias; a tile stays near while all rows pass."""
     tiles, bias = affine.tiles[layer], affine.bias[layer]
     block = max(1, min(y.shape[0], ONE_THREAD // tiles[0].size))
     part = np.empty((block, TILE), F)
-    for start in range(0, y.shape[0], block):
-        rows = min(block, y.shape[0] - start)
-        for tile in range(tiles.shape[0]):
+    for tile in range(tiles.shape[0]):
+        left = tile * TILE
+        columns = min(TILE, y.shape[1] - left)
+        for start in range(0, y.shape[0], block):
+            rows = min(block, y.shape[0] - start)
             np.dot(x[start : start + rows], tiles[tile], part[:rows])
-            left = tile * TILE
-            wide = min(TILE, y.shape[1] - left)
             for row in range(rows):
-                for o in range(wide):
+                for o in range(columns):
                     y[start + row, left + o] = part[row, o] + bias[left + o]
 
 
