@@ -1,6 +1,7 @@
 """`echoavatar bench face`: what a face costs, for one session and for many, and what the many cannot cost less than.
 
-One session and the batch take turns, so that neighbours on the machine slow both alike. Times are of the processor
+One session and the batch take turns, so that neighbours on the machine slow both alike, and before every chunk the
+caches are taken, as the other models do in a session (`between`). Times are of the processor
 (all threads; what other processes take away does not count) and of the wall, of which the least is told, too, as the
 time of a machine that has nothing else to do. The floor is the batch's matrix products
 at the speed of one large product, one thread, in the same run; what is on top is reading keys and values, gates, and
@@ -16,6 +17,7 @@ from torch import nn
 
 from ..face import FaceConfig, FaceModel, FaceStream
 from ..timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
+from .between import other_models
 
 WARM_UP = 3
 _TURNS = 10  # chunks of one session to one of the batch
@@ -91,7 +93,9 @@ def _chunks(stream: FaceStream, rows: int) -> Iterator[tuple[float, float]]:
     sound = 0.1 * torch.randn(
         rows, stream.model.config.step * SAMPLES_PER_FRAME, generator=torch.Generator().manual_seed(1)
     )
+    between = other_models()
     while True:
+        between()
         began, began_wall = time.process_time(), time.perf_counter()
         stream.step(sound, state, active, seeds)
         yield 1000 * (time.process_time() - began), 1000 * (time.perf_counter() - began_wall)

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..nn.compiled import NOTHING, ONE, ZERO, F, compiled, exponential, gelu, silu
 from ..nn.octet import most, spread
-from ..nn.wide import WIDE, exponentials, highest, narrowed, put, total, wide, widened, with_product
+from ..nn.wide import WIDE, exponentials, gelus, highest, narrowed, put, total, wide, widened, with_product
 
 GROUP = 32  # sessions
 TILE = 64  # outputs: with 256 inputs as fast as any for 2 rows and for 64
@@ -58,8 +58,8 @@ class Steps(NamedTuple):
 def run_frames(weights, ring, seen, chosen, heard, noise, last, steps, frames):  # type: ignore[no-untyped-def]
     """Fill `frames` (b, t, c) of the `chosen` sessions from `noise` (b, t, c), `heard` (b, t, w), `last` frames (b, c).
 
-    Keys and values are a `ring` (b, l, 2, 2w, n): frame k of a session, of which `seen` (b) are past, lies in slot
-    k mod n.
+    A `ring` (b, l, 2, 2, w n) holds keys, channel by channel, and values, slot by slot: frame k of a session, of which
+    `seen` (b) are past, lies in slot k mod n.
     """
     for first in range(0, chosen.shape[0], GROUP):
         _run_group(weights, ring, seen, chosen[first : first + GROUP], heard, noise, last, steps, frames)
@@ -107,60 +107,82 @@ def _look_back(weights, layer, ring, seen, chosen, i, qkv, y):  # type: ignore[n
 
     That comes after the head's others were read, which brings them near: written first, each would wait for memory.
     """
-    width, slots = y.shape[1], ring.shape[4]
-    each = width // weights.heads
+    width = y.shape[1]
+    slots, each = ring.shape[4] // width, width // weights.heads
     scores, young = np.empty(slots, F), np.empty(slots, F)
     for row in range(y.shape[0]):
         session = chosen[row // 2]
         now = seen[session] + i
         slot = now % slots
-        cache = ring[session, layer, row % 2]
+        keys, values = ring[session, layer, row % 2, 0], ring[session, layer, row % 2, 1]
         for head in range(weights.heads):
             bias = weights.distance[layer, head, slots - 1 - slot : 2 * slots - 1 - slot]
             if now < slots:  # slots that nothing was written to
                 for s in range(slots):
                     young[s] = bias[s] if s < now else -np.inf
                 bias = young
-            _attend(qkv[row], head * each, each, cache, slot, bias, weights.own[layer, head], scores, y[row])
+            first, own = head * each, weights.own[layer, head]
+            rest = _weigh(qkv[row], first, each, keys, slot, bias, own, scores)
+            _mix(qkv[row], first, each, values, slot, scores, rest, y[row])
 
 
 @compiled()
-def _attend(qkv, first, each, cache, slot, bias, own, scores, y):  # type: ignore[no-untyped-def]
-    """One head's mix of its whole ring `cache` (2 w, n) and of the frame itself, which then goes to `slot`, into y (w).
+def _weigh(qkv, first, each, keys, slot, bias, own, scores):  # type: ignore[no-untyped-def]
+    """One head's shares of what is in the ring, into `scores` (n); the frame itself has what is left, which is returned.
 
-    `bias` (n) is -inf where a slot is not to be seen, as is the one whose turn it is.
+    Its key goes to `slot` of `keys` (w n). `bias` (n) is -inf where a slot is not to be seen, as is that one; `own` is
+    the frame's.
     """
-    slots, width, last = scores.shape[0], y.shape[0], first + each
-    key, value = width + first, 2 * width + first  # in qkv
+    slots, last, key = scores.shape[0], first + each, qkv.shape[0] // 3 + first
     for i in range(each):
         own += qkv[first + i] * widened(narrowed(qkv[key + i]))
     top = wide(bias, (0,))
     for s in range(0, slots, WIDE):
-        score, other = wide(bias, (s,)), wide(cache, (first, s)) * qkv[first]
+        score, other = wide(bias, (s,)), wide(keys, (first * slots + s,)) * qkv[first]
         for i in range(first + 1, last - 1, 2):
-            score = with_product(score, qkv[i], wide(cache, (i, s)))
-            other = with_product(other, qkv[i + 1], wide(cache, (i + 1, s)))
+            score = with_product(score, qkv[i], wide(keys, (i * slots + s,)))
+            other = with_product(other, qkv[i + 1], wide(keys, (i * slots + slots + s,)))
         if each % 2 == 0:
-            score = with_product(score, qkv[last - 1], wide(cache, (last - 1, s)))
+            score = with_product(score, qkv[last - 1], wide(keys, ((last - 1) * slots + s,)))
         score = score + other
         put(scores, (s,), score)
         top = most(top, score)
     best = max(highest(top), own)
-    mass = spread(ZERO, top)
+    mass, mine = spread(ZERO, top), exponential(own - best)
     for s in range(0, slots, WIDE):
         share = most(exponentials(wide(scores, (s,)) - best) - NOTHING, ZERO)
         put(scores, (s,), share)
         mass = mass + share
-    mine = exponential(own - best)
-    rest = ONE / (total(mass) + mine)
+    per_mass = ONE / (total(mass) + mine)
+    for s in range(0, slots, WIDE):
+        put(scores, (s,), wide(scores, (s,)) * per_mass)
     for i in range(each):
-        mixed = wide(scores, (0,)) * wide(cache, (width + first + i, 0))
-        for s in range(WIDE, slots, WIDE):
-            mixed = mixed + wide(scores, (s,)) * wide(cache, (width + first + i, s))
+        keys[(first + i) * slots + slot] = narrowed(qkv[key + i])
+    return mine * per_mass
+
+
+@compiled()
+def _mix(qkv, first, each, values, slot, scores, own, y):  # type: ignore[no-untyped-def]
+    """Shares `scores` (n) of a head's `values` (n w) and `own` of the frame's, which go to `slot`, into y (w)."""
+    slots, width, value = scores.shape[0], y.shape[0], 2 * y.shape[0] + first
+    whole = each // WIDE * WIDE
+    for i in range(0, whole, WIDE):
+        a = b = c = d = spread(ZERO, wide(scores, (0,)))
+        for s in range(0, slots, 4):
+            at = s * width + first + i
+            a = with_product(a, scores[s], wide(values, (at,)))
+            b = with_product(b, scores[s + 1], wide(values, (at + width,)))
+            c = with_product(c, scores[s + 2], wide(values, (at + 2 * width,)))
+            d = with_product(d, scores[s + 3], wide(values, (at + 3 * width,)))
+        put(y, (first + i,), (a + b) + (c + d))
+    for i in range(whole, each):
+        y[first + i] = ZERO
+        for s in range(slots):
+            y[first + i] += scores[s] * widened(values[s * width + first + i])
+    for i in range(each):
         kept = narrowed(qkv[value + i])
-        y[first + i] = (total(mixed) + mine * widened(kept)) * rest
-        cache[width + first + i, slot] = kept
-        cache[first + i, slot] = narrowed(qkv[key + i])
+        y[first + i] += own * widened(kept)
+        values[slot * width + first + i] = kept
 
 
 @compiled()
@@ -238,8 +260,11 @@ def _repeat(x, y):  # type: ignore[no-untyped-def]
 
 @compiled()
 def _gelu(x):  # type: ignore[no-untyped-def]
+    whole = x.shape[1] // WIDE * WIDE
     for row in range(x.shape[0]):
-        for i in range(x.shape[1]):
+        for i in range(0, whole, WIDE):
+            put(x, (row, i), gelus(wide(x, (row, i))))
+        for i in range(whole, x.shape[1]):
             x[row, i] = gelu(x[row, i])
 
 

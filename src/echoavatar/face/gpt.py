@@ -33,7 +33,7 @@ class GptState(StreamState):
     waits for.
     """
 
-    ring: Float[Tensor, "b l 2 d n"]  # without layers in the window form
+    ring: Float[Tensor, "b l 2 2 d"]  # without layers in the window form
     motion: Float[Tensor, "b m c"]
     sound: Float[Tensor, "b p a"]  # features of the past inputs; none in the ring form
     seen: Int[Tensor, " b"]  # frames generated
@@ -130,7 +130,7 @@ class FaceGpt(nn.Module):
         past = config.context - 1
         is_ring = config.memory == "ring"
         layers = config.layers if is_ring else 0
-        shape = rows, layers, BRANCHES, 2 * config.width, self.slots
+        shape = rows, layers, BRANCHES, 2, config.width * self.slots
         ring = torch.zeros(shape, dtype=torch.float16, device=weight.device)
         motion = weight.new_zeros(rows, 1 if is_ring else config.context, config.channels)
         sound = weight.new_zeros(rows, 0 if is_ring else past, config.encoder.outputs)
