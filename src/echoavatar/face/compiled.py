@@ -12,6 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..nn.compiled import NOTHING, ONE, ZERO, F, compiled, exponential, gelu, silu
+from ..nn.octet import most, spread
+from ..nn.wide import WIDE, exponentials, highest, narrowed, put, total, wide, widened, with_product
 
 GROUP = 32  # sessions
 TILE = 64  # outputs: with 256 inputs as fast as any for 2 rows and for 64
@@ -40,6 +42,7 @@ class Weights(NamedTuple):
     head_down: Affine
     face: Affine
     distance: np.ndarray  # (l, h, 2 n) bias of scores by how far back a slot lies; see `FrameDecoder`
+    own: np.ndarray  # (l, h) that of the frame itself
     heads: int
 
 
@@ -100,55 +103,64 @@ def _run_group(weights, ring, seen, chosen, heard, noise, last, steps, frames): 
 
 @compiled()
 def _look_back(weights, layer, ring, seen, chosen, i, qkv, y):  # type: ignore[no-untyped-def]
-    """Put keys and values of each row into its slot, and mix what each head sees into y (r, w)."""
+    """Mix what each head of each row sees into y (r, w), and put the row's keys and values into their slot.
+
+    That comes after the head's others were read, which brings them near: written first, each would wait for memory.
+    """
     width, slots = y.shape[1], ring.shape[4]
     each = width // weights.heads
     scores, young = np.empty(slots, F), np.empty(slots, F)
     for row in range(y.shape[0]):
         session = chosen[row // 2]
-        cache, now = ring[session, layer, row % 2], seen[session] + i
+        now = seen[session] + i
         slot = now % slots
-        for c in range(2 * width):
-            cache[c, slot] = qkv[row, width + c]
+        cache = ring[session, layer, row % 2]
         for head in range(weights.heads):
             bias = weights.distance[layer, head, slots - 1 - slot : 2 * slots - 1 - slot]
-            if now + 1 < slots:  # slots that nothing was written to
+            if now < slots:  # slots that nothing was written to
                 for s in range(slots):
-                    young[s] = bias[s] if s <= now else -np.inf
+                    young[s] = bias[s] if s < now else -np.inf
                 bias = young
-            c = head * each
-            keys, values = cache[c : c + each], cache[width + c : width + c + each]
-            _attend(qkv[row, c : c + each], keys, values, bias, scores, y[row, c : c + each])
+            _attend(qkv[row], head * each, each, cache, slot, bias, weights.own[layer, head], scores, y[row])
 
 
 @compiled()
-def _attend(query, keys, values, bias, scores, y):  # type: ignore[no-untyped-def]
-    """One head's mix of its whole ring, into y (d); keys and values are (d, n).
+def _attend(qkv, first, each, cache, slot, bias, own, scores, y):  # type: ignore[no-untyped-def]
+    """One head's mix of its whole ring `cache` (2 w, n) and of the frame itself, which then goes to `slot`, into y (w).
 
-    Slots are counted from 0: behind an offset numba would look whether each index is negative, slot by slot.
+    `bias` (n) is -inf where a slot is not to be seen, as is the one whose turn it is.
     """
-    slots = scores.shape[0]
-    for s in range(slots):
-        scores[s] = bias[s]
-    for i in range(0, query.shape[0] - 3, 4):  # four channels a pass over the scores
-        a, b, c, d = query[i], query[i + 1], query[i + 2], query[i + 3]
-        for s in range(slots):
-            scores[s] += a * keys[i, s] + b * keys[i + 1, s] + c * keys[i + 2, s] + d * keys[i + 3, s]
-    for i in range(query.shape[0] - query.shape[0] % 4, query.shape[0]):
-        for s in range(slots):
-            scores[s] += query[i] * keys[i, s]
-    highest = scores[0]
-    for s in range(slots):
-        highest = max(highest, scores[s])
-    mass = ZERO
-    for s in range(slots):
-        scores[s] = max(exponential(scores[s] - highest) - NOTHING, ZERO)
-        mass += scores[s]
-    for i in range(query.shape[0]):
-        total = ZERO
-        for s in range(slots):
-            total += scores[s] * values[i, s]
-        y[i] = total / mass
+    slots, width, last = scores.shape[0], y.shape[0], first + each
+    key, value = width + first, 2 * width + first  # in qkv
+    for i in range(each):
+        own += qkv[first + i] * widened(narrowed(qkv[key + i]))
+    top = wide(bias, (0,))
+    for s in range(0, slots, WIDE):
+        score, other = wide(bias, (s,)), wide(cache, (first, s)) * qkv[first]
+        for i in range(first + 1, last - 1, 2):
+            score = with_product(score, qkv[i], wide(cache, (i, s)))
+            other = with_product(other, qkv[i + 1], wide(cache, (i + 1, s)))
+        if each % 2 == 0:
+            score = with_product(score, qkv[last - 1], wide(cache, (last - 1, s)))
+        score = score + other
+        put(scores, (s,), score)
+        top = most(top, score)
+    best = max(highest(top), own)
+    mass = spread(ZERO, top)
+    for s in range(0, slots, WIDE):
+        share = most(exponentials(wide(scores, (s,)) - best) - NOTHING, ZERO)
+        put(scores, (s,), share)
+        mass = mass + share
+    mine = exponential(own - best)
+    rest = ONE / (total(mass) + mine)
+    for i in range(each):
+        mixed = wide(scores, (0,)) * wide(cache, (width + first + i, 0))
+        for s in range(WIDE, slots, WIDE):
+            mixed = mixed + wide(scores, (s,)) * wide(cache, (width + first + i, s))
+        kept = narrowed(qkv[value + i])
+        y[first + i] = (total(mixed) + mine * widened(kept)) * rest
+        cache[width + first + i, slot] = kept
+        cache[first + i, slot] = narrowed(qkv[key + i])
 
 
 @compiled()
@@ -191,18 +203,18 @@ def _sample(weights, normal, steps, face):  # type: ignore[no-untyped-def]
 
 @compiled()
 def _product(x, affine, layer, y):  # type: ignore[no-untyped-def]
-    """Rows times W plus bias."""
+    """Rows times W plus bias; a tile stays near while all rows pass."""
     tiles, bias = affine.tiles[layer], affine.bias[layer]
     block = max(1, min(y.shape[0], ONE_THREAD // tiles[0].size))
     part = np.empty((block, TILE), F)
-    for start in range(0, y.shape[0], block):
-        rows = min(block, y.shape[0] - start)
-        for tile in range(tiles.shape[0]):
+    for tile in range(tiles.shape[0]):
+        left = tile * TILE
+        columns = min(TILE, y.shape[1] - left)
+        for start in range(0, y.shape[0], block):
+            rows = min(block, y.shape[0] - start)
             np.dot(x[start : start + rows], tiles[tile], part[:rows])
-            left = tile * TILE
-            wide = min(TILE, y.shape[1] - left)
             for row in range(rows):
-                for o in range(wide):
+                for o in range(columns):
                     y[start + row, left + o] = part[row, o] + bias[left + o]
 
 

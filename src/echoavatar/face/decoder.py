@@ -44,6 +44,7 @@ class FrameDecoder:
             head_down=_stacked([_plain(mlp.fc2) for mlp in mlps]),
             face=_stacked([_folded(head.output_norm, head.output_proj)]),
             distance=np.stack([_by_slot(block.attn, gpt.slots) for block in blocks]),
+            own=np.stack([_floats(block.attn.bias[:, -1]) for block in blocks]),
             heads=blocks[0].attn.heads,
         )
 
@@ -64,7 +65,7 @@ class FrameDecoder:
         times = np.stack([time.detach().float().numpy() for time, _, _ in schedule])
         steps = Steps(times, shares.astype(np.float32), self._guidance)
         heard, drawn, last = _floats(sound), _floats(noise), _floats(state.motion[:, -1])
-        ring, seen, frames = state.ring.numpy(), state.seen.numpy(), np.zeros(noise.shape, np.float32)
+        ring, seen, frames = state.ring.numpy().view(np.uint16), state.seen.numpy(), np.zeros(noise.shape, np.float32)
         chosen = np.flatnonzero(active.numpy())
         run_frames(self._weights, ring, seen, chosen, heard, drawn, last, steps, frames)
         return frames
@@ -77,11 +78,12 @@ def _floats(x: Tensor) -> Float[np.ndarray, "..."]:
 def _by_slot(attention: nn.Module, slots: int) -> Float[np.ndarray, "h n"]:
     """Biases in the order of slots, so that those for a frame in slot k are `slots` in a row from `slots` - 1 - k on.
 
-    Slots further back than the attention looks are hidden.
+    Slots further back than the attention looks are hidden, and so is slot k, whose turn it is.
     """
     assert isinstance(attention, RingAttention)
     bias = np.full((attention.heads, slots), -np.inf, np.float32)
     bias[:, slots - 1 - attention.lookback :] = attention.bias.detach().float().numpy()
+    bias[:, -1] = -np.inf
     return np.concatenate([bias, bias], axis=1)
 
 

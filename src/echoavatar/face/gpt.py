@@ -29,7 +29,8 @@ class GptState(StreamState):
     """`motion` ends with the last frame (normalised); zeros are the mean face.
 
     Keys and values of the ring form: frame k of a session lies in slot k mod n, per layer and guidance branch, and is
-    written there once and for all. Frames last, as sums want; float32, as the compiled loop wants.
+    written there once and for all. Frames last, as sums want; in half precision, for reading them is what a large batch
+    waits for.
     """
 
     ring: Float[Tensor, "b l 2 d n"]  # without layers in the window form
@@ -129,7 +130,8 @@ class FaceGpt(nn.Module):
         past = config.context - 1
         is_ring = config.memory == "ring"
         layers = config.layers if is_ring else 0
-        ring = torch.zeros(rows, layers, BRANCHES, 2 * config.width, self.slots, device=weight.device)
+        shape = rows, layers, BRANCHES, 2 * config.width, self.slots
+        ring = torch.zeros(shape, dtype=torch.float16, device=weight.device)
         motion = weight.new_zeros(rows, 1 if is_ring else config.context, config.channels)
         sound = weight.new_zeros(rows, 0 if is_ring else past, config.encoder.outputs)
         return GptState(ring, motion, sound, torch.zeros(rows, dtype=torch.int64, device=weight.device))

@@ -9,7 +9,7 @@ import math
 
 from ..kinematics.octets import cross, dot, minus, plus, times
 from ..nn.compiled import ONE, ZERO, F
-from ..nn.octet import inner, least, most, root, spread
+from ..nn.octet import inner, least, most, root
 
 STRAIGHT = 0.25  # radians: an elbow straighter than this is bent less than asked, at 0 not at all
 LEAST_DROP = 0.15  # metres below the shoulder to which a hand out of reach may be raised
@@ -76,4 +76,4 @@ def turn_matrix(cosine, sine_axis):  # type: ignore[no-untyped-def]
 @inner()
 def _sine(cosine):  # type: ignore[no-untyped-def]
     """Of an angle between 0 and a half turn."""
-    return root(most((ONE - cosine) * (ONE + cosine), spread(ZERO)))
+    return root(most((ONE - cosine) * (ONE + cosine), ZERO))

@@ -23,7 +23,21 @@ from ..kinematics.octets import (
     turned_back,
 )
 from ..nn.compiled import ONE, ZERO, F
-from ..nn.octet import exact, inner, is_any, least, load, most, root, spread, store, where
+from ..nn.octet import (
+    exact,
+    following,
+    inner,
+    is_any,
+    least,
+    load,
+    most,
+    root,
+    sessions,
+    desk,
+    spread,
+    store,
+    where,
+)
 from .arm import reach
 
 SHELL = F(0.035)  # metres before contact at which a hand begins to give way
@@ -55,24 +69,25 @@ class Tables(NamedTuple):
 
 
 @exact()
-def keep_off(tables, frames, turns):  # type: ignore[no-untyped-def]
+def keep_off(row, tables, frames, turns):  # type: ignore[no-untyped-def]
     """Correct arms in `turns` (b, j, 4, 8) whose pose is `frames` (b, c, 12, 8)."""
-    seen = np.empty((tables.carriers.shape[0], 3, 8), F)
-    places = np.empty((tables.points.shape[1], 3, 8), F)
-    for row in range(turns.shape[0]):
+    seen = np.empty((2, tables.carriers.shape[0], 3, 8), F)
+    places = np.empty((2, tables.points.shape[1], 3, 8), F)
+    for _ in range(turns.shape[0] // len(sessions(row))):
         for side in range(2):
             is_near, way = _way(tables, side, frames, row, seen)
             if not is_near:
                 continue
-            for point in range(places.shape[0]):
+            for point in range(places.shape[1]):
                 for axis, number in enumerate(_point(tables, side, point, frames, row)):
-                    store(places, (point, axis), number)
-            reached = spread(ZERO)
-            for part in range(seen.shape[0]):
+                    store(places, (desk(row), point, axis), number)
+            reached = spread(ZERO, way[0])
+            for part in range(seen.shape[1]):
                 reached += _eighth(tables, part, frames, row, seen, places, way)
             far = SHELL * root(root(root(reached)))  # the most of them, without a corner where two are equal
             if is_any(far > ZERO):
                 _follow(tables, side, frames, row, times(way, far), far > ZERO, turns)
+        row = following(row)
 
 
 @inner()
@@ -113,18 +128,18 @@ def _way(tables, side, frames, row, seen):  # type: ignore[no-untyped-def]
     """
     palm = _point(tables, side, PALM, frames, row)
     is_near = False
-    zero = spread(ZERO)
+    zero = spread(ZERO, palm[0])
     total = (zero, zero, zero)
-    for part in range(seen.shape[0]):
+    for part in range(seen.shape[1]):
         here = _seen(tables, part, frames, row, palm)
         for axis, number in enumerate(here):
-            store(seen, (part, axis), number)
+            store(seen, (desk(row), part, axis), number)
         squares = (here[0] * here[0], here[1] * here[1], here[2] * here[2])
         is_near |= is_any(_is_near(tables, part, squares))
         weight = ONE / (squares[0] + squares[1] + squares[2] + _QUARTER)
         weight = weight * weight * weight  # sharp enough that the nearest part alone decides the way out
         radii, starts = tables.radii, tables.starts
-        up = most(here[1] * radii[part, 1], zero) * tables.is_head[part]
+        up = most(here[1] * radii[part, 1], ZERO) * tables.is_head[part]
         x = here[0] * radii[part, 0] - starts[side, part, 0]
         z = here[2] * radii[part, 2] - starts[side, part, 1]
         turn = rotation_at(frames, row, tables.carriers[part])
@@ -135,27 +150,28 @@ def _way(tables, side, frames, row, seen):  # type: ignore[no-untyped-def]
 @inner()
 def _eighth(tables, part, frames, row, seen, places, way):  # type: ignore[no-untyped-def]
     """Sum over a hand's points of the eighth power of how far each must go to leave a part, in shells."""
-    x, y, z = load(seen, (part, 0)), load(seen, (part, 1)), load(seen, (part, 2))
+    own = desk(row)
+    x, y, z = load(seen, (own, part, 0)), load(seen, (own, part, 1)), load(seen, (own, part, 2))
     is_near = _is_near(tables, part, (x * x, y * y, z * z))
-    total = spread(ZERO)
+    total = spread(ZERO, x)
     if not is_any(is_near):
         return total
     ahead = _in_part(tables, part, turned_back(rotation_at(frames, row, tables.carriers[part]), way))
     a = dot(ahead, ahead)
     per_a = ONE / a
-    for point in range(places.shape[0]):
-        place = load(places, (point, 0)), load(places, (point, 1)), load(places, (point, 2))
+    for point in range(places.shape[1]):
+        place = load(places, (own, point, 0)), load(places, (own, point, 1)), load(places, (own, point, 2))
         here = _seen(tables, part, frames, row, place)
         b, c = dot(ahead, here), dot(here, here)
         square = b * b - a * (c - ONE)
-        way_out = (root(most(square, spread(ZERO))) - b) * per_a + tables.thicker[point]
+        way_out = (root(most(square, ZERO)) - b) * per_a + tables.thicker[point]
         way_out = least(way_out, square * _STEEP - ONE)  # a way that misses the part needs no exit
-        share = least(most(way_out + SHELL, spread(ZERO)), SHELL + SHELL)
-        short = share * share * _ROUND + most(way_out - SHELL, spread(ZERO)) * _PER_SHELL
+        share = least(most(way_out + SHELL, ZERO), SHELL + SHELL)
+        short = share * share * _ROUND + most(way_out - SHELL, ZERO) * _PER_SHELL
         short = short * short
         short = short * short
         total += short * short
-    return where(is_near, total, spread(ZERO))
+    return where(is_near, total, ZERO)
 
 
 @inner()

@@ -83,8 +83,8 @@ def bend(legs, side, turns, frames, row, aside):  # type: ignore[no-untyped-def]
     `turns` (b, j, 4, 8) are changed in this row; `frames` (b, c, 12, 8) are those of the pose before; `aside` is in the
     root's frame.
     """
-    zero = spread(ZERO)
-    above = (spread(ONE), zero, zero, zero)  # world rotation of what carries the thigh
+    zero = spread(ZERO, aside[0])
+    above = (spread(ONE, zero), zero, zero, zero)  # world rotation of what carries the thigh
     for k in range(legs.above.shape[1]):
         above = multiply(above, quaternion_at(turns, row, legs.above[side, k]))
     thigh_joint, shin_joint, foot_joint = legs.joints[side, 0], legs.joints[side, 1], legs.joints[side, 2]
@@ -124,8 +124,9 @@ def _solve(legs, side, frames, row, aside):  # type: ignore[no-untyped-def]
     greater = root(most((ONE + size(cos)) * HALF, _TINY))
     smaller = sin / (greater + greater)
     is_near = cos > ZERO
-    fold = (where(is_near, greater, smaller), where(is_near, smaller, greater), spread(ZERO), spread(ZERO))
-    folded = (spread(x), y * cos - z * sin, y * sin + z * cos)
+    zero = spread(ZERO, cos)
+    fold = (where(is_near, greater, smaller), where(is_near, smaller, greater), zero, zero)
+    folded = (spread(x, cos), y * cos - z * sin, y * sin + z * cos)
     reached = plus(turned(turn, folded), upper)
     sizes = root(asked * far)  # of both vectors, multiplied: what is reached has the length asked for
     along, across = dot(reached, way) + sizes, cross(reached, way)

@@ -5,7 +5,7 @@ arithmetic in torch; tests hold the two together.
 """
 
 from ..nn.compiled import ONE, ZERO, F
-from ..nn.octet import inner, is_any, load, most, root, spread, where
+from ..nn.octet import inner, is_any, load, most, root, where
 
 _LEAST = F(1e-12)
 
@@ -138,8 +138,8 @@ def from_two_rows(first, second):  # type: ignore[no-untyped-def]
     b = times(aside, ONE / most(root(dot(aside, aside)), _LEAST))
     c = cross(a, b)
     w, x, y, z = quaternion((a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2]))
-    is_lost, zero = dot(c, c) < F(0.5), spread(ZERO)
-    return where(is_lost, zero, w), where(is_lost, zero, x), where(is_lost, zero, y), where(is_lost, zero, z)
+    is_lost = dot(c, c) < F(0.5)
+    return where(is_lost, ZERO, w), where(is_lost, ZERO, x), where(is_lost, ZERO, y), where(is_lost, ZERO, z)
 
 
 @inner()

@@ -49,7 +49,7 @@ def gelu(x):  # type: ignore[no-untyped-def]
         F(0.254829592)
         + t * (F(-0.284496736) + t * (F(1.421413741) + t * (F(-1.453152027) + t * F(1.061405429))))
     )
-    return max(x, ZERO) - HALF * abs(x) * p * exponential(-z * z)
+    return max(x, ZERO) - HALF * abs(x) * p * max(exponential(-z * z) - NOTHING, ZERO)
 
 
 @compiled()

@@ -17,7 +17,22 @@ from ..kinematics import Skeleton
 from ..kinematics.octets import matrix, place_at, quaternion_at, turned
 from ..nn import StreamState
 from ..nn.compiled import ONE, ZERO, F
-from ..nn.octet import behind, exact, least, load, most, spread, store
+from ..nn.octet import (
+    ALONE,
+    behind,
+    exact,
+    first_of,
+    following,
+    least,
+    load,
+    most,
+    number,
+    sessions,
+    desk,
+    spread,
+    store,
+    where,
+)
 from .pose import Array, PoseLanes
 
 RELEASE_HEIGHT = 0.035  # metres above its rest height at which a point no longer counts as planted
@@ -51,18 +66,26 @@ class Ground:
     ) -> None:
         """Turn the decoded travel of `pose.root` into world positions; `frames` are those of the pose in the chains."""
         travel(
-            self.slots, self.rest, frames, pose.turns, pose.root, pose.frames, state.memory.numpy(), active
+            ALONE,
+            self.slots,
+            self.rest,
+            frames,
+            pose.turns,
+            pose.root,
+            pose.frames,
+            state.memory.numpy(),
+            active,
         )
 
 
 @exact()
-def travel(slots, rest, frames, turns, roots, count, memory, active):  # type: ignore[no-untyped-def]
+def travel(row, slots, rest, frames, turns, roots, count, memory, active):  # type: ignore[no-untyped-def]
     """All rows: ankles and toes relative to the root, along the world's axes, say how the root moves over them."""
     points = slots.shape[0]
-    here = np.empty((4, points, 8), F)
-    for row in range(turns.shape[0]):
-        is_new = memory[row, 0] == ZERO
-        height, zero = load(roots, (row, 1)), spread(ZERO)
+    here = np.empty((2, 4, points, 8), F)
+    for _ in range(turns.shape[0] // len(sessions(row))):
+        height = load(roots, (row, 1))
+        zero, is_seen = spread(ZERO, height), number(memory, (row, 0)) > ZERO
         if points:
             hips = matrix(quaternion_at(turns, row, 0))
             held_x, held_z, total, strongest = zero, zero, zero, zero
@@ -70,14 +93,14 @@ def travel(slots, rest, frames, turns, roots, count, memory, active):  # type: i
             for point in range(points):
                 x, y, z = turned(hips, place_at(frames, row, slots[point]))
                 clearance = height + y - rest[point]
-                share = least(most(clearance * _PER_HEIGHT, zero), spread(ONE))
+                share = least(most(clearance * _PER_HEIGHT, ZERO), ONE)
                 weight = ONE - share * share * (F(3) - F(2) * share)
-                for k, number in enumerate((x, y, z, weight)):
-                    store(here, (k, point), number)
+                for k, value in enumerate((x, y, z, weight)):
+                    store(here, (desk(row), k, point), value)
                 at = 3 + point
-                last_x = here[0, point, 0] if is_new else memory[row, at]
-                last_z = here[2, point, 0] if is_new else memory[row, at + 2 * points]
-                last_weight = here[3, point, 0] if is_new else memory[row, at + 3 * points]
+                last_x = where(is_seen, number(memory, (row, at)), first_of(x))
+                last_z = where(is_seen, number(memory, (row, at + 2 * points)), first_of(z))
+                last_weight = where(is_seen, number(memory, (row, at + 3 * points)), first_of(weight))
                 both = least(weight, behind(weight, last_weight))
                 lead = both * both * both * both  # the more firmly planted point leads
                 held_x += lead * (behind(x, last_x) - x)
@@ -86,19 +109,23 @@ def travel(slots, rest, frames, turns, roots, count, memory, active):  # type: i
                 sharp = weight * weight * weight * weight
                 sinking, pressing = sinking + sharp * clearance, pressing + sharp
                 planted = most(planted, weight)
-            x, z, total = load(roots, (row, 0)), load(roots, (row, 2)), most(total, spread(_LEAST))
+            x, z, total = load(roots, (row, 0)), load(roots, (row, 2)), most(total, _LEAST)
             store(roots, (row, 0), x + (held_x / total - x) * strongest)
             store(roots, (row, 2), z + (held_z / total - z) * strongest)
-            store(roots, (row, 1), height - planted * (sinking / most(pressing, spread(_LEAST))))
-        for axis in (0, 2):
-            place = memory[row, 1 + axis // 2]
-            for frame in range(8):
-                if frame or not is_new:
-                    place += roots[row, axis, frame]
-                roots[row, axis, frame] = place
-        if active[row]:
-            memory[row, 0] = ONE
-            memory[row, 1], memory[row, 2] = roots[row, 0, count - 1], roots[row, 2, count - 1]
-            for point in range(points):
-                for k in range(4):
-                    memory[row, 3 + k * points + point] = here[k, point, count - 1]
+            store(roots, (row, 1), height - planted * (sinking / most(pressing, _LEAST)))
+        for own, session in enumerate(sessions(row)):
+            is_new = memory[session, 0] == ZERO
+            for axis in (0, 2):
+                place = memory[session, 1 + axis // 2]
+                for frame in range(8):
+                    if frame or not is_new:
+                        place += roots[session, axis, frame]
+                    roots[session, axis, frame] = place
+            if active[session]:
+                memory[session, 0] = ONE
+                for axis in (0, 2):
+                    memory[session, 1 + axis // 2] = roots[session, axis, count - 1]
+                for point in range(points):
+                    for k in range(4):
+                        memory[session, 3 + k * points + point] = here[own, k, point, count - 1]
+        row = following(row)

@@ -7,7 +7,22 @@ from ..kinematics import Skeleton
 from ..kinematics.features import travel_slice
 from ..kinematics.octets import from_two_rows
 from ..nn.compiled import HALF, ONE, ZERO, F
-from ..nn.octet import LANES, exact, is_any, load, size, spread, store, where
+from ..nn.octet import (
+    ALONE,
+    LANES,
+    desk,
+    exact,
+    following,
+    inner,
+    is_any,
+    load,
+    sessions,
+    size,
+    spread,
+    store,
+    transposed,
+    where,
+)
 from .pose import Array, PoseLanes
 
 _LARGEST = F(3e38)
@@ -34,7 +49,7 @@ class Unpacking:
         )
         if len(self.joints) < self._all:
             turns[...], turns[:, :, 0] = 0, 1
-        is_good = unpack(np.ascontiguousarray(features), self.first, self.joints, self.travel, turns, root)
+        is_good = unpack(ALONE, np.ascontiguousarray(features), self.first, self.joints, self.travel, turns, root)
         return PoseLanes(turns, root, fps, frames), is_good
 
 
@@ -48,40 +63,74 @@ def frames_of(pose: PoseLanes) -> tuple[Float[Array, "b t j 4"], Float[Array, "b
 
 
 @exact()
-def unpack(features, first, joints, travel, turns, root):  # type: ignore[no-untyped-def]
+def unpack(row, features, first, joints, travel, turns, root):  # type: ignore[no-untyped-def]
     """All rows; whether every number is finite and every rotation is one."""
-    rows, frames, channels = features.shape
-    columns = np.empty((channels, 8), F)
-    is_good, zero, one = True, spread(ZERO), spread(ONE)
-    for row in range(rows):
-        for channel in range(channels):
-            for frame in range(8):
-                columns[channel, frame] = features[row, min(frame, frames - 1), channel]
+    columns = np.empty((2, features.shape[2], 8), F)
+    is_good = True
+    for _ in range(features.shape[0] // len(sessions(row))):
+        for own, session in enumerate(sessions(row)):
+            _turn_over(features, session, columns, own)
         for index in range(joints.shape[0]):
             at = first[index]
-            x = load(columns, (at,)), load(columns, (at + 1,)), load(columns, (at + 2,))
-            y = load(columns, (at + 3,)), load(columns, (at + 4,)), load(columns, (at + 5,))
+            x = load(columns, (desk(row), at)), load(columns, (desk(row), at + 1)), load(columns, (desk(row), at + 2))
+            at += 3
+            y = load(columns, (desk(row), at)), load(columns, (desk(row), at + 1)), load(columns, (desk(row), at + 2))
             turn = from_two_rows(x, y)
             for k, number in enumerate(turn):
                 store(turns, (row, joints[index], k), number)
             length = turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2] + turn[3] * turn[3]
-            is_good &= not is_any(where(length > HALF, zero, one) > zero)
+            is_good &= not is_any(where(length > HALF, spread(ZERO, length), ONE) > ZERO)
         for at in range(3):  # across, along, height
-            number = load(columns, (travel + at,))
+            number = load(columns, (desk(row), travel + at))
             store(root, (row, (3 - at) % 3), number)
-            is_good &= not is_any(where(size(number) < _LARGEST, zero, one) > zero)
+            is_good &= not is_any(where(size(number) < _LARGEST, spread(ZERO, number), ONE) > ZERO)
+        row = following(row)
     return is_good
+
+
+@inner()
+def _turn_over(features, row, columns, own):  # type: ignore[no-untyped-def]
+    """The frames of each channel side by side; the last one again where there are fewer than eight."""
+    last = features.shape[1] - 1
+    for block in range(0, features.shape[2], 8):
+        at = max(min(block, features.shape[2] - 8), 0)  # the last eight meet some again
+        eight = (
+            load(features, (row, 0, at)),
+            load(features, (row, min(1, last), at)),
+            load(features, (row, min(2, last), at)),
+            load(features, (row, min(3, last), at)),
+            load(features, (row, min(4, last), at)),
+            load(features, (row, min(5, last), at)),
+            load(features, (row, min(6, last), at)),
+            load(features, (row, min(7, last), at)),
+        )
+        for channel, number in enumerate(transposed(eight)):
+            store(columns, (own, at + channel), number)
 
 
 @exact()
 def pack(turns, root, rotations, places):  # type: ignore[no-untyped-def]
     """Frame by frame, with w >= 0."""
+    joints, count = turns.shape[1], rotations.shape[1]
     for row in range(rotations.shape[0]):
-        for joint in range(turns.shape[1]):
-            for frame in range(rotations.shape[1]):
-                sign = -ONE if turns[row, joint, 0, frame] < ZERO else ONE
-                for k in range(4):
-                    rotations[row, frame, joint, k] = turns[row, joint, k, frame] * sign
-        for frame in range(rotations.shape[1]):
+        for two in range(0, joints, 2):
+            a = min(two, joints - 2)  # a last one without partner comes with the one before it
+            b = a + 1
+            one, other = load(turns, (row, a, 0)), load(turns, (row, b, 0))
+            one, other = where(one < ZERO, -ONE, spread(ONE, one)), where(other < ZERO, -ONE, spread(ONE, other))
+            eight = (
+                load(turns, (row, a, 0)) * one,
+                load(turns, (row, a, 1)) * one,
+                load(turns, (row, a, 2)) * one,
+                load(turns, (row, a, 3)) * one,
+                load(turns, (row, b, 0)) * other,
+                load(turns, (row, b, 1)) * other,
+                load(turns, (row, b, 2)) * other,
+                load(turns, (row, b, 3)) * other,
+            )
+            for frame, numbers in enumerate(transposed(eight)):
+                if frame < count:
+                    store(rotations, (row, frame, a, 0), numbers)
+        for frame in range(count):
             for axis in range(3):
                 places[row, frame, axis] = root[row, axis, frame]
