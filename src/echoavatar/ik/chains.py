@@ -10,7 +10,7 @@ from jaxtyping import Float
 from ..kinematics import Skeleton
 from ..kinematics.octets import matrix, quaternion_at
 from ..nn.compiled import ONE, ZERO
-from ..nn.octet import ALONE, exact, following, load, sessions, spread, store
+from ..nn.octet import ALONE, exact, following, fused, load, sessions, spread, store
 
 Array = np.ndarray
 
@@ -51,8 +51,8 @@ def stand(row, turns, joints, parents, offsets, frames):  # type: ignore[no-unty
             for at in range(0, 12, 4):
                 a, b = load(frames, (row, parent, at)), load(frames, (row, parent, at + 1))
                 c, d = load(frames, (row, parent, at + 2)), load(frames, (row, parent, at + 3))
-                store(frames, (row, slot, at), a * m[0] + b * m[3] + c * m[6])
-                store(frames, (row, slot, at + 1), a * m[1] + b * m[4] + c * m[7])
-                store(frames, (row, slot, at + 2), a * m[2] + b * m[5] + c * m[8])
-                store(frames, (row, slot, at + 3), a * x + b * y + c * z + d)
+                store(frames, (row, slot, at), fused(c, m[6], fused(b, m[3], a * m[0])))
+                store(frames, (row, slot, at + 1), fused(c, m[7], fused(b, m[4], a * m[1])))
+                store(frames, (row, slot, at + 2), fused(c, m[8], fused(b, m[5], a * m[2])))
+                store(frames, (row, slot, at + 3), fused(c, z, fused(b, y, fused(a, x, d))))
         row = following(row)

@@ -5,7 +5,7 @@ arithmetic in torch; tests hold the two together.
 """
 
 from ..nn.compiled import ONE, ZERO, F
-from ..nn.octet import inner, is_any, load, most, root, where
+from ..nn.octet import fused, inner, is_any, load, most, root, where
 
 _LEAST = F(1e-12)
 
@@ -13,13 +13,17 @@ _LEAST = F(1e-12)
 @inner()
 def dot(a, b):  # type: ignore[no-untyped-def]
     """Scalar product of vectors."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return fused(a[2], b[2], fused(a[1], b[1], a[0] * b[0]))
 
 
 @inner()
 def cross(a, b):  # type: ignore[no-untyped-def]
     """Vector product."""
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+    return (
+        fused(a[1], b[2], -(a[2] * b[1])),
+        fused(a[2], b[0], -(a[0] * b[2])),
+        fused(a[0], b[1], -(a[1] * b[0])),
+    )
 
 
 @inner()
@@ -43,21 +47,13 @@ def times(a, share):  # type: ignore[no-untyped-def]
 @inner()
 def turned(m, v):  # type: ignore[no-untyped-def]
     """A vector turned by a matrix."""
-    return (
-        m[0] * v[0] + m[1] * v[1] + m[2] * v[2],
-        m[3] * v[0] + m[4] * v[1] + m[5] * v[2],
-        m[6] * v[0] + m[7] * v[1] + m[8] * v[2],
-    )
+    return dot((m[0], m[1], m[2]), v), dot((m[3], m[4], m[5]), v), dot((m[6], m[7], m[8]), v)
 
 
 @inner()
 def turned_back(m, v):  # type: ignore[no-untyped-def]
     """A vector turned by the inverse of a rotation matrix."""
-    return (
-        m[0] * v[0] + m[3] * v[1] + m[6] * v[2],
-        m[1] * v[0] + m[4] * v[1] + m[7] * v[2],
-        m[2] * v[0] + m[5] * v[1] + m[8] * v[2],
-    )
+    return dot((m[0], m[3], m[6]), v), dot((m[1], m[4], m[7]), v), dot((m[2], m[5], m[8]), v)
 
 
 @inner()
@@ -77,10 +73,10 @@ def seen_from(a, b):  # type: ignore[no-untyped-def]
 def multiply(a, b):  # type: ignore[no-untyped-def]
     """Hamilton product: first b, then a."""
     return (
-        a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
-        a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
-        a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
-        a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0],
+        fused(-a[3], b[3], fused(-a[2], b[2], fused(-a[1], b[1], a[0] * b[0]))),
+        fused(-a[3], b[2], fused(a[2], b[3], fused(a[1], b[0], a[0] * b[1]))),
+        fused(a[3], b[1], fused(a[2], b[0], fused(-a[1], b[3], a[0] * b[2]))),
+        fused(a[3], b[0], fused(-a[2], b[1], fused(a[1], b[2], a[0] * b[3]))),
     )
 
 
@@ -95,16 +91,17 @@ def matrix(q):  # type: ignore[no-untyped-def]
     """Rotation matrix of a unit quaternion."""
     w, x, y, z = q
     x2, y2, z2 = x + x, y + y, z + z
+    wx, wy, wz = w * x2, w * y2, w * z2
     return (
-        ONE - (y * y2 + z * z2),
-        x * y2 - w * z2,
-        x * z2 + w * y2,
-        x * y2 + w * z2,
-        ONE - (x * x2 + z * z2),
-        y * z2 - w * x2,
-        x * z2 - w * y2,
-        y * z2 + w * x2,
-        ONE - (x * x2 + y * y2),
+        fused(-y, y2, fused(-z, z2, ONE)),
+        fused(x, y2, -wz),
+        fused(x, z2, wy),
+        fused(x, y2, wz),
+        fused(-x, x2, fused(-z, z2, ONE)),
+        fused(y, z2, -wx),
+        fused(x, z2, -wy),
+        fused(y, z2, wx),
+        fused(-x, x2, fused(-y, y2, ONE)),
     )
 
 
@@ -126,7 +123,7 @@ def quaternion(m):  # type: ignore[no-untyped-def]
         is_z = by_z > best
         a, b, c, d = where(is_z, z, a), where(is_z, zx, b), where(is_z, yz, c), where(is_z, by_z, d)
         w, x, y, z = where(is_far, a, w), where(is_far, b, x), where(is_far, c, y), where(is_far, d, z)
-    share = ONE / most(root(w * w + x * x + y * y + z * z), _LEAST)
+    share = ONE / most(root(fused(z, z, fused(y, y, fused(x, x, w * w)))), _LEAST)
     return w * share, x * share, y * share, z * share
 
 

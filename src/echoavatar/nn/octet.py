@@ -304,6 +304,21 @@ def _shuffled(builder: Any, x: Any, y: Any, kind: Any, order: list[int]) -> Any:
     return builder.shuffle_vector(x, y, ir.Constant(ir.VectorType(_INT, kind.lanes), whole))
 
 
+@intrinsic  # type: ignore[untyped-decorator]
+def fused(typing: Any, a: Any, b: Any, c: Any) -> Any:
+    """`a * b + c`, rounded once: half the work where the processor can, the same number where it cannot."""
+    if (common := _common(a, b, c)) is None:
+        return None
+
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        given = [_as(builder, value, kind, common) for value, kind in zip(arguments, (a, b, c), strict=True)]
+        of = ir.FunctionType(common.vector, [common.vector] * 3)
+        made = cgutils.get_or_insert_function(builder.module, of, f"llvm.fma.v{common.lanes}f32")
+        return builder.call(made, given)
+
+    return common(a, b, c), build
+
+
 root = _of_one(lambda builder, x, kind: _call(builder, "sqrt", x, kind))
 size = _of_one(lambda builder, x, kind: _call(builder, "fabs", x, kind))
 first_of = _of_one(lambda builder, x, kind: _shuffled(builder, x, x, kind, [0] * LANES))

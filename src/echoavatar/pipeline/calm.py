@@ -34,6 +34,7 @@ from ..nn.octet import (
     exact,
     first_of,
     following,
+    fused,
     inner,
     is_any,
     last_of,
@@ -114,7 +115,7 @@ def smooth(row, turns, roots, frames, shown, travel, active, smoother, cosine): 
                 store(past, (desk(row), k), where(is_seen, load(shown, (row, joint, k)), first))
             _one_hemisphere(turns, row, joint, past, spare)
             w, x, y, z = _smoothed(turns, row, joint, past, smoother)
-            share = ONE / root(w * w + x * x + y * y + z * z)
+            share = ONE / root(fused(z, z, fused(y, y, fused(x, x, w * w))))
             smooth = w * share, x * share, y * share, z * share
             for k, value in enumerate(smooth):
                 store(turns, (row, joint, k), value)
@@ -181,14 +182,14 @@ def _smoothed(turns, row, joint, past, smoother):  # type: ignore[no-untyped-def
     w = x = y = z = spread(ZERO, load(turns, (row, joint, 0)))
     for frame in range(SHOWN):
         at, share = LANES - SHOWN + frame, load(smoother, (frame,))
-        w, x = w + number(past, (desk(row), 0, at)) * share, x + number(past, (desk(row), 1, at)) * share
-        y, z = y + number(past, (desk(row), 2, at)) * share, z + number(past, (desk(row), 3, at)) * share
+        w, x = fused(number(past, (desk(row), 0, at)), share, w), fused(number(past, (desk(row), 1, at)), share, x)
+        y, z = fused(number(past, (desk(row), 2, at)), share, y), fused(number(past, (desk(row), 3, at)), share, z)
     for frame in range(LANES):
         share = load(smoother, (SHOWN + frame,))
-        w = w + number(turns, (row, joint, 0, frame)) * share
-        x = x + number(turns, (row, joint, 1, frame)) * share
-        y = y + number(turns, (row, joint, 2, frame)) * share
-        z = z + number(turns, (row, joint, 3, frame)) * share
+        w = fused(number(turns, (row, joint, 0, frame)), share, w)
+        x = fused(number(turns, (row, joint, 1, frame)), share, x)
+        y = fused(number(turns, (row, joint, 2, frame)), share, y)
+        z = fused(number(turns, (row, joint, 3, frame)), share, z)
     return w, x, y, z
 
 
