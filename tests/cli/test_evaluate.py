@@ -17,6 +17,29 @@ def test_the_last_line_is_json(tiny_bundle: Path, tmp_path: Path, capsys: pytest
     assert any(line.startswith("skate_cm_s") for line in said)
 
 
+def test_actions_of_the_head_are_told_by_how_far_it_turns(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Two actions of the shipped library, one of the head: both in the table, its turns in a second one and in JSON."""
+    from echoavatar.evaluation import acting
+
+    every = acting.evaluate_actions
+    monkeypatch.setattr(
+        acting,
+        "evaluate_actions",
+        lambda pipeline, audio, *, seeds: every(pipeline, audio, ["bow", "disagree"], seeds=seeds[:1]),
+    )
+    assert main(["evaluate", "default", "--actions"]) == 0
+    said = capsys.readouterr().out.strip().splitlines()
+    told = json.loads(said[-1])
+    assert set(told["off_on_cm"]) == {"bow", "disagree"}
+    (turns,) = told["head_off_on_clip_deg"].values()
+    off, on, own = turns["yaw"]
+    assert on > 2 * off
+    assert own == pytest.approx(48, abs=5)
+    assert said[-2].split() == ["disagree", *(f"{turn:.0f}" for way in turns.values() for turn in way)]
+
+
 def test_a_corpus_without_test_clips_is_refused(
     tiny_bundle: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

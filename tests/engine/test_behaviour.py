@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -136,6 +137,25 @@ def test_it_settles_within_a_second_when_music_breaks_off(pipeline: Pipeline, se
     assert rest[30:].mean() < 0.25 * moving
     assert seconds < 1.2
     assert rest[60:].max() > 0.002, "alive, not frozen"
+
+
+def test_speech_that_comes_at_once_finds_it_standing() -> None:
+    """Three seconds of speech, twelve seeds: how fast feet go when sessions begin stood, and when they begin cold."""
+    bundle, found = load_bundle("default"), {}
+    for lead_in_s in (0.0, 2.0):
+        runtime = bundle.runtime.model_copy(update={"lead_in_s": lead_in_s})
+        engine = Engine(Pipeline(replace(bundle, face=None, runtime=runtime)), seats=12, rewind=0, lanes=0)
+        sessions = [engine.open(seed=seed) for seed in range(12)]
+        for session in sessions:
+            session.push(sound("speech")[round(0.6 * SAMPLE_RATE_HZ) :][: 3 * SAMPLE_RATE_HZ])
+        while engine.tick():
+            pass
+        made = [join(list(session)) for session in sessions]
+        found[lead_in_s] = np.array([speed(motion, ("leftFoot", "rightFoot")).mean() for motion in made])
+        assert max(np.abs(motion.root[0, [0, 2]]).max() for motion in made) < 0.005
+    _log.info("feet, m/s: cold %s, stood %s", np.round(found[0.0], 3), np.round(found[2.0], 3))
+    assert found[2.0].max() < 0.02
+    assert found[0.0].max() > 2 * found[2.0].max()
 
 
 def test_it_dances_to_music_and_not_to_speech(pipeline: Pipeline) -> None:

@@ -32,24 +32,6 @@ def test_cutting_the_sound_does_not_change_the_motion(pipeline: Pipeline, voice:
         np.testing.assert_allclose(pieces.root, whole.root, atol=1e-5)
 
 
-def test_a_lead_in_is_silence_that_is_heard_and_not_shown(pipeline: Pipeline, voice: np.ndarray) -> None:
-    """Two chunks of it, as 0.4 seconds fill no fewer; the motion begins over the spot."""
-    done = animate(pipeline, in_blocks(voice), lead_in=0.4)
-    whole = animate(pipeline, [np.zeros(12_800, np.float32), voice])
-    np.testing.assert_array_equal(done.motion.rotations, whole.motion.rotations[16:])
-    shift = done.motion.root - whole.motion.root[16:]
-    np.testing.assert_allclose(shift[:, 1], 0)
-    np.testing.assert_allclose(shift, shift[:1].repeat(len(shift), 0), atol=1e-6)
-    np.testing.assert_array_equal(done.motion.root[0, [0, 2]], 0)
-    np.testing.assert_array_equal(done.audio[: len(voice)], voice)
-
-
-@pytest.mark.parametrize("lead_in", [-1, float("nan"), 61])
-def test_a_lead_in_that_cannot_be_is_named(pipeline: Pipeline, lead_in: float) -> None:
-    with pytest.raises(AudioError, match="lead-in must be 0 to 60"):
-        animate(pipeline, [np.zeros(800, np.float32)], lead_in=lead_in)
-
-
 def test_no_sound_is_an_error_that_says_so(pipeline: Pipeline) -> None:
     with pytest.raises(AudioError, match="no sound"):
         animate(pipeline, [])

@@ -14,7 +14,7 @@ def test_without_the_file_everything_is_as_ours(tmp_path):
 
 
 def test_it_comes_back(tmp_path):
-    own = Runtime(level_control=False, silent_temperature=1.0, stages=("calm",))
+    own = Runtime(level_control=False, silent_temperature=1.0, lead_in_s=0.5, stages=("calm",))
     own.save(tmp_path)
     assert Runtime.load(tmp_path) == own
 

@@ -58,6 +58,7 @@ def test_a_prompt_is_continued_in_as_many_ways_as_asked_each_with_its_seed(bundl
 def test_what_is_shown_is_what_the_live_engine_shows_for_the_same_codes(bundle):
     """Codes that a live session drew, decoded here, are its motion."""
     pipeline, drawn = Pipeline(bundle), []
+    pipeline.warm_up()
     step = pipeline.generator.step
 
     def listening(*args, **kwargs):

@@ -47,12 +47,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--in-place", action="store_true", help="stay over one spot: remove the root's travel"
     )
-    parser.add_argument(
-        "--lead-in",
-        type=float,
-        metavar="SECONDS",
-        help="of silence that the body stands through first, not shown; 0 may begin in mid-dance (default: 2)",
-    )
     parser.add_argument("--rig", type=Path, metavar="FILE", help=RIG_HELP)
     parser.add_argument("--upper-body", action="store_true", help="stand still from the hips down")
     parser.add_argument("--close-up", action="store_true", help="film the face alone (mp4)")
@@ -65,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
     write = writer(args.output, has_rig=args.rig is not None)
     rig = None if args.rig is None else read_rig(args.rig)
     from ..audio import stream_audio
-    from ..engine import LEAD_IN_S, animate
+    from ..engine import animate
     from ..pipeline import Pipeline, load_bundle
     from ..pipeline.modes import MotionOptions
 
@@ -80,7 +74,6 @@ def run(args: argparse.Namespace) -> int:
             seed=args.seed,
             fps=args.fps,
             options=MotionOptions(in_place=args.in_place, upper_body=args.upper_body),
-            lead_in=LEAD_IN_S if args.lead_in is None else args.lead_in,
             progress=lambda seconds: _advance(bar, seconds),
         )
     motion, take = done.motion, Take(done.motion, done.face, done.audio)

@@ -60,7 +60,7 @@ def _files(args: argparse.Namespace) -> int:
     from ..avatar.gltf import Animation, pack_glb, write_glb
     from ..avatar.page import PageClip, write_page
     from ..avatar.video import write_mp4
-    from ..engine import LEAD_IN_S, animate, in_blocks
+    from ..engine import animate, in_blocks
     from ..pipeline import Pipeline, load_bundle
 
     try:
@@ -82,7 +82,6 @@ def _files(args: argparse.Namespace) -> int:
                 pipeline,
                 in_blocks(audio),
                 seed=args.seed,
-                lead_in=LEAD_IN_S,
                 progress=partial(_advance, bar),
             )
         print(f"  real-time factor {done.real_time_factor:.2f} (below 1 is faster than real time)")

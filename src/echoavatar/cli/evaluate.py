@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from ..evaluation.acting import Acted
     from ..pipeline import Bundle
 
+TURNS = ("yaw", "pitch")
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
@@ -53,7 +55,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--actions",
         action="store_true",
-        help="measure the actions instead: how far from its clip the body is without each, and with it",
+        help="measure the actions instead: how far from its clip the body is without each and with it, and how far"
+        " the head turns in those of the head; means over three seeds",
     )
     parser.add_argument(
         "--pictures", type=Path, metavar="PNG", help="with --actions: the body at the height of each"
@@ -120,21 +123,39 @@ def _actions(args: argparse.Namespace, bundle: "Bundle") -> int:
     from importlib.resources import as_file, files
 
     from ..audio import read_audio
-    from ..evaluation.acting import evaluate_actions
+    from ..evaluation.acting import SEEDS, evaluate_actions
     from ..pipeline import Pipeline
 
     with as_file(files("echoavatar") / "assets" / "speech.ogg") as source:
         speech = read_audio(source)
-    acted = evaluate_actions(Pipeline(bundle), speech, seed=args.seed)
+    seeds = [args.seed + seed for seed in SEEDS]
+    acted = evaluate_actions(Pipeline(bundle), speech, seeds=seeds)
     print(f"{'action':<20}{'off, cm':>10}{'on, cm':>10}{'deg/s':>8}  points its clip moves")
     for one in acted:
         points = ", ".join(one.points[-4:]) + (" .." if len(one.points) > 4 else "")
         print(f"{one.name:<20}{one.off_cm:>10.1f}{one.on_cm:>10.1f}{one.fastest_deg_s:>8.0f}  {points}")
+    heads = _head_turns(acted)
     if args.pictures:
         _picture(args.pictures, acted)
     numbers = {one.name: [round(one.off_cm, 2), round(one.on_cm, 2)] for one in acted}
-    print(json.dumps({"off_on_cm": numbers, "closer": sum(on < off for off, on in numbers.values())}))
+    closer = sum(on < off for off, on in numbers.values())
+    print(json.dumps({"off_on_cm": numbers, "closer": closer, "head_off_on_clip_deg": heads}))
     return 0
+
+
+def _head_turns(acted: "Sequence[Acted]") -> dict[str, dict[str, list[float]]]:
+    """Actions of the head, printed and by name: how far it turns off, on, and in the clip."""
+    found: dict[str, dict[str, list[float]]] = {}
+    print(
+        f"{'head turns, degrees':<20}" + "".join(f"{way + ' off':>11}{'on':>7}{'clip':>7}" for way in TURNS)
+    )
+    for one in acted:
+        if one.is_of_the_head:
+            heads = one.head_off, one.head_on, one.head_clip
+            found[one.name] = {way: [round(getattr(head, way), 1) for head in heads] for way in TURNS}
+            off_on_clip = (f"{off:>11.0f}{on:>7.0f}{own:>7.0f}" for off, on, own in found[one.name].values())
+            print(f"{one.name:<20}" + "".join(off_on_clip))
+    return found
 
 
 def _picture(path: Path, acted: "Sequence[Acted]") -> None:

@@ -2,13 +2,12 @@
 
 from .acts import ActStatus
 from .engine import Engine, load
-from .offline import LEAD_IN_S, Animation, animate, animate_many, in_blocks
+from .offline import Animation, animate, animate_many, in_blocks
 from .screen import Delivery
 from .session import Session
 from .thread import EngineThread
 
 __all__ = [
-    "LEAD_IN_S",
     "ActStatus",
     "Animation",
     "Delivery",

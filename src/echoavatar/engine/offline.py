@@ -17,9 +17,6 @@ from ..pipeline.motion_chunk import join
 from ..timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
 from .engine import Engine
 
-MOST_LEAD_IN_S = 60.0
-LEAD_IN_S = 2.0  # after so much silence a body stands, as it does in a live session before anyone speaks
-
 
 class Animation(NamedTuple):
     """Motion beside the sound that drove it."""
@@ -42,7 +39,6 @@ def animate(
     seed: int = 0,
     fps: float = FRAME_RATE_HZ,
     options: MotionOptions = FREE,
-    lead_in: float = 0.0,
     progress: Callable[[float], None] | None = None,
 ) -> Animation:
     """Motion for a stream of 24 kHz blocks, of exactly the sound's length (rounded up to a frame).
@@ -50,21 +46,13 @@ def animate(
     Frame k is that of second k / `fps`, between the model's 30 fps as on a display of that rate. `progress` is told the
     seconds of motion made so far.
 
-    `lead_in` seconds of silence (rounded up to chunks) come first and are not shown: a generator that has heard nothing
-    may as well be in mid-dance, and speech takes seconds to calm it. The motion then begins over the spot.
-
     Raises:
-        AudioError: there is no sound at all, a value is not finite, or `lead_in` is not 0 to 60.
+        AudioError: there is no sound at all, or a value is not finite.
     """
-    if not 0 <= lead_in <= MOST_LEAD_IN_S:
-        raise AudioError(f"the lead-in must be 0 to {MOST_LEAD_IN_S:g} seconds of silence, got {lead_in:g}")
-    lead = math.ceil(lead_in * SAMPLE_RATE_HZ / pipeline.chunk_samples)
     chunks: list[MotionChunk] = []
     heard: list[Float[np.ndarray, " s"]] = []
     started = time.perf_counter()
     with Engine(pipeline, rewind=0).open(seed=seed, options=options) as session:
-        session.push(np.zeros(lead * pipeline.chunk_samples, np.float32))
-        _collect(session, [], None)
         for block in blocks:
             heard.append(block)
             session.push(block)
@@ -75,8 +63,6 @@ def animate(
     if not len(audio):
         raise AudioError("there is no sound in it; give a file with at least one sample")
     whole = _at_rate(chunks, fps)
-    if lead:
-        whole.root[:, [0, 2]] -= whole.root[0, [0, 2]]
     return _animation(pipeline, whole, audio, fps, time.perf_counter() - started)
 
 

@@ -57,6 +57,7 @@ def bench_stream(
     progress: Callable[[int, int], None] | None = None,
 ) -> StreamReport:
     """Push `seconds` of sound through `sessions` seats at once and time every chunk."""
+    pipeline.warm_up()
     first_ms = _first_motion_ms(pipeline)
     engine = Engine(pipeline, seats=sessions, lanes=0)
     seats = [engine.open(seed=seat) for seat in range(sessions)]

@@ -139,7 +139,12 @@ def _check(bundle: Bundle) -> None:
 
 
 def with_random_generator(bundle: Bundle) -> Bundle:
-    """The same bundle with a generator of the paper's size and random weights: to time it, not to look at."""
+    """The same bundle with a generator of the paper's size and random weights: to time it, not to look at.
+
+    It does not stand in silence, so nobody need wait until it does.
+    """
     layout = bundle.generator.config.layout
     generator = Generator(qwen_half_billion(layout, "interleaved")).eval()
-    return replace(bundle, name=f"{bundle.name}, 0.5B random generator", generator=generator)
+    runtime = bundle.runtime.model_copy(update={"lead_in_s": 0.0})
+    name = f"{bundle.name}, 0.5B random generator"
+    return replace(bundle, name=name, generator=generator, runtime=runtime)

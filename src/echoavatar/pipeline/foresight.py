@@ -35,13 +35,18 @@ class ForesightPipeline(Pipeline):
     def __init__(self, bundle: Bundle, sounds: Mapping[int, Float[np.ndarray, " s"]]) -> None:
         """`sounds` (24 kHz) by the seed of the session that will hear them; behind its end each goes on in silence."""
         super().__init__(bundle)
-        early = bundle.generator.config.ahead_chunks * CHUNK_SAMPLES
+        self._ahead = bundle.generator.config.ahead_chunks
         self._codes = {
-            seed: torch.from_numpy(
-                audio_codes(self.codec, np.pad(sound, (0, early + -len(sound) % CHUNK_SAMPLES)))
-            ).long()[bundle.generator.config.ahead_chunks * AUDIO_FRAMES_PER_CHUNK :]
-            for seed, sound in sounds.items()
-        }
+            0: self._codes_of(np.zeros(CHUNK_SAMPLES, np.float32))
+        }  # who only stands hears silence
+        self.beginning.prepare()
+        self._codes = {seed: self._codes_of(sound) for seed, sound in sounds.items()}
+
+    def _codes_of(self, sound: Float[np.ndarray, " s"]) -> Int[Tensor, "f l"]:
+        """What the generator is told from the beginning of the silence before a sound on."""
+        padding = self._lead_in * CHUNK_SAMPLES, self._ahead * CHUNK_SAMPLES + -len(sound) % CHUNK_SAMPLES
+        codes = torch.from_numpy(audio_codes(self.codec, np.pad(sound, padding))).long()
+        return codes[self._ahead * AUDIO_FRAMES_PER_CHUNK :]
 
     def init_state(self, rows: int) -> ForesightState:
         """Sessions that have heard nothing."""

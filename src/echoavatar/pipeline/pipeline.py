@@ -8,6 +8,7 @@ Offline and live are the same: a file is a session that is pushed faster. Nothin
 """
 
 import logging
+import math
 import threading
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
@@ -27,10 +28,11 @@ from ..ik import BodyProfile
 from ..kinematics.features import part_sizes
 from ..nn import StreamState, write_rows
 from ..pulse import PulseState
-from ..timing import CHUNK_FRAMES
+from ..timing import CHUNK_FRAMES, SAMPLE_RATE_HZ
 from ..tokenizer.body import BodyState
 from ..tokenizer.model import DecoderState
 from .actions import Directive
+from .beginning import Beginning
 from .bundle import Bundle, foresight_refusal
 from .device import find_device
 from .modes import FREE, MotionOptions
@@ -133,6 +135,8 @@ class Pipeline:
         own_bias = LEARNED_BIAS if config.exemplar else BIAS
         self._bias = own_bias if config.example_bias is None else config.example_bias
         self.lap: Lap = _no_lap
+        self._lead_in = math.ceil(runtime.lead_in_s * SAMPLE_RATE_HZ / self.chunk.samples)
+        self.beginning = Beginning(self._stand)
 
     @property
     def chunk_samples(self) -> int:
@@ -172,23 +176,36 @@ class Pipeline:
         seed: int,
         options: MotionOptions = FREE,
     ) -> None:
-        """Begin new sessions in these rows."""
-        state.reset(rows)
+        """Begin new sessions in these rows: at the origin, as after the silence of `Runtime.lead_in_s`."""
+        self.beginning.write(state, rows)
         state.seeds[rows] = seed
         state.post.modes.choose(rows, options)
+
+    def _stand(self) -> PipelineState:
+        """One row that has heard silence; what it showed meanwhile is forgotten, and with it where it stands."""
+        state, everyone = self.init_state(1), torch.ones(1, dtype=torch.bool)
+        for _ in range(self._lead_in):
+            self.step(torch.zeros(1, self.chunk_samples), state, everyone)
+        for shown in (state.post, *(timing.retime for timing in state.timing)):
+            shown.reset(everyone)
+        return state
 
     def forget(self, state: PipelineState, rows: Bool[Tensor, " b"]) -> None:
         """These rows' generator knows nothing of what was heard and done; the body stays where it is."""
         state.generator.reset(rows)
 
     def warm_up(self) -> None:
-        """Run one step for nobody: the first on a machine compiles the inner loops, which is said if it takes long."""
+        """Run a step for nobody, and make what sessions begin with.
+
+        The first on a machine compiles the inner loops, which is said if it takes long.
+        """
         patience = threading.Timer(3.0, _LOG.warning, ["compiling for this processor, once; up to a minute"])
         patience.start()
         try:
             self.step(
                 torch.zeros(1, self.chunk_samples), self.init_state(1), torch.zeros(1, dtype=torch.bool)
             )
+            self.beginning.prepare()
         finally:
             patience.cancel()
 

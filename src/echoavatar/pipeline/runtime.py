@@ -28,6 +28,12 @@ class Runtime(Config):
         gt=0,
         description="of the temperature once the body has stood still for 1.6 s of sound (paper: 1)",
     )
+    lead_in_s: float = Field(
+        default=2.0,
+        ge=0,
+        le=60,
+        description="seconds of silence that a session begins as if it had heard (rounded up to chunks; paper: 0)",
+    )
     stages: tuple[str, ...] = Field(
         default=(TIMING, *SWITCHES), description="stages behind the decoder, unless asked for"
     )

@@ -55,7 +55,10 @@ def convert(
     _write_face(found, output / "face", card, face_order)
     actions.save(output)
     assert found.rig is not None
-    Runtime(level_control=False, silent_temperature=1.0, restless_temperature=1.0, rig=found.rig).save(output)
+    as_published = Runtime(  # a session begins with the generator's `opening`
+        level_control=False, silent_temperature=1.0, restless_temperature=1.0, lead_in_s=0.0, rig=found.rig
+    )
+    as_published.save(output)
     (output / "card.json").write_text(json.dumps(card, indent=2) + "\n")
 
 

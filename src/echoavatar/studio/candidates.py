@@ -119,6 +119,7 @@ def decode(pipeline: Pipeline, sound: np.ndarray, codes: Int[Tensor, "b n p q"])
     rows, chunks = len(codes), codes.shape[1] // MOTION_TOKENS_PER_CHUNK
     generator, everyone = pipeline.generator, torch.ones(len(codes), dtype=torch.bool)
     state = pipeline.init_state(rows)
+    pipeline.reset(state, everyone, seed=0)
     pipeline.generator = Script(generator, codes)  # type: ignore[assignment]
     try:
         audio = torch.from_numpy(sound[: chunks * CHUNK_SAMPLES].copy()).expand(rows, -1)
