@@ -61,6 +61,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--pictures", type=Path, metavar="PNG", help="with --actions: the body at the height of each"
     )
+    parser.add_argument(
+        "--repeats",
+        type=int,
+        default=3,
+        metavar="N",
+        help="perform every held-out clip N times, with other seeds (default: %(default)s)",
+    )
     parser.add_argument("--seed", type=int, default=0, help="of the sampling (default: %(default)s)")
 
 
@@ -91,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
             bar.n = done
             bar.refresh()
 
-        scores = evaluate(bundle, clips, recordings, seed=args.seed, progress=say)
+        scores = evaluate(bundle, clips, recordings, seed=args.seed, repeats=args.repeats, progress=say)
     for key, value in scores.items():
         print(f"{key:<44}{value:>12.4f}")
     told = {key: round(value, 5) if math.isfinite(value) else None for key, value in scores.items()}

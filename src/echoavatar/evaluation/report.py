@@ -27,6 +27,7 @@ from .reconstruction import codebook_use, reconstruction
 from .reliance import reliance, token_clips
 
 Progress = Callable[[str, int, int], None]
+APART = 100  # seeds between two performances of a clip
 
 
 @dataclass(frozen=True)
@@ -44,17 +45,24 @@ def evaluate(
     recordings: Sequence[Recording] = (),
     *,
     seed: int = 0,
+    repeats: int = 1,
     progress: Progress | None = None,
 ) -> dict[str, float]:
-    """All scores of a bundle by name; units stand in the names, chance levels and the truth's own values beside."""
+    """All scores of a bundle by name; units stand in the names, chance levels and the truth's own values beside.
+
+    Every clip is performed `repeats` times, `APART` seeds apart: another draw is another dance, and what is told of
+    motion is told of all of them.
+    """
     say = progress or (lambda what, done, total: None)
     scores = tokenizer_scores(bundle, clips)
     scores |= reliance(bundle.generator, token_clips(bundle, clips))
     pipeline = Pipeline(bundle)
+    seeds = [seed + APART * again + number for again in range(repeats) for number in range(len(clips))]
+    clips = [*clips] * repeats
     shown = animate_many(
         pipeline,
         [clip.audio for clip in clips],
-        seeds=range(seed, seed + len(clips)),
+        seeds=seeds,
         progress=partial(say, "held-out clips"),
     )
     made = [

@@ -128,7 +128,7 @@ def _look_back(weights, layer, ring, seen, chosen, i, qkv, y):  # type: ignore[n
 
 @compiled()
 def _weigh(qkv, first, each, keys, slot, bias, own, scores):  # type: ignore[no-untyped-def]
-    """One head's shares of what is in the ring, into `scores` (n); the frame itself has what is left, which is returned.
+    """One head's shares of what is in the ring, into `scores` (n); that of the frame itself is returned.
 
     Its key goes to `slot` of `keys` (w n). `bias` (n) is -inf where a slot is not to be seen, as is that one; `own` is
     the frame's.

@@ -65,7 +65,11 @@ class FrameDecoder:
         times = np.stack([time.detach().float().numpy() for time, _, _ in schedule])
         steps = Steps(times, shares.astype(np.float32), self._guidance)
         heard, drawn, last = _floats(sound), _floats(noise), _floats(state.motion[:, -1])
-        ring, seen, frames = state.ring.numpy().view(np.uint16), state.seen.numpy(), np.zeros(noise.shape, np.float32)
+        ring, seen, frames = (
+            state.ring.numpy().view(np.uint16),
+            state.seen.numpy(),
+            np.zeros(noise.shape, np.float32),
+        )
         chosen = np.flatnonzero(active.numpy())
         run_frames(self._weights, ring, seen, chosen, heard, drawn, last, steps, frames)
         return frames

@@ -10,7 +10,8 @@ from jaxtyping import Float
 from ..kinematics import Skeleton
 from ..kinematics.octets import matrix, quaternion_at
 from ..nn.compiled import ONE, ZERO
-from ..nn.octet import ALONE, exact, following, fused, load, sessions, spread, store
+from ..nn.octet import exact, fused, spread
+from ..nn.rows import ALONE, following, load, sessions, store
 
 Array = np.ndarray
 

@@ -23,21 +23,8 @@ from ..kinematics.octets import (
     turned_back,
 )
 from ..nn.compiled import ONE, ZERO, F
-from ..nn.octet import (
-    exact,
-    following,
-    inner,
-    is_any,
-    least,
-    load,
-    most,
-    root,
-    sessions,
-    desk,
-    spread,
-    store,
-    where,
-)
+from ..nn.octet import exact, inner, is_any, least, most, root, spread, where
+from ..nn.rows import desk, following, load, sessions, store
 from .arm import reach
 
 SHELL = F(0.035)  # metres before contact at which a hand begins to give way

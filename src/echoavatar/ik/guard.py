@@ -21,7 +21,7 @@ from ..errors import MotionError
 from ..kinematics import Skeleton, lanes
 from ..kinematics.rigs import bone_map
 from ..kinematics.rotations import matrix_from_quaternion, quaternion_from_matrix
-from ..nn.octet import ALONE, blocks
+from ..nn.rows import ALONE, blocks
 from .body import Body
 from .chains import Array, Chains
 from .clearing import SHELL, Tables, keep_off

@@ -5,7 +5,8 @@ arithmetic in torch; tests hold the two together.
 """
 
 from ..nn.compiled import ONE, ZERO, F
-from ..nn.octet import fused, inner, is_any, load, most, root, where
+from ..nn.octet import fused, inner, is_any, most, root, where
+from ..nn.rows import load
 
 _LEAST = F(1e-12)
 

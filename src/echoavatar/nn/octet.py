@@ -2,19 +2,12 @@
 
 Numba leaves it to LLVM to see that a loop over eight frames could run side by side, and with dozens of arrays in the
 loop LLVM gives up. An `Octet` says it: arithmetic on it is arithmetic on a vector of eight float32, on any processor
-(two registers where they hold four). With `exact` nothing is reordered or fused, so that a number does not depend on
-its neighbours, nor on the processor.
+(two registers where they hold four). With `exact` nothing is reordered, and a product and a sum are rounded once only
+where `fused` says so, so that a number does not depend on its neighbours, nor on the processor.
 
 Compiled functions only: `exact` ones are called from Python and kept by numba between runs, `inner` ones are parts of
 them (numba looks at the file of the `exact` one alone: delete `__pycache__` after changing an `inner` one elsewhere).
-Octets live in the last axis of C-contiguous float32 arrays of length 8:
-
-    x = load(turns, (row, joint, 1))              # turns[row, joint, 1, :]
-    store(turns, (row, joint, 1), where(x < ZERO, -x, x))
-
-A row may be two, `(0, 1)`: x is then a pair of octets, and the same lines are compiled for both sessions at once, which
-costs about as much as one where registers hold sixteen numbers. What a session has one of is read by `number`, and what
-is done frame by frame is done for each of `sessions(row)`.
+What stands in arrays is read and written by `rows`, for one session or for two at once: an octet, or a pair of them.
 """
 
 import functools
@@ -22,17 +15,15 @@ import operator
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 from llvmlite import ir
 from numba import njit, types
 from numba.core import cgutils
 from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
-from numba.extending import intrinsic, lower_builtin, models, overload, register_model
+from numba.extending import intrinsic, lower_builtin, models, register_model
 
 exact = functools.partial(njit, cache=True, nogil=True, error_model="numpy")  # as written, in this order
 inner = functools.partial(njit, error_model="numpy", forceinline=True)  # a part of those, compiled into them
 LANES = 8
-ALONE, IN_PAIRS = 0, (0, 1)  # where a loop over rows starts: one by one, or two by two
 _INT = ir.IntType(32)
 
 
@@ -65,40 +56,10 @@ class _VectorModel(models.PrimitiveModel):  # type: ignore[misc]
         super().__init__(dmm, fe_type, fe_type.vector)
 
 
-# ---- places in arrays
+# ---- arithmetic
 
 
-def _kind_at(index: Any) -> Any:
-    """What stands at an index: a row may be one or two."""
-    return PAIR if isinstance(index[0], types.UniTuple) else OCTET
-
-
-def _places(context: Any, builder: Any, array_type: Any, array: Any, index_type: Any, index: Any) -> list[Any]:
-    """Pointers to the numbers at this index, one for each row."""
-    first, *others = cgutils.unpack_tuple(builder, index)
-    rows = cgutils.unpack_tuple(builder, first) if isinstance(index_type[0], types.UniTuple) else [first]
-    row_type = index_type[0].dtype if isinstance(index_type[0], types.UniTuple) else index_type[0]
-    kinds = [row_type, *list(index_type)[1:]]
-    view = context.make_array(array_type)(context, builder, array)
-    places = []
-    for row in rows:
-        indices = [context.cast(builder, i, t, types.intp) for i, t in zip([row, *others], kinds, strict=True)]
-        indices += [ir.Constant(indices[0].type, 0)] * (array_type.ndim - len(indices))
-        places.append(cgutils.get_item_pointer(context, builder, array_type, view, indices, wraparound=False))
-    return places
-
-
-def _is_float_array(array: Any, index: Any, *spare: int) -> bool:
-    return (
-        isinstance(array, types.Array)
-        and array.dtype == types.float32
-        and array.layout == "C"
-        and isinstance(index, types.BaseTuple)
-        and array.ndim - len(index) in spare
-    )
-
-
-def _joined(builder: Any, parts: list[Any]) -> Any:
+def joined(builder: Any, parts: list[Any]) -> Any:
     """Octets side by side."""
     if len(parts) == 1:
         return parts[0]
@@ -106,98 +67,8 @@ def _joined(builder: Any, parts: list[Any]) -> Any:
     return builder.shuffle_vector(*parts, order)
 
 
-def _apart(builder: Any, value: Any, kind: Any) -> list[Any]:
-    """The octets of a value."""
-    if kind is OCTET:
-        return [value]
-    empty = ir.Constant(kind.vector, ir.Undefined)
-    orders = [list(range(first, first + LANES)) for first in range(0, kind.lanes, LANES)]
-    kind_of_order = ir.VectorType(_INT, LANES)
-    return [builder.shuffle_vector(value, empty, ir.Constant(kind_of_order, order)) for order in orders]
-
-
-@intrinsic  # type: ignore[untyped-decorator]
-def load(typing: Any, array: Any, index: Any) -> Any:
-    """`array[*index, 0:8]`, of both rows where the index has two; or, with an index more, eight from there on."""
-    if not _is_float_array(array, index, 0, 1):
-        return None
-
-    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        places = _places(context, builder, array, arguments[0], index, arguments[1])
-        parts = [builder.bitcast(place, OCTET.vector.as_pointer()) for place in places]
-        return _joined(builder, [builder.load(part, align=4) for part in parts])
-
-    return _kind_at(index)(array, index), build
-
-
-@intrinsic  # type: ignore[untyped-decorator]
-def store(typing: Any, array: Any, index: Any, value: Any) -> Any:
-    """`array[*index, 0:8] = value`, in both rows where the index has two; or, with an index more, from there on."""
-    if not (_is_float_array(array, index, 0, 1) and value is _kind_at(index)):
-        return None
-
-    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        places = _places(context, builder, array, arguments[0], index, arguments[1])
-        for place, part in zip(places, _apart(builder, arguments[2], value), strict=True):
-            builder.store(part, builder.bitcast(place, OCTET.vector.as_pointer()), align=4)
-        return context.get_dummy_value()
-
-    return types.none(array, index, value), build
-
-
-@intrinsic  # type: ignore[untyped-decorator]
-def number(typing: Any, array: Any, index: Any) -> Any:
-    """`array[*index]`, the same for all frames of a row."""
-    if not _is_float_array(array, index, 0):
-        return None
-
-    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        places = _places(context, builder, array, arguments[0], index, arguments[1])
-        return _joined(builder, [_spread(builder, builder.load(place), OCTET) for place in places])
-
-    return _kind_at(index)(array, index), build
-
-
-def sessions(row):  # type: ignore[no-untyped-def]
-    """The rows of a row, as a tuple: itself, or two."""
-    return (row,) if isinstance(row, int) else row
-
-
-@overload(sessions)  # type: ignore[untyped-decorator]
-def _sessions(row):  # type: ignore[no-untyped-def]
-    if isinstance(row, types.Integer):
-        return lambda row: (row,)
-    return lambda row: row
-
-
-def desk(row):  # type: ignore[no-untyped-def]
-    """The place of a row in scratch memory that holds one for each session at work: 0, or (0, 1)."""
-    return 0 if isinstance(row, int) else (0, 1)
-
-
-@overload(desk)  # type: ignore[untyped-decorator]
-def _desk(row):  # type: ignore[no-untyped-def]
-    if isinstance(row, types.Integer):
-        return lambda row: 0
-    return lambda row: (0, 1)
-
-
-def following(row):  # type: ignore[no-untyped-def]
-    """The next row, or the next two."""
-    return row + 1 if isinstance(row, int) else (row[0] + 2, row[1] + 2)
-
-
-@overload(following)  # type: ignore[untyped-decorator]
-def _following(row):  # type: ignore[no-untyped-def]
-    if isinstance(row, types.Integer):
-        return lambda row: row + 1
-    return lambda row: (row[0] + 2, row[1] + 2)
-
-
-# ---- arithmetic
-
-
-def _spread(builder: Any, scalar: Any, kind: Any) -> Any:
+def spread_by(builder: Any, scalar: Any, kind: Any) -> Any:
+    """A number for every frame."""
     empty = ir.Constant(kind.vector, ir.Undefined)
     one = builder.insert_element(empty, scalar, ir.Constant(_INT, 0))
     return builder.shuffle_vector(one, empty, ir.Constant(ir.VectorType(_INT, kind.lanes), [0] * kind.lanes))
@@ -214,7 +85,7 @@ def _as(builder: Any, value: Any, given: Any, kind: Any) -> Any:
     """A number for every frame, an octet for both sessions."""
     if given is kind:
         return value
-    return _spread(builder, value, kind) if given == types.float32 else _joined(builder, [value, value])
+    return spread_by(builder, value, kind) if given == types.float32 else joined(builder, [value, value])
 
 
 def _on_both(build: Callable[[Any, Any, Any], Any], given: tuple[Any, Any]) -> Any:
@@ -283,7 +154,9 @@ def _of_one(build: Callable[[Any, Any, Any], Any]) -> Any:
     def operation(typing: Any, value: Any) -> Any:
         if value not in (OCTET, PAIR):
             return None
-        return value(value), lambda context, builder, signature, arguments: build(builder, arguments[0], value)
+        return value(value), lambda context, builder, signature, arguments: build(
+            builder, arguments[0], value
+        )
 
     return operation
 
@@ -330,7 +203,9 @@ def spread(typing: Any, scalar: Any, like: Any) -> Any:
     """A number for every frame, as wide as another value."""
     if scalar != types.float32 or like not in (OCTET, PAIR):
         return None
-    return like(scalar, like), lambda context, builder, signature, arguments: _spread(builder, arguments[0], like)
+    return like(scalar, like), lambda context, builder, signature, arguments: spread_by(
+        builder, arguments[0], like
+    )
 
 
 @intrinsic  # type: ignore[untyped-decorator]
@@ -392,11 +267,3 @@ def transposed(typing: Any, rows: Any) -> Any:
         return context.make_tuple(builder, signature.return_type, parts)
 
     return rows(rows), build
-
-
-def blocks(frames: np.ndarray) -> np.ndarray:
-    """Any number of frames in the last axis as whole octets, (n, ..., 8); the last frame is repeated to fill them."""
-    short = -frames.shape[-1] % LANES
-    filled = np.concatenate([frames, np.repeat(frames[..., -1:], short, -1)], -1) if short else frames
-    cut = filled.reshape(*frames.shape[:-1], -1, LANES)
-    return np.ascontiguousarray(np.moveaxis(cut, -2, 0), np.float32)

@@ -20,7 +20,9 @@ WIDE = PAIR.lanes
 _WHOLE, _HALVES = ir.VectorType(ir.IntType(32), WIDE), ir.VectorType(ir.HalfType(), WIDE)
 
 
-def _place(context: Any, builder: Any, array_type: Any, array: Any, index_type: Any, index: Any, of: Any) -> Any:
+def _place(
+    context: Any, builder: Any, array_type: Any, array: Any, index_type: Any, index: Any, of: Any
+) -> Any:
     """Pointer to the vector that begins at this index."""
     parts = cgutils.unpack_tuple(builder, index)
     indices = [context.cast(builder, i, t, types.intp) for i, t in zip(parts, index_type, strict=True)]
@@ -149,7 +151,10 @@ def gelus(x):  # type: ignore[no-untyped-def]
     far = size(x)
     z = far * F(0.7071067812)
     t = ONE / (z * F(0.3275911) + ONE)
-    p = t * (t * (t * (t * (t * F(1.061405429) - F(1.453152027)) + F(1.421413741)) - F(0.284496736)) + F(0.254829592))
+    p = t * (
+        t * (t * (t * (t * F(1.061405429) - F(1.453152027)) + F(1.421413741)) - F(0.284496736))
+        + F(0.254829592)
+    )
     return most(x, ZERO) - far * HALF * p * most(exponentials(-(z * z)) - NOTHING, ZERO)
 
 

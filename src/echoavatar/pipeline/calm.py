@@ -27,26 +27,20 @@ from ..kinematics.octets import quaternion_at
 from ..nn import StreamState
 from ..nn.compiled import ONE, ZERO, F
 from ..nn.octet import (
-    ALONE,
     LANES,
     behind,
-    desk,
     exact,
     first_of,
-    following,
     fused,
     inner,
     is_any,
     last_of,
-    load,
-    number,
     root,
-    sessions,
     size,
     spread,
-    store,
     where,
 )
+from ..nn.rows import ALONE, desk, following, load, number, sessions, store
 from ..timing import FRAMES_PER_MOTION_TOKEN
 from .pose import Array, PoseLanes
 
@@ -182,8 +176,14 @@ def _smoothed(turns, row, joint, past, smoother):  # type: ignore[no-untyped-def
     w = x = y = z = spread(ZERO, load(turns, (row, joint, 0)))
     for frame in range(SHOWN):
         at, share = LANES - SHOWN + frame, load(smoother, (frame,))
-        w, x = fused(number(past, (desk(row), 0, at)), share, w), fused(number(past, (desk(row), 1, at)), share, x)
-        y, z = fused(number(past, (desk(row), 2, at)), share, y), fused(number(past, (desk(row), 3, at)), share, z)
+        w, x = (
+            fused(number(past, (desk(row), 0, at)), share, w),
+            fused(number(past, (desk(row), 1, at)), share, x),
+        )
+        y, z = (
+            fused(number(past, (desk(row), 2, at)), share, y),
+            fused(number(past, (desk(row), 3, at)), share, z),
+        )
     for frame in range(LANES):
         share = load(smoother, (SHOWN + frame,))
         w = fused(number(turns, (row, joint, 0, frame)), share, w)

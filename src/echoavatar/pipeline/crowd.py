@@ -14,7 +14,8 @@ from ..ik.chains import Chains, stand
 from ..ik.clearing import keep_off
 from ..nn import Parts
 from ..nn.compiled import ONE, ZERO, F
-from ..nn.octet import IN_PAIRS, exact
+from ..nn.octet import exact
+from ..nn.rows import IN_PAIRS
 from .calm import Calm, CalmState, smooth
 from .feet import LARGEST, Feet, FeetState, lock
 from .ground import Ground, GroundState, travel

@@ -22,7 +22,8 @@ from ..kinematics import Skeleton
 from ..kinematics.octets import matrix, place_at, quaternion_at, turned, turned_back
 from ..nn import StreamState
 from ..nn.compiled import ONE, ZERO, F
-from ..nn.octet import ALONE, exact, following, inner, load, sessions, desk, store
+from ..nn.octet import exact, inner
+from ..nn.rows import ALONE, desk, following, load, sessions, store
 from .pose import Array, PoseLanes
 
 ENTER_HEIGHT, LEAVE_HEIGHT = 0.022, 0.035  # metres above standing height
@@ -116,7 +117,9 @@ def lock(row, legs, standing, frames, turns, root, free_root, count, fps, larges
                 store(over, (desk(row), axis), number + load(root, (row, axis)))
                 store(free, (desk(row), axis), number + load(free_root, (row, axis)))
             for own, session in enumerate(sessions(row)):
-                for k in range(after.shape[0]):  # not as a slice: numba would compile the text of its error, too
+                for k in range(
+                    after.shape[0]
+                ):  # not as a slice: numba would compile the text of its error, too
                     after[k] = memory[session, side, k]
                 _shift(own, over, free, count, fps, largest[session], after, shift)
                 for k in range(after.shape[0]):
@@ -137,7 +140,13 @@ def _shift(own, over, free, count, fps, largest, memory, shift):  # type: ignore
     aside_x, up, aside_z = memory[5], memory[6], memory[7]
     last_x, last_y, last_z = memory[8], memory[9], memory[10]
     if is_new:
-        x, z, last_x, last_y, last_z = over[own, 0, 0], over[own, 2, 0], free[own, 0, 0], free[own, 1, 0], free[own, 2, 0]
+        x, z, last_x, last_y, last_z = (
+            over[own, 0, 0],
+            over[own, 2, 0],
+            free[own, 0, 0],
+            free[own, 1, 0],
+            free[own, 2, 0],
+        )
     for t in range(count):
         moved_x, rise, moved_z = free[own, 0, t] - last_x, free[own, 1, t] - last_y, free[own, 2, t] - last_z
         last_x, last_y, last_z = free[own, 0, t], free[own, 1, t], free[own, 2, t]

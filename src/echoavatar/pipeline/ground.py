@@ -17,22 +17,8 @@ from ..kinematics import Skeleton
 from ..kinematics.octets import matrix, place_at, quaternion_at, turned
 from ..nn import StreamState
 from ..nn.compiled import ONE, ZERO, F
-from ..nn.octet import (
-    ALONE,
-    behind,
-    exact,
-    first_of,
-    following,
-    least,
-    load,
-    most,
-    number,
-    sessions,
-    desk,
-    spread,
-    store,
-    where,
-)
+from ..nn.octet import behind, exact, first_of, least, most, spread, where
+from ..nn.rows import ALONE, desk, following, load, number, sessions, store
 from .pose import Array, PoseLanes
 
 RELEASE_HEIGHT = 0.035  # metres above its rest height at which a point no longer counts as planted

@@ -7,22 +7,8 @@ from ..kinematics import Skeleton
 from ..kinematics.features import travel_slice
 from ..kinematics.octets import from_two_rows
 from ..nn.compiled import HALF, ONE, ZERO, F
-from ..nn.octet import (
-    ALONE,
-    LANES,
-    desk,
-    exact,
-    following,
-    inner,
-    is_any,
-    load,
-    sessions,
-    size,
-    spread,
-    store,
-    transposed,
-    where,
-)
+from ..nn.octet import LANES, exact, inner, is_any, size, spread, transposed, where
+from ..nn.rows import ALONE, desk, following, load, sessions, store
 from .pose import Array, PoseLanes
 
 _LARGEST = F(3e38)
@@ -49,7 +35,9 @@ class Unpacking:
         )
         if len(self.joints) < self._all:
             turns[...], turns[:, :, 0] = 0, 1
-        is_good = unpack(ALONE, np.ascontiguousarray(features), self.first, self.joints, self.travel, turns, root)
+        is_good = unpack(
+            ALONE, np.ascontiguousarray(features), self.first, self.joints, self.travel, turns, root
+        )
         return PoseLanes(turns, root, fps, frames), is_good
 
 
@@ -72,9 +60,17 @@ def unpack(row, features, first, joints, travel, turns, root):  # type: ignore[n
             _turn_over(features, session, columns, own)
         for index in range(joints.shape[0]):
             at = first[index]
-            x = load(columns, (desk(row), at)), load(columns, (desk(row), at + 1)), load(columns, (desk(row), at + 2))
+            x = (
+                load(columns, (desk(row), at)),
+                load(columns, (desk(row), at + 1)),
+                load(columns, (desk(row), at + 2)),
+            )
             at += 3
-            y = load(columns, (desk(row), at)), load(columns, (desk(row), at + 1)), load(columns, (desk(row), at + 2))
+            y = (
+                load(columns, (desk(row), at)),
+                load(columns, (desk(row), at + 1)),
+                load(columns, (desk(row), at + 2)),
+            )
             turn = from_two_rows(x, y)
             for k, number in enumerate(turn):
                 store(turns, (row, joints[index], k), number)
@@ -117,7 +113,10 @@ def pack(turns, root, rotations, places):  # type: ignore[no-untyped-def]
             a = min(two, joints - 2)  # a last one without partner comes with the one before it
             b = a + 1
             one, other = load(turns, (row, a, 0)), load(turns, (row, b, 0))
-            one, other = where(one < ZERO, -ONE, spread(ONE, one)), where(other < ZERO, -ONE, spread(ONE, other))
+            one, other = (
+                where(one < ZERO, -ONE, spread(ONE, one)),
+                where(other < ZERO, -ONE, spread(ONE, other)),
+            )
             eight = (
                 load(turns, (row, a, 0)) * one,
                 load(turns, (row, a, 1)) * one,
