@@ -11,10 +11,16 @@ pytest.importorskip("librosa", reason="the evaluate extra is not installed")
 
 def test_the_last_line_is_json(tiny_bundle: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rehearse(Plan(hours=16 * 8 / 3600, seed=2, folder=tmp_path, clip_seconds=8.0))
-    assert main(["evaluate", str(tiny_bundle), "--corpus", str(tmp_path)]) == 0
+    assert main(["evaluate", str(tiny_bundle), "--corpus", str(tmp_path), "--repeats", "1"]) == 0
     said = capsys.readouterr().out.strip().splitlines()
     assert json.loads(said[-1])["mpjpe_body_mm"] > 0
     assert any(line.startswith("skate_cm_s") for line in said)
+
+
+def test_no_performance_at_all_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["evaluate", "default", "--repeats", "0"])
+    assert "at least once, got 0" in capsys.readouterr().err
 
 
 def test_actions_of_the_head_are_told_by_how_far_it_turns(

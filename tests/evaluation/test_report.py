@@ -7,6 +7,7 @@ from echoavatar.evaluation.behaviour import MUSIC, SPEECH
 from echoavatar.evaluation.report import Recording, evaluate
 from echoavatar.pipeline import load_bundle
 from echoavatar.rehearsal.corpus import Plan, make_clip
+from echoavatar.timing import CHUNK_SAMPLES
 
 pytest.importorskip("librosa", reason="the evaluate extra is not installed")
 PROMISED = {
@@ -36,12 +37,17 @@ def test_every_promised_score_is_there_and_the_truth_scores_as_truth(
         Recording("a", SPEECH, np.resize(voice, 72_000)),
         Recording("b", MUSIC, np.resize(voice, 72_000)),
     ]
-    told: list[str] = []
+    told: dict[str, int] = {}
     scores = evaluate(
-        load_bundle(tiny_bundle), clips, recordings, progress=lambda what, *_: told.append(what)
+        load_bundle(tiny_bundle),
+        clips,
+        recordings,
+        repeats=2,
+        progress=lambda what, done, total: told.update({what: total}),
     )
     assert scores.keys() >= PROMISED
-    assert set(told) == {"held-out clips", "recordings"}
+    chunks = sum(-(-len(clip.audio) // CHUNK_SAMPLES) for clip in clips)
+    assert told == {"held-out clips": 2 * chunks, "recordings": 2 * -(-72_000 // CHUNK_SAMPLES)}
     assert abs(scores["nll_all"] - np.log(8)) < 0.5  # random weights know nothing: ln K
     assert scores["ba_beat_truth"] > scores["ba_beat_chance_truth"]
     assert scores["skate_cm_s_truth"] < 1

@@ -63,12 +63,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--repeats",
-        type=int,
+        type=_times,
         default=3,
         metavar="N",
         help="perform every held-out clip N times, with other seeds (default: %(default)s)",
     )
     parser.add_argument("--seed", type=int, default=0, help="of the sampling (default: %(default)s)")
+
+
+def _times(text: str) -> int:
+    if (count := int(text)) < 1:
+        raise argparse.ArgumentTypeError(f"a clip is performed at least once, got {count}")
+    return count
 
 
 def run(args: argparse.Namespace) -> int:

@@ -70,6 +70,11 @@ class Engine:
         return self._seats
 
     @property
+    def together(self) -> int:
+        """How many seats are stepped as one batch."""
+        return 1 if self._lanes else self._seats
+
+    @property
     def free(self) -> int:
         """How many more sessions can be opened now."""
         return self._seats - len(self._sessions)
@@ -209,5 +214,6 @@ def load(
     """
     pipeline = Pipeline(load_bundle(bundle), precision=precision, device=device)
     warm_up(pipeline.skeleton)
-    pipeline.warm_up()
-    return Engine(pipeline, seats=seats, look_ahead=look_ahead)
+    engine = Engine(pipeline, seats=seats, look_ahead=look_ahead)
+    pipeline.warm_up(engine.together)
+    return engine
