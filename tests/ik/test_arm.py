@@ -5,8 +5,7 @@ import pytest
 
 from echoavatar.ik.arm import reach as reach_octets
 from echoavatar.ik.arm import turn_matrix as turn_octets
-from echoavatar.nn.octet import LANES, exact
-from echoavatar.nn.rows import blocks, load, store
+from echoavatar.nn.octet import LANES, blocks, exact, load, store
 
 RNG = np.random.default_rng(0)
 

@@ -3,7 +3,7 @@ import torch
 from echoavatar.ik.chains import Chains
 from echoavatar.kinematics import HUMANOID, forward_kinematics
 from echoavatar.kinematics.rotations import matrix_from_axis_angle, quaternion_from_matrix
-from echoavatar.nn.rows import blocks
+from echoavatar.nn.octet import blocks
 
 
 def test_frames_are_those_of_forward_kinematics() -> None:

@@ -9,7 +9,7 @@ from echoavatar.ik.clearing import SHELL
 from echoavatar.ik.guard import ACROSS, BEHIND, CLEARANCE
 from echoavatar.kinematics import HUMANOID, forward_kinematics
 from echoavatar.kinematics.rotations import quaternion_from_matrix
-from echoavatar.nn.rows import blocks
+from echoavatar.nn.octet import blocks
 
 PLACES = torch.tensor(
     [[0.10, 0.10, 0.10], [0.05, 0.30, 0.12], [0.14, 0.0, 0.12], [0.2, 0.2, 0.16], [0.5, 0.2, 0.2]]

@@ -14,8 +14,7 @@ from echoavatar.kinematics.rotations import (
     quaternion_from_matrix,
 )
 from echoavatar.kinematics.two_bone import reach
-from echoavatar.nn.octet import exact
-from echoavatar.nn.rows import blocks, load
+from echoavatar.nn.octet import blocks, exact, load
 
 LEGS = ("UpperLeg", "LowerLeg", "Foot")
 

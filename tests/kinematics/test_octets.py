@@ -5,8 +5,7 @@ import torch
 
 from echoavatar.kinematics import octets
 from echoavatar.kinematics import rotations as torch_side
-from echoavatar.nn.octet import LANES, exact
-from echoavatar.nn.rows import blocks, load, store
+from echoavatar.nn.octet import LANES, blocks, exact, load, store
 
 
 @exact()

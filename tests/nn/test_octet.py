@@ -1,4 +1,4 @@
-"""Arithmetic of eight at once, and of two times eight, against numpy's, bit by bit."""
+"""Arithmetic of eight at once against numpy's, bit by bit."""
 
 import numpy as np
 import pytest
@@ -8,30 +8,28 @@ from echoavatar.nn.compiled import F
 from echoavatar.nn.octet import (
     LANES,
     behind,
+    blocks,
     exact,
-    first_of,
     fused,
     is_any,
-    last_of,
     least,
+    load,
     most,
     root,
     size,
     spread,
+    store,
     transposed,
     where,
 )
-from echoavatar.nn.rows import load, number, store
 
 RNG = np.random.default_rng(0)
-GIVEN = RNG.standard_normal((2, 2, LANES)).astype(np.float32)  # rows, octets
-SHARED = RNG.standard_normal((1, LANES)).astype(np.float32)
-S = F(0.3)
+A, B, C = RNG.standard_normal((3, LANES)).astype(np.float32)
 
 
 @exact()
-def _all(row, given, shared, scalar, made):  # type: ignore[no-untyped-def]
-    a, b, c = load(given, (row, 0)), load(given, (row, 1)), load(shared, (0,))
+def _all(given, scalar, made):  # type: ignore[no-untyped-def]
+    a, b, c = load(given, (0,)), load(given, (1,)), load(given, (2,))
     made_of = (
         a + b,
         a - b,
@@ -42,8 +40,6 @@ def _all(row, given, shared, scalar, made):  # type: ignore[no-untyped-def]
         scalar - a,
         a * scalar,
         scalar / a,
-        c * a,
-        a - c,
         least(a, b),
         most(a, scalar),
         root(size(a)),
@@ -51,69 +47,88 @@ def _all(row, given, shared, scalar, made):  # type: ignore[no-untyped-def]
         where(a < b, a, scalar),
         where(a > scalar, b, spread(scalar, a)),
         behind(a, scalar),
-        behind(a, b),
-        first_of(a),
-        last_of(a),
         fused(a, b, c),
         fused(a, scalar, b),
     )
     for k, value in enumerate(made_of):
-        store(made, (row, k), value)
+        store(made, (k,), value)
 
 
-def _by_numpy(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> list[np.ndarray]:
-    wide = [x.astype(np.float64) for x in (a, b, c)]
-    return [
-        a + b,
-        a - b,
-        a * b,
-        a / b,
-        -a,
-        a + S,
-        S - a,
-        a * S,
-        S / a,
-        c * a,
-        a - c,
-        np.minimum(a, b),
-        np.maximum(a, S),
-        np.sqrt(np.abs(a)),
-        np.abs(b),
-        np.where(a < b, a, S),
-        np.where(a > S, b, S),
-        np.append(S, a[:-1]),
-        np.append(b[0], a[:-1]),
-        np.full(LANES, a[0]),
-        np.full(LANES, a[-1]),
-        wide[0] * wide[1] + wide[2],  # a product of two float32 is exact in float64
-        wide[0] * np.float64(S) + wide[1],
-    ]
-
-
-@pytest.mark.parametrize("rows", [(0, 1), ((0, 1),)], ids=["one by one", "as a pair"])
-def test_every_operation_is_numpys_to_the_last_bit(rows) -> None:
-    made = np.empty((2, 23, LANES), np.float32)
-    for row in rows:
-        _all(row, GIVEN, SHARED, S, made)
-    for given, found in zip(GIVEN, made, strict=True):
-        for ours, theirs in zip(found, _by_numpy(*given, SHARED[0]), strict=True):
-            assert np.array_equal(ours, theirs.astype(np.float32))
+def test_every_operation_is_numpys_to_the_last_bit() -> None:
+    s = F(0.3)
+    made = np.empty((18, LANES), np.float32)
+    _all(np.stack([A, B, C]), s, made)
+    a, b, c = (x.astype(np.float64) for x in (A, B, C))
+    wanted = (
+        A + B,
+        A - B,
+        A * B,
+        A / B,
+        -A,
+        A + s,
+        s - A,
+        A * s,
+        s / A,
+        np.minimum(A, B),
+        np.maximum(A, s),
+        np.sqrt(np.abs(A)),
+        np.abs(B),
+        np.where(A < B, A, s),
+        np.where(s < A, B, s),
+        np.append(s, A[:-1]),
+        a * b + c,  # a product of two float32 is exact in float64
+        a * np.float64(s) + b,
+    )
+    for ours, theirs in zip(made, wanted, strict=True):
+        assert np.array_equal(ours, theirs.astype(np.float32))
 
 
 @exact()
-def _below(row, given, bound):  # type: ignore[no-untyped-def]
-    return is_any(load(given, (row, 0)) < number(bound, (row,)))
+def _below(given):  # type: ignore[no-untyped-def]
+    return is_any(load(given, (0,)) < F(0))
 
 
-@pytest.mark.parametrize("row", [0, (0, 1), (1, 0)], ids=str)
 @pytest.mark.parametrize("lane", range(LANES))
-def test_one_of_all_is_found(lane: int, row) -> None:
-    given, bound = np.ones((2, 1, LANES), np.float32), np.array([0, -2], np.float32)
-    assert not _below(row, given, bound)
-    given[0, 0, lane] = -1
-    assert _below(row, given, bound)
-    given[0, 0, lane] = np.nan  # cannot be compared
-    assert not _below(row, given, bound)
+def test_one_of_eight_is_found(lane: int) -> None:
+    given = np.ones((1, LANES), np.float32)
+    assert not _below(given)
+    given[0, lane] = -1
+    assert _below(given)
+    given[0, lane] = np.nan  # cannot be compared
+    assert not _below(given)
+
+
+@exact()
+def _middle(given, made, row):  # type: ignore[no-untyped-def]
+    total = load(given, (row, 1))
+    total += load(given, (row, 0))
+    store(made, (row, 0), total)
+
+
+def test_places_are_those_of_the_array() -> None:
+    given = RNG.standard_normal((3, 2, LANES)).astype(np.float32)
+    made = np.zeros((3, 1, LANES), np.float32)
+    _middle(given, made, 2)
+    assert not made[:2].any()
+    assert np.array_equal(made[2, 0], given[2, 0] + given[2, 1])
+
+
+@exact()
+def _from_there(given, at, made):  # type: ignore[no-untyped-def]
+    store(made, (at,), load(given, (1, at)))
+
+
+def test_an_index_for_every_axis_is_where_eight_numbers_begin() -> None:
+    given, made = np.arange(40, dtype=np.float32).reshape(2, 20), np.zeros(20, np.float32)
+    _from_there(given, 5, made)
+    assert made.tolist() == [0] * 5 + list(range(25, 33)) + [0] * 7
+
+
+def test_arrays_that_hold_no_octets_are_refused() -> None:
+    with pytest.raises(TypingError, match="load"):
+        _below(np.ones((1, LANES)))  # double precision
+    with pytest.raises(TypingError, match="load"):
+        _below(np.ones((LANES, 2), np.float32).T)  # the other way round in memory
 
 
 @exact()
@@ -131,11 +146,11 @@ def test_eight_octets_are_turned_over() -> None:
     assert np.array_equal(made, given.T)
 
 
-@exact()
-def _mixed(given, made):  # type: ignore[no-untyped-def]
-    store(made, (0, 0), load(given, ((0, 1), 0)))
-
-
-def test_a_pair_is_not_stored_as_one() -> None:
-    with pytest.raises(TypingError, match="store"):
-        _mixed(GIVEN, GIVEN.copy())
+@pytest.mark.parametrize("frames", [1, 8, 11])
+def test_any_number_of_frames_becomes_whole_octets(frames: int) -> None:
+    given = RNG.standard_normal((2, 3, frames)).astype(np.float32)
+    cut = blocks(given)
+    assert cut.shape == (-(-frames // LANES), 2, 3, LANES)
+    joined = np.moveaxis(cut, 0, -2).reshape(2, 3, -1)
+    assert np.array_equal(joined[..., :frames], given)
+    assert np.array_equal(joined[..., frames:], given[..., -1:].repeat(joined.shape[-1] - frames, -1))

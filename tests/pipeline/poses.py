@@ -7,8 +7,7 @@ import numpy as np
 import torch
 
 from echoavatar.kinematics.rotations import matrix_from_quaternion, quaternion_from_matrix
-from echoavatar.nn.octet import LANES
-from echoavatar.nn.rows import blocks
+from echoavatar.nn.octet import LANES, blocks
 from echoavatar.pipeline.pose import PoseLanes
 
 ON = np.array([True])

@@ -71,21 +71,6 @@ def test_what_is_heard_later_does_not_change_what_was_shown(pipeline: Pipeline, 
     assert same(before[:3], after[:3])
 
 
-def test_a_warm_up_steps_as_many_rows_as_will_be_stepped_at_once(
-    pipeline: Pipeline, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    stepped: list[int] = []
-    step = pipeline.step
-
-    def noted(audio: torch.Tensor, *others: object) -> object:
-        stepped.append(len(audio))
-        return step(audio, *others)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(pipeline, "step", noted)
-    pipeline.warm_up(3)
-    assert {1, 3} <= set(stepped)
-
-
 def test_every_stage_reports_its_end_in_order(pipeline: Pipeline, voice: np.ndarray) -> None:
     laps: list[str] = []
     pipeline.warm_up()

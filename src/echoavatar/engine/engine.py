@@ -70,11 +70,6 @@ class Engine:
         return self._seats
 
     @property
-    def together(self) -> int:
-        """How many seats are stepped as one batch."""
-        return 1 if self._lanes else self._seats
-
-    @property
     def free(self) -> int:
         """How many more sessions can be opened now."""
         return self._seats - len(self._sessions)
@@ -214,6 +209,5 @@ def load(
     """
     pipeline = Pipeline(load_bundle(bundle), precision=precision, device=device)
     warm_up(pipeline.skeleton)
-    engine = Engine(pipeline, seats=seats, look_ahead=look_ahead)
-    pipeline.warm_up(engine.together)
-    return engine
+    pipeline.warm_up()
+    return Engine(pipeline, seats=seats, look_ahead=look_ahead)

@@ -83,9 +83,8 @@ def animate_many(
     """
     if silent := [number for number, sound in enumerate(sounds) if not len(sound)]:
         raise AudioError(f"there is no sound in number {silent[0]}; give at least one sample")
-    engine = Engine(pipeline, seats=max(1, len(sounds)), rewind=0, lanes=0)
-    pipeline.warm_up(engine.together)
     started = time.perf_counter()
+    engine = Engine(pipeline, seats=max(1, len(sounds)), rewind=0, lanes=0)
     sessions = [engine.open(seed=seed) for _, seed in zip(sounds, seeds, strict=True)]
     for session, sound in zip(sessions, sounds, strict=True):
         session.push(sound)

@@ -10,8 +10,7 @@ from jaxtyping import Float
 from ..kinematics import Skeleton
 from ..kinematics.octets import matrix, quaternion_at
 from ..nn.compiled import ONE, ZERO
-from ..nn.octet import exact, fused, spread
-from ..nn.rows import ALONE, following, load, sessions, store
+from ..nn.octet import exact, fused, load, spread, store
 
 Array = np.ndarray
 
@@ -35,17 +34,18 @@ class Chains:
     def world(self, turns: Float[Array, "b j 4 8"]) -> Float[Array, "b c 12 8"]:
         """Frames relative to the root, which itself stands at the origin and is not turned."""
         frames = np.empty((len(turns), len(self.joints), 12, 8), np.float32)
-        stand(ALONE, turns, self.columns, self.parents, self.offsets, frames)
+        stand(turns, self.columns, self.parents, self.offsets, frames)
         return frames
 
 
 @exact()
-def stand(row, turns, joints, parents, offsets, frames):  # type: ignore[no-untyped-def]
+def stand(turns, joints, parents, offsets, frames):  # type: ignore[no-untyped-def]
     """The root comes first, every joint after its parent."""
-    for _ in range(turns.shape[0] // len(sessions(row))):
-        like = load(turns, (row, 0, 0))
-        for at in range(12):
-            store(frames, (row, 0, at), spread(ONE if at % 5 == 0 else ZERO, like))
+    for row in range(turns.shape[0]):
+        for number in range(12):
+            store(
+                frames, (row, 0, number), spread(ONE if number % 5 == 0 else ZERO, load(turns, (row, 0, 0)))
+            )
         for slot in range(1, joints.shape[0]):
             parent, x, y, z = parents[slot], offsets[slot, 0], offsets[slot, 1], offsets[slot, 2]
             m = matrix(quaternion_at(turns, row, joints[slot]))
@@ -56,4 +56,3 @@ def stand(row, turns, joints, parents, offsets, frames):  # type: ignore[no-unty
                 store(frames, (row, slot, at + 1), fused(c, m[7], fused(b, m[4], a * m[1])))
                 store(frames, (row, slot, at + 2), fused(c, m[8], fused(b, m[5], a * m[2])))
                 store(frames, (row, slot, at + 3), fused(c, z, fused(b, y, fused(a, x, d))))
-        row = following(row)

@@ -23,8 +23,7 @@ from ..kinematics.octets import (
     turned_back,
 )
 from ..nn.compiled import ONE, ZERO, F
-from ..nn.octet import exact, inner, is_any, least, most, root, spread, where
-from ..nn.rows import desk, following, load, sessions, store
+from ..nn.octet import exact, inner, is_any, least, load, most, root, spread, store, where
 from .arm import reach
 
 SHELL = F(0.035)  # metres before contact at which a hand begins to give way
@@ -56,25 +55,24 @@ class Tables(NamedTuple):
 
 
 @exact()
-def keep_off(row, tables, frames, turns):  # type: ignore[no-untyped-def]
+def keep_off(tables, frames, turns):  # type: ignore[no-untyped-def]
     """Correct arms in `turns` (b, j, 4, 8) whose pose is `frames` (b, c, 12, 8)."""
-    seen = np.empty((2, tables.carriers.shape[0], 3, 8), F)
-    places = np.empty((2, tables.points.shape[1], 3, 8), F)
-    for _ in range(turns.shape[0] // len(sessions(row))):
+    seen = np.empty((tables.carriers.shape[0], 3, 8), F)
+    places = np.empty((tables.points.shape[1], 3, 8), F)
+    for row in range(turns.shape[0]):
         for side in range(2):
             is_near, way = _way(tables, side, frames, row, seen)
             if not is_near:
                 continue
-            for point in range(places.shape[1]):
+            for point in range(places.shape[0]):
                 for axis, number in enumerate(_point(tables, side, point, frames, row)):
-                    store(places, (desk(row), point, axis), number)
+                    store(places, (point, axis), number)
             reached = spread(ZERO, way[0])
-            for part in range(seen.shape[1]):
+            for part in range(seen.shape[0]):
                 reached += _eighth(tables, part, frames, row, seen, places, way)
             far = SHELL * root(root(root(reached)))  # the most of them, without a corner where two are equal
             if is_any(far > ZERO):
                 _follow(tables, side, frames, row, times(way, far), far > ZERO, turns)
-        row = following(row)
 
 
 @inner()
@@ -117,10 +115,10 @@ def _way(tables, side, frames, row, seen):  # type: ignore[no-untyped-def]
     is_near = False
     zero = spread(ZERO, palm[0])
     total = (zero, zero, zero)
-    for part in range(seen.shape[1]):
+    for part in range(seen.shape[0]):
         here = _seen(tables, part, frames, row, palm)
         for axis, number in enumerate(here):
-            store(seen, (desk(row), part, axis), number)
+            store(seen, (part, axis), number)
         squares = (here[0] * here[0], here[1] * here[1], here[2] * here[2])
         is_near |= is_any(_is_near(tables, part, squares))
         weight = ONE / (squares[0] + squares[1] + squares[2] + _QUARTER)
@@ -137,8 +135,7 @@ def _way(tables, side, frames, row, seen):  # type: ignore[no-untyped-def]
 @inner()
 def _eighth(tables, part, frames, row, seen, places, way):  # type: ignore[no-untyped-def]
     """Sum over a hand's points of the eighth power of how far each must go to leave a part, in shells."""
-    own = desk(row)
-    x, y, z = load(seen, (own, part, 0)), load(seen, (own, part, 1)), load(seen, (own, part, 2))
+    x, y, z = load(seen, (part, 0)), load(seen, (part, 1)), load(seen, (part, 2))
     is_near = _is_near(tables, part, (x * x, y * y, z * z))
     total = spread(ZERO, x)
     if not is_any(is_near):
@@ -146,8 +143,8 @@ def _eighth(tables, part, frames, row, seen, places, way):  # type: ignore[no-un
     ahead = _in_part(tables, part, turned_back(rotation_at(frames, row, tables.carriers[part]), way))
     a = dot(ahead, ahead)
     per_a = ONE / a
-    for point in range(places.shape[1]):
-        place = load(places, (own, point, 0)), load(places, (own, point, 1)), load(places, (own, point, 2))
+    for point in range(places.shape[0]):
+        place = load(places, (point, 0)), load(places, (point, 1)), load(places, (point, 2))
         here = _seen(tables, part, frames, row, place)
         b, c = dot(ahead, here), dot(here, here)
         square = b * b - a * (c - ONE)

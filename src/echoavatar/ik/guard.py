@@ -21,7 +21,7 @@ from ..errors import MotionError
 from ..kinematics import Skeleton, lanes
 from ..kinematics.rigs import bone_map
 from ..kinematics.rotations import matrix_from_quaternion, quaternion_from_matrix
-from ..nn.rows import ALONE, blocks
+from ..nn.octet import blocks
 from .body import Body
 from .chains import Array, Chains
 from .clearing import SHELL, Tables, keep_off
@@ -88,7 +88,7 @@ class HandGuard:
         `frames` are those of the pose in the chains.
         """
         if self.is_able:
-            keep_off(ALONE, self.tables, frames, turns)
+            keep_off(self.tables, frames, turns)
 
     def step(
         self, rotations: Float[Tensor, "b t j 3 3"], active: Bool[Tensor, " b"] | None = None

@@ -25,8 +25,7 @@ from ..kinematics.octets import (
 )
 from ..kinematics.two_bone import REACH
 from ..nn.compiled import HALF, ONE, ZERO, F
-from ..nn.octet import inner, least, most, root, size, spread, where
-from ..nn.rows import store
+from ..nn.octet import inner, least, most, root, size, spread, store, where
 from .chains import Chains
 
 _TINY, _LEAST_LENGTH = F(1e-9), F(1e-12)

@@ -5,8 +5,7 @@ arithmetic in torch; tests hold the two together.
 """
 
 from ..nn.compiled import ONE, ZERO, F
-from ..nn.octet import fused, inner, is_any, most, root, where
-from ..nn.rows import load
+from ..nn.octet import fused, inner, is_any, load, most, root, where
 
 _LEAST = F(1e-12)
 

@@ -1,4 +1,4 @@
-"""Eight numbers at once in compiled loops: the eight frames of a chunk as one register, or those of two sessions.
+"""Eight numbers at once in compiled loops: the eight frames of a chunk as one register.
 
 Numba leaves it to LLVM to see that a loop over eight frames could run side by side, and with dozens of arrays in the
 loop LLVM gives up. An `Octet` says it: arithmetic on it is arithmetic on a vector of eight float32, on any processor
@@ -7,7 +7,12 @@ where `fused` says so, so that a number does not depend on its neighbours, nor o
 
 Compiled functions only: `exact` ones are called from Python and kept by numba between runs, `inner` ones are parts of
 them (numba looks at the file of the `exact` one alone: delete `__pycache__` after changing an `inner` one elsewhere).
-What stands in arrays is read and written by `rows`, for one session or for two at once: an octet, or a pair of them.
+Octets live in the last axis of C-contiguous float32 arrays of length 8:
+
+    x = load(turns, (row, joint, 1))              # turns[row, joint, 1, :]
+    store(turns, (row, joint, 1), where(x < ZERO, -x, x))
+
+The same operations are there for sixteen numbers (`wide`).
 """
 
 import functools
@@ -15,6 +20,7 @@ import operator
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from llvmlite import ir
 from numba import njit, types
 from numba.core import cgutils
@@ -27,48 +33,86 @@ LANES = 8
 _INT = ir.IntType(32)
 
 
-class _OctetsType(types.Type):  # type: ignore[misc]
-    """Eight float32 of each of so many sessions."""
+class _NumbersType(types.Type):  # type: ignore[misc]
+    """So many float32."""
 
-    def __init__(self, sessions: int) -> None:
-        super().__init__(name=f"Octets{sessions}")
-        self.lanes = sessions * LANES
-        self.vector = ir.VectorType(ir.FloatType(), self.lanes)
+    def __init__(self, lanes: int) -> None:
+        super().__init__(name=f"Numbers{lanes}")
+        self.lanes, self.vector = lanes, ir.VectorType(ir.FloatType(), lanes)
 
 
 class _MaskType(types.Type):  # type: ignore[misc]
     """As many truths."""
 
-    def __init__(self, sessions: int) -> None:
-        super().__init__(name=f"OctetsMask{sessions}")
-        self.lanes = sessions * LANES
-        self.vector = ir.VectorType(ir.IntType(1), self.lanes)
+    def __init__(self, lanes: int) -> None:
+        super().__init__(name=f"Mask{lanes}")
+        self.lanes, self.vector = lanes, ir.VectorType(ir.IntType(1), lanes)
 
 
-OCTET, PAIR = _OctetsType(1), _OctetsType(2)
-_MASKS = {OCTET: _MaskType(1), PAIR: _MaskType(2)}
+OCTET, SIXTEEN = _NumbersType(LANES), _NumbersType(2 * LANES)
+_MASKS = {kind: _MaskType(kind.lanes) for kind in (OCTET, SIXTEEN)}
 
 
-@register_model(_OctetsType)
+@register_model(_NumbersType)
 @register_model(_MaskType)
 class _VectorModel(models.PrimitiveModel):  # type: ignore[misc]
     def __init__(self, dmm: Any, fe_type: Any) -> None:
         super().__init__(dmm, fe_type, fe_type.vector)
 
 
+# ---- places in arrays
+
+
+def place_of(context: Any, builder: Any, array_type: Any, array: Any, index_type: Any, index: Any) -> Any:
+    """Pointer to the number at this index; axes that it leaves out count as 0."""
+    given = zip(cgutils.unpack_tuple(builder, index), index_type, strict=True)
+    indices = [context.cast(builder, value, kind, types.intp) for value, kind in given]
+    indices += [ir.Constant(indices[0].type, 0)] * (array_type.ndim - len(indices))
+    view = context.make_array(array_type)(context, builder, array)
+    return cgutils.get_item_pointer(context, builder, array_type, view, indices, wraparound=False)
+
+
+def _holds_octets(array: Any, index: Any) -> bool:
+    return (
+        isinstance(array, types.Array)
+        and array.dtype == types.float32
+        and array.layout == "C"
+        and isinstance(index, types.BaseTuple)
+        and array.ndim - len(index) in (0, 1)
+    )
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def load(typing: Any, array: Any, index: Any) -> Any:
+    """`array[*index, 0:8]`; or, with an index more, eight numbers from there on."""
+    if not _holds_octets(array, index):
+        return None
+
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        place = place_of(context, builder, array, arguments[0], index, arguments[1])
+        return builder.load(builder.bitcast(place, OCTET.vector.as_pointer()), align=4)
+
+    return OCTET(array, index), build
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def store(typing: Any, array: Any, index: Any, value: Any) -> Any:
+    """`array[*index, 0:8] = value`; or, with an index more, from there on."""
+    if not (_holds_octets(array, index) and value is OCTET):
+        return None
+
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        place = place_of(context, builder, array, arguments[0], index, arguments[1])
+        builder.store(arguments[2], builder.bitcast(place, OCTET.vector.as_pointer()), align=4)
+        return context.get_dummy_value()
+
+    return types.none(array, index, value), build
+
+
 # ---- arithmetic
 
 
-def joined(builder: Any, parts: list[Any]) -> Any:
-    """Octets side by side."""
-    if len(parts) == 1:
-        return parts[0]
-    order = ir.Constant(ir.VectorType(_INT, 2 * LANES), list(range(2 * LANES)))
-    return builder.shuffle_vector(*parts, order)
-
-
-def spread_by(builder: Any, scalar: Any, kind: Any) -> Any:
-    """A number for every frame."""
+def _spread(builder: Any, scalar: Any, kind: Any) -> Any:
     empty = ir.Constant(kind.vector, ir.Undefined)
     one = builder.insert_element(empty, scalar, ir.Constant(_INT, 0))
     return builder.shuffle_vector(one, empty, ir.Constant(ir.VectorType(_INT, kind.lanes), [0] * kind.lanes))
@@ -76,16 +120,13 @@ def spread_by(builder: Any, scalar: Any, kind: Any) -> Any:
 
 def _common(*given: Any) -> Any:
     """The kind that an operation on these makes; None where that is not one."""
-    if any(kind not in (OCTET, PAIR, types.float32) for kind in given):
-        return None
-    return PAIR if PAIR in given else OCTET if OCTET in given else None
+    kinds = {kind for kind in given if kind != types.float32}
+    return kinds.pop() if len(kinds) == 1 and kinds <= {OCTET, SIXTEEN} else None
 
 
 def _as(builder: Any, value: Any, given: Any, kind: Any) -> Any:
-    """A number for every frame, an octet for both sessions."""
-    if given is kind:
-        return value
-    return spread_by(builder, value, kind) if given == types.float32 else joined(builder, [value, value])
+    """A number stands for as many."""
+    return value if given is kind else _spread(builder, value, kind)
 
 
 def _on_both(build: Callable[[Any, Any, Any], Any], given: tuple[Any, Any]) -> Any:
@@ -99,7 +140,7 @@ def _on_both(build: Callable[[Any, Any, Any], Any], given: tuple[Any, Any]) -> A
     return code
 
 
-_KINDS = (OCTET, PAIR, types.float32)
+_KINDS = (OCTET, SIXTEEN, types.float32)
 _COUPLES = [(a, b) for a in _KINDS for b in _KINDS if _common(a, b) is not None]
 
 
@@ -123,11 +164,11 @@ _define(operator.gt, True, lambda builder, x, y: builder.fcmp_ordered(">", x, y)
 
 @infer_global(operator.neg)
 class _Negative(ConcreteTemplate):  # type: ignore[misc]
-    cases = [signature(kind, kind) for kind in (OCTET, PAIR)]
+    cases = [signature(kind, kind) for kind in (OCTET, SIXTEEN)]
 
 
 @lower_builtin(operator.neg, OCTET)  # type: ignore[untyped-decorator]
-@lower_builtin(operator.neg, PAIR)  # type: ignore[untyped-decorator]
+@lower_builtin(operator.neg, SIXTEEN)  # type: ignore[untyped-decorator]
 def _negative(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     return builder.fneg(arguments[0])
 
@@ -152,7 +193,7 @@ least, most = _chosen("<"), _chosen(">")
 def _of_one(build: Callable[[Any, Any, Any], Any]) -> Any:
     @intrinsic  # type: ignore[untyped-decorator]
     def operation(typing: Any, value: Any) -> Any:
-        if value not in (OCTET, PAIR):
+        if value not in (OCTET, SIXTEEN):
             return None
         return value(value), lambda context, builder, signature, arguments: build(
             builder, arguments[0], value
@@ -167,14 +208,9 @@ def _call(builder: Any, name: str, vector: Any, kind: Any) -> Any:
     return builder.call(made, [vector])
 
 
-def _shuffled(builder: Any, x: Any, y: Any, kind: Any, order: list[int]) -> Any:
-    """Numbers of two values in another order within each octet; those of the second count from 8."""
-    whole = [
-        at % LANES + first + (kind.lanes if at >= LANES else 0)
-        for first in range(0, kind.lanes, LANES)
-        for at in order
-    ]
-    return builder.shuffle_vector(x, y, ir.Constant(ir.VectorType(_INT, kind.lanes), whole))
+def _shuffled(builder: Any, x: Any, y: Any, order: list[int]) -> Any:
+    """Numbers of two octets in another order; those of the second count from 8."""
+    return builder.shuffle_vector(x, y, ir.Constant(ir.VectorType(_INT, LANES), order))
 
 
 @intrinsic  # type: ignore[untyped-decorator]
@@ -194,23 +230,21 @@ def fused(typing: Any, a: Any, b: Any, c: Any) -> Any:
 
 root = _of_one(lambda builder, x, kind: _call(builder, "sqrt", x, kind))
 size = _of_one(lambda builder, x, kind: _call(builder, "fabs", x, kind))
-first_of = _of_one(lambda builder, x, kind: _shuffled(builder, x, x, kind, [0] * LANES))
-last_of = _of_one(lambda builder, x, kind: _shuffled(builder, x, x, kind, [LANES - 1] * LANES))
 
 
 @intrinsic  # type: ignore[untyped-decorator]
 def spread(typing: Any, scalar: Any, like: Any) -> Any:
     """A number for every frame, as wide as another value."""
-    if scalar != types.float32 or like not in (OCTET, PAIR):
+    if scalar != types.float32 or like not in (OCTET, SIXTEEN):
         return None
-    return like(scalar, like), lambda context, builder, signature, arguments: spread_by(
+    return like(scalar, like), lambda context, builder, signature, arguments: _spread(
         builder, arguments[0], like
     )
 
 
 @intrinsic  # type: ignore[untyped-decorator]
 def is_any(typing: Any, mask: Any) -> Any:
-    """Whether it is true for any frame of any session."""
+    """Whether it is true for any of them."""
     if mask not in _MASKS.values():
         return None
     bits = ir.IntType(mask.lanes)
@@ -224,7 +258,7 @@ def is_any(typing: Any, mask: Any) -> Any:
 @intrinsic  # type: ignore[untyped-decorator]
 def where(typing: Any, mask: Any, a: Any, b: Any) -> Any:
     """The first value where the mask is true, the second elsewhere."""
-    common = _common(a, b, OCTET if mask is _MASKS[OCTET] else PAIR)
+    common = _common(a, b, OCTET if mask is _MASKS[OCTET] else SIXTEEN)
     if mask not in _MASKS.values() or common is None or _MASKS[common] is not mask:
         return None
 
@@ -237,15 +271,15 @@ def where(typing: Any, mask: Any, a: Any, b: Any) -> Any:
 
 @intrinsic  # type: ignore[untyped-decorator]
 def behind(typing: Any, value: Any, first: Any) -> Any:
-    """Each number's predecessor: the first of `first`, then the first seven."""
-    if value not in (OCTET, PAIR) or _common(value, first) is not value:
+    """Each number's predecessor: `first`, then the first seven of an octet."""
+    if not (value is OCTET and first == types.float32):
         return None
 
     def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        before = _as(builder, arguments[1], first, value)
-        return _shuffled(builder, arguments[0], before, value, [LANES, *range(LANES - 1)])
+        before = _spread(builder, arguments[1], OCTET)
+        return _shuffled(builder, arguments[0], before, [LANES, *range(LANES - 1)])
 
-    return value(value, first), build
+    return OCTET(value, first), build
 
 
 @intrinsic  # type: ignore[untyped-decorator]
@@ -262,8 +296,16 @@ def transposed(typing: Any, rows: Any) -> Any:
             for row in range(LANES):
                 if not row & reach:
                     x, y = parts[row], parts[row + reach]
-                    parts[row] = _shuffled(builder, x, y, OCTET, low)
-                    parts[row + reach] = _shuffled(builder, x, y, OCTET, high)
+                    parts[row] = _shuffled(builder, x, y, low)
+                    parts[row + reach] = _shuffled(builder, x, y, high)
         return context.make_tuple(builder, signature.return_type, parts)
 
     return rows(rows), build
+
+
+def blocks(frames: np.ndarray) -> np.ndarray:
+    """Any number of frames in the last axis as whole octets, (n, ..., 8); the last frame is repeated to fill them."""
+    short = -frames.shape[-1] % LANES
+    filled = np.concatenate([frames, np.repeat(frames[..., -1:], short, -1)], -1) if short else frames
+    cut = filled.reshape(*frames.shape[:-1], -1, LANES)
+    return np.ascontiguousarray(np.moveaxis(cut, -2, 0), np.float32)

@@ -14,21 +14,10 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from .compiled import HALF, NOTHING, ONE, ZERO, F
-from .octet import PAIR, inner, least, most, size
+from .octet import SIXTEEN, inner, least, most, place_of, size
 
-WIDE = PAIR.lanes
+WIDE = SIXTEEN.lanes
 _WHOLE, _HALVES = ir.VectorType(ir.IntType(32), WIDE), ir.VectorType(ir.HalfType(), WIDE)
-
-
-def _place(
-    context: Any, builder: Any, array_type: Any, array: Any, index_type: Any, index: Any, of: Any
-) -> Any:
-    """Pointer to the vector that begins at this index."""
-    parts = cgutils.unpack_tuple(builder, index)
-    indices = [context.cast(builder, i, t, types.intp) for i, t in zip(parts, index_type, strict=True)]
-    view = context.make_array(array_type)(context, builder, array)
-    first = cgutils.get_item_pointer(context, builder, array_type, view, indices, wraparound=False)
-    return builder.bitcast(first, of.as_pointer())
 
 
 @intrinsic  # type: ignore[untyped-decorator]
@@ -41,23 +30,23 @@ def wide(typing: Any, array: Any, index: Any) -> Any:
     is_half = array.dtype == types.uint16
 
     def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        of = _HALVES if is_half else PAIR.vector
-        place = _place(context, builder, array, arguments[0], index, arguments[1], of)
-        numbers = builder.load(place, align=2 if is_half else 4)
-        return builder.fpext(numbers, PAIR.vector) if is_half else numbers
+        of = _HALVES if is_half else SIXTEEN.vector
+        place = place_of(context, builder, array, arguments[0], index, arguments[1])
+        numbers = builder.load(builder.bitcast(place, of.as_pointer()), align=2 if is_half else 4)
+        return builder.fpext(numbers, SIXTEEN.vector) if is_half else numbers
 
-    return PAIR(array, index), build
+    return SIXTEEN(array, index), build
 
 
 @intrinsic  # type: ignore[untyped-decorator]
 def put(typing: Any, array: Any, index: Any, value: Any) -> Any:
     """Sixteen numbers into a float32 array, from this index on."""
-    if not (isinstance(array, types.Array) and array.dtype == types.float32 and value is PAIR):
+    if not (isinstance(array, types.Array) and array.dtype == types.float32 and value is SIXTEEN):
         return None
 
     def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        place = _place(context, builder, array, arguments[0], index, arguments[1], PAIR.vector)
-        builder.store(arguments[2], place, align=4)
+        place = place_of(context, builder, array, arguments[0], index, arguments[1])
+        builder.store(arguments[2], builder.bitcast(place, SIXTEEN.vector.as_pointer()), align=4)
         return context.get_dummy_value()
 
     return types.none(array, index, value), build
@@ -66,29 +55,29 @@ def put(typing: Any, array: Any, index: Any, value: Any) -> Any:
 @intrinsic  # type: ignore[untyped-decorator]
 def with_product(typing: Any, total: Any, share: Any, value: Any) -> Any:
     """`total + share * value` with a number for `share`; in one operation where the processor has it."""
-    if not (total is PAIR and value is PAIR and share == types.float32):
+    if not (total is SIXTEEN and value is SIXTEEN and share == types.float32):
         return None
 
     def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         start, scalar, numbers = arguments
-        empty = ir.Constant(PAIR.vector, ir.Undefined)
+        empty = ir.Constant(SIXTEEN.vector, ir.Undefined)
         one = builder.insert_element(empty, scalar, ir.Constant(ir.IntType(32), 0))
         spread = builder.shuffle_vector(one, empty, ir.Constant(_WHOLE, [0] * WIDE))
-        kind = ir.FunctionType(PAIR.vector, [PAIR.vector] * 3)
+        kind = ir.FunctionType(SIXTEEN.vector, [SIXTEEN.vector] * 3)
         fused = cgutils.get_or_insert_function(builder.module, kind, f"llvm.fmuladd.v{WIDE}f32")
         return builder.call(fused, [spread, numbers, start])
 
-    return PAIR(total, share, value), build
+    return SIXTEEN(total, share, value), build
 
 
 @intrinsic  # type: ignore[untyped-decorator]
 def total(typing: Any, value: Any) -> Any:
     """The sum of all sixteen."""
-    if value is not PAIR:
+    if value is not SIXTEEN:
         return None
 
     def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        kind = ir.FunctionType(ir.FloatType(), [ir.FloatType(), PAIR.vector])
+        kind = ir.FunctionType(ir.FloatType(), [ir.FloatType(), SIXTEEN.vector])
         added = cgutils.get_or_insert_function(builder.module, kind, f"llvm.vector.reduce.fadd.v{WIDE}f32")
         return builder.call(added, [ir.Constant(ir.FloatType(), -0.0), arguments[0]], fastmath=("reassoc",))
 
@@ -98,11 +87,11 @@ def total(typing: Any, value: Any) -> Any:
 @intrinsic  # type: ignore[untyped-decorator]
 def highest(typing: Any, value: Any) -> Any:
     """The largest of all sixteen, none of which may be NaN."""
-    if value is not PAIR:
+    if value is not SIXTEEN:
         return None
 
     def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        kind = ir.FunctionType(ir.FloatType(), [PAIR.vector])
+        kind = ir.FunctionType(ir.FloatType(), [SIXTEEN.vector])
         largest = cgutils.get_or_insert_function(builder.module, kind, f"llvm.vector.reduce.fmax.v{WIDE}f32")
         return builder.call(largest, [arguments[0]], fastmath=("nnan",))
 
@@ -111,28 +100,28 @@ def highest(typing: Any, value: Any) -> Any:
 
 @intrinsic  # type: ignore[untyped-decorator]
 def _floor(typing: Any, value: Any) -> Any:
-    if value is not PAIR:
+    if value is not SIXTEEN:
         return None
 
     def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        kind = ir.FunctionType(PAIR.vector, [PAIR.vector])
+        kind = ir.FunctionType(SIXTEEN.vector, [SIXTEEN.vector])
         floor = cgutils.get_or_insert_function(builder.module, kind, f"llvm.floor.v{WIDE}f32")
         return builder.call(floor, [arguments[0]])
 
-    return PAIR(value), build
+    return SIXTEEN(value), build
 
 
 @intrinsic  # type: ignore[untyped-decorator]
 def _two_to(typing: Any, whole: Any) -> Any:
     """Powers of two, written as a float's exponent bits."""
-    if whole is not PAIR:
+    if whole is not SIXTEEN:
         return None
 
     def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         exponent = builder.add(builder.fptosi(arguments[0], _WHOLE), ir.Constant(_WHOLE, [127] * WIDE))
-        return builder.bitcast(builder.shl(exponent, ir.Constant(_WHOLE, [23] * WIDE)), PAIR.vector)
+        return builder.bitcast(builder.shl(exponent, ir.Constant(_WHOLE, [23] * WIDE)), SIXTEEN.vector)
 
-    return PAIR(whole), build
+    return SIXTEEN(whole), build
 
 
 @inner()

@@ -26,21 +26,7 @@ from torch import Tensor
 from ..kinematics.octets import quaternion_at
 from ..nn import StreamState
 from ..nn.compiled import ONE, ZERO, F
-from ..nn.octet import (
-    LANES,
-    behind,
-    exact,
-    first_of,
-    fused,
-    inner,
-    is_any,
-    last_of,
-    root,
-    size,
-    spread,
-    where,
-)
-from ..nn.rows import ALONE, desk, following, load, number, sessions, store
+from ..nn.octet import LANES, behind, exact, fused, inner, is_any, load, root, size, spread, store, where
 from ..timing import FRAMES_PER_MOTION_TOKEN
 from .pose import Array, PoseLanes
 
@@ -74,7 +60,7 @@ class Calm:
         """Rotations and travel of a chunk, smoothed in place; `active` rows remember them."""
         smoother, cosine = self.numbers(pose.frames, pose.fps)
         shown, travel = state.shown.numpy(), state.travel.numpy()
-        smooth(ALONE, pose.turns, pose.root, pose.frames, shown, travel, active, smoother, cosine)
+        smooth(pose.turns, pose.root, pose.frames, shown, travel, active, smoother, cosine)
 
     def numbers(self, frames: int, fps: float) -> tuple[Float[Array, "11 8"], np.float32]:
         """What `smooth` wants for a chunk of so many frames: the smoother's matrix and the bound's cosine."""
@@ -97,50 +83,47 @@ def _smoother(frames: int, stiffness: float) -> Float[Array, "11 8"]:
 
 
 @exact()
-def smooth(row, turns, roots, frames, shown, travel, active, smoother, cosine):  # type: ignore[no-untyped-def]
+def smooth(turns, roots, frames, shown, travel, active, smoother, cosine):  # type: ignore[no-untyped-def]
     """All rows; `cosine` is that of half the angle that a joint may turn in a frame."""
-    past, spare = np.empty((2, 4, LANES), F), np.empty((2, 2, LANES), F)
-    for _ in range(turns.shape[0] // len(sessions(row))):
-        w, x, y, z = quaternion_at(shown, row, 0)
-        is_seen = last_of(size(w) + size(x) + size(y) + size(z)) > ZERO
+    past, spare = np.empty((4, LANES), F), np.empty((2, LANES), F)
+    for row in range(turns.shape[0]):
+        is_new = True
+        for k in range(4):
+            is_new &= shown[row, 0, k, LANES - 1] == ZERO
         for joint in range(turns.shape[1]):
             for k in range(4):  # copied, and no views taken: they would be counted
-                first = first_of(load(turns, (row, joint, k)))
-                store(past, (desk(row), k), where(is_seen, load(shown, (row, joint, k)), first))
+                before = load(shown, (row, joint, k))
+                store(past, (k,), spread(turns[row, joint, k, 0], before) if is_new else before)
             _one_hemisphere(turns, row, joint, past, spare)
             w, x, y, z = _smoothed(turns, row, joint, past, smoother)
             share = ONE / root(fused(z, z, fused(y, y, fused(x, x, w * w))))
             smooth = w * share, x * share, y * share, z * share
-            for k, value in enumerate(smooth):
-                store(turns, (row, joint, k), value)
-            along = ZERO * share
-            for k, value in enumerate(smooth):
-                along += value * behind(value, last_of(load(past, (desk(row), k))))
-            if is_any(size(along) < cosine):
-                _slow_down(turns, row, joint, frames, size(along), past, cosine, spare)
-            for own, session in enumerate(sessions(row)):
-                if active[session]:
-                    _remember(turns, session, joint, frames, past, own, shown)
+            for k, number in enumerate(smooth):
+                store(turns, (row, joint, k), number)
+            near = ZERO * share
+            for k, number in enumerate(smooth):
+                near += number * behind(number, past[k, LANES - 1])
+            if is_any(size(near) < cosine):
+                _slow_down(turns, row, joint, frames, past, cosine, spare)
+            if active[row]:
+                _remember(turns, row, joint, frames, past, shown)
         for axis in range(3):
-            first = first_of(load(roots, (row, axis)))
-            store(past, (desk(row), 0), where(is_seen, load(travel, (row, axis)), first))
-            path = spread(ZERO, first)
+            before = load(travel, (row, axis))
+            store(past, (0,), spread(roots[row, axis, 0], before) if is_new else before)
+            path = spread(ZERO, before)
             for frame in range(SHOWN):
-                path += number(past, (desk(row), 0, LANES - SHOWN + frame)) * load(smoother, (frame,))
+                path += past[0, LANES - SHOWN + frame] * load(smoother, (frame,))
             for frame in range(LANES):
-                path += number(roots, (row, axis, frame)) * load(smoother, (SHOWN + frame,))
+                path += roots[row, axis, frame] * load(smoother, (SHOWN + frame,))
             store(roots, (row, axis), path)
-            for own, session in enumerate(sessions(row)):
-                if active[session]:
-                    for frame in range(LANES):
-                        at = frames + frame
-                        last = past[own, 0, at] if at < LANES else roots[session, axis, at - LANES]
-                        travel[session, axis, frame] = last
-        row = following(row)
+            if active[row]:
+                for frame in range(LANES):
+                    at = frames + frame
+                    travel[row, axis, frame] = past[0, at] if at < LANES else roots[row, axis, at - LANES]
 
 
 @inner()
-def _remember(turns, row, joint, frames, past, own, shown):  # type: ignore[no-untyped-def]
+def _remember(turns, row, joint, frames, past, shown):  # type: ignore[no-untyped-def]
     """The last eight of a joint's path."""
     for k in range(4):
         if frames == LANES:
@@ -148,86 +131,65 @@ def _remember(turns, row, joint, frames, past, own, shown):  # type: ignore[no-u
         else:
             for frame in range(LANES):
                 at = frames + frame
-                last = past[own, k, at] if at < LANES else turns[row, joint, k, at - LANES]
+                last = past[k, at] if at < LANES else turns[row, joint, k, at - LANES]
                 shown[row, joint, k, frame] = last
 
 
 @inner()
 def _one_hemisphere(turns, row, joint, past, spare):  # type: ignore[no-untyped-def]
     """Signs chosen, in place, so that no quaternion points away from the one before it."""
-    along = ZERO * load(turns, (row, joint, 0))
-    for k in range(4):
-        value = load(turns, (row, joint, k))
-        along += value * behind(value, last_of(load(past, (desk(row), k))))
+    w, x, y, z = quaternion_at(turns, row, joint)
+    last = LANES - 1
+    along = w * behind(w, past[0, last]) + x * behind(x, past[1, last])
+    along += y * behind(y, past[2, last]) + z * behind(z, past[3, last])
     if not is_any(along < ZERO):
         return
-    store(spare, (desk(row), 0), where(along < ZERO, -ONE, spread(ONE, along)))
-    for own, session in enumerate(sessions(row)):
-        sign = ONE
-        for frame in range(LANES):
-            sign *= spare[own, 0, frame]
-            for k in range(4):
-                turns[session, joint, k, frame] *= sign
+    store(spare, (0,), where(along < ZERO, spread(-ONE, along), ONE))
+    sign = ONE
+    for frame in range(LANES):
+        sign *= spare[0, frame]
+        for k in range(4):
+            turns[row, joint, k, frame] *= sign
 
 
 @inner()
 def _smoothed(turns, row, joint, past, smoother):  # type: ignore[no-untyped-def]
     """A joint's four numbers, not yet of length one."""
-    w = x = y = z = spread(ZERO, load(turns, (row, joint, 0)))
+    w = x = y = z = spread(ZERO, load(smoother, (0,)))
     for frame in range(SHOWN):
         at, share = LANES - SHOWN + frame, load(smoother, (frame,))
-        w, x = (
-            fused(number(past, (desk(row), 0, at)), share, w),
-            fused(number(past, (desk(row), 1, at)), share, x),
-        )
-        y, z = (
-            fused(number(past, (desk(row), 2, at)), share, y),
-            fused(number(past, (desk(row), 3, at)), share, z),
-        )
+        w, x = fused(past[0, at], share, w), fused(past[1, at], share, x)
+        y, z = fused(past[2, at], share, y), fused(past[3, at], share, z)
     for frame in range(LANES):
         share = load(smoother, (SHOWN + frame,))
-        w = fused(number(turns, (row, joint, 0, frame)), share, w)
-        x = fused(number(turns, (row, joint, 1, frame)), share, x)
-        y = fused(number(turns, (row, joint, 2, frame)), share, y)
-        z = fused(number(turns, (row, joint, 3, frame)), share, z)
+        w, x = fused(turns[row, joint, 0, frame], share, w), fused(turns[row, joint, 1, frame], share, x)
+        y, z = fused(turns[row, joint, 2, frame], share, y), fused(turns[row, joint, 3, frame], share, z)
     return w, x, y, z
 
 
 @inner()
-def _slow_down(turns, row, joint, frames, along, past, cosine, spare):  # type: ignore[no-untyped-def]
-    """In sessions in which a joint turns too fast, by `along`, the cosines of half its angles: see `_follow_slowly`."""
-    store(spare, (desk(row), 0), along)
-    for own, session in enumerate(sessions(row)):
-        is_fast = False
-        for frame in range(LANES):
-            is_fast |= spare[own, 0, frame] < cosine
-        if is_fast:
-            _follow_slowly(turns, session, joint, frames, past, own, cosine, spare)
-
-
-@inner()
-def _follow_slowly(turns, row, joint, frames, past, own, cosine, spare):  # type: ignore[no-untyped-def]
+def _slow_down(turns, row, joint, frames, past, cosine, spare):  # type: ignore[no-untyped-def]
     """A joint that turns by more than twice the angle of this cosine in a frame follows its path more slowly."""
     sine = F(math.sqrt(ONE - cosine * cosine))
     for k in range(4):
-        spare[own, 0, k] = past[own, k, LANES - 1]
+        spare[0, k] = past[k, LANES - 1]
     for frame in range(frames):
         along = ZERO
         for k in range(4):
-            spare[own, 1, k] = turns[row, joint, k, frame]
-            along += spare[own, 0, k] * spare[own, 1, k]
+            spare[1, k] = turns[row, joint, k, frame]
+            along += spare[0, k] * spare[1, k]
         share = -ONE if along < ZERO else ONE
         along = abs(along)
         if along < cosine:
             aside, length = ZERO, ZERO
             for k in range(4):
-                spare[own, 1, k] = share * spare[own, 1, k] - spare[own, 0, k] * along
-                aside += spare[own, 1, k] * spare[own, 1, k]
+                spare[1, k] = share * spare[1, k] - spare[0, k] * along
+                aside += spare[1, k] * spare[1, k]
             share = sine / max(F(math.sqrt(aside)), _LEAST)
             for k in range(4):
-                spare[own, 1, k] = spare[own, 0, k] * cosine + spare[own, 1, k] * share
-                length += spare[own, 1, k] * spare[own, 1, k]
+                spare[1, k] = spare[0, k] * cosine + spare[1, k] * share
+                length += spare[1, k] * spare[1, k]
             share = ONE / F(math.sqrt(length))
         for k in range(4):
-            spare[own, 0, k] = spare[own, 1, k] * share
-            turns[row, joint, k, frame] = spare[own, 0, k]
+            spare[0, k] = spare[1, k] * share
+            turns[row, joint, k, frame] = spare[0, k]

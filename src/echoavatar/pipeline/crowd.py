@@ -15,7 +15,6 @@ from ..ik.clearing import keep_off
 from ..nn import Parts
 from ..nn.compiled import ONE, ZERO, F
 from ..nn.octet import exact
-from ..nn.rows import IN_PAIRS
 from .calm import Calm, CalmState, smooth
 from .feet import LARGEST, Feet, FeetState, lock
 from .ground import Ground, GroundState, travel
@@ -68,10 +67,10 @@ class Crowd:
 
 @exact()
 def _through(tables, calm, fps, memory, features, active, rotations, places):  # type: ignore[no-untyped-def]
-    """Rows two by two, `TOGETHER` at a time, up to the first that holds what cannot be used; how many were done."""
+    """All rows, `TOGETHER` at a time, up to the first that holds what cannot be used; how many rows were done."""
     (places_of, joints, column), (columns, parents, offsets), (slots, rest), (legs, standing), hands = tables
     shown, travels, grounded, held = memory
-    rows, count = features.shape[0] // 2 * 2, features.shape[1]
+    rows, count = features.shape[0], features.shape[1]
     all_frames = np.empty((TOGETHER, columns.shape[0], 12, 8), F)
     all_turns, all_roots = np.empty((TOGETHER, shown.shape[1], 4, 8), F), np.empty((TOGETHER, 3, 8), F)
     largest = np.full(TOGETHER, F(LARGEST), F)
@@ -82,12 +81,12 @@ def _through(tables, calm, fps, memory, features, active, rotations, places):  #
         if joints.shape[0] < turns.shape[1]:
             turns[...] = ZERO
             turns[:, :, 0] = ONE
-        if not unpack(IN_PAIRS, features[first:last], places_of, joints, column, turns, roots):
+        if not unpack(features[first:last], places_of, joints, column, turns, roots):
             return first
-        smooth(IN_PAIRS, turns, roots, count, shown[first:last], travels[first:last], on, calm[0], calm[1])
-        stand(IN_PAIRS, turns, columns, parents, offsets, frames)
-        travel(IN_PAIRS, slots, rest, frames, turns, roots, count, grounded[first:last], on)
-        lock(IN_PAIRS, legs, standing, frames, turns, roots, roots, count, fps, largest, held[first:last], on)
-        keep_off(IN_PAIRS, hands, frames, turns)
+        smooth(turns, roots, count, shown[first:last], travels[first:last], on, calm[0], calm[1])
+        stand(turns, columns, parents, offsets, frames)
+        travel(slots, rest, frames, turns, roots, count, grounded[first:last], on)
+        lock(legs, standing, frames, turns, roots, roots, count, fps, largest, held[first:last], on)
+        keep_off(hands, frames, turns)
         pack(turns, roots, rotations[first:last], places[first:last])
     return rows

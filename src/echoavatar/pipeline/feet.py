@@ -22,8 +22,7 @@ from ..kinematics import Skeleton
 from ..kinematics.octets import matrix, place_at, quaternion_at, turned, turned_back
 from ..nn import StreamState
 from ..nn.compiled import ONE, ZERO, F
-from ..nn.octet import exact, inner
-from ..nn.rows import ALONE, desk, following, load, sessions, store
+from ..nn.octet import exact, inner, load, store
 from .pose import Array, PoseLanes
 
 ENTER_HEIGHT, LEAVE_HEIGHT = 0.022, 0.035  # metres above standing height
@@ -89,7 +88,6 @@ class Feet:
         far = np.full(len(pose.root), LARGEST, np.float32) if largest is None else largest.astype(np.float32)
         memory, fps = state.memory.numpy(), F(pose.fps)
         lock(
-            ALONE,
             self.legs,
             self.standing,
             frames,
@@ -105,32 +103,28 @@ class Feet:
 
 
 @exact()
-def lock(row, legs, standing, frames, turns, root, free_root, count, fps, largest, memory, active):  # type: ignore[no-untyped-def]
+def lock(legs, standing, frames, turns, root, free_root, count, fps, largest, memory, active):  # type: ignore[no-untyped-def]
     """All rows, one foot after the other."""
-    over, free, shift = np.empty((2, 3, 8), F), np.empty((2, 3, 8), F), np.empty((2, 3, 8), F)
+    over, free, shift = np.empty((3, 8), F), np.empty((3, 8), F), np.empty((3, 8), F)
     after = np.empty(memory.shape[2], F)
-    for _ in range(turns.shape[0] // len(sessions(row))):
+    for row in range(turns.shape[0]):
         hips = matrix(quaternion_at(turns, row, 0))
         for side in range(2):
             x, y, z = turned(hips, place_at(frames, row, legs.slots[side, 3]))
             for axis, number in enumerate((x, y - standing[side], z)):
-                store(over, (desk(row), axis), number + load(root, (row, axis)))
-                store(free, (desk(row), axis), number + load(free_root, (row, axis)))
-            for own, session in enumerate(sessions(row)):
-                for k in range(
-                    after.shape[0]
-                ):  # not as a slice: numba would compile the text of its error, too
-                    after[k] = memory[session, side, k]
-                _shift(own, over, free, count, fps, largest[session], after, shift)
-                for k in range(after.shape[0]):
-                    memory[session, side, k] = after[k] if active[session] else memory[session, side, k]
-            moved = (load(shift, (desk(row), 0)), load(shift, (desk(row), 1)), load(shift, (desk(row), 2)))
+                store(over, (axis,), number + load(root, (row, axis)))
+                store(free, (axis,), number + load(free_root, (row, axis)))
+            for k in range(after.shape[0]):  # not as a slice: numba would compile the text of its error, too
+                after[k] = memory[row, side, k]
+            _shift(over, free, count, fps, largest[row], after, shift)
+            for k in range(after.shape[0]):
+                memory[row, side, k] = after[k] if active[row] else memory[row, side, k]
+            moved = (load(shift, (0,)), load(shift, (1,)), load(shift, (2,)))
             bend(legs, side, turns, frames, row, turned_back(hips, moved))
-        row = following(row)
 
 
 @inner()
-def _shift(own, over, free, count, fps, largest, memory, shift):  # type: ignore[no-untyped-def]
+def _shift(over, free, count, fps, largest, memory, shift):  # type: ignore[no-untyped-def]
     """By how much a foot is moved, frame by frame; `memory` (11) goes from the frame before to the last one.
 
     `over` is where its ball is, its height over the standing one; `free` is where it would be without a leash.
@@ -140,21 +134,15 @@ def _shift(own, over, free, count, fps, largest, memory, shift):  # type: ignore
     aside_x, up, aside_z = memory[5], memory[6], memory[7]
     last_x, last_y, last_z = memory[8], memory[9], memory[10]
     if is_new:
-        x, z, last_x, last_y, last_z = (
-            over[own, 0, 0],
-            over[own, 2, 0],
-            free[own, 0, 0],
-            free[own, 1, 0],
-            free[own, 2, 0],
-        )
+        x, z, last_x, last_y, last_z = over[0, 0], over[2, 0], free[0, 0], free[1, 0], free[2, 0]
     for t in range(count):
-        moved_x, rise, moved_z = free[own, 0, t] - last_x, free[own, 1, t] - last_y, free[own, 2, t] - last_z
-        last_x, last_y, last_z = free[own, 0, t], free[own, 1, t], free[own, 2, t]
-        height, speed = over[own, 1, t], F(math.sqrt(moved_x * moved_x + moved_z * moved_z)) * fps
+        moved_x, rise, moved_z = free[0, t] - last_x, free[1, t] - last_y, free[2, t] - last_z
+        last_x, last_y, last_z = free[0, t], free[1, t], free[2, t]
+        height, speed = over[1, t], F(math.sqrt(moved_x * moved_x + moved_z * moved_z)) * fps
         stays = height < _LEAVE and rise * fps < _LEAVE_SPEED
         comes = stays and height < _ENTER and speed < _STANDING and not is_loose
         is_held = stays if is_held else comes
-        gap_x, gap_z = x - over[own, 0, t], z - over[own, 2, t]  # to where it was shown in the frame before
+        gap_x, gap_z = x - over[0, t], z - over[2, t]  # to where it was shown in the frame before
         if is_held and gap_x * gap_x + gap_z * gap_z > largest * largest:
             is_held, is_loose = False, True
         if is_held:
@@ -171,10 +159,10 @@ def _shift(own, over, free, count, fps, largest, memory, shift):  # type: ignore
             kept = ONE - (ONE - _FADE) * min(max((height + up) * _PER_CLEAR, ZERO), ONE)
             aside_x, aside_z = aside_x * kept, aside_z * kept
             is_loose = is_loose and away > _BACK
-            x, z = over[own, 0, t] + aside_x, over[own, 2, t] + aside_z
-        shift[own, 0, t], shift[own, 1, t], shift[own, 2, t] = aside_x, up, aside_z
+            x, z = over[0, t] + aside_x, over[2, t] + aside_z
+        shift[0, t], shift[1, t], shift[2, t] = aside_x, up, aside_z
     for t in range(count, 8):
-        shift[own, 0, t], shift[own, 1, t], shift[own, 2, t] = aside_x, up, aside_z
+        shift[0, t], shift[1, t], shift[2, t] = aside_x, up, aside_z
     memory[0], memory[1], memory[2] = ONE, ONE if is_held else ZERO, ONE if is_loose else ZERO
     memory[3], memory[4], memory[5], memory[6], memory[7] = x, z, aside_x, up, aside_z
     memory[8], memory[9], memory[10] = last_x, last_y, last_z

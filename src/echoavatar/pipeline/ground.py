@@ -17,8 +17,7 @@ from ..kinematics import Skeleton
 from ..kinematics.octets import matrix, place_at, quaternion_at, turned
 from ..nn import StreamState
 from ..nn.compiled import ONE, ZERO, F
-from ..nn.octet import behind, exact, first_of, least, most, spread, where
-from ..nn.rows import ALONE, desk, following, load, number, sessions, store
+from ..nn.octet import behind, exact, least, load, most, spread, store
 from .pose import Array, PoseLanes
 
 RELEASE_HEIGHT = 0.035  # metres above its rest height at which a point no longer counts as planted
@@ -52,26 +51,19 @@ class Ground:
     ) -> None:
         """Turn the decoded travel of `pose.root` into world positions; `frames` are those of the pose in the chains."""
         travel(
-            ALONE,
-            self.slots,
-            self.rest,
-            frames,
-            pose.turns,
-            pose.root,
-            pose.frames,
-            state.memory.numpy(),
-            active,
+            self.slots, self.rest, frames, pose.turns, pose.root, pose.frames, state.memory.numpy(), active
         )
 
 
 @exact()
-def travel(row, slots, rest, frames, turns, roots, count, memory, active):  # type: ignore[no-untyped-def]
+def travel(slots, rest, frames, turns, roots, count, memory, active):  # type: ignore[no-untyped-def]
     """All rows: ankles and toes relative to the root, along the world's axes, say how the root moves over them."""
     points = slots.shape[0]
-    here = np.empty((2, 4, points, 8), F)
-    for _ in range(turns.shape[0] // len(sessions(row))):
+    here = np.empty((4, points, 8), F)
+    for row in range(turns.shape[0]):
+        is_new = memory[row, 0] == ZERO
         height = load(roots, (row, 1))
-        zero, is_seen = spread(ZERO, height), number(memory, (row, 0)) > ZERO
+        zero = spread(ZERO, height)
         if points:
             hips = matrix(quaternion_at(turns, row, 0))
             held_x, held_z, total, strongest = zero, zero, zero, zero
@@ -81,12 +73,12 @@ def travel(row, slots, rest, frames, turns, roots, count, memory, active):  # ty
                 clearance = height + y - rest[point]
                 share = least(most(clearance * _PER_HEIGHT, ZERO), ONE)
                 weight = ONE - share * share * (F(3) - F(2) * share)
-                for k, value in enumerate((x, y, z, weight)):
-                    store(here, (desk(row), k, point), value)
+                for k, number in enumerate((x, y, z, weight)):
+                    store(here, (k, point), number)
                 at = 3 + point
-                last_x = where(is_seen, number(memory, (row, at)), first_of(x))
-                last_z = where(is_seen, number(memory, (row, at + 2 * points)), first_of(z))
-                last_weight = where(is_seen, number(memory, (row, at + 3 * points)), first_of(weight))
+                last_x = here[0, point, 0] if is_new else memory[row, at]
+                last_z = here[2, point, 0] if is_new else memory[row, at + 2 * points]
+                last_weight = here[3, point, 0] if is_new else memory[row, at + 3 * points]
                 both = least(weight, behind(weight, last_weight))
                 lead = both * both * both * both  # the more firmly planted point leads
                 held_x += lead * (behind(x, last_x) - x)
@@ -99,19 +91,15 @@ def travel(row, slots, rest, frames, turns, roots, count, memory, active):  # ty
             store(roots, (row, 0), x + (held_x / total - x) * strongest)
             store(roots, (row, 2), z + (held_z / total - z) * strongest)
             store(roots, (row, 1), height - planted * (sinking / most(pressing, _LEAST)))
-        for own, session in enumerate(sessions(row)):
-            is_new = memory[session, 0] == ZERO
-            for axis in (0, 2):
-                place = memory[session, 1 + axis // 2]
-                for frame in range(8):
-                    if frame or not is_new:
-                        place += roots[session, axis, frame]
-                    roots[session, axis, frame] = place
-            if active[session]:
-                memory[session, 0] = ONE
-                for axis in (0, 2):
-                    memory[session, 1 + axis // 2] = roots[session, axis, count - 1]
-                for point in range(points):
-                    for k in range(4):
-                        memory[session, 3 + k * points + point] = here[own, k, point, count - 1]
-        row = following(row)
+        for axis in (0, 2):
+            place = memory[row, 1 + axis // 2]
+            for frame in range(8):
+                if frame or not is_new:
+                    place += roots[row, axis, frame]
+                roots[row, axis, frame] = place
+        if active[row]:
+            memory[row, 0] = ONE
+            memory[row, 1], memory[row, 2] = roots[row, 0, count - 1], roots[row, 2, count - 1]
+            for point in range(points):
+                for k in range(4):
+                    memory[row, 3 + k * points + point] = here[k, point, count - 1]

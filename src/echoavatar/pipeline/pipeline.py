@@ -194,18 +194,17 @@ class Pipeline:
         """These rows' generator knows nothing of what was heard and done; the body stays where it is."""
         state.generator.reset(rows)
 
-    def warm_up(self, rows: int = 1) -> None:
+    def warm_up(self) -> None:
         """Run a step for nobody, and make what sessions begin with.
 
-        The first on a machine compiles the inner loops, which is said if it takes long; those of a large batch, where
-        so many `rows` are to be stepped at once.
+        The first on a machine compiles the inner loops, which is said if it takes long.
         """
         patience = threading.Timer(3.0, _LOG.warning, ["compiling for this processor, once; up to a minute"])
         patience.start()
         try:
-            for count in {1, rows}:
-                sound, nobody = torch.zeros(count, self.chunk_samples), torch.zeros(count, dtype=torch.bool)
-                self.step(sound, self.init_state(count), nobody)
+            self.step(
+                torch.zeros(1, self.chunk_samples), self.init_state(1), torch.zeros(1, dtype=torch.bool)
+            )
             self.beginning.prepare()
         finally:
             patience.cancel()

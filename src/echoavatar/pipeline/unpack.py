@@ -7,8 +7,7 @@ from ..kinematics import Skeleton
 from ..kinematics.features import travel_slice
 from ..kinematics.octets import from_two_rows
 from ..nn.compiled import HALF, ONE, ZERO, F
-from ..nn.octet import LANES, exact, inner, is_any, size, spread, transposed, where
-from ..nn.rows import ALONE, desk, following, load, sessions, store
+from ..nn.octet import LANES, exact, inner, is_any, load, size, spread, store, transposed, where
 from .pose import Array, PoseLanes
 
 _LARGEST = F(3e38)
@@ -35,9 +34,7 @@ class Unpacking:
         )
         if len(self.joints) < self._all:
             turns[...], turns[:, :, 0] = 0, 1
-        is_good = unpack(
-            ALONE, np.ascontiguousarray(features), self.first, self.joints, self.travel, turns, root
-        )
+        is_good = unpack(np.ascontiguousarray(features), self.first, self.joints, self.travel, turns, root)
         return PoseLanes(turns, root, fps, frames), is_good
 
 
@@ -51,41 +48,30 @@ def frames_of(pose: PoseLanes) -> tuple[Float[Array, "b t j 4"], Float[Array, "b
 
 
 @exact()
-def unpack(row, features, first, joints, travel, turns, root):  # type: ignore[no-untyped-def]
+def unpack(features, first, joints, travel, turns, root):  # type: ignore[no-untyped-def]
     """All rows; whether every number is finite and every rotation is one."""
-    columns = np.empty((2, features.shape[2], 8), F)
+    columns = np.empty((features.shape[2], 8), F)
     is_good = True
-    for _ in range(features.shape[0] // len(sessions(row))):
-        for own, session in enumerate(sessions(row)):
-            _turn_over(features, session, columns, own)
+    for row in range(features.shape[0]):
+        _turn_over(features, row, columns)
         for index in range(joints.shape[0]):
             at = first[index]
-            x = (
-                load(columns, (desk(row), at)),
-                load(columns, (desk(row), at + 1)),
-                load(columns, (desk(row), at + 2)),
-            )
-            at += 3
-            y = (
-                load(columns, (desk(row), at)),
-                load(columns, (desk(row), at + 1)),
-                load(columns, (desk(row), at + 2)),
-            )
+            x = load(columns, (at,)), load(columns, (at + 1,)), load(columns, (at + 2,))
+            y = load(columns, (at + 3,)), load(columns, (at + 4,)), load(columns, (at + 5,))
             turn = from_two_rows(x, y)
             for k, number in enumerate(turn):
                 store(turns, (row, joints[index], k), number)
             length = turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2] + turn[3] * turn[3]
             is_good &= not is_any(where(length > HALF, spread(ZERO, length), ONE) > ZERO)
         for at in range(3):  # across, along, height
-            number = load(columns, (desk(row), travel + at))
+            number = load(columns, (travel + at,))
             store(root, (row, (3 - at) % 3), number)
             is_good &= not is_any(where(size(number) < _LARGEST, spread(ZERO, number), ONE) > ZERO)
-        row = following(row)
     return is_good
 
 
 @inner()
-def _turn_over(features, row, columns, own):  # type: ignore[no-untyped-def]
+def _turn_over(features, row, columns):  # type: ignore[no-untyped-def]
     """The frames of each channel side by side; the last one again where there are fewer than eight."""
     last = features.shape[1] - 1
     for block in range(0, features.shape[2], 8):
@@ -101,7 +87,7 @@ def _turn_over(features, row, columns, own):  # type: ignore[no-untyped-def]
             load(features, (row, min(7, last), at)),
         )
         for channel, number in enumerate(transposed(eight)):
-            store(columns, (own, at + channel), number)
+            store(columns, (at + channel,), number)
 
 
 @exact()
