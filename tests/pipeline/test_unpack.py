@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 import torch
 
-from echoavatar.kinematics import HUMANOID, Skeleton, to_features
+from echoavatar.errors import MotionError
+from echoavatar.kinematics import HUMANOID, Skeleton, SkeletonConfig, to_features
 from echoavatar.kinematics.features import travel_slice
 from echoavatar.kinematics.rotations import angle_between, matrix_from_axis_angle, matrix_from_quaternion
 from echoavatar.pipeline.unpack import Unpacking, frames_of
@@ -50,3 +51,31 @@ def test_garbage_anywhere_is_noticed(value: float, channel: int | str) -> None:
     features[1, 5, at] = value
     _, is_good = Unpacking(HUMANOID).pose_of(features.numpy(), 30.0)
     assert not is_good
+
+
+def chain(joints: int, parts: dict[str, tuple[int, ...]]) -> Skeleton:
+    """Bones of 10 cm, one above the other."""
+    offsets = ((0.0, 0.1, 0.0),) * joints
+    names, parents = tuple(f"bone{joint}" for joint in range(joints)), tuple(range(-1, joints - 1))
+    return Skeleton(SkeletonConfig(names=names, parents=parents, offsets=offsets, parts=parts))
+
+
+@pytest.mark.parametrize("joints", [2, 3, 5])
+@pytest.mark.parametrize("frames", [8, 5])
+def test_joints_are_packed_two_by_two_and_none_is_lost(joints: int, frames: int) -> None:
+    rig = chain(joints, {"lower": tuple(range(joints))})
+    turns = torch.randn(2, frames, joints, 3, generator=torch.Generator().manual_seed(joints))
+    rotations = matrix_from_axis_angle(turns)
+    pose, is_good = Unpacking(rig).pose_of(
+        to_features(rig, rotations, torch.zeros(2, frames, 3)).numpy(), 30.0
+    )
+    shown, _ = frames_of(pose)
+    assert is_good
+    assert (shown[..., 0] >= 0).all()
+    assert angle_between(matrix_from_quaternion(torch.from_numpy(shown)), rotations).max() < 2e-3
+
+
+@pytest.mark.parametrize(("joints", "parts"), [(1, {"lower": (0,)}), (3, {})])
+def test_rigs_without_anything_to_move_are_refused(joints: int, parts: dict[str, tuple[int, ...]]) -> None:
+    with pytest.raises(MotionError, match="add bones to its parts"):
+        Unpacking(chain(joints, parts))

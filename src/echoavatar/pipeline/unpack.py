@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
+from ..errors import MotionError
 from ..kinematics import Skeleton
 from ..kinematics.features import travel_slice
 from ..kinematics.octets import from_two_rows
@@ -17,6 +18,15 @@ class Unpacking:
     """The places of a rig's rotations and travel in a frame of features."""
 
     def __init__(self, skeleton: Skeleton) -> None:
+        """
+        Raises:
+            MotionError: a rig of one joint, or one of which no joint is in a part: loops take eight numbers at once.
+        """
+        if skeleton.joints < 2 or not skeleton.feature_joints:
+            moving = f"{skeleton.joints} joints, {len(skeleton.feature_joints)} of them in a part"
+            raise MotionError(
+                f"a body needs two joints and one that moves, got {moving}; add bones to its parts"
+            )
         travel = travel_slice(skeleton)
         self.joints = np.array(skeleton.feature_joints, np.int64)
         first = 6 * np.arange(len(self.joints))  # channel of each joint's 6D
