@@ -5,6 +5,7 @@ the devices and wraps the modules for DDP. With `sharded` every process holds it
 torch's `fully_shard`, block by block). Accelerate offers that on GPUs alone, so it is called here itself and is tested.
 """
 
+import atexit
 import json
 import os
 from collections.abc import Iterator, Mapping
@@ -73,6 +74,7 @@ class Several(Processes):
         self.count, self.rank = self._accelerator.num_processes, self._accelerator.process_index
         self.device = self._accelerator.device
         self.sharded = sharded
+        atexit.register(_leave)
 
     def wrap(self, module: nn.Module, *, has_idle: bool = False) -> nn.Module:
         """See `Processes.wrap`."""
@@ -121,6 +123,12 @@ class Several(Processes):
     def wait(self) -> None:
         """See `Processes.wait`."""
         self._accelerator.wait_for_everyone()
+
+
+def _leave() -> None:
+    """Take leave of the others: threads that still listen to them when the program ends may abort it."""
+    if torch.distributed.is_initialized():
+        torch.distributed.destroy_process_group()
 
 
 def processes_here(device: str = "cpu", *, sharded: bool = False) -> Processes:
