@@ -4,6 +4,7 @@ import asyncio
 import http.client
 import json
 import logging
+from contextlib import suppress
 
 import pytest
 from tests.proxy.places import listening, proxied, run, silent, stage, tone
@@ -12,6 +13,7 @@ from websockets.exceptions import InvalidStatus
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.proxy import ProxySettings, Relay
+from echoavatar.proxy.relay import _end
 from echoavatar.proxy.scripted import Part
 from echoavatar.proxy.upstream import dial
 
@@ -181,6 +183,21 @@ def test_an_upstream_that_drops_ends_one_conversation_and_not_the_next() -> None
             assert place.empties()
 
     run(conversation)
+
+
+def test_a_task_that_swallows_a_cancellation_is_cancelled_again() -> None:
+    async def deaf() -> None:
+        with suppress(asyncio.CancelledError):
+            await asyncio.sleep(60)
+        await asyncio.sleep(60)
+
+    async def conversation() -> None:
+        task = asyncio.create_task(deaf())
+        await asyncio.sleep(0)
+        await _end(task)
+        assert task.cancelled()
+
+    run(conversation, seconds=5)
 
 
 def test_a_client_that_leaves_takes_its_upstream_and_avatar_with_it() -> None:

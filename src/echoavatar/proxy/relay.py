@@ -30,6 +30,7 @@ from .upstream import MAX_BYTES, PING_S, PONG_S, InvalidStatus, dial, quiet_logg
 _LOG = logging.getLogger(__name__)
 _UNSENDABLE = (1005, 1006, 1015)  # close codes that mean "none was sent"
 DROPPED = 1011
+CANCEL_AGAIN_S = 0.5
 
 
 class Relay:
@@ -143,14 +144,20 @@ class Relay:
                 await client.close(*_farewell(line))
             else:
                 await line.close(*_farewell(client))
-            for task in (down, up):
-                task.cancel()
-                with suppress(asyncio.CancelledError):
-                    await task
+            await _end(down, up)
         finally:
-            avatar.cancel()
-            with suppress(asyncio.CancelledError):
-                await avatar
+            await _end(avatar)
+
+
+async def _end(*tasks: asyncio.Task[None]) -> None:
+    """Cancel until they are done: what they wait for may swallow a cancellation (`asyncio.wait_for` before 3.12)."""
+    while running := [task for task in tasks if not task.done()]:
+        for task in running:
+            task.cancel()
+        await asyncio.wait(running, timeout=CANCEL_AGAIN_S)
+    for task in tasks:
+        if not task.cancelled():
+            task.result()  # what went wrong is not lost
 
 
 async def _pass_on(
