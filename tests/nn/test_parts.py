@@ -37,9 +37,8 @@ def test_every_part_is_worked_in_one_thread_and_the_callers_mode(threads: int) -
             assert parts.map(work, cut) == [(part.start, *seen) for part in cut]
 
 
-@pytest.mark.parametrize("with_caller", [False, True])
-def test_an_error_in_a_part_reaches_the_caller(threads: int, with_caller: bool) -> None:
-    parts = Parts("test", least=1, with_caller=with_caller)
+def test_an_error_in_a_part_reaches_the_caller(threads: int) -> None:
+    parts = Parts("test", least=1)
 
     def work(part: slice) -> None:
         if part.stop == 6:
@@ -47,10 +46,3 @@ def test_an_error_in_a_part_reaches_the_caller(threads: int, with_caller: bool) 
 
     with pytest.raises(ValueError, match="last part"):
         parts.map(work, parts.of(6))
-
-
-def test_the_caller_may_work_the_first_part(threads: int) -> None:
-    parts = Parts("test", least=2, with_caller=True)
-    who = parts.map(lambda part: threading.get_ident(), parts.of(8))
-    assert who[0] == threading.get_ident()
-    assert threading.get_ident() not in who[1:]

@@ -1,28 +1,18 @@
 """A large batch against its sessions one by one, which take the stages one after the other."""
 
-from collections.abc import Iterator
-
 import pytest
 import torch
 from tests.pipeline.test_post import flat, gestures
 
 from echoavatar.kinematics import HUMANOID
-from echoavatar.pipeline.crowd import WORTH_A_THREAD
+from echoavatar.pipeline.crowd import MANY
 from echoavatar.pipeline.modes import MotionOptions
 from echoavatar.pipeline.post import Post
 
 
-@pytest.fixture(params=[1, 2])
-def threads(request: pytest.FixtureRequest) -> Iterator[int]:
-    before = torch.get_num_threads()
-    torch.set_num_threads(request.param)
-    yield request.param
-    torch.set_num_threads(before)
-
-
 @pytest.mark.parametrize("leash", [0.0, 1.0])
-def test_a_crowd_is_its_sessions_one_by_one_to_the_bit(threads: int, leash: float) -> None:
-    rows = 2 * WORTH_A_THREAD + 3
+def test_a_crowd_is_its_sessions_one_by_one_to_the_bit(leash: float) -> None:
+    rows = 2 * MANY + 3
     features = gestures(rows, 24, torch.Generator().manual_seed(3))
     active = torch.arange(rows) % 5 != 1
     crowd, alone = Post(HUMANOID), Post(HUMANOID)
@@ -40,8 +30,8 @@ def test_a_crowd_is_its_sessions_one_by_one_to_the_bit(threads: int, leash: floa
         assert torch.equal(ours, torch.cat(theirs))
 
 
-def test_rotations_that_are_none_are_repaired_in_a_crowd_as_alone(threads: int) -> None:
-    rows = 2 * WORTH_A_THREAD
+def test_rotations_that_are_none_are_repaired_in_a_crowd_as_alone() -> None:
+    rows = 2 * MANY
     features = gestures(rows, 16, torch.Generator().manual_seed(4))
     features[3, 2], features[20, 12] = torch.nan, torch.nan
     crowd, alone, everyone = Post(HUMANOID), Post(HUMANOID), torch.ones(rows, dtype=torch.bool)

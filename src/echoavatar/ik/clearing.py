@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kinematics.octets import (
+    added,
     composed,
     dot,
-    minus,
     place_at,
     plus,
     quaternion,
@@ -20,16 +20,15 @@ from ..kinematics.octets import (
     seen_from,
     times,
     turned,
-    turned_back,
 )
 from ..nn.compiled import ONE, ZERO, F
-from ..nn.octet import exact, inner, is_any, least, load, most, root, spread, store, where
+from ..nn.octet import exact, fused, inner, is_any, least, load, most, root, spread, store, where
 from .arm import reach
 
 SHELL = F(0.035)  # metres before contact at which a hand begins to give way
 PALM = 1  # of a hand's points, the middle of its palm
-_QUARTER, _STEEP, _LEAST = F(0.25), F(1e9), F(1e-12)
-_PER_SHELL, _ROUND = F(1 / float(SHELL)), F(0.25 / float(SHELL) ** 2)
+_TWO, _QUARTER, _STEEP, _LEAST = F(2), F(0.25), F(1e9), F(1e-12)
+_PER_SHELL = F(1 / float(SHELL))
 
 
 class Tables(NamedTuple):
@@ -57,19 +56,22 @@ class Tables(NamedTuple):
 @exact()
 def keep_off(tables, frames, turns):  # type: ignore[no-untyped-def]
     """Correct arms in `turns` (b, j, 4, 8) whose pose is `frames` (b, c, 12, 8)."""
-    seen = np.empty((tables.carriers.shape[0], 3, 8), F)
-    places = np.empty((tables.points.shape[1], 3, 8), F)
+    parts, points = tables.carriers.shape[0], tables.points.shape[1]
+    balls, seen, places = np.empty((parts, 12, 8), F), np.empty((parts, 3, 8), F), np.empty((points, 3, 8), F)
     for row in range(turns.shape[0]):
+        for part in range(parts):
+            for k, number in enumerate(_ball(tables, part, frames, row)):
+                store(balls, (part, k), number)
         for side in range(2):
-            is_near, way = _way(tables, side, frames, row, seen)
+            is_near, way = _way(tables, side, frames, row, balls, seen)
             if not is_near:
                 continue
-            for point in range(places.shape[0]):
+            for point in range(points):
                 for axis, number in enumerate(_point(tables, side, point, frames, row)):
                     store(places, (point, axis), number)
             reached = spread(ZERO, way[0])
-            for part in range(seen.shape[0]):
-                reached += _eighth(tables, part, frames, row, seen, places, way)
+            for part in range(parts):
+                reached += _eighth(tables, part, balls, seen, places, way)
             far = SHELL * root(root(root(reached)))  # the most of them, without a corner where two are equal
             if is_any(far > ZERO):
                 _follow(tables, side, frames, row, times(way, far), far > ZERO, turns)
@@ -84,18 +86,35 @@ def _point(tables, side, point, frames, row):  # type: ignore[no-untyped-def]
 
 
 @inner()
-def _in_part(tables, part, way):  # type: ignore[no-untyped-def]
-    """From the axes of the bone to those in which the part is the unit ball."""
-    share = tables.shrinking
-    return way[0] * share[part, 0], way[1] * share[part, 1], way[2] * share[part, 2]
+def _ball(tables, part, frames, row):  # type: ignore[no-untyped-def]
+    """What makes a part the unit ball: a matrix for places, row by row, and after it what is to be added."""
+    slot, shares, centres = tables.carriers[part], tables.shrinking, tables.centres
+    turn, origin = rotation_at(frames, row, slot), place_at(frames, row, slot)
+    x = times((turn[0], turn[3], turn[6]), shares[part, 0])
+    y = times((turn[1], turn[4], turn[7]), shares[part, 1])
+    z = times((turn[2], turn[5], turn[8]), shares[part, 2])
+    at_x = -(dot(x, origin) + centres[part, 0] * shares[part, 0])
+    at_y = -(dot(y, origin) + centres[part, 1] * shares[part, 1])
+    at_z = -(dot(z, origin) + centres[part, 2] * shares[part, 2])
+    return x[0], x[1], x[2], y[0], y[1], y[2], z[0], z[1], z[2], at_x, at_y, at_z
 
 
 @inner()
-def _seen(tables, part, frames, row, place):  # type: ignore[no-untyped-def]
+def _ball_at(balls, part):  # type: ignore[no-untyped-def]
+    """The matrix and what is to be added, as `_ball` made them."""
+    return (
+        (load(balls, (part, 0)), load(balls, (part, 1)), load(balls, (part, 2))),
+        (load(balls, (part, 3)), load(balls, (part, 4)), load(balls, (part, 5))),
+        (load(balls, (part, 6)), load(balls, (part, 7)), load(balls, (part, 8))),
+        (load(balls, (part, 9)), load(balls, (part, 10)), load(balls, (part, 11))),
+    )
+
+
+@inner()
+def _seen(ball, place):  # type: ignore[no-untyped-def]
     """A place as the part sees it: inside the unit ball is inside the part."""
-    slot, centres = tables.carriers[part], tables.centres
-    local = turned_back(rotation_at(frames, row, slot), minus(place, place_at(frames, row, slot)))
-    return _in_part(tables, part, minus(local, (centres[part, 0], centres[part, 1], centres[part, 2])))
+    x, y, z, at = ball
+    return added(at[0], x, place), added(at[1], y, place), added(at[2], z, place)
 
 
 @inner()
@@ -106,7 +125,7 @@ def _is_near(tables, part, squares):  # type: ignore[no-untyped-def]
 
 
 @inner()
-def _way(tables, side, frames, row, seen):  # type: ignore[no-untyped-def]
+def _way(tables, side, frames, row, balls, seen):  # type: ignore[no-untyped-def]
     """Whether a hand is near any part, and the unit direction in which it leaves the body.
 
     That is away from the nearest parts' starting points. `seen` becomes where each part sees the palm.
@@ -116,7 +135,7 @@ def _way(tables, side, frames, row, seen):  # type: ignore[no-untyped-def]
     zero = spread(ZERO, palm[0])
     total = (zero, zero, zero)
     for part in range(seen.shape[0]):
-        here = _seen(tables, part, frames, row, palm)
+        here = _seen(_ball_at(balls, part), palm)
         for axis, number in enumerate(here):
             store(seen, (part, axis), number)
         squares = (here[0] * here[0], here[1] * here[1], here[2] * here[2])
@@ -133,28 +152,28 @@ def _way(tables, side, frames, row, seen):  # type: ignore[no-untyped-def]
 
 
 @inner()
-def _eighth(tables, part, frames, row, seen, places, way):  # type: ignore[no-untyped-def]
+def _eighth(tables, part, balls, seen, places, way):  # type: ignore[no-untyped-def]
     """Sum over a hand's points of the eighth power of how far each must go to leave a part, in shells."""
     x, y, z = load(seen, (part, 0)), load(seen, (part, 1)), load(seen, (part, 2))
     is_near = _is_near(tables, part, (x * x, y * y, z * z))
     total = spread(ZERO, x)
     if not is_any(is_near):
         return total
-    ahead = _in_part(tables, part, turned_back(rotation_at(frames, row, tables.carriers[part]), way))
-    a = dot(ahead, ahead)
-    per_a = ONE / a
+    ball = _ball_at(balls, part)
+    ahead = dot(ball[0], way), dot(ball[1], way), dot(ball[2], way)
+    metres = ONE / root(dot(ahead, ahead))  # that lead one radius of the ball further
+    ahead, shells = times(ahead, metres), metres * _PER_SHELL
     for point in range(places.shape[0]):
-        place = load(places, (point, 0)), load(places, (point, 1)), load(places, (point, 2))
-        here = _seen(tables, part, frames, row, place)
-        b, c = dot(ahead, here), dot(here, here)
-        square = b * b - a * (c - ONE)
-        way_out = (root(most(square, ZERO)) - b) * per_a + tables.thicker[point]
-        way_out = least(way_out, square * _STEEP - ONE)  # a way that misses the part needs no exit
-        share = least(most(way_out + SHELL, ZERO), SHELL + SHELL)
-        short = share * share * _ROUND + most(way_out - SHELL, ZERO) * _PER_SHELL
+        here = _seen(ball, (load(places, (point, 0)), load(places, (point, 1)), load(places, (point, 2))))
+        along = dot(ahead, here)
+        square = fused(along, along, ONE - dot(here, here))
+        way_out = fused(root(most(square, ZERO)) - along, shells, tables.thicker[point] * _PER_SHELL)
+        way_out = least(way_out, fused(square, _STEEP, -ONE))  # a way that misses the part needs no exit
+        share = least(most(way_out + ONE, ZERO), _TWO)
+        short = fused(share * share, _QUARTER, most(way_out - ONE, ZERO))
         short = short * short
         short = short * short
-        total += short * short
+        total = fused(short, short, total)
     return where(is_near, total, ZERO)
 
 

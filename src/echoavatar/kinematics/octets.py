@@ -8,12 +8,19 @@ from ..nn.compiled import ONE, ZERO, F
 from ..nn.octet import fused, inner, is_any, load, most, root, where
 
 _LEAST = F(1e-12)
+_PARALLEL = F(1e-12)  # squared sine of the angle below which two rows are no rotation
 
 
 @inner()
 def dot(a, b):  # type: ignore[no-untyped-def]
     """Scalar product of vectors."""
     return fused(a[2], b[2], fused(a[1], b[1], a[0] * b[0]))
+
+
+@inner()
+def added(start, a, b):  # type: ignore[no-untyped-def]
+    """A number and the scalar product of vectors."""
+    return fused(a[2], b[2], fused(a[1], b[1], fused(a[0], b[0], start)))
 
 
 @inner()
@@ -129,14 +136,17 @@ def quaternion(m):  # type: ignore[no-untyped-def]
 
 @inner()
 def from_two_rows(first, second):  # type: ignore[no-untyped-def]
-    """Unit quaternion of a 6D rotation (two rows of the matrix), by Gram-Schmidt; zero for parallel rows."""
-    a = times(first, ONE / most(root(dot(first, first)), _LEAST))
-    aside = minus(second, times(a, dot(a, second)))
-    b = times(aside, ONE / most(root(dot(aside, aside)), _LEAST))
-    c = cross(a, b)
+    """Unit quaternion of a 6D rotation (two rows of the matrix), as by Gram-Schmidt; zero for parallel rows.
+
+    The third row first: then no square root waits for another.
+    """
+    c = cross(first, second)
+    aa, bb, cc = dot(first, first), dot(second, second), dot(c, c)
+    is_one = cc > _PARALLEL * (aa * bb)  # not of what is not finite
+    a, c = times(first, ONE / root(aa)), times(c, ONE / root(cc))
+    b = cross(c, a)
     w, x, y, z = quaternion((a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2]))
-    is_lost = dot(c, c) < F(0.5)
-    return where(is_lost, ZERO, w), where(is_lost, ZERO, x), where(is_lost, ZERO, y), where(is_lost, ZERO, z)
+    return where(is_one, w, ZERO), where(is_one, x, ZERO), where(is_one, y, ZERO), where(is_one, z, ZERO)
 
 
 @inner()

@@ -28,7 +28,8 @@ from numba.core.typing.templates import ConcreteTemplate, infer_global, signatur
 from numba.extending import intrinsic, lower_builtin, models, register_model
 
 exact = functools.partial(njit, cache=True, nogil=True, error_model="numpy")  # as written, in this order
-inner = functools.partial(njit, error_model="numpy", forceinline=True)  # a part of those, compiled into them
+# a part of those, compiled into them; arrays given are not counted (`_nrt`), so it can neither make nor return one
+inner = functools.partial(njit, error_model="numpy", forceinline=True, _nrt=False)
 LANES = 8
 _INT = ir.IntType(32)
 

@@ -16,12 +16,9 @@ ResultT = TypeVar("ResultT")
 class Parts:
     """Threads for the parts of a batch; none is started before a batch is large enough."""
 
-    def __init__(self, name: str, *, least: int, with_caller: bool = False) -> None:
-        """`least` rows are worth a thread. `with_caller` the calling thread works the first part.
-
-        That saves waking one up; but torch's operations have torch's threads there, which then get in the way.
-        """
-        self._least, self._with_caller = least, with_caller
+    def __init__(self, name: str, *, least: int) -> None:
+        """`least` rows are worth a thread."""
+        self._least = least
         self._threads = ThreadPoolExecutor(
             thread_name_prefix=name, initializer=torch.set_num_threads, initargs=(1,)
         )
@@ -40,7 +37,4 @@ class Parts:
             with torch.inference_mode(is_inference), torch.set_grad_enabled(has_grad):
                 return work(part)
 
-        if not self._with_caller:
-            return list(self._threads.map(run, parts))
-        others = self._threads.map(run, parts[1:])
-        return [work(parts[0]), *others]
+        return list(self._threads.map(run, parts))

@@ -85,63 +85,83 @@ def _smoother(frames: int, stiffness: float) -> Float[Array, "11 8"]:
 @exact()
 def smooth(turns, roots, frames, shown, travel, active, smoother, cosine):  # type: ignore[no-untyped-def]
     """All rows; `cosine` is that of half the angle that a joint may turn in a frame."""
-    past, spare = np.empty((4, LANES), F), np.empty((2, LANES), F)
+    joints = turns.shape[1]
+    begun, spare = np.empty((1, joints, 4, LANES), F), np.empty((2, LANES), F)
+    shares = (
+        (load(smoother, (0,)), load(smoother, (1,)), load(smoother, (2,))),
+        (
+            load(smoother, (3,)),
+            load(smoother, (4,)),
+            load(smoother, (5,)),
+            load(smoother, (6,)),
+            load(smoother, (7,)),
+            load(smoother, (8,)),
+            load(smoother, (9,)),
+            load(smoother, (10,)),
+        ),
+    )
     for row in range(turns.shape[0]):
         is_new = True
         for k in range(4):
             is_new &= shown[row, 0, k, LANES - 1] == ZERO
-        for joint in range(turns.shape[1]):
-            for k in range(4):  # copied, and no views taken: they would be counted
-                before = load(shown, (row, joint, k))
-                store(past, (k,), spread(turns[row, joint, k, 0], before) if is_new else before)
-            _one_hemisphere(turns, row, joint, past, spare)
-            w, x, y, z = _smoothed(turns, row, joint, past, smoother)
-            share = ONE / root(fused(z, z, fused(y, y, fused(x, x, w * w))))
-            smooth = w * share, x * share, y * share, z * share
-            for k, number in enumerate(smooth):
+        if is_new:
+            for joint in range(joints):
+                for k in range(4):
+                    store(begun, (0, joint, k), spread(turns[row, joint, k, 0], load(turns, (row, joint, k))))
+        past, at = (begun, 0) if is_new else (shown, row)
+        for joint in range(joints):  # loop by loop, so that many joints are under way and none waits for another
+            _one_hemisphere(turns, row, joint, past, at, spare)
+        for joint in range(joints):
+            for k, number in enumerate(_smoothed(turns, row, joint, past, at, shares)):
                 store(turns, (row, joint, k), number)
+        for joint in range(joints):
+            w, x, y, z = quaternion_at(turns, row, joint)
+            share = ONE / root(fused(z, z, fused(y, y, fused(x, x, w * w))))
+            smoothed = w * share, x * share, y * share, z * share
             near = ZERO * share
-            for k, number in enumerate(smooth):
-                near += number * behind(number, past[k, LANES - 1])
+            for k, number in enumerate(smoothed):
+                near += number * behind(number, past[at, joint, k, LANES - 1])
+                store(turns, (row, joint, k), number)
             if is_any(size(near) < cosine):
-                _slow_down(turns, row, joint, frames, past, cosine, spare)
+                _slow_down(turns, row, joint, frames, past, at, cosine, spare)
             if active[row]:
-                _remember(turns, row, joint, frames, past, shown)
+                _remember(turns, row, joint, frames, past, at, shown)
         for axis in range(3):
             before = load(travel, (row, axis))
-            store(past, (0,), spread(roots[row, axis, 0], before) if is_new else before)
+            if is_new:
+                before = spread(roots[row, axis, 0], before)
+            store(spare, (0,), before)
             path = spread(ZERO, before)
             for frame in range(SHOWN):
-                path += past[0, LANES - SHOWN + frame] * load(smoother, (frame,))
+                path += spare[0, LANES - SHOWN + frame] * load(smoother, (frame,))
             for frame in range(LANES):
                 path += roots[row, axis, frame] * load(smoother, (SHOWN + frame,))
             store(roots, (row, axis), path)
             if active[row]:
                 for frame in range(LANES):
-                    at = frames + frame
-                    travel[row, axis, frame] = past[0, at] if at < LANES else roots[row, axis, at - LANES]
+                    then = frames + frame
+                    travel[row, axis, frame] = spare[0, then] if then < LANES else roots[row, axis, then - LANES]
 
 
 @inner()
-def _remember(turns, row, joint, frames, past, shown):  # type: ignore[no-untyped-def]
+def _remember(turns, row, joint, frames, past, at, shown):  # type: ignore[no-untyped-def]
     """The last eight of a joint's path."""
     for k in range(4):
         if frames == LANES:
             store(shown, (row, joint, k), load(turns, (row, joint, k)))
         else:
             for frame in range(LANES):
-                at = frames + frame
-                last = past[k, at] if at < LANES else turns[row, joint, k, at - LANES]
+                then = frames + frame
+                last = past[at, joint, k, then] if then < LANES else turns[row, joint, k, then - LANES]
                 shown[row, joint, k, frame] = last
 
 
 @inner()
-def _one_hemisphere(turns, row, joint, past, spare):  # type: ignore[no-untyped-def]
+def _one_hemisphere(turns, row, joint, past, at, spare):  # type: ignore[no-untyped-def]
     """Signs chosen, in place, so that no quaternion points away from the one before it."""
-    w, x, y, z = quaternion_at(turns, row, joint)
-    last = LANES - 1
-    along = w * behind(w, past[0, last]) + x * behind(x, past[1, last])
-    along += y * behind(y, past[2, last]) + z * behind(z, past[3, last])
+    along = ZERO * load(turns, (row, joint, 0))
+    for k, number in enumerate(quaternion_at(turns, row, joint)):
+        along = fused(number, behind(number, past[at, joint, k, LANES - 1]), along)
     if not is_any(along < ZERO):
         return
     store(spare, (0,), where(along < ZERO, spread(-ONE, along), ONE))
@@ -153,26 +173,26 @@ def _one_hemisphere(turns, row, joint, past, spare):  # type: ignore[no-untyped-
 
 
 @inner()
-def _smoothed(turns, row, joint, past, smoother):  # type: ignore[no-untyped-def]
+def _smoothed(turns, row, joint, past, at, shares):  # type: ignore[no-untyped-def]
     """A joint's four numbers, not yet of length one."""
-    w = x = y = z = spread(ZERO, load(smoother, (0,)))
-    for frame in range(SHOWN):
-        at, share = LANES - SHOWN + frame, load(smoother, (frame,))
-        w, x = fused(past[0, at], share, w), fused(past[1, at], share, x)
-        y, z = fused(past[2, at], share, y), fused(past[3, at], share, z)
-    for frame in range(LANES):
-        share = load(smoother, (SHOWN + frame,))
+    of_past, of_own = shares
+    w = x = y = z = spread(ZERO, of_past[0])
+    for frame, share in enumerate(of_past):
+        then = LANES - SHOWN + frame
+        w, x = fused(past[at, joint, 0, then], share, w), fused(past[at, joint, 1, then], share, x)
+        y, z = fused(past[at, joint, 2, then], share, y), fused(past[at, joint, 3, then], share, z)
+    for frame, share in enumerate(of_own):
         w, x = fused(turns[row, joint, 0, frame], share, w), fused(turns[row, joint, 1, frame], share, x)
         y, z = fused(turns[row, joint, 2, frame], share, y), fused(turns[row, joint, 3, frame], share, z)
     return w, x, y, z
 
 
 @inner()
-def _slow_down(turns, row, joint, frames, past, cosine, spare):  # type: ignore[no-untyped-def]
+def _slow_down(turns, row, joint, frames, past, at, cosine, spare):  # type: ignore[no-untyped-def]
     """A joint that turns by more than twice the angle of this cosine in a frame follows its path more slowly."""
     sine = F(math.sqrt(ONE - cosine * cosine))
     for k in range(4):
-        spare[0, k] = past[k, LANES - 1]
+        spare[0, k] = past[at, joint, k, LANES - 1]
     for frame in range(frames):
         along = ZERO
         for k in range(4):

@@ -1,9 +1,9 @@
 """Free sessions by the dozen: all stages in one compiled loop that goes from session to session.
 
-Stage by stage a batch leaves the processor's cache between stages, and threads meet at the interpreter's lock after
-each. Here a few sessions at a time go through all stages, so that they stay in the cache, and the lock is left once.
-The stages are the same functions, so the numbers are the same to the bit. It is compiled when the first large batch
-comes.
+Stage by stage a batch leaves the processor's cache between stages, and the interpreter, whose own data the batch has
+driven out, costs the more the more it is asked. Here a few sessions at a time go through all stages, and Python is left
+once. The stages are the same functions, so the numbers are the same to the bit. It is compiled when the first large
+batch comes. A second thread gains nothing: it wakes up later than one is done.
 """
 
 import numpy as np
@@ -12,7 +12,6 @@ from jaxtyping import Bool, Float
 from ..ik import HandGuard
 from ..ik.chains import Chains, stand
 from ..ik.clearing import keep_off
-from ..nn import Parts
 from ..nn.compiled import ONE, ZERO, F
 from ..nn.octet import exact
 from .calm import Calm, CalmState, smooth
@@ -21,8 +20,8 @@ from .ground import Ground, GroundState, travel
 from .pose import Array
 from .unpack import Unpacking, pack, unpack
 
+MANY = 16  # sessions from which on it pays
 TOGETHER = 4  # sessions that stay in the cache
-WORTH_A_THREAD = 16
 
 
 class Crowd:
@@ -39,38 +38,39 @@ class Crowd:
             (feet.legs, feet.standing),
             hands.tables,
         )
-        self._parts = Parts("post", least=WORTH_A_THREAD, with_caller=True)
 
     def step(
         self,
         features: Float[Array, "b t c"],
         fps: float,
+        options: Float[Array, "b o"],
         states: tuple[CalmState, GroundState, FeetState],
         active: Bool[Array, " b"],
-    ) -> tuple[Float[Array, "b t j 4"], Float[Array, "b t 3"], list[slice]]:
-        """Rotations and root of each frame; and the rows that are left to do: one cannot be used without repair."""
+    ) -> tuple[Float[Array, "b t j 4"], Float[Array, "b t 3"], int]:
+        """Rotations and root of each frame; and how many rows are done.
+
+        The next one has options that are not zero, or cannot be used without repair.
+        """
         calm, ground, feet = states
-        memory = (calm.shown.numpy(), calm.travel.numpy(), ground.memory.numpy(), feet.memory.numpy())
+        memory = calm.shown.numpy(), calm.travel.numpy(), ground.memory.numpy(), feet.memory.numpy()
         rows, frames = features.shape[:2]
         rotations = np.empty((rows, frames, memory[0].shape[1], 4), np.float32)
         root = np.empty((rows, frames, 3), np.float32)
         numbers = self._calm.numbers(frames, fps)
-
-        def work(part: slice) -> slice:
-            kept = tuple(array[part] for array in memory)
-            todo = features[part], active[part], rotations[part], root[part]
-            return slice(part.start + _through(self._tables, numbers, F(fps), kept, *todo), part.stop)
-
-        left = self._parts.map(work, self._parts.of(rows))
-        return rotations, root, [part for part in left if part.start < part.stop]
+        done = _through(self._tables, numbers, F(fps), options, memory, features, active, rotations, root)
+        return rotations, root, int(done)
 
 
 @exact()
-def _through(tables, calm, fps, memory, features, active, rotations, places):  # type: ignore[no-untyped-def]
-    """All rows, `TOGETHER` at a time, up to the first that holds what cannot be used; how many rows were done."""
+def _through(tables, calm, fps, options, memory, features, active, rotations, places):  # type: ignore[no-untyped-def]
+    """Free rows, `TOGETHER` at a time, up to the first that holds what cannot be used; how many rows were done."""
     (places_of, joints, column), (columns, parents, offsets), (slots, rest), (legs, standing), hands = tables
     shown, travels, grounded, held = memory
     rows, count = features.shape[0], features.shape[1]
+    for row in range(rows - 1, -1, -1):
+        for option in range(options.shape[1]):
+            if options[row, option] != ZERO:
+                rows = row
     all_frames = np.empty((TOGETHER, columns.shape[0], 12, 8), F)
     all_turns, all_roots = np.empty((TOGETHER, shown.shape[1], 4, 8), F), np.empty((TOGETHER, 3, 8), F)
     largest = np.full(TOGETHER, F(LARGEST), F)

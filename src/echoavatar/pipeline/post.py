@@ -9,6 +9,7 @@ first can be left out by name. Rotations that are not finite, or from which no r
 import logging
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
+from itertools import repeat
 
 import numpy as np
 import torch
@@ -22,7 +23,7 @@ from ..kinematics import Motion, Skeleton, to_features
 from ..nn import StreamState
 from ..timing import CHUNK_FRAMES, FRAME_RATE_HZ
 from .calm import Calm, CalmState
-from .crowd import WORTH_A_THREAD, Crowd
+from .crowd import MANY, Crowd
 from .feet import LARGEST, Feet, FeetState
 from .ground import Ground, GroundState
 from .leash import Leash, LeashState
@@ -103,18 +104,17 @@ class Post:
     ) -> list[MotionChunk]:
         """Motion of a chunk (at most 8 frames); after each stage `lap(stage)` is called, also after those left out.
 
-        Without a `lap` large batches go another way, to the same numbers: through the stages session by session, in as
-        many threads as torch has.
+        Without a `lap` large batches go another way, to the same numbers: through all stages session by session.
         """
-        is_crowd = self._crowd is not None and len(features) >= WORTH_A_THREAD
-        if self._crowd is None or lap is not None or not is_crowd or state.modes.options.numpy().any():
+        if self._crowd is None or lap is not None or len(features) < MANY:
             return self._step(features, state, active, lap or _no_lap)
         given = np.ascontiguousarray(features.numpy())
-        states = state.calm, state.ground, state.feet
-        rotations, root, left = self._crowd.step(given, FRAME_RATE_HZ, states, active.numpy())
-        chunks = [MotionChunk(*chunk) for chunk in zip(rotations, root, strict=True)]
-        for rows in left:
-            chunks[rows] = self._step(features[rows], state.rows(rows), active[rows], _no_lap)
+        options, states = state.modes.options.numpy(), (state.calm, state.ground, state.feet)
+        rotations, root, done = self._crowd.step(given, FRAME_RATE_HZ, options, states, active.numpy())
+        chunks = list(map(MotionChunk._make, zip(rotations, root, repeat(None))))
+        if done < len(chunks):
+            left = slice(done, None)
+            chunks[left] = self._step(features[left], state.rows(left), active[left], _no_lap)
         return chunks
 
     def _step(self, features: Tensor, state: PostState, active: Tensor, lap: Lap) -> list[MotionChunk]:

@@ -8,7 +8,7 @@ from ..kinematics import Skeleton
 from ..kinematics.features import travel_slice
 from ..kinematics.octets import from_two_rows
 from ..nn.compiled import HALF, ONE, ZERO, F
-from ..nn.octet import LANES, exact, inner, is_any, load, size, spread, store, transposed, where
+from ..nn.octet import LANES, exact, fused, inner, is_any, load, size, spread, store, transposed, where
 from .pose import Array, PoseLanes
 
 _LARGEST = F(3e38)
@@ -71,7 +71,8 @@ def unpack(features, first, joints, travel, turns, root):  # type: ignore[no-unt
             turn = from_two_rows(x, y)
             for k, number in enumerate(turn):
                 store(turns, (row, joints[index], k), number)
-            length = turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2] + turn[3] * turn[3]
+            w, x, y, z = turn
+            length = fused(w, w, fused(x, x, fused(y, y, z * z)))
             is_good &= not is_any(where(length > HALF, spread(ZERO, length), ONE) > ZERO)
         for at in range(3):  # across, along, height
             number = load(columns, (travel + at,))
