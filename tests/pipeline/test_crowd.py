@@ -20,10 +20,10 @@ def test_a_crowd_is_its_sessions_one_by_one_to_the_bit(leash: float) -> None:
     state.modes.choose(torch.arange(rows) == 7, MotionOptions(leash_m=leash))
     states[7].modes.choose(torch.tensor([True]), MotionOptions(leash_m=leash))
     for part in torch.split(features, 8, 1):
-        together = crowd.step(part, state, active)
+        together = flat(crowd.step(part, state, active))
         for row in range(rows):
-            one = alone.step(part[row : row + 1], states[row], active[row : row + 1])[0]
-            assert (flat(one) == flat(together[row])).all()
+            one = alone.step(part[row : row + 1], states[row], active[row : row + 1])
+            assert (flat(one)[0] == together[row]).all()
     if leash:
         return  # stages that only leashed rows need then remember the free ones, too
     for ours, theirs in zip(state.tensors(), zip(*(s.tensors() for s in states), strict=True), strict=True):
@@ -41,5 +41,5 @@ def test_rotations_that_are_none_are_repaired_in_a_crowd_as_alone() -> None:
             post.step(part, kept, everyone, lap)
             for post, kept, lap in ((crowd, state, None), (alone, states, lambda stage: None))
         )
-        assert all((flat(a) == flat(b)).all() for a, b in zip(together, staged, strict=True))
+        assert (flat(together) == flat(staged)).all()
     assert crowd.repaired == alone.repaired > 0

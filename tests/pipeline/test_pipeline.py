@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from echoavatar.pipeline import MotionChunk, Pipeline, load_bundle
+from echoavatar.pipeline.motion_chunk import MotionBatch
 from echoavatar.pipeline.pipeline import STAGES
 
 
@@ -93,9 +94,9 @@ def test_a_body_that_stands_still_while_it_hears_something_is_drawn_more_freely(
     still = torch.zeros(3, 8, 315)
     monkeypatch.setattr(pipeline.generator, "step", step)
     monkeypatch.setattr(pipeline.tokenizer, "decode_step", lambda codes, state, active: still.clone())
-    monkeypatch.setattr(
-        pipeline, "post", SimpleNamespace(step=lambda *rest: [None] * 3, init_state=pipeline.post.init_state)
-    )
+    shown = MotionBatch(np.zeros((3, 8, 52, 4)), np.zeros((3, 8, 3)))
+    stages = SimpleNamespace(step=lambda *rest: shown, init_state=pipeline.post.init_state)
+    monkeypatch.setattr(pipeline, "post", stages)
     members = torch.zeros(3, pipeline.directive_codes)
     members[2, 0] = 1
     state, sound = pipeline.init_state(3), torch.from_numpy(voice[:6400])

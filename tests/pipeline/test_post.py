@@ -10,7 +10,7 @@ from tests.laws import streaming
 from echoavatar.kinematics import HUMANOID, Skeleton, forward_kinematics, to_features
 from echoavatar.kinematics.features import from_features
 from echoavatar.kinematics.rotations import matrix_from_axis_angle, matrix_from_quaternion
-from echoavatar.pipeline import MotionChunk
+from echoavatar.pipeline.motion_chunk import MotionBatch
 from echoavatar.pipeline.post import POST_STAGES, Post, PostState
 
 
@@ -43,13 +43,12 @@ def run(
     active = torch.ones(rows, dtype=torch.bool) if active is None else active
     parts = []
     for part in features.split(8, 1):
-        chunks = post.step(part, state, active, lambda stage: None)
-        parts.append(torch.from_numpy(np.stack([flat(chunk) for chunk in chunks])))
+        parts.append(torch.from_numpy(flat(post.step(part, state, active, lambda stage: None))))
     return torch.cat(parts, 1)
 
 
-def flat(chunk: MotionChunk) -> np.ndarray:
-    return np.concatenate([chunk.rotations.reshape(len(chunk.root), -1), chunk.root], 1)
+def flat(motion: MotionBatch) -> np.ndarray:
+    return np.concatenate([motion.rotations.reshape(*motion.root.shape[:2], -1), motion.root], 2)
 
 
 class AsStream:

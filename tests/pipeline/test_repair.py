@@ -1,9 +1,9 @@
-import numpy as np
 import pytest
 import torch
 
 from echoavatar.kinematics import HUMANOID, to_features
 from echoavatar.kinematics.rotations import matrix_from_axis_angle, matrix_from_quaternion
+from echoavatar.pipeline.motion_chunk import in_a_row
 from echoavatar.pipeline.post import Post
 
 CHEST = HUMANOID.index("chest")
@@ -19,9 +19,9 @@ def nodding(frames: int = 16) -> torch.Tensor:
 def shown(features: torch.Tensor) -> tuple[Post, torch.Tensor, torch.Tensor]:
     post = Post(HUMANOID, stages=("ground", "feet", "hands"))
     state, on = post.init_state(1), torch.ones(1, dtype=torch.bool)
-    chunks = [post.step(part, state, on, lambda stage: None)[0] for part in features.split(8, 1)]
-    turns = matrix_from_quaternion(torch.from_numpy(np.concatenate([c.rotations for c in chunks])))
-    return post, turns, torch.from_numpy(np.concatenate([c.root for c in chunks]))
+    motion = in_a_row([post.step(part, state, on, lambda stage: None) for part in features.split(8, 1)])
+    turns = matrix_from_quaternion(torch.from_numpy(motion.rotations[0]))
+    return post, turns, torch.from_numpy(motion.root[0])
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), 0.0])

@@ -5,7 +5,7 @@ import pytest
 import torch
 from tests.laws import streaming
 
-from echoavatar.pipeline.motion_chunk import MotionChunk
+from echoavatar.pipeline.motion_chunk import MotionBatch, MotionChunk, in_a_row
 from echoavatar.pipeline.retime import LARGEST_LAG, LARGEST_TURN, Retime
 
 JOINTS = 3
@@ -26,10 +26,11 @@ def played(motion: MotionChunk, brake: np.ndarray) -> MotionChunk:
     retime = Retime(JOINTS)
     state, everyone, shown = retime.init_state(1), torch.ones(1, dtype=torch.bool), []
     for at in range(0, len(brake), 8):
-        chunk = MotionChunk(motion.rotations[at : at + 8], motion.root[at : at + 8])
+        made = MotionBatch(motion.rotations[None, at : at + 8], motion.root[None, at : at + 8])
         asked = torch.from_numpy(brake[None, at : at + 8].astype(np.float32))
-        shown += retime.step([chunk], asked, state, everyone)
-    return MotionChunk(*(np.concatenate([chunk[part] for chunk in shown]) for part in (0, 1)))
+        shown.append(retime.step(made, asked, state, everyone))
+    [played_motion] = in_a_row(shown).parted(None)
+    return played_motion
 
 
 def frames_shown(motion: MotionChunk, degrees: float = 2.0) -> np.ndarray:
@@ -78,13 +79,6 @@ def test_catching_up_turns_no_joint_faster_than_the_bound() -> None:
     assert np.deg2rad(36.0) * pace.max() > 0.99 * LARGEST_TURN
 
 
-def test_a_face_passes_untouched() -> None:
-    retime, face = Retime(JOINTS), np.random.default_rng(0).random((8, 52)).astype(np.float32)
-    chunk = turning(8)._replace(face=face)
-    [shown] = retime.step([chunk], torch.ones(1, 8), retime.init_state(1), torch.ones(1, dtype=torch.bool))
-    assert shown.face is face
-
-
 class Numbers:
     """Rotations, root and brake in one row of numbers, as the laws want them."""
 
@@ -96,10 +90,9 @@ class Numbers:
 
     def step(self, x: torch.Tensor, state: Any, active: torch.Tensor) -> torch.Tensor:
         turns = torch.nn.functional.normalize(x[..., : 4 * JOINTS].unflatten(-1, (JOINTS, 4)), dim=-1)
-        chunks = [MotionChunk(q.numpy(), r.numpy()) for q, r in zip(turns, x[..., -4:-1], strict=True)]
-        shown = self.retime.step(chunks, x[..., -1], state, active)
-        parts = [(torch.from_numpy(c.rotations).flatten(1), torch.from_numpy(c.root)) for c in shown]
-        return torch.stack([torch.cat(part, 1) for part in parts])
+        made = MotionBatch(turns.numpy(), x[..., -4:-1].numpy())
+        shown = self.retime.step(made, x[..., -1], state, active)
+        return torch.cat([torch.from_numpy(shown.rotations).flatten(2), torch.from_numpy(shown.root)], 2)
 
     def __call__(self, x: torch.Tensor) -> torch.Tensor:
         return self.step(x, self.init_state(len(x)), torch.ones(len(x), dtype=torch.bool))

@@ -22,7 +22,7 @@ from ..kinematics.octets import (
     turned,
 )
 from ..nn.compiled import ONE, ZERO, F
-from ..nn.octet import exact, fused, inner, is_any, least, load, most, root, spread, store, where
+from ..nn.octet import exact, fused, inner, is_any, least, load, most, root, scratch, spread, store, where
 from .arm import reach
 
 SHELL = F(0.035)  # metres before contact at which a hand begins to give way
@@ -57,7 +57,7 @@ class Tables(NamedTuple):
 def keep_off(tables, frames, turns):  # type: ignore[no-untyped-def]
     """Correct arms in `turns` (b, j, 4, 8) whose pose is `frames` (b, c, 12, 8)."""
     parts, points = tables.carriers.shape[0], tables.points.shape[1]
-    balls, seen, places = np.empty((parts, 12, 8), F), np.empty((parts, 3, 8), F), np.empty((points, 3, 8), F)
+    balls, seen, places = scratch((parts, 12, 8)), scratch((parts, 3, 8)), scratch((points, 3, 8))
     for row in range(turns.shape[0]):
         for part in range(parts):
             for k, number in enumerate(_ball(tables, part, frames, row)):

@@ -26,10 +26,13 @@ from numba import njit, types
 from numba.core import cgutils
 from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
 from numba.extending import intrinsic, lower_builtin, models, register_model
+from numba.np.arrayobj import populate_array
 
-exact = functools.partial(njit, cache=True, nogil=True, error_model="numpy")  # as written, in this order
-# a part of those, compiled into them; arrays given are not counted (`_nrt`), so it can neither make nor return one
-inner = functools.partial(njit, error_model="numpy", forceinline=True, _nrt=False)
+# As written, in this order. Arrays are not counted (`_nrt`: that cost a tenth), so none can be made; see `scratch`.
+exact = functools.partial(njit, cache=True, nogil=True, error_model="numpy", _nrt=False)
+inner = functools.partial(
+    njit, error_model="numpy", forceinline=True, _nrt=False
+)  # a part of those, compiled into them
 LANES = 8
 _INT = ir.IntType(32)
 
@@ -81,6 +84,31 @@ def _holds_octets(array: Any, index: Any) -> bool:
         and isinstance(index, types.BaseTuple)
         and array.ndim - len(index) in (0, 1)
     )
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def scratch(typing: Any, shape: Any) -> Any:
+    """An array of float32 on the stack, until the function ends: not in a loop, and of some ten thousand numbers."""
+    if not isinstance(shape, types.BaseTuple):
+        return None
+    kind = types.Array(types.float32, len(shape), "C")
+
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        sizes = [
+            context.cast(builder, size, given, types.intp)
+            for size, given in zip(cgutils.unpack_tuple(builder, arguments[0]), shape, strict=True)
+        ]
+        item, strides, count = ir.Constant(sizes[0].type, 4), list[Any](), ir.Constant(sizes[0].type, 1)
+        for size in reversed(sizes):
+            strides.insert(0, builder.mul(count, item))
+            count = builder.mul(count, size)
+        place = builder.alloca(ir.FloatType(), size=count)
+        place.align = 64
+        made = context.make_array(kind)(context, builder)
+        populate_array(made, place, sizes, strides, item, None)
+        return made._getvalue()
+
+    return kind(shape), build
 
 
 @intrinsic  # type: ignore[untyped-decorator]

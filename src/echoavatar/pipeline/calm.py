@@ -26,7 +26,21 @@ from torch import Tensor
 from ..kinematics.octets import quaternion_at
 from ..nn import StreamState
 from ..nn.compiled import ONE, ZERO, F
-from ..nn.octet import LANES, behind, exact, fused, inner, is_any, load, root, size, spread, store, where
+from ..nn.octet import (
+    LANES,
+    behind,
+    exact,
+    fused,
+    inner,
+    is_any,
+    load,
+    root,
+    scratch,
+    size,
+    spread,
+    store,
+    where,
+)
 from ..timing import FRAMES_PER_MOTION_TOKEN
 from .pose import Array, PoseLanes
 
@@ -86,7 +100,7 @@ def _smoother(frames: int, stiffness: float) -> Float[Array, "11 8"]:
 def smooth(turns, roots, frames, shown, travel, active, smoother, cosine):  # type: ignore[no-untyped-def]
     """All rows; `cosine` is that of half the angle that a joint may turn in a frame."""
     joints = turns.shape[1]
-    begun, spare = np.empty((1, joints, 4, LANES), F), np.empty((2, LANES), F)
+    begun, spare = scratch((1, joints, 4, LANES)), scratch((2, LANES))
     shares = (
         (load(smoother, (0,)), load(smoother, (1,)), load(smoother, (2,))),
         (
@@ -109,7 +123,9 @@ def smooth(turns, roots, frames, shown, travel, active, smoother, cosine):  # ty
                 for k in range(4):
                     store(begun, (0, joint, k), spread(turns[row, joint, k, 0], load(turns, (row, joint, k))))
         past, at = (begun, 0) if is_new else (shown, row)
-        for joint in range(joints):  # loop by loop, so that many joints are under way and none waits for another
+        for joint in range(
+            joints
+        ):  # loop by loop, so that many joints are under way and none waits for another
             _one_hemisphere(turns, row, joint, past, at, spare)
         for joint in range(joints):
             for k, number in enumerate(_smoothed(turns, row, joint, past, at, shares)):
@@ -140,7 +156,9 @@ def smooth(turns, roots, frames, shown, travel, active, smoother, cosine):  # ty
             if active[row]:
                 for frame in range(LANES):
                     then = frames + frame
-                    travel[row, axis, frame] = spare[0, then] if then < LANES else roots[row, axis, then - LANES]
+                    travel[row, axis, frame] = (
+                        spare[0, then] if then < LANES else roots[row, axis, then - LANES]
+                    )
 
 
 @inner()

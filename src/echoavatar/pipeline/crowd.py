@@ -13,10 +13,11 @@ from ..ik import HandGuard
 from ..ik.chains import Chains, stand
 from ..ik.clearing import keep_off
 from ..nn.compiled import ONE, ZERO, F
-from ..nn.octet import exact
+from ..nn.octet import exact, scratch
 from .calm import Calm, CalmState, smooth
 from .feet import LARGEST, Feet, FeetState, lock
 from .ground import Ground, GroundState, travel
+from .motion_chunk import MotionBatch
 from .pose import Array
 from .unpack import Unpacking, pack, unpack
 
@@ -46,8 +47,8 @@ class Crowd:
         options: Float[Array, "b o"],
         states: tuple[CalmState, GroundState, FeetState],
         active: Bool[Array, " b"],
-    ) -> tuple[Float[Array, "b t j 4"], Float[Array, "b t 3"], int]:
-        """Rotations and root of each frame; and how many rows are done.
+    ) -> tuple[MotionBatch, int]:
+        """Motion of a chunk, and how many rows of it are done.
 
         The next one has options that are not zero, or cannot be used without repair.
         """
@@ -58,7 +59,7 @@ class Crowd:
         root = np.empty((rows, frames, 3), np.float32)
         numbers = self._calm.numbers(frames, fps)
         done = _through(self._tables, numbers, F(fps), options, memory, features, active, rotations, root)
-        return rotations, root, int(done)
+        return MotionBatch(rotations, root), int(done)
 
 
 @exact()
@@ -71,9 +72,11 @@ def _through(tables, calm, fps, options, memory, features, active, rotations, pl
         for option in range(options.shape[1]):
             if options[row, option] != ZERO:
                 rows = row
-    all_frames = np.empty((TOGETHER, columns.shape[0], 12, 8), F)
-    all_turns, all_roots = np.empty((TOGETHER, shown.shape[1], 4, 8), F), np.empty((TOGETHER, 3, 8), F)
-    largest = np.full(TOGETHER, F(LARGEST), F)
+    all_frames = scratch((TOGETHER, columns.shape[0], 12, 8))
+    all_turns, all_roots = scratch((TOGETHER, shown.shape[1], 4, 8)), scratch((TOGETHER, 3, 8))
+    largest = scratch((TOGETHER,))
+    for row in range(TOGETHER):
+        largest[row] = F(LARGEST)
     for first in range(0, rows, TOGETHER):
         last = min(first + TOGETHER, rows)
         turns, roots = all_turns[: last - first], all_roots[: last - first]

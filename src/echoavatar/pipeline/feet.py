@@ -22,7 +22,7 @@ from ..kinematics import Skeleton
 from ..kinematics.octets import matrix, place_at, quaternion_at, turned, turned_back
 from ..nn import StreamState
 from ..nn.compiled import ONE, ZERO, F
-from ..nn.octet import exact, inner, load, store
+from ..nn.octet import exact, inner, load, scratch, store
 from .pose import Array, PoseLanes
 
 ENTER_HEIGHT, LEAVE_HEIGHT = 0.022, 0.035  # metres above standing height
@@ -105,8 +105,8 @@ class Feet:
 @exact()
 def lock(legs, standing, frames, turns, root, free_root, count, fps, largest, memory, active):  # type: ignore[no-untyped-def]
     """All rows, one foot after the other."""
-    over, free, shift = np.empty((3, 8), F), np.empty((3, 8), F), np.empty((3, 8), F)
-    after = np.empty(memory.shape[2], F)
+    over, free, shift = scratch((3, 8)), scratch((3, 8)), scratch((3, 8))
+    after = scratch((memory.shape[2],))
     for row in range(turns.shape[0]):
         hips = matrix(quaternion_at(turns, row, 0))
         for side in range(2):

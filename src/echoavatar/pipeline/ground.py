@@ -17,7 +17,7 @@ from ..kinematics import Skeleton
 from ..kinematics.octets import matrix, place_at, quaternion_at, turned
 from ..nn import StreamState
 from ..nn.compiled import ONE, ZERO, F
-from ..nn.octet import behind, exact, least, load, most, spread, store
+from ..nn.octet import behind, exact, least, load, most, scratch, spread, store
 from .pose import Array, PoseLanes
 
 RELEASE_HEIGHT = 0.035  # metres above its rest height at which a point no longer counts as planted
@@ -59,7 +59,7 @@ class Ground:
 def travel(slots, rest, frames, turns, roots, count, memory, active):  # type: ignore[no-untyped-def]
     """All rows: ankles and toes relative to the root, along the world's axes, say how the root moves over them."""
     points = slots.shape[0]
-    here = np.empty((4, points, 8), F)
+    here = scratch((4, points, 8))
     for row in range(turns.shape[0]):
         is_new = memory[row, 0] == ZERO
         height = load(roots, (row, 1))

@@ -1,6 +1,7 @@
-"""What leaves the pipeline for one session: a chunk of motion and face."""
+"""What leaves the pipeline for one session: a chunk of motion and face; and for many, before they are parted."""
 
 from collections.abc import Sequence
+from itertools import repeat
 from typing import NamedTuple
 
 import numpy as np
@@ -22,3 +23,22 @@ def join(chunks: Sequence[MotionChunk]) -> MotionChunk:
     rotations, root = (np.concatenate([chunk[part] for chunk in chunks]) for part in (0, 1))
     faces = [chunk.face for chunk in chunks if chunk.face is not None]
     return MotionChunk(rotations, root, np.concatenate(faces) if len(faces) == len(chunks) else None)
+
+
+class MotionBatch(NamedTuple):
+    """The same frames of many sessions, without faces; the stages of a pipeline hand it on."""
+
+    rotations: Float[np.ndarray, "b t j 4"]
+    root: Float[np.ndarray, "b t 3"]
+
+    def parted(self, faces: Float[np.ndarray, "b t 52"] | None) -> list[MotionChunk]:
+        """Session by session: views."""
+        each = zip(self.rotations, self.root, repeat(None) if faces is None else faces, strict=False)
+        return [MotionChunk(*one) for one in each]
+
+
+def in_a_row(batches: Sequence[MotionBatch]) -> MotionBatch:
+    """Consecutive frames of the same sessions in one piece."""
+    if len(batches) == 1:
+        return batches[0]
+    return MotionBatch(*(np.concatenate([batch[part] for batch in batches], 1) for part in (0, 1)))

@@ -36,7 +36,7 @@ from .beginning import Beginning
 from .bundle import Bundle, foresight_refusal
 from .device import find_device
 from .modes import FREE, MotionOptions
-from .motion_chunk import MotionChunk, join
+from .motion_chunk import MotionChunk, in_a_row
 from .post import POST_STAGES, Post, PostState
 from .retime import TIMING, Retime, RetimeState
 from .rig import Output, RigAdapter, RigState
@@ -287,13 +287,12 @@ class Pipeline:
         self.lap("rig")
         pieces: tuple[Tensor, ...] = torch.split(features, CHUNK_FRAMES, 1)
         lap = None if self.lap is _no_lap else self.lap
-        parts = [self.post.step(piece, state.post, active, lap) for piece in pieces]
-        chunks = parts[0] if len(parts) == 1 else [join(row) for row in zip(*parts, strict=True)]
+        motion = in_a_row([self.post.step(piece, state.post, active, lap) for piece in pieces])
         if self.pulse and self.retime:
             brake = self.pulse.step(level, state.timing[0].pulse, active)
-            chunks = self.retime.step(chunks, brake, state.timing[0].retime, active)
+            motion = self.retime.step(motion, brake, state.timing[0].retime, active)
         self.lap(TIMING)
-        return chunks if face is None else [c._replace(face=f) for c, f in zip(chunks, face, strict=True)]
+        return motion.parted(face)
 
 
 def _no_lap(stage: str) -> None:

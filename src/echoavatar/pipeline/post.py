@@ -9,7 +9,6 @@ first can be left out by name. Rotations that are not finite, or from which no r
 import logging
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
-from itertools import repeat
 
 import numpy as np
 import torch
@@ -28,7 +27,7 @@ from .feet import LARGEST, Feet, FeetState
 from .ground import Ground, GroundState
 from .leash import Leash, LeashState
 from .modes import FREE, IdleLegs, ModesState, MotionOptions
-from .motion_chunk import MotionChunk
+from .motion_chunk import MotionBatch, in_a_row
 from .pose import PoseLanes
 from .repair import repair
 from .unpack import Unpacking, frames_of
@@ -101,7 +100,7 @@ class Post:
         state: PostState,
         active: Bool[Tensor, " b"],
         lap: Lap | None = None,
-    ) -> list[MotionChunk]:
+    ) -> MotionBatch:
         """Motion of a chunk (at most 8 frames); after each stage `lap(stage)` is called, also after those left out.
 
         Without a `lap` large batches go another way, to the same numbers: through all stages session by session.
@@ -110,14 +109,14 @@ class Post:
             return self._step(features, state, active, lap or _no_lap)
         given = np.ascontiguousarray(features.numpy())
         options, states = state.modes.options.numpy(), (state.calm, state.ground, state.feet)
-        rotations, root, done = self._crowd.step(given, FRAME_RATE_HZ, options, states, active.numpy())
-        chunks = list(map(MotionChunk._make, zip(rotations, root, repeat(None))))
-        if done < len(chunks):
+        shown, done = self._crowd.step(given, FRAME_RATE_HZ, options, states, active.numpy())
+        if done < len(given):
             left = slice(done, None)
-            chunks[left] = self._step(features[left], state.rows(left), active[left], _no_lap)
-        return chunks
+            rest = self._step(features[left], state.rows(left), active[left], _no_lap)
+            shown.rotations[left], shown.root[left] = rest
+        return shown
 
-    def _step(self, features: Tensor, state: PostState, active: Tensor, lap: Lap) -> list[MotionChunk]:
+    def _step(self, features: Tensor, state: PostState, active: Tensor, lap: Lap) -> MotionBatch:
         on = active.numpy()
         pose = self.pose_of(features, state)
         lap("pose")
@@ -147,9 +146,9 @@ class Post:
         lap("feet")
         if "hands" in self.stages:
             self.hands.guard(pose.turns, frames)
-        chunks = [MotionChunk(*chunk) for chunk in zip(*frames_of(pose), strict=True)]
+        shown = MotionBatch(*frames_of(pose))
         lap("hands")
-        return chunks
+        return shown
 
     def replay(self, motion: Motion, options: MotionOptions = FREE) -> Motion:
         """A finished motion through the stages, chunk by chunk, as a session of its own."""
@@ -159,8 +158,8 @@ class Post:
         state.modes.choose(everyone, options)
         padded = torch.cat([features, features[-1:].expand(-len(features) % CHUNK_FRAMES, -1)])
         pieces: tuple[Tensor, ...] = padded[None].tensor_split(len(padded) // CHUNK_FRAMES, 1)
-        chunks = [self.step(piece, state, everyone)[0] for piece in pieces]
-        rotations, root = (np.concatenate([chunk[i] for chunk in chunks]) for i in range(2))
+        shown = in_a_row([self.step(piece, state, everyone) for piece in pieces])
+        rotations, root = shown.rotations[0], shown.root[0]
         root[:, [0, 2]] += motion.root[0, [0, 2]]
         return replace(motion, rotations=rotations[: motion.frames], root=root[: motion.frames])
 

@@ -9,7 +9,6 @@ because a smoother behind it would fill the dips again, and no joint turns faste
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +18,7 @@ from torch import Tensor
 
 from ..nn import StreamState, write_rows
 from ..timing import FRAME_RATE_HZ
-from .motion_chunk import MotionChunk
+from .motion_chunk import MotionBatch
 
 TIMING = "timing"  # the stage's name
 DEPTH = 0.77  # share of its speed that a body loses where it brakes fully
@@ -57,26 +56,23 @@ class Retime:
 
     def step(
         self,
-        chunks: Sequence[MotionChunk],
+        motion: MotionBatch,
         brake: Float[Tensor, "b t"],
         state: RetimeState,
         active: Bool[Tensor, " b"],
-    ) -> list[MotionChunk]:
-        """The next frames as they shall be shown, row by row; `brake` is 0 (go on) to 1 (slowest)."""
+    ) -> MotionBatch:
+        """The next frames as they shall be shown, `brake` is 0 (go on) to 1 (slowest)."""
         kept, frames = state.root.shape[1], brake.shape[1]
         rotations, root = (
-            torch.cat([past, torch.from_numpy(np.stack(new)).to(past)], 1)
-            for past, new in (
-                (state.rotations, [chunk.rotations for chunk in chunks]),
-                (state.root, [chunk.root for chunk in chunks]),
-            )
+            torch.cat([past, torch.from_numpy(new).to(past)], 1)
+            for past, new in zip((state.rotations, state.root), motion, strict=True)
         )
         known, travel = rotations.numpy(), root.numpy()
         lags, haste = _lags(brake.numpy(), _turns(known), state)
         at = kept + np.arange(frames) - lags
         low = np.floor(at).astype(np.int64)
         share, high = (at - low).astype(np.float32), np.minimum(low + 1, kept + frames - 1)
-        row = np.arange(len(chunks))[:, None]
+        row = np.arange(len(known))[:, None]
         shown = _turned(known[row, low], known[row, high], share[..., None, None])
         moved = travel[row, low] * (1 - share[..., None]) + travel[row, high] * share[..., None]
         write_rows(state.rotations, rotations[:, -kept:], active)
@@ -84,10 +80,7 @@ class Retime:
         write_rows(state.lag, torch.from_numpy(lags[:, -1].astype(np.float32)), active)
         write_rows(state.haste, torch.from_numpy(haste.astype(np.float32)), active)
         write_rows(state.seen, (state.seen + frames).clamp(max=LARGEST_LAG), active)
-        return [
-            chunk._replace(rotations=turns, root=way)
-            for chunk, turns, way in zip(chunks, shown, moved, strict=True)
-        ]
+        return MotionBatch(shown, moved)
 
 
 def _lags(

@@ -8,7 +8,20 @@ from ..kinematics import Skeleton
 from ..kinematics.features import travel_slice
 from ..kinematics.octets import from_two_rows
 from ..nn.compiled import HALF, ONE, ZERO, F
-from ..nn.octet import LANES, exact, fused, inner, is_any, load, size, spread, store, transposed, where
+from ..nn.octet import (
+    LANES,
+    exact,
+    fused,
+    inner,
+    is_any,
+    load,
+    scratch,
+    size,
+    spread,
+    store,
+    transposed,
+    where,
+)
 from .pose import Array, PoseLanes
 
 _LARGEST = F(3e38)
@@ -60,7 +73,7 @@ def frames_of(pose: PoseLanes) -> tuple[Float[Array, "b t j 4"], Float[Array, "b
 @exact()
 def unpack(features, first, joints, travel, turns, root):  # type: ignore[no-untyped-def]
     """All rows; whether every number is finite and every rotation is one."""
-    columns = np.empty((features.shape[2], 8), F)
+    columns = scratch((features.shape[2], 8))
     is_good = True
     for row in range(features.shape[0]):
         _turn_over(features, row, columns)
