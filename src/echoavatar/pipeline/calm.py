@@ -123,9 +123,7 @@ def smooth(turns, roots, frames, shown, travel, active, smoother, cosine):  # ty
                 for k in range(4):
                     store(begun, (0, joint, k), spread(turns[row, joint, k, 0], load(turns, (row, joint, k))))
         past, at = (begun, 0) if is_new else (shown, row)
-        for joint in range(
-            joints
-        ):  # loop by loop, so that many joints are under way and none waits for another
+        for joint in range(joints):  # loop after loop: many joints are under way, and none waits for another
             _one_hemisphere(turns, row, joint, past, at, spare)
         for joint in range(joints):
             for k, number in enumerate(_smoothed(turns, row, joint, past, at, shares)):
@@ -133,12 +131,9 @@ def smooth(turns, roots, frames, shown, travel, active, smoother, cosine):  # ty
         for joint in range(joints):
             w, x, y, z = quaternion_at(turns, row, joint)
             share = ONE / root(fused(z, z, fused(y, y, fused(x, x, w * w))))
-            smoothed = w * share, x * share, y * share, z * share
-            near = ZERO * share
-            for k, number in enumerate(smoothed):
-                near += number * behind(number, past[at, joint, k, LANES - 1])
-                store(turns, (row, joint, k), number)
-            if is_any(size(near) < cosine):
+            for k, number in enumerate((w, x, y, z)):
+                store(turns, (row, joint, k), number * share)
+            if is_any(size(_along(turns, row, joint, past, at)) < cosine):
                 _slow_down(turns, row, joint, frames, past, at, cosine, spare)
             if active[row]:
                 _remember(turns, row, joint, frames, past, at, shown)
@@ -175,11 +170,18 @@ def _remember(turns, row, joint, frames, past, at, shown):  # type: ignore[no-un
 
 
 @inner()
+def _along(turns, row, joint, past, at):  # type: ignore[no-untyped-def]
+    """Cosine of half the angle by which a joint turns from the frame before to each."""
+    w, x, y, z = quaternion_at(turns, row, joint)
+    last = LANES - 1
+    along = fused(x, behind(x, past[at, joint, 1, last]), w * behind(w, past[at, joint, 0, last]))
+    return fused(z, behind(z, past[at, joint, 3, last]), fused(y, behind(y, past[at, joint, 2, last]), along))
+
+
+@inner()
 def _one_hemisphere(turns, row, joint, past, at, spare):  # type: ignore[no-untyped-def]
     """Signs chosen, in place, so that no quaternion points away from the one before it."""
-    along = ZERO * load(turns, (row, joint, 0))
-    for k, number in enumerate(quaternion_at(turns, row, joint)):
-        along = fused(number, behind(number, past[at, joint, k, LANES - 1]), along)
+    along = _along(turns, row, joint, past, at)
     if not is_any(along < ZERO):
         return
     store(spare, (0,), where(along < ZERO, spread(-ONE, along), ONE))
