@@ -39,7 +39,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     post.add_argument("--chunks", type=int, default=600, help="chunks to time (default: %(default)s)")
     post.add_argument("--sessions", type=int, default=64, help="sessions in the batch (default: %(default)s)")
-    post.add_argument("--threads", type=int, default=1, help="for the batch (default: %(default)s)")
     face = kinds.add_parser(
         "face", help="the face model", description="Time the face model for one session and for a batch."
     )
@@ -167,7 +166,7 @@ def _post(args: argparse.Namespace) -> int:
 
     from ..evaluation.post_bench import bench_post
 
-    torch.set_num_threads(args.threads)
+    torch.set_num_threads(1)  # the stages use no more
     report = bench_post(chunks=args.chunks, sessions=args.sessions)
     print(
         f"{'stage':<10}{'1 session, ms p50':>20}{'p95':>8}{f'{args.sessions} sessions, ms p50':>24}{'p95':>8}"

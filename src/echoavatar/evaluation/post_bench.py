@@ -4,8 +4,8 @@ The motion is synthetic: a body that steps, waves and brings its hands to the bo
 it, so that smoothing, foot lock, stepping and hand guard all have work to do; sessions are free (no leash). One session
 and the batch take turns, so that neighbours on the machine slow both alike. Before every chunk the caches are taken, as
 the models do in a session (`between`); what a chunk costs right after another is told, too ("again"). Times are of the
-processor, all threads: what other processes take away does not count, what they push out of the caches does; and of the
-wall, of which the least is told, too, as the time of a machine that has nothing else to do.
+processor: what other processes take away does not count, what they push out of the caches does; and of the wall, of
+which the least is told, too, as the time of a machine that has nothing else to do.
 """
 
 import math
@@ -66,7 +66,6 @@ def bench_post(
         "post_wall_ms_least": best[0],
         "post_again_wall_ms_p50": again[0],
         "sessions": float(sessions),
-        "threads": float(torch.get_num_threads()),
         "batch_ms_p50": p50[1],
         "batch_wall_ms_p50": wall[1],
         "batch_wall_ms_least": best[1],
