@@ -12,7 +12,7 @@ from tests.face.tiny import make
 
 from echoavatar.nn import StreamState
 from echoavatar.pipeline import MotionChunk, Pipeline, PipelineState, load_bundle
-from echoavatar.pipeline.beginning import Beginning
+from echoavatar.pipeline.beginning import Beginning, begin
 from echoavatar.pipeline.modes import FREE, MotionOptions
 from echoavatar.pipeline.runtime import Runtime
 from echoavatar.pulse import PulseConfig, PulseModel
@@ -129,6 +129,18 @@ def test_without_a_lead_in_it_has_heard_nothing(tiny_bundle: Path) -> None:
     assert all(torch.equal(a, b) for a, b in zip(state.tensors(), fresh.tensors(), strict=True))
 
 
+def test_one_that_forgets_goes_on_from_there_and_stays_where_it_is(
+    pipeline: Pipeline, voice: np.ndarray
+) -> None:
+    state, fresh = opened(pipeline, 4), opened(pipeline, 4)
+    heard(pipeline, state, voice)
+    body = [tensor.clone() for tensor in state.post.tensors()]
+    pipeline.forget(state, EVERYONE)
+    for own, new in zip(state.generator.tensors(), fresh.generator.tensors(), strict=True):
+        assert torch.equal(own, new)
+    assert all(torch.equal(a, b) for a, b in zip(body, state.post.tensors(), strict=True))
+
+
 class Counted(StreamState):
     def __init__(self, number: torch.Tensor) -> None:
         self.number = number
@@ -144,11 +156,11 @@ def test_threads_that_come_at_once_make_it_once() -> None:
 
     beginning, state = Beginning(slowly), Counted(torch.zeros(4, dtype=torch.int64))
 
-    def begin(row: int) -> None:
+    def open_row(row: int) -> None:
         together.wait()
-        beginning.write(state, torch.arange(4) == row)
+        begin(state, torch.arange(4) == row, beginning.state())
 
-    threads = [threading.Thread(target=begin, args=(row,)) for row in range(4)]
+    threads = [threading.Thread(target=open_row, args=(row,)) for row in range(4)]
     for thread in threads:
         thread.start()
     for thread in threads:

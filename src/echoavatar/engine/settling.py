@@ -2,7 +2,7 @@
 
 The model hears its own last seconds of motion, and a dance goes on for want of anything else: up to three seconds, at
 full speed. So when sound breaks off while the legs are in a dance, the model is made to forget (its context, not where
-the body stands): it then does what it does at the beginning of a silent session, which is to come to rest. Gestures
+the body stands): it then goes on as a session begins that has stood through silence, which is to come to rest. Gestures
 come to rest by themselves, and pauses in speech keep what was going on.
 
 Decisions are made on chunks that were heard and motion that was made, so a session that is taken back decides again

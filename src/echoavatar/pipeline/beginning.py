@@ -8,27 +8,30 @@ alone, so a session's motion still follows from its own sound and seed.
 
 import threading
 from collections.abc import Callable
+from typing import Generic
 
 from jaxtyping import Bool
 from torch import Tensor
 
 from ..nn import StreamState
+from ..nn.stream import StateT
 
 
-class Beginning:
+class Beginning(Generic[StateT]):
     """The state of one row, made by `make` when it is first needed; any thread may be the first."""
 
-    def __init__(self, make: Callable[[], StreamState]) -> None:
+    def __init__(self, make: Callable[[], StateT]) -> None:
         self._make, self._lock = make, threading.Lock()
-        self._kept: list[Tensor] = []
+        self._made: StateT | None = None
 
-    def prepare(self) -> None:
-        """Make it now, so that no session waits for it."""
+    def state(self) -> StateT:
+        """One row, to be copied and not changed. `Pipeline.warm_up` has it made, so that no session waits for it."""
         with self._lock:
-            self._kept = self._kept or self._make().snapshot()
+            self._made = self._made or self._make()
+            return self._made
 
-    def write(self, state: StreamState, rows: Bool[Tensor, " b"]) -> None:
-        """Begin in the chosen rows, whatever they held."""
-        self.prepare()
-        for tensor, kept in zip(state.tensors(), self._kept, strict=True):
-            tensor[rows] = kept
+
+def begin(state: StreamState, rows: Bool[Tensor, " b"], beginning: StreamState) -> None:
+    """Copy one row's state into the chosen rows, whatever they held."""
+    for tensor, kept in zip(state.tensors(), beginning.tensors(), strict=True):
+        tensor[rows] = kept

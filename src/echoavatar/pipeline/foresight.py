@@ -39,7 +39,7 @@ class ForesightPipeline(Pipeline):
         self._codes = {
             0: self._codes_of(np.zeros(CHUNK_SAMPLES, np.float32))
         }  # who only stands hears silence
-        self.beginning.prepare()
+        self.beginning.state()
         self._codes = {seed: self._codes_of(sound) for seed, sound in sounds.items()}
 
     def _codes_of(self, sound: Float[np.ndarray, " s"]) -> Int[Tensor, "f l"]:

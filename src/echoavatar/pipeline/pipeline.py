@@ -32,7 +32,7 @@ from ..timing import CHUNK_FRAMES, SAMPLE_RATE_HZ
 from ..tokenizer.body import BodyState
 from ..tokenizer.model import DecoderState
 from .actions import Directive
-from .beginning import Beginning
+from .beginning import Beginning, begin
 from .bundle import Bundle, foresight_refusal
 from .device import find_device
 from .modes import FREE, MotionOptions
@@ -177,7 +177,7 @@ class Pipeline:
         options: MotionOptions = FREE,
     ) -> None:
         """Begin new sessions in these rows: at the origin, as after the silence of `Runtime.lead_in_s`."""
-        self.beginning.write(state, rows)
+        begin(state, rows, self.beginning.state())
         state.seeds[rows] = seed
         state.post.modes.choose(rows, options)
 
@@ -191,8 +191,8 @@ class Pipeline:
         return state
 
     def forget(self, state: PipelineState, rows: Bool[Tensor, " b"]) -> None:
-        """These rows' generator knows nothing of what was heard and done; the body stays where it is."""
-        state.generator.reset(rows)
+        """These rows' generator has heard and done what a new session's has; the body stays where it is."""
+        begin(state.generator, rows, self.beginning.state().generator)
 
     def warm_up(self) -> None:
         """Run a step for nobody, and make what sessions begin with.
@@ -205,7 +205,7 @@ class Pipeline:
             self.step(
                 torch.zeros(1, self.chunk_samples), self.init_state(1), torch.zeros(1, dtype=torch.bool)
             )
-            self.beginning.prepare()
+            self.beginning.state()
         finally:
             patience.cancel()
 
