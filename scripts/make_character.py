@@ -156,7 +156,7 @@ def shade(piece: Piece, mesh: Mesh) -> np.ndarray:
 
 def inside_box(piece: Piece, points: np.ndarray) -> np.ndarray:
     """Which points lie in the piece's box."""
-    return ((points > piece.low) & (points < piece.high)).all(1)
+    return np.asarray(((points > piece.low) & (points < piece.high)).all(1))
 
 
 if __name__ == "__main__":

@@ -31,7 +31,7 @@ from echoavatar.kinematics.rotations import (
 from echoavatar.pipeline import Pipeline, load_bundle
 from echoavatar.pipeline.interpolate import StreamInterpolator
 from echoavatar.pipeline.modes import MotionOptions
-from echoavatar.pipeline.motion_chunk import MotionChunk
+from echoavatar.pipeline.motion_chunk import MotionChunk, in_a_row
 from echoavatar.pipeline.post import SWITCHES, Post
 from echoavatar.pipeline.retime import Retime
 from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES, FRAME_RATE_HZ, SAMPLE_RATE_HZ
@@ -83,12 +83,13 @@ def through(
     state, active = post.init_state(len(features)), torch.ones(len(features), dtype=torch.bool)
     timing = retime.init_state(len(features))
     state.modes.choose(active, options)
-    shown = [post.step(part, state, active, lambda stage: None) for part in features.split(CHUNK_FRAMES, 1)]
+    shown = [
+        post.step(part, state, active, lambda stage: None) for part in torch.split(features, CHUNK_FRAMES, 1)
+    ]
     if brake is not None:
-        brakes = brake.split(CHUNK_FRAMES, 1)
+        brakes = torch.split(brake, CHUNK_FRAMES, 1)
         shown = [retime.step(*both, timing, active) for both in zip(shown, brakes, strict=True)]
-    rotations = np.concatenate([np.stack([c.rotations for c in chunks]) for chunks in shown], 1)
-    root = np.concatenate([np.stack([c.root for c in chunks]) for chunks in shown], 1)
+    rotations, root = in_a_row(shown)
     return torch.from_numpy(rotations), torch.from_numpy(root)
 
 
@@ -118,7 +119,8 @@ def measured(quaternions: torch.Tensor, root: torch.Tensor) -> dict[str, float]:
 def velocity_change(quaternions: torch.Tensor) -> torch.Tensor:
     """Mean length (t - 2) of the change of the joints' angular velocity (t, j, 4 in), around frames 1 to t - 2."""
     turns = quaternion_multiply(quaternions[1:], quaternion_conjugate(quaternions[:-1]))
-    return torch.diff(axis_angle_from_quaternion(turns), dim=0).norm(dim=-1).mean(-1)
+    change = torch.diff(axis_angle_from_quaternion(turns), dim=0)
+    return change.square().sum(-1).sqrt().mean(-1)
 
 
 def border_share(change: torch.Tensor, frames: int) -> float:
@@ -148,10 +150,10 @@ def farthest(features: torch.Tensor, minutes: int, options: MotionOptions) -> fl
     post, on = Post(HUMANOID), torch.ones(len(features), dtype=torch.bool)
     state = post.init_state(len(features))
     state.modes.choose(on, options)
-    parts, far = features.split(CHUNK_FRAMES, 1), 0.0
+    parts, far = torch.split(features, CHUNK_FRAMES, 1), 0.0
     for step in range(minutes * 60 * FRAME_RATE_HZ // CHUNK_FRAMES):
-        chunks = post.step(parts[step % len(parts)], state, on, lambda stage: None)
-        far = max(far, max(float(np.hypot(c.root[:, 0], c.root[:, 2]).max()) for c in chunks))
+        root = post.step(parts[step % len(parts)], state, on, lambda stage: None).root
+        far = max(far, float(np.hypot(root[..., 0], root[..., 2]).max()))
     return far
 
 

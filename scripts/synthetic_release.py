@@ -104,7 +104,9 @@ def _save(path: Path, key: str, weights: dict[str, torch.Tensor]) -> None:
 
 def _write_generator(folder: Path, size: Size, random: torch.Generator) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    config = GeneratorConfig(layout=REFERENCE_LAYOUT, sequence="prefix", rope_theta=1e6, **size.generator)
+    config = GeneratorConfig.model_validate(
+        {"layout": REFERENCE_LAYOUT, "sequence": "prefix", "rope_theta": 1e6, **size.generator}
+    )
     weights = {key: value.bfloat16() for key, value in _draw(generator_shapes(config), random).items()}
     save_file(weights, folder / "model.safetensors", metadata={"format": "pt"})
     theirs = {
@@ -220,12 +222,12 @@ def _write_stats(folder: Path, random: torch.Generator) -> None:
     turns *= np.linalg.det(turns)[:, None, None]
     flip = np.diag([-1.0, 1.0, 1.0])
     for file, own in (("magic_rest_matrices.json", turns), ("magic_transforms.json", flip @ turns)):
-        table = {}
+        matrices = dict[str, list[list[float]]]()
         for name, matrix in zip(names, own, strict=True):
             full = np.eye(4)
             full[:3, :3] = matrix
-            table[name] = full.tolist()
-        (folder / file).write_text(json.dumps(table))
+            matrices[name] = full.tolist()
+        (folder / file).write_text(json.dumps(matrices))
 
 
 def _write_actions(folder: Path) -> None:
