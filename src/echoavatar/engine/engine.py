@@ -157,14 +157,12 @@ class Engine:
                 self.busy_seconds += self.step_seconds
 
     def _settle(self, session: Session) -> None:
-        """Its row is reset if it is new, put back if it goes back."""
+        """Its row is reset if it is new."""
         if session.is_new:
             row = self._state.rows(slice(session.seat, session.seat + 1))
             everyone = torch.ones(1, dtype=torch.bool)
             self.pipeline.reset(row, everyone, seed=session.seed, options=session.options)
             session.is_new = False
-        for patches in session.unmake():
-            undo(patches, self._state, session.seat)
 
     def _make(self, ready: list[Session]) -> None:
         seats = slice(0, self._seats) if len(ready) > 1 else slice(ready[0].seat, ready[0].seat + 1)
@@ -174,6 +172,8 @@ class Engine:
         for session in ready:
             row = session.seat - seats.start
             begun = session.begin_chunk(self._codes)
+            for patches in begun.undone:
+                undo(patches, self._state, session.seat)
             audio[row], active[row], forgets[row] = begun.audio, True, begun.forgets
             if begun.members is not None:
                 members[row], is_asked = begun.members, True

@@ -45,6 +45,7 @@ class Begun(NamedTuple):
     audio: Float[np.ndarray, " s"]
     members: Float[Tensor, " K"] | None  # the set of codes that an action asks for
     forgets: bool  # whether the model must forget what it did
+    undone: list[list[Patch]]  # chunks that are taken back, latest first
 
 
 class Past(NamedTuple):
@@ -283,23 +284,19 @@ class Session:
 
     # ---- what the engine calls, in its tick
 
-    def unmake(self) -> list[list[Patch]]:
-        """Steps to undo before the next one, latest first."""
-        with self._lock:
-            if self._target is None:
-                return []
-            undone = [self._past.pop().patches for _ in range(self._chunks - self._target)]
-            self._chunks, self._target = self._target, None
-            return undone
-
     def begin_chunk(self, codes: int) -> Begun:
-        """The sound of the next chunk, and what is asked of it."""
+        """The sound of the next chunk, what is asked of it, and what must be undone before it.
+
+        All under one lock: a session that goes back in between would hear the old sound again in a state beyond it.
+        """
         with self._lock:
+            undone = self._unmake()
             music = self._inbox.player.snapshot()
             heard = self._inbox.take()
             self._in_flight = (self._screen.epoch, heard, music)
             members = self._acts.members(self._chunks, codes) if codes else None
-            return Begun(heard.audio, members, self._settling.must_forget(self._chunks, heard.audio))
+            forgets = self._settling.must_forget(self._chunks, heard.audio)
+            return Begun(heard.audio, members, forgets, undone)
 
     def end_chunk(self, motion: MotionChunk, patches: list[Patch]) -> None:
         """The chunk is made."""
@@ -332,6 +329,14 @@ class Session:
             self.on_motion()
 
     # ---- inside
+
+    def _unmake(self) -> list[list[Patch]]:
+        """Steps to undo before the next one, latest first."""
+        if self._target is None:
+            return []
+        undone = [self._past.pop().patches for _ in range(self._chunks - self._target)]
+        self._chunks, self._target = self._target, None
+        return undone
 
     def _react(self, sign: Sign) -> None:
         """What listening looks like, unless something that was asked for goes on."""
