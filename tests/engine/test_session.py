@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from tests.engine.fakes import engine
 
+from echoavatar.engine.session import Begun
 from echoavatar.errors import AudioError, EchoAvatarError
 
 
@@ -58,3 +59,26 @@ def test_any_rate_is_accepted_and_bad_values_are_named() -> None:
 def test_an_inbox_that_overflows_says_what_to_do() -> None:
     with engine().open() as session, pytest.raises(EchoAvatarError, match="read motion"):
         session.push(np.zeros(24_000 * 601, np.float32))
+
+
+def test_an_interruption_in_the_moment_a_chunk_begins_is_put_back_before_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The lane has claimed the session, and has not yet taken its sound."""
+    with engine().open() as session:
+        session.push(np.ones(19_200, np.float32))
+        assert len(list(session)) == 3
+        begin, cuts = session.begin_chunk, [8_000]
+
+        def late(codes: int) -> Begun:
+            while cuts:
+                assert session.clear(cuts.pop()) == 8_000
+            return begin(codes)
+
+        monkeypatch.setattr(session, "begin_chunk", late)
+        session.push(np.full(6_400, 2, np.float32))  # forgotten with what was not heard
+        session._engine.tick()
+        delivery = session.take_timed()
+        assert delivery is not None
+        assert (delivery.start, delivery.epoch) == (8_000, 1)
+        assert session._engine._state.total.item() == 8_000
