@@ -16,6 +16,7 @@ from echoavatar.nn.octet import (
     load,
     most,
     root,
+    scratch,
     size,
     spread,
     store,
@@ -154,3 +155,21 @@ def test_any_number_of_frames_becomes_whole_octets(frames: int) -> None:
     joined = np.moveaxis(cut, 0, -2).reshape(2, 3, -1)
     assert np.array_equal(joined[..., :frames], given)
     assert np.array_equal(joined[..., frames:], given[..., -1:].repeat(joined.shape[-1] - frames, -1))
+
+
+@exact()
+def _through_scratch(x, y):  # type: ignore[no-untyped-def]
+    spare = scratch((x.shape[0], 2, LANES))
+    for row in range(x.shape[0]):
+        store(spare, (row, 1), load(x, (row,)))
+        store(spare, (row, 0), -load(x, (row,)))
+    for row in range(x.shape[0]):
+        for frame in range(LANES):
+            y[row, frame] = spare[row, 1, frame] - spare[row, 0, frame]
+
+
+def test_an_array_on_the_stack_keeps_what_is_written_by_octet_and_by_number() -> None:
+    x = np.random.default_rng(0).standard_normal((40, LANES)).astype(np.float32)
+    y = np.empty_like(x)
+    _through_scratch(x, y)
+    np.testing.assert_array_equal(y, 2 * x)

@@ -148,7 +148,7 @@ class Engine:
         began = time.perf_counter()
         try:
             for session in ready:
-                self._settle(session)
+                self._open_row(session)
             self._make(ready)
         finally:
             with self._lock:
@@ -156,7 +156,7 @@ class Engine:
                 self.step_seconds = time.perf_counter() - began
                 self.busy_seconds += self.step_seconds
 
-    def _settle(self, session: Session) -> None:
+    def _open_row(self, session: Session) -> None:
         """Its row is reset if it is new."""
         if session.is_new:
             row = self._state.rows(slice(session.seat, session.seat + 1))
