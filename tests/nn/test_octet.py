@@ -7,6 +7,7 @@ from numba.core.errors import TypingError
 from echoavatar.nn.compiled import F
 from echoavatar.nn.octet import (
     LANES,
+    ask_for,
     behind,
     blocks,
     exact,
@@ -173,3 +174,26 @@ def test_an_array_on_the_stack_keeps_what_is_written_by_octet_and_by_number() ->
     y = np.empty_like(x)
     _through_scratch(x, y)
     np.testing.assert_array_equal(y, 2 * x)
+
+
+@exact()
+def _asking(x, y):  # type: ignore[no-untyped-def]
+    for row in range(x.shape[0]):
+        ask_for(x, (row,), x.shape[1])
+        ask_for(x, (row, 3), 1 << 40)
+        store(y, (row,), load(x, (row,)))
+
+
+def test_memory_may_be_asked_for_wherever_it_is_or_is_not() -> None:
+    x = np.random.default_rng(0).standard_normal((4, LANES)).astype(np.float32)
+    y = np.empty_like(x)
+    _asking(x, y)
+    np.testing.assert_array_equal(y, x)
+    asked = _asking.inspect_llvm(_asking.signatures[0])
+    assert "llvm.prefetch" in asked
+
+
+def test_only_arrays_without_gaps_can_be_asked_for() -> None:
+    x = np.zeros((4, LANES), np.float32)
+    with pytest.raises(TypingError):
+        _asking(np.asfortranarray(x), x)

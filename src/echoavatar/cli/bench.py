@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     face.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
     face.add_argument("--chunks", type=int, default=200, help="chunks to time (default: %(default)s)")
     face.add_argument("--sessions", type=int, default=64, help="sessions in the batch (default: %(default)s)")
-    face.add_argument("--threads", type=int, default=1, help="for the batch (default: %(default)s)")
+    face.add_argument("--threads", type=int, help="for the batch (default: torch's own choice, all cores)")
     many = kinds.add_parser(
         "sessions",
         help="how many sessions are served in real time",
@@ -218,7 +218,7 @@ def _face(args: argparse.Namespace) -> int:
     from ..evaluation.face_bench import bench_face
     from ..pipeline import load_bundle
 
-    torch.set_num_threads(args.threads)
+    torch.set_num_threads(args.threads or torch.get_num_threads())
     report = bench_face(load_bundle(args.model).face, chunks=args.chunks, sessions=args.sessions)
     for key, value in report.items():
         print(f"{key:<20}{value:>10.3f}")

@@ -5,6 +5,7 @@ matching, guidance 2.0. What comes out depends on a session's own sound and seed
 """
 
 from dataclasses import dataclass
+from functools import partial
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -67,14 +68,16 @@ class FaceStream:
         if audio.shape[1] % samples or not audio.shape[1]:
             raise ValueError(f"a step takes a multiple of {samples} samples, got {audio.shape[1]}")
 
-        parts = self._parts.of(len(audio))
-        if len(parts) == 1 or audio.device.type != "cpu":
+        if audio.device.type != "cpu":
             return self._step(audio, state, active, seeds)
 
-        def work(part: slice) -> Tensor:
-            return self._step(audio[part], state.rows(part), active[part], seeds[part])
-
-        return torch.cat(self._parts.map(work, parts))
+        curves = self._parts.run(
+            [
+                partial(self._step, audio[part], state.rows(part), active[part], seeds[part])
+                for part in self._parts.of(len(audio))
+            ]
+        )
+        return torch.cat(curves) if len(curves) > 1 else curves[0]
 
     def _step(
         self, audio: Tensor, state: FaceState, active: Tensor, seeds: Tensor

@@ -138,6 +138,28 @@ def store(typing: Any, array: Any, index: Any, value: Any) -> Any:
     return types.none(array, index, value), build
 
 
+@intrinsic  # type: ignore[untyped-decorator]
+def ask_for(typing: Any, array: Any, index: Any, numbers: Any) -> Any:
+    """Have the memory so many numbers behind this index brought near, if there is any; nothing waits for it.
+
+    A processor has some sixteen such requests under way: worth it spread over work, not one right after another.
+    """
+    if not (isinstance(array, types.Array) and array.layout == "C" and isinstance(numbers, types.Integer)):
+        return None
+
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        place = place_of(context, builder, array, arguments[0], index, arguments[1])
+        byte = ir.IntType(8).as_pointer()
+        of = ir.FunctionType(ir.VoidType(), [byte, _INT, _INT, _INT])
+        made = cgutils.get_or_insert_function(builder.module, of, "llvm.prefetch.p0i8")
+        to_read, to_keep, data = (ir.Constant(_INT, number) for number in (0, 3, 1))
+        there = builder.bitcast(builder.gep(place, [arguments[2]]), byte)
+        builder.call(made, [there, to_read, to_keep, data])
+        return context.get_dummy_value()
+
+    return types.none(array, index, types.intp), build
+
+
 # ---- arithmetic
 
 

@@ -78,10 +78,14 @@ class Calm:
 
     def numbers(self, frames: int, fps: float) -> tuple[Float[Array, "11 8"], np.float32]:
         """What `smooth` wants for a chunk of so many frames: the smoother's matrix and the bound's cosine."""
-        return _smoother(frames, self._stiffness), F(math.cos(FASTEST / fps / 2))
+        return _numbers(frames, fps, self._stiffness)
 
 
 @cache
+def _numbers(frames: int, fps: float, stiffness: float) -> tuple[Float[Array, "11 8"], np.float32]:
+    return _smoother(frames, stiffness), F(math.cos(FASTEST / fps / 2))
+
+
 def _smoother(frames: int, stiffness: float) -> Float[Array, "11 8"]:
     """What each of the frames shown and of a chunk (3 + 8) adds to the smoothed chunk: the minimum, solved once."""
     third = np.diff(np.eye(SHOWN + frames), n=3, axis=0)

@@ -10,6 +10,7 @@ from ..kinematics.octets import from_two_rows
 from ..nn.compiled import HALF, ONE, ZERO, F
 from ..nn.octet import (
     LANES,
+    ask_for,
     exact,
     fused,
     inner,
@@ -25,6 +26,8 @@ from ..nn.octet import (
 from .pose import Array, PoseLanes
 
 _LARGEST = F(3e38)
+_ROWS_AHEAD = 6  # whose features are asked for meanwhile; they have not been near a cache for long
+_LINE = 16  # numbers that come at a time
 
 
 class Unpacking:
@@ -75,9 +78,12 @@ def unpack(features, first, joints, travel, turns, root):  # type: ignore[no-unt
     """All rows; whether every number is finite and every rotation is one."""
     columns = scratch((features.shape[2], 8))
     is_good = True
+    row_ahead = _ROWS_AHEAD * features.shape[1] * features.shape[2]
     for row in range(features.shape[0]):
         _turn_over(features, row, columns)
         for index in range(joints.shape[0]):
+            for line in range(3):  # its share: 6 numbers in 8 frames
+                ask_for(features, (row,), row_ahead + (3 * index + line) * _LINE)
             at = first[index]
             x = load(columns, (at,)), load(columns, (at + 1,)), load(columns, (at + 2,))
             y = load(columns, (at + 3,)), load(columns, (at + 4,)), load(columns, (at + 5,))
