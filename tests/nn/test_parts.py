@@ -66,6 +66,23 @@ def test_an_error_in_a_part_reaches_the_caller_when_all_are_done(threads: int) -
     assert torch.get_num_threads() == threads
 
 
+def test_an_error_in_the_first_part_waits_for_the_others(two_threads: int) -> None:
+    parts, begun, done = Parts("test", least=1), threading.Event(), list[int]()
+
+    def fail() -> None:
+        assert begun.wait(20)
+        raise ValueError("of the first part")
+
+    def go_on() -> None:
+        begun.set()
+        time.sleep(0.2)
+        done.append(1)
+
+    with pytest.raises(ValueError, match="first part"):
+        parts.run([fail, go_on])
+    assert done == [1]
+
+
 def test_who_calls_does_not_wait_for_a_thread_that_is_busy(two_threads: int) -> None:
     parts, begun, go_on = Parts("test", least=1), threading.Event(), threading.Event()
     made, slow = list[int](), list[list[None]]()

@@ -10,7 +10,6 @@ up in time is not waited for.
 import threading
 import weakref
 from collections.abc import Callable, Sequence
-from functools import cache
 from queue import SimpleQueue
 from typing import Any, Generic, TypeVar
 
@@ -30,7 +29,9 @@ class Parts:
 
     def of(self, rows: int) -> tuple[slice, ...]:
         """Equal parts, in order; one where more are not worth it or torch has one thread."""
-        return _parts(rows, max(1, min(torch.get_num_threads(), rows // self._least)))
+        count = max(1, min(torch.get_num_threads(), rows // self._least))
+        edges = [rows * part // count for part in range(count + 1)]
+        return tuple(slice(first, last) for first, last in zip(edges, edges[1:], strict=False))
 
     def run(self, calls: Sequence[Callable[[], ResultT]]) -> list[ResultT]:
         """What the calls return, one for each part, side by side and in the caller's mode of autograd; in order.
@@ -55,13 +56,9 @@ class Parts:
             inbox.put(calls)
         for call in calls:
             call.take()
+        for call in calls:
+            call.wait()
         return [call.result() for call in calls]
-
-
-@cache
-def _parts(rows: int, count: int) -> tuple[slice, ...]:
-    edges = [rows * part // count for part in range(count + 1)]
-    return tuple(slice(first, last) for first, last in zip(edges, edges[1:], strict=False))
 
 
 class _Call(Generic[ResultT]):
@@ -92,9 +89,12 @@ class _Call(Generic[ResultT]):
             self._error = error
         self._pending.release()
 
-    def result(self) -> ResultT:
-        """What it returned, once it has; an error that it raised is raised again."""
+    def wait(self) -> None:
+        """Until whoever took it has made it."""
         self._pending.acquire()
+
+    def result(self) -> ResultT:
+        """What it returned; an error that it raised is raised again."""
         if self._error is not None:
             raise self._error
         return self._result  # type: ignore[return-value]
