@@ -32,7 +32,9 @@ def test_several_sinks_are_shown_the_same() -> None:
     with Receiver() as a, Receiver() as b:
         sinks = [f"json://127.0.0.1:{a.port}", f"livelink://127.0.0.1:{b.port}"]
         with Audience(sinks, RIG) as audience:
-            audience.put(0, walking(60))  # two seconds: frames that are late are left out, and a machine may be busy
+            audience.put(
+                0, walking(60)
+            )  # two seconds: frames that are late are left out, and a machine may be busy
             audience.finish()
             assert json.loads(a.until(lambda packet: b'"pose"' in packet))["type"] == "pose"
             assert len(b.packets(1)[0][1]) > 290

@@ -12,12 +12,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ..nn.compiled import NOTHING, ONE, ZERO, F, compiled, exponential, gelu, silu
-from ..nn.octet import most, spread
+from ..nn.octet import ask_for, most, scratch, spread
 from ..nn.wide import WIDE, exponentials, gelus, highest, narrowed, put, total, wide, widened, with_product
 
 GROUP = 32  # sessions
 TILE = 64  # outputs: with 256 inputs as fast as any for 2 rows and for 64
 ONE_THREAD = 2**18  # multiplications up to which OpenBLAS takes no further threads
+LINE = 32  # halves that come from memory together
 
 
 class Affine(NamedTuple):
@@ -58,8 +59,8 @@ class Steps(NamedTuple):
 def run_frames(weights, ring, seen, chosen, heard, noise, last, steps, frames):  # type: ignore[no-untyped-def]
     """Fill `frames` (b, t, c) of the `chosen` sessions from `noise` (b, t, c), `heard` (b, t, w), `last` frames (b, c).
 
-    A `ring` (b, l, 2, 2, w n) holds keys, channel by channel, and values, slot by slot: frame k of a session, of which
-    `seen` (b) are past, lies in slot k mod n.
+    A `ring` (b, l, 2, 2, w n) holds keys, channel by channel, and values, head by head, of each slot by slot: frame k
+    of a session, of which `seen` (b) are past, lies in slot k mod n.
     """
     for first in range(0, chosen.shape[0], GROUP):
         _run_group(weights, ring, seen, chosen[first : first + GROUP], heard, noise, last, steps, frames)
@@ -101,32 +102,37 @@ def _run_group(weights, ring, seen, chosen, heard, noise, last, steps, frames): 
                 frames[chosen[k], i, c] = face[k, c]
 
 
-@compiled()
+@compiled(_nrt=False)  # arrays are not counted: see `octet`
 def _look_back(weights, layer, ring, seen, chosen, i, qkv, y):  # type: ignore[no-untyped-def]
     """Mix what each head of each row sees into y (r, w), and put the row's keys and values into their slot.
 
     That comes after the head's others were read, which brings them near: written first, each would wait for memory.
+    What the head reads for the next row is asked for meanwhile.
     """
-    width = y.shape[1]
+    rows, width = y.shape
     slots, each = ring.shape[4] // width, width // weights.heads
-    scores, young = np.empty(slots, F), np.empty(slots, F)
-    for row in range(y.shape[0]):
-        session = chosen[row // 2]
+    scores, young = scratch((slots,)), scratch((slots,))
+    for row in range(rows):
+        session, following = chosen[row // 2], min(row + 1, rows - 1)
         now = seen[session] + i
         slot = now % slots
         keys, values = ring[session, layer, row % 2, 0], ring[session, layer, row % 2, 1]
+        later = ring[chosen[following // 2], layer, following % 2]
         for head in range(weights.heads):
+            first, own = head * each, weights.own[layer, head]
+            for place in range(first * slots, (first + each) * slots, LINE):
+                ask_for(later, (0,), place)
+                ask_for(later, (1,), place)
             bias = weights.distance[layer, head, slots - 1 - slot : 2 * slots - 1 - slot]
             if now < slots:  # slots that nothing was written to
                 for s in range(slots):
                     young[s] = bias[s] if s < now else -np.inf
                 bias = young
-            first, own = head * each, weights.own[layer, head]
             rest = _weigh(qkv[row], first, each, keys, slot, bias, own, scores)
             _mix(qkv[row], first, each, values, slot, scores, rest, y[row])
 
 
-@compiled()
+@compiled(_nrt=False)
 def _weigh(qkv, first, each, keys, slot, bias, own, scores):  # type: ignore[no-untyped-def]
     """One head's shares of what is in the ring, into `scores` (n); that of the frame itself is returned.
 
@@ -161,28 +167,28 @@ def _weigh(qkv, first, each, keys, slot, bias, own, scores):  # type: ignore[no-
     return mine * per_mass
 
 
-@compiled()
+@compiled(_nrt=False)
 def _mix(qkv, first, each, values, slot, scores, own, y):  # type: ignore[no-untyped-def]
-    """Shares `scores` (n) of a head's `values` (n w) and `own` of the frame's, which go to `slot`, into y (w)."""
-    slots, width, value = scores.shape[0], y.shape[0], 2 * y.shape[0] + first
+    """Shares `scores` (n) of a head's `values` (w n) and `own` of the frame's, which go to `slot`, into y (w)."""
+    slots, value = scores.shape[0], 2 * y.shape[0] + first
     whole = each // WIDE * WIDE
     for i in range(0, whole, WIDE):
         a = b = c = d = spread(ZERO, wide(scores, (0,)))
         for s in range(0, slots, 4):
-            at = s * width + first + i
+            at = first * slots + s * each + i
             a = with_product(a, scores[s], wide(values, (at,)))
-            b = with_product(b, scores[s + 1], wide(values, (at + width,)))
-            c = with_product(c, scores[s + 2], wide(values, (at + 2 * width,)))
-            d = with_product(d, scores[s + 3], wide(values, (at + 3 * width,)))
+            b = with_product(b, scores[s + 1], wide(values, (at + each,)))
+            c = with_product(c, scores[s + 2], wide(values, (at + 2 * each,)))
+            d = with_product(d, scores[s + 3], wide(values, (at + 3 * each,)))
         put(y, (first + i,), (a + b) + (c + d))
     for i in range(whole, each):
         y[first + i] = ZERO
         for s in range(slots):
-            y[first + i] += scores[s] * widened(values[s * width + first + i])
+            y[first + i] += scores[s] * widened(values[first * slots + s * each + i])
     for i in range(each):
         kept = narrowed(qkv[value + i])
         y[first + i] += own * widened(kept)
-        values[slot * width + first + i] = kept
+        values[first * slots + slot * each + i] = kept
 
 
 @compiled()

@@ -20,6 +20,7 @@ from .config import MelConfig
 
 _FLOOR = 1e-4  # of mel magnitudes
 _WINDOW_HOPS = 4  # a window is so many hops long
+_NEAR = 8  # sessions whose windows and spectra stay in the cache together
 
 
 class AudioEncoder(StreamingModule[StateT]):
@@ -129,6 +130,9 @@ class MelEncoder(AudioEncoder[MelState]):
 
     def log_mel(self, known: Float[Tensor, "b s"]) -> Float[Tensor, "b k m"]:
         """About -1 (silence) to 2 (loud) per window and band; windows end every `hop` samples."""
+        return torch.cat([self._log_mel(rows) for rows in torch.split(known, _NEAR)])
+
+    def _log_mel(self, known: Float[Tensor, "b s"]) -> Float[Tensor, "b k m"]:
         frames = known.unfold(1, len(self.window), self.hop) * self.window
         spectrum = torch.fft.rfft(frames)
         magnitude = torch.sqrt(spectrum.real.square() + spectrum.imag.square()) * (2 / len(self.window))

@@ -29,8 +29,8 @@ class GptState(StreamState):
     """`motion` ends with the last frame (normalised); zeros are the mean face.
 
     Keys and values of the ring form: frame k of a session lies in slot k mod n, per layer and guidance branch, and is
-    written there once and for all. Keys are (d, n), values (n, d), flat, so that neither is summed across a register;
-    and in half precision, for reading them is what a large batch waits for.
+    written there once and for all. Keys are (h, d, n), values (h, n, d), flat, so that a head's lie together and
+    neither is summed across a register; and in half precision, for reading them is what a large batch waits for.
     """
 
     ring: Float[Tensor, "b l 2 2 dn"]  # without layers in the window form
