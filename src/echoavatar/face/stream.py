@@ -68,29 +68,31 @@ class FaceStream:
         if audio.shape[1] % samples or not audio.shape[1]:
             raise ValueError(f"a step takes a multiple of {samples} samples, got {audio.shape[1]}")
 
-        if audio.device.type != "cpu":
-            return self._step(audio, state, active, seeds)
+        if audio.device.type == "cpu":
+            parts = self._parts.of(len(audio))
+            generated = self._parts.run(
+                [
+                    partial(self._faces, audio[part], state.rows(part), active[part], seeds[part])
+                    for part in parts
+                ]
+            )
+            faces = torch.cat(generated) if len(generated) > 1 else generated[0]
+        else:
+            faces = self._faces(audio, state, active, seeds)
+        return self.idle.step(faces, frame_loudness(audio), state.idle, active, seeds)
 
-        curves = self._parts.run(
-            [
-                partial(self._step, audio[part], state.rows(part), active[part], seeds[part])
-                for part in self._parts.of(len(audio))
-            ]
-        )
-        return torch.cat(curves) if len(curves) > 1 else curves[0]
-
-    def _step(
+    def _faces(
         self, audio: Tensor, state: FaceState, active: Tensor, seeds: Tensor
     ) -> Float[Tensor, "b t 52"]:
+        """What the model moves, without life."""
         schedule = self.model.head.schedule(self.model.config.sampling_steps)
-        curves = []
+        faces = []
         for chunk in torch.split(audio, self.model.config.step * SAMPLES_PER_FRAME, dim=1):
             features = self.model.encoder.step(chunk, state.encoder, active)
             noise = self._noise(state.gpt.seen, seeds)
             normal = self.generate(features, state.gpt, active, noise, schedule)
-            face = self.model.denormalize(normal).clamp(0, 1)[..., self._order]
-            curves.append(self.idle.step(face, frame_loudness(chunk), state.idle, active, seeds))
-        return torch.cat(curves, 1)
+            faces.append(self.model.denormalize(normal).clamp(0, 1)[..., self._order])
+        return torch.cat(faces, 1)
 
     @torch.no_grad()
     def generate(
