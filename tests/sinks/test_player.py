@@ -77,7 +77,8 @@ def test_messages_of_a_session_are_enough_and_a_flush_is_obeyed() -> None:
     played(player, 0.3, start=8_000)
     player.close()
     for frame in sink.frames:
-        if not 7_200 <= frame.at <= 8_000:  # between the last frame before the flush and the first after it: a blend
+        is_blend = 7_200 <= frame.at <= 8_000  # of the last frame before the flush and the first one after it
+        if not is_blend:
             beyond = 100 if frame.at > 8_000 else 0
             ahead = (frame.at - (8_000 if beyond else 0)) / 24_000
             assert abs(frame.root[2] - beyond - ahead) < 1e-4
@@ -91,10 +92,11 @@ def test_between_sessions_the_last_pose_is_held() -> None:
     player.put(0, walking(30))
     played(player, 0.3)
     player.begin()
-    seen = len(sink.frames)
-    time.sleep(0.3)
+    seen, began = len(sink.frames), time.monotonic()
+    while len(sink.frames) <= seen + 5 and time.monotonic() - began < 10:
+        time.sleep(0.05)
     player.close()
-    assert len(sink.frames) > seen + 2
+    assert len(sink.frames) > seen + 5
     assert sink.frames[-1].root[2] == sink.frames[seen].root[2]
 
 
