@@ -75,7 +75,7 @@ def test_an_interruption_over_the_wire(place: Place) -> None:
         caller.say(Interrupt())
         flush = caller.until(Flush)
         motion = caller.until(Motion)
-        assert time.monotonic() - began < 0.3
+        assert time.monotonic() - began < 2  # of four seconds of speech
         assert (motion.at, motion.epoch) == (flush.at, flush.epoch)
 
 

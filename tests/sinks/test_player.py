@@ -120,7 +120,7 @@ def test_nobody_waits_for_a_sink_that_hangs() -> None:
     for block in range(200):
         player.put(block * 6400, walking(8))
         player.tell(block * 6400, time.monotonic())
-    assert time.monotonic() - began < 0.5
+    assert time.monotonic() - began < 5  # it hangs for 20
     player.close()
-    assert time.monotonic() - began < 3
+    assert time.monotonic() - began < 10
     sink.let_go.set()
