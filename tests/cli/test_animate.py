@@ -90,6 +90,19 @@ def test_in_place_and_upper_body_do_what_they_say(wav: Path, tmp_path: Path, tin
     assert np.ptp(read_npz(tmp_path / "b.npz").rotations[:, 0], axis=0).max() == 0
 
 
+def test_a_stage_left_out_is_left_out(
+    wav: Path, tmp_path: Path, tiny_bundle: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    every = ("calm", "ground", "leash", "feet", "hands", "timing")
+    assert run(wav, tmp_path / "a.npz", tiny_bundle) == 0
+    assert run(wav, tmp_path / "b.npz", tiny_bundle, *(f"--without={stage}" for stage in every)) == 0
+    refined, raw = (read_npz(tmp_path / f"{name}.npz").rotations for name in "ab")
+    assert np.abs(refined - raw).max() > 1e-3
+    assert run(wav, tmp_path / "c.npz", tiny_bundle, "--without", "toes") == 1
+    assert "no stage 'toes'" in capsys.readouterr().err
+    assert not (tmp_path / "c.npz").exists()
+
+
 def write_bad(path: Path, kind: str) -> None:
     noise = np.random.default_rng(0).standard_normal(24_000) * 0.2
     if kind == "empty":

@@ -17,3 +17,13 @@ def test_the_last_line_is_json_with_the_promised_keys(
     assert result["first_motion_ms"] > 266
     for stage in ("codec", "generator", "decoder"):
         assert any(line.startswith(stage) for line in said)
+
+
+def test_a_stage_left_out_costs_nothing(tiny_bundle: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    common = ["bench", "stream", "--model", str(tiny_bundle), "--seconds", "2", "--without", "feet"]
+    assert main([*common, "--without", "hands"]) == 0
+    said = dict(line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines() if line)
+    feet_p50, calm_p50 = (float(said[stage].split()[0]) for stage in ("feet", "calm"))
+    assert feet_p50 < calm_p50
+    assert main([*common, "--without", "toes"]) == 1
+    assert "no stage 'toes'" in capsys.readouterr().err

@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 
 FORMATS = ".bvh, .glb, .vrma, .usda, .usdc, .usdz, .fbx, .npz, .csv, .mp4; .vrm with --rig"
 RIG_HELP = "put the motion on this character or skeleton: .vrm, .glb or .bvh"
+WITHOUT_HELP = (
+    "leave out a stage behind the decoder: calm, ground, leash, feet, hands or timing; may be repeated"
+)
 EXAMPLES = """examples:
   echoavatar animate talk.wav -o talk.glb            the character with the animation, for any 3D program
   echoavatar animate song.mp3 -o song.mp4 --seed 7   the character filmed, with the sound
@@ -50,6 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rig", type=Path, metavar="FILE", help=RIG_HELP)
     parser.add_argument("--upper-body", action="store_true", help="stand still from the hips down")
     parser.add_argument("--close-up", action="store_true", help="film the face alone (mp4)")
+    parser.add_argument("--without", action="append", default=[], metavar="STAGE", help=WITHOUT_HELP)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -63,7 +67,8 @@ def run(args: argparse.Namespace) -> int:
     from ..pipeline import Pipeline, load_bundle
     from ..pipeline.modes import MotionOptions
 
-    pipeline = Pipeline(load_bundle(args.model), device=args.device)
+    bundle = load_bundle(args.model)
+    pipeline = Pipeline(bundle, stages=bundle.runtime.stages_without(args.without), device=args.device)
     pipeline.warm_up()
     with tqdm(
         unit="s", desc="animating", bar_format="{desc}: {n:.1f} s of motion [{elapsed}]", disable=_is_quiet()

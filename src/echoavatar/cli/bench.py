@@ -3,10 +3,12 @@
 import argparse
 import json
 import sys
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from tqdm import tqdm
 
+from .animate import WITHOUT_HELP
 from .serve import DEVICE_HELP
 
 if TYPE_CHECKING:
@@ -32,6 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=("float32", "bfloat16", "int8"),
         help="of the generator's weights (default: int8 on a CPU, bfloat16 on a GPU, as everywhere)",
     )
+    stream.add_argument("--without", action="append", default=[], metavar="STAGE", help=WITHOUT_HELP)
     post = kinds.add_parser(
         "post",
         help="smoothing, root, feet and hands",
@@ -121,7 +124,9 @@ def _models(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--device", default="cpu", help=DEVICE_HELP)
 
 
-def _pipeline(args: argparse.Namespace, precision: "Precision | None" = None) -> "Pipeline":
+def _pipeline(
+    args: argparse.Namespace, precision: "Precision | None" = None, without: Sequence[str] = ()
+) -> "Pipeline":
     """What `_models` asked for."""
     import torch
 
@@ -132,7 +137,8 @@ def _pipeline(args: argparse.Namespace, precision: "Precision | None" = None) ->
         torch.set_num_threads(args.threads)
     bundle = load_bundle(args.model)
     chosen = with_random_generator(bundle) if args.size == "paper" else bundle
-    return Pipeline(chosen, precision=precision, device=args.device)
+    stages = bundle.runtime.stages_without(without)
+    return Pipeline(chosen, precision=precision, device=args.device, stages=stages)
 
 
 def _counts(text: str) -> tuple[int, ...]:
@@ -273,7 +279,7 @@ def run(args: argparse.Namespace) -> int:
         return _proxy(args)
     from ..evaluation.stream_bench import bench_stream
 
-    pipeline = _pipeline(args, args.precision)
+    pipeline = _pipeline(args, args.precision, args.without)
     with tqdm(unit="chunk", disable=not sys.stderr.isatty()) as bar:
         report = bench_stream(
             pipeline,
