@@ -3,9 +3,11 @@
 `ground` moves the root so that the leading foot stays; what is left is that two planted feet do not agree with each
 other, that the decoded foot floats or sinks by millimetres, and whatever `leash` moved the root by. A foot is planted
 by the height of its ball and by how fast it rises; one that sinks stays. While it is, its ball is held where it was
-shown when it came to stand; the correction fades when it lifts, as fast as the foot is off the floor, so that it does
-not slide. A foot that is held too far from where it was decoded is let go, and steps there. A foot that travels without
-lifting, as a shuffle decodes, is lifted, so that it steps instead of sliding. Not in the paper.
+shown when it came to stand. A foot that is let go rises before it goes: the less it is off the floor, the less of its
+way it makes in that frame, and the correction fades as fast as it was off the floor in the frame before. So it does not
+slide, however slowly it is played (`retime`). A foot that is held too far from where it was decoded is let go, and
+steps there. A foot that travels without lifting, as a shuffle decodes, is lifted, so that it steps instead of sliding.
+Not in the paper.
 """
 
 import math
@@ -33,7 +35,7 @@ LARGEST = 0.12  # metres: a foot that strays further is let go
 BACK = 0.015  # metres from its decoded place at which a foot that was let go may stand again
 STANDING_SPEED, STEPPING_SPEED = 0.3, 0.8  # m/s, horizontal: below it may be planted; above it steps
 CLEARANCE = 0.045  # metres over the floor of a stepping foot
-CLEAR = 0.02  # metres off the floor from which on a foot goes back as fast as it may
+CLEAR = 0.035  # metres off the floor from which on a foot goes, or goes back, as fast as it may
 RISE = 0.5  # of the way to its clearance, per frame
 _FADE, _SETTLE, _RISE, _CLEARANCE, _BACK = F(FADE), F(SETTLE), F(RISE), F(CLEARANCE), F(BACK**2)
 _ENTER, _LEAVE, _LEAVE_SPEED = F(ENTER_HEIGHT), F(LEAVE_HEIGHT), F(LEAVE_SPEED)
@@ -136,6 +138,7 @@ def _shift(over, free, count, fps, largest, memory, shift):  # type: ignore[no-u
     if is_new:
         x, z, last_x, last_y, last_z = over[0, 0], over[2, 0], free[0, 0], free[1, 0], free[2, 0]
     for t in range(count):
+        was_held, before = is_held, last_y + up  # height in the frame before, as shown
         moved_x, rise, moved_z = free[0, t] - last_x, free[1, t] - last_y, free[2, t] - last_z
         last_x, last_y, last_z = free[0, t], free[1, t], free[2, t]
         height, speed = over[1, t], F(math.sqrt(moved_x * moved_x + moved_z * moved_z)) * fps
@@ -155,8 +158,10 @@ def _shift(over, free, count, fps, largest, memory, shift):  # type: ignore[no-u
             if away > _BACK:
                 lift = max(lift, min(F(2) * F(math.sqrt(away)), _CLEARANCE) - height)
             up = up + _RISE * (lift - up) if lift > ZERO else up * _FADE
-            # it goes back as far as it is off the floor
-            kept = ONE - (ONE - _FADE) * min(max((height + up) * _PER_CLEAR, ZERO), ONE)
+            if was_held:
+                rest = ONE - min(max((height + up) * _PER_CLEAR, ZERO), ONE)
+                aside_x, aside_z = aside_x + rest * (gap_x - aside_x), aside_z + rest * (gap_z - aside_z)
+            kept = ONE - (ONE - _FADE) * min(max(before * _PER_CLEAR, ZERO), ONE)
             aside_x, aside_z = aside_x * kept, aside_z * kept
             is_loose = is_loose and away > _BACK
             x, z = over[0, t] + aside_x, over[2, t] + aside_z
