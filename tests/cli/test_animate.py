@@ -67,6 +67,12 @@ def test_the_face_is_in_every_format_that_has_room(wav: Path, tmp_path: Path, bu
     assert read_npz(tmp_path / "a.npz").frames == 60
 
 
+def test_the_face_can_be_left_out(wav: Path, tmp_path: Path, bundle_with_face: Path) -> None:
+    assert run(wav, tmp_path / "a.npz", bundle_with_face, "--without", "face") == 0
+    with np.load(tmp_path / "a.npz") as stored:
+        assert "face" not in stored
+
+
 def test_a_take_without_a_face_model_is_refused(
     wav: Path, tmp_path: Path, tiny_bundle: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -100,6 +106,8 @@ def test_a_stage_left_out_is_left_out(
     assert np.abs(refined - raw).max() > 1e-3
     assert run(wav, tmp_path / "c.npz", tiny_bundle, "--without", "toes") == 1
     assert "no stage 'toes'" in capsys.readouterr().err
+    assert run(wav, tmp_path / "c.npz", tiny_bundle, "--in-place", "--without", "leash") == 1
+    assert "drop one of the two" in capsys.readouterr().err
     assert not (tmp_path / "c.npz").exists()
 
 

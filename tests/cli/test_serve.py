@@ -20,6 +20,7 @@ from echoavatar.cli import main
         (["--certificate", "a.pem", "--key", "b.pem"], "no file a.pem"),
         (["--model", "nobody"], "nobody"),
         (["--device", "gpu"], "say cpu, cuda"),
+        (["--without", "toes"], "no stage 'toes'"),
     ],
 )
 def test_mistakes_are_one_line(words: list[str], remedy: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,4 +1,5 @@
 import json
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -7,12 +8,15 @@ import numpy as np
 import pytest
 import torch
 
+from echoavatar.cli.serve import WITHOUT_HELP
 from echoavatar.engine import animate_many
-from echoavatar.errors import CheckpointError, MotionError
+from echoavatar.errors import CheckpointError, EchoAvatarError, MotionError
 from echoavatar.generator import Generator
 from echoavatar.kinematics import to_features
 from echoavatar.pipeline import Pipeline, load_bundle
 from echoavatar.pipeline.action_making import action_from_motion, own_actions
+from echoavatar.pipeline.bundle import OPTIONAL_STAGES
+from echoavatar.pipeline.post import SWITCHES
 from echoavatar.tokenizer import BodyTokenizer, as_one_part, body_config
 from echoavatar.tokens import TokenLayout
 
@@ -22,6 +26,23 @@ def test_a_bundle_loads_with_its_parts_fitting(tiny_bundle: Path) -> None:
     assert bundle.skeleton.joints == 52
     assert bundle.generator.config.layout.motion_layers == bundle.tokenizer.config.layers == 2
     assert bundle.parameters > 1000
+
+
+def test_stages_are_left_out_and_one_that_is_none_is_named() -> None:
+    whole = load_bundle()
+    part = whole.without(["face", "calm", "timing"])
+    assert part.face is None
+    assert Pipeline(part).post.stages == {"ground", "leash", "feet", "hands"}
+    assert Pipeline(part).pulse is None
+    assert Pipeline(whole).pulse is not None
+    assert whole.face is not None  # the one it was taken from is as it was
+    assert Pipeline(whole.without([])).post.stages == set(SWITCHES)
+    with pytest.raises(EchoAvatarError, match="no stage 'toes' to switch on or off; there are face, calm"):
+        whole.without(["calm", "toes"])
+
+
+def test_help_names_every_stage_that_can_be_left_out() -> None:
+    assert set(OPTIONAL_STAGES) <= set(re.findall(r"\w+", WITHOUT_HELP))
 
 
 def test_a_body_of_one_part_animates(tiny_bundle: Path, voice: np.ndarray) -> None:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from echoavatar.errors import CheckpointError, EchoAvatarError
+from echoavatar.errors import CheckpointError
 from echoavatar.pipeline import Pipeline, load_bundle
 from echoavatar.pipeline.post import SWITCHES
 from echoavatar.pipeline.runtime import Runtime
@@ -26,14 +26,6 @@ def test_the_pipeline_obeys(tiny_bundle):
     assert Pipeline(bundle).level is None
     assert Pipeline(bundle).post.stages == {"calm"}
     assert Pipeline(bundle, stages=("feet",)).post.stages == {"feet"}
-
-
-def test_a_stage_can_be_left_out_and_one_that_is_none_is_named():
-    own = Runtime(stages=("timing", "calm", "feet"))
-    assert own.stages_without(()) == own.stages
-    assert own.stages_without(["calm", "hands"]) == ("timing", "feet")
-    with pytest.raises(EchoAvatarError, match="no stage 'toes' behind the decoder; there are calm, ground"):
-        own.stages_without(["calm", "toes"])
 
 
 def test_a_damaged_file_is_named(tmp_path):

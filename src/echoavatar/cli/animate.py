@@ -8,16 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from tqdm import tqdm
 
-from .serve import DEVICE_HELP
+from ..errors import EchoAvatarError
+from .serve import DEVICE_HELP, WITHOUT_HELP
 
 if TYPE_CHECKING:
     from ..exports import Take
 
 FORMATS = ".bvh, .glb, .vrma, .usda, .usdc, .usdz, .fbx, .npz, .csv, .mp4; .vrm with --rig"
 RIG_HELP = "put the motion on this character or skeleton: .vrm, .glb or .bvh"
-WITHOUT_HELP = (
-    "leave out a stage behind the decoder: calm, ground, leash, feet, hands or timing; may be repeated"
-)
 EXAMPLES = """examples:
   echoavatar animate talk.wav -o talk.glb            the character with the animation, for any 3D program
   echoavatar animate song.mp3 -o song.mp4 --seed 7   the character filmed, with the sound
@@ -67,8 +65,11 @@ def run(args: argparse.Namespace) -> int:
     from ..pipeline import Pipeline, load_bundle
     from ..pipeline.modes import MotionOptions
 
-    bundle = load_bundle(args.model)
-    pipeline = Pipeline(bundle, stages=bundle.runtime.stages_without(args.without), device=args.device)
+    if args.in_place and "leash" in args.without:
+        raise EchoAvatarError(
+            "--in-place is done by the stage that --without leash leaves out; drop one of the two"
+        )
+    pipeline = Pipeline(load_bundle(args.model).without(args.without), device=args.device)
     pipeline.warm_up()
     with tqdm(
         unit="s", desc="animating", bar_format="{desc}: {n:.1f} s of motion [{elapsed}]", disable=_is_quiet()

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 from tqdm import tqdm
 
-from .animate import WITHOUT_HELP
-from .serve import DEVICE_HELP
+from .serve import DEVICE_HELP, WITHOUT_HELP
 
 if TYPE_CHECKING:
     from ..generator.linear import Precision
@@ -135,10 +134,9 @@ def _pipeline(
 
     if args.threads:
         torch.set_num_threads(args.threads)
-    bundle = load_bundle(args.model)
+    bundle = load_bundle(args.model).without(without)
     chosen = with_random_generator(bundle) if args.size == "paper" else bundle
-    stages = bundle.runtime.stages_without(without)
-    return Pipeline(chosen, precision=precision, device=args.device, stages=stages)
+    return Pipeline(chosen, precision=precision, device=args.device)
 
 
 def _counts(text: str) -> tuple[int, ...]:

@@ -18,6 +18,7 @@ SINK_HELP = (
 DEVICE_HELP = (
     "processor for the models: cpu, cuda, cuda:1, or auto for a GPU where there is one (default: cpu)"
 )
+WITHOUT_HELP = "leave out a stage: face, calm, ground, leash, feet, hands or timing; may be repeated"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -63,6 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="time to finish what is being said when the server is stopped (default: %(default)s)",
     )
     parser.add_argument("--device", default="cpu", help=DEVICE_HELP)
+    parser.add_argument("--without", action="append", default=[], metavar="STAGE", help=WITHOUT_HELP)
     parser.add_argument("--threads", type=int, help="torch threads (default: torch's own choice)")
     parser.add_argument("--certificate", metavar="PEM", help="TLS certificate, with --key: https and wss")
     parser.add_argument("--key", metavar="PEM", help="its private key")
@@ -109,7 +111,7 @@ def run(args: argparse.Namespace) -> int:
         sinks=tuple(args.sink),
         lists_sessions=is_loopback(args.host),
     )
-    app = create_app(load(args.model, seats=args.seats, device=args.device), settings)
+    app = create_app(load(args.model, seats=args.seats, device=args.device, without=args.without), settings)
 
     def ready(address: str) -> None:
         page = f"{address}/?token={token}" if token else f"{address}/"
@@ -151,7 +153,7 @@ def _unity(args: argparse.Namespace, sink: str) -> int:
         unity_host=address.host,
         unity_port=address.port,
     )
-    bundle = load_bundle(args.model)
+    bundle = load_bundle(args.model).without(args.without)
     if bundle.runtime.rig is None:
         raise EchoAvatarError(
             f"{args.model} is not for that Unity project's rig; see `echoavatar import reference`"

@@ -5,6 +5,7 @@ Whoever steps a session claims its seat first, so several threads may call eithe
 
 import threading
 import time
+from collections.abc import Collection
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -200,14 +201,17 @@ def load(
     precision: Precision | None = None,
     look_ahead: int | None = None,
     device: str = "cpu",
+    without: Collection[str] = (),
 ) -> Engine:
     """An engine for a bundle, the name of a shipped one or a folder; for `device` and `precision` see `Pipeline`.
 
+    `without` names stages to leave out, see `Bundle.without`.
+
     Raises:
         CheckpointError: no such bundle, or a damaged one.
-        EchoAvatarError: there is no such device.
+        EchoAvatarError: there is no such device, or no such stage.
     """
-    pipeline = Pipeline(load_bundle(bundle), precision=precision, device=device)
+    pipeline = Pipeline(load_bundle(bundle).without(without), precision=precision, device=device)
     warm_up(pipeline.skeleton)
     pipeline.warm_up()
     return Engine(pipeline, seats=seats, look_ahead=look_ahead)

@@ -4,7 +4,7 @@
 `card.json` beside them says what the whole is.
 """
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from importlib.resources import as_file, files
@@ -22,9 +22,13 @@ from ..pulse import PulseModel
 from ..timing import CHUNK_SECONDS, ChunkSize
 from ..tokenizer import BodyTokenizer
 from .actions import ActionLibrary
+from .post import SWITCHES, refuse_unknown
+from .retime import TIMING
 from .runtime import Runtime
 
 PARTS = ("codec", "tokenizer", "generator")
+FACE = "face"
+OPTIONAL_STAGES = (FACE, *SWITCHES, TIMING)
 
 
 @dataclass(frozen=True)
@@ -58,6 +62,17 @@ class Bundle:
         parts = (self.codec, self.tokenizer, self.generator, self.face, self.pulse)
         modules = [part for part in parts if part is not None]
         return sum(weight.numel() for module in modules for weight in module.parameters())
+
+    def without(self, stages: Collection[str]) -> "Bundle":
+        """The same bundle with stages left out: the face, or some of what follows the decoder.
+
+        Raises:
+            EchoAvatarError: there is no stage of that name.
+        """
+        refuse_unknown(stages, OPTIONAL_STAGES)
+        kept = tuple(stage for stage in self.runtime.stages if stage not in stages)
+        runtime = self.runtime.model_copy(update={"stages": kept})
+        return replace(self, face=None if FACE in stages else self.face, runtime=runtime)
 
 
 def load_bundle(name: str | Path = "default") -> Bundle:

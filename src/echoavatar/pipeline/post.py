@@ -7,7 +7,7 @@ first can be left out by name. Rotations that are not finite, or from which no r
 """
 
 import logging
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -65,10 +65,7 @@ class Post:
         Raises:
             EchoAvatarError: there is no stage of that name.
         """
-        if unknown := sorted(set(stages) - set(SWITCHES)):
-            raise EchoAvatarError(
-                f"no stage {unknown[0]!r} behind the decoder; there are {', '.join(SWITCHES)}"
-            )
+        refuse_unknown(stages, SWITCHES)
         self.skeleton, self.stages, self.repaired = skeleton, frozenset(stages), 0
         self.hands = HandGuard(skeleton, body)
         feet = skeleton.config.feet
@@ -174,6 +171,12 @@ class Post:
             self.repaired += count
             _log.warning("%d rotations or root positions of a chunk were not usable and were held", count)
         return pose
+
+
+def refuse_unknown(stages: Collection[str], known: Sequence[str]) -> None:
+    """Raise EchoAvatarError where `stages` names one that is not in `known`."""
+    if unknown := sorted(set(stages).difference(known)):
+        raise EchoAvatarError(f"no stage {unknown[0]!r} to switch on or off; there are {', '.join(known)}")
 
 
 def _no_lap(stage: str) -> None:

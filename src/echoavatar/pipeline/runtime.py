@@ -3,13 +3,12 @@
 A bundle without the file runs as our own do.
 """
 
-from collections.abc import Iterable
 from pathlib import Path
 
 from pydantic import Field, ValidationError
 
 from ..config import Config
-from ..errors import CheckpointError, EchoAvatarError
+from ..errors import CheckpointError
 from .post import SWITCHES
 from .retime import TIMING
 from .rig import RigConfig
@@ -41,18 +40,6 @@ class Runtime(Config):
     rig: RigConfig | None = Field(
         default=None, description="how its features differ from ours; None: not at all"
     )
-
-    def stages_without(self, left_out: Iterable[str]) -> tuple[str, ...]:
-        """Its stages but those.
-
-        Raises:
-            EchoAvatarError: there is no stage of that name.
-        """
-        names = set(left_out)
-        if unknown := sorted(names.difference(SWITCHES, [TIMING])):
-            there_are = ", ".join((*SWITCHES, TIMING))
-            raise EchoAvatarError(f"no stage {unknown[0]!r} behind the decoder; there are {there_are}")
-        return tuple(stage for stage in self.stages if stage not in names)
 
     def save(self, folder: Path) -> None:
         """Write `runtime.json`."""
