@@ -25,7 +25,7 @@ export class Inertia {
   apply(pose: Pose, seconds: number, jump: boolean): void {
     if (!this.started) jump = false;
     if (jump) this.capture(pose);
-    else this.elapsed += seconds;
+    this.elapsed += seconds; // of the fade too: a display slower than the fade shows every leap at its end
     const left = fade(this.elapsed / this.seconds);
     if (left > 0) this.offset(pose, left);
     copyPose(pose, this.shown);
