@@ -5,7 +5,6 @@ Proportions differ between rigs, so positions are compared in arm lengths (hands
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from ..kinematics import Motion
 from ..kinematics.contact import skate
@@ -13,7 +12,7 @@ from ..kinematics.footing import foot_contacts
 from ..kinematics.rigs import bone_map
 from .meet import NEAR_ARMS, arm_length
 
-_Array = NDArray[np.float64]
+_Array = np.ndarray
 
 
 def fidelity(source: Motion, result: Motion) -> dict[str, float]:

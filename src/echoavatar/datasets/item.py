@@ -35,7 +35,7 @@ from .source import Item
 SLOWEST_FPS = 15.0  # fewer frames a second are no captured motion
 RATES = (24.0, 25.0, 30.0, 50.0, 60.0, 90.0, 100.0, 120.0, 240.0)  # that a wrong header may hide
 CUT_WORTH_SAYING_S = 0.1
-Sound = NDArray[np.float32]
+Sound = np.ndarray
 
 
 class Receipt(Config):

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..avatar.sheet import contact_sheet, save_picture
 from ..data import Corpus
@@ -19,7 +18,7 @@ from ..timing import FRAME_RATE_HZ
 MOST_CLIPS = 200  # that the histograms look at, spread over the set
 LONGEST_S = 60.0  # of each
 BONES = ("spine", "head", "leftUpperArm", "leftLowerArm", "leftUpperLeg", "leftLowerLeg")
-_Array = NDArray[np.float64]
+_Array = np.ndarray
 
 
 def draw_overview(corpus: Corpus, folder: Path, *, sheets: int = 3) -> list[Path]:

@@ -23,7 +23,7 @@ from .skeleton import Skeleton, SkeletonConfig
 _log = logging.getLogger(__name__)
 _RIGID_M = 1e-3  # bones may change by a millimetre before we say so
 _CHANNELS = {f"{axis}{kind}": (kind, i) for i, axis in enumerate("XYZ") for kind in ("position", "rotation")}
-_Frames = NDArray[np.float64]
+_Frames = np.ndarray
 
 
 @dataclass

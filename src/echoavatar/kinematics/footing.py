@@ -32,7 +32,7 @@ STEP_HEIGHT_M = 0.045  # how high at least, where it would have slid
 LONGEST_STEP_SECONDS = 0.8  # what takes longer is a slide on purpose
 SOFT_FLOOR_M = 0.006
 MAX_DRIFT_M = 0.06  # a planted foot that strays further starts a new stand
-_Array = NDArray[np.float64]
+_Array = np.ndarray
 
 
 class Stand(NamedTuple):
@@ -245,7 +245,8 @@ def _faded(change: _Array, is_held: NDArray[np.bool_], fade: int) -> _Array:
 
 def _ease(share: _Array) -> _Array:
     clipped = np.clip(share, 0.0, 1.0)
-    return clipped**3 * (10 - 15 * clipped + 6 * clipped**2)
+    eased: _Array = clipped**3 * (10 - 15 * clipped + 6 * clipped**2)
+    return eased
 
 
 def _smooth(values: _Array, half: int) -> _Array:

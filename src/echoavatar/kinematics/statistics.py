@@ -5,7 +5,6 @@ Speeds of hands are taken in the frame of the hips (position and heading), so th
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from .contact import planted, skate
 from .forward import Pose
@@ -18,7 +17,7 @@ STROKE_SPEED = 0.35  # metres per second: a peak above it is a stroke
 _FEET = ("leftFoot", "leftToes", "rightFoot", "rightToes")
 _LEGS = ("hips", "leftLowerLeg", "leftFoot", "leftToes", "rightLowerLeg", "rightFoot", "rightToes")
 _DIGITS = ("Thumb", "Index", "Middle", "Ring", "Little")
-_Array = NDArray[np.float64]
+_Array = np.ndarray
 
 
 def describe(motion: Motion) -> dict[str, float]:

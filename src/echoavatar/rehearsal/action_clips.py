@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..kinematics import HUMANOID, Motion
 from ..timing import FRAME_RATE_HZ
@@ -16,7 +15,7 @@ from .controls import Controls, mirrored, neutral, through_keys
 from .poses import ARMS, HANDS, ArmPose
 from .solver import solve
 
-Array = NDArray[np.float32]
+Array = np.ndarray
 Triple = tuple[float, float, float]
 Keys = tuple[tuple[float, Controls], ...]
 Shake = Callable[[Array, Controls], Controls]

@@ -16,7 +16,7 @@ _HOP, _FFT = 240, 1024
 _FRAME_S = _HOP / SAMPLE_RATE_HZ
 _LAG_S = -0.007  # the flux is seen this much too early (measured on own music)
 _TIGHTNESS = 300.0
-Array = npt.NDArray[np.float64]
+Array = np.ndarray
 
 
 class Onsets(NamedTuple):

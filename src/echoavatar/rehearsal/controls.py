@@ -15,13 +15,12 @@ from typing import Self
 
 import numpy as np
 from jaxtyping import Float
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 
 from ..timing import FRAME_RATE_HZ
 
-Array = NDArray[np.float32]
+Array = np.ndarray
 
 ANKLE_HEIGHT = 0.085
 STANDING_PELVIS = (0.0, 0.944, 0.0)
@@ -133,14 +132,14 @@ def mirrored(controls: Controls) -> Controls:
     )
 
 
-def minimum_jerk(phase: Float[NDArray[np.floating], "*n"]) -> Float[Array, "*n"]:
+def minimum_jerk(phase: Float[np.ndarray, "*n"]) -> Float[Array, "*n"]:
     """Smoothest progress: 0 before phase 0, 1 after phase 1, no velocity or acceleration at the ends."""
     p = np.clip(phase, 0.0, 1.0)
     return np.asarray(p**3 * (10 - 15 * p + 6 * p * p), np.float32)
 
 
 def through_keys(
-    times: Float[NDArray[np.floating], " k"], values: Float[NDArray[np.floating], "k ..."], frames: int
+    times: Float[np.ndarray, " k"], values: Float[np.ndarray, "k ..."], frames: int
 ) -> Float[Array, "t ..."]:
     """Minimum-jerk moves from key to key (seconds, ascending), resting at each; constant outside."""
     clock = np.arange(frames) / FRAME_RATE_HZ

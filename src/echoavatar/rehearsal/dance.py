@@ -19,7 +19,7 @@ from .keys import bump, glide, progress
 from .phrases import BodyKey, Plan, compose
 from .sound import SoundTrack
 
-FloatArray = NDArray[np.floating]
+FloatArray = np.ndarray
 ARM = 16  # values of one arm in a body vector
 LEG, HIP_OUT, HIP_DOWN = 0.808, 0.092, 0.035  # metres: easy reach of a leg, hip joints from the pelvis
 FASTEST_ARM = 8.0  # radians per second, likewise
@@ -177,7 +177,7 @@ def _pulse(t: FloatArray, plans: list[Plan]) -> tuple[FloatArray, FloatArray]:
 def _count(t: FloatArray, times: FloatArray) -> FloatArray:
     """Continuous count number at times `t`, on a smooth clock; the tempo goes on beyond both ends."""
     gap0, gap1 = times[1] - times[0], times[-1] - times[-2]
-    number = np.interp(t, times, np.arange(len(times), dtype=np.float64))
+    number: FloatArray = np.interp(t, times, np.arange(len(times), dtype=np.float64))
     number = np.where(t < times[0], (t - times[0]) / gap0, number)
     number = np.where(t > times[-1], len(times) - 1 + (t - times[-1]) / gap1, number)
     return _lagging(number - number[0], 0.05) + number[0] if len(t) else number

@@ -8,12 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from numpy.typing import NDArray
 
 from .controls import ANKLE_HEIGHT, STANDING_FEET, STANDING_FOOT_YAW, minimum_jerk, smoothed
 from .keys import bump, glide
 
-FloatArray = NDArray[np.floating]
+FloatArray = np.ndarray
 TOE_OFF = 0.32  # radians of heel lift as the foot leaves the floor
 SUPPORT = 0.95  # share of the weight on the standing foot while the other swings
 WEIGHT_SECONDS = 0.03  # from landing to the weight having arrived: a dancer is on the foot on the count

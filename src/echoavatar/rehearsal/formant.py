@@ -16,7 +16,7 @@ FORMANT_VOICES = ("alto", "tenor", "bass")
 _VOICE = {"alto": (190.0, 1.14), "tenor": (125.0, 1.0), "bass": (95.0, 0.93)}  # pitch in Hz, formant scale
 _HOP, _FFT = 120, 1024  # 5 ms frames
 _MARGIN_S = 0.03
-Array = npt.NDArray[np.float64]
+Array = np.ndarray
 
 # Formants in Hz; a second triple is where a diphthong ends.
 _VOWEL_FORMANTS: dict[str, tuple[tuple[int, int, int], ...]] = {

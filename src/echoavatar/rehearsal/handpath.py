@@ -8,12 +8,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
-from numpy.typing import NDArray
 
 from ..timing import FRAME_RATE_HZ
 from .controls import minimum_jerk
 
-Array = NDArray[np.float32]
+Array = np.ndarray
 
 HAND_WIDTH = 14
 WRIST, PALM, SWING, FINGERS = slice(0, 3), slice(3, 6), slice(6, 7), slice(7, 14)

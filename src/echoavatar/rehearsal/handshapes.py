@@ -2,7 +2,6 @@
 
 import numpy as np
 from jaxtyping import Float
-from numpy.typing import NDArray
 
 from .controls import RELAXED_FINGERS
 
@@ -35,7 +34,7 @@ _COUNT_WORDS = (
 )
 
 
-def hand_shape(name: str) -> Float[NDArray[np.float32], " 7"]:
+def hand_shape(name: str) -> Float[np.ndarray, " 7"]:
     """Finger controls of a named shape; raises KeyError for an unknown name."""
     return np.array(HAND_SHAPES[name], np.float32)
 

@@ -7,7 +7,6 @@ and sine sweeps. Each rendering draws its own timbres, so that no two bands soun
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.signal import lfilter
 
 from ..timing import SAMPLE_RATE_HZ
@@ -16,7 +15,7 @@ from .sound import FloatArray
 
 _TABLE = 2048
 _RATE = SAMPLE_RATE_HZ
-Array = npt.NDArray[np.float64]
+Array = np.ndarray
 
 
 @dataclass(frozen=True)

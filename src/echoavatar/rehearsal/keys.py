@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 
 from .controls import minimum_jerk
 
-FloatArray = NDArray[np.floating]
+FloatArray = np.ndarray
 
 
 def bump(phase: FloatArray) -> FloatArray:
     """0 at both ends, 1 in the middle, twice continuously differentiable; zero outside 0..1."""
     s = np.clip(phase, 0.0, 1.0)
-    return (4.0 * s * (1.0 - s)) ** 3
+    height: FloatArray = (4.0 * s * (1.0 - s)) ** 3
+    return height
 
 
 def progress(t: FloatArray, arrive: FloatArray, travel: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:

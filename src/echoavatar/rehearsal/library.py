@@ -33,7 +33,7 @@ from ..kinematics.smoothing import align_signs
 from ..timing import FRAME_RATE_HZ
 from .sound import SoundTrack
 
-Array = NDArray[np.float32]
+Array = np.ndarray
 SPEECH_NAMES = ("talk", "conversation")
 DANCE_NAMES = ("dance",)
 STROKE_DELAY_S = 0.14  # strokes end this long after the stressed vowel, as in made-up gestures

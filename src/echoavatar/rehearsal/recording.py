@@ -6,7 +6,6 @@ Not in the paper; a few recordings among the made-up sound keep training honest.
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy.signal import butter, find_peaks, sosfiltfilt
 
 from ..errors import AudioError
@@ -17,7 +16,7 @@ from .sound import FloatArray, Section, SoundTrack, Span, Syllable, merge_spans,
 
 _HOP = 240  # 10 ms
 _FRAME_S = _HOP / SAMPLE_RATE_HZ
-Array = npt.NDArray[np.float64]
+Array = np.ndarray
 
 
 def track_from_recording(audio: FloatArray, kind: str, seed: int = 0) -> SoundTrack:

@@ -34,7 +34,7 @@ _EASY_ELBOW = torch.tensor([0.40, -0.45, -0.80], dtype=torch.float64)
 
 def solve(
     controls: Controls,
-) -> tuple[Float[NDArray[np.float32], "t 52 4"], Float[NDArray[np.float32], "t 3"]]:
+) -> tuple[Float[np.ndarray, "t 52 4"], Float[np.ndarray, "t 3"]]:
     """Parent-relative quaternions `wxyz` of our rig and the root's world position in metres."""
     blocks = [_solve_block(controls[i : i + BLOCK_FRAMES]) for i in range(0, len(controls), BLOCK_FRAMES)]
     return np.concatenate([q for q, _ in blocks]), np.concatenate([r for _, r in blocks])

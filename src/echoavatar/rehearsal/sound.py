@@ -8,12 +8,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from ..timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 
-FloatArray = npt.NDArray[np.float32]
-TimeArray = npt.NDArray[np.float64]
+FloatArray = np.ndarray
+TimeArray = np.ndarray
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from numpy.typing import NDArray
 
 from ..timing import FRAME_RATE_HZ
 from .controls import ANKLE_HEIGHT, STANDING_FEET, STANDING_FOOT_YAW, Array, minimum_jerk, through_keys
@@ -54,7 +53,7 @@ def walked(frames: int, steps: Sequence[Step]) -> Feet:
     return Feet(position, yaw, pitch)
 
 
-def air(phase: Float[NDArray[np.floating], " t"]) -> Float[Array, " t"]:
+def air(phase: Float[np.ndarray, " t"]) -> Float[Array, " t"]:
     """A foot's flight: 0 on the floor, 1 at mid-step, without a velocity step at lift-off or landing."""
     p = np.clip(phase, 0.0, 1.0)
     return np.asarray(64 * (p * (1 - p)) ** 3, np.float32)
