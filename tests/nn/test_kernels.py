@@ -1,0 +1,70 @@
+"""An edit of a kernel takes effect, whichever file it is in."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from echoavatar.nn.kernels import fingerprint, kernel
+
+SCALE = 2.0
+
+
+@kernel()
+def scaled(x):  # type: ignore[no-untyped-def]
+    return SCALE * x
+
+
+def calls_scaled(x):  # type: ignore[no-untyped-def]
+    return scaled(x) + 1.0
+
+
+def test_a_kernel_computes_what_its_function_computes() -> None:
+    assert kernel()(calls_scaled)(3.0) == 7.0
+
+
+def _sabotaged(folder: Path, edits: dict[str, tuple[str, str]]) -> float:
+    """What the outer kernel of a small package answers in a process of its own, after edits of its files."""
+    for name, (old, new) in edits.items():
+        text = (folder / name).read_text()
+        assert old in text
+        (folder / name).write_text(text.replace(old, new))
+    code = f"import sys; sys.path.insert(0, {str(folder)!r}); import outer; print(outer.outer(2.0))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return float(done.stdout)
+
+
+def test_an_edit_of_an_inner_kernel_in_another_file_takes_effect(tmp_path: Path) -> None:
+    """Numba alone keeps answering 12: it looks at the file of the outer function only."""
+    head = "from echoavatar.nn.kernels import kernel\n"
+    (tmp_path / "constants.py").write_text("FACTOR = 3.0\n")
+    (tmp_path / "inner.py").write_text(
+        head + "from constants import FACTOR\n@kernel()\ndef inner(x):\n    return FACTOR * x\n"
+    )
+    (tmp_path / "outer.py").write_text(
+        head + "from inner import inner\n@kernel()\ndef outer(x):\n    return 2.0 * inner(x)\n"
+    )
+    assert _sabotaged(tmp_path, {}) == 12.0
+    assert _sabotaged(tmp_path, {"inner.py": ("FACTOR * x", "FACTOR * x + 1.0")}) == 14.0
+    assert _sabotaged(tmp_path, {"constants.py": ("3.0", "5.0")}) == 22.0
+
+
+def test_a_name_that_is_not_there_yet_is_refused() -> None:
+    def early(x):  # type: ignore[no-untyped-def]
+        return later(x)  # type: ignore[name-defined]  # noqa: F821
+
+    with pytest.raises(NameError, match="later, which must be defined before"):
+        fingerprint(early)
+
+
+def test_an_array_is_told_by_its_content() -> None:
+    def shifted(x):  # type: ignore[no-untyped-def]
+        return x + TABLE[0]
+
+    global TABLE
+    TABLE = np.zeros(2000)
+    before = fingerprint(shifted)
+    TABLE[1000] = 1.0
+    assert fingerprint(shifted) != before
