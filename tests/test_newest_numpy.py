@@ -22,6 +22,6 @@ def test_arrays_in_jaxtyping_are_classes() -> None:
         for node in ast.walk(tree):
             if isinstance(node, ast.Subscript) and ast.unparse(node.value) in JAXTYPES:
                 array = ast.unparse(node.slice.elts[0]) if isinstance(node.slice, ast.Tuple) else ""
-                if "NDArray[" in array or array in aliases:
+                if "NDArray[" in array or array == "ArrayLike" or array in aliases:
                     found.append(f"{path.name}:{node.lineno}")
     assert not found, f"jaxtyping over NDArray: {found}"

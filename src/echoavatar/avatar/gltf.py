@@ -38,11 +38,11 @@ class Animation(NamedTuple):
 def write_glb(
     path: str | Path,
     character: Character,
-    rotations: Float[ArrayLike, "t j 4"],
-    root: Float[ArrayLike, "t 3"],
+    rotations: Float[np.ndarray, "t j 4"],
+    root: Float[np.ndarray, "t 3"],
     fps: float = 30.0,
     name: str = "motion",
-    face: Float[ArrayLike, "t n"] | None = None,
+    face: Float[np.ndarray, "t n"] | None = None,
 ) -> None:
     """Write the character with one animation; raises `MotionError` for motion that is not finite or of another rig."""
     curves = None if face is None else np.asarray(face)
