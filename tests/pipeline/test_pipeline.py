@@ -75,7 +75,7 @@ def test_what_is_heard_later_does_not_change_what_was_shown(pipeline: Pipeline, 
 def test_every_stage_reports_its_end_in_order(pipeline: Pipeline, voice: np.ndarray) -> None:
     laps: list[str] = []
     pipeline.warm_up()
-    pipeline.lap = laps.append
+    pipeline.on_stage = laps.append
     stream(pipeline, [(voice, 0)], [[True]])
     assert tuple(laps) == STAGES
 

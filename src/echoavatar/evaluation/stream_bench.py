@@ -62,7 +62,7 @@ def bench_stream(
     engine = Engine(pipeline, seats=sessions, lanes=0)
     seats = [engine.open(seed=seat) for seat in range(sessions)]
     chunk, laps, chunk_ms, memory = pipeline.chunk, Laps(), [], []
-    pipeline.lap = laps
+    pipeline.on_stage = laps
     warm_up = FULL_WARM_UP_CHUNKS if pipeline.generator.config.opening else WARM_UP_CHUNKS
     chunks = max(2, round(seconds / chunk.seconds)) + warm_up
     rng = np.random.default_rng(0)
