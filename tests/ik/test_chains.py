@@ -2,7 +2,11 @@ import torch
 
 from echoavatar.ik.chains import Chains
 from echoavatar.kinematics import HUMANOID, forward_kinematics
-from echoavatar.kinematics.rotations import matrix_from_axis_angle, matrix_from_quaternion, quaternion_from_matrix
+from echoavatar.kinematics.rotations import (
+    matrix_from_axis_angle,
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+)
 
 
 def test_frames_are_those_of_forward_kinematics() -> None:

@@ -152,7 +152,9 @@ def test_a_neighbour_changes_nothing(collisions: HandCollisions, inwards: torch.
     assert not torch.equal(a[1], b[1])
 
 
-def test_where_the_body_stands_and_faces_does_not_matter(collisions: HandCollisions, inwards: torch.Tensor) -> None:
+def test_where_the_body_stands_and_faces_does_not_matter(
+    collisions: HandCollisions, inwards: torch.Tensor
+) -> None:
     turned = inwards[None, :64].clone()
     turned[:, :, 0] = matrix_from_axis_angle(torch.tensor([0.3, 2.0, 0.1])) @ turned[:, :, 0]
     assert torch.equal(collisions.step(turned)[:, :, 1:], collisions.step(inwards[None, :64])[:, :, 1:])

@@ -1,12 +1,12 @@
-"""The collisions's inner loop: its map of space in plain words, and frames side by side that do not meet."""
+"""The compiled loop of the hand collisions: its map of space in plain words, and frames that do not meet."""
 
 import numpy as np
 import torch
 from tests.ik.poses import left_wrist_at
 
 from echoavatar.ik import HandCollisions
-from echoavatar.ik.hand_shift import SHELL
 from echoavatar.ik.hand_collisions import ACROSS, BEHIND, CLEARANCE
+from echoavatar.ik.hand_shift import SHELL
 from echoavatar.kinematics import HUMANOID, forward_kinematics
 from echoavatar.kinematics.rotations import quaternion_from_matrix
 
@@ -21,7 +21,9 @@ def moved_as_the_text_says(rotations: torch.Tensor) -> np.ndarray:
     pose = forward_kinematics(HUMANOID, rotations.double(), torch.zeros(len(rotations), 3).double())
     turns, joints = pose.rotations.numpy(), pose.positions.numpy()
     hand = collisions._hands[0]
-    thick = np.array([collisions.profile.palm if point.is_palm else collisions.profile.finger for point in hand])
+    thick = np.array(
+        [collisions.profile.palm if point.is_palm else collisions.profile.finger for point in hand]
+    )
     moves = []
     for turn, joint in zip(turns, joints, strict=True):
         points = [joint[p.joint] + turn[p.joint] @ p.offset for p in hand]

@@ -37,7 +37,9 @@ def test_stages_are_left_out_and_one_that_is_none_is_named() -> None:
     assert Pipeline(whole).pulse is not None
     assert whole.face is not None  # the one it was taken from is as it was
     assert Pipeline(whole.without([])).post.stages == set(SWITCHES)
-    with pytest.raises(EchoAvatarError, match="no stage 'toes' to switch on or off; there are face, smoother"):
+    with pytest.raises(
+        EchoAvatarError, match="no stage 'toes' to switch on or off; there are face, smoother"
+    ):
         whole.without(["smoother", "toes"])
 
 

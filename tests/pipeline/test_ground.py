@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 import torch
-from tests.pipeline.poses import everyone, in_pieces, root_of, pose_of
+from tests.pipeline.poses import everyone, in_pieces, pose_of, root_of
 
 from echoavatar.ik.chains import Chains
 from echoavatar.kinematics import HUMANOID, forward_kinematics

@@ -56,7 +56,11 @@ def test_a_chunk_is_the_minimum_that_the_formula_asks_for(frames: int) -> None:
     )
     travel = torch.randn(24, 3)
     smoother = Smoother(1)
-    state, path, way = smoother.init_state(1), [decoded[0].double().numpy()] * 3, [travel[0].double().numpy()] * 3
+    state, path, way = (
+        smoother.init_state(1),
+        [decoded[0].double().numpy()] * 3,
+        [travel[0].double().numpy()] * 3,
+    )
     for turns, steps in zip(torch.split(decoded, frames), torch.split(travel, frames), strict=True):
         found = least_squares(turns.double().numpy(), np.array(path[-3:]))
         path.extend(found / np.linalg.norm(found, axis=1, keepdims=True))

@@ -38,7 +38,9 @@ class Tables(NamedTuple):
     centres: np.ndarray  # (e, 3) metres, in the bone's frame
     radii: np.ndarray  # (e, 3) metres, with the thinnest point of the hand and its clearance around them
     zone: np.ndarray  # (e, 3) metres: radii of an ellipsoid outside which no palm need be looked at
-    starts: np.ndarray  # (2, e, 3) metres from its centre: where the way out of each part starts for each hand
+    starts: (
+        np.ndarray
+    )  # (2, e, 3) metres from its centre: where the way out of each part starts for each hand
     is_head: np.ndarray  # (e,) whether the way out also leads upwards
     points: np.ndarray  # (2, p) slots that carry the points of each hand
     offsets: np.ndarray  # (2, p, 3) metres, in the carrier's frame
@@ -127,7 +129,11 @@ def metres_to_go(tables, side, turned, places, way, palms):  # type: ignore[no-u
 def follow(tables, side, turned, places, move, rotations):  # type: ignore[no-untyped-def]
     """New rotations of upper arm, forearm and hand in one frame; the hand keeps its direction."""
     arms, above, joints = tables.arms[side], tables.above[side], tables.joints[side]
-    shoulder, elbow, wrist = read_vector(places[arms[0]]), read_vector(places[arms[1]]), read_vector(places[arms[2]])
+    shoulder, elbow, wrist = (
+        read_vector(places[arms[0]]),
+        read_vector(places[arms[1]]),
+        read_vector(places[arms[2]]),
+    )
     swing, bend = reach(shoulder, elbow, wrist, plus(wrist, move))
     upper = multiply(swing, read_quaternion(turned[arms[0]]))
     forearm = multiply(bend, read_quaternion(turned[arms[1]]))  # before the swing, as is what carries it then

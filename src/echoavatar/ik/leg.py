@@ -84,7 +84,11 @@ def bend(legs, side, rotations, turned, places, aside):  # type: ignore[no-untyp
     frame.
     """
     slots, joints = legs.slots[side], legs.joints[side]
-    hip, knee, ankle = read_vector(places[slots[0]]), read_vector(places[slots[1]]), read_vector(places[slots[2]])
+    hip, knee, ankle = (
+        read_vector(places[slots[0]]),
+        read_vector(places[slots[1]]),
+        read_vector(places[slots[2]]),
+    )
     thigh, shin, foot = (
         read_quaternion(turned[slots[0]]),
         read_quaternion(turned[slots[1]]),

@@ -67,8 +67,9 @@ class Feet:
 
     def init_state(self, rows: int) -> FeetState:
         """No foot is held."""
-        flags = [torch.zeros(rows, 2, dtype=torch.bool) for _ in range(3)]
-        return FeetState(*flags, *(torch.zeros(rows, 2, size) for size in (2, 3, 3)))
+        seen, held, let_go = (torch.zeros(rows, 2, dtype=torch.bool) for _ in range(3))
+        shown, moved, ball = (torch.zeros(rows, 2, size) for size in (2, 3, 3))
+        return FeetState(seen, held, let_go, shown, moved, ball)
 
     def step(
         self,

@@ -91,7 +91,9 @@ class _Offset:
         self._fps, self._frame = fps, 0
         (before, last), (first, second) = _doubles(old.rotations), _doubles(new.rotations[:2])
         turning, to_turn = _turn(before, last), _turn(first, second)
-        back = quaternion_multiply(quaternion_from_axis_angle(-to_turn), first)  # one frame before the new motion
+        back = quaternion_multiply(
+            quaternion_from_axis_angle(-to_turn), first
+        )  # one frame before the new motion
         self._turn = _turn(back, last).numpy()
         self._spin = _at_most((turning - to_turn).numpy() * fps, GREATEST_START)
         size = np.linalg.norm(self._turn, axis=-1)

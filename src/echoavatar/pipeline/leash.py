@@ -40,8 +40,8 @@ class Leash:
 
     def init_state(self, rows: int) -> LeashState:
         """At the start."""
-        ways = [torch.zeros(rows, 2) for _ in range(3)]
-        return LeashState(torch.zeros(rows, dtype=torch.bool), *ways, torch.zeros(rows))
+        decoded, place, pull = (torch.zeros(rows, 2) for _ in range(3))
+        return LeashState(torch.zeros(rows, dtype=torch.bool), decoded, place, pull, torch.zeros(rows))
 
     def step(
         self,

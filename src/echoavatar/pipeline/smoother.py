@@ -64,7 +64,7 @@ class Smoother:
 
 @cache
 def _shares(frames: int, stiffness: float) -> Float[Array, "t n"]:
-    """What each of the frames shown and of a chunk (n = 3 + t) adds to each smoothed frame: the minimum, solved once."""
+    """What each of the frames shown and of a chunk (n = 3 + t) adds to each smoothed frame: the minimum, solved."""
     third = np.diff(np.eye(SHOWN + frames), n=3, axis=0)
     past, own = third[:, :SHOWN], third[:, SHOWN:]
     place = np.arange(frames)
@@ -151,6 +151,4 @@ def smooth(rotations, root, shown, travel, active, shares, cosine):  # type: ign
         for frame in range(SHOWN):
             then = frames + frame
             for axis in range(3):
-                travel[row, frame, axis] = (
-                    path[then, axis] if then < SHOWN else root[row, then - SHOWN, axis]
-                )
+                travel[row, frame, axis] = path[then, axis] if then < SHOWN else root[row, then - SHOWN, axis]
