@@ -195,16 +195,16 @@ class Pipeline:
         begin(state.generator, rows, self.beginning.state().generator)
 
     def warm_up(self) -> None:
-        """Run a step for nobody, and make what sessions begin with.
+        """Run a step without a session, and make what sessions begin with.
 
-        The first on a machine compiles the inner loops, which is said if it takes long.
+        The first on a machine compiles the loops, which is said if it takes long.
         """
+        everyone, state = torch.ones(1, dtype=torch.bool), self.init_state(1)
+        state.post.modes.choose(everyone, MotionOptions(leash_m=1.0))  # so that the leash is compiled, too
         patience = threading.Timer(3.0, _LOG.warning, ["compiling for this processor, once; up to a minute"])
         patience.start()
         try:
-            self.step(
-                torch.zeros(1, self.chunk_samples), self.init_state(1), torch.zeros(1, dtype=torch.bool)
-            )
+            self.step(torch.zeros(1, self.chunk_samples), state, ~everyone)
             self.beginning.state()
         finally:
             patience.cancel()

@@ -96,6 +96,7 @@ class Post:
         on, report = active.numpy(), on_stage or _ignore
         radius, in_place, upper_body = state.modes.options.numpy().T
         is_pinned, is_idle = in_place > 0, upper_body > 0
+        is_led = (radius > 0) | is_pinned
         pose = self.pose_of(features, state)
         report("pose")
         if "smoother" in self.stages:
@@ -106,11 +107,11 @@ class Post:
         self._ground.step(pose, chains, state.ground, on)
         self._idle_legs.sway(pose, is_idle, state.modes, on)
         report("ground")
-        decoded_root, largest = pose.root.copy(), np.full(len(on), LARGEST)
-        if "leash" in self.stages:
-            lean = state.feet.lean()
+        decoded_root, largest = pose.root, np.full(len(on), LARGEST)
+        if "leash" in self.stages and is_led.any():
+            decoded_root, lean = pose.root.copy(), state.feet.lean()
             self._leash.step(pose, state.leash, on, radius=radius, is_pinned=is_pinned, lean=lean)
-            largest[(radius > 0) | is_pinned] = LARGEST_ON_LEASH
+            largest[is_led] = LARGEST_ON_LEASH
         report("leash")
         if "feet" in self.stages:
             self._feet.step(pose, chains, state.feet, on, decoded_root=decoded_root, largest=largest)
