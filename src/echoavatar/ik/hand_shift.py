@@ -1,7 +1,7 @@
 """The compiled loop of the hand collisions: how far each hand must go, where to, and the arm that follows.
 
-`hand_collisions` says why. Only parts that some point of a hand could be near are worked out. A frame in which no hand
-has to go keeps its rotations bit for bit.
+`hand_collisions` says why. Parts that no point of a hand could be near are passed over. A frame in which no hand has to
+go keeps its rotations bit for bit.
 """
 
 import math
@@ -37,10 +37,8 @@ class Tables(NamedTuple):
     carriers: np.ndarray  # (e,) slots of the bones that carry the parts
     centres: np.ndarray  # (e, 3) metres, in the bone's frame
     radii: np.ndarray  # (e, 3) metres, with the thinnest point of the hand and its clearance around them
-    zone: np.ndarray  # (e, 3) metres: radii of an ellipsoid outside which no palm need be looked at
-    starts: (
-        np.ndarray
-    )  # (2, e, 3) metres from its centre: where the way out of each part starts for each hand
+    zone: np.ndarray  # (e, 3) metres: radii of an ellipsoid; a hand whose palm is outside is not near
+    starts: np.ndarray  # (2, e, 3) metres from a part's centre: where each hand's way out starts
     is_head: np.ndarray  # (e,) whether the way out also leads upwards
     points: np.ndarray  # (2, p) slots that carry the points of each hand
     offsets: np.ndarray  # (2, p, 3) metres, in the carrier's frame
@@ -136,9 +134,9 @@ def follow(tables, side, turned, places, move, rotations):  # type: ignore[no-un
     )
     swing, bend = reach(shoulder, elbow, wrist, plus(wrist, move))
     upper = multiply(swing, read_quaternion(turned[arms[0]]))
-    forearm = multiply(bend, read_quaternion(turned[arms[1]]))  # before the swing, as is what carries it then
-    hand, carrier = read_quaternion(turned[arms[2]]), multiply(bend, read_quaternion(turned[above[2]]))
-    carrier = multiply(swing, carrier)
+    forearm = multiply(bend, read_quaternion(turned[arms[1]]))  # before the swing, like what carries it
+    hand = read_quaternion(turned[arms[2]])
+    carrier = multiply(swing, multiply(bend, read_quaternion(turned[above[2]])))
     write_quaternion(rotations[joints[0]], multiply(conjugate(read_quaternion(turned[above[0]])), upper))
     write_quaternion(rotations[joints[1]], multiply(conjugate(read_quaternion(turned[above[1]])), forearm))
     write_quaternion(rotations[joints[2]], multiply(conjugate(carrier), hand))

@@ -23,7 +23,13 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from ..kinematics.quaternions import inner_product, normalized, read_quaternion, write_quaternion
+from ..kinematics.quaternions import (
+    inner_product,
+    normalized,
+    read_quaternion,
+    write_quaternion,
+    write_vector,
+)
 from ..nn import StreamState
 from ..nn.kernels import kernel
 from ..timing import FRAMES_PER_MOTION_TOKEN
@@ -110,6 +116,33 @@ def slowed_down(before, after, cosine):  # type: ignore[no-untyped-def]
 
 
 @kernel()
+def join(path, past, now, is_new):  # type: ignore[no-untyped-def]
+    """Fill `path` with the frames shown and those of the chunk; in a new session the first frame was shown for ever."""
+    for number in range(now.shape[1]):
+        for frame in range(SHOWN):
+            path[frame, number] = now[0, number] if is_new else past[frame, number]
+        for frame in range(len(now)):
+            path[SHOWN + frame, number] = now[frame, number]
+
+
+@kernel()
+def turn_to_one_hemisphere(path):  # type: ignore[no-untyped-def]
+    """Choose the signs of a path of quaternions so that none points away from the one before it."""
+    for frame in range(1, len(path)):
+        if inner_product(path[frame - 1], path[frame]) < 0.0:
+            path[frame] *= -1.0
+
+
+@kernel()
+def remember(past, path, now):  # type: ignore[no-untyped-def]
+    """The last frames shown: those of the chunk, and before them, of a chunk that is shorter, those of the path."""
+    for number in range(now.shape[1]):
+        for frame in range(SHOWN):
+            then = len(now) + frame
+            past[frame, number] = path[then, number] if then < SHOWN else now[then - SHOWN, number]
+
+
+@kernel()
 def smooth(rotations, root, shown, travel, active, shares, cosine):  # type: ignore[no-untyped-def]
     """Active rows, joint by joint; `cosine` is that of half the angle that a joint may turn in a frame."""
     frames = rotations.shape[1]
@@ -119,36 +152,15 @@ def smooth(rotations, root, shown, travel, active, shares, cosine):  # type: ign
             continue
         is_new = not shown[row, SHOWN - 1, 0].any()
         for joint in range(rotations.shape[2]):
-            for frame in range(SHOWN + frames):
-                if frame < SHOWN:
-                    given = rotations[row, 0, joint] if is_new else shown[row, frame, joint]
-                else:
-                    given = rotations[row, frame - SHOWN, joint]
-                q = read_quaternion(given)
-                if frame and inner_product(path[frame - 1], q) < 0.0:  # one hemisphere: no long way round
-                    q = -q[0], -q[1], -q[2], -q[3]
-                write_quaternion(path[frame], q)
+            past, now = shown[row, :, joint], rotations[row, :, joint]
+            join(path, past, now, is_new)
+            turn_to_one_hemisphere(path)
             last = read_quaternion(path[SHOWN - 1])
             for frame in range(frames):
                 last = slowed_down(last, normalized(weighted_sum(shares[frame], path)), cosine)
-                write_quaternion(rotations[row, frame, joint], last)
-            for frame in range(SHOWN):  # of the path before and the frames now shown, the last three
-                then = frames + frame
-                if then < SHOWN:
-                    write_quaternion(shown[row, frame, joint], read_quaternion(path[then]))
-                else:
-                    shown[row, frame, joint] = rotations[row, then - SHOWN, joint]
-        for frame in range(SHOWN + frames):
-            for axis in range(3):
-                if frame < SHOWN:
-                    path[frame, axis] = root[row, 0, axis] if is_new else travel[row, frame, axis]
-                else:
-                    path[frame, axis] = root[row, frame - SHOWN, axis]
+                write_quaternion(now[frame], last)
+            remember(past, path, now)
+        join(path, travel[row], root[row], is_new)
         for frame in range(frames):
-            smoothed = weighted_sum(shares[frame], path)
-            for axis in range(3):
-                root[row, frame, axis] = smoothed[axis]
-        for frame in range(SHOWN):
-            then = frames + frame
-            for axis in range(3):
-                travel[row, frame, axis] = path[then, axis] if then < SHOWN else root[row, then - SHOWN, axis]
+            write_vector(root[row, frame], weighted_sum(shares[frame], path))
+        remember(travel[row], path, root[row])
