@@ -79,11 +79,11 @@ def head_turned(motion: MotionChunk, shares: Float[np.ndarray, " t"], skeleton: 
     far = turn.norm(dim=-1)
     most = FARTHEST * ((BEHIND - far) / (BEHIND - WELCOME)).clamp(0, 1)
     turn *= (torch.from_numpy(shares) * (most / far.clamp_min(1e-6)).clamp_max(HEAD_SHARE))[:, None]
-    new_neck = matrix_from_axis_angle(NECK_SHARE * turn) @ neck
-    new_head = matrix_from_axis_angle(turn) @ head
+    turns = torch.stack([NECK_SHARE * turn, turn], 1)
+    new = matrix_from_axis_angle(turns) @ torch.stack([neck, head], 1)
+    parents = torch.stack([below, new[:, 0]], 1)
     rotations = motion.rotations.copy()
-    for name, world, parent in (("neck", new_neck, below), ("head", new_head, new_neck)):
-        rotations[:, skeleton.index(name)] = quaternion_from_matrix(parent.mT @ world).numpy()
+    rotations[:, skeleton.indices(["neck", "head"])] = quaternion_from_matrix(parents.mT @ new).numpy()
     return motion._replace(rotations=rotations)
 
 
