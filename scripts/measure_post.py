@@ -83,9 +83,7 @@ def through(
     state, active = post.init_state(len(features)), torch.ones(len(features), dtype=torch.bool)
     timing = retime.init_state(len(features))
     state.modes.choose(active, options)
-    shown = [
-        post.step(part, state, active, lambda stage: None) for part in torch.split(features, CHUNK_FRAMES, 1)
-    ]
+    shown = [post.step(part, state, active) for part in torch.split(features, CHUNK_FRAMES, 1)]
     if brake is not None:
         brakes = torch.split(brake, CHUNK_FRAMES, 1)
         shown = [retime.step(*both, timing, active) for both in zip(shown, brakes, strict=True)]
@@ -152,7 +150,7 @@ def farthest(features: torch.Tensor, minutes: int, options: MotionOptions) -> fl
     state.modes.choose(on, options)
     parts, far = torch.split(features, CHUNK_FRAMES, 1), 0.0
     for step in range(minutes * 60 * FRAME_RATE_HZ // CHUNK_FRAMES):
-        root = post.step(parts[step % len(parts)], state, on, lambda stage: None).root
+        root = post.step(parts[step % len(parts)], state, on).root
         far = max(far, float(np.hypot(root[..., 0], root[..., 2]).max()))
     return far
 

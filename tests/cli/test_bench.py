@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from echoavatar.cli import main
-from echoavatar.ik import HandGuard
+from echoavatar.ik import HandCollisions
 from echoavatar.pipeline.feet import Feet
 
 
@@ -26,7 +26,7 @@ def test_a_stage_left_out_is_not_run(
 ) -> None:
     ran = []
     monkeypatch.setattr(Feet, "step", lambda *_, **__: ran.append("feet"))
-    monkeypatch.setattr(HandGuard, "guard", lambda *_: ran.append("hands"))
+    monkeypatch.setattr(HandCollisions, "resolve", lambda *_: ran.append("hands"))
     common = ["bench", "stream", "--model", str(tiny_bundle), "--seconds", "2", "--without", "feet"]
     assert main(common) == 0
     assert set(ran) == {"hands"}

@@ -7,15 +7,17 @@ from echoavatar.kinematics.features import from_features
 from echoavatar.pipeline.post import POST_STAGES
 
 
-def test_every_stage_is_timed_alone_and_together() -> None:
+def test_every_stage_is_timed_for_one_session_and_for_many() -> None:
     report = bench_post(chunks=24, sessions=4)
-    for rows in (report.one_ms, report.many_ms):
-        assert set(POST_STAGES) < set(rows)
-        parts = sum(rows[stage][0] for stage in POST_STAGES)
-        assert 0.3 < parts / rows["all"][0] < 3  # a chunk of each in turn
-    assert report.summary["sessions"] == 4
-    assert report.summary["batch_over_one"] < 4  # a batch is cheaper than its sessions one by one
-    assert 0 < report.summary["post_wall_ms_least"] <= report.summary["post_wall_ms_p50"]
+    for stages in (report.one_ms, report.many_ms):
+        assert set(stages) == {*POST_STAGES, "all"}
+        parts = sum(stages[stage] for stage in POST_STAGES)
+        assert 0.5 < parts / stages["all"] < 1.5  # medians of each
+    assert report.summary == {
+        "post_ms": report.one_ms["all"],
+        "sessions": 4,
+        "ms_per_session": report.many_ms["all"],
+    }
 
 
 def test_the_motion_gives_every_stage_work() -> None:

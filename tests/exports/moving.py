@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from echoavatar.ik import BodyProfile, HandGuard, body_of_rig
+from echoavatar.ik import BodyProfile, HandCollisions, body_of_rig
 from echoavatar.kinematics import HUMANOID, Motion, forward_kinematics
 from echoavatar.kinematics.rigs import bone_map
 from echoavatar.kinematics.rotations import (
@@ -82,7 +82,7 @@ def touching(seconds: float = 5.2) -> Motion:
             hand = slerp(hand, quaternion_from_matrix(turn), share)
         turns = _limb(turns, root, side, "Arm", "Hand", *_wrist(sign, palm, matrix_from_quaternion(hand)))
     free = (
-        HandGuard(HUMANOID, body).step(turns[None].float())[0].double()
+        HandCollisions(HUMANOID, body).step(turns[None].float())[0].double()
     )  # fingers are straight: they may be inside
     return _motion(free, root)
 

@@ -2,10 +2,10 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+import torch
 
-from echoavatar.ik.arm import reach as reach_octets
-from echoavatar.ik.arm import turn_matrix as turn_octets
-from echoavatar.nn.octet import LANES, blocks, exact, load, store
+from echoavatar.ik.arm import reach as reach_kernel
+from echoavatar.kinematics.rotations import matrix_from_quaternion
 
 RNG = np.random.default_rng(0)
 
@@ -15,34 +15,12 @@ class Turns(NamedTuple):
     bend: np.ndarray
 
 
-@exact()
-def _reach(points, turns):  # type: ignore[no-untyped-def]
-    for block in range(len(points)):
-        s = load(points, (block, 0)), load(points, (block, 1)), load(points, (block, 2))
-        e = load(points, (block, 3)), load(points, (block, 4)), load(points, (block, 5))
-        w = load(points, (block, 6)), load(points, (block, 7)), load(points, (block, 8))
-        t = load(points, (block, 9)), load(points, (block, 10)), load(points, (block, 11))
-        swing, bend = reach_octets(s, e, w, t)
-        for k in range(9):
-            store(turns, (block, k), swing[k])
-            store(turns, (block, 9 + k), bend[k])
-
-
-@exact()
-def _turn_matrix(given, matrix):  # type: ignore[no-untyped-def]
-    axis = load(given, (1,)), load(given, (2,)), load(given, (3,))
-    for k, number in enumerate(turn_octets(load(given, (0,)), axis)):
-        store(matrix, (k,), number)
-
-
 def reach(shoulder: np.ndarray, elbow: np.ndarray, wrist: np.ndarray, target: np.ndarray) -> Turns:
     count = max(a.shape[-1] for a in (shoulder, elbow, wrist, target))
-    given = [np.broadcast_to(a[:, 0], (3, count)) for a in (shoulder, elbow, wrist, target)]
-    points = blocks(np.concatenate(given))
-    turns = np.empty((len(points), 18, LANES), np.float32)
-    _reach(points, turns)
-    found = turns.transpose(1, 0, 2).reshape(2, 3, 3, 1, -1)[..., :count]
-    return Turns(*found.astype(np.float64))
+    arms = [np.broadcast_to(a[:, 0], (3, count)).T.tolist() for a in (shoulder, elbow, wrist, target)]
+    found = [reach_kernel(*(tuple(point) for point in one)) for one in zip(*arms, strict=True)]
+    matrices = matrix_from_quaternion(torch.tensor(found, dtype=torch.double))  # (n, 2, 3, 3)
+    return Turns(*matrices.permute(1, 2, 3, 0)[:, :, :, None].numpy())
 
 
 def arm(bend: float, n: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -112,14 +90,3 @@ def test_the_elbow_answers_small_moves_with_small_turns(bend: float) -> None:
         turn = reach(shoulder, elbow, wrist, wrist + step * inwards).bend[:, :, 0, 0]
         angles.append(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1)))
     assert np.abs(np.diff(angles)).max() < 0.04
-
-
-def test_turn_matrix_is_the_rodrigues_rotation() -> None:
-    """A turn by 30 degrees about z."""
-    sine = np.array([0.0, 0.0, 0.5])[:, None]
-    c = np.sqrt(0.75)
-    given, made = np.zeros((4, LANES), np.float32), np.empty((9, LANES), np.float32)
-    given[0], given[1:] = c, sine
-    _turn_matrix(given, made)
-    turn = made[:, 3].reshape(3, 3)
-    np.testing.assert_allclose(turn, [[c, -0.5, 0], [0.5, c, 0], [0, 0, 1]], atol=1e-7)

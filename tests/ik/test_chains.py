@@ -2,8 +2,11 @@ import torch
 
 from echoavatar.ik.chains import Chains
 from echoavatar.kinematics import HUMANOID, forward_kinematics
-from echoavatar.kinematics.rotations import matrix_from_axis_angle, quaternion_from_matrix
-from echoavatar.nn.octet import blocks
+from echoavatar.kinematics.rotations import (
+    matrix_from_axis_angle,
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+)
 
 
 def test_frames_are_those_of_forward_kinematics() -> None:
@@ -12,12 +15,13 @@ def test_frames_are_those_of_forward_kinematics() -> None:
     rotations = matrix_from_axis_angle(turns)
     wanted = HUMANOID.indices(["head", "leftIndexDistal", "leftThumbDistal", "rightHand"])
     chains = Chains(HUMANOID, wanted)
-    frames = chains.world(blocks(quaternion_from_matrix(rotations).permute(1, 2, 0).numpy()))
-    assert frames.shape == (2, len(chains.joints), 12, 8)  # 11 frames, the last one repeated
+    quaternions = quaternion_from_matrix(rotations)[None].numpy()
+    ours = chains.pose(quaternions)
     pose = forward_kinematics(HUMANOID, rotations, torch.zeros(11, 3))
-    ours = torch.from_numpy(frames).permute(0, 3, 1, 2).flatten(0, 1)[:11].unflatten(-1, (3, 4))
-    torch.testing.assert_close(ours[..., :3], pose.rotations[:, chains.joints], atol=1e-5, rtol=0)
-    torch.testing.assert_close(ours[..., 3], pose.positions[:, chains.joints], atol=1e-5, rtol=0)
+    turned = matrix_from_quaternion(torch.from_numpy(ours.rotations[0]))
+    torch.testing.assert_close(turned, pose.rotations[:, chains.joints], atol=1e-5, rtol=0)
+    places = torch.from_numpy(ours.places[0])
+    torch.testing.assert_close(places, pose.positions[:, chains.joints], atol=1e-5, rtol=0)
 
 
 def test_the_root_stands_at_the_origin_and_only_what_is_needed_is_worked_out() -> None:
@@ -26,6 +30,6 @@ def test_the_root_stands_at_the_origin_and_only_what_is_needed_is_worked_out() -
     assert HUMANOID.index("leftFoot") not in chains.joints
     turned = torch.zeros(1, HUMANOID.joints, 3)
     turned[0, 0, 1] = 1.0
-    turns = blocks(quaternion_from_matrix(matrix_from_axis_angle(turned)).permute(1, 2, 0).numpy())
-    root = chains.world(turns)[0, 0, :, 0].reshape(3, 4)
-    assert root.tolist() == [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]
+    pose = chains.pose(quaternion_from_matrix(matrix_from_axis_angle(turned))[None].numpy())
+    assert pose.rotations[0, 0, 0].tolist() == [1, 0, 0, 0]
+    assert pose.places[0, 0, 0].tolist() == [0, 0, 0]

@@ -14,7 +14,7 @@ from echoavatar.kinematics.rotations import (
     quaternion_from_matrix,
 )
 from echoavatar.kinematics.two_bone import reach
-from echoavatar.nn.octet import blocks, exact, load
+from echoavatar.nn.kernels import kernel
 
 LEGS = ("UpperLeg", "LowerLeg", "Foot")
 
@@ -35,12 +35,12 @@ def bent(frames: int = 20) -> torch.Tensor:
     return matrix_from_axis_angle(turns)
 
 
-@exact()
-def _bend(legs, turns, frames, aside):  # type: ignore[no-untyped-def]
-    for row in range(len(turns)):
+@kernel()
+def _bend(legs, rotations, turned, places, aside):  # type: ignore[no-untyped-def]
+    for frame in range(len(rotations)):
         for side in range(2):
-            way = load(aside, (row, 0, side)), load(aside, (row, 1, side)), load(aside, (row, 2, side))
-            bend(legs, side, turns, frames, row, way)
+            way = (aside[0, side, frame], aside[1, side, frame], aside[2, side, frame])
+            bend(legs, side, rotations[frame], turned[frame], places[frame], way)
 
 
 def moved(skeleton: Skeleton, rotations: torch.Tensor, aside: np.ndarray) -> torch.Tensor:
@@ -48,10 +48,10 @@ def moved(skeleton: Skeleton, rotations: torch.Tensor, aside: np.ndarray) -> tor
     chains = Chains(skeleton, list(skeleton.config.feet))
     legs = legs_of(skeleton, chains)
     assert legs is not None
-    turns = blocks(quaternion_from_matrix(rotations).permute(1, 2, 0).numpy())
-    _bend(legs, turns, chains.world(turns), blocks(aside))
-    flat = turns.transpose(0, 3, 1, 2).reshape(-1, skeleton.joints, 4)[: len(rotations)]
-    return matrix_from_quaternion(torch.from_numpy(flat.copy()))
+    quaternions = quaternion_from_matrix(rotations)
+    pose = chains.pose(quaternions[None].numpy())
+    _bend(legs, quaternions.numpy(), pose.rotations[0], pose.places[0], aside)
+    return matrix_from_quaternion(quaternions)
 
 
 def world(skeleton: Skeleton, rotations: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:

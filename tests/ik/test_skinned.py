@@ -10,7 +10,7 @@ import pytest
 from echoavatar.avatar import load_character
 from echoavatar.avatar.gltf import pack_glb
 from echoavatar.errors import MotionError
-from echoavatar.ik import HandGuard, measure_body
+from echoavatar.ik import HandCollisions, measure_body
 from echoavatar.ik.skinned import read_skinned
 from echoavatar.kinematics import HUMANOID
 from echoavatar.kinematics.rigs import bone_map
@@ -50,7 +50,7 @@ def test_a_glb_gives_the_profile_of_the_mesh_it_was_made_of(glb: Path) -> None:
         loose = 0.04 if ours.bone == "neck" else 0.012  # so does what counts as the chin's or the neck's
         np.testing.assert_allclose(np.array(ours.radii)[across], np.array(theirs.radii)[across], atol=loose)
         assert abs(ours.radii[1] - theirs.radii[1]) < 0.04
-    assert HandGuard(read.skeleton, profile).is_able
+    assert HandCollisions(read.skeleton, profile).is_able
 
 
 def test_vrm_0_characters_are_turned_round(glb: Path, tmp_path: Path) -> None:

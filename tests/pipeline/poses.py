@@ -1,4 +1,4 @@
-"""Matrices in torch, as the rest of the project holds motion, to the octets of the live stages and back."""
+"""Motion as torch tensors to the poses of the live stages and back."""
 
 from collections.abc import Callable, Sequence
 from itertools import repeat
@@ -7,42 +7,37 @@ import numpy as np
 import torch
 
 from echoavatar.kinematics.rotations import matrix_from_quaternion, quaternion_from_matrix
-from echoavatar.nn.octet import LANES, blocks
-from echoavatar.pipeline.pose import PoseLanes
-
-ON = np.array([True])
+from echoavatar.pipeline.pose import Pose
 
 
-def to_lanes(rotations: torch.Tensor, root: torch.Tensor, fps: float = 30.0) -> PoseLanes:
-    """From at most 8 frames (b, t, j, 3, 3) and (b, t, 3)."""
+def pose_of(rotations: torch.Tensor, root: torch.Tensor, fps: float = 30.0) -> Pose:
+    """From rotation matrices (b, t, j, 3, 3) and (b, t, 3)."""
     return from_quaternions(quaternion_from_matrix(rotations), root, fps)
 
 
-def from_quaternions(quaternions: torch.Tensor, root: torch.Tensor, fps: float = 30.0) -> PoseLanes:
-    """From at most 8 frames (b, t, j, 4) and (b, t, 3)."""
-    frames = quaternions.shape[1]
-    assert 0 < frames <= LANES
-    turns, places = blocks(quaternions.permute(0, 2, 3, 1).numpy()), blocks(root.permute(0, 2, 1).numpy())
-    return PoseLanes(turns[0].copy(), places[0].copy(), fps, frames)
+def from_quaternions(quaternions: torch.Tensor, root: torch.Tensor, fps: float = 30.0) -> Pose:
+    """From (b, t, j, 4) and (b, t, 3)."""
+    turns, places = (np.array(x.numpy(), np.float32, order="C") for x in (quaternions, root))
+    return Pose(turns, places, fps)
 
 
-def quaternions_of(pose: PoseLanes) -> torch.Tensor:
-    return torch.from_numpy(pose.by_frame().transpose(3, 2, 1, 0).copy())
+def quaternions_of(pose: Pose) -> torch.Tensor:
+    return torch.from_numpy(pose.rotations.copy())
 
 
-def matrices_of(pose: PoseLanes) -> torch.Tensor:
+def matrices_of(pose: Pose) -> torch.Tensor:
     return matrix_from_quaternion(quaternions_of(pose))
 
 
-def root_of(pose: PoseLanes) -> torch.Tensor:
-    return torch.from_numpy(pose.path().transpose(2, 1, 0).copy())
+def root_of(pose: Pose) -> torch.Tensor:
+    return torch.from_numpy(pose.root.copy())
 
 
 def in_pieces(
     step: Callable[..., torch.Tensor], *clips: torch.Tensor, sizes: Sequence[int] | None = None
 ) -> torch.Tensor:
     """What `step` makes of the clips (b, t, ...) cut into pieces of these sizes, by default of 8 frames."""
-    cut = LANES if sizes is None else list(sizes)
+    cut = 8 if sizes is None else list(sizes)
     return torch.cat(
         [step(*pieces) for pieces in zip(*(clip.split(cut, 1) for clip in clips), strict=True)], 1
     )

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 import torch
-from tests.pipeline.poses import everyone, in_pieces, matrices_of, quaternions_of, to_lanes
+from tests.pipeline.poses import everyone, in_pieces, matrices_of, pose_of, quaternions_of
 
 from echoavatar.ik.chains import Chains
 from echoavatar.kinematics import HUMANOID, Skeleton, forward_kinematics
@@ -39,8 +39,8 @@ def step(
     on = everyone(len(rotations)) if active is None else active
 
     def chunk(turns: torch.Tensor, places: torch.Tensor) -> torch.Tensor:
-        pose = to_lanes(turns, places)
-        feet.step(pose, CHAINS.world(pose.turns), state, on)
+        pose = pose_of(turns, places)
+        feet.step(pose, CHAINS.pose(pose.rotations), state, on)
         return matrices_of(pose)
 
     return in_pieces(chunk, rotations, root, sizes=sizes)
@@ -207,7 +207,7 @@ def test_idle_rows_stay_untouched() -> None:
 
 def test_a_rig_without_feet_is_passed_through() -> None:
     footless = Feet(Skeleton(HUMANOID.config.model_copy(update={"feet": ()})), CHAINS)
-    pose = to_lanes(*sliding(8))
+    pose = pose_of(*sliding(8))
     before = quaternions_of(pose)
-    footless.step(pose, CHAINS.world(pose.turns), footless.init_state(1), everyone(1))
+    footless.step(pose, CHAINS.pose(pose.rotations), footless.init_state(1), everyone(1))
     assert torch.equal(quaternions_of(pose), before)

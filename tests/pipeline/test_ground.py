@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 import torch
-from tests.pipeline.poses import everyone, in_pieces, root_of, to_lanes
+from tests.pipeline.poses import everyone, in_pieces, pose_of, root_of
 
 from echoavatar.ik.chains import Chains
 from echoavatar.kinematics import HUMANOID, forward_kinematics
@@ -38,8 +38,8 @@ def step(
     on = everyone(len(rotations)) if active is None else active
 
     def chunk(turns: torch.Tensor, way: torch.Tensor) -> torch.Tensor:
-        pose = to_lanes(turns, way[..., [0, 2, 1]])
-        ground.step(pose, CHAINS.world(pose.turns), state, on)
+        pose = pose_of(turns, way[..., [0, 2, 1]])
+        ground.step(pose, CHAINS.pose(pose.rotations), state, on)
         return root_of(pose)
 
     return in_pieces(chunk, rotations, travel, sizes=sizes)

@@ -2,25 +2,26 @@ import math
 
 import numpy as np
 import pytest
+import torch
 
 from echoavatar.errors import MotionError
-from echoavatar.kinematics import lanes
+from echoavatar.kinematics.rotations import axis_angle_from_quaternion, quaternion_from_axis_angle
 from echoavatar.pipeline import MotionChunk
 from echoavatar.pipeline.inertial import FASTEST, LONGEST_S, InertialBlend
 
 
 def about_x(angle: np.ndarray, root: np.ndarray | None = None, face: float | None = None) -> MotionChunk:
     """Two joints: the first turns by `angle` (t,) about X, the second rests."""
-    vectors = np.zeros((3, len(angle), 2))
-    vectors[0, :, 0] = angle
-    turns = np.moveaxis(lanes.quaternion(vectors), 0, -1).astype(np.float32)
+    vectors = torch.zeros(len(angle), 2, 3, dtype=torch.double)
+    vectors[:, 0, 0] = torch.from_numpy(angle)
+    turns = quaternion_from_axis_angle(vectors).float().numpy()
     root = np.zeros((len(angle), 3)) if root is None else root
     curves = None if face is None else np.full((len(angle), 52), face, np.float32)
     return MotionChunk(turns, root.astype(np.float32), curves)
 
 
 def angle_of(chunk: MotionChunk) -> np.ndarray:
-    return lanes.rotation_vector(np.moveaxis(chunk.rotations.astype(np.float64), -1, 0))[0, :, 0]
+    return axis_angle_from_quaternion(torch.from_numpy(chunk.rotations).double())[:, 0, 0].numpy()
 
 
 def cut(old: np.ndarray, new: np.ndarray) -> np.ndarray:

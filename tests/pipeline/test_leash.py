@@ -6,7 +6,7 @@ import torch
 from tests.pipeline.poses import everyone
 
 from echoavatar.pipeline.leash import EDGE, LEAN, NEAR, PULL_SPEED, Leash, LeashState
-from echoavatar.pipeline.pose import PoseLanes
+from echoavatar.pipeline.pose import Pose
 
 
 def step(
@@ -21,9 +21,8 @@ def step(
 ) -> np.ndarray:
     """Root (3, t, b) in and out."""
     rows = root.shape[2]
-    lanes = np.zeros((rows, 3, 8), np.float32)
-    lanes[:, :, : root.shape[1]] = root.transpose(2, 0, 1)
-    pose = PoseLanes(np.zeros((rows, 1, 4, 8), np.float32), lanes, 30.0, root.shape[1])
+    way = np.array(root.transpose(2, 1, 0), np.float32, order="C")
+    pose = Pose(np.zeros((*way.shape[:2], 1, 4), np.float32), way, 30.0)
     leash.step(
         pose,
         state,
@@ -32,7 +31,7 @@ def step(
         is_pinned=np.full(rows, is_pinned),
         lean=np.full(rows, lean, np.float32),
     )
-    return pose.path()
+    return pose.root.transpose(2, 1, 0)
 
 
 def steps(leash: Leash, root: np.ndarray, state: LeashState, **options: Any) -> np.ndarray:
@@ -131,8 +130,8 @@ def test_idle_rows_and_neighbours() -> None:
     leash, root = Leash(), wander(2, rows=2)
     state = leash.init_state(2)
     both = steps(leash, root, state, active=np.array([True, False]))
-    assert not state.memory[1].any()
+    assert not any(tensor[1].any() for tensor in state.tensors())
     alone = steps(leash, root[:, :, :1], leash.init_state(1))
     assert np.array_equal(both[:, :, :1], alone)
     state.reset(torch.tensor([True, False]))
-    assert not state.memory.any()
+    assert not any(tensor.any() for tensor in state.tensors())

@@ -73,11 +73,11 @@ def test_what_is_heard_later_does_not_change_what_was_shown(pipeline: Pipeline, 
 
 
 def test_every_stage_reports_its_end_in_order(pipeline: Pipeline, voice: np.ndarray) -> None:
-    laps: list[str] = []
+    stages: list[str] = []
     pipeline.warm_up()
-    pipeline.lap = laps.append
+    pipeline.on_stage = stages.append
     stream(pipeline, [(voice, 0)], [[True]])
-    assert tuple(laps) == STAGES
+    assert tuple(stages) == STAGES
 
 
 def test_a_body_that_stands_still_while_it_hears_something_is_drawn_more_freely(

@@ -43,7 +43,7 @@ def run(
     active = torch.ones(rows, dtype=torch.bool) if active is None else active
     parts = []
     for part in features.split(8, 1):
-        parts.append(torch.from_numpy(flat(post.step(part, state, active, lambda stage: None))))
+        parts.append(torch.from_numpy(flat(post.step(part, state, active))))
     return torch.cat(parts, 1)
 
 
@@ -74,7 +74,7 @@ def test_the_laws_of_streaming_hold() -> None:
 def test_without_smoothing_upper_body_rotations_are_what_was_decoded() -> None:
     """Outside witness of unpacking: spine, head and fingers go through no other stage."""
     post = Post(HUMANOID)
-    post.calm._stiffness = 0.0
+    post._smoother._stiffness = 0.0
     features = gestures(2, 8, torch.Generator().manual_seed(0))
     shown = run(post, features)[..., : 52 * 4].unflatten(-1, (52, 4))
     decoded = from_features(HUMANOID, features).rotations
@@ -85,12 +85,12 @@ def test_without_smoothing_upper_body_rotations_are_what_was_decoded() -> None:
     assert (shown[..., 0] >= 0).all()
 
 
-def test_one_session_is_not_changed_by_a_crowd() -> None:
+def test_one_session_is_not_changed_by_its_neighbours() -> None:
     """To the last bit, wherever it sits."""
     features = gestures(9, 24, torch.Generator().manual_seed(2))
-    crowd = run(Post(HUMANOID), features)
+    together = run(Post(HUMANOID), features)
     for row in (0, 4, 8):
-        assert torch.equal(run(Post(HUMANOID), features[row : row + 1])[0], crowd[row])
+        assert torch.equal(run(Post(HUMANOID), features[row : row + 1])[0], together[row])
 
 
 def test_planted_feet_stand() -> None:
@@ -112,15 +112,15 @@ def test_planted_feet_stand() -> None:
 
 
 def test_stages_report_in_order() -> None:
-    post, laps = Post(HUMANOID), []
+    post, stages = Post(HUMANOID), []
     features = gestures(1, 8, torch.Generator().manual_seed(0))
-    post.step(features, post.init_state(1), torch.ones(1, dtype=torch.bool), laps.append)
-    assert tuple(laps) == POST_STAGES
+    post.step(features, post.init_state(1), torch.ones(1, dtype=torch.bool), stages.append)
+    assert tuple(stages) == POST_STAGES
 
 
 @pytest.mark.parametrize("missing", ["fingers", "toes and arms"])
 def test_rigs_that_lack_bones_are_carried_through(missing: str) -> None:
-    """No fingers: hands are still kept off. No foot joints and no arms known: calm and travel alone."""
+    """No fingers: hands are still kept off. No foot joints and no arms known: smoothing and travel alone."""
     config = HUMANOID.config
     if missing == "fingers":
         vrm = {n: j for n, j in config.vrm.items() if not n.endswith(("imal", "iate", "istal", "pal"))}

@@ -19,7 +19,7 @@ def nodding(frames: int = 16) -> torch.Tensor:
 def shown(features: torch.Tensor) -> tuple[Post, torch.Tensor, torch.Tensor]:
     post = Post(HUMANOID, stages=("ground", "feet", "hands"))
     state, on = post.init_state(1), torch.ones(1, dtype=torch.bool)
-    motion = in_a_row([post.step(part, state, on, lambda stage: None) for part in features.split(8, 1)])
+    motion = in_a_row([post.step(part, state, on) for part in features.split(8, 1)])
     turns = matrix_from_quaternion(torch.from_numpy(motion.rotations[0]))
     return post, turns, torch.from_numpy(motion.root[0])
 

@@ -14,17 +14,22 @@ def test_without_the_file_everything_is_as_ours(tmp_path):
 
 
 def test_it_comes_back(tmp_path):
-    own = Runtime(level_control=False, silent_temperature=1.0, lead_in_s=0.5, stages=("calm",))
+    own = Runtime(level_control=False, silent_temperature=1.0, lead_in_s=0.5, stages=("smoother",))
     own.save(tmp_path)
     assert Runtime.load(tmp_path) == own
+
+
+def test_a_bundle_saved_under_old_names_of_stages_still_loads(tmp_path):
+    (tmp_path / "runtime.json").write_text('{"stages": ["calm", "feet"]}')
+    assert Runtime.load(tmp_path).stages == ("smoother", "feet")
 
 
 def test_the_pipeline_obeys(tiny_bundle):
     from dataclasses import replace
 
-    bundle = replace(load_bundle(tiny_bundle), runtime=Runtime(level_control=False, stages=("calm",)))
+    bundle = replace(load_bundle(tiny_bundle), runtime=Runtime(level_control=False, stages=("smoother",)))
     assert Pipeline(bundle).level is None
-    assert Pipeline(bundle).post.stages == {"calm"}
+    assert Pipeline(bundle).post.stages == {"smoother"}
     assert Pipeline(bundle, stages=("feet",)).post.stages == {"feet"}
 
 

@@ -8,14 +8,16 @@ Constants are float32, or numba would compute in double precision.
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
+
+from ..nn.kernels import kernel
 
 F = np.float32
 ZERO, ONE, HALF = F(0.0), F(1.0), F(0.5)
 BANDS = 16
 
 
-@njit(cache=True, fastmath=True, parallel=True)
+@kernel(fastmath=True, parallel=True)
 def visible(screen, triangles, depth, ids):  # type: ignore[no-untyped-def]
     """Fill `depth` (h, w; nearness 1/z) and `ids` (h, w; triangle or -1) from `screen` (v, 3): x, y in pixels, 1/z."""
     height, width = depth.shape
@@ -59,7 +61,7 @@ def visible(screen, triangles, depth, ids):  # type: ignore[no-untyped-def]
                             ids[row, column] = t
 
 
-@njit(cache=True, fastmath=True)
+@kernel(fastmath=True)
 def shadow_depth(light, triangles, shadow):  # type: ignore[no-untyped-def]
     """Height above the light's far plane seen from the light; `light` (v, 3): x, y in texels, height towards it."""
     size = shadow.shape[0]
@@ -83,7 +85,7 @@ def shadow_depth(light, triangles, shadow):  # type: ignore[no-untyped-def]
                         shadow[row, column] = height
 
 
-@njit(cache=True, fastmath=True, inline="always")
+@kernel(fastmath=True, inline="always")
 def lit(x, y, z, to_light, shadow, bias):  # type: ignore[no-untyped-def]
     """Share of the key light that reaches a point: 5 x 5 taps of the shadow map; `to_light` (3, 4) maps to texels.
 
@@ -124,7 +126,7 @@ def lit(x, y, z, to_light, shadow, bias):  # type: ignore[no-untyped-def]
     return total / F(25.0)
 
 
-@njit(cache=True, fastmath=True)
+@kernel(fastmath=True)
 def body_light(u, v, w, t, ray, points, normals, colours, triangles, to_light, shadow, look):  # type: ignore[no-untyped-def]
     """Linear colour of a point on the surface, barycentric (u, v, w) in triangle t, seen along `ray`."""
     a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
@@ -162,7 +164,7 @@ def body_light(u, v, w, t, ray, points, normals, colours, triangles, to_light, s
     return red + gloss, green + gloss, blue + gloss
 
 
-@njit(cache=True, fastmath=True)
+@kernel(fastmath=True)
 def floor_light(ray, camera, to_light, shadow, look):  # type: ignore[no-untyped-def]
     """Linear colour where a ray meets no triangle: floor with shadow and one-metre grid, fading into the backdrop."""
     dx, dy, dz = ray
@@ -184,13 +186,13 @@ def floor_light(ray, camera, to_light, shadow, look):  # type: ignore[no-untyped
     return red, green, blue
 
 
-@njit(cache=True, fastmath=True, inline="always")
+@kernel(fastmath=True, inline="always")
 def toned(value, tone):  # type: ignore[no-untyped-def]
     """Look one linear value up in the tone curve."""
     return F(tone[min(4095, max(0, int(value * F(1024.0))))])
 
 
-@njit(cache=True, fastmath=True, inline="always")
+@kernel(fastmath=True, inline="always")
 def ray_through(rays, px, py):  # type: ignore[no-untyped-def]
     """Unit direction of the ray through a (supersampled) pixel."""
     dx = rays[0, 0] + rays[1, 0] * px + rays[2, 0] * py
@@ -200,7 +202,7 @@ def ray_through(rays, px, py):  # type: ignore[no-untyped-def]
     return dx * scale, dy * scale, dz * scale
 
 
-@njit(cache=True, fastmath=True, parallel=True)
+@kernel(fastmath=True, parallel=True)
 def shade(  # type: ignore[no-untyped-def]
     screen,
     points,

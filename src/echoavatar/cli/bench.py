@@ -172,12 +172,9 @@ def _post(args: argparse.Namespace) -> int:
 
     torch.set_num_threads(1)  # the stages use no more
     report = bench_post(chunks=args.chunks, sessions=args.sessions)
-    print(
-        f"{'stage':<10}{'1 session, ms p50':>20}{'p95':>8}{f'{args.sessions} sessions, ms p50':>24}{'p95':>8}"
-    )
+    print(f"{'ms a chunk':<12}{'1 session':>12}{f'each of {args.sessions}':>14}")
     for stage, one in report.one_ms.items():
-        many = report.many_ms[stage]
-        print(f"{stage:<10}{one[0]:>20.3f}{one[1]:>8.3f}{many[0]:>24.3f}{many[1]:>8.3f}")
+        print(f"{stage:<12}{one:>12.3f}{report.many_ms[stage]:>14.3f}")
     print(json.dumps(report.summary))
     return 0
 

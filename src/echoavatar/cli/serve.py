@@ -18,7 +18,7 @@ SINK_HELP = (
 DEVICE_HELP = (
     "processor for the models: cpu, cuda, cuda:1, or auto for a GPU where there is one (default: cpu)"
 )
-WITHOUT_HELP = "leave out a stage: face, calm, ground, leash, feet, hands or timing; may be repeated"
+WITHOUT_HELP = "leave out a stage: face, smoother, ground, leash, feet, hands or timing; may be repeated"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

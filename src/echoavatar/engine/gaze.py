@@ -9,10 +9,13 @@ number, so a session that is taken back goes on from where it was.
 import math
 
 import numpy as np
+import torch
 from jaxtyping import Float
+from torch import Tensor
 
 from ..face import ARKIT_NAMES
-from ..kinematics import Skeleton, lanes
+from ..kinematics import Skeleton
+from ..kinematics.rotations import matrix_from_axis_angle, matrix_from_quaternion, quaternion_from_matrix
 from ..pipeline import MotionChunk
 from ..pipeline.action_overlay import Overlay, laid_on
 from ..timing import CHUNK, FRAME_RATE_HZ, ChunkSize
@@ -32,8 +35,6 @@ _CHAIN = ("hips", "spine", "chest", "upperChest", "neck", "head")
 _EYES = [[ARKIT_NAMES.index(f"eyeLook{way}{side}") for side in ("Left", "Right")] for way in ("Up", "Down")]
 _LEFTWARDS = [ARKIT_NAMES.index(name) for name in ("eyeLookOutLeft", "eyeLookInRight")]
 _RIGHTWARDS = [ARKIT_NAMES.index(name) for name in ("eyeLookInLeft", "eyeLookOutRight")]
-
-Quaternions = Float[np.ndarray, "4 t"]
 
 
 class Gaze:
@@ -74,16 +75,15 @@ def head_turned(motion: MotionChunk, shares: Float[np.ndarray, " t"], skeleton: 
     if not shares.any() or not _has_neck(skeleton):
         return motion
     below, neck, head = _chain(motion, skeleton)
-    turn = _to_viewer(lanes.multiply(neck, head))  # rotation vectors in the world
-    far = np.sqrt(lanes.dot(turn, turn))
-    most = FARTHEST * np.clip((BEHIND - far) / (BEHIND - WELCOME), 0, 1)
-    turn = turn * (shares * np.minimum(HEAD_SHARE, most / np.maximum(far, 1e-6)))
-    new_neck = lanes.multiply(lanes.quaternion(NECK_SHARE * turn), neck)
-    new_head = lanes.multiply(lanes.quaternion(turn), lanes.multiply(neck, head))
+    turn = _to_viewer(head)
+    far = turn.norm(dim=-1)
+    most = FARTHEST * ((BEHIND - far) / (BEHIND - WELCOME)).clamp(0, 1)
+    turn *= (torch.from_numpy(shares) * (most / far.clamp_min(1e-6)).clamp_max(HEAD_SHARE))[:, None]
+    turns = torch.stack([NECK_SHARE * turn, turn], 1)
+    new = matrix_from_axis_angle(turns) @ torch.stack([neck, head], 1)
+    parents = torch.stack([below, new[:, 0]], 1)
     rotations = motion.rotations.copy()
-    for name, world, parent in (("neck", new_neck, below), ("head", new_head, new_neck)):
-        local = lanes.normalized(lanes.multiply(lanes.conjugate(parent), world))
-        rotations[:, skeleton.index(name)] = np.moveaxis(local, 0, -1)
+    rotations[:, skeleton.indices(["neck", "head"])] = quaternion_from_matrix(parents.mT @ new).numpy()
     return motion._replace(rotations=rotations)
 
 
@@ -91,9 +91,7 @@ def eyes_turned(motion: MotionChunk, shares: Float[np.ndarray, " t"], skeleton: 
     """The eyes on the viewer, from wherever the head is turned to, as far as eyes go."""
     if not shares.any() or motion.face is None or not _has_neck(skeleton):
         return motion
-    _, neck, head = _chain(motion, skeleton)
-    world = lanes.multiply(neck, head)
-    viewer = _rotated(lanes.conjugate(world), np.array([0, 0, 1], np.float32))  # as the head sees it
+    viewer = _chain(motion, skeleton)[2][:, 2].numpy().T  # the direction of the world's +Z in the head's axes
     is_ahead = np.clip((BEHIND - np.arccos(np.clip(viewer[2], -1, 1))) / (BEHIND - WELCOME), 0, 1)
     yaw = np.clip(np.arctan2(viewer[0], np.maximum(viewer[2], 1e-6)) / LOOK, -1, 1) * is_ahead
     pitch = np.clip(np.arcsin(np.clip(viewer[1], -1, 1)) / LOOK, -1, 1) * is_ahead
@@ -110,41 +108,29 @@ def eyes_turned(motion: MotionChunk, shares: Float[np.ndarray, " t"], skeleton: 
 
 def off_viewer(motion: MotionChunk, skeleton: Skeleton) -> Float[np.ndarray, " t"]:
     """Radians between where the head faces and the viewer."""
-    _, neck, head = _chain(motion, skeleton)
-    turn = _to_viewer(lanes.multiply(neck, head))
-    return np.asarray(np.sqrt(lanes.dot(turn, turn)))
+    return np.asarray(_to_viewer(_chain(motion, skeleton)[2]).norm(dim=-1).numpy())
 
 
 def _has_neck(skeleton: Skeleton) -> bool:
     return {"neck", "head"} <= set(skeleton.names)
 
 
-def _chain(motion: MotionChunk, skeleton: Skeleton) -> tuple[Quaternions, Quaternions, Quaternions]:
-    """In the world: what bears the neck, and the neck; and the head relative to the neck."""
-    local = {
-        name: np.moveaxis(motion.rotations[:, skeleton.index(name)], -1, 0)
-        for name in _CHAIN
-        if name in skeleton.names
-    }
-    head, neck = local.pop("head"), local.pop("neck")
-    below = np.zeros_like(neck)
-    below[0] = 1
-    for rotation in local.values():
-        below = lanes.multiply(below, rotation)
-    return below, lanes.multiply(below, neck), head
+def _chain(
+    motion: MotionChunk, skeleton: Skeleton
+) -> tuple[Float[Tensor, "t 3 3"], Float[Tensor, "t 3 3"], Float[Tensor, "t 3 3"]]:
+    """Rotations in the world: of what carries the neck, of the neck and of the head."""
+    joints = skeleton.indices([name for name in _CHAIN if name in skeleton.names])
+    world = [torch.eye(3).expand(len(motion.rotations), 3, 3)]
+    for local in matrix_from_quaternion(
+        torch.tensor(motion.rotations[:, joints], dtype=torch.float32)
+    ).unbind(1):
+        world.append(world[-1] @ local)
+    return world[-3], world[-2], world[-1]
 
 
-def _to_viewer(world: Quaternions) -> Float[np.ndarray, "3 t"]:
+def _to_viewer(world: Float[Tensor, "t 3 3"]) -> Float[Tensor, "t 3"]:
     """The shortest turn, in the world, of what faces along its own +Z to the world's +Z."""
-    ahead = _rotated(world, np.array([0, 0, 1], np.float32))
-    axis = np.stack([ahead[1], -ahead[0], np.zeros_like(ahead[0])])  # ahead x (0, 0, 1)
-    sine = np.sqrt(lanes.dot(axis, axis))
-    angle = np.arctan2(sine, ahead[2])
-    return np.asarray(axis * (angle / np.maximum(sine, 1e-6)), np.float32)
-
-
-def _rotated(rotation: Quaternions, vector: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 t"]:
-    """A vector, rotated."""
-    pure = np.zeros_like(rotation)
-    pure[1:] = vector[:, None]
-    return lanes.multiply(lanes.multiply(rotation, pure), lanes.conjugate(rotation))[1:]
+    x, y, z = world[:, :, 2].unbind(-1)
+    axis = torch.stack([y, -x, torch.zeros_like(x)], -1)  # (x, y, z) x (0, 0, 1)
+    sine = torch.hypot(x, y)
+    return axis * (torch.atan2(sine, z) / sine.clamp_min(1e-6))[:, None]

@@ -14,7 +14,18 @@ import numpy as np
 from jaxtyping import Float
 
 from ..kinematics import Skeleton
-from ..nn.octet import exact, inner
+from ..kinematics.quaternions import (
+    conjugate,
+    from_rotation_vector,
+    multiply,
+    normalized,
+    plus,
+    read_quaternion,
+    read_vector,
+    rotate,
+    write_quaternion,
+)
+from ..nn.kernels import kernel
 from ..pipeline import MotionChunk
 from ..pipeline.modes import FREE, MotionOptions
 from ..timing import CHUNK, FRAME_RATE_HZ, ChunkSize
@@ -42,6 +53,95 @@ _MIX = (np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBF58476D1CE4E5B9), np.uint64(
 _30, _27, _31, _11 = (np.uint64(bits) for bits in (30, 27, 31, 11))
 
 
+@kernel()
+def eased(share):  # type: ignore[no-untyped-def]
+    """0 to 1 without a step in speed or acceleration."""
+    return share * share * share * (10 - share * (15 - 6 * share))
+
+
+@kernel()
+def number(seed, what, stretch):  # type: ignore[no-untyped-def]
+    """In 0..1, by seed, purpose and place alone (the finish of SplitMix64)."""
+    x = seed * _MIX[0] + np.uint64(what) * _MIX[1] + np.uint64(stretch) * _MIX[2]
+    for _ in range(2):
+        x = (x ^ (x >> _30)) * _MIX[1]
+        x = (x ^ (x >> _27)) * _MIX[2]
+        x = x ^ (x >> _31)
+    return (x >> _11) / 9007199254740992.0
+
+
+@kernel()
+def place_of(seed, what, stretch, still):  # type: ignore[no-untyped-def]
+    """Where a stretch of time leads to."""
+    if stretch < 0 or number(seed, what + 16, stretch) < still:
+        return 0.0
+    return 2 * number(seed, what, stretch) - 1
+
+
+@kernel()
+def drawn(seed, what, frame, every_s, takes_s, still):  # type: ignore[no-untyped-def]
+    """From one place in -1..1 to another in each stretch of time, smoothly; `still` is the share that is 0."""
+    every = int(round(every_s * FRAME_RATE_HZ))
+    takes = takes_s * FRAME_RATE_HZ
+    stretch, since = frame // every, frame % every
+    old, new = place_of(seed, what, stretch - 1, still), place_of(seed, what, stretch, still)
+    begins = number(seed, what + 8, stretch) * (every - takes)
+    return old + (new - old) * eased(min(max((since - begins) / takes, 0.0), 1.0))
+
+
+@kernel()
+def breath(second, seed):  # type: ignore[no-untyped-def]
+    """How full the lungs are, 0 to 1: quickly in, slowly out."""
+    place = (second / BREATH_S + (seed % np.uint64(11)) / 11.0) % 1.0
+    return eased(place / INHALE) if place < INHALE else 1 - eased((place - INHALE) / (1 - INHALE))
+
+
+@kernel()
+def shift(rotations, root, offsets, legs, metres):  # type: ignore[no-untyped-def]
+    """The hips of one frame carried to the body's left over feet that stay."""
+    hips = read_quaternion(rotations[legs[0]])
+    ahead = rotate(hips, (0.0, 0.0, 1.0))
+    level = max(math.sqrt(ahead[0] ** 2 + ahead[2] ** 2), 1e-6)
+    east = north = 0.0
+    for k in range(2):
+        upper, lower, foot = legs[1 + 3 * k], legs[2 + 3 * k], legs[3 + 3 * k]
+        thigh = multiply(hips, read_quaternion(rotations[upper]))
+        shin = multiply(thigh, read_quaternion(rotations[lower]))
+        sole = multiply(shin, read_quaternion(rotations[foot]))
+        leg = plus(rotate(thigh, read_vector(offsets[lower])), rotate(shin, read_vector(offsets[foot])))
+        angle = -metres / max(-leg[1], 0.1)
+        roll = from_rotation_vector((ahead[0] / level * angle, 0.0, ahead[2] / level * angle))
+        rolled = rotate(roll, leg)
+        east += (leg[0] - rolled[0]) / 2
+        north += (leg[2] - rolled[2]) / 2
+        new_thigh, new_foot = multiply(roll, thigh), multiply(conjugate(multiply(roll, shin)), sole)
+        write_quaternion(rotations[upper], normalized(multiply(conjugate(hips), new_thigh)))
+        write_quaternion(rotations[foot], normalized(new_foot))
+    root[0] += east
+    root[2] += north
+
+
+@kernel()
+def enliven(rotations, root, offsets, upper, legs, shares, first, seed, may_shift):  # type: ignore[no-untyped-def]
+    """Breath, and as far as `shares` of each frame allow, turns of the head and shifts of weight."""
+    for t in range(rotations.shape[0]):
+        frame, share = first + t, eased(shares[t])
+        second = frame / FRAME_RATE_HZ
+        full = breath(second, seed)
+        yaw = TURN_YAW * share * drawn(seed, _YAW, frame, TURN_EVERY_S, TURN_S, AHEAD)
+        pitch = TURN_PITCH * share * drawn(seed, _PITCH, frame, TURN_EVERY_S, TURN_S, AHEAD)
+        for k in range(upper.shape[0]):
+            if upper[k] >= 0:
+                x, z = BREATH[k, 0] * full + TURNED[k] * pitch, BREATH[k, 1] * full
+                by, own = from_rotation_vector((x, TURNED[k] * yaw, z)), rotations[t, upper[k]]
+                write_quaternion(own, normalized(multiply(read_quaternion(own), by)))
+        if may_shift and share > 0:
+            sway = math.sin(2 * math.pi * SWAY_HZ[0] * second + seed % np.uint64(7))
+            sway += math.sin(2 * math.pi * SWAY_HZ[1] * second)
+            weight = drawn(seed, _WEIGHT, frame, SHIFT_EVERY_S, SHIFT_S, 0.0)
+            shift(rotations[t], root[t], offsets, legs, share * (weight * SHIFT_M + sway / 2 * SWAY_M))
+
+
 class Life:
     """One session's."""
 
@@ -59,7 +159,7 @@ class Life:
         may_shift = self._may_shift and legs.min() >= 0
         offsets = skeleton.offsets.numpy()
         shares = self._shares(chunk, is_idle=is_idle)
-        _enliven(rotations, root, offsets, upper, legs, shares, chunk * self._frames, self._seed, may_shift)
+        enliven(rotations, root, offsets, upper, legs, shares, chunk * self._frames, self._seed, may_shift)
         return motion._replace(rotations=rotations, root=root.astype(motion.root.dtype))
 
     def _shares(self, chunk: int, *, is_idle: bool) -> Float[np.ndarray, " t"]:
@@ -81,151 +181,3 @@ def warm_up(skeleton: Skeleton) -> None:
 
 def _place(skeleton: Skeleton, name: str) -> int:
     return skeleton.index(name) if name in skeleton.names else -1
-
-
-@exact()
-def _enliven(rotations, root, offsets, upper, legs, shares, first, seed, may_shift):  # type: ignore[no-untyped-def]
-    for t in range(rotations.shape[0]):
-        frame, share = first + t, eased(shares[t])
-        second = frame / FRAME_RATE_HZ
-        full = breath(second, seed)
-        yaw = TURN_YAW * share * drawn(seed, _YAW, frame, TURN_EVERY_S, TURN_S, AHEAD)
-        pitch = TURN_PITCH * share * drawn(seed, _PITCH, frame, TURN_EVERY_S, TURN_S, AHEAD)
-        for k in range(upper.shape[0]):
-            if upper[k] >= 0:
-                x, z = BREATH[k, 0] * full + TURNED[k] * pitch, BREATH[k, 1] * full
-                turn(rotations[t, upper[k]], rotations[t, upper[k]], quaternion(x, TURNED[k] * yaw, z))
-        if may_shift and share > 0:
-            sway = math.sin(2 * math.pi * SWAY_HZ[0] * second + seed % np.uint64(7))
-            sway += math.sin(2 * math.pi * SWAY_HZ[1] * second)
-            weight = drawn(seed, _WEIGHT, frame, SHIFT_EVERY_S, SHIFT_S, 0.0)
-            shift(rotations[t], root[t], offsets, legs, share * (weight * SHIFT_M + sway / 2 * SWAY_M))
-
-
-@exact()
-def shift(rotations, root, offsets, legs, metres):  # type: ignore[no-untyped-def]
-    """The hips of one frame carried to the body's left over feet that stay."""
-    hips = as_tuple(rotations[legs[0]])
-    ahead = rotated(hips, (0.0, 0.0, 1.0))
-    level = max(math.sqrt(ahead[0] ** 2 + ahead[2] ** 2), 1e-6)
-    east = north = 0.0
-    for k in range(2):
-        upper, lower, foot = legs[1 + 3 * k], legs[2 + 3 * k], legs[3 + 3 * k]
-        thigh = multiply(hips, as_tuple(rotations[upper]))
-        shin = multiply(thigh, as_tuple(rotations[lower]))
-        sole = multiply(shin, as_tuple(rotations[foot]))
-        a, b = rotated(thigh, as_point(offsets[lower])), rotated(shin, as_point(offsets[foot]))
-        leg = (a[0] + b[0], a[1] + b[1], a[2] + b[2])
-        angle = -metres / max(-leg[1], 0.1)
-        roll = quaternion(ahead[0] / level * angle, 0.0, ahead[2] / level * angle)
-        rolled = rotated(roll, leg)
-        east += (leg[0] - rolled[0]) / 2
-        north += (leg[2] - rolled[2]) / 2
-        write(rotations[upper], multiply(inverse(hips), multiply(roll, thigh)))
-        write(rotations[foot], multiply(inverse(multiply(roll, shin)), sole))
-    root[0] += east
-    root[2] += north
-
-
-@exact()
-def breath(second, seed):  # type: ignore[no-untyped-def]
-    """How full the lungs are, 0 to 1: quickly in, slowly out."""
-    place = (second / BREATH_S + (seed % np.uint64(11)) / 11.0) % 1.0
-    return eased(place / INHALE) if place < INHALE else 1 - eased((place - INHALE) / (1 - INHALE))
-
-
-@inner()
-def drawn(seed, what, frame, every_s, takes_s, still):  # type: ignore[no-untyped-def]
-    """From one place in -1..1 to another in each stretch of time, smoothly; `still` is the share that is 0."""
-    every = int(round(every_s * FRAME_RATE_HZ))
-    takes = takes_s * FRAME_RATE_HZ
-    stretch, since = frame // every, frame % every
-    old, new = place_of(seed, what, stretch - 1, still), place_of(seed, what, stretch, still)
-    begins = number(seed, what + 8, stretch) * (every - takes)
-    return old + (new - old) * eased(min(max((since - begins) / takes, 0.0), 1.0))
-
-
-@inner()
-def place_of(seed, what, stretch, still):  # type: ignore[no-untyped-def]
-    """Where a stretch of time leads to."""
-    if stretch < 0 or number(seed, what + 16, stretch) < still:
-        return 0.0
-    return 2 * number(seed, what, stretch) - 1
-
-
-@exact()
-def number(seed, what, stretch):  # type: ignore[no-untyped-def]
-    """In 0..1, by seed, purpose and place alone (the finish of SplitMix64)."""
-    x = seed * _MIX[0] + np.uint64(what) * _MIX[1] + np.uint64(stretch) * _MIX[2]
-    for _ in range(2):
-        x = (x ^ (x >> _30)) * _MIX[1]
-        x = (x ^ (x >> _27)) * _MIX[2]
-        x = x ^ (x >> _31)
-    return (x >> _11) / 9007199254740992.0
-
-
-@exact()
-def eased(share):  # type: ignore[no-untyped-def]
-    """0 to 1 without a step in speed or acceleration."""
-    return share * share * share * (10 - share * (15 - 6 * share))
-
-
-# ---- quaternions as tuples wxyz
-
-
-@inner()
-def as_tuple(q):  # type: ignore[no-untyped-def]
-    """Four numbers of an array."""
-    return float(q[0]), float(q[1]), float(q[2]), float(q[3])
-
-
-@inner()
-def as_point(p):  # type: ignore[no-untyped-def]
-    """Three numbers of an array."""
-    return float(p[0]), float(p[1]), float(p[2])
-
-
-@inner()
-def multiply(a, b):  # type: ignore[no-untyped-def]
-    """Hamilton product: first b, then a."""
-    return (
-        a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
-        a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
-        a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
-        a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0],
-    )
-
-
-@inner()
-def inverse(q):  # type: ignore[no-untyped-def]
-    """Of a unit quaternion."""
-    return q[0], -q[1], -q[2], -q[3]
-
-
-@inner()
-def rotated(q, p):  # type: ignore[no-untyped-def]
-    """A point, rotated."""
-    r = multiply(multiply(q, (0.0, p[0], p[1], p[2])), inverse(q))
-    return r[1], r[2], r[3]
-
-
-@inner()
-def quaternion(x, y, z):  # type: ignore[no-untyped-def]
-    """Of a rotation vector."""
-    angle = math.sqrt(x * x + y * y + z * z)
-    scale = math.sin(angle / 2) / angle if angle > 1e-9 else 0.5
-    return math.cos(angle / 2), x * scale, y * scale, z * scale
-
-
-@inner()
-def turn(out, q, by):  # type: ignore[no-untyped-def]
-    """The joint's rotation, and then `by` in its own frame."""
-    write(out, multiply(as_tuple(q), by))
-
-
-@inner()
-def write(out, q):  # type: ignore[no-untyped-def]
-    """Into an array, of unit length."""
-    size = math.sqrt(q[0] ** 2 + q[1] ** 2 + q[2] ** 2 + q[3] ** 2)
-    for c in range(4):
-        out[c] = q[c] / size

@@ -24,7 +24,7 @@ PATIENCE_MS = 10_000  # a first motion that takes longer is measured once
 
 
 @dataclass
-class Laps:
+class StageTimes:
     """Milliseconds of each stage, chunk by chunk."""
 
     stages: dict[str, list[float]] = field(default_factory=lambda: {stage: [] for stage in STAGES})
@@ -61,15 +61,15 @@ def bench_stream(
     first_ms = _first_motion_ms(pipeline)
     engine = Engine(pipeline, seats=sessions, lanes=0)
     seats = [engine.open(seed=seat) for seat in range(sessions)]
-    chunk, laps, chunk_ms, memory = pipeline.chunk, Laps(), [], []
-    pipeline.lap = laps
+    chunk, times, chunk_ms, memory = pipeline.chunk, StageTimes(), [], []
+    pipeline.on_stage = times
     warm_up = FULL_WARM_UP_CHUNKS if pipeline.generator.config.opening else WARM_UP_CHUNKS
     chunks = max(2, round(seconds / chunk.seconds)) + warm_up
     rng = np.random.default_rng(0)
     for index in range(chunks):
         for seat in seats:
             seat.push(_sound(rng, index, chunk))
-        laps.start()
+        times.start()
         began = time.perf_counter()
         engine.tick()
         chunk_ms.append((time.perf_counter() - began) * 1000)
@@ -83,7 +83,7 @@ def bench_stream(
     for seat in seats:
         seat.close()
     counted = np.array(chunk_ms[warm_up:])
-    rows = {stage: _percentiles(np.array(values[warm_up:])) for stage, values in laps.stages.items()}
+    rows = {stage: _percentiles(np.array(values[warm_up:])) for stage, values in times.stages.items()}
     rows["whole chunk"] = _percentiles(counted)
     summary = {
         "rtf": float(counted.mean() / 1000 / chunk.seconds),

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import MotionError
-from ..ik import BodyProfile, HandGuard, body_of_rig, measure_body
+from ..ik import BodyProfile, HandCollisions, body_of_rig, measure_body
 from ..ik.gltf_rig import GltfRig, read_gltf_rig
 from ..ik.holding import keep_hands_on_body
 from ..ik.skinned import skinned
@@ -47,7 +47,7 @@ class Rig:
             motion, retarget(motion, self.skeleton), body_of_rig(motion.skeleton), body
         )
         moved = keep_hands_together(motion, moved)
-        turns = HandGuard(self.skeleton, body).step(moved.matrices()[None])[0]
+        turns = HandCollisions(self.skeleton, body).step(moved.matrices()[None])[0]
         moved = replace(moved, rotations=quaternion_from_matrix(turns).numpy())
         return Take(moved, take.face, take.audio)
 

@@ -5,14 +5,14 @@ Metres, radians, Y up in the rest pose, character facing +Z.
 """
 
 from .fit import measure_body
-from .guard import HandGuard
+from .hand_collisions import HandCollisions
 from .measure import penetration_depth_m
 from .profile import BodyProfile, RoundedPart, body_of_rig
 from .swing import SwingConfig, swing_clear
 
 __all__ = [
     "BodyProfile",
-    "HandGuard",
+    "HandCollisions",
     "RoundedPart",
     "SwingConfig",
     "body_of_rig",

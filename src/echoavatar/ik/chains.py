@@ -1,18 +1,31 @@
-"""World poses of the few joints that the live stages look at: spine, neck, head, arms, fingers, legs.
+"""World poses of the few joints that the live stages look at: spine, neck, head, arms, fingers, legs."""
 
-Eight frames of a session at once (`nn.octet`): turns are (b, j, 4, 8), frames (b, c, 12, 8), the twelve numbers being
-the rows of a rotation with the place as fourth column.
-"""
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from ..kinematics import Skeleton
-from ..kinematics.octets import matrix, quaternion_at
-from ..nn.compiled import ONE, ZERO
-from ..nn.octet import exact, fused, load, spread, store
+from ..kinematics.quaternions import (
+    IDENTITY,
+    multiply,
+    plus,
+    read_quaternion,
+    read_vector,
+    rotate,
+    write_quaternion,
+    write_vector,
+)
+from ..nn.kernels import kernel
 
 Array = np.ndarray
+
+
+class ChainPose(NamedTuple):
+    """Joints relative to the root, which itself stands at the origin and is not turned."""
+
+    rotations: Float[Array, "b t c 4"]
+    places: Float[Array, "b t c 3"]  # metres
 
 
 class Chains:
@@ -26,33 +39,29 @@ class Chains:
                 joint = skeleton.parents[joint]
         self.joints = [joint for level in skeleton.levels for joint in level if joint in above]
         self.slot = {joint: slot for slot, joint in enumerate(self.joints)}
-        self.columns = np.array(self.joints, np.int64)
-        parents = [self.slot.get(skeleton.parents[joint], 0) for joint in self.joints]
-        self.parents = np.array(parents, np.int64)
-        self.offsets = np.ascontiguousarray(skeleton.offsets.numpy()[self.joints], np.float32)
+        self._joints = np.array(self.joints, np.int64)
+        self._parents = np.array([self.slot.get(skeleton.parents[joint], 0) for joint in self.joints])
+        self._offsets = np.ascontiguousarray(skeleton.offsets.numpy()[self.joints], np.float32)
 
-    def world(self, turns: Float[Array, "b j 4 8"]) -> Float[Array, "b c 12 8"]:
-        """Frames relative to the root, which itself stands at the origin and is not turned."""
-        frames = np.empty((len(turns), len(self.joints), 12, 8), np.float32)
-        stand(turns, self.columns, self.parents, self.offsets, frames)
-        return frames
+    def pose(self, rotations: Float[Array, "b t j 4"]) -> ChainPose:
+        """Where the joints are, for parent-relative rotations."""
+        shape = (*rotations.shape[:2], len(self.joints))
+        pose = ChainPose(np.empty((*shape, 4), np.float32), np.empty((*shape, 3), np.float32))
+        descend(rotations, self._joints, self._parents, self._offsets, pose)
+        return pose
 
 
-@exact()
-def stand(turns, joints, parents, offsets, frames):  # type: ignore[no-untyped-def]
+@kernel()
+def descend(rotations, joints, parents, offsets, pose):  # type: ignore[no-untyped-def]
     """The root comes first, every joint after its parent."""
-    for row in range(turns.shape[0]):
-        for number in range(12):
-            store(
-                frames, (row, 0, number), spread(ONE if number % 5 == 0 else ZERO, load(turns, (row, 0, 0)))
-            )
-        for slot in range(1, joints.shape[0]):
-            parent, x, y, z = parents[slot], offsets[slot, 0], offsets[slot, 1], offsets[slot, 2]
-            m = matrix(quaternion_at(turns, row, joints[slot]))
-            for at in range(0, 12, 4):
-                a, b = load(frames, (row, parent, at)), load(frames, (row, parent, at + 1))
-                c, d = load(frames, (row, parent, at + 2)), load(frames, (row, parent, at + 3))
-                store(frames, (row, slot, at), fused(c, m[6], fused(b, m[3], a * m[0])))
-                store(frames, (row, slot, at + 1), fused(c, m[7], fused(b, m[4], a * m[1])))
-                store(frames, (row, slot, at + 2), fused(c, m[8], fused(b, m[5], a * m[2])))
-                store(frames, (row, slot, at + 3), fused(c, z, fused(b, y, fused(a, x, d))))
+    for row in range(rotations.shape[0]):
+        for frame in range(rotations.shape[1]):
+            turned, places = pose.rotations[row, frame], pose.places[row, frame]
+            write_quaternion(turned[0], IDENTITY)
+            write_vector(places[0], (0.0, 0.0, 0.0))
+            for slot in range(1, len(joints)):
+                above = read_quaternion(turned[parents[slot]])
+                bone = rotate(above, read_vector(offsets[slot]))
+                write_vector(places[slot], plus(read_vector(places[parents[slot]]), bone))
+                own = read_quaternion(rotations[row, frame, joints[slot]])
+                write_quaternion(turned[slot], multiply(above, own))

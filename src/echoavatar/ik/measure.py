@@ -1,4 +1,4 @@
-"""How deep hands are inside a body, frame by frame: the measure of what the guard leaves."""
+"""How deep hands are inside a body, frame by frame: the measure of what `hand_collisions` leaves."""
 
 import numpy as np
 import torch

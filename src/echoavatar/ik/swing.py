@@ -1,6 +1,6 @@
 """The paper's own rule (Online Post-Processing): a cylinder around the spine, a remap of distance, a shoulder swing.
 
-Kept for comparison and for rigs that were tuned with it; `HandGuard` is the default and says what it does better.
+Kept for comparison and for rigs that were tuned with it; `HandCollisions` is the default and says what it does better.
 Written in torch, so it can be differentiated through.
 
 A wrist at horizontal distance d from the pelvis' vertical axis, where the cylinder has radius r, is moved along its

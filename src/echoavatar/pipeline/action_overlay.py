@@ -9,9 +9,12 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
+import torch
 from jaxtyping import Float
+from torch.nn.functional import normalize
 
-from ..kinematics import Skeleton, lanes
+from ..kinematics import Skeleton
+from ..kinematics.rotations import quaternion_from_axis_angle, quaternion_multiply
 from ..timing import CHUNK, ChunkSize
 from .motion_chunk import MotionChunk
 
@@ -68,12 +71,13 @@ def joined(before: Overlay | None, now: Overlay | None) -> Overlay | None:
 
 def laid_on(motion: MotionChunk, overlay: Overlay, skeleton: Skeleton) -> MotionChunk:
     """Finished motion with the overlay's turns on top."""
+    if not overlay.joints:
+        return motion
+    joints = skeleton.indices(overlay.joints)
     rotations = motion.rotations.copy()
-    for at, name in enumerate(overlay.joints):
-        joint = skeleton.index(name)
-        own = np.moveaxis(rotations[:, joint], -1, 0)
-        turn = lanes.quaternion(np.moveaxis(overlay.turns[: len(rotations), at], -1, 0))
-        rotations[:, joint] = np.moveaxis(lanes.normalized(lanes.multiply(own, turn)), 0, -1)
+    turns = quaternion_from_axis_angle(torch.tensor(overlay.turns[: len(rotations)]))
+    turned = quaternion_multiply(torch.from_numpy(rotations[:, joints]), turns)
+    rotations[:, joints] = normalize(turned, dim=-1).numpy()
     return motion._replace(rotations=rotations)
 
 

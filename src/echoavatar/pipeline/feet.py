@@ -18,14 +18,13 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from ..ik.chains import Chains
+from ..ik.chains import ChainPose, Chains
 from ..ik.leg import bend, legs_of
 from ..kinematics import Skeleton
-from ..kinematics.octets import matrix, place_at, quaternion_at, turned, turned_back
+from ..kinematics.quaternions import minus, read_quaternion, read_vector, rotate, rotate_back, write_vector
 from ..nn import StreamState
-from ..nn.compiled import ONE, ZERO, F
-from ..nn.octet import exact, inner, load, scratch, store
-from .pose import Array, PoseLanes
+from ..nn.kernels import kernel
+from .pose import Array, Pose
 
 ENTER_HEIGHT, LEAVE_HEIGHT = 0.022, 0.035  # metres above standing height
 LEAVE_SPEED = 0.30  # metres per second, upwards
@@ -37,21 +36,23 @@ STANDING_SPEED, STEPPING_SPEED = 0.3, 0.8  # m/s, horizontal: below it may be pl
 CLEARANCE = 0.045  # metres over the floor of a stepping foot
 CLEAR = 0.035  # metres off the floor from which on a foot goes, or goes back, as fast as it may
 RISE = 0.5  # of the way to its clearance, per frame
-_FADE, _SETTLE, _RISE, _CLEARANCE, _BACK = F(FADE), F(SETTLE), F(RISE), F(CLEARANCE), F(BACK**2)
-_ENTER, _LEAVE, _LEAVE_SPEED = F(ENTER_HEIGHT), F(LEAVE_HEIGHT), F(LEAVE_SPEED)
-_STANDING, _PER_CLEAR, _PER_STEP = F(STANDING_SPEED), F(1 / CLEAR), F(1 / (STEPPING_SPEED - STANDING_SPEED))
 
 
 @dataclass
 class FeetState(StreamState):
-    """Per row and foot: seen, held, loose (0 or 1), where it was shown (2), how far it is moved (3), its ball (3)."""
+    """What is known of both feet of each session, left first."""
 
-    memory: Float[Tensor, "b 2 11"]
+    seen: Bool[Tensor, "b 2"]
+    held: Bool[Tensor, "b 2"]
+    let_go: Bool[Tensor, "b 2"]  # on the way back to where it is decoded, and not held before it is there
+    shown: Float[Tensor, "b 2 2"]  # where its ball was shown, along x and z
+    moved: Float[Tensor, "b 2 3"]  # by how much it was moved
+    ball: Float[Tensor, "b 2 3"]  # where its ball was, without a leash, over its standing height
 
     def lean(self) -> Float[Array, " b"]:
         """How far the farthest held foot of each row is from where it was decoded, across the floor, metres."""
-        memory = self.memory.numpy()
-        lean: Array = (np.hypot(memory[:, :, 5], memory[:, :, 7]) * memory[:, :, 1]).max(-1)
+        moved, held = self.moved.numpy(), self.held.numpy()
+        lean: Array = (np.hypot(moved[:, :, 0], moved[:, :, 2]) * held).max(-1)
         return lean
 
 
@@ -59,115 +60,124 @@ class Feet:
     """Foot lock for a rig with two legs of two bones; rigs without are passed through."""
 
     def __init__(self, skeleton: Skeleton, chains: Chains) -> None:
-        self.legs = legs_of(skeleton, chains)
-        self.is_able = self.legs is not None
-        if self.legs is not None:
+        self._legs = legs_of(skeleton, chains)
+        if self._legs is not None:
             rest = skeleton.rest_positions.numpy()
-            self.standing = rest[self.legs.joints[:, 3], 1].astype(np.float32)
+            self._standing = rest[self._legs.joints[:, 3], 1].astype(np.float32)
 
     def init_state(self, rows: int) -> FeetState:
         """No foot is held."""
-        return FeetState(torch.zeros(rows, 2, 11))
+        seen, held, let_go = (torch.zeros(rows, 2, dtype=torch.bool) for _ in range(3))
+        shown, moved, ball = (torch.zeros(rows, 2, size) for size in (2, 3, 3))
+        return FeetState(seen, held, let_go, shown, moved, ball)
 
     def step(
         self,
-        pose: PoseLanes,
-        frames: Float[Array, "b c 12 8"],
+        pose: Pose,
+        chains: ChainPose,
         state: FeetState,
         active: Bool[Array, " b"],
         *,
-        decoded_root: Float[Array, "b 3 8"] | None = None,
+        decoded_root: Float[Array, "b t 3"] | None = None,
         largest: Float[Array, " b"] | None = None,
     ) -> None:
-        """Legs of `pose` bent in place so that planted feet stay; `frames` are those of the pose in the chains.
+        """Legs of `pose` bent in place so that planted feet stay; `chains` are those of the pose.
 
         `decoded_root` is where the root was before a leash: it says which feet stand and which step. `largest` is how
         far a foot may be moved across the floor, metres, per row.
         """
-        if not self.is_able:
+        if self._legs is None:
             return
         free = pose.root if decoded_root is None else decoded_root
-        far = np.full(len(pose.root), LARGEST, np.float32) if largest is None else largest.astype(np.float32)
-        memory, fps = state.memory.numpy(), F(pose.fps)
+        far = np.full(len(pose.root), LARGEST) if largest is None else largest
+        memory = tuple(tensor.numpy() for tensor in state.tensors())
         lock(
-            self.legs,
-            self.standing,
-            frames,
-            pose.turns,
+            self._legs,
+            self._standing,
+            chains,
+            pose.rotations,
             pose.root,
             free,
-            pose.frames,
-            fps,
+            pose.fps,
             far,
             memory,
             active,
         )
 
 
-@exact()
-def lock(legs, standing, frames, turns, root, free_root, count, fps, largest, memory, active):  # type: ignore[no-untyped-def]
-    """All rows, one foot after the other."""
-    over, free, shift = scratch((3, 8)), scratch((3, 8)), scratch((3, 8))
-    after = scratch((memory.shape[2],))
-    for row in range(turns.shape[0]):
-        hips = matrix(quaternion_at(turns, row, 0))
-        for side in range(2):
-            x, y, z = turned(hips, place_at(frames, row, legs.slots[side, 3]))
-            for axis, number in enumerate((x, y - standing[side], z)):
-                store(over, (axis,), number + load(root, (row, axis)))
-                store(free, (axis,), number + load(free_root, (row, axis)))
-            for k in range(after.shape[0]):  # not as a slice: numba would compile the text of its error, too
-                after[k] = memory[row, side, k]
-            _shift(over, free, count, fps, largest[row], after, shift)
-            for k in range(after.shape[0]):
-                memory[row, side, k] = after[k] if active[row] else memory[row, side, k]
-            moved = (load(shift, (0,)), load(shift, (1,)), load(shift, (2,)))
-            bend(legs, side, turns, frames, row, turned_back(hips, moved))
+@kernel()
+def lift_of(height, speed, away):  # type: ignore[no-untyped-def]
+    """How much a foot that is not held wants to be raised, for its height, its speed and how far it is moved aside."""
+    stepping = (speed - STANDING_SPEED) / (STEPPING_SPEED - STANDING_SPEED)
+    lift = CLEARANCE * min(stepping, 1.0) - height if stepping > 0.0 else 0.0
+    if away > BACK:
+        lift = max(lift, min(2.0 * away, CLEARANCE) - height)
+    return lift
 
 
-@inner()
-def _shift(over, free, count, fps, largest, memory, shift):  # type: ignore[no-untyped-def]
-    """By how much a foot is moved, frame by frame; `memory` (11) goes from the frame before to the last one.
+@kernel()
+def how_clear(height):  # type: ignore[no-untyped-def]
+    """0 on the floor to 1 where a foot may go as fast as it wants."""
+    return min(max(height / CLEAR, 0.0), 1.0)
 
-    `over` is where its ball is, its height over the standing one; `free` is where it would be without a leash.
+
+@kernel()
+def correction(ball, free_ball, fps, largest, memory, row, side):  # type: ignore[no-untyped-def]
+    """By how much a foot is moved in a frame; the memory of that foot goes on by a frame.
+
+    `ball` is where its ball is, its height over the standing one; `free_ball` is where it would be without a leash.
     """
-    is_new, is_held, is_loose = memory[0] == ZERO, memory[1] > ZERO, memory[2] > ZERO
-    x, z = memory[3], memory[4]
-    aside_x, up, aside_z = memory[5], memory[6], memory[7]
-    last_x, last_y, last_z = memory[8], memory[9], memory[10]
-    if is_new:
-        x, z, last_x, last_y, last_z = over[0, 0], over[2, 0], free[0, 0], free[1, 0], free[2, 0]
-    for t in range(count):
-        was_held, before = is_held, last_y + up  # height in the frame before, as shown
-        moved_x, rise, moved_z = free[0, t] - last_x, free[1, t] - last_y, free[2, t] - last_z
-        last_x, last_y, last_z = free[0, t], free[1, t], free[2, t]
-        height, speed = over[1, t], F(math.sqrt(moved_x * moved_x + moved_z * moved_z)) * fps
-        stays = height < _LEAVE and rise * fps < _LEAVE_SPEED
-        comes = stays and height < _ENTER and speed < _STANDING and not is_loose
-        is_held = stays if is_held else comes
-        gap_x, gap_z = x - over[0, t], z - over[2, t]  # to where it was shown in the frame before
-        if is_held and gap_x * gap_x + gap_z * gap_z > largest * largest:
-            is_held, is_loose = False, True
-        if is_held:
-            aside_x, aside_z = gap_x, gap_z
-            up += _SETTLE * (-height - up)
-        else:
-            away = aside_x * aside_x + aside_z * aside_z
-            stepping = (speed - _STANDING) * _PER_STEP
-            lift = _CLEARANCE * min(stepping, ONE) - height if stepping > ZERO else ZERO
-            if away > _BACK:
-                lift = max(lift, min(F(2) * F(math.sqrt(away)), _CLEARANCE) - height)
-            up = up + _RISE * (lift - up) if lift > ZERO else up * _FADE
-            if was_held:
-                rest = ONE - min(max((height + up) * _PER_CLEAR, ZERO), ONE)
-                aside_x, aside_z = aside_x + rest * (gap_x - aside_x), aside_z + rest * (gap_z - aside_z)
-            kept = ONE - (ONE - _FADE) * min(max(before * _PER_CLEAR, ZERO), ONE)
-            aside_x, aside_z = aside_x * kept, aside_z * kept
-            is_loose = is_loose and away > _BACK
-            x, z = over[0, t] + aside_x, over[2, t] + aside_z
-        shift[0, t], shift[1, t], shift[2, t] = aside_x, up, aside_z
-    for t in range(count, 8):
-        shift[0, t], shift[1, t], shift[2, t] = aside_x, up, aside_z
-    memory[0], memory[1], memory[2] = ONE, ONE if is_held else ZERO, ONE if is_loose else ZERO
-    memory[3], memory[4], memory[5], memory[6], memory[7] = x, z, aside_x, up, aside_z
-    memory[8], memory[9], memory[10] = last_x, last_y, last_z
+    seen, all_held, all_let_go, shown, moved, balls = memory
+    x, z = shown[row, side, 0], shown[row, side, 1]
+    aside_x, up, aside_z = read_vector(moved[row, side])
+    last = read_vector(balls[row, side])
+    if not seen[row, side]:
+        x, z, last = ball[0], ball[2], free_ball
+    was_held, let_go = all_held[row, side], all_let_go[row, side]
+    before = last[1] + up  # height in the frame before, as shown
+    step_x, rise, step_z = minus(free_ball, last)
+    height, speed = ball[1], math.hypot(step_x, step_z) * fps
+    stays = height < LEAVE_HEIGHT and rise * fps < LEAVE_SPEED
+    comes = stays and height < ENTER_HEIGHT and speed < STANDING_SPEED and not let_go
+    is_held = stays if was_held else comes
+    gap_x, gap_z = x - ball[0], z - ball[2]  # to where it was shown in the frame before
+    if is_held and math.hypot(gap_x, gap_z) > largest:
+        is_held, let_go = False, True
+    if is_held:
+        aside_x, aside_z = gap_x, gap_z
+        up += SETTLE * (-height - up)
+    else:
+        away = math.hypot(aside_x, aside_z)
+        lift = lift_of(height, speed, away)
+        up = up + RISE * (lift - up) if lift > 0.0 else up * FADE
+        if was_held:
+            rest = 1.0 - how_clear(height + up)
+            aside_x, aside_z = aside_x + rest * (gap_x - aside_x), aside_z + rest * (gap_z - aside_z)
+        kept = 1.0 - (1.0 - FADE) * how_clear(before)
+        aside_x, aside_z = aside_x * kept, aside_z * kept
+        let_go = let_go and away > BACK
+        x, z = ball[0] + aside_x, ball[2] + aside_z
+    seen[row, side], all_held[row, side], all_let_go[row, side] = True, is_held, let_go
+    shown[row, side, 0], shown[row, side, 1] = x, z
+    write_vector(moved[row, side], (aside_x, up, aside_z))
+    write_vector(balls[row, side], free_ball)
+    return aside_x, up, aside_z
+
+
+@kernel()
+def lock(legs, standing, chains, rotations, root, free_root, fps, largest, memory, active):  # type: ignore[no-untyped-def]
+    """Active rows, frame by frame, one foot after the other."""
+    for row in range(len(rotations)):
+        if not active[row]:
+            continue
+        for frame in range(rotations.shape[1]):
+            hips = read_quaternion(rotations[row, frame, 0])
+            turned, places = chains.rotations[row, frame], chains.places[row, frame]
+            here, free = root[row, frame], free_root[row, frame]
+            for side in range(2):
+                x, y, z = rotate(hips, read_vector(places[legs.slots[side, 3]]))
+                y -= standing[side]
+                ball = (x + here[0], y + here[1], z + here[2])
+                free_ball = (x + free[0], y + free[1], z + free[2])
+                shift = correction(ball, free_ball, fps, largest[row], memory, row, side)
+                bend(legs, side, rotations[row, frame], turned, places, rotate_back(hips, shift))

@@ -13,10 +13,19 @@ so no two motions run at once, and nothing of the new motion is late. Not in the
 import math
 
 import numpy as np
+import torch
 from jaxtyping import Float
+from torch import Tensor
+from torch.nn.functional import normalize
 
 from ..errors import MotionError
-from ..kinematics import lanes
+from ..kinematics.rotations import (
+    axis_angle_from_quaternion,
+    quaternion_conjugate,
+    quaternion_from_axis_angle,
+    quaternion_multiply,
+    standardize,
+)
 from ..timing import FRAME_RATE_HZ
 from .motion_chunk import MotionChunk
 
@@ -80,13 +89,14 @@ class _Offset:
 
     def __init__(self, old: MotionChunk, new: MotionChunk, fps: float) -> None:
         self._fps, self._frame = fps, 0
-        before, last = np.moveaxis(old.rotations.astype(np.float64), -1, 0).transpose(1, 0, 2)
-        first, second = np.moveaxis(new.rotations[:2].astype(np.float64), -1, 0).transpose(1, 0, 2)
+        (before, last), (first, second) = _doubles(old.rotations), _doubles(new.rotations[:2])
         turning, to_turn = _turn(before, last), _turn(first, second)
-        back = lanes.multiply(lanes.quaternion(-to_turn), first)  # the new motion one frame before it begins
-        self._turn = _turn(back, last)
-        self._spin = _at_most((turning - to_turn) * fps, GREATEST_START)
-        size = np.sqrt((self._turn**2).sum(0))
+        back = quaternion_multiply(
+            quaternion_from_axis_angle(-to_turn), first
+        )  # one frame before the new motion
+        self._turn = _turn(back, last).numpy()
+        self._spin = _at_most((turning - to_turn).numpy() * fps, GREATEST_START)
+        size = np.linalg.norm(self._turn, axis=-1)
         self._seconds = np.maximum(
             np.clip(size / math.pi * 2 * LONGEST_S, SHORTEST_S, LONGEST_S), _STEEPEST * size / FASTEST
         )
@@ -110,9 +120,9 @@ class _Offset:
         time = (np.arange(self._frame, self._frame + frames) + 1) / self._fps
         self._frame += frames
         value, slope = _decay(time[:, None] / self._seconds)
-        turn = self._turn[:, None] * value + self._spin[:, None] * (slope * self._seconds)
-        turned = lanes.multiply(
-            lanes.quaternion(turn), np.moveaxis(chunk.rotations.astype(np.float64), -1, 0)
+        turn = self._turn * value[..., None] + self._spin * (slope * self._seconds)[..., None]
+        turned = quaternion_multiply(
+            quaternion_from_axis_angle(torch.from_numpy(turn)), _doubles(chunk.rotations)
         )
         value, slope = _decay(time[:, None] / self._root_seconds)
         root = chunk.root + self._shift * value + self._drift * slope * self._root_seconds
@@ -120,9 +130,8 @@ class _Offset:
         if face is not None and self._face is not None:
             share = _decay(time[:, None] / FACE_SECONDS)[0]
             face = np.clip(face + self._face * share, 0, 1).astype(np.float32)
-        rotations = np.moveaxis(lanes.normalized(turned), 0, -1)
-        rotations = np.where(rotations[..., :1] < 0, -rotations, rotations)
-        return MotionChunk(rotations.astype(np.float32), root.astype(np.float32), face)
+        rotations = standardize(normalize(turned, dim=-1)).float().numpy()
+        return MotionChunk(rotations, root.astype(np.float32), face)
 
 
 def _decay(share: Float[Array, "*n"]) -> tuple[Float[Array, "*n"], Float[Array, "*n"]]:
@@ -131,13 +140,18 @@ def _decay(share: Float[Array, "*n"]) -> tuple[Float[Array, "*n"], Float[Array, 
     return 1 - s**3 * (10 - s * (15 - 6 * s)), s * (1 - s) ** 3 * (1 + 3 * s)
 
 
-def _turn(a: Float[Array, "4 j"], b: Float[Array, "4 j"]) -> Float[Array, "3 j"]:
+def _doubles(rotations: Float[Array, "t j 4"]) -> Float[Tensor, "t j 4"]:
+    return torch.tensor(rotations, dtype=torch.float64)
+
+
+def _turn(a: Float[Tensor, "j 4"], b: Float[Tensor, "j 4"]) -> Float[Tensor, "j 3"]:
     """Rotation vector, in the parent's axes, that takes a to b."""
-    return lanes.rotation_vector(lanes.multiply(lanes.normalized(b), lanes.conjugate(lanes.normalized(a))))
+    unit = quaternion_conjugate(normalize(a, dim=-1))
+    return axis_angle_from_quaternion(quaternion_multiply(normalize(b, dim=-1), unit))
 
 
-def _at_most(vector: Float[Array, "3 ..."], size: float) -> Float[Array, "3 ..."]:
+def _at_most(vector: Float[Array, "... 3"], size: float) -> Float[Array, "... 3"]:
     """The same direction, at most this long."""
-    length = np.sqrt((vector**2).sum(0))
+    length = np.linalg.norm(vector, axis=-1, keepdims=True)
     shorter: Array = vector * np.minimum(1, size / np.maximum(length, 1e-9))
     return shorter

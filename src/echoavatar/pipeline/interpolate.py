@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..errors import MotionError
+from ..kinematics.smoothing import align_signs
 from ..timing import FRAME_RATE_HZ
 from .motion_chunk import MotionChunk, join
 
@@ -107,10 +108,7 @@ def _cubic(
 
 def _aligned(chunk: MotionChunk) -> MotionChunk:
     """Quaternions with signs so that none points away from the one before."""
-    flips = (chunk.rotations[1:] * chunk.rotations[:-1]).sum(-1, keepdims=True) < 0
-    sign = np.where(np.cumsum(flips, axis=0) % 2 == 1, np.float32(-1), np.float32(1))
-    rotations = np.concatenate([chunk.rotations[:1], chunk.rotations[1:] * sign])
-    return MotionChunk(rotations, chunk.root, chunk.face)
+    return chunk._replace(rotations=align_signs(chunk.rotations))
 
 
 def _cut(chunk: MotionChunk, part: slice) -> MotionChunk:

@@ -7,6 +7,7 @@ where it was decoded, and goes on when that foot has stepped. Pinned rows (`in_p
 the chunk. Not in the paper.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +16,8 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from ..nn import StreamState
-from .pose import Array, PoseLanes, keep, new_rows, with_past
+from ..nn.kernels import kernel
+from .pose import Array, Pose
 
 NEAR, EDGE = 0.4, 0.7  # of the leash: from here on the root is drawn back; from here on it is slowed outwards
 PULL_SPEED = 0.25  # metres per second at the leash's end
@@ -24,9 +26,13 @@ LEAN = 0.05  # metres a held foot may be off before the pull rests
 
 @dataclass
 class LeashState(StreamState):
-    """Per row: seen, the root before and after the leash (2 + 2), the pull of the last frame (2), how much it slows."""
+    """What is known of the root in the last frame, along x and z."""
 
-    memory: Float[Tensor, "b 8"]
+    seen: Bool[Tensor, " b"]
+    decoded: Float[Tensor, "b 2"]  # metres, before the leash
+    place: Float[Tensor, "b 2"]  # metres, behind the leash
+    pull: Float[Tensor, "b 2"]  # metres per frame
+    slowness: Float[Tensor, " b"]  # share of the way outwards that is taken away
 
 
 class Leash:
@@ -34,11 +40,12 @@ class Leash:
 
     def init_state(self, rows: int) -> LeashState:
         """At the start."""
-        return LeashState(torch.zeros(rows, 8))
+        decoded, place, pull = (torch.zeros(rows, 2) for _ in range(3))
+        return LeashState(torch.zeros(rows, dtype=torch.bool), decoded, place, pull, torch.zeros(rows))
 
     def step(
         self,
-        pose: PoseLanes,
+        pose: Pose,
         state: LeashState,
         active: Bool[Array, " b"],
         *,
@@ -47,34 +54,49 @@ class Leash:
         lean: Float[Array, " b"],
     ) -> None:
         """Move `pose.root` in place. Rows with radius 0 are free; `lean` is how far off held feet are now, metres."""
-        path = pose.path()
-        raw = path[::2].copy()
-        memory = state.memory.numpy().T
-        is_new = new_rows(memory[0])
-        ways = np.diff(with_past(raw, memory[1:3], is_new), axis=1)
-        start = memory[3:5].copy()
-        if is_new is not None:
-            start[:, is_new] = raw[:, 0, is_new]
-        is_held = radius > 0
-        reach = np.where(is_held, radius, 1)
-        far = np.hypot(start[0], start[1])
-        out = start / np.maximum(far, 1e-6)
-        rest = 1 - np.square(np.minimum(lean / LEAN, 1))
-        pull = -out * (_ease((far / reach - NEAR) / (1 - NEAR)) * rest * is_held * (PULL_SPEED / pose.fps))
-        slow = _ease((far / reach - EDGE) / (1 - EDGE)) * is_held
-        share = ((np.arange(raw.shape[1], dtype=np.float32) + 1) / raw.shape[1])[:, None]
-        outwards = np.maximum((ways * out[:, None]).sum(0), 0) * (memory[7] + share * (slow - memory[7]))
-        ways += memory[5:7, None] + share * (pull - memory[5:7])[:, None] - out[:, None] * outwards
-        place = start[:, None] + np.cumsum(ways, axis=1)
-        beyond = np.hypot(place[0], place[1]) / reach
-        place /= np.where(is_held, np.maximum(beyond, 1), 1)
-        place = np.where(is_held, place, raw) * ~is_pinned
-        last = np.concatenate([np.ones_like(far)[None], raw[:, -1], place[:, -1], pull, slow[None]])
-        keep(state.memory, last.T, active)
-        path[::2] = place
+        memory, radii = tuple(tensor.numpy() for tensor in state.tensors()), np.ascontiguousarray(radius)
+        chosen = active & ((radius > 0) | is_pinned)
+        hold(pose.root, memory, chosen, radii, is_pinned, lean, PULL_SPEED / pose.fps)
 
 
-def _ease(share: Float[Array, " b"]) -> Float[Array, " b"]:
-    share = np.minimum(np.maximum(share, 0), 1)
-    eased: Array = share * share * (3 - 2 * share)
-    return eased
+@kernel()
+def eased(share):  # type: ignore[no-untyped-def]
+    """From 0 to 1 without a step in speed."""
+    share = min(max(share, 0.0), 1.0)
+    return share * share * (3.0 - 2.0 * share)
+
+
+@kernel()
+def hold(root, memory, chosen, radii, is_pinned, lean, pull_speed):  # type: ignore[no-untyped-def]
+    """The chosen rows on their leash, frame by frame; `pull_speed` is in metres per frame."""
+    seen, decoded, places, pulls, slowness = memory
+    frames = root.shape[1]
+    for row in range(len(root)):
+        if not chosen[row]:
+            continue
+        if not seen[row]:
+            decoded[row, 0], decoded[row, 1] = root[row, 0, 0], root[row, 0, 2]
+            places[row, 0], places[row, 1] = root[row, 0, 0], root[row, 0, 2]
+        seen[row] = True
+        last_x, last_z, x, z = decoded[row, 0], decoded[row, 1], places[row, 0], places[row, 1]
+        radius = radii[row] if radii[row] > 0.0 else math.inf
+        far = math.hypot(x, z)
+        out_x, out_z = x / max(far, 1e-6), z / max(far, 1e-6)
+        rest = 1.0 - min(lean[row] / LEAN, 1.0) ** 2
+        pull = eased((far / radius - NEAR) / (1.0 - NEAR)) * rest * pull_speed
+        slow = eased((far / radius - EDGE) / (1.0 - EDGE))
+        for frame in range(frames):
+            share = (frame + 1) / frames
+            way_x, way_z = root[row, frame, 0] - last_x, root[row, frame, 2] - last_z
+            last_x, last_z = root[row, frame, 0], root[row, frame, 2]
+            outwards = max(way_x * out_x + way_z * out_z, 0.0)
+            outwards *= slowness[row] + share * (slow - slowness[row])
+            x += way_x + pulls[row, 0] + share * (-out_x * pull - pulls[row, 0]) - out_x * outwards
+            z += way_z + pulls[row, 1] + share * (-out_z * pull - pulls[row, 1]) - out_z * outwards
+            if is_pinned[row]:
+                x = z = 0.0
+            beyond = max(math.hypot(x, z) / radius, 1.0)
+            root[row, frame, 0], root[row, frame, 2] = x / beyond, z / beyond
+        decoded[row, 0], decoded[row, 1] = last_x, last_z
+        places[row, 0], places[row, 1] = root[row, frames - 1, 0], root[row, frames - 1, 2]
+        pulls[row, 0], pulls[row, 1], slowness[row] = -out_x * pull, -out_z * pull, slow

@@ -11,8 +11,8 @@ from torch import Tensor
 
 from ..config import Config
 from ..kinematics import Skeleton
-from ..nn import StreamState
-from .pose import Array, PoseLanes, keep
+from ..nn import StreamState, write_rows
+from .pose import Array, Pose
 
 STAND_LOWER = 0.012  # metres that idle legs give, so that knees are not locked
 SWAY = 0.008  # metres to either side
@@ -52,28 +52,27 @@ class IdleLegs:
     """Hips and legs that stand, sway by millimetres, and leave the rest of the body to the motion."""
 
     def __init__(self, skeleton: Skeleton) -> None:
-        self._lower = list(skeleton.config.parts.get("lower", ()))
+        self._lower = np.array(skeleton.config.parts.get("lower", ()), np.int64)
         self._height = float(skeleton.rest_positions[0, 1]) - STAND_LOWER
 
     def init_state(self, rows: int) -> ModesState:
         """Free rows."""
         return ModesState(torch.zeros(rows, 3), torch.zeros(rows))
 
-    def stand(self, pose: PoseLanes, rows: Bool[Array, " b"]) -> None:
+    def stand(self, pose: Pose, rows: Bool[Array, " b"]) -> None:
         """Rotations of hips and legs at rest, in place; before forward kinematics."""
-        turns = np.zeros((len(self._lower), 4, 8), np.float32)
-        turns[:, 0] = 1
-        pose.turns[np.ix_(rows, np.array(self._lower, np.int64))] = turns
+        for row in np.flatnonzero(rows):
+            pose.rotations[row][:, self._lower] = (1, 0, 0, 0)
 
-    def sway(
-        self, pose: PoseLanes, rows: Bool[Array, " b"], state: ModesState, active: Bool[Array, " b"]
-    ) -> None:
+    def sway(self, pose: Pose, rows: Bool[Array, " b"], state: ModesState, active: Bool[Array, " b"]) -> None:
         """The root of idle rows, in place; before the feet are held."""
-        root = pose.path()
-        frame = state.frames.numpy() + np.arange(1, pose.frames + 1, dtype=np.float32)[:, None]
+        if not rows.any():
+            return
+        frame = state.frames.numpy()[:, None] + np.arange(1, pose.frames + 1, dtype=np.float32)
         begun = np.minimum(frame / (4 * WARM_UP_FRAMES), 1)
         for axis, seconds in zip((0, 2), SWAY_SECONDS, strict=True):
             swing = SWAY * begun * np.sin(2 * math.pi * frame / (seconds * pose.fps))
-            root[axis] = np.where(rows, swing, root[axis])
-        root[1] = np.where(rows, self._height, root[1])
-        keep(state.frames, np.where(rows, frame[-1], 0).astype(np.float32), active)
+            pose.root[rows, :, axis] = swing[rows]
+        pose.root[rows, :, 1] = self._height
+        shown = torch.from_numpy(np.where(rows, frame[:, -1], 0).astype(np.float32))
+        write_rows(state.frames, shown, torch.from_numpy(active))

@@ -1,7 +1,7 @@
 """One chunk of audio in, one chunk of motion out, for many sessions at once (paper, Real-time Deployment).
 
-    level control -> codec -> generator -> tokenizer decoder -> rig -> post: calm, ground, leash, feet, hands -> timing
-                  -> pulse, where the bundle has a pulse model ---------------------------------------------------^
+    level control -> codec -> generator -> tokenizer decoder -> rig -> post (`Post`: smoother to hands) -> timing
+                  -> pulse, where the bundle has a pulse model ----------------------------------------------^
                   -> face, where the bundle has a face model
 
 Offline and live are the same: a file is a session that is pushed faster. Nothing here depends on the wall clock.
@@ -42,7 +42,7 @@ from .retime import TIMING, Retime, RetimeState
 from .rig import Output, RigAdapter, RigState
 
 _LOG = logging.getLogger(__name__)
-Lap = Callable[[str], None]
+OnStage = Callable[[str], None]
 BIAS = 14.0  # nats that an action of intensity 1 adds to the logits of its codes
 LEARNED_BIAS = 12.0  # the same, beside what a generator trained with exemplars does by itself
 STILL = (
@@ -134,7 +134,7 @@ class Pipeline:
         self._upper = slice(start, start + sizes.get("upper", 0))  # features by which stillness is told
         own_bias = LEARNED_BIAS if config.exemplar else BIAS
         self._bias = own_bias if config.example_bias is None else config.example_bias
-        self.lap: Lap = _no_lap
+        self.on_stage: OnStage = _ignore
         self._lead_in = math.ceil(runtime.lead_in_s * SAMPLE_RATE_HZ / self.chunk.samples)
         self.beginning = Beginning(self._stand)
 
@@ -195,16 +195,16 @@ class Pipeline:
         begin(state.generator, rows, self.beginning.state().generator)
 
     def warm_up(self) -> None:
-        """Run a step for nobody, and make what sessions begin with.
+        """Run a step without a session, and make what sessions begin with.
 
-        The first on a machine compiles the inner loops, which is said if it takes long.
+        The first on a machine compiles the loops, which is said if it takes long.
         """
+        everyone, state = torch.ones(1, dtype=torch.bool), self.init_state(1)
+        state.post.modes.choose(everyone, MotionOptions(leash_m=1.0))  # so that the leash is compiled, too
         patience = threading.Timer(3.0, _LOG.warning, ["compiling for this processor, once; up to a minute"])
         patience.start()
         try:
-            self.step(
-                torch.zeros(1, self.chunk_samples), self.init_state(1), torch.zeros(1, dtype=torch.bool)
-            )
+            self.step(torch.zeros(1, self.chunk_samples), state, ~everyone)
             self.beginning.state()
         finally:
             patience.cancel()
@@ -253,18 +253,18 @@ class Pipeline:
     ) -> list[MotionChunk]:
         """Advance the active rows by one chunk; rows that are not active return what must be ignored.
 
-        A chunk is `chunk_samples` (ours and the paper's: 6,400) and gives `chunk_frames` (8). The stages
-        behind the decoder take eight frames at a time, so a longer chunk goes through them in pieces.
+        A chunk is `chunk_samples` (ours and the paper's: 6,400) and gives `chunk_frames` (8). The smoother is made for
+        eight frames at a time, so a longer chunk goes through the stages behind the decoder in pieces.
 
         `directive` says what actions ask for, row by row.
-        After each stage `lap(stage)` is called, so that a benchmark can time them.
+        After each stage `on_stage(stage)` is called, so that a benchmark can time them.
         """
         level = self.level.step(audio, state.level, active) if self.level else audio
-        self.lap("level")
+        self.on_stage("level")
         face = self.face.step(level, state.face[0], active, state.seeds).numpy() if self.face else None
-        self.lap("face")
+        self.on_stage("face")
         sounds = self.hear(level, state, active)
-        self.lap("codec")
+        self.on_stage("codec")
         there = self.device
         is_silent = level.square().mean(1).sqrt() < SILENCE
         exemplar, bias = (None, None) if directive is None else (part.to(there) for part in directive)
@@ -277,23 +277,22 @@ class Pipeline:
             exemplar=exemplar,
             bias=bias,
         )
-        self.lap("generator")
+        self.on_stage("generator")
         features = self.tokenizer.decode_step(codes, state.decoder, active.to(there)).cpu()
         is_free = ~is_silent if directive is None else ~is_silent & ~(directive.exemplar > 0).any(1).cpu()
         self._watch(features, is_free, state, active)
-        self.lap("decoder")
+        self.on_stage("decoder")
         if self.rig is not None:
             features = self.rig.step(features, state.rig[0], active)
-        self.lap("rig")
+        self.on_stage("rig")
         pieces: tuple[Tensor, ...] = torch.split(features, CHUNK_FRAMES, 1)
-        lap = None if self.lap is _no_lap else self.lap
-        motion = in_a_row([self.post.step(piece, state.post, active, lap) for piece in pieces])
+        motion = in_a_row([self.post.step(piece, state.post, active, self.on_stage) for piece in pieces])
         if self.pulse and self.retime:
             brake = self.pulse.step(level, state.timing[0].pulse, active)
             motion = self.retime.step(motion, brake, state.timing[0].retime, active)
-        self.lap(TIMING)
+        self.on_stage(TIMING)
         return motion.parted(face)
 
 
-def _no_lap(stage: str) -> None:
+def _ignore(stage: str) -> None:
     del stage

@@ -8,23 +8,23 @@ are made orthonormal and quaternions normalised.
 import numpy as np
 from jaxtyping import Float
 
-from .pose import Array, PoseLanes
+from .pose import Array, Pose
 
 
-def repair(pose: PoseLanes, shown: Float[Array, "b j 4 8"], standing: float) -> int:
+def repair(pose: Pose, last: Float[Array, "b j 4"], standing: float) -> int:
     """Repair in place; returns how many rotations and root positions there were to repair.
 
-    `pose.root` is still travel here; `standing` is the height, in metres, of a root that never had one.
+    `pose.root` is still travel here. `last` are the rotations shown last, zero where there are none; `standing` is the
+    height, in metres, of a root that never had one.
     """
-    turns, root = pose.by_frame(), pose.path()
+    rotations, root = pose.rotations, pose.root
     with np.errstate(invalid="ignore", over="ignore"):
-        size = np.square(turns).sum(0)
+        size = np.square(rotations).sum(-1)
     bad = ~(size > 0.5) | ~np.isfinite(size)
-    for joint, frame, row in np.argwhere(bad):
-        before = turns[:, joint, frame - 1, row] if frame else shown[row, joint, :, -1]
-        turns[:, joint, frame, row] = before if before.any() else (1, 0, 0, 0)
-    lost = ~np.isfinite(root).all(0)
-    for frame, row in np.argwhere(lost):
-        height = root[1, frame - 1, row] if frame else standing
-        root[:, frame, row] = 0, height, 0
+    for row, frame, joint in np.argwhere(bad):
+        before = rotations[row, frame - 1, joint] if frame else last[row, joint]
+        rotations[row, frame, joint] = before if before.any() else (1, 0, 0, 0)
+    lost = ~np.isfinite(root).all(-1)
+    for row, frame in np.argwhere(lost):
+        root[row, frame] = 0, root[row, frame - 1, 1] if frame else standing, 0
     return int(bad.sum() + lost.sum())

@@ -18,14 +18,13 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from ..errors import MotionError
-from ..kinematics import Skeleton, lanes
+from ..kinematics import Skeleton
 from ..kinematics.rigs import bone_map
 from ..kinematics.rotations import matrix_from_quaternion, quaternion_from_matrix
-from ..nn.octet import blocks
 from .body import Body
-from .chains import Array, Chains
-from .clearing import SHELL, Tables, keep_off
+from .chains import Array, ChainPose, Chains
 from .hand import HandPoint, hand_points
+from .hand_shift import SHELL, Tables, keep_off
 from .profile import BodyProfile, body_of_rig
 
 CLEARANCE = 0.006  # metres of air between hand and body
@@ -34,7 +33,7 @@ TOLERANCE = 0.01  # of the squared size of a rotation matrix
 SIDES = ("left", "right")
 
 
-class HandGuard:
+class HandCollisions:
     """Moves arms so that no hand is inside the body; a rig whose arms are not known is passed through."""
 
     def __init__(self, skeleton: Skeleton, profile: BodyProfile | None = None) -> None:
@@ -49,8 +48,7 @@ class HandGuard:
         own = [self.profile.palm if point.is_palm else self.profile.finger for point in self._hands[0]]
         self._thicker = np.array(own, np.float32) - np.float32(min(own))
         self._radii = body.radii + np.float32(min(own) + CLEARANCE)
-        distance = _span(skeleton, self._hands[0]) + float(SHELL) + float(self._thicker.max())
-        self._zone = np.ascontiguousarray(np.square(self._radii.T / _zone(self._radii.T, distance)).T)
+        self._zone = _zone(self._radii, _span(skeleton, self._hands[0]) + SHELL + float(self._thicker.max()))
         self._arms = [[bones[f"{side}{bone}"] for bone in ("UpperArm", "LowerArm", "Hand")] for side in SIDES]
         self._skeleton = skeleton
         self.stand_on(Chains(skeleton, self.joints))
@@ -64,16 +62,15 @@ class HandGuard:
             return np.array([[chains.slot[joint] for joint in row] for row in joints], np.int64)
 
         parents = self._skeleton.parents
-        is_head = [float(part.bone == "head") for part in self._body.parts]
+        is_head = [part.bone == "head" for part in self._body.parts]
         self._chains = chains
-        self.tables = Tables(
+        self._tables = Tables(
             carriers=slots([self._body.joints])[0],
             centres=self._body.centres,
             radii=self._radii,
-            shrinking=1 / self._radii,
             zone=self._zone,
             starts=_starts(self._body),
-            is_head=np.array(is_head, np.float32),
+            is_head=np.array(is_head),
             points=slots([[point.joint for point in hand] for hand in self._hands]),
             offsets=np.array([[point.offset for point in hand] for hand in self._hands], np.float32),
             thicker=self._thicker,
@@ -82,13 +79,13 @@ class HandGuard:
             joints=np.array(self._arms, np.int64),
         )
 
-    def guard(self, turns: Float[Array, "b j 4 8"], frames: Float[Array, "b c 12 8"]) -> None:
-        """Correct upper arms, forearms and hands in `turns`, in place, where a hand is inside; nothing else changes.
+    def resolve(self, rotations: Float[Array, "b t j 4"], chains: ChainPose) -> None:
+        """Correct upper arms, forearms and hands in place where a hand is inside; nothing else changes.
 
-        `frames` are those of the pose in the chains.
+        `chains` are those of the pose.
         """
         if self.is_able:
-            keep_off(self.tables, frames, turns)
+            keep_off(self._tables, chains, rotations)
 
     def step(
         self, rotations: Float[Tensor, "b t j 3 3"], active: Bool[Tensor, " b"] | None = None
@@ -104,18 +101,15 @@ class HandGuard:
             return rotations
         given = rotations.detach().cpu().float()
         self._check(given[:, :, self._chains.joints].numpy(), active)
-        flat = given.flatten(0, 1)
-        turns = blocks(quaternion_from_matrix(flat).permute(1, 2, 0).numpy())
-        before = turns.copy()
-        self.guard(turns, self._chains.world(turns))
-        is_moved = (turns != before).any(2).transpose(0, 2, 1).reshape(-1, turns.shape[1])[: len(flat)]
+        quaternions = quaternion_from_matrix(given).numpy()
+        resolved = quaternions.copy()
+        self.resolve(resolved, self._chains.pose(quaternions))
+        is_moved = torch.from_numpy((resolved != quaternions).any(-1))
         if not is_moved.any():
             return rotations
-        frame, joint = np.nonzero(is_moved)
-        fixed = torch.from_numpy(turns[frame // 8, joint, :, frame % 8])
-        changed = flat.clone()
-        changed[frame, joint] = matrix_from_quaternion(fixed)
-        return changed.reshape(rotations.shape).to(rotations)
+        given = given.clone()
+        given[is_moved] = matrix_from_quaternion(torch.from_numpy(resolved)[is_moved])
+        return given.to(rotations)
 
     def _check(self, rotations: Float[Array, "b t c 3 3"], active: Tensor | None) -> None:
         size = np.einsum("btcij,btcij->btc", rotations, rotations) - 3
@@ -155,13 +149,11 @@ def _common_points(skeleton: Skeleton, bones: dict[str, int]) -> list[list[HandP
     return [hand_points(skeleton, both, side) for side in SIDES]
 
 
-def _starts(body: Body) -> Float[Array, "2 e 2"]:
-    """Where the way out of each part starts for each hand: aside and ahead of the part's centre."""
-    starts = np.zeros((2, len(body.parts), 2), np.float32)
-    starts[:, :, 0] = (
-        ACROSS * body.radii[:, 0] * np.array([[-1.0], [1.0]])
-    )  # the left hand starts on the right
-    starts[:, :, 1] = -BEHIND * body.radii[:, 2]
+def _starts(body: Body) -> Float[Array, "2 e 3"]:
+    """Where the way out of each part starts for each hand, from the part's centre: the left hand's on the right."""
+    starts = np.zeros((2, len(body.parts), 3), np.float32)
+    starts[:, :, 0] = ACROSS * body.radii[:, 0] * np.array([[-1.0], [1.0]])
+    starts[:, :, 2] = -BEHIND * body.radii[:, 2]
     return starts
 
 
@@ -179,12 +171,13 @@ def _span(skeleton: Skeleton, hand: list[HandPoint]) -> float:
     return far
 
 
-def _zone(radii: Float[Array, "3 e"], distance: float) -> Float[Array, "3 e"]:
+def _zone(radii: Float[Array, "e 3"], distance: float) -> Float[Array, "e 3"]:
     """Radii of ellipsoids that hold all that is nearer to those of `radii` than `distance`."""
     rng = np.random.default_rng(0)
-    way = lanes.normalized(rng.standard_normal((3, 4000)).astype(np.float32))
-    asked = np.sqrt(np.square(radii).T @ np.square(way)) + distance
+    ways = rng.standard_normal((4000, 3)).astype(np.float32)
+    squares = np.square(ways / np.linalg.norm(ways, axis=1, keepdims=True))
+    asked = np.sqrt(squares @ np.square(radii).T) + distance
     wide = radii + np.float32(distance)
-    held = np.sqrt(np.square(wide).T @ np.square(way))
-    zone: Array = wide * (1.002 * (asked / held).max(1))
+    held = np.sqrt(squares @ np.square(wide).T)
+    zone: Array = wide * (1.002 * (asked / held).max(0))[:, None]
     return zone

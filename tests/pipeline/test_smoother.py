@@ -6,7 +6,7 @@ import torch
 from tests.pipeline.poses import everyone, from_quaternions, in_pieces, quaternions_of, root_of
 
 from echoavatar.kinematics.rotations import axis_angle_from_quaternion, quaternion_from_axis_angle
-from echoavatar.pipeline.calm import BEND, LATE, STIFFNESS, Calm, CalmState
+from echoavatar.pipeline.smoother import BEND, LATE, STIFFNESS, Smoother, SmootherState
 
 
 def about_x(angle: torch.Tensor) -> torch.Tensor:
@@ -17,13 +17,13 @@ def about_x(angle: torch.Tensor) -> torch.Tensor:
 
 
 def step(
-    calm: Calm, rotations: torch.Tensor, state: CalmState, active: np.ndarray | None = None
+    smoother: Smoother, rotations: torch.Tensor, state: SmootherState, active: np.ndarray | None = None
 ) -> torch.Tensor:
     on = everyone(len(rotations)) if active is None else active
 
     def chunk(part: torch.Tensor) -> torch.Tensor:
         pose = from_quaternions(part, torch.zeros(*part.shape[:2], 3))
-        calm.step(pose, state, on)
+        smoother.step(pose, state, on)
         return quaternions_of(pose)
 
     return in_pieces(chunk, rotations)
@@ -34,8 +34,8 @@ def angle_of(rotations: torch.Tensor) -> torch.Tensor:
 
 
 def shown(angle: torch.Tensor, **options: float) -> torch.Tensor:
-    calm = Calm(2, **options)
-    return angle_of(step(calm, about_x(angle), calm.init_state(1)))
+    smoother = Smoother(2, **options)
+    return angle_of(step(smoother, about_x(angle), smoother.init_state(1)))
 
 
 def test_steps_between_latents_become_a_smooth_path() -> None:
@@ -55,14 +55,18 @@ def test_a_chunk_is_the_minimum_that_the_formula_asks_for(frames: int) -> None:
         torch.tensor([1.0, 0.3, 0.2, 0.1]) + 0.03 * torch.randn(24, 4), dim=-1
     )
     travel = torch.randn(24, 3)
-    calm = Calm(1)
-    state, path, way = calm.init_state(1), [decoded[0].double().numpy()] * 3, [travel[0].double().numpy()] * 3
+    smoother = Smoother(1)
+    state, path, way = (
+        smoother.init_state(1),
+        [decoded[0].double().numpy()] * 3,
+        [travel[0].double().numpy()] * 3,
+    )
     for turns, steps in zip(torch.split(decoded, frames), torch.split(travel, frames), strict=True):
         found = least_squares(turns.double().numpy(), np.array(path[-3:]))
         path.extend(found / np.linalg.norm(found, axis=1, keepdims=True))
         way.extend(least_squares(steps.double().numpy(), np.array(way[-3:])))
         pose = from_quaternions(turns[None, :, None], steps[None])
-        calm.step(pose, state, everyone(1))
+        smoother.step(pose, state, everyone(1))
         np.testing.assert_allclose(quaternions_of(pose)[0, :, 0], path[-len(turns) :], atol=1e-5)
         np.testing.assert_allclose(root_of(pose)[0], way[-len(turns) :], atol=2e-5)
 
@@ -84,11 +88,11 @@ def test_steps_between_latents_show_no_more_at_chunk_borders_than_within() -> No
     sway = 0.2 * torch.sin(torch.arange(1600) / 9)
     steps = sway + (0.04 * torch.randn(400)).repeat_interleave(4)
     assert border_share(shown(steps)) == pytest.approx(1, abs=0.12)
-    calm, still = Calm(1), torch.tensor([1.0, 0, 0, 0]).expand(1, 8, 1, 4)
-    state, way = calm.init_state(1), []
+    smoother, still = Smoother(1), torch.tensor([1.0, 0, 0, 0]).expand(1, 8, 1, 4)
+    state, way = smoother.init_state(1), []
     for part in torch.split(steps, 8):
         pose = from_quaternions(still, part[None, :, None].expand(1, 8, 3))
-        calm.step(pose, state, everyone(1))
+        smoother.step(pose, state, everyone(1))
         way.append(root_of(pose)[0, :, 1])
     assert border_share(torch.cat(way)) == pytest.approx(1, abs=0.12)
 
@@ -134,13 +138,13 @@ def test_the_sign_of_a_quaternion_does_not_matter() -> None:
     smooth = about_x(torch.linspace(0, 1, 16))
     flipped = smooth.clone()
     flipped[:, ::2] *= -1
-    calm = Calm(2)
-    one, other = (angle_of(step(calm, x, calm.init_state(1))) for x in (smooth, flipped))
+    smoother = Smoother(2)
+    one, other = (angle_of(step(smoother, x, smoother.init_state(1))) for x in (smooth, flipped))
     torch.testing.assert_close(one, other)
 
 
 def test_idle_rows_stay_untouched() -> None:
-    calm = Calm(2)
-    state = calm.init_state(2)
-    step(calm, about_x(torch.ones(8)).expand(2, -1, -1, -1), state, np.array([True, False]))
+    smoother = Smoother(2)
+    state = smoother.init_state(2)
+    step(smoother, about_x(torch.ones(8)).expand(2, -1, -1, -1), state, np.array([True, False]))
     assert all(not tensor[1].any() for tensor in state.tensors())

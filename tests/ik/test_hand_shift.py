@@ -1,15 +1,14 @@
-"""The guard's inner loop: its map of space in plain words, and frames side by side that do not meet."""
+"""The compiled loop of the hand collisions: its map of space in plain words, and frames that do not meet."""
 
 import numpy as np
 import torch
 from tests.ik.poses import left_wrist_at
 
-from echoavatar.ik import HandGuard
-from echoavatar.ik.clearing import SHELL
-from echoavatar.ik.guard import ACROSS, BEHIND, CLEARANCE
+from echoavatar.ik import HandCollisions
+from echoavatar.ik.hand_collisions import ACROSS, BEHIND, CLEARANCE
+from echoavatar.ik.hand_shift import SHELL
 from echoavatar.kinematics import HUMANOID, forward_kinematics
 from echoavatar.kinematics.rotations import quaternion_from_matrix
-from echoavatar.nn.octet import blocks
 
 PLACES = torch.tensor(
     [[0.10, 0.10, 0.10], [0.05, 0.30, 0.12], [0.14, 0.0, 0.12], [0.2, 0.2, 0.16], [0.5, 0.2, 0.2]]
@@ -18,16 +17,18 @@ PLACES = torch.tensor(
 
 def moved_as_the_text_says(rotations: torch.Tensor) -> np.ndarray:
     """By how much each left hand (t, 3) is moved: parts, points and eighth powers one at a time, double precision."""
-    guard = HandGuard(HUMANOID)
+    collisions = HandCollisions(HUMANOID)
     pose = forward_kinematics(HUMANOID, rotations.double(), torch.zeros(len(rotations), 3).double())
     turns, joints = pose.rotations.numpy(), pose.positions.numpy()
-    hand = guard._hands[0]
-    thick = np.array([guard.profile.palm if point.is_palm else guard.profile.finger for point in hand])
+    hand = collisions._hands[0]
+    thick = np.array(
+        [collisions.profile.palm if point.is_palm else collisions.profile.finger for point in hand]
+    )
     moves = []
     for turn, joint in zip(turns, joints, strict=True):
         points = [joint[p.joint] + turn[p.joint] @ p.offset for p in hand]
         seen, way = [], np.zeros(3)
-        for part in guard.profile.parts:
+        for part in collisions.profile.parts:
             bone = HUMANOID.index(part.bone)
             radii = np.array(part.radii) + thick.min() + CLEARANCE
             axes, middle = turn[bone].T / radii[:, None], np.array(part.centre) / radii
@@ -51,8 +52,8 @@ def moved_as_the_text_says(rotations: torch.Tensor) -> np.ndarray:
     return np.array(moves)
 
 
-def guarded(rotations: torch.Tensor) -> torch.Tensor:
-    return HandGuard(HUMANOID).step(rotations[None])[0]
+def resolved(rotations: torch.Tensor) -> torch.Tensor:
+    return HandCollisions(HUMANOID).step(rotations[None])[0]
 
 
 def test_a_hand_moves_as_the_text_says() -> None:
@@ -60,7 +61,7 @@ def test_a_hand_moves_as_the_text_says() -> None:
     wrist = HUMANOID.index("leftHand")
     before, after = (
         forward_kinematics(HUMANOID, r, torch.zeros(len(r), 3)).positions[:, wrist].numpy()
-        for r in (poses, guarded(poses))
+        for r in (poses, resolved(poses))
     )
     wanted = moved_as_the_text_says(poses)
     assert np.linalg.norm(wanted, axis=1)[:3].min() > 0.01
@@ -68,18 +69,17 @@ def test_a_hand_moves_as_the_text_says() -> None:
     assert np.array_equal(before[-1], after[-1])
 
 
-def test_frames_side_by_side_do_not_meet() -> None:
+def test_frames_do_not_meet() -> None:
     """One frame of eight inside the body: the other seven keep every bit, and it moves as if it were alone."""
     far, near = left_wrist_at(PLACES[-1:]), left_wrist_at(PLACES[:1])
     mixed = far.repeat(8, 1, 1, 1)
     mixed[3] = near
-    turns = blocks(quaternion_from_matrix(mixed).permute(1, 2, 0).numpy())
-    alone = blocks(quaternion_from_matrix(near).permute(1, 2, 0).numpy())
-    before = turns.copy()
-    guard = HandGuard(HUMANOID)
-    for given in (turns, alone):
-        guard.guard(given, guard._chains.world(given))
+    mixed, alone = (quaternion_from_matrix(given)[None].numpy() for given in (mixed, near))
+    before = mixed.copy()
+    collisions = HandCollisions(HUMANOID)
+    for given in (mixed, alone):
+        collisions.resolve(given, collisions._chains.pose(given))
     others = [0, 1, 2, 4, 5, 6, 7]
-    assert np.array_equal(turns[..., others], before[..., others])
-    assert not np.array_equal(turns[..., 3], before[..., 3])
-    assert np.array_equal(turns[..., 3], alone[..., 3])
+    assert np.array_equal(mixed[:, others], before[:, others])
+    assert not np.array_equal(mixed[:, 3], before[:, 3])
+    assert np.array_equal(mixed[:, 3], alone[:, 0])
