@@ -5,13 +5,12 @@ matching, guidance 2.0. What comes out depends on a session's own sound and seed
 """
 
 from dataclasses import dataclass
-from functools import partial
 
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from ..nn import Parts, StreamState
+from ..nn import StreamState
 from ..timing import SAMPLES_PER_FRAME
 from .arkit import APPLE_NAMES, ARKIT_NAMES
 from .decoder import FrameDecoder
@@ -20,9 +19,6 @@ from .gpt import GptState
 from .idle import IdleFace, IdleState, frame_loudness
 from .model import FaceModel
 from .noise import face_noise
-
-WORTH_A_THREAD = 8  # sessions
-
 
 @dataclass
 class FaceState(StreamState):
@@ -43,7 +39,6 @@ class FaceStream:
         moving = model.moving().cpu()[self._order]
         self.idle = IdleFace(moving if model.config.idle else torch.ones_like(moving))
         self._decoder = FrameDecoder(model) if model.config.memory == "ring" else None
-        self._parts = Parts("face", least=WORTH_A_THREAD)
 
     def init_state(self, rows: int) -> FaceState:
         """A state in which no row has heard anything."""
@@ -68,17 +63,7 @@ class FaceStream:
         if audio.shape[1] % samples or not audio.shape[1]:
             raise ValueError(f"a step takes a multiple of {samples} samples, got {audio.shape[1]}")
 
-        if audio.device.type == "cpu":
-            parts = self._parts.of(len(audio))
-            generated = self._parts.run(
-                [
-                    partial(self._faces, audio[part], state.rows(part), active[part], seeds[part])
-                    for part in parts
-                ]
-            )
-            faces = torch.cat(generated) if len(generated) > 1 else generated[0]
-        else:
-            faces = self._faces(audio, state, active, seeds)
+        faces = self._faces(audio, state, active, seeds)
         return self.idle.step(faces, frame_loudness(audio), state.idle, active, seeds)
 
     def _faces(

@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from torch import Tensor
 
-from ..nn.compiled import HALF, ONE, ZERO, F, attend, compiled, exponential, silu
+from ..nn.kernel_math import HALF, ONE, ZERO, F, attend, exponential, silu
+from ..nn.kernels import kernel
 from .linear import Parts
 
 BISECTIONS = 40
@@ -66,34 +67,116 @@ class Steering(NamedTuple):
     gate_bias: np.float32
 
 
-def draw_codes(
-    weights: Weights,
-    hidden: np.ndarray,
-    keys: Sequence[np.ndarray],
-    values: Sequence[np.ndarray],
-    turns: Turns,
-    draws: Draws,
-    steering: Steering,
-) -> np.ndarray:
-    """Codes (b, n) from the hidden state (b, c) of the position that predicts the first.
+@kernel(reorders=True)
+def _product(x, matrices, layer, y):  # type: ignore[no-untyped-def]
+    """Rows times W, four outputs a pass; of x only as many columns as W has are read."""
+    weight, scale, bias = matrices.weight[layer], matrices.scale[layer], matrices.bias[layer]
+    outputs = weight.shape[0]
+    for o in range(0, outputs - 3, 4):
+        for row in range(x.shape[0]):
+            a, b, c, d = ZERO, ZERO, ZERO, ZERO
+            for i in range(weight.shape[1]):
+                v = x[row, i]
+                a += F(weight[o, i]) * v
+                b += F(weight[o + 1, i]) * v
+                c += F(weight[o + 2, i]) * v
+                d += F(weight[o + 3, i]) * v
+            y[row, o] = a * scale[o] + bias[o]
+            y[row, o + 1] = b * scale[o + 1] + bias[o + 1]
+            y[row, o + 2] = c * scale[o + 2] + bias[o + 2]
+            y[row, o + 3] = d * scale[o + 3] + bias[o + 3]
+    for o in range(outputs - outputs % 4, outputs):
+        for row in range(x.shape[0]):
+            total = ZERO
+            for i in range(weight.shape[1]):
+                total += F(weight[o, i]) * x[row, i]
+            y[row, o] = total * scale[o] + bias[o]
 
-    Keys and values (b, kv, d, s) of each layer are written in place; the last code is not read back.
-    """
-    codes = np.zeros(draws.noise.shape[:2], np.int64)
-    _draw_codes(
-        weights,
-        hidden.copy(),
-        _padded(keys),
-        _padded(values),
-        Turns(*map(np.ascontiguousarray, turns)),  # one memory layout, so one compilation
-        Draws(*map(np.ascontiguousarray, draws)),
-        steering,
-        codes,
-    )
-    return codes
+
+@kernel(reorders=True)
+def _normalise(x, eps, y):  # type: ignore[no-untyped-def]
+    for row in range(x.shape[0]):
+        total = ZERO
+        for i in range(x.shape[1]):
+            total += x[row, i] * x[row, i]
+        scale = ONE / F(math.sqrt(total + eps))
+        for i in range(x.shape[1]):
+            y[row, i] = x[row, i] * scale
 
 
-@compiled()
+@kernel(reorders=True)
+def _turn(qkv, turn, count):  # type: ignore[no-untyped-def]
+    """Rotary positions of the first `count` channels: every head's pairs times the turn."""
+    half = turn.shape[0]
+    for start in range(0, count, 2 * half):
+        for i in range(half):
+            first, second = qkv[start + 2 * i], qkv[start + 2 * i + 1]
+            qkv[start + 2 * i] = first * turn[i].real - second * turn[i].imag
+            qkv[start + 2 * i + 1] = first * turn[i].imag + second * turn[i].real
+
+
+@kernel(reorders=True)
+def _attend(qkv, keys, values, slot, bias, scores, y):  # type: ignore[no-untyped-def]
+    """Write k and v into the ring, and mix what every head sees into y."""
+    kv_heads, width, _ = keys.shape
+    group = y.shape[0] // width // kv_heads
+    for kv in range(kv_heads):
+        k = y.shape[0] + kv * width
+        v = k + kv_heads * width
+        for i in range(width):
+            keys[kv, i, slot] = qkv[k + i]
+            values[kv, i, slot] = qkv[v + i]
+        for start in range(kv * group * width, (kv + 1) * group * width, width):
+            head = slice(start, start + width)
+            attend(qkv[head], keys[kv], 0, values[kv], 0, 0, bias, scores, y[head])
+
+
+@kernel(reorders=True)
+def _steer(logits, hidden, steering, at):  # type: ignore[no-untyped-def]
+    for row in range(logits.shape[0]):
+        gate = steering.gate_bias
+        for i in range(hidden.shape[1]):
+            gate += hidden[row, i] * steering.gate[i]
+        for code in range(logits.shape[1]):
+            logits[row, code] += gate * steering.members[row, at + code] + steering.bias[row, at + code]
+
+
+@kernel(reorders=True)
+def _least_share(shares, wanted):  # type: ignore[no-untyped-def]
+    """The largest bound that still keeps so much mass, by bisection: quicker than to sort."""
+    low, high = ZERO, F(1.5)
+    for _ in range(BISECTIONS):
+        middle = HALF * (low + high)
+        mass = ZERO
+        for code in range(shares.shape[0]):
+            mass += shares[code] if shares[code] >= middle else ZERO
+        if mass >= wanted:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@kernel(reorders=True)
+def _draw(logits, noise, sharpness, top_p, shares):  # type: ignore[no-untyped-def]
+    """Gumbel's draw from the nucleus; see `sampling.nucleus`. `shares` (K) is scratch."""
+    highest = F(-np.inf)
+    for code in range(logits.shape[0]):
+        logits[code] *= sharpness
+        highest = max(highest, logits[code])
+    total = ZERO
+    for code in range(logits.shape[0]):
+        shares[code] = exponential(logits[code] - highest)
+        total += shares[code]
+    least = _least_share(shares, top_p * total) if top_p < ONE else ZERO
+    best, code_of_best = F(-np.inf), 0
+    for code in range(logits.shape[0]):
+        if shares[code] >= least and logits[code] + noise[code] > best:
+            best, code_of_best = logits[code] + noise[code], code
+    return code_of_best
+
+
+@kernel(reorders=True)
 def _draw_codes(weights, hidden, keys, values, turns, draws, steering, codes):  # type: ignore[no-untyped-def]
     rows, width = hidden.shape
     segments, count = weights.heads.weight.shape[0], codes.shape[1]
@@ -154,113 +237,31 @@ def _draw_codes(weights, hidden, keys, values, turns, draws, steering, codes):  
         _normalise(x, weights.eps, hidden)
 
 
-@compiled()
-def _product(x, matrices, layer, y):  # type: ignore[no-untyped-def]
-    """Rows times W, four outputs a pass; of x only as many columns as W has are read."""
-    weight, scale, bias = matrices.weight[layer], matrices.scale[layer], matrices.bias[layer]
-    outputs = weight.shape[0]
-    for o in range(0, outputs - 3, 4):
-        for row in range(x.shape[0]):
-            a, b, c, d = ZERO, ZERO, ZERO, ZERO
-            for i in range(weight.shape[1]):
-                v = x[row, i]
-                a += F(weight[o, i]) * v
-                b += F(weight[o + 1, i]) * v
-                c += F(weight[o + 2, i]) * v
-                d += F(weight[o + 3, i]) * v
-            y[row, o] = a * scale[o] + bias[o]
-            y[row, o + 1] = b * scale[o + 1] + bias[o + 1]
-            y[row, o + 2] = c * scale[o + 2] + bias[o + 2]
-            y[row, o + 3] = d * scale[o + 3] + bias[o + 3]
-    for o in range(outputs - outputs % 4, outputs):
-        for row in range(x.shape[0]):
-            total = ZERO
-            for i in range(weight.shape[1]):
-                total += F(weight[o, i]) * x[row, i]
-            y[row, o] = total * scale[o] + bias[o]
+def draw_codes(
+    weights: Weights,
+    hidden: np.ndarray,
+    keys: Sequence[np.ndarray],
+    values: Sequence[np.ndarray],
+    turns: Turns,
+    draws: Draws,
+    steering: Steering,
+) -> np.ndarray:
+    """Codes (b, n) from the hidden state (b, c) of the position that predicts the first.
 
-
-@compiled()
-def _normalise(x, eps, y):  # type: ignore[no-untyped-def]
-    for row in range(x.shape[0]):
-        total = ZERO
-        for i in range(x.shape[1]):
-            total += x[row, i] * x[row, i]
-        scale = ONE / F(math.sqrt(total + eps))
-        for i in range(x.shape[1]):
-            y[row, i] = x[row, i] * scale
-
-
-@compiled()
-def _turn(qkv, turn, count):  # type: ignore[no-untyped-def]
-    """Rotary positions of the first `count` channels: every head's pairs times the turn."""
-    half = turn.shape[0]
-    for start in range(0, count, 2 * half):
-        for i in range(half):
-            first, second = qkv[start + 2 * i], qkv[start + 2 * i + 1]
-            qkv[start + 2 * i] = first * turn[i].real - second * turn[i].imag
-            qkv[start + 2 * i + 1] = first * turn[i].imag + second * turn[i].real
-
-
-@compiled()
-def _attend(qkv, keys, values, slot, bias, scores, y):  # type: ignore[no-untyped-def]
-    """Write k and v into the ring, and mix what every head sees into y."""
-    kv_heads, width, _ = keys.shape
-    group = y.shape[0] // width // kv_heads
-    for kv in range(kv_heads):
-        k = y.shape[0] + kv * width
-        v = k + kv_heads * width
-        for i in range(width):
-            keys[kv, i, slot] = qkv[k + i]
-            values[kv, i, slot] = qkv[v + i]
-        for start in range(kv * group * width, (kv + 1) * group * width, width):
-            head = slice(start, start + width)
-            attend(qkv[head], keys[kv], 0, values[kv], 0, 0, bias, scores, y[head])
-
-
-@compiled()
-def _steer(logits, hidden, steering, at):  # type: ignore[no-untyped-def]
-    for row in range(logits.shape[0]):
-        gate = steering.gate_bias
-        for i in range(hidden.shape[1]):
-            gate += hidden[row, i] * steering.gate[i]
-        for code in range(logits.shape[1]):
-            logits[row, code] += gate * steering.members[row, at + code] + steering.bias[row, at + code]
-
-
-@compiled()
-def _draw(logits, noise, sharpness, top_p, shares):  # type: ignore[no-untyped-def]
-    """Gumbel's draw from the nucleus; see `sampling.nucleus`. `shares` (K) is scratch."""
-    highest = F(-np.inf)
-    for code in range(logits.shape[0]):
-        logits[code] *= sharpness
-        highest = max(highest, logits[code])
-    total = ZERO
-    for code in range(logits.shape[0]):
-        shares[code] = exponential(logits[code] - highest)
-        total += shares[code]
-    least = _least_share(shares, top_p * total) if top_p < ONE else ZERO
-    best, code_of_best = F(-np.inf), 0
-    for code in range(logits.shape[0]):
-        if shares[code] >= least and logits[code] + noise[code] > best:
-            best, code_of_best = logits[code] + noise[code], code
-    return code_of_best
-
-
-@compiled()
-def _least_share(shares, wanted):  # type: ignore[no-untyped-def]
-    """The largest bound that still keeps so much mass, by bisection: quicker than to sort."""
-    low, high = ZERO, F(1.5)
-    for _ in range(BISECTIONS):
-        middle = HALF * (low + high)
-        mass = ZERO
-        for code in range(shares.shape[0]):
-            mass += shares[code] if shares[code] >= middle else ZERO
-        if mass >= wanted:
-            low = middle
-        else:
-            high = middle
-    return low
+    Keys and values (b, kv, d, s) of each layer are written in place; the last code is not read back.
+    """
+    codes = np.zeros(draws.noise.shape[:2], np.int64)
+    _draw_codes(
+        weights,
+        hidden.copy(),
+        _padded(keys),
+        _padded(values),
+        Turns(*map(np.ascontiguousarray, turns)),  # one memory layout, so one compilation
+        Draws(*map(np.ascontiguousarray, draws)),
+        steering,
+        codes,
+    )
+    return codes
 
 
 def _padded(rings: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
