@@ -3,7 +3,6 @@
 from .attention import AttentionState, CausalAttention, lookback_mask, rotary
 from .blocks import CausalBlock, Mlp
 from .convolution import CausalConvBlock
-from .parts import Parts
 from .stream import StateT, StreamingModule, StreamState, write_rows
 
 __all__ = [
@@ -12,7 +11,6 @@ __all__ = [
     "CausalBlock",
     "CausalConvBlock",
     "Mlp",
-    "Parts",
     "StateT",
     "StreamState",
     "StreamingModule",
