@@ -6,7 +6,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from ..nn import Mlp
-from ..nn.attention import rotary, rotary_table
+from ..nn.rotary import rotary, rotary_table
 
 
 class FullBlock(nn.Module):

@@ -16,8 +16,8 @@ from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from .. import checkpoint
-from ..nn.attention import rotary, rotary_table
 from ..nn.blocks import Mlp
+from ..nn.rotary import rotary, rotary_table
 from .body import BODY_SIZE
 from .config import FingerConfig
 from .hands import HAND_SIZE, HandBasis

@@ -1,8 +1,9 @@
 """Building blocks of the networks: the streaming contract and causal attention. May import `checkpoint` and below."""
 
-from .attention import AttentionState, CausalAttention, lookback_mask, rotary
+from .attention import AttentionState, CausalAttention, lookback_mask
 from .blocks import CausalBlock, Mlp
 from .convolution import CausalConvBlock
+from .rotary import rotary
 from .stream import StateT, StreamingModule, StreamState, write_rows
 
 __all__ = [
