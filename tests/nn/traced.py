@@ -1,6 +1,6 @@
 """What stands for a CUDA graph where there is no GPU: the operations of one call, recorded and run again.
 
-Like a graph it keeps the addresses of what it reads and writes, and no value that was looked at on the host counts anew.
+Like a graph, a trace keeps the addresses of what it reads and writes, and any value that was looked at on the host.
 """
 
 from collections.abc import Callable

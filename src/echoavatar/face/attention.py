@@ -1,6 +1,6 @@
 """Causal attention whose keys and values are kept while the frames of a chunk are generated one by one.
 
-Three ways to tell positions: a learned bias by distance (ours; the past can then be kept for ever, in a ring), and
+Three kinds of positions: a learned bias by distance (ours; the past can then be kept for ever, in a ring), and
 the two of the release, which need positions counted from the start of the window: rotary on the whole vector before
 the projection, and sinusoids added to it.
 """
@@ -54,7 +54,7 @@ class Attention(nn.Module):
 
 
 class RotaryVectorAttention(Attention):
-    """Queries and keys are projected from the rotated vector, values from the plain one (release)."""
+    """Queries and keys are projected from the rotated vector, values from the unrotated one (release)."""
 
     def project(self, x: Float[Tensor, "r t c"], at: int) -> tuple[Tensor, Tensor]:
         """As in `Attention`, with positions."""

@@ -172,7 +172,7 @@ class FaceGpt(nn.Module):
         return x
 
     def _blocks(self) -> Sequence[WindowBlock | RingBlock]:
-        return cast(Sequence[WindowBlock | RingBlock], self.blocks)
+        return cast(Sequence[WindowBlock | RingBlock], list(self.blocks))
 
     def _condition(self, x: Tensor) -> Tensor:
         y: Tensor = self.output_proj(self.output_norm(x))

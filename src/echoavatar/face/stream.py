@@ -1,7 +1,7 @@
 """Sound in, 52 curves out, 8 frames per step, many sessions in one batch.
 
 Paper, Face Animation Generator, Inference: 8 frames per step from 63 frames of sound and 56 of motion, 3-step flow
-matching, guidance 2.0. What comes out depends on a session's own sound and seed only.
+matching, guidance 2.0. A session's face depends on its own sound and seed only.
 """
 
 from dataclasses import dataclass
@@ -20,9 +20,10 @@ from .idle import IdleFace, IdleState, frame_loudness
 from .model import FaceModel
 from .noise import face_noise
 
+
 @dataclass
 class FaceState(StreamState):
-    """All zero: a mean face that has heard nothing."""
+    """All zero: the mean face, nothing heard yet."""
 
     encoder: StreamState
     gpt: GptState
@@ -30,7 +31,7 @@ class FaceState(StreamState):
 
 
 class FaceStream:
-    """A face model at work, with life (`idle`) on the channels that it does not move."""
+    """A running face model, with idle motion (`idle`) on the channels that it does not move."""
 
     def __init__(self, model: FaceModel) -> None:
         self.model = model.eval()
@@ -41,7 +42,7 @@ class FaceStream:
         self._decoder = FrameDecoder(model) if model.config.memory == "ring" else None
 
     def init_state(self, rows: int) -> FaceState:
-        """A state in which no row has heard anything."""
+        """A fresh state."""
         model = self.model
         states = model.encoder.init_state(rows), model.gpt.init_state(rows), self.idle.init_state(rows)
         return FaceState(*states)
@@ -54,7 +55,7 @@ class FaceStream:
         active: Bool[Tensor, " b"],
         seeds: Int[Tensor, " b"],
     ) -> Float[Tensor, "b t 52"]:
-        """Curves (0 to 1) of the next steps, 6,400 samples or the config's; inactive rows return what means nothing.
+        """Curves (0 to 1) of the next steps, 6,400 samples or the config's; the curves of inactive rows mean nothing.
 
         Raises:
             ValueError: the samples are not whole steps.
@@ -69,7 +70,7 @@ class FaceStream:
     def _faces(
         self, audio: Tensor, state: FaceState, active: Tensor, seeds: Tensor
     ) -> Float[Tensor, "b t 52"]:
-        """What the model moves, without life."""
+        """The model's curves, without idle motion."""
         schedule = self.model.head.schedule(self.model.config.sampling_steps)
         faces = []
         for chunk in torch.split(audio, self.model.config.step * SAMPLES_PER_FRAME, dim=1):

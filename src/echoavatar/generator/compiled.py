@@ -265,4 +265,6 @@ def stacked(maps: Sequence[StoredWeight]) -> Matrices:
         rows = [np.full(weight.shape[1], missing, F) if v is None else v.float().numpy() for v in found]
         return np.ascontiguousarray(np.stack(rows), F)
 
-    return Matrices(weight, vectors([one.scale for one in maps], 1.0), vectors([one.bias for one in maps], 0.0))
+    return Matrices(
+        weight, vectors([one.scale for one in maps], 1.0), vectors([one.bias for one in maps], 0.0)
+    )

@@ -3,18 +3,15 @@
 Paper, Settings: Qwen2.5-0.5B-Instruct with its tied embeddings detached. The state-dict names are those of
 transformers' `Qwen2ForCausalLM`, so that its weights initialise the body (`initial.init_from_qwen`). Departure:
 only the K rows of the position's segment are ever computed, in training, scoring and sampling alike; the paper's
-full softmax spends mass on codes that the cyclic grammar forbids.
+full softmax gives mass to codes that the cyclic grammar forbids.
 """
-
-from pathlib import Path
-from typing import Self
 
 import torch
 import torch.nn.functional as F
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
-from .. import checkpoint
+from ..nn import Checkpointed
 from ..nn.rotary import phase_table, rotary, rotary_phases
 from ..tokens import Sequences
 from .attention import banded_attention, masked_attention
@@ -116,8 +113,11 @@ class Body(nn.Module):
         self.norm = RMSNorm(config.width, config.norm_eps)
 
 
-class Generator(nn.Module):
+class Generator(Checkpointed):
     """Ids in, hidden states and segment logits out."""
+
+    config_type = GeneratorConfig
+    config: GeneratorConfig
 
     def __init__(self, config: GeneratorConfig) -> None:
         super().__init__()
@@ -156,7 +156,9 @@ class Generator(nn.Module):
             positions = (valid.long().cumsum(1) - 1).clamp(min=0)
         config = self.config
         phases = rotary_phases(positions, width=config.head_width, base=config.rope_theta)
-        table = phase_table(phases)[:, :, None].to(torch.promote_types(self.lm_head.weight.dtype, torch.float32))
+        table = phase_table(phases)[:, :, None].to(
+            torch.promote_types(self.lm_head.weight.dtype, torch.float32)
+        )
         x = self.model.embed_tokens(ids)
         x = x if hints is None else x + hints
         for layer in self.model.layers:
@@ -195,18 +197,3 @@ class Generator(nn.Module):
         chosen = hidden[:, predictors].transpose(0, 1).flatten(1, 2)
         logits = torch.bmm(chosen, self.segment_head().transpose(1, 2))
         return logits.view(len(logits), rows, -1, self.config.layout.motion_codes)
-
-    def save(self, folder: Path, card: dict[str, object], dtype: torch.dtype | None = None) -> None:
-        """Write a checkpoint folder."""
-        checkpoint.save(folder, config=self.config, weights=self.state_dict(), card=card, dtype=dtype)
-
-    @classmethod
-    def load(cls, folder: Path) -> Self:
-        """Read a checkpoint folder.
-
-        Raises:
-            CheckpointError: files are missing, damaged or of another shape.
-        """
-        generator = cls(checkpoint.read_config(folder, GeneratorConfig))
-        checkpoint.load_into(generator, checkpoint.read_weights(folder), origin=str(folder))
-        return generator.eval()

@@ -26,7 +26,7 @@ StateT = TypeVar("StateT", bound=StreamState)
 
 
 class GeneratorStream(StreamingModule[StateT]):
-    """What both sequence orders share. Built from a generator's present weights, on its device."""
+    """The common part of both sequence orders, built from a generator's present weights, on its device."""
 
     def __init__(self, generator: Generator, precision: Precision = "float32") -> None:
         super().__init__()
@@ -36,7 +36,7 @@ class GeneratorStream(StreamingModule[StateT]):
 
     @abstractmethod
     def init_state(self, rows: int) -> StateT:
-        """A state in which nothing was heard yet."""
+        """A fresh state."""
 
     @torch.no_grad()
     def step(
@@ -81,7 +81,7 @@ class GeneratorStream(StreamingModule[StateT]):
         state: StateT,
         active: Bool[Tensor, " b"],
     ) -> None:
-        """Take known motion as what was answered to whole chunks of audio codes: how a prompt with a past begins."""
+        """Take whole chunks of audio codes and their known motion as the past, for a prompt that begins with one."""
 
     def forward(self, x: Int[Tensor, "b f l"]) -> Int[Tensor, "b n p q"]:
         """A whole clip: one step from a fresh state, seed 0."""
@@ -127,7 +127,7 @@ class InterleavedStream(GeneratorStream[RingState]):
         self._slots = self._order.lookback + self._order.audio_per_chunk
 
     def init_state(self, rows: int) -> RingState:
-        """A state in which nothing was heard yet."""
+        """A fresh state."""
         zero = torch.zeros(rows, dtype=torch.int64, device=self._decoder.device)
         return RingState(self._decoder.rings(rows, self._slots), zero, zero.clone())
 
@@ -204,7 +204,7 @@ class HistoryState(StreamState):
 class PrefixStream(GeneratorStream[HistoryState]):
     """The paper's window: every step reads up to 4 s of audio and the motion before the new step, then decodes.
 
-    Where the config has an `opening`, it stands in the window for what was not heard yet; else the window grows.
+    Where the config has an `opening`, it fills the part of the window that was not heard yet; else the window grows.
     """
 
     def __init__(self, generator: Generator, precision: Precision = "float32") -> None:
@@ -213,7 +213,7 @@ class PrefixStream(GeneratorStream[HistoryState]):
         self._order = generator.config.order
 
     def init_state(self, rows: int) -> HistoryState:
-        """A state in which nothing was heard yet."""
+        """A fresh state."""
         device, tokens, layout = self._decoder.device, self.config.window_tokens, self.layout
 
         def zeros(*shape: int) -> Tensor:
@@ -261,7 +261,7 @@ class PrefixStream(GeneratorStream[HistoryState]):
         state: HistoryState,
         active: Bool[Tensor, " b"],
     ) -> None:
-        """See `GeneratorStream.prime`: the history takes it in."""
+        """See `GeneratorStream.prime`."""
         for past, new in ((state.audio, x), (state.motion, motion)):
             write_rows(past, torch.cat([past, new.long()], dim=1)[:, new.shape[1] :], active)
         write_rows(state.chunks, state.chunks + x.shape[1] // self.config.audio_frames, active)

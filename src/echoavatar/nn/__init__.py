@@ -1,7 +1,8 @@
 """Building blocks of the networks: the streaming contract and causal attention. May import `checkpoint` and below."""
 
 from .attention import AttentionState, CausalAttention, lookback_mask
-from .blocks import CausalBlock, Mlp
+from .blocks import CausalBlock, FullBlock, Mlp
+from .checkpointed import Checkpointed
 from .convolution import CausalConvBlock
 from .rotary import rotary
 from .stream import StateT, StreamingModule, StreamState, write_rows
@@ -11,6 +12,8 @@ __all__ = [
     "CausalAttention",
     "CausalBlock",
     "CausalConvBlock",
+    "Checkpointed",
+    "FullBlock",
     "Mlp",
     "StateT",
     "StreamState",

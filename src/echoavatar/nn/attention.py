@@ -1,7 +1,7 @@
 """Attention that sees itself and a fixed number of past frames (paper, Motion Tokenizer: causal mask, look-back p).
 
-Rotary positions (rotate-half layout, base 10000) make the result depend on distances only, so a ring of the last
-keys and values is all the past a stream needs, and positions may be counted from the oldest of them.
+Rotary positions (rotate-half layout, base 10000) make the result depend on distances only. So a stream needs only
+the last keys and values, and may count positions from the oldest of them.
 """
 
 from dataclasses import dataclass

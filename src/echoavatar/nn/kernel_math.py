@@ -6,7 +6,9 @@ from .kernels import kernel
 
 F = np.float32
 ZERO, HALF, ONE = F(0.0), F(0.5), F(1.0)
-NOTHING = F(1e-30)  # smaller shares become 0: products with them would be denormal numbers, which are very slow
+NOTHING = F(
+    1e-30
+)  # smaller shares become 0: products with them would be denormal numbers, which are very slow
 
 
 @kernel(reorders=True)
@@ -22,13 +24,13 @@ def exponential(x):  # type: ignore[no-untyped-def]
 
 @kernel(reorders=True)
 def silu(x):  # type: ignore[no-untyped-def]
-    """x times its sigmoid."""
+    """X times its sigmoid."""
     return x / (ONE + exponential(-x))
 
 
 @kernel(reorders=True)
 def gelu(x):  # type: ignore[no-untyped-def]
-    """x times the normal distribution function of x; the error function is Abramowitz and Stegun 7.1.26 (to 2e-7)."""
+    """X times the normal distribution function of x; the error function is Abramowitz and Stegun 7.1.26 (to 2e-7)."""
     z = abs(x) * F(0.7071067812)
     t = ONE / (ONE + F(0.3275911) * z)
     p = t * (
