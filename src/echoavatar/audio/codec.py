@@ -144,7 +144,8 @@ def nearest_codes(vectors: Float[Tensor, "b n c"], book: Float[Tensor, "k c"]) -
     """Index of the nearest row of `book`.
 
     In |x|^2 - 2xe + |e|^2 the small differences between similar rows are lost against the large common part, so both
-    sides are centred on the mean of the book first (and `AudioCodec` calls this in float64, where chunked and offline agree).
+    sides are centred on the mean of the book first. `AudioCodec` calls this in float64, where chunked and offline
+    agree.
     """
     centre = book.mean(0)
     rows = book - centre

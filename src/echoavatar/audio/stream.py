@@ -1,8 +1,8 @@
 """The exact streaming form of EnCodec's networks: each convolution keeps its left context, the LSTM its state.
 
 Offline, EnCodec pads the input of each convolution on the left; in a stream the padding is needed only
-before a row's first chunk; later chunks follow what the previous one left behind. Encoder chunks are multiples of 320 samples,
-so the strides always start in phase.
+before a row's first chunk; later chunks follow what the previous one left behind. Encoder chunks are multiples of 320
+samples, so the strides always start in phase.
 
 May import `nn` and below.
 """

@@ -98,7 +98,7 @@ class CodecStage(Stage[Sounds]):
 
     @torch.no_grad()
     def before(self, batch: Sounds, step: int) -> None:
-        """Initialise the codebooks by k-means over the latents of many batches; one batch has fewer vectors than a codebook."""
+        """K-means over the latents of many batches, because one batch has fewer vectors than a codebook."""
         if step < self.config.unquantized or self.quantizer.is_ready:
             return
         vectors = []

@@ -76,7 +76,7 @@ class ChunkConvolution(nn.Module):
         return y
 
     def _kernels(self) -> Float[Tensor, "c w 8"]:
-        """Each channel's kernel as a matrix from a window to its chunk; one product is faster than sliding the kernel."""
+        """Each channel's kernel as a matrix from a window to its chunk: a product is faster than a convolution."""
         before = CHUNK_FRAMES - 1  # the tap of place j for frame t is j - t
         taps = F.pad(self.mix.weight[:, 0], (before, before - self.ahead))
         return taps.unfold(1, CHUNK_FRAMES, 1).flip(-1)

@@ -1,8 +1,8 @@
 """Takes of Live Link Face (Epic's iPhone app; how the paper's data was captured): a CSV per take, its sound beside it.
 
 Columns go by name, in any order. Rows are placed by their timecode (`hh:mm:ss:ff.thousandths`, ff counting 1/60 or
-1/30 s), so dropped frames do no harm, and are resampled to 30 frames per second. Paper: "60fps using LiveLinkFace, downsampled to
-30fps".
+1/30 s), so dropped frames do no harm, and are resampled to 30 frames per second. Paper: "60fps using LiveLinkFace,
+downsampled to 30fps".
 """
 
 import csv

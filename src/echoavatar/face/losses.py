@@ -97,7 +97,7 @@ def flow_loss(
 
 
 def lip_error(seen: Float[Tensor, "n b t c"], curves: Float[Tensor, "b t c"]) -> Float[Tensor, ""]:
-    """Squared error of the gap between the lips (jaw less closure) in tenths of the jaw's range; closed lips weigh most."""
+    """Squared error of the gap between the lips, in tenths of the jaw's range; closed lips weigh most."""
     wanted = _apart(curves)
     weight = torch.where(wanted <= TOUCHING, 4.0, 1.0)
     return (weight * (_apart(seen) - wanted).square()).mean() * 100

@@ -66,7 +66,7 @@ class ExemplarControl(nn.Module):
 
 
 def segment_of(layout: TokenLayout) -> int:
-    """The segment of the motion grammar whose codes the set holds: the first layer of the upper body, or of the whole."""
+    """The segment whose codes the set holds: the first layer of the upper body, or of the whole body."""
     return min(UPPER, layout.parts - 1) * layout.motion_layers
 
 

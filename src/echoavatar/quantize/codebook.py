@@ -117,7 +117,7 @@ class Codebook(nn.Module):
     def settle(
         self, gather: Callable[[Tensor], Tensor], generator: torch.Generator | None = None
     ) -> Bool[Tensor, " k"] | None:
-        """`update` with everything kept by all processes (`gather`, in order of the batch); None if there is nothing."""
+        """`update` with everything kept by all processes (`gather`, in order of the batch); None without any."""
         if not self._kept:
             return None
         vectors, codes = (gather(torch.cat(parts)) for parts in zip(*self._kept, strict=True))

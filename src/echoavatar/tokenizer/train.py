@@ -87,7 +87,7 @@ class TokenizerStage(Stage[Windows]):
 
     @torch.no_grad()
     def before(self, batch: Windows, step: int) -> None:
-        """Initialise the codebooks from many latents: of several batches after a start as an auto-encoder, else of one."""
+        """Initialise the codebooks: from several batches after a start as an auto-encoder, else from one."""
         if step < self.config.quantize_from or self._is_ready():
             return
         noise = self.config.noise(step, _STARTING)
