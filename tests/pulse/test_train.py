@@ -6,7 +6,7 @@ import torch
 from tests.pulse.tiny import CONFIG, clicks
 
 from echoavatar.audio import LevelControl
-from echoavatar.pulse.lesson import brake_curve
+from echoavatar.pulse.targets import brake_curve
 from echoavatar.pulse.recipe import PulseTraining
 from echoavatar.pulse.train import train_pulse
 

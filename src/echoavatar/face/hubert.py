@@ -1,7 +1,7 @@
 """Multilingual HuBERT as the face model's audio encoder (paper): 63 frames of sound, encoded anew for every chunk.
 
-The only module of this room that imports transformers. The published weights come from a folder or the local
-model cache, never from the network. Follows the release in how the window is cut, normalised and spread over frames (see `window`).
+The only module here that imports transformers. The published weights come from a folder or the local model cache,
+never from the network. Follows the release in how the window is cut, normalised and spread over frames (see `window`).
 """
 
 from dataclasses import dataclass
