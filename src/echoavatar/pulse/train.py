@@ -9,9 +9,9 @@ import torch.nn.functional as F
 from ..data import Clip
 from ..training import Loss, Progress, Stage, train
 from .config import PulseConfig
-from .targets import PulseBatch, PulseSampler
 from .model import PulseModel
 from .recipe import PulseTraining
+from .targets import PulseBatch, PulseSampler
 
 
 class PulseStage(Stage[PulseBatch]):
