@@ -1,4 +1,4 @@
-"""The bench of captured steps runs plainly on a CPU, and says what it cannot do."""
+"""The bench of the live step runs plainly on a CPU."""
 
 import pytest
 import torch
@@ -6,7 +6,7 @@ from scripts.synthetic_release import make
 from tests.reference.conftest import bundle_of
 
 from echoavatar.cli import main
-from echoavatar.errors import CheckpointError, EchoAvatarError
+from echoavatar.errors import EchoAvatarError
 from echoavatar.evaluation.graph_bench import bench_graphs
 from echoavatar.pipeline import load_bundle
 
@@ -15,24 +15,21 @@ def test_every_stage_is_timed(tmp_path, capsys):
     folder = bundle_of(make(tmp_path / "release", "small"), tmp_path / "bundle")
     report = bench_graphs(load_bundle(folder), device="cpu", chunks=3)
     assert set(report.stages_ms) == {"encoder", "generator", "decoder", "rig", "total"}
-    parts = sum(report.stages_ms[stage][0] for stage in ("encoder", "generator", "decoder", "rig"))
-    assert parts <= 1.5 * report.stages_ms["total"][0]
+    assert all(times[0] > 0 for times in report.stages_ms.values())
     assert not report.is_captured
     assert report.chunk_ms == pytest.approx(266.7, abs=0.1)
     assert main(["bench", "graphs", "--model", str(folder), "--device", "cpu", "--chunks", "2"]) == 0
     assert "not captured" in capsys.readouterr().out
 
 
-def test_what_it_cannot_time_is_said(tiny_bundle):
-    with pytest.raises(CheckpointError, match="no imported bundle"):
-        bench_graphs(load_bundle(tiny_bundle), device="cpu", chunks=1)
+def test_a_missing_gpu_is_said(tiny_bundle):
     if not torch.cuda.is_available():
         with pytest.raises(EchoAvatarError, match="--device cpu"):
             bench_graphs(load_bundle(tiny_bundle), chunks=1)
 
 
 @pytest.mark.gpu
-def test_captured_stages_run(tmp_path):
+def test_the_captured_step_runs(tmp_path):
     folder = bundle_of(make(tmp_path / "release", "small"), tmp_path / "bundle")
     report = bench_graphs(load_bundle(folder), chunks=10)
     assert report.is_captured

@@ -5,8 +5,8 @@ from echoavatar.face.attention import (
     RingAttention,
     RotaryVectorAttention,
     SinusoidAttention,
+    rotate_pairs,
     sinusoids,
-    turn_pairs,
 )
 
 
@@ -42,9 +42,9 @@ def test_the_ring_is_a_naive_loop_over_the_last_frames():
     torch.testing.assert_close(attention(x())[0], torch.stack(rows))
 
 
-def test_turning_keeps_lengths_and_tells_positions_from_the_start():
-    turned = turn_pairs(x(), 0)
-    torch.testing.assert_close(turned.norm(dim=-1), x().norm(dim=-1))
-    torch.testing.assert_close(turned[:, 0], x()[:, 0])
-    torch.testing.assert_close(turn_pairs(x()[:, 4:], 4), turned[:, 4:])
+def test_rotation_keeps_lengths_and_tells_positions_from_the_start():
+    rotated = rotate_pairs(x(), 0)
+    torch.testing.assert_close(rotated.norm(dim=-1), x().norm(dim=-1))
+    torch.testing.assert_close(rotated[:, 0], x()[:, 0])
+    torch.testing.assert_close(rotate_pairs(x()[:, 4:], 4), rotated[:, 4:])
     torch.testing.assert_close(sinusoids(x()[:, 4:], 4), sinusoids(x(), 0)[4:])

@@ -10,7 +10,7 @@ from safetensors.torch import load_file
 
 from echoavatar.checkpoint import load_into
 from echoavatar.face import FaceModel, FaceStream, HubertConfig, paper_face
-from echoavatar.face.attention import sinusoids, turn_pairs
+from echoavatar.face.attention import rotate_pairs, sinusoids
 from echoavatar.face.flow import euler_levels
 from echoavatar.face.hubert import normalize_window, pad_window
 from echoavatar.face.reference import from_reference
@@ -64,7 +64,7 @@ def test_time_and_head(model, parts):
 @torch.no_grad()
 def test_block_and_its_parts(model, parts):
     x, block = parts["blk_x"], model.gpt.blocks[0]
-    near(turn_pairs(x, 0), parts["rope_out"])
+    near(rotate_pairs(x, 0), parts["rope_out"])
     near(x + sinusoids(x, 0), parts["pe_out"])
     near(block.attn1(x), parts["selfattn_rope_out"])
     near(block.attn2(x), parts["selfattn_pos_out"])

@@ -1,11 +1,9 @@
 """A face model of a few hundred weights, and its stream as the laws want it."""
 
 import numpy as np
-import pytest
 import torch
 
 from echoavatar.face import ARKIT_NAMES, FaceConfig, FaceModel, FaceState, FaceStream, MelConfig
-from echoavatar.face.attention import Attention, RingAttention
 from echoavatar.face.clip import FaceClip
 from echoavatar.timing import CHUNK_SAMPLES
 
@@ -34,19 +32,6 @@ def make(config: FaceConfig = CONFIG) -> FaceModel:
     model.mean.fill_(0.5)
     model.std.fill_(0.1)
     return model
-
-
-FLIPPED = 1e-4  # what is left of agreement when a key or value is rounded the other way now and then
-
-
-def as_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let the model as a whole see keys and values as a ring keeps them, rounded to half precision."""
-
-    def project(self: Attention, x: torch.Tensor, at: int) -> tuple[torch.Tensor, torch.Tensor]:
-        queries, kept = Attention.project(self, x, at)
-        return queries, kept.half().to(kept)
-
-    monkeypatch.setattr(RingAttention, "project", project)
 
 
 class Seeded:

@@ -2,8 +2,10 @@
 
 import pytest
 import torch
-from tests.generator.tiny import LAYOUT, generator
+from tests.generator.tiny import LAYOUT, audio, generator
+from tests.nn.traced import trace
 
+from echoavatar.generator import open_stream
 from echoavatar.generator.decoder import Decoder
 
 
@@ -26,3 +28,28 @@ def test_reading_in_any_parts_gives_the_logits_of_the_model(cuts):
         torch.testing.assert_close(
             decoder.logits(hidden, segment), expected[segment, :, 0], atol=1e-4, rtol=1e-4
         )
+
+
+@pytest.mark.parametrize("sequence", ["interleaved", "prefix"])
+@pytest.mark.parametrize("is_steered", [False, True])
+def test_the_captured_step_draws_the_codes_of_plain_calls(sequence, is_steered):
+    """Five chunks, in which rows pause; what stands for the CUDA graph is the recorded operations (see `trace`)."""
+    model = generator(sequence=sequence, exemplar=True, temperature=0.7, top_p=0.9)
+    streams = [open_stream(model) for _ in range(2)]
+    states = [stream.init_state(2) for stream in streams]
+    for stream in streams:
+        stream._decoder._compiled = None
+    streams[1]._decoder._graphs._capture = trace
+    members = torch.zeros(2, 8)
+    members[:, [1, 5]] = 1
+    directive = {"exemplar": members, "bias": 3 * members} if is_steered else {}
+    for index, chunk in enumerate(audio(2, 100).split(20, 1)):
+        active = torch.tensor([index != 2, index != 3])
+        plain, captured = (
+            stream.step(chunk, state, active, seeds=torch.tensor([3, 4]), **directive)
+            for stream, state in zip(streams, states, strict=True)
+        )
+        assert torch.equal(captured[active], plain[active])
+    assert len(streams[1]._decoder._graphs._graphs) > 0
+    for one, other in zip(*(state.tensors() for state in states), strict=True):
+        assert torch.equal(one, other)

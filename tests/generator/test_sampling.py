@@ -2,7 +2,7 @@
 
 import torch
 
-from echoavatar.generator.sampling import Sampler, gumbel_noise, mix, nucleus, uniform_noise
+from echoavatar.generator.sampling import gumbel_noise, make_sampler, mix, nucleus, uniform_noise
 
 
 def noise(seed, start, count=4, codes=512):
@@ -37,7 +37,7 @@ def test_noise_is_uniform_and_seeds_are_unrelated():
 def draws(logits, count=20_000, temperature=1.0, top_p=1.0):
     rows = len(logits)
     gumbel = -torch.log(-torch.log(noise(3, 0, count=count, codes=rows))).float()
-    sampler = Sampler(gumbel[:, None], torch.full((count,), temperature), torch.full((count,), top_p))
+    sampler = make_sampler(gumbel[:, None], torch.full((count,), temperature), torch.full((count,), top_p))
     drawn = sampler.draw(logits.expand(count, -1), 0)
     return torch.bincount(drawn, minlength=rows) / count
 
@@ -64,7 +64,7 @@ def test_finer_layers_are_drawn_cooler() -> None:
     rows = 4000
     noise = gumbel_noise(torch.arange(rows), torch.zeros(rows, dtype=torch.int64), count=2, codes=2)
     one = torch.ones(rows)
-    sampler = Sampler(noise, one, one, layers=2, cooling=0.5)
+    sampler = make_sampler(noise, one, one, layers=2, cooling=0.5)
     logits = torch.tensor([[0.0, 1.0]]).expand(rows, 2)
     coarse, fine = (sampler.draw(logits, position).float().mean() for position in (0, 1))
     assert abs(coarse - 0.731) < 0.03

@@ -2,8 +2,7 @@ import pytest
 import torch
 from tests.laws import streaming
 
-from echoavatar.nn import CausalAttention, lookback_mask, rotary
-from echoavatar.nn.attention import rotary_table
+from echoavatar.nn import CausalAttention, lookback_mask
 
 
 def frames(rows: int, length: int, generator: torch.Generator) -> torch.Tensor:
@@ -52,21 +51,12 @@ def test_attention_matches_a_naive_loop(attention):
 
 
 def test_clips_longer_than_the_table_go_the_same_way(attention):
-    """Beyond 96 positions angles and mask are computed: the last frames of 130 equal a stream of single chunks."""
+    """Beyond 96 positions phases and mask are computed: the last frames of 130 equal a stream of single chunks."""
     x = frames(1, 130, torch.Generator().manual_seed(3))
     state = attention.init_state(1)
     streamed = torch.cat([attention.step(p, state, torch.tensor([True])) for p in x.split(10, 1)], 1)
     torch.testing.assert_close(streamed, attention(x), atol=1e-5, rtol=0)
     torch.testing.assert_close(attention.step(x, attention.init_state(1), torch.tensor([True])), attention(x))
-
-
-def test_rotary_scores_depend_on_distance_only():
-    table = rotary_table(50, 8)
-    q, k = torch.randn(2, 8, dtype=torch.double, generator=torch.Generator().manual_seed(0))
-    score = [
-        rotary(q[None], table[:, i : i + 1]) @ rotary(k[None], table[:, i - 3 : i - 2]).T for i in (3, 40)
-    ]
-    torch.testing.assert_close(score[0], score[1])
 
 
 def test_lookback_mask_by_hand():

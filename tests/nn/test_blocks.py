@@ -1,7 +1,7 @@
 import torch
 from tests.laws import streaming
 
-from echoavatar.nn import CausalBlock, Mlp
+from echoavatar.nn import CausalBlock, FullBlock, Mlp
 
 
 def frames(rows: int, length: int, generator: torch.Generator) -> torch.Tensor:
@@ -31,3 +31,15 @@ def test_mlp_uses_the_exact_gelu():
         torch.nn.init.ones_(layer.weight)
         torch.nn.init.zeros_(layer.bias)
     torch.testing.assert_close(mlp(torch.ones(1, 1, dtype=torch.double)).item(), 0.841345, atol=1e-6, rtol=0)
+
+
+@torch.no_grad()
+def test_a_full_block_is_a_causal_one_that_looks_both_ways():
+    """The same weights under a mask that hides nothing, and the last frame of a causal block that sees everything."""
+    torch.manual_seed(0)
+    causal, full = CausalBlock(width=16, heads=2, lookback=9).double(), FullBlock(width=16, heads=2).double()
+    full.load_state_dict({key.removeprefix("attn."): value for key, value in causal.state_dict().items()})
+    x = torch.randn(2, 9, 16, generator=torch.Generator().manual_seed(4), dtype=torch.double)
+    mixed = x + causal.attn.attend_all(causal.norm1(x), torch.ones(9, 9, dtype=torch.bool))
+    torch.testing.assert_close(full(x), mixed + causal.mlp(causal.norm2(mixed)), atol=1e-6, rtol=1e-6)
+    torch.testing.assert_close(full(x)[:, -1], causal(x)[:, -1], atol=1e-6, rtol=1e-6)

@@ -6,8 +6,8 @@ import torch
 from tests.pulse.tiny import CONFIG, clicks
 
 from echoavatar.audio import LevelControl
-from echoavatar.pulse.lesson import brake_curve
 from echoavatar.pulse.recipe import PulseTraining
+from echoavatar.pulse.targets import brake_curve
 from echoavatar.pulse.train import train_pulse
 
 QUICK = PulseTraining(steps=60, batch=8, frames=64, warmup=5, learning_rate=5e-3, save_every=20)

@@ -1,25 +1,17 @@
 import pytest
 import torch
-from tests.tokenizer.fixtures import dance, small_body
+from tests.tokenizer.fixtures import dance, small_config
 
 from echoavatar.kinematics import HUMANOID
-from echoavatar.tokenizer import clip_features, measure
+from echoavatar.tokenizer import BodyTokenizer, clip_features, measure
 
 
-class Perfect:
+class Perfect(BodyTokenizer):
     """A tokenizer that keeps everything but lifts the root and slides it."""
 
     def __init__(self, lift: float = 0.0, slide: float = 0.0) -> None:
-        body = small_body()
+        super().__init__(small_config())
         self.lift, self.slide = lift, slide
-        self.skeleton, self.config, self.parts, self.mean = body.skeleton, body.config, body.parts, body.mean
-        self.training = False
-
-    def eval(self) -> None:
-        pass
-
-    def train(self, mode: bool) -> None:
-        pass
 
     def encode(self, features: torch.Tensor, patience: float = 0.0) -> torch.Tensor:
         self.features = features

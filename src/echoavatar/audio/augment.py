@@ -1,4 +1,4 @@
-"""Augmentation of training sound: a small codec must carry over to voices, music and rooms it never heard.
+"""Augmentation of training sound: a small codec must generalise to voices, music and rooms that are not in its data.
 
 Two kinds. What changes the source (pitch, level) changes the target too; what changes the channel (equaliser, room,
 band limit, noise) may be kept from the target, so that the codes learn to look through it.
@@ -19,7 +19,7 @@ _FFT = 65_536
 
 
 class Pair(NamedTuple):
-    """What the encoder hears and what the decoder should say."""
+    """Input of the encoder and target of the decoder."""
 
     heard: FloatArray
     target: FloatArray
@@ -71,7 +71,7 @@ def _channel(rng: np.random.Generator, source: FloatArray) -> FloatArray:
 
 
 def _equaliser(rng: np.random.Generator, frequency: FloatArray) -> FloatArray:
-    """A tilt and three bells of up to 9 dB: rooms, microphones, and other mouths."""
+    """A tilt and three bells of up to 9 dB: rooms, microphones, other speakers."""
     octave = np.log2(np.maximum(frequency, 20) / 1_000)
     gain_db = rng.normal(0, 1.5) * octave
     for _ in range(3):

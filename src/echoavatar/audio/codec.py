@@ -13,23 +13,24 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 from torch.nn.utils import parametrize
 
-from .. import checkpoint
 from ..errors import CheckpointError
-from ..nn import StreamingModule
+from ..nn import Checkpointed, StreamingModule
 from ..timing import SAMPLE_RATE_HZ, SAMPLES_PER_AUDIO_TOKEN
 from .config import CODE_LAYERS, CodecConfig
 from .stream import NetworkState, advance, init_network_state, shortest_start
 
-_BLOCK_SAMPLES = 60 * SAMPLE_RATE_HZ  # what `encode` works on at a time, to bound its memory
+_BLOCK_SAMPLES = 60 * SAMPLE_RATE_HZ  # `encode` works on pieces of this length, to bound its memory
 
 
-class AudioCodec(StreamingModule[NetworkState]):
+class AudioCodec(Checkpointed, StreamingModule[NetworkState]):
     """Encoder, two codebooks, decoder.
 
-    `encode` is one step from a fresh state. Departs from transformers in a ragged end: the audio is filled up with
-    zeros to a whole frame, once, instead of at every layer.
+    `encode` is one step from a fresh state. Departs from transformers at the end of a clip: the audio is padded
+    with zeros to a whole frame once, instead of at every layer.
     """
 
+    config_type = CodecConfig
+    config: CodecConfig
     codebooks: Tensor
 
     def __init__(self, config: CodecConfig) -> None:
@@ -43,17 +44,6 @@ class AudioCodec(StreamingModule[NetworkState]):
         self.decoder: nn.Module = network.decoder
         self.register_buffer("codebooks", torch.zeros(CODE_LAYERS, config.codes, config.width))
         self._shortest_start = shortest_start(self.encoder, config.padding)
-
-    @classmethod
-    def load(cls, folder: Path) -> Self:
-        """Read a checkpoint folder.
-
-        Raises:
-            CheckpointError: something is missing or does not fit.
-        """
-        codec = cls(checkpoint.read_config(folder, CodecConfig))
-        checkpoint.load_into(codec, checkpoint.read_weights(folder), origin=str(folder))
-        return codec.eval()
 
     @classmethod
     def from_pretrained_encodec(cls, path_or_name: str | Path = "facebook/encodec_24khz") -> Self:
@@ -80,7 +70,7 @@ class AudioCodec(StreamingModule[NetworkState]):
         return codec.eval()
 
     def init_state(self, rows: int) -> NetworkState:
-        """A state in which no row has heard anything."""
+        """A fresh state."""
         return init_network_state(self.encoder, rows)
 
     @torch.no_grad()
@@ -153,8 +143,9 @@ class AudioCodec(StreamingModule[NetworkState]):
 def nearest_codes(vectors: Float[Tensor, "b n c"], book: Float[Tensor, "k c"]) -> Int[Tensor, "b n"]:
     """Index of the nearest row of `book`.
 
-    |x|^2 - 2xe + |e|^2 loses the small differences of near rows to the large common part; so both sides are
-    centred on the book's mean first (and `AudioCodec` calls this in float64, where chunked and offline agree).
+    In |x|^2 - 2xe + |e|^2 the small differences between similar rows are lost against the large common part, so both
+    sides are centred on the mean of the book first. `AudioCodec` calls this in float64, where chunked and offline
+    agree.
     """
     centre = book.mean(0)
     rows = book - centre

@@ -1,8 +1,8 @@
-"""Streaming level control: a quiet microphone still moves the avatar, silence stays silence, nothing clips.
+"""Streaming level control: quiet sound is lifted, silence stays silent, nothing clips.
 
-Not in the paper. A gain that follows the loudest sound of late (so that the dynamics of music survive), a gate for
-pauses, a soft limiter. Decided once per block of 160 samples, from that block and earlier ones; all running sums are
-sums of whole numbers, so that any chunking gives the same bits.
+Not in the paper. A gain that follows the loudest recent sound (so that the dynamics of music survive), a gate for
+pauses, and a soft limiter. The gain is decided once per block of 160 samples, from that block and earlier ones. All
+running sums are sums of integers, so any chunking gives the same bits.
 
 May import `nn`, `timing` and `errors`.
 """
@@ -22,10 +22,10 @@ LEVEL_BLOCK_SAMPLES = math.gcd(SAMPLES_PER_FRAME, SAMPLES_PER_AUDIO_TOKEN)  # 16
 _WINDOW = 64  # blocks of the loudness window, 0.43 s
 _PIECE = 60 * SAMPLE_RATE_HZ
 
-_TARGET_DB = -21.0  # RMS of the loudest 0.43 s of late
+_TARGET_DB = -21.0  # RMS of the loudest recent 0.43 s
 _GAIN_DB = (-30.0, 36.0)
-_DECAY_DB = 5 / 1024  # per active block: 0.73 dB per second until a soft passage counts as the new loudness
-_FLOOR_RISE_DB = 20 / 1024  # per block: 2.9 dB per second until a steady noise counts as the floor
+_DECAY_DB = 5 / 1024  # per active block: 0.73 dB per second until a soft passage becomes the new loudness
+_FLOOR_RISE_DB = 20 / 1024  # per block: 2.9 dB per second until a steady noise becomes the floor
 _FAINTEST_DB = -60.0  # never lifted below this
 _SURELY_SOUND_DB = -40.0  # always sound above this
 _ABOVE_FLOOR_DB = 8.0  # in between: sound if this far over the noise floor
@@ -38,7 +38,7 @@ _RESOLUTION = 2.0**18  # samples are measured (not altered) in whole steps of th
 
 @dataclass
 class LevelState(StreamState):
-    """Zero is a row that has heard nothing."""
+    """All zero: nothing was heard yet."""
 
     seen: Int[Tensor, " b"]  # blocks
     heard: Int[Tensor, " b"]  # blocks that held sound
@@ -50,7 +50,7 @@ class LevelState(StreamState):
 
 
 class LevelControl(StreamingModule[LevelState]):
-    """Has no weights and no settings: what codes mean depends on it."""
+    """It has no weights and no settings, because the meaning of the codes depends on it."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -60,7 +60,7 @@ class LevelControl(StreamingModule[LevelState]):
     ramp: Tensor
 
     def init_state(self, rows: int) -> LevelState:
-        """A state in which no row has heard anything."""
+        """A fresh state."""
         count = torch.zeros(rows, dtype=torch.int64, device=self.ramp.device)
         value = self.ramp.new_zeros(rows, dtype=torch.float64)
         energies = count.new_zeros(rows, _WINDOW - 1)
@@ -137,7 +137,7 @@ class LevelControl(StreamingModule[LevelState]):
 
 
 def _level_db(energy: Int[Tensor, "b k"], blocks: Tensor | int) -> Float[Tensor, "b k"]:
-    """RMS in dBFS of so many blocks, in whole steps of 1/1024 dB, at least -100."""
+    """RMS in dBFS over this many blocks, in integer steps of 1/1024 dB, at least -100."""
     power = energy.double() / (blocks * LEVEL_BLOCK_SAMPLES * _RESOLUTION**2)
     return (10 * torch.log10(power.clamp_min(1e-10)) * 1024).round() / 1024
 

@@ -1,4 +1,4 @@
-"""What the small codec is trained on: mel spectra at several scales, the waveform, and a direct look at the codes.
+"""Losses of the small codec: mel spectra at several scales, the waveform, and a readout of the codes.
 
 May import `mel` and `timing`.
 """
@@ -20,8 +20,8 @@ _PROBE_BANDS = 64
 class SpectrumProbe(nn.Module):
     """Reads log-mel spectra off the quantised latents; used in training only.
 
-    The straightest way to make the codes carry what a listener's body needs (onsets, loudness, timbre, pitch
-    region), and much cheaper than the decoder. Not in EnCodec, whose training has an adversary in its place.
+    It makes the codes carry what motion depends on (onsets, loudness, timbre, pitch region) and is much cheaper than
+    the decoder. EnCodec has an adversary in its place.
     """
 
     def __init__(self, *, width: int, hidden: int = 192) -> None:
@@ -39,7 +39,7 @@ class SpectrumProbe(nn.Module):
         return out.reshape(len(latents), -1, _PROBE_BANDS)  # type: ignore[no-any-return]
 
     def target(self, audio: Float[Tensor, "b s"]) -> Float[Tensor, "b t m"]:
-        """What it should predict, t = 4 s / 320."""
+        """The target of `forward`, t = 4 s / 320."""
         hop = exact_div(SAMPLES_PER_AUDIO_TOKEN, _PROBE_STEPS)
         return log_mel(audio, fft=512, hop=hop, bands=_PROBE_BANDS)[:, :-1]
 

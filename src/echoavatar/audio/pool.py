@@ -1,4 +1,4 @@
-"""Where training sound comes from: groups of recordings held in memory, drawn from by weight.
+"""Training sound: groups of recordings in memory, drawn by weight.
 
 May import `io`, `timing` and `errors`.
 """
@@ -25,7 +25,7 @@ class AudioGroup(NamedTuple):
 
 
 class AudioPool:
-    """Draws pieces of sound at random, a pure function of the generator handed in."""
+    """Draws random pieces of sound; the generator given decides which."""
 
     def __init__(self, groups: Sequence[AudioGroup]) -> None:
         self.groups = tuple(group for group in groups if group.recordings)

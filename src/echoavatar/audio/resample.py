@@ -1,4 +1,4 @@
-"""Any rate, any channel count, any usual number format to 24 kHz mono float32, as a stream with exact length.
+"""Streaming conversion to 24 kHz mono float32 from any rate, channel count and number format, with exact length.
 
 May import `timing` and `errors` only.
 """
@@ -11,7 +11,7 @@ from ..errors import AudioError
 from ..timing import SAMPLE_RATE_HZ
 
 Mono = Float[np.ndarray, " s"]
-_LOUDEST = 64.0  # floats beyond this are integers that nobody scaled
+_LOUDEST = 64.0  # larger floats are integers that were not scaled
 
 
 def as_mono(samples: Shaped[np.ndarray, "..."], *, position: int = 0, rate: int = SAMPLE_RATE_HZ) -> Mono:
@@ -58,8 +58,8 @@ def _scaled(samples: Shaped[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
 class StreamResampler:
     """Pieces of sound in, 24 kHz mono out.
 
-    After `flush`, exactly round(samples in * 24000 / rate) samples have come out. The filter's delay (some
-    milliseconds) shows in when they come, not in their time: output sample 0 is input time 0.
+    After `flush`, exactly round(samples in * 24000 / rate) samples have come out. The filter delays the
+    output by some milliseconds but does not shift it: output sample 0 is input time 0.
     """
 
     def __init__(self, rate: int) -> None:
@@ -74,7 +74,7 @@ class StreamResampler:
         )
 
     def push(self, samples: Shaped[np.ndarray, "..."]) -> Mono:
-        """What is ready after these samples: (s,) or (s, channels), see `as_mono`.
+        """The output that is ready after these samples: (s,) or (s, channels), see `as_mono`.
 
         Raises:
             AudioError: the samples cannot be used, or the stream was flushed.
@@ -86,7 +86,7 @@ class StreamResampler:
         return self._count(mono if self._soxr is None else self._run(mono, last=False))
 
     def flush(self) -> Mono:
-        """The rest; nothing can be pushed afterwards."""
+        """The rest of the output; nothing can be pushed afterwards."""
         if self._is_flushed:
             return np.zeros(0, np.float32)
         self._is_flushed = True
@@ -97,7 +97,7 @@ class StreamResampler:
         rest = np.pad(rest, (0, max(0, due - len(rest))))[: max(0, due)]
         return self._count(rest)
 
-    def _run(self, mono: Mono, *, last: bool) -> Mono:
+    def _run(self, mono: Mono, *, last: bool) -> Float[np.ndarray, " k"]:
         assert self._soxr is not None
         return np.asarray(self._soxr.resample_chunk(mono, last=last), np.float32)
 

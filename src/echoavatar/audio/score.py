@@ -1,4 +1,4 @@
-"""How good a codec is on given sound: reconstruction beside a silence baseline, and use of the codebooks.
+"""Scores of a codec: reconstruction error beside that of silence, and use of the codebooks.
 
 May import the rest of the room, `quantize` and below.
 """
@@ -30,7 +30,7 @@ class CodecScore(Config):
 
 
 @torch.no_grad()
-def score_codec(codec: AudioCodec, recordings: Sequence[Float[np.ndarray, " s"]]) -> CodecScore:
+def score_codec(codec: AudioCodec, recordings: Sequence[Float[np.ndarray, " _"]]) -> CodecScore:
     """Pass recordings through level control, encoder and decoder, each from a fresh state."""
     level = LevelControl()
     distances, correlations, ratios, codes = [], [], [], []

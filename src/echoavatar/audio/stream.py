@@ -1,8 +1,8 @@
 """The exact streaming form of EnCodec's networks: each convolution keeps its left context, the LSTM its state.
 
-Offline, EnCodec pads the input of each convolution on the left; in a stream that padding is needed once per row,
-at its first chunk, and is what the last chunk left behind ever after. Encoder chunks are multiples of 320 samples,
-so the strides always start in phase.
+Offline, EnCodec pads the input of each convolution on the left; in a stream the padding is needed only
+before a row's first chunk; later chunks follow what the previous one left behind. Encoder chunks are multiples of 320
+samples, so the strides always start in phase.
 
 May import `nn` and below.
 """
@@ -28,7 +28,7 @@ class ConvolutionPast(StreamState):
 
 @dataclass
 class NetworkState(StreamState):
-    """What an encoder or decoder remembers; `seen` counts its inputs (0: a fresh row)."""
+    """The past of an encoder or decoder; `seen` counts its inputs (0: a fresh row)."""
 
     convolutions: list[ConvolutionPast]
     hidden: Float[Tensor, "b l c"]

@@ -1,7 +1,7 @@
 """Training of the small codec: draw, augment, encode, quantise, decode, compare.
 
-Every batch is a pure function of (seed, step), so a run that was stopped and resumed from its last checkpoint goes
-on as if nothing had happened. Float32 throughout: bfloat16 autocast makes these narrow convolutions slower on CPU.
+Every batch is a pure function of (seed, step), so a run that is stopped and resumed from its last checkpoint
+gives the same result. Float32 throughout: bfloat16 autocast makes these narrow convolutions slower on CPU.
 May import the rest of the room, `quantize`, `training` and below.
 """
 
@@ -53,7 +53,7 @@ class CodecTrainingConfig(TrainingConfig):
 
 
 class Sounds(NamedTuple):
-    """A batch: heard and wanted sound, and each row's place in the batch."""
+    """A batch: input and target sound, and each row's index in the batch."""
 
     heard: Float[Tensor, "b s"]
     target: Float[Tensor, "b s"]
@@ -61,7 +61,7 @@ class Sounds(NamedTuple):
 
 
 class CodecStage(Stage[Sounds]):
-    """Everything that learns, and the sound it learns."""
+    """The networks that are trained, and their data."""
 
     config: CodecTrainingConfig
 
@@ -85,7 +85,7 @@ class CodecStage(Stage[Sounds]):
         self.pool, self._card = pool, dict(card or {})
 
     def identity(self) -> dict[str, CodecConfig]:
-        """Sizes only: a run may be given more minutes on the way."""
+        """Sizes only: a resumed run may be given more minutes."""
         return {"codec": self.config.codec}
 
     def optimisers(self) -> list[torch.optim.Optimizer]:
@@ -98,7 +98,7 @@ class CodecStage(Stage[Sounds]):
 
     @torch.no_grad()
     def before(self, batch: Sounds, step: int) -> None:
-        """K-means over the latents of many batches: one batch has fewer vectors than a codebook."""
+        """K-means over the latents of many batches, because one batch has fewer vectors than a codebook."""
         if step < self.config.unquantized or self.quantizer.is_ready:
             return
         vectors = []
@@ -133,7 +133,7 @@ class CodecStage(Stage[Sounds]):
         return Loss(torch.stack(list(terms.values())).sum(), {"probe": terms["probe"], **told})
 
     def after(self, step: int, gather: Gather) -> None:
-        """The codebooks learn from what the whole batch chose."""
+        """The codebooks learn from the whole batch."""
         self.quantizer.settle(gather, self.config.noise(step, 1))
         for q, book in enumerate(self.quantizer.books()):
             self.codec.codebooks[q] = book.codebook
@@ -158,8 +158,8 @@ class CodecStage(Stage[Sounds]):
 def balance(codec: AudioCodec, *, seed: int) -> None:
     """Scale fresh weights so that every convolution answers noise at speaking level with unit variance.
 
-    At -23 dBFS the nonlinearities are all but linear, and a linear encoder cannot hear loudness. (EnCodec, trained
-    for weeks, finds this out by itself.)
+    At -23 dBFS the nonlinearities are almost linear, and a linear encoder cannot tell loudness. EnCodec learns this
+    in weeks of training; ours is trained for hours.
     """
     noise = torch.Generator().manual_seed(seed)
     x = 0.07 * torch.randn(2, 1, 48 * SAMPLES_PER_AUDIO_TOKEN, generator=noise)
@@ -175,7 +175,7 @@ def balance(codec: AudioCodec, *, seed: int) -> None:
 
 
 def make_batch(config: CodecTrainingConfig, pool: AudioPool, step: int) -> Sounds:
-    """Heard and wanted sound of one step."""
+    """Input and target sound of one step."""
     rng = np.random.default_rng([config.seed, step])
     samples = config.crop_frames * SAMPLES_PER_AUDIO_TOKEN
     pairs = []
@@ -197,7 +197,7 @@ def train_codec(
     trackers: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> AudioCodec:
-    """Train, or go on with what `folder` holds, until the steps or minutes are used up.
+    """Train, or continue the run in `folder`, until the steps or minutes are used up.
 
     `folder` gets the codec's checkpoint, `training.safetensors` (to go on) and `metrics.jsonl`.
 

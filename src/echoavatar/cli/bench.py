@@ -78,13 +78,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
     graphs = kinds.add_parser(
         "graphs",
-        help="an imported bundle's step, captured as CUDA graphs",
+        help="a bundle's live step on a GPU, its generator a captured CUDA graph",
         description=(
-            "Time encoder, generator, decoder and the rig's inverse kinematics of an imported bundle, beside the "
-            "paper's table. With --device cuda every model stage is one captured graph; on a CPU it is not."
+            "Time encoder, generator, decoder and rig of the live step, beside the paper's table. With --device cuda "
+            "the generator's step is a captured graph; on a CPU it is not."
         ),
     )
-    graphs.add_argument("--model", required=True, help="folder of the bundle (`echoavatar import reference`)")
+    graphs.add_argument("--model", required=True, help="bundle name or folder")
     graphs.add_argument("--device", default="cuda", help="cuda, or cpu to try it (default: %(default)s)")
     graphs.add_argument("--chunks", type=int, default=100, help="chunks to time (default: %(default)s)")
     train = kinds.add_parser(
@@ -187,7 +187,7 @@ def _graphs(args: argparse.Namespace) -> int:
     print(f"{'stage':<12}{'p50 ms':>10}{'p95 ms':>10}{'goal ms':>10}{'paper ms':>10}")
     for stage, (p50, p95) in report.stages_ms.items():
         print(f"{stage:<12}{p50:>10.2f}{p95:>10.2f}{GOALS_MS[stage]:>10.1f}{PAPER_MS[stage]:>10.1f}")
-    how = "captured graphs" if report.is_captured else "not captured: plain calls, not real time"
+    how = "captured as a graph" if report.is_captured else "not captured: plain calls, not real time"
     print(f"{report.device}, {how}; a chunk is {report.chunk_ms:.1f} ms of sound")
     print(json.dumps({stage: values[0] for stage, values in report.stages_ms.items()}))
     return 0

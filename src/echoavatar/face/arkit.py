@@ -1,8 +1,8 @@
-"""The 52 ARKit blendshapes: their names once, their orders, and maps to what other avatars understand.
+"""The 52 ARKit blendshapes: their names once, their orders, and maps to the schemas of other avatars.
 
 Paper, Facial Animation: "industry-standard Apple ARKit blendshape schema". The canonical order here is that of Live
 Link Face (with which the paper's data was captured): there the right side of jaw and mouth comes before the left.
-Apple's headers, the alphabet and MediaPipe order them otherwise, so curves never travel without their names.
+Apple's headers, the alphabet and MediaPipe order them otherwise, so curves are always stored with their names.
 
 All maps take curves (t, 52) in canonical order, 0 (rest) to 1 (full).
 """
@@ -49,7 +49,7 @@ OCULUS_NAMES = (
 
 Curves = Float[np.ndarray, "t 52"]
 _INDEX = {name: index for index, name in enumerate(ARKIT_NAMES)}
-_EYE_RADIANS = 0.6  # an eye turns so far at a curve of 1; measured on takes of Live Link Face
+_EYE_RADIANS = 0.6  # rotation of an eye at a curve of 1, measured on takes of Live Link Face
 
 # (jaw opening less closure, funnel, pucker, width, lower lip up or rolled, tongue or teeth showing)
 _OCULUS_MOUTHS: dict[str, tuple[float, float, float, float, float]] = {
@@ -74,7 +74,7 @@ def index_of(name: str) -> int:
 
 
 def assemble(channels: Mapping[str, Float[np.ndarray, " t"]], frames: int) -> Curves:
-    """Named channels (t,) as curves; what is not named rests at 0."""
+    """Named channels (t,) as curves; the others are 0."""
     curves = np.zeros((frames, len(ARKIT_NAMES)), np.float32)
     for name, values in channels.items():
         curves[:, index_of(name)] = values
@@ -84,10 +84,10 @@ def assemble(channels: Mapping[str, Float[np.ndarray, " t"]], frames: int) -> Cu
 def reorder(
     curves: Float[np.ndarray, "t n"], names: Sequence[str], wanted: Sequence[str] = ARKIT_NAMES
 ) -> Float[np.ndarray, "t m"]:
-    """From any order of names to the wanted one; names without a source rest at 0.
+    """Reorder columns; names without a source are 0.
 
     Raises:
-        MotionError: as many names as columns were not given, or a name comes twice.
+        MotionError: the numbers of names and columns differ, or a name comes twice.
     """
     if len(names) != curves.shape[1] or len(set(names)) != len(names):
         raise MotionError(
@@ -117,7 +117,7 @@ def to_vrm(curves: Curves) -> Float[np.ndarray, "t 12"]:
     """The VRM expressions `VRM_NAMES`: five vowels for avatars without more, blinks, directions of gaze; 0 to 1.
 
     An open mouth is shared out between aa, oh and ou by its roundness, and between aa, ee and ih by its width; the
-    sum of the vowels is bounded by 1, as blended vowel shapes would otherwise break the mesh.
+    sum of the vowels is at most 1, because blended vowel shapes would otherwise break the mesh.
     """
     opening, funnel, pucker, width, _ = _mouth(curves).T
     round_ = np.clip(funnel + pucker, 0, 1)
@@ -148,7 +148,7 @@ def to_vrm(curves: Curves) -> Float[np.ndarray, "t 12"]:
 
 
 def to_oculus(curves: Curves) -> Float[np.ndarray, "t 15"]:
-    """Weights of the Oculus visemes `OCULUS_NAMES`, at least 0, of sum 1: near mouths weigh more."""
+    """Weights of the Oculus visemes `OCULUS_NAMES`, at least 0, of sum 1, by similarity of the mouth shape."""
     mouths = np.array(list(_OCULUS_MOUTHS.values()), np.float32)
     distance = np.square(_mouth(curves)[:, None] - mouths).sum(-1)
     weight = np.exp(-distance / 0.015 + distance.min(axis=1, keepdims=True) / 0.015)
@@ -156,7 +156,7 @@ def to_oculus(curves: Curves) -> Float[np.ndarray, "t 15"]:
 
 
 def mouth_opening(curves: Curves) -> Float[np.ndarray, " t"]:
-    """How far the lips stand apart: the jaw's opening less what `mouthClose` takes back."""
+    """The gap between the lips: `jawOpen` less `mouthClose`."""
     apart = curves[:, _INDEX["jawOpen"]] - curves[:, _INDEX["mouthClose"]]
     return np.asarray(np.clip(apart, 0, 1))
 

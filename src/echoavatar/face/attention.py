@@ -1,6 +1,6 @@
 """Causal attention whose keys and values are kept while the frames of a chunk are generated one by one.
 
-Three ways to tell positions: a learned bias by distance (ours; the past can then be kept for ever, in a ring), and
+Three kinds of positions: a learned bias by distance (ours; the past can then be kept for ever, in a ring), and
 the two of the release, which need positions counted from the start of the window: rotary on the whole vector before
 the projection, and sinusoids added to it.
 """
@@ -10,7 +10,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
-BASE = 10_000.0
+from ..nn.rotary import rotary_phases
 
 
 class Attention(nn.Module):
@@ -54,12 +54,12 @@ class Attention(nn.Module):
 
 
 class RotaryVectorAttention(Attention):
-    """Queries and keys are projected from the turned vector, values from the plain one (release)."""
+    """Queries and keys are projected from the rotated vector, values from the unrotated one (release)."""
 
     def project(self, x: Float[Tensor, "r t c"], at: int) -> tuple[Tensor, Tensor]:
         """As in `Attention`, with positions."""
         weight, bias, width = self.qkv.weight, self.qkv.bias, self.width
-        qk = F.linear(turn_pairs(x, at), weight[: 2 * width], bias[: 2 * width])
+        qk = F.linear(rotate_pairs(x, at), weight[: 2 * width], bias[: 2 * width])
         v = F.linear(x, weight[2 * width :], bias[2 * width :])
         return qk[..., :width], torch.cat([qk[..., width:], v], -1)
 
@@ -93,20 +93,19 @@ class RingAttention(Attention):
         return self.attend(q, kv, mask=bias.masked_fill(~seen, -torch.inf)[None])
 
 
-def turn_pairs(x: Float[Tensor, "r t c"], at: int) -> Float[Tensor, "r t c"]:
-    """Turn neighbouring channels together by position * base^(-2j / c)."""
-    cos, sin = (part.to(x) for part in _angles(x.shape[1], x.shape[2], at))
+def rotate_pairs(x: Float[Tensor, "r t c"], at: int) -> Float[Tensor, "r t c"]:
+    """Rotate neighbouring channels together by the phases of their position."""
+    phases = _phases(x, at)
+    cos, sin = phases.cos().to(x), phases.sin().to(x)
     even, odd = x[..., 0::2], x[..., 1::2]
     return torch.stack([even * cos - odd * sin, even * sin + odd * cos], -1).flatten(-2)
 
 
 def sinusoids(x: Float[Tensor, "r t c"], at: int) -> Float[Tensor, "t c"]:
     """Sine at even, cosine at odd channels."""
-    cos, sin = _angles(x.shape[1], x.shape[2], at)
-    return torch.stack([sin, cos], -1).flatten(-2).to(x)
+    phases = _phases(x, at)
+    return torch.stack([phases.sin(), phases.cos()], -1).flatten(-2).to(x)
 
 
-def _angles(frames: int, width: int, at: int) -> tuple[Tensor, Tensor]:
-    rates = BASE ** (-torch.arange(0, width, 2, dtype=torch.float64) / width)
-    angles = torch.arange(at, at + frames, dtype=torch.float64)[:, None] * rates
-    return angles.cos(), angles.sin()
+def _phases(x: Float[Tensor, "r t c"], at: int) -> Float[Tensor, "t half"]:
+    return rotary_phases(torch.arange(at, at + x.shape[1], device=x.device), width=x.shape[2])

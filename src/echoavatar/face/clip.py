@@ -33,7 +33,7 @@ class FaceClip:
 
     name: str
     audio: Float[np.ndarray, " s"]
-    curves: Float[np.ndarray, "t 52"]
+    curves: Float[np.ndarray, "t c"]
     split: str = "train"
 
     def __post_init__(self) -> None:

@@ -12,7 +12,7 @@ from ..timing import CHUNK_FRAMES
 
 
 class MelConfig(Config):
-    """Our own audio encoder: log-mel bands and convolutions; no frame hears beyond the end of its chunk."""
+    """Our own audio encoder: log-mel bands and convolutions; no frame sees beyond the end of its chunk."""
 
     kind: Literal["mel"] = "mel"
     bands: int = Field(default=40, gt=0, description="mel bands")
@@ -29,7 +29,7 @@ class MelConfig(Config):
 
 
 class HubertConfig(Config):
-    """Multilingual HuBERT, as in the paper; it hears the last 63 frames anew for every chunk."""
+    """Multilingual HuBERT, as in the paper; it encodes the last 63 frames anew for every chunk."""
 
     kind: Literal["hubert"] = "hubert"
     width: int = Field(default=768, gt=0, description="hidden size")

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 
 from ..nn import Mlp
 from .attention import RingAttention
-from .compiled import TILE, Affine, Steps, Weights, run_frames
+from .compiled import Affine, Steps, Weights, run_frames
 from .flow import Schedule
 from .gpt import GptState, RingBlock
 from .model import FaceModel
@@ -43,8 +43,7 @@ class FrameDecoder:
             head_up=_stacked([_plain(mlp.fc1) for mlp in mlps]),
             head_down=_stacked([_plain(mlp.fc2) for mlp in mlps]),
             face=_stacked([_folded(head.output_norm, head.output_proj)]),
-            distance=np.stack([_by_slot(block.attn, gpt.slots) for block in blocks]),
-            own=np.stack([_floats(block.attn.bias[:, -1]) for block in blocks]),
+            distance=np.stack([np.tile(_floats(block.attn.bias), 2) for block in blocks]),
             heads=blocks[0].attn.heads,
         )
 
@@ -65,30 +64,14 @@ class FrameDecoder:
         times = np.stack([time.detach().float().numpy() for time, _, _ in schedule])
         steps = Steps(times, shares.astype(np.float32), self._guidance)
         heard, drawn, last = _floats(sound), _floats(noise), _floats(state.motion[:, -1])
-        ring, seen, frames = (
-            state.ring.numpy().view(np.uint16),
-            state.seen.numpy(),
-            np.zeros(noise.shape, np.float32),
-        )
-        chosen = np.flatnonzero(active.numpy())
+        ring, seen, chosen = state.ring.numpy(), state.seen.numpy(), np.flatnonzero(active.numpy())
+        frames = np.zeros(noise.shape, np.float32)
         run_frames(self._weights, ring, seen, chosen, heard, drawn, last, steps, frames)
         return frames
 
 
 def _floats(x: Tensor) -> Float[np.ndarray, "..."]:
     return np.ascontiguousarray(x.detach().float().numpy())
-
-
-def _by_slot(attention: nn.Module, slots: int) -> Float[np.ndarray, "h n"]:
-    """Biases in the order of slots, so that those for a frame in slot k are `slots` in a row from `slots` - 1 - k on.
-
-    Slots further back than the attention looks are hidden, and so is slot k, whose turn it is.
-    """
-    assert isinstance(attention, RingAttention)
-    bias = np.full((attention.heads, slots), -np.inf, np.float32)
-    bias[:, slots - 1 - attention.lookback :] = attention.bias.detach().float().numpy()
-    bias[:, -1] = -np.inf
-    return np.concatenate([bias, bias], axis=1)
 
 
 class _Map(NamedTuple):
@@ -131,7 +114,4 @@ def _chain(first: _Map, second: _Map) -> _Map:
 
 def _stacked(maps: Sequence[_Map]) -> Affine:
     weights, biases = np.stack([one.weight for one in maps]), np.stack([one.bias for one in maps])
-    layers, inputs, outputs = weights.shape
-    full = np.pad(weights, ((0, 0), (0, 0), (0, -outputs % TILE)))
-    tiles = full.reshape(layers, inputs, -1, TILE).transpose(0, 2, 1, 3)
-    return Affine(np.ascontiguousarray(tiles, np.float32), np.ascontiguousarray(biases, np.float32))
+    return Affine(np.ascontiguousarray(weights, np.float32), np.ascontiguousarray(biases, np.float32))

@@ -1,8 +1,8 @@
-"""What the face model hears: one interface, and our small encoder, exact in streaming.
+"""Audio encoders of the face model: the interface, and our small encoder, which streams exactly.
 
 Paper: multilingual HuBERT (`hubert`), which costs more than real time on a CPU. Ours (not in the paper): log-mel
-windows that end with the sample they are for, and convolutions over frames. A kernel sees some past frames, and those
-later frames that came in the same chunk of 8: they are there anyway, so lips may close in time for a p without delay.
+windows that end with their frame, and convolutions over frames. A kernel sees some past frames, and the later frames
+of the same chunk of 8, which have arrived anyway; so lips close in time for a p without added delay.
 """
 
 from abc import abstractmethod
@@ -20,7 +20,7 @@ from .config import MelConfig
 
 _FLOOR = 1e-4  # of mel magnitudes
 _WINDOW_HOPS = 4  # a window is so many hops long
-_NEAR = 8  # sessions whose windows and spectra stay in the cache together
+_NEAR = 8  # sessions at a time, so that windows and spectra stay in the cache
 
 
 class AudioEncoder(StreamingModule[StateT]):
@@ -32,7 +32,7 @@ class AudioEncoder(StreamingModule[StateT]):
     ) -> Float[Tensor, "b n c"]:
         """Features of the next chunks (6,400 samples each); the last 8 rows are the last chunk's 8 frames.
 
-        An encoder that hears a window anew returns features of earlier frames too, in front.
+        An encoder that reads a whole window anew returns features of earlier frames too, in front.
         """
 
 
@@ -45,7 +45,7 @@ class Past(StreamState):
 
 @dataclass
 class MelState(StreamState):
-    """Zero is silence before the start."""
+    """All zero: silence before the start."""
 
     samples: Float[Tensor, "b s"]
     inputs: list[Past]
@@ -76,7 +76,7 @@ class ChunkConvolution(nn.Module):
         return y
 
     def _kernels(self) -> Float[Tensor, "c w 8"]:
-        """Each channel's kernel as a matrix from a window to its chunk: a product is faster than sliding it."""
+        """Each channel's kernel as a matrix from a window to its chunk: a product is faster than a convolution."""
         before = CHUNK_FRAMES - 1  # the tap of place j for frame t is j - t
         taps = F.pad(self.mix.weight[:, 0], (before, before - self.ahead))
         return taps.unfold(1, CHUNK_FRAMES, 1).flip(-1)

@@ -1,7 +1,7 @@
 """The flow-matching head: from noise to a face in three steps, under a condition.
 
 Paper, Face Animation Generator: "flow matching diffusion head with 3 MLP blocks using AdaLN conditioning". As in the
-release the network says what the clean face is, not the velocity; times count from 1000 (noise) down.
+release the network predicts the clean face, not the velocity; times count down from 1000 (noise).
 """
 
 import math
@@ -50,13 +50,13 @@ class FlowHead(nn.Module):
         times: Int[Tensor, "*b"],
         condition: Float[Tensor, "*b d"],
     ) -> Float[Tensor, "*b c"]:
-        """The clean face that the network sees behind the noise."""
+        """The clean face that the network predicts."""
         return self.clean(noisy, self.steer(self.steer_time(times), self.condition_proj(condition)))
 
     def clean(
-        self, noisy: Float[Tensor, "*b c"], steering: Float[Tensor, "*b n 3 w"]
+        self, noisy: Float[Tensor, "*#b c"], steering: Float[Tensor, "*#b n 3 w"]
     ) -> Float[Tensor, "*b c"]:
-        """`forward` with the steering of each MLP at hand."""
+        """`forward`, given the steering of each MLP."""
         x = F.linear(noisy, self.noisy_proj.weight, self.noisy_proj.bias)
         for mlp, steer in zip(self.mlps, steering.unbind(-3), strict=True):
             shift, scale, gate = steer.unbind(-2)
@@ -65,13 +65,13 @@ class FlowHead(nn.Module):
         y: Tensor = self.output_proj(self.output_norm(x))
         return y
 
-    def steer_time(self, times: Int[Tensor, "*b"]) -> Float[Tensor, "*b n"]:
-        """What steering needs of the time; the same for all frames, so a stream computes it once per chunk."""
+    def steer_time(self, times: Int[Tensor, "*b"]) -> Float[Tensor, "*b e"]:
+        """The part of the steering that depends on the time alone; a stream computes it once per chunk."""
         embedded = self.embed_time(times)
         return self.by_time(F.silu(embedded)) if self.split else embedded
 
     def steer(
-        self, time: Float[Tensor, "*#b n"], condition: Float[Tensor, "*#b w"]
+        self, time: Float[Tensor, "*#b e"], condition: Float[Tensor, "*#b w"]
     ) -> Float[Tensor, "*b n 3 w"]:
         """Shift, scale (around 1) and gate of each MLP."""
         around_one = self.by_condition.bias.view(-1, 3, self.width) + self._scales()

@@ -20,7 +20,6 @@ from ..nn import Mlp, StreamState, write_rows
 from .attention import Attention, RingAttention, RotaryVectorAttention, SinusoidAttention
 from .config import FaceConfig
 
-VECTOR = 32  # frames that a compiled loop takes at once
 BRANCHES = 2  # without sound, with sound: both guidance branches of a session ride in one batch
 
 
@@ -28,12 +27,11 @@ BRANCHES = 2  # without sound, with sound: both guidance branches of a session r
 class GptState(StreamState):
     """`motion` ends with the last frame (normalised); zeros are the mean face.
 
-    Keys and values of the ring form: frame k of a session lies in slot k mod n, per layer and guidance branch, and is
-    written there once and for all. Keys are (h, d, n), values (h, n, d), flat, so that a head's lie together and
-    neither is summed across a register; and in half precision, for reading them is what a large batch waits for.
+    `ring` holds the keys and values (in this order) of the ring form, per layer and guidance branch. Frame k of a
+    session lies in slot k mod n and is written once.
     """
 
-    ring: Float[Tensor, "b l 2 2 dn"]  # without layers in the window form
+    ring: Float[Tensor, "b l 2 2 w n"]  # without layers in the window form
     motion: Float[Tensor, "b m c"]
     sound: Float[Tensor, "b p a"]  # features of the past inputs; none in the ring form
     seen: Int[Tensor, " b"]  # frames generated
@@ -130,16 +128,11 @@ class FaceGpt(nn.Module):
         past = config.context - 1
         is_ring = config.memory == "ring"
         layers = config.layers if is_ring else 0
-        shape = rows, layers, BRANCHES, 2, config.width * self.slots
-        ring = torch.zeros(shape, dtype=torch.float16, device=weight.device)
+        shape = (rows, layers, BRANCHES, 2, config.width, config.context)
+        ring = torch.zeros(shape, dtype=torch.float32, device=weight.device)
         motion = weight.new_zeros(rows, 1 if is_ring else config.context, config.channels)
         sound = weight.new_zeros(rows, 0 if is_ring else past, config.encoder.outputs)
         return GptState(ring, motion, sound, torch.zeros(rows, dtype=torch.int64, device=weight.device))
-
-    @property
-    def slots(self) -> int:
-        """Of the ring: the frames seen from one, rounded up so that loops over them are whole vectors."""
-        return -(-self.config.context // VECTOR) * VECTOR
 
     def begin(self, state: GptState, sound: Float[Tensor, "b n w"]) -> Run:
         """Window form: caches of the past. `sound` (through `sound_proj`) is that of all inputs: n = past + step."""
@@ -179,7 +172,7 @@ class FaceGpt(nn.Module):
         return x
 
     def _blocks(self) -> Sequence[WindowBlock | RingBlock]:
-        return cast(Sequence[WindowBlock | RingBlock], self.blocks)
+        return cast(Sequence[WindowBlock | RingBlock], list(self.blocks))
 
     def _condition(self, x: Tensor) -> Tensor:
         y: Tensor = self.output_proj(self.output_norm(x))

@@ -1,7 +1,7 @@
-"""Multilingual HuBERT as the face model's ear (paper): 63 frames of sound, heard anew for every chunk.
+"""Multilingual HuBERT as the face model's audio encoder (paper): 63 frames of sound, encoded anew for every chunk.
 
-The only door to transformers in this room. The published weights come from a folder or the local model cache, never
-from the network. Follows the release in how the window is cut, normalised and spread over frames (facts in `window`).
+The only module here that imports transformers. The published weights come from a folder or the local model cache,
+never from the network. Follows the release in how the window is cut, normalised and spread over frames (see `window`).
 """
 
 from dataclasses import dataclass
@@ -92,7 +92,7 @@ class HubertEncoder(AudioEncoder[SoundState]):
         spread = F.interpolate(hidden.transpose(1, 2), size=WINDOW_FRAMES, mode="linear", align_corners=False)
         return spread.transpose(1, 2)
 
-    def resample(self, audio: Float[Tensor, "b s"]) -> Float[Tensor, "b s"]:
+    def resample(self, audio: Float[Tensor, "b s"]) -> Float[Tensor, "b k"]:
         """24 to 16 kHz, the whole window at once (differentiation stops here)."""
         samples = audio.detach().cpu().numpy().astype(np.float32)
         rows = [soxr.resample(row, SAMPLE_RATE_HZ, RATE_HZ) for row in samples]

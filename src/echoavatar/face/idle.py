@@ -1,8 +1,8 @@
-"""Life above the mouth: blinks, brow accents on loud syllables, small shifts of gaze. They go on in silence.
+"""Procedural idle motion of the upper face: blinks, brow accents on loud syllables, small shifts of gaze.
 
-Not in the paper, whose model was trained on captured faces that blink. It moves only channels that the face model
-itself holds still, so a model trained on such captures keeps its own. When a session blinks follows from its seed and
-the frame alone; only the brows listen.
+Not in the paper, whose model was trained on captured faces that blink. Only channels that the face model does not move
+are animated. Blinks and gaze depend on the session's seed and the frame number alone and go on in silence; the brows
+also depend on the sound.
 """
 
 import math
@@ -18,12 +18,12 @@ from ..nn import StreamState, write_rows
 from ..timing import SAMPLES_PER_FRAME
 from .arkit import ARKIT_NAMES
 
-_SALT = 0x69646C652D666163  # another stream than that of the flow head's noise
-_BLINK_EVERY = 100  # frames (3.3 s); one blink somewhere in each, some are left out, some are double
+_SALT = 0x69646C652D666163  # so that the noise differs from the flow head's
+_BLINK_EVERY = 100  # frames (3.3 s); each holds one blink; some are left out, some are double
 _BLINK = (0.35, 0.9, 1.0, 0.8, 0.5, 0.25, 0.08)  # lids, frame by frame
 _BLINKS, _DOUBLES, _DOUBLE_AFTER = 0.85, 0.12, 9
 _GAZE_EVERY = 45  # frames
-_GAZE_HOME = 0.55  # share of the time that the viewer is looked at
+_GAZE_HOME = 0.55  # share of the time with the gaze on the viewer
 _GAZE_YAW, _GAZE_PITCH = 0.25, 0.14
 _GAZE_FRAMES = 2.0  # of a saccade
 _BROW_GATE_EVERY = 24
@@ -33,7 +33,7 @@ _FAINTEST_DB = -60.0
 
 @dataclass
 class IdleState(StreamState):
-    """Zero has seen nothing."""
+    """All zero: nothing was seen yet."""
 
     seen: Int[Tensor, " b"]  # frames
     fast: Float[Tensor, " b"]
@@ -42,7 +42,7 @@ class IdleState(StreamState):
 
 
 class IdleFace:
-    """Adds life to curves. `moving` (52) is what the face model moves itself."""
+    """Adds idle motion to curves. `moving` (52) is 1 for the channels that the face model moves itself."""
 
     def __init__(self, moving: Float[Tensor, " 52"]) -> None:
         self._free = 1 - moving.double()
@@ -61,7 +61,7 @@ class IdleFace:
         active: Bool[Tensor, " b"],
         seeds: Int[Tensor, " b"],
     ) -> Float[Tensor, "b t 52"]:
-        """The curves with life on the free channels; `loudness` as of `frame_loudness`."""
+        """The curves with idle motion on the free channels; `loudness` is that of `frame_loudness`."""
         frame = state.seen[:, None] + torch.arange(curves.shape[1], device=curves.device)
         brow = self._brow(loudness.double(), state, active) * brow_gate(seeds, frame)
         yaw, pitch = gaze(seeds, frame)
@@ -144,7 +144,7 @@ def gaze(
 
 
 def brow_gate(seeds: Int[Tensor, " b"], frame: Int[Tensor, "b t"]) -> Float[Tensor, "b t"]:
-    """Which accents the brows take part in, smoothly between 0 and 1."""
+    """How much the brows follow accents, changing smoothly between 0 and 1."""
     here = _drawn(seeds, frame, every=_BROW_GATE_EVERY, numbers=1, kind=2)[..., 0]
     after = _drawn(seeds, frame + _BROW_GATE_EVERY, every=_BROW_GATE_EVERY, numbers=1, kind=2)[..., 0]
     return torch.lerp(here, after, (frame % _BROW_GATE_EVERY).double() / _BROW_GATE_EVERY)
@@ -153,7 +153,7 @@ def brow_gate(seeds: Int[Tensor, " b"], frame: Int[Tensor, "b t"]) -> Float[Tens
 def _drawn(
     seeds: Int[Tensor, " b"], frame: Int[Tensor, "b t"], *, every: int, numbers: int, kind: int
 ) -> Float[Tensor, "b t n"]:
-    """Uniform numbers that are one for all frames of a stretch of `every` frames."""
+    """Uniform numbers, constant over every `every` frames."""
     first = torch.div(frame[:, 0], every, rounding_mode="floor")
     count = frame.shape[1] // every + 2
     draws = uniform_noise((seeds ^ _SALT) + kind, first, count=count, codes=numbers)

@@ -1,8 +1,8 @@
 """Takes of Live Link Face (Epic's iPhone app; how the paper's data was captured): a CSV per take, its sound beside it.
 
 Columns go by name, in any order. Rows are placed by their timecode (`hh:mm:ss:ff.thousandths`, ff counting 1/60 or
-1/30 s), so dropped frames do no harm, and become 30 frames per second. Paper: "60fps using LiveLinkFace, downsampled to
-30fps".
+1/30 s), so dropped frames do no harm, and are resampled to 30 frames per second. Paper: "60fps using LiveLinkFace,
+downsampled to 30fps".
 """
 
 import csv
@@ -31,7 +31,7 @@ class LiveLinkTake:
     Attributes:
         curves: (t, 52) canonical order, clipped to 0..1.
         head_and_eyes: (t, 9) `HEAD_AND_EYES`, radians; zeros where the file has none.
-        rate_hz: what the file had.
+        rate_hz: frame rate of the file.
     """
 
     curves: Float[np.ndarray, "t 52"]
@@ -44,7 +44,7 @@ def read_live_link(path: Path, *, timecode_hz: int | None = None) -> LiveLinkTak
 
     Raises:
         MotionError: the file cannot be read; columns are missing; a value is no number; times run backwards, leave a
-            gap or are those of no camera.
+            gap or fit no camera.
     """
     header, rows = _rows(path)
     names = [name[:1].lower() + name[1:] for name in header]
@@ -135,7 +135,7 @@ def _seconds(path: Path, stamps: list[tuple[int, str]], timecode_hz: int | None)
 
 
 def _rate(path: Path, times: Float[np.ndarray, " t"], lines: list[int]) -> float:
-    """Frames per second of a take; refuses what no camera makes."""
+    """Frames per second of a take; implausible rates are refused."""
     steps = np.diff(times)
     if steps.min() <= 0:
         at = lines[int(steps.argmin()) + 1]

@@ -1,8 +1,8 @@
-"""What the face model is trained on: flow matching, the lips' opening, and a readout of its encoder.
+"""Losses of the face model: flow matching, the opening of the lips, and a readout of the encoder.
 
-Paper, Face Animation Generator: MSE flow matching. Ours besides: how far the lips are apart is weighed on its own; and
-the encoder alone must tell the face (`FaceReader`), so that it learns to hear which sound is spoken. Through the flow
-head it hardly does, as the frame before foretells most of a face, but not that the lips will shut.
+Paper, Face Animation Generator: MSE flow matching. Our additions: the gap between the lips has a weight of its
+own, and the face is also predicted from the encoder alone (`FaceReader`). Through the flow head the encoder learns
+little, because the previous frame predicts most of a face; but it does not predict that the lips will close.
 """
 
 import math
@@ -19,7 +19,7 @@ from .model import FaceModel
 from .recipe import FaceTraining
 from .windows import FaceBatch
 
-TOUCHING = 0.05  # of a jaw's way: lips that touch
+TOUCHING = 0.05  # gap of closed lips, as a share of the jaw's range
 
 
 class FaceReader(nn.Module):
@@ -41,13 +41,13 @@ class FaceReader(nn.Module):
 
 
 class FlowNoise(NamedTuple):
-    """All that is random in the loss of a batch."""
+    """All random numbers in the loss of a batch."""
 
     strength: Float[Tensor, "b 1 1"]  # of the noise on a window's history, in its largest
     history: Float[Tensor, "b t c"]
-    keeps_history: Float[Tensor, "b 1 1"]  # 0 where the history is lost
+    keeps_history: Float[Tensor, "b 1 1"]  # 0 where the history is dropped
     keeps_sound: Float[Tensor, "b 1 1"]
-    level: Float[Tensor, "b n t"]  # of the noise on what shall be seen, uniform
+    level: Float[Tensor, "b n t"]  # of the noise on the frames to predict, uniform
     noise: Float[Tensor, "b n t c"]
 
 
@@ -97,7 +97,7 @@ def flow_loss(
 
 
 def lip_error(seen: Float[Tensor, "n b t c"], curves: Float[Tensor, "b t c"]) -> Float[Tensor, ""]:
-    """Squared error of how far the lips are apart (jaw less closure) in tenths of a jaw's way; touching counts most."""
+    """Squared error of the gap between the lips, in tenths of the jaw's range; closed lips weigh most."""
     wanted = _apart(curves)
     weight = torch.where(wanted <= TOUCHING, 4.0, 1.0)
     return (weight * (_apart(seen) - wanted).square()).mean() * 100

@@ -3,15 +3,13 @@
 Paper, appendix Face Animation Generator: 52 ARKit coefficients from streaming audio, normalised per channel.
 """
 
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import torch
 from jaxtyping import Float
-from torch import Tensor, nn
+from torch import Tensor
 
-from .. import checkpoint
+from ..nn import Checkpointed
 from .config import FaceConfig, MelConfig
 from .encoder import AudioEncoder, MelEncoder
 from .flow import FlowHead
@@ -21,9 +19,11 @@ _TINY = 1e-8
 STILL = 1e-3  # channels that deviate less (standard deviation) are held at their mean
 
 
-class FaceModel(nn.Module):
-    """Weights and what surrounds them; `FaceStream` runs it."""
+class FaceModel(Checkpointed):
+    """Encoder, backbone, head and the statistics of the curves; `FaceStream` runs it."""
 
+    config_type = FaceConfig
+    config: FaceConfig
     mean: Tensor
     std: Tensor
 
@@ -41,21 +41,6 @@ class FaceModel(nn.Module):
         )
         self.register_buffer("mean", torch.zeros(config.channels))
         self.register_buffer("std", torch.ones(config.channels))
-
-    @classmethod
-    def load(cls, folder: Path) -> Self:
-        """Read a checkpoint folder.
-
-        Raises:
-            CheckpointError: something is missing or does not fit.
-        """
-        model = cls(checkpoint.read_config(folder, FaceConfig))
-        checkpoint.load_into(model, checkpoint.read_weights(folder), origin=str(folder))
-        return model.eval()
-
-    def save(self, folder: Path, card: Mapping[str, object], *, dtype: torch.dtype | None = None) -> None:
-        """Write a checkpoint folder."""
-        checkpoint.save(folder, config=self.config, weights=self.state_dict(), card=card, dtype=dtype)
 
     def measure(self, curves: Float[Tensor, "t c"]) -> None:
         """Take the statistics of normalisation from curves."""
@@ -79,7 +64,7 @@ class FaceModel(nn.Module):
 
 
 def make_encoder(config: FaceConfig) -> AudioEncoder[Any]:
-    """The encoder that a config asks for."""
+    """The encoder of this config."""
     if isinstance(config.encoder, MelConfig):
         return MelEncoder(config.encoder)
     from .hubert import HubertEncoder

@@ -1,7 +1,7 @@
-"""Noise of the flow head: from a session's seed and the absolute frame alone; neighbours and chunk borders are nothing.
+"""Noise of the flow head, from the session's seed and the absolute frame alone.
 
-Departs from the release, which draws anew for every frame: between draws `hold` frames apart the noise turns smoothly
-from one to the next and keeps unit variance, so that the same model trembles less. A hold of 1 draws every frame.
+Departs from the release, which draws anew for every frame: between draws `hold` frames apart the noise moves smoothly
+from one to the next at unit variance, so that the face trembles less. A hold of 1 draws every frame.
 """
 
 import math
@@ -12,7 +12,7 @@ from torch import Tensor
 
 from ..generator.sampling import uniform_noise
 
-_SALT = 0x666163652D6E6F69  # another stream than the motion generator's of the same seed
+_SALT = 0x666163652D6E6F69  # so that the noise differs from the motion generator's for the same seed
 
 
 def normal_noise(

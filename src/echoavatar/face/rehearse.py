@@ -1,7 +1,7 @@
-"""Face clips made by rule: rehearsal sound with the lips that its phones ask for (`rehearsal.lips`).
+"""Procedural face clips: rehearsal sound with lip curves made from its phones (`rehearsal.lips`).
 
 The paper captures one speaker with a phone; nothing captured may ship with us, so the default face learns from
-synthetic speech of several voices. A clip follows from the seed and its own number alone. Only training imports this.
+synthetic speech of several voices. A clip depends on the seed and its number alone. Only training imports this.
 """
 
 from collections.abc import Callable
@@ -22,7 +22,7 @@ MIXED_EVERY = 3  # one clip in three has music and long silence as well, in whic
 
 
 def rehearse_clip(seed: int, index: int, seconds: float = CLIP_SECONDS) -> FaceClip:
-    """One clip; every eighth is of split "test", whose sentences training never hears."""
+    """One clip; every eighth is of split "test", with sentences of its own."""
     split = "test" if index % TEST_EVERY == TEST_EVERY - 1 else "train"
     own = int(np.random.SeedSequence([seed, index, 0xFACE]).generate_state(1)[0])
     mix = "mixed" if index % MIXED_EVERY == 1 else "speech"

@@ -1,17 +1,16 @@
 """Sound in, 52 curves out, 8 frames per step, many sessions in one batch.
 
 Paper, Face Animation Generator, Inference: 8 frames per step from 63 frames of sound and 56 of motion, 3-step flow
-matching, guidance 2.0. What comes out depends on a session's own sound and seed only.
+matching, guidance 2.0. A session's face depends on its own sound and seed only.
 """
 
 from dataclasses import dataclass
-from functools import partial
 
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from ..nn import Parts, StreamState
+from ..nn import StreamState
 from ..timing import SAMPLES_PER_FRAME
 from .arkit import APPLE_NAMES, ARKIT_NAMES
 from .decoder import FrameDecoder
@@ -21,12 +20,10 @@ from .idle import IdleFace, IdleState, frame_loudness
 from .model import FaceModel
 from .noise import face_noise
 
-WORTH_A_THREAD = 8  # sessions
-
 
 @dataclass
 class FaceState(StreamState):
-    """All zero: a mean face that has heard nothing."""
+    """All zero: the mean face, nothing heard yet."""
 
     encoder: StreamState
     gpt: GptState
@@ -34,7 +31,7 @@ class FaceState(StreamState):
 
 
 class FaceStream:
-    """A face model at work, with life (`idle`) on the channels that it does not move."""
+    """A running face model, with idle motion (`idle`) on the channels that it does not move."""
 
     def __init__(self, model: FaceModel) -> None:
         self.model = model.eval()
@@ -43,10 +40,9 @@ class FaceStream:
         moving = model.moving().cpu()[self._order]
         self.idle = IdleFace(moving if model.config.idle else torch.ones_like(moving))
         self._decoder = FrameDecoder(model) if model.config.memory == "ring" else None
-        self._parts = Parts("face", least=WORTH_A_THREAD)
 
     def init_state(self, rows: int) -> FaceState:
-        """A state in which no row has heard anything."""
+        """A fresh state."""
         model = self.model
         states = model.encoder.init_state(rows), model.gpt.init_state(rows), self.idle.init_state(rows)
         return FaceState(*states)
@@ -59,7 +55,7 @@ class FaceStream:
         active: Bool[Tensor, " b"],
         seeds: Int[Tensor, " b"],
     ) -> Float[Tensor, "b t 52"]:
-        """Curves (0 to 1) of the next steps, 6,400 samples or the config's; inactive rows return what means nothing.
+        """Curves (0 to 1) of the next steps, 6,400 samples or the config's; the curves of inactive rows mean nothing.
 
         Raises:
             ValueError: the samples are not whole steps.
@@ -68,23 +64,13 @@ class FaceStream:
         if audio.shape[1] % samples or not audio.shape[1]:
             raise ValueError(f"a step takes a multiple of {samples} samples, got {audio.shape[1]}")
 
-        if audio.device.type == "cpu":
-            parts = self._parts.of(len(audio))
-            generated = self._parts.run(
-                [
-                    partial(self._faces, audio[part], state.rows(part), active[part], seeds[part])
-                    for part in parts
-                ]
-            )
-            faces = torch.cat(generated) if len(generated) > 1 else generated[0]
-        else:
-            faces = self._faces(audio, state, active, seeds)
+        faces = self._faces(audio, state, active, seeds)
         return self.idle.step(faces, frame_loudness(audio), state.idle, active, seeds)
 
     def _faces(
         self, audio: Tensor, state: FaceState, active: Tensor, seeds: Tensor
     ) -> Float[Tensor, "b t 52"]:
-        """What the model moves, without life."""
+        """The model's curves, without idle motion."""
         schedule = self.model.head.schedule(self.model.config.sampling_steps)
         faces = []
         for chunk in torch.split(audio, self.model.config.step * SAMPLES_PER_FRAME, dim=1):

@@ -1,4 +1,4 @@
-"""Speed perturbation: the same words faster or slower, with the face to match.
+"""Speed perturbation: a clip's sound and curves, faster or slower.
 
 Paper, Face Animation Generator: "temporal speed perturbation with factors {0.9, 1.0, 1.1} using cubic interpolation for
 motion and time-stretch for audio". The stretch keeps the pitch: overlapping windows, each laid where it fits best.
@@ -17,7 +17,7 @@ _SEARCH = 160  # samples to either side
 
 
 def at_speed(clip: FaceClip, speed: float) -> FaceClip:
-    """The clip at so many times its speed; 1.1 is shorter."""
+    """The clip at this multiple of its speed; 1.1 is shorter."""
     if speed == 1.0:
         return clip
     frames = max(2, round(len(clip.curves) / speed))
@@ -26,7 +26,7 @@ def at_speed(clip: FaceClip, speed: float) -> FaceClip:
 
 
 def resample_curves(curves: Float[np.ndarray, "t c"], frames: int) -> Float[np.ndarray, "n c"]:
-    """Cubic splines through the frames' middles, read at the middles of `frames` new ones; kept in 0..1."""
+    """Curves resampled to `frames` frames by cubic splines through the frames' middles; clipped to 0..1."""
     if len(curves) < 2:
         return np.repeat(curves, frames, axis=0)
     middles = (np.arange(frames) + 0.5) * len(curves) / frames - 0.5
@@ -35,7 +35,7 @@ def resample_curves(curves: Float[np.ndarray, "t c"], frames: int) -> Float[np.n
 
 
 def stretch(audio: Float[np.ndarray, " s"], samples: int) -> Float[np.ndarray, " n"]:
-    """The sound in so many samples at its own pitch (overlap-add, aligned by correlation; WSOLA)."""
+    """The sound stretched to this many samples at its own pitch (WSOLA: overlap-add, aligned by correlation)."""
     window = np.hanning(2 * _HOP + 1)[:-1]
     edge = 2 * _HOP + 2 * _SEARCH
     source = np.pad(audio, edge).astype(np.float64)
@@ -52,7 +52,7 @@ def stretch(audio: Float[np.ndarray, " s"], samples: int) -> Float[np.ndarray, "
 
 
 def _best_shift(source: Float[np.ndarray, " s"], *, wanted: int, ideal: int) -> int:
-    """Where, near `ideal`, the sound is most like what would follow by itself."""
+    """The shift near `ideal` at which the sound is most like the natural continuation."""
     pattern = source[wanted : wanted + 2 * _HOP]
     first = max(ideal - _SEARCH, 0)
     region = source[first : ideal + _SEARCH + 2 * _HOP]
@@ -61,5 +61,5 @@ def _best_shift(source: Float[np.ndarray, " s"], *, wanted: int, ideal: int) -> 
     likeness = np.correlate(region, pattern, mode="valid")
     energy = np.convolve(region**2, np.ones(2 * _HOP), mode="valid")
     shifts = first + np.arange(len(likeness)) - ideal
-    nearer = 1 - 0.02 * np.abs(shifts) / _SEARCH  # a hum fits at every period: stay close
+    nearer = 1 - 0.02 * np.abs(shifts) / _SEARCH  # a periodic sound fits at every period: prefer near shifts
     return int(shifts[np.argmax(nearer * likeness / np.sqrt(energy + 1e-6))])

@@ -2,8 +2,8 @@
 
 Paper, Face Animation Generator: MSE flow matching, 10 % audio dropout, AdamW 2e-4, batch 128, windows of 64 frames,
 300 000 iterations. Everything random in a step follows from the seed and the step's number. Departs from the paper: the
-history that the model is shown is corrupted, so that it listens instead of copying the last frame, and the encoder,
-which is not pretrained on other speech as HuBERT is, may learn alone at first.
+history that the model sees is corrupted, so that the model uses the sound instead of copying the last frame. The
+encoder, which is not pretrained as HuBERT is, may train alone at first.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,14 +25,14 @@ from .windows import FaceBatch, FaceSampler, levelled
 
 
 class FaceLesson(NamedTuple):
-    """A batch: windows, and all noise on them."""
+    """A batch: windows and all noise of the loss."""
 
     windows: FaceBatch
     noise: FlowNoise
 
 
 class FaceStage(Stage[FaceLesson]):
-    """A face model and the clips of split "train" that it learns."""
+    """A face model and the clips of split "train"."""
 
     config: FaceTraining
 
@@ -67,7 +67,7 @@ class FaceStage(Stage[FaceLesson]):
         return {"face": self.model.config, "training": self.config}
 
     def rate(self, step: int, done: float) -> float:
-        """Warm-up and schedule, of the listening steps and of the others each."""
+        """Warm-up and decay; the steps in which the encoder trains alone have a schedule of their own."""
         training, listen = self.config, self.config.listen
         if step < listen:
             peak, at, steps = training.listening_rate, step, listen

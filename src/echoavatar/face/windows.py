@@ -1,4 +1,4 @@
-"""What a training step sees: windows of clips, behind the level control, at three speeds; from seed and step alone."""
+"""Windows of clips for a training step: behind the level control, at three speeds, chosen by seed and step alone."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -25,7 +25,7 @@ class FaceBatch(NamedTuple):
 
 
 class FaceSampler:
-    """Windows of clips at the given speeds, from any frame on; the same for the same seed and step."""
+    """Windows of clips at the given speeds, starting at any frame; the same for the same seed and step."""
 
     def __init__(
         self,
@@ -67,7 +67,7 @@ class FaceSampler:
 
 
 def following(clip: FaceClip, frames: int) -> FaceClip:
-    """The clip with its face so many frames later; it begins with its first face held."""
+    """The clip with its face delayed by some frames; the first face is held meanwhile."""
     held = np.repeat(clip.curves[:1], frames, axis=0)
     return replace(clip, curves=np.concatenate([held, clip.curves[: len(clip.curves) - frames]]))
 

@@ -8,16 +8,12 @@ import math
 from collections.abc import Mapping
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import Self
 
 import torch
-import torch.nn.functional as F
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
-from .. import checkpoint
-from ..nn.attention import rotary, rotary_table
-from ..nn.blocks import Mlp
+from ..nn import Checkpointed, FullBlock, Mlp
 from .body import BODY_SIZE
 from .config import FingerConfig
 from .hands import HAND_SIZE, HandBasis
@@ -27,30 +23,11 @@ _BODY_LIMIT = 4.0  # spreads: a body beyond anything seen in training is taken f
 _LEAST_SPREAD = 0.02
 
 
-class WindowBlock(nn.Module):
-    """x + Attention(norm(x)), then x + MLP(norm(x)); every token sees every other (rotary positions)."""
-
-    def __init__(self, *, width: int, heads: int) -> None:
-        super().__init__()
-        self.heads = heads
-        self.norm1, self.norm2 = nn.LayerNorm(width), nn.LayerNorm(width)
-        self.qkv = nn.Linear(width, 3 * width, bias=False)
-        self.proj = nn.Linear(width, width)
-        self.mlp = Mlp(inputs=width, hidden=4 * width, outputs=width)
-
-    def forward(self, x: Float[Tensor, "b n c"], table: Float[Tensor, "2 n d"]) -> Float[Tensor, "b n c"]:
-        """Any number of tokens; `table` holds their rotary angles."""
-        b, n, _ = x.shape
-        q, k, v = self.qkv(self.norm1(x)).view(b, n, 3, self.heads, -1).permute(2, 0, 3, 1, 4)
-        seen = F.scaled_dot_product_attention(rotary(q, table), rotary(k, table), v)
-        x = x + self.proj(seen.transpose(1, 2).flatten(2))
-        y: Tensor = x + self.mlp(self.norm2(x))
-        return y
-
-
-class FingerModel(nn.Module):
+class FingerModel(Checkpointed):
     """Weights, the hand basis and the body statistics; `sample_hands` runs it over whole clips."""
 
+    config_type = FingerConfig
+    config: FingerConfig
     hand_mean: Tensor
     hand_axes: Tensor
     hand_scale: Tensor
@@ -64,7 +41,7 @@ class FingerModel(nn.Module):
         self.embed = nn.Linear(config.patch * frame, config.width)
         self.level = Mlp(inputs=2 * _LEVEL_WAVES, hidden=config.width, outputs=config.width)
         self.blocks = nn.ModuleList(
-            WindowBlock(width=config.width, heads=config.heads) for _ in range(config.layers)
+            FullBlock(width=config.width, heads=config.heads) for _ in range(config.layers)
         )
         self.norm = nn.LayerNorm(config.width)
         self.out = nn.Linear(config.width, config.patch * 2 * config.poses)
@@ -74,20 +51,11 @@ class FingerModel(nn.Module):
         self.register_buffer("body_mean", torch.zeros(BODY_SIZE))
         self.register_buffer("body_std", torch.ones(BODY_SIZE))
 
-    @classmethod
-    def load(cls, folder: Path) -> Self:
-        """Read a checkpoint folder.
-
-        Raises:
-            CheckpointError: something is missing or does not fit.
-        """
-        model = cls(checkpoint.read_config(folder, FingerConfig))
-        checkpoint.load_into(model, checkpoint.read_weights(folder), origin=str(folder))
-        return model.eval()
-
-    def save(self, folder: Path, card: Mapping[str, object]) -> None:
+    def save(
+        self, folder: Path, card: Mapping[str, object], *, dtype: torch.dtype | None = torch.float16
+    ) -> None:
         """Write a checkpoint folder, in half precision."""
-        checkpoint.save(folder, config=self.config, weights=self.state_dict(), card=card, dtype=torch.float16)
+        super().save(folder, card, dtype=dtype)
 
     @property
     def basis(self) -> HandBasis:
@@ -126,9 +94,8 @@ class FingerModel(nn.Module):
         b, t, _ = frames.shape
         x = self.embed(frames.reshape(b, t // self.config.patch, -1))
         x = x + self.level(_waves(level))[:, None]
-        table = rotary_table(x.shape[1], self.config.width // self.config.heads).to(x)
         for block in self.blocks:
-            x = block(x, table)
+            x = block(x)
         y: Tensor = self.out(self.norm(x))
         return y.reshape(b, t, 2, -1)
 

@@ -1,4 +1,4 @@
-"""Causal attention in a sliding band, computed in query blocks so that keys out of the band cost nothing."""
+"""Causal attention in a sliding band, computed in blocks of queries, so that keys outside the band cost nothing."""
 
 import torch
 import torch.nn.functional as F
@@ -44,7 +44,7 @@ def masked_attention(
     lookback: int | None,
     valid: Bool[Tensor, "b t"],
 ) -> Float[Tensor, "b h t d"]:
-    """The same where some positions do not count; an invalid position sees itself alone."""
+    """The same with invalid positions; an invalid position sees itself alone."""
     at = torch.arange(q.shape[2], device=q.device)
     mask = in_band(at, at, lookback) & valid[:, None, :] | torch.eye(
         len(at), dtype=torch.bool, device=q.device

@@ -1,8 +1,7 @@
-"""The generator's inner loop on a CPU, compiled by numba: codes drawn one after another, each read back at once.
+"""The decoder's inner loop on a CPU, compiled: codes are drawn one after another, and each is read back at once.
 
-One code is a few million multiplications, less work than calling the two hundred operations that describe it one by
-one, so the loop over codes, layers and rows is compiled as a whole (some three times as fast for the default bundle).
-Each weight is read once for all rows; each row's sums are its own, in the same order whatever its neighbours.
+One code takes a few million multiplications, which is less work than calling the two hundred operations of torch that
+describe it. Each weight is read once for all rows. A row's sums run in the same order whatever its neighbours are.
 """
 
 import math
@@ -12,8 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from torch import Tensor
 
-from ..nn.compiled import HALF, ONE, ZERO, F, attend, compiled, exponential, silu
-from .linear import Parts
+from ..nn.kernel_math import HALF, ONE, ZERO, F, attend, exponential, silu
+from ..nn.kernels import kernel
+from .linear import StoredWeight
 
 BISECTIONS = 40
 
@@ -39,12 +39,12 @@ class Weights(NamedTuple):
     eps: np.float32  # c times the norm's epsilon
 
 
-class Turns(NamedTuple):
-    """Where the positions of the drawn codes live: turned how, written where, seeing what."""
+class Positions(NamedTuple):
+    """The positions of the drawn codes: their rotary phases, their slots in the ring, and which slots they see."""
 
-    turns: np.ndarray  # (b, t, half) complex64
+    rotations: np.ndarray  # (b, t, half) complex64, of length 1
     slots: np.ndarray  # (b, t)
-    bias: np.ndarray  # (b, t, s)
+    bias: np.ndarray  # (b, t, s) 0 where a slot is seen, -inf where not
 
 
 class Draws(NamedTuple):
@@ -56,9 +56,9 @@ class Draws(NamedTuple):
 
 
 class Steering(NamedTuple):
-    """What a directive does; see `exemplar.Steer`."""
+    """The effect of a directive; see `exemplar.Steer`."""
 
-    segments: np.ndarray  # (s,) those it speaks of; negative for no directive
+    segments: np.ndarray  # (s,) the segments it raises; negative without a directive
     hint: np.ndarray  # (b, c)
     members: np.ndarray  # (b, s K)
     bias: np.ndarray  # (b, s K)
@@ -66,95 +66,7 @@ class Steering(NamedTuple):
     gate_bias: np.float32
 
 
-def draw_codes(
-    weights: Weights,
-    hidden: np.ndarray,
-    keys: Sequence[np.ndarray],
-    values: Sequence[np.ndarray],
-    turns: Turns,
-    draws: Draws,
-    steering: Steering,
-) -> np.ndarray:
-    """Codes (b, n) from the hidden state (b, c) of the position that predicts the first.
-
-    Keys and values (b, kv, d, s) of each layer are written in place; the last code is not read back.
-    """
-    codes = np.zeros(draws.noise.shape[:2], np.int64)
-    _draw_codes(
-        weights,
-        hidden.copy(),
-        _padded(keys),
-        _padded(values),
-        Turns(*map(np.ascontiguousarray, turns)),  # one memory layout, so one compilation
-        Draws(*map(np.ascontiguousarray, draws)),
-        steering,
-        codes,
-    )
-    return codes
-
-
-@compiled()
-def _draw_codes(weights, hidden, keys, values, turns, draws, steering, codes):  # type: ignore[no-untyped-def]
-    rows, width = hidden.shape
-    segments, count = weights.heads.weight.shape[0], codes.shape[1]
-    x, y = np.empty((rows, width), F), np.empty((rows, width), F)
-    qkv = np.empty((rows, weights.qkv.weight.shape[1]), F)
-    gates = np.empty((rows, weights.gate_up.weight.shape[1]), F)
-    inner = gates.shape[1] // 2
-    logits, shares = np.empty((rows, draws.noise.shape[2]), F), np.empty(draws.noise.shape[2], F)
-    scores = np.empty(turns.bias.shape[2], F)
-    for index in range(count):
-        segment = index % segments
-        _product(hidden, weights.heads, segment, logits)
-        for place in range(steering.segments.shape[0]):
-            if segment == steering.segments[place]:
-                _steer(logits, hidden, steering, place * logits.shape[1])
-        for row in range(rows):
-            sharpness = draws.sharpness[row, index % draws.sharpness.shape[1]]
-            codes[row, index] = _draw(
-                logits[row], draws.noise[row, index], sharpness, draws.top_p[row], shares
-            )
-        if index == count - 1:
-            return
-        for row in range(rows):
-            chosen = weights.embedding[weights.starts[segment] + codes[row, index]]
-            for i in range(width):
-                x[row, i] = chosen[i] + steering.hint[row, i]
-        for layer in range(weights.qkv.weight.shape[0]):
-            _normalise(x, weights.eps, hidden)
-            _product(hidden, weights.qkv, layer, qkv)
-            for row in range(rows):
-                _turn(
-                    qkv[row],
-                    turns.turns[row, index],
-                    qkv.shape[1] - keys[layer].shape[1] * keys[layer].shape[2],
-                )
-                _attend(
-                    qkv[row],
-                    keys[layer][row],
-                    values[layer][row],
-                    turns.slots[row, index],
-                    turns.bias[row, index],
-                    scores,
-                    y[row],
-                )
-            _product(y, weights.out, layer, hidden)
-            for row in range(rows):
-                for i in range(width):
-                    x[row, i] += hidden[row, i]
-            _normalise(x, weights.eps, hidden)
-            _product(hidden, weights.gate_up, layer, gates)
-            for row in range(rows):
-                for i in range(inner):
-                    gates[row, i] = silu(gates[row, i]) * gates[row, inner + i]
-            _product(gates, weights.down, layer, hidden)
-            for row in range(rows):
-                for i in range(width):
-                    x[row, i] += hidden[row, i]
-        _normalise(x, weights.eps, hidden)
-
-
-@compiled()
+@kernel(reorders=True)
 def _product(x, matrices, layer, y):  # type: ignore[no-untyped-def]
     """Rows times W, four outputs a pass; of x only as many columns as W has are read."""
     weight, scale, bias = matrices.weight[layer], matrices.scale[layer], matrices.bias[layer]
@@ -180,7 +92,7 @@ def _product(x, matrices, layer, y):  # type: ignore[no-untyped-def]
             y[row, o] = total * scale[o] + bias[o]
 
 
-@compiled()
+@kernel(reorders=True)
 def _normalise(x, eps, y):  # type: ignore[no-untyped-def]
     for row in range(x.shape[0]):
         total = ZERO
@@ -191,20 +103,20 @@ def _normalise(x, eps, y):  # type: ignore[no-untyped-def]
             y[row, i] = x[row, i] * scale
 
 
-@compiled()
-def _turn(qkv, turn, count):  # type: ignore[no-untyped-def]
-    """Rotary positions of the first `count` channels: every head's pairs times the turn."""
-    half = turn.shape[0]
+@kernel(reorders=True)
+def _rotate(qkv, rotation, count):  # type: ignore[no-untyped-def]
+    """Rotary positions of the first `count` channels: each head's pairs, as complex numbers, times the rotation."""
+    half = rotation.shape[0]
     for start in range(0, count, 2 * half):
         for i in range(half):
             first, second = qkv[start + 2 * i], qkv[start + 2 * i + 1]
-            qkv[start + 2 * i] = first * turn[i].real - second * turn[i].imag
-            qkv[start + 2 * i + 1] = first * turn[i].imag + second * turn[i].real
+            qkv[start + 2 * i] = first * rotation[i].real - second * rotation[i].imag
+            qkv[start + 2 * i + 1] = first * rotation[i].imag + second * rotation[i].real
 
 
-@compiled()
+@kernel(reorders=True)
 def _attend(qkv, keys, values, slot, bias, scores, y):  # type: ignore[no-untyped-def]
-    """Write k and v into the ring, and mix what every head sees into y."""
+    """Write k and v into the ring, and what every head sees into y."""
     kv_heads, width, _ = keys.shape
     group = y.shape[0] // width // kv_heads
     for kv in range(kv_heads):
@@ -218,7 +130,7 @@ def _attend(qkv, keys, values, slot, bias, scores, y):  # type: ignore[no-untype
             attend(qkv[head], keys[kv], 0, values[kv], 0, 0, bias, scores, y[head])
 
 
-@compiled()
+@kernel(reorders=True)
 def _steer(logits, hidden, steering, at):  # type: ignore[no-untyped-def]
     for row in range(logits.shape[0]):
         gate = steering.gate_bias
@@ -228,9 +140,25 @@ def _steer(logits, hidden, steering, at):  # type: ignore[no-untyped-def]
             logits[row, code] += gate * steering.members[row, at + code] + steering.bias[row, at + code]
 
 
-@compiled()
+@kernel(reorders=True)
+def _least_share(shares, wanted):  # type: ignore[no-untyped-def]
+    """The largest bound above which the mass is still `wanted`, by bisection, which is faster than sorting."""
+    low, high = ZERO, F(1.5)
+    for _ in range(BISECTIONS):
+        middle = HALF * (low + high)
+        mass = ZERO
+        for code in range(shares.shape[0]):
+            mass += shares[code] if shares[code] >= middle else ZERO
+        if mass >= wanted:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@kernel(reorders=True)
 def _draw(logits, noise, sharpness, top_p, shares):  # type: ignore[no-untyped-def]
-    """Gumbel's draw from the nucleus; see `sampling.nucleus`. `shares` (K) is scratch."""
+    """The code with the largest logit plus noise within the nucleus (`sampling.nucleus`); `shares` (K) is scratch."""
     highest = F(-np.inf)
     for code in range(logits.shape[0]):
         logits[code] *= sharpness
@@ -247,33 +175,96 @@ def _draw(logits, noise, sharpness, top_p, shares):  # type: ignore[no-untyped-d
     return code_of_best
 
 
-@compiled()
-def _least_share(shares, wanted):  # type: ignore[no-untyped-def]
-    """The largest bound that still keeps so much mass, by bisection: quicker than to sort."""
-    low, high = ZERO, F(1.5)
-    for _ in range(BISECTIONS):
-        middle = HALF * (low + high)
-        mass = ZERO
-        for code in range(shares.shape[0]):
-            mass += shares[code] if shares[code] >= middle else ZERO
-        if mass >= wanted:
-            low = middle
-        else:
-            high = middle
-    return low
+@kernel(reorders=True)
+def _draw_codes(weights, hidden, keys, values, at, draws, steering, codes):  # type: ignore[no-untyped-def]
+    rows, width = hidden.shape
+    segments, count = weights.heads.weight.shape[0], codes.shape[1]
+    x, y = np.empty((rows, width), F), np.empty((rows, width), F)
+    qkv = np.empty((rows, weights.qkv.weight.shape[1]), F)
+    gates = np.empty((rows, weights.gate_up.weight.shape[1]), F)
+    inner = gates.shape[1] // 2
+    logits, shares = np.empty((rows, draws.noise.shape[2]), F), np.empty(draws.noise.shape[2], F)
+    scores = np.empty(at.bias.shape[2], F)
+    for index in range(count):
+        segment = index % segments
+        _product(hidden, weights.heads, segment, logits)
+        for place in range(steering.segments.shape[0]):
+            if segment == steering.segments[place]:
+                _steer(logits, hidden, steering, place * logits.shape[1])
+        for row in range(rows):
+            sharpness = draws.sharpness[row, index % draws.sharpness.shape[1]]
+            codes[row, index] = _draw(
+                logits[row], draws.noise[row, index], sharpness, draws.top_p[row], shares
+            )
+        if index == count - 1:
+            return
+        for row in range(rows):
+            chosen = weights.embedding[weights.starts[segment] + codes[row, index]]
+            for i in range(width):
+                x[row, i] = chosen[i] + steering.hint[row, i]
+        for layer in range(weights.qkv.weight.shape[0]):
+            _normalise(x, weights.eps, hidden)
+            _product(hidden, weights.qkv, layer, qkv)
+            for row in range(rows):
+                rotation, slot, bias = at.rotations[row, index], at.slots[row, index], at.bias[row, index]
+                _rotate(qkv[row], rotation, qkv.shape[1] - keys[layer].shape[1] * keys[layer].shape[2])
+                _attend(qkv[row], keys[layer][row], values[layer][row], slot, bias, scores, y[row])
+            _product(y, weights.out, layer, hidden)
+            for row in range(rows):
+                for i in range(width):
+                    x[row, i] += hidden[row, i]
+            _normalise(x, weights.eps, hidden)
+            _product(hidden, weights.gate_up, layer, gates)
+            for row in range(rows):
+                for i in range(inner):
+                    gates[row, i] = silu(gates[row, i]) * gates[row, inner + i]
+            _product(gates, weights.down, layer, hidden)
+            for row in range(rows):
+                for i in range(width):
+                    x[row, i] += hidden[row, i]
+        _normalise(x, weights.eps, hidden)
+
+
+def draw_codes(
+    weights: Weights,
+    hidden: np.ndarray,
+    keys: Sequence[np.ndarray],
+    values: Sequence[np.ndarray],
+    at: Positions,
+    draws: Draws,
+    steering: Steering,
+) -> np.ndarray:
+    """Codes (b, n) from the hidden state (b, c) of the position that predicts the first.
+
+    Keys and values (b, kv, d, s) of each layer are written in place; the last code is not read back.
+    """
+    codes = np.zeros(draws.noise.shape[:2], np.int64)
+    _draw_codes(
+        weights,
+        hidden.copy(),
+        _padded(keys),
+        _padded(values),
+        Positions(*map(np.ascontiguousarray, at)),  # one memory layout, so one compilation
+        Draws(*map(np.ascontiguousarray, draws)),
+        steering,
+        codes,
+    )
+    return codes
 
 
 def _padded(rings: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
-    """A tuple of eight, or of a multiple of it, because numba compiles anew for every length; the rest is not read."""
+    """Padded to a multiple of eight, because numba compiles anew for every length of a tuple."""
     return (*rings, *[rings[-1]] * (-len(rings) % 8))
 
 
-def stacked(parts: Sequence[Parts]) -> Matrices:
+def stacked(maps: Sequence[StoredWeight]) -> Matrices:
     """The same linear map of several layers in one array."""
-    weight = np.ascontiguousarray(np.stack([part.weight.numpy() for part in parts]))
+    weight = np.ascontiguousarray(np.stack([one.weight.numpy() for one in maps]))
 
     def vectors(found: Sequence[Tensor | None], missing: float) -> np.ndarray:
         rows = [np.full(weight.shape[1], missing, F) if v is None else v.float().numpy() for v in found]
         return np.ascontiguousarray(np.stack(rows), F)
 
-    return Matrices(weight, vectors([p.scale for p in parts], 1.0), vectors([p.bias for p in parts], 0.0))
+    return Matrices(
+        weight, vectors([one.scale for one in maps], 1.0), vectors([one.bias for one in maps], 0.0)
+    )

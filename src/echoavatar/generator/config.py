@@ -1,4 +1,4 @@
-"""What a generator is: vocabulary, order of the sequence, size, how it samples by default."""
+"""Sizes of a generator: vocabulary, order of the sequence, layers, and sampling defaults."""
 
 from typing import Literal, Self
 
@@ -12,7 +12,7 @@ AUDIO_FRAMES_PER_TOKEN = exact_div(AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHU
 
 
 class Opening(Config):
-    """What fills the window before anything was heard, so that a session starts at once."""
+    """Codes that fill the window before anything was heard, so that a session starts at once."""
 
     silence: tuple[int, ...] = Field(description="codes of an audio frame of silence, one per layer")
     motion: int = Field(ge=0, description="code of every segment in the motion before the first")

@@ -1,10 +1,10 @@
-"""An auxiliary task of training: half-way up, the generator tells beats and stressed syllables (not in the paper).
+"""An auxiliary task of training: the middle layer predicts beats and stressed syllables (not in the paper).
 
-Codes of motion are foretold well by the codes before them, so a small model hardly learns from them when a stroke is
-due. Asked for the events themselves it learns to hear them within a few hundred steps. Where it is asked matters:
-what only the last layer's output knows no other position can read. So the middle layer tells, at each audio frame,
-whether a cue is on, and one layer later each motion token's first position tells in which frames of its chunk cues
-are: what the layers above it need to place a stroke.
+Motion codes are well predicted by the codes before them, so a small model hardly learns from them when a stroke is due.
+Trained on the events themselves it learns them within a few hundred steps. The layer matters: no other position can
+read the output of the last one. So the middle layer predicts, at each audio frame, whether a cue is on; one layer
+later, each motion token's first position predicts which frames of its chunk hold cues, which the layers above it need
+to place a stroke.
 """
 
 from typing import Any

@@ -1,9 +1,9 @@
 """The generator rearranged for decoding: fused projections, folded norms, keys and values in preallocated rings.
 
-A chunk is heard in one pass (`run`); then its codes are drawn one by one (`draw`), on a CPU by the compiled loop.
-Computes what `Generator.forward` computes (a test holds it to that), with few operations per token: norm scales are
-folded into the next projection, q, k and v are one product, gate and up are one product, and the rotary turn is one
-complex product, for which the channels of each q and k head are reordered into pairs.
+A prompt is read in one pass (`run`); then codes are drawn one by one (`draw`), on a CPU by the compiled loop. On CUDA
+both together (`generate`) are one captured graph. Computes what `Generator.forward` computes, with few operations per
+token: norm scales are folded into the next projection, q, k and v are one product, gate and up are one product, and
+rotary positions are one complex product, for which the channels of each q and k head are reordered into pairs.
 """
 
 from collections.abc import Sequence
@@ -16,18 +16,19 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Complex, Float, Int
 from torch import Tensor
 
+from ..nn.graphs import GraphCache
+from ..nn.rotary import rotary_phases
 from ..nn.stream import StreamState
 from . import compiled
 from .exemplar import Steer, member_rows
 from .linear import FloatLinear, FrozenLinear, Precision, frozen_linear
 from .model import DecoderLayer, Generator
-from .rotary import rotary_angles
 from .sampling import Sampler
 
 
 @dataclass
 class KeyValueRing(StreamState):
-    """Keys (already turned) and values of one layer, slots last, so that sums over slots run through memory.
+    """Keys (already rotated) and values of one layer, slots last, so that sums over slots run through memory.
 
     The last slot takes the writes of rows that must not change.
     """
@@ -37,15 +38,16 @@ class KeyValueRing(StreamState):
 
 
 class Places(NamedTuple):
-    """Where the positions of one step live: turned how, written to which slot, seeing what."""
+    """The positions of one step: their rotary phases, the slots they are written to, and which slots they see."""
 
-    turns: Complex[Tensor, "b t 1 half"]
+    rotations: Complex[Tensor, "b t 1 half"]  # of length 1
     slots: Int[Tensor, "b t"]
     bias: Float[Tensor, "b 1 1 t s"]  # 0 where a slot is seen, -inf where not
 
     def part(self, start: int, stop: int | None = None) -> "Places":
         """The positions from `start` to `stop` of the step."""
-        return Places(self.turns[:, start:stop], self.slots[:, start:stop], self.bias[:, :, :, start:stop])
+        rotations, slots, bias = self
+        return Places(rotations[:, start:stop], slots[:, start:stop], bias[:, :, :, start:stop])
 
 
 class Decoder:
@@ -74,6 +76,7 @@ class Decoder:
         self._members = member_rows(self._embedding, config.layout)
         self._root_eps = torch.full((1, 1), (width * config.norm_eps) ** 0.5, device=self.device)
         self._compiled = self._compile() if self.device.type == "cpu" and precision != "bfloat16" else None
+        self._graphs = GraphCache[Sequence[KeyValueRing]](self._generate, _tensors)
 
     @property
     def device(self) -> torch.device:
@@ -96,16 +99,16 @@ class Decoder:
         seen: Bool[Tensor, "b t s"],
         active: Bool[Tensor, " b"],
     ) -> Places:
-        """Turns, slots and biases of a step; rows that are not active write to the spare slot."""
+        """Places of a step's positions; rows that are not active write to the spare slot."""
         config, spare = self.config, seen.shape[2] - 1
-        angles = rotary_angles(positions, width=config.head_width, theta=config.rope_theta)
-        turns = torch.polar(torch.ones_like(angles), angles).to(torch.complex64)
+        phases = rotary_phases(positions, width=config.head_width, base=config.rope_theta)
+        rotations = torch.polar(torch.ones_like(phases), phases).to(torch.complex64)
         slots = torch.where(active[:, None], slots, spare)
         bias = torch.zeros(seen.shape, device=positions.device).masked_fill_(~seen, -torch.inf)
-        return Places(turns[:, :, None], slots, bias[:, None, None])
+        return Places(rotations[:, :, None], slots, bias[:, None, None])
 
     def steer(self, exemplar: Float[Tensor, "b K"] | None, bias: Float[Tensor, "b K"] | None) -> Steer | None:
-        """What these weights make of a set and of a bias on its logits; without exemplar control the set is ignored."""
+        """The effect of a set of codes and of a bias on their logits; without exemplar control the set has none."""
         if self._control is None and not self.config.layout.before_example:
             exemplar = None
         if exemplar is None:
@@ -117,6 +120,37 @@ class Decoder:
         else:
             hint = self._control.hint(exemplar, self._members)
         return Steer(hint, exemplar, torch.zeros_like(exemplar) if bias is None else bias)
+
+    def generate(
+        self,
+        prompt: Int[Tensor, "b t"],
+        places: Places,
+        rings: Sequence[KeyValueRing],
+        sampler: Sampler,
+        steer: Steer | None,
+        *,
+        hinted: int = 1,
+        captured: bool = True,
+    ) -> Int[Tensor, "b n"]:
+        """Read the prompt, then draw one code for each position of the sampler; the last code is not read back.
+
+        `places` are those of the prompt and of all codes. Without rings, keys and values are kept for this call only.
+        The last `hinted` ids of the prompt predict motion codes. A prompt whose length is rare should not be
+        `captured` as a CUDA graph, which costs several times what a plain call does.
+        """
+        run = self._graphs if captured else self._generate
+        return run(rings, hinted, prompt, *places, *sampler, *(steer or ()))
+
+    def _generate(
+        self, rings: Sequence[KeyValueRing], hinted: int, prompt: Tensor, *inputs: Tensor
+    ) -> Int[Tensor, "b n"]:
+        """See `generate`, whose arguments come as plain tensors."""
+        places, sampler = Places(*inputs[:3]), Sampler(*inputs[3:6])
+        steer = Steer(*inputs[6:]) if len(inputs) > 6 else None
+        (rows, length), slots = prompt.shape, places.bias.shape[4] - 1
+        rings, hint = rings or self.rings(rows, slots), None if steer is None else steer.hint
+        hidden = self.run(prompt, places.part(0, length), rings, hint, hinted)
+        return self.draw(hidden, places.part(length), rings, sampler, steer)
 
     def run(
         self,
@@ -182,12 +216,12 @@ class Decoder:
         return torch.stack(codes, dim=1)
 
     def _compile(self) -> compiled.Weights:
-        """The weights as the compiled loop wants them."""
+        """The weights in the layout of the compiled loop."""
         config, layers = self.config, self._layers
         assert all(isinstance(head, FloatLinear) for head in self._heads)
 
         def stacked(*maps: FrozenLinear) -> compiled.Matrices:
-            return compiled.stacked([one.parts() for one in maps if isinstance(one, FloatLinear)])
+            return compiled.stacked([one.stored() for one in maps if isinstance(one, FloatLinear)])
 
         starts = [config.layout.segment_start(segment) for segment in range(config.layout.segments)]
         return compiled.Weights(
@@ -210,8 +244,8 @@ class Decoder:
         sampler: Sampler,
         steer: Steer | None,
     ) -> Int[np.ndarray, "b n"]:
-        turns = compiled.Turns(
-            places.turns[:, :, 0].numpy(), places.slots.numpy(), places.bias[:, 0, 0].numpy()
+        at = compiled.Positions(
+            places.rotations[:, :, 0].numpy(), places.slots.numpy(), places.bias[:, 0, 0].numpy()
         )
         draws = compiled.Draws(sampler.noise.numpy(), sampler.sharpness.numpy(), sampler.top_p.numpy())
         return compiled.draw_codes(
@@ -219,7 +253,7 @@ class Decoder:
             hidden.numpy(),
             [ring.keys.numpy() for ring in rings],
             [ring.values.numpy() for ring in rings],
-            turns,
+            at,
             draws,
             self._steering(steer, len(hidden)),
         )
@@ -251,11 +285,11 @@ class Decoder:
         (rows, length), group, slots = places.slots.shape, heads // kv, ring.keys.shape[3]
         split = qkv.view(rows, length, heads + 2 * kv, width)
         pairs = torch.view_as_complex(split.view(rows, length, -1, width // 2, 2))
-        turned = torch.view_as_real(pairs[:, :, : heads + kv] * places.turns).flatten(3)
+        rotated = torch.view_as_real(pairs[:, :, : heads + kv] * places.rotations).flatten(3)
         where = places.slots[:, None, None].expand(rows, kv, width, length)
-        ring.keys.scatter_(3, where, turned[:, :, heads:].permute(0, 2, 3, 1))
+        ring.keys.scatter_(3, where, rotated[:, :, heads:].permute(0, 2, 3, 1))
         ring.values.scatter_(3, where, split[:, :, heads + kv :].permute(0, 2, 3, 1))
-        q = turned[:, :, :heads].reshape(rows, length, kv, group, width).permute(0, 2, 3, 1, 4)
+        q = rotated[:, :, :heads].reshape(rows, length, kv, group, width).permute(0, 2, 3, 1, 4)
         q = q.reshape(rows * kv, group * length, width)
         scores = torch.bmm(q, ring.keys.view(rows * kv, width, slots))
         weights = torch.softmax(scores.view(rows, kv, group, length, slots).add_(places.bias), dim=-1)
@@ -283,6 +317,10 @@ class _FrozenLayer:
         self.gate_up: FrozenLinear = frozen_linear(precision, gate_up * between)
         self.down: FrozenLinear = frozen_linear(precision, mlp.down_proj.weight)
         self.dtype = self.qkv.dtype
+
+
+def _tensors(rings: Sequence[KeyValueRing]) -> list[Tensor]:
+    return [tensor for ring in rings for tensor in ring.tensors()]
 
 
 def _pair(

@@ -1,4 +1,4 @@
-"""Exemplar-driven control: a set of first-layer upper-body codes tells the generator which motion is wanted.
+"""Exemplar-driven control: a set of first-layer upper-body codes asks the generator for a motion.
 
 Paper, Exemplar-Driven Control (after MECo): the first RVQ layer carries the meaning, so the codes that a reference clip
 uses there, without order, are the directive; stage 3 trains it with 10 to 20 % of the set dropped.
@@ -32,7 +32,7 @@ class Exemplar(NamedTuple):
 
 
 class Steer(NamedTuple):
-    """What a directive does during one step of a stream."""
+    """The effect of a directive during one step of a stream."""
 
     hint: Float[Tensor, "b c"]  # added to the input of the positions that predict motion codes
     members: Float[Tensor, "b K"]  # times the gate, added to the logits of the segments directed; K for each
@@ -40,7 +40,7 @@ class Steer(NamedTuple):
 
 
 class ExemplarControl(nn.Module):
-    """What a set does to the generator: `hint` enters the input, `gate` of the hidden state raises the set's logits."""
+    """Learned effect of a set: `hint` enters the input, `gate` of the hidden state raises the set's logits."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
@@ -49,7 +49,7 @@ class ExemplarControl(nn.Module):
         self.clear()
 
     def clear(self) -> None:
-        """Back to no effect at all."""
+        """Reset to no effect."""
         for parameter in self.parameters():
             nn.init.zeros_(parameter)
 
@@ -66,7 +66,7 @@ class ExemplarControl(nn.Module):
 
 
 def segment_of(layout: TokenLayout) -> int:
-    """The segment of the motion grammar that the set speaks of: the first layer of the upper body, or of the whole."""
+    """The segment whose codes the set holds: the first layer of the upper body, or of the whole body."""
     return min(UPPER, layout.parts - 1) * layout.motion_layers
 
 
@@ -101,7 +101,7 @@ def raise_logits(
 def draw_exemplar(
     motion: Int[Tensor, "b n p q"], share: float, *, codes: int, whole: bool, generator: torch.Generator
 ) -> Exemplar:
-    """Directives for windows that are known: what a span of each window uses, 10 to 20 % of it dropped.
+    """Directives for training windows: the codes that a span of each window uses, 10 to 20 % of them dropped.
 
     A `share` of the windows gets one, over a random span of whole chunks (over the `whole` window in the prefix order).
     """

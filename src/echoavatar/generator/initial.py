@@ -1,4 +1,4 @@
-"""Where a generator begins: Qwen2.5's body, and embeddings that already know the codebooks.
+"""Initial weights of a generator: Qwen2.5's body, and embeddings made from the codebooks.
 
 Paper, Audio Driven Motion Generation, stage 1 (Embedding Space Alignment): audio and motion codes are projected
 into the model's latent space. `align_embeddings` does it without training: one fixed random orthogonal map per modality

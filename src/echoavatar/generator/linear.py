@@ -16,8 +16,8 @@ from torch import Tensor
 Precision = Literal["float32", "bfloat16", "int8"]
 
 
-class Parts(NamedTuple):
-    """y = (W x) scale + bias, as a compiled loop wants it."""
+class StoredWeight(NamedTuple):
+    """y = (W x) scale + bias: the numbers that the compiled loop reads."""
 
     weight: Float[Tensor, "o i"] | Int8[Tensor, "o i"]
     scale: Float[Tensor, " o"] | None
@@ -47,9 +47,9 @@ class FloatLinear(FrozenLinear):
         """Map rows."""
         return torch.mm(x, self._weight) if self._bias is None else torch.addmm(self._bias, x, self._weight)
 
-    def parts(self) -> Parts:
+    def stored(self) -> StoredWeight:
         """The weights as they are."""
-        return Parts(self._weight.T, None, self._bias)
+        return StoredWeight(self._weight.T, None, self._bias)
 
 
 class HalfLinear(FrozenLinear):
@@ -75,9 +75,9 @@ class Int8Linear(FloatLinear):
         self._rounded = (weight / self._scale[:, None]).round().clamp(-127, 127).to(torch.int8)
         super().__init__(self._rounded.float() * self._scale[:, None], bias)
 
-    def parts(self) -> Parts:
-        """Whole numbers and their scales."""
-        return Parts(self._rounded, self._scale, self._bias)
+    def stored(self) -> StoredWeight:
+        """Integers and their scales."""
+        return StoredWeight(self._rounded, self._scale, self._bias)
 
 
 def frozen_linear(

@@ -21,7 +21,7 @@ def code_nll(
 ) -> Float[Tensor, "b k n"]:
     """Negative log-likelihood in nats of every motion code under its segment's K logits.
 
-    `hidden` is the generator's answer to the batch, where it is there already; `exemplar` the directive it was given.
+    `hidden` are the generator's hidden states, where they are known already; `exemplar` is the directive.
     """
     if hidden is None:
         hidden = generator.read(batch, exemplar)

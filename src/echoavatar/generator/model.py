@@ -3,23 +3,20 @@
 Paper, Settings: Qwen2.5-0.5B-Instruct with its tied embeddings detached. The state-dict names are those of
 transformers' `Qwen2ForCausalLM`, so that its weights initialise the body (`initial.init_from_qwen`). Departure:
 only the K rows of the position's segment are ever computed, in training, scoring and sampling alike; the paper's
-full softmax spends mass on codes that the cyclic grammar forbids.
+full softmax gives mass to codes that the cyclic grammar forbids.
 """
-
-from pathlib import Path
-from typing import Self
 
 import torch
 import torch.nn.functional as F
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
-from .. import checkpoint
+from ..nn import Checkpointed
+from ..nn.rotary import phase_table, rotary, rotary_phases
 from ..tokens import Sequences
 from .attention import banded_attention, masked_attention
 from .config import GeneratorConfig
 from .exemplar import Exemplar, ExemplarControl, member_rows, raise_logits, spread_hints
-from .rotary import rotary_angles, rotate
 
 
 class RMSNorm(nn.Module):
@@ -49,14 +46,14 @@ class SelfAttention(nn.Module):
     def forward(
         self,
         x: Float[Tensor, "b t c"],
-        angles: Float[Tensor, "#b t half"],
+        table: Float[Tensor, "2 #b 1 t d"],
         lookback: int | None,
         valid: Bool[Tensor, "b t"] | None,
     ) -> Float[Tensor, "b t c"]:
         """Attend to what `lookback` and `valid` allow."""
         split = (x.shape[0], x.shape[1], -1, self.head_width)
         q, k, v = (proj(x).view(split).transpose(1, 2) for proj in (self.q_proj, self.k_proj, self.v_proj))
-        q, k = rotate(q, angles).to(v.dtype), rotate(k, angles).to(v.dtype)
+        q, k = rotary(q, table).to(v.dtype), rotary(k, table).to(v.dtype)
         group = self.heads // self.kv_heads
         k, v = k.repeat_interleave(group, dim=1), v.repeat_interleave(group, dim=1)
         y = (
@@ -96,12 +93,12 @@ class DecoderLayer(nn.Module):
     def forward(
         self,
         x: Float[Tensor, "b t c"],
-        angles: Float[Tensor, "#b t half"],
+        table: Float[Tensor, "2 #b 1 t d"],
         lookback: int | None,
         valid: Bool[Tensor, "b t"] | None,
     ) -> Float[Tensor, "b t c"]:
         """One layer."""
-        x = x + self.self_attn(self.input_layernorm(x), angles, lookback, valid)
+        x = x + self.self_attn(self.input_layernorm(x), table, lookback, valid)
         y: Tensor = x + self.mlp(self.post_attention_layernorm(x))
         return y
 
@@ -116,8 +113,11 @@ class Body(nn.Module):
         self.norm = RMSNorm(config.width, config.norm_eps)
 
 
-class Generator(nn.Module):
+class Generator(Checkpointed):
     """Ids in, hidden states and segment logits out."""
+
+    config_type = GeneratorConfig
+    config: GeneratorConfig
 
     def __init__(self, config: GeneratorConfig) -> None:
         super().__init__()
@@ -155,11 +155,14 @@ class Generator(nn.Module):
         else:
             positions = (valid.long().cumsum(1) - 1).clamp(min=0)
         config = self.config
-        angles = rotary_angles(positions, width=config.head_width, theta=config.rope_theta)
+        phases = rotary_phases(positions, width=config.head_width, base=config.rope_theta)
+        table = phase_table(phases)[:, :, None].to(
+            torch.promote_types(self.lm_head.weight.dtype, torch.float32)
+        )
         x = self.model.embed_tokens(ids)
         x = x if hints is None else x + hints
         for layer in self.model.layers:
-            x = layer(x, angles, config.order.lookback, valid)
+            x = layer(x, table, config.order.lookback, valid)
         hidden: Tensor = self.model.norm(x)
         return hidden
 
@@ -194,18 +197,3 @@ class Generator(nn.Module):
         chosen = hidden[:, predictors].transpose(0, 1).flatten(1, 2)
         logits = torch.bmm(chosen, self.segment_head().transpose(1, 2))
         return logits.view(len(logits), rows, -1, self.config.layout.motion_codes)
-
-    def save(self, folder: Path, card: dict[str, object], dtype: torch.dtype | None = None) -> None:
-        """Write a checkpoint folder."""
-        checkpoint.save(folder, config=self.config, weights=self.state_dict(), card=card, dtype=dtype)
-
-    @classmethod
-    def load(cls, folder: Path) -> Self:
-        """Read a checkpoint folder.
-
-        Raises:
-            CheckpointError: files are missing, damaged or of another shape.
-        """
-        generator = cls(checkpoint.read_config(folder, GeneratorConfig))
-        checkpoint.load_into(generator, checkpoint.read_weights(folder), origin=str(folder))
-        return generator.eval()

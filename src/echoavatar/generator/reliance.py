@@ -1,7 +1,7 @@
-"""How much the audio matters: likelihood of the true motion with the true audio and with another clip's.
+"""Reliance on the audio: likelihood of the true motion with the true audio and with another clip's.
 
-The paper's conditional collapse (Hierarchical Token Corruption), measured directly: a collapsed model loses
-nothing when the audio is exchanged.
+The paper's conditional collapse (Hierarchical Token Corruption), measured directly: the likelihood under a
+collapsed model does not change with the audio.
 """
 
 from collections.abc import Sequence
@@ -64,7 +64,7 @@ def nll_by_domain(
 def _windows(
     clips: Sequence[TokenClip], chunks: int, shuffled_audio: bool
 ) -> tuple[Window, Int[Tensor, "b f l"]]:
-    """All windows, and the audio that each one hears.
+    """All windows, and the audio for each.
 
     Windows lie in the order of the clips, so a shift by the most windows of one clip always reaches another clip.
     """

@@ -3,6 +3,8 @@
 So the same session gives the same motion in one big push, in many small ones, and beside any neighbour.
 """
 
+from typing import NamedTuple
+
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
@@ -49,33 +51,33 @@ def nucleus(logits: Float[Tensor, "b K"], top_p: Float[Tensor, " b"]) -> Float[T
     return logits.masked_fill(logits < ordered.gather(1, kept - 1), -torch.inf)
 
 
-class Sampler:
-    """Draws the codes of one step: temperature and nucleus per row, noise for all positions at once.
+class Sampler(NamedTuple):
+    """Draws the codes of one step, with the noise for all of its positions."""
+
+    noise: Float[Tensor, "b n K"]
+    sharpness: Float[Tensor, "b q"]  # factor of the logits, by layer of the RVQ
+    top_p: Float[Tensor, " b"]
+
+    def draw(self, logits: Float[Tensor, "b K"], position: int) -> Int[Tensor, " b"]:
+        """The codes at one position of the step."""
+        logits = logits * self.sharpness[:, position % self.sharpness.shape[1], None]
+        return (nucleus(logits, self.top_p) + self.noise[:, position]).argmax(dim=1)
+
+
+def make_sampler(
+    noise: Float[Tensor, "b n K"],
+    temperature: Float[Tensor, " b"],
+    top_p: Float[Tensor, " b"],
+    *,
+    layers: int = 1,
+    cooling: float = 1.0,
+) -> Sampler:
+    """A sampler with temperature and nucleus per row; temperature 0 takes the likeliest code.
 
     Layer q of a part is drawn at temperature x `cooling`^q: the coarse layers choose what happens, and what the fine
     ones add is detail, which noise turns into trembling.
     """
-
-    noise: Float[Tensor, "b n K"]
-    sharpness: Float[Tensor, "b q"]  # what logits are multiplied by
-    top_p: Float[Tensor, " b"]
-
-    def __init__(
-        self,
-        noise: Float[Tensor, "b n K"],
-        temperature: Float[Tensor, " b"],
-        top_p: Float[Tensor, " b"],
-        *,
-        layers: int = 1,
-        cooling: float = 1.0,
-    ) -> None:
-        warm = temperature > 0
-        warmth = cooling ** -torch.arange(layers, device=noise.device)
-        self.noise = noise * warm[:, None, None]
-        self.sharpness = torch.where(warm, 1 / temperature.clamp(min=1e-6), 1.0)[:, None] * warmth
-        self.top_p = top_p
-
-    def draw(self, logits: Float[Tensor, "b K"], position: int) -> Int[Tensor, " b"]:
-        """The codes at one position of the step; temperature 0 takes the likeliest."""
-        logits = logits * self.sharpness[:, position % self.sharpness.shape[1], None]
-        return (nucleus(logits, self.top_p) + self.noise[:, position]).argmax(dim=1)
+    warm = temperature > 0
+    warmth = cooling ** -torch.arange(layers, device=noise.device)
+    sharpness = torch.where(warm, 1 / temperature.clamp(min=1e-6), 1.0)[:, None] * warmth
+    return Sampler(noise * warm[:, None, None], sharpness, top_p)

@@ -1,4 +1,4 @@
-"""Streaming generation: each chunk of audio codes in, two time steps of motion codes out.
+"""Streaming generation: each chunk of audio codes in, two time steps of motion codes out (or the config's number).
 
 `InterleavedStream` keeps a ring of keys and values of constant size: a step reads the previous id and 40 audio ids
 in one pass, then decodes 6 Q ids one by one. `PrefixStream` is the paper's sliding window: its state is the code
@@ -20,13 +20,13 @@ from .decoder import Decoder, KeyValueRing, Places
 from .exemplar import Steer
 from .linear import Precision
 from .model import Generator
-from .sampling import Sampler, gumbel_noise
+from .sampling import Sampler, gumbel_noise, make_sampler
 
 StateT = TypeVar("StateT", bound=StreamState)
 
 
 class GeneratorStream(StreamingModule[StateT]):
-    """What both sequence orders share. Built from a generator's present weights, on its device."""
+    """The common part of both sequence orders, built from a generator's present weights, on its device."""
 
     def __init__(self, generator: Generator, precision: Precision = "float32") -> None:
         super().__init__()
@@ -36,7 +36,7 @@ class GeneratorStream(StreamingModule[StateT]):
 
     @abstractmethod
     def init_state(self, rows: int) -> StateT:
-        """A state in which nothing was heard yet."""
+        """A fresh state."""
 
     @torch.no_grad()
     def step(
@@ -81,7 +81,7 @@ class GeneratorStream(StreamingModule[StateT]):
         state: StateT,
         active: Bool[Tensor, " b"],
     ) -> None:
-        """Take known motion as what was answered to whole chunks of audio codes: how a prompt with a past begins."""
+        """Take whole chunks of audio codes and their known motion as the past, for a prompt that begins with one."""
 
     def forward(self, x: Int[Tensor, "b f l"]) -> Int[Tensor, "b n p q"]:
         """A whole clip: one step from a fresh state, seed 0."""
@@ -91,7 +91,7 @@ class GeneratorStream(StreamingModule[StateT]):
 
     def _sampler(self, noise: Tensor, temperature: Tensor, top_p: Tensor) -> Sampler:
         layers, cooling = self.layout.motion_layers, self.config.cooling
-        return Sampler(noise, temperature, top_p, layers=layers, cooling=cooling)
+        return make_sampler(noise, temperature, top_p, layers=layers, cooling=cooling)
 
     @abstractmethod
     def _heard(self, state: StateT) -> Int[Tensor, " b"]:
@@ -106,24 +106,6 @@ class GeneratorStream(StreamingModule[StateT]):
         sampler: Sampler,
         steer: Steer | None,
     ) -> Int[Tensor, "b n p q"]: ...
-
-    def _decode(
-        self,
-        prompt: Int[Tensor, "b t"],
-        places: Places,
-        rings: list[KeyValueRing],
-        sampler: Sampler,
-        steer: Steer | None,
-        hinted: int = 1,
-    ) -> Int[Tensor, "b n"]:
-        """Read the prompt, then draw 6 Q codes; the last one is not read back.
-
-        The last `hinted` ids of the prompt predict motion codes.
-        """
-        decoder, length = self._decoder, prompt.shape[1]
-        hint = None if steer is None else steer.hint
-        hidden = decoder.run(prompt, places.part(0, length), rings, hint, hinted)
-        return decoder.draw(hidden, places.part(length), rings, sampler, steer)
 
 
 @dataclass
@@ -145,7 +127,7 @@ class InterleavedStream(GeneratorStream[RingState]):
         self._slots = self._order.lookback + self._order.audio_per_chunk
 
     def init_state(self, rows: int) -> RingState:
-        """A state in which nothing was heard yet."""
+        """A fresh state."""
         zero = torch.zeros(rows, dtype=torch.int64, device=self._decoder.device)
         return RingState(self._decoder.rings(rows, self._slots), zero, zero.clone())
 
@@ -162,7 +144,8 @@ class InterleavedStream(GeneratorStream[RingState]):
     ) -> Int[Tensor, "b n p q"]:
         last = state.last[:, None] + self.layout.start_id
         prompt = torch.cat([last, self.layout.audio_ids(x)], dim=1)
-        flat = self._decode(prompt, self._places(state, active), state.rings, sampler, steer)
+        places = self._places(state, active)
+        flat = self._decoder.generate(prompt, places, state.rings, sampler, steer)
         codes = self.layout.unflatten(flat)
         self._advance(state, self.layout.motion_ids(codes)[:, -1], active)
         return codes
@@ -221,7 +204,7 @@ class HistoryState(StreamState):
 class PrefixStream(GeneratorStream[HistoryState]):
     """The paper's window: every step reads up to 4 s of audio and the motion before the new step, then decodes.
 
-    Where the config has an `opening`, it stands in the window for what was not heard yet; else the window grows.
+    Where the config has an `opening`, it fills the part of the window that was not heard yet; else the window grows.
     """
 
     def __init__(self, generator: Generator, precision: Precision = "float32") -> None:
@@ -230,7 +213,7 @@ class PrefixStream(GeneratorStream[HistoryState]):
         self._order = generator.config.order
 
     def init_state(self, rows: int) -> HistoryState:
-        """A state in which nothing was heard yet."""
+        """A fresh state."""
         device, tokens, layout = self._decoder.device, self.config.window_tokens, self.layout
 
         def zeros(*shape: int) -> Tensor:
@@ -253,10 +236,17 @@ class PrefixStream(GeneratorStream[HistoryState]):
     ) -> Int[Tensor, "b n p q"]:
         audio = torch.cat([state.audio, x.long()], dim=1)[:, self.config.audio_frames :]
         context = state.motion[:, self.config.step :]
-        prompt, valid = self._prompt(audio, context, state.chunks, steer)
-        places, slots = self._places(valid)
-        told = context[0].numel() + 1  # the whole window is told, as in training
-        flat = self._decode(prompt, places, self._decoder.rings(len(x), slots), sampler, steer, told)
+        example = self._example(steer)
+        prompt, valid = self._prompt(audio, context, state.chunks, example)
+        flat = self._decoder.generate(
+            prompt,
+            self._places(valid),
+            [],
+            sampler,
+            steer,
+            hinted=context[0].numel() + 1,  # the directive enters at the whole window, as in training
+            captured=example is None,  # each example makes the prompt longer by its own size
+        )
         codes = self.layout.unflatten(flat)
         write_rows(state.audio, audio, active)
         write_rows(state.motion, torch.cat([context, codes], dim=1), active)
@@ -271,7 +261,7 @@ class PrefixStream(GeneratorStream[HistoryState]):
         state: HistoryState,
         active: Bool[Tensor, " b"],
     ) -> None:
-        """See `GeneratorStream.prime`: the history takes it in."""
+        """See `GeneratorStream.prime`."""
         for past, new in ((state.audio, x), (state.motion, motion)):
             write_rows(past, torch.cat([past, new.long()], dim=1)[:, new.shape[1] :], active)
         write_rows(state.chunks, state.chunks + x.shape[1] // self.config.audio_frames, active)
@@ -281,10 +271,10 @@ class PrefixStream(GeneratorStream[HistoryState]):
         audio: Int[Tensor, "b f l"],
         context: Int[Tensor, "b n p q"],
         heard: Int[Tensor, " b"],
-        steer: Steer | None,
+        example: Int[Tensor, "b m"] | None,
     ) -> tuple[Int[Tensor, "b t"], Bool[Tensor, "b t"]]:
         """Ids of the window and which of them count."""
-        config, example = self.config, self._example(steer)
+        config = self.config
         missing = (config.window_tokens // config.step - 1 - heard).clamp(min=0)
         if config.opening is None:
             return self._order.prompt(audio, context, missing, example)
@@ -307,7 +297,7 @@ class PrefixStream(GeneratorStream[HistoryState]):
         order = is_in.int().argsort(dim=1, descending=True, stable=True)[:, : int(is_in.sum(1).max())]
         return torch.where(is_in.gather(1, order), ids[order], -1)
 
-    def _places(self, valid: Bool[Tensor, "b t"]) -> tuple[Places, int]:
+    def _places(self, valid: Bool[Tensor, "b t"]) -> Places:
         rows, device = valid.shape[0], valid.device
         new = torch.ones(rows, self.config.step * self.layout.segments, dtype=torch.bool, device=device)
         valid = torch.cat([valid, new], dim=1)
@@ -318,7 +308,7 @@ class PrefixStream(GeneratorStream[HistoryState]):
         seen = torch.cat([seen, torch.zeros(rows, length, 1, dtype=torch.bool, device=device)], dim=2)
         positions = (valid.long().cumsum(1) - 1).clamp(min=0)
         everyone = torch.ones(rows, dtype=torch.bool, device=device)
-        return self._decoder.places(positions, at.expand(rows, -1), seen, everyone), length
+        return self._decoder.places(positions, at.expand(rows, -1), seen, everyone)
 
 
 def open_stream(generator: Generator, precision: Precision = "float32") -> InterleavedStream | PrefixStream:

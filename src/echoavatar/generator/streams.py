@@ -1,4 +1,4 @@
-"""Stage 1 of the curriculum: the next code of sound alone, and of motion alone, taught to the embeddings.
+"""Stage 1 of the curriculum: embeddings learn to predict the next code of sound alone, and of motion alone.
 
 Paper, Audio Driven Motion Generation (1) Embedding Space Alignment, after MECo: the new rows of the vocabulary find
 their place in the body's latent space before the body is asked to relate them. The body is frozen; the rows of codes at
@@ -25,7 +25,7 @@ class StreamNll(NamedTuple):
 
 
 def stream_nll(generator: Generator, window: Window) -> StreamNll:
-    """Sound as one stream, motion as another; neither sees the other."""
+    """Sound and motion as separate streams; neither sees the other."""
     layout = generator.config.layout
     sound, moves = layout.audio_ids(window.audio), layout.motion_ids(window.motion)
     hidden = generator(_shifted(sound, layout.start_id))
@@ -51,7 +51,7 @@ def stream_loss(nll: StreamNll, depth_weights: Sequence[float]) -> Float[Tensor,
 
 
 def freeze_body(generator: Generator) -> None:
-    """Only what reads codes and what names them learns."""
+    """Train only the embeddings of codes at the input and at the output."""
     generator.requires_grad_(False)
     learned: tuple[nn.Module, ...] = (generator.model.embed_tokens, generator.lm_head)
     for module in learned:

@@ -1,6 +1,6 @@
 """Training on tokenised clips: hierarchical loss scaling, Hierarchical Token Corruption, control by example.
 
-Paper, Audio Driven Motion Generation. Everything random in a step follows from the seed and the step's number, and is
+Paper, Audio Driven Motion Generation. Everything random in a step depends on the seed and the step's number, and is
 in its batch (see `training`).
 """
 
@@ -26,11 +26,11 @@ from .recipe import GeneratorTraining
 from .streams import freeze_body, stream_loss, stream_nll
 from .windows import TokenClip, Window, WindowSampler
 
-_EXEMPLARS = 500_009  # salt of what else is random in a step
+_EXEMPLARS = 500_009  # salt of the other random numbers of a step
 
 
 class Lesson(NamedTuple):
-    """A batch: windows as they are, and what the generator is shown of their motion."""
+    """A batch: windows, and their motion as the generator sees it."""
 
     window: Window
     context: Int[Tensor, "b n p q"]  # motion codes, corrupted
@@ -39,7 +39,7 @@ class Lesson(NamedTuple):
 
 
 class GeneratorStage(Stage[Lesson]):
-    """A generator and the clips of split "train" that it learns."""
+    """A generator and the clips of split "train"."""
 
     config: GeneratorTraining
 
@@ -76,7 +76,7 @@ class GeneratorStage(Stage[Lesson]):
         self.sampler = WindowSampler(chosen, chunks=self.chunks, seed=training.seed)
 
     def begin_with(self, start: Generator) -> None:
-        """Take the weights of a trained generator; one without exemplar control lends it none."""
+        """Take the weights of a trained generator, which may lack exemplar control."""
         weights = start.state_dict()
         if start.exemplar is None:
             own = self.generator.state_dict()
@@ -98,7 +98,7 @@ class GeneratorStage(Stage[Lesson]):
         return found
 
     def clipped(self) -> Iterable[nn.Parameter]:
-        """The generator's; cue readers may learn as fast as they like."""
+        """The generator's parameters; gradients of the cue readers are not clipped."""
         return self.generator.parameters()
 
     def draw(self, step: int) -> Lesson:
@@ -207,7 +207,7 @@ def train_generator(
 def _out_of_step(
     motion: Int[Tensor, "b n p q"], share: float, random: torch.Generator
 ) -> Int[Tensor, "b n p q"]:
-    """A share of the rows moved by 1 or 2 tokens in time, so that only the sound tells the phase."""
+    """A share of the rows, shifted by 1 or 2 tokens in time, so that only the sound tells the phase."""
     chosen = torch.rand(len(motion), generator=random) < share
     by = torch.tensor([-2, -1, 1, 2])[torch.randint(4, (len(motion),), generator=random)]
     rows = [

@@ -1,9 +1,9 @@
-"""Training windows: whole chunks cut from clips that were encoded continuously, so that tokens look as they do live.
+"""Training windows: whole chunks cut from clips that were encoded as one stream, as in a live session.
 
 A token file is one clip: an npz with `audio_codes` (f, 2) int16 at 75 Hz, `motion_codes` (n, 3, Q) int16 at 7.5 Hz,
 `domain` (n,) uint8 (0 silence, 1 speech, 2 music) and `split` ("train" or "test"); optionally `cues` (f, 2) uint8, 1
 where a beat or a stressed syllable is heard, `patience`, how steady the codes of motion are, and `has_truth`, false
-where nobody moved to the sound and the codes of motion are a generator's own (prompts for reinforcement learning).
+where the sound has no recorded motion and the codes are a generator's own (prompts for reinforcement learning).
 """
 
 import zipfile
@@ -50,9 +50,9 @@ class TokenClip:
         return len(self.motion) // MOTION_TOKENS_PER_CHUNK
 
     def heard_ahead(self, chunks: int) -> Self:
-        """The clip with its sound so many chunks early: beside a motion token lie sound and cues of later.
+        """The clip with its sound this many chunks early: a motion token lies beside later sound and cues.
 
-        The last `chunks` chunks of motion go, their sound would lie behind the end.
+        The last `chunks` chunks of motion are dropped, because their sound would lie behind the end.
         """
         first = chunks * AUDIO_FRAMES_PER_CHUNK
         cues = None if self.cues is None else self.cues[first:]
@@ -94,10 +94,10 @@ class TokenClip:
 
 
 def patience_of(clips: Sequence[TokenClip]) -> float:
-    """How steady the clips' codes are, all alike; 0 where there are none.
+    """The `patience` that all clips share; 0 without clips.
 
     Raises:
-        MotionError: some clips were made with another patience than others.
+        MotionError: the clips differ in patience.
     """
     found = sorted({clip.patience for clip in clips})
     if len(found) > 1:

@@ -1,9 +1,10 @@
 """Building blocks of the networks: the streaming contract and causal attention. May import `checkpoint` and below."""
 
-from .attention import AttentionState, CausalAttention, lookback_mask, rotary
-from .blocks import CausalBlock, Mlp
+from .attention import AttentionState, CausalAttention, lookback_mask
+from .blocks import CausalBlock, FullBlock, Mlp
+from .checkpointed import Checkpointed
 from .convolution import CausalConvBlock
-from .parts import Parts
+from .rotary import rotary
 from .stream import StateT, StreamingModule, StreamState, write_rows
 
 __all__ = [
@@ -11,8 +12,9 @@ __all__ = [
     "CausalAttention",
     "CausalBlock",
     "CausalConvBlock",
+    "Checkpointed",
+    "FullBlock",
     "Mlp",
-    "Parts",
     "StateT",
     "StreamState",
     "StreamingModule",

@@ -1,7 +1,7 @@
 """Attention that sees itself and a fixed number of past frames (paper, Motion Tokenizer: causal mask, look-back p).
 
-Rotary positions (rotate-half layout, base 10000) make the result depend on distances only, so a ring of the last
-keys and values is all the past a stream needs, and positions may be counted from the oldest of them.
+Rotary positions (rotate-half layout, base 10000) make the result depend on distances only. So a stream needs only
+the last keys and values, and may count positions from the oldest of them.
 """
 
 from dataclasses import dataclass
@@ -11,10 +11,10 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
+from .rotary import rotary, rotary_table
 from .stream import StreamingModule, StreamState, write_rows
 
-ROPE_BASE = 10_000.0
-TABLE_LENGTH = 96  # positions whose angles and mask are kept ready; longer inputs compute them
+TABLE_LENGTH = 96  # positions whose phases and mask are kept ready; longer inputs compute them
 
 
 @dataclass
@@ -30,20 +30,6 @@ def lookback_mask(queries: int, lookback: int, *, past: int = 0) -> Bool[Tensor,
     query = torch.arange(queries)[:, None] + past
     key = torch.arange(queries + past)[None, :]
     return (key <= query) & (key >= query - lookback)
-
-
-def rotary_table(length: int, channels: int) -> Float[Tensor, "2 t d"]:
-    """Cosines and signed sines of position * base^(-2i/d), each channel half filled alike (rotate-half layout)."""
-    half = channels // 2
-    rates = ROPE_BASE ** (-torch.arange(half, dtype=torch.float64) / half)
-    angles = torch.arange(length, dtype=torch.float64)[:, None] * rates
-    cos, sin = angles.cos(), angles.sin()
-    return torch.stack([torch.cat([cos, cos], -1), torch.cat([-sin, sin], -1)])
-
-
-def rotary(x: Float[Tensor, "*b t d"], table: Float[Tensor, "2 t d"]) -> Float[Tensor, "*b t d"]:
-    """Turn channels i and i + d/2 together by the angles of their position."""
-    return torch.addcmul(x * table[0], x.roll(x.shape[-1] // 2, -1), table[1])
 
 
 class CausalAttention(StreamingModule[AttentionState]):

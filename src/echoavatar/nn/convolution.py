@@ -1,4 +1,4 @@
-"""Causal convolutions as streams: what the paper compares its attention blocks with (CausalConv-RVQ).
+"""Causal convolutions as streams: the paper's baseline for its attention blocks (CausalConv-RVQ).
 
 A block has three residual units of dilation 1, 3 and 9, as motion VQ-VAEs usually have (T2M-GPT), padded on the left
 only; it has the weights of an attention block of the same width, 12 width^2, and sees 26 positions back.

@@ -1,61 +1,93 @@
-"""A step captured once as a CUDA graph and replayed; on other devices the same function called plainly.
+"""Steps captured as CUDA graphs and replayed; on other devices the same function is called plainly.
 
-A step of a large model at batch one is thousands of small kernels, and starting them one by one costs more than
-running them. What is captured must not look at values on the host and must keep its shapes. The plain call is the
-twin by which tests without a GPU check everything but the capture itself.
+A step of a large model at batch one is thousands of small kernels, and starting them one by one takes longer than
+running them. A captured function must not look at values on the host, must not copy to or from the host, and must keep
+its shapes. Capturing needs CUDA; `capture` may be replaced, so that everything else is tested without it.
 """
 
-from collections.abc import Callable
-from typing import TypeVar
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import torch
 from torch import Tensor
 
-from .stream import StreamState
-
 WARM_UP = 3
-OutputT = TypeVar("OutputT")
+KEPT = 4  # graphs of one function; each keeps its memory
+StateT = TypeVar("StateT")
+Capture = Callable[[Callable[[], Tensor]], Callable[[], Tensor]]
+"""Makes a replay of a function without arguments; the replay's answer may be overwritten by the next replay."""
 
 
-class Graphed:
-    """`function(*inputs)` of fixed shapes; `state`, which it changes in place, is put back after warming up."""
+def capture_cuda(run: Callable[[], Tensor]) -> Callable[[], Tensor]:
+    """A CUDA graph of `run`, which is called some times before, as capturing demands."""
+    stream = torch.cuda.Stream()  # type: ignore[no-untyped-call]
+    stream.wait_stream(torch.cuda.current_stream())
+    with torch.cuda.stream(stream):
+        for _ in range(WARM_UP):
+            run()
+    torch.cuda.current_stream().wait_stream(stream)
+    graph = torch.cuda.CUDAGraph()
+    with torch.cuda.graph(graph):
+        output = run()
+
+    def replay() -> Tensor:
+        graph.replay()
+        return output
+
+    return replay
+
+
+class GraphCache(Generic[StateT]):
+    """`function(state, fixed, *inputs)`, captured once for each state, `fixed` value and set of input shapes.
+
+    The function changes the state's tensors in place, so a graph belongs to one state; the cache keeps that state
+    alive as long as the graph. The least recently used graph makes room for a new one.
+    """
 
     def __init__(
-        self, function: Callable[..., Tensor], *inputs: Tensor, state: StreamState | None = None
+        self,
+        function: Callable[..., Tensor],
+        tensors_of: Callable[[StateT], Sequence[Tensor]],
+        *,
+        capture: Capture | None = None,
     ) -> None:
-        self._function = function
-        self._inputs = [value.clone() for value in inputs]
-        self._graph: torch.cuda.CUDAGraph | None = None
-        self._output: Tensor | None = None
-        if self._inputs[0].device.type == "cuda":
-            self._capture(state)
+        """Without `capture`: `capture_cuda` for inputs on a CUDA device, plain calls elsewhere."""
+        self._function, self._tensors_of, self._capture = function, tensors_of, capture
+        self._graphs = OrderedDict[Hashable, _Graph[StateT]]()
 
-    @property
-    def is_captured(self) -> bool:
-        """Whether a graph is replayed."""
-        return self._graph is not None
+    def __call__(self, state: StateT, fixed: Hashable, *inputs: Tensor) -> Tensor:
+        """The function's answer."""
+        capture = self._capture or (capture_cuda if inputs[0].is_cuda else None)
+        if capture is None:
+            return self._function(state, fixed, *inputs)
+        addresses = tuple(tensor.data_ptr() for tensor in self._tensors_of(state))
+        key = addresses, fixed, tuple((value.shape, value.dtype) for value in inputs)
+        if key not in self._graphs:
+            self._graphs[key] = self._captured(capture, state, fixed, inputs)
+            if len(self._graphs) > KEPT:
+                self._graphs.popitem(last=False)
+        self._graphs.move_to_end(key)
+        graph = self._graphs[key]
+        for buffer, value in zip(graph.inputs, inputs, strict=True):
+            buffer.copy_(value, non_blocking=True)
+        return graph.replay().clone()
 
-    def __call__(self, *inputs: Tensor) -> Tensor:
-        """The function's answer; on CUDA the next call overwrites it."""
-        for own, value in zip(self._inputs, inputs, strict=True):
-            own.copy_(value, non_blocking=True)
-        if self._graph is None:
-            return self._function(*self._inputs)
-        self._graph.replay()
-        assert self._output is not None
-        return self._output
+    def _captured(
+        self, capture: Capture, state: StateT, fixed: Hashable, inputs: Sequence[Tensor]
+    ) -> "_Graph[StateT]":
+        """Capture over input buffers of its own, then put the state back to what it was."""
+        tensors, buffers = self._tensors_of(state), [value.clone() for value in inputs]
+        before = [tensor.clone() for tensor in tensors]
+        replay = capture(lambda: self._function(state, fixed, *buffers))
+        for tensor, saved in zip(tensors, before, strict=True):
+            tensor.copy_(saved)
+        return _Graph(state, buffers, replay)
 
-    def _capture(self, state: StreamState | None) -> None:
-        before = state.snapshot() if state is not None else []
-        stream = torch.cuda.Stream()  # type: ignore[no-untyped-call]
-        stream.wait_stream(torch.cuda.current_stream())
-        with torch.cuda.stream(stream):
-            for _ in range(WARM_UP):
-                self._function(*self._inputs)
-        torch.cuda.current_stream().wait_stream(stream)
-        self._graph = torch.cuda.CUDAGraph()
-        with torch.cuda.graph(self._graph):
-            self._output = self._function(*self._inputs)
-        if state is not None:
-            for tensor, saved in zip(state.tensors(), before, strict=True):
-                tensor.copy_(saved)
+
+@dataclass(frozen=True)
+class _Graph(Generic[StateT]):
+    state: StateT
+    inputs: list[Tensor]
+    replay: Callable[[], Tensor]

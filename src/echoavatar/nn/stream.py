@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 
 class StreamState:
-    """What a module remembers of the past: a dataclass of tensors (or nested states), rows (sessions) first.
+    """The past of a running module: a dataclass of tensors (or nested states), rows (sessions) first.
 
     All-zero must mean "nothing seen yet", so that resetting is zeroing.
     """
@@ -26,7 +26,7 @@ class StreamState:
                     yield from part.tensors()
 
     def rows(self, which: slice) -> Self:
-        """The state of some rows: views, so that a step of theirs is a step of the whole state's rows."""
+        """The state of some rows, as views: a step on them changes the whole state."""
 
         def seen(value: Any) -> Any:
             if isinstance(value, Tensor):
@@ -60,7 +60,7 @@ class StreamingModule(nn.Module, ABC, Generic[StateT]):
 
     @abstractmethod
     def init_state(self, rows: int) -> StateT:
-        """A state in which nothing was seen yet."""
+        """A fresh state: nothing seen yet."""
 
     @abstractmethod
     def step(self, x: Tensor, state: StateT, active: Bool[Tensor, " b"]) -> Tensor:

@@ -1,7 +1,7 @@
-"""When the body should brake: stressed syllables and beats, heard from streaming sound as one curve of 0 to 1.
+"""The model behind the beat-aligned time warp: from streaming sound, a curve of 0 to 1 that says when to brake.
 
-Not in the paper, whose generator must be in time by itself. May import `face` (its mel encoder), `audio`, `data`,
-`training` (only `train`), `nn`, `checkpoint` and below.
+It hears stressed syllables and beats. Not in the paper, whose generator keeps time by itself. May import `face` (its
+mel encoder), `audio`, `data`, `training` (only `train`), `nn`, `checkpoint` and below.
 """
 
 from .config import PulseConfig

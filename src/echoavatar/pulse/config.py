@@ -1,4 +1,4 @@
-"""Sizes of the pulse model, and how decided it is; how it is trained is in `recipe`."""
+"""Sizes of the pulse model, and the shape of its curve; how it is trained is in `recipe`."""
 
 from pydantic import Field
 
@@ -7,12 +7,14 @@ from ..face import MelConfig
 
 
 class PulseConfig(Config):
-    """The mel encoder that the face has too, with two seconds of past: a beat is told by those before it."""
+    """The face's mel encoder with two seconds of past, because a beat is predicted from those before it."""
 
-    encoder: MelConfig = Field(default=MelConfig(width=96, past=15), description="what it hears with")
+    encoder: MelConfig = Field(default=MelConfig(width=96, past=15), description="audio encoder")
     sharpness: float = Field(
         default=1.5,
         gt=0,
-        description="by which logits are multiplied when used: half a dip in time helps little",
+        description="factor of the logits when used: half a dip at the right time helps little",
     )
-    eagerness: float = Field(default=0.5, description="added to them then: a dip too many costs little")
+    eagerness: float = Field(
+        default=0.5, description="added to the logits when used: a dip too many costs little"
+    )

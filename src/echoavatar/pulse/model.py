@@ -1,32 +1,30 @@
 """The pulse model: sound in, how much to brake in each frame out.
 
-A frame's answer may use all sound of its own chunk, as the face's may: it was heard before the motion is shown.
+The value of a frame may depend on all sound of its chunk, which has arrived before the motion is shown.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Self
 
-import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
-from .. import checkpoint
 from ..face.encoder import MelEncoder, MelState
-from ..nn import StreamingModule, StreamState
+from ..nn import Checkpointed, StreamingModule, StreamState
 from .config import PulseConfig
 
 
 @dataclass
 class PulseState(StreamState):
-    """Zero is silence before the start."""
+    """All zero: silence before the start."""
 
     encoder: MelState
 
 
-class PulseModel(StreamingModule[PulseState]):
+class PulseModel(Checkpointed, StreamingModule[PulseState]):
     """A mel encoder and one number read from each of its frames."""
+
+    config_type = PulseConfig
+    config: PulseConfig
 
     def __init__(self, config: PulseConfig) -> None:
         super().__init__()
@@ -45,29 +43,14 @@ class PulseModel(StreamingModule[PulseState]):
         return self._decided(self.encoder.step(x, state.encoder, active))
 
     def forward(self, x: Float[Tensor, "b s"]) -> Float[Tensor, "b n"]:
-        """The same of a whole clip of whole chunks."""
+        """`step` over a whole clip of whole chunks."""
         return self._decided(self.encoder(x))
 
     def logits(self, features: Float[Tensor, "b n c"]) -> Float[Tensor, "b n"]:
-        """What is trained, from the encoder's features: the logits of the curve itself."""
+        """Logits of the curve, from the encoder's features; these are trained."""
         read: Tensor = self.read(features)
         return read[..., 0]
 
     def _decided(self, features: Float[Tensor, "b n c"]) -> Float[Tensor, "b n"]:
-        """The curve made steeper: it was trained to hedge, and a body that half brakes is in time with nothing."""
+        """The curve made steeper: a trained curve hedges, and a body that brakes by half is never in time."""
         return (self.config.sharpness * self.logits(features) + self.config.eagerness).sigmoid()
-
-    @classmethod
-    def load(cls, folder: Path) -> Self:
-        """Read a checkpoint folder.
-
-        Raises:
-            CheckpointError: something is missing or does not fit.
-        """
-        model = cls(checkpoint.read_config(folder, PulseConfig))
-        checkpoint.load_into(model, checkpoint.read_weights(folder), origin=str(folder))
-        return model.eval()
-
-    def save(self, folder: Path, card: Mapping[str, object], *, dtype: torch.dtype | None = None) -> None:
-        """Write a checkpoint folder."""
-        checkpoint.save(folder, config=self.config, weights=self.state_dict(), card=card, dtype=dtype)

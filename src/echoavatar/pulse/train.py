@@ -9,13 +9,13 @@ import torch.nn.functional as F
 from ..data import Clip
 from ..training import Loss, Progress, Stage, train
 from .config import PulseConfig
-from .lesson import PulseBatch, PulseSampler
 from .model import PulseModel
 from .recipe import PulseTraining
+from .targets import PulseBatch, PulseSampler
 
 
 class PulseStage(Stage[PulseBatch]):
-    """A pulse model and the clips that it learns."""
+    """A pulse model and its clips."""
 
     config: PulseTraining
 
@@ -45,7 +45,7 @@ class PulseStage(Stage[PulseBatch]):
         return self.sampler.batch(step, self.config.batch)
 
     def loss(self, batch: PulseBatch, step: int) -> Loss:
-        """Cross-entropy with the curve; `told` is what would be left if the model knew nothing but the mean."""
+        """Cross-entropy with the curve; `blind` is that of a model that knows the mean only."""
         logits = self.model.logits(self.model.encoder(batch.audio))
         error = F.binary_cross_entropy_with_logits(logits, batch.brake)
         blind = F.binary_cross_entropy(batch.brake.mean().expand_as(batch.brake), batch.brake)

@@ -3,9 +3,8 @@
 The averages (sums, counts) are buffers and can be saved (`training_state`), so that training resumes exactly;
 they are left out of the state dict, whose only key is `codebook`.
 
-A batch that is trained on in pieces, or by several processes, must teach a codebook as if it had come at once: noise is
-drawn for the whole batch and cut (`Share`), and what the pieces would teach is kept (`keep`) until all have passed
-(`settle`).
+A batch that is trained in pieces, or by several processes, must update a codebook as one batch: noise is drawn for the
+whole batch and cut (`Share`), and the updates of the pieces are kept (`keep`) until all have passed (`settle`).
 """
 
 import math
@@ -19,7 +18,7 @@ from torch import Tensor, nn
 
 
 class Share(NamedTuple):
-    """Which vectors of a batch's these are: those from `first` on, out of `of`."""
+    """The position of some vectors in their batch: from `first` on, out of `of`."""
 
     first: int
     of: int
@@ -30,7 +29,7 @@ class Codebook(nn.Module):
 
     Departures from the released recipe: k-means steps after the first-batch initialisation, a lower
     threshold for dead codes (both off by default); a revived code starts with the count of a fresh one, so
-    that it has time to find use.
+    that it is not dropped again at once.
     """
 
     codebook: Tensor
@@ -112,13 +111,13 @@ class Codebook(nn.Module):
         return is_dead
 
     def keep(self, vectors: Float[Tensor, "n c"], codes: Int[Tensor, " n"]) -> None:
-        """Like `update`, but to be learned from when the rest of the batch is there."""
+        """Keep an `update` until the rest of the batch is there."""
         self._kept.append((vectors.detach(), codes))
 
     def settle(
         self, gather: Callable[[Tensor], Tensor], generator: torch.Generator | None = None
     ) -> Bool[Tensor, " k"] | None:
-        """`update` with all that was kept, of all processes (`gather`, in order of the batch); None if nothing was."""
+        """`update` with everything kept by all processes (`gather`, in order of the batch); None without any."""
         if not self._kept:
             return None
         vectors, codes = (gather(torch.cat(parts)) for parts in zip(*self._kept, strict=True))
@@ -126,7 +125,7 @@ class Codebook(nn.Module):
         return self.update(vectors, codes, generator)
 
     def training_state(self) -> dict[str, Tensor]:
-        """What the state dict leaves out and a faithful resume needs."""
+        """The moving averages, which the state dict leaves out and an exact resume needs."""
         return {"sums": self.sums, "counts": self.counts, "ready": self.ready}
 
     def load_training_state(self, state: dict[str, Tensor]) -> None:

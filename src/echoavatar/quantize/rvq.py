@@ -1,4 +1,4 @@
-"""Residual vector quantisation (paper, Motion Tokenizer): each layer quantises what is left over.
+"""Residual vector quantisation (paper, Motion Tokenizer): each layer quantises the remainder of those before.
 
 z is approximated by the sum over q of z^q, each z^q taken from its own codebook.
 """
@@ -65,7 +65,7 @@ class ResidualVectorQuantizer(nn.Module):
     def encode(self, latents: Float[Tensor, "b n c"], patience: float = 0.0) -> Int[Tensor, "b n q"]:
         """Codes layer by layer: the nearest entries, or with `patience` the steadiest good ones of whole clips.
 
-        A change of code then costs `patience` times what the layer misses in the mean with the nearest entries.
+        A change of code then costs `patience` times the layer's mean error with the nearest entries.
         """
         residual = latents.detach().to(self._dtype()).flatten(0, 1)
         chosen = []
@@ -131,7 +131,7 @@ class ResidualVectorQuantizer(nn.Module):
 
     @torch.no_grad()
     def initialise(self, latents: Float[Tensor, "n c"], generator: torch.Generator | None = None) -> None:
-        """Take all codebooks from many latents at once, layer by layer on what is left over.
+        """Initialise all codebooks from many latents, layer by layer on the remainder.
 
         Ours, for short runs: `forward` would take them from the first batch alone.
         """
@@ -146,12 +146,12 @@ class ResidualVectorQuantizer(nn.Module):
         return all(bool(book.ready) for book in self.books())
 
     def settle(self, gather: Callable[[Tensor], Tensor], generator: torch.Generator | None = None) -> None:
-        """Teach the codebooks a batch whose rows, of all processes (`gather`), have passed with a `share`."""
+        """Update the codebooks with a batch whose rows, of all processes (`gather`), have passed with a `share`."""
         for book in self.books():
             book.settle(gather, generator)
 
     def training_state(self) -> dict[str, Tensor]:
-        """Moving averages of all layers (`layers.{q}.sums`, ...), for a faithful resume."""
+        """Moving averages of all layers (`layers.{q}.sums`, ...), for an exact resume."""
         return {
             f"layers.{q}.{name}": value
             for q, book in enumerate(self.books())

@@ -1,9 +1,9 @@
-"""Codes that change only where it is worth it: the cheapest way through a clip when every change of code has a price.
+"""Steady codes: the cheapest sequence of codes for a clip when every change of code has a price.
 
-A vector near the border of two codes flips from one to the other and back at no gain to whoever decodes them, but a
-generator has to foretell every flip: to it they are noise, and they drown the changes that mean something. So what a
-generator learns from is encoded as video is, by distortion plus rate (Potts model, solved exactly by dynamic
-programming). Not in the paper. Live, nothing is encoded, and decoding knows nothing of it.
+Near the border of two codes a vector flips from one to the other and back. The flips hardly change the decoded motion,
+but a generator has to predict each of them, and they hide the changes that matter. So the motion that a generator
+learns from is encoded as video is, by distortion plus rate (Potts model, solved exactly by dynamic programming). Not in
+the paper. It matters in training only: a live session encodes no motion.
 """
 
 import torch

@@ -1,4 +1,4 @@
-"""How much of each codebook is in use: a collapsed layer shows here first."""
+"""Use of each codebook; a collapsed layer shows here first."""
 
 from typing import NamedTuple
 

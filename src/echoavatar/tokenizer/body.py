@@ -13,10 +13,10 @@ from jaxtyping import Bool, Float, Int
 from pydantic import Field, model_validator
 from torch import Tensor, nn
 
-from ..checkpoint import load_into, read_config, read_weights, save
+from .. import checkpoint
 from ..config import Config
 from ..kinematics import FeatureStatistics, Skeleton, SkeletonConfig, part_sizes, split_parts
-from ..nn import StreamState
+from ..nn import Checkpointed, StreamState
 from ..timing import FRAMES_PER_MOTION_TOKEN
 from .model import DecoderState, EncoderState, MotionTokenizer, MotionTokenizerConfig
 
@@ -62,21 +62,23 @@ def body_config(skeleton: Skeleton, template: MotionTokenizerConfig) -> BodyToke
 
 
 def as_one_part(skeleton: Skeleton) -> Skeleton:
-    """The same rig, tokenised whole: what the paper's body parts are compared with. Features change their order."""
+    """The same rig as one part, with which the paper compares its body parts. Features change their order."""
     joints = {"body": tuple(sorted(skeleton.feature_joints))}
     return Skeleton(skeleton.config.model_copy(update={"parts": joints}))
 
 
 @dataclass
 class BodyState(StreamState, Generic[PartState]):
-    """Running streams of all parts, in one direction."""
+    """Encoder or decoder streams of all parts."""
 
     parts: list[PartState]
 
 
-class BodyTokenizer(nn.Module):
+class BodyTokenizer(Checkpointed):
     """Motion features (315 channels for our rig) <-> codes of every part and layer, four frames a token."""
 
+    config_type = BodyTokenizerConfig
+    config: BodyTokenizerConfig
     mean: Tensor
     std: Tensor
     varies: Tensor
@@ -167,24 +169,15 @@ class BodyTokenizer(nn.Module):
         ]
         return self.statistics.denormalize(torch.cat(parts, -1))
 
-    def save(self, folder: Path, card: Mapping[str, object], *, dtype: torch.dtype = torch.float16) -> None:
+    def save(
+        self, folder: Path, card: Mapping[str, object], *, dtype: torch.dtype | None = torch.float16
+    ) -> None:
         """Write the checkpoint folder; weights in `dtype`, statistics in full precision."""
         weights = {
-            key: value.to(dtype) if key.startswith("parts.") else value
+            key: value.to(dtype or value.dtype) if key.startswith("parts.") else value
             for key, value in self.state_dict().items()
         }
-        save(folder, config=self.config, weights=weights, card=card)
-
-    @classmethod
-    def load(cls, folder: Path) -> Self:
-        """Read a checkpoint folder, ready to use (eval mode).
-
-        Raises:
-            CheckpointError: a file is missing, damaged or of another shape.
-        """
-        tokenizer = cls(read_config(folder, BodyTokenizerConfig))
-        load_into(tokenizer, read_weights(folder), origin=str(folder))
-        return tokenizer.eval()
+        checkpoint.save(folder, config=self.config, weights=weights, card=card)
 
 
 def _all(x: Tensor) -> Tensor:

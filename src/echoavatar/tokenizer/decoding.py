@@ -1,9 +1,9 @@
-"""The decoder alone, taught the codes that a generator is trained on.
+"""Training of the decoder alone, on the codes that a generator is trained on.
 
-A tokenizer's training pairs its decoder with the nearest codes. A generator learns steadier ones (`quantize.steady`),
-of which that decoder makes motion that trembles at the joins of latents. Here encoder and codebooks stand, so codes
-keep their meaning and no generator need be trained anew; the decoder learns to make the true motion of steady codes,
-and pays more for errors of velocity and acceleration than in the paper. Not in the paper.
+A tokenizer trains its decoder on the nearest codes. A generator learns steadier codes (`quantize.steady`), from which
+that decoder makes motion that trembles where latents meet. Here encoder and codebooks are frozen, so codes keep their
+meaning and generators stay valid; the decoder learns the true motion of steady codes, with larger weights on velocity
+and acceleration than in the paper. Not in the paper.
 """
 
 import copy
@@ -56,14 +56,14 @@ class DecoderTraining(TrainingConfig):
 
 
 class Pairs(NamedTuple):
-    """Features, not normalised, and the codes that stand for them."""
+    """Features, not normalised, and their codes."""
 
     features: Float[Tensor, "b t c"]
     codes: Int[Tensor, "b n p q"]
 
 
 class DecoderStage(Stage[Pairs]):
-    """A trained tokenizer whose decoder learns on."""
+    """A trained tokenizer whose decoder is trained further."""
 
     config: DecoderTraining
 
@@ -99,7 +99,7 @@ class DecoderStage(Stage[Pairs]):
         return {"tokenizer": self.tokenizer.config}
 
     def optimisers(self) -> list[torch.optim.Optimizer]:
-        """AdamW over the decoders; the rest stands."""
+        """AdamW over the decoders; the rest is frozen."""
         for parameter in self.tokenizer.parameters():
             parameter.requires_grad_(False)
         for parameter in self.clipped():
@@ -107,7 +107,7 @@ class DecoderStage(Stage[Pairs]):
         return [adamw(self._learning(), self.config)]
 
     def clipped(self) -> Iterable[nn.Parameter]:
-        """What learns."""
+        """The decoders."""
         return (parameter for module in self._learning() for parameter in module.parameters())
 
     def draw(self, step: int) -> Pairs:
@@ -202,7 +202,7 @@ def train_decoder(
         MotionError: no clip is as long as a window.
         CheckpointError: the folder holds a training state of other sizes.
     """
-    tokenizer = copy.deepcopy(start).eval()  # codes are chosen by the start, whatever the folder holds
+    tokenizer = copy.deepcopy(start).eval()  # codes come from `start`, whatever the folder holds
     stage = DecoderStage(tokenizer, training, clips, tests=tests, card=card, progress=progress)
     train(stage, folder, minutes=minutes, device=device, trackers=trackers, progress=progress)
     return tokenizer

@@ -1,11 +1,11 @@
 """Training losses (paper, appendix Auxiliary Loss Functions): features, commitment, and forward kinematics.
 
-All three parts are decoded first and go through one forward kinematics together, so that every part is judged by
-where the joints of the real, whole decoded body end up. The paper's weights are for centimetres; so are ours.
+All three parts are decoded first and share one forward kinematics, so every part is judged by the joint positions of
+the whole decoded body. The paper's weights are for centimetres; so are ours.
 
 Our additions, zero in the paper recipe: `travel`, the drift of the integrated root path over the window; `planted`, the
 world velocity of feet that stand still in the data (planted feet must not skate); `fingers`, finger joints seen
-from their wrist, where errors of the arm's length do not drown them; `root`, an extra weight on the
+relative to the wrist, so that errors of the arm do not hide theirs; `root`, an extra weight on the
 three travel features, which are 3 of 57 channels but move the whole body.
 """
 

@@ -1,6 +1,6 @@
-"""How well a tokenizer keeps motion (paper, table on the tokenizer): MPJPE, root velocity error, codebook use.
+"""Reconstruction error of a tokenizer (paper, table on the tokenizer): MPJPE, root velocity error, codebook use.
 
-Positions are character-centric: the root stands above the origin; heading is kept, so turning errors count too.
+Positions are character-centric: the root stands above the origin; heading is kept, so errors of heading count too.
 Fingers are measured from their wrist.
 """
 
@@ -33,7 +33,7 @@ class TokenizerScores(NamedTuple):
 
 @torch.no_grad()
 def measure(
-    tokenizer: BodyTokenizer, clips: Sequence[Float[Tensor, "t c"]], patience: float = 0.0
+    tokenizer: BodyTokenizer, clips: Sequence[Float[Tensor, "_ c"]], patience: float = 0.0
 ) -> TokenizerScores:
     """Encode (with `patience`, see `BodyTokenizer.encode`) and decode every clip as a stream and compare."""
     was_training = tokenizer.training

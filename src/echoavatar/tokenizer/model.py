@@ -2,7 +2,7 @@
 
 Three levels of attention at 30, 15 and 7.5 Hz, dual-path resampling between them, RVQ at the lowest. The state dict
 has the names of the released checkpoints (`input_liner` is their spelling), which therefore load. `blocks` and
-`resampling` choose what the paper's ablation puts in their place.
+`resampling` choose the variants of the paper's ablation.
 """
 
 from collections.abc import Iterable

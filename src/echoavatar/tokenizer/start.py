@@ -1,8 +1,8 @@
 """A head start for short training runs: the tokenizer begins as a principal component analysis of single frames.
 
 Ours, not the paper's. Every residual branch starts at zero, the first layer at the principal axes of the (normalised)
-features, the last at their transpose: before the first step the network already returns each frame as the mean of
-its four, and training only has to add what moves inside a token.
+features, the last at their transpose: before the first step the network already returns the mean of each
+token's four frames, and training only has to add the motion inside a token.
 """
 
 import torch
@@ -20,7 +20,7 @@ def start_from_principal_axes(tokenizer: MotionTokenizer, normal: Float[Tensor, 
     """Initialise `tokenizer` from normalised features of its part.
 
     Raises:
-        ValueError: it has no short path between its levels, along which the axes would come through.
+        ValueError: it has no short path between its levels, which the axes need.
     """
     if tokenizer.config.blocks != "attention" or tokenizer.config.resampling != "dual":
         raise ValueError("the principal start needs attention blocks and dual-path resampling; turn it off")

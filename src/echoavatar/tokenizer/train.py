@@ -1,8 +1,8 @@
 """Tokenizer training: 64-frame windows, AdamW with step decay (paper, appendix Motion Tokenizer Training Details).
 
 The three parts train together, one window of the whole body a row. Everything is float32: the networks are small and
-run on CPUs, few of which are faster in bfloat16. The codebooks learn from a batch once it has passed whole, so that
-pieces and processes share one run; only the loss of planted feet is a mean within a piece.
+run on CPUs, few of which are faster in bfloat16. The codebooks learn after the whole batch has passed, so that
+any number of pieces and processes gives one result; only the loss of planted feet is a mean within a piece.
 """
 
 import logging
@@ -34,14 +34,14 @@ log = logging.getLogger(__name__)
 
 
 class Windows(NamedTuple):
-    """A batch: features, not normalised, and each window's place in the batch."""
+    """A batch: features, not normalised, and each window's index in the batch."""
 
     features: Float[Tensor, "b t c"]
     row: Int[Tensor, " b"]
 
 
 class TokenizerStage(Stage[Windows]):
-    """A body tokenizer and the motion it learns."""
+    """A body tokenizer and its training motion."""
 
     config: TokenizerTraining
 
@@ -87,7 +87,7 @@ class TokenizerStage(Stage[Windows]):
 
     @torch.no_grad()
     def before(self, batch: Windows, step: int) -> None:
-        """Takes the codebooks from many latents: of several batches after a start as an auto-encoder, else of one."""
+        """Initialise the codebooks: from several batches after a start as an auto-encoder, else from one."""
         if step < self.config.quantize_from or self._is_ready():
             return
         noise = self.config.noise(step, _STARTING)
@@ -120,7 +120,7 @@ class TokenizerStage(Stage[Windows]):
         return Loss(total(terms), terms)
 
     def after(self, step: int, gather: Gather) -> None:
-        """The codebooks learn from what the whole batch chose."""
+        """The codebooks learn from the whole batch."""
         noise = self.config.noise(step, _SETTLING)
         for part in self.tokenizer.tokenizers().values():
             part.quantizer.settle(gather, noise)

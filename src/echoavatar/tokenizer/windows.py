@@ -19,7 +19,7 @@ TRAVEL_FLOOR = (0.002, 0.002, 0.01)  # metres per frame, metres per frame, metre
 
 
 class MovingBody(Protocol):
-    """What tokenizer training needs of a clip; `data.Clip` and `data.ClipMotion` both fit."""
+    """The part of a clip that tokenizer training uses; `data.Clip` and `data.ClipMotion` both fit."""
 
     @property
     def rotations(self) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
@@ -37,11 +37,11 @@ def clip_features(skeleton: Skeleton, clip: MovingBody) -> Float[Tensor, "t c"]:
 
 
 def reach_statistics(
-    skeleton: Skeleton, features: Iterable[Float[Tensor, "t c"]], *, is_mirrored: bool
+    skeleton: Skeleton, features: Iterable[Float[Tensor, "_ c"]], *, is_mirrored: bool
 ) -> FeatureStatistics:
     """Statistics whose spread is a joint's own, divided by the root of how much of the body hangs on the joint.
 
-    Ours: latents and codes then spend their precision where a turned joint moves much, which is what positions show.
+    Ours: latents and codes then spend their precision on joints whose rotation moves much of the body.
     Reach is the root of the summed squared distances to all joints below, plus five centimetres for the bone itself.
     """
     statistics = floored_statistics(skeleton, features, is_mirrored=is_mirrored)
@@ -74,11 +74,11 @@ def joint_reach(skeleton: Skeleton) -> Float[Tensor, " j"]:
 
 
 def floored_statistics(
-    skeleton: Skeleton, features: Iterable[Float[Tensor, "t c"]], *, is_mirrored: bool
+    skeleton: Skeleton, features: Iterable[Float[Tensor, "_ c"]], *, is_mirrored: bool
 ) -> FeatureStatistics:
     """Corpus statistics with a floor under the spread.
 
-    Departs from the paper, which divides by the plain spread: a joint that hardly moves would weigh as much as an arm.
+    Departs from the paper, which divides by the plain spread: there a joint that hardly moves weighs as much as an arm.
     """
     both = ([clip, mirror_features(skeleton, clip)] if is_mirrored else [clip] for clip in features)
     mean, std, varies = measure_features(clip for pair in both for clip in pair)
@@ -89,12 +89,12 @@ def floored_statistics(
 
 
 class WindowSampler:
-    """Draws batches of windows, every frame of the corpus equally likely; one generator decides everything."""
+    """Draws batches of windows, every frame of the corpus equally likely; all randomness comes from one generator."""
 
     def __init__(
         self,
         skeleton: Skeleton,
-        clips: Sequence[Float[Tensor, "t c"]],
+        clips: Sequence[Float[Tensor, "_ c"]],
         *,
         frames: int,
         is_mirrored: bool,

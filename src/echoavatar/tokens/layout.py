@@ -1,4 +1,4 @@
-"""Where codes live in the vocabulary: codes <-> ids by arithmetic, both ways, and the cyclic grammar of motion.
+"""Codes and vocabulary ids, converted by arithmetic in both directions, and the cyclic grammar of motion.
 
 Paper, Audio Driven Motion Generation: the multi-layer RVQ indices of audio and motion are flattened into one
 autoregressive stream (after MusicGen). One time step of motion is 3 Q ids in the order of the segments: the layers

@@ -53,7 +53,7 @@ class SequenceOrder(ABC):
     @property
     @abstractmethod
     def lookback(self) -> int | None:
-        """Ids a position sees, itself included; None where the whole sequence is the window."""
+        """Ids that a position sees, itself included; None where it sees the whole sequence."""
 
     @abstractmethod
     def heard(self, chunks: int) -> Int[Tensor, " f"]:
@@ -155,7 +155,7 @@ class Prefix(SequenceOrder):
         return torch.cat(ids, dim=1), torch.cat(valid, dim=1)
 
     def _shown(self, example: Int[Tensor, "b m"]) -> tuple[Int[Tensor, "b t"], Bool[Tensor, "b t"]]:
-        """The system prompt of each row; nothing of it counts in rows without example."""
+        """The system prompt of each row; it is invalid in rows without an example."""
         rows, is_id = len(example), example >= 0
         head, tail = (
             torch.tensor(ids, device=example.device).expand(rows, -1)

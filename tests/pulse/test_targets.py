@@ -4,7 +4,7 @@ import torch
 from tests.pulse.tiny import clicks
 
 from echoavatar.errors import MotionError
-from echoavatar.pulse.lesson import PulseSampler, brake_curve
+from echoavatar.pulse.targets import PulseSampler, brake_curve
 
 
 def test_a_dip_lies_behind_its_event_and_neighbours_do_not_add_up() -> None:

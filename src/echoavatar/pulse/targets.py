@@ -1,4 +1,4 @@
-"""What a pulse model learns: sound, and a curve that is high where a body that is in time is slow."""
+"""Training targets of the pulse model: a curve that is high where a body that is in time is slow."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -20,14 +20,14 @@ WIDTH_FRAMES = 2.0  # standard deviation of a dip
 
 
 class PulseBatch(NamedTuple):
-    """Windows of sound and the curve that is wanted."""
+    """Windows of sound and their target curves."""
 
     audio: Float[Tensor, "b s"]
     brake: Float[Tensor, "b t"]
 
 
 def brake_curve(events: Mapping[str, Float[np.ndarray, " n"]], frames: int) -> Float[np.ndarray, " t"]:
-    """1 where the body should be slowest, falling off on both sides; events in seconds by kind."""
+    """1 where the body should be slowest, falling off on both sides; `events` in seconds, by kind."""
     at, curve = np.arange(frames), np.zeros(frames)
     for kind, after in SLOWEST_AFTER.items():
         for time in events.get(kind, np.zeros(0)):
@@ -37,7 +37,7 @@ def brake_curve(events: Mapping[str, Float[np.ndarray, " n"]], frames: int) -> F
 
 
 class PulseSampler:
-    """Windows of clips from any frame on; the same for the same seed and step."""
+    """Windows of clips, starting at any frame; the same for the same seed and step."""
 
     def __init__(self, clips: Sequence[Clip], *, frames: int, seed: int, gain_db: float) -> None:
         """Raises MotionError where no clip is long enough or none has events."""
