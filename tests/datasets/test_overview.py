@@ -6,7 +6,7 @@ from tests.datasets.samples import gesture, motorica_names, renamed, write_motio
 
 from echoavatar.datasets.options import Options
 from echoavatar.datasets.overview import _spread, _wrists, draw_overview
-from echoavatar.datasets.run import prepare
+from echoavatar.datasets.prepare_dataset import prepare
 from echoavatar.datasets.source import survey_of
 from echoavatar.errors import DependencyError
 

@@ -9,8 +9,8 @@ from echoavatar.kinematics.rotations import matrix_from_axis_angle
 
 
 def test_whose_fingers_move_is_seen() -> None:
-    assert finger_clip(waving()).is_alive.tolist() == [True, True]
-    assert finger_clip(waving(still=("left",))).is_alive.tolist() == [False, True]
+    assert finger_clip(waving()).is_moving.tolist() == [True, True]
+    assert finger_clip(waving(still=("left",))).is_moving.tolist() == [False, True]
 
 
 def test_a_short_clip_runs_there_and_back() -> None:

@@ -3,7 +3,7 @@ from tests.fingers.moving import waving
 
 from echoavatar.fingers import FingerModel
 from echoavatar.fingers.clips import finger_clip
-from echoavatar.fingers.hands import FINGERS
+from echoavatar.fingers.hand_poses import FINGERS
 from echoavatar.fingers.measure import compare, curl, fingertips, liveliness, measure_fingers
 from echoavatar.kinematics.rotations import matrix_from_axis_angle
 

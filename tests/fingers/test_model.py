@@ -6,7 +6,7 @@ from tests.fingers.moving import TINY
 
 from echoavatar.errors import CheckpointError
 from echoavatar.fingers import FingerModel, load_shipped
-from echoavatar.fingers.body import BODY_SIZE
+from echoavatar.fingers.body_features import BODY_SIZE
 
 
 def inputs(rows: int = 2) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:

@@ -2,7 +2,7 @@ import torch
 from tests.fingers.moving import TINY
 
 from echoavatar.fingers import FingerModel
-from echoavatar.fingers.body import BODY_SIZE
+from echoavatar.fingers.body_features import BODY_SIZE
 from echoavatar.fingers.sample import _windows, sample_hands
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from echoavatar.rehearsal.controls import Controls
 from echoavatar.rehearsal.gesture import gesture
-from echoavatar.rehearsal.idle import manner, resting_hands
+from echoavatar.rehearsal.idle import draw_manner, resting_hands
 from echoavatar.rehearsal.solver import solve
 from echoavatar.rehearsal.sound import SoundTrack
 
@@ -29,7 +29,7 @@ def test_same_seed_same_gestures(talk: SoundTrack, speakers: list[Controls]):
 def test_hands_are_at_rest_a_second_after_speech(talk: SoundTrack, speakers: list[Controls]):
     late = round((talk.phrases[-1][1] + 1.6) * 30)
     for seed, controls in zip(SEEDS, speakers, strict=True):
-        rest = resting_hands(manner(seed).rest)[:, :3]
+        rest = resting_hands(draw_manner(seed).rest)[:, :3]
         assert np.linalg.norm(controls.wrist[late:] - rest, axis=-1).max() < 0.03
 
 

@@ -156,7 +156,7 @@ def _prepare(args: argparse.Namespace, survey: "Survey", options: "Options") -> 
     from ..datasets import prepare
 
     try:
-        with tqdm(total=len(survey.items), unit="clip", smoothing=0.05) as bar:
+        with tqdm(total=len(survey.recordings), unit="clip", smoothing=0.05) as bar:
             return prepare(
                 args.layout,
                 survey,
@@ -171,7 +171,7 @@ def _prepare(args: argparse.Namespace, survey: "Survey", options: "Options") -> 
 
 
 def _say_survey(survey: "Survey", layout: str) -> None:
-    print(f"{survey.terms.title}: {len(survey.items)} recordings; licence: {survey.terms.licence}")
+    print(f"{survey.terms.title}: {len(survey.recordings)} recordings; licence: {survey.terms.licence}")
     print(f"may be shipped: {survey.terms.may_ship}")
     for line in survey.missing:
         print(f"missing from this copy: {line}")
@@ -183,13 +183,13 @@ def _say_survey(survey: "Survey", layout: str) -> None:
 
 
 def _foretell(survey: "Survey", options: "Options", args: argparse.Namespace) -> int:
-    from ..datasets.peek import forecast
-    from ..datasets.run import split_words
+    from ..datasets.forecast import forecast
+    from ..datasets.prepare_dataset import split_source
 
-    found = forecast(survey.items, options)
+    found = forecast(survey.recordings, options)
     for split, count in sorted(found.clips.items()):
         print(f"{split}: {count} clips, {found.seconds[split] / 60:.1f} minutes")
-    print(f"split: {split_words(survey, options)}")
+    print(f"split: {split_source(survey, options)}")
     print(f"{args.output} would hold about {found.bytes / 1e6:.1f} MB; nothing was written")
     _say_failures(found.failures, "would fail")
     return 1 if not found.clips or (args.strict and found.failures) else 0
@@ -210,13 +210,13 @@ def _say_outcome(outcome: "Outcome") -> None:
         and "train" in info["clips"]
     ):
         print("no mirror images: left and right of this rig differ; --rig unified makes them")
-    mended = [name for name, one in outcome.recordings.items() if one.mended]
+    mended = [name for name, one in outcome.receipts.items() if one.mended]
     if mended:
         print(f"new fingers (static or erratic before): {len(mended)} clips ({_some(mended)})")
-    for name, one in outcome.recordings.items():
+    for name, one in outcome.receipts.items():
         for note in one.notes:
             print(f"  note  {name}: {note}")
-    close = [one.fidelity for one in outcome.recordings.values() if one.fidelity]
+    close = [one.fidelity for one in outcome.receipts.values() if one.fidelity]
     if close:
         mean = {key: sum(one[key] for one in close) / len(close) for key in close[0]}
         print(

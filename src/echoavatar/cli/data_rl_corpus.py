@@ -9,7 +9,7 @@ from tqdm import tqdm
 from ..errors import EchoAvatarError
 
 if TYPE_CHECKING:
-    from ..datasets.rl_corpus import Gathered, Kind, SoundPlan
+    from ..datasets.rl_corpus import Kind, RlCorpusResult, SoundPlan
 
 EXAMPLES = """examples:
   echoavatar data rl-corpus -o sounds                                   all our own: local voices, composed music
@@ -77,11 +77,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Gather, tell, tokenise."""
     from ..datasets.rl_corpus import SoundPlan
-    from ..datasets.voices import reader
+    from ..datasets.text_to_speech import text_to_speech
 
     plan = SoundPlan(
         folder=args.output,
-        reader=reader(args.tts, url=args.tts_url, model=args.tts_model, voices=args.voice),
+        voice=text_to_speech(args.tts, url=args.tts_url, model=args.tts_model, voices=args.voice),
         hours=args.hours,
         pieces=args.pieces,
         seed=args.seed,
@@ -90,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
         music=args.music,
         music_licence=args.music_licence,
     )
-    found = _gather(plan)
+    found = _make(plan)
     _tell(found, args)
     if not found.made and not found.kept:
         raise EchoAvatarError(f"no recording could be made, the first: {': '.join(found.failures[0])}")
@@ -101,8 +101,8 @@ def run(args: argparse.Namespace) -> int:
     return 1 if args.strict and found.failures else 0
 
 
-def _gather(plan: "SoundPlan") -> "Gathered":
-    from ..datasets.rl_corpus import gather
+def _make(plan: "SoundPlan") -> "RlCorpusResult":
+    from ..datasets.rl_corpus import make_rl_corpus
 
     with (
         tqdm(desc="speech", unit="min", disable=not plan.hours) as speech,
@@ -115,13 +115,13 @@ def _gather(plan: "SoundPlan") -> "Gathered":
             bar.update(round(done, 2) - bar.n)
 
         try:
-            return gather(plan, progress)
+            return make_rl_corpus(plan, progress)
         except KeyboardInterrupt:
             print(f"what is finished is in {plan.folder}; the same call goes on from there")
             raise
 
 
-def _tell(found: "Gathered", args: argparse.Namespace) -> None:
+def _tell(found: "RlCorpusResult", args: argparse.Namespace) -> None:
     kinds: tuple[Kind, ...] = ("speech", "music")
     for kind in kinds:
         sounds = found.sounds(kind)

@@ -54,7 +54,7 @@ def train(args: argparse.Namespace, settings: Settings, card: dict[str, object],
     model = train_fingers(
         config, training, clips, args.output, recorded=recorded, minutes=args.minutes, card=card, **how
     )
-    tests = [clip for clip in _clips(args.source, "test", config.frames) if clip.is_alive.all()]
+    tests = [clip for clip in _clips(args.source, "test", config.frames) if clip.is_moving.all()]
     if tests:
         scores = measure_fingers(model, tests)
         model.save(args.output, checkpoint.read_card(args.output) | {"scores": scores})

@@ -8,7 +8,7 @@ tokenizer; without sound there is nothing for a generator.
 import re
 from pathlib import Path
 
-from .source import Item, LeftOut, Survey, Terms, files_below
+from .source import LeftOut, Recording, Survey, Terms, files_below
 
 TERMS = Terms(
     title="Bandai-Namco-Research-Motiondataset",
@@ -24,15 +24,15 @@ _NAME = re.compile(r"(dataset-[12])_(.+)_([a-z-]+)_(\d+)$")
 
 def survey(folder: Path) -> Survey:
     """Every BVH whose name is one of theirs."""
-    items: list[Item] = []
+    recordings: list[Recording] = []
     left_out: list[LeftOut] = []
     for path in files_below(folder, ".bvh"):
         match = _NAME.match(path.stem)
         if match:
             labels = {"part": match[1], "content": match[2], "style": match[3]}
-            items.append(Item(path.stem, path, None, labels=labels, rates=RATES))
+            recordings.append(Recording(path.stem, path, None, labels=labels, rates=RATES))
         else:
             left_out.append(LeftOut(path.stem, "its name is none of theirs; use `data prepare bvh` for it"))
-    there = {item.labels["part"] for item in items}
+    there = {recording.labels["part"] for recording in recordings}
     missing = [f"{part} is not there" for part in ("dataset-1", "dataset-2") if part not in there]
-    return Survey(TERMS, items, missing, left_out, "none published: each tenth by name")
+    return Survey(TERMS, recordings, missing, left_out, "none published: each tenth by name")

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from ..errors import EchoAvatarError
-from .source import Item, LeftOut, Survey, Terms, files_below
+from .source import LeftOut, Recording, Survey, Terms, files_below
 
 TERMS = Terms(
     title="BEAT2 (BEAT-SMPLX-FLAME)",
@@ -35,7 +35,7 @@ def survey(folder: Path, *, has_additional: bool = False) -> Survey:
         raise EchoAvatarError(
             f"{folder} holds no {SPLIT} and no smplxflame_30/*.npz; name the folder beat_english_v2.0.0 or one above"
         )
-    items: list[Item] = []
+    recordings: list[Recording] = []
     left_out: list[LeftOut] = []
     missing: list[str] = []
     for place in places:
@@ -58,15 +58,15 @@ def survey(folder: Path, *, has_additional: bool = False) -> Survey:
             elif kind == "additional" and not has_additional:
                 left_out.append(LeftOut(name, "additional data; --additional takes it"))
             else:
-                items.append(_item(name, path, place, "train" if kind == "additional" else kind))
-    return Survey(TERMS, items, missing, left_out, f"{SPLIT}, by recording of each speaker")
+                recordings.append(_item(name, path, place, "train" if kind == "additional" else kind))
+    return Survey(TERMS, recordings, missing, left_out, f"{SPLIT}, by recording of each speaker")
 
 
-def _item(name: str, path: Path, place: Path, split: str) -> Item:
+def _item(name: str, path: Path, place: Path, split: str) -> Recording:
     words = name.split("_")
     labels = {"speaker": words[0], "speaker_name": words[1]} if len(words) > 1 else {}
     labels["language"] = place.name.removeprefix("beat_").partition("_")[0]
-    return Item(name, path, place / "wave16k" / f"{name}.wav", "speech", split, labels, RATES)
+    return Recording(name, path, place / "wave16k" / f"{name}.wav", "speech", split, labels, RATES)
 
 
 def _table(path: Path) -> Mapping[str, str]:

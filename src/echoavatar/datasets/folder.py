@@ -7,7 +7,7 @@ split.
 import re
 from pathlib import Path
 
-from .source import Domain, Item, Survey, Terms, files_below
+from .source import Domain, Recording, Survey, Terms, files_below
 
 TERMS = Terms(
     title="a folder of BVH",
@@ -22,16 +22,16 @@ _MUSIC = re.compile(r"music|dance", re.IGNORECASE)
 
 def survey(folder: Path) -> Survey:
     """Every BVH below the folder."""
-    items = []
+    recordings = []
     for path in files_below(folder, ".bvh"):
         relative = path.relative_to(folder).with_suffix("")
         split = next((part for part in relative.parts[:-1] if part in ("train", "val", "test")), "")
         domain: Domain = "music" if _MUSIC.search(str(relative)) else "speech"
         name = re.sub(r"[^\w.+-]+", "_", "__".join(relative.parts))
-        items.append(Item(name, path, _sound_of(path), domain, split))
-    has_split = any(item.split for item in items)
+        recordings.append(Recording(name, path, _sound_of(path), domain, split))
+    has_split = any(recording.split for recording in recordings)
     return Survey(
-        TERMS, items, (), (), "folders named train, val, test" if has_split else "each tenth by name"
+        TERMS, recordings, (), (), "folders named train, val, test" if has_split else "each tenth by name"
     )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..rehearsal.corpus import domains
-from ..rehearsal.recording import track_from_recording
+from ..rehearsal.recording_labels import track_from_recording
 from ..timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from .source import Domain
 

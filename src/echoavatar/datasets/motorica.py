@@ -9,7 +9,7 @@ which is what the paper's motion refinement is for.
 import re
 from pathlib import Path
 
-from .source import Item, LeftOut, Survey, Terms, files_below
+from .source import LeftOut, Recording, Survey, Terms, files_below
 
 TERMS = Terms(
     title="Motorica Dance Dataset",
@@ -48,7 +48,7 @@ _NAME = re.compile(r"kth[a-z]+_(g[A-Z]{2})_s\w+?_(?:cAll|sngl)_(d\d+)")
 
 def survey(folder: Path) -> Survey:
     """Every BVH whose name is a dance's; its music is the wav of that name, in `wav/` beside `bvh/` or beside it."""
-    items: list[Item] = []
+    recordings: list[Recording] = []
     left_out: list[LeftOut] = []
     sounds = {path.stem: path for path in files_below(folder, ".wav")}
     for path in files_below(folder, ".bvh"):
@@ -57,8 +57,8 @@ def survey(folder: Path) -> Survey:
             left_out.append(LeftOut(path.stem, "its name is none of Motorica; use `data prepare bvh` for it"))
             continue
         beside = path.parent.parent / "wav" if path.parent.name == "bvh" else path.parent
-        items.append(
-            Item(
+        recordings.append(
+            Recording(
                 name=path.stem,
                 motion=path,
                 sound=sounds.get(path.stem, beside / f"{path.stem}.wav"),
@@ -68,7 +68,9 @@ def survey(folder: Path) -> Survey:
                 rates=RATES,
             )
         )
-    there = {item.labels["genre"] for item in items}
+    there = {recording.labels["genre"] for recording in recordings}
     gone = [genre for genre in GENRES.values() if genre not in there]
     missing = [f"no clip of {', '.join(gone)}"] if gone else []
-    return Survey(TERMS, items, missing, left_out, "ten test clips held out by published work on the set")
+    return Survey(
+        TERMS, recordings, missing, left_out, "ten test clips held out by published work on the set"
+    )

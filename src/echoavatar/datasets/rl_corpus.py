@@ -20,8 +20,8 @@ from ..data.sounds import MANIFEST, Sound, SoundSet, runs, save_sounds
 from ..errors import AudioError, EchoAvatarError
 from ..timing import SAMPLES_PER_FRAME
 from .conversations import OWN, RULE, Script, conversations
-from .pieces import Job, Take, composed, recorded
-from .voices import Reader
+from .music_sources import Job, Take, composed_music, recorded_music
+from .text_to_speech import TextToSpeech
 
 Kind = Literal["speech", "music"]
 Progress = Callable[[Kind, float, float], None]
@@ -33,7 +33,7 @@ class SoundPlan:
     """What to make, and where."""
 
     folder: Path
-    reader: Reader
+    voice: TextToSpeech
     hours: float = 1.0
     pieces: int = 100
     seed: int = 0
@@ -47,14 +47,14 @@ class SoundPlan:
         return {
             "kind": "sound to tune a generator on by reward",
             "seed": self.seed,
-            "voice": self.reader.title,
+            "voice": self.voice.title,
             "scripts": self.scripts.name if self.scripts else "own",
             "music": self.music.name if self.music else "composed by rule",
         }
 
 
 @dataclass
-class Gathered:
+class RlCorpusResult:
     """What a run made, kept and could not make."""
 
     made: dict[str, Sound] = field(default_factory=dict)
@@ -70,7 +70,7 @@ class Gathered:
         return sum(sound.seconds for sound in self.sounds(kind))
 
 
-def gather(plan: SoundPlan, progress: Progress | None = None) -> Gathered:
+def make_rl_corpus(plan: SoundPlan, progress: Progress | None = None) -> RlCorpusResult:
     """Make, or complete, the corpus. Progress is told in minutes of speech and in pieces of music.
 
     Raises:
@@ -82,7 +82,7 @@ def gather(plan: SoundPlan, progress: Progress | None = None) -> Gathered:
             f"--hours {plan.hours:g} and --pieces {plan.pieces} ask for nothing; make one positive"
         )
     music = list(islice(_music(plan), plan.pieces))  # a folder without music is told before an hour is spoken
-    folder, found = _Folder(plan), Gathered()
+    folder, found = _Folder(plan), RlCorpusResult()
     in_a_row, jobs = 0, _speech(plan)
     while found.seconds("speech") < plan.hours * 3600:
         in_a_row = 0 if folder.take(next(jobs), "speech", found) else in_a_row + 1
@@ -99,7 +99,7 @@ def gather(plan: SoundPlan, progress: Progress | None = None) -> Gathered:
 
 
 def _music(plan: SoundPlan) -> Iterator[Job]:
-    return recorded(plan.music, plan.music_licence) if plan.music else composed(plan.seed)
+    return recorded_music(plan.music, plan.music_licence) if plan.music else composed_music(plan.seed)
 
 
 def _speech(plan: SoundPlan) -> Iterator[Job]:
@@ -108,14 +108,14 @@ def _speech(plan: SoundPlan) -> Iterator[Job]:
 
 
 def _spoken(plan: SoundPlan, script: Script) -> Take:
-    said = plan.reader.read(script, np.random.default_rng([plan.seed, crc32(script.name.encode())]))
+    said = plan.voice.read(script, np.random.default_rng([plan.seed, crc32(script.name.encode())]))
     text = "Apache-2.0" if script.source in (OWN, RULE) else plan.scripts_licence
     return Take(
         said.audio,
         said.domain,
         {kind: times for kind, times in said.events.items() if times},
-        f"text: {script.source}; spoken by {plan.reader.title} ({', '.join(said.voices)})",
-        f"text: {text}; {plan.reader.licence}",
+        f"text: {script.source}; spoken by {plan.voice.title} ({', '.join(said.voices)})",
+        f"text: {text}; {plan.voice.licence}",
         {"text": "\n".join(turn.text for turn in script.turns)},
     )
 
@@ -144,7 +144,7 @@ class _Folder:
                 )
         self._listed = {sound.name: sound for sound in before.sounds if before.is_intact(sound)}
 
-    def take(self, job: Job, kind: Kind, found: Gathered) -> bool:
+    def take(self, job: Job, kind: Kind, found: RlCorpusResult) -> bool:
         """Make it unless it is there; a failure is noted and False."""
         if job.name in self._listed:
             found.kept[job.name] = self._listed[job.name]

@@ -36,7 +36,7 @@ class Terms(Config):
 
 
 @dataclass(frozen=True)
-class Item:
+class Recording:
     """One recording: where its files are and what the dataset says about it.
 
     Attributes:
@@ -69,7 +69,7 @@ class Survey(NamedTuple):
     """What was found in a folder."""
 
     terms: Terms
-    items: Sequence[Item]
+    recordings: Sequence[Recording]
     missing: Sequence[str] = ()  # what the published layout has and this copy lacks, one line each
     left_out: Sequence[LeftOut] = ()
     split_from: str = ""  # where the split comes from
@@ -100,40 +100,40 @@ def survey_of(
     survey: Callable[..., Survey] = import_module(f".{LAYOUTS[kind]}", __package__).survey
     found = survey(folder, has_additional=has_additional) if kind == "beat2" else survey(folder)
     wanted, left_out = [], list(found.left_out)
-    for item in found.items:
-        if only and not any(fnmatch.fnmatch(item.name, glob) for glob in only):
-            left_out.append(LeftOut(item.name, "not among --only"))
-        elif speakers and not _speaks(item, speakers):
-            left_out.append(LeftOut(item.name, "not among --speakers"))
+    for recording in found.recordings:
+        if only and not any(fnmatch.fnmatch(recording.name, glob) for glob in only):
+            left_out.append(LeftOut(recording.name, "not among --only"))
+        elif speakers and not _speaks(recording, speakers):
+            left_out.append(LeftOut(recording.name, "not among --speakers"))
         else:
-            wanted.append(item)
+            wanted.append(recording)
     if not wanted:
         everything = f", all {len(left_out)} left out: {left_out[0].why}" if left_out else ""
         missing = f"; {'; '.join(found.missing)}" if found.missing else ""
         raise EchoAvatarError(f"no recording of {kind} to prepare in {folder}{everything}{missing}")
-    return found._replace(items=tuple(wanted), left_out=tuple(left_out))
+    return found._replace(recordings=tuple(wanted), left_out=tuple(left_out))
 
 
-def with_splits(items: Sequence[Item], test_every: int | None) -> list[Item]:
+def with_splits(recordings: Sequence[Recording], test_every: int | None) -> list[Recording]:
     """Items that all have a split: the published one, or each n-th by name for testing (0: none).
 
     Without `test_every`, recordings without a published split are held out one in ten.
     """
-    ordered = sorted(items, key=lambda item: item.name)
-    if test_every is None and all(item.split for item in ordered):
+    ordered = sorted(recordings, key=lambda recording: recording.name)
+    if test_every is None and all(recording.split for recording in ordered):
         return ordered
     every = 10 if test_every is None else test_every
     keep = test_every is None
     return [
-        item
-        if keep and item.split
-        else replace(item, split="test" if every and number % every == every - 1 else "train")
-        for number, item in enumerate(ordered)
+        recording
+        if keep and recording.split
+        else replace(recording, split="test" if every and number % every == every - 1 else "train")
+        for number, recording in enumerate(ordered)
     ]
 
 
-def _speaks(item: Item, speakers: Sequence[str]) -> bool:
-    own = {item.labels.get("speaker", ""), item.labels.get("speaker_name", "")} - {""}
+def _speaks(recording: Recording, speakers: Sequence[str]) -> bool:
+    own = {recording.labels.get("speaker", ""), recording.labels.get("speaker_name", "")} - {""}
     return bool(own & set(speakers))
 
 

@@ -10,7 +10,7 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
-from .source import Item, LeftOut, Survey, Terms, files_below
+from .source import LeftOut, Recording, Survey, Terms, files_below
 
 TERMS = Terms(
     title="ZeroEGGS (ZEGGS), Ubisoft La Forge",
@@ -28,7 +28,7 @@ _NAME = re.compile(r"(\d{3})_([A-Za-z]+)_(\d+)")
 
 def survey(folder: Path) -> Survey:
     """Every BVH whose name is a recording's; the sound of the same name stands beside it."""
-    items: list[Item] = []
+    recordings: list[Recording] = []
     left_out: list[LeftOut] = []
     official = _official(folder)
     for path in files_below(folder, ".bvh"):
@@ -42,8 +42,8 @@ def survey(folder: Path) -> Survey:
         else:
             number, style = int(match[1]), match[2]
             held_out = official.get(match[0], number in VALIDATION)
-            items.append(
-                Item(
+            recordings.append(
+                Recording(
                     name=path.stem,
                     motion=path,
                     sound=path.with_suffix(".wav"),
@@ -53,11 +53,11 @@ def survey(folder: Path) -> Survey:
                     rates=RATES,
                 )
             )
-    numbers = {int(item.name[:3]) for item in items}
+    numbers = {int(recording.name[:3]) for recording in recordings}
     gone = [number for number in range(1, RECORDINGS + 1) if number not in numbers]
     missing = [f"{len(gone)} of {RECORDINGS} recordings: {_spans(gone)}"] if gone else []
     source = "validation column of info.csv" if official else "published validation list, by number"
-    return Survey(TERMS, items, missing, left_out, source)
+    return Survey(TERMS, recordings, missing, left_out, source)
 
 
 def _official(folder: Path) -> Mapping[str, bool]:

@@ -13,8 +13,8 @@ from ..kinematics.resample import resample
 from ..kinematics.retarget import retarget
 from ..kinematics.rotations import angle_between
 from ..timing import FRAME_RATE_HZ
-from .body import body_features
-from .hands import BONES, FINGERS, hand_poses
+from .body_features import body_features
+from .hand_poses import BONES, FINGERS, hand_poses
 
 FROZEN_DEG_S = 1.0  # fingers that turn less in the mean are not captured but left as they were
 
@@ -24,7 +24,7 @@ class FingerClip(NamedTuple):
 
     body: Float[Tensor, "t c"]
     hands: Float[Tensor, "t 2 d"]  # left, and right mirrored (`hand_poses`)
-    is_alive: Bool[Tensor, " 2"]  # whose fingers move
+    is_moving: Bool[Tensor, " 2"]  # whose fingers move
 
 
 def finger_clip(motion: Motion, *, at_least: int = 1) -> FingerClip:

@@ -5,7 +5,7 @@ from typing import Self
 from pydantic import Field, model_validator
 
 from ..config import Config
-from .hands import HAND_SIZE
+from .hand_poses import HAND_SIZE
 
 
 class FingerConfig(Config):

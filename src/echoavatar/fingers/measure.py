@@ -16,7 +16,7 @@ from ..kinematics.rotations import angle_between
 from ..metrics.frechet import frechet_distance
 from ..timing import FRAME_RATE_HZ
 from .clips import FingerClip
-from .hands import FINGERS, HandBasis, finger_rotations, hand_poses
+from .hand_poses import FINGERS, HandBasis, finger_rotations, hand_poses
 from .model import FingerModel
 from .refine import smoothed
 from .sample import STEPS, sample_hands
@@ -39,7 +39,7 @@ def measure_fingers(
 
     Both hands are made from the body alone. `truth` holds the truth's own liveliness.
     """
-    alive = [clip for clip in clips if bool(clip.is_alive.all())]
+    alive = [clip for clip in clips if bool(clip.is_moving.all())]
     if not alive:
         raise ValueError("no clip whose fingers move on both hands")
     made: dict[str, list[Tensor]] = {"model": [], "model, one step": [], "mean pose": [], "flat hands": []}

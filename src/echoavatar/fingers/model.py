@@ -18,9 +18,9 @@ from torch import Tensor, nn
 from .. import checkpoint
 from ..nn.attention import rotary, rotary_table
 from ..nn.blocks import Mlp
-from .body import BODY_SIZE
+from .body_features import BODY_SIZE
 from .config import FingerConfig
-from .hands import HAND_SIZE, HandBasis
+from .hand_poses import HAND_SIZE, HandBasis
 
 _LEVEL_WAVES = 16
 _BODY_LIMIT = 4.0  # spreads: a body beyond anything seen in training is taken for one at the limit

@@ -14,9 +14,9 @@ from ..errors import MotionError
 from ..kinematics import Motion
 from ..timing import FRAME_RATE_HZ
 from .clips import FROZEN_DEG_S, finger_clip, turning_speeds
-from .hands import BONES, SIDES, finger_rotations
+from .finger_retarget import apply_fingers, finger_joints
+from .hand_poses import BONES, SIDES, finger_rotations
 from .model import FingerModel
-from .rig import finger_joints, put_fingers
 from .sample import STEPS, sample_hands
 
 Hands = Literal["both", "left", "right", "frozen"]
@@ -53,10 +53,10 @@ def refine_fingers(
     clip = finger_clip(motion)
     known = model.basis.encode(clip.hands)
     is_told = [side not in sides and len(finger_joints(motion, side)) == BONES for side in SIDES]
-    is_known = (torch.tensor(is_told) & clip.is_alive).expand(len(known), 2)
+    is_known = (torch.tensor(is_told) & clip.is_moving).expand(len(known), 2)
     coordinates = sample_hands(model, clip.body, known, is_known, seed=seed, steps=steps, progress=progress)
     poses = smoothed(model.basis.decode(coordinates).numpy())
-    return put_fingers(motion, finger_rotations(at_rate(poses, motion.fps, motion.frames)), sides)
+    return apply_fingers(motion, finger_rotations(at_rate(poses, motion.fps, motion.frames)), sides)
 
 
 def frozen_hands(motion: Motion) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from .body import mirror_body
+from .body_features import mirror_body
 from .clips import FingerClip
 from .model import FingerModel
 from .recipe import FingerTraining
@@ -21,7 +21,7 @@ class FingerBatch(NamedTuple):
 
     body: Float[Tensor, "b t c"]
     hands: Float[Tensor, "b t 2 k"]
-    is_alive: Bool[Tensor, "b 2"]
+    is_moving: Bool[Tensor, "b 2"]
 
 
 class FingerSampler:
@@ -41,7 +41,7 @@ class FingerSampler:
         self._shares, self._seed, self._frames = torch.tensor(shares), seed, frames
         self._model, self._body = model, torch.cat([clip.body for clip in clips])
         self._hands = torch.cat([model.basis.encode(clip.hands) for clip in clips])
-        self._alive = torch.stack([clip.is_alive for clip in clips])
+        self._alive = torch.stack([clip.is_moving for clip in clips])
         ends = torch.tensor([len(clip.body) for clip in clips]).cumsum(0).tolist()
         starts = [
             torch.arange(end - len(clip.body), end - frames + 1)
@@ -104,13 +104,13 @@ def denoising_loss(
     rows, frames = batch.hands.shape[:2]
     level = torch.where(random.pure < training.pure_noise, 1.0, random.level.sqrt())
     given = (random.given < training.one_known).long() * (1 + (random.side < 0.5).long())  # 0 none, 1, 2
-    is_known = (given[:, None] == torch.tensor([1, 2], device=given.device)) & batch.is_alive
-    share = torch.where(batch.is_alive, level[:, None], 1.0)[:, None, :, None]
+    is_known = (given[:, None] == torch.tensor([1, 2], device=given.device)) & batch.is_moving
+    share = torch.where(batch.is_moving, level[:, None], 1.0)[:, None, :, None]
     noisy = (1 - share) * batch.hands + share * random.hands
     shown = is_known[:, None].expand(rows, frames, 2)
     seen = torch.where(shown[..., None], batch.hands, noisy)
     error = model(seen, shown, level, _disturbed(batch.body, training, random)) - batch.hands
-    weight = (batch.is_alive & ~is_known).float()[:, None, :, None]
+    weight = (batch.is_moving & ~is_known).float()[:, None, :, None]
     total = (weight.sum() * error.shape[-1]).clamp_min(1)
     still = (weight * error.square()).sum() / frames
     steps = (weight * error.diff(dim=1).square()).sum() / max(1, frames - 1)
@@ -118,11 +118,11 @@ def denoising_loss(
     return loss
 
 
-def learned_hands(batch: FingerBatch, training: FingerTraining, random: FingerNoise) -> float:
+def count_learned_hands(batch: FingerBatch, training: FingerTraining, random: FingerNoise) -> float:
     """How many hands of a batch the loss is a mean over, at least one."""
     given = (random.given < training.one_known).long() * (1 + (random.side < 0.5).long())
     is_known = given[:, None] == torch.tensor([1, 2], device=given.device)
-    return float((batch.is_alive & ~is_known).sum().clamp_min(1))
+    return float((batch.is_moving & ~is_known).sum().clamp_min(1))
 
 
 def _disturbed(

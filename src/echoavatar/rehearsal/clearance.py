@@ -24,7 +24,7 @@ _ALONG_HAND = (0.0, 0.085, 0.160)  # wrist, palm, fingertips
 _MIRROR = torch.tensor([-1.0, 1.0, 1.0], dtype=torch.float64)
 
 
-def cleared(controls: Controls) -> Controls:
+def keep_hands_clear(controls: Controls) -> Controls:
     """The same performance with hands and forearms outside the body and off each other."""
     wrist = controls.wrist.copy()
     for first in range(0, len(controls), BLOCK_FRAMES):

@@ -20,9 +20,9 @@ from ..errors import EchoAvatarError
 from ..kinematics import HUMANOID, Motion
 from ..timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from .augment import set_loudness, treat
-from .library import Library, load_library, weave
-from .perform import perform
-from .recording import track_from_recording
+from .choreography import choreograph
+from .recorded_motion import Library, blend_recordings, load_library
+from .recording_labels import track_from_recording
 from .solver import solve
 from .sound import SoundTrack, concatenate, cut, whole_frames
 from .track import compose_track
@@ -35,7 +35,7 @@ AUDIO_SUFFIXES = (".wav", ".ogg", ".flac", ".mp3", ".opus", ".m4a")
 
 @dataclass(frozen=True)
 class Plan:
-    """What to make: total length, seed, where, and which recorded material to weave in."""
+    """What to make: total length, seed, where, and which recorded material to blend_recordings in."""
 
     hours: float
     seed: int
@@ -94,12 +94,12 @@ def make_clip(plan: Plan, index: int) -> Clip:
     seed = int(np.random.SeedSequence([plan.seed, index]).generate_state(1)[0])
     split = "test" if index % TEST_EVERY == TEST_EVERY - 1 else "train"
     track = _track(plan, index, seed, split)
-    controls = perform(track, seed)
+    controls = choreograph(track, seed)
     rotations, root = solve(controls)
     if plan.library is not None:
         motion = Motion(HUMANOID, rotations, root, float(FRAME_RATE_HZ))
-        woven = weave(_library(plan.library, plan.refine_fingers), track, motion, seed)
-        rotations, root = woven.rotations, woven.root
+        blended = blend_recordings(_library(plan.library, plan.refine_fingers), track, motion, seed)
+        rotations, root = blended.rotations, blended.root
     frames = min(len(rotations), len(track.audio) // SAMPLES_PER_FRAME)
     return Clip(
         name=_name(plan, index),

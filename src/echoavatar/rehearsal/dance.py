@@ -13,10 +13,10 @@ from scipy.ndimage import maximum_filter1d
 
 from ..timing import FRAME_RATE_HZ
 from .controls import STANDING_PELVIS, Array, Controls, minimum_jerk, neutral, smoothed
+from .dance_plan import BodyKey, DancePlan, compose_dance
 from .footwork import Foothold, Footwork, Stance, walk
-from .grooves import listen
-from .keys import bump, glide, progress
-from .phrases import BodyKey, Plan, compose
+from .grooves import find_counts
+from .keyframes import bump, glide, progress
 from .sound import SoundTrack
 
 FloatArray = np.ndarray
@@ -32,24 +32,27 @@ REST_SECONDS = 0.9  # for the arms to sink when the music stops
 def dance(track: SoundTrack, seed: int) -> Controls:
     """Dance in the music spans of a track; stand at ease elsewhere. Same seed, same dance."""
     frames = round(track.seconds * FRAME_RATE_HZ)
-    return draw(plan_dance(track, seed), frames)
+    return plans_to_controls(plan_dance(track, seed), frames)
 
 
-def plan_dance(track: SoundTrack, seed: int) -> list[Plan]:
-    """The plan of each music span: footholds (`Plan.holds`), keys and when the dancer starts to settle."""
+def plan_dance(track: SoundTrack, seed: int) -> list[DancePlan]:
+    """The plan of each music span: footholds (`DancePlan.holds`), keys and when the dancer starts to settle."""
     spans = [span for span in track.spans if span.kind == "music" and span.end - span.start > 0.5]
-    return [compose(listen(track, span), np.random.default_rng([seed, 7, i])) for i, span in enumerate(spans)]
+    return [
+        compose_dance(find_counts(track, span), np.random.default_rng([seed, 7, i]))
+        for i, span in enumerate(spans)
+    ]
 
 
-def footholds(plans: list[Plan]) -> list[Foothold]:
+def footholds(plans: list[DancePlan]) -> list[Foothold]:
     """All planned steps in order, for those who join other motion before or after."""
     return [hold for plan in plans for hold in plan.holds]
 
 
-def draw(plans: list[Plan], frames: int) -> Controls:
+def plans_to_controls(plans: list[DancePlan], frames: int) -> Controls:
     """Curves at 30 fps from plans."""
     t = np.arange(frames) / FRAME_RATE_HZ - ANSWER_S
-    felt = _felt(t, plans)
+    felt = _dancer_clock(t, plans)
     feet = walk(felt, footholds(plans), Stance(), [shift for plan in plans for shift in plan.shifts])
     body = _body(felt, plans)
     beat, level = _pulse(t, plans)
@@ -73,7 +76,7 @@ def draw(plans: list[Plan], frames: int) -> Controls:
     )
 
 
-def _felt(t: FloatArray, plans: list[Plan]) -> FloatArray:
+def _dancer_clock(t: FloatArray, plans: list[DancePlan]) -> FloatArray:
     """The dancer's clock: it lingers on every beat, also on those between the counts, and agrees with ours on beats."""
     result = t.copy()
     for plan in plans:
@@ -89,7 +92,7 @@ def _felt(t: FloatArray, plans: list[Plan]) -> FloatArray:
 
 
 def _pelvis(
-    t: FloatArray, plans: list[Plan], feet: Footwork, beat: FloatArray, level: FloatArray
+    t: FloatArray, plans: list[DancePlan], feet: Footwork, beat: FloatArray, level: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Position over the carrying foot and rotation (yaw, pitch, roll)."""
     share = 0.5 + 0.86 * (feet.share - 0.5)
@@ -123,7 +126,7 @@ def _eased_down(feet: Footwork, over: FloatArray, height: FloatArray) -> FloatAr
 
 
 def _torso(
-    plans: list[Plan], body: FloatArray, turn: FloatArray, beat: FloatArray, level: FloatArray
+    plans: list[DancePlan], body: FloatArray, turn: FloatArray, beat: FloatArray, level: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Chest on pelvis and head on chest: the chest stays upright over rolling hips, the eyes keep to the front."""
     t = np.arange(len(body)) / FRAME_RATE_HZ
@@ -146,7 +149,7 @@ def _lagging(x: FloatArray, seconds: float) -> FloatArray:
     return np.asarray(smoothed(x[:, None].astype(np.float32), seconds), np.float64)[:, 0]
 
 
-def _pulse(t: FloatArray, plans: list[Plan]) -> tuple[FloatArray, FloatArray]:
+def _pulse(t: FloatArray, plans: list[DancePlan]) -> tuple[FloatArray, FloatArray]:
     """How far down the body is in each count, 0..1, and the levels (bounce in metres, hips scale, presence 0..1)."""
     beat = np.zeros(len(t))
     level = np.zeros((len(t), 3))
@@ -183,7 +186,7 @@ def _count(t: FloatArray, times: FloatArray) -> FloatArray:
     return _lagging(number - number[0], 0.05) + number[0] if len(t) else number
 
 
-def _groove(t: FloatArray, plans: list[Plan], name: str) -> FloatArray:
+def _groove(t: FloatArray, plans: list[DancePlan], name: str) -> FloatArray:
     """A standing property of each span's groove, eased in and out."""
     result = np.zeros(len(t))
     for plan in plans:
@@ -193,7 +196,7 @@ def _groove(t: FloatArray, plans: list[Plan], name: str) -> FloatArray:
     return result
 
 
-def _keyed(t: FloatArray, plans: list[Plan], name: str) -> FloatArray:
+def _keyed(t: FloatArray, plans: list[DancePlan], name: str) -> FloatArray:
     """A pelvis curve through all plans' keys of that name."""
     keys = sorted((time, value) for plan in plans for time, value in getattr(plan, name))
     if not keys:
@@ -205,7 +208,7 @@ def _keyed(t: FloatArray, plans: list[Plan], name: str) -> FloatArray:
     return _lagging(curve[:, 0], 0.04)
 
 
-def _body(t: FloatArray, plans: list[Plan]) -> FloatArray:
+def _body(t: FloatArray, plans: list[DancePlan]) -> FloatArray:
     """Arms, chest and head, (frames, 38): glides from key to key, rounded where a move flows."""
     rest = _resting()
     rows = [BodyKey(-1.0, rest, 0.5, 0.0)]

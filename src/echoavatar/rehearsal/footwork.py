@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .controls import ANKLE_HEIGHT, STANDING_FEET, STANDING_FOOT_YAW, minimum_jerk, smoothed
-from .keys import bump, glide
+from .keyframes import bump, glide
 
 FloatArray = np.ndarray
 TOE_OFF = 0.32  # radians of heel lift as the foot leaves the floor

@@ -13,12 +13,12 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from .accents import head_accents, speech_activity
 from .controls import Array, Controls, critically_damped, wander
-from .cues import Cue, cues_of
+from .gesture_cues import Cue, gesture_cues
 from .handpath import FINGERS, PALM, WRIST, HandPath
 from .handshapes import count_shape, hand_shape
-from .idle import Manner, hands_of, idle, living_fingers, manner, resting_hands, with_hands
+from .head_motion import head_accents, speech_activity
+from .idle import Manner, draw_manner, finger_drift, hands_of, idle, resting_hands, with_hands
 from .lexicon import ACCENTS, MEANINGS, Form, aim_at, eased_reach, home_of, meant_form
 from .sound import SoundTrack
 
@@ -36,22 +36,22 @@ LEFT, RIGHT = 0, 1
 
 def gesture(track: SoundTrack, seed: int) -> Controls:
     """Speak with the body for the whole track: idle motion in silence, gesture units over every phrase."""
-    who, rng = manner(seed), np.random.default_rng([seed, 3])
+    who, rng = draw_manner(seed), np.random.default_rng([seed, 3])
     body = idle(track, seed)
     frames = len(body)
     rest = resting_hands(who.rest)
     speaker = _Speaker(who, rng, [HandPath(rest[LEFT].copy()), HandPath(rest[RIGHT].copy())], rest)
     starts = [begin for begin, _ in track.phrases] + [np.inf]
     for phrase, following in zip(track.phrases, starts[1:], strict=True):
-        speaker.say(phrase, cues_of(track, phrase, who, rng), following)
+        speaker.say(phrase, gesture_cues(track, phrase, who, rng), following)
     moved = np.stack([path.curve(frames) for path in speaker.hands], axis=1) - rest
     active = speech_activity(track, frames)
     lively = np.clip(np.abs(moved[..., :3]).sum(-1) / 0.2, 0, 1)[..., None]
-    moved[..., FINGERS] += living_fingers(frames, rng) * (0.4 + 0.8 * lively)
+    moved[..., FINGERS] += finger_drift(frames, rng) * (0.4 + 0.8 * lively)
     moved[..., :3] += wander(frames, 6, period=1.2, rng=rng).reshape(frames, 2, 3) * 0.004 * lively
     head, spine = head_accents(track, who.nod, rng)
     body = replace(body, head=body.head + head, spine=body.spine + spine)
-    return joined_in(with_hands(body, hands_of(body) + moved), hands_of(body), active)
+    return with_following_torso(with_hands(body, hands_of(body) + moved), hands_of(body), active)
 
 
 class _Speaker:
@@ -230,7 +230,9 @@ class _Speaker:
             self.up[side] = False
 
 
-def joined_in(controls: Controls, resting: Float[Array, "t 2 14"], active: Float[Array, " t"]) -> Controls:
+def with_following_torso(
+    controls: Controls, resting: Float[Array, "t 2 14"], active: Float[Array, " t"]
+) -> Controls:
     """Clavicles and torso follow the hands: shoulders lift and reach, the chest turns towards what the hands do."""
     wrist, calm = controls.wrist, resting[..., WRIST]
     high = np.clip(wrist[..., 1] + 0.15, 0, 0.6)

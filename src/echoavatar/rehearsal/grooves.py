@@ -72,7 +72,7 @@ class Counts:
         return float(self.times[at + 1] - self.times[at])
 
 
-def listen(track: SoundTrack, span: Span) -> Counts:
+def find_counts(track: SoundTrack, span: Span) -> Counts:
     """The counts of a music span; without beats, slow ones to sway by."""
     beats = np.asarray(track.beats, np.float64)
     beats = beats[(beats >= span.start - 0.02) & (beats < span.end)]

@@ -13,7 +13,7 @@ from .controls import HANGING_WRIST, STANDING_PELVIS, Array, Controls, neutral, 
 from .handpath import FINGERS, pack_hand
 from .handshapes import hand_shape
 from .sound import SoundTrack
-from .stance import Feet, restless, walked, weight_curve
+from .stance import Feet, walked, weight_curve, weight_shifts
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Manner:
     pace: float  # > 1 gestures more often
     nod: float  # size of head accents
     breath_hz: float
-    restless_s: float  # seconds between weight shifts
+    shift_every_s: float  # seconds between weight shifts
     rest: str  # "sides" or "clasped"
 
     @classmethod
@@ -40,12 +40,12 @@ class Manner:
             pace=float(rng.uniform(0.85, 1.15)),
             nod=float(rng.uniform(0.7, 1.3)),
             breath_hz=float(rng.uniform(0.21, 0.30)),
-            restless_s=float(rng.uniform(4.5, 9.0)),
+            shift_every_s=float(rng.uniform(4.5, 9.0)),
             rest="clasped" if rng.random() < 0.3 else "sides",
         )
 
 
-def manner(seed: int) -> Manner:
+def draw_manner(seed: int) -> Manner:
     """The person behind a seed."""
     return Manner.drawn(np.random.default_rng([seed, 1]))
 
@@ -63,20 +63,16 @@ def resting_hands(rest: str) -> Float[Array, "2 14"]:
 def idle(track: SoundTrack, seed: int) -> Controls:
     """Stand, breathe and listen for the whole track."""
     frames = round(track.seconds * FRAME_RATE_HZ)
-    who, rng = manner(seed), np.random.default_rng([seed, 2])
+    who, rng = draw_manner(seed), np.random.default_rng([seed, 2])
     cues = sorted([begin for begin, _ in track.phrases] + [span.start for span in track.spans])
-    steps, shifts = restless(track.seconds, cues, rng, pace=who.restless_s, step_every=28.0)
+    steps, shifts = weight_shifts(track.seconds, cues, rng, pace=who.shift_every_s, step_every=28.0)
     start = float(rng.choice([-0.5, 0.5]))
     body = standing(walked(frames, steps), weight_curve(frames, shifts, start), rng)
     breath = breathing(frames, who.breath_hz, rng)
-    head = (
-        body.head
-        + looking_around(track, rng)
-        + wander(frames, 3, period=2.2, rng=rng) * (0.012, 0.010, 0.008)
-    )
+    head = body.head + glances(track, rng) + wander(frames, 3, period=2.2, rng=rng) * (0.012, 0.010, 0.008)
     hands = np.repeat(resting_hands(who.rest)[None], frames, axis=0)
     hands[:, :, :3] += wander(frames, 6, period=3.5, rng=rng).reshape(frames, 2, 3) * 0.003
-    hands[:, :, FINGERS] += living_fingers(frames, rng) * 0.5
+    hands[:, :, FINGERS] += finger_drift(frames, rng) * 0.5
     spine = body.spine + wander(frames, 3, period=4.0, rng=rng) * (0.010, 0.006, 0.006)
     spine[:, 1] -= 0.012 * breath
     shoulder = body.shoulder + 0.022 * breath[:, None, None] * np.array([1.0, -0.4])
@@ -139,7 +135,7 @@ def breathing(frames: int, rate_hz: float, rng: np.random.Generator) -> Float[Ar
     return np.asarray(np.sin(phase + 0.35 * np.sin(phase)), np.float32)
 
 
-def living_fingers(frames: int, rng: np.random.Generator) -> Float[Array, "t 2 7"]:
+def finger_drift(frames: int, rng: np.random.Generator) -> Float[Array, "t 2 7"]:
     """Small slow finger motion: neighbours move together, no finger is ever quite still."""
     one = wander(frames, 14, period=1.6, rng=rng).reshape(frames, 2, 7)
     together = wander(frames, 2, period=2.6, rng=rng)[..., None]
@@ -147,7 +143,7 @@ def living_fingers(frames: int, rng: np.random.Generator) -> Float[Array, "t 2 7
     return np.asarray((0.6 * one + 0.7 * together) * scale, np.float32)
 
 
-def looking_around(track: SoundTrack, rng: np.random.Generator) -> Float[Array, "t 3"]:
+def glances(track: SoundTrack, rng: np.random.Generator) -> Float[Array, "t 3"]:
     """Glances: the head settles on a new direction every few seconds of silence, more rarely otherwise."""
     frames = round(track.seconds * FRAME_RATE_HZ)
     quiet = [(span.start, span.end) for span in track.spans if span.kind == "silence"]

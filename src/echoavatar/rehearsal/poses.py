@@ -125,7 +125,7 @@ def mirrored(move: Move) -> Move:
     return replace(move, keys=tuple(other(key) for key in move.keys))
 
 
-def keys(text: str) -> tuple[Key, ...]:
+def parse_keys(text: str) -> tuple[Key, ...]:
     """Keys from notation, `;` between keys: count, pose (or left/right), then c: chest and h: head angles."""
     result = []
     for item in text.split(";"):

@@ -80,7 +80,7 @@ def weight_curve(frames: int, shifts: Sequence[Shift], start: float) -> Float[Ar
     return through_keys(np.array(times), np.array(values, np.float32), frames)
 
 
-def restless(
+def weight_shifts(
     seconds: float, cues: Sequence[float], rng: np.random.Generator, *, pace: float, step_every: float
 ) -> tuple[list[Step], list[Shift]]:
     """Weight shifts and rare small steps that begin at cues (phrase borders, seconds) or when it has been long.

@@ -66,7 +66,7 @@ def first_foot(figure: Figure) -> int | None:
     return min(figure.steps, key=lambda step: step.count).side if figure.steps else None
 
 
-def score(text: str) -> tuple[Step, ...]:
+def parse_steps(text: str) -> tuple[Step, ...]:
     """Steps from notation, `;` between steps: count, foot L or R, then what differs from a plain step.
 
     x, z, y(aw), w(eight), l(ift), p(itch), t(ravel) with a number, and `air:count/x/height/z`.
@@ -90,6 +90,6 @@ def _with(step: Step, name: str, value: float) -> Step:
     return Step(**{**vars(step), name: value})
 
 
-def pairs(text: str) -> tuple[tuple[float, float], ...]:
+def parse_pairs(text: str) -> tuple[tuple[float, float], ...]:
     """Pairs of count and value from notation, `,` between pairs."""
     return tuple((float(count), float(value)) for count, value in (item.split() for item in text.split(",")))
