@@ -1,8 +1,8 @@
-"""A whole performance of a sound track: speech, music and silence joined by human transitions.
+"""The motion for a whole sound track: gesture, dance and idle motion with transitions between them.
 
-Music is answered a moment after it is heard and left when it ends. The body's pose and speed carry over exactly:
-the difference to the new motion dies away along a quintic (inertialisation). Feet change hands one at a time, each by
-a real step, so that no planted foot ever slides.
+Dance starts shortly after the music and stops with it. Pose and velocity are continuous: the difference to the new
+motion fades out along a quintic (inertialisation). Each foot moves to its new place in a step of its own, so planted
+feet do not slide.
 """
 
 from dataclasses import fields, replace
@@ -13,11 +13,12 @@ from jaxtyping import Float
 from ..timing import FRAME_RATE_HZ
 from .clearance import keep_hands_clear
 from .controls import ANKLE_HEIGHT, Array, Controls
+from .dance import dance
 from .gesture import gesture
 from .sound import SoundTrack
 from .stance import air
 
-REACTION_S = 0.25  # from hearing music to answering it
+REACTION_S = 0.25  # from the start of music to the start of the dance
 JOIN_S, SETTLE_S = 1.0, 0.85
 STEP_S = 0.40
 SHORTEST_DANCE_S = 1.5
@@ -25,23 +26,21 @@ _FEET = ("foot_position", "foot_yaw", "foot_pitch")
 
 
 def choreograph(track: SoundTrack, seed: int) -> Controls:
-    """Move to a track; the same track and seed give the same motion."""
+    """Controls for a whole track; deterministic for a track and seed."""
     motion = gesture(track, seed)
     spans = [s for s in track.spans if s.kind == "music" and s.end - s.start >= SHORTEST_DANCE_S]
     if spans:
-        from .dance import dance  # the one import both ways round: dancers use our controls
-
-        calm, wild = motion, dance(track, seed)
+        standing, dancing = motion, dance(track, seed)
         for span in spans:
             begin = round((span.start + REACTION_S) * FRAME_RATE_HZ)
             end = min(round(span.end * FRAME_RATE_HZ), len(motion)) - 1
-            motion = switched(motion, wild, at=begin, seconds=JOIN_S)
-            motion = switched(motion, calm, at=end, seconds=SETTLE_S)
+            motion = switched(motion, dancing, at=begin, seconds=JOIN_S)
+            motion = switched(motion, standing, at=end, seconds=SETTLE_S)
     return keep_hands_clear(motion)
 
 
 def switched(before: Controls, after: Controls, *, at: int, seconds: float) -> Controls:
-    """`before` until frame `at`, then `after`, joined without a jump in place or speed within `seconds`."""
+    """`before` until frame `at`, then `after`; position and velocity stay continuous over `seconds`."""
     frames = len(before)
     at = int(np.clip(at, 1, max(frames - 2, 1)))
     if frames < 4 or at >= frames - 2:
@@ -62,7 +61,7 @@ def switched(before: Controls, after: Controls, *, at: int, seconds: float) -> C
 def _with_lift(
     curves: dict[str, Array], before: Controls, after: Controls, moments: list[int]
 ) -> dict[str, Array]:
-    """Lift each foot while it changes place, higher over longer ways, and never through the floor."""
+    """Lift each foot while it steps to its new place, higher for a longer step, never below the floor."""
     for side, first in enumerate(moments):
         if first >= len(before) - 1:
             continue
@@ -81,7 +80,7 @@ def _with_lift(
 
 
 def _step_moments(after: Controls, at: int) -> list[int]:
-    """When each foot steps over: one after the other, where possible while the new motion stands on the other one."""
+    """First frame of each foot's step: one after the other, if possible while the other foot is planted in `after`."""
     length, limit = round(STEP_S * FRAME_RATE_HZ), len(after)
     flying = after.foot_position[..., 1] > ANKLE_HEIGHT + 0.004
 
@@ -100,7 +99,7 @@ def _step_moments(after: Controls, at: int) -> list[int]:
 
 
 def _carried_over(old: Float[Array, "t ..."], new: Float[Array, "t ..."], at: int, seconds: float) -> Array:
-    """`old` until `at`, then `new` plus what is left of their difference, which dies along a quintic."""
+    """`old` until `at`, then `new` plus their difference, which fades out along a quintic."""
     out = new.copy()
     out[:at] = old[:at]
     if at >= len(old):

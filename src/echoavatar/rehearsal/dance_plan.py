@@ -1,7 +1,7 @@
-"""Composing a dance: figures and moves in phrases of eight counts, A A B A' within a section, laid out in time.
+"""Planning a dance: figures and moves in phrases of eight counts, A A B A' within a section, laid out in time.
 
-Everything is locked to counts and changes at phrase borders; sections of one loudness share their material, so a
-chorus is recognised when it returns.
+Everything is locked to counts and changes at phrase borders. Sections of the same loudness share their material, so a
+chorus repeats its dance.
 """
 
 from collections.abc import Sequence
@@ -18,8 +18,8 @@ from .steps import Figure, Step
 
 SECONDS_TO_CLOSE = 0.42
 SHORTEST_SWING = 0.16
-SLOW_COUNT = 0.75  # seconds; slower than this, two counts are enough to listen in
-EASY_SWING = 0.46  # seconds to raise a knee or a kick in full
+SLOW_COUNT = 0.75  # seconds; with longer counts the introduction is half as long
+EASY_SWING = 0.46  # seconds that a full knee lift or kick needs
 NEUTRAL = Stance()
 
 
@@ -35,7 +35,7 @@ class BodyKey:
 
 @dataclass
 class DancePlan:
-    """A dance before it is drawn: footholds in time, weight shifts, pelvis keys and body keys of one music span."""
+    """The plan of one music span: footholds, weight shifts, pelvis keys and body keys in time."""
 
     counts: Counts
     begin: float
@@ -46,19 +46,21 @@ class DancePlan:
     dip: list[tuple[float, float]] = field(default_factory=list)
     body: list[BodyKey] = field(default_factory=list)
     level: list[tuple[float, float, float]] = field(default_factory=list)  # time, bounce scale, hips scale
-    names: list[tuple[float, str, str]] = field(default_factory=list)  # time, figure, move: for people
+    names: list[tuple[float, str, str]] = field(
+        default_factory=list
+    )  # time, figure, move: for tests and debugging
 
 
 @dataclass(frozen=True)
 class Material:
-    """What the sections of one loudness are made of."""
+    """Figures and moves that the sections of one loudness share."""
 
     figures: tuple[Figure, Figure]
     moves: tuple[Move, Move, Move]
 
     @classmethod
     def drawn(cls, counts: Counts, energy: float, rng: np.random.Generator) -> "Material":
-        """Two figures and three moves that fit."""
+        """Draw two figures and three moves that fit."""
         legs = figures.fitting(counts.groove.name, counts.metre, energy)
         arms = moves.fitting(counts.groove.name, energy)
         typical = np.array([2.5 if figure.styles else 1.0 for figure in legs])
@@ -71,7 +73,7 @@ class Material:
 
 
 def compose_dance(counts: Counts, rng: np.random.Generator) -> DancePlan:
-    """DancePlan the dance of one music span, from standing to standing."""
+    """Plan the dance of one music span, which starts and ends in a standing pose."""
     last = counts.at(len(counts.times) - 1)
     beat = counts.length(len(counts.times) - 2)
     plan = DancePlan(counts, counts.start, float(np.clip(counts.end, last + 0.25, last + 1.1 * beat)))
@@ -93,7 +95,7 @@ def _section(
     number, at = 0, first
     while at < end:
         length = min(size, end - at)
-        if first == 0 and at < size:  # listen in, small, then finish the phrase with the first figure
+        if first == 0 and at < size:  # start small, then finish the phrase with the first figure
             listening = half // 2 if plan.counts.length(0) > SLOW_COUNT else half
             length = min(listening if at == 0 else size - at, end - at)
         figure = material.figures[1 if number % 4 == 2 else 0]
@@ -116,7 +118,7 @@ def _listening(counts: Counts) -> tuple[Figure, Move]:
 
 
 def _short(counts: Counts, length: int) -> Figure:
-    """A figure for the rest of a section that is shorter than a phrase."""
+    """A figure for the end of a section that is shorter than a phrase."""
     if counts.metre == 3:
         return figures.FIGURE["waltz_balance"]
     is_slow = counts.groove.name in ("ballet", "rest")
@@ -153,7 +155,7 @@ def _phrase(
 
 
 def _place(plan: DancePlan, step: Step, offset: int, size: float, facing: float) -> None:
-    """Turn a step of a figure into a foothold, unless there is no time for it."""
+    """Add a figure's step to the plan as a foothold, unless there is no time for it."""
     counts = plan.counts
     landing = counts.at(offset + step.count) - 0.012
     lift_off = landing - float(np.clip(landing - counts.at(offset + step.count - step.travel), 0.2, 1.0))
@@ -205,7 +207,7 @@ def _world(side: int, x: float, z: float, facing: float) -> tuple[float, float]:
 
 
 def _arms(plan: DancePlan, move: Move, at: int, length: int, energy: float) -> None:
-    """Lay a move over a phrase; every second time through it is mirrored."""
+    """Add a move to a phrase; every second repetition is mirrored."""
     counts = plan.counts
     size = 1.0 if move.exact else float(np.clip(0.66 + 0.42 * energy, 0.66, 1.06))
     beats = move.counts * 3 // 2 if counts.metre == 3 else move.counts
@@ -230,7 +232,7 @@ def _vector(key: Key, size: float) -> NDArray[np.float64]:
 
 
 def _close(plan: DancePlan) -> None:
-    """Stop where the music does: keys after it are dropped, feet come home one after the other, arms sink."""
+    """End with the music: drop later keys, step back to the neutral stance one foot at a time, lower the arms."""
     plan.holds = [h for h in plan.holds if h.lift_off < plan.settle - 0.05]
     plan.body = [k for k in plan.body if k.time < plan.settle + 0.12]
     plan.shifts, plan.twist, plan.dip = (
@@ -254,6 +256,6 @@ def _close(plan: DancePlan) -> None:
 
 
 def _order(holds: Sequence[Foothold]) -> tuple[int, int]:
-    """Which foot comes home first: the one that carries less."""
+    """Both feet in the order in which they return: the one with less weight first."""
     carrying = next((h.side for h in reversed(holds) if h.weight > 0.5), 0)
     return (1 - carrying, carrying)

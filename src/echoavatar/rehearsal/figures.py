@@ -1,4 +1,4 @@
-"""The figures of the dance, written in `steps.parse_steps` notation."""
+"""The step figures of the dance, in the notation of `steps.parse_steps`."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ L, R = LEFT, RIGHT
 
 
 def _turned(count: float, side: int, heading: float, weight: float = 1.0) -> Step:
-    """A step to the neutral place of a dancer who has turned by `heading` on the spot."""
+    """A step to the neutral position of a foot after the dancer has turned by `heading` on the spot."""
     x = HALF_STANCE if side == LEFT else -HALF_STANCE
     return Step(count, side, x * (np.cos(heading) - 1.0), -x * np.sin(heading), heading, weight, lift=0.055)
 

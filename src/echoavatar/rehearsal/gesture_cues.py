@@ -1,4 +1,4 @@
-"""Which syllables of a phrase get a gesture: the prominent and the meaningful, not too close together."""
+"""Which syllables of a phrase get a gesture: prominent or meaningful ones, at a least distance in time."""
 
 from dataclasses import dataclass
 
@@ -7,13 +7,13 @@ import numpy as np
 from .idle import Manner
 from .sound import SoundTrack, Syllable
 
-LEAST_URGE = 0.40
-LAG_S = (0.14, 0.18)  # a stroke ends this long after its vowel's centre
+LEAST_SALIENCE = 0.40
+LAG_S = (0.14, 0.18)  # from a vowel's centre to the end of its stroke, drawn at random
 
 
 @dataclass(frozen=True)
 class Cue:
-    """A syllable worth a gesture: the word's onset, the vowel's centre, the stroke's end, weight 0..1, the meaning."""
+    """A syllable that gets a gesture; times in seconds, `vowel` is the vowel's centre, `weight` 0..1."""
 
     onset: float
     vowel: float
@@ -24,20 +24,20 @@ class Cue:
 
 
 def gesture_cues(
-    track: SoundTrack, phrase: tuple[float, float], who: Manner, rng: np.random.Generator
+    track: SoundTrack, phrase: tuple[float, float], manner: Manner, rng: np.random.Generator
 ) -> list[Cue]:
-    """The syllables of a phrase that get a gesture, strongest first choice, not too close together."""
+    """Cues of a phrase in order of time; where syllables are too close together the most salient one wins."""
     begin, end = phrase
     inside = [s for s in track.syllables if begin - 0.02 <= s.vowel < end]
     spoken: set[tuple[float, str]] = set()
     cues: list[Cue] = []
-    for i in sorted(range(len(inside)), key=lambda k: -_urge(inside[k])):
+    for i in sorted(range(len(inside)), key=lambda k: -_salience(inside[k])):
         syllable, onset = inside[i], _word_onset(inside, i)
-        wanted = _urge(syllable) * (0.9 + 0.2 * rng.random()) * who.pace
-        gap = 0.33 / who.pace if wanted < 0.8 else 0.38
+        wanted = _salience(syllable) * (0.9 + 0.2 * rng.random()) * manner.pace
+        gap = 0.33 / manner.pace if wanted < 0.8 else 0.38
         stroke_end = syllable.vowel + float(rng.uniform(*LAG_S))
         if (
-            wanted < LEAST_URGE
+            wanted < LEAST_SALIENCE
             or any(abs(cue.stroke_end - stroke_end) < gap for cue in cues)
             or rng.random() < 0.03
         ):
@@ -50,12 +50,12 @@ def gesture_cues(
     return sorted(cues, key=lambda cue: cue.stroke_end)
 
 
-def _urge(syllable: Syllable) -> float:
+def _salience(syllable: Syllable) -> float:
     return syllable.prominence + (0.35 if syllable.meaning and syllable.prominence > 0.3 else 0.0)
 
 
 def _word_onset(syllables: list[Syllable], index: int) -> float:
-    """Start of the word a syllable belongs to."""
+    """Start of the word that a syllable belongs to."""
     while (
         index
         and syllables[index - 1].word == syllables[index].word

@@ -1,4 +1,4 @@
-"""The head and torso of a speaker: nods on stress, turns at phrase borders, shakes on a no, tilts on a question."""
+"""A speaker's head and torso: nods on stress, turns at phrase borders, shakes on negation, tilts on questions."""
 
 import numpy as np
 from jaxtyping import Float
@@ -8,11 +8,11 @@ from .controls import Array, critically_damped, smoothed, wander
 from .sound import SoundTrack, Syllable
 from .stance import air
 
-NOD_FROM = 0.45  # prominence
+NOD_FROM = 0.45  # least prominence of a syllable that may get a nod
 
 
 def speech_activity(track: SoundTrack, frames: int) -> Float[Array, " t"]:
-    """1 while somebody speaks, 0 otherwise, eased over a third of a second."""
+    """1 during speech, 0 otherwise, eased over a third of a second."""
     active = np.zeros(frames, np.float32)
     for begin, end in track.phrases:
         active[round(begin * FRAME_RATE_HZ) : round(end * FRAME_RATE_HZ)] = 1
@@ -22,7 +22,7 @@ def speech_activity(track: SoundTrack, frames: int) -> Float[Array, " t"]:
 def head_accents(
     track: SoundTrack, size: float, rng: np.random.Generator
 ) -> tuple[Float[Array, "t 3"], Float[Array, "t 3"]]:
-    """Additions to head and spine (yaw, pitch, roll) for a whole track; `size` scales the nods."""
+    """Offsets (yaw, pitch, roll) to add to head and spine for a whole track; `size` scales the nods."""
     frames = round(track.seconds * FRAME_RATE_HZ)
     head, spine = np.zeros((frames, 3), np.float32), np.zeros((frames, 3), np.float32)
     for syllable in track.syllables:
@@ -39,7 +39,7 @@ def head_accents(
 
 
 def _nod(syllable: Syllable, size: float, rng: np.random.Generator, head: Array, spine: Array) -> None:
-    """Down with the vowel and up again; strong ones take the chest along. Some go up instead."""
+    """Move the head down with the vowel and up again. Strong nods take the chest along; some nods go up instead."""
     strength = (0.035 + 0.13 * syllable.prominence**2) * size * float(rng.uniform(0.7, 1.3))
     way = -0.6 if rng.random() < 0.15 else 1.0
     length = float(rng.uniform(0.40, 0.58))
@@ -67,7 +67,7 @@ def _meaning(syllable: Syllable, size: float, rng: np.random.Generator, head: Ar
 
 
 def _addressees(track: SoundTrack, frames: int, rng: np.random.Generator) -> Float[Array, "t 3"]:
-    """At phrase borders the head turns to somebody else, or back."""
+    """Turn the head to another addressee, or back to the front, at phrase borders."""
     goal = np.zeros((frames, 3), np.float32)
     for begin, _ in track.phrases:
         first = round((begin - 0.05) * FRAME_RATE_HZ)
@@ -77,7 +77,7 @@ def _addressees(track: SoundTrack, frames: int, rng: np.random.Generator) -> Flo
 
 
 def _add(curve: Array, axis: int, begin: float, seconds: float, size: float) -> None:
-    """A bump that starts and ends at rest."""
+    """Add a bump that starts and ends at rest."""
     first = max(int(begin * FRAME_RATE_HZ), 0)
     last = min(int((begin + seconds) * FRAME_RATE_HZ) + 2, len(curve))
     if last > first:

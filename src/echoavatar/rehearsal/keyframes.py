@@ -1,7 +1,7 @@
-"""Moving between key poses: minimum-jerk glides that arrive on time and rest there.
+"""Interpolation between key poses: minimum-jerk glides that arrive on time and rest there.
 
-A glide has no velocity and no acceleration at its ends (Flash and Hogan 1985), so a pose that arrives on a beat is a
-hit: the speed of the body has a minimum there. Everything is vectorised over frames.
+A glide has no velocity and no acceleration at its ends (Flash and Hogan 1985), so the speed of the body has a minimum
+where a pose arrives on a beat. Everything is vectorised over frames.
 """
 
 import numpy as np
@@ -20,7 +20,7 @@ def bump(phase: FloatArray) -> FloatArray:
 
 
 def progress(t: FloatArray, arrive: FloatArray, travel: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
-    """For each time the index of the key it moves to (0: before the first) and the raw phase 0..1 of that move.
+    """For each time, the index of the key it moves to (0: before the first) and the phase 0..1 of that move.
 
     Args:
         t: times, (frames,)
@@ -36,13 +36,13 @@ def progress(t: FloatArray, arrive: FloatArray, travel: FloatArray) -> tuple[NDA
 def glide(
     t: FloatArray, arrive: FloatArray, values: FloatArray, travel: FloatArray | None = None
 ) -> FloatArray:
-    """Values at times `t`, (frames, channels), moving by minimum jerk from key to key and resting at each.
+    """Values at times `t`, (frames, channels): move by minimum jerk from key to key and rest at each.
 
     Args:
         t: times, (frames,)
         arrive: increasing times of arrival, (keys,)
         values: what to arrive at, (keys, channels)
-        travel: how long each move takes, (keys,); None, or more than the gap: the whole gap
+        travel: how long each move takes, (keys,), at most the gap to the key before; None means the whole gap
     """
     index, phase = progress(t, arrive, gaps(arrive, travel))
     after = np.minimum(index, len(arrive) - 1)
@@ -53,6 +53,6 @@ def glide(
 
 
 def gaps(arrive: FloatArray, travel: FloatArray | None = None) -> FloatArray:
-    """The time to each key from the one before, or `travel` where that is shorter."""
+    """Time from the previous key to each key, or `travel` where that is shorter."""
     gap = np.maximum(np.diff(arrive, prepend=arrive[0] - 1.0), 1e-3)
     return gap if travel is None else np.minimum(gap, np.maximum(travel, 1e-3))

@@ -1,4 +1,4 @@
-"""The vocabulary of arms, torso and head: moves of 2, 4 or 8 counts between named poses that arrive on counts.
+"""The dance moves of arms, torso and head: 2, 4 or 8 counts long, with named poses that arrive on counts.
 
 Not from the paper, whose dance is recorded.
 """
@@ -290,7 +290,7 @@ MOVE = {move.name: move for move in MOVES}
 
 
 def fitting(style: str, energy: float) -> list[Move]:
-    """The moves a style and an energy allow; never empty."""
+    """The moves that fit a style and an energy; never empty."""
     kind = [move for move in MOVES if not move.styles or style in move.styles]
     near = [move for move in kind if move.energy[0] <= energy <= move.energy[1]]
     if near:

@@ -1,8 +1,8 @@
-"""Recorded clips blended into the made-up motion, warped in time so that strokes fall on stress and hits on beats.
+"""Recorded clips blended into the synthetic motion, warped in time so that strokes meet stresses and hits meet beats.
 
-Clips lend torso, head, arms and (where they move) fingers to some phrases and to some stretches of sixteen beats. The
-legs stay the made-up ones: their steps are on the beat and their planted feet do not slide, which recorded legs over
-another tempo would. Which clip serves for what is read from its file name; what is neither talk nor dance is left out.
+Some phrases and some stretches of sixteen beats take torso, head, arms and (if they move) fingers from a recorded clip.
+Legs stay synthetic, because recorded feet would slide at another tempo. The file name of a clip tells whether it is
+speech or dance; other clips are left out.
 """
 
 from collections.abc import Sequence
@@ -36,17 +36,17 @@ from .sound import SoundTrack
 Array = np.ndarray
 SPEECH_NAMES = ("talk", "conversation")
 DANCE_NAMES = ("dance",)
-STROKE_DELAY_S = 0.14  # strokes end this long after the stressed vowel, as in made-up gestures
+STROKE_DELAY_S = 0.14  # from the stressed vowel to the end of the stroke, as in `gesture_cues`
 FADE_S = 0.5
 SMOOTHING_FRAMES = 1.35
-MAX_SPEED_DEG_S = 850.0  # no clip is hurried beyond this
-SPEECH_SHARE, DANCE_SHARE = 0.35, 0.3  # of phrases and of eight-beat stretches
-RATES = (0.7, 1.45)  # how far a clip may be slowed or hurried
+MAX_SPEED_DEG_S = 850.0  # no clip is sped up beyond this joint speed
+SPEECH_SHARE, DANCE_SHARE = 0.35, 0.3  # of phrases and of sixteen-beat stretches
+RATES = (0.7, 1.45)  # least and greatest playback rate of a clip
 
 
 @dataclass(frozen=True)
 class RecordedClip:
-    """A recorded clip on our rig, with the moments that should meet the sound."""
+    """A recorded clip on our rig, with the times that should coincide with stresses or beats."""
 
     name: str
     kind: Literal["speech", "dance"]
@@ -58,17 +58,17 @@ class RecordedClip:
 
 @dataclass(frozen=True)
 class Library:
-    """Pieces by what they are for."""
+    """Recorded clips by the kind of sound they go with."""
 
     speech: tuple[RecordedClip, ...]
     dance: tuple[RecordedClip, ...]
 
 
 def load_library(folder: Path, *, is_refined: bool = False) -> Library:
-    """Read, retarget and resample every usable BVH below `folder`; `is_refined` gives frozen hands new fingers.
+    """Read, retarget and resample every usable BVH below `folder`; with `is_refined`, frozen hands get new fingers.
 
     Raises:
-        MotionError: the folder holds nothing usable, or a usable file is broken.
+        MotionError: the folder holds no usable file, or one is damaged.
     """
     clips = [_load_clip(path, is_refined) for path in sorted(folder.rglob("*.bvh")) if _kind(path.stem)]
     if not clips:
@@ -120,7 +120,7 @@ def _load_clip(path: Path, is_refined: bool) -> RecordedClip:
 
 
 def _denoised(motion: Motion, *, is_loop: bool) -> Motion:
-    """Capture noise smoothed away (45 ms), which would read as trembling; loops are smoothed across their seam."""
+    """The motion without capture noise, which looks like trembling; loops are smoothed across their seam."""
     turns = align_signs(motion.rotations).astype(np.float64)
     if is_loop:
         turns = _seamless(turns)
@@ -130,15 +130,15 @@ def _denoised(motion: Motion, *, is_loop: bool) -> Motion:
 
 
 def _seamless(turns: Float[np.ndarray, "t j 4"]) -> Float[np.ndarray, "t j 4"]:
-    """Spread what the last frame lacks to lead into the first over the last quarter of the loop."""
+    """Close the loop: spread the gap between the last and the first frame over the second half."""
     gap = turns[0] - (2 * turns[-1] - turns[-2])
-    closes = (turns[0] * turns[-1]).sum(-1, keepdims=True) > 0  # a joint that made a full turn does not
+    closes = (turns[0] * turns[-1]).sum(-1, keepdims=True) > 0  # not for a joint that made a full turn
     rise = np.clip((np.arange(len(turns)) / len(turns) - 0.5) * 2, 0, 1) ** 2
     return turns + rise[:, None, None] * np.where(closes, gap, 0)
 
 
 def _accents(motion: Motion, kind: str) -> Float[np.ndarray, " n"]:
-    """Speech: ends of strokes, where a wrist comes to rest after a fast movement. Dance: hardest braking."""
+    """Times of strongest deceleration: of the wrists for speech (ends of strokes), of the whole body for dance."""
     positions = gaussian_filter1d(motion.pose().positions.numpy(), 1.0, axis=0, mode="nearest")
     joints = HUMANOID.indices(("leftHand", "rightHand")) if kind == "speech" else list(range(HUMANOID.joints))
     speed = np.linalg.norm(np.diff(positions[:, joints] - positions[:, :1], axis=0), axis=-1).mean(1)
@@ -155,7 +155,7 @@ def _blend_phrase(
     rotations: Array,
     rng: np.random.Generator,
 ) -> None:
-    """Blend a stretch of the clip over the upper body during a phrase."""
+    """Blend a stretch of the clip into the upper body during a phrase."""
     stress = [
         s.vowel + STROKE_DELAY_S for s in track.syllables if s.prominence >= 0.45 and start <= s.vowel <= end
     ]
@@ -173,7 +173,7 @@ def _blend_phrase(
 def _blend_dance(
     clip: RecordedClip, beats: Float[np.ndarray, " n"], start: float, end: float, rotations: Array
 ) -> None:
-    """Blend the looped clip over the upper body, a whole number of beats to the loop; nothing if no tempo fits."""
+    """Blend the looped clip into the upper body so that a loop takes whole beats; do nothing if no tempo fits."""
     inside = beats[(beats >= start - 1e-6) & (beats <= end + 1e-6)]
     loop, beat = clip.motion.seconds, float(np.median(np.diff(inside)))
     fastest_rate = min(RATES[1], MAX_SPEED_DEG_S / clip.fastest)
@@ -195,7 +195,7 @@ def _warp(
     end: float,
     source_start: float,
 ) -> PchipInterpolator:
-    """Map of track time to clip time that carries accents onto targets without hurrying or dragging too much."""
+    """Map from track time to clip time that moves accents onto targets within the allowed playback rates."""
     times, places = [start], [source_start]
     for target in targets:
         gap = target - times[-1]
@@ -217,7 +217,7 @@ def _mix(
     source: Float[np.ndarray, " t"],
     weight: Float[np.ndarray, " t"],
 ) -> None:
-    """Slerp torso, head, arms and living fingers towards the clip at its own times `source`."""
+    """Slerp torso, head, arms and moving fingers towards the clip at its times `source`."""
     joints = list(HUMANOID.config.parts["upper"])
     if clip.has_fingers:
         joints += list(HUMANOID.config.parts["hands"])
@@ -228,7 +228,7 @@ def _mix(
 
 
 def _sampled(motion: Motion, times: Float[np.ndarray, " t"]) -> Array:
-    """Rotations of a motion at any times within it, by slerp; the last frame leads back to the first."""
+    """Rotations of a motion at any times, by slerp; the last frame leads back to the first."""
     at = times * motion.fps
     low = np.floor(at).astype(int) % motion.frames
     high = (low + 1) % motion.frames
@@ -240,7 +240,7 @@ def _sampled(motion: Motion, times: Float[np.ndarray, " t"]) -> Array:
 
 
 def _best_phase(accents: Float[np.ndarray, " n"], step: float) -> float:
-    """Where in the clip a beat should lie: the circular mean of its accents modulo the beat."""
+    """Where in the clip a beat should lie: the circular mean of the accents modulo the beat."""
     if not len(accents):
         return 0.0
     angle = np.angle(np.exp(2j * np.pi * accents / step).mean())
@@ -248,7 +248,7 @@ def _best_phase(accents: Float[np.ndarray, " n"], step: float) -> float:
 
 
 def _stretches(track: SoundTrack) -> Sequence[tuple[float, float]]:
-    """Music in clips of sixteen beats, a little away from where it begins and ends."""
+    """Stretches of sixteen beats of music, at a distance from its start and end."""
     found = []
     for span in track.spans:
         if span.kind != "music":

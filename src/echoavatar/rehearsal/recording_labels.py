@@ -1,6 +1,6 @@
-"""Real recordings as sound tracks: the labels that rehearsed sound knows by construction are estimated here.
+"""Recordings as sound tracks: estimates the labels that synthetic sound has by construction.
 
-Not in the paper; a few recordings among the made-up sound keep training honest.
+Not in the paper. Recordings among the synthetic sound keep a model from learning only the synthesiser.
 """
 
 from dataclasses import replace
@@ -63,7 +63,7 @@ def _frame_power(audio: FloatArray) -> Array:
 def _active(
     power: Array, *, floor_db: float, bridge_s: float, shortest_s: float
 ) -> list[tuple[float, float]]:
-    """Stretches louder than `floor_db` under the loud parts; gaps up to `bridge_s` are bridged."""
+    """Stretches louder than `floor_db` relative to the loud parts; gaps shorter than `bridge_s` are bridged."""
     smooth = np.convolve(power, np.ones(5) / 5, mode="same")
     level = 10 * np.log10(smooth)
     top, bottom = np.quantile(level, [0.95, 0.05])
@@ -79,7 +79,7 @@ def _active(
 
 
 def _as_spans(active: list[tuple[float, float]], kind: str, end: float) -> tuple[Span, ...]:
-    """Cover 0..end: active stretches of `kind`, silence between those that are 0.7 s apart or more."""
+    """Spans from 0 to `end`: active stretches are `kind`, gaps of 0.7 s and more are silence."""
     spans: list[Span] = []
     now = 0.0
     for a, b in active:
@@ -91,7 +91,7 @@ def _as_spans(active: list[tuple[float, float]], kind: str, end: float) -> tuple
 
 
 def _sections(power: Array, loud: list[tuple[float, float]]) -> tuple[Section, ...]:
-    """Stretches of about 4 s, melted while the loudness stays within 2.5 dB; energy from loudness, 0.15..1."""
+    """Stretches of about 4 s, merged while loudness stays within 2.5 dB; energy 0.15..1 follows loudness."""
     sections: list[Section] = []
     top = 10 * np.log10(np.quantile(power, 0.95))
     for a, b in loud:
@@ -117,7 +117,7 @@ def _label_speech(audio: FloatArray) -> SoundTrack:
 
 
 def _nuclei(audio: FloatArray, level: Array, begin: float, end: float) -> list[Syllable]:
-    """Syllables of one phrase: energy peaks, bounded by the valleys between them."""
+    """Syllables of one phrase: energy peaks and the minima between them."""
     first, last = round(begin / _FRAME_S), min(len(level), round(end / _FRAME_S))
     part = level[first:last]
     if len(part) < 5:
@@ -145,7 +145,7 @@ def _nuclei(audio: FloatArray, level: Array, begin: float, end: float) -> list[S
 
 
 def _salience(level: Array, pitch: Array, seconds: Array) -> Array:
-    """0..1 from loudness, pitch above the phrase's middle, and length."""
+    """Salience 0..1 from loudness, pitch above the phrase's median, and length."""
     loud = np.clip(1 + (level - level.max()) / 14, 0, 1)
     voiced = pitch > 0
     middle = float(np.median(pitch[voiced])) if voiced.any() else 1.0
@@ -155,7 +155,7 @@ def _salience(level: Array, pitch: Array, seconds: Array) -> Array:
 
 
 def _nuclear(scores: Array, times: Array) -> set[int]:
-    """The most salient syllables, at least 1.1 s apart, about one in two seconds."""
+    """Indices of the most salient syllables: about one every two seconds, at least 1.1 s apart."""
     wanted = max(1, round(float(times[-1] - times[0]) / 2.0))
     chosen: list[int] = []
     for i in np.argsort(-scores).tolist():

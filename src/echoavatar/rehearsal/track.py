@@ -1,4 +1,4 @@
-"""Long realistic sound made of speech, music and silence, with all labels; the same seed gives the same samples.
+"""Long tracks of speech, music and silence with all labels; deterministic for a seed.
 
 Not in the paper, which trains on recorded corpora.
 """
@@ -40,11 +40,11 @@ def compose_track(
     split: str = "train",
     soundfont: Path | None = None,
 ) -> SoundTrack:
-    """Compose `seconds` of sound (rounded to whole frames), bit-identical for equal arguments.
+    """Compose `seconds` of sound (rounded to whole frames); equal arguments give identical samples.
 
-    `mix` is "mixed", "speech", "music" or "silence"; `engine` "auto", "flite" or "own" (speech); `split` "train" or
-    "test" (scripts). With a `soundfont` half of the music is played by fluidsynth. Raises DependencyError for an
-    engine or player that is asked for and missing.
+    `mix` is "mixed", "speech", "music" or "silence"; `engine` (of speech) is "auto", "flite" or "own"; `split` (of the
+    scripts) is "train" or "test". With a `soundfont`, fluidsynth plays half of the music. Raises DependencyError if a
+    requested engine or player is missing.
     """
     if mix not in _MIXES:
         raise ValueError(f"mix is {mix!r}; one of {', '.join(_MIXES)}")
@@ -78,7 +78,7 @@ def compose_track(
 
 @dataclass(frozen=True)
 class _TrackSettings:
-    """What the parts of one track share."""
+    """What all parts of one track share."""
 
     rng: np.random.Generator
     engine: str
@@ -88,7 +88,7 @@ class _TrackSettings:
 
 
 def _next_kind(rng: np.random.Generator, mix: str, previous: str) -> str:
-    """What follows: after sound usually silence; speech may follow music at once, and sometimes lies over it."""
+    """The kind of the next part: after sound usually silence; "both" is speech over music."""
     if mix == "silence":
         return "silence"
     if previous in ("silence", ""):
@@ -128,7 +128,7 @@ def _music_part(settings: _TrackSettings, seconds: float) -> SoundTrack:
 
 
 def _speech_over_music(settings: _TrackSettings, speaker: Delivery, seconds: float) -> SoundTrack:
-    """Music that ducks 12-20 dB under a speaker; labelled by the louder: speech there, music before and after."""
+    """Speech over music that ducks by 12-20 dB; the louder sound gives the label."""
     rng = settings.rng
     said = _speech_part(settings, speaker)
     lead = int(rng.integers(0, 5 * 30)) * SAMPLES_PER_FRAME
@@ -169,7 +169,7 @@ def _sections_outside(sections: tuple[Section, ...], start: float, stop: float) 
 
 
 def _silence_part(settings: _TrackSettings) -> SoundTrack:
-    """Digital zero, or room noise or hum well under the level of the track."""
+    """Digital silence, or noise far below the level of the track."""
     rng = settings.rng
     samples = round(float(rng.uniform(1, 6)) * SAMPLE_RATE_HZ)
     audio: FloatArray = np.zeros(samples, np.float32)
@@ -182,7 +182,7 @@ def _silence_part(settings: _TrackSettings) -> SoundTrack:
 
 
 def _finish(track: SoundTrack, rng: np.random.Generator) -> SoundTrack:
-    """Sometimes quiet noise under the whole track; the labels stay."""
+    """Add quiet noise to some tracks, and limit the peaks."""
     if rng.random() < 0.35 and any(span.kind != "silence" for span in track.spans):
         track = replace(track, audio=add_background(track.audio, rng, float(rng.uniform(24, 45))))
     return replace(track, audio=np.clip(track.audio, -0.98, 0.98).astype(np.float32))
