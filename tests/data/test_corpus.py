@@ -49,7 +49,7 @@ def test_changed_and_missing_clips_are_found(corpus):
 
 
 def test_what_is_no_corpus_is_explained(corpus, tmp_path):
-    with pytest.raises(MotionError, match="no corpus"):
+    with pytest.raises(MotionError, match="not a corpus"):
         Corpus(tmp_path / "elsewhere")
     with pytest.raises(MotionError, match="no clip 'z'"):
         corpus.load("z")

@@ -30,7 +30,7 @@ def test_a_forecast_names_what_will_fail_and_writes_nothing(tmp_path):
     assert found.seconds["train"] == pytest.approx(2.0, abs=0.01)
     why = dict(found.failures)
     assert "mute.wav is missing" in why["mute"]
-    assert "cut short" in why["torn"]
+    assert "is incomplete" in why["torn"]
     assert "lasts 4.0 s at 30" in why["slow"]
     assert found.bytes == pytest.approx(60 * (52 * 16 + 13 + 1600), rel=0.02)
 
@@ -49,5 +49,5 @@ def test_headers_that_are_none_are_named(tmp_path):
         with pytest.raises(MotionError, match=name):
             motion_header(tmp_path / name)
     (tmp_path / "c.wav").write_text("no sound")
-    with pytest.raises(MotionError, match="c.wav is no sound"):
+    with pytest.raises(MotionError, match="c.wav is not a sound file"):
         sound_seconds(tmp_path / "c.wav")

@@ -127,7 +127,7 @@ def test_parts_made_with_other_options_are_not_used(tmp_path):
     assert outcome.receipts["a"].fidelity == {}
 
 
-def test_an_unforeseen_error_is_that_recordings_alone(takes, tmp_path, monkeypatch):
+def test_an_unexpected_error_affects_one_recording(takes, tmp_path, monkeypatch):
     def strange(one, *rest):
         if one.name == "good2":
             raise ZeroDivisionError("somewhere deep")
@@ -136,7 +136,7 @@ def test_an_unforeseen_error_is_that_recordings_alone(takes, tmp_path, monkeypat
     monkeypatch.setattr(dataset_module, "prepare_recording", strange)
     outcome = prepare("bvh", survey_of("bvh", takes, only=["good*"]), tmp_path / "set", KEEP)
     assert outcome.made == ("good1", "good3")
-    assert outcome.failures == (("good2", "unforeseen, please report it: ZeroDivisionError: somewhere deep"),)
+    assert outcome.failures == (("good2", "unexpected, please report it: ZeroDivisionError: somewhere deep"),)
 
 
 def test_nothing_at_all_is_an_error_that_says_why(takes, tmp_path):
@@ -165,6 +165,6 @@ def test_the_same_recordings_give_the_same_set_on_any_number_of_workers(takes, t
 
 def test_words_for_the_split(takes):
     survey = survey_of("bvh", takes)
-    assert split_source(survey, KEEP) == "each tenth by name"
-    assert split_source(survey, KEEP.model_copy(update={"test_every": 3})) == "each 3th by name"
+    assert split_source(survey, KEEP) == "every tenth by name"
+    assert split_source(survey, KEEP.model_copy(update={"test_every": 3})) == "one in 3 by name"
     assert split_source(survey, KEEP.model_copy(update={"test_every": 0})) == "nothing held out"

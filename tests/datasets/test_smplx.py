@@ -88,7 +88,7 @@ def test_a_body_model_gives_the_speakers_own_joints(tmp_path):
 
 def test_what_is_no_body_model_is_refused(tmp_path):
     (tmp_path / "x.npz").write_bytes(b"no model")
-    with pytest.raises(MotionError, match="no SMPL-X body model"):
+    with pytest.raises(MotionError, match="not an SMPL-X body model"):
         rest_joints(tmp_path / "x.npz", np.zeros(10))
     with pytest.raises(MotionError, match="55 joints"):
         rest_joints(body_model(tmp_path / "y.npz", J_regressor=np.eye(55)[:24]), np.zeros(10))

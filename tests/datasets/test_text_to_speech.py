@@ -44,7 +44,7 @@ def test_our_own_engine_knows_its_stresses() -> None:
     assert set(said.domain.tolist()) <= {0, 1}
     assert len(said.events["stress"]) > 3
     assert abs(loudness(said.audio) + 25) < 1
-    with pytest.raises(AudioError, match="turn 1 has no word that a local engine can say"):
+    with pytest.raises(AudioError, match="turn 1 has no word that a local engine can speak"):
         one.read(replace(script(), turns=(Turn(0, "你好", ()),)), np.random.default_rng(0))
 
 
@@ -97,7 +97,7 @@ def test_refusals_are_told_without_the_key_and_redirects_not_followed(
 
 def test_an_answer_that_is_no_sound_is_named(server: SpeechServer) -> None:
     server.is_sound = False
-    with pytest.raises(AudioError, match="answered with something that is no sound"):
+    with pytest.raises(AudioError, match="sent an answer that is not sound"):
         text_to_speech("openai", url=server.url).read(script(), np.random.default_rng(0))
 
 
@@ -117,7 +117,7 @@ def test_what_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
         text_to_speech("elevenlabs", voices=("x",))
     with pytest.raises(EchoAvatarError, match="needs --voice"):
         text_to_speech("elevenlabs")
-    with pytest.raises(EchoAvatarError, match="is no web address"):
+    with pytest.raises(EchoAvatarError, match="is not a web address"):
         text_to_speech("openai", url="file:///etc/passwd")
     with pytest.raises(EchoAvatarError, match="--tts own has its own voices"):
         text_to_speech("own", voices=("x",))

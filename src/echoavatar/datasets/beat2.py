@@ -2,7 +2,7 @@
 
 Published per language as `beat_english_v2.0.0/`: `smplxflame_30/{id}.npz`, `wave16k/{id}.wav` and
 `train_test_split.csv` with the columns id and type (train, val, test, additional). An id begins with the speaker's
-number and name, as in 2_scott_0_1_1. Standard practice leaves `additional` out; so do we unless asked.
+number and name, as in 2_scott_0_1_1. As in published work, `additional` is left out by default.
 """
 
 import csv
@@ -26,7 +26,7 @@ SPLIT = "train_test_split.csv"
 
 
 def survey(folder: Path, *, has_additional: bool = False) -> Survey:
-    """Recordings of every language folder below, in the order of its split table, and npz files the table lacks."""
+    """Find the recordings of every language folder below `folder`, by npz file and split table."""
     tables = [path for path in files_below(folder, ".csv") if path.name == SPLIT]
     places = [path.parent for path in tables] or sorted(
         {path.parent.parent for path in files_below(folder, ".npz") if path.parent.name == "smplxflame_30"}
@@ -56,7 +56,7 @@ def survey(folder: Path, *, has_additional: bool = False) -> Survey:
             if official and not kind:
                 left_out.append(LeftOut(name, f"not in {SPLIT}"))
             elif kind == "additional" and not has_additional:
-                left_out.append(LeftOut(name, "additional data; --additional takes it"))
+                left_out.append(LeftOut(name, "additional data; pass --additional to use it"))
             else:
                 recordings.append(_item(name, path, place, "train" if kind == "additional" else kind))
     return Survey(TERMS, recordings, missing, left_out, f"{SPLIT}, by recording of each speaker")
@@ -70,7 +70,7 @@ def _item(name: str, path: Path, place: Path, split: str) -> Recording:
 
 
 def _table(path: Path) -> Mapping[str, str]:
-    """Recording to train, val, test or additional; empty where there is no table."""
+    """Map each recording to train, val, test or additional; empty without a table."""
     if not path.is_file():
         return {}
     with path.open(newline="", encoding="utf-8-sig") as file:

@@ -1,6 +1,6 @@
-"""Whether a retargeted recording still does what the source did: feet on the floor, hands where they were.
+"""How close a retargeted recording is to its source: foot contacts, distance of the hands, arm directions.
 
-Proportions differ between rigs, so positions are compared in arm lengths (hands) and by when feet stand (contacts).
+Proportions differ between rigs, so hand distances are in arm lengths and feet are compared by their contacts.
 """
 
 import numpy as np
@@ -16,13 +16,13 @@ _Array = np.ndarray
 
 
 def fidelity(source: Motion, result: Motion) -> dict[str, float]:
-    """How close the result is to the source, frame by frame; both at one frame rate.
+    """Compare source and result frame by frame; both have the same frame rate.
 
-    `contacts_agree` is the share of frames and feet in which both stand, on heel or toes (`footing.foot_contacts`), or
-    both do not. `hands_apart_error` and `hands_together_error` are the mean differences of the distance between the
-    wrists, over all frames and over those in which the source's are together, in arm lengths of each body;
-    `arm_angle_deg` is the mean angle between the directions of forearms and upper arms; skating in centimetres per
-    second, before and after.
+    `contacts_agree` is the share of frames and feet in which both bodies or neither have contact with heel or toes
+    (`footing.foot_contacts`). `hands_apart_error` is the mean difference of the distance between the wrists, in arm
+    lengths of each body; `hands_together_error` is the same over frames in which the source's wrists are close.
+    `arm_angle_deg` is the mean angle between the directions of upper arms and forearms. Skating is in centimetres per
+    second.
     """
     frames = min(source.frames, result.frames)
     a, b = source.cut(0, frames), result.cut(0, frames)
@@ -44,7 +44,7 @@ def fidelity(source: Motion, result: Motion) -> dict[str, float]:
 
 
 def _feet(motion: Motion) -> _Array:
-    """(t, 4, 3) left ankle and toes, right ankle and toes; the ankle twice where there are no toes."""
+    """(t, 4, 3): left ankle and toes, right ankle and toes; a rig without toes repeats the ankle."""
     bones = bone_map(motion.skeleton)
     toes = [f"{side}Toes" if f"{side}Toes" in bones else f"{side}Foot" for side in ("left", "right")]
     return _places(motion, ("leftFoot", toes[0], "rightFoot", toes[1]))
@@ -63,7 +63,7 @@ def _hands_apart(motion: Motion) -> _Array:
 
 
 def _arms(motion: Motion) -> _Array:
-    """Directions of both upper arms and forearms."""
+    """Unit vectors along both upper arms and forearms."""
     names = tuple(f"{side}{bone}" for side in ("left", "right") for bone in ("UpperArm", "LowerArm", "Hand"))
     places = torch.from_numpy(_places(motion, names)).reshape(motion.frames, 2, 3, 3)
     bones = torch.nn.functional.normalize(places[:, :, 1:] - places[:, :, :-1], dim=-1)

@@ -1,4 +1,4 @@
-"""What a run would do, from headers alone: how long recordings are, what is missing, what will be refused."""
+"""What a run would do, from file headers alone: lengths of recordings, missing files, errors."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,11 +14,11 @@ from .prepare_dataset import Failure
 from .source import Recording, with_splits
 
 BYTES_PER_FRAME = 52 * 16 + 12 + 1  # motion on our rig
-_LINES = 20_000  # a hierarchy longer than this is none
+_LINES = 20_000  # longest hierarchy of a BVH
 
 
 class Forecast(NamedTuple):
-    """What a run would come to."""
+    """What a run would make."""
 
     seconds: dict[str, float]  # by split
     clips: dict[str, int]
@@ -27,7 +27,7 @@ class Forecast(NamedTuple):
 
 
 def forecast(recordings: Sequence[Recording], options: Options) -> Forecast:
-    """Look at the headers of all recordings; nothing is written."""
+    """Read the headers of all recordings; write nothing."""
     seconds: dict[str, float] = {}
     clips: dict[str, int] = {}
     failures: list[Failure] = []
@@ -82,14 +82,14 @@ def motion_header(path: Path) -> tuple[int, float]:
                     return int(found["Frames"]), 1 / found["Frame Time"]
     except (OSError, ValueError, KeyError, ZeroDivisionError, UnicodeDecodeError) as error:
         raise MotionError(f"{path} cannot be read ({error}); fetch it again") from error
-    raise MotionError(f"{path} ends before its motion; it was cut short, fetch it again")
+    raise MotionError(f"{path} ends before its motion; it is incomplete, fetch it again")
 
 
 def sound_seconds(path: Path) -> float:
-    """Length of a sound file as its header says.
+    """Length of a sound file in seconds, from its header.
 
     Raises:
-        MotionError: it is missing or no sound.
+        MotionError: the file is missing or is not sound.
     """
     if not path.is_file():
         raise MotionError(f"{path} is missing; add it, or pass --sound any to take the motion alone")
@@ -97,7 +97,7 @@ def sound_seconds(path: Path) -> float:
         with av.open(str(path)) as container:
             lasts = container.duration
     except av.FFmpegError as error:
-        raise MotionError(f"{path} is no sound ({error.strerror}); fetch it again") from error
+        raise MotionError(f"{path} is not a sound file ({error.strerror}); fetch it again") from error
     if not lasts:
         raise MotionError(f"{path} does not say how long it is; convert it to WAV")
     return float(lasts) / av.time_base

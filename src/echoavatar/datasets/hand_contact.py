@@ -1,9 +1,8 @@
-"""Hands that come together in the source come together on our rig as well.
+"""Keeps hands together that are together in the source.
 
-Retargeting keeps the directions of bones. A rig with broader shoulders or other arms then parts hands that clap, fold
-or rub. Where the source's wrists are near each other, ours are brought to the same vector between them, in arm
-lengths, by half a step each; elbows give way, the hands keep their orientation. The nearer, the more: nothing
-changes where the hands are apart, and nothing jumps.
+Retargeting keeps bone directions, so on a rig with broader shoulders clapping or folded hands come apart. Where the
+source's wrists are close, arm IK moves both of ours by half the way to the same vector between them, in arm lengths;
+hands keep their orientation. The correction fades out with the distance between the hands, so motion does not jump.
 """
 
 from collections.abc import Mapping
@@ -21,18 +20,18 @@ from ..kinematics.two_bone import reach
 NEAR_ARMS, FAR_ARMS = (
     0.35,
     0.8,
-)  # wrists this near are matched in full, this far are left alone; in arm lengths
+)  # arm lengths between the wrists: below the first full correction, above the second none
 
 
 class _Arm(NamedTuple):
     shoulder: int
     elbow: int
     hand: int
-    bends: float  # about +Y of our forearm, or -Y
+    hinge_sign: float  # the elbow bends about +Y or -Y of the forearm
 
 
 def keep_hand_contact(motion: Motion, source: Motion) -> Motion:
-    """The motion on our rig with hands that meet where the source's do.
+    """The motion with hands as close together as in the source, where they are close there.
 
     Args:
         motion: on our rig, retargeted from `source`.
@@ -67,13 +66,13 @@ def _bring(
     world: tuple[Tensor, Tensor],
     target: Float[Tensor, "t 3"],
 ) -> None:
-    """Write the arm's rotations that put the wrist at its target; the hand stays turned as it is."""
+    """Write the arm's rotations that put the wrist at its target; the hand keeps its world orientation."""
     places, turns = world
     first, second = reach(
         hip=places[:, arm.shoulder],
         knee=places[:, arm.elbow],
         ankle=places[:, arm.hand],
-        hinge=arm.bends * turns[:, arm.elbow, :, 1],
+        hinge=arm.hinge_sign * turns[:, arm.elbow, :, 1],
         target=target,
     )
     upper, fore = first @ turns[:, arm.shoulder], second @ turns[:, arm.elbow]
@@ -89,13 +88,13 @@ def _weight(apart: Float[Tensor, " t"]) -> Float[Tensor, " t"]:
 
 
 def _between(motion: Motion) -> Float[Tensor, "t 3"]:
-    """From the right wrist to the left, metres, world axes."""
+    """Vector from the right wrist to the left, metres, world axes."""
     bones, places = bone_map(motion.skeleton), motion.pose().positions.double()
     return places[:, bones["leftHand"]] - places[:, bones["rightHand"]]
 
 
 def arm_length(motion: Motion) -> float:
-    """Upper arm plus forearm, mean of both sides, metres."""
+    """Length of upper arm plus forearm, mean of both sides, metres."""
     bones: Mapping[str, int] = bone_map(motion.skeleton)
     joints = [bones[f"{side}{bone}"] for side in ("left", "right") for bone in ("LowerArm", "Hand")]
     return float(motion.skeleton.offsets[joints].norm(dim=-1).sum() / 2)

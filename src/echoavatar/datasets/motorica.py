@@ -1,9 +1,8 @@
 """Motorica Dance Dataset: six hours of dance in eight styles, `bvh/` at 120 fps and `wav/` of the same names.
 
 Names follow AIST: prefix_genre_situation_camera_dancer_music_choreography. Music of the casual session (`kthmisc`) is
-not published, so these clips have no sound. No split is published with the data; the ten test clips below are those
-that published work on the set holds out. Fingers are missing or drift in many clips (its README says which sessions),
-which is what the paper's motion refinement is for.
+not published, so these clips have no sound. The data comes without a split; published work on it holds out the ten test
+clips below. In many clips fingers are missing or drift, which is the reason for the paper's motion refinement.
 """
 
 import re
@@ -47,14 +46,16 @@ _NAME = re.compile(r"kth[a-z]+_(g[A-Z]{2})_s\w+?_(?:cAll|sngl)_(d\d+)")
 
 
 def survey(folder: Path) -> Survey:
-    """Every BVH whose name is a dance's; its music is the wav of that name, in `wav/` beside `bvh/` or beside it."""
+    """Find every BVH named like a dance; its music is the wav of that name, in `wav/` beside `bvh/` or beside it."""
     recordings: list[Recording] = []
     left_out: list[LeftOut] = []
     sounds = {path.stem: path for path in files_below(folder, ".wav")}
     for path in files_below(folder, ".bvh"):
         match = _NAME.match(path.stem)
         if not match:
-            left_out.append(LeftOut(path.stem, "its name is none of Motorica; use `data prepare bvh` for it"))
+            left_out.append(
+                LeftOut(path.stem, "its name is not one of Motorica; prepare it with `data prepare bvh`")
+            )
             continue
         beside = path.parent.parent / "wav" if path.parent.name == "bvh" else path.parent
         recordings.append(

@@ -1,6 +1,6 @@
-"""Music for the RL corpus: a folder of the user's, or composed by rule in all our styles in turn.
+"""Music for the RL corpus: the user's folder, or pieces composed by rule in every style in turn.
 
-The paper took 100 compositions of a broad range of tempos and genres from open platforms (RL Alignment Corpus).
+The paper uses 100 compositions of many tempos and genres from open platforms (RL Alignment Corpus).
 """
 
 from collections.abc import Callable, Iterator
@@ -27,13 +27,13 @@ from .source import files_below
 from .text_to_speech import LOUDNESS_DB
 
 COMPOSED_SECONDS = (60.0, 120.0)
-LONGEST_SECONDS = 600.0  # of a file; the rest is left out
+LONGEST_SECONDS = 600.0  # used of a file
 SHORTEST_SECONDS = 4.0
 TEST_EVERY = 10
 
 
 class Take(NamedTuple):
-    """A recording that was just made."""
+    """A finished recording with its labels."""
 
     audio: FloatArray  # (800 t,) at 24 kHz
     domain: NDArray[np.uint8]  # (t,) 0 silence, 1 speech, 2 music
@@ -44,7 +44,7 @@ class Take(NamedTuple):
 
 
 class Job(NamedTuple):
-    """A recording to make; `make` raises AudioError where it cannot."""
+    """A recording to make; `make` raises AudioError if it cannot be made."""
 
     name: str
     split: Literal["train", "test"]
@@ -52,10 +52,10 @@ class Job(NamedTuple):
 
 
 def recorded_music(folder: Path, licence: str) -> Iterator[Job]:
-    """The sound files of a folder by path.
+    """One job per sound file of a folder, sorted by path.
 
     Raises:
-        EchoAvatarError: there are none.
+        EchoAvatarError: the folder holds no sound.
     """
     paths = files_below(folder, *AUDIO_SUFFIXES)
     if not paths:
@@ -70,7 +70,7 @@ def recorded_music(folder: Path, licence: str) -> Iterator[Job]:
 
 
 def composed_music(seed: int) -> Iterator[Job]:
-    """Pieces of our own without end; each depends on the seed and its number."""
+    """Endless composed pieces; each follows from the seed and its number."""
     number = 0
     while True:
         yield Job(f"music-own-{seed}-{number:04d}", _split(number), partial(_compose, seed, number))
@@ -100,7 +100,7 @@ def _read(path: Path, where: str, licence: str) -> Take:
 
 
 def _compose(seed: int, number: int) -> Take:
-    """Beats are known, not measured."""
+    """Compose a piece; its beats are known exactly."""
     rng = np.random.default_rng([seed, 0x3C5, number])
     piece = compose_piece(rng, float(rng.uniform(*COMPOSED_SECONDS)), list(STYLES)[number % len(STYLES)])
     audio = whole_frames(set_loudness(render(piece, rng), LOUDNESS_DB))

@@ -1,4 +1,4 @@
-"""A recording's own skeleton with what training needs to know of it: body parts, mirror pairs, feet, VRM bones."""
+"""Annotates a recording's own skeleton for training: body parts, mirror pairs, feet, VRM bones."""
 
 import re
 
@@ -10,12 +10,12 @@ _SIDES = (("left", "right"), ("Left", "Right"), ("_L", "_R"), ("_l", "_r"), ("L_
 
 
 def annotate_rig(motion: Motion) -> Motion:
-    """The same motion on a skeleton that names its parts, sides and feet.
+    """The same motion on a skeleton with body parts, mirror pairs and feet.
 
-    Legs with the root are "lower", all below a hand bone is "hands", the rest is "upper".
+    "lower" is the legs and the root, "hands" is everything below the hand bones, "upper" is the rest.
 
     Raises:
-        MotionError: the joint names are not known, or a joint has no counterpart on the other side.
+        MotionError: the joint names are unknown, or left and right cannot be paired.
     """
     skeleton, bones = motion.skeleton, bone_map(motion.skeleton)
     thighs = {bones["leftUpperLeg"], bones["rightUpperLeg"]}
@@ -45,7 +45,7 @@ _FEET = ("leftFoot", "leftToes", "rightFoot", "rightToes")
 
 
 def _line(skeleton: Skeleton, joint: int) -> set[int]:
-    """A joint and all it hangs on."""
+    """A joint and its ancestors."""
     line = set()
     while joint >= 0:
         line.add(joint)
@@ -54,7 +54,7 @@ def _line(skeleton: Skeleton, joint: int) -> set[int]:
 
 
 def _below(skeleton: Skeleton, joint: int) -> set[int]:
-    """A joint and all that hangs on it."""
+    """A joint and its descendants."""
     return {other for other in range(skeleton.joints) if joint in _line(skeleton, other)}
 
 
@@ -67,14 +67,14 @@ def _pairs(skeleton: Skeleton) -> tuple[int, ...]:
         pairs.append(found[0] if len(found) == 1 else joint)
     if any(pairs[pairs[joint]] != joint for joint in range(len(pairs))):
         raise MotionError(
-            f"left and right of the rig with joints {', '.join(skeleton.names[:3])}, ... cannot be told by its names;"
+            f"left and right of the rig with joints {', '.join(skeleton.names[:3])}, ... cannot be told from its names;"
             " use --rig unified"
         )
     return tuple(pairs)
 
 
 def _swapped(name: str, one: str, other: str) -> str:
-    """The name with the mark of its side changed, where it stands at the start or the end of a word."""
+    """The name with its side mark replaced, where that stands at the start or end of a word."""
     if one.startswith("_"):
         return re.sub(f"{one}(?=_|$|[A-Z])", other, name)
     if one.endswith("_"):

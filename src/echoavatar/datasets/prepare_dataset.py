@@ -1,7 +1,7 @@
-"""A whole dataset: survey, a pool of processes, packing as parts come in, and a report of what went wrong.
+"""Prepares a whole dataset: processes its recordings in a pool, writes the set and a report.
 
-One bad recording stops nobody: it is reported by name. A stopped run is continued by the same call; recordings whose
-files have not changed since are not done again.
+A bad recording is reported by name and does not stop the others. The same call continues an interrupted run; a
+recording whose files have not changed is not processed again.
 """
 
 import logging
@@ -35,7 +35,7 @@ class Failure(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What a run came to."""
+    """Result of a run."""
 
     corpus: Corpus
     survey: Survey
@@ -59,7 +59,7 @@ def prepare(
 
     Raises:
         EchoAvatarError: nothing could be prepared, the folder cannot be written or holds something else, or a worker
-            was killed; what is finished is kept.
+            was killed; finished parts are kept.
     """
     started = time.perf_counter()
     writer = SetWriter(folder, kind, survey.terms, options)
@@ -103,10 +103,10 @@ def prepare(
 
 
 def split_source(survey: Survey, options: Options) -> str:
-    """Where the split comes from, for people."""
+    """A description of where the split comes from."""
     if options.test_every is None:
         return survey.split_from
-    return f"each {options.test_every}th by name" if options.test_every else "nothing held out"
+    return f"one in {options.test_every} by name" if options.test_every else "nothing held out"
 
 
 def _make(folder: Path) -> None:
@@ -119,7 +119,7 @@ def _make(folder: Path) -> None:
 def _results(
     recordings: Sequence[Recording], options: Options, folder: Path, workers: int
 ) -> Iterator[Receipt | Failure]:
-    """Receipts in the order of the recordings, whoever makes them."""
+    """Receipts or failures in the order of the recordings."""
     if workers <= 1 or len(recordings) <= 1:
         yield from (_attempt(recording, options, folder) for recording in recordings)
         return
@@ -133,20 +133,20 @@ def _results(
             yield future.result()
     except BrokenProcessPool as error:
         raise EchoAvatarError(
-            "a worker was killed, perhaps for want of memory; run again with fewer --workers, it goes on from here"
+            "a worker was killed, perhaps for lack of memory; run again with fewer --workers to continue from here"
         ) from error
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
 
 
 def _set_up_worker() -> None:
-    """In each worker: one thread, and Ctrl-C is the parent's to handle."""
+    """In each worker, use one thread and leave Ctrl-C to the parent process."""
     torch.set_num_threads(1)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _attempt(recording: Recording, options: Options, folder: Path) -> Receipt | Failure:
-    """The part of one recording, made or found finished; trouble becomes a `Failure`."""
+    """Make the part of one recording, or find it finished; an error becomes a `Failure`."""
     found = finished_part(folder, recording.name)
     if found is not None and found.stamp == stamp(recording, options):
         return found.model_copy(update={"split": recording.split})
@@ -154,9 +154,9 @@ def _attempt(recording: Recording, options: Options, folder: Path) -> Receipt | 
         return prepare_recording(recording, options, folder)
     except EchoAvatarError as error:
         return Failure(recording.name, " ".join(str(error).split()))
-    except Exception as error:  # a recording that we did not foresee must not stop the others
+    except Exception as error:  # a bug in one recording must not stop the others
         _log.exception("%s could not be prepared", recording.name)
-        return Failure(recording.name, f"unforeseen, please report it: {type(error).__name__}: {error}")
+        return Failure(recording.name, f"unexpected, please report it: {type(error).__name__}: {error}")
 
 
 def _write_report(

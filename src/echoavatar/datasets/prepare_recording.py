@@ -1,7 +1,7 @@
-"""All steps of one recording: read, check, resample, retarget, trim, mend fingers, label; then a part of the set.
+"""All steps of one recording: read, check, resample, retarget, trim, replace bad fingers, label, write its part.
 
-A part is `parts/NAME.npz` (a clip) with `parts/NAME.json` (its receipt), written in this order, so a receipt means a
-finished part. Everything is a function of the files, the options and the name alone, whoever does it and when.
+A part is a clip in `parts/NAME.npz` and its receipt in `parts/NAME.json`. The receipt is written last, so it marks a
+finished part. The result depends only on the files, the options and the name.
 """
 
 import time
@@ -32,14 +32,14 @@ from .options import Options
 from .smplx import read_smplx
 from .source import Recording
 
-SLOWEST_FPS = 15.0  # fewer frames a second are no captured motion
-RATES = (24.0, 25.0, 30.0, 50.0, 60.0, 90.0, 100.0, 120.0, 240.0)  # that a wrong header may hide
-CUT_WORTH_SAYING_S = 0.1
+SLOWEST_FPS = 15.0  # captured motion has at least this frame rate
+RATES = (24.0, 25.0, 30.0, 50.0, 60.0, 90.0, 100.0, 120.0, 240.0)  # candidates if the header's rate is wrong
+NOTED_CUT_S = 0.1  # shorter cuts are not noted
 Sound = np.ndarray
 
 
 class Receipt(Config):
-    """What became of one recording; travels in the manifest and the report."""
+    """What was made of one recording; stored in `recordings.json`."""
 
     name: str = Field(description="of the clip")
     split: str = Field(description="train, val or test")
@@ -48,33 +48,37 @@ class Receipt(Config):
     has_sound: bool = Field(description="False: motion alone")
     labels: dict[str, str] = Field(default_factory=dict, description="speaker, style, genre")
     events: dict[str, tuple[float, ...]] = Field(default_factory=dict, description="times by kind")
-    skeleton: SkeletonConfig | None = Field(default=None, description="the rig of the clip; None: ours")
-    sources: dict[str, str] = Field(description="files it was made of and their checksums")
+    skeleton: SkeletonConfig | None = Field(
+        default=None, description="the rig of the clip; None: the humanoid"
+    )
+    sources: dict[str, str] = Field(description="source files and their checksums")
     stamp: str = Field(
-        description="size and time of the files, and the options, to see at once that they are the same"
+        description="size and time of the files, and the options: unchanged means the part is still valid"
     )
     source_fps: float = Field(description="frame rate of the recording")
     hands: dict[str, str] = Field(description="state of the fingers as recorded: good, static, erratic, none")
-    mended: tuple[str, ...] = Field(default=(), description="sides that were given new fingers")
-    notes: tuple[str, ...] = Field(default=(), description="what the user may want to know")
-    fidelity: dict[str, float] = Field(default_factory=dict, description="how close to the source (`check`)")
+    mended: tuple[str, ...] = Field(default=(), description="sides with new fingers")
+    notes: tuple[str, ...] = Field(default=(), description="remarks for the user")
+    fidelity: dict[str, float] = Field(
+        default_factory=dict, description="how close to the source (`fidelity`)"
+    )
     motion: dict[str, float] = Field(description="statistics of the motion (`kinematics.statistics`)")
-    work_seconds: float = Field(description="time it took")
+    work_seconds: float = Field(description="processing time")
 
 
 def prepare_recording(recording: Recording, options: Options, folder: Path) -> Receipt:
-    """Make the part of one recording, whose split is settled.
+    """Make the part of one recording that has a split.
 
     Raises:
-        EchoAvatarError: something about its files is wrong; the message names the file and the remedy.
+        EchoAvatarError: a file is missing, damaged or does not fit; the message names the file and the remedy.
     """
     started = time.perf_counter()
     sound = _sound(recording, options)
     recorded = _motion(recording, options)
     notes = _rate_notes(recording, recorded)
     source = resample(recorded, float(FRAME_RATE_HZ))
-    frames, said = _common_length(recording, recorded, source.frames, sound, options.length_tolerance)
-    notes += said
+    frames, cuts = _common_length(recording, recorded, source.frames, sound, options.length_tolerance)
+    notes += cuts
     source = source.cut(0, frames)
     result = annotate_rig(source) if options.rig == "native" else keep_hand_contact(retarget(source), source)
     states = hand_states(result)
@@ -122,12 +126,12 @@ def prepare_recording(recording: Recording, options: Options, folder: Path) -> R
 
 
 def part_path(folder: Path, name: str) -> Path:
-    """Where the clip of a recording waits to be packed."""
+    """Path of a recording's clip until it is written to a shard."""
     return folder / "parts" / f"{name}.npz"
 
 
 def finished_part(folder: Path, name: str) -> Receipt | None:
-    """The receipt of a part that waits to be packed, or None where it is missing or torn."""
+    """The receipt of a finished part, or None if a file of it is missing or damaged."""
     path = part_path(folder, name).with_suffix(".json")
     try:
         receipt = Receipt.model_validate_json(path.read_text(encoding="utf-8"))
@@ -137,7 +141,7 @@ def finished_part(folder: Path, name: str) -> Receipt | None:
 
 
 def stamp(recording: Recording, options: Options) -> str:
-    """Size and time of change of a recording's files, and the options: whether a part still stands for them."""
+    """A mark that changes with the options and with size or modification time of a recording's files."""
     files = [
         f"{path.stat().st_size}:{path.stat().st_mtime_ns}"
         for path in _files(recording, options)
@@ -170,7 +174,7 @@ def _motion(recording: Recording, options: Options) -> Motion:
         motion = read_bvh(recording.motion)
     if motion.fps < SLOWEST_FPS:
         raise MotionError(
-            f"{recording.motion} has {motion.fps:g} frames per second, no captured motion is that slow; correct its"
+            f"{recording.motion} has {motion.fps:g} frames per second, less than any captured motion; correct its"
             " 'Frame Time' (seconds per frame)"
         )
     return motion
@@ -186,7 +190,7 @@ def _rate_notes(recording: Recording, motion: Motion) -> list[str]:
 def _common_length(
     recording: Recording, recorded: Motion, frames: int, sound: Sound | None, tolerance: float
 ) -> tuple[int, list[str]]:
-    """Frames that motion and sound share, and what was cut; refuses lengths that cannot belong together."""
+    """Frames that motion and sound share, and notes on what was cut; refuses lengths that differ too much."""
     notes = []
     if sound is not None:
         moves, sounds = recorded.seconds, len(sound) / SAMPLE_RATE_HZ
@@ -196,19 +200,19 @@ def _common_length(
             why = (
                 f"it would fit at {likely[0]:g}: correct its frame rate"
                 if likely
-                else "they do not belong together, or one was cut short: fetch both again"
+                else "they do not belong together or one is incomplete: fetch both again"
             )
             raise MotionError(
                 f"{recording.motion.name} lasts {moves:.1f} s at {recorded.fps:g} frames per second, its sound"
                 f" {sounds:.1f} s; {why}"
             )
         heard = len(sound) // SAMPLES_PER_FRAME
-        if abs(gone := moves - sounds) > CUT_WORTH_SAYING_S:
+        if abs(gone := moves - sounds) > NOTED_CUT_S:
             notes.append(f"{abs(gone):.2f} s of {'motion' if gone > 0 else 'sound'} cut from the end")
         frames = min(frames, heard)
     if frames < CHUNK_FRAMES:
         raise MotionError(
-            f"{recording.motion.name} has {frames} frames at 30 a second; {CHUNK_FRAMES} are the least"
+            f"{recording.motion.name} has {frames} frames at 30 per second; at least {CHUNK_FRAMES} are needed"
         )
     return frames, notes
 

@@ -1,7 +1,7 @@
-"""Parts become a set: shards, a manifest, and what is known of each recording.
+"""Writes parts to a set: shards, manifest and receipts.
 
-A set is complete at every moment: a shard is written first, then `recordings.json` and the manifest that name it, then
-the parts go. A run that stops anywhere leaves parts that the next run packs, or files that nothing names.
+A set is valid at every moment: first a shard is written, then `recordings.json` and the manifest that list it, then its
+parts are deleted. A run that is interrupted leaves parts, which the next run writes, or files that nothing lists.
 """
 
 import importlib.metadata
@@ -27,10 +27,10 @@ from .source import Terms
 
 
 class SetWriter:
-    """Gathers parts and packs them into the set in `folder`, which may hold packed clips already."""
+    """Collects parts and writes them to the set in `folder`, which may hold clips already."""
 
     def __init__(self, folder: Path, kind: str, terms: Terms, options: Options) -> None:
-        """Raises EchoAvatarError when the folder holds something else, or a set made otherwise."""
+        """Raises EchoAvatarError if the folder holds something else, or a set with other options."""
         self.folder, self.kind, self.terms, self.options = folder, kind, terms, options
         self.receipts: dict[str, Receipt] = {}
         self._manifest = Manifest(format=2, clips=())
@@ -65,11 +65,11 @@ class SetWriter:
         self.receipts = {name: receipt for name, receipt in self.receipts.items() if name in names}
 
     def holds(self, name: str, stamp: str) -> bool:
-        """Whether the set holds this recording, made of the very same files."""
+        """Whether the set holds this recording, made of the same files."""
         return name in self.receipts and self.receipts[name].stamp == stamp
 
     def assign_splits(self, splits: Mapping[str, str]) -> None:
-        """Give packed clips the split of this run; mirror images come and go with it."""
+        """Give the set's clips the splits of this run; only training clips have mirror images."""
         clips: list[ClipEntry] = []
         for entry in self._manifest.clips:
             if not entry.mirrored:
@@ -80,7 +80,7 @@ class SetWriter:
         self._manifest = self._manifest.model_copy(update={"clips": tuple(clips)})
 
     def add(self, receipt: Receipt) -> None:
-        """Take a finished part; a full shard is written at once."""
+        """Add a finished part; write a shard when it is full."""
         if self._waiting and self._waiting[0].skeleton != receipt.skeleton:
             self.flush()
         self._waiting.append(receipt)
@@ -88,7 +88,7 @@ class SetWriter:
             self.flush()
 
     def flush(self) -> None:
-        """Pack all that waits: clips with sound into one shard, those without into another."""
+        """Write all waiting parts: clips with sound to one shard, clips without to another."""
         skeleton = self._skeleton(self._waiting[0].skeleton) if self._waiting else 0
         for has_sound in (True, False):
             chosen = [receipt for receipt in self._waiting if receipt.has_sound == has_sound]
@@ -101,7 +101,7 @@ class SetWriter:
             part_path(self.folder, receipt.name).with_suffix(".json").unlink(missing_ok=True)
 
     def finish(self, split_from: str) -> Corpus:
-        """Pack the rest and write what the whole set is like."""
+        """Write the remaining parts and the statistics of the whole set."""
         self.flush()
         corpus = Corpus(self.folder)
         info = self._info() | {"split_from": split_from, "statistics": statistics(corpus, self.receipts)}
@@ -147,7 +147,7 @@ class SetWriter:
         self._manifest = self._manifest.model_copy(update={"clips": clips})
 
     def _with_mirror(self, entry: ClipEntry) -> list[ClipEntry]:
-        """A clip, and its mirror image if it is for training and its rig has two like sides."""
+        """A clip, and its mirror image if it is for training and its rig is symmetric."""
         rigs, shard = self._manifest.skeletons, self._manifest.shards[entry.shard or 0]
         rig = Skeleton(rigs[shard.skeleton]) if rigs else HUMANOID
         if not self.options.mirror or entry.split != "train" or not can_mirror(rig):
@@ -155,7 +155,7 @@ class SetWriter:
         return [entry, entry.model_copy(update={"name": entry.name + MIRROR, "mirrored": True})]
 
     def _skeleton(self, rig: SkeletonConfig | None) -> int:
-        """Number of a rig in the manifest, listed if it is new; our own needs no entry."""
+        """Index of a rig in the manifest, where a new rig is added; the humanoid needs no entry."""
         if rig is None:
             return 0
         rigs = list(self._manifest.skeletons)
@@ -189,7 +189,7 @@ class SetWriter:
 
 
 def statistics(corpus: Corpus, receipts: dict[str, Receipt]) -> dict[str, Any]:
-    """Hours by split and by what is heard, means of the motion's statistics, mean and spread of the features."""
+    """Minutes by split and kind of sound, means of the motion statistics, mean and deviation of the features."""
     entries = corpus.entries(has_mirrored=False)
     splits = sorted({entry.split for entry in entries})
     frames = sum(entry.frames for entry in entries)
@@ -212,7 +212,7 @@ def statistics(corpus: Corpus, receipts: dict[str, Receipt]) -> dict[str, Any]:
 
 
 def _features(corpus: Corpus) -> dict[str, list[float]]:
-    """Mean and spread of the motion features over the training clips, where all are on one rig."""
+    """Mean and deviation of the motion features over the training clips, if all have the same rig."""
     names = corpus.names("train", has_mirrored=False)
     try:
         skeleton = corpus.skeleton
@@ -231,7 +231,7 @@ def _features(corpus: Corpus) -> dict[str, list[float]]:
 
 
 def write_json(path: Path, content: object) -> None:
-    """Write JSON, whole or not at all."""
+    """Write JSON, completely or not at all."""
     partial = path.with_name(path.name + ".part")
     partial.write_text(json.dumps(content, indent=1, sort_keys=True) + "\n", encoding="utf-8")
     partial.replace(path)

@@ -1,8 +1,8 @@
-"""Who speaks the scripts of the RL corpus: the local engines of the rehearsal corpus, or a service over HTTP.
+"""Text to speech for the scripts of the RL corpus: the local engines of the rehearsal corpus, or an HTTP service.
 
 `openai` is any server that answers `POST URL/audio/speech` as OpenAI does, `elevenlabs` is `POST
-URL/text-to-speech/VOICE`. Keys come from the environment and go into no file and no message; redirects are not
-followed, so that a key is sent to no other host. Of the paper is the task alone: it used ElevenLabs.
+URL/text-to-speech/VOICE`. Keys are read from the environment and never written to files or messages. Redirects are not
+followed, so that a key is not sent to another host. The paper uses ElevenLabs.
 """
 
 import json
@@ -33,13 +33,13 @@ from .labels import STRESSED, sound_labels
 
 Service = Literal["auto", "flite", "own", "openai", "elevenlabs"]
 LOUDNESS_DB = -25.0
-_MOST_CHARACTERS = 2000  # of a request; OpenAI takes 4096
+_MOST_CHARACTERS = 2000  # in a request; OpenAI's limit is 4096
 _TRIES = 4
 _LONGEST_ANSWER = 64 * 2**20
 
 
 class Spoken(NamedTuple):
-    """What a script became."""
+    """A spoken script with its labels."""
 
     audio: FloatArray  # (800 t,) at 24 kHz
     domain: NDArray[np.uint8]  # (t,) 0 silence, 1 speech
@@ -48,23 +48,23 @@ class Spoken(NamedTuple):
 
 
 class TextToSpeech(Protocol):
-    """Speaks a script."""
+    """Speaks scripts."""
 
     title: str
     licence: str
 
     def read(self, script: Script, rng: np.random.Generator) -> Spoken:
-        """Speak it; raises AudioError for a script it cannot speak, DependencyError if it can speak none."""
+        """Speak a script; raises AudioError if this one fails, DependencyError if every script would."""
 
 
 def text_to_speech(
     service: Service, *, url: str | None = None, model: str | None = None, voices: Sequence[str] = ()
 ) -> TextToSpeech:
-    """The voice of a name.
+    """The engine or service of a name.
 
     Raises:
-        DependencyError: flite is asked for and not installed.
-        EchoAvatarError: a key or a voice is missing, or the address is no web address.
+        DependencyError: flite is requested and not installed.
+        EchoAvatarError: a key or a voice is missing, or the address is not a web address.
     """
     if service in ("auto", "flite", "own"):
         if url or model or voices:
@@ -80,7 +80,7 @@ def text_to_speech(
         )
     if not voices:
         raise EchoAvatarError(
-            "--tts elevenlabs needs --voice, the ids of voices in your library; may be repeated"
+            "--tts elevenlabs needs --voice with the id of a voice in your library; may be repeated"
         )
     base = url or "https://api.elevenlabs.io/v1"
     key = _key("ELEVENLABS_API_KEY", is_needed=_host(base) == "api.elevenlabs.io")
@@ -88,7 +88,7 @@ def text_to_speech(
 
 
 class LocalTextToSpeech:
-    """flite or our own formant synthesiser; stresses are known, not measured."""
+    """flite or the built-in formant synthesiser; stresses are known exactly."""
 
     def __init__(self, engine: str) -> None:
         self._engine = engine
@@ -102,7 +102,7 @@ class LocalTextToSpeech:
         for number, turn in enumerate(script.turns, start=1):
             if not turn.sentences:
                 raise AudioError(
-                    f"turn {number} has no word that a local engine can say; use --tts openai or elevenlabs"
+                    f"turn {number} has no word that a local engine can speak; use --tts openai or elevenlabs"
                 )
             tracks += [speak(turn.sentences, speakers[turn.speaker], rng, self._engine), _gap(rng)]
         track = concatenate(tracks[:-1])
@@ -113,11 +113,11 @@ class LocalTextToSpeech:
 
 
 class HttpTextToSpeech(ABC):
-    """What the services share: a request for each turn, again after a while where they are busy."""
+    """Base of the services: one request per piece of a turn, repeated after a pause if the service is busy."""
 
     def __init__(self, base: str, key: str, model: str, voices: Sequence[str]) -> None:
         self._base, self._key, self._model, self._voices = base.rstrip("/"), key, model, tuple(voices)
-        self.pause_s = 2.0  # before the second try; doubles
+        self.pause_s = 2.0  # before the second try; doubles with each further one
         self.title = f"{_host(base)}, {model}"
         self.licence = f"voices: the terms of {_host(base)}"
 
@@ -143,7 +143,7 @@ class HttpTextToSpeech(ABC):
             try:
                 return np.asarray(read_audio(path), np.float32)
             except AudioError as error:
-                raise AudioError(f"{self.title} answered with something that is no sound") from error
+                raise AudioError(f"{self.title} sent an answer that is not sound") from error
 
     def _fetch(self, request: urllib.request.Request) -> bytes:
         opener = urllib.request.build_opener(_NoRedirect)
@@ -164,14 +164,14 @@ class HttpTextToSpeech(ABC):
                 trouble = f"cannot be reached ({getattr(error, 'reason', error)})"
             if attempt + 1 < _TRIES:
                 time.sleep(self.pause_s * 2**attempt)
-        raise DependencyError(f"{self.title} {trouble}; run again later, what is made is kept")
+        raise DependencyError(f"{self.title} {trouble}; run again later, finished recordings are kept")
 
 
 class OpenAiTextToSpeech(HttpTextToSpeech):
-    """A server that speaks OpenAI's protocol."""
+    """OpenAI, or a server with the same protocol."""
 
     def request(self, text: str, voice: str) -> urllib.request.Request:
-        """`POST /audio/speech`, answered by WAV."""
+        """`POST /audio/speech`; the answer is WAV."""
         wanted = {"model": self._model, "voice": voice, "input": text, "response_format": "wav"}
         headers = {"Authorization": f"Bearer {self._key}"} if self._key else {}
         return _post(f"{self._base}/audio/speech", wanted, headers)
@@ -181,7 +181,7 @@ class ElevenLabsTextToSpeech(HttpTextToSpeech):
     """ElevenLabs."""
 
     def request(self, text: str, voice: str) -> urllib.request.Request:
-        """`POST /text-to-speech/VOICE`, answered by MP3."""
+        """`POST /text-to-speech/VOICE`; the answer is MP3."""
         address = (
             f"{self._base}/text-to-speech/{urllib.parse.quote(voice, safe='')}?output_format=mp3_44100_128"
         )
@@ -191,7 +191,7 @@ class ElevenLabsTextToSpeech(HttpTextToSpeech):
 
 class _NoRedirect(urllib.request.HTTPRedirectHandler):
     def redirect_request(self, *_: Any, **__: Any) -> None:
-        """None: the answer is then an error of its own number."""
+        """Return None, so that urllib raises the redirect as an HTTPError."""
 
 
 def _post(address: str, content: dict[str, str], headers: dict[str, str]) -> urllib.request.Request:
@@ -208,19 +208,19 @@ def _key(name: str, *, is_needed: bool) -> str:
             f"{name} is not set in the environment; export your key, or use --tts flite or own"
         )
     if not key.isascii() or not key.isprintable():
-        raise EchoAvatarError(f"{name} holds characters that no key has; export it again")
+        raise EchoAvatarError(f"{name} has characters that are not allowed in a key; export it again")
     return key
 
 
 def _host(base: str) -> str:
     parts = urllib.parse.urlsplit(base)
     if parts.scheme not in ("http", "https") or not parts.hostname:
-        raise EchoAvatarError(f"--tts-url {base!r} is no web address; pass http(s)://HOST/v1")
+        raise EchoAvatarError(f"--tts-url {base!r} is not a web address; pass http(s)://HOST/v1")
     return parts.hostname
 
 
 def _said(error: urllib.error.HTTPError, key: str) -> str:
-    """The first words of an error's body, without the key."""
+    """The start of an error's body, with the key removed."""
     try:
         words = " ".join(error.read(2000).decode("utf-8", "replace").split())
     except OSError:
@@ -234,12 +234,12 @@ def _speakers(script: Script) -> range:
 
 
 def _gap(rng: np.random.Generator) -> SoundTrack:
-    """Between two turns."""
+    """Silence between two turns."""
     return silence(float(rng.uniform(0.2, 0.9)))
 
 
 def _pieces(turn: Turn) -> list[str]:
-    """The text in pieces that a service takes, cut between sentences, or anywhere where one is too long."""
+    """Split the text into pieces short enough for a request, between sentences if possible."""
     pieces: list[str] = []
     for part in re.split(r"(?<=[.?!])\s+|(?<=[。？！])", turn.text):
         for start in range(0, len(part), _MOST_CHARACTERS):

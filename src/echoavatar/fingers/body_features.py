@@ -1,9 +1,8 @@
-"""What the finger model knows of the body, per frame and wherever the body faces (paper: "the remaining body joints").
+"""Body features that the finger model is conditioned on, independent of heading (paper: "the remaining body joints").
 
-For each hand, in the frame of the hips turned to face +Z: the wrist's place (metres), its velocity (metres per second),
-the hand's orientation (6D) and where the forearm points; then the hips' velocity forward and to the left, and their
-height. Not the rotations of the joints: those tell one rig and one person from another, and a model that saw them gave
-every stranger the same hands.
+For each hand, in axes at the hips that face +Z: the wrist's position (metres) and velocity (metres per second), the
+hand's orientation (6D) and the direction of the forearm; then the hips' velocity forward and to the left, and their
+height. Joint rotations are left out, because they identify rig and person, which prevents generalisation.
 """
 
 import torch
@@ -23,7 +22,7 @@ BODY_SIZE = 2 * _HAND + 3
 
 
 def body_features(rotations: Float[Tensor, "t 52 3 3"], root: Float[Tensor, "t 3"]) -> Float[Tensor, "t c"]:
-    """Features of a clip of `HUMANOID` at 30 frames per second; fingers do not enter."""
+    """Features of a clip of `HUMANOID` at 30 frames per second; they do not depend on the fingers."""
     turns = rotations.clone()
     turns[:, list(FINGERS)] = torch.eye(3, dtype=turns.dtype)
     pose = forward_kinematics(HUMANOID, turns, root)
@@ -37,7 +36,7 @@ def body_features(rotations: Float[Tensor, "t 52 3 3"], root: Float[Tensor, "t 3
 
 
 def mirror_body(features: Float[Tensor, "*n c"]) -> Float[Tensor, "*n c"]:
-    """Features of the mirrored clip; signs and places only, so it is exact."""
+    """Features of the mirrored clip; exact, because only signs and order change."""
     hands, hips = torch.split(features, [2 * _HAND, 3], -1)
     flip = features.new_tensor([-1.0, 1, 1])
     swapped = hands.reshape(*hands.shape[:-1], 2, _HAND).flip(-2)
@@ -46,7 +45,7 @@ def mirror_body(features: Float[Tensor, "*n c"]) -> Float[Tensor, "*n c"]:
 
 
 def _heading(hips: Float[Tensor, "t 3 3"]) -> Float[Tensor, "t 3 3"]:
-    """Turn about the vertical that takes +X to where the character's left is."""
+    """Rotation about the vertical that takes +X to the character's left."""
     x, z = hips[:, 0, 0], hips[:, 2, 0]
     length = torch.hypot(x, z).clamp_min(1e-6)
     cosine, sine, zero = x / length, z / length, torch.zeros_like(x)
@@ -56,7 +55,7 @@ def _heading(hips: Float[Tensor, "t 3 3"]) -> Float[Tensor, "t 3 3"]:
 
 
 def _velocity(places: Tensor) -> Tensor:
-    """Per second, by central differences; a single frame stands."""
+    """Velocity per second by central differences; zero for a single frame."""
     if len(places) < 2:
         return torch.zeros_like(places)
     speed: Tensor = torch.gradient(places, spacing=1 / FRAME_RATE_HZ, dim=0)[0]

@@ -1,8 +1,8 @@
-"""Fingers of our rig put on the hands of any other rig, the way back of retargeting.
+"""Inverse retargeting of fingers: from our rig to the hands of any other rig.
 
-Retargeting gives our bone the world rotation of its counterpart times a constant A (`kinematics.alignment`); here the
-counterpart gets ours times A's inverse, seen from its own hand. Joints that our rig does not have, such as
-metacarpals, keep what they do; the body is not touched.
+Retargeting gives our bone the world rotation of its counterpart times a constant A (`kinematics.alignment`). Here the
+counterpart gets our rotation times the inverse of A, relative to its own hand. Joints that our rig lacks, such as
+metacarpals, keep their rotations, and so does the body.
 """
 
 from collections.abc import Sequence
@@ -21,10 +21,10 @@ from .hand_poses import FINGERS
 
 
 def finger_joints(motion: Motion, side: str) -> dict[str, int]:
-    """VRM name to joint of those finger bones of a hand that the rig has.
+    """Map VRM names to joints, for the finger bones of one hand that the rig has.
 
     Raises:
-        MotionError: the rig's joint names are not known.
+        MotionError: the rig's joint names are unknown.
     """
     bones = bone_map(motion.skeleton)
     named = (bone for digit in finger_bones(side).values() for bone in digit)
@@ -47,7 +47,7 @@ def apply_fingers(motion: Motion, fingers: Float[Tensor, "t 30 3 3"], sides: Seq
 
 
 def _from_the_hand(fingers: Tensor, turns: dict[str, Tensor], side: str) -> dict[str, Tensor]:
-    """Rotation of each foreign finger bone relative to its own hand."""
+    """Rotation of each finger bone of the other rig, relative to its hand."""
     found: dict[str, Tensor] = {}
     full = {HUMANOID.index(f"{side}Hand"): turns[f"{side}Hand"]}
     for row, joint in enumerate(FINGERS):
@@ -61,7 +61,7 @@ def _from_the_hand(fingers: Tensor, turns: dict[str, Tensor], side: str) -> dict
 
 
 def _localised(motion: Motion, local: Tensor, hand: int, wanted: dict[int, Tensor]) -> dict[int, Tensor]:
-    """Parent-relative rotations of the wanted joints, walking down from the hand."""
+    """Parent-relative rotations of the wanted joints, from the hand downwards."""
     full = {hand: torch.eye(3).double().expand(motion.frames, 3, 3)}
     found: dict[int, Tensor] = {}
     for joint in range(hand + 1, motion.skeleton.joints):

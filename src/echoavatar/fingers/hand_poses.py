@@ -1,7 +1,7 @@
-"""Both hands as the same thing: 15 finger bones in 6D, the right hand mirrored, and the few directions they vary in.
+"""Hand poses: 15 finger bones in 6D, the right hand mirrored, and their principal directions.
 
 A hand has 90 numbers but far fewer degrees of freedom. The model works on coordinates along the principal directions
-of good hands, so noise has the hand's own dimension and every answer is near a pose that hands take.
+of good hands, so every output is close to a pose that hands take.
 """
 
 from typing import NamedTuple
@@ -28,7 +28,7 @@ def hand_poses(fingers: Float[Tensor, "*n 30 3 3"]) -> Float[Tensor, "*n 2 c"]:
 
 
 def finger_rotations(hands: Float[Tensor, "*n 2 c"]) -> Float[Tensor, "*n 30 3 3"]:
-    """Inverse of `hand_poses`; any finite numbers become proper rotations."""
+    """Inverse of `hand_poses`; any finite numbers give valid rotations."""
     six = hands.reshape(*hands.shape[:-1], BONES, 6)
     return matrix_from_6d((six * _signs(six)).flatten(-3, -2))
 
@@ -40,7 +40,7 @@ def _signs(six: Tensor) -> Tensor:
 
 
 class HandBasis(NamedTuple):
-    """Principal directions of hand poses; coordinates have variance 1 in the mean over directions."""
+    """Principal directions of hand poses; the mean variance of the coordinates is 1."""
 
     mean: Float[Tensor, " c"]
     axes: Float[Tensor, "k c"]
@@ -56,15 +56,15 @@ class HandBasis(NamedTuple):
         return (hands - self.mean) @ self.axes.T / self.scale
 
     def decode(self, coordinates: Float[Tensor, "*n k"]) -> Float[Tensor, "*n c"]:
-        """Poses, up to what the left-out directions hold."""
+        """Poses, without the part in the directions left out."""
         return (coordinates * self.scale) @ self.axes + self.mean
 
 
 def fit_basis(hands: Float[Tensor, "n c"], size: int) -> HandBasis:
-    """The `size` directions that hold most of the variance of hand poses.
+    """The `size` directions with most of the variance of hand poses.
 
-    Directions are whitened halfway (divided by the root of their spread), so that small ones are seen and large ones
-    still weigh more.
+    Coordinates are divided by the root of their standard deviation, so that small directions count and large ones still
+    count more.
     """
     wide = hands.double()
     mean = wide.mean(0)

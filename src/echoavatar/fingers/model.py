@@ -1,7 +1,7 @@
-"""The finger model: a transformer that sees a window whole and says what the hands behind the noise are.
+"""The finger model: a transformer that sees a whole window and predicts clean hands from noisy ones.
 
 Paper, Motion Refinement: a motion inpainting model synthesises finger motion conditioned on the remaining body joints.
-Hands that are known stand in the input as they are and are flagged; unknown ones stand there as noise.
+In the input, known hands are given and flagged; unknown hands are noise.
 """
 
 import math
@@ -23,12 +23,12 @@ from .config import FingerConfig
 from .hand_poses import HAND_SIZE, HandBasis
 
 _LEVEL_WAVES = 16
-_BODY_LIMIT = 4.0  # spreads: a body beyond anything seen in training is taken for one at the limit
+_BODY_LIMIT = 4.0  # standard deviations at which body features are clamped
 _LEAST_SPREAD = 0.02
 
 
 class WindowBlock(nn.Module):
-    """x + Attention(norm(x)), then x + MLP(norm(x)); every token sees every other (rotary positions)."""
+    """x + Attention(norm(x)), then x + MLP(norm(x)); every token sees all others (rotary positions)."""
 
     def __init__(self, *, width: int, heads: int) -> None:
         super().__init__()
@@ -39,7 +39,7 @@ class WindowBlock(nn.Module):
         self.mlp = Mlp(inputs=width, hidden=4 * width, outputs=width)
 
     def forward(self, x: Float[Tensor, "b n c"], table: Float[Tensor, "2 n d"]) -> Float[Tensor, "b n c"]:
-        """Any number of tokens; `table` holds their rotary angles."""
+        """Transform any number of tokens; `table` holds their rotary angles."""
         b, n, _ = x.shape
         q, k, v = self.qkv(self.norm1(x)).view(b, n, 3, self.heads, -1).permute(2, 0, 3, 1, 4)
         seen = F.scaled_dot_product_attention(rotary(q, table), rotary(k, table), v)
@@ -49,7 +49,7 @@ class WindowBlock(nn.Module):
 
 
 class FingerModel(nn.Module):
-    """Weights, the hand basis and the body statistics; `sample_hands` runs it over whole clips."""
+    """Weights, hand basis and body statistics; `sample_hands` runs it over whole clips."""
 
     hand_mean: Tensor
     hand_axes: Tensor
@@ -91,19 +91,19 @@ class FingerModel(nn.Module):
 
     @property
     def basis(self) -> HandBasis:
-        """How hands are written as coordinates."""
+        """The basis of hand coordinates."""
         return HandBasis(self.hand_mean, self.hand_axes, self.hand_scale)
 
-    def measure(
+    def set_statistics(
         self, basis: HandBasis, body_mean: Float[Tensor, " c"], body_std: Float[Tensor, " c"]
     ) -> None:
-        """Take over the statistics of the training clips."""
+        """Set the statistics of the training clips."""
         pairs = zip((self.hand_mean, self.hand_axes, self.hand_scale), basis, strict=True)
         for own, given in [*pairs, (self.body_mean, body_mean), (self.body_std, body_std)]:
             own.copy_(given)
 
     def normalize_body(self, body: Float[Tensor, "*n c"]) -> Float[Tensor, "*n c"]:
-        """Zero mean, unit spread, nothing beyond the limit."""
+        """Normalise to zero mean and unit deviation, and clamp."""
         spread = self.body_std.clamp_min(_LEAST_SPREAD)
         return ((body - self.body_mean) / spread).clamp(-_BODY_LIMIT, _BODY_LIMIT)
 
@@ -114,12 +114,12 @@ class FingerModel(nn.Module):
         level: Float[Tensor, " b"],
         body: Float[Tensor, "b t c"],
     ) -> Float[Tensor, "b t 2 k"]:
-        """Clean hands.
+        """Predict clean hands.
 
         Args:
             hands: coordinates; unknown ones are (1 - level) clean + level noise.
-            is_known: which hands stand there clean.
-            level: how much of the unknown is noise, 0 to 1.
+            is_known: which hands are given clean.
+            level: share of noise in unknown hands, 0 to 1.
             body: normalised features of the same frames.
         """
         frames = torch.cat([hands.flatten(2), is_known.to(hands), body], -1)
@@ -134,7 +134,7 @@ class FingerModel(nn.Module):
 
 
 def load_shipped() -> FingerModel:
-    """The model that comes with the package."""
+    """The model that ships with the package."""
     with as_file(files("echoavatar") / "bundles" / "fingers") as folder:
         return FingerModel.load(folder)
 

@@ -1,8 +1,7 @@
 """Training of the finger model on motion with good fingers.
 
-Paper, Motion Refinement: trained on the fingers of ZeroEGGS, which may not train weights that are passed on; ours
-learns from clips of two kinds, many made by rule and few recorded, in a fixed share. Everything random in a step
-follows from the seed and the step's number.
+The paper (Motion Refinement) trains on ZeroEGGS, whose licence does not allow sharing the weights. The shipped model is
+trained on synthetic and recorded clips in a fixed ratio. All randomness of a step follows from seed and step number.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,18 +21,18 @@ from .model import FingerModel
 from .recipe import FingerTraining
 from .windows import FingerBatch, FingerNoise, FingerSampler, count_learned_hands, denoising_loss, draw_noise
 
-_NOISE = 30  # times the seed: noise and windows of a step follow from different numbers
+_NOISE = 30  # factor of the seed, so that noise and windows of a step differ
 
 
 class NoisyFingerBatch(NamedTuple):
-    """A batch: windows, and all noise on them."""
+    """A batch: windows and all random numbers of their loss."""
 
     windows: FingerBatch
     noise: FingerNoise
 
 
 class FingerTask(Stage[NoisyFingerBatch]):
-    """A finger model and the clips with moving fingers that it learns."""
+    """A finger model and the clips with moving fingers that it is trained on."""
 
     config: FingerTraining
 
@@ -46,7 +45,7 @@ class FingerTask(Stage[NoisyFingerBatch]):
         *,
         card: Mapping[str, object] | None = None,
     ) -> None:
-        """Raises MotionError when no clip has moving fingers."""
+        """Raises MotionError if no clip has moving fingers."""
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(training.seed)
             self.model = FingerModel(config)
@@ -66,14 +65,14 @@ class FingerTask(Stage[NoisyFingerBatch]):
         return {"fingers": self.model.config, "training": self.config}
 
     def draw(self, step: int) -> NoisyFingerBatch:
-        """See `Stage.draw`; normalised by the model's statistics, which stay."""
+        """See `Stage.draw`; windows are normalised by the model's fixed statistics."""
         windows = self.sampler.batch(step, self.config.batch)
         return NoisyFingerBatch(
             windows, draw_noise(windows, self.config.noise(step, _NOISE * self.config.seed))
         )
 
     def weight(self, batch: NoisyFingerBatch) -> float:
-        """Hands that carry loss."""
+        """Number of hands in the loss."""
         return count_learned_hands(batch.windows, self.config, batch.noise)
 
     def loss(self, batch: NoisyFingerBatch, step: int) -> Loss:
@@ -98,7 +97,7 @@ def train_fingers(
     trackers: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> FingerModel:
-    """Train, checkpointing into `folder` with `card`; continues what is there.
+    """Train with checkpoints in `folder`, or continue from the checkpoint there.
 
     Stops after the schedule's steps, or after `minutes` of this call.
     """
@@ -108,15 +107,15 @@ def train_fingers(
 
 
 def _measure(model: FingerModel, groups: Sequence[Sequence[FingerClip]]) -> None:
-    """Statistics in which every group has the same say, however long its clips."""
+    """Set the model's statistics; every group counts equally, whatever its length."""
     alive = [torch.cat([clip.hands[:, clip.is_moving].flatten(0, 1) for clip in group]) for group in groups]
     bodies = [torch.cat([clip.body for clip in group]) for group in groups]
     hands, body = torch.cat(_equal_length(alive)), torch.cat(_equal_length(bodies))
     body = torch.cat([body, mirror_body(body)])
-    model.measure(fit_basis(hands, model.config.poses), body.mean(0), body.std(0))
+    model.set_statistics(fit_basis(hands, model.config.poses), body.mean(0), body.std(0))
 
 
 def _equal_length(groups: Sequence[Tensor]) -> list[Tensor]:
-    """As many rows of each, evenly spaced: those of the longest, 20,000 at most."""
+    """Resample all groups to the same number of rows: that of the longest, at most 20,000."""
     count = min(20_000, max(len(rows) for rows in groups))
     return [rows[torch.linspace(0, len(rows) - 1, count).long()] for rows in groups]

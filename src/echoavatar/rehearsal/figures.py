@@ -241,7 +241,7 @@ FIGURE = {figure.name: figure for figure in FIGURES}
 
 
 def fitting(style: str, metre: int, energy: float) -> list[Figure]:
-    """The figures a style, metre and energy allow; never empty."""
+    """The figures that fit a style, metre and energy; never empty."""
     kind = [f for f in FIGURES if f.metre == metre or (metre == 3 and f.name == "sway" and energy < 0.3)]
     kind = [f for f in kind if not f.styles or style in f.styles]
     if style == "ballet":

@@ -1,7 +1,8 @@
 """The flite speech engine through ctypes: audio with exact phone times; pitch is edited before the vocoder.
 
 flite (CMU, permissive licence) is an optional system package. It is not thread-safe. It stores feature names by
-pointer, so `_key` keeps every name alive. Its excitation noise comes from libc's rand(), which is seeded for each utterance.
+pointer, so `_key` keeps every name alive. Its excitation noise comes from
+libc's rand(), which is seeded for each utterance.
 """
 
 import ctypes
