@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from tests.datasets.samples import gesture, motorica_names, renamed, write_motion, write_pair
 
+from echoavatar.data import Manifest, save_manifest
 from echoavatar.datasets.options import Options
 from echoavatar.datasets.overview import _spread, _wrists, draw_overview
 from echoavatar.datasets.prepare_dataset import prepare
@@ -63,4 +64,4 @@ def test_a_missing_matplotlib_is_named(tmp_path, monkeypatch):
 
     monkeypatch.setattr(builtins, "__import__", without)
     with pytest.raises(DependencyError, match="pip install"):
-        draw_overview(None, tmp_path)
+        draw_overview(save_manifest(tmp_path, Manifest(format=2, clips=())), tmp_path)

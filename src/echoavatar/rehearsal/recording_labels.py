@@ -128,7 +128,7 @@ def _nuclei(audio: FloatArray, level: Array, begin: float, end: float) -> list[S
         return []
     valleys = [first + a + int(np.argmin(part[a : b + 1])) for a, b in zip(peaks, peaks[1:], strict=False)]
     edges = [first, *valleys, last]
-    pitch = np.array([_pitch(audio, (first + p) * _HOP) for p in peaks])
+    pitch = np.array([_pitch(audio, int(first + p) * _HOP) for p in peaks])
     scores = _salience(part[peaks], pitch, np.diff(edges) * _FRAME_S)
     nuclear = _nuclear(scores, (first + peaks) * _FRAME_S)
     return [
