@@ -3,7 +3,7 @@ from dataclasses import replace
 import torch
 from tests.fingers.moving import waving, without
 
-from echoavatar.fingers.clips import finger_clip, on_our_rig, turning_speeds
+from echoavatar.fingers.clips import angular_speeds, finger_clip, on_our_rig
 from echoavatar.kinematics.resample import resample
 from echoavatar.kinematics.rotations import matrix_from_axis_angle
 
@@ -36,5 +36,5 @@ def test_a_rig_without_little_fingers_has_hands_all_the_same() -> None:
 
 def test_speeds_are_degrees_per_second() -> None:
     turns = matrix_from_axis_angle(torch.arange(4.0)[:, None, None] * torch.tensor([[0.1, 0.0, 0.0]]))
-    torch.testing.assert_close(turning_speeds(turns, 30.0), torch.tensor([171.887]), atol=1e-2, rtol=0)
-    assert turning_speeds(turns[:1], 30.0).tolist() == [0.0]
+    torch.testing.assert_close(angular_speeds(turns, 30.0), torch.tensor([171.887]), atol=1e-2, rtol=0)
+    assert angular_speeds(turns[:1], 30.0).tolist() == [0.0]

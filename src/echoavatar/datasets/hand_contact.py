@@ -39,7 +39,7 @@ def keep_hand_contact(motion: Motion, source: Motion) -> Motion:
     """
     wanted = _between(source) / arm_length(source) * arm_length(motion)
     bones, pose = bone_map(motion.skeleton), motion.pose()
-    places, turns = pose.positions.double(), pose.rotations.double()
+    places, world_rotations = pose.positions.double(), pose.rotations.double()
     weight = _weight(wanted.norm(dim=-1) / arm_length(motion))
     if float(weight.max()) == 0:
         return motion
@@ -48,7 +48,9 @@ def keep_hand_contact(motion: Motion, source: Motion) -> Motion:
     local = motion.matrices().double().clone()
     for side, sign in (("left", 1.0), ("right", -1.0)):
         arm = _Arm(bones[f"{side}UpperArm"], bones[f"{side}LowerArm"], bones[f"{side}Hand"], -sign)
-        _bring(local, arm, motion.skeleton.parents, (places, turns), places[:, arm.hand] + sign * step)
+        _bring(
+            local, arm, motion.skeleton.parents, (places, world_rotations), places[:, arm.hand] + sign * step
+        )
     is_moved = weight > 0
     rotations = motion.rotations.copy()
     for side in ("left", "right"):
@@ -67,18 +69,18 @@ def _bring(
     target: Float[Tensor, "t 3"],
 ) -> None:
     """Write the arm's rotations that put the wrist at its target; the hand keeps its world orientation."""
-    places, turns = world
+    places, world_rotations = world
     first, second = reach(
         hip=places[:, arm.shoulder],
         knee=places[:, arm.elbow],
         ankle=places[:, arm.hand],
-        hinge=arm.hinge_sign * turns[:, arm.elbow, :, 1],
+        hinge=arm.hinge_sign * world_rotations[:, arm.elbow, :, 1],
         target=target,
     )
-    upper, fore = first @ turns[:, arm.shoulder], second @ turns[:, arm.elbow]
-    local[:, arm.shoulder] = turns[:, parents[arm.shoulder]].transpose(-1, -2) @ upper
+    upper, fore = first @ world_rotations[:, arm.shoulder], second @ world_rotations[:, arm.elbow]
+    local[:, arm.shoulder] = world_rotations[:, parents[arm.shoulder]].transpose(-1, -2) @ upper
     local[:, arm.elbow] = upper.transpose(-1, -2) @ fore
-    local[:, arm.hand] = fore.transpose(-1, -2) @ turns[:, arm.hand]
+    local[:, arm.hand] = fore.transpose(-1, -2) @ world_rotations[:, arm.hand]
 
 
 def _weight(apart: Float[Tensor, " t"]) -> Float[Tensor, " t"]:

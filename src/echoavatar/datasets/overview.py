@@ -137,14 +137,14 @@ def _poses(plot: Any, motions: Sequence[Motion]) -> Any:
         title="wrists from the front",
         aspect="equal",
     )
-    turns: dict[str, list[_Array]] = {}
+    degrees: dict[str, list[_Array]] = {}
     for motion in motions:
         bones = bone_map(motion.skeleton)
         for name in BONES:
             if name in bones:
                 w = np.abs(motion.rotations[:, bones[name], 0]).clip(0, 1)
-                turns.setdefault(name, []).append(np.degrees(2 * np.arccos(w)))
-    for name, angles in turns.items():
+                degrees.setdefault(name, []).append(np.degrees(2 * np.arccos(w)))
+    for name, angles in degrees.items():
         right.hist(np.concatenate(angles), bins=90, range=(0, 180), histtype="step", density=True, label=name)
     right.set(xlabel="turned from rest, degrees", ylabel="share", yscale="log", title="joints")
     right.legend(fontsize=7)

@@ -23,9 +23,9 @@ BODY_SIZE = 2 * _HAND + 3
 
 def body_features(rotations: Float[Tensor, "t 52 3 3"], root: Float[Tensor, "t 3"]) -> Float[Tensor, "t c"]:
     """Features of a clip of `HUMANOID` at 30 frames per second; they do not depend on the fingers."""
-    turns = rotations.clone()
-    turns[:, list(FINGERS)] = torch.eye(3, dtype=turns.dtype)
-    pose = forward_kinematics(HUMANOID, turns, root)
+    flat_handed = rotations.clone()
+    flat_handed[:, list(FINGERS)] = torch.eye(3, dtype=flat_handed.dtype)
+    pose = forward_kinematics(HUMANOID, flat_handed, root)
     back = _heading(pose.rotations[:, 0]).transpose(-1, -2)
     wrists = (back[:, None] @ (pose.positions[:, _WRISTS] - root[:, None])[..., None]).squeeze(-1)
     elbows = (back[:, None] @ (pose.positions[:, _ELBOWS] - root[:, None])[..., None]).squeeze(-1)

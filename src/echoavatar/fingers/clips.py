@@ -37,10 +37,10 @@ def finger_clip(motion: Motion, *, at_least: int = 1) -> FingerClip:
     back_and_forth = np.arange(max(own.frames, at_least)) % max(1, 2 * own.frames - 2)
     at = np.minimum(back_and_forth, 2 * own.frames - 2 - back_and_forth)
     own = replace(own, rotations=own.rotations[at], root=own.root[at])
-    turns = own.matrices()
-    fingers = turns[:, list(FINGERS)]
-    body = body_features(turns, torch.from_numpy(own.root))
-    speeds = turning_speeds(fingers, FRAME_RATE_HZ).reshape(2, BONES).mean(1)
+    rotations = own.matrices()
+    fingers = rotations[:, list(FINGERS)]
+    body = body_features(rotations, torch.from_numpy(own.root))
+    speeds = angular_speeds(fingers, FRAME_RATE_HZ).reshape(2, BONES).mean(1)
     return FingerClip(body, hand_poses(fingers), speeds > FROZEN_DEG_S)
 
 
@@ -50,7 +50,7 @@ def on_our_rig(motion: Motion) -> Motion:
     return resample(motion if is_ours else retarget(motion, has_footing=False), float(FRAME_RATE_HZ))
 
 
-def turning_speeds(rotations: Float[Tensor, "t j 3 3"], fps: float) -> Float[Tensor, " j"]:
+def angular_speeds(rotations: Float[Tensor, "t j 3 3"], fps: float) -> Float[Tensor, " j"]:
     """Mean angular speed of each joint, degrees per second; 0 for a single frame."""
     if len(rotations) < 2:
         return torch.zeros(rotations.shape[1])

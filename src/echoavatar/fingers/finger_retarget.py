@@ -36,27 +36,27 @@ def apply_fingers(motion: Motion, fingers: Float[Tensor, "t 30 3 3"], sides: Seq
     bones, ours = bone_map(motion.skeleton), bone_map(HUMANOID)
     local = motion.matrices().double()
     pose = forward_kinematics(motion.skeleton, local, torch.from_numpy(motion.root).double())
-    turns = align(motion.skeleton, pose, bones, HUMANOID, ours)
+    alignments = align(motion.skeleton, pose, bones, HUMANOID, ours)
     rotations = motion.rotations.copy()
     for side in sides:
-        wanted = _from_the_hand(fingers.double(), turns, side)
+        wanted = _from_the_hand(fingers.double(), alignments, side)
         found = {joint: wanted[bone] for bone, joint in finger_joints(motion, side).items()}
-        for joint, turn in _localised(motion, local, bones[f"{side}Hand"], found).items():
-            rotations[:, joint] = quaternion_from_matrix(turn).numpy().astype(np.float32)
+        for joint, rotation in _localised(motion, local, bones[f"{side}Hand"], found).items():
+            rotations[:, joint] = quaternion_from_matrix(rotation).numpy().astype(np.float32)
     return replace(motion, rotations=rotations)
 
 
-def _from_the_hand(fingers: Tensor, turns: dict[str, Tensor], side: str) -> dict[str, Tensor]:
+def _from_the_hand(fingers: Tensor, alignments: dict[str, Tensor], side: str) -> dict[str, Tensor]:
     """Rotation of each finger bone of the other rig, relative to its hand."""
     found: dict[str, Tensor] = {}
-    full = {HUMANOID.index(f"{side}Hand"): turns[f"{side}Hand"]}
+    full = {HUMANOID.index(f"{side}Hand"): alignments[f"{side}Hand"]}
     for row, joint in enumerate(FINGERS):
         name = HUMANOID.names[joint]
         if not name.startswith(side):
             continue
         full[joint] = full[HUMANOID.parents[joint]] @ fingers[:, row]
-        if name in turns:
-            found[name] = full[joint] @ turns[name].T
+        if name in alignments:
+            found[name] = full[joint] @ alignments[name].T
     return found
 
 

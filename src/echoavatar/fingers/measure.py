@@ -39,13 +39,13 @@ def measure_fingers(
 
     Both hands are generated from the body alone. `truth` holds the liveliness of the true fingers.
     """
-    alive = [clip for clip in clips if bool(clip.is_moving.all())]
-    if not alive:
+    moving = [clip for clip in clips if bool(clip.is_moving.all())]
+    if not moving:
         raise ValueError("no clip whose fingers move on both hands")
     made: dict[str, list[Tensor]] = {"model": [], "model, one step": [], "mean pose": [], "flat hands": []}
-    truths = [finger_rotations(clip.hands) for clip in alive]
+    truths = [finger_rotations(clip.hands) for clip in moving]
     flat = torch.eye(3).expand(1, len(FINGERS), 3, 3)
-    for done, (clip, truth) in enumerate(zip(alive, truths, strict=True), 1):
+    for done, (clip, truth) in enumerate(zip(moving, truths, strict=True), 1):
         for name, count in (("model", steps), ("model, one step", 1)):
             none = torch.zeros(len(clip.body), 2, dtype=torch.bool)
             blank = torch.zeros(len(clip.body), 2, model.config.poses)
@@ -54,7 +54,7 @@ def measure_fingers(
         made["mean pose"].append(finger_rotations(model.hand_mean.expand(1, 2, -1)).expand_as(truth))
         made["flat hands"].append(flat.expand_as(truth))
         if progress is not None:
-            progress(done, len(alive))
+            progress(done, len(moving))
     scores = {name: compare(guesses, truths, model.basis) for name, guesses in made.items()}
     own = liveliness(truths)
     return scores | {"truth": {key: round(value, 3) for key, value in own.items()}}
@@ -94,9 +94,9 @@ def liveliness(clips: Sequence[Float[Tensor, "t 30 3 3"]]) -> dict[str, float]:
 
 def fingertips(fingers: Float[Tensor, "t 30 3 3"]) -> Float[Tensor, "t 10 3"]:
     """Positions of the fingertips, thumb to little finger, left then right, relative to their hand, metres."""
-    turns = torch.eye(3).expand(len(fingers), HUMANOID.joints, 3, 3).clone()
-    turns[:, list(FINGERS)] = fingers
-    pose = forward_kinematics(HUMANOID, turns, torch.zeros(len(fingers), 3))
+    rotations = torch.eye(3).expand(len(fingers), HUMANOID.joints, 3, 3).clone()
+    rotations[:, list(FINGERS)] = fingers
+    pose = forward_kinematics(HUMANOID, rotations, torch.zeros(len(fingers), 3))
     joints = sorted(_TIPS)
     ends = torch.tensor([_TIPS[joint] for joint in joints])[..., None]
     places = pose.positions[:, joints] + (pose.rotations[:, joints] @ ends).squeeze(-1)

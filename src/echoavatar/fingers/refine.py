@@ -13,7 +13,7 @@ from torch import Tensor
 from ..errors import MotionError
 from ..kinematics import Motion
 from ..timing import FRAME_RATE_HZ
-from .clips import FROZEN_DEG_S, finger_clip, turning_speeds
+from .clips import FROZEN_DEG_S, angular_speeds, finger_clip
 from .finger_retarget import apply_fingers, finger_joints
 from .hand_poses import BONES, SIDES, finger_rotations
 from .model import FingerModel
@@ -65,10 +65,10 @@ def frozen_hands(motion: Motion) -> tuple[str, ...]:
     Raises:
         MotionError: the rig's joint names are unknown.
     """
-    turns, frozen = motion.matrices(), []
+    rotations, frozen = motion.matrices(), []
     for side in SIDES:
         joints = list(finger_joints(motion, side).values())
-        if joints and float(turning_speeds(turns[:, joints], motion.fps).mean()) < FROZEN_DEG_S:
+        if joints and float(angular_speeds(rotations[:, joints], motion.fps).mean()) < FROZEN_DEG_S:
             frozen.append(side)
     return tuple(frozen)
 

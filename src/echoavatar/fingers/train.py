@@ -108,9 +108,9 @@ def train_fingers(
 
 def _measure(model: FingerModel, groups: Sequence[Sequence[FingerClip]]) -> None:
     """Set the model's statistics; every group counts equally, whatever its length."""
-    alive = [torch.cat([clip.hands[:, clip.is_moving].flatten(0, 1) for clip in group]) for group in groups]
+    moving = [torch.cat([clip.hands[:, clip.is_moving].flatten(0, 1) for clip in group]) for group in groups]
     bodies = [torch.cat([clip.body for clip in group]) for group in groups]
-    hands, body = torch.cat(_equal_length(alive)), torch.cat(_equal_length(bodies))
+    hands, body = torch.cat(_equal_length(moving)), torch.cat(_equal_length(bodies))
     body = torch.cat([body, mirror_body(body)])
     model.set_statistics(fit_basis(hands, model.config.poses), body.mean(0), body.std(0))
 

@@ -41,7 +41,7 @@ class FingerSampler:
         self._shares, self._seed, self._frames = torch.tensor(shares), seed, frames
         self._model, self._body = model, torch.cat([clip.body for clip in clips])
         self._hands = torch.cat([model.basis.encode(clip.hands) for clip in clips])
-        self._alive = torch.stack([clip.is_moving for clip in clips])
+        self._is_moving = torch.stack([clip.is_moving for clip in clips])
         ends = torch.tensor([len(clip.body) for clip in clips]).cumsum(0).tolist()
         starts = [
             torch.arange(end - len(clip.body), end - frames + 1)
@@ -62,12 +62,12 @@ class FingerSampler:
             at = int(places[row] * len(self._starts[group]))
             first[row], owner[row] = self._starts[group][at], self._owners[group][at]
         window = first[:, None] + torch.arange(self._frames)
-        body, hands, alive = self._body[window], self._hands[window], self._alive[owner]
+        body, hands, is_moving = self._body[window], self._hands[window], self._is_moving[owner]
         is_flipped = torch.rand(rows, generator=random) < 0.5
         body = torch.where(is_flipped[:, None, None], mirror_body(body), body)
         hands = torch.where(is_flipped[:, None, None, None], hands.flip(2), hands)
-        alive = torch.where(is_flipped[:, None], alive.flip(1), alive)
-        return FingerBatch(self._model.normalize_body(body), hands, alive)
+        is_moving = torch.where(is_flipped[:, None], is_moving.flip(1), is_moving)
+        return FingerBatch(self._model.normalize_body(body), hands, is_moving)
 
 
 class FingerNoise(NamedTuple):

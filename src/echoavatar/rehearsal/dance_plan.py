@@ -212,8 +212,8 @@ def _arms(plan: DancePlan, move: Move, at: int, length: int, energy: float) -> N
     size = 1.0 if move.exact else float(np.clip(0.66 + 0.42 * energy, 0.66, 1.06))
     beats = move.counts * 3 // 2 if counts.metre == 3 else move.counts
     for lap in range(-(-length // beats)):
-        turn = poses.mirrored(move) if lap % 2 and move.counts >= 4 and not move.is_fixed else move
-        for key in turn.keys:
+        variant = poses.mirrored(move) if lap % 2 and move.counts >= 4 and not move.is_fixed else move
+        for key in variant.keys:
             count = key.count if counts.metre == 4 else 3 * (key.count // 2) + key.count % 2
             if lap * beats + count < length - 0.2:
                 place = at + lap * beats + count

@@ -115,26 +115,28 @@ def _load_clip(path: Path, is_refined: bool) -> RecordedClip:
     upper = torch.from_numpy(motion.rotations[:, list(HUMANOID.config.parts["upper"])])
     turned = axis_angle_from_quaternion(quaternion_multiply(quaternion_conjugate(upper[:-1]), upper[1:]))
     fastest = float(torch.rad2deg(turned.norm(dim=-1)).max()) * FRAME_RATE_HZ
-    is_alive = bool(np.abs(np.diff(fingers, axis=0)).max(initial=0) > 1e-3)
-    return RecordedClip(path.stem, kind, motion, _accents(motion, kind), fastest, is_alive)
+    has_fingers = bool(np.abs(np.diff(fingers, axis=0)).max(initial=0) > 1e-3)
+    return RecordedClip(path.stem, kind, motion, _accents(motion, kind), fastest, has_fingers)
 
 
 def _denoised(motion: Motion, *, is_loop: bool) -> Motion:
     """The motion without capture noise, which looks like trembling; loops are smoothed across their seam."""
-    turns = align_signs(motion.rotations).astype(np.float64)
+    rotations = align_signs(motion.rotations).astype(np.float64)
     if is_loop:
-        turns = _seamless(turns)
-    turns = gaussian_filter1d(turns, SMOOTHING_FRAMES, axis=0, mode="wrap" if is_loop else "nearest")
-    turns /= np.linalg.norm(turns, axis=-1, keepdims=True)
-    return replace(motion, rotations=turns.astype(np.float32))
+        rotations = _seamless(rotations)
+    rotations = gaussian_filter1d(rotations, SMOOTHING_FRAMES, axis=0, mode="wrap" if is_loop else "nearest")
+    rotations /= np.linalg.norm(rotations, axis=-1, keepdims=True)
+    return replace(motion, rotations=rotations.astype(np.float32))
 
 
-def _seamless(turns: Float[np.ndarray, "t j 4"]) -> Float[np.ndarray, "t j 4"]:
+def _seamless(rotations: Float[np.ndarray, "t j 4"]) -> Float[np.ndarray, "t j 4"]:
     """Close the loop: spread the gap between the last and the first frame over the second half."""
-    gap = turns[0] - (2 * turns[-1] - turns[-2])
-    closes = (turns[0] * turns[-1]).sum(-1, keepdims=True) > 0  # not for a joint that made a full turn
-    rise = np.clip((np.arange(len(turns)) / len(turns) - 0.5) * 2, 0, 1) ** 2
-    return turns + rise[:, None, None] * np.where(closes, gap, 0)
+    gap = rotations[0] - (2 * rotations[-1] - rotations[-2])
+    closes = (rotations[0] * rotations[-1]).sum(
+        -1, keepdims=True
+    ) > 0  # not for a joint that made a full turn
+    rise = np.clip((np.arange(len(rotations)) / len(rotations) - 0.5) * 2, 0, 1) ** 2
+    return rotations + rise[:, None, None] * np.where(closes, gap, 0)
 
 
 def _accents(motion: Motion, kind: str) -> Float[np.ndarray, " n"]:
