@@ -62,7 +62,7 @@ def test_saving_twice_gives_the_same_bytes(tmp_path):
         ({"split": "dev"}, "split is 'dev'"),
     ],
 )
-def test_what_is_no_clip_is_refused(change, complaint):
+def test_invalid_clips_are_refused(change, complaint):
     with pytest.raises(MotionError, match=f"clip 'one': .*{complaint}"):
         replace(clip(), **change)
 

@@ -17,7 +17,7 @@ def test_content_and_style_are_read_from_the_name(tmp_path):
 
 
 @pytest.mark.skipif(not SHARED.exists(), reason="the real recordings (../shared) are not here")
-def test_the_real_subset_is_found_whole():
+def test_the_real_subset_is_found_completely():
     found = survey(SHARED / "bandai_namco_cc_by_nc")
     assert len(found.recordings) == 190
     assert not found.left_out

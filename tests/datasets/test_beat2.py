@@ -15,7 +15,7 @@ TABLE = """id,type
 
 @pytest.fixture
 def copy(tmp_path):
-    """A BEAT2-shaped sample (the data may not be here)."""
+    """A synthetic copy with the layout of BEAT2."""
     folder = tmp_path / "BEAT2" / "beat_english_v2.0.0"
     for name in ("1_wayne_0_1_1", "2_scott_0_1_1", "2_scott_0_2_2", "2_scott_0_3_3", "5_stewart_0_1_1"):
         write_beat2(folder, name, 0.5)

@@ -12,7 +12,7 @@ from echoavatar.kinematics.retarget import retarget
 
 
 def test_a_bent_arm_shows_in_angle_and_distance():
-    """Both forearms 90 degrees otherwise: two of four bones, so 45 in the mean."""
+    """Both forearms differ by 90 degrees: two of four bones, so 45 in the mean."""
     motion = gesture()
     rotations = motion.rotations.copy()
     rotations[:] = [1, 0, 0, 0]

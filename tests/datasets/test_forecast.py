@@ -35,14 +35,14 @@ def test_a_forecast_names_what_will_fail_and_writes_nothing(tmp_path):
     assert found.bytes == pytest.approx(60 * (52 * 16 + 13 + 1600), rel=0.02)
 
 
-def test_motion_alone_is_foretold_without_sound(tmp_path):
+def test_a_forecast_of_motion_alone_counts_no_sound(tmp_path):
     write_motion(tmp_path / "a.bvh", gesture(1.0))
     for sound in ("any", "none"):
         found = forecast(survey_of("bvh", tmp_path).recordings, Options(sound=sound))
         assert found.bytes == pytest.approx(30 * (52 * 16 + 13), rel=0.05)
 
 
-def test_headers_that_are_none_are_named(tmp_path):
+def test_files_with_invalid_headers_are_named(tmp_path):
     np.savez(tmp_path / "a.npz", poses=np.zeros(3))
     (tmp_path / "b.bvh").write_bytes(b"\xff\xfe\x00")
     for name in ("a.npz", "b.bvh", "gone.bvh"):

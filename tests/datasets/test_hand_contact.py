@@ -1,5 +1,3 @@
-"""Hands that meet in the source meet on our rig, whatever the shoulders are like."""
-
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +14,7 @@ HANDS = HUMANOID.indices(("leftHand", "rightHand"))
 
 
 def folding(seconds: float = 4.0) -> Motion:
-    """Hanging upper arms turn inwards about themselves, so that bent forearms meet in front of the belly and part."""
+    """Hanging upper arms rotate inwards and back, so that bent forearms meet in front of the belly and part."""
     motion = gesture(seconds)
     rotations = motion.rotations.copy()
     inward = 0.9 * np.sin(np.pi * np.arange(motion.frames) / motion.frames) ** 2
@@ -31,7 +29,7 @@ def folding(seconds: float = 4.0) -> Motion:
 
 
 def narrow(motion: Motion, by: float = 0.04) -> Motion:
-    """The same turns on a body whose shoulders are narrower by `by` metres on each side."""
+    """The same rotations on a body whose shoulders are narrower by `by` metres on each side."""
     offsets = list(motion.skeleton.config.offsets)
     for side, sign in (("left", 1), ("right", -1)):
         x, y, z = offsets[HUMANOID.index(f"{side}UpperArm")]
@@ -68,7 +66,7 @@ def test_hands_keep_their_orientation_and_the_rest_of_the_body_its_pose():
 
 
 def test_nothing_jumps_on_the_way():
-    """Hands are moved by 4 cm on the way; at once that would be an acceleration of 4 cm a frame, twice."""
+    """The hands are corrected by up to 4 cm; a jump would be an acceleration of 4 cm per frame squared."""
     source = narrow(folding())
     after = keep_hand_contact(retarget(source), source)
     assert float(after.pose().positions[:, HANDS].diff(n=2, dim=0).norm(dim=-1).max()) < 1e-3

@@ -27,14 +27,14 @@ def trembling(motion: Motion, degrees: float) -> Motion:
     return replace(motion, rotations=rotations)
 
 
-def test_static_and_trembling_hands_are_told_from_good_ones():
+def test_static_trembling_and_good_hands_are_distinguished():
     assert hand_states(gesture()) == {"left": "good", "right": "good"}
     assert hand_states(gesture(fingers=0.0)) == {"left": "static", "right": "static"}
     for degrees in (2.0, 8.0):
         assert hand_states(trembling(gesture(), degrees)) == {"left": "erratic", "right": "good"}
 
 
-def test_fingers_bent_beyond_what_fingers_do_are_erratic():
+def test_fingers_bent_too_far_are_erratic():
     assert hand_states(gesture(fingers=3.0))["left"] == "erratic"
 
 

@@ -7,7 +7,7 @@ NAME = "kthstreet_gKR_sFM_cAll_d01_mKR_ch02_song_002"
 
 
 def test_dances_are_found_with_music_in_the_twin_folder(tmp_path):
-    """A Motorica-shaped sample (the data may not be here): bvh/ at 120 fps, wav/ beside it."""
+    """A synthetic copy with the layout of Motorica: bvh/ at 120 fps, wav/ beside it."""
     dance = renamed(gesture(1.0, 120.0), motorica_names())
     for name in (NAME, TEST[0], "something_else"):
         write_motion(tmp_path / "bvh" / f"{name}.bvh", dance)

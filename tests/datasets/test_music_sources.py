@@ -1,5 +1,3 @@
-"""Pieces of music: files of a folder, or composed."""
-
 from itertools import islice
 from pathlib import Path
 

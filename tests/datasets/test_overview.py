@@ -40,7 +40,7 @@ def test_contact_sheets_of_native_rigs_are_drawn(tmp_path):
 
 
 def test_wrists_are_seen_from_where_the_hips_face():
-    """The same gesture of a figure that has turned about: the same picture."""
+    """A figure that faces backwards gives the same picture."""
     motion = gesture(1.0)
     rotations = motion.rotations.copy()
     w, x, y, z = rotations[:, 0].T

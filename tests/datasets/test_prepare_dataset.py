@@ -1,5 +1,3 @@
-"""Whole datasets: bad recordings are named and the rest goes on; a stopped run is continued."""
-
 import json
 import os
 import signal
@@ -23,7 +21,7 @@ KEEP = Options(fingers="keep")
 
 @pytest.fixture
 def takes(tmp_path):
-    """Three good recordings and four bad ones, each bad in its own way."""
+    """Three good recordings and four with different errors."""
     folder = tmp_path / "takes"
     for name in ("good1", "good2", "good3", "torn", "mute", "slow", "noise"):
         write_pair(folder / f"{name}.bvh", 1.0)
@@ -36,7 +34,7 @@ def takes(tmp_path):
     return folder
 
 
-def test_bad_recordings_are_named_and_the_rest_goes_on(takes, tmp_path):
+def test_bad_recordings_are_named_and_do_not_stop_the_others(takes, tmp_path):
     seen = []
     survey, folder = survey_of("bvh", takes), tmp_path / "set"
     outcome = prepare("bvh", survey, folder, KEEP, progress=lambda done, total: seen.append((done, total)))
@@ -55,7 +53,7 @@ def test_bad_recordings_are_named_and_the_rest_goes_on(takes, tmp_path):
     outcome.corpus.verify()
 
 
-def test_what_is_put_right_is_added_by_the_same_call(takes, tmp_path):
+def test_a_corrected_recording_is_added_by_the_same_call(takes, tmp_path):
     prepare("bvh", survey_of("bvh", takes), tmp_path / "set", KEEP)
     write_pair(takes / "torn.bvh", 1.0)
     outcome = prepare("bvh", survey_of("bvh", takes), tmp_path / "set", KEEP)
@@ -66,7 +64,7 @@ def test_what_is_put_right_is_added_by_the_same_call(takes, tmp_path):
 
 
 def test_an_interrupted_run_is_continued_without_doing_things_twice(takes, tmp_path, monkeypatch):
-    """Ctrl-C after the second recording: two are packed, and are not made again."""
+    """Ctrl-C after the second recording: two are written, and are not made again."""
 
     def stop(done: int, total: int) -> None:
         if done == 2:
@@ -92,7 +90,7 @@ def test_an_interrupted_run_is_continued_without_doing_things_twice(takes, tmp_p
 
 
 def test_a_killed_run_leaves_parts_that_the_next_one_packs(tmp_path):
-    """SIGKILL gives no chance to tidy up: whatever receipts are there must be used, torn files must not."""
+    """After SIGKILL, finished receipts must be used and incomplete files must not."""
     takes, made = tmp_path / "takes", tmp_path / "set"
     for number in range(6):
         write_pair(takes / f"t{number}.bvh", 1.0)
@@ -119,7 +117,7 @@ def test_a_killed_run_leaves_parts_that_the_next_one_packs(tmp_path):
 
 
 def test_parts_made_with_other_options_are_not_used(tmp_path):
-    """A killed run has left a part; this call wants something else."""
+    """A part of a killed run is not used by a call with other options."""
     write_pair(tmp_path / "takes" / "a.bvh", 1.0)
     survey = survey_of("bvh", tmp_path / "takes")
     recording_module.prepare_recording(with_splits(survey.recordings, 0)[0], KEEP, tmp_path / "set")
@@ -154,7 +152,7 @@ def test_a_place_that_cannot_be_written_is_named(takes, tmp_path):
 
 @pytest.mark.slow
 def test_the_same_recordings_give_the_same_set_on_any_number_of_workers(takes, tmp_path):
-    """New fingers are drawn from seed and name, so it does not matter who draws them; bad ones fail alike."""
+    """New fingers follow from seed and name, so the number of workers does not matter; neither for failures."""
     one, two = (
         prepare("bvh", survey_of("bvh", takes), tmp_path / f"set{n}", Options(fingers="all"), workers=n)
         for n in (1, 2)

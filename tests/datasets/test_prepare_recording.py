@@ -1,5 +1,3 @@
-"""One recording through all steps; samples are made up, the real pair is tried where it is there."""
-
 import numpy as np
 import pytest
 from tests.datasets.samples import (
@@ -64,7 +62,7 @@ def test_sound_and_motion_are_aligned_to_the_frame(tmp_path):
     assert int(np.argmax(moved)) == int(np.argmax(loud)) == 15
 
 
-def test_the_longer_of_the_two_is_cut_and_that_is_said(tmp_path):
+def test_the_longer_of_motion_and_sound_is_cut_and_noted(tmp_path):
     path = write_motion(tmp_path / "a.bvh", gesture(3.0))
     write_wav(path.with_suffix(".wav"), speech(3.2))
     receipt = prepare_recording(recording(path), KEEP, tmp_path / "set")
@@ -105,7 +103,7 @@ def test_missing_sound_is_refused_or_left_out_as_asked(tmp_path):
     assert receipt.domains["silence"] == receipt.frames
 
 
-def test_a_torn_bvh_leaves_no_part(tmp_path):
+def test_an_incomplete_bvh_leaves_no_part(tmp_path):
     path = write_pair(tmp_path / "a.bvh")
     path.write_text(path.read_text()[:-200])
     with pytest.raises(MotionError, match="a.bvh"):
@@ -129,7 +127,7 @@ def test_the_stamp_changes_with_files_and_binding_options(tmp_path):
 
 
 def test_a_motorica_shaped_dance_gets_fingers_and_beats(tmp_path):
-    """Made up in its names, at its rate, with static fingers; the data itself may not be here."""
+    """A synthetic dance with the names and rate of Motorica and static fingers."""
     flat = renamed(gesture(4.0, 120, fingers=0.0), motorica_names())
     path = write_motion(tmp_path / "bvh" / "kthstreet_gKR_sFM_cAll_d01_mKR_ch02_song_002.bvh", flat)
     clicks = np.zeros(96_000, np.float32)

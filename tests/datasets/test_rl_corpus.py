@@ -1,5 +1,3 @@
-"""The corpus goes on where it stopped and names what it could not make."""
-
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +13,7 @@ from echoavatar.errors import AudioError, DependencyError, EchoAvatarError
 
 
 class Beeps:
-    """A voice of ten seconds a script; it refuses some, and dies when it has spoken so many."""
+    """Speaks ten seconds per script; refuses scripts of a name, and fails after a number of scripts."""
 
     title, licence = "beeps", "voices: none"
 
@@ -61,7 +59,7 @@ def test_hours_and_pieces_are_made_and_listed(tmp_path: Path, music: Path) -> No
     assert "train" in speech.notes["text"]
 
 
-def test_a_stopped_run_goes_on_to_the_same(tmp_path: Path, music: Path) -> None:
+def test_an_interrupted_run_continues_to_the_same_result(tmp_path: Path, music: Path) -> None:
     whole = tmp_path / "whole"
     make_rl_corpus(plan(tmp_path, Beeps(), folder=whole))
     with pytest.raises(DependencyError, match="out of breath"):
@@ -83,7 +81,7 @@ def test_a_changed_file_is_made_again_and_smaller_wishes_forget_nothing(tmp_path
     assert [len(found.made), len(found.kept)] == [0, 6]
 
 
-def test_a_script_that_cannot_be_said_is_named_and_the_rest_goes_on(tmp_path: Path, music: Path) -> None:
+def test_a_script_that_cannot_be_spoken_is_named_and_skipped(tmp_path: Path, music: Path) -> None:
     (music / "broken.mp3").write_bytes(b"nothing to hear")
     found = make_rl_corpus(plan(tmp_path, Beeps(refuses="0001"), pieces=3))
     assert [name for name, _ in found.failures] == ["speech-own-0001", found.failures[1][0]]
@@ -93,7 +91,7 @@ def test_a_script_that_cannot_be_said_is_named_and_the_rest_goes_on(tmp_path: Pa
         make_rl_corpus(plan(tmp_path, Beeps(refuses="own"), folder=tmp_path / "other"))
 
 
-def test_what_does_not_fit_is_refused(tmp_path: Path, music: Path) -> None:
+def test_other_options_and_empty_plans_are_refused(tmp_path: Path, music: Path) -> None:
     make_rl_corpus(plan(tmp_path, Beeps()))
     with pytest.raises(EchoAvatarError, match="was made with seed 0, this call says 1"):
         make_rl_corpus(plan(tmp_path, Beeps(), seed=1))

@@ -77,7 +77,7 @@ def test_full_shards_are_written_as_parts_come(tmp_path):
     assert corpus.entry("c").shard == 1
 
 
-def test_a_set_is_gone_on_with_and_knows_what_it_holds(tmp_path):
+def test_a_new_writer_continues_a_set(tmp_path):
     dataset = writer(tmp_path)
     first = made(tmp_path, "a")
     dataset.add(first)
@@ -102,7 +102,7 @@ def test_a_recording_whose_files_changed_is_replaced(tmp_path):
     corpus.verify()
 
 
-def test_another_split_needs_no_other_parts(tmp_path):
+def test_splits_can_change_without_new_parts(tmp_path):
     dataset = writer(tmp_path)
     for name in "ab":
         dataset.add(made(tmp_path, name))
@@ -120,7 +120,7 @@ def test_mirror_images_are_for_training_and_only_if_wanted(tmp_path):
     assert dataset.finish("").names() == ["a"]
 
 
-def test_a_set_made_otherwise_is_not_gone_on_with(tmp_path):
+def test_a_set_with_other_options_is_refused(tmp_path):
     dataset = writer(tmp_path)
     dataset.add(made(tmp_path, "a"))
     dataset.finish("")
@@ -168,7 +168,7 @@ def test_each_rig_has_its_own_shard(tmp_path):
     assert corpus.manifest.info["statistics"]["features"] == {}
 
 
-def test_json_is_written_whole_or_not_at_all(tmp_path):
+def test_json_is_written_completely_or_not_at_all(tmp_path):
     write_json(tmp_path / "a.json", {"b": 1})
     with pytest.raises(TypeError):
         write_json(tmp_path / "a.json", {"b": object()})

@@ -1,5 +1,3 @@
-"""Voices speak, and say whose fault it is when they do not."""
-
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import islice
@@ -95,19 +93,19 @@ def test_refusals_are_told_without_the_key_and_redirects_not_followed(
     assert len(server.asked) == 1
 
 
-def test_an_answer_that_is_no_sound_is_named(server: SpeechServer) -> None:
+def test_an_answer_without_sound_is_named(server: SpeechServer) -> None:
     server.is_sound = False
     with pytest.raises(AudioError, match="sent an answer that is not sound"):
         text_to_speech("openai", url=server.url).read(script(), np.random.default_rng(0))
 
 
-def test_nobody_listening_is_named(server: SpeechServer, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unreachable_service_is_named(server: SpeechServer, monkeypatch: pytest.MonkeyPatch) -> None:
     one = hurried(text_to_speech("openai", url="http://127.0.0.1:9/v1"))
     with pytest.raises(DependencyError, match=r"127\.0\.0\.1.* cannot be reached"):
         one.read(script(), np.random.default_rng(0))
 
 
-def test_what_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_keys_voices_and_addresses_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("OPENAI_API_KEY", "ELEVENLABS_API_KEY", "OPENAI_BASE_URL"):
         monkeypatch.delenv(name, raising=False)
     with pytest.raises(EchoAvatarError, match="OPENAI_API_KEY is not set"):

@@ -22,7 +22,7 @@ def test_aligned_recordings_with_their_styles_are_found(tmp_path):
     assert found.recordings[0].sound == tmp_path / "clean" / "001_Neutral_0_x_1_0.wav"
 
 
-def test_what_the_copy_lacks_is_said(tmp_path):
+def test_missing_recordings_of_a_copy_are_listed(tmp_path):
     write_pair(tmp_path / "003_Neutral_2.bvh")
     assert survey(tmp_path).missing == ["66 of 67 recordings: 001-002, 004-067"]
 

@@ -8,7 +8,7 @@ from echoavatar.kinematics.resample import resample
 from echoavatar.kinematics.rotations import matrix_from_axis_angle
 
 
-def test_whose_fingers_move_is_seen() -> None:
+def test_hands_with_moving_fingers_are_found() -> None:
     assert finger_clip(waving()).is_moving.tolist() == [True, True]
     assert finger_clip(waving(still=("left",))).is_moving.tolist() == [False, True]
 
@@ -21,7 +21,7 @@ def test_a_short_clip_runs_there_and_back() -> None:
     assert len(finger_clip(waving(1), at_least=4).hands) == 4
 
 
-def test_any_rate_comes_down_to_thirty() -> None:
+def test_any_rate_is_resampled_to_thirty() -> None:
     motion = waving(61)
     fast = resample(motion, 60.0)
     own = on_our_rig(fast)

@@ -11,7 +11,7 @@ from echoavatar.kinematics.rotations import angle_between, matrix_from_axis_angl
 
 
 def foreign(motion: Motion) -> Motion:
-    """The same motion on a rig whose finger bones rest turned by half a radian."""
+    """The same motion on a rig whose finger bones are rotated by half a radian at rest."""
     rig = motion.skeleton
     tilt = matrix_from_axis_angle(torch.tensor([0.0, 0.3, 0.4]))
     local, offsets = motion.matrices().clone(), rig.offsets.clone()
@@ -27,7 +27,7 @@ def foreign(motion: Motion) -> Motion:
 
 
 def test_fingers_carried_over_and_put_back_are_the_same() -> None:
-    """Outside witness: our fingers from retargeting, put on the rig they came from, change nothing."""
+    """Retargeted fingers applied to the rig they came from change nothing."""
     motion = foreign(waving(30))
     fingers = on_our_rig(motion).matrices()[:, list(FINGERS)]
     back = apply_fingers(motion, fingers, ("left", "right"))

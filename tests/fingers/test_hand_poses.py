@@ -7,7 +7,7 @@ from echoavatar.kinematics.mirror import mirror_rotations
 from echoavatar.kinematics.rotations import matrix_from_axis_angle
 
 
-def test_poses_and_rotations_are_two_ways_of_saying_the_same() -> None:
+def test_finger_rotations_inverts_hand_poses() -> None:
     fingers = matrix_from_axis_angle(torch.randn(7, 30, 3))
     torch.testing.assert_close(finger_rotations(hand_poses(fingers)), fingers)
 
@@ -19,8 +19,8 @@ def test_a_mirrored_body_has_its_hands_swapped() -> None:
     torch.testing.assert_close(mirrored, hands.flip(1))
 
 
-def test_the_basis_holds_what_varies_and_its_coordinates_have_unit_variance_in_the_mean() -> None:
-    """Poses of three dimensions in 90 come back whole from three coordinates; from two they do not."""
+def test_the_basis_keeps_the_variance_and_normalises_it() -> None:
+    """Poses with three dimensions are recovered from three coordinates, but not from two."""
     hands = torch.randn(500, 3) * torch.tensor([1.0, 0.3, 0.1]) @ torch.randn(3, 90) + 1
     three, two = fit_basis(hands, 3), fit_basis(hands, 2)
     torch.testing.assert_close(three.decode(three.encode(hands)), hands, atol=1e-3, rtol=1e-3)

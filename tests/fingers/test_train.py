@@ -32,7 +32,7 @@ def test_a_killed_run_repeats_the_curve_it_would_have_had(tmp_path: Path) -> Non
 
 
 def test_pieces_share_one_trajectory() -> None:
-    """Four windows at once or one after the other, some with a hand given and some with one that stands still."""
+    """Four windows at once or one by one, some with a known hand and some with a frozen one."""
     clips = [finger_clip(waving()), finger_clip(waving(seed=1, still=("left",)))]
     curves = []
     for pieces in (1, 4):
@@ -51,7 +51,7 @@ def test_another_schedule_or_size_is_refused(tmp_path: Path) -> None:
         train_fingers(TINY.model_copy(update={"width": 64}), QUICK, clips, tmp_path)
 
 
-def test_time_runs_out_and_the_run_goes_on_later(tmp_path: Path) -> None:
+def test_a_run_stops_on_time_and_continues_later(tmp_path: Path) -> None:
     clips = [finger_clip(waving(20))]
     train_fingers(TINY, QUICK, clips, tmp_path, minutes=0.0)
     assert losses(tmp_path) == []
@@ -59,11 +59,11 @@ def test_time_runs_out_and_the_run_goes_on_later(tmp_path: Path) -> None:
     assert len(losses(tmp_path)) == 6
 
 
-def test_clips_whose_fingers_stand_still_teach_nothing() -> None:
+def test_clips_with_frozen_fingers_are_refused() -> None:
     with pytest.raises(MotionError, match="no clip has fingers that move"):
         FingerTask(TINY, QUICK, [finger_clip(waving(still=("left", "right")))])
 
 
-def test_it_learned_something(trained: Path) -> None:
+def test_training_lowers_the_loss(trained: Path) -> None:
     curve = losses(trained)
     assert sum(curve[-20:]) < 0.5 * sum(curve[:20])

@@ -1,5 +1,3 @@
-"""Speech, dance and silence join without jumps, slides or delay."""
-
 import numpy as np
 import pytest
 
@@ -14,7 +12,7 @@ def show(talk_then_music: SoundTrack) -> Controls:
 
 
 def elsewhere(frames: int) -> Controls:
-    """Somebody standing half a step aside with raised, circling hands and a bouncing pelvis."""
+    """A body half a step to the side with raised, circling hands and a bouncing pelvis."""
     controls = neutral(frames)
     clock = np.arange(frames) / 30
     controls.foot_position[..., 0] += 0.12
@@ -68,13 +66,13 @@ def test_no_speed_jumps_anywhere(show: Controls):
         assert np.abs(np.diff(curve, 2, axis=0)).max() * 900 < 80
 
 
-def test_tracks_without_music_need_no_dancer(talk: SoundTrack):
+def test_a_track_without_music_has_no_dance(talk: SoundTrack):
     assert len(choreograph(talk, 0)) == 456
 
 
 @pytest.mark.parametrize("left", [2, 3, 5, 9, 13, 20, 30])
 def test_music_may_end_just_before_the_track_does(left: int):
-    """Switching late once asked for a foot step after the last frame."""
+    """A late switch used to place a foot step after the last frame."""
     joined = switched(neutral(60), elsewhere(60), at=60 - left, seconds=1.0)
     assert len(joined) == 60
     assert np.abs(np.diff(joined.packed(), axis=0)).max() < 0.2

@@ -1,5 +1,3 @@
-"""Hands sent into the body come out of it; hands in the open stay where they are."""
-
 import numpy as np
 
 from echoavatar.rehearsal.clearance import _points, keep_hands_clear

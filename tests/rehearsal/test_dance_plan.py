@@ -1,5 +1,3 @@
-"""Composition: counts, A A B A', places, beginning and end."""
-
 import numpy as np
 import pytest
 

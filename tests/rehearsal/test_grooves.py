@@ -1,5 +1,3 @@
-"""What a dancer hears: counts, metre, half time, style, sections."""
-
 import numpy as np
 import pytest
 
@@ -55,7 +53,7 @@ def test_music_without_beats_gives_slow_counts_to_sway_by() -> None:
     assert counts.length(0) > 1.0
 
 
-def test_counting_goes_on_beyond_both_ends() -> None:
+def test_counting_continues_beyond_both_ends() -> None:
     track = music(120)
     counts = find_counts(track, track.spans[0])
     assert counts.at(-1) == pytest.approx(0.5)

@@ -1,5 +1,3 @@
-"""The head takes part in speech and leaves silence alone."""
-
 import numpy as np
 
 from echoavatar.rehearsal.head_motion import head_accents, speech_activity

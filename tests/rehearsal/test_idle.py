@@ -1,5 +1,3 @@
-"""Idle is alive and quiet: it breathes, its feet are planted, and nothing hurries."""
-
 import numpy as np
 import pytest
 
@@ -35,7 +33,7 @@ def test_breath_has_the_given_rate():
     assert np.abs(breath).max() <= 1
 
 
-def test_hands_can_be_taken_off_and_put_on():
+def test_with_hands_inverts_hands_of():
     controls = idle(QUIET, 1)
     np.testing.assert_array_equal(with_hands(controls, hands_of(controls)).packed(), controls.packed())
     assert not np.array_equal(resting_hands("sides"), resting_hands("clasped"))

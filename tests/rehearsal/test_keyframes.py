@@ -1,5 +1,3 @@
-"""Glides arrive on time and rest there."""
-
 import numpy as np
 
 from echoavatar.rehearsal.keyframes import bump, gaps, glide, progress

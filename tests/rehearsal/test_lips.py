@@ -65,7 +65,7 @@ def test_vowels_open_more_than_other_phones_and_silence_is_still(track, curves):
 
 
 def test_it_is_smooth(curves):
-    """A mouth opens from shut to wide in about a tenth of a second; no channel jumps faster."""
+    """A mouth opens fully in about a tenth of a second; no channel changes faster."""
     assert np.abs(np.diff(curves, axis=0)).max() < 0.3
     assert np.abs(np.diff(curves, 2, axis=0)).mean() < 0.02
 

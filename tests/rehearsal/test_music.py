@@ -50,7 +50,7 @@ def test_louder_sections_have_more_and_louder_notes():
     assert loudness(ranked[-1]) > 1.5 * loudness(ranked[0])
 
 
-def test_some_pieces_have_no_drums_and_some_stop_dead():
+def test_some_pieces_have_no_drums_and_some_stop_abruptly():
     pieces = [compose_piece(np.random.default_rng(seed), 15.0) for seed in range(30)]
     drummed = [any(note.pitch == 0 for note in piece.notes) for piece in pieces]
     assert 0.3 < np.mean(drummed) < 0.9

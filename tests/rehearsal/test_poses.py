@@ -1,5 +1,3 @@
-"""Arm poses within reach, keys from notation, mirror images."""
-
 import numpy as np
 
 from echoavatar.rehearsal.poses import ARMS, HANDS, Key, Move, mirrored, parse_keys
@@ -18,7 +16,7 @@ def test_hand_shapes_are_in_range() -> None:
         assert -1.0 <= shape[5] <= 1.0
 
 
-def test_the_notation_says_what_it_means() -> None:
+def test_the_notation_is_parsed() -> None:
     both, mixed = parse_keys("0 side c:.1/0/-.05; 2.5 hip/vee h:0/.1/0")
     assert both == Key(0.0, "side", "side", (0.1, 0.0, -0.05))
     assert mixed == Key(2.5, "hip", "vee", (0.0, 0.0, 0.0), (0.0, 0.1, 0.0))

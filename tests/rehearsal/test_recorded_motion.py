@@ -49,7 +49,7 @@ def sound(kind: str) -> SoundTrack:
 
 
 def changed(before: Motion, after: Motion) -> np.ndarray:
-    """(t, j) which joints were changed when."""
+    """(t, j): which joints changed in which frames."""
     turn = angle_between(*(matrix_from_quaternion(torch.from_numpy(m.rotations)) for m in (before, after)))
     return turn.numpy() > 1e-3
 
@@ -79,7 +79,7 @@ def test_the_seed_decides(folder: Path) -> None:
     assert np.array_equal(first.rotations, again.rotations)
 
 
-def test_what_is_neither_talk_nor_dance_is_left_out(folder: Path) -> None:
+def test_clips_of_other_names_are_left_out(folder: Path) -> None:
     library = load_library(folder)
     assert [clip.name for clip in library.speech + library.dance] == ["my_talk", "my_dance"]
     (folder / "my_talk.bvh").unlink()
@@ -89,7 +89,7 @@ def test_what_is_neither_talk_nor_dance_is_left_out(folder: Path) -> None:
 
 
 def test_frozen_hands_get_fingers_if_asked(folder: Path) -> None:
-    """The talk comes with flat hands that never move; refined they live, and the arm is the same."""
+    """The talk has flat hands that never move; refined, its fingers move and the arm stays the same."""
     plain, refined = (load_library(folder, is_refined=asked).speech[0] for asked in (False, True))
     assert (plain.has_fingers, refined.has_fingers) == (False, True)
     assert np.array_equal(plain.motion.rotations[:, ARM], refined.motion.rotations[:, ARM])

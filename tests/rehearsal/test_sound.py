@@ -62,7 +62,7 @@ def test_empty_spans_vanish_when_merged():
     assert merge_spans(spans) == (Span(0, 2, "silence"),)
 
 
-def test_cut_drops_what_begins_later_and_clips_what_is_running():
+def test_cut_drops_later_labels_and_shortens_running_ones():
     short = cut(made(2.0, "music", "rock"), 0.4)
     assert len(short.audio) == 9600
     assert short.spans == (Span(0.0, 0.4, "music"),)

@@ -1,5 +1,3 @@
-"""Feet stand still except inside their own steps."""
-
 import numpy as np
 import pytest
 

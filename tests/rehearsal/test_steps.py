@@ -1,5 +1,3 @@
-"""Notation and mirroring of steps."""
-
 from echoavatar.rehearsal.steps import (
     LEFT,
     RIGHT,
@@ -12,7 +10,7 @@ from echoavatar.rehearsal.steps import (
 )
 
 
-def test_the_notation_says_what_it_means() -> None:
+def test_the_notation_is_parsed() -> None:
     plain, rich = parse_steps("0 L; 2.5 R x-.1 z.2 y.3 w0 l.05 p-.4 t.9 air:1.5/.02/.2/.38")
     assert plain == Step(0.0, LEFT)
     assert rich == Step(2.5, RIGHT, -0.1, 0.2, 0.3, 0.0, 0.05, -0.4, 0.9, (1.5, 0.02, 0.2, 0.38))

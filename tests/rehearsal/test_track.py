@@ -58,7 +58,7 @@ def test_silence_is_much_quieter_than_sound():
     assert np.median(quiet) < 0.15 * np.median(loud)
 
 
-def test_mixes_hold_what_they_say():
+def test_a_mix_holds_only_its_kind_of_sound():
     assert not compose_track(2, 15.0, "silence").syllables
     assert len(compose_track(2, 15.0, "music").beats) > 4
     assert not len(compose_track(2, 15.0, "speech", engine="own").beats)
