@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from tests.align.scenes import yardstick
 from tests.datasets.speech_server import speech_server
-from tests.datasets.test_pieces import clicks
+from tests.datasets.test_music_sources import clicks
 
 from echoavatar.audio.io import write_wav
 from echoavatar.cli import main

@@ -48,8 +48,8 @@ def test_changed_and_missing_clips_are_found(corpus):
         corpus.verify()
 
 
-def test_what_is_no_corpus_is_explained(corpus, tmp_path):
-    with pytest.raises(MotionError, match="no corpus"):
+def test_invalid_corpora_are_explained(corpus, tmp_path):
+    with pytest.raises(MotionError, match="not a corpus"):
         Corpus(tmp_path / "elsewhere")
     with pytest.raises(MotionError, match="no clip 'z'"):
         corpus.load("z")
@@ -110,7 +110,7 @@ def test_clips_in_shards_read_like_files(sharded):
     sharded.verify()
 
 
-def test_mirror_images_take_no_room_and_can_be_left_out(sharded):
+def test_mirror_images_are_computed_and_can_be_left_out(sharded):
     motion, image = sharded.motion("a"), sharded.motion("a.mirror")
     assert np.array_equal(image.root, motion.root * np.float32([-1, 1, 1]))
     left, right = (sharded.skeleton.index(f"{side}Hand") for side in ("left", "right"))
@@ -126,7 +126,7 @@ def test_clips_without_sound_are_silent(sharded):
     assert not sharded.load("mute").audio.any()
 
 
-def test_one_rig_or_a_clear_word(sharded):
+def test_several_rigs_are_refused(sharded):
     assert sharded.skeleton is HUMANOID
     assert sharded.can_mirror
     other = HUMANOID.config.model_copy(update={"names": tuple(f"j{n}" for n in range(52))})

@@ -16,7 +16,7 @@ def arrays() -> dict[str, np.ndarray]:
     }
 
 
-def test_what_is_written_is_mapped_back(tmp_path, arrays):
+def test_written_arrays_are_mapped_back(tmp_path, arrays):
     entry = write_shard(tmp_path, "00000", arrays, skeleton=2)
     shard = Shard(tmp_path, entry)
     assert (entry.frames, entry.skeleton, shard.has_sound) == (6, 2, True)

@@ -1,5 +1,3 @@
-"""Sounds are what their manifest says."""
-
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +19,7 @@ def one(tmp_path: Path) -> Sound:
     )  # fmt: skip
 
 
-def test_what_is_saved_is_read(tmp_path: Path, one: Sound) -> None:
+def test_saved_sounds_are_read_back(tmp_path: Path, one: Sound) -> None:
     sounds = save_sounds(tmp_path, [one], {"seed": 3})
     assert SoundSet(tmp_path).sounds == sounds.sounds == [one]
     assert SoundSet(tmp_path).info == {"seed": 3}
@@ -31,7 +29,7 @@ def test_what_is_saved_is_read(tmp_path: Path, one: Sound) -> None:
     np.testing.assert_allclose(sounds.load(one), np.sin(np.arange(2400) / 20) / 2, atol=1e-4)
 
 
-def test_runs_are_lengths_of_what_is_heard() -> None:
+def test_runs_are_kinds_with_lengths() -> None:
     domain = np.array([1, 1, 0, 2, 2, 2], np.uint8)
     assert runs(domain) == ((1, 2), (0, 1), (2, 3))
 

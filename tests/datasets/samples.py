@@ -1,4 +1,4 @@
-"""Made-up recordings in the shape of the published datasets, which may not lie in the repository."""
+"""Synthetic recordings with the layout of published datasets, whose licences keep them out of the repository."""
 
 from pathlib import Path
 
@@ -52,9 +52,9 @@ def motorica_names() -> dict[str, str]:
 
 
 def renamed(motion: Motion, names: dict[str, str]) -> Motion:
-    """The motion with joints renamed; those without a new name go, and what hangs on them moves up.
+    """The motion with renamed joints; joints without a new name are removed and their children move up.
 
-    Only joints that do not turn may go.
+    Only joints without rotation may be removed.
     """
     rig, bones = motion.skeleton, bone_map(motion.skeleton)
     kept = sorted(bones[bone] for bone in names)
@@ -76,28 +76,28 @@ def renamed(motion: Motion, names: dict[str, str]) -> Motion:
 
 
 def speech(seconds: float, rate: int = 24_000) -> np.ndarray:
-    """Something with syllables: bursts of a buzz, three a second."""
+    """A buzz in bursts like syllables, three per second."""
     time = np.arange(round(seconds * rate)) / rate
     buzz = sum(np.sin(2 * np.pi * 140 * k * time) / k for k in range(1, 12))
     return (0.2 * buzz * np.clip(np.sin(2 * np.pi * 3 * time), 0, 1)).astype(np.float32)
 
 
 def write_motion(path: Path, motion: Motion) -> Path:
-    """A BVH file and the folders above it."""
+    """Write a BVH file and the folders above it."""
     path.parent.mkdir(parents=True, exist_ok=True)
     write_bvh(path, motion.skeleton, motion.rotations, motion.root, motion.fps)
     return path
 
 
 def write_pair(path: Path, seconds: float = 3.0, *, fps: float = 60.0, rate: int = 16_000) -> Path:
-    """`path` (.bvh) and the wav beside it."""
+    """Write `path` (.bvh) and the wav beside it."""
     write_motion(path, gesture(seconds, fps))
     write_wav(path.with_suffix(".wav"), speech(seconds, rate), rate=rate)
     return path
 
 
 def write_beat2(folder: Path, name: str, seconds: float = 3.0, *, is_z_up: bool = False) -> Path:
-    """One recording of BEAT2: SMPL-X npz at 30 fps and 16 kHz wav; the figure of `gesture`, its joints reordered."""
+    """Write one recording of BEAT2: `gesture` as SMPL-X npz at 30 fps, and a 16 kHz wav."""
     from echoavatar.datasets.smplx import skeleton
     from echoavatar.kinematics.rotations import axis_angle_from_quaternion, quaternion_multiply
 
@@ -106,7 +106,7 @@ def write_beat2(folder: Path, name: str, seconds: float = 3.0, *, is_z_up: bool 
     quaternions[..., 0] = 1
     for bone, joint in rig.config.vrm.items():
         quaternions[:, joint] = torch.from_numpy(motion.rotations[:, HUMANOID.index(bone)])
-    trans = motion.root - motion.root[0] + [0.0, 1.2, 0.0]  # SMPL-X has its origin nowhere near the floor
+    trans = motion.root - motion.root[0] + [0.0, 1.2, 0.0]  # the origin of SMPL-X is not on the floor
     if is_z_up:
         quarter = torch.tensor([np.pi / 2, 0.0, 0.0])
         up = quaternion_from_axis_angle(quarter).expand(motion.frames, 4)

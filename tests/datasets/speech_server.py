@@ -12,7 +12,7 @@ import soundfile
 
 
 class SpeechServer(ThreadingHTTPServer):
-    """`asked` is what was asked, (path, headers, content); `answers` are status codes to give first."""
+    """`asked` records requests (path, headers, content); `answers` are the status codes of the first answers."""
 
     def __init__(self) -> None:
         super().__init__(("127.0.0.1", 0), _Handler)

@@ -15,7 +15,7 @@ TABLE = """id,type
 
 @pytest.fixture
 def copy(tmp_path):
-    """A BEAT2-shaped sample (the data may not be here)."""
+    """A synthetic copy with the layout of BEAT2."""
     folder = tmp_path / "BEAT2" / "beat_english_v2.0.0"
     for name in ("1_wayne_0_1_1", "2_scott_0_1_1", "2_scott_0_2_2", "2_scott_0_3_3", "5_stewart_0_1_1"):
         write_beat2(folder, name, 0.5)
@@ -26,7 +26,7 @@ def copy(tmp_path):
 def test_the_official_split_goes_by_recording(copy):
     for place in (copy, copy.parent):
         found = survey(place)
-        assert {one.name: one.split for one in found.items} == {
+        assert {one.name: one.split for one in found.recordings} == {
             "1_wayne_0_1_1": "train",
             "2_scott_0_1_1": "val",
             "2_scott_0_2_2": "test",
@@ -34,19 +34,19 @@ def test_the_official_split_goes_by_recording(copy):
         assert dict(found.left_out)["2_scott_0_3_3"].startswith("additional data")
         assert dict(found.left_out)["5_stewart_0_1_1"] == f"not in {SPLIT}"
         assert found.missing == [f"1 recordings of beat_english_v2.0.0/{SPLIT} without npz: 2_scott_0_9_9"]
-    assert found.items[0].labels == {"speaker": "1", "speaker_name": "wayne", "language": "english"}
-    assert found.items[0].sound == copy / "wave16k" / "1_wayne_0_1_1.wav"
+    assert found.recordings[0].labels == {"speaker": "1", "speaker_name": "wayne", "language": "english"}
+    assert found.recordings[0].sound == copy / "wave16k" / "1_wayne_0_1_1.wav"
 
 
 def test_additional_recordings_train_when_asked_for(copy):
-    splits = {one.name: one.split for one in survey(copy, has_additional=True).items}
+    splits = {one.name: one.split for one in survey(copy, has_additional=True).recordings}
     assert splits["2_scott_0_3_3"] == "train"
 
 
 def test_a_copy_without_its_table_has_no_official_split(copy):
     (copy / SPLIT).unlink()
     found = survey(copy)
-    assert {one.split for one in found.items} == {""}
+    assert {one.split for one in found.recordings} == {""}
     assert found.missing == [f"beat_english_v2.0.0/{SPLIT}: no official split"]
 
 

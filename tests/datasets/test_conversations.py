@@ -1,5 +1,3 @@
-"""Scripts come in order, by speaker, and the same every time."""
-
 from itertools import islice
 from pathlib import Path
 
@@ -9,7 +7,7 @@ from echoavatar.datasets.conversations import OWN, RULE, conversations
 from echoavatar.errors import EchoAvatarError
 
 
-def test_a_file_is_said_first_then_our_own_then_what_is_made_up(tmp_path: Path) -> None:
+def test_scripts_come_from_the_file_then_shipped_then_generated(tmp_path: Path) -> None:
     file = tmp_path / "talk.txt"
     file.write_text(
         "# a comment\nAnna: Hello there; who is it?\nBo: Me!\nAnna: Oh.\n\n\nAlone: one\nplain line\n"
@@ -27,7 +25,7 @@ def test_a_file_is_said_first_then_our_own_then_what_is_made_up(tmp_path: Path) 
     assert [turn.speaker for turn in found[1].turns] == [0, 1]
 
 
-def test_our_own_are_sayable_and_some_are_held_out() -> None:
+def test_shipped_scripts_can_be_spoken_and_one_in_ten_is_held_out() -> None:
     found = list(islice(conversations(0), 40))
     assert len({script.name for script in found}) == 40
     assert all(turn.sentences for script in found for turn in script.turns)
@@ -44,13 +42,13 @@ def test_each_depends_on_the_seed_and_its_number() -> None:
     assert text(1) == text(1) != text(2)
 
 
-def test_signs_that_no_local_engine_knows_leave_no_words(tmp_path: Path) -> None:
+def test_text_without_known_letters_has_no_sentences(tmp_path: Path) -> None:
     file = tmp_path / "talk.txt"
     file.write_text("你好。")
     assert next(conversations(0, file)).turns[0].sentences == ()
 
 
-def test_what_cannot_be_read_is_named(tmp_path: Path) -> None:
+def test_unreadable_and_empty_files_are_named(tmp_path: Path) -> None:
     with pytest.raises(EchoAvatarError, match="cannot be read as UTF-8"):
         next(conversations(0, tmp_path / "none.txt"))
     (tmp_path / "empty.txt").write_text("# nothing\n")

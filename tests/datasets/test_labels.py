@@ -27,7 +27,7 @@ def test_beats_of_music_are_found():
     assert np.median(np.diff(events["beats"])) == pytest.approx(0.5, abs=0.02)
 
 
-def test_silence_and_scraps_have_no_labels():
+def test_silence_and_very_short_sound_have_no_labels():
     for sound in (np.zeros(72_000, np.float32), speech(0.5)):
         domain, events = sound_labels(sound, "speech")
         assert len(domain) == len(sound) // 800

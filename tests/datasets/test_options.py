@@ -4,14 +4,14 @@ from pydantic import ValidationError
 from echoavatar.datasets.options import Options
 
 
-def test_only_choices_that_make_clips_differ_change_the_digest():
+def test_only_options_that_change_clips_change_the_digest():
     plain = Options()
     assert plain.digest() == Options(shard_minutes=3, sound="any", test_every=4, mirror=False).digest()
     for other in (Options(rig="native"), Options(fingers="keep"), Options(seed=1)):
         assert other.digest() != plain.digest()
 
 
-def test_choices_that_are_none_are_refused():
+def test_invalid_options_are_refused():
     with pytest.raises(ValidationError):
         Options(rig="mine")
     with pytest.raises(ValidationError):

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from tests.datasets.samples import gesture, motorica_names, renamed, write_motion, write_pair
 
+from echoavatar.data import Manifest, save_manifest
 from echoavatar.datasets.options import Options
 from echoavatar.datasets.overview import _spread, _wrists, draw_overview
-from echoavatar.datasets.run import prepare
+from echoavatar.datasets.prepare_dataset import prepare
 from echoavatar.datasets.source import survey_of
 from echoavatar.errors import DependencyError
 
@@ -39,7 +40,7 @@ def test_contact_sheets_of_native_rigs_are_drawn(tmp_path):
 
 
 def test_wrists_are_seen_from_where_the_hips_face():
-    """The same gesture of a figure that has turned about: the same picture."""
+    """A figure that faces backwards gives the same picture."""
     motion = gesture(1.0)
     rotations = motion.rotations.copy()
     w, x, y, z = rotations[:, 0].T
@@ -63,4 +64,4 @@ def test_a_missing_matplotlib_is_named(tmp_path, monkeypatch):
 
     monkeypatch.setattr(builtins, "__import__", without)
     with pytest.raises(DependencyError, match="pip install"):
-        draw_overview(None, tmp_path)
+        draw_overview(save_manifest(tmp_path, Manifest(format=2, clips=())), tmp_path)

@@ -1,21 +1,19 @@
-"""The corpus goes on where it stopped and names what it could not make."""
-
 from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.datasets.test_pieces import clicks
+from tests.datasets.test_music_sources import clicks
 
 from echoavatar.audio.io import write_wav
 from echoavatar.data import SoundSet
 from echoavatar.datasets.conversations import Script
-from echoavatar.datasets.rl_corpus import SoundPlan, gather
-from echoavatar.datasets.voices import Spoken
+from echoavatar.datasets.rl_corpus import SoundPlan, make_rl_corpus
+from echoavatar.datasets.text_to_speech import Spoken
 from echoavatar.errors import AudioError, DependencyError, EchoAvatarError
 
 
 class Beeps:
-    """A voice of ten seconds a script; it refuses some, and dies when it has spoken so many."""
+    """Speaks ten seconds per script; refuses scripts of a name, and fails after a number of scripts."""
 
     title, licence = "beeps", "voices: none"
 
@@ -43,12 +41,12 @@ def music(tmp_path: Path) -> Path:
 
 def plan(tmp_path: Path, voice: Beeps, **changes: object) -> SoundPlan:
     known = {"folder": tmp_path / "out", "hours": 40 / 3600, "pieces": 2, "music": tmp_path / "music"}
-    return SoundPlan(reader=voice, **(known | changes))  # type: ignore[arg-type]
+    return SoundPlan(voice=voice, **(known | changes))  # type: ignore[arg-type]
 
 
 def test_hours_and_pieces_are_made_and_listed(tmp_path: Path, music: Path) -> None:
     told: list[tuple[str, float, float]] = []
-    found = gather(plan(tmp_path, Beeps(), music_licence="CC0"), lambda *three: told.append(three))
+    found = make_rl_corpus(plan(tmp_path, Beeps(), music_licence="CC0"), lambda *three: told.append(three))
     assert (len(found.sounds("speech")), len(found.sounds("music"))) == (4, 2)
     assert told[-1] == ("music", 2, 2)
     assert [round(done * 60) for kind, done, _ in told if kind == "speech"] == [10, 20, 30, 40]
@@ -61,45 +59,45 @@ def test_hours_and_pieces_are_made_and_listed(tmp_path: Path, music: Path) -> No
     assert "train" in speech.notes["text"]
 
 
-def test_a_stopped_run_goes_on_to_the_same(tmp_path: Path, music: Path) -> None:
+def test_an_interrupted_run_continues_to_the_same_result(tmp_path: Path, music: Path) -> None:
     whole = tmp_path / "whole"
-    gather(plan(tmp_path, Beeps(), folder=whole))
+    make_rl_corpus(plan(tmp_path, Beeps(), folder=whole))
     with pytest.raises(DependencyError, match="out of breath"):
-        gather(plan(tmp_path, Beeps(lasts=2)))
+        make_rl_corpus(plan(tmp_path, Beeps(lasts=2)))
     assert len(SoundSet(tmp_path / "out").sounds) == 2
-    found = gather(plan(tmp_path, second := Beeps()))
+    found = make_rl_corpus(plan(tmp_path, second := Beeps()))
     assert (len(found.kept), len(found.made)) == (2, 4)
     assert len(second.read_names) == 2
     assert (tmp_path / "out/sounds.json").read_text() == (whole / "sounds.json").read_text()
 
 
 def test_a_changed_file_is_made_again_and_smaller_wishes_forget_nothing(tmp_path: Path, music: Path) -> None:
-    gather(plan(tmp_path, Beeps()))
+    make_rl_corpus(plan(tmp_path, Beeps()))
     sounds = SoundSet(tmp_path / "out")
     sounds.path(sounds.sounds[0]).write_bytes(b"")
-    found = gather(plan(tmp_path, Beeps(), hours=0, pieces=1))
+    found = make_rl_corpus(plan(tmp_path, Beeps(), hours=0, pieces=1))
     assert [len(found.made), len(found.kept)] == [1, 0]
-    found = gather(plan(tmp_path, Beeps()))
+    found = make_rl_corpus(plan(tmp_path, Beeps()))
     assert [len(found.made), len(found.kept)] == [0, 6]
 
 
-def test_a_script_that_cannot_be_said_is_named_and_the_rest_goes_on(tmp_path: Path, music: Path) -> None:
+def test_a_script_that_cannot_be_spoken_is_named_and_skipped(tmp_path: Path, music: Path) -> None:
     (music / "broken.mp3").write_bytes(b"nothing to hear")
-    found = gather(plan(tmp_path, Beeps(refuses="0001"), pieces=3))
+    found = make_rl_corpus(plan(tmp_path, Beeps(refuses="0001"), pieces=3))
     assert [name for name, _ in found.failures] == ["speech-own-0001", found.failures[1][0]]
     assert "broken" in found.failures[1][0]
     assert len(found.sounds("speech")) == 4
     with pytest.raises(EchoAvatarError, match="5 scripts in a row failed, the last of them speech-own-0004"):
-        gather(plan(tmp_path, Beeps(refuses="own"), folder=tmp_path / "other"))
+        make_rl_corpus(plan(tmp_path, Beeps(refuses="own"), folder=tmp_path / "other"))
 
 
-def test_what_does_not_fit_is_refused(tmp_path: Path, music: Path) -> None:
-    gather(plan(tmp_path, Beeps()))
+def test_other_options_and_empty_plans_are_refused(tmp_path: Path, music: Path) -> None:
+    make_rl_corpus(plan(tmp_path, Beeps()))
     with pytest.raises(EchoAvatarError, match="was made with seed 0, this call says 1"):
-        gather(plan(tmp_path, Beeps(), seed=1))
+        make_rl_corpus(plan(tmp_path, Beeps(), seed=1))
     with pytest.raises(EchoAvatarError, match="ask for nothing"):
-        gather(plan(tmp_path, Beeps(), hours=0, pieces=0))
+        make_rl_corpus(plan(tmp_path, Beeps(), hours=0, pieces=0))
     silent = Beeps()
     with pytest.raises(EchoAvatarError, match="holds no sound"):
-        gather(plan(tmp_path, silent, music=tmp_path / "out" / "tokens", folder=tmp_path / "third"))
+        make_rl_corpus(plan(tmp_path, silent, music=tmp_path / "out" / "tokens", folder=tmp_path / "third"))
     assert not silent.read_names

@@ -40,7 +40,7 @@ def test_the_skeleton_has_the_55_joints_in_their_order():
 
 @pytest.mark.parametrize("is_z_up", [False, True])
 def test_axis_angles_become_the_motion_they_were(tmp_path, is_z_up):
-    """The sample is our own gesture in SMPL-X's order: read and retargeted, joints must be where they were."""
+    """The sample is `gesture` in SMPL-X's joint order: after reading and retargeting, joints must be in place."""
     motion = read_smplx(write_beat2(tmp_path, "1_a_0", is_z_up=is_z_up))
     assert motion.fps == 30
     wanted, found = gesture().pose().positions, retarget(motion).pose().positions
@@ -59,7 +59,7 @@ def test_the_floor_is_under_the_feet(tmp_path):
 
 
 def body_model(path, **changes):
-    """A body model with one vertex a joint: the template is our skeleton, one shape grows the body by a tenth."""
+    """A body model with one vertex per joint: the template is our skeleton, one shape scales the body by 1.1."""
     rest = skeleton().rest_positions.numpy().astype(np.float64)
     shapes = np.zeros((55, 3, 20))
     shapes[..., 0] = rest * 0.1
@@ -86,9 +86,9 @@ def test_a_body_model_gives_the_speakers_own_joints(tmp_path):
     )
 
 
-def test_what_is_no_body_model_is_refused(tmp_path):
+def test_an_invalid_body_model_is_refused(tmp_path):
     (tmp_path / "x.npz").write_bytes(b"no model")
-    with pytest.raises(MotionError, match="no SMPL-X body model"):
+    with pytest.raises(MotionError, match="not an SMPL-X body model"):
         rest_joints(tmp_path / "x.npz", np.zeros(10))
     with pytest.raises(MotionError, match="55 joints"):
         rest_joints(body_model(tmp_path / "y.npz", J_regressor=np.eye(55)[:24]), np.zeros(10))

@@ -1,4 +1,4 @@
-"""One tiny model for the room, trained for some seconds."""
+"""A tiny finger model, trained for some seconds."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from echoavatar.fingers.train import train_fingers
 
 @pytest.fixture(scope="session")
 def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder of a model that knows: hands close as arms rise."""
+    """Folder of a model that has learned that hands close as arms rise."""
     folder = tmp_path_factory.mktemp("fingers")
     clips = [finger_clip(waving(seed=seed)) for seed in range(8)]
     training = FingerTraining(
@@ -32,5 +32,5 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def model(trained: Path) -> FingerModel:
-    """The same, loaded."""
+    """The trained model."""
     return FingerModel.load(trained)

@@ -1,4 +1,4 @@
-"""Bodies whose fingers close as the arm goes up: something a model can learn in seconds."""
+"""Motion whose fingers close as the arm rises, which a model learns in seconds."""
 
 import numpy as np
 import torch
@@ -30,7 +30,7 @@ def waving(frames: int = 120, seed: int = 0, *, still: tuple[str, ...] = ()) -> 
 
 
 def without(motion: Motion, *words: str) -> Motion:
-    """The motion on a rig that lacks the joints with one of these words in their names."""
+    """The motion on a rig without the joints whose names contain one of these words."""
     rig = motion.skeleton
     kept = [i for i, name in enumerate(rig.names) if not any(word in name for word in words)]
     config = rig.config.model_copy(

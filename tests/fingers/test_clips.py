@@ -3,14 +3,14 @@ from dataclasses import replace
 import torch
 from tests.fingers.moving import waving, without
 
-from echoavatar.fingers.clips import finger_clip, on_our_rig, turning_speeds
+from echoavatar.fingers.clips import angular_speeds, finger_clip, on_our_rig
 from echoavatar.kinematics.resample import resample
 from echoavatar.kinematics.rotations import matrix_from_axis_angle
 
 
-def test_whose_fingers_move_is_seen() -> None:
-    assert finger_clip(waving()).is_alive.tolist() == [True, True]
-    assert finger_clip(waving(still=("left",))).is_alive.tolist() == [False, True]
+def test_hands_with_moving_fingers_are_found() -> None:
+    assert finger_clip(waving()).is_moving.tolist() == [True, True]
+    assert finger_clip(waving(still=("left",))).is_moving.tolist() == [False, True]
 
 
 def test_a_short_clip_runs_there_and_back() -> None:
@@ -21,7 +21,7 @@ def test_a_short_clip_runs_there_and_back() -> None:
     assert len(finger_clip(waving(1), at_least=4).hands) == 4
 
 
-def test_any_rate_comes_down_to_thirty() -> None:
+def test_any_rate_is_resampled_to_thirty() -> None:
     motion = waving(61)
     fast = resample(motion, 60.0)
     own = on_our_rig(fast)
@@ -36,5 +36,5 @@ def test_a_rig_without_little_fingers_has_hands_all_the_same() -> None:
 
 def test_speeds_are_degrees_per_second() -> None:
     turns = matrix_from_axis_angle(torch.arange(4.0)[:, None, None] * torch.tensor([[0.1, 0.0, 0.0]]))
-    torch.testing.assert_close(turning_speeds(turns, 30.0), torch.tensor([171.887]), atol=1e-2, rtol=0)
-    assert turning_speeds(turns[:1], 30.0).tolist() == [0.0]
+    torch.testing.assert_close(angular_speeds(turns, 30.0), torch.tensor([171.887]), atol=1e-2, rtol=0)
+    assert angular_speeds(turns[:1], 30.0).tolist() == [0.0]

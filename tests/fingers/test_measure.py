@@ -3,7 +3,7 @@ from tests.fingers.moving import waving
 
 from echoavatar.fingers import FingerModel
 from echoavatar.fingers.clips import finger_clip
-from echoavatar.fingers.hands import FINGERS
+from echoavatar.fingers.hand_poses import FINGERS
 from echoavatar.fingers.measure import compare, curl, fingertips, liveliness, measure_fingers
 from echoavatar.kinematics.rotations import matrix_from_axis_angle
 
@@ -23,7 +23,7 @@ def test_the_truth_scores_best_and_a_shift_is_an_error(model: FingerModel) -> No
     assert abs(compare([turned], [truth], model.basis)["error_deg"] - 5.73) < 0.01
 
 
-def test_frozen_hands_have_no_life() -> None:
+def test_frozen_hands_have_no_liveliness() -> None:
     still = fingers()[:1].expand(50, -1, -1, -1)
     assert max(liveliness([still]).values()) < 0.1
     assert liveliness([fingers()])["speed_mean_deg_s"] > 10

@@ -6,7 +6,7 @@ from tests.fingers.moving import TINY
 
 from echoavatar.errors import CheckpointError
 from echoavatar.fingers import FingerModel, load_shipped
-from echoavatar.fingers.body import BODY_SIZE
+from echoavatar.fingers.body_features import BODY_SIZE
 
 
 def inputs(rows: int = 2) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
@@ -29,7 +29,7 @@ def test_every_frame_is_seen_by_every_other_and_rows_do_not_mix() -> None:
     assert not seen[1].any()
 
 
-def test_what_is_known_and_how_noisy_it_is_matters() -> None:
+def test_the_output_depends_on_known_hands_and_noise_level() -> None:
     model = FingerModel(TINY)
     hands, unknown, level, body = inputs()
     plain = model(hands, unknown, level, body)

@@ -5,7 +5,7 @@ from tests.fingers.moving import waving, without
 
 from echoavatar.errors import MotionError
 from echoavatar.fingers import FingerModel, frozen_hands, refine_fingers
-from echoavatar.fingers.hands import FINGERS
+from echoavatar.fingers.hand_poses import FINGERS
 from echoavatar.fingers.measure import curl
 from echoavatar.fingers.refine import at_rate, smoothed
 from echoavatar.kinematics.resample import resample

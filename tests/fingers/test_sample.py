@@ -2,7 +2,7 @@ import torch
 from tests.fingers.moving import TINY
 
 from echoavatar.fingers import FingerModel
-from echoavatar.fingers.body import BODY_SIZE
+from echoavatar.fingers.body_features import BODY_SIZE
 from echoavatar.fingers.sample import _windows, sample_hands
 
 
@@ -24,8 +24,8 @@ def test_known_hands_come_back_and_the_seed_decides_the_rest(model: FingerModel)
     assert not torch.allclose(first[:, 1], other[:, 1])
 
 
-def test_what_the_model_says_of_a_window_is_what_comes_out_where_no_other_window_looks() -> None:
-    """Outside witness: one step from pure noise on a clip of one window is the model's own answer."""
+def test_a_single_window_gives_the_models_own_output() -> None:
+    """One step from pure noise on a clip of one window gives the model's output."""
     torch.manual_seed(0)
     tiny = FingerModel(TINY).eval()
     body, blank = torch.randn(16, BODY_SIZE), torch.zeros(16, 2, TINY.poses)
@@ -40,7 +40,7 @@ def test_what_the_model_says_of_a_window_is_what_comes_out_where_no_other_window
 
 
 def test_there_is_no_seam(model: FingerModel) -> None:
-    """Over a long still body the largest step lies no more at the borders of windows than elsewhere."""
+    """Over a long motionless body, steps at window borders are no larger than elsewhere."""
     body = torch.zeros(200, BODY_SIZE) + model.body_mean
     blank, none = torch.zeros(200, 2, TINY.poses), torch.zeros(200, 2, dtype=torch.bool)
     steps = sample_hands(model, body, blank, none, steps=1).diff(dim=0).norm(dim=-1).mean(1)

@@ -8,7 +8,7 @@ from tests.fingers.moving import QUICK, TINY, waving
 from echoavatar.checkpoint import read_card
 from echoavatar.errors import CheckpointError, MotionError
 from echoavatar.fingers.clips import finger_clip
-from echoavatar.fingers.train import FingerStage, train_fingers
+from echoavatar.fingers.train import FingerTask, train_fingers
 from echoavatar.training import Loop
 
 
@@ -19,7 +19,7 @@ def losses(folder: Path) -> list[float]:
 def test_a_killed_run_repeats_the_curve_it_would_have_had(tmp_path: Path) -> None:
     clips, recorded = [finger_clip(waving())], [finger_clip(waving(30, 1))]
     whole = train_fingers(TINY, QUICK, clips, tmp_path / "whole", recorded=recorded)
-    loop = Loop(FingerStage(TINY, QUICK, clips, recorded))
+    loop = Loop(FingerTask(TINY, QUICK, clips, recorded))
     for _ in range(3):
         loop.advance()
     loop.save(tmp_path / "cut")
@@ -32,26 +32,26 @@ def test_a_killed_run_repeats_the_curve_it_would_have_had(tmp_path: Path) -> Non
 
 
 def test_pieces_share_one_trajectory() -> None:
-    """Four windows at once or one after the other, some with a hand given and some with one that stands still."""
+    """Four windows at once or one by one, some with a known hand and some with a frozen one."""
     clips = [finger_clip(waving()), finger_clip(waving(seed=1, still=("left",)))]
     curves = []
     for pieces in (1, 4):
         training = QUICK.model_copy(update={"accumulation": pieces, "one_known": 0.5})
-        loop = Loop(FingerStage(TINY, training, clips))
+        loop = Loop(FingerTask(TINY, training, clips))
         curves.append([loop.advance()["loss"] for _ in range(5)])
     assert curves[0] == pytest.approx(curves[1], rel=1e-4)
 
 
 def test_another_schedule_or_size_is_refused(tmp_path: Path) -> None:
     clips = [finger_clip(waving(20))]
-    Loop(FingerStage(TINY, QUICK, clips)).save(tmp_path)
+    Loop(FingerTask(TINY, QUICK, clips)).save(tmp_path)
     with pytest.raises(CheckpointError, match="another training config: seed"):
         train_fingers(TINY, QUICK.model_copy(update={"seed": 1}), clips, tmp_path)
     with pytest.raises(CheckpointError, match="another fingers config: width"):
         train_fingers(TINY.model_copy(update={"width": 64}), QUICK, clips, tmp_path)
 
 
-def test_time_runs_out_and_the_run_goes_on_later(tmp_path: Path) -> None:
+def test_a_run_stops_on_time_and_continues_later(tmp_path: Path) -> None:
     clips = [finger_clip(waving(20))]
     train_fingers(TINY, QUICK, clips, tmp_path, minutes=0.0)
     assert losses(tmp_path) == []
@@ -59,11 +59,11 @@ def test_time_runs_out_and_the_run_goes_on_later(tmp_path: Path) -> None:
     assert len(losses(tmp_path)) == 6
 
 
-def test_clips_whose_fingers_stand_still_teach_nothing() -> None:
+def test_clips_with_frozen_fingers_are_refused() -> None:
     with pytest.raises(MotionError, match="no clip has fingers that move"):
-        FingerStage(TINY, QUICK, [finger_clip(waving(still=("left", "right")))])
+        FingerTask(TINY, QUICK, [finger_clip(waving(still=("left", "right")))])
 
 
-def test_it_learned_something(trained: Path) -> None:
+def test_training_lowers_the_loss(trained: Path) -> None:
     curve = losses(trained)
     assert sum(curve[-20:]) < 0.5 * sum(curve[:20])

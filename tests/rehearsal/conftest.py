@@ -1,4 +1,4 @@
-"""A short sound track known by heart, for the choreographers' tests: no sound is synthesised."""
+"""Short silent sound tracks with known labels, for the tests of the choreography."""
 
 import numpy as np
 import pytest

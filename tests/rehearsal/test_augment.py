@@ -28,7 +28,7 @@ def band_db(audio: np.ndarray, low: float, high: float) -> float:
 
 
 @pytest.mark.parametrize("target", [-40.0, -23.0, -16.0])
-def test_loudness_is_what_was_asked(target):
+def test_loudness_reaches_its_target(target):
     noise = np.random.default_rng(0).standard_normal(72000).astype(np.float32) * 0.02
     out = set_loudness(noise, target)
     assert loudness(out) == pytest.approx(target, abs=1.0)

@@ -1,8 +1,6 @@
-"""Hands sent into the body come out of it; hands in the open stay where they are."""
-
 import numpy as np
 
-from echoavatar.rehearsal.clearance import _points, cleared
+from echoavatar.rehearsal.clearance import _points, keep_hands_clear
 from echoavatar.rehearsal.controls import Controls, neutral
 
 
@@ -20,7 +18,7 @@ def inside_torso(controls: Controls) -> bool:
 def test_a_hand_in_the_belly_is_pushed_out():
     controls = sent(-0.10, -0.35, 0.06)
     assert inside_torso(controls)
-    assert not inside_torso(cleared(controls))
+    assert not inside_torso(keep_hands_clear(controls))
 
 
 def test_a_hand_in_the_head_is_pushed_out():
@@ -31,7 +29,7 @@ def test_a_hand_in_the_head_is_pushed_out():
         return float(np.linalg.norm(_points(c, 0).numpy()[:, :3] - centre, axis=-1).min())
 
     assert nearest(controls) < 0.10
-    assert nearest(cleared(controls)) > 0.12
+    assert nearest(keep_hands_clear(controls)) > 0.12
 
 
 def test_hands_in_each_other_are_parted():
@@ -42,10 +40,10 @@ def test_hands_in_each_other_are_parted():
         return float(np.linalg.norm(left - right, axis=-1).min())
 
     assert gap(controls) < 0.05
-    assert gap(cleared(controls)) > 0.07
+    assert gap(keep_hands_clear(controls)) > 0.07
 
 
 def test_free_hands_are_left_alone():
     for wrist in ((0.0, -0.25, 0.30), (0.11, -0.485, 0.05), (0.3, 0.2, 0.2)):
-        moved = cleared(sent(*wrist)).wrist - np.float32(wrist)
+        moved = keep_hands_clear(sent(*wrist)).wrist - np.float32(wrist)
         assert np.abs(moved).max() < 0.006

@@ -1,5 +1,3 @@
-"""Controls are a table that can be cut, mixed, mirrored and smoothed without losing anything."""
-
 from dataclasses import fields, replace
 
 import numpy as np

@@ -16,7 +16,7 @@ def plan(folder: Path, **more: object) -> Plan:
     return Plan(hours=2.1 * SHORT / 3600, seed=5, folder=folder, clip_seconds=SHORT, **more)  # type: ignore[arg-type]
 
 
-def test_a_clip_is_the_same_whoever_makes_it(tmp_path: Path) -> None:
+def test_a_clip_follows_from_its_seed_and_index(tmp_path: Path) -> None:
     first, again = (make_clip(plan(tmp_path), 0) for _ in range(2))
     assert np.array_equal(first.audio, again.audio)
     assert np.array_equal(first.rotations, again.rotations)
@@ -28,7 +28,7 @@ def test_one_clip_in_sixteen_is_held_out(tmp_path: Path) -> None:
     assert make_clip(plan(tmp_path), 0).split == "train"
 
 
-def test_a_broken_run_goes_on_and_ends_with_a_manifest(tmp_path: Path) -> None:
+def test_an_interrupted_run_continues_and_ends_with_a_manifest(tmp_path: Path) -> None:
     rehearse(plan(tmp_path))
     corpus = Corpus(tmp_path)
     corpus.verify()
@@ -55,7 +55,7 @@ def test_recordings_are_moved_to_by_their_kind(tmp_path: Path) -> None:
     assert len(clip.events["beats"]) > 3
 
 
-def test_frames_are_labelled_by_what_is_heard() -> None:
+def test_frames_are_labelled_by_their_span() -> None:
     track = SoundTrack(np.zeros(24_000 * 3, np.float32), (Span(0.0, 1.0, "speech"), Span(2.0, 3.0, "music")))
     assert domains(track, 90).tolist() == [1] * 30 + [0] * 30 + [2] * 30
 

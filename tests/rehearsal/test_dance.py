@@ -1,5 +1,3 @@
-"""A drawn dance: hits on beats, planted feet, speeds, places, silence."""
-
 from dataclasses import replace
 
 import numpy as np
@@ -33,7 +31,7 @@ def positions(quaternions: NDArray[np.float32], root: NDArray[np.float32]) -> ND
 
 
 def alignment(places: NDArray[np.float64], beats: NDArray[np.float64]) -> float:
-    """How near a minimum of kinetic velocity is to each beat, 0..1."""
+    """How close a minimum of the joint speeds is to each beat, 0..1."""
     speed = np.linalg.norm(np.diff(places, axis=0), axis=-1).mean(1)
     lows = np.nonzero((speed[1:-1] < speed[:-2]) & (speed[1:-1] <= speed[2:]))[0] + 1.5
     return float(np.mean([np.exp(-np.square(lows / 30 - beat).min() / (2 * 0.08**2)) for beat in beats]))

@@ -1,5 +1,3 @@
-"""The step vocabulary: wide enough, danceable, within reach."""
-
 import pytest
 
 from echoavatar.rehearsal.figures import FIGURES, fitting

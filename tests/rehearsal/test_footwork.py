@@ -1,5 +1,3 @@
-"""Feet from footholds: planted means planted, swings lift and have no corner."""
-
 import numpy as np
 
 from echoavatar.rehearsal.controls import ANKLE_HEIGHT

@@ -1,11 +1,9 @@
-"""A speaker's hands strike with the stress, rest in silence and never hurry or jump."""
-
 import numpy as np
 import pytest
 
 from echoavatar.rehearsal.controls import Controls
 from echoavatar.rehearsal.gesture import gesture
-from echoavatar.rehearsal.idle import manner, resting_hands
+from echoavatar.rehearsal.idle import draw_manner, resting_hands
 from echoavatar.rehearsal.solver import solve
 from echoavatar.rehearsal.sound import SoundTrack
 
@@ -29,7 +27,7 @@ def test_same_seed_same_gestures(talk: SoundTrack, speakers: list[Controls]):
 def test_hands_are_at_rest_a_second_after_speech(talk: SoundTrack, speakers: list[Controls]):
     late = round((talk.phrases[-1][1] + 1.6) * 30)
     for seed, controls in zip(SEEDS, speakers, strict=True):
-        rest = resting_hands(manner(seed).rest)[:, :3]
+        rest = resting_hands(draw_manner(seed).rest)[:, :3]
         assert np.linalg.norm(controls.wrist[late:] - rest, axis=-1).max() < 0.03
 
 
@@ -42,7 +40,7 @@ def test_silence_is_far_quieter_than_speech(talk: SoundTrack, speakers: list[Con
 
 
 def test_hands_wait_for_a_stress_strike_with_it_and_turn_where_the_stroke_ends(talk: SoundTrack):
-    """Over many speakers: still before the vowel, fastest with it, slow at the turn, faster on the way back."""
+    """Mean over many speakers: slow before the vowel, fastest with it, slow at the turning point, faster back."""
     speed = np.mean([hand_speed(gesture(talk, seed)).max(axis=1) for seed in range(30)], axis=0)
     vowel = talk.syllables[7].vowel  # "sang", the last word: nothing follows at once
 
@@ -55,7 +53,7 @@ def test_hands_wait_for_a_stress_strike_with_it_and_turn_where_the_stroke_ends(t
     assert back > 1.2 * turn
 
 
-def test_no_joint_is_hasty_and_no_speed_jumps(speakers: list[Controls]):
+def test_joint_speed_and_hand_acceleration_are_limited(speakers: list[Controls]):
     for controls in speakers:
         quaternions, _ = solve(controls)
         cosine = np.abs((quaternions[1:] * quaternions[:-1]).sum(-1)).clip(0, 1)

@@ -1,5 +1,3 @@
-"""Overlapping moves add up to a smooth journey that ends where the last one aimed."""
-
 import numpy as np
 import pytest
 

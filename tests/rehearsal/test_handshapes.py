@@ -1,5 +1,3 @@
-"""Hand shapes are known by name and stay within what fingers can do."""
-
 import pytest
 
 from echoavatar.rehearsal.handshapes import COUNTS, HAND_SHAPES, count_shape, hand_shape

@@ -1,9 +1,7 @@
-"""Idle is alive and quiet: it breathes, its feet are planted, and nothing hurries."""
-
 import numpy as np
 import pytest
 
-from echoavatar.rehearsal.idle import breathing, hands_of, idle, manner, resting_hands, with_hands
+from echoavatar.rehearsal.idle import breathing, draw_manner, hands_of, idle, resting_hands, with_hands
 from echoavatar.rehearsal.sound import SoundTrack, Span
 
 FRAMES = 900
@@ -12,8 +10,8 @@ QUIET = SoundTrack(np.zeros(FRAMES * 800, np.float32), spans=(Span(0.0, 30.0, "s
 
 def test_the_same_seed_is_the_same_person():
     np.testing.assert_array_equal(idle(QUIET, 4).packed(), idle(QUIET, 4).packed())
-    assert manner(4) == manner(4)
-    assert manner(4) != manner(5)
+    assert draw_manner(4) == draw_manner(4)
+    assert draw_manner(4) != draw_manner(5)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -35,7 +33,7 @@ def test_breath_has_the_given_rate():
     assert np.abs(breath).max() <= 1
 
 
-def test_hands_can_be_taken_off_and_put_on():
+def test_with_hands_inverts_hands_of():
     controls = idle(QUIET, 1)
     np.testing.assert_array_equal(with_hands(controls, hands_of(controls)).packed(), controls.packed())
     assert not np.array_equal(resting_hands("sides"), resting_hands("clasped"))

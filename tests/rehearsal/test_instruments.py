@@ -3,7 +3,7 @@ import pytest
 
 from echoavatar.rehearsal.instruments import TIMBRES, render
 from echoavatar.rehearsal.music import compose_piece
-from echoavatar.rehearsal.score import Note, Piece
+from echoavatar.rehearsal.sound import Note, Piece
 from echoavatar.rehearsal.soundfont import _DRUMS
 
 

@@ -1,5 +1,3 @@
-"""Words ask for the gestures one would make with them."""
-
 import numpy as np
 import pytest
 

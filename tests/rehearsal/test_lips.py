@@ -65,7 +65,7 @@ def test_vowels_open_more_than_other_phones_and_silence_is_still(track, curves):
 
 
 def test_it_is_smooth(curves):
-    """A mouth opens from shut to wide in about a tenth of a second; no channel jumps faster."""
+    """A mouth opens fully in about a tenth of a second; no channel changes faster."""
     assert np.abs(np.diff(curves, axis=0)).max() < 0.3
     assert np.abs(np.diff(curves, 2, axis=0)).mean() < 0.02
 
@@ -93,12 +93,11 @@ def test_prominence_opens_the_jaw():
     assert jaw(1.0) > 1.4 * jaw(0.0)
 
 
-def test_f_bites_the_lower_lip_and_unknown_phones_open_a_little():
+def test_f_bites_the_lower_lip_and_an_unknown_phone_is_a_neutral_vowel():
     bite = spoken((0.9, 1.0, "ae"), (1.0, 1.1, "f"), (1.1, 1.2, "ae"))
     assert at(bite, "mouthRollLower", 1.05) > 0.25
     assert at(bite, "mouthRollUpper", 1.05) < 0.05
-    strange = spoken((0.9, 1.1, "qq"))
-    assert 0.1 < at(strange, "jawOpen", 1.0) < 0.4
+    np.testing.assert_array_equal(spoken((0.9, 1.1, "qq")), spoken((0.9, 1.1, "ax")))
 
 
 def test_the_caller_chooses_names_and_order(track, curves):

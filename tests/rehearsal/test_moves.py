@@ -1,5 +1,3 @@
-"""The arm vocabulary: wide enough, made of known poses, something for every style."""
-
 import pytest
 
 from echoavatar.rehearsal.grooves import GROOVES

@@ -1,8 +1,6 @@
-"""Arm poses within reach, keys from notation, mirror images."""
-
 import numpy as np
 
-from echoavatar.rehearsal.poses import ARMS, HANDS, Key, Move, keys, mirrored
+from echoavatar.rehearsal.poses import ARMS, HANDS, Key, Move, mirrored, parse_keys
 
 
 def test_poses_are_within_reach_and_unfolded() -> None:
@@ -18,14 +16,14 @@ def test_hand_shapes_are_in_range() -> None:
         assert -1.0 <= shape[5] <= 1.0
 
 
-def test_the_notation_says_what_it_means() -> None:
-    both, mixed = keys("0 side c:.1/0/-.05; 2.5 hip/vee h:0/.1/0")
+def test_the_notation_is_parsed() -> None:
+    both, mixed = parse_keys("0 side c:.1/0/-.05; 2.5 hip/vee h:0/.1/0")
     assert both == Key(0.0, "side", "side", (0.1, 0.0, -0.05))
     assert mixed == Key(2.5, "hip", "vee", (0.0, 0.0, 0.0), (0.0, 0.1, 0.0))
 
 
 def test_a_mirror_image_changes_sides() -> None:
-    move = Move("m", 4, keys("1 hip/vee c:.1/.2/.3 h:.4/.5/.6"))
+    move = Move("m", 4, parse_keys("1 hip/vee c:.1/.2/.3 h:.4/.5/.6"))
     (key,) = mirrored(move).keys
     assert (key.left, key.right) == ("vee", "hip")
     assert key.chest == (-0.1, 0.2, -0.3)

@@ -1,5 +1,3 @@
-"""The solver puts hands and feet where the controls ask, within reach, and treats both sides alike."""
-
 from dataclasses import replace
 
 import numpy as np

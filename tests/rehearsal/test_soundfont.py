@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from echoavatar.errors import DependencyError
-from echoavatar.rehearsal.score import Note, Piece
+from echoavatar.rehearsal.sound import Note, Piece
 from echoavatar.rehearsal.soundfont import FLUID_R3, render_soundfont
 
 

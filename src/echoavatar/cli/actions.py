@@ -1,4 +1,4 @@
-"""`echoavatar actions`: what the avatar can be asked to do; add an action from a clip, without training."""
+"""`echoavatar actions`: lists the actions of a bundle; adds one from a clip, without training."""
 
 import argparse
 from pathlib import Path
@@ -14,7 +14,7 @@ EXAMPLES = """examples:
   echoavatar actions list
   echoavatar actions add salute salute.bvh --bundle my-bundle --about "salute like a soldier"
   echoavatar actions remove salute --bundle my-bundle
-  echoavatar actions build --bundle my-bundle     (the actions that ship, for another tokenizer)
+  echoavatar actions build --bundle my-bundle     (the built-in actions, for another tokenizer)
 """
 
 
@@ -23,21 +23,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = EXAMPLES
     kinds = parser.add_subparsers(dest="kind", metavar="WHAT", required=True)
     listing = kinds.add_parser("list", help="names, lengths and meanings")
-    add = kinds.add_parser("add", help="make an action of a BVH clip of 0.5 to 20 s on any humanoid rig")
-    add.add_argument("name", help="letters, digits, underscores; an action of that name is replaced")
-    add.add_argument("clip", type=Path, help="BVH file; begins and ends at ease")
+    add = kinds.add_parser("add", help="make an action from a BVH clip of 0.5 to 20 s on any humanoid rig")
+    add.add_argument("name", help="letters, digits, underscores; replaces an action of the same name")
+    add.add_argument("clip", type=Path, help="BVH file; begins and ends standing at ease")
     add.add_argument(
         "--hold",
         type=float,
         nargs=2,
         metavar=("FROM", "TO"),
-        help="seconds of the clip that repeat while the action is held; in an imported bundle, whose actions are sets, "
-        "those whose codes are the set (default: the middle half)",
+        help="seconds of the clip that repeat while the action is held; in an imported bundle, whose actions are sets "
+        "of codes, those that give the set (default: the middle half)",
     )
-    add.add_argument("--about", default="", help="what it means, for language models")
-    remove = kinds.add_parser("remove", help="take an action out")
-    remove.add_argument("name", help="which one")
-    build = kinds.add_parser("build", help="make the actions that ship for this bundle's tokenizer")
+    add.add_argument("--about", default="", help="description for language models")
+    remove = kinds.add_parser("remove", help="remove an action")
+    remove.add_argument("name", help="name of the action")
+    build = kinds.add_parser("build", help="make the built-in actions for this bundle's tokenizer")
     for child in (listing, add, remove, build):
         child.add_argument(
             "--bundle",
@@ -106,8 +106,8 @@ def _build(args: argparse.Namespace, folder: Path) -> None:
 
     if Runtime.load(folder).rig is not None:
         raise EchoAvatarError(
-            f"{args.bundle} is for another rig: the actions that ship pass along their clips and put turns on top of "
-            "our own rig, and an imported bundle's are sets; add clips one by one with `echoavatar actions add`"
+            f"{args.bundle} has another rig, for which the built-in actions cannot be made; add clips one by one with "
+            "`echoavatar actions add`"
         )
     library = own_actions(BodyTokenizer.load(folder / "tokenizer").eval())
     library.save(folder)
@@ -115,7 +115,7 @@ def _build(args: argparse.Namespace, folder: Path) -> None:
 
 
 def _library(folder: Path) -> "tuple[ActionLibrary, ChunkSize]":
-    """A bundle's actions, without loading its generator, and what a chunk of it is."""
+    """A bundle's actions and its chunk size, without loading its generator."""
     from ..checkpoint import read_config
     from ..generator import GeneratorConfig
     from ..pipeline.actions import ActionLibrary

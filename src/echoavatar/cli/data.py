@@ -1,4 +1,4 @@
-"""`echoavatar data`: make training data, look at it, measure it. May import everything below."""
+"""`echoavatar data`: make, view and measure training data. May import everything below."""
 
 import argparse
 import itertools
@@ -35,47 +35,55 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     kinds = parser.add_subparsers(dest="kind", metavar="KIND", required=True)
     rehearse = kinds.add_parser(
         "rehearse",
-        help="the synthetic rehearsal corpus: speech, music and silence with motion made to fit",
-        description="Make the synthetic rehearsal corpus. The same seed gives the same corpus on any machine that has "
-        "the same speech engines; a stopped run continues where it was.",
+        help="the synthetic rehearsal corpus: speech, music and silence with matching motion",
+        description="Make the synthetic rehearsal corpus. The same seed gives the same corpus on all machines with the "
+        "same speech engines; an interrupted run continues where it stopped.",
         epilog="example: echoavatar data rehearse --hours 0.2 --seed 1 -o corpus --workers 2",
     )
-    rehearse.add_argument("--hours", type=float, default=0.2, help="how much to make (default: %(default)s)")
     rehearse.add_argument(
-        "--seed", type=int, default=0, help="everything follows from it (default: %(default)s)"
+        "--hours", type=float, default=0.2, help="length of the corpus (default: %(default)s)"
+    )
+    rehearse.add_argument(
+        "--seed", type=int, default=0, help="random seed of the corpus (default: %(default)s)"
     )
     rehearse.add_argument(
         "-o", "--output", type=Path, default=Path("corpus"), help="folder (default: %(default)s)"
     )
-    rehearse.add_argument("--library", type=Path, help="folder of recorded BVH clips to weave in")
+    rehearse.add_argument("--library", type=Path, help="folder of recorded BVH clips to blend in")
     rehearse.add_argument(
         "--refine-fingers",
         action="store_true",
-        help="give clips of the library whose fingers stand still new ones",
+        help="give new fingers to clips of the library whose fingers do not move",
     )
     rehearse.add_argument(
-        "--recordings", type=Path, help="folder of recorded audio; paths containing 'music' are danced to"
+        "--recordings",
+        type=Path,
+        help="folder of recorded audio; paths with 'music' are danced to, others are speech",
     )
     rehearse.add_argument(
-        "--soundfont", type=Path, help="SF2 file: fluidsynth plays half of the music with it"
+        "--soundfont", type=Path, help="SF2 file with which fluidsynth plays half of the music"
     )
     rehearse.add_argument("--workers", type=int, default=2, help="processes (default: %(default)s)")
-    preview = kinds.add_parser("preview", help="look at a corpus: contact sheets and short MP4s with sound")
+    preview = kinds.add_parser("preview", help="view a corpus: contact sheets and short MP4s with sound")
     preview.add_argument("corpus", type=Path, help="corpus folder")
     preview.add_argument(
         "-o", "--output", type=Path, default=Path("preview"), help="folder (default: %(default)s)"
     )
-    preview.add_argument("--clips", type=int, default=2, help="how many clips (default: %(default)s)")
-    preview.add_argument("--seconds", type=float, default=16.0, help="of each clip (default: %(default)s)")
+    preview.add_argument("--clips", type=int, default=2, help="number of clips (default: %(default)s)")
+    preview.add_argument(
+        "--seconds", type=float, default=16.0, help="length shown of each clip (default: %(default)s)"
+    )
     describe = kinds.add_parser(
-        "describe", help="statistics of a corpus by what is heard, beside recorded clips"
+        "describe", help="statistics of a corpus by kind of sound, next to recorded clips"
     )
     describe.add_argument("corpus", type=Path, help="corpus folder")
-    describe.add_argument("--clips", type=int, default=12, help="how many clips (default: %(default)s)")
+    describe.add_argument("--clips", type=int, default=12, help="number of clips (default: %(default)s)")
     describe.add_argument(
-        "--beside", type=Path, action="append", default=[], help="a BVH clip to compare with; repeat"
+        "--beside", type=Path, action="append", default=[], help="a BVH clip to compare with; may be repeated"
     )
-    faces = kinds.add_parser("face", help="sound and ARKit curves: takes of Live Link Face, or made by rule")
+    faces = kinds.add_parser(
+        "face", help="sound and ARKit curves: takes of Live Link Face, or synthetic clips"
+    )
     data_face.add_arguments(faces)
     prepare = kinds.add_parser(
         "prepare",
@@ -85,8 +93,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     data_prepare.add_arguments(prepare)
     sounds = kinds.add_parser(
         "rl-corpus",
-        help="speech and music without motion, for reinforcement learning: text to speech, and your music or composed",
-        description="Make the sound that `align` tunes a generator on: an hour of speech and 100 pieces of music.",
+        help="speech and music without motion, for reinforcement learning",
+        description="Make the sound with which `align` tunes a generator: an hour of speech and 100 pieces of music.",
     )
     data_rl_corpus.add_arguments(sounds)
 
@@ -146,7 +154,7 @@ def _preview(args: argparse.Namespace) -> int:
         save_picture(args.output / f"{name}.png", contact_sheet(motion))
         sound = clip.audio[: motion.frames * SAMPLES_PER_FRAME]
         write_mp4(args.output / f"{name}.mp4", motion, sound, size=(640, 480))
-    print(f"contact sheets and films in {args.output}")
+    print(f"contact sheets and videos in {args.output}")
     return 0
 
 
@@ -171,7 +179,7 @@ def _describe(args: argparse.Namespace) -> int:
 
 
 def _stretches(clips: "list[Clip]", domain: int, skeleton: "Skeleton") -> "list[Motion]":
-    """Every stretch of at least two seconds in which one kind of sound is heard; silence without its first second."""
+    """Stretches of at least two seconds with one kind of sound; silence without its first second."""
     import numpy as np
 
     found = []

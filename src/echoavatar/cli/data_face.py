@@ -1,4 +1,4 @@
-"""`echoavatar data face`: pairs of sound and face to train on, captured or made by rule."""
+"""`echoavatar data face`: training pairs of sound and face curves, captured or synthetic."""
 
 import argparse
 from pathlib import Path
@@ -18,23 +18,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "examples:\n"
         "  echoavatar data face takes -o faces             every take of a folder\n"
         "  echoavatar data face take.csv -o faces          one take\n"
-        "  echoavatar data face --rehearse 1.1 -o faces    1.1 hours of synthetic speech with lips by rule\n"
+        "  echoavatar data face --rehearse 1.1 -o faces    1.1 hours of synthetic speech and lips\n"
         "then: echoavatar train face faces -o runs/face"
     )
     parser.add_argument("takes", nargs="*", type=Path, help="CSV files, or folders of them")
     parser.add_argument("--rehearse", type=float, metavar="HOURS", help="make synthetic clips instead")
-    parser.add_argument("--seed", type=int, default=1, help="of synthetic clips (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=1, help="seed of synthetic clips (default: %(default)s)")
     parser.add_argument(
         "--offset",
         type=float,
         default=0.0,
-        help="seconds into the sound at which the take begins (default: 0)",
+        help="time in the sound at which the take begins, seconds (default: 0)",
     )
     parser.add_argument(
-        "--timecode", type=int, choices=(30, 60), help="what frame numbers count (default: guessed)"
+        "--timecode", type=int, choices=(30, 60), help="frames per second of the timecode (default: guessed)"
     )
     parser.add_argument(
-        "--test-every", type=int, default=10, help="each n-th take is kept for testing (default: %(default)s)"
+        "--test-every",
+        type=int,
+        default=10,
+        help="hold out every n-th take for testing (default: %(default)s)",
     )
     parser.add_argument(
         "-o", "--output", type=Path, default=Path("faces"), help="folder (default: %(default)s)"
@@ -65,7 +68,7 @@ def _rehearse(args: argparse.Namespace) -> int:
 
 
 def _read(args: argparse.Namespace) -> int:
-    """Every take that can be read is; the others are named, and make the exit code 1."""
+    """Read all takes; name those that fail, which makes the exit code 1."""
     from ..audio import read_audio
     from ..face.livelink import pair_with_audio, read_live_link
 

@@ -1,4 +1,4 @@
-"""`echoavatar data prepare`: a published dataset, or any folder of BVH, becomes a set that `train` reads."""
+"""`echoavatar data prepare`: converts a published dataset, or any folder of BVH, to a set that `train` reads."""
 
 import argparse
 from pathlib import Path
@@ -11,16 +11,16 @@ from ..errors import DependencyError, EchoAvatarError
 if TYPE_CHECKING:
     from ..datasets import Options, Outcome, Survey
 
-TEACHING = """what SRC is, from your own copy:
+EXAMPLES = """SRC, in your own copy of the dataset:
   zeroeggs   the unpacked Zeggs_data (clean/*.bvh + *.wav, info.csv)
-  motorica   motorica_dance_dataset (bvh/*.bvh, wav/*.wav); --sound any takes dances whose music is not published
+  motorica   motorica_dance_dataset (bvh/*.bvh, wav/*.wav); --sound any includes dances without published music
   beat2      beat_english_v2.0.0 (smplxflame_30/*.npz, wave16k/*.wav, train_test_split.csv)
   bandai     dataset-1 and dataset-2 (*.bvh, no sound: for a tokenizer)
   bvh        any folder; sound of the same name beside each file, or in wav/ beside bvh/
 
 examples:
-  echoavatar data prepare zeroeggs Zeggs_data -o sets/zeroeggs --dry-run       look first, write nothing
-  echoavatar data prepare zeroeggs Zeggs_data -o sets/zeroeggs --workers 4     stopped? the same call goes on
+  echoavatar data prepare zeroeggs Zeggs_data -o sets/zeroeggs --dry-run       report only, write nothing
+  echoavatar data prepare zeroeggs Zeggs_data -o sets/zeroeggs --workers 4     run again to continue after a stop
   echoavatar data prepare beat2 BEAT2/beat_english_v2.0.0 -o sets/scott --speakers 2
   echoavatar data prepare motorica motorica_dance_dataset -o sets/motorica --sound any --only 'kthstreet_*'
   echoavatar data prepare bvh my_takes -o sets/mine --codec runs/codec --tokenizer runs/tokenizer   with tokens
@@ -28,14 +28,15 @@ then:
   echoavatar train tokenizer sets/zeroeggs -o runs/tokenizer
   echoavatar train tokens sets/zeroeggs -o runs/tokens --codec runs/codec --tokenizer runs/tokenizer
 
-Every step, the folder's layout, licences and what may be shipped: docs/datasets.md. A recording that cannot be used is
-named with the reason, and the others go on; the exit code is 1 only when nothing could be prepared, or with --strict.
+docs/datasets.md describes every step, the layout of the output, licences and what may be shipped. A recording that
+cannot be used is named with the reason and does not stop the others; the exit code is 1 only if nothing could be
+prepared, or with --strict.
 """
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.epilog = TEACHING
+    parser.epilog = EXAMPLES
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument(
         "layout",
@@ -43,78 +44,89 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=("zeroeggs", "motorica", "beat2", "bandai", "bvh"),
         help="zeroeggs, motorica, beat2, bandai, or bvh for any folder",
     )
-    parser.add_argument("source", type=Path, metavar="SRC", help="your copy of it")
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder of the set")
+    parser.add_argument("source", type=Path, metavar="SRC", help="your copy of the dataset")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="output folder")
     parser.add_argument(
-        "--dry-run", action="store_true", help="say what would be done; read headers, write nothing"
+        "--dry-run", action="store_true", help="report what would be done; read headers only, write nothing"
     )
     parser.add_argument("--strict", action="store_true", help="exit with 1 if any recording failed")
     parser.add_argument("--workers", type=int, default=2, help="processes (default: %(default)s)")
     chosen = parser.add_argument_group("which recordings")
-    chosen.add_argument("--only", action="append", default=[], metavar="GLOB", help="names like this; repeat")
+    chosen.add_argument(
+        "--only",
+        action="append",
+        default=[],
+        metavar="GLOB",
+        help="names that match this pattern; may be repeated",
+    )
     chosen.add_argument(
         "--speakers",
         nargs="+",
         default=[],
-        metavar="WHO",
-        help="numbers or names, as the dataset has them (BEAT2: 2)",
+        metavar="SPEAKER",
+        help="numbers or names of speakers (BEAT2: 2)",
     )
     chosen.add_argument(
-        "--additional", action="store_true", help="BEAT2: its additional recordings too, for training"
+        "--additional", action="store_true", help="BEAT2: include the additional recordings, for training"
     )
     chosen.add_argument(
         "--sound",
         choices=("need", "any", "none"),
-        help="need: refuse motion without sound; any: take it alone; none: leave all sound out (default: need, and none"
-        " for bandai)",
+        help="need: refuse motion without sound; any: accept it; none: leave out all sound (default: need, but none for"
+        " bandai)",
     )
     chosen.add_argument(
         "--test-every",
         type=int,
         metavar="N",
-        help="hold out each n-th by name, 0 none (default: the published split)",
+        help="hold out every n-th recording by name, 0 none (default: the published split)",
     )
     chosen.add_argument(
         "--length-tolerance",
         type=float,
         default=0.1,
         metavar="SHARE",
-        help="motion and sound may differ in length by this much; the longer is cut (default: %(default)s)",
+        help="largest relative difference in length of motion and sound; the longer is cut (default: %(default)s)",
     )
     made = parser.add_argument_group("how they are made")
     made.add_argument(
         "--rig",
         choices=("unified", "native"),
         default="unified",
-        help="unified: our 52 bones, with planted feet kept still; native: the recording's own (default: %(default)s)",
+        help="unified: our 52 bones, planted feet held still; native: the recording's own rig (default: %(default)s)",
     )
     made.add_argument(
         "--fingers",
         choices=("auto", "keep", "all"),
         default="auto",
-        help="make anew: auto those that are static or erratic, keep none, all (default: %(default)s)",
+        help="hands that get new fingers: auto (static and erratic ones), keep (none), all (default: %(default)s)",
     )
-    made.add_argument("--no-mirror", action="store_true", help="list no mirror images of the training clips")
-    made.add_argument("--seed", type=int, default=0, help="of fingers made anew (default: %(default)s)")
+    made.add_argument(
+        "--no-mirror", action="store_true", help="do not list mirror images of the training clips"
+    )
+    made.add_argument("--seed", type=int, default=0, help="seed of new fingers (default: %(default)s)")
     made.add_argument(
         "--body-model",
         type=Path,
         metavar="NPZ",
-        help="BEAT2: your SMPLX_NEUTRAL_2020.npz, for the speaker's own joints",
+        help="BEAT2: your SMPLX_NEUTRAL_2020.npz, for the speaker's joint positions",
     )
     made.add_argument(
         "--shard-minutes",
         type=float,
         default=20.0,
         metavar="M",
-        help="motion in a shard (default: %(default)s)",
+        help="minutes of motion in a shard (default: %(default)s)",
     )
     after = parser.add_argument_group("afterwards")
-    after.add_argument("--codec", type=Path, help="trained codec: with --tokenizer, write DIR/tokens as well")
-    after.add_argument("--tokenizer", type=Path, help="trained motion tokenizer, of this set's rig")
-    after.add_argument("--no-pictures", action="store_true", help="draw no DIR/overview")
+    after.add_argument("--codec", type=Path, help="trained codec; with --tokenizer, also write DIR/tokens")
+    after.add_argument("--tokenizer", type=Path, help="trained motion tokenizer for this set's rig")
+    after.add_argument("--no-pictures", action="store_true", help="do not draw DIR/overview")
     after.add_argument(
-        "--sheets", type=int, default=3, help="contact sheets in the overview (default: %(default)s)"
+        "--sheets",
+        type=int,
+        default=3,
+        help="number of contact sheets in the overview (default: %(default)s)",
     )
 
 
@@ -138,16 +150,16 @@ def run(args: argparse.Namespace) -> int:
         shard_minutes=args.shard_minutes,
         body_model=args.body_model,
     )
-    _say_survey(survey, args.layout)
+    _print_survey(survey, args.layout)
     if args.dry_run:
-        return _foretell(survey, options, args)
+        return _print_forecast(survey, options, args)
     outcome = _prepare(args, survey, options)
-    _say_outcome(outcome)
+    _print_outcome(outcome)
     if args.codec:
-        _tokens(args)
+        _write_tokens(args)
     if not args.no_pictures:
-        _pictures(outcome, args)
-    _say_failures(outcome.failures)
+        _draw_pictures(outcome, args)
+    _print_failures(outcome.failures)
     print(f"report in {args.output / 'report.json'}")
     return 1 if args.strict and outcome.failures else 0
 
@@ -156,7 +168,7 @@ def _prepare(args: argparse.Namespace, survey: "Survey", options: "Options") -> 
     from ..datasets import prepare
 
     try:
-        with tqdm(total=len(survey.items), unit="clip", smoothing=0.05) as bar:
+        with tqdm(total=len(survey.recordings), unit="clip", smoothing=0.05) as bar:
             return prepare(
                 args.layout,
                 survey,
@@ -166,12 +178,12 @@ def _prepare(args: argparse.Namespace, survey: "Survey", options: "Options") -> 
                 progress=lambda done, _: bar.update(done - bar.n),
             )
     except KeyboardInterrupt:
-        print(f"what is finished is in {args.output}; the same call goes on from there")
+        print(f"finished parts are in {args.output}; the same call continues from there")
         raise
 
 
-def _say_survey(survey: "Survey", layout: str) -> None:
-    print(f"{survey.terms.title}: {len(survey.items)} recordings; licence: {survey.terms.licence}")
+def _print_survey(survey: "Survey", layout: str) -> None:
+    print(f"{survey.terms.title}: {len(survey.recordings)} recordings; licence: {survey.terms.licence}")
     print(f"may be shipped: {survey.terms.may_ship}")
     for line in survey.missing:
         print(f"missing from this copy: {line}")
@@ -179,23 +191,23 @@ def _say_survey(survey: "Survey", layout: str) -> None:
     for one in survey.left_out:
         reasons.setdefault(one.why, []).append(one.name)
     for why, names in reasons.items():
-        print(f"left out, {why}: {len(names)} ({_some(names)})")
+        print(f"left out, {why}: {len(names)} ({_first_three(names)})")
 
 
-def _foretell(survey: "Survey", options: "Options", args: argparse.Namespace) -> int:
-    from ..datasets.peek import forecast
-    from ..datasets.run import split_words
+def _print_forecast(survey: "Survey", options: "Options", args: argparse.Namespace) -> int:
+    from ..datasets.forecast import forecast
+    from ..datasets.prepare_dataset import split_source
 
-    found = forecast(survey.items, options)
+    found = forecast(survey.recordings, options)
     for split, count in sorted(found.clips.items()):
         print(f"{split}: {count} clips, {found.seconds[split] / 60:.1f} minutes")
-    print(f"split: {split_words(survey, options)}")
+    print(f"split: {split_source(survey, options)}")
     print(f"{args.output} would hold about {found.bytes / 1e6:.1f} MB; nothing was written")
-    _say_failures(found.failures, "would fail")
+    _print_failures(found.failures, "would fail")
     return 1 if not found.clips or (args.strict and found.failures) else 0
 
 
-def _say_outcome(outcome: "Outcome") -> None:
+def _print_outcome(outcome: "Outcome") -> None:
     info = outcome.corpus.manifest.info["statistics"]
     splits = ", ".join(
         f"{split} {count} ({info['minutes'][split]:.1f} min)" for split, count in info["clips"].items()
@@ -210,13 +222,13 @@ def _say_outcome(outcome: "Outcome") -> None:
         and "train" in info["clips"]
     ):
         print("no mirror images: left and right of this rig differ; --rig unified makes them")
-    mended = [name for name, one in outcome.recordings.items() if one.mended]
+    mended = [name for name, one in outcome.receipts.items() if one.mended]
     if mended:
-        print(f"new fingers (static or erratic before): {len(mended)} clips ({_some(mended)})")
-    for name, one in outcome.recordings.items():
+        print(f"new fingers (static or erratic before): {len(mended)} clips ({_first_three(mended)})")
+    for name, one in outcome.receipts.items():
         for note in one.notes:
             print(f"  note  {name}: {note}")
-    close = [one.fidelity for one in outcome.recordings.values() if one.fidelity]
+    close = [one.fidelity for one in outcome.receipts.values() if one.fidelity]
     if close:
         mean = {key: sum(one[key] for one in close) / len(close) for key in close[0]}
         print(
@@ -227,12 +239,12 @@ def _say_outcome(outcome: "Outcome") -> None:
         )
 
 
-def _some(names: list[str]) -> str:
-    """The first three."""
+def _first_three(names: list[str]) -> str:
+    """The first three names."""
     return ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
 
 
-def _say_failures(failures: "tuple[tuple[str, str], ...]", word: str = "failed") -> None:
+def _print_failures(failures: "tuple[tuple[str, str], ...]", word: str = "failed") -> None:
     if not failures:
         return
     width = max(len(name) for name, _ in failures)
@@ -241,7 +253,7 @@ def _say_failures(failures: "tuple[tuple[str, str], ...]", word: str = "failed")
         print(f"  {name:<{width}}  {why}")
 
 
-def _tokens(args: argparse.Namespace) -> None:
+def _write_tokens(args: argparse.Namespace) -> None:
     from ..audio import AudioCodec
     from ..data import Corpus
     from ..pipeline.tokenize import tokenize_corpus
@@ -262,8 +274,8 @@ def _tokens(args: argparse.Namespace) -> None:
     print(f"{count} token files in {folder}")
 
 
-def _pictures(outcome: "Outcome", args: argparse.Namespace) -> None:
-    """Pictures are no reason to fail."""
+def _draw_pictures(outcome: "Outcome", args: argparse.Namespace) -> None:
+    """Draw the overview; a missing package is only reported."""
     from ..datasets.overview import draw_overview
 
     try:

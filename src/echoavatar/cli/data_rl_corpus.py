@@ -9,11 +9,11 @@ from tqdm import tqdm
 from ..errors import EchoAvatarError
 
 if TYPE_CHECKING:
-    from ..datasets.rl_corpus import Gathered, Kind, SoundPlan
+    from ..datasets.rl_corpus import Kind, RlCorpusResult, SoundPlan
 
 EXAMPLES = """examples:
-  echoavatar data rl-corpus -o sounds                                   all our own: local voices, composed music
-  echoavatar data rl-corpus -o sounds --hours 0.1 --pieces 5 --bundle default      and as prompts, in sounds/tokens
+  echoavatar data rl-corpus -o sounds                                   local voices, composed music
+  echoavatar data rl-corpus -o sounds --hours 0.1 --pieces 5 --bundle default      also prompts, in sounds/tokens
   OPENAI_API_KEY=... echoavatar data rl-corpus -o sounds --tts openai --scripts talk.txt
   ELEVENLABS_API_KEY=... echoavatar data rl-corpus -o sounds --tts elevenlabs --voice ID --voice ID
   echoavatar data rl-corpus -o sounds --tts openai --tts-url http://localhost:8880/v1 --tts-model kokoro --voice af_sky
@@ -21,9 +21,9 @@ EXAMPLES = """examples:
 then, with a yardstick from a run on true motion:
   echoavatar align grpo sounds/tokens -o runs/grpo --yardstick runs/first/yardstick.json
 
-Scripts are plain text: a turn a line, `Name: ` before it if wanted, a blank line between scripts; when they are used up
-our own and then made-up ones fill the hours. Keys are read from the environment and written nowhere. The same call goes
-on after a stop. What is in the folder: docs/alignment.md.
+Scripts are plain text: one turn per line, optionally with `Name: ` before it, and a blank line between scripts. After
+the last one, shipped and generated scripts fill the hours. Keys are read from the environment and never written. The
+same call continues an interrupted run. docs/alignment.md describes the folder.
 """
 
 
@@ -31,57 +31,70 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.epilog = EXAMPLES
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder")
-    parser.add_argument("--seed", type=int, default=0, help="of what is made up (default: %(default)s)")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="output folder")
+    parser.add_argument(
+        "--seed",
+        type=int,
+        default=0,
+        help="seed of generated scripts, voices and music (default: %(default)s)",
+    )
     speech = parser.add_argument_group("speech")
-    speech.add_argument("--hours", type=float, default=1.0, help="of speech; 0 none (default: %(default)s)")
-    speech.add_argument("--scripts", type=Path, metavar="FILE", help="what is said first, UTF-8 text")
     speech.add_argument(
-        "--scripts-licence", default="not stated", metavar="TEXT", help="of that file, for the manifest"
+        "--hours", type=float, default=1.0, help="hours of speech; 0 for none (default: %(default)s)"
+    )
+    speech.add_argument("--scripts", type=Path, metavar="FILE", help="scripts to speak first, UTF-8 text")
+    speech.add_argument(
+        "--scripts-licence",
+        default="not stated",
+        metavar="TEXT",
+        help="licence of the scripts, for the manifest",
     )
     speech.add_argument(
         "--tts",
         choices=("auto", "flite", "own", "openai", "elevenlabs"),
         default="auto",
-        help="who speaks: flite, our own synthesiser, auto for flite where it is installed, or a service with its key"
-        " in OPENAI_API_KEY or ELEVENLABS_API_KEY (default: %(default)s)",
+        help="flite, own (the built-in synthesiser), auto (flite if installed, else own), or a service with its key in"
+        " OPENAI_API_KEY or ELEVENLABS_API_KEY (default: %(default)s)",
     )
     speech.add_argument(
-        "--tts-url", metavar="URL", help="another server that answers alike, up to and with its /v1"
+        "--tts-url", metavar="URL", help="another server with the same protocol, including /v1"
     )
+    speech.add_argument("--tts-model", metavar="NAME", help="model of the service (default: its usual one)")
     speech.add_argument(
-        "--tts-model", metavar="NAME", help="of the service (default: the service's usual one)"
-    )
-    speech.add_argument(
-        "--voice", action="append", default=[], metavar="NAME", help="of the service; repeat for several"
+        "--voice", action="append", default=[], metavar="NAME", help="voice of the service; may be repeated"
     )
     music = parser.add_argument_group("music")
-    music.add_argument("--pieces", type=int, default=100, help="of music; 0 none (default: %(default)s)")
+    music.add_argument(
+        "--pieces", type=int, default=100, help="pieces of music; 0 for none (default: %(default)s)"
+    )
     music.add_argument(
         "--music",
         type=Path,
         metavar="DIR",
-        help="your pieces, any folder of sound files (default: composed by rule)",
+        help="a folder of sound files (default: composed music)",
     )
     music.add_argument(
-        "--music-licence", default="not stated", metavar="TEXT", help="of them, for the manifest"
+        "--music-licence",
+        default="not stated",
+        metavar="TEXT",
+        help="licence of that music, for the manifest",
     )
     after = parser.add_argument_group("afterwards")
     after.add_argument(
         "--bundle",
-        help="write DIR/tokens as well, prompts for `align`: codes by this bundle's codec, motion by its generator",
+        help="also write DIR/tokens, prompts for `align`: codes by this bundle's codec, motion by its generator",
     )
     after.add_argument("--strict", action="store_true", help="exit with 1 if any recording failed")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Gather, tell, tokenise."""
+    """Make the sounds, report, tokenise."""
     from ..datasets.rl_corpus import SoundPlan
-    from ..datasets.voices import reader
+    from ..datasets.text_to_speech import text_to_speech
 
     plan = SoundPlan(
         folder=args.output,
-        reader=reader(args.tts, url=args.tts_url, model=args.tts_model, voices=args.voice),
+        voice=text_to_speech(args.tts, url=args.tts_url, model=args.tts_model, voices=args.voice),
         hours=args.hours,
         pieces=args.pieces,
         seed=args.seed,
@@ -90,19 +103,19 @@ def run(args: argparse.Namespace) -> int:
         music=args.music,
         music_licence=args.music_licence,
     )
-    found = _gather(plan)
-    _tell(found, args)
+    found = _make(plan)
+    _print_result(found, args)
     if not found.made and not found.kept:
-        raise EchoAvatarError(f"no recording could be made, the first: {': '.join(found.failures[0])}")
+        raise EchoAvatarError(f"no recording could be made; the first failed: {': '.join(found.failures[0])}")
     if args.bundle:
-        _tokens(args)
+        _write_tokens(args)
     for name, why in found.failures:
         print(f"failed: {name}  {why}")
     return 1 if args.strict and found.failures else 0
 
 
-def _gather(plan: "SoundPlan") -> "Gathered":
-    from ..datasets.rl_corpus import gather
+def _make(plan: "SoundPlan") -> "RlCorpusResult":
+    from ..datasets.rl_corpus import make_rl_corpus
 
     with (
         tqdm(desc="speech", unit="min", disable=not plan.hours) as speech,
@@ -115,13 +128,13 @@ def _gather(plan: "SoundPlan") -> "Gathered":
             bar.update(round(done, 2) - bar.n)
 
         try:
-            return gather(plan, progress)
+            return make_rl_corpus(plan, progress)
         except KeyboardInterrupt:
-            print(f"what is finished is in {plan.folder}; the same call goes on from there")
+            print(f"finished recordings are in {plan.folder}; the same call continues from there")
             raise
 
 
-def _tell(found: "Gathered", args: argparse.Namespace) -> None:
+def _print_result(found: "RlCorpusResult", args: argparse.Namespace) -> None:
     kinds: tuple[Kind, ...] = ("speech", "music")
     for kind in kinds:
         sounds = found.sounds(kind)
@@ -136,7 +149,7 @@ def _tell(found: "Gathered", args: argparse.Namespace) -> None:
     )
 
 
-def _tokens(args: argparse.Namespace) -> None:
+def _write_tokens(args: argparse.Namespace) -> None:
     from ..data import SoundSet
     from ..pipeline import load_bundle
     from ..pipeline.tokenize_sound import tokenize_sounds

@@ -1,4 +1,4 @@
-"""`echoavatar refine-fingers`: fingers for motion that was captured without them."""
+"""`echoavatar refine-fingers`: adds fingers to motion that was captured without them."""
 
 import argparse
 from pathlib import Path
@@ -8,14 +8,14 @@ from tqdm import tqdm
 from ..errors import EchoAvatarError
 
 EXAMPLES = """examples:
-  echoavatar refine-fingers take.bvh take_fingers.bvh                  both hands, made to go with the arms
-  echoavatar refine-fingers take.bvh out.bvh --hands frozen            only hands whose fingers stand still
-  echoavatar refine-fingers take.bvh out.bvh --hands left --seed 3     the other hand is kept and listened to
+  echoavatar refine-fingers take.bvh take_fingers.bvh                  both hands, to match the arms
+  echoavatar refine-fingers take.bvh out.bvh --hands frozen            only hands whose fingers do not move
+  echoavatar refine-fingers take.bvh out.bvh --hands left --seed 3     the right hand is kept and taken into account
   echoavatar refine-fingers take.bvh out.bvh --model runs/fingers      a model of your own: `echoavatar train fingers`
 
-Reads any skeleton whose joint names are known (VRM, Mixamo, Unreal, 3ds Max Biped) at any frame rate and writes the
-same skeleton, rate and body back; only rotations of finger bones change. The skeleton must have finger bones; some may
-be missing.
+Reads any skeleton with known joint names (VRM, Mixamo, Unreal, 3ds Max Biped) at any frame rate and writes the same
+skeleton, frame rate and body; only rotations of finger bones change. The skeleton must have finger bones; some may be
+missing.
 """
 
 
@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.epilog = EXAMPLES
     parser.add_argument("motion", type=Path, metavar="IN.bvh", help="motion with missing or bad fingers")
-    parser.add_argument("output", type=Path, metavar="OUT.bvh", help="where to write it with new fingers")
+    parser.add_argument("output", type=Path, metavar="OUT.bvh", help="output with new fingers")
     parser.add_argument(
         "--model", type=Path, help="folder of a trained finger model (default: the shipped one)"
     )
@@ -31,17 +31,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--hands",
         choices=("both", "left", "right", "frozen"),
         default="both",
-        help="which to make anew; frozen: those whose fingers do not move (default: %(default)s)",
+        help="hands that get new fingers; frozen: those whose fingers do not move (default: %(default)s)",
     )
     parser.add_argument(
-        "--seed", type=int, default=0, help="another seed, another performance (default: %(default)s)"
+        "--seed",
+        type=int,
+        default=0,
+        help="random seed; another seed gives other fingers (default: %(default)s)",
     )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Read, refine, write; say what changed."""
+    """Read, refine, write; print what changed."""
     if args.output.suffix.lower() != ".bvh":
-        raise EchoAvatarError(f"cannot write {args.output}: the output is BVH; name it OUT.bvh")
+        raise EchoAvatarError(f"cannot write {args.output}: the output must be BVH; name it OUT.bvh")
     from ..fingers import FingerModel, frozen_hands, load_shipped, refine_fingers
     from ..kinematics import read_bvh, write_bvh
 
@@ -57,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
         refined = refine_fingers(model, motion, hands=args.hands, seed=args.seed, progress=progress)
     write_bvh(args.output, refined.skeleton, refined.rotations, refined.root, refined.fps)
     sides = frozen if args.hands == "frozen" else () if args.hands == "both" else (args.hands,)
-    what = "nothing was frozen, nothing changed" if refined is motion else ", ".join(sides) or "both hands"
+    what = "no frozen hands, nothing changed" if refined is motion else ", ".join(sides) or "both hands"
     was = f" (frozen before: {', '.join(frozen)})" if frozen else ""
     print(f"{args.output}: {refined.frames} frames, {what}{was}")
     return 0

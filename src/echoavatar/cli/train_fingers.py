@@ -1,4 +1,4 @@
-"""`echoavatar train fingers`: the model behind `refine-fingers`, on motion with good fingers."""
+"""`echoavatar train fingers`: trains the model of `refine-fingers` on motion with good fingers."""
 
 import argparse
 import logging
@@ -14,11 +14,11 @@ from .recipe import Options, Settings
 if TYPE_CHECKING:
     from ..fingers.clips import FingerClip
 
-EXAMPLES = """SOURCE: a corpus (`echoavatar data rehearse`) or a folder of BVH; frozen fingers are not learned from.
+EXAMPLES = """SOURCE: a corpus (`echoavatar data rehearse`) or a folder of BVH; frozen fingers are ignored.
 examples:
   echoavatar train fingers corpus -o runs/fingers                            about six minutes on a quiet core
-  echoavatar train fingers corpus --recordings takes -o runs/fingers         three windows in ten from recorded takes
-  echoavatar train fingers corpus -o runs/fingers --minutes 5                stop after five; call again to go on
+  echoavatar train fingers corpus --recordings takes -o runs/fingers         30 % of the windows from recorded takes
+  echoavatar train fingers corpus -o runs/fingers --minutes 5                stop after five; call again to continue
 then: echoavatar refine-fingers in.bvh out.bvh --model runs/fingers
 """
 _log = logging.getLogger(__name__)
@@ -28,19 +28,19 @@ def add_arguments(parser: argparse.ArgumentParser, options: Options) -> None:
     """Declare the arguments that only fingers have."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = EXAMPLES
-    parser.add_argument("--recordings", type=Path, help="folder of recorded BVH clips to learn from as well")
+    parser.add_argument("--recordings", type=Path, help="folder of recorded BVH clips to train on as well")
     options.add("--steps", "training.steps", 3000, type=int, help="optimiser steps")
     options.add("--batch", "training.batch", 32, type=int, help="windows per step")
     options.add("--rate", "training.learning_rate", 1e-3, type=float, help="peak learning rate")
     options.add("--width", "model.width", 128, type=int, help="channels")
     options.add("--layers", "model.layers", 3, type=int, help="transformer blocks")
     parser.add_argument(
-        "--minutes", type=float, help="stop this call after so many minutes; call again to go on"
+        "--minutes", type=float, help="stop this call after so many minutes; call again to continue"
     )
 
 
 def train(args: argparse.Namespace, settings: Settings, card: dict[str, object], how: dict[str, Any]) -> None:
-    """Train, then score what was written on the corpus's test clips."""
+    """Train, then score the model on the corpus's test clips."""
     from .. import checkpoint
     from ..fingers.config import FingerConfig
     from ..fingers.measure import measure_fingers
@@ -54,14 +54,14 @@ def train(args: argparse.Namespace, settings: Settings, card: dict[str, object],
     model = train_fingers(
         config, training, clips, args.output, recorded=recorded, minutes=args.minutes, card=card, **how
     )
-    tests = [clip for clip in _clips(args.source, "test", config.frames) if clip.is_alive.all()]
+    tests = [clip for clip in _clips(args.source, "test", config.frames) if clip.is_moving.all()]
     if tests:
         scores = measure_fingers(model, tests)
         model.save(args.output, checkpoint.read_card(args.output) | {"scores": scores})
 
 
 def _clips(source: Path, split: str, frames: int) -> "Iterator[FingerClip]":
-    """Clips of a split of a corpus; a folder of BVH files is all for training."""
+    """Clips of one split of a corpus; of a folder of BVH files, all are for training."""
     if not (source / "manifest.json").is_file():
         yield from _recordings(source, frames) if split == "train" else ()
         return
@@ -78,7 +78,7 @@ def _clips(source: Path, split: str, frames: int) -> "Iterator[FingerClip]":
 
 
 def _recordings(folder: Path, frames: int) -> "Iterator[FingerClip]":
-    """Every BVH below a folder whose rig is known; the others are named in the log."""
+    """Every BVH below a folder whose rig is known; the log names the others."""
     from ..fingers.clips import finger_clip
     from ..kinematics import read_bvh
 
@@ -93,4 +93,4 @@ def _recordings(folder: Path, frames: int) -> "Iterator[FingerClip]":
         except MotionError:
             left_out.append(path.name)
     if left_out:
-        _log.warning("left out, their rigs are not known: %s", ", ".join(left_out))
+        _log.warning("left out, because their rigs are unknown: %s", ", ".join(left_out))

@@ -1,7 +1,6 @@
 """A clip: a stretch of sound and the motion that goes with it, on our clock (24 kHz, 30 frames per second).
 
-Stored as one `.npz` without pickles. Sound is kept as 16-bit PCM (samples beyond +-1 are clipped, as a
-sound card would), motion as float32.
+Stored as one `.npz` without pickles: sound as 16-bit PCM (samples beyond +-1 are clipped), motion as float32.
 """
 
 import zipfile
@@ -48,7 +47,7 @@ class Clip:
     split: str = "train"
 
     def __post_init__(self) -> None:
-        """Raises MotionError for shapes that do not fit, values that are not finite or an unknown split."""
+        """Raises MotionError for shapes that do not fit, values that are not finite, or an unknown split."""
         t = self.frames
         self._want(self.split in SPLITS, f"split is {self.split!r}, use one of {', '.join(SPLITS)}")
         self._want(t > 0, "it has no frames")
@@ -75,7 +74,7 @@ class Clip:
 
     @property
     def frames(self) -> int:
-        """How many motion frames there are."""
+        """Number of motion frames."""
         return int(self.rotations.shape[0])
 
     @property
@@ -84,7 +83,7 @@ class Clip:
         return self.frames / FRAME_RATE_HZ
 
     def save(self, path: Path | str) -> None:
-        """Write to `.npz`, complete or not at all."""
+        """Write to `.npz`, completely or not at all."""
         path = Path(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         arrays: dict[str, Any] = {
@@ -106,7 +105,7 @@ class Clip:
 
     @classmethod
     def load(cls, path: Path | str) -> "Clip":
-        """Read what `save` wrote; raises MotionError for a missing, damaged or foreign file."""
+        """Read a saved clip; raises MotionError if the file is missing, damaged or not a clip."""
         with open_clip(path) as stored:
             return cls(
                 name=str(stored["name"]),
@@ -119,8 +118,8 @@ class Clip:
             )
 
 
-class open_clip:  # noqa: N801  reads like `open`
-    """Context manager: the stored arrays of a clip, read when asked for; trouble becomes MotionError."""
+class open_clip:  # noqa: N801  used like `open`
+    """Context manager for the stored arrays of a clip, which are read on access; read errors become MotionError."""
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
@@ -136,10 +135,10 @@ class open_clip:  # noqa: N801  reads like `open`
             self._stored = np.load(self._file, allow_pickle=False)
         except _DAMAGE as error:
             self._file.close()
-            raise MotionError(f"clip {self.path} is damaged or no clip; make the corpus again") from error
+            raise MotionError(f"clip {self.path} is damaged or not a clip; make the corpus again") from error
         if not isinstance(self._stored, np.lib.npyio.NpzFile):
             self._file.close()
-            raise MotionError(f"clip {self.path} is no clip; make the corpus again")
+            raise MotionError(f"clip {self.path} is not a clip; make the corpus again")
         return self._stored
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:

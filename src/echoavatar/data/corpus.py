@@ -1,7 +1,7 @@
-"""A corpus: a folder with a `manifest.json` that lists every clip, and the clips in one of two forms.
+"""A corpus: a folder with clips in one of two formats and a `manifest.json` that lists them.
 
-Format 1 has a file a clip, `clips/*.npz`, each with its checksum; it is what `data rehearse` makes. Format 2 has
-`shards/*.npy`, mapped into memory (`shards`); it is what `data prepare` makes, with mirror images that take no room.
+Format 1, made by `data rehearse`, has one file per clip, `clips/*.npz`, with its checksum. Format 2, made by `data
+prepare`, has memory-mapped `shards/*.npy` (`shards`) and mirror images that take no space on disk.
 """
 
 import json
@@ -25,57 +25,55 @@ from echoavatar.timing import SAMPLES_PER_FRAME
 from .clip import DOMAINS, PCM, Clip, open_clip
 from .shards import Shard, ShardEntry, checksum
 
-MIRROR = ".mirror"  # at the end of the name of a mirror image
-SYMMETRIC_M = 0.05  # a person's own rig may differ so much between the sides and be mirrored still
+MIRROR = ".mirror"  # suffix of a mirror image's name
+SYMMETRIC_M = 0.05  # a rig whose sides differ by at most this much can be mirrored
 
 
 class ClipEntry(Config):
-    """One line of the manifest."""
+    """One clip as the manifest lists it."""
 
     name: str = Field(description="name of the clip, also of its file under clips/")
     split: str = Field(description="train, val or test")
     frames: int = Field(gt=0, description="length at 30 frames per second")
     domains: dict[str, int] = Field(description="frames of silence, speech and music")
-    sha256: str = Field(default="", description="checksum of the file; shards have their own")
-    shard: int | None = Field(default=None, description="where the frames are: number of the shard")
-    start: int = Field(default=0, ge=0, description="and the first frame in it")
-    has_sound: bool = Field(default=True, description="False: motion alone, its sound reads as silence")
-    mirrored: bool = Field(
-        default=False, description="True: left and right of the clip are swapped as it is read"
-    )
+    sha256: str = Field(default="", description="checksum of the clip's file (format 1)")
+    shard: int | None = Field(default=None, description="number of the shard with the frames (format 2)")
+    start: int = Field(default=0, ge=0, description="first frame in the shard")
+    has_sound: bool = Field(default=True, description="False: motion only, the sound reads as silence")
+    mirrored: bool = Field(default=False, description="True: left and right are swapped on reading")
     events: dict[str, tuple[float, ...]] = Field(default_factory=dict, description="times in seconds by kind")
-    labels: dict[str, str] = Field(default_factory=dict, description="speaker, style, genre: as published")
+    labels: dict[str, str] = Field(default_factory=dict, description="speaker, style, genre, as published")
 
 
 class Manifest(Config):
-    """What is in a corpus and how it was made."""
+    """The clips of a corpus and how it was made."""
 
     format: int = Field(default=1, description="version of this layout: 1 files, 2 shards")
     clips: tuple[ClipEntry, ...] = Field(description="every clip, sorted by name")
-    shards: tuple[ShardEntry, ...] = Field(default=(), description="where the clips of format 2 are")
+    shards: tuple[ShardEntry, ...] = Field(default=(), description="shards of format 2")
     skeletons: tuple[SkeletonConfig, ...] = Field(default=(), description="rigs; none: the humanoid")
     info: dict[str, Any] = Field(default_factory=dict, description="how it was made: seed, hours, version")
 
 
 class ClipMotion(NamedTuple):
-    """The motion alone, for work that needs no sound."""
+    """Motion without sound."""
 
     rotations: NDArray[np.float32]
     root: NDArray[np.float32]
 
 
 class Corpus:
-    """Clips on disk; only what is asked for is read."""
+    """Clips on disk, read on access."""
 
     def __init__(self, folder: Path | str) -> None:
-        """Raises MotionError when the folder holds no readable manifest."""
+        """Raises MotionError if the folder holds no readable manifest."""
         self.folder = Path(folder)
         path = self.folder / "manifest.json"
         try:
             self.manifest = Manifest.model_validate_json(path.read_text(encoding="utf-8"))
         except OSError as error:
             raise MotionError(
-                f"{self.folder} is no corpus: manifest.json is missing; make one: `echoavatar data rehearse`"
+                f"{self.folder} is not a corpus: manifest.json is missing; make one with `echoavatar data rehearse`"
             ) from error
         except (ValidationError, UnicodeDecodeError) as error:
             raise MotionError(f"{path} is damaged; make the corpus again") from error
@@ -83,7 +81,7 @@ class Corpus:
         self._shards = [Shard(self.folder, entry) for entry in self.manifest.shards]
 
     def entries(self, split: str | None = None, *, has_mirrored: bool = True) -> list[ClipEntry]:
-        """Manifest lines of one split, or of all, sorted by name; `has_mirrored=False` leaves mirror images out."""
+        """Entries of one split or of all, sorted by name; `has_mirrored=False` leaves mirror images out."""
         return [
             entry
             for entry in self.manifest.clips
@@ -91,31 +89,31 @@ class Corpus:
         ]
 
     def names(self, split: str | None = None, *, has_mirrored: bool = True) -> list[str]:
-        """Clip names of one split, or of all."""
+        """Names of the clips of one split or of all."""
         return [entry.name for entry in self.entries(split, has_mirrored=has_mirrored)]
 
     def frames(self, split: str | None = None) -> int:
-        """Total length in frames, mirror images not counted."""
+        """Total length in frames, without mirror images."""
         return sum(entry.frames for entry in self.entries(split, has_mirrored=False))
 
     @cached_property
     def skeleton(self) -> Skeleton:
-        """The one rig of all clips.
+        """The rig of all clips.
 
         Raises:
-            MotionError: the clips are on rigs of their own.
+            MotionError: the clips have different rigs.
         """
         skeletons = self.manifest.skeletons
         if len(skeletons) > 1:
             raise MotionError(
-                f"the clips of {self.folder} are on {len(skeletons)} rigs; one model needs one rig: prepare the set"
+                f"the clips of {self.folder} have {len(skeletons)} rigs, a model needs a single one; prepare the set"
                 " again with --rig unified"
             )
         return Skeleton(skeletons[0]) if skeletons else HUMANOID
 
     @property
     def can_mirror(self) -> bool:
-        """Whether left and right of its rig are alike, so that swapping them gives a motion."""
+        """Whether the rig is symmetric, so that clips can be mirrored."""
         return can_mirror(self.skeleton)
 
     def skeleton_of(self, name: str) -> Skeleton:
@@ -126,7 +124,7 @@ class Corpus:
         return Skeleton(self.manifest.skeletons[self.manifest.shards[entry.shard].skeleton])
 
     def entry(self, name: str) -> ClipEntry:
-        """Manifest line of a clip; raises MotionError for a name that is not listed."""
+        """The entry of a clip; raises MotionError for a name that is not listed."""
         if name not in self._entries:
             raise MotionError(f"corpus {self.folder} has no clip {name!r}; only {len(self._entries)} others")
         return self._entries[name]
@@ -156,7 +154,7 @@ class Corpus:
         return (self.load(name) for name in self.names(split))
 
     def motion(self, name: str) -> ClipMotion:
-        """Rotations and root alone: a third of the bytes, or none where they are mapped into memory."""
+        """Rotations and root of a clip, without reading its sound."""
         entry = self.entry(name)
         if entry.shard is None:
             with open_clip(self.path(name)) as stored:
@@ -166,7 +164,7 @@ class Corpus:
         return mirrored(self.skeleton_of(name), motion) if entry.mirrored else motion
 
     def sound(self, name: str) -> NDArray[np.int16]:
-        """16-bit samples at 24 kHz; silence for a clip without sound."""
+        """16-bit samples at 24 kHz; zeros for a clip without sound."""
         entry = self.entry(name)
         if entry.shard is None:
             with open_clip(self.path(name)) as stored:
@@ -177,7 +175,7 @@ class Corpus:
         return self._shards[entry.shard].audio[first : first + entry.frames * SAMPLES_PER_FRAME]
 
     def verify(self) -> None:
-        """Raise MotionError for the first clip or shard whose file is missing or was changed since."""
+        """Raise MotionError for the first clip or shard whose file is missing or has changed."""
         for entry in self.manifest.clips:
             if entry.shard is not None:
                 continue
@@ -191,25 +189,25 @@ class Corpus:
 
 
 def can_mirror(skeleton: Skeleton) -> bool:
-    """Whether a rig has named sides whose rest offsets are reflections of each other, to 5 cm."""
+    """Whether a rig has mirror pairs whose rest offsets are reflections of each other, within 5 cm."""
     return len(skeleton.config.mirror) == skeleton.joints and is_symmetric(skeleton, SYMMETRIC_M)
 
 
 def mirrored(skeleton: Skeleton, motion: ClipMotion) -> ClipMotion:
-    """Left and right swapped: signs and places only, so it is exact."""
+    """Swap left and right; exact, because only signs and joint order change."""
     rotations = mirror_quaternions(skeleton, torch.from_numpy(np.array(motion.rotations)))
     return ClipMotion(rotations.numpy(), mirror_positions(torch.from_numpy(np.array(motion.root))).numpy())
 
 
 def clip_path(folder: Path | str, name: str) -> Path:
-    """Where a clip of this name lies in a corpus."""
+    """Path of a clip's file in a corpus."""
     return Path(folder) / "clips" / f"{name}.npz"
 
 
 def write_manifest(
     folder: Path | str, info: Mapping[str, Any] | None = None, names: Sequence[str] | None = None
 ) -> Corpus:
-    """List the clips of a folder (or only the named ones) and write `manifest.json`, whole or not at all."""
+    """Write the manifest of a folder's clips, or only of the named ones."""
     folder = Path(folder)
     paths = (
         sorted((folder / "clips").glob("*.npz"))
@@ -222,7 +220,7 @@ def write_manifest(
 
 
 def save_manifest(folder: Path | str, manifest: Manifest) -> Corpus:
-    """Write `manifest.json`, whole or not at all; fields that say nothing are left out."""
+    """Write `manifest.json`, completely or not at all; fields with default values are left out."""
     folder = Path(folder)
     content = manifest.model_dump(exclude_defaults=True, mode="json") | {"format": manifest.format}
     partial = folder / "manifest.json.part"

@@ -1,8 +1,8 @@
-"""Shards: many clips end to end in a few flat `.npy` files that are mapped into memory, not read.
+"""Shards: many clips end to end in a few flat `.npy` files that are memory-mapped.
 
-A shard is up to four files: `rotations` (n, j, 4) float32, `root` (n, 3) float32, `domain` (n,) uint8 and, where there
-is sound, `audio` (800 n,) int16 at 24 kHz. Frames `start` to `start + frames` belong to one clip. Every file has its
-checksum in the manifest; a shard is complete once the manifest names it.
+A shard has up to four files: `rotations` (n, j, 4) float32, `root` (n, 3) float32, `domain` (n,) uint8 and, for clips
+with sound, `audio` (800 n,) int16 at 24 kHz. Frames `start` to `start + frames` belong to one clip. The manifest holds
+the checksum of every file; a shard is complete once the manifest lists it.
 """
 
 import hashlib
@@ -25,18 +25,16 @@ TYPES = {"rotations": np.float32, "root": np.float32, "domain": np.uint8, "audio
 class ShardEntry(Config):
     """One shard as the manifest lists it."""
 
-    name: str = Field(description="file names begin with it")
+    name: str = Field(description="prefix of its file names")
     frames: int = Field(gt=0, description="length at 30 frames per second, all clips together")
-    skeleton: int = Field(
-        default=0, ge=0, description="which of the manifest's skeletons its joints belong to"
-    )
+    skeleton: int = Field(default=0, ge=0, description="index of its rig in the manifest's skeletons")
     sha256: dict[str, str] = Field(description="checksum of each array's file")
 
 
 class Shard:
-    """The arrays of a shard, mapped when first touched.
+    """The arrays of a shard, mapped on first access.
 
-    Raises MotionError from every access to a file that is missing, damaged or of another shape.
+    Access raises MotionError if the file is missing, damaged or of another shape.
     """
 
     def __init__(self, folder: Path, entry: ShardEntry) -> None:
@@ -44,7 +42,7 @@ class Shard:
 
     @property
     def has_sound(self) -> bool:
-        """Whether its clips come with sound."""
+        """Whether its clips have sound."""
         return "audio" in self.entry.sha256
 
     @cached_property
@@ -59,7 +57,7 @@ class Shard:
 
     @cached_property
     def domain(self) -> NDArray[np.uint8]:
-        """(n,) what is heard."""
+        """(n,) index into `DOMAINS`."""
         return self._mapped("domain")
 
     @cached_property
@@ -68,11 +66,11 @@ class Shard:
         return self._mapped("audio")
 
     def path(self, array: str) -> Path:
-        """File of one array."""
+        """Path of one array's file."""
         return shard_path(self.folder, self.entry.name, array)
 
     def verify(self) -> None:
-        """Raise MotionError for the first file that is missing or was changed since."""
+        """Raise MotionError for the first file that is missing or has changed."""
         for array, wanted in self.entry.sha256.items():
             path = self.path(array)
             if not path.is_file():
@@ -85,7 +83,7 @@ class Shard:
         try:
             values: NDArray[Any] = np.load(
                 path, mmap_mode="c", allow_pickle=False
-            )  # torch wants what may be written to
+            )  # copy on write: torch needs writable memory
         except FileNotFoundError as error:
             raise MotionError(f"shard {path} is missing; prepare the set again") from error
         except (OSError, ValueError, EOFError) as error:
@@ -102,10 +100,10 @@ class Shard:
 def write_shard(
     folder: Path, name: str, arrays: Mapping[str, NDArray[Any]], *, skeleton: int = 0
 ) -> ShardEntry:
-    """Write the arrays of a shard, each file whole or not at all.
+    """Write the arrays of a shard, each file completely or not at all.
 
     Raises:
-        MotionError: the folder cannot be written.
+        MotionError: a file cannot be written.
     """
     sums = {}
     for array, values in arrays.items():
@@ -128,7 +126,7 @@ def write_shard(
 
 
 def shard_path(folder: Path, name: str, array: str) -> Path:
-    """Where one array of a shard lies in a set."""
+    """Path of one array of a shard in a set."""
     return folder / "shards" / f"{name}.{array}.npy"
 
 

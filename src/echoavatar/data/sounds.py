@@ -1,7 +1,7 @@
-"""Sound without motion: recordings that a generator is tuned on by reward (paper, RL Alignment Corpus).
+"""Sound without motion, for tuning a generator by reward (paper, RL Alignment Corpus).
 
-A folder of 24 kHz mono WAV files and `sounds.json`, which says of each what is heard when, where it comes from, under
-which terms, and its checksum. The manifest is written anew after each recording, so a folder is whole at every moment.
+A folder of 24 kHz mono WAV files and `sounds.json`, which holds the labels, origin, terms of use and checksum of each
+file. The manifest is rewritten after each recording, so a folder is valid at every moment.
 """
 
 import json
@@ -28,11 +28,11 @@ class Sound(Config):
 
     name: str = Field(description="file-safe, unique in its folder")
     file: str = Field(description="path below the folder")
-    kind: Literal["speech", "music"] = Field(description="what it mainly is")
+    kind: Literal["speech", "music"] = Field(description="main kind of sound")
     split: Literal["train", "test"] = Field(default="train", description="test: held out of tuning")
     frames: int = Field(gt=0, description="length in motion frames, 30 a second")
     sha256: str = Field(description="checksum of the file")
-    source: str = Field(description="where it comes from: text and voices, or the file it was made of")
+    source: str = Field(description="origin: text and voices, or the source file")
     licence: str = Field(description="terms of use, as far as known")
     heard: tuple[tuple[int, int], ...] = Field(
         description="runs of (0 silence, 1 speech, 2 music; frames), together `frames`"
@@ -44,21 +44,21 @@ class Sound(Config):
 
     @property
     def seconds(self) -> float:
-        """Length."""
+        """Length in seconds."""
         return self.frames * SAMPLES_PER_FRAME / SAMPLE_RATE_HZ
 
     @property
     def domain(self) -> NDArray[np.uint8]:
-        """(t,) what is heard in each frame."""
+        """(t,) per frame: 0 silence, 1 speech, 2 music."""
         kinds, lengths = zip(*self.heard, strict=True)
         return np.repeat(np.array(kinds, np.uint8), lengths)
 
 
 class SoundSet:
-    """A folder of sounds; `info` says how it was made."""
+    """A folder of sounds; `info` holds the options that made it."""
 
     def __init__(self, folder: Path) -> None:
-        """Raises AudioError when the folder has no manifest or a damaged one."""
+        """Raises AudioError if the manifest is missing or damaged."""
         self.folder = folder
         path = folder / MANIFEST
         try:
@@ -78,7 +78,7 @@ class SoundSet:
         return [self._sounds[name] for name in sorted(self._sounds)]
 
     def path(self, sound: Sound) -> Path:
-        """Its file."""
+        """Path of a recording's file."""
         return self.folder / sound.file
 
     def load(self, sound: Sound) -> NDArray[np.float32]:
@@ -102,12 +102,12 @@ class SoundSet:
         return np.asarray(samples, np.float32)
 
     def is_intact(self, sound: Sound) -> bool:
-        """Whether its file is there and unchanged."""
+        """Whether a recording's file exists and is unchanged."""
         path = self.path(sound)
         return path.is_file() and checksum(path) == sound.sha256
 
     def verify(self) -> None:
-        """Raise AudioError for the first file that is missing or was changed since."""
+        """Raise AudioError for the first file that is missing or has changed."""
         for sound in self.sounds:
             if not self.is_intact(sound):
                 raise AudioError(
@@ -116,7 +116,7 @@ class SoundSet:
 
 
 def save_sounds(folder: Path, sounds: Iterable[Sound], info: Mapping[str, Any]) -> SoundSet:
-    """Write the manifest, whole or not at all."""
+    """Write the manifest, completely or not at all."""
     listed = [sound.model_dump(mode="json") for sound in sorted(sounds, key=lambda sound: sound.name)]
     partial = folder / f"{MANIFEST}.part"
     partial.write_text(json.dumps({"info": dict(info), "sounds": listed}, indent=1) + "\n", encoding="utf-8")
@@ -125,7 +125,7 @@ def save_sounds(folder: Path, sounds: Iterable[Sound], info: Mapping[str, Any]) 
 
 
 def runs(domain: NDArray[np.uint8]) -> tuple[tuple[int, int], ...]:
-    """What is heard in each frame as runs (kind, frames)."""
+    """Run-length encoding of a domain array: pairs of (kind, frames)."""
     edges = np.concatenate([[0], np.flatnonzero(np.diff(domain)) + 1, [len(domain)]])
     return tuple(
         (int(domain[start]), int(stop - start)) for start, stop in zip(edges, edges[1:], strict=False)

@@ -1,12 +1,13 @@
-"""Published datasets, read from the user's own copy and made into sets that `train` reads (paper, Datasets).
+"""Published datasets: converts the user's own copy to a set that `train` reads (paper, Datasets).
 
-One file per layout (`zeroeggs`, `motorica`, `beat2`, `bandai`, `folder`) finds the files, the splits and the terms;
-`item` takes one recording through all steps, `pack` writes shards and manifest, `run` does it for all of them and
-reports. May import `pipeline`, `rehearsal` and below; nothing of what runs live.
+One file per layout (`zeroeggs`, `motorica`, `beat2`, `bandai`, `folder`) finds files, splits and terms of use.
+`prepare_recording` takes one recording through all steps, `set_writer` writes shards and manifest, `prepare_dataset`
+does both for all recordings and writes a report. May import `pipeline`, `rehearsal` and below; live code does not
+import it.
 """
 
 from .options import Options
-from .run import Outcome, prepare
-from .source import Item, Survey, survey_of
+from .prepare_dataset import Outcome, prepare
+from .source import Recording, Survey, survey_of
 
-__all__ = ["Item", "Options", "Outcome", "Survey", "prepare", "survey_of"]
+__all__ = ["Recording", "Options", "Outcome", "Survey", "prepare", "survey_of"]

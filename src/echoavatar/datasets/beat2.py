@@ -2,7 +2,7 @@
 
 Published per language as `beat_english_v2.0.0/`: `smplxflame_30/{id}.npz`, `wave16k/{id}.wav` and
 `train_test_split.csv` with the columns id and type (train, val, test, additional). An id begins with the speaker's
-number and name, as in 2_scott_0_1_1. Standard practice leaves `additional` out; so do we unless asked.
+number and name, as in 2_scott_0_1_1. As in published work, `additional` is left out by default.
 """
 
 import csv
@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from ..errors import EchoAvatarError
-from .source import Item, LeftOut, Survey, Terms, files_below
+from .source import LeftOut, Recording, Survey, Terms, files_below
 
 TERMS = Terms(
     title="BEAT2 (BEAT-SMPLX-FLAME)",
@@ -26,7 +26,7 @@ SPLIT = "train_test_split.csv"
 
 
 def survey(folder: Path, *, has_additional: bool = False) -> Survey:
-    """Recordings of every language folder below, in the order of its split table, and npz files the table lacks."""
+    """Find the recordings of every language folder below `folder`, by npz file and split table."""
     tables = [path for path in files_below(folder, ".csv") if path.name == SPLIT]
     places = [path.parent for path in tables] or sorted(
         {path.parent.parent for path in files_below(folder, ".npz") if path.parent.name == "smplxflame_30"}
@@ -35,7 +35,7 @@ def survey(folder: Path, *, has_additional: bool = False) -> Survey:
         raise EchoAvatarError(
             f"{folder} holds no {SPLIT} and no smplxflame_30/*.npz; name the folder beat_english_v2.0.0 or one above"
         )
-    items: list[Item] = []
+    recordings: list[Recording] = []
     left_out: list[LeftOut] = []
     missing: list[str] = []
     for place in places:
@@ -56,21 +56,21 @@ def survey(folder: Path, *, has_additional: bool = False) -> Survey:
             if official and not kind:
                 left_out.append(LeftOut(name, f"not in {SPLIT}"))
             elif kind == "additional" and not has_additional:
-                left_out.append(LeftOut(name, "additional data; --additional takes it"))
+                left_out.append(LeftOut(name, "additional data; pass --additional to use it"))
             else:
-                items.append(_item(name, path, place, "train" if kind == "additional" else kind))
-    return Survey(TERMS, items, missing, left_out, f"{SPLIT}, by recording of each speaker")
+                recordings.append(_item(name, path, place, "train" if kind == "additional" else kind))
+    return Survey(TERMS, recordings, missing, left_out, f"{SPLIT}, by recording of each speaker")
 
 
-def _item(name: str, path: Path, place: Path, split: str) -> Item:
+def _item(name: str, path: Path, place: Path, split: str) -> Recording:
     words = name.split("_")
     labels = {"speaker": words[0], "speaker_name": words[1]} if len(words) > 1 else {}
     labels["language"] = place.name.removeprefix("beat_").partition("_")[0]
-    return Item(name, path, place / "wave16k" / f"{name}.wav", "speech", split, labels, RATES)
+    return Recording(name, path, place / "wave16k" / f"{name}.wav", "speech", split, labels, RATES)
 
 
 def _table(path: Path) -> Mapping[str, str]:
-    """Recording to train, val, test or additional; empty where there is no table."""
+    """Map each recording to train, val, test or additional; empty without a table."""
     if not path.is_file():
         return {}
     with path.open(newline="", encoding="utf-8-sig") as file:

@@ -1,4 +1,4 @@
-"""What is heard when: silence, speech or music per frame, beats and stressed syllables, measured from the sound."""
+"""Labels measured from sound: silence, speech or music per frame, beats and stressed syllables."""
 
 from collections.abc import Sequence
 
@@ -6,19 +6,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..rehearsal.corpus import domains
-from ..rehearsal.recording import track_from_recording
+from ..rehearsal.recording_labels import track_from_recording
 from ..timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from .source import Domain
 
-STRESSED = 0.45  # prominence from which a syllable counts, as in the rehearsal corpus
+STRESSED = 0.45  # least prominence of a stressed syllable, as in the rehearsal corpus
 
 
 def sound_labels(
     audio: NDArray[np.float32], kind: Domain
 ) -> tuple[NDArray[np.uint8], dict[str, tuple[float, ...]]]:
-    """Domain (t,) of each frame and the times in seconds of beats, downbeats and stresses; as a rehearsal clip has.
+    """Domain (t,) of each frame, and times in seconds of beats, downbeats and stresses, as in a rehearsal clip.
 
-    Sound that is too short or all but silent to be judged is silence.
+    Sound that is shorter than two seconds or nearly silent is labelled as silence.
     """
     frames = len(audio) // SAMPLES_PER_FRAME
     if len(audio) < 2 * SAMPLE_RATE_HZ or float(np.abs(audio).max()) < 1e-4:

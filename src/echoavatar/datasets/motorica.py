@@ -1,15 +1,14 @@
 """Motorica Dance Dataset: six hours of dance in eight styles, `bvh/` at 120 fps and `wav/` of the same names.
 
 Names follow AIST: prefix_genre_situation_camera_dancer_music_choreography. Music of the casual session (`kthmisc`) is
-not published, so these clips have no sound. No split is published with the data; the ten test clips below are those
-that published work on the set holds out. Fingers are missing or drift in many clips (its README says which sessions),
-which is what the paper's motion refinement is for.
+not published, so these clips have no sound. The data comes without a split; published work on it holds out the ten test
+clips below. In many clips fingers are missing or drift, which is the reason for the paper's motion refinement.
 """
 
 import re
 from pathlib import Path
 
-from .source import Item, LeftOut, Survey, Terms, files_below
+from .source import LeftOut, Recording, Survey, Terms, files_below
 
 TERMS = Terms(
     title="Motorica Dance Dataset",
@@ -47,18 +46,20 @@ _NAME = re.compile(r"kth[a-z]+_(g[A-Z]{2})_s\w+?_(?:cAll|sngl)_(d\d+)")
 
 
 def survey(folder: Path) -> Survey:
-    """Every BVH whose name is a dance's; its music is the wav of that name, in `wav/` beside `bvh/` or beside it."""
-    items: list[Item] = []
+    """Find every BVH named like a dance; its music is the wav of that name, in `wav/` beside `bvh/` or beside it."""
+    recordings: list[Recording] = []
     left_out: list[LeftOut] = []
     sounds = {path.stem: path for path in files_below(folder, ".wav")}
     for path in files_below(folder, ".bvh"):
         match = _NAME.match(path.stem)
         if not match:
-            left_out.append(LeftOut(path.stem, "its name is none of Motorica; use `data prepare bvh` for it"))
+            left_out.append(
+                LeftOut(path.stem, "its name is not one of Motorica; prepare it with `data prepare bvh`")
+            )
             continue
         beside = path.parent.parent / "wav" if path.parent.name == "bvh" else path.parent
-        items.append(
-            Item(
+        recordings.append(
+            Recording(
                 name=path.stem,
                 motion=path,
                 sound=sounds.get(path.stem, beside / f"{path.stem}.wav"),
@@ -68,7 +69,9 @@ def survey(folder: Path) -> Survey:
                 rates=RATES,
             )
         )
-    there = {item.labels["genre"] for item in items}
+    there = {recording.labels["genre"] for recording in recordings}
     gone = [genre for genre in GENRES.values() if genre not in there]
     missing = [f"no clip of {', '.join(gone)}"] if gone else []
-    return Survey(TERMS, items, missing, left_out, "ten test clips held out by published work on the set")
+    return Survey(
+        TERMS, recordings, missing, left_out, "ten test clips held out by published work on the set"
+    )

@@ -1,4 +1,4 @@
-"""Pictures of a set: how long its clips are, how fast hands move and where they go, and contact sheets to look at."""
+"""Pictures of a set: lengths of clips, speeds and positions of the hands, joint angles, contact sheets."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -15,8 +15,8 @@ from ..kinematics.rigs import bone_map
 from ..kinematics.statistics import wrist_speeds
 from ..timing import FRAME_RATE_HZ
 
-MOST_CLIPS = 200  # that the histograms look at, spread over the set
-LONGEST_S = 60.0  # of each
+MOST_CLIPS = 200  # in the histograms, spread over the set
+LONGEST_S = 60.0  # used of each clip
 BONES = ("spine", "head", "leftUpperArm", "leftLowerArm", "leftUpperLeg", "leftLowerLeg")
 _Array = np.ndarray
 
@@ -66,7 +66,7 @@ def _pyplot() -> Any:
 
 
 def _spread(names: Sequence[str], count: int) -> list[str]:
-    """At most so many names, evenly spread, first and last among them."""
+    """At most `count` names, evenly spread, including the first and the last."""
     if len(names) <= count:
         return list(names)
     return [names[int(at)] for at in np.linspace(0, len(names) - 1, count).round()]
@@ -79,7 +79,7 @@ def _motion(corpus: Corpus, name: str) -> Motion:
 
 
 def _durations(plot: Any, corpus: Corpus) -> Any:
-    """Lengths of clips by split, and how much of what is heard."""
+    """Lengths of clips by split, and minutes by kind of sound."""
     figure, (left, right) = plot.subplots(1, 2, figsize=(10, 3.6))
     entries = corpus.entries(has_mirrored=False)
     splits = [split for split in ("train", "val", "test") if any(e.split == split for e in entries)]
@@ -105,7 +105,7 @@ def _durations(plot: Any, corpus: Corpus) -> Any:
 
 
 def _speeds(plot: Any, motions: Sequence[Motion]) -> Any:
-    """Speeds of wrists seen from the hips, and of the hips over the floor."""
+    """Speeds of the wrists relative to the hips, and of the hips over the floor."""
     figure, (left, right) = plot.subplots(1, 2, figsize=(10, 3.6))
     wrists = np.concatenate([wrist_speeds(motion) for motion in motions if motion.frames > 1])
     for side, name in enumerate(("left", "right")):
@@ -125,7 +125,7 @@ def _speeds(plot: Any, motions: Sequence[Motion]) -> Any:
 
 
 def _poses(plot: Any, motions: Sequence[Motion]) -> Any:
-    """Where wrists are, from the front, and how far joints turn from rest."""
+    """Positions of the wrists from the front, and angles of joints from rest."""
     figure, (left, right) = plot.subplots(1, 2, figsize=(10, 4.2))
     places = np.concatenate([_wrists(motion) for motion in motions])
     left.hist2d(
@@ -137,14 +137,14 @@ def _poses(plot: Any, motions: Sequence[Motion]) -> Any:
         title="wrists from the front",
         aspect="equal",
     )
-    turns: dict[str, list[_Array]] = {}
+    degrees: dict[str, list[_Array]] = {}
     for motion in motions:
         bones = bone_map(motion.skeleton)
         for name in BONES:
             if name in bones:
                 w = np.abs(motion.rotations[:, bones[name], 0]).clip(0, 1)
-                turns.setdefault(name, []).append(np.degrees(2 * np.arccos(w)))
-    for name, angles in turns.items():
+                degrees.setdefault(name, []).append(np.degrees(2 * np.arccos(w)))
+    for name, angles in degrees.items():
         right.hist(np.concatenate(angles), bins=90, range=(0, 180), histtype="step", density=True, label=name)
     right.set(xlabel="turned from rest, degrees", ylabel="share", yscale="log", title="joints")
     right.legend(fontsize=7)
@@ -152,7 +152,7 @@ def _poses(plot: Any, motions: Sequence[Motion]) -> Any:
 
 
 def _wrists(motion: Motion) -> _Array:
-    """(2 t, 2) left and up of both wrists, seen from the hips and where they face."""
+    """(2 t, 2): positions of both wrists to the left and above, relative to the hips and their heading."""
     bones, pose = bone_map(motion.skeleton), motion.pose()
     places = pose.positions.numpy().astype(np.float64)
     across = places[:, bones["leftUpperLeg"]] - places[:, bones["rightUpperLeg"]]

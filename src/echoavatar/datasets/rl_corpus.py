@@ -1,7 +1,7 @@
-"""The corpus that a generator is tuned on by reward: sound alone (paper, RL Alignment Corpus).
+"""The sound corpus for tuning a generator by reward (paper, RL Alignment Corpus).
 
-About an hour of spoken conversation and 100 pieces of music. Each recording depends on the seed and its own name, is
-written before the manifest names it, and is kept by the next call, so a stopped run goes on.
+About an hour of spoken conversation and 100 pieces of music. Each recording follows from the seed and its own name. It
+is written before the manifest lists it and kept by the next call, so an interrupted run can continue.
 """
 
 from collections.abc import Callable, Iterator
@@ -20,12 +20,12 @@ from ..data.sounds import MANIFEST, Sound, SoundSet, runs, save_sounds
 from ..errors import AudioError, EchoAvatarError
 from ..timing import SAMPLES_PER_FRAME
 from .conversations import OWN, RULE, Script, conversations
-from .pieces import Job, Take, composed, recorded
-from .voices import Reader
+from .music_sources import Job, Take, composed_music, recorded_music
+from .text_to_speech import TextToSpeech
 
 Kind = Literal["speech", "music"]
 Progress = Callable[[Kind, float, float], None]
-FAILURES_IN_A_ROW = 5  # then it is not the scripts
+FAILURES_IN_A_ROW = 5  # after which the scripts are not to blame, so the run stops
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class SoundPlan:
     """What to make, and where."""
 
     folder: Path
-    reader: Reader
+    voice: TextToSpeech
     hours: float = 1.0
     pieces: int = 100
     seed: int = 0
@@ -43,63 +43,63 @@ class SoundPlan:
     music_licence: str = "not stated"
 
     def info(self) -> dict[str, Any]:
-        """What a folder is made with throughout."""
+        """What must stay the same over all runs on a folder."""
         return {
             "kind": "sound to tune a generator on by reward",
             "seed": self.seed,
-            "voice": self.reader.title,
+            "voice": self.voice.title,
             "scripts": self.scripts.name if self.scripts else "own",
             "music": self.music.name if self.music else "composed by rule",
         }
 
 
 @dataclass
-class Gathered:
-    """What a run made, kept and could not make."""
+class RlCorpusResult:
+    """What a run made, kept from earlier runs, and could not make."""
 
     made: dict[str, Sound] = field(default_factory=dict)
     kept: dict[str, Sound] = field(default_factory=dict)
     failures: list[tuple[str, str]] = field(default_factory=list)
 
     def sounds(self, kind: Kind) -> list[Sound]:
-        """Those of this run's plan, made or kept."""
+        """Sounds of one kind, made or kept."""
         return [sound for sound in (self.made | self.kept).values() if sound.kind == kind]
 
     def seconds(self, kind: Kind) -> float:
-        """Their length."""
+        """Total length of the sounds of one kind."""
         return sum(sound.seconds for sound in self.sounds(kind))
 
 
-def gather(plan: SoundPlan, progress: Progress | None = None) -> Gathered:
-    """Make, or complete, the corpus. Progress is told in minutes of speech and in pieces of music.
+def make_rl_corpus(plan: SoundPlan, progress: Progress | None = None) -> RlCorpusResult:
+    """Make or complete the corpus; progress is in minutes of speech and in pieces of music.
 
     Raises:
-        EchoAvatarError: nothing is asked for, a folder cannot be used, or no script of several in a row can be spoken.
+        EchoAvatarError: the plan is empty, a folder cannot be used, or several scripts in a row fail.
         DependencyError: the voice cannot be reached or refuses the key.
     """
     if plan.hours < 0 or plan.pieces < 0 or plan.hours + plan.pieces == 0:
         raise EchoAvatarError(
             f"--hours {plan.hours:g} and --pieces {plan.pieces} ask for nothing; make one positive"
         )
-    music = list(islice(_music(plan), plan.pieces))  # a folder without music is told before an hour is spoken
-    folder, found = _Folder(plan), Gathered()
+    music = list(islice(_music(plan), plan.pieces))  # an empty folder must fail before the speech is made
+    folder, found = _CorpusFolder(plan), RlCorpusResult()
     in_a_row, jobs = 0, _speech(plan)
     while found.seconds("speech") < plan.hours * 3600:
-        in_a_row = 0 if folder.take(next(jobs), "speech", found) else in_a_row + 1
+        in_a_row = 0 if folder.make_or_keep(next(jobs), "speech", found) else in_a_row + 1
         if in_a_row == FAILURES_IN_A_ROW:
             name, why = found.failures[-1]
             raise EchoAvatarError(f"{in_a_row} scripts in a row failed, the last of them {name}: {why}")
         if progress:
             progress("speech", found.seconds("speech") / 60, plan.hours * 60)
     for number, job in enumerate(music, start=1):
-        folder.take(job, "music", found)
+        folder.make_or_keep(job, "music", found)
         if progress:
             progress("music", number, len(music))
     return found
 
 
 def _music(plan: SoundPlan) -> Iterator[Job]:
-    return recorded(plan.music, plan.music_licence) if plan.music else composed(plan.seed)
+    return recorded_music(plan.music, plan.music_licence) if plan.music else composed_music(plan.seed)
 
 
 def _speech(plan: SoundPlan) -> Iterator[Job]:
@@ -108,20 +108,20 @@ def _speech(plan: SoundPlan) -> Iterator[Job]:
 
 
 def _spoken(plan: SoundPlan, script: Script) -> Take:
-    said = plan.reader.read(script, np.random.default_rng([plan.seed, crc32(script.name.encode())]))
+    said = plan.voice.read(script, np.random.default_rng([plan.seed, crc32(script.name.encode())]))
     text = "Apache-2.0" if script.source in (OWN, RULE) else plan.scripts_licence
     return Take(
         said.audio,
         said.domain,
         {kind: times for kind, times in said.events.items() if times},
-        f"text: {script.source}; spoken by {plan.reader.title} ({', '.join(said.voices)})",
-        f"text: {text}; {plan.reader.licence}",
+        f"text: {script.source}; spoken by {plan.voice.title} ({', '.join(said.voices)})",
+        f"text: {text}; {plan.voice.licence}",
         {"text": "\n".join(turn.text for turn in script.turns)},
     )
 
 
-class _Folder:
-    """What is on disk: all that was there before stays listed."""
+class _CorpusFolder:
+    """The corpus on disk; recordings of earlier runs stay listed."""
 
     def __init__(self, plan: SoundPlan) -> None:
         self._folder, self._info = plan.folder, plan.info()
@@ -144,8 +144,8 @@ class _Folder:
                 )
         self._listed = {sound.name: sound for sound in before.sounds if before.is_intact(sound)}
 
-    def take(self, job: Job, kind: Kind, found: Gathered) -> bool:
-        """Make it unless it is there; a failure is noted and False."""
+    def make_or_keep(self, job: Job, kind: Kind, found: RlCorpusResult) -> bool:
+        """Make a recording unless it exists; note a failure and return False."""
         if job.name in self._listed:
             found.kept[job.name] = self._listed[job.name]
             return True

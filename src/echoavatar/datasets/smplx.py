@@ -1,9 +1,9 @@
-"""SMPL-X motion without the body model, which may not be shipped: axis angles and translation on a skeleton of ours.
+"""SMPL-X motion without the body model, whose licence does not allow shipping it.
 
-The joint order is SMPL-X's. Rest offsets are those of our own rig, bone for bone, so proportions are ours, not the
-speaker's: rotations are exact, positions are those of a body of 1.70 m. Retargeting takes rotations and scales travel,
-so little is lost; foot contacts are measured on these legs. With the user's own copy of the body model the joints are
-the speaker's (`rest_joints`). Hand poses are taken as absolute, as MoSh writes them (no mean hand is added).
+The skeleton has SMPL-X's joint order and, bone for bone, the rest offsets of our humanoid: rotations are exact,
+positions are those of a body of 1.70 m. Little is lost, because retargeting uses rotations and scales travel; foot
+contacts are measured on these legs. With the user's own copy of the body model the skeleton has the speaker's joint
+positions (`rest_joints`). Hand poses are absolute, as MoSh writes them: no mean hand is added.
 
 An npz holds `poses` (t, 165) axis angles in radians, `trans` (t, 3) metres, and may hold `betas` and
 `mocap_frame_rate`.
@@ -24,7 +24,7 @@ from ..kinematics import HUMANOID, Motion, Skeleton, SkeletonConfig
 from ..kinematics.rigs import finger_bones
 from ..kinematics.rotations import matrix_from_axis_angle, quaternion_from_matrix
 
-_BODY = (  # name, parent, bone of ours
+_BODY = (  # name, parent, VRM bone
     ("pelvis", -1, "hips"),
     ("left_hip", 0, "leftUpperLeg"),
     ("right_hip", 0, "rightUpperLeg"),
@@ -57,7 +57,7 @@ _FACE = {  # from the head joint, metres
     "right_eye_smplhf": (-0.03, 0.07, 0.07),
 }
 _DIGITS = {"index": "Index", "middle": "Middle", "pinky": "Little", "ring": "Ring", "thumb": "Thumb"}
-UPRIGHT_SHARE = 0.6  # of the spine's mean direction that the up axis must have
+UPRIGHT_SHARE = 0.6  # least component of the mean spine direction along the up axis
 _FOREIGN = (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error)
 _Numbers = Any
 
@@ -73,14 +73,14 @@ def _table() -> list[tuple[str, int, str]]:
 
 
 def skeleton(rest: Float[np.ndarray, "55 3"] | None = None) -> Skeleton:
-    """The 55 joints; at `rest` (metres, from a body model) or where our own rig has them."""
+    """The 55 joints at `rest` (metres, from a body model) or at the positions of our humanoid."""
     rows = _table()
     places = _our_rest(rows) if rest is None else rest - rest[0] + HUMANOID.rest_positions[0].numpy()
     offsets = [places[j] - (places[parent] if parent >= 0 else 0) for j, (_, parent, _) in enumerate(rows)]
     if rest is not None:
         feet = [places[j, 1] for j in (10, 11)]
         ours = HUMANOID.rest_positions[HUMANOID.index("leftToes"), 1]
-        offsets[0] = offsets[0] - np.array([0.0, min(feet) - float(ours), 0.0])  # stands on the floor
+        offsets[0] = offsets[0] - np.array([0.0, min(feet) - float(ours), 0.0])  # puts the feet on the floor
     return Skeleton(
         SkeletonConfig(
             names=tuple(name for name, _, _ in rows),
@@ -106,16 +106,16 @@ def _tips(rows: list[tuple[str, int, str]]) -> dict[str, tuple[float, float, flo
 
 
 def read_smplx(path: Path, *, body_model: Path | None = None) -> Motion:
-    """SMPL-X parameters as motion with +Y up; a recording with +Z up (AMASS) is turned.
+    """Read SMPL-X parameters as motion with +Y up; a recording with +Z up (AMASS) is turned.
 
     Raises:
-        MotionError: missing, damaged, of another shape, not finite, or not upright.
+        MotionError: the file is missing, damaged, of another shape, not finite, or not upright.
     """
     try:
         with np.load(path, allow_pickle=False) as stored:
             for key in ("poses", "trans"):
                 if key not in stored:
-                    raise MotionError(f"{path} lacks {key!r}; it is no SMPL-X motion")
+                    raise MotionError(f"{path} lacks {key!r}; it is not SMPL-X motion")
             poses, trans = (np.asarray(stored[key], np.float64) for key in ("poses", "trans"))
             betas = np.asarray(stored["betas"], np.float64).ravel() if "betas" in stored else np.zeros(0)
             rate = next((stored[k] for k in ("mocap_frame_rate", "mocap_framerate") if k in stored), 30.0)
@@ -133,31 +133,34 @@ def read_smplx(path: Path, *, body_model: Path | None = None) -> Motion:
         bad = int(np.flatnonzero(~np.isfinite(np.hstack([poses, trans])).all(1))[0])
         raise MotionError(f"{path}, frame {bad}: values that are not finite; repair or leave out the file")
     rig = skeleton(None if body_model is None else rest_joints(body_model, betas))
-    turns = matrix_from_axis_angle(torch.from_numpy(poses.reshape(t, 55, 3)))
-    turns, trans = _with_y_up(turns, trans, path)
-    rotations = quaternion_from_matrix(turns).numpy().astype(np.float32)
+    matrices = matrix_from_axis_angle(torch.from_numpy(poses.reshape(t, 55, 3)))
+    matrices, trans = _with_y_up(matrices, trans, path)
+    rotations = quaternion_from_matrix(matrices).numpy().astype(np.float32)
     motion = Motion(rig, rotations, (trans + rig.offsets[0].numpy()).astype(np.float32), fps)
     return _on_floor(motion)
 
 
-def _with_y_up(turns: torch.Tensor, trans: _Numbers, path: Path) -> tuple[torch.Tensor, _Numbers]:
-    """Where the pelvis's own up points in the mean is up."""
-    spine = turns[:, 0, :, 1].mean(0)
+def _with_y_up(matrices: torch.Tensor, trans: _Numbers, path: Path) -> tuple[torch.Tensor, _Numbers]:
+    """Turn the motion so that the mean direction of the spine is +Y."""
+    spine = matrices[:, 0, :, 1].mean(0)
     if float(spine[1]) >= UPRIGHT_SHARE:
-        return turns, trans
+        return matrices, trans
     if float(spine[2]) < UPRIGHT_SHARE:
         raise MotionError(
             f"{path}: the body stands neither along Y nor along Z (mean spine {spine.numpy().round(2).tolist()});"
             " turn it upright"
         )
-    turn = matrix_from_axis_angle(torch.tensor([-np.pi / 2, 0.0, 0.0], dtype=turns.dtype))
-    turns = turns.clone()
-    turns[:, 0] = turn @ turns[:, 0]
-    return turns, trans @ turn.numpy().T
+    turn = matrix_from_axis_angle(torch.tensor([-np.pi / 2, 0.0, 0.0], dtype=matrices.dtype))
+    matrices = matrices.clone()
+    matrices[:, 0] = turn @ matrices[:, 0]
+    return matrices, trans @ turn.numpy().T
 
 
 def _on_floor(motion: Motion) -> Motion:
-    """Shifted so that the lower ankle is at its rest height one tenth of the time; SMPL-X's origin is not the floor."""
+    """Shift the motion so that the lower ankle is at or below its rest height for a tenth of the time.
+
+    The origin of SMPL-X is not on the floor.
+    """
     ankles = motion.skeleton.indices(("left_ankle", "right_ankle"))
     low = np.quantile(motion.pose().positions[:, ankles, 1].min(1).values.numpy(), 0.1)
     rest = float(motion.skeleton.rest_positions[ankles, 1].mean())
@@ -166,13 +169,13 @@ def _on_floor(motion: Motion) -> Motion:
 
 
 def rest_joints(body_model: Path, betas: Float[np.ndarray, " n"]) -> Float[np.ndarray, "55 3"]:
-    """Where the joints of a body of this shape are at rest, from the user's own SMPLX_*.npz.
+    """Rest positions of the joints for a body shape, from the user's own SMPLX_*.npz.
 
     Raises:
-        MotionError: the file is missing or no SMPL-X model.
+        MotionError: the file is missing or is not an SMPL-X model.
     """
     template, directions, regressor = _body(body_model)
-    shapes = 300 if directions.shape[-1] > 300 else 10  # the rest are expressions
+    shapes = 300 if directions.shape[-1] > 300 else 10  # the others are expressions
     used = min(shapes, len(betas))
     joints: Float[np.ndarray, "55 3"] = regressor @ (template + directions[..., :used] @ betas[:used])
     return joints
@@ -180,7 +183,7 @@ def rest_joints(body_model: Path, betas: Float[np.ndarray, " n"]) -> Float[np.nd
 
 @lru_cache(maxsize=2)
 def _body(path: Path) -> tuple[_Numbers, _Numbers, _Numbers]:
-    """Template, shape directions, joint regressor; nothing that is pickled is touched."""
+    """Template, shape directions and joint regressor; pickled arrays of the file are not read."""
     try:
         with np.load(path, allow_pickle=False) as stored:
             arrays = [
@@ -188,11 +191,11 @@ def _body(path: Path) -> tuple[_Numbers, _Numbers, _Numbers]:
             ]
     except (*_FOREIGN, KeyError, TypeError) as error:
         raise MotionError(
-            f"{path} is no SMPL-X body model ({error}); give --body-model your SMPLX_NEUTRAL_2020.npz, or leave it out"
+            f"{path} is not an SMPL-X body model ({error}); pass --body-model SMPLX_NEUTRAL_2020.npz, or leave it out"
         ) from error
     template, directions, regressor = arrays
     if regressor.shape != (55, len(template)) or directions.shape[:2] != template.shape:
         raise MotionError(
-            f"{path}: {regressor.shape} joint regressor, SMPL-X has 55 joints; give another model"
+            f"{path}: the joint regressor has shape {regressor.shape}, SMPL-X has 55 joints; use another model"
         )
     return template, directions, regressor

@@ -1,6 +1,6 @@
-"""What a dataset is to us: recordings by name, whose files, split and labels are known, and terms of use.
+"""Descriptions of datasets: recordings with files, split and labels, and terms of use.
 
-A layout is a module with `TERMS` and `survey(folder) -> Survey`; `LAYOUTS` names them for the command line.
+A layout is a module with `TERMS` and `survey(folder) -> Survey`; `LAYOUTS` maps the command line's names to modules.
 """
 
 import fnmatch
@@ -26,27 +26,27 @@ LAYOUTS = {
 
 
 class Terms(Config):
-    """Whose data it is and what may be done with it; travels in every set's manifest."""
+    """Origin and licence of a dataset; stored in the manifest of every set made of it."""
 
     title: str = Field(description="name of the dataset")
     origin: str = Field(description="where it is published")
-    licence: str = Field(description="its licence, in a line")
-    may_ship: str = Field(description="what may be passed on: the set, weights trained on it")
-    cite: str = Field(default="", description="what its authors ask to be cited")
+    licence: str = Field(description="its licence, in one line")
+    may_ship: str = Field(description="whether the set and weights trained on it may be passed on")
+    cite: str = Field(default="", description="the citation that its authors ask for")
 
 
 @dataclass(frozen=True)
-class Item:
-    """One recording: where its files are and what the dataset says about it.
+class Recording:
+    """One recording: its files and what the dataset says about it.
 
     Attributes:
         name: file-safe, unique in its dataset.
         motion: BVH, or SMPL-X npz.
-        sound: the sound file that belongs to it, whether or not it is there; None for motion that has none.
-        domain: what the sound is, where there is any.
-        split: "train", "val" or "test" as published; "" where nothing is published.
+        sound: the sound file that belongs to it, even if it is missing; None for motion without sound.
+        domain: kind of the sound.
+        split: "train", "val" or "test" as published; "" if there is no published split.
         labels: speaker, style, genre.
-        rates: frame rates at which the dataset is published; empty where any will do.
+        rates: frame rates at which the dataset is published; empty if any is fine.
     """
 
     name: str
@@ -59,7 +59,7 @@ class Item:
 
 
 class LeftOut(NamedTuple):
-    """A recording that is there but not wanted, and why."""
+    """A recording that is not used, and why."""
 
     name: str
     why: str
@@ -69,10 +69,10 @@ class Survey(NamedTuple):
     """What was found in a folder."""
 
     terms: Terms
-    items: Sequence[Item]
-    missing: Sequence[str] = ()  # what the published layout has and this copy lacks, one line each
+    recordings: Sequence[Recording]
+    missing: Sequence[str] = ()  # what this copy lacks of the published dataset, one line each
     left_out: Sequence[LeftOut] = ()
-    split_from: str = ""  # where the split comes from
+    split_from: str = ""  # description of the split's origin
 
 
 def survey_of(
@@ -83,62 +83,62 @@ def survey_of(
     speakers: Sequence[str] = (),
     has_additional: bool = False,
 ) -> Survey:
-    """Look for a dataset's files.
+    """Find a dataset's recordings.
 
     Args:
         kind: one of `LAYOUTS`.
-        folder: the user's copy, at or above the folder that holds the files.
-        only: globs of names; others are left out.
+        folder: the user's copy: the folder with the files, or one above it.
+        only: glob patterns of names; other recordings are left out.
         speakers: numbers or names of speakers; others are left out.
-        has_additional: take what the dataset publishes beyond its standard part.
+        has_additional: include recordings outside the standard part of the dataset.
 
     Raises:
-        EchoAvatarError: there is no such folder, or nothing of this dataset in it.
+        EchoAvatarError: the folder does not exist or holds nothing of this dataset.
     """
     if not folder.is_dir():
-        raise EchoAvatarError(f"{folder} is not a folder; name your copy of the dataset")
+        raise EchoAvatarError(f"{folder} is not a folder; pass the folder of your copy of the dataset")
     survey: Callable[..., Survey] = import_module(f".{LAYOUTS[kind]}", __package__).survey
     found = survey(folder, has_additional=has_additional) if kind == "beat2" else survey(folder)
     wanted, left_out = [], list(found.left_out)
-    for item in found.items:
-        if only and not any(fnmatch.fnmatch(item.name, glob) for glob in only):
-            left_out.append(LeftOut(item.name, "not among --only"))
-        elif speakers and not _speaks(item, speakers):
-            left_out.append(LeftOut(item.name, "not among --speakers"))
+    for recording in found.recordings:
+        if only and not any(fnmatch.fnmatch(recording.name, glob) for glob in only):
+            left_out.append(LeftOut(recording.name, "not among --only"))
+        elif speakers and not _speaks(recording, speakers):
+            left_out.append(LeftOut(recording.name, "not among --speakers"))
         else:
-            wanted.append(item)
+            wanted.append(recording)
     if not wanted:
         everything = f", all {len(left_out)} left out: {left_out[0].why}" if left_out else ""
         missing = f"; {'; '.join(found.missing)}" if found.missing else ""
         raise EchoAvatarError(f"no recording of {kind} to prepare in {folder}{everything}{missing}")
-    return found._replace(items=tuple(wanted), left_out=tuple(left_out))
+    return found._replace(recordings=tuple(wanted), left_out=tuple(left_out))
 
 
-def with_splits(items: Sequence[Item], test_every: int | None) -> list[Item]:
-    """Items that all have a split: the published one, or each n-th by name for testing (0: none).
+def with_splits(recordings: Sequence[Recording], test_every: int | None) -> list[Recording]:
+    """Recordings that all have a split: the published one, or every n-th by name for testing (0: none).
 
-    Without `test_every`, recordings without a published split are held out one in ten.
+    Without `test_every`, every tenth of the recordings without a published split is held out.
     """
-    ordered = sorted(items, key=lambda item: item.name)
-    if test_every is None and all(item.split for item in ordered):
+    ordered = sorted(recordings, key=lambda recording: recording.name)
+    if test_every is None and all(recording.split for recording in ordered):
         return ordered
     every = 10 if test_every is None else test_every
     keep = test_every is None
     return [
-        item
-        if keep and item.split
-        else replace(item, split="test" if every and number % every == every - 1 else "train")
-        for number, item in enumerate(ordered)
+        recording
+        if keep and recording.split
+        else replace(recording, split="test" if every and number % every == every - 1 else "train")
+        for number, recording in enumerate(ordered)
     ]
 
 
-def _speaks(item: Item, speakers: Sequence[str]) -> bool:
-    own = {item.labels.get("speaker", ""), item.labels.get("speaker_name", "")} - {""}
+def _speaks(recording: Recording, speakers: Sequence[str]) -> bool:
+    own = {recording.labels.get("speaker", ""), recording.labels.get("speaker_name", "")} - {""}
     return bool(own & set(speakers))
 
 
 def files_below(folder: Path, *suffixes: str) -> list[Path]:
-    """Files of these suffixes (lower case) anywhere below a folder, sorted; hidden ones are not looked at."""
+    """Files with these suffixes (lower case) anywhere below a folder, sorted; hidden files are skipped."""
     return sorted(
         path
         for path in folder.rglob("*")

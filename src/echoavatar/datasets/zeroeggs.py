@@ -1,8 +1,8 @@
 """ZeroEGGS (Ubisoft La Forge): 67 monologues of one speaker in 19 styles, BVH and WAV of the same name, 60 fps.
 
-Published as `data/Zeggs_data.zip`, which unpacks to `clean/` (aligned; what we read) and `original/` (not aligned; left
-out). The validation split is the column of that name in `data/info.csv`; the same list by number stands below for
-copies without it. Retargeted copies that keep the names are read the same way.
+Published as `data/Zeggs_data.zip`, which unpacks to `clean/` (aligned; read here) and `original/` (not aligned; left
+out). The validation split is a column of `data/info.csv`; `VALIDATION` repeats it for copies without that file.
+Retargeted copies that keep the names are read the same way.
 """
 
 import csv
@@ -10,7 +10,7 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
-from .source import Item, LeftOut, Survey, Terms, files_below
+from .source import LeftOut, Recording, Survey, Terms, files_below
 
 TERMS = Terms(
     title="ZeroEGGS (ZEGGS), Ubisoft La Forge",
@@ -27,23 +27,25 @@ _NAME = re.compile(r"(\d{3})_([A-Za-z]+)_(\d+)")
 
 
 def survey(folder: Path) -> Survey:
-    """Every BVH whose name is a recording's; the sound of the same name stands beside it."""
-    items: list[Item] = []
+    """Find every BVH named like a recording; its sound has the same name and lies beside it."""
+    recordings: list[Recording] = []
     left_out: list[LeftOut] = []
     official = _official(folder)
     for path in files_below(folder, ".bvh"):
         match = _NAME.match(path.stem)
         if not match:
-            left_out.append(LeftOut(path.stem, "its name is none of ZeroEGGS; use `data prepare bvh` for it"))
+            left_out.append(
+                LeftOut(path.stem, "its name is not one of ZeroEGGS; prepare it with `data prepare bvh`")
+            )
         elif "original" in path.relative_to(folder).parts:
             left_out.append(LeftOut(f"original/{path.stem}", "not aligned with its sound; clean/ is read"))
         elif "mirror" in path.stem:
-            left_out.append(LeftOut(path.stem, "a mirror image; they are made here"))
+            left_out.append(LeftOut(path.stem, "a mirror image; the set has its own"))
         else:
             number, style = int(match[1]), match[2]
             held_out = official.get(match[0], number in VALIDATION)
-            items.append(
-                Item(
+            recordings.append(
+                Recording(
                     name=path.stem,
                     motion=path,
                     sound=path.with_suffix(".wav"),
@@ -53,15 +55,15 @@ def survey(folder: Path) -> Survey:
                     rates=RATES,
                 )
             )
-    numbers = {int(item.name[:3]) for item in items}
+    numbers = {int(recording.name[:3]) for recording in recordings}
     gone = [number for number in range(1, RECORDINGS + 1) if number not in numbers]
     missing = [f"{len(gone)} of {RECORDINGS} recordings: {_spans(gone)}"] if gone else []
     source = "validation column of info.csv" if official else "published validation list, by number"
-    return Survey(TERMS, items, missing, left_out, source)
+    return Survey(TERMS, recordings, missing, left_out, source)
 
 
 def _official(folder: Path) -> Mapping[str, bool]:
-    """Recording (as in 001_Neutral_0) to whether it is held out, where info.csv is there."""
+    """Map each recording (as in 001_Neutral_0) to whether it is held out; empty without info.csv."""
     table = next(
         (p for p in (*files_below(folder, ".csv"), folder.parent / "info.csv") if p.name == "info.csv"), None
     )
@@ -76,7 +78,7 @@ def _official(folder: Path) -> Mapping[str, bool]:
 
 
 def _spans(numbers: list[int]) -> str:
-    """1-4, 7: numbers as spans."""
+    """Numbers as ranges, as in "001-004, 007"."""
     spans: list[list[int]] = []
     for number in numbers:
         if spans and spans[-1][-1] == number - 1:

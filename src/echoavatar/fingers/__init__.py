@@ -1,4 +1,4 @@
-"""Fingers for motion that has none (paper, Motion Refinement): an inpainting model of the hands given the body.
+"""Fingers for motion without them (paper, Motion Refinement): an inpainting model of the hands given the body.
 
 May import `metrics`, `kinematics`, `nn`, `checkpoint` and below.
 """

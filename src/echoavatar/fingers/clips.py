@@ -1,4 +1,4 @@
-"""Motion as the finger model sees it: body features, both hands, and which of them live."""
+"""Clips as the finger model sees them: body features, both hands, and which hands move."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -13,10 +13,10 @@ from ..kinematics.resample import resample
 from ..kinematics.retarget import retarget
 from ..kinematics.rotations import angle_between
 from ..timing import FRAME_RATE_HZ
-from .body import body_features
-from .hands import BONES, FINGERS, hand_poses
+from .body_features import body_features
+from .hand_poses import BONES, FINGERS, hand_poses
 
-FROZEN_DEG_S = 1.0  # fingers that turn less in the mean are not captured but left as they were
+FROZEN_DEG_S = 1.0  # fingers with a lower mean speed were not captured
 
 
 class FingerClip(NamedTuple):
@@ -24,34 +24,34 @@ class FingerClip(NamedTuple):
 
     body: Float[Tensor, "t c"]
     hands: Float[Tensor, "t 2 d"]  # left, and right mirrored (`hand_poses`)
-    is_alive: Bool[Tensor, " 2"]  # whose fingers move
+    is_moving: Bool[Tensor, " 2"]  # whose fingers move
 
 
 def finger_clip(motion: Motion, *, at_least: int = 1) -> FingerClip:
-    """Features of a motion of any rig; one shorter than `at_least` frames runs there and back until it is long enough.
+    """Features of a motion of any rig; a shorter motion plays back and forth until it has `at_least` frames.
 
     Raises:
-        MotionError: the rig's joint names are not known.
+        MotionError: the rig's joint names are unknown.
     """
     own = on_our_rig(motion)
     back_and_forth = np.arange(max(own.frames, at_least)) % max(1, 2 * own.frames - 2)
     at = np.minimum(back_and_forth, 2 * own.frames - 2 - back_and_forth)
     own = replace(own, rotations=own.rotations[at], root=own.root[at])
-    turns = own.matrices()
-    fingers = turns[:, list(FINGERS)]
-    body = body_features(turns, torch.from_numpy(own.root))
-    speeds = turning_speeds(fingers, FRAME_RATE_HZ).reshape(2, BONES).mean(1)
+    rotations = own.matrices()
+    fingers = rotations[:, list(FINGERS)]
+    body = body_features(rotations, torch.from_numpy(own.root))
+    speeds = angular_speeds(fingers, FRAME_RATE_HZ).reshape(2, BONES).mean(1)
     return FingerClip(body, hand_poses(fingers), speeds > FROZEN_DEG_S)
 
 
 def on_our_rig(motion: Motion) -> Motion:
-    """The motion on `HUMANOID` at 30 frames per second; feet are not settled, the model does not see them."""
+    """The motion on `HUMANOID` at 30 frames per second; feet are not corrected, because the model ignores them."""
     is_ours = motion.skeleton.names == HUMANOID.names
     return resample(motion if is_ours else retarget(motion, has_footing=False), float(FRAME_RATE_HZ))
 
 
-def turning_speeds(rotations: Float[Tensor, "t j 3 3"], fps: float) -> Float[Tensor, " j"]:
-    """Mean speed at which each joint turns, degrees per second; 0 for a single frame."""
+def angular_speeds(rotations: Float[Tensor, "t j 3 3"], fps: float) -> Float[Tensor, " j"]:
+    """Mean angular speed of each joint, degrees per second; 0 for a single frame."""
     if len(rotations) < 2:
         return torch.zeros(rotations.shape[1])
     return torch.rad2deg(angle_between(rotations[:-1], rotations[1:])).mean(0) * fps

@@ -1,24 +1,22 @@
-"""Sizes of the finger model. The paper (Motion Refinement) gives no numbers; these suit a CPU."""
+"""Sizes of the finger model; the paper (Motion Refinement) gives none."""
 
 from typing import Self
 
 from pydantic import Field, model_validator
 
 from ..config import Config
-from .hands import HAND_SIZE
+from .hand_poses import HAND_SIZE
 
 
 class FingerConfig(Config):
-    """A small transformer that sees all of a window at once."""
+    """A small transformer without causal mask."""
 
     frames: int = Field(default=64, gt=0, description="frames of a window, at 30 per second")
     patch: int = Field(default=4, gt=0, description="frames that share a token; must divide the window")
     width: int = Field(default=128, gt=0, description="channels")
     layers: int = Field(default=3, gt=0, description="transformer blocks")
     heads: int = Field(default=4, gt=0, description="attention heads")
-    poses: int = Field(
-        default=24, gt=0, le=HAND_SIZE, description="directions in which one hand's pose varies"
-    )
+    poses: int = Field(default=24, gt=0, le=HAND_SIZE, description="principal directions of one hand's pose")
 
     @model_validator(mode="after")
     def _sizes_fit(self) -> Self:

@@ -1,7 +1,7 @@
-"""How good refined fingers are: against held-out truth, beside what the mean pose and frozen fingers score.
+"""Scores of generated fingers against held-out truth, with the mean pose and flat hands as baselines.
 
-Errors alone reward the mean pose, so the liveliness (speed, spread), the share of the truth's ups and downs that is hit
-(correlation of curl) and the distance between the two sets of poses (Frechet) stand beside them.
+The mean pose has low errors, so there are also scores of liveliness (speed, spread), of agreement over time
+(correlation of curl) and of the distance between the sets of poses (Frechet).
 """
 
 from collections.abc import Callable, Sequence
@@ -16,7 +16,7 @@ from ..kinematics.rotations import angle_between
 from ..metrics.frechet import frechet_distance
 from ..timing import FRAME_RATE_HZ
 from .clips import FingerClip
-from .hands import FINGERS, HandBasis, finger_rotations, hand_poses
+from .hand_poses import FINGERS, HandBasis, finger_rotations, hand_poses
 from .model import FingerModel
 from .refine import smoothed
 from .sample import STEPS, sample_hands
@@ -35,17 +35,17 @@ def measure_fingers(
     steps: int = STEPS,
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, dict[str, float]]:
-    """Scores of held-out clips by what made the fingers: the model, its mean answer, the mean pose, flat hands.
+    """Scores on held-out clips of the model, of the model in one step, of the mean pose and of flat hands.
 
-    Both hands are made from the body alone. `truth` holds the truth's own liveliness.
+    Both hands are generated from the body alone. `truth` holds the liveliness of the true fingers.
     """
-    alive = [clip for clip in clips if bool(clip.is_alive.all())]
-    if not alive:
+    moving = [clip for clip in clips if bool(clip.is_moving.all())]
+    if not moving:
         raise ValueError("no clip whose fingers move on both hands")
     made: dict[str, list[Tensor]] = {"model": [], "model, one step": [], "mean pose": [], "flat hands": []}
-    truths = [finger_rotations(clip.hands) for clip in alive]
+    truths = [finger_rotations(clip.hands) for clip in moving]
     flat = torch.eye(3).expand(1, len(FINGERS), 3, 3)
-    for done, (clip, truth) in enumerate(zip(alive, truths, strict=True), 1):
+    for done, (clip, truth) in enumerate(zip(moving, truths, strict=True), 1):
         for name, count in (("model", steps), ("model, one step", 1)):
             none = torch.zeros(len(clip.body), 2, dtype=torch.bool)
             blank = torch.zeros(len(clip.body), 2, model.config.poses)
@@ -54,7 +54,7 @@ def measure_fingers(
         made["mean pose"].append(finger_rotations(model.hand_mean.expand(1, 2, -1)).expand_as(truth))
         made["flat hands"].append(flat.expand_as(truth))
         if progress is not None:
-            progress(done, len(alive))
+            progress(done, len(moving))
     scores = {name: compare(guesses, truths, model.basis) for name, guesses in made.items()}
     own = liveliness(truths)
     return scores | {"truth": {key: round(value, 3) for key, value in own.items()}}
@@ -65,7 +65,7 @@ def compare(
     truths: Sequence[Float[Tensor, "t 30 3 3"]],
     basis: HandBasis,
 ) -> dict[str, float]:
-    """Scores of guessed against true fingers, clip by clip; units in the names."""
+    """Scores of guesses against truths, pair by pair; names contain the units."""
     guess, truth = torch.cat(list(guesses)), torch.cat(list(truths))
     error = torch.rad2deg(angle_between(guess, truth)).mean()
     tips = (fingertips(guess) - fingertips(truth)).norm(dim=-1).mean()
@@ -79,7 +79,7 @@ def compare(
 
 
 def liveliness(clips: Sequence[Float[Tensor, "t 30 3 3"]]) -> dict[str, float]:
-    """Speed of the fingers and spread of their poses, without regard to any truth."""
+    """Speed of the fingers and spread of their poses."""
     speeds = torch.cat([torch.rad2deg(angle_between(clip[:-1], clip[1:])).flatten() for clip in clips])
     fingers = torch.cat(list(clips))
     mean = finger_rotations(hand_poses(fingers).mean(0))
@@ -93,10 +93,10 @@ def liveliness(clips: Sequence[Float[Tensor, "t 30 3 3"]]) -> dict[str, float]:
 
 
 def fingertips(fingers: Float[Tensor, "t 30 3 3"]) -> Float[Tensor, "t 10 3"]:
-    """Places of the tips of thumb to little finger, left then right, relative to their hand, metres."""
-    turns = torch.eye(3).expand(len(fingers), HUMANOID.joints, 3, 3).clone()
-    turns[:, list(FINGERS)] = fingers
-    pose = forward_kinematics(HUMANOID, turns, torch.zeros(len(fingers), 3))
+    """Positions of the fingertips, thumb to little finger, left then right, relative to their hand, metres."""
+    rotations = torch.eye(3).expand(len(fingers), HUMANOID.joints, 3, 3).clone()
+    rotations[:, list(FINGERS)] = fingers
+    pose = forward_kinematics(HUMANOID, rotations, torch.zeros(len(fingers), 3))
     joints = sorted(_TIPS)
     ends = torch.tensor([_TIPS[joint] for joint in joints])[..., None]
     places = pose.positions[:, joints] + (pose.rotations[:, joints] @ ends).squeeze(-1)
@@ -104,7 +104,7 @@ def fingertips(fingers: Float[Tensor, "t 30 3 3"]) -> Float[Tensor, "t 10 3"]:
 
 
 def curl(fingers: Float[Tensor, "t 30 3 3"]) -> Float[Tensor, "t 2"]:
-    """How far each hand is closed: mean distance of its four fingertips from their place on the flat hand, metres."""
+    """How far each hand is closed: mean distance of its fingertips from those of the flat hand, metres."""
     flat = fingertips(torch.eye(3).expand(1, len(FINGERS), 3, 3))
     gone = (fingertips(fingers) - flat).norm(dim=-1).reshape(-1, 2, 5)
     closed: Tensor = gone[..., 1:].mean(-1)
@@ -112,13 +112,13 @@ def curl(fingers: Float[Tensor, "t 30 3 3"]) -> Float[Tensor, "t 2"]:
 
 
 def _correlation(a: Float[Tensor, "t 2"], b: Float[Tensor, "t 2"]) -> float:
-    """Pearson, mean of both hands; 0 where one of the two stands still."""
+    """Pearson correlation, mean of both hands; 0 if a curve is constant."""
     a, b = a - a.mean(0), b - b.mean(0)
     size = a.norm(dim=0) * b.norm(dim=0)
     return float(torch.where(size > 1e-6, (a * b).sum(0) / size.clamp_min(1e-6), 0.0).mean())
 
 
 def _plain(basis: HandBasis, fingers: Tensor) -> Float[np.ndarray, "n k"]:
-    """Coordinates of every single hand, not whitened (units of 6D)."""
+    """Coordinates of every hand, not whitened (in units of 6D)."""
     coordinates = (basis.encode(hand_poses(fingers)) * basis.scale).flatten(0, 1)
     return np.asarray(coordinates.double().numpy())

@@ -1,7 +1,7 @@
-"""The finger model: a transformer that sees a window whole and says what the hands behind the noise are.
+"""The finger model: a transformer that sees a whole window and predicts clean hands from noisy ones.
 
 Paper, Motion Refinement: a motion inpainting model synthesises finger motion conditioned on the remaining body joints.
-Hands that are known stand in the input as they are and are flagged; unknown ones stand there as noise.
+In the input, known hands are given and flagged; unknown hands are noise.
 """
 
 import math
@@ -14,17 +14,17 @@ from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from ..nn import Checkpointed, FullBlock, Mlp
-from .body import BODY_SIZE
+from .body_features import BODY_SIZE
 from .config import FingerConfig
-from .hands import HAND_SIZE, HandBasis
+from .hand_poses import HAND_SIZE, HandBasis
 
 _LEVEL_WAVES = 16
-_BODY_LIMIT = 4.0  # spreads: a body beyond anything seen in training is taken for one at the limit
+_BODY_LIMIT = 4.0  # standard deviations at which body features are clamped
 _LEAST_SPREAD = 0.02
 
 
 class FingerModel(Checkpointed):
-    """Weights, the hand basis and the body statistics; `sample_hands` runs it over whole clips."""
+    """Weights, hand basis and body statistics; `sample_hands` runs it over whole clips."""
 
     config_type = FingerConfig
     config: FingerConfig
@@ -59,19 +59,19 @@ class FingerModel(Checkpointed):
 
     @property
     def basis(self) -> HandBasis:
-        """How hands are written as coordinates."""
+        """The basis of hand coordinates."""
         return HandBasis(self.hand_mean, self.hand_axes, self.hand_scale)
 
-    def measure(
+    def set_statistics(
         self, basis: HandBasis, body_mean: Float[Tensor, " c"], body_std: Float[Tensor, " c"]
     ) -> None:
-        """Take over the statistics of the training clips."""
+        """Set the statistics of the training clips."""
         pairs = zip((self.hand_mean, self.hand_axes, self.hand_scale), basis, strict=True)
         for own, given in [*pairs, (self.body_mean, body_mean), (self.body_std, body_std)]:
             own.copy_(given)
 
     def normalize_body(self, body: Float[Tensor, "*n c"]) -> Float[Tensor, "*n c"]:
-        """Zero mean, unit spread, nothing beyond the limit."""
+        """Normalise to zero mean and unit deviation, and clamp."""
         spread = self.body_std.clamp_min(_LEAST_SPREAD)
         return ((body - self.body_mean) / spread).clamp(-_BODY_LIMIT, _BODY_LIMIT)
 
@@ -82,12 +82,12 @@ class FingerModel(Checkpointed):
         level: Float[Tensor, " b"],
         body: Float[Tensor, "b t c"],
     ) -> Float[Tensor, "b t 2 k"]:
-        """Clean hands.
+        """Predict clean hands.
 
         Args:
             hands: coordinates; unknown ones are (1 - level) clean + level noise.
-            is_known: which hands stand there clean.
-            level: how much of the unknown is noise, 0 to 1.
+            is_known: which hands are given clean.
+            level: share of noise in unknown hands, 0 to 1.
             body: normalised features of the same frames.
         """
         frames = torch.cat([hands.flatten(2), is_known.to(hands), body], -1)
@@ -101,7 +101,7 @@ class FingerModel(Checkpointed):
 
 
 def load_shipped() -> FingerModel:
-    """The model that comes with the package."""
+    """The model that ships with the package."""
     with as_file(files("echoavatar") / "bundles" / "fingers") as folder:
         return FingerModel.load(folder)
 

@@ -1,4 +1,4 @@
-"""Plausible fingers for a motion of any rig (paper, Motion Refinement), for whole clips of any length and rate."""
+"""Plausible fingers for whole clips of any rig, length and frame rate (paper, Motion Refinement)."""
 
 from collections.abc import Callable
 from typing import Literal
@@ -13,10 +13,10 @@ from torch import Tensor
 from ..errors import MotionError
 from ..kinematics import Motion
 from ..timing import FRAME_RATE_HZ
-from .clips import FROZEN_DEG_S, finger_clip, turning_speeds
-from .hands import BONES, SIDES, finger_rotations
+from .clips import FROZEN_DEG_S, angular_speeds, finger_clip
+from .finger_retarget import apply_fingers, finger_joints
+from .hand_poses import BONES, SIDES, finger_rotations
 from .model import FingerModel
-from .rig import finger_joints, put_fingers
 from .sample import STEPS, sample_hands
 
 Hands = Literal["both", "left", "right", "frozen"]
@@ -32,49 +32,49 @@ def refine_fingers(
     steps: int = STEPS,
     progress: Callable[[int, int], None] | None = None,
 ) -> Motion:
-    """The same motion with the fingers of one or both hands made anew; nothing else changes.
+    """The same motion with new fingers on one or both hands; nothing else changes.
 
-    A hand that is kept is told to the model if its fingers move, so that the new one goes with it.
+    If a kept hand moves its fingers, the model sees it, so that the new hand fits it.
 
     Args:
         model: a trained finger model.
-        motion: any rig whose joint names are known and that has finger bones; some may be missing.
-        hands: which to make anew; "frozen" are those whose fingers do not move, and may be none.
-        seed: another seed is another performance.
-        steps: of denoising; 1 gives the mean of what is plausible.
+        motion: on any rig with known joint names and finger bones; some bones may be missing.
+        hands: which hands get new fingers; "frozen": those whose fingers do not move, if any.
+        seed: of the noise; another seed gives other fingers.
+        steps: of denoising; 1 gives the mean of all plausible fingers.
         progress: called with (steps done, steps).
 
     Raises:
-        MotionError: the rig is not known, or lacks the fingers that were asked for.
+        MotionError: the rig is unknown, or lacks the requested fingers.
     """
     sides = _sides(motion, hands)
     if not sides:
         return motion
     clip = finger_clip(motion)
     known = model.basis.encode(clip.hands)
-    is_told = [side not in sides and len(finger_joints(motion, side)) == BONES for side in SIDES]
-    is_known = (torch.tensor(is_told) & clip.is_alive).expand(len(known), 2)
+    is_shown = [side not in sides and len(finger_joints(motion, side)) == BONES for side in SIDES]
+    is_known = (torch.tensor(is_shown) & clip.is_moving).expand(len(known), 2)
     coordinates = sample_hands(model, clip.body, known, is_known, seed=seed, steps=steps, progress=progress)
     poses = smoothed(model.basis.decode(coordinates).numpy())
-    return put_fingers(motion, finger_rotations(at_rate(poses, motion.fps, motion.frames)), sides)
+    return apply_fingers(motion, finger_rotations(at_rate(poses, motion.fps, motion.frames)), sides)
 
 
 def frozen_hands(motion: Motion) -> tuple[str, ...]:
-    """The sides that have finger bones which do not move (under 1 degree per second in the mean).
+    """The sides whose finger bones do not move (mean speed under 1 degree per second).
 
     Raises:
-        MotionError: the rig's joint names are not known.
+        MotionError: the rig's joint names are unknown.
     """
-    turns, frozen = motion.matrices(), []
+    rotations, frozen = motion.matrices(), []
     for side in SIDES:
         joints = list(finger_joints(motion, side).values())
-        if joints and float(turning_speeds(turns[:, joints], motion.fps).mean()) < FROZEN_DEG_S:
+        if joints and float(angular_speeds(rotations[:, joints], motion.fps).mean()) < FROZEN_DEG_S:
             frozen.append(side)
     return tuple(frozen)
 
 
 def smoothed(poses: Float[np.ndarray, "t 2 c"]) -> Float[Tensor, "t 2 c"]:
-    """Savitzky-Golay over time (paper), shorter on clips shorter than its window."""
+    """Savitzky-Golay filter over time (paper), with a shorter window on shorter clips."""
     window = min(SMOOTHING_FRAMES, len(poses) - 1 + len(poses) % 2)
     if window <= SMOOTHING_ORDER:
         return torch.from_numpy(poses)
@@ -82,7 +82,7 @@ def smoothed(poses: Float[np.ndarray, "t 2 c"]) -> Float[Tensor, "t 2 c"]:
 
 
 def at_rate(poses: Float[Tensor, "t 2 c"], fps: float, frames: int) -> Float[Tensor, "n 2 c"]:
-    """Poses at 30 frames per second seen at another rate, on cubic splines; the last pose is held."""
+    """Resample poses from 30 frames per second to another rate by cubic splines; the last pose is held."""
     if len(poses) < 2 or (fps == FRAME_RATE_HZ and frames == len(poses)):
         return poses.expand(frames, -1, -1) if len(poses) < 2 else poses
     times = np.minimum(np.arange(frames) * (FRAME_RATE_HZ / fps), len(poses) - 1)
@@ -90,7 +90,7 @@ def at_rate(poses: Float[Tensor, "t 2 c"], fps: float, frames: int) -> Float[Ten
 
 
 def _sides(motion: Motion, hands: Hands) -> tuple[str, ...]:
-    """Which hands to make anew."""
+    """The sides that get new fingers."""
     there = [side for side in SIDES if finger_joints(motion, side)]
     wanted = [hands] if hands in SIDES else there
     if not there or wanted[0] not in there:

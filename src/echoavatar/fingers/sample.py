@@ -1,6 +1,6 @@
-"""Hands for whole clips of any length: denoising in overlapping windows that are blended in every step.
+"""Hands for clips of any length: denoising in overlapping windows that are blended in every step.
 
-All windows look at one noisy clip and their answers are averaged before the next step, so there is no seam to hide.
+All windows read the same noisy clip, and their outputs are averaged before the next step, so no seams appear.
 """
 
 from collections.abc import Callable
@@ -12,8 +12,8 @@ from torch import Tensor
 from .model import FingerModel
 
 STEPS = 8
-_ROWS = 32  # windows in one call
-_LIMIT = 4.0  # of a coordinate, in its own spreads
+_ROWS = 32  # windows in one call of the model
+_LIMIT = 4.0  # standard deviations at which a coordinate is clamped
 
 
 @torch.inference_mode()
@@ -27,15 +27,15 @@ def sample_hands(
     steps: int = STEPS,
     progress: Callable[[int, int], None] | None = None,
 ) -> Float[Tensor, "t 2 k"]:
-    """Coordinates of both hands; known ones come back as they were.
+    """Coordinates of both hands; known hands are returned unchanged.
 
     Args:
-        model: what knows hands.
+        model: a trained finger model.
         body: features of the clip (`body_features`), not normalised.
-        known: coordinates of the hands that are kept; anything where they are not.
-        is_known: which hands are kept, per frame.
-        seed: of the noise; another seed is another performance.
-        steps: of denoising; 1 gives the mean of what is plausible, more give one of the possibilities.
+        known: coordinates of the kept hands; other entries are ignored.
+        is_known: which hands are kept in each frame.
+        seed: of the noise; another seed gives other hands.
+        steps: of denoising; 1 gives the mean of all plausible hands, more steps give a sample.
         progress: called with (steps done, steps).
     """
     frames, count = model.config.frames, len(body)
@@ -57,9 +57,9 @@ def sample_hands(
 
 
 def _windows(count: int, frames: int, patch: int) -> Tensor:
-    """Frames of each window (w, frames): half overlapping, the last at the end; short clips repeat their last frame.
+    """Frames of each window (w, frames): about half overlapping; a short clip repeats its last frame.
 
-    Windows begin at other places of a token each time, so that no token border meets another.
+    The stride is no multiple of a token, so token borders of neighbouring windows do not coincide.
     """
     stride = max(1, frames // 2 - patch // 2)
     starts = [*range(0, max(1, count - frames), stride), max(0, count - frames)]

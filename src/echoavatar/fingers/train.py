@@ -1,8 +1,7 @@
 """Training of the finger model on motion with good fingers.
 
-Paper, Motion Refinement: trained on the fingers of ZeroEGGS, which may not train weights that are passed on; ours
-learns from clips of two kinds, many made by rule and few recorded, in a fixed share. Everything random in a step
-follows from the seed and the step's number.
+The paper (Motion Refinement) trains on ZeroEGGS, whose licence does not allow sharing the weights. The shipped model is
+trained on synthetic and recorded clips in a fixed ratio. All randomness of a step follows from seed and step number.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,26 +13,26 @@ from torch import Tensor
 
 from ..errors import MotionError
 from ..training import Loss, Progress, Stage, train
-from .body import mirror_body
+from .body_features import mirror_body
 from .clips import FingerClip
 from .config import FingerConfig
-from .hands import fit_basis
+from .hand_poses import fit_basis
 from .model import FingerModel
 from .recipe import FingerTraining
-from .windows import FingerBatch, FingerNoise, FingerSampler, denoising_loss, draw_noise, learned_hands
+from .windows import FingerBatch, FingerNoise, FingerSampler, count_learned_hands, denoising_loss, draw_noise
 
-_NOISE = 30  # times the seed: noise and windows of a step follow from different numbers
+_NOISE = 30  # factor of the seed, so that noise and windows of a step differ
 
 
-class FingerLesson(NamedTuple):
-    """A batch: windows, and all noise on them."""
+class NoisyFingerBatch(NamedTuple):
+    """A batch: windows and all random numbers of their loss."""
 
     windows: FingerBatch
     noise: FingerNoise
 
 
-class FingerStage(Stage[FingerLesson]):
-    """A finger model and the clips with moving fingers that it learns."""
+class FingerTask(Stage[NoisyFingerBatch]):
+    """A finger model and the clips with moving fingers that it is trained on."""
 
     config: FingerTraining
 
@@ -46,12 +45,12 @@ class FingerStage(Stage[FingerLesson]):
         *,
         card: Mapping[str, object] | None = None,
     ) -> None:
-        """Raises MotionError when no clip has moving fingers."""
+        """Raises MotionError if no clip has moving fingers."""
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(training.seed)
             self.model = FingerModel(config)
         super().__init__(training, {"model": self.model})
-        groups = [[clip for clip in group if clip.is_alive.any()] for group in (clips, recorded)]
+        groups = [[clip for clip in group if clip.is_moving.any()] for group in (clips, recorded)]
         shares = [1 - training.recorded if groups[1] else 1.0, training.recorded]
         pairs = [(group, share) for group, share in zip(groups, shares, strict=True) if group]
         if not pairs:
@@ -65,16 +64,18 @@ class FingerStage(Stage[FingerLesson]):
         """Sizes and schedule."""
         return {"fingers": self.model.config, "training": self.config}
 
-    def draw(self, step: int) -> FingerLesson:
-        """See `Stage.draw`; normalised by the model's statistics, which stay."""
+    def draw(self, step: int) -> NoisyFingerBatch:
+        """See `Stage.draw`; windows are normalised by the model's fixed statistics."""
         windows = self.sampler.batch(step, self.config.batch)
-        return FingerLesson(windows, draw_noise(windows, self.config.noise(step, _NOISE * self.config.seed)))
+        return NoisyFingerBatch(
+            windows, draw_noise(windows, self.config.noise(step, _NOISE * self.config.seed))
+        )
 
-    def weight(self, batch: FingerLesson) -> float:
-        """Hands that carry loss."""
-        return learned_hands(batch.windows, self.config, batch.noise)
+    def weight(self, batch: NoisyFingerBatch) -> float:
+        """Number of hands in the loss."""
+        return count_learned_hands(batch.windows, self.config, batch.noise)
 
-    def loss(self, batch: FingerLesson, step: int) -> Loss:
+    def loss(self, batch: NoisyFingerBatch, step: int) -> Loss:
         """See `Stage.loss`."""
         return Loss(denoising_loss(self.model, batch.windows, self.config, batch.noise), {})
 
@@ -96,25 +97,25 @@ def train_fingers(
     trackers: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> FingerModel:
-    """Train, checkpointing into `folder` with `card`; continues what is there.
+    """Train with checkpoints in `folder`, or continue from the checkpoint there.
 
     Stops after the schedule's steps, or after `minutes` of this call.
     """
-    stage = FingerStage(config, training, clips, recorded, card=card)
+    stage = FingerTask(config, training, clips, recorded, card=card)
     train(stage, folder, minutes=minutes, trackers=trackers, progress=progress)
     return FingerModel.load(folder)
 
 
 def _measure(model: FingerModel, groups: Sequence[Sequence[FingerClip]]) -> None:
-    """Statistics in which every group has the same say, however long its clips."""
-    alive = [torch.cat([clip.hands[:, clip.is_alive].flatten(0, 1) for clip in group]) for group in groups]
+    """Set the model's statistics; every group counts equally, whatever its length."""
+    moving = [torch.cat([clip.hands[:, clip.is_moving].flatten(0, 1) for clip in group]) for group in groups]
     bodies = [torch.cat([clip.body for clip in group]) for group in groups]
-    hands, body = torch.cat(_evened(alive)), torch.cat(_evened(bodies))
+    hands, body = torch.cat(_equal_length(moving)), torch.cat(_equal_length(bodies))
     body = torch.cat([body, mirror_body(body)])
-    model.measure(fit_basis(hands, model.config.poses), body.mean(0), body.std(0))
+    model.set_statistics(fit_basis(hands, model.config.poses), body.mean(0), body.std(0))
 
 
-def _evened(groups: Sequence[Tensor]) -> list[Tensor]:
-    """As many rows of each, evenly spaced: those of the longest, 20,000 at most."""
+def _equal_length(groups: Sequence[Tensor]) -> list[Tensor]:
+    """Resample all groups to the same number of rows: that of the longest, at most 20,000."""
     count = min(20_000, max(len(rows) for rows in groups))
     return [rows[torch.linspace(0, len(rows) - 1, count).long()] for rows in groups]

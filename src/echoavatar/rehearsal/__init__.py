@@ -1,5 +1,5 @@
-"""Rehearsal: sound and motion made up by rule, so that training needs no foreign recordings.
+"""Rehearsal: a synthetic corpus of sound and motion, so that training needs no third-party recordings.
 
-Text, voices and music (`track`), their labels, and a choreographer that moves to them (`perform`, `solver`); `corpus`
-puts them into clips. May import `audio`, `data`, `kinematics` and below. Every part is a function of its seed.
+`track` makes text, voices, music and their labels; `choreography` moves to them, `solver` turns the result into joint
+rotations, `corpus` writes clips. May import `audio`, `data`, `kinematics` and below. Everything follows from its seed.
 """

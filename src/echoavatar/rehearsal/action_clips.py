@@ -1,7 +1,7 @@
-"""The reference clips of our own actions, made by rule: key poses in the language of the rehearsal, then solved.
+"""Reference clips of the built-in actions: key poses written as `Controls`, then solved to joint rotations.
 
-Every clip begins and ends standing at ease, because an action may begin and end anywhere. Times are seconds of the
-clip; `hold` is the stretch that repeats while an action is held.
+Every clip begins and ends standing at ease, so that an action can start and stop at any point of a session. Times are
+seconds from the start of the clip; `hold` is the stretch that repeats while an action is held.
 """
 
 from collections.abc import Callable, Mapping
@@ -24,13 +24,13 @@ NOTHING: Triple = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Script:
-    """One action: when which pose is reached, what moves on top, which seconds repeat, what it is for."""
+    """One action: its timed poses, the motion on top of them (`shake`), the stretch to repeat, and its meaning."""
 
     keys: Keys
     hold: tuple[float, float]
     about: str
     shake: Shake | None = None
-    is_on_top: bool = False  # torso and head alone: the codes are left to the speech
+    is_on_top: bool = False  # moves torso and head only; speech keeps the motion codes
 
     @property
     def seconds(self) -> float:
@@ -57,7 +57,7 @@ def pose(
     head: Triple = NOTHING,
     spine: Triple = NOTHING,
 ) -> Controls:
-    """One frame: arms by name or value (None hangs), turns as yaw, pitch, roll on top of standing at ease."""
+    """One frame: arms by name or value (None hangs); head and spine are yaw, pitch, roll on top of standing at ease."""
     body = neutral(1)
     body.head[0] += np.array(head, np.float32)
     body.spine[0] += np.array(spine, np.float32)
@@ -72,7 +72,7 @@ def pose(
 
 
 def swing(field: str, index: tuple[int, ...], size: float, hz: float, start: float, stop: float) -> Shake:
-    """A sine on one curve between two times, faded in and out over a quarter of a second."""
+    """Add a sine to one curve between two times, faded in and out over a quarter of a second."""
 
     def shake(clock: Array, controls: Controls) -> Controls:
         fade = np.clip(np.minimum(clock - start, stop - clock) / 0.25, 0, 1)
@@ -84,7 +84,7 @@ def swing(field: str, index: tuple[int, ...], size: float, hz: float, start: flo
 
 
 def both(*shakes: Shake) -> Shake:
-    """One on top of the other."""
+    """Apply several shakes in order."""
 
     def shake(clock: Array, controls: Controls) -> Controls:
         for each in shakes:
@@ -105,7 +105,7 @@ def _there_and_back(there: Controls, *, reach: float = 0.7, stay: float = 1.2, b
 
 
 def _flipped(script: Script, about: str) -> Script:
-    """Left and right exchanged."""
+    """The same action with left and right exchanged."""
     return replace(script, keys=tuple((time, mirrored(body)) for time, body in script.keys), about=about)
 
 

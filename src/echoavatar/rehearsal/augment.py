@@ -1,6 +1,6 @@
-"""Sound treatment that leaves every label in place: rooms, equalisers, noise, level, band filling.
+"""Audio augmentation that keeps every label valid: rooms, equalisers, noise, level, band filling.
 
-All filters are causal and start at the direct sound, so nothing moves in time. Own scipy code; not in the paper.
+All filters are causal and begin with the direct sound, so nothing moves in time. Not in the paper.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ _PEAK = 0.89  # -1 dBFS
 
 
 def loudness(audio: FloatArray) -> float:
-    """Simple loudness in dB near LUFS: K-like high-pass, 400 ms blocks, blocks 15 dB under the mean ignored."""
+    """Approximate loudness in LUFS: high-pass, 400 ms blocks, blocks more than 15 dB below the mean are ignored."""
     block = round(0.4 * SAMPLE_RATE_HZ)
     weighted = sosfilt(butter(2, 80, "highpass", fs=SAMPLE_RATE_HZ, output="sos"), audio)
     count = max(1, len(weighted) // block)
@@ -24,7 +24,7 @@ def loudness(audio: FloatArray) -> float:
 
 
 def set_loudness(audio: FloatArray, target_db: float) -> FloatArray:
-    """Scale to a loudness (dB, near LUFS); peaks above -1 dBFS are rounded off."""
+    """Scale to a loudness (dB, about LUFS); peaks are compressed to stay below -1 dBFS."""
     level = loudness(audio)
     if level < -100:
         return audio
@@ -35,7 +35,7 @@ def set_loudness(audio: FloatArray, target_db: float) -> FloatArray:
 
 
 def fill_band(audio: FloatArray, rng: np.random.Generator, gain: float = 0.5) -> FloatArray:
-    """Fill 7.6-11.5 kHz with noise that follows the 5-7.5 kHz envelope: 16 kHz speech no longer betrays itself."""
+    """Fill 7.6-11.5 kHz with noise that follows the 5-7.5 kHz envelope, as 16 kHz speech lacks that band."""
     sides = butter(4, (5000, 7500), "bandpass", fs=SAMPLE_RATE_HZ, output="sos")
     top = butter(4, (7600, 11_500), "bandpass", fs=SAMPLE_RATE_HZ, output="sos")
     envelope = lfilter([0.02], [1, -0.98], np.abs(sosfilt(sides, audio)))
@@ -44,7 +44,7 @@ def fill_band(audio: FloatArray, rng: np.random.Generator, gain: float = 0.5) ->
 
 
 def equalise(audio: FloatArray, rng: np.random.Generator, bands: int = 3, db: float = 6.0) -> FloatArray:
-    """Random peaking filters of up to +-`db`."""
+    """Apply random peaking filters of up to +-`db`."""
     out: npt.NDArray[np.float64] = audio.astype(np.float64)
     for _ in range(bands):
         hertz = float(np.exp(rng.uniform(np.log(90), np.log(8000))))
@@ -65,7 +65,7 @@ def _peaking(
 
 
 def place_in_room(audio: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """A synthetic room: decaying noise behind the direct sound, reverberation time 0.15-0.6 s."""
+    """Add a synthetic room: decaying noise after the direct sound, reverberation time 0.15-0.6 s."""
     reverberation_s = float(rng.uniform(0.15, 0.6))
     time = np.arange(round(reverberation_s * SAMPLE_RATE_HZ)) / SAMPLE_RATE_HZ
     tail = rng.standard_normal(len(time)) * np.exp(-6.9 * time / reverberation_s)
@@ -94,24 +94,24 @@ def background(rng: np.random.Generator, samples: int, kind: str = "") -> FloatA
 
 
 def add_background(audio: FloatArray, rng: np.random.Generator, snr_db: float, kind: str = "") -> FloatArray:
-    """Quiet noise under everything, `snr_db` below the loud parts."""
+    """Add noise throughout, `snr_db` below the loud parts."""
     noise = background(rng, len(audio), kind)
     level = 10 ** ((loudness(audio) - snr_db) / 20)
     return np.asarray(audio + level * noise, dtype=np.float32)
 
 
 def low_pass(audio: FloatArray, hertz: float) -> FloatArray:
-    """Take the top away, as telephones and cheap microphones do."""
+    """Remove high frequencies, as telephones and cheap microphones do."""
     return np.asarray(sosfilt(butter(4, hertz, fs=SAMPLE_RATE_HZ, output="sos"), audio), dtype=np.float32)
 
 
 def saturate(audio: FloatArray, drive: float) -> FloatArray:
-    """Soft clipping at the same small-signal level."""
+    """Clip softly; small signals keep their level."""
     return np.asarray(np.tanh(drive * audio) / drive, dtype=np.float32)
 
 
 def treat(audio: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """A random chain of equaliser, room, saturation and band limit; labels stay true."""
+    """Apply a random chain of equaliser, room, saturation and low-pass."""
     if rng.random() < 0.7:
         audio = equalise(audio, rng)
     if rng.random() < 0.45:

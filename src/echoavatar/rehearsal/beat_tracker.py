@@ -1,7 +1,7 @@
-"""A small beat tracker for real recordings: onset strength, tempo by autocorrelation, beats by dynamic programming.
+"""A small beat tracker for recordings: onset strength, tempo by autocorrelation, beats by dynamic programming.
 
-Follows Ellis, "Beat tracking by dynamic programming" (2007), written anew. The paper uses given beats only for
-its metrics; here they steer the rehearsed dance.
+Follows Ellis, "Beat tracking by dynamic programming" (2007). The paper uses beats only in its metrics; here they also
+drive the synthetic dance.
 """
 
 from typing import NamedTuple
@@ -14,13 +14,13 @@ from .sound import FloatArray, TimeArray
 
 _HOP, _FFT = 240, 1024
 _FRAME_S = _HOP / SAMPLE_RATE_HZ
-_LAG_S = -0.007  # the flux is seen this much too early (measured on own music)
+_LAG_S = -0.007  # onset strength peaks this much before the note (measured on synthesised music)
 _TIGHTNESS = 300.0
 Array = np.ndarray
 
 
 class Onsets(NamedTuple):
-    """Onset strength per 10 ms frame, of all bands and of the lowest (bass) alone."""
+    """Onset strength per 10 ms frame: of all bands, and of the lowest (bass) bands alone."""
 
     full: Array
     low: Array
@@ -35,14 +35,14 @@ class Beats(NamedTuple):
 
 
 def onset_strength(audio: FloatArray) -> Onsets:
-    """Half-wave rectified change of the log spectrum in bands, minus its local mean, of unit deviation."""
+    """Half-wave rectified change of the log band spectrum, minus its local mean, scaled to unit deviation."""
     padded = np.pad(audio, (_FFT // 2, _FFT // 2))
     count = 1 + (len(padded) - _FFT) // _HOP
     frames = np.lib.stride_tricks.sliding_window_view(padded, _FFT)[::_HOP][:count]
     window = np.hanning(_FFT).astype(np.float32)
     edges = np.unique(np.geomspace(2, _FFT // 2, 28).astype(int))
     bands = np.empty((count, len(edges) - 1))
-    for first in range(0, count, 2048):  # a bounded piece of spectrum at a time
+    for first in range(0, count, 2048):  # in blocks, to bound memory
         power = np.abs(np.fft.rfft(frames[first : first + 2048] * window)) ** 2
         bands[first : first + 2048] = np.add.reduceat(power, edges[:-1], axis=1)[:, : len(edges) - 1]
     log = np.log1p(bands / (1e-3 * np.mean(bands) + 1e-9))
@@ -59,7 +59,7 @@ def _whiten(strength: Array) -> Array:
 
 
 def estimate_bpm(onsets: Onsets) -> float:
-    """Tempo whose beat period and its multiples repeat best, with a broad preference for 120 per minute."""
+    """The tempo whose period and multiples correlate best, with a broad prior around 120 beats per minute."""
     x = onsets.full + 0.5 * onsets.low
     x = x - x.mean()
     size = 2 * len(x)
@@ -76,7 +76,7 @@ def estimate_bpm(onsets: Onsets) -> float:
 
 
 def track_beats(audio: FloatArray, bpm: float = 0.0) -> Beats:
-    """Beats of audio (s,); `bpm` above 0 is taken as known. Silence gives none."""
+    """Beats of audio (s,); silence has none. A `bpm` above 0 is taken as the known tempo."""
     if len(audio) < SAMPLE_RATE_HZ or float(np.max(np.abs(audio))) < 1e-4:
         return Beats(np.zeros(0), np.zeros(0), 0.0)
     onsets = onset_strength(audio)
@@ -88,7 +88,7 @@ def track_beats(audio: FloatArray, bpm: float = 0.0) -> Beats:
 
 
 def _best_path(strength: Array, period: float) -> npt.NDArray[np.int64]:
-    """Frames that are strong and evenly spaced."""
+    """The best sequence of strong, evenly spaced frames."""
     width = max(1, round(period / 16))
     smooth = np.exp(-0.5 * (np.arange(-3 * width, 3 * width + 1) / width) ** 2)
     local = np.convolve(strength, smooth, mode="same")
@@ -118,7 +118,7 @@ def _best_path(strength: Array, period: float) -> npt.NDArray[np.int64]:
 
 
 def _downbeats(beats: TimeArray, frames: npt.NDArray[np.int64], low: Array) -> TimeArray:
-    """Every third or fourth beat, where the bass enters most strongly."""
+    """Every third or fourth beat, at the phase where the bass onsets are strongest."""
     if len(beats) < 8:
         return beats[::4]
     near = np.stack([low[np.clip(frames + k, 0, len(low) - 1)] for k in range(-3, 4)]).max(axis=0)

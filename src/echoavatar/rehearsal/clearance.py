@@ -1,6 +1,6 @@
-"""Hands keep out of the body: wrist targets are moved where hand or forearm would enter torso, head or other hand.
+"""Collision avoidance: wrist targets move away where a hand or forearm would enter torso, head or the other hand.
 
-The body is a rounded column and a ball in chest axes; what enters is pushed out along the shortest smooth way.
+Torso and head are an elliptic column and a ball in chest axes; points inside are pushed out by a smooth penalty.
 """
 
 from dataclasses import replace
@@ -24,8 +24,8 @@ _ALONG_HAND = (0.0, 0.085, 0.160)  # wrist, palm, fingertips
 _MIRROR = torch.tensor([-1.0, 1.0, 1.0], dtype=torch.float64)
 
 
-def cleared(controls: Controls) -> Controls:
-    """The same performance with hands and forearms outside the body and off each other."""
+def keep_hands_clear(controls: Controls) -> Controls:
+    """The same motion with hands and forearms outside the body and hands apart from each other."""
     wrist = controls.wrist.copy()
     for first in range(0, len(controls), BLOCK_FRAMES):
         block = slice(first, first + BLOCK_FRAMES)
@@ -35,7 +35,7 @@ def cleared(controls: Controls) -> Controls:
 
 
 def _correction(controls: Controls) -> Array:
-    """How far to move each wrist, (t, 2, 3)."""
+    """Displacement of each wrist, (t, 2, 3)."""
     points = [_points(controls, side) for side in range(2)]
     moves = [_out_of_body(p) for p in points]
     left, right = points[0][:, 1], points[1][:, 1] * _MIRROR
@@ -57,7 +57,7 @@ def _points(controls: Controls, side: int) -> Tensor:
 
 
 def _out_of_body(points: Tensor) -> Tensor:
-    """The mean way out of the points inside, deeper ones counting more, (t, 3)."""
+    """Mean displacement that brings the inside points out, weighted by depth, (t, 3)."""
     x, y, z = points.unbind(-1)
     across, ahead = x / TORSO_HALF_WIDTH, (z - TORSO_FRONT) / TORSO_HALF_DEPTH
     scale = (across.square() + ahead.square()).clamp_min(1e-4).sqrt()
@@ -73,6 +73,6 @@ def _out_of_body(points: Tensor) -> Tensor:
 
 
 def _short(value: Tensor, least: float, width: float) -> Tensor:
-    """How much `value` lacks to `least`, without a corner; nothing well above it."""
+    """Smooth version of max(least - value, 0)."""
     lack: Tensor = width * F.softplus((least - value) / width)
     return lack

@@ -1,7 +1,7 @@
-"""Choreography controls: the common language of gesture, dance and idle (paper: none; our rehearsal corpus).
+"""Choreography controls: the curves that gesture, dance and idle motion are written in. Not in the paper.
 
-A performance is a table of low-dimensional, blendable curves at 30 fps; `solver.solve` makes joint rotations of it.
-Conventions, all metres and radians, Y up, facing +Z, left at +X:
+A performance is a table of low-dimensional, blendable curves at 30 fps; `solver.solve` turns it into joint rotations.
+Conventions (metres and radians, Y up, facing +Z, left at +X):
 
 * yaw > 0 turns left, pitch > 0 bows forward, roll > 0 leans right; a triple means Ry(yaw) Rx(pitch) Rz(roll);
 * axis 1 of a paired array is (left, right); feet live in world axes, arms in mirrored chest axes (+x outwards);
@@ -32,7 +32,7 @@ RELAXED_FINGERS = (0.25, 0.20, 0.24, 0.28, 0.30, 0.05, 0.25)
 
 @dataclass(frozen=True)
 class Controls:
-    """Curves of one performance, frames first; see the module's text for signs and frames."""
+    """Curves of one performance, frames first; the module docstring defines signs and axes."""
 
     pelvis_position: Float[Array, "t 3"]
     pelvis_rotation: Float[Array, "t 3"]  # yaw, pitch, roll
@@ -103,9 +103,9 @@ def concatenated(parts: Sequence[Controls]) -> Controls:
 
 
 def blended(start: Controls, end: Controls, weight: Float[Array, " t"]) -> Controls:
-    """Linear mix per frame: weight 0 gives `start`, 1 gives `end`.
+    """Mix linearly per frame: weight 0 gives `start`, 1 gives `end`.
 
-    Feet mix like everything else, so planted feet slide unless both sides agree on them: step first.
+    Planted feet slide unless both sides have them in the same place.
     """
     share = np.asarray(weight, np.float32)[:, None]
     first, second = start.packed(), end.packed()
@@ -133,7 +133,7 @@ def mirrored(controls: Controls) -> Controls:
 
 
 def minimum_jerk(phase: Float[np.ndarray, "*n"]) -> Float[Array, "*n"]:
-    """Smoothest progress: 0 before phase 0, 1 after phase 1, no velocity or acceleration at the ends."""
+    """Minimum-jerk progress: 0 before phase 0, 1 after phase 1, no velocity or acceleration at the ends."""
     p = np.clip(phase, 0.0, 1.0)
     return np.asarray(p**3 * (10 - 15 * p + 6 * p * p), np.float32)
 
@@ -141,7 +141,7 @@ def minimum_jerk(phase: Float[np.ndarray, "*n"]) -> Float[Array, "*n"]:
 def through_keys(
     times: Float[np.ndarray, " k"], values: Float[np.ndarray, "k ..."], frames: int
 ) -> Float[Array, "t ..."]:
-    """Minimum-jerk moves from key to key (seconds, ascending), resting at each; constant outside."""
+    """Move by minimum jerk from key to key (seconds, ascending) and rest at each; constant outside."""
     clock = np.arange(frames) / FRAME_RATE_HZ
     keys = np.asarray(values, np.float32)
     after = np.clip(np.searchsorted(times, clock, side="right"), 1, max(len(times) - 1, 1))
@@ -154,7 +154,7 @@ def through_keys(
 
 
 def critically_damped(signal: Float[Array, "t ..."], seconds: float) -> Float[Array, "t ..."]:
-    """Causal follow-through: a critically damped spring that closes most of a step in `seconds`."""
+    """Causal smoothing by a critically damped spring that covers most of a step in `seconds`."""
     keep = float(np.exp(-4.0 / (FRAME_RATE_HZ * seconds)))
     first = np.asarray(signal[:1], np.float64)
     moved = lfilter([(1 - keep) ** 2], [1.0, -2 * keep, keep * keep], signal - first, axis=0)
@@ -162,12 +162,12 @@ def critically_damped(signal: Float[Array, "t ..."], seconds: float) -> Float[Ar
 
 
 def smoothed(signal: Float[Array, "t ..."], seconds: float) -> Float[Array, "t ..."]:
-    """Zero-phase Gaussian blur with a standard deviation in seconds; ends stay where they are."""
+    """Gaussian smoothing with a standard deviation in seconds; the end values are repeated beyond the ends."""
     return np.asarray(gaussian_filter1d(signal, seconds * FRAME_RATE_HZ, axis=0, mode="nearest"), np.float32)
 
 
 def wander(frames: int, channels: int, *, period: float, rng: np.random.Generator) -> Float[Array, "t c"]:
-    """Slow aimless drift of unit deviation: white noise blurred to the given period in seconds."""
+    """Slow random drift of unit deviation: white noise smoothed to the given period in seconds."""
     sigma = period * FRAME_RATE_HZ / 5
     margin = int(4 * sigma) + 1
     noise = gaussian_filter1d(rng.standard_normal((frames + 2 * margin, channels)), sigma, axis=0)

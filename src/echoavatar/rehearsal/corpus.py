@@ -1,7 +1,7 @@
-"""The rehearsal corpus: paired audio and motion made by rule, so that the whole pipeline can be rehearsed offline.
+"""The rehearsal corpus: synthetic pairs of audio and motion, so that the whole pipeline can be trained offline.
 
-Every clip is made from its own seed alone, so the corpus is the same on any number of workers, and a broken run
-continues where it stopped. It is synthetic and says so in its manifest.
+Each clip depends only on its own seed: the corpus is the same for any number of workers, and an interrupted run
+continues where it stopped. The manifest says that the corpus is synthetic.
 """
 
 import multiprocessing
@@ -20,22 +20,22 @@ from ..errors import EchoAvatarError
 from ..kinematics import HUMANOID, Motion
 from ..timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from .augment import set_loudness, treat
-from .library import Library, load_library, weave
-from .perform import perform
-from .recording import track_from_recording
+from .choreography import choreograph
+from .recorded_motion import Library, blend_recordings, load_library
+from .recording_labels import track_from_recording
 from .solver import solve
 from .sound import SoundTrack, concatenate, cut, whole_frames
 from .track import compose_track
 
 CLIP_SECONDS = 64.0
 TEST_EVERY = 16  # one clip in sixteen is held out
-RECORDING_EVERY = 3  # with recordings at hand, one clip in three is made of them
+RECORDING_EVERY = 3  # if recordings are given, one clip in three uses them
 AUDIO_SUFFIXES = (".wav", ".ogg", ".flac", ".mp3", ".opus", ".m4a")
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What to make: total length, seed, where, and which recorded material to weave in."""
+    """What to make: total length, seed, output folder, and recorded material to mix in."""
 
     hours: float
     seed: int
@@ -44,16 +44,16 @@ class Plan:
     recordings: Path | None = None
     soundfont: Path | None = None
     clip_seconds: float = CLIP_SECONDS
-    refine_fingers: bool = False  # of recorded motion whose fingers do not move
+    refine_fingers: bool = False  # give recorded motion with frozen fingers new ones
 
     @property
     def clips(self) -> int:
-        """How many clips make up the hours."""
+        """Number of clips in the corpus."""
         return max(2, round(self.hours * 3600 / self.clip_seconds))
 
 
 def rehearse(plan: Plan, *, workers: int = 1, progress: Callable[[int, int], None] | None = None) -> int:
-    """Make (or complete) the corpus; return the number of clips.
+    """Make or complete the corpus and return its number of clips.
 
     Raises:
         EchoAvatarError: the folder cannot be written, or hours is not positive.
@@ -90,16 +90,16 @@ def rehearse(plan: Plan, *, workers: int = 1, progress: Callable[[int, int], Non
 
 
 def make_clip(plan: Plan, index: int) -> Clip:
-    """One clip from the plan's seed and its own index."""
+    """Make one clip from the plan's seed and the clip's index."""
     seed = int(np.random.SeedSequence([plan.seed, index]).generate_state(1)[0])
     split = "test" if index % TEST_EVERY == TEST_EVERY - 1 else "train"
     track = _track(plan, index, seed, split)
-    controls = perform(track, seed)
+    controls = choreograph(track, seed)
     rotations, root = solve(controls)
     if plan.library is not None:
         motion = Motion(HUMANOID, rotations, root, float(FRAME_RATE_HZ))
-        woven = weave(_library(plan.library, plan.refine_fingers), track, motion, seed)
-        rotations, root = woven.rotations, woven.root
+        blended = blend_recordings(_library(plan.library, plan.refine_fingers), track, motion, seed)
+        rotations, root = blended.rotations, blended.root
     frames = min(len(rotations), len(track.audio) // SAMPLES_PER_FRAME)
     return Clip(
         name=_name(plan, index),
@@ -132,7 +132,7 @@ def _track(plan: Plan, index: int, seed: int, split: str) -> SoundTrack:
 
 
 def _recorded_track(recordings: Mapping[str, Sequence[Path]], seconds: float, seed: int) -> SoundTrack:
-    """Stretches of recorded speech and music with pauses between, treated so that no two sound alike."""
+    """Stretches of recorded speech and music with pauses between them, each augmented differently."""
     rng = np.random.default_rng([seed, 0x2EC])
     level_db = float(np.clip(rng.normal(-25, 6), -40, -14))
     parts: list[SoundTrack] = []
@@ -154,7 +154,7 @@ def _library(folder: Path, is_refined: bool) -> Library:
 
 @cache
 def _recordings(folder: Path) -> Mapping[str, Sequence[Path]]:
-    """Sound files by kind; a path that contains "music" is music."""
+    """Sound files by kind; a path that contains "music" counts as music, any other as speech."""
     found: dict[str, list[Path]] = {}
     for path in sorted(p for p in folder.rglob("*") if p.suffix.lower() in AUDIO_SUFFIXES):
         kind = "music" if "music" in str(path.relative_to(folder)).lower() else "speech"

@@ -1,7 +1,7 @@
-"""Dance to labelled music: full-body curves locked to counts, from standing to standing (our rehearsal corpus).
+"""Dance to labelled music: full-body curves locked to counts, starting and ending in a standing pose.
 
-The paper trains on recorded dance; ours is composed. Legs follow planned footholds, the pelvis rides over the foot that
-carries, the chest opposes the hips, arms hit on counts, the head keeps to the front. Outside music the dancer stands.
+The paper trains on recorded dance. Here feet follow planned footholds, the pelvis stays over the supporting foot, the
+chest turns against the hips, arm poses arrive on counts and the head faces the front. Outside music the dancer stands.
 """
 
 from dataclasses import replace
@@ -13,43 +13,48 @@ from scipy.ndimage import maximum_filter1d
 
 from ..timing import FRAME_RATE_HZ
 from .controls import STANDING_PELVIS, Array, Controls, minimum_jerk, neutral, smoothed
+from .dance_plan import BodyKey, DancePlan, compose_dance
 from .footwork import Foothold, Footwork, Stance, walk
-from .grooves import listen
-from .keys import bump, glide, progress
-from .phrases import BodyKey, Plan, compose
+from .grooves import find_counts
+from .keyframes import bump, glide, progress
 from .sound import SoundTrack
 
 FloatArray = np.ndarray
 ARM = 16  # values of one arm in a body vector
-LEG, HIP_OUT, HIP_DOWN = 0.808, 0.092, 0.035  # metres: easy reach of a leg, hip joints from the pelvis
-FASTEST_ARM = 8.0  # radians per second, likewise
+LEG, HIP_OUT, HIP_DOWN = 0.808, 0.092, 0.035  # metres: comfortable leg length, offset of the hip joints
+FASTEST_ARM = 8.0  # radians per second, at the peak of a glide
 FASTEST_WRIST = 2.2  # metres per second, at the peak of a glide
-LINGER, LINGER_HALF_TIME = 0.25, 0.55  # how much slower the dancer's clock runs on a beat
-ANSWER_S = 0.06  # the dancer's beat after the music's: moves brake as it sounds (which BA_D measures)
-REST_SECONDS = 0.9  # for the arms to sink when the music stops
+LINGER, LINGER_HALF_TIME = 0.25, 0.55  # share by which the dancer's clock slows down on a beat
+ANSWER_S = (
+    0.06  # delay after the music's beat, so that moves decelerate on it, which the metric BA_D looks for
+)
+REST_SECONDS = 0.9  # time in which the arms sink when the music stops
 
 
 def dance(track: SoundTrack, seed: int) -> Controls:
-    """Dance in the music spans of a track; stand at ease elsewhere. Same seed, same dance."""
+    """Dance in the music spans of a track and stand at ease elsewhere; deterministic for a seed."""
     frames = round(track.seconds * FRAME_RATE_HZ)
-    return draw(plan_dance(track, seed), frames)
+    return plans_to_controls(plan_dance(track, seed), frames)
 
 
-def plan_dance(track: SoundTrack, seed: int) -> list[Plan]:
-    """The plan of each music span: footholds (`Plan.holds`), keys and when the dancer starts to settle."""
+def plan_dance(track: SoundTrack, seed: int) -> list[DancePlan]:
+    """One plan for each music span longer than half a second."""
     spans = [span for span in track.spans if span.kind == "music" and span.end - span.start > 0.5]
-    return [compose(listen(track, span), np.random.default_rng([seed, 7, i])) for i, span in enumerate(spans)]
+    return [
+        compose_dance(find_counts(track, span), np.random.default_rng([seed, 7, i]))
+        for i, span in enumerate(spans)
+    ]
 
 
-def footholds(plans: list[Plan]) -> list[Foothold]:
-    """All planned steps in order, for those who join other motion before or after."""
+def footholds(plans: list[DancePlan]) -> list[Foothold]:
+    """All planned steps, in order."""
     return [hold for plan in plans for hold in plan.holds]
 
 
-def draw(plans: list[Plan], frames: int) -> Controls:
-    """Curves at 30 fps from plans."""
+def plans_to_controls(plans: list[DancePlan], frames: int) -> Controls:
+    """Evaluate plans as curves at 30 fps."""
     t = np.arange(frames) / FRAME_RATE_HZ - ANSWER_S
-    felt = _felt(t, plans)
+    felt = _dancer_clock(t, plans)
     feet = walk(felt, footholds(plans), Stance(), [shift for plan in plans for shift in plan.shifts])
     body = _body(felt, plans)
     beat, level = _pulse(t, plans)
@@ -73,8 +78,8 @@ def draw(plans: list[Plan], frames: int) -> Controls:
     )
 
 
-def _felt(t: FloatArray, plans: list[Plan]) -> FloatArray:
-    """The dancer's clock: it lingers on every beat, also on those between the counts, and agrees with ours on beats."""
+def _dancer_clock(t: FloatArray, plans: list[DancePlan]) -> FloatArray:
+    """The dancer's clock: it slows down at every beat, also between counts, and agrees with real time on beats."""
     result = t.copy()
     for plan in plans:
         counts = plan.counts
@@ -89,9 +94,9 @@ def _felt(t: FloatArray, plans: list[Plan]) -> FloatArray:
 
 
 def _pelvis(
-    t: FloatArray, plans: list[Plan], feet: Footwork, beat: FloatArray, level: FloatArray
+    t: FloatArray, plans: list[DancePlan], feet: Footwork, beat: FloatArray, level: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Position over the carrying foot and rotation (yaw, pitch, roll)."""
+    """Position over the supporting foot, and rotation (yaw, pitch, roll)."""
     share = 0.5 + 0.86 * (feet.share - 0.5)
     over = feet.position[:, 0] * share[:, None] + feet.position[:, 1] * (1 - share)[:, None]
     over = np.asarray(smoothed(over.astype(np.float32), 0.06), np.float64)
@@ -107,7 +112,7 @@ def _pelvis(
 
 
 def _eased_down(feet: Footwork, over: FloatArray, height: FloatArray) -> FloatArray:
-    """How much lower the pelvis must ride for both legs to reach, known a little ahead so that it sinks softly."""
+    """How far the pelvis must sink for both legs to reach; smoothed over time, so that it sinks gently."""
     lack = np.zeros(len(over))
     for side in (0, 1):
         outwards = HIP_OUT if side == 0 else -HIP_OUT
@@ -123,9 +128,9 @@ def _eased_down(feet: Footwork, over: FloatArray, height: FloatArray) -> FloatAr
 
 
 def _torso(
-    plans: list[Plan], body: FloatArray, turn: FloatArray, beat: FloatArray, level: FloatArray
+    plans: list[DancePlan], body: FloatArray, turn: FloatArray, beat: FloatArray, level: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Chest on pelvis and head on chest: the chest stays upright over rolling hips, the eyes keep to the front."""
+    """Rotations of chest on pelvis and head on chest: the chest stays upright, the head faces the front."""
     t = np.arange(len(body)) / FRAME_RATE_HZ
     chest = body[:, 2 * ARM : 2 * ARM + 3].copy()
     push, nod = (_groove(t, plans, name) * level[:, 2] for name in ("chest", "nod"))
@@ -142,12 +147,12 @@ def _torso(
 
 
 def _lagging(x: FloatArray, seconds: float) -> FloatArray:
-    """The slow part of a curve."""
+    """A smoothed curve."""
     return np.asarray(smoothed(x[:, None].astype(np.float32), seconds), np.float64)[:, 0]
 
 
-def _pulse(t: FloatArray, plans: list[Plan]) -> tuple[FloatArray, FloatArray]:
-    """How far down the body is in each count, 0..1, and the levels (bounce in metres, hips scale, presence 0..1)."""
+def _pulse(t: FloatArray, plans: list[DancePlan]) -> tuple[FloatArray, FloatArray]:
+    """How far down the body is in each count (0..1), and (t, 3): bounce in metres, hip scale, presence 0..1."""
     beat = np.zeros(len(t))
     level = np.zeros((len(t), 3))
     for plan in plans:
@@ -157,7 +162,7 @@ def _pulse(t: FloatArray, plans: list[Plan]) -> tuple[FloatArray, FloatArray]:
         number = _count(own, counts.times)
         period = counts.metre if counts.metre == 3 else (2 if groove.name in ("ballet", "rest") else 1)
         wave = (0.5 + 0.5 * np.cos(2 * np.pi * number / period)) ** groove.sharp
-        if counts.unit > 1 or counts.metre == 3:  # every beat is felt, under the longer wave
+        if counts.unit > 1 or counts.metre == 3:  # add a wave on every beat to the longer one
             every = counts.unit if counts.unit > 1 else 1
             quick = 0.5 + 0.5 * np.cos(2 * np.pi * number * every)
             wave = 0.62 * wave + 0.38 * (1.0 - quick if groove.is_up else quick)
@@ -175,7 +180,7 @@ def _pulse(t: FloatArray, plans: list[Plan]) -> tuple[FloatArray, FloatArray]:
 
 
 def _count(t: FloatArray, times: FloatArray) -> FloatArray:
-    """Continuous count number at times `t`, on a smooth clock; the tempo goes on beyond both ends."""
+    """Smoothed continuous count number at times `t`; the tempo continues beyond both ends."""
     gap0, gap1 = times[1] - times[0], times[-1] - times[-2]
     number: FloatArray = np.interp(t, times, np.arange(len(times), dtype=np.float64))
     number = np.where(t < times[0], (t - times[0]) / gap0, number)
@@ -183,8 +188,8 @@ def _count(t: FloatArray, times: FloatArray) -> FloatArray:
     return _lagging(number - number[0], 0.05) + number[0] if len(t) else number
 
 
-def _groove(t: FloatArray, plans: list[Plan], name: str) -> FloatArray:
-    """A standing property of each span's groove, eased in and out."""
+def _groove(t: FloatArray, plans: list[DancePlan], name: str) -> FloatArray:
+    """A constant of each span's groove, eased in and out."""
     result = np.zeros(len(t))
     for plan in plans:
         rise = minimum_jerk((t - plan.begin) / 1.2)
@@ -193,8 +198,8 @@ def _groove(t: FloatArray, plans: list[Plan], name: str) -> FloatArray:
     return result
 
 
-def _keyed(t: FloatArray, plans: list[Plan], name: str) -> FloatArray:
-    """A pelvis curve through all plans' keys of that name."""
+def _keyed(t: FloatArray, plans: list[DancePlan], name: str) -> FloatArray:
+    """The pelvis curve through the keys called `name` of all plans."""
     keys = sorted((time, value) for plan in plans for time, value in getattr(plan, name))
     if not keys:
         return np.zeros(len(t))
@@ -205,8 +210,8 @@ def _keyed(t: FloatArray, plans: list[Plan], name: str) -> FloatArray:
     return _lagging(curve[:, 0], 0.04)
 
 
-def _body(t: FloatArray, plans: list[Plan]) -> FloatArray:
-    """Arms, chest and head, (frames, 38): glides from key to key, rounded where a move flows."""
+def _body(t: FloatArray, plans: list[DancePlan]) -> FloatArray:
+    """Arms, chest and head, (frames, 38): glides from key to key, smoothed more where a move flows."""
     rest = _resting()
     rows = [BodyKey(-1.0, rest, 0.5, 0.0)]
     for plan in plans:
@@ -226,7 +231,7 @@ def _body(t: FloatArray, plans: list[Plan]) -> FloatArray:
 
 
 def _unhurried(rows: list[BodyKey]) -> list[BodyKey]:
-    """Fast music makes small moves: ways for which there is no time are shortened, or left out where they are long."""
+    """Shorten moves for which there is not enough time; leave out those that would need far more."""
     kept = [rows[0]]
     for row in rows[1:]:
         needed = float(_needed(np.stack([kept[-1].vector, row.vector]))[1])
@@ -241,7 +246,7 @@ def _unhurried(rows: list[BodyKey]) -> list[BodyKey]:
 
 
 def _needed(values: FloatArray) -> FloatArray:
-    """Seconds each move needs for its wrists and upper arms not to be too fast."""
+    """Seconds that each move needs to keep wrists and upper arms below their top speeds."""
     wrists = values[:, : 2 * ARM].reshape(len(values), 2, ARM)[..., :3]
     before = np.concatenate([wrists[:1], wrists[:-1]])
     far = np.linalg.norm(wrists - before, axis=-1).max(1)
@@ -253,7 +258,7 @@ def _needed(values: FloatArray) -> FloatArray:
 def _arch(
     curve: FloatArray, t: FloatArray, times: FloatArray, values: FloatArray, travel: FloatArray
 ) -> None:
-    """Bow long wrist paths outwards and forwards, so that arms swing round instead of folding through the shoulder."""
+    """Bend long wrist paths outwards and forwards, so that arms swing around the shoulder instead of through it."""
     gap = np.minimum(np.diff(times, prepend=times[0] - 1.0), travel)
     index, phase = progress(t, times, gap)
     after = np.minimum(index, len(times) - 1)
@@ -271,7 +276,7 @@ def _arch(
 
 
 def _follow_through(arms: FloatArray) -> Float[FloatArray, "t 2 3"]:
-    """Hand angles with drag: the hand trails the wrist's way up, down and across."""
+    """Hand angles with drag: the hand trails behind the movement of the wrist."""
     speed = (
         np.gradient(np.asarray(smoothed(arms[..., :3].astype(np.float32), 0.05), np.float64), axis=0)
         * FRAME_RATE_HZ

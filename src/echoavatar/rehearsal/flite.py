@@ -1,7 +1,8 @@
-"""The flite speech engine through ctypes: audio with exact phone times, pitch edited before the vocoder.
+"""The flite speech engine through ctypes: audio with exact phone times; pitch is edited before the vocoder.
 
-flite (CMU, permissive) is a system package and optional. It is not thread-safe and keeps feature keys by pointer,
-so every key lives in `_KEYS`; its excitation noise uses libc's rand(), which is seeded for each utterance.
+flite (CMU, permissive licence) is an optional system package. It is not thread-safe. It stores feature names by
+pointer, so `_key` keeps every name alive. Its excitation noise comes from
+libc's rand(), which is seeded for each utterance.
 """
 
 import ctypes
@@ -87,12 +88,12 @@ _SIGNATURES: dict[str, tuple[object, list[object]]] = {
 
 @cache
 def _key(text: str) -> bytes:
-    """The one bytes object of a text: flite stores feature names by address, so it must never be freed."""
+    """The bytes of a text, cached for ever: flite stores feature names by address, so they must never be freed."""
     return text.encode()
 
 
 class Flite:
-    """The loaded library with its voices. Ask `flite()` for the only one of a process."""
+    """The loaded library with its voices; `flite()` returns the one instance of the process."""
 
     def __init__(self) -> None:
         loaded: dict[str, ctypes.CDLL] = {}
@@ -202,7 +203,7 @@ class Flite:
         is_question: bool,
         seed: int,
     ) -> tuple[FloatArray, int]:
-        """Second pass of the vocoder with the expressive pitch: audio (s,) and its rate."""
+        """Run the vocoder again with the expressive pitch; return audio (s,) and its sample rate."""
         lib = self.lib
         features = ctypes.cast(utterance, ctypes.POINTER(_P)).contents.value
         database = lib.val_cg_db(lib.feat_val(features, _key("cg_db")))
@@ -228,7 +229,7 @@ class Flite:
         return samples, rate_hz
 
     def _warped(self, database: int, alpha: float) -> object:
-        """A copy of the voice's read-only description with another frequency warping."""
+        """Address of a copy of the voice's read-only database with another frequency warping."""
         if (database, alpha) not in self._databases:
             raw = bytearray(ctypes.string_at(database, _DB_BYTES))
             place = raw.find(np.float32(_DEFAULT_ALPHA).tobytes())
@@ -245,7 +246,7 @@ def _trim(
     phones: tuple[tuple[float, float, str], ...],
     syllables: tuple[SpokenSyllable, ...],
 ) -> Utterance:
-    """Drop the outer silence but a short margin, go to 24 kHz; resampling has no delay."""
+    """Cut outer silence down to a short margin and resample to 24 kHz without delay."""
     spoken = [phone for phone in phones if phone[2] != "pau"]
     first = max(0, round((spoken[0][0] - _MARGIN_S) * rate_hz))
     last = round((spoken[-1][1] + _MARGIN_S) * rate_hz)
@@ -263,5 +264,5 @@ def _trim(
 
 @cache
 def flite() -> Flite:
-    """The engine of this process; raises DependencyError when flite is not installed."""
+    """The engine of this process; raises DependencyError if flite is not installed."""
     return Flite()

@@ -1,6 +1,6 @@
-"""From planned footholds to curves: swing arcs, heel and toe, and the share of the weight on each foot.
+"""Foot curves of the dance from planned footholds: swing arcs, heel and toe, and the weight on each foot.
 
-A foothold that is held does not move at all; everything in between is twice continuously differentiable.
+A planted foot does not move at all. Curves between footholds are twice continuously differentiable.
 """
 
 from collections.abc import Sequence
@@ -10,19 +10,19 @@ import numpy as np
 from jaxtyping import Float
 
 from .controls import ANKLE_HEIGHT, STANDING_FEET, STANDING_FOOT_YAW, minimum_jerk, smoothed
-from .keys import bump, glide
+from .keyframes import bump, glide
 
 FloatArray = np.ndarray
 TOE_OFF = 0.32  # radians of heel lift as the foot leaves the floor
 SUPPORT = 0.95  # share of the weight on the standing foot while the other swings
-WEIGHT_SECONDS = 0.03  # from landing to the weight having arrived: a dancer is on the foot on the count
-TRANSFER_SECONDS = 0.38  # before a landing the weight begins to fall towards it, at the earliest
+WEIGHT_SECONDS = 0.03  # from landing until the foot carries the weight, so that it does so on the count
+TRANSFER_SECONDS = 0.38  # the weight begins to move at most this long before the landing
 ROLL_SECONDS = 0.10  # from the first touch of heel or ball to the flat foot
 
 
 @dataclass(frozen=True)
 class Foothold:
-    """A planned step in the world: when it leaves the floor and lands (seconds), and where (metres, radians)."""
+    """A planned step in world space: when the foot lifts off and lands (seconds), and where (metres, radians)."""
 
     side: int
     lift_off: float
@@ -33,12 +33,12 @@ class Foothold:
     lift: float = 0.07
     pitch: float = 0.0
     strike: float = 0.0  # pitch at the first touch
-    air: tuple[float, float, float, float] | None = None  # time, x, height, z
+    air: tuple[float, float, float, float] | None = None  # way point in the air: time, x, height, z
 
 
 @dataclass(frozen=True)
 class Stance:
-    """Where both feet stand: places (x, z) and yaws, left then right."""
+    """Where both feet stand: positions (x, z) and yaws, left then right."""
 
     places: tuple[tuple[float, float], tuple[float, float]] = (
         (STANDING_FEET[0][0], STANDING_FEET[0][2]),
@@ -49,7 +49,7 @@ class Stance:
 
 @dataclass(frozen=True)
 class Footwork:
-    """Curves of both feet and the weight they carry, frames first."""
+    """Curves of both feet and of the weight on them, frames first."""
 
     position: Float[FloatArray, "t 2 3"]
     yaw: Float[FloatArray, "t 2"]
@@ -60,7 +60,7 @@ class Footwork:
 def walk(
     t: FloatArray, holds: Sequence[Foothold], stance: Stance, shifts: Sequence[tuple[float, float]] = ()
 ) -> Footwork:
-    """Curves at times `t` from footholds in order; `shifts` are (seconds, share of weight on the left foot)."""
+    """Curves at times `t` from footholds in order; `shifts` are (seconds, share of the weight on the left foot)."""
     sides = [[hold for hold in holds if hold.side == side] for side in (0, 1)]
     place, yaw = zip(*(_path(t, sides[s], stance.places[s], stance.yaws[s]) for s in (0, 1)), strict=True)
     pitch = [_pitch(t, sides[s]) for s in (0, 1)]
@@ -105,7 +105,7 @@ def _through_air(t: FloatArray, hold: Foothold, before: FloatArray) -> FloatArra
 
 
 def _pitch(t: FloatArray, holds: Sequence[Foothold]) -> FloatArray:
-    """Heel up before the foot leaves, through zero at rest, first touch by heel or ball, then as it is to stand."""
+    """Foot pitch: the heel rises before lift-off, heel or ball touches first, then the foot settles."""
     keys: list[tuple[float, float, float]] = [(float(t[0]) - 1.0, 0.0, 0.1)] if len(t) else []
     standing = 0.0
     for hold in holds:

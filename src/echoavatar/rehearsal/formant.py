@@ -1,6 +1,6 @@
-"""Our own formant speech synthesiser in numpy: robotic, but made of nothing else, with exactly known phone times.
+"""A formant speech synthesiser in numpy: robotic, but free of dependencies and with exact phone times.
 
-Pulses and noise pass a filter of three moving formants, frame by frame in the frequency domain. It stands in for
+Pulses and noise pass through a filter of three moving formants, frame by frame in the frequency domain. It replaces
 flite where that is not installed. Not in the paper.
 """
 
@@ -93,7 +93,7 @@ def say(words: tuple[Word, ...], delivery: Delivery, seed: int) -> Utterance:
 def _timing(
     words: tuple[Word, ...], delivery: Delivery, rng: np.random.Generator
 ) -> tuple[list[tuple[float, float, str]], tuple[SpokenSyllable, ...]]:
-    """Phone times by rule: stress, focus and the end of a phrase lengthen; commas pause."""
+    """Phone times by rule: stress, focus and the end of a phrase lengthen phones; punctuation adds a pause."""
     phones: list[tuple[float, float, str]] = []
     syllables: list[SpokenSyllable] = []
     now = _MARGIN_S
@@ -125,7 +125,7 @@ def _length(name: str, is_stressed: bool) -> float:
 
 
 def _plain_pitch(frames: int, delivery: Delivery) -> npt.NDArray[np.float32]:
-    """Falling pitch of a statement; the voice is everywhere, its strength comes from the phones."""
+    """The falling pitch of a statement. Every frame has one; the control tracks say how much it is voiced."""
     fall = np.linspace(1.12, 0.88, frames)
     return (_VOICE[delivery.voice][0] * fall).astype(np.float32)
 
@@ -173,7 +173,7 @@ def _synthesise(tracks: Array, f0: Array, scale: float, rng: np.random.Generator
 
 
 def _vowel_filter(formants: Array) -> Array:
-    """Complex response (t, bins) of a glottal slope and six resonances."""
+    """Complex response (t, bins) of the glottal slope and six resonances."""
     hertz = np.fft.rfftfreq(_FFT, 1 / SAMPLE_RATE_HZ)
     z = np.exp(-2j * np.pi * hertz / SAMPLE_RATE_HZ)[None, :]
     response = np.asarray(1 / (1 + (hertz / 500) ** 2) ** 0.5 * (hertz / (hertz + 60)), complex)[None, :]

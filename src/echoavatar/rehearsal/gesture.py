@@ -1,11 +1,10 @@
-"""Speech to gesture: units of rest, preparation, stroke, hold and retraction, one unit per phrase (Kendon, McNeill).
+"""Speech to gesture: preparation, stroke, hold and retraction, one gesture unit per phrase (Kendon, McNeill).
 
-Motion is later predicted from audio heard so far, and what is to be learned must be there to be heard: hands wait
-where they are, a stroke begins with the stressed vowel and ends 0.14 to 0.18 s after its centre, and the hand goes
-straight back to where it waits for the next. (When the preparation began with the word, the motion so far told more
-of the next stroke than the sound did, and a generator learned to gesture on its own time.) Hands rise with the phrase
-and sink after it. Beats fall on prominent syllables, words with a meaning get a gesture of their own, and everything
-else (head, torso, clavicles) takes part.
+A generator predicts this motion from the audio heard so far, so a stroke must not announce itself before it can be
+heard: the hand waits, the stroke begins with the stressed vowel and ends 0.14 to 0.18 s after its centre, and the hand
+returns at once to where it waits for the next stroke. An earlier preparation would teach the generator to gesture
+without listening. Hands rise with the phrase and sink after it. Beats fall on prominent syllables, words with a
+meaning get a gesture of their own, and head, torso and clavicles follow.
 """
 
 from dataclasses import replace
@@ -13,63 +12,63 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from .accents import head_accents, speech_activity
 from .controls import Array, Controls, critically_damped, wander
-from .cues import Cue, cues_of
+from .gesture_cues import Cue, gesture_cues
 from .handpath import FINGERS, PALM, WRIST, HandPath
 from .handshapes import count_shape, hand_shape
-from .idle import Manner, hands_of, idle, living_fingers, manner, resting_hands, with_hands
+from .head_motion import head_accents, speech_activity
+from .idle import Manner, draw_manner, finger_drift, hands_of, idle, resting_hands, with_hands
 from .lexicon import ACCENTS, MEANINGS, Form, aim_at, eased_reach, home_of, meant_form
 from .sound import SoundTrack
 
-SINK_AFTER, REST_AFTER = 0.10, 0.30  # seconds after a phrase: first let go, then drop
+SINK_AFTER, REST_AFTER = 0.10, 0.30  # seconds after a phrase: the hands relax, then drop
 SHORTEST_SINK_GAP, SHORTEST_REST_GAP = (
     0.50,
     1.35,
-)  # in shorter pauses hands wait, in longer ones they go to rest
-LOW = np.array([-0.045, -0.385, 0.190], np.float32)  # a hand that is up but does not lead
+)  # seconds: in shorter pauses the hands wait, in longer ones they sink or go to rest
+LOW = np.array([-0.045, -0.385, 0.190], np.float32)  # wrist of a raised hand that does not lead
 RISING, SINKING = np.array([0.03, 0.0, 0.05], np.float32), np.array([0.03, 0.0, 0.02], np.float32)
-LAUNCH_S = -0.04  # a stroke begins this long after the vowel's centre, about with the vowel
-BACK_S = 0.30  # a beat's way back up, right after the stroke
+LAUNCH_S = -0.04  # from the vowel's centre to the start of a stroke, which is about the start of the vowel
+BACK_S = 0.30  # duration of a beat's return, right after its stroke
 LEFT, RIGHT = 0, 1
 
 
 def gesture(track: SoundTrack, seed: int) -> Controls:
-    """Speak with the body for the whole track: idle motion in silence, gesture units over every phrase."""
-    who, rng = manner(seed), np.random.default_rng([seed, 3])
+    """Idle motion for the whole track with gesture units over every phrase."""
+    manner, rng = draw_manner(seed), np.random.default_rng([seed, 3])
     body = idle(track, seed)
     frames = len(body)
-    rest = resting_hands(who.rest)
-    speaker = _Speaker(who, rng, [HandPath(rest[LEFT].copy()), HandPath(rest[RIGHT].copy())], rest)
+    rest = resting_hands(manner.rest)
+    speaker = _Speaker(manner, rng, [HandPath(rest[LEFT].copy()), HandPath(rest[RIGHT].copy())], rest)
     starts = [begin for begin, _ in track.phrases] + [np.inf]
     for phrase, following in zip(track.phrases, starts[1:], strict=True):
-        speaker.say(phrase, cues_of(track, phrase, who, rng), following)
+        speaker.say(phrase, gesture_cues(track, phrase, manner, rng), following)
     moved = np.stack([path.curve(frames) for path in speaker.hands], axis=1) - rest
     active = speech_activity(track, frames)
     lively = np.clip(np.abs(moved[..., :3]).sum(-1) / 0.2, 0, 1)[..., None]
-    moved[..., FINGERS] += living_fingers(frames, rng) * (0.4 + 0.8 * lively)
+    moved[..., FINGERS] += finger_drift(frames, rng) * (0.4 + 0.8 * lively)
     moved[..., :3] += wander(frames, 6, period=1.2, rng=rng).reshape(frames, 2, 3) * 0.004 * lively
-    head, spine = head_accents(track, who.nod, rng)
+    head, spine = head_accents(track, manner.nod, rng)
     body = replace(body, head=body.head + head, spine=body.spine + spine)
-    return joined_in(with_hands(body, hands_of(body) + moved), hands_of(body), active)
+    return with_following_torso(with_hands(body, hands_of(body) + moved), hands_of(body), active)
 
 
 class _Speaker:
-    """Both hands' plans while a speech goes on: which hand leads, where home is, what was contrasted last."""
+    """Plans the paths of both hands phrase by phrase, and remembers which hand leads and where its home is."""
 
-    def __init__(self, who: Manner, rng: np.random.Generator, hands: list[HandPath], rest: Array) -> None:
-        self.who, self.rng, self.hands, self.rest = who, rng, hands, rest
-        self.lead = RIGHT if rng.random() < who.handed else LEFT
+    def __init__(self, manner: Manner, rng: np.random.Generator, hands: list[HandPath], rest: Array) -> None:
+        self.manner, self.rng, self.hands, self.rest = manner, rng, hands, rest
+        self.lead = RIGHT if rng.random() < manner.handed else LEFT
         self.second = self._role()
         self.up = [False, False]
-        self.homes = [home_of(who.space, rng), home_of(who.space, rng)]
+        self.homes = [home_of(manner.space, rng), home_of(manner.space, rng)]
         taste = rng.dirichlet(np.full(len(ACCENTS), 1.4))
         self.taste = 0.5 * taste + 0.5 / len(ACCENTS)
         self.beat_way = self._beat_way()
         self.free_at = 0.0
 
     def say(self, phrase: tuple[float, float], cues: list[Cue], following: float) -> None:
-        """Plan one gesture unit: rise, strokes, and the way back if the pause is long enough."""
+        """Plan one gesture unit: rise, strokes, and retraction if the pause is long enough."""
         begin, end = phrase
         self._choose_hands()
         if cues and self.rng.random() > 0.05:
@@ -84,32 +83,32 @@ class _Speaker:
             self._sink(end, 0.28)
 
     def _choose_hands(self) -> None:
-        """Stay with the same hands for a while."""
+        """Sometimes change the leading hand, the role of the second hand or the home position."""
         rng = self.rng
         if rng.random() < 0.35:
-            self.lead = RIGHT if rng.random() < self.who.handed else LEFT
+            self.lead = RIGHT if rng.random() < self.manner.handed else LEFT
         if rng.random() < 0.40:
             self.second = self._role()
         if rng.random() < 0.5:
-            self.homes = [home_of(self.who.space, rng) for _ in self.hands]
+            self.homes = [home_of(self.manner.space, rng) for _ in self.hands]
             self.homes[1 - self.lead][3:] = self.homes[self.lead][3:]
             self.beat_way = self._beat_way()
         if 0 < self.second < 0.4:
             self.homes[1 - self.lead][WRIST] = LOW + rng.normal(0, 0.02, 3)
 
     def _role(self) -> float:
-        """How much the second hand does of what the first does: all of it, a little, or nothing."""
+        """The share of the leading hand's movement that the second hand makes: most of it, a little, or none."""
         kind = self.rng.random()
         return float(self.rng.uniform(0.6, 1.0)) if kind < 0.55 else 0.3 if kind < 0.82 else 0.0
 
     def _beat_way(self) -> Array:
-        """The direction beats go for a while: mostly down, some out or in."""
+        """The direction of the next beats: mostly down, some outwards or inwards."""
         ways = ((0.15, -1.0, 0.25), (0.6, -0.7, 0.35), (-0.35, -0.8, 0.25), (0.25, -0.45, 0.8))
         way = np.array(ways[self.rng.choice(4, p=(0.45, 0.25, 0.12, 0.18))]) + self.rng.normal(0, 0.12, 3)
         return np.asarray(way / np.linalg.norm(way), np.float32)
 
     def _raise(self, begin: float, first: Cue) -> None:
-        """Hands rise with the phrase, in an arc that leads away from the body."""
+        """Raise the hands at the start of a phrase, in an arc away from the body."""
         sides = [self.lead, 1 - self.lead] if self.second else [self.lead]
         for delay, side in zip((0.0, float(self.rng.uniform(0.0, 0.12))), sides, strict=False):
             start = begin + float(self.rng.uniform(0.0, 0.10)) + delay
@@ -127,8 +126,8 @@ class _Speaker:
             self._beat(cue)
 
     def _beat(self, cue: Cue) -> None:
-        """Down with the vowel and straight up again, to wait there for the next."""
-        size = (0.055 + 0.150 * cue.weight**1.5) * self.who.energy * float(self.rng.uniform(0.75, 1.25))
+        """Move down with the vowel and up again at once, where the hand waits for the next beat."""
+        size = (0.055 + 0.150 * cue.weight**1.5) * self.manner.energy * float(self.rng.uniform(0.75, 1.25))
         for side in self._moving():
             share = size * (1.0 if side == self.lead else self.second * float(self.rng.uniform(0.7, 1.1)))
             home, way = self.homes[side], self.beat_way + self.rng.normal(0, 0.10, 3)
@@ -145,17 +144,17 @@ class _Speaker:
         self.homes[self.lead][WRIST] += self.rng.normal(0, 0.012, 3)
 
     def _accent(self, cue: Cue) -> None:
-        """A larger gesture for the phrase's nucleus; home stays there for what follows."""
+        """A larger gesture for the phrase's nucleus; the hand's home moves there."""
         names = list(ACCENTS)
         form = ACCENTS[names[self.rng.choice(len(names), p=self.taste)]]
-        size = self.who.energy * self.who.space * float(self.rng.uniform(0.8, 1.25))
+        size = self.manner.energy * self.manner.space * float(self.rng.uniform(0.8, 1.25))
         for side in self._moving() if self.second > 0.4 else [self.lead]:
             self._reach(side, cue, form, size * (1.0 if side == self.lead else self.second))
 
     def _mean(self, cue: Cue, phrase_end: float) -> None:
-        """The gesture a word's meaning asks for, held a moment."""
+        """The gesture for a word's meaning, held for a moment."""
         name = meant_form(cue.meaning, cue.word)
-        form, size = MEANINGS[name], self.who.space * float(self.rng.uniform(0.9, 1.15))
+        form, size = MEANINGS[name], self.manner.space * float(self.rng.uniform(0.9, 1.15))
         two_handed = name in ("size", "small", "question") or (name == "negation" and self.rng.random() < 0.5)
         if name == "contrast":
             self.lead = 1 - self.lead
@@ -171,7 +170,7 @@ class _Speaker:
         self.free_at = cue.stroke_end + (0.35 if name in ("size", "count", "there", "question") else 0.15)
 
     def _inwards(self, cue: Cue, two_handed: bool) -> None:
-        """The hand crosses to the middle before it wipes away."""
+        """Move the hand to the middle before it wipes outwards."""
         for side in [LEFT, RIGHT] if two_handed else [self.lead]:
             inner = self.homes[side].copy()
             inner[WRIST] = (-0.05, -0.20 if side == self.lead else -0.24, 0.28)
@@ -179,9 +178,9 @@ class _Speaker:
             self.hands[side].move(cue.onset, max(cue.stroke_end - 0.14, cue.onset + 0.15), inner)
 
     def _reach(self, side: int, cue: Cue, form: Form, size: float) -> None:
-        """A stroke along an arc from wherever the hand is; longer than planned if it is far."""
+        """A stroke along an arc from the hand's present place; it takes longer than planned if the way is long."""
         path = self.hands[side]
-        aim = aim_at(form, self.homes[side], size=size, space=self.who.space, rng=self.rng)
+        aim = aim_at(form, self.homes[side], size=size, space=self.manner.space, rng=self.rng)
         way = float(np.linalg.norm(aim[WRIST] - path.aim[WRIST]))
         begin = cue.vowel + LAUNCH_S
         end = max(cue.stroke_end, begin + way / 1.0)
@@ -192,7 +191,7 @@ class _Speaker:
         self.homes[side][FINGERS] = 0.5 * aim[FINGERS] + 0.5 * hand_shape("relaxed")
 
     def _wave(self, cue: Cue, phrase_end: float) -> None:
-        """The forearm swings from side to side, dying away."""
+        """Swing the forearm from side to side with decreasing size."""
         path, time, reach = self.hands[self.lead], cue.stroke_end, 0.055
         middle = path.aim.copy()
         for turn in range(int(self.rng.integers(4, 7))):
@@ -206,20 +205,20 @@ class _Speaker:
         self.free_at = time + 0.1
 
     def _moving(self) -> list[int]:
-        """The hands that make this stroke: sometimes the second one rests."""
+        """The hands that make this stroke; sometimes the second one rests."""
         if self.up[1 - self.lead] and self.second and self.rng.random() < 0.85:
             return [self.lead, 1 - self.lead]
         return [self.lead]
 
     def _sink(self, end: float, share: float) -> None:
-        """Let the hands go part of the way to rest; speech may take them up again."""
+        """Move raised hands a share of the way to rest."""
         for side, path in enumerate(self.hands):
             if self.up[side]:
                 begin = end + SINK_AFTER + float(self.rng.uniform(0.0, 0.06))
                 path.move(begin, begin + 0.45, path.aim + share * (self.rest[side] - path.aim))
 
     def _retract(self, end: float) -> None:
-        """Let go at once, then drop to rest, in about 0.8 s; now and then somewhat later."""
+        """Sink, then drop to rest, in about 0.8 s; sometimes a little later."""
         end = max(end, min(self.free_at, end + 0.20))
         self._sink(end, 0.25)
         late = float(self.rng.uniform(0.2, 0.45)) if self.rng.random() < 0.12 else 0.0
@@ -230,14 +229,16 @@ class _Speaker:
             self.up[side] = False
 
 
-def joined_in(controls: Controls, resting: Float[Array, "t 2 14"], active: Float[Array, " t"]) -> Controls:
-    """Clavicles and torso follow the hands: shoulders lift and reach, the chest turns towards what the hands do."""
-    wrist, calm = controls.wrist, resting[..., WRIST]
+def with_following_torso(
+    controls: Controls, resting: Float[Array, "t 2 14"], active: Float[Array, " t"]
+) -> Controls:
+    """The same motion with clavicles and torso following the hands: shoulders lift and reach, the chest turns."""
+    wrist, rest = controls.wrist, resting[..., WRIST]
     high = np.clip(wrist[..., 1] + 0.15, 0, 0.6)
     forward = np.clip(wrist[..., 2] - 0.28, -0.1, 0.3)
     clavicle = np.stack([0.45 * high + 0.10 * np.clip(wrist[..., 0] - 0.2, 0, 1), 0.6 * forward], axis=-1)
     shoulder = controls.shoulder + critically_damped(clavicle.astype(np.float32), 0.22)
-    moved = critically_damped((wrist - calm).astype(np.float32), 0.40)
+    moved = critically_damped((wrist - rest).astype(np.float32), 0.40)
     turn = 0.22 * (moved[:, LEFT, 0] - moved[:, RIGHT, 0]) - 0.16 * (moved[:, LEFT, 2] - moved[:, RIGHT, 2])
     spine = controls.spine.copy()
     spine[:, 0] += turn

@@ -1,4 +1,4 @@
-"""How each musical style moves the body as a whole, and the counts a dancer hears in a music span."""
+"""Whole-body movement of each musical style, and the counts that a dancer hears in a music span."""
 
 from dataclasses import dataclass
 
@@ -7,17 +7,17 @@ from numpy.typing import NDArray
 
 from .sound import Section, SoundTrack, Span
 
-HALF_TIME_BPM = 150.0  # above it one count is two beats (not in 3/4)
+HALF_TIME_BPM = 150.0  # above it, one count is two beats (not in 3/4)
 
 
 @dataclass(frozen=True)
 class Groove:
-    """What a style does all the time, under figures and moves."""
+    """The constant movement of a style, below figures and moves."""
 
     name: str
     bounce: float  # metres the pelvis travels per count
-    is_up: bool = False  # high on the beat instead of low
-    sharp: float = 1.4  # > 1: quick down, long up
+    is_up: bool = False  # the body is high on the beat instead of low
+    sharp: float = 1.4  # above 1: short down, long up
     hips: float = 0.07  # radians of pelvis roll with the weight
     nod: float = 0.06  # radians of head per count
     chest: float = 0.03  # radians of chest per count
@@ -58,7 +58,7 @@ class Counts:
     unit: int = 1  # beats in a count
 
     def at(self, count: float) -> float:
-        """Time of a count or a place between counts; beyond the ends the tempo goes on."""
+        """Time of a whole or fractional count; the tempo continues beyond the ends."""
         last = len(self.times) - 1
         if count <= 0:
             return float(self.times[0] + count * self.length(0))
@@ -67,13 +67,13 @@ class Counts:
         return float(np.interp(count, np.arange(last + 1), self.times))
 
     def length(self, count: int) -> float:
-        """Seconds from a count to the next."""
+        """Seconds from a count to the next one."""
         at = min(max(count, 0), len(self.times) - 2)
         return float(self.times[at + 1] - self.times[at])
 
 
-def listen(track: SoundTrack, span: Span) -> Counts:
-    """The counts of a music span; without beats, slow ones to sway by."""
+def find_counts(track: SoundTrack, span: Span) -> Counts:
+    """The counts of a music span; if it has no beats, slow counts to sway to."""
     beats = np.asarray(track.beats, np.float64)
     beats = beats[(beats >= span.start - 0.02) & (beats < span.end)]
     if len(beats) < 5:
@@ -93,7 +93,7 @@ def listen(track: SoundTrack, span: Span) -> Counts:
 
 
 def _style(track: SoundTrack, bpm: float, beats_per_bar: int) -> str:
-    """The track's style where its tempo is this span's, otherwise what tempo and metre suggest."""
+    """The track's style if its tempo fits this span, otherwise one that tempo and metre suggest."""
     if beats_per_bar == 3:
         return "waltz"
     is_labelled = track.bpm > 0 and abs(bpm / track.bpm - 1) < 0.08
@@ -112,7 +112,7 @@ def _style(track: SoundTrack, bpm: float, beats_per_bar: int) -> str:
 def _sections(
     track: SoundTrack, times: NDArray[np.float64], span: Span
 ) -> tuple[tuple[int, int, float], ...]:
-    """Sections of the span as ranges of counts that leave no gap."""
+    """Sections of the span as consecutive ranges of counts."""
     inside = [s for s in track.sections if s.start < span.end - 0.2 and s.end > span.start + 0.2]
     inside = sorted(inside, key=lambda s: s.start) or [Section(span.start, span.end, 0.55)]
     firsts = [int(np.searchsorted(times, s.start - 0.1)) for s in inside]

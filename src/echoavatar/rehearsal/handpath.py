@@ -1,7 +1,7 @@
-"""A hand's journey as overlapping minimum-jerk submovements (Flash and Henis 1991), never a velocity step.
+"""Path of a hand as overlapping minimum-jerk submovements (Flash and Henis 1991): velocity never jumps.
 
 A hand is one vector: wrist 3, palm 3, elbow swing 1, fingers 7 (`pack_hand`). A move adds the difference between the
-previous aim and the new one, so moves may overlap: a stroke that starts before the last one ended bends into it.
+previous aim and the new one, so a move may start before the previous one has ended.
 """
 
 from dataclasses import dataclass, field
@@ -31,7 +31,7 @@ def pack_hand(
 
 @dataclass
 class HandPath:
-    """Moves of one hand, added in order of their starts; `aim` is where the last one ends."""
+    """Moves of one hand, in order of their starts; `aim` is where the last one ends."""
 
     aim: Float[Array, " 14"]
     _start: Float[Array, " 14"] = field(init=False)
@@ -43,7 +43,7 @@ class HandPath:
     def move(
         self, begin: float, end: float, aim: Float[Array, " 14"], arc: Float[Array, " 3"] | None = None
     ) -> None:
-        """Go to `aim` between two times (seconds); `arc` is the wrist's sideways bulge half-way, metres."""
+        """Move to `aim` between two times (seconds); `arc` is the wrist's offset half-way, metres."""
         bulge = np.zeros(3, np.float32) if arc is None else np.asarray(arc, np.float32)
         self._moves.append((begin, end, aim - self.aim, bulge))
         self.aim = aim.copy()
@@ -57,7 +57,7 @@ class HandPath:
         overshoot: float,
         arc: Array | None = None,
     ) -> None:
-        """A move that shoots past its aim by a share of the way and settles within a fifth of a second."""
+        """Move past the aim by a share of the way, then settle on it within a quarter of a second."""
         past = (aim - self.aim) * overshoot
         past[PALM] *= 1.5
         goal = aim.copy()
@@ -66,7 +66,7 @@ class HandPath:
         self.move(end - 0.03, end + 0.24, aim)
 
     def curve(self, frames: int) -> Float[Array, "t 14"]:
-        """The journey sampled at the frame rate; too fast a move takes longer, fingers and palm lag the wrist."""
+        """The path at the frame rate. A move that would be too fast takes longer; palm and fingers lag the wrist."""
         out = np.zeros((frames, HAND_WIDTH), np.float64)
         done = np.zeros((frames + 1, HAND_WIDTH), np.float64)
         for begin, end, change, bulge in self._moves:
@@ -87,7 +87,7 @@ class HandPath:
 
 
 def _window(begin: float, end: float, frames: int) -> tuple[int, int]:
-    """Frames strictly inside a move, clipped to the clip."""
+    """First and last frame of a move, limited to the clip."""
     first = int(np.ceil(begin * FRAME_RATE_HZ))
     last = int(np.ceil(end * FRAME_RATE_HZ))
     return min(max(first, 0), frames), min(max(last, 0), frames)

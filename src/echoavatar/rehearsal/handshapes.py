@@ -1,4 +1,4 @@
-"""Named hand shapes as finger controls: curl of thumb, index, middle, ring, little; spread; thumb opposition."""
+"""Named hand shapes as finger controls: curl of thumb to little finger, spread, thumb opposition."""
 
 import numpy as np
 from jaxtyping import Float
@@ -40,6 +40,6 @@ def hand_shape(name: str) -> Float[np.ndarray, " 7"]:
 
 
 def count_shape(word: str) -> str:
-    """The counting shape a number word calls for; words that name no small number show all five fingers."""
+    """The counting shape for a number word; any other word gives all five fingers."""
     bare = word.lower().strip(".,;:!?'\"")
     return next((shape for shape, words in zip(COUNTS, _COUNT_WORDS, strict=True) if bare in words), "five")

@@ -1,6 +1,6 @@
-"""Silence and listening: breath, slow weight shifts, a living head, hands at rest.
+"""Motion in silence and while listening: breath, slow weight shifts, head movement, hands at rest.
 
-The body under everything else: gestures add to it, so a speaker breathes and stands like the listener they were.
+Gestures are added to this motion, so breath and stance continue through speech.
 """
 
 from dataclasses import dataclass, replace
@@ -13,45 +13,41 @@ from .controls import HANGING_WRIST, STANDING_PELVIS, Array, Controls, neutral, 
 from .handpath import FINGERS, pack_hand
 from .handshapes import hand_shape
 from .sound import SoundTrack
-from .stance import Feet, restless, walked, weight_curve
+from .stance import Feet, walked, weight_curve, weight_shifts
 
 
 @dataclass(frozen=True)
 class Manner:
-    """How somebody moves: drawn once per performance, moderate on purpose."""
+    """How one person moves, drawn once per performance."""
 
     energy: float  # size of gestures
-    space: float  # how far from the body
-    handed: float  # chance of the right hand when one is used
-    pace: float  # > 1 gestures more often
+    space: float  # distance of gestures from the body
+    handed: float  # probability that a one-handed gesture uses the right hand
+    pace: float  # above 1: more gestures
     nod: float  # size of head accents
     breath_hz: float
-    restless_s: float  # seconds between weight shifts
+    shift_every_s: float  # seconds between weight shifts
     rest: str  # "sides" or "clasped"
 
-    @classmethod
-    def drawn(cls, rng: np.random.Generator) -> "Manner":
-        """A person."""
-        right = rng.random() < 0.85
-        return cls(
-            energy=float(rng.uniform(0.8, 1.25)),
-            space=float(rng.uniform(0.88, 1.12)),
-            handed=float(rng.uniform(0.62, 0.88) if right else rng.uniform(0.15, 0.38)),
-            pace=float(rng.uniform(0.85, 1.15)),
-            nod=float(rng.uniform(0.7, 1.3)),
-            breath_hz=float(rng.uniform(0.21, 0.30)),
-            restless_s=float(rng.uniform(4.5, 9.0)),
-            rest="clasped" if rng.random() < 0.3 else "sides",
-        )
 
-
-def manner(seed: int) -> Manner:
-    """The person behind a seed."""
-    return Manner.drawn(np.random.default_rng([seed, 1]))
+def draw_manner(seed: int) -> Manner:
+    """The manner that follows from a performance's seed."""
+    rng = np.random.default_rng([seed, 1])
+    is_right_handed = rng.random() < 0.85
+    return Manner(
+        energy=float(rng.uniform(0.8, 1.25)),
+        space=float(rng.uniform(0.88, 1.12)),
+        handed=float(rng.uniform(0.62, 0.88) if is_right_handed else rng.uniform(0.15, 0.38)),
+        pace=float(rng.uniform(0.85, 1.15)),
+        nod=float(rng.uniform(0.7, 1.3)),
+        breath_hz=float(rng.uniform(0.21, 0.30)),
+        shift_every_s=float(rng.uniform(4.5, 9.0)),
+        rest="clasped" if rng.random() < 0.3 else "sides",
+    )
 
 
 def resting_hands(rest: str) -> Float[Array, "2 14"]:
-    """Both hands at rest: hanging at the sides, or one laid in the other before the belly."""
+    """Both hands at rest: hanging at the sides, or clasped in front of the belly."""
     if rest == "clasped":
         left = pack_hand((-0.095, -0.385, 0.190), (0.10, 0.05, 0.45), hand_shape("clasp"), 0.10)
         right = pack_hand((-0.095, -0.405, 0.235), (0.15, 0.05, 0.40), hand_shape("clasp"), 0.10)
@@ -61,22 +57,18 @@ def resting_hands(rest: str) -> Float[Array, "2 14"]:
 
 
 def idle(track: SoundTrack, seed: int) -> Controls:
-    """Stand, breathe and listen for the whole track."""
+    """Standing, breathing and listening for the whole track."""
     frames = round(track.seconds * FRAME_RATE_HZ)
-    who, rng = manner(seed), np.random.default_rng([seed, 2])
+    manner, rng = draw_manner(seed), np.random.default_rng([seed, 2])
     cues = sorted([begin for begin, _ in track.phrases] + [span.start for span in track.spans])
-    steps, shifts = restless(track.seconds, cues, rng, pace=who.restless_s, step_every=28.0)
+    steps, shifts = weight_shifts(track.seconds, cues, rng, pace=manner.shift_every_s, step_every=28.0)
     start = float(rng.choice([-0.5, 0.5]))
     body = standing(walked(frames, steps), weight_curve(frames, shifts, start), rng)
-    breath = breathing(frames, who.breath_hz, rng)
-    head = (
-        body.head
-        + looking_around(track, rng)
-        + wander(frames, 3, period=2.2, rng=rng) * (0.012, 0.010, 0.008)
-    )
-    hands = np.repeat(resting_hands(who.rest)[None], frames, axis=0)
+    breath = breathing(frames, manner.breath_hz, rng)
+    head = body.head + glances(track, rng) + wander(frames, 3, period=2.2, rng=rng) * (0.012, 0.010, 0.008)
+    hands = np.repeat(resting_hands(manner.rest)[None], frames, axis=0)
     hands[:, :, :3] += wander(frames, 6, period=3.5, rng=rng).reshape(frames, 2, 3) * 0.003
-    hands[:, :, FINGERS] += living_fingers(frames, rng) * 0.5
+    hands[:, :, FINGERS] += finger_drift(frames, rng) * 0.5
     spine = body.spine + wander(frames, 3, period=4.0, rng=rng) * (0.010, 0.006, 0.006)
     spine[:, 1] -= 0.012 * breath
     shoulder = body.shoulder + 0.022 * breath[:, None, None] * np.array([1.0, -0.4])
@@ -85,7 +77,7 @@ def idle(track: SoundTrack, seed: int) -> Controls:
 
 
 def with_hands(body: Controls, hands: Float[Array, "t 2 14"]) -> Controls:
-    """The same body with other hands."""
+    """The same motion with other hands."""
     return replace(
         body,
         wrist=_f32(hands[..., 0:3]),
@@ -102,7 +94,7 @@ def hands_of(controls: Controls) -> Float[Array, "t 2 14"]:
 
 
 def standing(feet: Feet, weight: Float[Array, " t"], rng: np.random.Generator) -> Controls:
-    """Pelvis and spine over given feet; `weight` -1 on the right leg, +1 on the left."""
+    """Pelvis and spine over given feet; `weight` is -1 on the right leg, +1 on the left."""
     frames = len(weight)
     base = neutral(frames)
     middle = smoothed(feet.position.mean(axis=1), 0.25)
@@ -133,22 +125,22 @@ def standing(feet: Feet, weight: Float[Array, " t"], rng: np.random.Generator) -
 
 
 def breathing(frames: int, rate_hz: float, rng: np.random.Generator) -> Float[Array, " t"]:
-    """A breath curve about zero, in about two fifths of the cycle and out in the rest, never quite regular."""
+    """A slightly irregular breath curve around zero, which rises in about two fifths of each cycle."""
     rate = rate_hz * (1 + 0.12 * wander(frames, 1, period=9.0, rng=rng)[:, 0])
     phase = 2 * np.pi * (rng.random() + np.cumsum(rate) / FRAME_RATE_HZ)
     return np.asarray(np.sin(phase + 0.35 * np.sin(phase)), np.float32)
 
 
-def living_fingers(frames: int, rng: np.random.Generator) -> Float[Array, "t 2 7"]:
-    """Small slow finger motion: neighbours move together, no finger is ever quite still."""
+def finger_drift(frames: int, rng: np.random.Generator) -> Float[Array, "t 2 7"]:
+    """Small slow finger motion, partly shared by all fingers of a hand."""
     one = wander(frames, 14, period=1.6, rng=rng).reshape(frames, 2, 7)
     together = wander(frames, 2, period=2.6, rng=rng)[..., None]
     scale = np.array([0.025, 0.035, 0.035, 0.035, 0.035, 0.05, 0.04], np.float32)
     return np.asarray((0.6 * one + 0.7 * together) * scale, np.float32)
 
 
-def looking_around(track: SoundTrack, rng: np.random.Generator) -> Float[Array, "t 3"]:
-    """Glances: the head settles on a new direction every few seconds of silence, more rarely otherwise."""
+def glances(track: SoundTrack, rng: np.random.Generator) -> Float[Array, "t 3"]:
+    """Head turns to a new direction every few seconds, larger in silence than otherwise."""
     frames = round(track.seconds * FRAME_RATE_HZ)
     quiet = [(span.start, span.end) for span in track.spans if span.kind == "silence"]
     steps = np.zeros((frames + 1, 3))

@@ -1,7 +1,7 @@
-"""A small band of our own: sample-exact numpy instruments, the default and dependency-free renderer of a `Piece`.
+"""Sample-exact numpy instruments: the default, dependency-free renderer of a `Piece`.
 
 Pitched voices mix two single-cycle wavetables (bright at the attack, dark later) under an envelope; drums are noise
-and sine sweeps. Each rendering draws its own timbres, so that no two bands sound the same.
+and sine sweeps. Each rendering draws its own timbres.
 """
 
 from dataclasses import dataclass
@@ -10,8 +10,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from ..timing import SAMPLE_RATE_HZ
-from .score import Note, Piece
-from .sound import FloatArray
+from .sound import FloatArray, Note, Piece
 
 _TABLE = 2048
 _RATE = SAMPLE_RATE_HZ
@@ -20,7 +19,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Timbre:
-    """A pitched voice: spectral tilt (power of harmonic number), envelope in seconds, colour."""
+    """A pitched voice: spectral tilt (exponent of the harmonic number), envelope in seconds, colour."""
 
     tilt: float
     dark_tilt: float
@@ -73,7 +72,7 @@ TIMBRES: dict[str, Timbre] = {
 
 
 def render(piece: Piece, rng: np.random.Generator) -> FloatArray:
-    """Play a piece with the own instruments: audio (s,), 24 kHz, peak near 0.9, cut or faded at the piece's end."""
+    """Play a piece: audio (s,), 24 kHz, peak near 0.9, cut or faded out at the piece's end."""
     length = round(piece.seconds * _RATE)
     mix = np.zeros(length + 4 * _RATE)
     colours = {
@@ -131,7 +130,7 @@ def _play(
     time: Array,
     rng: np.random.Generator,
 ) -> Array:
-    """One voice: both tables read at the same phase."""
+    """One voice; both tables are read at the same phase."""
     phase = hertz * time
     if timbre.vibrato:
         depth = hertz * (2 ** (timbre.vibrato / 12) - 1)

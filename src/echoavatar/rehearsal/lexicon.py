@@ -1,4 +1,4 @@
-"""Forms of gestures: where a hand goes, how it is turned and shaped, for accents and for meanings."""
+"""Gesture forms for accents and meanings: where a hand goes, how it is turned and how it is shaped."""
 
 from dataclasses import dataclass
 
@@ -9,14 +9,14 @@ from .controls import Array
 from .handpath import pack_hand
 from .handshapes import hand_shape
 
-HOME = (-0.015, -0.265, 0.240)  # the wrist's easy place in gesture space, from the shoulder
+HOME = (-0.015, -0.265, 0.240)  # relaxed wrist position in gesture space, from the shoulder
 EASY_REACH = 0.43  # metres from the shoulder
 HOME_SHAPES = ("relaxed", "open", "bowl", "pinch", "flat", "loose fist")
 
 
 @dataclass(frozen=True)
 class Form:
-    """An aim relative to home: wrist offset (metres), palm angles, hand shape, elbow swing, the way's bulge."""
+    """An aim relative to home: wrist offset (metres), palm angles, hand shape, elbow swing, arc of the path."""
 
     wrist: tuple[float, float, float]
     palm: tuple[float, float, float]
@@ -58,7 +58,7 @@ _HERE = frozenset(["here", "this", "these", "down", "now"])
 
 
 def meant_form(meaning: str, word: str) -> str:
-    """The name in `MEANINGS` of what a word with a meaning asks for."""
+    """The name in `MEANINGS` of the form for a word with a meaning."""
     bare = word.lower().strip(".,;:!?'\"")
     if meaning == "size":
         return "small" if bare in _SMALL else "size"
@@ -71,7 +71,7 @@ def meant_form(meaning: str, word: str) -> str:
 def aim_at(
     form: Form, home: Float[Array, " 14"], *, size: float, space: float, rng: np.random.Generator
 ) -> Float[Array, " 14"]:
-    """A hand doing a form from its present home; never twice quite the same."""
+    """The hand vector of a form, relative to the hand's present home and with random variation."""
     base = np.array(HOME) * (1.0, 1.0, space)
     wrist = 0.65 * base + 0.35 * home[:3] + np.array(form.wrist) * size + rng.normal(0, 0.014, 3)
     palm = np.array(form.palm) + rng.normal(0, 0.09, 3)
@@ -81,14 +81,14 @@ def aim_at(
 
 
 def eased_reach(wrist: Float[Array, " 3"]) -> Float[Array, " 3"]:
-    """A wrist aim with the elbow left bent: a nearly straight arm would have to snap."""
+    """The wrist aim drawn in so that the elbow stays bent: a nearly straight elbow turns too fast."""
     far = float(np.linalg.norm(wrist))
     easy = EASY_REACH + 0.4 * (far - EASY_REACH) if far > EASY_REACH else far
     return np.asarray(wrist * (easy / far), np.float32)
 
 
 def home_of(space: float, rng: np.random.Generator) -> Float[Array, " 14"]:
-    """A ready hand in gesture space, from which beats are made."""
+    """A random home in gesture space, from which a hand makes its beats."""
     wrist = np.array(HOME) * (1.0, 1.0, space) + rng.normal(0, (0.03, 0.03, 0.02))
     shape = HOME_SHAPES[rng.choice(len(HOME_SHAPES), p=(0.30, 0.25, 0.16, 0.13, 0.08, 0.08))]
     palm = (float(rng.normal(-0.05, 0.10)), float(rng.normal(0, 0.05)), float(rng.uniform(-0.75, 0.80)))

@@ -1,10 +1,10 @@
-"""What lips do while the phones of a track are spoken: ARKit curves by rule, to train the face model on.
+"""Lip motion from phone times: ARKit curves by rule, to train the face model on.
 
-The paper captures a speaker with a phone; we have phone timings. Each phone pulls every channel towards its target
-with a strength that falls off around it (dominance blending after Cohen and Massaro), so neighbours colour each other
-and rounding begins early. Closures are not left to blending: p, b, m close the lips whatever the jaw does.
+The paper captures a speaker with an iPhone; here the phone times are known. Each phone pulls every channel towards its
+target with a weight that falls off around it (dominance blending after Cohen and Massaro), which models
+coarticulation: rounding, for example, begins early. Closures are not blended: p, b, m always close the lips.
 
-Curves are named, not ordered, here; the caller says which names it wants in which order.
+The caller chooses the channels and their order by name.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,8 +19,8 @@ from .sound import SoundTrack
 
 _FINE = 8  # fine steps per frame
 _FINE_HZ = _FINE * FRAME_RATE_HZ
-_REACH_JAW_S, _REACH_LIPS_S = 0.045, 0.065  # how far a phone's pull reaches beyond it
-_FLANK_S = 0.035  # of closing and opening
+_REACH_JAW_S, _REACH_LIPS_S = 0.045, 0.065  # decay of a phone's pull beyond its ends
+_FLANK_S = 0.035  # time to close or open the lips
 _REST_PULL = 0.6
 _JAW_MOST = 0.8
 
@@ -73,7 +73,7 @@ _CLOSED = {"p": 1.0, "b": 1.0, "m": 1.0, "em": 1.0, "f": 0.6, "v": 0.6}
 
 @dataclass(frozen=True)
 class _Pull:
-    """Something that draws the mouth to a shape between two times (seconds)."""
+    """A mouth shape with its weights for jaw and lips between two times (seconds)."""
 
     start: float
     end: float
@@ -83,9 +83,9 @@ class _Pull:
 
 
 def lip_curves(track: SoundTrack, names: Sequence[str]) -> Float[np.ndarray, "t n"]:
-    """Curves 0..1 of the named ARKit channels, at 30 frames per second; channels that speech does not move stay 0.
+    """Curves 0..1 of the named ARKit channels at 30 frames per second; channels that speech does not move stay 0.
 
-    Frame t is the mouth in the middle of samples 800 t .. 800 (t + 1). Unknown phones count as a neutral vowel.
+    Frame t is the mouth at the middle of samples 800 t to 800 (t + 1). An unknown phone counts as a neutral vowel.
     """
     frames = len(track.audio) // SAMPLES_PER_FRAME
     place = {name: column for column, name in enumerate(names)}
@@ -97,12 +97,12 @@ def lip_curves(track: SoundTrack, names: Sequence[str]) -> Float[np.ndarray, "t 
 
 
 def _fine_curves(track: SoundTrack, steps: int) -> Mapping[str, Float[np.ndarray, " f"]]:
-    """All channels that move, eight times per frame."""
+    """All moving channels at eight steps per frame."""
     time = (np.arange(steps) + 0.5) / _FINE_HZ
     shape = _blend(list(_pulls(track)), time)
     closure = _closure(track, time)
     shape[:, [_FUNNEL, _LOWER, _UPPER]] *= 1 - np.minimum(closure, 1)[:, None] * [0.5, 1.0, 0.4]
-    full = np.clip((closure - 0.6) / 0.4, 0, 1)  # only what closes wholly presses the lips
+    full = np.clip((closure - 0.6) / 0.4, 0, 1)  # only a full closure presses the lips
     bite = np.clip(closure / 0.6, 0, 1) * (1 - full)
     found = {name: shape[:, i] for i, group in enumerate(_CHANNELS) for name in group}
     found["mouthClose"] = shape[:, _JAW] * closure
@@ -113,7 +113,7 @@ def _fine_curves(track: SoundTrack, steps: int) -> Mapping[str, Float[np.ndarray
 
 
 def _pulls(track: SoundTrack) -> Iterator[_Pull]:
-    """Phones and the rests between them; glides are two shapes in a row."""
+    """Phones and the rests between them; a diphthong is two shapes in a row."""
     last = -10.0
     for start, end, name in track.phones:
         if name == "pau":
@@ -134,14 +134,14 @@ def _pulls(track: SoundTrack) -> Iterator[_Pull]:
 
 
 def _rest(start: float, end: float) -> _Pull:
-    """The closed mouth of a pause; short ones hardly pull."""
+    """The closed mouth of a pause; a short pause has little weight."""
     inset = min(0.06, (end - start) / 3)
     strength = _REST_PULL * min(1.0, (end - start) / 0.2)
     return _Pull(start + inset, end - inset, np.zeros(len(_CHANNELS)), strength, strength)
 
 
 def _effort(track: SoundTrack, start: float, end: float) -> float:
-    """Prominent syllables open the jaw more: 0.75 to 1.25."""
+    """Scale of the jaw opening, 0.75 to 1.25 by the syllable's prominence."""
     middle = (start + end) / 2
     for syllable in _near(track, middle):
         if syllable[0] <= middle <= syllable[1]:
@@ -156,7 +156,7 @@ def _near(track: SoundTrack, time: float) -> list[tuple[float, float, float]]:
 
 
 def _blend(pulls: Sequence[_Pull], time: Float[np.ndarray, " f"]) -> Float[np.ndarray, "f c"]:
-    """Mean of the shapes, weighted by pull; where nothing pulls the mouth rests."""
+    """Mean of the shapes, weighted by pull; without any pull the mouth rests."""
     weights = np.full((len(time), 2), 1e-6)
     total = np.zeros((len(time), len(_CHANNELS)))
     for pull in pulls:
@@ -172,7 +172,7 @@ def _blend(pulls: Sequence[_Pull], time: Float[np.ndarray, " f"]) -> Float[np.nd
 
 
 def _closure(track: SoundTrack, time: Float[np.ndarray, " f"]) -> Float[np.ndarray, " f"]:
-    """How much of the jaw's opening the lips take back, 0..1."""
+    """The share of the jaw's opening that the lips close, 0..1."""
     closure = np.zeros(len(time))
     for start, end, name in track.phones:
         if name not in _CLOSED:
@@ -186,7 +186,7 @@ def _closure(track: SoundTrack, time: Float[np.ndarray, " f"]) -> Float[np.ndarr
 
 
 def _per_frame(fine: Float[np.ndarray, " f"]) -> Float[np.ndarray, " t"]:
-    """A smooth mean around the middle of each frame (Hann window of two frames)."""
+    """Weighted mean around the middle of each frame (Hann window of two frames)."""
     window = np.hanning(2 * _FINE + 1)[1:-1]
     padded = np.pad(fine, _FINE - 1 + _FINE // 2, mode="edge")
     smooth = np.convolve(padded, window / window.sum(), mode="valid")

@@ -1,9 +1,9 @@
-"""The vocabulary of arms, torso and head: moves of 2, 4 or 8 counts between named poses that arrive on counts.
+"""The dance moves of arms, torso and head: 2, 4 or 8 counts long, with named poses that arrive on counts.
 
 Not from the paper, whose dance is recorded.
 """
 
-from .poses import Move, keys
+from .poses import Move, parse_keys
 
 GROOVY = ("house", "hip_hop", "drum_and_bass", "rock", "swing", "salsa", "pop")
 FLOWING = ("ballet", "ballad", "waltz", "rest")
@@ -12,7 +12,7 @@ MOVES: tuple[Move, ...] = (
     Move(
         "arm_swing",
         2,
-        keys("0 back/fore c:.1/.03/0; 1 fore/back c:-.1/.03/0"),
+        parse_keys("0 back/fore c:.1/.03/0; 1 fore/back c:-.1/.03/0"),
         energy=(0.0, 0.8),
         styles=GROOVY,
         travel=1.0,
@@ -21,7 +21,7 @@ MOVES: tuple[Move, ...] = (
     Move(
         "loose_bounce",
         4,
-        keys("0 loose c:.06/.05/.04; 1 guard; 2 loose c:-.06/.05/-.04; 3 guard"),
+        parse_keys("0 loose c:.06/.05/.04; 1 guard; 2 loose c:-.06/.05/-.04; 3 guard"),
         energy=(0.0, 0.5),
         styles=GROOVY,
         flow=0.4,
@@ -29,7 +29,7 @@ MOVES: tuple[Move, ...] = (
     Move(
         "chest_pop",
         4,
-        keys(
+        parse_keys(
             "0 loose c:0/-.2/0 h:0/.06/0; .5 guard c:0/.12/0; 1 loose c:0/-.2/0 h:0/.06/0; "
             "1.5 guard c:0/.12/0; 2 shrug c:.12/-.2/0 h:.2/0/0; 3 unshrug c:-.12/.1/0 h:-.2/.1/0"
         ),
@@ -40,7 +40,7 @@ MOVES: tuple[Move, ...] = (
     Move(
         "body_roll",
         4,
-        keys(
+        parse_keys(
             "0 side_low c:0/-.22/0 h:0/-.12/0; 1 loose c:0/-.02/0 h:0/.05/0; "
             "2 hip c:0/.26/0 h:0/.18/0; 3 loose c:0/.05/0"
         ),
@@ -52,7 +52,7 @@ MOVES: tuple[Move, ...] = (
     Move(
         "arm_wave",
         4,
-        keys(
+        parse_keys(
             "0 wave_high/wave_low c:0/0/.1 h:.25/0/0; 1 wave_low/side; "
             "2 wave_low/wave_high c:0/0/-.1 h:-.25/0/0; 3 side/wave_low"
         ),
@@ -64,7 +64,9 @@ MOVES: tuple[Move, ...] = (
     Move(
         "raise",
         4,
-        keys("0 chest c:0/.06/0; 1 vee c:0/-.1/0 h:0/-.12/0; 2 side c:0/-.04/0; 3 loose c:0/.08/0 h:0/.08/0"),
+        parse_keys(
+            "0 chest c:0/.06/0; 1 vee c:0/-.1/0 h:0/-.12/0; 2 side c:0/-.04/0; 3 loose c:0/.08/0 h:0/.08/0"
+        ),
         energy=(0.5, 1.0),
         styles=GROOVY,
         travel=0.85,
@@ -72,7 +74,7 @@ MOVES: tuple[Move, ...] = (
     Move(
         "clap",
         4,
-        keys(
+        parse_keys(
             "0 unclap c:.1/0/.05; 1 clap c:.08/.08/.04 h:0/.08/0; 2 unclap c:-.1/0/-.05; "
             "3 clap c:-.08/.08/-.04 h:0/.08/0"
         ),
@@ -84,7 +86,7 @@ MOVES: tuple[Move, ...] = (
     Move(
         "high_clap",
         4,
-        keys(
+        parse_keys(
             "0 unclap c:0/.06/0; 1 high_clap c:0/-.06/0 h:0/-.1/0; 2 unclap c:0/.06/0; "
             "3 high_clap c:0/-.06/0 h:0/-.1/0"
         ),
@@ -96,7 +98,7 @@ MOVES: tuple[Move, ...] = (
     Move(
         "punches",
         4,
-        keys(
+        parse_keys(
             "0 punch/chamber c:-.22/.05/0; 1 chamber/punch c:.22/.05/0; 2 punch/chamber c:-.22/.05/0; "
             "2.5 chamber; 3 chamber/punch c:.24/.08/0 h:0/.08/0"
         ),
@@ -107,7 +109,7 @@ MOVES: tuple[Move, ...] = (
     Move(
         "shimmy",
         4,
-        keys(
+        parse_keys(
             "0 shrug/unshrug c:.09/-.04/0; .5 unshrug/shrug c:-.09/-.04/0; "
             "1 shrug/unshrug c:.09/-.02/0; 1.5 unshrug/shrug c:-.09/-.02/0; 2 shrug/unshrug c:.09/0/0; "
             "2.5 unshrug/shrug c:-.09/0/0; 3 shrug/unshrug c:.09/.02/0; 3.5 unshrug/shrug c:-.09/.02/0"
@@ -119,7 +121,7 @@ MOVES: tuple[Move, ...] = (
     Move(
         "hand_circles",
         2,
-        keys(
+        parse_keys(
             "0 circle_top/circle_low c:.05/.03/0; .5 circle_front/circle_near; "
             "1 circle_low/circle_top c:-.05/.03/0; 1.5 circle_near/circle_front"
         ),
@@ -132,7 +134,7 @@ MOVES: tuple[Move, ...] = (
     Move(
         "reach",
         4,
-        keys(
+        parse_keys(
             "0 vee/hip c:.14/0/-.12 h:.2/-.15/0; 1 chest c:0/.06/0; "
             "2 hip/vee c:-.14/0/.12 h:-.2/-.15/0; 3 chest c:0/.06/0"
         ),
@@ -142,7 +144,7 @@ MOVES: tuple[Move, ...] = (
     Move(
         "cross_uncross",
         4,
-        keys(
+        parse_keys(
             "0 side c:0/-.08/0; 1 across/across_low c:0/.12/0 h:0/.1/0; 2 side c:0/-.08/0; "
             "3 across_low/across c:0/.12/0 h:0/.1/0"
         ),
@@ -153,7 +155,7 @@ MOVES: tuple[Move, ...] = (
     Move(
         "side_snap",
         4,
-        keys(
+        parse_keys(
             "0 snap_in c:0/.05/0; 1 snap/snap_in c:.14/-.02/-.05 h:.25/0/.08; 2 snap_in c:0/.05/0; "
             "3 snap_in/snap c:-.14/-.02/.05 h:-.25/0/-.08"
         ),
@@ -164,7 +166,7 @@ MOVES: tuple[Move, ...] = (
     Move(
         "salsa_elbows",
         2,
-        keys("0 salsa_back/salsa_front c:.14/.02/.05; 1 salsa_front/salsa_back c:-.14/.02/-.05"),
+        parse_keys("0 salsa_back/salsa_front c:.14/.02/.05; 1 salsa_front/salsa_back c:-.14/.02/-.05"),
         energy=(0.1, 1.0),
         styles=("salsa", "swing"),
         travel=0.9,
@@ -173,7 +175,7 @@ MOVES: tuple[Move, ...] = (
     Move(
         "roof",
         2,
-        keys(
+        parse_keys(
             "0 up_bent c:0/.08/0 h:0/.08/0; .5 vee c:0/-.06/0; 1 up_bent c:0/.08/0 h:0/.08/0; "
             "1.5 vee c:0/-.06/0"
         ),
@@ -185,7 +187,7 @@ MOVES: tuple[Move, ...] = (
     Move(
         "disco",
         4,
-        keys(
+        parse_keys(
             "0 point_up/hip c:.16/-.05/-.08 h:.2/-.1/0; 1 point_down/hip c:-.18/.12/.05 h:-.1/.15/0; "
             "2 point_up/hip c:.16/-.05/-.08 h:.2/-.1/0; 3 point_down/hip c:-.18/.12/.05 h:-.1/.15/0"
         ),
@@ -195,7 +197,7 @@ MOVES: tuple[Move, ...] = (
     Move(
         "overhead_sway",
         4,
-        keys("0 sway_out/sway_in c:0/0/-.12 h:0/0/-.1; 2 sway_in/sway_out c:0/0/.12 h:0/0/.1"),
+        parse_keys("0 sway_out/sway_in c:0/0/-.12 h:0/0/-.1; 2 sway_in/sway_out c:0/0/.12 h:0/0/.1"),
         energy=(0.5, 1.0),
         styles=("house", "rock", "pop", "drum_and_bass"),
         travel=1.8,
@@ -204,7 +206,7 @@ MOVES: tuple[Move, ...] = (
     Move(
         "push",
         4,
-        keys(
+        parse_keys(
             "0 push/pull c:-.14/.05/0; 1 pull/push c:.14/.05/0; 2 push c:0/.1/0 h:0/.05/0; 3 pull c:0/-.08/0"
         ),
         energy=(0.4, 0.9),
@@ -214,7 +216,7 @@ MOVES: tuple[Move, ...] = (
     Move(
         "frame",
         4,
-        keys(
+        parse_keys(
             "0 frame_left/frame_right c:.08/-.03/.07 h:.15/-.03/.05; "
             "2 frame_left/frame_right c:-.08/-.03/-.07 h:.15/-.03/-.05"
         ),
@@ -226,7 +228,7 @@ MOVES: tuple[Move, ...] = (
     Move(
         "open_arms",
         4,
-        keys(
+        parse_keys(
             "0 first c:0/.06/0 h:0/.08/0; 1 second c:0/-.06/0 h:0/-.06/0; "
             "2 second c:.1/-.05/-.08 h:.2/0/0; 3 demi"
         ),
@@ -238,7 +240,7 @@ MOVES: tuple[Move, ...] = (
     Move(
         "port_de_bras",
         8,
-        keys(
+        parse_keys(
             "0 bras_bas c:0/.08/0 h:0/.12/0; 2 first h:.1/.05/0; "
             "4 fifth/second c:.1/-.1/-.1 h:-.25/-.12/.05; 6 second c:0/-.05/0 h:.2/-.05/0; "
             "7 demi c:0/.02/0 h:0/.05/0"
@@ -251,7 +253,7 @@ MOVES: tuple[Move, ...] = (
     Move(
         "arabesque_arms",
         8,
-        keys(
+        parse_keys(
             "0 first/bras_bas c:.05/.04/0 h:.1/.05/0; 2 reach/second c:-.12/-.02/.06 h:.1/-.06/0; "
             "4 second/first c:.12/0/-.05 h:.2/0/0; 6 second/reach c:.12/-.02/-.06 h:-.1/-.06/0; "
             "7.5 demi"
@@ -263,7 +265,7 @@ MOVES: tuple[Move, ...] = (
     Move(
         "soft_sway",
         8,
-        keys(
+        parse_keys(
             "0 demi/bras_bas c:.06/.03/.06 h:.08/.04/.04; 1 demi c:.03/.02/.03; "
             "4 bras_bas/demi c:-.06/.03/-.06 h:-.08/.04/-.04; 6 bras_bas c:-.03/.03/0"
         ),
@@ -275,7 +277,7 @@ MOVES: tuple[Move, ...] = (
     Move(
         "hips",
         4,
-        keys(
+        parse_keys(
             "0 hip c:0/0/.08 h:.1/.05/0; 1 hip c:0/.02/-.08 h:-.1/.05/0; 2 hip c:0/0/.08 h:.1/.05/0; "
             "3 hip c:0/.02/-.08 h:-.1/.05/0"
         ),
@@ -288,7 +290,7 @@ MOVE = {move.name: move for move in MOVES}
 
 
 def fitting(style: str, energy: float) -> list[Move]:
-    """The moves a style and an energy allow; never empty."""
+    """The moves that fit a style and an energy; never empty."""
     kind = [move for move in MOVES if not move.styles or style in move.styles]
     near = [move for move in kind if move.energy[0] <= energy <= move.energy[1]]
     if near:

@@ -1,15 +1,14 @@
-"""Music made up by rule: style, tempo, sections with energy, chords, bass, melody and drums, every beat known.
+"""Music composed by rule, with known beats: style, tempo, sections of given energy, chords, bass, melody, drums.
 
-One voice marks each beat and the metre is accented, so that the beat is in the sound and not only in the labels.
-Some pieces have no drums, some are solos, some have a sung lead. Not in the paper.
+One voice marks each beat and the metre is accented, so that the beat can be heard. Some pieces have no drums, some are
+solos, some have a sung lead. Not in the paper.
 """
 
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from .score import Note, Piece
-from .sound import Section, TimeArray
+from .sound import Note, Piece, Section, TimeArray
 from .styles import STYLES, Style
 
 _MAJOR, _MINOR = (0, 2, 4, 5, 7, 9, 11), (0, 2, 3, 5, 7, 8, 10)
@@ -33,7 +32,7 @@ _DRUM_ENERGY = {"kick": 0.3, "snare": 0.4, "clap": 0.4, "hat": 0.35, "ride": 0.3
 
 @dataclass(frozen=True)
 class Band:
-    """Who plays and in which key."""
+    """Instruments and key of a piece."""
 
     lead: str
     comp: str
@@ -53,7 +52,7 @@ class Band:
 
 @dataclass
 class _Grid:
-    """Times of the bars and their beats, tempo drift included."""
+    """Beat times with tempo drift, and the notes written so far."""
 
     style: Style
     beats: TimeArray
@@ -74,12 +73,12 @@ class _Grid:
         return float(self.beats[index] + fraction * (self.beats[index + 1] - self.beats[index]))
 
     def accent(self, step: int) -> float:
-        """Metrical accent: bar start, beat, in between."""
+        """Change of velocity for the start of a bar, for other beats, and for steps between beats."""
         return 0.2 if step == 0 else 0.1 if step % self.style.steps_per_beat == 0 else -0.12
 
 
 def compose_piece(rng: np.random.Generator, seconds: float, style: str = "") -> Piece:
-    """Compose about `seconds` of music (whole bars and a last chord, or cut anywhere)."""
+    """Compose about `seconds` of music: whole bars and a final chord, or cut at any point."""
     kind = STYLES[style] if style else list(STYLES.values())[rng.integers(len(STYLES))]
     bpm = float(rng.uniform(*kind.bpm))
     is_cut = bool(rng.random() < 0.5)
@@ -100,7 +99,7 @@ def compose_piece(rng: np.random.Generator, seconds: float, style: str = "") -> 
 
 
 def _beat_times(rng: np.random.Generator, style: Style, bpm: float, seconds: float) -> TimeArray:
-    """Beat times from zero, bars filled, three bars more than needed; tempo wanders slowly in a third of the pieces."""
+    """Beat times of whole bars, three bars more than needed; the tempo drifts slowly in a third of the pieces."""
     bar_s = style.beats_per_bar * 60 / bpm
     count = (max(2, round(seconds / bar_s)) + 3) * style.beats_per_bar + 1
     drift = np.cumsum(rng.normal(0, 0.004, count)) if rng.random() < 0.35 else np.zeros(count)
@@ -138,7 +137,7 @@ def _plan_sections(rng: np.random.Generator, bars: int) -> list[tuple[str, float
 
 
 def _draw_motif(rng: np.random.Generator, style: Style) -> tuple[tuple[int, int, int], ...]:
-    """A two-bar melody as (step, length in steps, scale step); beats are favoured."""
+    """A two-bar melody as (step, length in steps, scale step), mostly on beats."""
     steps = 2 * style.steps
     weight = np.array(
         [5.0 if s % style.steps_per_beat == 0 else 2.0 if s % 2 == 0 else 0.6 for s in range(steps)]
@@ -164,7 +163,7 @@ def _play_bar(
     *,
     is_last: bool,
 ) -> None:
-    """Add one bar of every part that sounds at this energy."""
+    """Add one bar of every part that plays at this energy."""
     style = grid.style
     chord = band.progression[bar % len(band.progression)]
     loud = 0.35 + 0.5 * energy
@@ -193,7 +192,7 @@ def _play_bar(
                     loud + grid.accent(step - half),
                     band.lead,
                 )
-    if band.is_solo or not band.has_drums:  # someone must mark the beats
+    if band.is_solo or not band.has_drums:  # without drums, this voice marks the beats
         for beat in range(style.beats_per_bar):
             pitch = band.degree(chord + (0 if beat == 0 else 4)) - (12 if beat == 0 else 0)
             step = beat * style.steps_per_beat
@@ -250,7 +249,7 @@ def _add(
     velocity: float,
     instrument: str,
 ) -> None:
-    """Add one note with a player's small inaccuracy (4 ms) at a step of a bar."""
+    """Add one note at a step of a bar, with a random timing error (4 ms) like a player's."""
     start = grid.time(bar, step)
     step_s = (grid.time(bar + 1, 0) - grid.time(bar, 0)) / grid.style.steps
     start = max(0.0, start + float(rng.normal(0, 0.004)))
@@ -259,7 +258,7 @@ def _add(
 
 
 def _final_chord(grid: _Grid, band: Band, bar: int) -> None:
-    """The last downbeat: everyone holds the home chord for a bar."""
+    """Hold the tonic chord for a bar on the last downbeat."""
     start = grid.time(bar, 0)
     hold = min(2.5, 1.2 * (grid.time(bar + 1, 0) - start))
     for voice in (-7, 0, 2, 4, 7):

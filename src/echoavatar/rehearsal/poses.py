@@ -1,4 +1,4 @@
-"""Named arm poses of the dance (wrist, hand angles, elbow, clavicle, hand shape) and the moves they are strung into.
+"""Named arm poses of the dance (wrist, hand angles, elbow, clavicle, hand shape) and the moves made of them.
 
 Wrists are in mirrored chest axes from the shoulder joint (x outwards, y up, z forwards, metres); angles as in
 `Controls`.
@@ -91,7 +91,7 @@ ARMS: dict[str, ArmPose] = {
 
 @dataclass(frozen=True)
 class Key:
-    """Poses reached on a count: both arms, the chest on the pelvis and the head's accent (yaw, pitch, roll)."""
+    """Poses reached on a count: arm poses by name; chest on pelvis and head as yaw, pitch, roll."""
 
     count: float
     left: str
@@ -102,7 +102,7 @@ class Key:
 
 @dataclass(frozen=True)
 class Move:
-    """A pattern of keys; `travel` is how many counts a hit takes (less: sharper), `flow` rounds the stops away."""
+    """A pattern of keys; `travel` is how many counts a pose takes to reach, `flow` smooths the stops."""
 
     name: str
     counts: int
@@ -111,7 +111,7 @@ class Move:
     styles: tuple[str, ...] = ()
     travel: float = 0.8
     flow: float = 0.0
-    exact: bool = False  # hands meet or touch: never scaled
+    exact: bool = False  # never scaled, because the hands touch
     is_fixed: bool = False  # never mirrored
 
 
@@ -125,8 +125,8 @@ def mirrored(move: Move) -> Move:
     return replace(move, keys=tuple(other(key) for key in move.keys))
 
 
-def keys(text: str) -> tuple[Key, ...]:
-    """Keys from notation, `;` between keys: count, pose (or left/right), then c: chest and h: head angles."""
+def parse_keys(text: str) -> tuple[Key, ...]:
+    """Parse keys, separated by `;`: count, pose (or left/right), then c: chest and h: head angles."""
     result = []
     for item in text.split(";"):
         count, pose, *rest = item.split()

@@ -1,6 +1,6 @@
-"""Spelling to sound for the rehearsal scripts: a few spelling rules and the words that break them, our own.
+"""Spelling to sound for the rehearsal scripts: a few spelling rules and a list of exceptions.
 
-Good enough for an audible syllable structure; not a dictionary of English. Phone names are ARPABET in lower case.
+Good enough for an audible syllable structure, but no dictionary of English. Phone names are ARPABET in lower case.
 """
 
 import re
@@ -10,7 +10,7 @@ VOWELS = frozenset(
     ["aa", "ae", "ah", "ao", "aw", "ax", "ay", "eh", "er", "ey", "ih", "iy", "ow", "oy", "uh", "uw"]
 )
 
-# Longest spellings first; "" makes no sound. Rules are tried in this order at each letter.
+# Tried in this order at each letter, so longer spellings come first; "" is silent.
 _RULES: tuple[tuple[str, str], ...] = (
     ("tion", "sh ax n"), ("ould", "uh d"), ("ough", "ao"), ("augh", "ao"), ("eigh", "ey"), ("ture", "ch er"),
     ("igh", "ay"), ("ing", "ih ng"), ("tch", "ch"), ("dge", "jh"), ("ear", "ih r"), ("air", "eh r"),
@@ -108,7 +108,7 @@ def _by_rules(letters: str) -> list[str]:
 
 
 def syllabify(word: str) -> tuple[tuple[tuple[str, ...], bool], ...]:
-    """Syllables of a word as (phones, is stressed); at most one consonant opens an inner syllable."""
+    """Syllables of a word as (phones, is stressed); an inner syllable begins with at most one consonant."""
     phones = pronounce(word)
     nuclei = [i for i, phone in enumerate(phones) if phone in VOWELS]
     starts = [0] + [i - 1 if i - 1 > before else i for before, i in zip(nuclei, nuclei[1:], strict=False)]

@@ -1,7 +1,7 @@
-"""Which syllables stand out, and the pitch that makes them do so, for any speech engine.
+"""Prominence of syllables, and the pitch and loudness that make it audible, for any speech engine.
 
-Prominence drives the rehearsed gestures, so the sound must carry it: pitch range is widened, prominent vowels get
-a bump in pitch and loudness. Not in the paper.
+Prominence drives the synthetic gestures, so it must be audible: the pitch range is widened, and prominent vowels are
+higher and louder. Not in the paper.
 """
 
 from dataclasses import dataclass, replace
@@ -23,7 +23,7 @@ _BUMP_SD_S = 0.07
 
 @dataclass(frozen=True)
 class Delivery:
-    """How one speaker speaks: voice name, rate (above 1 is faster), pitch factor, formant and pitch expression."""
+    """How one speaker speaks: voice name, rate (above 1 is faster), pitch factor, formants, pitch expression."""
 
     voice: str = "slt"
     rate: float = 1.0
@@ -36,7 +36,7 @@ class Delivery:
 
 @dataclass(frozen=True)
 class SpokenSyllable:
-    """A syllable as an engine gives it; `word` indexes the script's words; times in seconds."""
+    """A syllable from an engine; `word` is an index into the script's words; times in seconds."""
 
     start: float
     end: float
@@ -49,7 +49,7 @@ class SpokenSyllable:
 
 @dataclass(frozen=True)
 class Utterance:
-    """Speech of one breath group: audio (s,) 24 kHz without outer silence, phones (start, end, name)."""
+    """Speech of one breath group: audio (s,) at 24 kHz without outer silence, phones (start, end, name)."""
 
     audio: FloatArray
     phones: tuple[tuple[float, float, str], ...]
@@ -57,7 +57,7 @@ class Utterance:
 
 
 def draw_delivery(rng: np.random.Generator, voices: tuple[str, ...]) -> Delivery:
-    """A random speaker."""
+    """Draw a random speaker."""
     return Delivery(
         voice=voices[rng.integers(len(voices))],
         rate=float(rng.uniform(0.8, 1.3)),
@@ -77,7 +77,7 @@ def is_weak(word: str) -> bool:
 def score_prominence(
     syllables: tuple[SpokenSyllable, ...], words: tuple[Word, ...]
 ) -> tuple[SpokenSyllable, ...]:
-    """Give each syllable its prominence: focus 1.0, the phrase's last content stress 0.85, other stresses less."""
+    """Set prominences: 1.0 for focus, 0.85 for the last stressed content word of a phrase, less for other stresses."""
     scored = [replace(s, prominence=_base_score(s, words[s.word])) for s in syllables]
     for first, last in _breath_groups(scored):
         group = range(first, last)
@@ -137,7 +137,7 @@ def shape_pitch(
 def lift_nuclei(
     audio: FloatArray, rate_hz: int, syllables: tuple[SpokenSyllable, ...], db: float
 ) -> FloatArray:
-    """Raise the loudness around prominent vowels by up to `db`, smoothly."""
+    """Raise the loudness smoothly around prominent vowels, by up to `db`."""
     time = np.arange(len(audio)) / rate_hz
     gain = np.zeros(len(audio))
     for syllable in syllables:

@@ -1,4 +1,4 @@
-"""Text made up by rule: a recursive template grammar with focus, pauses and meaning, so that no foreign text is used.
+"""Scripts from a recursive template grammar with focus, pauses and meanings, so that no third-party text is needed.
 
 Markup of a template: `{slot}` is expanded, `*word` is the focus, `word^tag` carries a meaning, `[p]` is a pause.
 Training and test scripts share no sentence template and no pair of neighbouring slot words. Not in the paper.
@@ -13,7 +13,7 @@ import numpy as np
 from .vocabulary import PHRASES, SENTENCES, WORDS
 
 _HELD_OUT_IN_100 = 12
-_TEST_EVERY = 6  # each sixth template of a shape is the test's
+_TEST_EVERY = 6  # every sixth template of a shape belongs to the test split
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ def write_sentence(rng: np.random.Generator, split: str = "train") -> Sentence:
 
 
 def write_monologue(rng: np.random.Generator, sentences: int, split: str = "train") -> tuple[Sentence, ...]:
-    """Several sentences of one speaker, the first sometimes a greeting's neighbour; no repeats in a row."""
+    """Several sentences of one speaker; no two in a row share a template."""
     out: list[Sentence] = []
     while len(out) < sentences:
         sentence = write_sentence(rng, split)
@@ -79,7 +79,7 @@ def _draw_template(rng: np.random.Generator, split: str) -> str:
 
 
 def _expand(template: str, rng: np.random.Generator, fills: list[str]) -> str:
-    """Replace slots from left to right; words of the lists are noted in `fills`."""
+    """Replace slots from left to right and append the chosen words to `fills`."""
 
     def fill(match: re.Match[str]) -> str:
         slot = match.group(1)
@@ -98,7 +98,7 @@ def _is_held_out(first: str, second: str) -> bool:
 
 
 def parse_words(text: str) -> tuple[Word, ...]:
-    """Words of marked text: `*focus`, `word^meaning`, `[p]` for a breath, punctuation."""
+    """Parse marked text: `*focus`, `word^meaning`, `[p]` for a pause, punctuation."""
     words: list[Word] = []
     for piece in text.split():
         if piece == "[p]":

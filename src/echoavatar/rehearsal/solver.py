@@ -1,8 +1,8 @@
-"""Controls to joint rotations: analytic limbs, spread spine and neck, anatomical fingers (rehearsal corpus).
+"""Controls to joint rotations: analytic limb IK, spine and neck angles shared out over their joints, finger limits.
 
-Everything is closed form and vectorised over frames. Both arms are solved as left arms in mirrored chest axes;
-the right one is mirrored back. Limbs never lock: reach is limited softly, and where planted feet would be out of
-reach the pelvis sinks instead, because planted feet do not move.
+Everything is in closed form and vectorised over frames. Both arms are solved as left arms in mirrored chest axes; the
+right one is mirrored back. Reach is limited softly, so limbs never lock. Planted feet do not move: if they would be out
+of reach, the pelvis sinks.
 """
 
 from typing import NamedTuple
@@ -57,7 +57,7 @@ def _solve_block(controls: Controls) -> tuple[NDArray[np.float32], NDArray[np.fl
 
 
 def _legs(controls: Controls, pelvis: Tensor, local: Tensor) -> Float[Tensor, "t 3"]:
-    """Write the legs' rotations; return the root, sunk where the feet would be out of reach."""
+    """Write the legs' rotations; return the root, lowered where the feet would be out of reach."""
     root = _tensor(controls.pelvis_position)
     thigh, shin = HUMANOID.offsets[HUMANOID.index("leftLowerLeg")].double(), HUMANOID.offsets[_FOOT].double()
     longest = REACH * float(thigh.norm() + shin.norm())
@@ -88,7 +88,7 @@ def _legs(controls: Controls, pelvis: Tensor, local: Tensor) -> Float[Tensor, "t
 
 
 def _ankle(controls: Controls, side: int) -> tuple[Float[Tensor, "t 3"], Float[Tensor, "t 3 3"]]:
-    """World position and rotation of an ankle: the heel lifts about the ball, the toes about the heel."""
+    """World position and rotation of an ankle; the heel lifts about the ball, the toes lift about the heel."""
     place, pitch = _tensor(controls.foot_position[:, side]), _tensor(controls.foot_pitch[:, side])
     heading = _about("y", _tensor(controls.foot_yaw[:, side]))
     foot = heading @ _about("x", pitch)
@@ -99,7 +99,7 @@ def _ankle(controls: Controls, side: int) -> tuple[Float[Tensor, "t 3"], Float[T
 
 
 class ArmFrames(NamedTuple):
-    """One arm as a left arm in mirrored chest axes: world-like rotations and the vectors along its bones, metres."""
+    """One arm as a left arm in mirrored chest axes: rotations relative to them, and positions in metres."""
 
     clavicle: Float[Tensor, "t 3 3"]
     upper: Float[Tensor, "t 3 3"]
@@ -148,9 +148,9 @@ def _arm(controls: Controls, side: int, local: Tensor) -> None:
 
 
 def _elbow_direction(line: Float[Tensor, "t 3"], swing: Float[Tensor, " t"]) -> Float[Tensor, "t 3"]:
-    """Where the elbow points off the shoulder-wrist line.
+    """Unit vector from the shoulder-wrist line to the elbow.
 
-    An easy pose is carried along by the smallest rotation; its only singular direction is up behind the neck.
+    The smallest rotation carries a relaxed pose to the new line; its only singular direction is up behind the neck.
     """
     easy = F.normalize(_EASY_REACH, dim=-1)
     elbow = F.normalize(_EASY_ELBOW - (_EASY_ELBOW @ easy) * easy, dim=-1)
@@ -174,7 +174,7 @@ def _two_bones(
 
 
 def _fingers(fingers: Float[Tensor, "t 7"], side: int, local: Tensor) -> None:
-    """Write one hand's fingers: hinges across the palm, a spread at the knuckles, and the thumb's own axes."""
+    """Write one hand's fingers: hinges across the palm, spread at the knuckles, and the thumb's own axes."""
     curl = fingers[:, :5].clamp(-0.12, 1.0)
     spread = fingers[:, 5].clamp(-1.0, 1.0)
     for i, finger in enumerate(FINGERS):
@@ -195,7 +195,7 @@ def _fingers(fingers: Float[Tensor, "t 7"], side: int, local: Tensor) -> None:
 
 
 def _soft_reach(distance: Tensor, length: float) -> Tensor:
-    """Distance eased below the limb's reach and above the folded limb's, without a corner."""
+    """Distance limited smoothly between the folded and the stretched limb."""
     least, width = 0.30 * length, 0.03 * length
     distance = least + width * F.softplus((distance - least) / width)
     easy, most = 0.94 * length, REACH * length
@@ -204,7 +204,7 @@ def _soft_reach(distance: Tensor, length: float) -> Tensor:
 
 
 def _soft_clamp(angle: Tensor, low: float, high: float) -> Tensor:
-    """Angle eased into its limits: untouched in the inner 80 %, never beyond."""
+    """Angle limited smoothly: unchanged in the inner 80 % of its range, never beyond it."""
     middle, half = (low + high) / 2, (high - low) / 2
     scaled = (angle - middle) / half
     over = (scaled.abs() - 0.8).clamp_min(0)
@@ -216,7 +216,7 @@ def _soft_min(values: Float[Tensor, "k t"], width: float) -> Float[Tensor, " t"]
 
 
 def _hinged(hinge: Tensor, bone: Tensor) -> Tensor:
-    """Frame of a leg bone: x along the hinge, y against the bone."""
+    """Axes of a leg bone: x along the hinge, y opposite to the bone."""
     return torch.stack([hinge, -bone, torch.linalg.cross(hinge, -bone)], -1)
 
 
@@ -230,7 +230,7 @@ def _about(axis: str, angle: Float[Tensor, " t"]) -> Float[Tensor, "t 3 3"]:
 
 
 def _for_side(rotation: Tensor, side: int) -> Tensor:
-    """A left-hand rotation for the given side: mirrored in x for the right."""
+    """A rotation of the left side for the given side: mirrored in x for the right."""
     return rotation if side == 0 else rotation * _MIRROR
 
 

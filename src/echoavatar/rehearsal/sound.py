@@ -1,11 +1,11 @@
-"""Sound with known labels: what the sound maker hands to the choreographers.
+"""Sound with its labels, which the choreography reads, and musical scores.
 
-All times are seconds on the 24 kHz sample clock; audio is mono float32 and always a whole number of motion
-frames (800 samples) long. Not from the paper: it trains on recorded corpora, we on rehearsed ones.
+All times are seconds on the 24 kHz sample clock. Audio is mono float32 and always a whole number of motion frames
+(800 samples) long. Not in the paper, which trains on recorded corpora.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -17,7 +17,7 @@ TimeArray = np.ndarray
 
 @dataclass(frozen=True)
 class Syllable:
-    """One spoken syllable; `vowel` is the centre of its vowel, `prominence` 0..1 (0.85 and more: nuclear)."""
+    """One spoken syllable; `vowel` is the centre of its vowel, `prominence` 0..1 (from 0.85 on it is nuclear)."""
 
     start: float
     end: float
@@ -29,7 +29,7 @@ class Syllable:
 
 @dataclass(frozen=True)
 class Section:
-    """A stretch of music of one loudness; energy 0..1."""
+    """A stretch of music of constant energy, 0..1."""
 
     start: float
     end: float
@@ -38,7 +38,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Span:
-    """What is heard, by the louder sound: kind is "silence", "speech" or "music"."""
+    """The louder sound in a stretch of time: kind is "silence", "speech" or "music"."""
 
     start: float
     end: float
@@ -51,7 +51,7 @@ def _no_times() -> TimeArray:
 
 @dataclass(frozen=True)
 class SoundTrack:
-    """Audio (s,) with everything that is known about it."""
+    """Audio (s,) with all its labels."""
 
     audio: FloatArray
     spans: tuple[Span, ...] = ()
@@ -68,6 +68,31 @@ class SoundTrack:
     def seconds(self) -> float:
         """Length of the audio."""
         return len(self.audio) / SAMPLE_RATE_HZ
+
+
+@dataclass(frozen=True)
+class Note:
+    """One note: seconds, pitch (MIDI number; 0 for drums), velocity 0..1, and its instrument."""
+
+    start: float
+    duration: float
+    pitch: int
+    velocity: float
+    instrument: str
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A score with its true times in seconds."""
+
+    notes: tuple[Note, ...]
+    beats: TimeArray
+    downbeats: TimeArray
+    sections: tuple[Section, ...]
+    style: str
+    bpm: float
+    seconds: float  # where the music stops, without decaying tails
+    is_cut: bool  # stops abruptly instead of on a final chord
 
 
 def whole_frames(audio: FloatArray) -> FloatArray:
@@ -94,7 +119,7 @@ def shift(track: SoundTrack, seconds: float) -> SoundTrack:
 
 
 def concatenate(tracks: Sequence[SoundTrack]) -> SoundTrack:
-    """Join tracks one after another; neighbouring spans of one kind melt, style and bpm are the longest music's."""
+    """Join tracks one after another; adjacent spans of one kind merge, style and bpm are those of the longest music."""
     if not tracks:
         return SoundTrack(np.zeros(0, np.float32))
     starts = np.cumsum([0] + [len(track.audio) for track in tracks[:-1]]) / SAMPLE_RATE_HZ
@@ -115,7 +140,7 @@ def concatenate(tracks: Sequence[SoundTrack]) -> SoundTrack:
 
 
 def merge_spans(spans: Sequence[Span]) -> tuple[Span, ...]:
-    """Melt neighbours of the same kind into one span; empty spans vanish."""
+    """Merge adjacent spans of the same kind and drop empty ones."""
     merged: list[Span] = []
     for span in spans:
         if span.end <= span.start:
@@ -128,7 +153,7 @@ def merge_spans(spans: Sequence[Span]) -> tuple[Span, ...]:
 
 
 def cut(track: SoundTrack, seconds: float) -> SoundTrack:
-    """The first `seconds` of a track, rounded to whole frames; labels that begin after the cut are dropped."""
+    """The first `seconds` of a track, rounded to whole frames; labels after the cut are dropped."""
     frames = max(1, round(seconds * SAMPLE_RATE_HZ / SAMPLES_PER_FRAME))
     audio = track.audio[: frames * SAMPLES_PER_FRAME]
     end = len(audio) / SAMPLE_RATE_HZ
@@ -142,14 +167,4 @@ def cut(track: SoundTrack, seconds: float) -> SoundTrack:
         beats=track.beats[track.beats < end],
         downbeats=track.downbeats[track.downbeats < end],
         sections=tuple(replace(s, end=min(s.end, end)) for s in track.sections if s.start < end),
-    )
-
-
-def same_labels(first: SoundTrack, second: SoundTrack) -> bool:
-    """Whether two tracks agree in everything but the sound."""
-    names = [f.name for f in fields(SoundTrack) if f.name not in ("audio", "beats", "downbeats")]
-    return (
-        all(getattr(first, name) == getattr(second, name) for name in names)
-        and np.array_equal(first.beats, second.beats)
-        and np.array_equal(first.downbeats, second.downbeats)
     )

@@ -1,6 +1,6 @@
-"""Optional richer rendering of a `Piece`: pretty_midi writes it, the fluidsynth program plays it with a sound font.
+"""Optional renderer of a `Piece`: pretty_midi writes it and the fluidsynth program plays it with a sound font.
 
-Only sound fonts with a permissive licence belong here (FluidR3_GM.sf2 is MIT). Not in the paper.
+Use sound fonts with a permissive licence only (FluidR3_GM.sf2 is MIT). Not in the paper.
 """
 
 import shutil
@@ -13,11 +13,10 @@ import soundfile
 
 from ..errors import DependencyError
 from ..timing import SAMPLE_RATE_HZ
-from .score import Piece
-from .sound import FloatArray
+from .sound import FloatArray, Piece
 
 FLUID_R3 = Path("/usr/share/sounds/sf2/FluidR3_GM.sf2")
-_LATE_S = 0.0066  # fluidsynth starts notes late by this much (measured, FluidR3 at 24 kHz)
+_LATE_S = 0.0066  # delay of fluidsynth's notes (FluidR3 at 24 kHz)
 
 _PROGRAMS: dict[str, tuple[int, ...]] = {
     "piano": (0, 1, 3), "epiano": (4, 5), "organ": (16, 17, 19), "guitar": (24, 25, 26), "guitar_lead": (27, 29),
@@ -34,7 +33,7 @@ _DRUMS = {
 
 
 def render_soundfont(piece: Piece, rng: np.random.Generator, font: Path = FLUID_R3) -> FloatArray:
-    """Play a piece with fluidsynth: audio (s,), 24 kHz, peak near 0.9. Raises DependencyError if a tool is absent."""
+    """Play a piece with fluidsynth: audio (s,), 24 kHz, peak near 0.9. Raises DependencyError if a tool is missing."""
     program = shutil.which("fluidsynth")
     if program is None:
         raise DependencyError('the fluidsynth program is missing; run "apt install fluidsynth"')
@@ -69,7 +68,7 @@ def _write_midi(piece: Piece, rng: np.random.Generator, path: Path) -> None:
 
 
 def _finish(mono: FloatArray, piece: Piece) -> FloatArray:
-    """Take the player's lateness out, cut at the piece's end, scale."""
+    """Remove the player's delay, cut at the piece's end and normalise."""
     length = round(piece.seconds * SAMPLE_RATE_HZ)
     mono = mono[round(_LATE_S * SAMPLE_RATE_HZ) :][:length]
     mono = np.pad(mono, (0, length - len(mono)))

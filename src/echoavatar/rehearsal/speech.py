@@ -1,7 +1,7 @@
-"""Speech with known labels: script sentences spoken by flite or by our own formant synthesiser.
+"""Speech with known labels: script sentences spoken by flite or by the built-in formant synthesiser.
 
-Engine "auto" takes flite where it is installed; "flite" insists (DependencyError if it is missing); "own" needs no
-package. Pauses between breath groups are true gaps in the sound. Not in the paper.
+Engine "auto" uses flite where it is installed, "flite" raises DependencyError where it is not, "own" is the built-in
+one. Pauses between breath groups are digital silence. Not in the paper.
 """
 
 import numpy as np
@@ -17,7 +17,7 @@ from .sound import FloatArray, SoundTrack, Span, Syllable, concatenate, whole_fr
 
 
 def resolve_engine(engine: str) -> str:
-    """Name the tool, "flite" or "own", that `engine` ("auto", "flite", "own") means on this machine."""
+    """The engine, "flite" or "own", that `engine` ("auto", "flite", "own") means on this machine."""
     if engine == "own":
         return "own"
     try:
@@ -51,13 +51,13 @@ def speak(
 
 
 def _draw_pause(rng: np.random.Generator) -> float:
-    """Mostly short breaths, some thoughts, a few long waits (seconds)."""
+    """Seconds of a pause: mostly short, sometimes longer, rarely very long."""
     low, high = ((0.25, 0.6), (0.6, 1.6), (1.6, 4.0))[rng.choice(3, p=[0.55, 0.35, 0.1])]
     return float(rng.uniform(low, high))
 
 
 def silence(seconds: float) -> SoundTrack:
-    """Digital silence inside speech: no span label of its own is wanted, so short gaps count as speech."""
+    """Digital silence inside speech; its span is "speech" if it is shorter than 0.7 s."""
     audio = whole_frames(np.zeros(round(seconds * SAMPLE_RATE_HZ), np.float32))
     return SoundTrack(
         audio, spans=(Span(0.0, len(audio) / SAMPLE_RATE_HZ, "speech" if seconds < 0.7 else "silence"),)

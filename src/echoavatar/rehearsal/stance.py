@@ -1,6 +1,6 @@
-"""Standing: footholds and the steps between them, and the pelvis that travels over the feet.
+"""Standing: feet that take small steps, and the weight that shifts between them.
 
-Planted feet do not move at all: a foot's place is constant except inside its own step.
+A foot's position is constant except during its own step.
 """
 
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from .controls import ANKLE_HEIGHT, STANDING_FEET, STANDING_FOOT_YAW, Array, min
 
 @dataclass(frozen=True)
 class Step:
-    """One foot leaves at `begin` and lands at `end` (seconds) on a new place (x, z metres) and yaw (radians)."""
+    """One foot lifts off at `begin` and lands at `end` (seconds) at a new position (x, z metres) and yaw (radians)."""
 
     begin: float
     end: float
@@ -54,14 +54,14 @@ def walked(frames: int, steps: Sequence[Step]) -> Feet:
 
 
 def air(phase: Float[np.ndarray, " t"]) -> Float[Array, " t"]:
-    """A foot's flight: 0 on the floor, 1 at mid-step, without a velocity step at lift-off or landing."""
+    """Height of a step over its phase: 0 at lift-off and landing, 1 half-way, smooth at both ends."""
     p = np.clip(phase, 0.0, 1.0)
     return np.asarray(64 * (p * (1 - p)) ** 3, np.float32)
 
 
 @dataclass(frozen=True)
 class Shift:
-    """Weight moves to one leg: `weight` -1 right, 0 middle, +1 left, reached at `end`."""
+    """A move of the weight to one leg: `weight` is -1 right, 0 middle, +1 left, reached at `end`."""
 
     begin: float
     end: float
@@ -69,7 +69,7 @@ class Shift:
 
 
 def weight_curve(frames: int, shifts: Sequence[Shift], start: float) -> Float[Array, " t"]:
-    """Where the weight rests over time; each shift is a minimum-jerk move."""
+    """The weight over time; each shift is a minimum-jerk move."""
     times, values, last = [0.0], [start], start
     for shift in shifts:
         if shift.begin <= times[-1]:
@@ -80,12 +80,12 @@ def weight_curve(frames: int, shifts: Sequence[Shift], start: float) -> Float[Ar
     return through_keys(np.array(times), np.array(values, np.float32), frames)
 
 
-def restless(
+def weight_shifts(
     seconds: float, cues: Sequence[float], rng: np.random.Generator, *, pace: float, step_every: float
 ) -> tuple[list[Step], list[Shift]]:
-    """Weight shifts and rare small steps that begin at cues (phrase borders, seconds) or when it has been long.
+    """Draw weight shifts and occasional small steps; each starts at a near cue (seconds), if there is one.
 
-    `pace` is the mean time between shifts, `step_every` between steps. A stepping foot is free of weight.
+    `pace` is the mean time between shifts, `step_every` between steps. A stepping foot carries no weight.
     """
     steps: list[Step] = []
     shifts: list[Shift] = []
@@ -108,7 +108,7 @@ def restless(
 
 
 def _small_step(begin: float, *, side: int, rng: np.random.Generator) -> Step:
-    """A foot put down a few centimetres from its neutral place."""
+    """A step to within a few centimetres of the foot's neutral position."""
     x, _, z = STANDING_FEET[side]
     outwards = 1 if side == 0 else -1
     dx, dz = rng.uniform(-0.01, 0.05), rng.uniform(-0.05, 0.07)

@@ -1,8 +1,8 @@
-"""The vocabulary of the legs: figures of 4, 6 or 8 counts, each a list of steps onto named places.
+"""Steps and step figures of the dance: figures of 4, 6 or 8 counts, each a list of steps.
 
-A step lands on a count. Places are given as offsets from the neutral stance in the dancer's own frame (x to the
-left, z to the front, metres), so a figure can be scaled by energy, mirrored, turned and put anywhere. Every figure
-ends where it began, so that any figure may follow any other. Not from the paper, whose dance is recorded.
+A step lands on a count. Positions are offsets from the neutral stance in the dancer's axes (x to the left, z to the
+front, metres), so a figure can be scaled by energy, mirrored and turned. Every figure ends where it began, so any
+figure may follow any other. Not in the paper, whose dance is recorded.
 """
 
 from dataclasses import dataclass, replace
@@ -20,16 +20,16 @@ class Step:
     x: float = 0.0  # offset from the foot's neutral place, metres, to the dancer's left
     z: float = 0.0  # to the front
     yaw: float = 0.0  # of the foot in the dancer's frame, radians, positive to the left
-    weight: float = 1.0  # share of the body it then carries: 1 a step, 0 a touch
+    weight: float = 1.0  # share of the body's weight on the foot after landing: 1 a step, 0 a touch
     lift: float = 0.07  # height of the arc, metres
     pitch: float = 0.0  # of the foot on the floor: positive stands on the ball, negative on the heel
     travel: float = 0.62  # counts from lift-off to landing
-    air: tuple[float, float, float, float] | None = None  # a pose in the air: count, x, height, z
+    air: tuple[float, float, float, float] | None = None  # way point in the air: count, x, height, z
 
 
 @dataclass(frozen=True)
 class Figure:
-    """A step pattern and the way the pelvis goes with it."""
+    """A step pattern with its pelvis motion."""
 
     name: str
     counts: int
@@ -41,13 +41,11 @@ class Figure:
     hips: float = 1.0  # times the style's hip roll
     twist: tuple[tuple[float, float], ...] = ()  # count, pelvis yaw in radians
     dip: tuple[tuple[float, float], ...] = ()  # count, metres down
-    shift: tuple[
-        tuple[float, float], ...
-    ] = ()  # count, share of the weight on the left foot, where no step says it
+    shift: tuple[tuple[float, float], ...] = ()  # count, share of the weight on the left foot between steps
 
 
 def mirrored(figure: Figure) -> Figure:
-    """The same figure begun with the other foot."""
+    """The same figure, begun with the other foot."""
 
     def other(step: Step) -> Step:
         air = None if step.air is None else (step.air[0], -step.air[1], step.air[2], step.air[3])
@@ -66,8 +64,8 @@ def first_foot(figure: Figure) -> int | None:
     return min(figure.steps, key=lambda step: step.count).side if figure.steps else None
 
 
-def score(text: str) -> tuple[Step, ...]:
-    """Steps from notation, `;` between steps: count, foot L or R, then what differs from a plain step.
+def parse_steps(text: str) -> tuple[Step, ...]:
+    """Parse steps, separated by `;`: count, foot L or R, then the fields that differ from a plain step.
 
     x, z, y(aw), w(eight), l(ift), p(itch), t(ravel) with a number, and `air:count/x/height/z`.
     """
@@ -90,6 +88,6 @@ def _with(step: Step, name: str, value: float) -> Step:
     return Step(**{**vars(step), name: value})
 
 
-def pairs(text: str) -> tuple[tuple[float, float], ...]:
-    """Pairs of count and value from notation, `,` between pairs."""
+def parse_pairs(text: str) -> tuple[tuple[float, float], ...]:
+    """Parse pairs of count and value, separated by `,`."""
     return tuple((float(count), float(value)) for count, value in (item.split() for item in text.split(",")))

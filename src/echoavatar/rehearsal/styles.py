@@ -1,4 +1,4 @@
-"""Musical styles as data: tempo, metre, drum rows, bass and chord rhythms, and which voices play.
+"""Musical styles as data: tempo, metre, drum rows, bass and chord rhythms, instruments.
 
 Rows are strings over one bar of sixteenths (12 for 3/4 and 6/8): x plays, o plays softly, - rests.
 """
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Style:
-    """How one kind of music is made. `steps_per_beat` counts sixteenths in a beat."""
+    """One style of music; `steps_per_beat` is the number of sixteenths in a beat."""
 
     name: str
     bpm: tuple[float, float]
@@ -18,7 +18,6 @@ class Style:
     drums: tuple[tuple[str, str], ...] = ()
     bass: str = ""
     chords: str = ""
-    marks: str = ""  # the drum or part that plays on each beat
     leads: tuple[str, ...] = ()
     comps: tuple[str, ...] = ()
     basses: tuple[str, ...] = ("finger_bass",)

@@ -1,4 +1,4 @@
-"""Long realistic sound made of speech, music and silence, with all labels; the same seed gives the same samples.
+"""Long tracks of speech, music and silence with all labels; deterministic for a seed.
 
 Not in the paper, which trains on recorded corpora.
 """
@@ -40,36 +40,36 @@ def compose_track(
     split: str = "train",
     soundfont: Path | None = None,
 ) -> SoundTrack:
-    """Compose `seconds` of sound (rounded to whole frames), bit-identical for equal arguments.
+    """Compose `seconds` of sound (rounded to whole frames); equal arguments give identical samples.
 
-    `mix` is "mixed", "speech", "music" or "silence"; `engine` "auto", "flite" or "own" (speech); `split` "train" or
-    "test" (scripts). With a `soundfont` half of the music is played by fluidsynth. Raises DependencyError for an
-    engine or player that is asked for and missing.
+    `mix` is "mixed", "speech", "music" or "silence"; `engine` (of speech) is "auto", "flite" or "own"; `split` (of the
+    scripts) is "train" or "test". With a `soundfont`, fluidsynth plays half of the music. Raises DependencyError if a
+    requested engine or player is missing.
     """
     if mix not in _MIXES:
         raise ValueError(f"mix is {mix!r}; one of {', '.join(_MIXES)}")
     rng = np.random.default_rng([seed, _MIXES.index(mix), int(split == "test")])
-    stage = _Stage(
+    settings = _TrackSettings(
         rng=rng,
         engine=resolve_engine(engine) if mix in ("mixed", "speech") else "own",
         split=split,
         level_db=float(np.clip(rng.normal(-25, 6), -40, -14)),
         soundfont=soundfont,
     )
-    speaker = draw_speaker(rng, stage.engine)
+    speaker = draw_speaker(rng, settings.engine)
     parts: list[SoundTrack] = []
     total, previous = 0.0, ""
     while total < seconds:
         kind = _next_kind(rng, mix, previous)
         if rng.random() < 0.1:
-            speaker = draw_speaker(rng, stage.engine)
+            speaker = draw_speaker(rng, settings.engine)
         length = min(float(rng.uniform(12, 40)), max(6.0, seconds - total + 1))
         if kind == "both":
-            part = _speech_over_music(stage, speaker, length)
+            part = _speech_over_music(settings, speaker, length)
         elif kind == "speech":
-            part = _speech_part(stage, speaker)
+            part = _speech_part(settings, speaker)
         else:
-            part = _music_part(stage, length) if kind == "music" else _silence_part(stage)
+            part = _music_part(settings, length) if kind == "music" else _silence_part(settings)
         parts.append(part)
         total += part.seconds
         previous = kind
@@ -77,8 +77,8 @@ def compose_track(
 
 
 @dataclass(frozen=True)
-class _Stage:
-    """What the parts of one track share."""
+class _TrackSettings:
+    """What all parts of one track share."""
 
     rng: np.random.Generator
     engine: str
@@ -88,7 +88,7 @@ class _Stage:
 
 
 def _next_kind(rng: np.random.Generator, mix: str, previous: str) -> str:
-    """What follows: after sound usually silence; speech may follow music at once, and sometimes lies over it."""
+    """The kind of the next part: after sound usually silence; "both" is speech over music."""
     if mix == "silence":
         return "silence"
     if previous in ("silence", ""):
@@ -100,22 +100,22 @@ def _next_kind(rng: np.random.Generator, mix: str, previous: str) -> str:
     return "silence"
 
 
-def _speech_part(stage: _Stage, speaker: Delivery) -> SoundTrack:
-    rng = stage.rng
-    said = speak(write_monologue(rng, int(rng.integers(2, 9)), stage.split), speaker, rng, stage.engine)
+def _speech_part(settings: _TrackSettings, speaker: Delivery) -> SoundTrack:
+    rng = settings.rng
+    said = speak(write_monologue(rng, int(rng.integers(2, 9)), settings.split), speaker, rng, settings.engine)
     audio = treat(fill_band(said.audio, rng), rng)
-    return replace(said, audio=set_loudness(audio, stage.level_db + float(rng.normal(0, 1.5))))
+    return replace(said, audio=set_loudness(audio, settings.level_db + float(rng.normal(0, 1.5))))
 
 
-def _music_part(stage: _Stage, seconds: float) -> SoundTrack:
-    rng = stage.rng
+def _music_part(settings: _TrackSettings, seconds: float) -> SoundTrack:
+    rng = settings.rng
     piece = compose_piece(rng, seconds)
-    if stage.soundfont is not None and rng.random() < 0.5:
-        audio = render_soundfont(piece, rng, stage.soundfont)
+    if settings.soundfont is not None and rng.random() < 0.5:
+        audio = render_soundfont(piece, rng, settings.soundfont)
     else:
         audio = render(piece, rng)
     audio = treat(audio, rng)
-    audio = whole_frames(set_loudness(audio, stage.level_db + float(rng.normal(1, 2))))
+    audio = whole_frames(set_loudness(audio, settings.level_db + float(rng.normal(1, 2))))
     return SoundTrack(
         audio=audio,
         spans=(Span(0.0, len(audio) / SAMPLE_RATE_HZ, "music"),),
@@ -127,12 +127,14 @@ def _music_part(stage: _Stage, seconds: float) -> SoundTrack:
     )
 
 
-def _speech_over_music(stage: _Stage, speaker: Delivery, seconds: float) -> SoundTrack:
-    """Music that ducks 12-20 dB under a speaker; labelled by the louder: speech there, music before and after."""
-    rng = stage.rng
-    said = _speech_part(stage, speaker)
+def _speech_over_music(settings: _TrackSettings, speaker: Delivery, seconds: float) -> SoundTrack:
+    """Speech over music that ducks by 12-20 dB; the louder sound gives the label."""
+    rng = settings.rng
+    said = _speech_part(settings, speaker)
     lead = int(rng.integers(0, 5 * 30)) * SAMPLES_PER_FRAME
-    music = _music_part(stage, max(seconds, said.seconds + lead / SAMPLE_RATE_HZ + float(rng.uniform(1, 6))))
+    music = _music_part(
+        settings, max(seconds, said.seconds + lead / SAMPLE_RATE_HZ + float(rng.uniform(1, 6)))
+    )
     length = max(len(music.audio), lead + len(said.audio))
     start, stop = lead / SAMPLE_RATE_HZ, (lead + len(said.audio)) / SAMPLE_RATE_HZ
     bed = np.zeros(length, np.float32)
@@ -166,13 +168,13 @@ def _sections_outside(sections: tuple[Section, ...], start: float, stop: float) 
     return tuple(before + after)
 
 
-def _silence_part(stage: _Stage) -> SoundTrack:
-    """Digital zero, or room noise or hum well under the level of the track."""
-    rng = stage.rng
+def _silence_part(settings: _TrackSettings) -> SoundTrack:
+    """Digital silence, or noise far below the level of the track."""
+    rng = settings.rng
     samples = round(float(rng.uniform(1, 6)) * SAMPLE_RATE_HZ)
     audio: FloatArray = np.zeros(samples, np.float32)
     if rng.random() < 0.6:
-        loud = 10 ** (min(stage.level_db - rng.uniform(22, 45), -42) / 20)
+        loud = 10 ** (min(settings.level_db - rng.uniform(22, 45), -42) / 20)
         fade = np.minimum(1, np.arange(samples) / 1200)
         audio = (loud * background(rng, samples) * fade * fade[::-1]).astype(np.float32)
     audio = whole_frames(audio)
@@ -180,7 +182,7 @@ def _silence_part(stage: _Stage) -> SoundTrack:
 
 
 def _finish(track: SoundTrack, rng: np.random.Generator) -> SoundTrack:
-    """Sometimes quiet noise under the whole track; the labels stay."""
+    """Add quiet noise to some tracks, and limit the peaks."""
     if rng.random() < 0.35 and any(span.kind != "silence" for span in track.spans):
         track = replace(track, audio=add_background(track.audio, rng, float(rng.uniform(24, 45))))
     return replace(track, audio=np.clip(track.audio, -0.98, 0.98).astype(np.float32))

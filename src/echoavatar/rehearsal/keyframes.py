@@ -1,0 +1,58 @@
+"""Interpolation between key poses: minimum-jerk glides that arrive on time and rest there.
+
+A glide has no velocity and no acceleration at its ends (Flash and Hogan 1985), so the speed of the body has a minimum
+where a pose arrives on a beat. Everything is vectorised over frames.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .controls import minimum_jerk
+
+FloatArray = np.ndarray
+
+
+def bump(phase: FloatArray) -> FloatArray:
+    """0 at both ends, 1 in the middle, twice continuously differentiable; zero outside 0..1."""
+    s = np.clip(phase, 0.0, 1.0)
+    height: FloatArray = (4.0 * s * (1.0 - s)) ** 3
+    return height
+
+
+def progress(t: FloatArray, arrive: FloatArray, travel: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
+    """For each time, the index of the key it moves to (0: before the first) and the phase 0..1 of that move.
+
+    Args:
+        t: times, (frames,)
+        arrive: increasing times of arrival, (keys,)
+        travel: how long each move takes, at most the gap to the key before, (keys,)
+    """
+    index = np.searchsorted(arrive, t, side="left")
+    at = np.minimum(index, len(arrive) - 1)
+    phase = np.clip((t - arrive[at]) / travel[at] + 1.0, 0.0, 1.0)
+    return index, np.where(index >= len(arrive), 1.0, phase)
+
+
+def glide(
+    t: FloatArray, arrive: FloatArray, values: FloatArray, travel: FloatArray | None = None
+) -> FloatArray:
+    """Values at times `t`, (frames, channels): move by minimum jerk from key to key and rest at each.
+
+    Args:
+        t: times, (frames,)
+        arrive: increasing times of arrival, (keys,)
+        values: what to arrive at, (keys, channels)
+        travel: how long each move takes, (keys,), at most the gap to the key before; None means the whole gap
+    """
+    index, phase = progress(t, arrive, gaps(arrive, travel))
+    after = np.minimum(index, len(arrive) - 1)
+    before = np.maximum(index - 1, 0)
+    share = minimum_jerk(phase)[:, None]
+    result: FloatArray = values[before] * (1.0 - share) + values[after] * share
+    return result
+
+
+def gaps(arrive: FloatArray, travel: FloatArray | None = None) -> FloatArray:
+    """Time from the previous key to each key, or `travel` where that is shorter."""
+    gap = np.maximum(np.diff(arrive, prepend=arrive[0] - 1.0), 1e-3)
+    return gap if travel is None else np.minimum(gap, np.maximum(travel, 1e-3))
