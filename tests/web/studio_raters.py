@@ -9,14 +9,14 @@ from typing import Any
 
 import uvicorn
 from sqlalchemy import func, select
-from tests.studio import canned
+from studio.tests import canned
 from tests.web.conftest import PageDriver
 
-from echoavatar.studio.app import create_app
-from echoavatar.studio.making import Maker
-from echoavatar.studio.owning import Desk
-from echoavatar.studio.tables import Judgement, Rater, Study, Task, Trial
-from echoavatar.studio.wire_owner import Invite
+from echoavatar_studio.app import create_app
+from echoavatar_studio.making import Maker
+from echoavatar_studio.owning import Desk
+from echoavatar_studio.tables import Judgement, Rater, Study, Task, Trial
+from echoavatar_studio.wire_owner import Invite
 
 PATIENCE_S = 120  # pictures are drawn by the processor here, and it may be busy
 OUTSIDE = """[...document.querySelectorAll(

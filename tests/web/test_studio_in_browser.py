@@ -10,8 +10,8 @@ import pytest
 pytest.importorskip("sqlalchemy")
 pytest.importorskip("psycopg")
 
-from tests.studio import canned  # noqa: E402
-from tests.studio.conftest import STORES, postgres, store_of  # noqa: E402, F401
+from studio.tests import canned  # noqa: E402
+from studio.tests.conftest import STORES, postgres, store_of  # noqa: E402, F401
 from tests.web.studio_raters import NAMELESS, OUTSIDE, PALE, RaterTab, Studio, new_tab  # noqa: E402
 
 pytestmark = pytest.mark.browser

@@ -11,13 +11,13 @@ import pytest
 pytest.importorskip("sqlalchemy")
 pytest.importorskip("psycopg")
 
-from tests.studio import canned  # noqa: E402
-from tests.studio.conftest import STORES, postgres, store_of  # noqa: E402, F401
+from studio.tests import canned  # noqa: E402
+from studio.tests.conftest import STORES, postgres, store_of  # noqa: E402, F401
 from tests.web.conftest import PageDriver  # noqa: E402
 from tests.web.studio_raters import NAMELESS, OUTSIDE, PALE, Studio  # noqa: E402
 
-from echoavatar.studio.owning import Desk  # noqa: E402
-from echoavatar.studio.simulate import Taste, simulate  # noqa: E402
+from echoavatar_studio.owning import Desk  # noqa: E402
+from echoavatar_studio.simulate import Taste, simulate  # noqa: E402
 
 pytestmark = pytest.mark.browser
 TASTE = Taste(worth={"Alpha": 0.8, "Beta": 0.0, "Gamma": -0.8})

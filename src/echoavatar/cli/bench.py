@@ -231,10 +231,10 @@ def _face(args: argparse.Namespace) -> int:
 
 
 def _train(args: argparse.Namespace) -> int:
+    from ..evaluation.scale import SCALES
     from ..evaluation.train_bench import bench_generator, bench_tokenizer
     from ..generator import GeneratorConfig
     from ..kinematics import HUMANOID
-    from ..reproduce.scale import SCALES
     from ..tokenizer import body_config
     from ..tokens import TokenLayout
 

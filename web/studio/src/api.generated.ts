@@ -1,4 +1,4 @@
-// Made from src/echoavatar/studio/wire*.py by scripts/make_studio_types.py; do not edit.
+// Made from studio/src/echoavatar_studio/wire*.py by scripts/make_studio_types.py; do not edit.
 
 export const STATUS = {"bad_request": 400, "not_signed_in": 401, "bad_login": 401, "bad_invitation": 401, "bad_csrf": 403, "bad_origin": 403, "needs_consent": 403, "not_found": 404, "already_judged": 409, "key_reused": 409, "study_closed": 409, "study_full": 409, "busy": 409, "too_large": 413, "too_many_requests": 429, "internal": 500} as const;
 export const QUESTIONS = ["human_likeness", "beat_matching", "overall_preference"] as const;
