@@ -3,10 +3,10 @@
 import json
 
 import pytest
-from research.tests.bench import FakeWorkshop, counted
+from research.tests.fakes import FakeExperiment, counted
 
 from echoavatar_research import alignment
-from echoavatar_research.workshop import motion_of
+from echoavatar_research.experiment import motion_of
 
 PROBES = (
     {"step": 0, "held_out": {"rewards": {"quality": [0.5, 0.1], "alignment": [0.2, 0.0]}, "kl": 0.0}},
@@ -16,8 +16,8 @@ PROBES = (
 
 
 @pytest.fixture
-def workshop(tmp_path):
-    made = FakeWorkshop()
+def experiment(tmp_path):
+    made = FakeExperiment()
     made.folder = tmp_path
     run = tmp_path / "alignment" / "grpo"
     run.mkdir(parents=True)
@@ -25,27 +25,27 @@ def workshop(tmp_path):
     return made
 
 
-def test_rewards_are_of_held_out_prompts_with_their_error(workshop):
-    folder = workshop.folder / "alignment" / "grpo"
+def test_rewards_are_of_held_out_prompts_with_their_error(experiment):
+    folder = experiment.folder / "alignment" / "grpo"
     last, first = alignment.rewards_of(folder), alignment.rewards_of(folder, is_first=True)
     assert last["quality"] == pytest.approx((0.7, 0.7 - 0.196, 0.7 + 0.196))
     assert (first["quality"].value, first["kl"].value, last["kl"].value) == (0.5, 0.0, 0.04)
 
 
-def test_every_method_has_a_line_and_the_untuned_one_the_rewards_it_began_with(workshop, monkeypatch):
+def test_every_method_has_a_line_and_the_untuned_one_the_rewards_it_began_with(experiment, monkeypatch):
     asked = []
 
     def tuned(where, method):
         asked.append(method)
         rewards = alignment.rewards_of(where.folder / "alignment" / "grpo")
-        return alignment.Outcome([motion_of(clip) for clip in where.tests], rewards)
+        return alignment.Outcome([motion_of(clip) for clip in where.test_clips], rewards)
 
-    monkeypatch.setattr(alignment, "generated", counted)
+    monkeypatch.setattr(alignment, "generation_scores", counted)
     monkeypatch.setattr(alignment, "tuned", tuned)
-    table = alignment.make(workshop)
+    table = alignment.make(experiment)
     lines = {line.name: line for line in table.lines}
     assert asked == ["dpo", "grpo", "ppo"]
-    assert workshop.asked == ["body-parts"]
+    assert experiment.asked == ["body-parts"]
     assert lines["Ours (no RL)"].ours["quality"].value == 0.5
     assert lines["Ours (DPO)"].ours["quality"].value == 0.7
     assert lines["Ours (GRPO)"].paper["fid"] == 24.13

@@ -4,12 +4,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from research.tests.bench import FakeWorkshop
+from research.tests.fakes import FakeExperiment
 
 from echoavatar.data import Clip
 from echoavatar.kinematics import HUMANOID
 from echoavatar_research import beat2
-from echoavatar_research.workshop import Sources, motion_of
+from echoavatar_research.experiment import Sources, motion_of
 
 pytest.importorskip("librosa", reason="the evaluate extra is not installed")
 
@@ -22,7 +22,7 @@ def thrice(clip: Clip) -> Clip:
     )
 
 
-class Bench(FakeWorkshop):
+class FakeBeat2(FakeExperiment):
     """On our rig, some of whose joints stand for SMPL-X's thirteen."""
 
     sources, is_synthetic, motion = Sources(), True, staticmethod(motion_of)
@@ -37,8 +37,8 @@ class Bench(FakeWorkshop):
 
     def __init__(self) -> None:
         super().__init__()
-        self.tests = [thrice(one) for one in self.tests]
-        self.trained_on = [replace(one, split="train") for one in self.tests]
+        self.test_clips = [thrice(one) for one in self.test_clips]
+        self.train_clips = [replace(one, split="train") for one in self.test_clips]
 
     def positions(self, motion):
         places = motion.pose().positions
@@ -46,10 +46,10 @@ class Bench(FakeWorkshop):
 
 
 def test_all_methods_of_the_paper_are_quoted_and_ours_are_measured() -> None:
-    bench = Bench()
-    table = beat2.make(bench)
+    experiment = FakeBeat2()
+    table = beat2.make(experiment)
     lines = {line.name: line for line in table.lines}
-    assert bench.asked == ["body-parts"]
+    assert experiment.asked == ["body-parts"]
     assert lines["EMAGE"].paper == {"fid": 5.512, "ba_g": 7.724, "diversity": 13.06}
     assert not lines["EMAGE"].ours
     assert lines["Ours"].paper["fid"] == 2.874
@@ -62,22 +62,22 @@ def test_all_methods_of_the_paper_are_quoted_and_ours_are_measured() -> None:
 
 
 def test_the_extractor_that_was_used_is_told() -> None:
-    bench = Bench()
-    assert "extractor of ours" in beat2.make(bench).notes[1]
-    bench.sources = Sources(extractor=Path("weights/emage"))
-    assert "the extractor in emage" in beat2.make(bench).notes[1]
+    experiment = FakeBeat2()
+    assert "extractor of ours" in beat2.make(experiment).notes[1]
+    experiment.sources = Sources(extractor=Path("weights/emage"))
+    assert "the extractor in emage" in beat2.make(experiment).notes[1]
 
 
 def test_each_clip_of_motion_counts_by_its_length() -> None:
     """Diversity of one clip alone and of one thrice as long beside a still one: three quarters of it."""
-    bench = Bench()
-    long, short = bench.tests[0], replace(bench.tests[0])
+    experiment = FakeBeat2()
+    long, short = experiment.test_clips[0], replace(experiment.test_clips[0])
     frames = long.frames // 3
     short = Clip(
         "short", long.audio[: frames * 800], long.rotations[:frames], long.root[:frames], long.domain[:frames]
     )
-    bench.tests = [long, short]
+    experiment.test_clips = [long, short]
     still = motion_of(replace(short, rotations=np.tile(short.rotations[:1], (frames, 1, 1))))
-    alone = {row.name: row.value for row in beat2.scored(bench, [motion_of(long), motion_of(short)])}
-    mixed = {row.name: row.value for row in beat2.scored(bench, [motion_of(long), still])}
+    alone = {row.name: row.value for row in beat2.scored(experiment, [motion_of(long), motion_of(short)])}
+    mixed = {row.name: row.value for row in beat2.scored(experiment, [motion_of(long), still])}
     assert mixed["l1_diversity"] == pytest.approx(0.75 * alone["l1_diversity"], rel=0.02)

@@ -1,16 +1,16 @@
 import pytest
-from research.tests.bench import FakeWorkshop, counted
+from research.tests.fakes import FakeExperiment, counted
 
 from echoavatar.evaluation.scale import SCALES, Scale
 from echoavatar_research import main
-from echoavatar_research.workshop import LONGER
+from echoavatar_research.experiment import EXTRA_CHUNKS
 
 
 def test_every_generator_and_baseline_has_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(main, "generated", counted)
-    workshop = FakeWorkshop()
-    table = main.make(workshop)
-    assert workshop.asked == ["corruption-none", "corruption-uniform", "body-parts", "offline"]
+    monkeypatch.setattr(main, "generation_scores", counted)
+    experiment = FakeExperiment()
+    table = main.make(experiment)
+    assert experiment.asked == ["corruption-none", "corruption-uniform", "body-parts", "offline"]
     lines = {line.name: line for line in table.lines}
     assert lines["GT"].ours["fid"].value < 1e-6 < lines["Mean pose"].ours["fid"].value
     assert lines["MECo"].paper["fid"] == 14.73
@@ -26,4 +26,4 @@ def test_the_upper_reference_hears_half_a_window_ahead_and_fits_the_clips(scale:
     window = scale.generator.window_chunks
     ahead = choice.sizes["ahead_chunks"]
     assert 0 < ahead < window
-    assert choice.training["chunks"] + ahead == window + LONGER
+    assert choice.training["chunks"] + ahead == window + EXTRA_CHUNKS

@@ -1,16 +1,20 @@
-from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
-from research.tests.test_text import TABLE
+from research.tests.fakes import FakeExperiment, counted
 
-from echoavatar_research.run import hardware, write
+from echoavatar_research import layouts
+from echoavatar_research.run import INTERVALS, NOTHING_LEARNED, hardware, reproduce
 
 
-def test_a_table_is_written_four_ways(tmp_path: Path) -> None:
-    pytest.importorskip("matplotlib")
-    paths = write(TABLE, tmp_path / "new")
-    assert [path.suffix for path in paths] == [".md", ".csv", ".tex", ".png"]
-    assert all(path.stat().st_size > 50 for path in paths)
+def test_a_table_ends_with_what_it_was_made_of(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(layouts, "generation_scores", counted)
+    experiment = FakeExperiment()
+    manifest = SimpleNamespace(info={"kind": "sways"})
+    experiment.corpus = SimpleNamespace(manifest=manifest, frames=lambda: 2 * 60 * 30)
+    notes = reproduce("layouts", experiment, command="echoavatar reproduce layouts").notes
+    assert {INTERVALS, NOTHING_LEARNED, "4 test clips of sways, 2 minutes in all."} <= set(notes)
+    assert notes[-1].startswith("Made by `echoavatar reproduce layouts` on ")
 
 
 def test_hardware_is_named() -> None:

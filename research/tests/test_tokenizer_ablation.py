@@ -1,6 +1,6 @@
 import pytest
 import torch
-from research.tests.bench import FakeWorkshop, counted
+from research.tests.fakes import FakeExperiment, counted
 
 from echoavatar.kinematics import HUMANOID
 from echoavatar.tokenizer import as_one_part
@@ -21,14 +21,14 @@ class Exact:
     decode = encode
 
 
-class Workshop(FakeWorkshop):
+class Experiment(FakeExperiment):
     def tokenizer(self, choice):
         return Exact(as_one_part(HUMANOID) if choice.is_whole else HUMANOID)
 
 
 def test_all_lines_have_all_four_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tokenizer_ablation, "generated", counted)
-    table = tokenizer_ablation.make(Workshop())
+    monkeypatch.setattr(tokenizer_ablation, "generation_scores", counted)
+    table = tokenizer_ablation.make(Experiment())
     keys = {"fid", "mpjpe", "trans", "generation_fid"}
     assert [line.name for line in table.lines[2:]] == [variant.name for variant in VARIANTS]
     for line in table.lines[2:]:

@@ -1,8 +1,9 @@
-"""Table of the paper's alignment-fidelity trade-off: the same generator untuned and tuned by DPO, GRPO and PPO.
+"""The paper's alignment-fidelity trade-off: the same generator untuned, and tuned by DPO, GRPO and PPO.
 
-Both learned rewards are trained on the corpus first, then each method tunes the generator of the main table's last line
-by their sum, as in the paper. The paper's DPO learns from people; ours from pairs ranked by the same rewards. Rewards
-are of held-out prompts, the same for all lines; everything else is of the test clips, through the live pipeline.
+Both learned rewards are trained on the corpus first. Each method then tunes the generator of the main table's last
+line by the sum of the rewards, as in the paper. The paper's DPO learns from people; ours learns from pairs ranked by
+the same rewards. Rewards are measured on held-out prompts, the same for all lines; everything else on the test clips,
+through the live pipeline.
 """
 
 import copy
@@ -29,10 +30,10 @@ from echoavatar.generator import Generator, TokenClip
 from echoavatar.kinematics import Motion
 
 from .choices import OURS, GeneratorChoice
-from .kept import kept
-from .scores import GENERATION, generated
+from .experiment import BATCH, Experiment, motion_of
+from .make_once import make_once
+from .scores import GENERATION, generation_scores
 from .table import Cell, Column, Line, Table, cells
-from .workshop import TOGETHER, Workshop, motion_of
 
 NAME = "alignment"
 REWARDS = ("quality", "alignment")
@@ -54,12 +55,12 @@ LINES: dict[Method, tuple[str, tuple[float, ...]]] = {
     "grpo": ("Ours (GRPO)", (24.13, 20.89, 8.239, 2.618)),
     "ppo": ("Ours (PPO)", (24.97,)),
 }
-NO_YARDSTICK = Yardstick(beat=(0.0,), stress=(0.0,), speed=(0.0, 0.0, 0.0), jerk=1.0, scenes=1)
-"""Learned rewards know what is good by themselves."""
+NO_STATISTICS = Yardstick(beat=(0.0,), stress=(0.0,), speed=(0.0, 0.0, 0.0), jerk=1.0, scenes=1)
+"""Learned rewards need no reference statistics."""
 
 
-class Effort(NamedTuple):
-    """How long rewards are trained, and from how many prompts DPO's pairs come."""
+class Budget(NamedTuple):
+    """Training steps and width of the reward models, and the number of prompts for DPO's pairs."""
 
     quality_steps: int
     alignment_steps: int
@@ -67,53 +68,53 @@ class Effort(NamedTuple):
     prompts: int
 
 
-EFFORTS: dict[ScaleName, Effort] = {
-    "tiny": Effort(4, 4, 32, 4),
-    "rehearsal": Effort(1200, 1000, 96, 200),
-    "paper": Effort(20_000, 20_000, 512, 2_000),
+BUDGETS: dict[ScaleName, Budget] = {
+    "tiny": Budget(4, 4, 32, 4),
+    "rehearsal": Budget(1200, 1000, 96, 200),
+    "paper": Budget(20_000, 20_000, 512, 2_000),
 }
 
 
 class Outcome(NamedTuple):
-    """What became of a generator."""
+    """A tuned generator's motion for the test clips, and its rewards."""
 
     motions: list[Motion]
     rewards: dict[str, Cell]
 
 
-def make(workshop: Workshop) -> Table:
-    """Train what is missing, score, tabulate."""
+def make(experiment: Experiment) -> Table:
+    """Train what is missing, score it and make the table."""
     keys = ("fid", "diversity", "ba_g", "ba_d")
-    truth = [motion_of(clip) for clip in workshop.tests]
-    lines = [Line("GT", {}, _scored(workshop, truth))]
-    workshop.say(f"line: {UNTUNED[0]}")
-    untuned = _scored(workshop, workshop.made(GeneratorChoice(OURS.name)))
+    truth = [motion_of(clip) for clip in experiment.test_clips]
+    lines = [Line("GT", {}, _scored(experiment, truth))]
+    experiment.say(f"line: {UNTUNED[0]}")
+    untuned = _scored(experiment, experiment.generated_motions(GeneratorChoice(OURS.name)))
     lines.append(Line(UNTUNED[0], dict(zip(keys, UNTUNED[1], strict=True)), untuned))
     for method, (name, paper) in LINES.items():
-        workshop.say(f"line: {name}")
-        found = tuned(workshop, method)
-        scores = _scored(workshop, found.motions) | found.rewards
+        experiment.say(f"line: {name}")
+        found = tuned(experiment, method)
+        scores = _scored(experiment, found.motions) | found.rewards
         lines.append(Line(name, dict(zip(keys, paper, strict=False)), scores))
-    lines[1] = replace(lines[1], ours=untuned | rewards_of(_folder(workshop, "grpo"), is_first=True))
+    lines[1] = replace(lines[1], ours=untuned | rewards_of(_folder(experiment, "grpo"), is_first=True))
     notes = (
         "Rewards: cosine of sound and motion, and motion quality, both learned, summed with equal weights; on "
         "held-out prompts. In brackets: 95 % intervals over prompts.",
         "The paper's DPO learns from people, ours from continuations ranked by the same rewards.",
-        f"Tuned for {_training(workshop, 'grpo').steps} steps with the recipe of the scale.",
+        f"Tuned for {_training(experiment, 'grpo').steps} steps with the recipe of the scale.",
     )
     return Table(
         NAME, "Alignment against fidelity (paper, RL Strategy Analysis and PPO)", COLUMNS, lines, notes
     )
 
 
-def tuned(workshop: Workshop, method: Method) -> Outcome:
-    """The generator of the main table's last line tuned by a method, and what it makes of the test clips."""
-    folder, training = _folder(workshop, method), _training(workshop, method)
-    ready = _setting(workshop)
-    asked = {
+def tuned(experiment: Experiment, method: Method) -> Outcome:
+    """Tune the generator of the main table's last line by a method and generate motion for the test clips."""
+    folder, training = _folder(experiment, method), _training(experiment, method)
+    ready = _setting(experiment)
+    settings = {
         "generator": fingerprint(ready.generator),
         "training": training.model_dump(mode="json"),
-        "effort": EFFORTS[workshop.scale.name]._asdict(),
+        "effort": BUDGETS[experiment.scale.name]._asdict(),
     }
 
     def work() -> None:
@@ -121,20 +122,25 @@ def tuned(workshop: Workshop, method: Method) -> Outcome:
         if method == "dpo":
             pairs = folder / "pairs.jsonl"
             if not pairs.exists():
-                _rank(workshop, ready, pairs, training)
+                _rank(experiment, ready, pairs, training)
         stage = stage_of(method, training, ready, pairs=pairs, command="echoavatar reproduce alignment")
-        tune(stage, folder, device=workshop.device, progress=workshop.progress)
+        tune(stage, folder, device=experiment.device, progress=experiment.progress)
 
-    kept(folder, asked, work)
+    make_once(folder, settings, work)
     motions = folder / "made"
-    kept(motions, asked | {"clips": [clip.name for clip in workshop.tests]}, lambda: _move(workshop, folder))
+    make_once(
+        motions,
+        settings | {"clips": [clip.name for clip in experiment.test_clips]},
+        lambda: _generate(experiment, folder),
+    )
     return Outcome(
-        [motion_of(Clip.load(motions / f"{clip.name}.npz")) for clip in workshop.tests], rewards_of(folder)
+        [motion_of(Clip.load(motions / f"{clip.name}.npz")) for clip in experiment.test_clips],
+        rewards_of(folder),
     )
 
 
 def rewards_of(folder: Path, *, is_first: bool = False) -> dict[str, Cell]:
-    """Both rewards and the divergence at the last measurement on held-out prompts of a run, or at the first."""
+    """Both rewards and the KL divergence on held-out prompts, from the last measurement of a run or from the first."""
     lines = [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
     probe = [line["held_out"] for line in lines if "held_out" in line][0 if is_first else -1]
     found = {name: probe["rewards"][name] for name in REWARDS}
@@ -145,23 +151,23 @@ def rewards_of(folder: Path, *, is_first: bool = False) -> dict[str, Cell]:
     return made | {"kl": Cell(probe["kl"])}
 
 
-def _training(workshop: Workshop, method: Method) -> AlignTraining:
-    """The recipe of the scale."""
-    return recipe(workshop.scale.name, method).model_copy(update={"seed": workshop.seed})
+def _training(experiment: Experiment, method: Method) -> AlignTraining:
+    """The recipe of the scale, with the experiment's seed."""
+    return recipe(experiment.scale.name, method).model_copy(update={"seed": experiment.seed})
 
 
-def _setting(workshop: Workshop) -> Setting:
+def _setting(experiment: Experiment) -> Setting:
     choice = GeneratorChoice(OURS.name)
-    generator = workshop.generator(choice)
-    train_clips, test_clips = _clips(workshop)
+    generator = experiment.generator(choice)
+    train_clips, test_clips = _clips(experiment)
     own = {
-        "quality": _quality(workshop, train_clips).judge,
-        "alignment": _alignment(workshop, train_clips).judge,
+        "quality": _quality(experiment, train_clips).judge,
+        "alignment": _alignment(experiment, train_clips).judge,
     }
-    mix = RewardMix(dict.fromkeys(REWARDS, 1.0), NO_YARDSTICK, own)
-    card: dict[str, object] = {"data": workshop.corpus.folder.name, "begun_from": OURS.name}
+    mix = RewardMix(dict.fromkeys(REWARDS, 1.0), NO_STATISTICS, own)
+    card: dict[str, object] = {"data": experiment.corpus.folder.name, "begun_from": OURS.name}
     return Setting(
-        workshop.tokenizer(OURS),
+        experiment.tokenizer(OURS),
         generator,
         copy.deepcopy(generator),
         "no RL",
@@ -172,82 +178,87 @@ def _setting(workshop: Workshop) -> Setting:
     )
 
 
-def _clips(workshop: Workshop) -> tuple[dict[str, TokenClip], dict[str, TokenClip]]:
-    """Codes of the train and of the other clips, by name."""
-    workshop.codes(OURS)
-    clips = read_token_clips(workshop.folder / "tokens" / OURS.name)
+def _clips(experiment: Experiment) -> tuple[dict[str, TokenClip], dict[str, TokenClip]]:
+    """Codes of the training clips and of the other clips, by name."""
+    experiment.codes(OURS)
+    clips = read_token_clips(experiment.folder / "tokens" / OURS.name)
     train_clips = {name: clip for name, clip in clips.items() if clip.split == "train"}
     return train_clips, {name: clip for name, clip in clips.items() if clip.split != "train"}
 
 
-def _quality(workshop: Workshop, clips: dict[str, TokenClip]) -> QualityReward:
-    folder, effort = workshop.folder / "rewards" / "quality", EFFORTS[workshop.scale.name]
-    training = QualityTraining(steps=effort.quality_steps, seed=workshop.seed)
-    tokenizer = workshop.tokenizer(OURS)
-    levels = Levels(tokenizer, list(clips.values()), seed=workshop.seed, chunks=_window(clips))
-    asked = {"training": training.model_dump(mode="json"), "width": effort.width}
-    config = QualityConfig(features=tokenizer.mean.numel(), width=effort.width)
-    kept(folder, asked, lambda: train_quality(levels, folder, training, config=config))
+def _quality(experiment: Experiment, clips: dict[str, TokenClip]) -> QualityReward:
+    folder, budget = experiment.folder / "rewards" / "quality", BUDGETS[experiment.scale.name]
+    training = QualityTraining(steps=budget.quality_steps, seed=experiment.seed)
+    tokenizer = experiment.tokenizer(OURS)
+    levels = Levels(tokenizer, list(clips.values()), seed=experiment.seed, chunks=_window(clips))
+    settings = {"training": training.model_dump(mode="json"), "width": budget.width}
+    config = QualityConfig(features=tokenizer.mean.numel(), width=budget.width)
+    make_once(folder, settings, lambda: train_quality(levels, folder, training, config=config))
     return QualityReward.load(folder)
 
 
-def _alignment(workshop: Workshop, clips: dict[str, TokenClip]) -> AudioMotion:
-    folder, effort = workshop.folder / "rewards" / "alignment", EFFORTS[workshop.scale.name]
-    training = AudioRewardTraining(steps=effort.alignment_steps, seed=workshop.seed)
-    books = workshop.codec.codebooks.detach(), workshop.tokenizer(OURS).codebooks().detach()
+def _alignment(experiment: Experiment, clips: dict[str, TokenClip]) -> AudioMotion:
+    folder, budget = experiment.folder / "rewards" / "alignment", BUDGETS[experiment.scale.name]
+    training = AudioRewardTraining(steps=budget.alignment_steps, seed=experiment.seed)
+    books = experiment.codec.codebooks.detach(), experiment.tokenizer(OURS).codebooks().detach()
     pairs = Pairs(clips, chunks=_window(clips))
-    asked = {"training": training.model_dump(mode="json"), "width": effort.width}
+    settings = {"training": training.model_dump(mode="json"), "width": budget.width}
 
     def work() -> None:
         with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(workshop.seed)
-            model = AudioMotion.over(*books, width=effort.width)
+            torch.manual_seed(experiment.seed)
+            model = AudioMotion.over(*books, width=budget.width)
         train_audio_reward(model, pairs, folder, training)
 
-    kept(folder, asked, work)
+    make_once(folder, settings, work)
     return AudioMotion.load(folder)
 
 
 def _window(clips: dict[str, TokenClip]) -> int:
-    """4 s, or less where the clips are shorter."""
+    """The window of both rewards in chunks: 4 s, or less if the clips are shorter."""
     return min(WINDOW_CHUNKS, *(clip.chunks for clip in clips.values()))
 
 
-def _rank(workshop: Workshop, ready: Setting, path: Path, training: AlignTraining) -> None:
+def _rank(experiment: Experiment, ready: Setting, path: Path, training: AlignTraining) -> None:
     make_pairs(
         ready,
         path,
-        prompts=EFFORTS[workshop.scale.name].prompts,
+        prompts=BUDGETS[experiment.scale.name].prompts,
         past=training.past,
         length=training.length,
         group=8,
         margin=0.0,
         fewest_events=training.fewest_events,
-        seed=workshop.seed,
-        progress=workshop.progress,
+        seed=experiment.seed,
+        progress=experiment.progress,
     )
 
 
-def _move(workshop: Workshop, folder: Path) -> None:
-    """What the tuned generator of a folder makes of the test clips' sound."""
+def _generate(experiment: Experiment, folder: Path) -> None:
+    """Generate motion for the test clips with the tuned generator in a folder."""
     from echoavatar.engine import animate_many
     from echoavatar.pipeline import Pipeline
     from echoavatar.pipeline.bundle import Bundle
 
     generator = Generator.load(folder).eval()
-    pipeline = Pipeline(Bundle(folder.name, workshop.codec, workshop.tokenizer(OURS), generator, {}))
-    for first in range(0, len(workshop.tests), TOGETHER):
-        clips = workshop.tests[first : first + TOGETHER]
-        seeds = list(range(workshop.seed + first, workshop.seed + first + len(clips)))
-        done = animate_many(pipeline, [clip.audio for clip in clips], seeds=seeds, progress=workshop.progress)
+    pipeline = Pipeline(Bundle(folder.name, experiment.codec, experiment.tokenizer(OURS), generator, {}))
+    for first in range(0, len(experiment.test_clips), BATCH):
+        clips = experiment.test_clips[first : first + BATCH]
+        seeds = list(range(experiment.seed + first, experiment.seed + first + len(clips)))
+        done = animate_many(
+            pipeline, [clip.audio for clip in clips], seeds=seeds, progress=experiment.progress
+        )
         for clip, one in zip(clips, done, strict=True):
             moved = replace(clip, rotations=one.motion.rotations, root=one.motion.root)
             moved.save(folder / "made" / f"{clip.name}.npz")
 
 
-def _folder(workshop: Workshop, method: Method) -> Path:
-    return workshop.folder / "alignment" / method
+def _folder(experiment: Experiment, method: Method) -> Path:
+    return experiment.folder / "alignment" / method
 
 
-def _scored(workshop: Workshop, motions: list[Motion]) -> dict[str, Cell]:
-    return cells(generated(motions, workshop.tests, workshop.extractor, seed=workshop.seed), GENERATION)
+def _scored(experiment: Experiment, motions: list[Motion]) -> dict[str, Cell]:
+    return cells(
+        generation_scores(motions, experiment.test_clips, experiment.extractor, seed=experiment.seed),
+        GENERATION,
+    )

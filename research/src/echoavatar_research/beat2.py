@@ -1,7 +1,7 @@
-"""Table "Comparison with the state-of-the-art methods on BEAT2" of the paper, with EMAGE's measures.
+"""The paper's table "Comparison with the state-of-the-art methods on BEAT2", with EMAGE's measures.
 
-FID of EMAGE's skeleton convolutions, beat alignment with EMAGE's index quirk, L1 diversity; all on SMPL-X's 55 joints,
-root at the origin, of motion as it leaves the decoder.
+The measures are FID with EMAGE's skeleton convolutions, beat alignment with EMAGE's index quirk, and L1 diversity.
+All are taken on SMPL-X's 55 joints with the root at the origin, from motion as it leaves the decoder.
 """
 
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ from echoavatar.metrics.frechet import Moments, moments
 from echoavatar.metrics.gesture_alignment import SMPLX_UPPER_BODY
 from echoavatar.metrics.skeleton_convolution import extractor_input
 
-from .beat2_workshop import Beat2Workshop
+from .beat2_experiment import Beat2Experiment
 from .choices import OURS, GeneratorChoice
 from .table import Cell, Column, Line, Table, Wanted, cells
 
@@ -57,35 +57,35 @@ PAPER = (2.874, 7.342, 13.53)
 BASELINES: dict[str, Kind] = {"Mean pose": "mean", "Random clip": "random", "Nearest sound": "nearest"}
 
 
-def make(workshop: Beat2Workshop) -> Table:
-    """Train what is missing, score, tabulate."""
+def make(experiment: Beat2Experiment) -> Table:
+    """Train what is missing, score it and make the table."""
     keys = ("fid", "ba_g", "diversity")
-    truth = [workshop.motion(clip) for clip in workshop.tests]
-    line = partial(_line, workshop)
+    truth = [experiment.motion(clip) for clip in experiment.test_clips]
+    line = partial(_line, experiment)
     lines = [Line(name, dict(zip(keys, values, strict=True))) for name, values in QUOTED.items()]
-    rows = scored(workshop, truth)
+    rows = scored(experiment, truth)
     lines.append(Line("Real motion", {}, cells(rows, SCORES)))
     lines.append(Line("Real motion, one half against the other", {}, _halves(rows)))
-    baselines = Baselines(workshop.trained_on, workshop.corpus.skeleton)
+    baselines = Baselines(experiment.train_clips, experiment.corpus.skeleton)
     for name, kind in BASELINES.items():
-        sounds = enumerate(workshop.tests, workshop.seed)
+        sounds = enumerate(experiment.test_clips, experiment.seed)
         lines.append(line(name, [baselines.make(kind, clip.audio, seed=seed) for seed, clip in sounds]))
     choice = GeneratorChoice(OURS.name)
-    lines.append(line("Ours", workshop.made(choice), dict(zip(keys, PAPER, strict=True))))
+    lines.append(line("Ours", experiment.generated_motions(choice), dict(zip(keys, PAPER, strict=True))))
     return Table(
-        NAME, "BEAT2 (paper, Comparison with the state of the art)", COLUMNS, lines, _notes(workshop)
+        NAME, "BEAT2 (paper, Comparison with the state of the art)", COLUMNS, lines, _notes(experiment)
     )
 
 
-def scored(workshop: Beat2Workshop, motions: Sequence[Motion]) -> list[Row]:
-    """FID, all forms of BA_G and L1 diversity of motion made for the test clips."""
-    clips, seed = workshop.tests, workshop.seed
+def scored(experiment: Beat2Experiment, motions: Sequence[Motion]) -> list[Row]:
+    """FID, all forms of BA_G, and L1 diversity of motion generated for the test clips."""
+    clips, seed = experiment.test_clips, experiment.seed
     made = [motion.cut(0, clip.frames) for motion, clip in zip(motions, clips, strict=True)]
-    true = [workshop.motion(clip) for clip in clips]
+    true = [experiment.motion(clip) for clip in clips]
     places, truths = (
-        [workshop.positions(motion).numpy().astype(np.float64) for motion in side] for side in (made, true)
+        [experiment.positions(motion).numpy().astype(np.float64) for motion in side] for side in (made, true)
     )
-    latents, aims = ([_latents(workshop, motion) for motion in side] for side in (made, true))
+    latents, aims = ([_latents(experiment, motion) for motion in side] for side in (made, true))
     heard = [Heard(clip.audio, np.full(clip.frames, SPEECH)) for clip in clips]  # all of BEAT2 is speech
     lengths = np.array([clip.frames for clip in clips], float)
     spread = np.array([l1_deviation(place) for place in places])
@@ -97,30 +97,30 @@ def scored(workshop: Beat2Workshop, motions: Sequence[Motion]) -> list[Row]:
 
 
 def _line(
-    workshop: Beat2Workshop, name: str, motions: Sequence[Motion], paper: dict[str, float] | None = None
+    experiment: Beat2Experiment, name: str, motions: Sequence[Motion], paper: dict[str, float] | None = None
 ) -> Line:
-    workshop.say(f"line: {name}")
-    return Line(name, paper or {}, cells(scored(workshop, motions), SCORES))
+    experiment.say(f"line: {name}")
+    return Line(name, paper or {}, cells(scored(experiment, motions), SCORES))
 
 
 def _halves(rows: Sequence[Row]) -> dict[str, Cell]:
-    """What FID is of the same kind of motion: test clips against other test clips."""
+    """FID between test clips and other test clips: what motion of the same kind scores."""
     return cells(rows, {"fid": Wanted("fid", 10.0, "truth")})
 
 
-def _latents(workshop: Beat2Workshop, motion: Motion) -> Moments:
-    return moments(workshop.extractor.features(extractor_input(torch.from_numpy(motion.rotations))).numpy())
+def _latents(experiment: Beat2Experiment, motion: Motion) -> Moments:
+    return moments(experiment.extractor.features(extractor_input(torch.from_numpy(motion.rotations))).numpy())
 
 
-def _notes(workshop: Beat2Workshop) -> tuple[str, ...]:
+def _notes(experiment: Beat2Experiment) -> tuple[str, ...]:
     source = (
         "Without a copy of BEAT2: rehearsal motion in BEAT2's layout, made by rule, some of it to music. No number of"
         " ours in this table says anything about BEAT2."
-        if workshop.is_synthetic
+        if experiment.is_synthetic
         else "Of BEAT2 speaker 2 is taken, as in EMAGE's and MECo's tables, unless a prepared set was given; the paper"
         " does not say of whom its numbers are."
     )
-    given = workshop.sources.extractor
+    given = experiment.sources.extractor
     extractor = (
         f"FID with the extractor in {given.name}, latents before its variational heads."
         if given is not None

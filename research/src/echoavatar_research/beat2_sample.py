@@ -1,7 +1,8 @@
-"""A small folder in BEAT2's layout, for those without the dataset: rehearsal motion written as SMPL-X.
+"""A small folder in BEAT2's layout, for users without the dataset: rehearsal motion written as SMPL-X.
 
-Names, rates, npz keys and the split table are the dataset's, so it goes through `data prepare beat2` as a copy would.
-The motion is made by rule and the sound is synthetic, music among it: no number from it says anything about BEAT2.
+Names, rates, npz keys and the split table are those of the dataset, so `data prepare beat2` reads it like a real
+copy. The motion is procedural and the sound is synthetic, some of it music: no number from it says anything about
+BEAT2.
 """
 
 import csv
@@ -25,7 +26,7 @@ SPEAKER = "2_scott"
 
 
 def write_sample(corpus: Corpus, folder: Path) -> Path:
-    """Write every clip of a corpus on our rig as a recording of one speaker; the folder to name as SRC."""
+    """Write every clip of a corpus on our rig as a recording of one speaker; return the folder for `data prepare`."""
     place = folder / "beat_english_v2.0.0"
     for name in ("smplxflame_30", "wave16k"):
         (place / name).mkdir(parents=True, exist_ok=True)

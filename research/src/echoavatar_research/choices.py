@@ -1,4 +1,4 @@
-"""What rows differ in: a tokenizer or a generator, said by how it departs from that of the scale."""
+"""What the rows of a table vary: a tokenizer or a generator, given as its differences from the scale's."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -12,10 +12,10 @@ class TokenizerChoice:
     """A tokenizer.
 
     Attributes:
-        name: of its folder.
+        name: the name of its folder.
         sizes: fields of `MotionTokenizerConfig` that differ.
-        losses: weights of the training losses; the paper's unless said.
-        is_whole: one part for the whole body.
+        losses: weights of the training losses; by default the paper's.
+        is_whole: the whole body is one part.
     """
 
     name: str
@@ -32,11 +32,11 @@ class GeneratorChoice:
     """A generator.
 
     Attributes:
-        name: of its folder.
-        tokenizer: whose codes it speaks.
+        name: the name of its folder.
+        tokenizer: the tokenizer whose codes it generates.
         sizes: fields of `GeneratorSizes` that differ.
         training: fields of `GeneratorTraining` that differ.
-        only: train on clips of mostly this sound alone; None: on all.
+        only: train only on clips that are mostly this kind of sound; None: on all clips.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""`echoavatar reproduce`: a table of the paper, made again, with the paper's numbers beside ours."""
+"""`echoavatar reproduce`: makes a table of the paper again, with the paper's numbers beside ours."""
 
 import argparse
 import sys
@@ -10,8 +10,8 @@ EXAMPLES = """examples:
   echoavatar reproduce main --scale paper -o runs/paper --corpus sets/all --codec runs/codec --qwen qwen --device cuda
   echoavatar reproduce beat2 --scale paper -o runs/paper --corpus beat_english_v2.0.0 --extractor emage --device cuda
 
-Corpus, tokenizers, codes, generators and motion are made once in the output folder, shared by all tables there and
-kept: call again to go on where it stopped. The table is printed and written as .md, .csv, .tex and .png.
+Corpus, tokenizers, codes, generators and motion are made once in the output folder and shared by all tables there; the
+same call resumes after an interruption. The table is printed and written as .md, .csv, .tex and .png.
 
 Tables: tokenizer-ablation (variants of the tokenizer), main (corruption, baselines, an offline reference), beat2
 (SMPL-X, EMAGE's measures; --corpus is your copy of BEAT2, --extractor a folder with EMAGE's weights as safetensors),
@@ -42,18 +42,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--workers", type=int, default=1, help="processes that make a corpus (default: %(default)s)"
     )
-    parser.add_argument("--seed", type=int, default=0, help="of everything (default: %(default)s)")
+    parser.add_argument(
+        "--seed", type=int, default=0, help="seed of everything random (default: %(default)s)"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Make what is missing, print and write the table."""
+    """Make what is missing, then print and write the table."""
     from tqdm import tqdm
 
     from echoavatar.evaluation.scale import SCALES
 
-    from .run import reproduce, write
-    from .text import markdown
-    from .workshop import Sources, Workshop
+    from .experiment import Experiment, Sources
+    from .formats import markdown, write
+    from .run import reproduce
 
     with tqdm(disable=not sys.stderr.isatty(), leave=False) as bar:
 
@@ -61,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
             bar.total, bar.n = total, done
             bar.refresh()
 
-        workshop = Workshop(
+        experiment = Experiment(
             args.output / args.scale,
             SCALES[args.scale],
             Sources(args.corpus, args.codec, args.extractor, args.qwen),
@@ -71,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
             say=lambda line: tqdm.write(line, file=sys.stderr),
             progress=progress,
         )
-        table = reproduce(args.table, workshop, command=_command(args))
+        table = reproduce(args.table, experiment, command=_command(args))
     paths = write(table, args.output / args.scale)
     print(markdown(table))
     print("written: " + ", ".join(str(path) for path in paths))
@@ -79,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _command(args: argparse.Namespace) -> str:
-    """As it may be told: names of folders, not where they lie."""
+    """The command for the notes of the table, with folder names instead of paths."""
     words = [f"echoavatar reproduce {args.table} --scale {args.scale} -o {args.output.name}"]
     for name in ("corpus", "codec", "extractor", "qwen"):
         given = getattr(args, name)

@@ -1,7 +1,7 @@
 """Rows "Dataset Composition" of the paper's user study: trained on gesture alone, on dance alone, on both.
 
-The paper asked people (overall preference, mean of pairs, -2 to 2). Here scores are taken instead, over test clips of
-mostly speech for gesture and mostly music for dance, so only the order of lines can be compared.
+The paper asked people for their overall preference (mean over pairs, -2 to 2). Here the same models are scored: on test
+clips of mostly speech for gesture, of mostly music for dance. Only the order of the lines can be compared.
 """
 
 from collections.abc import Mapping
@@ -13,9 +13,9 @@ from echoavatar.data import Clip
 from echoavatar.evaluation.behaviour import MUSIC, SPEECH
 
 from .choices import OURS, GeneratorChoice
-from .scores import GENERATION, generated
+from .experiment import Experiment
+from .scores import GENERATION, generation_scores
 from .table import Cell, Column, Line, Table, cells
-from .workshop import Workshop
 
 NAME = "dataset-composition"
 COLUMNS = (
@@ -32,7 +32,7 @@ SHOWN = {"gesture": (SPEECH, ("fid", "ba_g", "ba_g_over")), "dance": (MUSIC, ("f
 
 
 class Variant(NamedTuple):
-    """A line: what the paper's people preferred, and the generator."""
+    """A line: the preference that the paper reports, and the generator."""
 
     name: str
     paper: Mapping[str, float]
@@ -46,13 +46,13 @@ VARIANTS = (
 )
 
 
-def make(workshop: Workshop) -> Table:
-    """Train what is missing, score, tabulate."""
+def make(experiment: Experiment) -> Table:
+    """Train what is missing, score it and make the table."""
     lines = []
     for name, paper, choice in VARIANTS:
-        workshop.say(f"line: {name}")
-        lines.append(Line(name, paper, _scored(workshop, choice)))
-    counts = {kind: len(_of_kind(workshop.tests, domain)) for kind, (domain, _) in SHOWN.items()}
+        experiment.say(f"line: {name}")
+        lines.append(Line(name, paper, _scored(experiment, choice)))
+    counts = {kind: len(_of_kind(experiment.test_clips, domain)) for kind, (domain, _) in SHOWN.items()}
     notes = (
         "Preference: the paper's user study (overall preference); nobody was asked here.",
         f"Test clips: {counts['gesture']} of mostly speech, {counts['dance']} of mostly music.",
@@ -61,17 +61,17 @@ def make(workshop: Workshop) -> Table:
     return Table(NAME, "Dataset composition (paper, user study)", COLUMNS, lines, notes)
 
 
-def _scored(workshop: Workshop, choice: GeneratorChoice) -> dict[str, Cell]:
-    motions = workshop.made(choice)
+def _scored(experiment: Experiment, choice: GeneratorChoice) -> dict[str, Cell]:
+    motions = experiment.generated_motions(choice)
     found: dict[str, Cell] = {}
     for kind, (domain, keys) in SHOWN.items():
-        chosen = _of_kind(workshop.tests, domain)
+        chosen = _of_kind(experiment.test_clips, domain)
         if chosen:
-            rows = generated(
+            rows = generation_scores(
                 [motions[number] for number in chosen],
-                [workshop.tests[number] for number in chosen],
-                workshop.extractor,
-                seed=workshop.seed,
+                [experiment.test_clips[number] for number in chosen],
+                experiment.extractor,
+                seed=experiment.seed,
             )
             wanted = {f"{kind}_{key}": GENERATION[key] for key in keys}
             found |= cells(rows, wanted)
@@ -79,6 +79,6 @@ def _scored(workshop: Workshop, choice: GeneratorChoice) -> dict[str, Cell]:
 
 
 def _of_kind(clips: list[Clip], domain: int) -> list[int]:
-    """Numbers of the clips with more frames of this kind of sound than of the other."""
+    """Indices of the clips with more frames of this kind of sound than of the other."""
     other = MUSIC if domain == SPEECH else SPEECH
     return [n for n, clip in enumerate(clips) if np.sum(clip.domain == domain) > np.sum(clip.domain == other)]

@@ -1,7 +1,7 @@
-"""Table "Real-time Performance Evaluation" of the paper: milliseconds of each stage for a chunk of 266 ms of sound.
+"""The paper's table "Real-time Performance Evaluation": milliseconds of each stage for a chunk of 266 ms of sound.
 
-Ours is this machine's processor, one session: the default bundle, and at scale `paper` a generator of the paper's size
-with random weights (time does not depend on them).
+Our numbers are for one session on the processor of this machine, with the default bundle. Scale `paper` takes a
+generator of the paper's size with random weights; the time does not depend on the weights.
 """
 
 from collections.abc import Mapping
@@ -10,8 +10,8 @@ from echoavatar.evaluation.stream_bench import StreamReport, bench_stream
 from echoavatar.pipeline import Pipeline, load_bundle
 from echoavatar.pipeline.bundle import with_random_generator
 
+from .experiment import Experiment
 from .table import Cell, Column, Line, Table
-from .workshop import Workshop
 
 NAME = "latency"
 COLUMNS = (
@@ -34,15 +34,15 @@ PAPER = {
 }
 
 
-def make(workshop: Workshop) -> Table:
-    """Time, tabulate."""
+def make(experiment: Experiment) -> Table:
+    """Measure the stages and make the table."""
     bundle = load_bundle("default")
-    if workshop.scale.name == "paper":
+    if experiment.scale.name == "paper":
         bundle = with_random_generator(bundle)
-    workshop.say(f"timing: {bundle.name}")
+    experiment.say(f"timing: {bundle.name}")
     pipeline = Pipeline(bundle)
     pipeline.warm_up()
-    report = bench_stream(pipeline, seconds=workshop.scale.seconds)
+    report = bench_stream(pipeline, seconds=experiment.scale.seconds)
     lines = [
         Line(name, {"h200": h200, "rtx4090": rtx}, _ours(report, name)) for name, (h200, rtx) in PAPER.items()
     ]

@@ -1,12 +1,12 @@
 """The two orders of sound and motion in one sequence: `prefix` (paper, Settings) against `interleaved` (ours).
 
-The paper has the first only and no table on it; both are trained alike here, on the same codes.
+The paper uses only the first and has no table of them. Here both are trained alike, on the same codes.
 """
 
 from .choices import GeneratorChoice
-from .scores import GENERATION, generated
+from .experiment import Experiment
+from .scores import GENERATION, generation_scores
 from .table import Column, Line, Table, cells
-from .workshop import Workshop
 
 NAME = "layouts"
 COLUMNS = (
@@ -23,12 +23,17 @@ VARIANTS = {
 }
 
 
-def make(workshop: Workshop) -> Table:
-    """Train what is missing, score, tabulate."""
+def make(experiment: Experiment) -> Table:
+    """Train what is missing, score it and make the table."""
     lines = []
     for name, choice in VARIANTS.items():
-        workshop.say(f"line: {name}")
-        rows = generated(workshop.made(choice), workshop.tests, workshop.extractor, seed=workshop.seed)
+        experiment.say(f"line: {name}")
+        rows = generation_scores(
+            experiment.generated_motions(choice),
+            experiment.test_clips,
+            experiment.extractor,
+            seed=experiment.seed,
+        )
         lines.append(Line(name, {}, cells(rows, GENERATION)))
     notes = (
         "The paper has no such table; both lines are ours, trained on the same codes for as many steps.",

@@ -1,6 +1,6 @@
-"""Table "Quantitative evaluation on test set" of the paper: corruption and its absence, beside baselines.
+"""The paper's table "Quantitative evaluation on test set": kinds of token corruption, beside baselines.
 
-The paper has no uniform corruption; MECo, EDGE and the tuned models are quoted.
+The paper has no uniform corruption. MECo, EDGE and the tuned models are quoted, not run.
 """
 
 from typing import NamedTuple
@@ -10,9 +10,9 @@ from echoavatar.evaluation.scale import Scale
 from echoavatar.kinematics import Motion
 
 from .choices import OURS, GeneratorChoice
-from .scores import GENERATION, generated
+from .experiment import EXTRA_CHUNKS, Experiment, motion_of
+from .scores import GENERATION, generation_scores
 from .table import Cell, Column, Line, Table, cells
-from .workshop import LONGER, Workshop, motion_of
 
 NAME = "main"
 COLUMNS = (
@@ -35,7 +35,7 @@ BASELINES: dict[str, Kind] = {"Mean pose": "mean", "Random clip": "random", "Nea
 
 
 class Variant(NamedTuple):
-    """A line with a generator of ours."""
+    """A line with one of our generators."""
 
     name: str
     paper: tuple[float, ...]
@@ -56,40 +56,40 @@ VARIANTS = (
     Variant(
         "Ours (hierarchical corruption)",
         (9.465, 20.70, 8.277, 2.603),
-        GeneratorChoice(OURS.name),  # that of the tokenizer ablation's last line
+        GeneratorChoice(OURS.name),  # the generator of the last line of the tokenizer ablation
     ),
 )
 
 
 def offline(scale: Scale) -> GeneratorChoice:
-    """The upper reference: ours, hearing half of its window before it is due; trained on as much sound a window."""
+    """The upper reference: ours with a lookahead of half its window, trained on as much sound per window."""
     window = scale.generator.window_chunks
     ahead = window // 2
     return GeneratorChoice(
-        "offline", sizes={"ahead_chunks": ahead}, training={"chunks": window + LONGER - ahead}
+        "offline", sizes={"ahead_chunks": ahead}, training={"chunks": window + EXTRA_CHUNKS - ahead}
     )
 
 
-def make(workshop: Workshop) -> Table:
-    """Train what is missing, score, tabulate."""
+def make(experiment: Experiment) -> Table:
+    """Train what is missing, score it and make the table."""
     keys = ("fid", "diversity", "ba_g", "ba_d")
-    truth = _scored(workshop, [motion_of(clip) for clip in workshop.tests])
+    truth = _scored(experiment, [motion_of(clip) for clip in experiment.test_clips])
     lines = [Line("GT", dict(zip(keys, TRUTH, strict=True)), truth)]
-    baselines = Baselines(workshop.trained_on)
+    baselines = Baselines(experiment.train_clips)
     for name, kind in BASELINES.items():
-        workshop.say(f"line: {name}")
+        experiment.say(f"line: {name}")
         motions = [
-            baselines.make(kind, clip.audio, seed=workshop.seed + number)
-            for number, clip in enumerate(workshop.tests)
+            baselines.make(kind, clip.audio, seed=experiment.seed + number)
+            for number, clip in enumerate(experiment.test_clips)
         ]
-        lines.append(Line(name, {}, _scored(workshop, motions)))
+        lines.append(Line(name, {}, _scored(experiment, motions)))
     for name, paper, choice in VARIANTS:
-        workshop.say(f"line: {name}")
+        experiment.say(f"line: {name}")
         quoted = dict(zip(keys, paper, strict=False))
-        lines.append(Line(name, quoted, _scored(workshop, workshop.made(choice))))
-    workshop.say(f"line: {OFFLINE}")
-    choice = offline(workshop.scale)
-    lines.append(Line(OFFLINE, {}, _scored(workshop, workshop.made(choice))))
+        lines.append(Line(name, quoted, _scored(experiment, experiment.generated_motions(choice))))
+    experiment.say(f"line: {OFFLINE}")
+    choice = offline(experiment.scale)
+    lines.append(Line(OFFLINE, {}, _scored(experiment, experiment.generated_motions(choice))))
     lines += [Line(name, dict(zip(keys, values, strict=True))) for name, values in QUOTED.items()]
     notes = (
         "Diversity: L1 deviation from the mean pose, summed over joints, metres; the paper does not give its unit.",
@@ -100,5 +100,8 @@ def make(workshop: Workshop) -> Table:
     return Table(NAME, "Generation (paper, Quantitative evaluation on test set)", COLUMNS, lines, notes)
 
 
-def _scored(workshop: Workshop, motions: list[Motion]) -> dict[str, Cell]:
-    return cells(generated(motions, workshop.tests, workshop.extractor, seed=workshop.seed), GENERATION)
+def _scored(experiment: Experiment, motions: list[Motion]) -> dict[str, Cell]:
+    return cells(
+        generation_scores(motions, experiment.test_clips, experiment.extractor, seed=experiment.seed),
+        GENERATION,
+    )

@@ -1,4 +1,4 @@
-"""Makes a table and writes it: Markdown, CSV, LaTeX, a picture, and what it was made with."""
+"""Makes a table by its name, with notes on how it was made."""
 
 import dataclasses
 import os
@@ -10,11 +10,9 @@ from typing import Any
 import torch
 
 from . import alignment, beat2, dataset_composition, latency, layouts, main, tokenizer_ablation
-from .beat2_workshop import Beat2Workshop
-from .figure import draw
+from .beat2_experiment import Beat2Experiment
+from .experiment import Experiment
 from .table import Table, orderings
-from .text import as_csv, latex, markdown
-from .workshop import Workshop
 
 TABLES: dict[str, Callable[[Any], Table]] = {
     tokenizer_ablation.NAME: tokenizer_ablation.make,
@@ -33,33 +31,23 @@ CHANCE = "Over chance: less what the same motion scores with the sound of other 
 INTERVALS = "In brackets: 95 % intervals, resampling test clips; of training runs there is one seed."
 
 
-def reproduce(name: str, workshop: Workshop, *, command: str) -> Table:
-    """Make the table with all notes; parts that are finished are kept."""
-    workshop = Beat2Workshop.of(workshop) if name == beat2.NAME else workshop
-    table = TABLES[name](workshop)
+def reproduce(name: str, experiment: Experiment, *, command: str) -> Table:
+    """Make the table with all its notes. Finished parts are reused."""
+    experiment = Beat2Experiment.of(experiment) if name == beat2.NAME else experiment
+    table = TABLES[name](experiment)
     notes = list(table.notes)
     if name != latency.NAME:
         notes += [FOREIGN] if any(line.paper for line in table.lines) else []
         notes.append(INTERVALS)
         notes += [CHANCE] if any(column.key.endswith("_over") for column in table.columns) else []
-        notes += orderings(table) if workshop.scale.name != "tiny" else [NOTHING_LEARNED]
-        notes.append(f"{len(workshop.tests)} test clips of {_about(workshop)}.")
-    notes.append(f"Made by `{command}` on {hardware(workshop.device)}; seed {workshop.seed}.")
+        notes += orderings(table) if experiment.scale.name != "tiny" else [NOTHING_LEARNED]
+        notes.append(f"{len(experiment.test_clips)} test clips of {_about(experiment)}.")
+    notes.append(f"Made by `{command}` on {hardware(experiment.device)}; seed {experiment.seed}.")
     return dataclasses.replace(table, notes=notes)
 
 
-def write(table: Table, folder: Path) -> list[Path]:
-    """Write `NAME.md`, `.csv`, `.tex` and `.png`; the paths."""
-    folder.mkdir(parents=True, exist_ok=True)
-    paths = [folder / f"{table.name}{suffix}" for suffix in (".md", ".csv", ".tex", ".png")]
-    for path, text in zip(paths, (markdown(table), as_csv(table), latex(table)), strict=False):
-        path.write_text(text, encoding="utf-8")
-    draw(table, paths[-1])
-    return paths
-
-
 def hardware(device: str) -> str:
-    """What it ran on."""
+    """The name of the GPU, or of the processor with its cores."""
     if device.startswith("cuda"):
         return torch.cuda.get_device_name()
     return f"{_processor()} ({torch.get_num_threads()} of {os.cpu_count()} cores)"
@@ -74,7 +62,7 @@ def _processor() -> str:
     return platform.processor() or platform.machine()
 
 
-def _about(workshop: Workshop) -> str:
-    info = workshop.corpus.manifest.info
-    minutes = workshop.corpus.frames() / 30 / 60
-    return f"{info.get('kind') or workshop.corpus.folder.name}, {minutes:.0f} minutes in all"
+def _about(experiment: Experiment) -> str:
+    info = experiment.corpus.manifest.info
+    minutes = experiment.corpus.frames() / 30 / 60
+    return f"{info.get('kind') or experiment.corpus.folder.name}, {minutes:.0f} minutes in all"

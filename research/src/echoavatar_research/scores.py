@@ -1,7 +1,7 @@
 """Scores of one line of a table over the test clips, with intervals over clips.
 
-Generation goes through `evaluation.score`. Reconstruction has the paper's own three: FID, MPJPE over all joints as seen
-from the body itself, and the error of the root's steps, both in 1e-4 m.
+Generated motion is scored by `evaluation.score`. Reconstructed motion gets the paper's three scores: FID; MPJPE over
+all joints, relative to the body; and the error of the root's steps. The last two are in 1e-4 m.
 """
 
 from collections.abc import Sequence
@@ -22,8 +22,8 @@ from echoavatar.metrics.position_error import PAPER_UNIT_M, mean_joint_error, tr
 from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
 from echoavatar.tokenizer import BodyTokenizer, clip_features
 
+from .experiment import motion_of
 from .table import Cell, Wanted, cells
-from .workshop import motion_of
 
 GENERATION = {
     "fid": Wanted("fid"),
@@ -33,13 +33,14 @@ GENERATION = {
     "ba_d": Wanted("ba_d_paper", 10.0),
     "ba_d_over": Wanted("ba_d_paper", 10.0, "excess"),
 }
-"""Columns of generation; beat alignment in tenths, as in the paper, and less what other clips' sound scores."""
+"""Columns for generated motion. Beat alignment is in tenths, as in the paper; `_over` is its excess over chance, which
+is what the same motion scores with the sound of other clips."""
 
 
-def reconstructed(
+def reconstruction_scores(
     tokenizer: BodyTokenizer, clips: Sequence[Clip], extractor: Extractor, *, seed: int = 0
 ) -> dict[str, Cell]:
-    """`fid`, `mpjpe`, `trans` of clips that went through the tokenizer as streams."""
+    """`fid`, `mpjpe` and `trans` of clips that were encoded and decoded as streams."""
     made: list[Moments] = []
     true: list[Moments] = []
     errors, steps, weights = [], [], []
@@ -68,10 +69,10 @@ def reconstructed(
     return cells(rows, {row.name: Wanted(row.name) for row in rows})
 
 
-def generated(
+def generation_scores(
     motions: Sequence[Motion], clips: Sequence[Clip], extractor: Extractor, *, seed: int = 0
 ) -> list[Row]:
-    """Every score of made motion against the clips it was made for."""
+    """All scores of generated motion against the clips whose sound it was generated from."""
     pairs = [
         Pair(clip.name, motion.cut(0, clip.frames), motion_of(clip), clip.audio, clip.domain)
         for motion, clip in zip(motions, clips, strict=True)

@@ -1,4 +1,4 @@
-"""A table of the paper with our numbers beside the paper's: what it holds, whatever it looks like."""
+"""The content of a table: the paper's numbers and ours, independent of the format it is written in."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -12,7 +12,7 @@ NAN = float("nan")
 
 
 class Cell(NamedTuple):
-    """A number of ours, with its 95 % interval over clips where there is one."""
+    """A number we measured, with its 95 % interval over clips if there is one."""
 
     value: float
     low: float = NAN
@@ -24,10 +24,10 @@ class Column:
     """A quantity.
 
     Attributes:
-        key: by which lines name it.
-        title: as in the paper.
-        unit: of what is printed; empty for a pure number.
-        better: which way is better; "" where neither is.
+        key: the name by which lines refer to it.
+        title: its title in the paper.
+        unit: the unit of the printed number; empty for a pure number.
+        better: the better direction; "" if there is none.
     """
 
     key: str
@@ -44,7 +44,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Line:
-    """A row: numbers of the paper and ours by column; what is not there was not given or not measured."""
+    """A row: the paper's numbers and ours, by column. A missing number was not published or not measured."""
 
     name: str
     paper: Mapping[str, float] = field(default_factory=dict)
@@ -53,7 +53,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Table:
-    """All lines, and what must be said about them."""
+    """All lines, with notes."""
 
     name: str
     title: str
@@ -62,16 +62,16 @@ class Table:
     notes: Sequence[str] = ()
 
     def has_paper(self, column: Column) -> bool:
-        """Whether the paper gives this quantity for any line."""
+        """Whether the paper gives this quantity for at least one line."""
         return any(column.key in line.paper for line in self.lines)
 
     def has_ours(self, column: Column) -> bool:
-        """Whether we measured it for any line."""
+        """Whether we measured this quantity for at least one line."""
         return any(column.key in line.ours for line in self.lines)
 
 
 class Wanted(NamedTuple):
-    """Which score a column shows, times what, and which of its numbers."""
+    """The score that a column shows, the factor it is multiplied by, and which of its numbers is taken."""
 
     score: str
     factor: float = 1.0
@@ -79,7 +79,7 @@ class Wanted(NamedTuple):
 
 
 def cells(rows: Sequence[Row], wanted: Mapping[str, Wanted]) -> dict[str, Cell]:
-    """Cells from scores, by the keys of columns; what could not be measured is left out."""
+    """Cells from scores, by column key. Scores that are missing or not finite are left out."""
     found = {row.name: row for row in rows}
     made = {}
     for key, (name, factor, part) in wanted.items():
@@ -94,9 +94,9 @@ def cells(rows: Sequence[Row], wanted: Mapping[str, Wanted]) -> dict[str, Cell]:
 
 
 def orderings(table: Table) -> list[str]:
-    """For each column with both: how many pairs of lines lie the same way round with us as in the paper.
+    """For each column: how many pairs of lines have the same order in our numbers as in the paper's.
 
-    The truth, at a distance of 0 from itself, does not count.
+    Lines where the paper's number is 0 (the true motion against itself) do not count.
     """
     told = []
     for column in table.columns:

@@ -1,10 +1,13 @@
-"""Table "Quantitative comparison results" of the paper's Motion Tokenizer: what each idea in the tokenizer is worth.
+"""The paper's table "Quantitative comparison results" (Motion Tokenizer): an ablation of the tokenizer.
 
-As in the paper every line but the last has one tokenizer for the whole body, with the same quantiser (so a third of the
-codes), and "w/ bodypart" is the full model. How we read the names: w/o dual keeps the MLP path alone; w/o auxiliary
-drops every term of forward kinematics; w/o lookback sees no past frame at all (the paper does not say whether it means
-none or no limit); CausalConv has residual convolutions in place of attention and strided ones between the levels, with
-the same losses.
+As in the paper, every line but the last has one tokenizer for the whole body with the same quantiser, and so a third
+of the codes; "w/ bodypart" is the full model. We read the names as follows:
+
+- w/o dual keeps only the MLP path.
+- w/o auxiliary drops every loss term of forward kinematics.
+- w/o lookback sees no past frame; the paper does not say whether it means none or no limit.
+- CausalConv has residual convolutions instead of attention, and strided ones between the levels; the losses are the
+  same.
 """
 
 from typing import NamedTuple
@@ -12,9 +15,9 @@ from typing import NamedTuple
 from echoavatar.tokenizer import LossWeights
 
 from .choices import OURS, GeneratorChoice, TokenizerChoice
-from .scores import GENERATION, generated, reconstructed
+from .experiment import Experiment, motion_of
+from .scores import GENERATION, generation_scores, reconstruction_scores
 from .table import Cell, Column, Line, Table, Wanted, cells
-from .workshop import Workshop, motion_of
 
 NAME = "tokenizer-ablation"
 NO_AUXILIARY = LossWeights(position=0, velocity=0, acceleration=0, foot_velocity=0, foot_position=0)
@@ -27,7 +30,7 @@ COLUMNS = (
 
 
 class Variant(NamedTuple):
-    """A line: what the paper calls it and measured, and the tokenizer."""
+    """A line: the paper's name and numbers, and the tokenizer."""
 
     name: str
     paper: tuple[float, float, float, float]
@@ -62,17 +65,24 @@ VARIANTS = (
 )
 
 
-def make(workshop: Workshop) -> Table:
-    """Train what is missing, score, tabulate."""
+def make(experiment: Experiment) -> Table:
+    """Train what is missing, score it and make the table."""
     keys = [column.key for column in COLUMNS]
     lines = [Line("Real motion", dict.fromkeys(keys, 0.0), dict.fromkeys(keys, Cell(0.0)))]
-    lines.append(Line("Real motion, one half against the other", {}, _halves(workshop)))
+    lines.append(Line("Real motion, one half against the other", {}, _halves(experiment)))
     for name, paper, choice in VARIANTS:
-        workshop.say(f"line: {name}")
-        tokenizer = workshop.tokenizer(choice)
-        ours = reconstructed(tokenizer, workshop.tests, workshop.extractor, seed=workshop.seed)
+        experiment.say(f"line: {name}")
+        tokenizer = experiment.tokenizer(choice)
+        ours = reconstruction_scores(
+            tokenizer, experiment.test_clips, experiment.extractor, seed=experiment.seed
+        )
         generator = GeneratorChoice(choice.name, tokenizer=choice)
-        rows = generated(workshop.made(generator), workshop.tests, workshop.extractor, seed=workshop.seed)
+        rows = generation_scores(
+            experiment.generated_motions(generator),
+            experiment.test_clips,
+            experiment.extractor,
+            seed=experiment.seed,
+        )
         ours |= {f"generation_{key}": cell for key, cell in cells(rows, {"fid": GENERATION["fid"]}).items()}
         lines.append(Line(name, dict(zip(keys, paper, strict=True)), ours))
     notes = (
@@ -84,10 +94,13 @@ def make(workshop: Workshop) -> Table:
     return Table(NAME, "Tokenizer ablation (paper, Motion Tokenizer)", COLUMNS, lines, notes)
 
 
-def _halves(workshop: Workshop) -> dict[str, Cell]:
-    """What FID is of the same kind of motion: test clips against other test clips."""
-    rows = generated(
-        [motion_of(clip) for clip in workshop.tests], workshop.tests, workshop.extractor, seed=workshop.seed
+def _halves(experiment: Experiment) -> dict[str, Cell]:
+    """FID between test clips and other test clips: what motion of the same kind scores."""
+    rows = generation_scores(
+        [motion_of(clip) for clip in experiment.test_clips],
+        experiment.test_clips,
+        experiment.extractor,
+        seed=experiment.seed,
     )
     found = cells(rows, {"fid": Wanted("fid", part="truth")})
     return {key: found["fid"] for key in ("fid", "generation_fid") if "fid" in found}

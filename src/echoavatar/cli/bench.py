@@ -104,7 +104,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--scale",
         choices=("tiny", "rehearsal", "paper"),
         default="tiny",
-        help="sizes and batch of `reproduce` (default: %(default)s)",
+        help="sizes and batch, as of `reproduce` (default: %(default)s)",
     )
     train.add_argument("--device", default="cpu", help="where (default: %(default)s)")
     train.add_argument("--steps", type=int, default=5, help="steps that are timed (default: %(default)s)")

@@ -1,8 +1,9 @@
-"""How much a table is worth: sizes and schedules of what is trained for it, alike for all of its rows.
+"""Sizes and schedules of training at three scales, for `bench train` and for the paper's tables (`research/`).
 
-`tiny` passes every door in minutes and learns nothing; `rehearsal` is the size of the default bundle, hours on a CPU;
-`paper` has the paper's settings and wants the real datasets and GPUs. No row has a head start
-(`is_principal_start`), since not every tokenizer of the ablation could take it, and none has our own loss terms.
+`tiny` runs every part in minutes and learns nothing. `rehearsal` is the size of the default bundle: hours on a CPU.
+`paper` has the paper's settings and needs the real datasets and GPUs. All rows of a table are trained alike: no row
+has a head start (`is_principal_start`), since not every tokenizer of the ablation could take it, and none has our own
+loss terms.
 """
 
 from typing import Literal
@@ -18,7 +19,7 @@ ScaleName = Literal["tiny", "rehearsal", "paper"]
 
 
 class GeneratorSizes(Config):
-    """What a table chooses of a generator; the vocabulary follows from codec and tokenizer."""
+    """Sizes of a generator; its vocabulary follows from codec and tokenizer."""
 
     sequence: Literal["interleaved", "prefix"] = Field(default="interleaved", description="order of the ids")
     window_chunks: int = Field(gt=0, description="chunks a position sees")
@@ -34,12 +35,14 @@ class GeneratorSizes(Config):
 class Scale(Config):
     """Corpus, sizes, schedules."""
 
-    name: ScaleName = Field(description="as on the command line")
-    hours: float = Field(ge=0, description="of the rehearsal corpus that is made; 0: one must be given")
-    clip_seconds: float = Field(default=64.0, gt=0, description="length of its clips")
-    test_clips: int = Field(gt=0, description="test clips that are scored, at most")
-    seconds: float = Field(gt=0, description="of sound that latencies are measured over")
-    patience: float = Field(ge=0, description="how steady codes of motion are made for the generator")
+    name: ScaleName = Field(description="the name on the command line")
+    hours: float = Field(
+        ge=0, description="length of the rehearsal corpus that is made; 0: the user must give a corpus"
+    )
+    clip_seconds: float = Field(default=64.0, gt=0, description="length of the clips of that corpus")
+    test_clips: int = Field(gt=0, description="most test clips that are scored")
+    seconds: float = Field(gt=0, description="sound over which latencies are measured")
+    patience: float = Field(ge=0, description="how steady the codes of motion are made for the generator")
     tokenizer: MotionTokenizerConfig = Field(description="sizes; features are replaced")
     tokenizer_training: TokenizerTraining = Field(description="schedule")
     generator: GeneratorSizes = Field(description="sizes")

@@ -1,5 +1,7 @@
+from pathlib import Path
+
+from echoavatar_research.formats import as_csv, draw, latex, markdown, write
 from echoavatar_research.table import Cell, Column, Line, Table
-from echoavatar_research.text import as_csv, latex, markdown
 
 TABLE = Table(
     "t",
@@ -31,3 +33,14 @@ def test_latex_escapes_what_it_must() -> None:
     assert r"a\_b & 9.208 & 1.5 [1, 2.25] & 3 \\" in text
     assert r"FID $\downarrow$, paper" in text
     assert text.startswith("% A title\n% a note\n\\begin{tabular}{lccc}")
+
+
+def test_a_table_is_written_four_ways_and_the_picture_has_a_panel_for_each_column_of_ours(
+    tmp_path: Path,
+) -> None:
+    paths = write(TABLE, tmp_path / "new")
+    assert [path.suffix for path in paths] == [".md", ".csv", ".tex", ".png"]
+    assert all(path.stat().st_size > 50 for path in paths)
+    draw(TABLE, tmp_path / "t.svg")
+    text = (tmp_path / "t.svg").read_text()
+    assert all(said in text for said in ("FID", "Time (ms)", "paper", "a_b"))

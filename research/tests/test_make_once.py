@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar_research.kept import kept
+from echoavatar_research.make_once import make_once
 
 
 def test_a_finished_part_is_kept_and_a_broken_one_made_again(tmp_path: Path) -> None:
@@ -14,14 +14,14 @@ def test_a_finished_part_is_kept_and_a_broken_one_made_again(tmp_path: Path) -> 
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        kept(tmp_path / "part", {"size": 1}, breaks)
+        make_once(tmp_path / "part", {"size": 1}, breaks)
     for _ in range(2):
-        kept(tmp_path / "part", {"size": 1}, lambda: times.append("whole"))
+        make_once(tmp_path / "part", {"size": 1}, lambda: times.append("whole"))
     assert times == ["broken", "whole"]
 
 
 def test_a_part_of_other_settings_is_refused(tmp_path: Path) -> None:
     for _ in range(2):
-        kept(tmp_path / "part", {"size": (1, 2)}, lambda: None)
+        make_once(tmp_path / "part", {"size": (1, 2)}, lambda: None)
     with pytest.raises(EchoAvatarError, match="other settings"):
-        kept(tmp_path / "part", {"size": (1, 3)}, lambda: None)
+        make_once(tmp_path / "part", {"size": (1, 3)}, lambda: None)

@@ -1,4 +1,4 @@
-"""A workshop of four swaying clips that trains nothing: whatever is made is the truth, turned down."""
+"""A experiment of four swaying clips that trains nothing: whatever is made is the truth, turned down."""
 
 from dataclasses import replace
 
@@ -8,10 +8,10 @@ from tests.evaluation.clips import MUSIC, SPEECH, clip
 from echoavatar.evaluation.scale import TINY
 from echoavatar.evaluation.score_row import Row
 from echoavatar.metrics.bootstrap import Interval
-from echoavatar_research.workshop import motion_of
+from echoavatar_research.experiment import motion_of
 
 
-class Ears:
+class FakeExtractor:
     """An extractor: latents are a few of the features, one every eight frames."""
 
     def features(self, clip: torch.Tensor) -> torch.Tensor:
@@ -26,22 +26,22 @@ def counted(motions, clips, extractor, *, seed: int = 0) -> list[Row]:
     return rows + [Row(name, "", len(clips) / 10) for name in names]
 
 
-class FakeWorkshop:
-    seed, scale, extractor, device = 0, TINY, Ears(), "cpu"
+class FakeExperiment:
+    seed, scale, extractor, device = 0, TINY, FakeExtractor(), "cpu"
 
     def __init__(self) -> None:
         self.said: list[str] = []
         self.asked: list[str] = []
         kinds = (SPEECH, MUSIC, SPEECH, MUSIC)
-        self.tests = [
+        self.test_clips = [
             clip(f"c{n}", 96, size=0.2 + 0.1 * n, every_s=0.4 + 0.05 * n, kind=kind)
             for n, kind in enumerate(kinds)
         ]
-        self.trained_on = [replace(one, split="train") for one in self.tests]
+        self.train_clips = [replace(one, split="train") for one in self.test_clips]
 
     def say(self, line: str) -> None:
         self.said.append(line)
 
-    def made(self, choice):
+    def generated_motions(self, choice):
         self.asked.append(choice.name)
-        return [motion_of(one) for one in self.tests]
+        return [motion_of(one) for one in self.test_clips]

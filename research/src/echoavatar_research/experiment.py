@@ -1,6 +1,6 @@
-"""Makes what the tables need, each part once: corpus, tokenizers, codes, generators, motion; finished parts are kept.
+"""Makes what the tables need: corpus, tokenizers, codes, generators and generated motion.
 
-Training goes on where it stopped. Tables of one output folder share their parts.
+Each part is made once and kept. An interrupted training run resumes. Tables in one output folder share their parts.
 """
 
 import hashlib
@@ -27,24 +27,24 @@ from echoavatar.tokens import TokenLayout
 from echoavatar.training import Progress
 
 from .choices import GeneratorChoice, TokenizerChoice
-from .kept import kept
-from .perform import Sounds, live
+from .generate import Sounds, live_motion
+from .make_once import make_once
 
-TOGETHER = 16  # sounds that go through a pipeline at once
-LONGER = (
+BATCH = 16  # sounds per batch
+EXTRA_CHUNKS = (
     6  # chunks by which training windows exceed what a position sees, so that the steady stream is trained
 )
 
 
 @dataclass(frozen=True)
 class Sources:
-    """What is given instead of made.
+    """Parts that the user gives; what is None is made or taken from the default bundle.
 
     Attributes:
-        corpus: prepared set; None: a rehearsal corpus is made.
-        codec: trained audio codec; None: that of the default bundle.
+        corpus: prepared set; None: make a rehearsal corpus.
+        codec: trained audio codec; None: the one of the default bundle.
         extractor: trained FID extractor; None: the shipped one.
-        qwen: Qwen2.5-0.5B-Instruct, whose body generators begin with; None: from scratch.
+        qwen: Qwen2.5-0.5B-Instruct, the initial weights of generators; None: random weights.
     """
 
     corpus: Path | None = None
@@ -53,8 +53,8 @@ class Sources:
     qwen: Path | None = None
 
 
-class Workshop:
-    """Parts of one scale and seed in one folder."""
+class Experiment:
+    """All parts of one scale and one seed, in one folder."""
 
     def __init__(
         self,
@@ -68,7 +68,7 @@ class Workshop:
         say: Callable[[str], None] = lambda line: None,
         progress: Progress | None = None,
     ) -> None:
-        """`workers` make a corpus; `say` is told what is made, `progress` how much of it is done."""
+        """`workers`: processes that make a corpus. `say` is called with the name of each part that is made."""
         self.folder, self.scale, self.sources, self.device = folder, scale, sources, device
         self.seed, self.workers, self.say, self.progress = seed, workers, say, progress
 
@@ -77,7 +77,7 @@ class Workshop:
         """Motion and sound.
 
         Raises:
-            EchoAvatarError: the scale wants a real set and none is given, or it is on another rig than ours.
+            EchoAvatarError: the scale needs a real set and none is given, or the set is on another rig or too small.
         """
         folder = self.sources.corpus or self._rehearse()
         corpus = Corpus(folder)
@@ -89,7 +89,7 @@ class Workshop:
 
     @cached_property
     def codec(self) -> AudioCodec:
-        """The ears of all generators."""
+        """The audio codec of all generators."""
         if self.sources.codec is not None:
             return AudioCodec.load(self.sources.codec).eval()
         from echoavatar.pipeline import load_bundle
@@ -98,27 +98,27 @@ class Workshop:
 
     @cached_property
     def extractor(self) -> Extractor:
-        """What FID is taken with."""
+        """The feature extractor of FID."""
         given = self.sources.extractor
         return load_shipped() if given is None else MotionEncoder.load(given)
 
     @cached_property
-    def tests(self) -> list[Clip]:
-        """Test clips that are scored, with sound, cut to whole motion tokens."""
+    def test_clips(self) -> list[Clip]:
+        """The test clips that are scored: those with sound, cut to whole motion tokens."""
         entries = [e for e in self.corpus.entries("test", has_mirrored=False) if e.has_sound]
         return [self.corpus.load(entry.name) for entry in entries[: self.scale.test_clips]]
 
     @cached_property
-    def trained_on(self) -> list[Clip]:
-        """Training clips, for the baselines."""
+    def train_clips(self) -> list[Clip]:
+        """Training clips, which the baselines draw from."""
         return [self.corpus.load(name) for name in self.corpus.names("train", has_mirrored=False)]
 
     def tokenizer(self, choice: TokenizerChoice) -> BodyTokenizer:
-        """Trained, or loaded."""
+        """Train the tokenizer, or load it if it is finished."""
         from echoavatar.tokenizer.train import train_tokenizer
 
-        folder, asked = self.folder / "tokenizers" / choice.name, self._tokenizer_asked(choice)
-        sizes = MotionTokenizerConfig.model_validate(asked["sizes"])
+        folder, settings = self.folder / "tokenizers" / choice.name, self._tokenizer_settings(choice)
+        sizes = MotionTokenizerConfig.model_validate(settings["sizes"])
         training = self.scale.tokenizer_training.model_copy(
             update={
                 "losses": choice.losses,
@@ -142,11 +142,11 @@ class Workshop:
                 progress=self.progress,
             )
 
-        self._kept(folder, asked, make)
+        self._make_once(folder, settings, make)
         return BodyTokenizer.load(folder)
 
     def codes(self, choice: TokenizerChoice) -> list[TokenClip]:
-        """The corpus in the codes of a tokenizer."""
+        """The corpus as codes of a tokenizer."""
         from echoavatar.pipeline.tokenize import tokenize_corpus
 
         folder = self.folder / "tokens" / choice.name
@@ -162,11 +162,11 @@ class Workshop:
                 progress=self.progress,
             )
 
-        self._kept(folder, self._codes_asked(choice), make)
+        self._make_once(folder, self._codes_settings(choice), make)
         return [TokenClip.load(path) for path in sorted(folder.glob("*.npz"))]
 
     def generator(self, choice: GeneratorChoice) -> Generator:
-        """Trained, or loaded."""
+        """Train the generator, or load it if it is finished."""
         from echoavatar.generator.train import train_generator
 
         folder = self.folder / "generators" / choice.name
@@ -188,7 +188,7 @@ class Workshop:
             sizes = self.scale.generator.model_dump() | dict(choice.sizes)
             config = GeneratorConfig(layout=layout, patience=self.scale.patience, **sizes)
             chosen: dict[str, Any] = {
-                "chunks": config.window_chunks + LONGER,
+                "chunks": config.window_chunks + EXTRA_CHUNKS,
                 "depth_weights": tuple(0.7**layer for layer in range(layers)),
                 "seed": self.seed,
             }
@@ -205,37 +205,40 @@ class Workshop:
                 progress=self.progress,
             )
 
-        self._kept(folder, self._generator_asked(choice), make)
+        self._make_once(folder, self._generator_settings(choice), make)
         return Generator.load(folder)
 
-    def made(self, choice: GeneratorChoice) -> list[Motion]:
-        """What a generator makes of the test clips' sound, as long as the clips."""
+    def generated_motions(self, choice: GeneratorChoice) -> list[Motion]:
+        """Motion that a generator makes for the sound of the test clips, as long as the clips."""
         folder = self.folder / "made" / choice.name
 
         def make() -> None:
             tokenizer, generator = self.tokenizer(choice.tokenizer), self.generator(choice)
-            for first in range(0, len(self.tests), TOGETHER):
-                clips = self.tests[first : first + TOGETHER]
+            for first in range(0, len(self.test_clips), BATCH):
+                clips = self.test_clips[first : first + BATCH]
                 sounds = {self.seed + first + n: clip.audio for n, clip in enumerate(clips)}
-                motions = self._performed(choice.name, tokenizer, generator, sounds)
+                motions = self._generate(choice.name, tokenizer, generator, sounds)
                 for clip, motion in zip(clips, motions, strict=True):
                     moved = replace(clip, rotations=motion.rotations, root=motion.root)
                     moved.save(folder / f"{clip.name}.npz")
 
-        asked = {"generator": self._generator_asked(choice), "clips": [clip.name for clip in self.tests]}
-        self._kept(folder, asked, make)
-        return [self.motion(Clip.load(folder / f"{clip.name}.npz")) for clip in self.tests]
+        settings = {
+            "generator": self._generator_settings(choice),
+            "clips": [clip.name for clip in self.test_clips],
+        }
+        self._make_once(folder, settings, make)
+        return [self.motion(Clip.load(folder / f"{clip.name}.npz")) for clip in self.test_clips]
 
     def motion(self, clip: Clip) -> Motion:
-        """The motion of a clip on the workshop's rig."""
+        """The motion of a clip on the rig of this experiment."""
         return motion_of(clip)
 
-    def _performed(
+    def _generate(
         self, name: str, tokenizer: BodyTokenizer, generator: Generator, sounds: Sounds
     ) -> list[Motion]:
-        return live(name, self.codec, tokenizer, generator, sounds, progress=self.progress)
+        return live_motion(name, self.codec, tokenizer, generator, sounds, progress=self.progress)
 
-    def _tokenizer_asked(self, choice: TokenizerChoice) -> dict[str, Any]:
+    def _tokenizer_settings(self, choice: TokenizerChoice) -> dict[str, Any]:
         return {
             "corpus": self._digest,
             "sizes": self.scale.tokenizer.model_dump() | dict(choice.sizes),
@@ -245,15 +248,15 @@ class Workshop:
             "seed": self.seed,
         }
 
-    def _codes_asked(self, choice: TokenizerChoice) -> dict[str, Any]:
+    def _codes_settings(self, choice: TokenizerChoice) -> dict[str, Any]:
         codec = str(self.sources.codec or "default")
-        asked = {"tokenizer": self._tokenizer_asked(choice), "codec": codec}
-        return asked | {"patience": self.scale.patience}
+        settings = {"tokenizer": self._tokenizer_settings(choice), "codec": codec}
+        return settings | {"patience": self.scale.patience}
 
-    def _generator_asked(self, choice: GeneratorChoice) -> dict[str, Any]:
+    def _generator_settings(self, choice: GeneratorChoice) -> dict[str, Any]:
         own = {key: value for key, value in asdict(choice).items() if key != "tokenizer"}
         return {
-            "codes": self._codes_asked(choice.tokenizer),
+            "codes": self._codes_settings(choice.tokenizer),
             "choice": own,
             "sizes": self.scale.generator.model_dump(),
             "training": self.scale.generator_training.model_dump(mode="json"),
@@ -269,12 +272,14 @@ class Workshop:
 
         if not self.scale.hours:
             raise EchoAvatarError(
-                f"scale {self.scale.name} wants a real set: name one of `echoavatar data prepare` (--corpus)"
+                f"scale {self.scale.name} needs a real set: give one made by `echoavatar data prepare` (--corpus)"
             )
         folder = self.folder / "corpus"
         plan = Plan(self.scale.hours, self.seed + 1, folder, clip_seconds=self.scale.clip_seconds)
-        asked = {"hours": plan.hours, "seed": plan.seed, "clip_seconds": plan.clip_seconds}
-        self._kept(folder, asked, lambda: rehearse(plan, workers=self.workers, progress=self.progress))
+        settings = {"hours": plan.hours, "seed": plan.seed, "clip_seconds": plan.clip_seconds}
+        self._make_once(
+            folder, settings, lambda: rehearse(plan, workers=self.workers, progress=self.progress)
+        )
         return folder
 
     def _card(self, part: str) -> dict[str, object]:
@@ -286,16 +291,16 @@ class Workshop:
             "licence": licence,
         }
 
-    def _kept(self, folder: Path, asked: Mapping[str, object], make: Callable[[], object]) -> None:
-        kept(folder, asked, lambda: (self.say(str(folder.relative_to(self.folder))), make()))
+    def _make_once(self, folder: Path, settings: Mapping[str, object], make: Callable[[], object]) -> None:
+        make_once(folder, settings, lambda: (self.say(str(folder.relative_to(self.folder))), make()))
 
 
 def is_mostly(clip: TokenClip, kind: str | None) -> bool:
-    """Whether more of a clip is speech, or music, than the other; any clip for None."""
+    """Whether a clip has more speech than music (`kind` "speech") or the reverse ("music"); None accepts any clip."""
     speech, music = (int(np.sum(clip.domain == number)) for number in (1, 2))
     return kind is None or (speech > music if kind == "speech" else music > speech)
 
 
 def motion_of(clip: Clip) -> Motion:
-    """The motion of a clip on our rig."""
+    """The motion of a clip, on our rig."""
     return Motion(HUMANOID, clip.rotations, clip.root, float(FRAME_RATE_HZ))

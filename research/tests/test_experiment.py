@@ -6,12 +6,12 @@ import pytest
 from echoavatar.errors import EchoAvatarError
 from echoavatar.evaluation.scale import PAPER
 from echoavatar.generator import TokenClip
-from echoavatar_research.workshop import Workshop, is_mostly
+from echoavatar_research.experiment import Experiment, is_mostly
 
 
 def test_the_papers_scale_wants_a_real_set(tmp_path: Path) -> None:
     with pytest.raises(EchoAvatarError, match="--corpus"):
-        _ = Workshop(tmp_path, PAPER).corpus
+        _ = Experiment(tmp_path, PAPER).corpus
 
 
 def test_what_a_clip_is_mostly() -> None:

@@ -1,4 +1,4 @@
-"""What a generator makes of sounds: as live with all that comes behind it, or the bare codes decoded."""
+"""Motion from sound: through the live pipeline with all its stages, or as decoded codes alone."""
 
 from collections.abc import Mapping
 
@@ -15,10 +15,10 @@ from echoavatar.tokenizer import BodyTokenizer
 from echoavatar.training import Progress
 
 Sounds = Mapping[int, Float[np.ndarray, " s"]]
-"""Sounds (24 kHz) by the seeds of their noise."""
+"""Sounds (24 kHz), by the seed of the sampling noise."""
 
 
-def live(
+def live_motion(
     name: str,
     codec: AudioCodec,
     tokenizer: BodyTokenizer,
@@ -27,7 +27,7 @@ def live(
     *,
     progress: Progress | None = None,
 ) -> list[Motion]:
-    """Sessions of the engine, pushed as fast as they go; a generator that hears ahead is told of its sounds before."""
+    """Run one engine session per sound. A generator with lookahead is given the whole sounds beforehand."""
     from echoavatar.engine import animate_many
     from echoavatar.pipeline import Pipeline
     from echoavatar.pipeline.bundle import Bundle
@@ -41,7 +41,7 @@ def live(
 
 
 @torch.inference_mode()
-def decoded(
+def decoded_motion(
     codec: AudioCodec,
     tokenizer: BodyTokenizer,
     generator: Generator,
@@ -50,7 +50,7 @@ def decoded(
     device: str = "cpu",
     progress: Progress | None = None,
 ) -> list[Motion]:
-    """Codes drawn and decoded, nothing done behind them, on the tokenizer's own rig: what published tables score."""
+    """Sample and decode codes on the tokenizer's rig, without the stages behind the decoder: published tables do so."""
     from echoavatar.generator import open_stream
     from echoavatar.pipeline.tokenize import audio_codes
 

@@ -1,4 +1,4 @@
-"""The workshop of BEAT2's table: SMPL-X's 55 joints as they were recorded, and EMAGE's extractor or one like it."""
+"""The experiment behind the BEAT2 table: SMPL-X's 55 joints as recorded, and EMAGE's extractor or one like it."""
 
 from functools import cached_property
 from pathlib import Path
@@ -27,22 +27,22 @@ from echoavatar.timing import FRAME_RATE_HZ
 from echoavatar.tokenizer import BodyTokenizer
 
 from .beat2_sample import write_sample
-from .perform import Sounds, decoded
-from .workshop import Workshop
+from .experiment import Experiment
+from .generate import Sounds, decoded_motion
 
-SPEAKERS = ("2",)  # EMAGE's and MECo's tables are of this one; the paper does not say of whom its is
+SPEAKERS = ("2",)  # the speaker of EMAGE's and MECo's tables; the paper does not name its own
 OPTIONS = Options(rig="native", fingers="keep")
 EXTRACTOR_STEPS: dict[ScaleName, int] = {"tiny": 20, "rehearsal": 1500, "paper": 20_000}
 LEAST_SECONDS = 8.0  # EMAGE's beat alignment cuts two seconds off both ends
 LEAST_CLIPS = 24
 
 
-class Beat2Workshop(Workshop):
-    """Parts of BEAT2's table, in a folder of their own beside the others'."""
+class Beat2Experiment(Experiment):
+    """All parts of the BEAT2 table, in a subfolder of their own."""
 
     @classmethod
-    def of(cls, other: Workshop) -> Self:
-        """With the sources and settings of another workshop."""
+    def of(cls, other: Experiment) -> Self:
+        """A BEAT2 experiment with the sources and settings of another experiment."""
         return cls(
             other.folder / "beat2",
             other.scale,
@@ -56,15 +56,15 @@ class Beat2Workshop(Workshop):
 
     @cached_property
     def is_synthetic(self) -> bool:
-        """Whether there is no copy of the dataset."""
+        """Whether the user gave no copy of the dataset."""
         return self.sources.corpus is None
 
     @cached_property
     def corpus(self) -> Corpus:
-        """The set on SMPL-X's joints: given as prepared, or prepared of the user's copy or of a synthetic one.
+        """The set on SMPL-X's joints: given, or prepared from the user's copy or from a synthetic copy.
 
         Raises:
-            EchoAvatarError: the scale wants a copy and none is given, or a set is on another rig or too small.
+            EchoAvatarError: the scale needs a copy and none is given, or the set is on another rig or too small.
         """
         given = self.sources.corpus
         is_prepared = given is not None and (given / "manifest.json").is_file()
@@ -82,7 +82,7 @@ class Beat2Workshop(Workshop):
 
     @cached_property
     def extractor(self) -> SkeletonConvolution:
-        """EMAGE's, of the user's folder (`config.json`, `model.safetensors`); else ours, on the training clips."""
+        """EMAGE's extractor from the user's folder, or one of ours trained on the training clips."""
         if self.sources.extractor is not None:
             return SkeletonConvolution.load(self.sources.extractor)
         folder = self.folder / "extractor"
@@ -102,22 +102,24 @@ class Beat2Workshop(Workshop):
                 progress=self.progress,
             )
 
-        self._kept(folder, {"corpus": self._digest, "training": training.model_dump(mode="json")}, make)
+        self._make_once(folder, {"corpus": self._digest, "training": training.model_dump(mode="json")}, make)
         return SkeletonConvolution.load(folder)
 
     def motion(self, clip: Clip) -> Motion:
-        """See `Workshop.motion`."""
+        """The motion of a clip on SMPL-X's joints."""
         return Motion(self.corpus.skeleton, clip.rotations, clip.root, float(FRAME_RATE_HZ))
 
     def positions(self, motion: Motion) -> Float[torch.Tensor, "t 55 3"]:
-        """Places of the joints with the root at the origin, metres, as EMAGE takes them; on the set's own body."""
+        """Joint positions in metres with the root at the origin, as EMAGE measures them, on the body of the set."""
         at_origin = Motion(motion.skeleton, motion.rotations, motion.root * 0, motion.fps).pose().positions
         return at_origin - at_origin[:, :1]
 
-    def _performed(
+    def _generate(
         self, name: str, tokenizer: BodyTokenizer, generator: Generator, sounds: Sounds
     ) -> list[Motion]:
-        return decoded(self.codec, tokenizer, generator, sounds, device=self.device, progress=self.progress)
+        return decoded_motion(
+            self.codec, tokenizer, generator, sounds, device=self.device, progress=self.progress
+        )
 
     def _prepared(self, copy: Path) -> Path:
         folder = self.folder / "set"
@@ -128,16 +130,16 @@ class Beat2Workshop(Workshop):
             for name, why in done.failures:
                 self.say(f"  left out {name}: {why}")
 
-        self._kept(folder, {"copy": copy.name, "speakers": SPEAKERS, "options": OPTIONS.binding()}, make)
+        self._make_once(folder, {"copy": copy.name, "speakers": SPEAKERS, "options": OPTIONS.binding()}, make)
         return folder
 
     def _sample(self) -> Path:
-        """A synthetic copy."""
+        """Make a synthetic copy of the dataset."""
         from echoavatar.rehearsal.corpus import Plan, rehearse
 
         if not self.scale.hours:
             raise EchoAvatarError(
-                f"scale {self.scale.name} wants your copy of BEAT2: name beat_english_v2.0.0, or a set of"
+                f"scale {self.scale.name} needs your copy of BEAT2: give beat_english_v2.0.0, or a set made by"
                 " `echoavatar data prepare beat2 --rig native --fingers keep` (--corpus)"
             )
         seconds = max(self.scale.clip_seconds, LEAST_SECONDS)
@@ -149,5 +151,5 @@ class Beat2Workshop(Workshop):
             rehearse(plan, workers=self.workers, progress=self.progress)
             write_sample(Corpus(plan.folder), copy)
 
-        self._kept(copy, {"hours": hours, "seed": plan.seed, "clip_seconds": seconds}, make)
+        self._make_once(copy, {"hours": hours, "seed": plan.seed, "clip_seconds": seconds}, make)
         return copy

@@ -10,9 +10,9 @@ from echoavatar.errors import EchoAvatarError
 from echoavatar.evaluation.scale import PAPER, TINY
 from echoavatar.kinematics import HUMANOID
 from echoavatar.metrics.skeleton_convolution import SkeletonConvolution, SkeletonConvolutionConfig
+from echoavatar_research.beat2_experiment import Beat2Experiment
 from echoavatar_research.beat2_sample import write_sample
-from echoavatar_research.beat2_workshop import Beat2Workshop
-from echoavatar_research.workshop import Sources, Workshop
+from echoavatar_research.experiment import Experiment, Sources
 
 
 @pytest.fixture(scope="module")
@@ -22,26 +22,26 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_sample(Corpus(folder(place / "corpus", clips, is_corpus=True)), place)
 
 
-def bench(place: Path, corpus: Path | None, **sources: Path) -> Beat2Workshop:
-    return Beat2Workshop.of(Workshop(place, TINY, Sources(corpus, **sources), seed=1))
+def beat2_experiment(place: Path, corpus: Path | None, **sources: Path) -> Beat2Experiment:
+    return Beat2Experiment.of(Experiment(place, TINY, Sources(corpus, **sources), seed=1))
 
 
 def test_a_copy_becomes_a_set_on_smplx_joints_and_is_kept(copy: Path, tmp_path: Path) -> None:
-    made = bench(tmp_path, copy)
+    made = beat2_experiment(tmp_path, copy)
     assert made.corpus.skeleton.joints == 55
     assert (made.folder, made.seed) == (tmp_path / "beat2", 1)
-    assert len(made.tests) == 2
+    assert len(made.test_clips) == 2
     before = (tmp_path / "beat2" / "set" / "manifest.json").stat().st_mtime_ns
-    again = bench(tmp_path, copy)
+    again = beat2_experiment(tmp_path, copy)
     assert again.corpus.names() == made.corpus.names()
     assert (tmp_path / "beat2" / "set" / "manifest.json").stat().st_mtime_ns == before
-    prepared = bench(tmp_path / "other", tmp_path / "beat2" / "set")
+    prepared = beat2_experiment(tmp_path / "other", tmp_path / "beat2" / "set")
     assert prepared.corpus.folder == tmp_path / "beat2" / "set"
 
 
 def test_positions_have_the_root_at_the_origin(copy: Path, tmp_path: Path) -> None:
-    made = bench(tmp_path, copy)
-    places = made.positions(made.motion(made.tests[0]))
+    made = beat2_experiment(tmp_path, copy)
+    places = made.positions(made.motion(made.test_clips[0]))
     assert places.shape == (64, 55, 3)
     assert float(places[:, 0].abs().max()) == 0
     assert float(places[0, 15, 1]) == pytest.approx(
@@ -52,19 +52,19 @@ def test_positions_have_the_root_at_the_origin(copy: Path, tmp_path: Path) -> No
 def test_a_set_on_our_rig_is_refused(tmp_path: Path) -> None:
     ours = folder(tmp_path / "ours", [clip("a"), clip("b")], is_corpus=True)
     with pytest.raises(EchoAvatarError, match="--rig native --fingers keep"):
-        _ = bench(tmp_path, ours).corpus
+        _ = beat2_experiment(tmp_path, ours).corpus
 
 
 def test_the_papers_scale_wants_a_copy(tmp_path: Path) -> None:
     with pytest.raises(EchoAvatarError, match="beat_english_v2.0.0"):
-        _ = Beat2Workshop.of(Workshop(tmp_path, PAPER)).corpus
+        _ = Beat2Experiment.of(Experiment(tmp_path, PAPER)).corpus
 
 
 def test_a_given_extractor_is_the_one_that_is_used(copy: Path, tmp_path: Path) -> None:
     torch.manual_seed(0)
     theirs = SkeletonConvolution(SkeletonConvolutionConfig())
     theirs.save(tmp_path / "emage", {})
-    made = bench(tmp_path, copy, extractor=tmp_path / "emage")
+    made = beat2_experiment(tmp_path, copy, extractor=tmp_path / "emage")
     x = torch.randn(32, 330)
     np.testing.assert_allclose(made.extractor.features(x), theirs.eval().features(x))
     assert not (tmp_path / "beat2" / "extractor").exists()
