@@ -20,10 +20,10 @@ from echoavatar.kinematics.tables import write_npz
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
 from echoavatar_studio import making
 from echoavatar_studio.app import create_app
-from echoavatar_studio.clips import Performance, save_clip, save_sound, spoil
+from echoavatar_studio.clips import Performance, corrupt, save_clip, save_sound
 from echoavatar_studio.limits import Rate, Rates
 from echoavatar_studio.making import Maker, Material
-from echoavatar_studio.owning import Desk
+from echoavatar_studio.owner_actions import OwnerActions
 from echoavatar_studio.run import open_store, serve
 from echoavatar_studio.secrecy import hash_password
 from echoavatar_studio.settings import PairwiseStudy, SoundChoice, SystemChoice, parse_study
@@ -135,7 +135,7 @@ def make_preference(maker: Maker, *, seconds: float = 1.0, prompts: int = 3, **c
             codes = [[[k % 8] * 2] * 3] * (2 * settings.length)
             clips.append((f"candidate {k + 1}", f"{number:03d}-{k:02d}.motion", 1000 + k, codes))
         save_sound(folder / f"{number:03d}.flac", hum(seconds, 200 + 50 * number))
-        save_clip(folder / f"{number:03d}-x.motion", spoil(shown, number))
+        save_clip(folder / f"{number:03d}-x.motion", corrupt(shown, number))
         prompt = {"clip": f"clip{number}", "start": 0, "past": settings.past}
         sound, kind = f"{number:03d}.flac", ("dance", "gesture")[number % 2]
         rows.append(
@@ -186,8 +186,8 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=4.0)
     args = parser.parse_args()
     maker = studio(args.folder, args.store)
-    desk, place = Desk(maker, "canned"), args.folder / "library"
-    if not desk.studies().studies:
+    actions, place = OwnerActions(maker, "canned"), args.folder / "library"
+    if not actions.studies().studies:
         library(place, seconds=args.seconds)
         make_pairwise(maker, place, seconds=args.seconds, presentation="side_by_side", title="Side by side")
         make_pairwise(maker, place, seconds=args.seconds)
@@ -195,8 +195,8 @@ def main() -> None:
 
     def ready(address: str) -> None:
         sys.stdout.write(f"{address}/  owner anna, password {PASSWORD!r}\n")
-        for row in desk.studies().studies:
-            links = desk.invite(row.id, Invite(count=row.raters_wanted), page=f"{address}/rate").links
+        for row in actions.studies().studies:
+            links = actions.invite(row.id, Invite(count=row.raters_wanted), page=f"{address}/rate").links
             sys.stdout.write("".join(f"{line}\n" for line in (row.title, *(link.url for link in links))))
         sys.stdout.flush()
 

@@ -11,7 +11,7 @@ from studio.tests import canned
 from echoavatar_studio.app import create_app
 from echoavatar_studio.limits import Rates
 from echoavatar_studio.making import Maker
-from echoavatar_studio.owning import Desk
+from echoavatar_studio.owner_actions import OwnerActions
 from echoavatar_studio.wire_owner import Invite
 
 _KEYS = itertools.count()
@@ -87,5 +87,5 @@ def usual(task: Any) -> dict[str, Any]:
 
 def tokens(maker: Maker, study: str, count: int, *, is_open: bool = False) -> list[str]:
     """Of new invitations."""
-    links = Desk(maker, "test").invite(study, Invite(count=count, is_open=is_open), page="").links
+    links = OwnerActions(maker, "test").invite(study, Invite(count=count, is_open=is_open), page="").links
     return [link.url[1:] for link in links]

@@ -5,7 +5,7 @@ from studio.tests.people import RaterPerson, app_of, tokens
 
 from echoavatar_studio.answers import counting, given
 from echoavatar_studio.making import Maker
-from echoavatar_studio.owning import Desk, find_study
+from echoavatar_studio.owner_actions import OwnerActions, find_study
 
 
 def test_ratings_are_towards_the_first_system_however_they_were_shown(maker: Maker, library):
@@ -22,6 +22,6 @@ def test_ratings_are_towards_the_first_system_however_they_were_shown(maker: Mak
         assert answer.clip_seconds == 1.0
         assert answer.systems[-1] == "" or answer.role in ("real", "identical")
     assert len(counting(answers)) == 6
-    Desk(maker, "test").exclude(study, 1, is_excluded=True, reason="")
+    OwnerActions(maker, "test").exclude(study, 1, is_excluded=True, reason="")
     with maker.store.read() as session:
         assert counting(given(session, find_study(session, study))) == []

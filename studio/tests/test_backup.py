@@ -29,7 +29,7 @@ def test_a_studio_comes_back_and_goes_on(either: Maker, library, url: str, tmp_p
     study, token = filled(either, library)
     told = back_up(either.store, either.media, tmp_path / "b.zip")
     assert told["judgements"] == 4
-    assert told["files"] == 4 * 5  # a sound, three clips and a spoilt one each
+    assert told["files"] == 4 * 5  # a sound, three clips and a corrupted one each
     other = Maker(canned.open_store(tmp_path / "other", url), tmp_path / "other" / "media")
     assert restore(other.store, other.media, tmp_path / "b.zip") == told
     assert results(other.store, study) == results(either.store, study)

@@ -1,10 +1,10 @@
-"""Clips as pages load them, and clips spoilt on purpose."""
+"""Clips as pages load them, and clips corrupted on purpose."""
 
 import numpy as np
 import soundfile
 from studio.tests import canned
 
-from echoavatar_studio.clips import Performance, fit, load_clip, save_clip, save_sound, spoil
+from echoavatar_studio.clips import Performance, corrupt, fit, load_clip, save_clip, save_sound
 
 
 def test_a_clip_comes_back_as_the_live_protocol_packs_it(tmp_path):
@@ -29,10 +29,10 @@ def test_sound_is_kept_to_the_sample(tmp_path):
     assert fit(audio, 40)[24_000:].max() == 0
 
 
-def test_spoilt_motion_cannot_be_missed():
+def test_corrupted_motion_cannot_be_missed():
     """The arms turn by more than a thousand degrees a second, where people reach some hundreds."""
     good = Performance(canned.moving(2.0, 1.0))
-    bad = spoil(good, 0)
+    bad = corrupt(good, 0)
     arm = bad.motion.skeleton.index("leftUpperArm")
 
     def speed(shown: Performance) -> float:
@@ -43,4 +43,4 @@ def test_spoilt_motion_cannot_be_missed():
     assert speed(good) < 200
     assert speed(bad) > 1000
     np.testing.assert_allclose(np.linalg.norm(bad.motion.rotations, axis=-1), 1, atol=1e-5)
-    assert np.array_equal(spoil(good, 0).motion.rotations, bad.motion.rotations)
+    assert np.array_equal(corrupt(good, 0).motion.rotations, bad.motion.rotations)

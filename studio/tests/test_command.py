@@ -21,7 +21,7 @@ from echoavatar.cli import main
         (["--store", "mysql://x/y"], "SQLite or PostgreSQL"),
         (["--study", "none.yaml"], "none.yaml cannot be read"),
         (["export", "--id", "none"], "there is no study none"),
-        (["restore", "-o", "none.zip"], "no backup"),
+        (["restore", "-o", "none.zip"], "not a backup"),
     ],
 )
 def test_mistakes_are_one_line(words, remedy, tmp_path, capsys):

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from studio.tests import canned
 
-from echoavatar_studio.demo import SOUNDS, TASTE, half_size, is_filled, make_demo
+from echoavatar_studio.demo import PREFERENCES, SOUNDS, half_size, is_filled, make_demo
 from echoavatar_studio.making import Maker
-from echoavatar_studio.owning import Desk
+from echoavatar_studio.owner_actions import OwnerActions
 from echoavatar_studio.results import results
 
 
@@ -35,11 +35,11 @@ def test_the_demo_is_filled_and_has_places_left(maker: Maker, tiny_bundle, tmp_p
     assert not is_filled(maker.store)
     names = make_demo(maker, tmp_path / "library", model=str(tiny_bundle), progress=lambda *_: None)
     assert is_filled(maker.store)
-    rows = {row.id: row for row in Desk(maker, "test").studies().studies}
+    rows = {row.id: row for row in OwnerActions(maker, "test").studies().studies}
     assert [rows[name].state for name in names] == ["open", "open"]
     assert all(0 < rows[name].judgements < rows[name].judgements_wanted for name in names)
     assert all(rows[name].raters < rows[name].raters_wanted for name in names)
     found = results(maker.store, names[0])
-    assert {row.system for row in found.rows} == set(TASTE.worth)
+    assert {row.system for row in found.rows} == set(PREFERENCES.worth)
     assert {row.category for row in found.rows} == {"dance", "gesture"}
     assert len(results(maker.store, names[1]).preferences) == 2

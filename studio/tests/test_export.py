@@ -39,7 +39,7 @@ def test_excluded_raters_are_not_in_the_pairs(maker: Maker):
     while (task := rater.task()) is not None:
         rater.answer(task)
     assert len(pairs(maker.store, study)) == 3
-    canned.Desk(maker, "test").exclude(study, 1, is_excluded=True, reason="")
+    canned.OwnerActions(maker, "test").exclude(study, 1, is_excluded=True, reason="")
     assert pairs(maker.store, study) == []
     assert export(maker.store, maker.media, study, "pairs.jsonl") == b""
 

@@ -4,7 +4,7 @@ from studio.tests import canned
 from studio.tests.people import OwnerPerson, RaterPerson, app_of, tokens
 
 from echoavatar_studio.making import Maker
-from echoavatar_studio.owning import Desk
+from echoavatar_studio.owner_actions import OwnerActions
 from echoavatar_studio.tables import Block, Judgement, Rater
 
 
@@ -54,11 +54,11 @@ def test_links_that_are_wrong_revoked_or_closed(maker: Maker, library):
     assert rater.join("x" * 43).json()["code"] == "bad_invitation"
     assert rater.join("short").json()["code"] == "bad_request"
     token = tokens(maker, study, 1)[0]
-    desk = Desk(maker, "test")
-    desk.revoke(study, desk.invitations(study).invitations[0].id)
+    actions = OwnerActions(maker, "test")
+    actions.revoke(study, actions.invitations(study).invitations[0].id)
     assert rater.join(token).json()["code"] == "bad_invitation"
     token = tokens(maker, study, 1)[0]
-    desk.change_state(study, "closed")
+    actions.change_state(study, "closed")
     assert rater.join(token).json()["code"] == "study_closed"
 
 
@@ -68,7 +68,7 @@ def test_a_closed_study_takes_no_answers_but_knows_those_it_has(maker: Maker, li
     task = rater.task()
     rater.answer(task, key="before-closing")
     following = rater.task()
-    Desk(maker, "test").change_state(study, "closed")
+    OwnerActions(maker, "test").change_state(study, "closed")
     assert rater.answer(task, key="before-closing").json()["is_repeated"] is True
     assert rater.answer(following).json()["code"] == "study_closed"
     assert rater.get("/api/rater/task").json()["code"] == "study_closed"

@@ -43,18 +43,20 @@ def test_sides_are_balanced_over_raters(maker: Maker, library):
     assert set(swapped.values()) == {4}
 
 
-def test_spoilt_clips_have_the_last_place_and_identical_ones_are_identical(maker: Maker, library):
+def test_corrupted_clips_have_the_last_place_and_identical_ones_are_identical(maker: Maker, library):
     canned.make_pairwise(maker, library)
     canned.make_preference(maker)
     with maker.store.read() as session:
-        spoilt = {clip.id for clip in session.query(Clip).filter(Clip.system_id.is_(None))}
+        corrupted = {clip.id for clip in session.query(Clip).filter(Clip.system_id.is_(None))}
         for trial in session.query(Trial):
             if trial.role in ("corrupted", "training"):
-                assert [clip in spoilt for clip in trial.clips] == [False] * (len(trial.clips) - 1) + [True]
+                assert [clip in corrupted for clip in trial.clips] == [False] * (len(trial.clips) - 1) + [
+                    True
+                ]
             elif trial.role == "identical":
                 assert len(set(trial.clips)) == 1
             else:
-                assert not spoilt & set(trial.clips)
+                assert not corrupted & set(trial.clips)
 
 
 def test_systems_of_different_groups_never_meet(maker: Maker, library):

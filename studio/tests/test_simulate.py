@@ -6,10 +6,10 @@ from studio.tests import canned
 
 from echoavatar_studio.export import export
 from echoavatar_studio.making import Maker
-from echoavatar_studio.owning import Desk
+from echoavatar_studio.owner_actions import OwnerActions
 from echoavatar_studio.quality import rater_rows
 from echoavatar_studio.results import results
-from echoavatar_studio.simulate import Taste, simulate
+from echoavatar_studio.simulate import Preferences, simulate
 
 WORTH = {"Alpha": 0.6, "Beta": 0.0, "Gamma": -0.4}
 NOISE = 0.6
@@ -24,8 +24,8 @@ def expected(gap: float) -> float:
 
 def test_known_preferences_are_recovered_within_the_interval(maker: Maker, library):
     study = canned.make_pairwise(maker, library, raters=20, tasks_per_rater=12)
-    taste = Taste(worth=WORTH, noise=NOISE, of_question={"beat_matching": 0.5})
-    simulate(maker.store, Desk(maker, "test"), study, taste, raters=20, seed=1)
+    preferences = Preferences(worth=WORTH, noise=NOISE, of_question={"beat_matching": 0.5})
+    simulate(maker.store, OwnerActions(maker, "test"), study, preferences, raters=20, seed=1)
     found = results(maker.store, study)
     assert found.judgements == 240
     held = total = 0
@@ -57,9 +57,9 @@ def test_known_preferences_are_recovered_within_the_interval(maker: Maker, libra
 def test_careless_raters_fail_checks_and_leave_the_results_when_excluded(maker: Maker, library):
     shape = {"raters": 12, "tasks_per_rater": 12, "checks": {"identical": 3, "corrupted": 3}}
     study = canned.make_pairwise(maker, library, **shape)
-    desk = Desk(maker, "test")
-    simulate(maker.store, desk, study, Taste(worth=WORTH, noise=0.4), raters=6, seed=1)
-    simulate(maker.store, desk, study, Taste(worth=WORTH, noise=0.4, careless=1.0), raters=6, seed=2)
+    actions = OwnerActions(maker, "test")
+    simulate(maker.store, actions, study, Preferences(worth=WORTH, noise=0.4), raters=6, seed=1)
+    simulate(maker.store, actions, study, Preferences(worth=WORTH, noise=0.4, careless=1.0), raters=6, seed=2)
     rows = rater_rows(maker.store, study).raters
     careful, careless = rows[:6], rows[6:]
     assert sum(row.checks_failed for row in careful) == 0
@@ -68,7 +68,7 @@ def test_careless_raters_fail_checks_and_leave_the_results_when_excluded(maker: 
     assert mean[0] > mean[1] + 0.3
     before = results(maker.store, study)
     for row in careless:
-        desk.exclude(study, row.id, is_excluded=True, reason="checks failed")
+        actions.exclude(study, row.id, is_excluded=True, reason="checks failed")
     after = results(maker.store, study)
     assert (before.judgements, after.judgements, after.excluded) == (144, 72, 6)
     alpha = [
@@ -76,13 +76,18 @@ def test_careless_raters_fail_checks_and_leave_the_results_when_excluded(maker: 
         for told in (before, after)
     ]
     assert alpha[1] > alpha[0] + 0.2
-    assert desk.row(study).raters_wanted == 18  # their tasks are given out once more
+    assert actions.row(study).raters_wanted == 18  # their tasks are given out once more
 
 
 def test_made_up_raters_of_candidates_agree_on_the_best(maker: Maker):
     study = canned.make_preference(maker, raters=8)
     simulate(
-        maker.store, Desk(maker, "test"), study, Taste(worth={"default": 0.0}, skips=0.1), raters=8, seed=3
+        maker.store,
+        OwnerActions(maker, "test"),
+        study,
+        Preferences(worth={"default": 0.0}, skips=0.1),
+        raters=8,
+        seed=3,
     )
     found = results(maker.store, study)
     assert found.judgements == 24

@@ -76,7 +76,7 @@ def test_sqlite_syncs_at_every_commit(tmp_path):
 @pytest.mark.parametrize(
     ("url", "message"),
     [
-        ("no address", "no address of a database"),
+        ("no address", "not the address of a database"),
         ("mysql://x/y", "SQLite or PostgreSQL"),
         ("sqlite://", "would lose every judgement"),
         ("sqlite:////proc/none/a.db", "cannot"),

@@ -245,11 +245,11 @@ def test_another_device_goes_on_where_the_first_one_was(studio, tab):
     phone.page.click(".agree")
     phone.see(".task")
     phone.judge()
-    desk = tab()
-    desk.page.goto(resume.replace("/rate#", "/rate?quality=low#"))
-    desk.see(".task")
-    assert desk.number.startswith("2 ")
-    desk.judge()
+    actions = tab()
+    actions.page.goto(resume.replace("/rate#", "/rate?quality=low#"))
+    actions.see(".task")
+    assert actions.number.startswith("2 ")
+    actions.judge()
     assert studio.raters(study) == 1
     assert len(studio.judgements(study)) == 2
 

@@ -1,4 +1,4 @@
-"""Owners: accounts, made on the command line, and signing in."""
+"""Accounts of owners, which are made on the command line, and signing in."""
 
 import secrets
 import time
@@ -19,15 +19,15 @@ from .wire_owner import OwnerSession
 
 @lru_cache(maxsize=1)
 def _nobody() -> str:
-    """Compared with where there is no such owner, so that both take equally long."""
+    """A hash to compare with when the owner does not exist, so that both cases take equally long."""
     return hash_password(secrets.token_urlsafe(16))
 
 
 def set_owner(store: Store, name: str, password: str) -> None:
-    """A new owner, or a new password for one.
+    """Create an owner, or set the password of one.
 
     Raises:
-        EchoAvatarError: the password is too short to be one.
+        EchoAvatarError: the password is too short.
     """
     if len(password) < MIN_PASSWORD:
         raise EchoAvatarError(f"a password has at least {MIN_PASSWORD} characters; choose a longer one")
@@ -42,7 +42,7 @@ def set_owner(store: Store, name: str, password: str) -> None:
 
 
 def first_owner(store: Store) -> str | None:
-    """Make the owner `owner` with a random password where there is none; gives the password, which is told once."""
+    """Create the owner `owner` if there is no owner; return the random password, which is shown only once."""
     with store.read() as session:
         if session.scalar(select(func.count(Owner.id))):
             return None
@@ -52,10 +52,10 @@ def first_owner(store: Store) -> str | None:
 
 
 def log_in(store: Store, name: str, password: str) -> tuple[str, OwnerSession]:
-    """The cookie's token, and what the page is told.
+    """Sign an owner in; return the token for the cookie and the reply to the page.
 
     Raises:
-        StudioError: wrong name or password; which of them is not told.
+        StudioError: wrong name or password; the message does not say which.
     """
     with store.read() as session:
         owner = session.scalar(select(Owner).where(Owner.name == name))
@@ -68,6 +68,6 @@ def log_in(store: Store, name: str, password: str) -> tuple[str, OwnerSession]:
 
 
 def owner_of(store: Store, visitor: Visitor) -> Owner:
-    """Who is signed in."""
+    """The owner who is signed in."""
     with store.read() as session:
         return session.get_one(Owner, visitor.owner_id)

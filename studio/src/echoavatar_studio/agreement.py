@@ -1,4 +1,4 @@
-"""Krippendorff's alpha: agreement of raters beyond chance, when not everybody judged everything.
+"""Krippendorff's alpha: agreement of raters beyond chance, even if not every rater judged every unit.
 
 alpha = 1 - D_o / D_e from the coincidence matrix (Krippendorff, *Content Analysis*, 2004, ch. 11). 1 is full agreement,
 0 what chance would give.
@@ -14,9 +14,9 @@ Metric = Literal["nominal", "ordinal", "interval"]
 
 
 def alpha(units: Iterable[Sequence[float]], metric: Metric) -> float | None:
-    """Of units (things judged), each the values that its raters gave.
+    """Alpha over units (the things judged), each with the values that its raters gave.
 
-    None where fewer than two values can be paired, or all of them are equal: then chance would agree too.
+    None if fewer than two values can be paired or all values are equal: then chance would agree, too.
     """
     pairable = [values for values in units if len(values) > 1]
     levels = sorted({value for values in pairable for value in values})
@@ -37,10 +37,10 @@ def alpha(units: Iterable[Sequence[float]], metric: Metric) -> float | None:
 def _apart(
     levels: Float[np.ndarray, " v"], totals: Float[np.ndarray, " v"], metric: Metric
 ) -> Float[np.ndarray, "v v"]:
-    """Squared difference of two values."""
+    """Squared differences between all values, under the metric."""
     if metric == "nominal":
         return 1 - np.eye(len(levels))
     if metric == "interval":
         return np.asarray((levels[:, None] - levels[None]) ** 2)
-    below = np.cumsum(totals) - totals / 2  # ordinal: how many values lie between, half of each end
+    below = np.cumsum(totals) - totals / 2  # ordinal: the count of values in between, with half of each end
     return np.asarray((below[:, None] - below[None]) ** 2)

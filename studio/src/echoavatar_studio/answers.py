@@ -1,4 +1,4 @@
-"""A study's judgements with what they are about: what quality, results and exports are worked out from."""
+"""The judgements of a study together with their trials: the input of quality checks, results and exports."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ class Given:
     role: str
     sound: str
     category: str
-    systems: tuple[str, ...]  # of the clips by place; empty: spoilt
+    systems: tuple[str, ...]  # of the clips by place; empty: corrupted on purpose
     ratings: Mapping[str, int]  # pairwise: towards place 0
     best: int | None  # preference: places
     worst: int | None
@@ -80,5 +80,5 @@ def _given(
 
 
 def counting(answers: list[Given]) -> list[Given]:
-    """Those that results are made of: no practice, no checks, nobody excluded."""
+    """The judgements that count in results: without practice, checks and excluded raters."""
     return [answer for answer in answers if answer.role == "real" and not answer.is_excluded]

@@ -21,10 +21,10 @@ def create_app(
     rates: Rates | None = None,
     origins: tuple[str, ...] = (),
 ) -> Starlette:
-    """An ASGI application over a maker's store and folder of clips.
+    """The ASGI application over the store and the media folder of a maker.
 
-    `library` is where studies that are set up in the page may take models, clips and sounds from; `origins` are
-    addresses of pages, besides its own, that may change something (a proxy that does not pass the Host header on).
+    Studies that are set up in the page may take models, clips and sounds only from `library`. `origins` are further
+    addresses whose pages may make changes, for a proxy that does not pass the Host header on.
     """
     gate = Gate(maker.store, rates=rates, origins=origins)
     routes: list[BaseRoute] = [

@@ -22,7 +22,7 @@ def note(session: Session, actor: str, action: str, *, study: str = "", detail: 
 
 
 def read_audit(store: Store, *, study: str = "", before: int | None = None) -> Audit:
-    """The newest lines, of one study or all, older than line `before`."""
+    """The newest lines of one study or of all, older than line `before`."""
     wanted = select(Event).order_by(Event.id.desc()).limit(PAGE)
     if study:
         wanted = wanted.where(Event.study == study)

@@ -1,8 +1,8 @@
-"""Backups: every row and every clip of a studio in one ZIP, taken while it runs, and put back into an empty store.
+"""Backups: every row and every clip of a studio in one ZIP, which can be restored into an empty store.
 
-The rows are of one moment (a read transaction). The file fits either kind of store, so it also moves a studio from
-SQLite to PostgreSQL. It holds what the store holds: hashes of passwords and tokens, answers. Keep it as you keep the
-store.
+A backup is taken while the studio runs; one read transaction makes the rows consistent. The file fits either kind of
+store, so it also moves a studio from SQLite to PostgreSQL. It holds what the store holds, hashes of passwords and
+tokens and all answers: protect it like the store.
 """
 
 import json
@@ -23,7 +23,7 @@ _FORMAT = "echoavatar studio 1"
 
 
 def back_up(store: Store, media: Path, path: Path) -> dict[str, int]:
-    """Write the ZIP, complete or not at all; returns how many rows of each table, and how many files."""
+    """Write the ZIP, completely or not at all; return the number of rows of each table and the number of files."""
     counts: dict[str, int] = {}
     partial = path.with_name(path.name + ".part")
     try:
@@ -34,7 +34,7 @@ def back_up(store: Store, media: Path, path: Path) -> dict[str, int]:
                     kept = {row.public for row in session.scalars(select(Study))}
                     for table in Table.metadata.sorted_tables:
                         if table.name == Login.__tablename__:
-                            continue  # sessions end with the studio they were begun at
+                            continue  # sessions are valid only in the studio that opened them
                         for row in session.execute(select(table)).mappings():
                             counts[table.name] = counts.get(table.name, 0) + 1
                             out.write(json.dumps({"table": table.name, "row": dict(row)}).encode() + b"\n")
@@ -57,7 +57,7 @@ def restore(store: Store, media: Path, path: Path) -> dict[str, int]:
     """Put a backup into an empty store.
 
     Raises:
-        EchoAvatarError: the store is not empty, or the file is no backup or damaged.
+        EchoAvatarError: the store is not empty, or the file is not a backup or is damaged.
     """
     with store.read() as session:
         if session.scalar(select(func.count(Owner.id))) or session.scalar(select(func.count(Study.id))):
@@ -73,7 +73,7 @@ def restore(store: Store, media: Path, path: Path) -> dict[str, int]:
                     _unpack(whole, name, media)
                     counts["files"] = counts.get("files", 0) + 1
     except (OSError, zipfile.BadZipFile, KeyError, ValueError) as error:
-        raise EchoAvatarError(f"{path} is no backup of a studio ({error})") from error
+        raise EchoAvatarError(f"{path} is not a backup of a studio ({error})") from error
     return counts
 
 

@@ -1,8 +1,8 @@
-"""Bradley-Terry: strengths of systems from who was preferred to whom, with intervals.
+"""Bradley-Terry: strengths of systems from paired preferences, with intervals.
 
-P(i over j) = 1 / (1 + exp(s_j - s_i)). The strengths maximise the log-likelihood less `PENALTY` times the sum of their
-squares, so that a system that always wins has a finite one; they sum to zero. A rating of no difference is half a win
-for either. Intervals are normal, from the inverse of the curvature at the maximum.
+P(i over j) = 1 / (1 + exp(s_j - s_i)). The strengths sum to zero and maximise the log-likelihood minus `PENALTY` times
+the sum of their squares, which keeps the strength of a system that always wins finite. A rating of no difference counts
+as half a win for each. Intervals are normal, from the inverse curvature at the maximum.
 """
 
 from collections.abc import Sequence
@@ -16,14 +16,14 @@ _NORMAL_95 = 1.959963984540054
 
 
 class Strengths(NamedTuple):
-    """Log strengths, and half of their 95 % intervals."""
+    """Log strengths, and the half-widths of their 95 % intervals."""
 
     values: Float[np.ndarray, " n"]
     halves: Float[np.ndarray, " n"]
 
 
 def wins_of(count: int, outcomes: Sequence[tuple[int, int, float]]) -> Float[np.ndarray, "n n"]:
-    """wins[i, j]: how often i was preferred to j, from (i, j, rating towards i)."""
+    """wins[i, j]: how often i was preferred to j. Judgements are (i, j, rating towards i)."""
     wins = np.zeros((count, count))
     for one, other, rating in outcomes:
         wins[one, other] += 0.5 + 0.5 * np.sign(rating)
@@ -32,7 +32,7 @@ def wins_of(count: int, outcomes: Sequence[tuple[int, int, float]]) -> Float[np.
 
 
 def strengths(wins: Float[np.ndarray, "n n"], *, penalty: float = PENALTY) -> Strengths:
-    """Newton's method; the objective is concave, and a step that would lower it is halved."""
+    """Strengths by Newton's method; the objective is concave, and a step that would lower it is halved."""
     count, games = len(wins), wins + wins.T
     s = np.zeros(count)
 

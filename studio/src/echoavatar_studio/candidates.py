@@ -1,8 +1,8 @@
-"""Candidates of a preference study: N continuations of a prompt, their codes and their looks (paper, DPO).
+"""Candidates of a preference study: N continuations of a prompt, as codes and as motion (paper, DPO).
 
-The prompt is a stretch of sound with a past: what the generator itself moved to the sound before. Codes are drawn by
-the policy that `align dpo` tunes, and shown by the pipeline that runs live, with a generator that says the codes it
-was given.
+The prompt is a stretch of sound with a past: the motion that the generator itself made for the sound before. The policy
+that `align dpo` tunes samples the codes. The live pipeline turns them into motion, with a generator that returns given
+codes.
 """
 
 from pathlib import Path
@@ -43,10 +43,10 @@ class Candidate(NamedTuple):
 
 
 def token_file(folder: Path, bundle: Bundle, cut: SoundCut, seed: int) -> TokenClip:
-    """The sound's codes with the generator's own motion as past, written to `folder` for `align dpo`.
+    """Write the sound's codes, with the generator's own motion as past, to `folder` for `align dpo`.
 
     Raises:
-        AudioError: it is shorter than a chunk.
+        AudioError: the sound is shorter than a chunk.
     """
     if len(cut.audio) < CHUNK_SAMPLES:
         raise AudioError(f"{cut.name} is shorter than a chunk of {CHUNK_SAMPLES} samples; leave it out")
@@ -66,15 +66,15 @@ def token_file(folder: Path, bundle: Bundle, cut: SoundCut, seed: int) -> TokenC
 
 
 def token_name(cut: SoundCut) -> str:
-    """File-safe name of a sound's token file."""
+    """A file-safe name for the token file of a sound."""
     return "".join(letter if letter.isalnum() or letter in "-_" else "_" for letter in cut.name)
 
 
 def starts(clip: TokenClip, settings: PreferenceStudy, name: str) -> list[int]:
-    """Chunks at which the prompts of a sound begin, evenly spread.
+    """The chunks at which the prompts of a sound begin, evenly spread.
 
     Raises:
-        AudioError: the sound is too short for one.
+        AudioError: the sound is too short for a prompt.
     """
     last = clip.chunks - settings.past - settings.length
     if last < 0:
@@ -89,7 +89,7 @@ def starts(clip: TokenClip, settings: PreferenceStudy, name: str) -> list[int]:
 def candidates(
     pipeline: Pipeline, bundle: Bundle, cut: SoundCut, clip: TokenClip, start: int, settings: PreferenceStudy
 ) -> list[Candidate]:
-    """`settings.candidates` continuations of the prompt at `start`, each with the seed that makes it again."""
+    """`settings.candidates` continuations of the prompt at `start`, each with the seed that reproduces it."""
     name = token_name(cut)
     prompt = PromptBook({name: clip}, past=settings.past, length=settings.length).cut(name, start)
     random = np.random.default_rng([settings.seed, crc32(name.encode()), start])
@@ -116,12 +116,12 @@ def candidates(
 
 @torch.inference_mode()
 def decode(pipeline: Pipeline, sound: np.ndarray, codes: Int[Tensor, "b n p q"]) -> list[Performance]:
-    """What codes look like with a sound, as live: decoder, face and everything behind; a performance a row."""
+    """Turn codes into performances, one per row, through the live pipeline: decoder, face and all later stages."""
     rows, chunks = len(codes), codes.shape[1] // MOTION_TOKENS_PER_CHUNK
     generator, everyone = pipeline.generator, torch.ones(len(codes), dtype=torch.bool)
     state = pipeline.init_state(rows)
     pipeline.reset(state, everyone, seed=0)
-    pipeline.generator = Script(generator, codes)  # type: ignore[assignment]
+    pipeline.generator = ScriptedGenerator(generator, codes)  # type: ignore[assignment]
     try:
         audio = torch.from_numpy(sound[: chunks * CHUNK_SAMPLES].copy()).expand(rows, -1)
         steps = [pipeline.step(block, state, everyone) for block in torch.split(audio, CHUNK_SAMPLES, 1)]
@@ -134,8 +134,8 @@ def decode(pipeline: Pipeline, sound: np.ndarray, codes: Int[Tensor, "b n p q"])
     ]
 
 
-class Script:
-    """Stands where a generator stands, and says codes that were drawn before, whatever it hears."""
+class ScriptedGenerator:
+    """Takes the place of a generator and returns codes that were sampled before, regardless of the sound."""
 
     def __init__(self, like: GeneratorStream[Any], codes: Int[Tensor, "b n p q"]) -> None:
         self.config, self._parts = like.config, iter(torch.split(codes, MOTION_TOKENS_PER_CHUNK, 1))
@@ -143,7 +143,7 @@ class Script:
     def step(
         self, x: Tensor, state: object, active: Bool[Tensor, " b"], **how: object
     ) -> Int[Tensor, "b n p q"]:
-        """The next chunk's codes."""
+        """The codes of the next chunk."""
         del x, state, active, how
         codes: Tensor = next(self._parts)
         return codes

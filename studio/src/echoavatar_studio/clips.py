@@ -1,4 +1,4 @@
-"""What pages load: a clip is one `motion` message of the live protocol, its sound is FLAC; motion spoilt on purpose."""
+"""The files that pages load: a clip is one `motion` message of the live protocol, a sound is FLAC."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -22,24 +22,24 @@ _SHAKE_RAD = 0.7
 
 
 class Performance(NamedTuple):
-    """Motion and face, as long as the sound it is shown with."""
+    """Motion and face, as long as the sound they are shown with."""
 
     motion: Motion
     face: Float[np.ndarray, "t 52"] | None = None
 
 
 def save_clip(path: Path, shown: Performance) -> None:
-    """Write what `@echoavatar/client` unpacks; whole or not at all."""
+    """Write a file that `@echoavatar/client` unpacks, completely or not at all."""
     face = shown.face
     pose = Pose(shown.motion.rotations, shown.motion.root, face)
     _write(path, encode(pack_pose(pose, at=0, state="acting")))
 
 
 def load_clip(path: Path) -> Pose:
-    """Read what `save_clip` wrote.
+    """Read a file that `save_clip` wrote.
 
     Raises:
-        ProtocolError: it is damaged.
+        ProtocolError: the file is damaged.
     """
     message = decode_server(path.read_bytes())
     assert isinstance(message, MotionMessage)
@@ -55,13 +55,13 @@ def save_sound(path: Path, audio: Float[np.ndarray, " s"]) -> None:
 
 
 def fit(audio: Float[np.ndarray, " s"], frames: int) -> Float[np.ndarray, " s"]:
-    """Sound of exactly so many frames: cut, or followed by silence."""
+    """Cut the sound to a number of frames, or pad it with silence."""
     wanted = frames * SAMPLES_PER_FRAME
     return np.pad(audio[:wanted], (0, max(0, wanted - len(audio)))).astype(np.float32)
 
 
-def spoil(shown: Performance, seed: int) -> Performance:
-    """The same with limbs that shake at random by some 40 degrees: nobody who looks can miss it."""
+def corrupt(shown: Performance, seed: int) -> Performance:
+    """The same motion with limbs that shake at random by about 40 degrees, which every attentive rater notices."""
     motion, random = shown.motion, np.random.default_rng([seed, 4])
     rotations = motion.rotations.copy()
     for joint, name in enumerate(HUMANOID.names):

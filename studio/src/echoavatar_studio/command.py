@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from tqdm import tqdm
 
-from echoavatar.errors import DependencyError, EchoAvatarError
+from echoavatar.errors import EchoAvatarError
 
 if TYPE_CHECKING:
     from .making import Maker
@@ -43,10 +43,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="|".join(ACTIONS),
     )
     parser.add_argument(
-        "--study", type=Path, action="append", default=[], metavar="YAML", help="make it first"
+        "--study", type=Path, action="append", default=[], metavar="YAML", help="make this study first"
     )
     parser.add_argument(
-        "--folder", type=Path, help="where clips and data are (default: studio; demo: studio-demo)"
+        "--folder", type=Path, help="folder of clips and data (default: studio; demo: studio-demo)"
     )
     parser.add_argument(
         "--store",
@@ -72,14 +72,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Do what was asked."""
-    try:
-        from .making import Maker
-        from .run import open_store
-    except ModuleNotFoundError as error:
-        raise DependencyError(
-            f"the studio needs {error.name}: pip install 'echoavatar[serve,studio]'"
-        ) from error
+    """Run the action."""
+    from .making import Maker
+    from .run import open_store
+
     if bool(args.certificate) != bool(args.key):
         raise EchoAvatarError("--certificate and --key go together; give both or neither")
     folder = args.folder or Path("studio-demo" if args.action == "demo" else "studio")
@@ -101,13 +97,13 @@ def _serve(store: "Store", maker: "Maker", folder: Path, args: argparse.Namespac
     from .accounts import first_owner
     from .app import create_app
     from .demo import is_filled, make_demo
-    from .owning import Desk
+    from .owner_actions import OwnerActions
     from .run import mark_broken, serve
     from .settings import read_study
     from .wire_owner import Invite
 
     mark_broken(store)
-    desk = Desk(maker, "studio")
+    actions = OwnerActions(maker, "studio")
     if args.action == "demo" and not is_filled(store):
         with _Bar() as bar:
             make_demo(maker, folder / "library", model=args.model, progress=bar.show)
@@ -132,9 +128,9 @@ def _serve(store: "Store", maker: "Maker", folder: Path, args: argparse.Namespac
                 flush=True,
             )
         if args.action == "demo":
-            for study in desk.studies().studies:
+            for study in actions.studies().studies:
                 if study.state == "open" and study.raters < study.raters_wanted:
-                    link = desk.invite(study.id, Invite(), page=f"{address}/rate").links[0]
+                    link = actions.invite(study.id, Invite(), page=f"{address}/rate").links[0]
                     print(f"judge “{study.title}”: {link.url}", flush=True)
             if not args.no_browser:
                 webbrowser.open(f"{address}/")
@@ -158,10 +154,10 @@ def _export(store: "Store", media: Path, args: argparse.Namespace) -> int:
     from .audit import note
     from .export import export
     from .making import Maker
-    from .owning import Desk
+    from .owner_actions import OwnerActions
     from .results import results
 
-    studies = Desk(Maker(store, media), "studio").studies().studies
+    studies = OwnerActions(Maker(store, media), "studio").studies().studies
     chosen = [study for study in studies if args.id in (None, study.id)]
     if not chosen:
         raise EchoAvatarError(
@@ -189,7 +185,7 @@ def _copy(store: "Store", media: Path, args: argparse.Namespace) -> int:
 
 
 class _Bar:
-    """A bar of steps, labelled with what is being made."""
+    """A progress bar, labelled with the clip that is being made."""
 
     def __enter__(self) -> "_Bar":
         self._bar: tqdm[object] = tqdm(unit="clip", disable=not sys.stderr.isatty())
@@ -199,6 +195,6 @@ class _Bar:
         self._bar.close()
 
     def show(self, done: int, of: int, what: str) -> None:
-        """So far."""
+        """Show the progress."""
         self._bar.total, self._bar.n = of, done
         self._bar.set_description(what[:40])

@@ -1,8 +1,7 @@
-"""A filled example: two small studies made from the default bundle, judged by made-up raters, with places left for you.
+"""A filled example: two small studies of the default bundle, judged by simulated raters, with places left for you.
 
-The three systems of the pairwise study are the bundle's own motion, the same motion made for another sound (so it
-misses the beats), and the same motion at half its size. The raters' preferences are invented; the studies say so in
-their titles.
+The pairwise study has three systems: the bundle's own motion, its motion for another sound (which misses the beats),
+and its motion at half the size. The preferences of the raters are invented; the titles of the studies say so.
 """
 
 from importlib.resources import as_file, files
@@ -21,9 +20,9 @@ from echoavatar.timing import SAMPLE_RATE_HZ
 
 from .clips import Progress, save_sound
 from .making import Maker
-from .owning import Desk
+from .owner_actions import OwnerActions
 from .settings import Checks, Keeping, PairwiseStudy, PreferenceStudy, SoundChoice, SystemChoice
-from .simulate import Taste, simulate
+from .simulate import Preferences, simulate
 from .store import Store
 from .tables import Study
 from .wire import Category
@@ -35,7 +34,7 @@ SOUNDS: tuple[tuple[str, str, Category, float], ...] = (
     ("music 1", "music.ogg", "dance", 4.0),
     ("music 2", "music/Warm_Salsa.ogg", "dance", 8.0),
 )
-TASTE = Taste(
+PREFERENCES = Preferences(
     worth={"EchoAvatar": 0.5, "Other sound": -0.3, "Half size": -0.2}, of_question={"beat_matching": 1.3}
 )
 _OTHER = (1, 0, 3, 2)  # whose motion "Other sound" gets
@@ -43,7 +42,7 @@ _RATERS, _LEFT = 12, 3
 
 
 def make_demo(maker: Maker, library: Path, *, model: str = "default", progress: Progress) -> list[str]:
-    """Two open studies with answers; returns their public names."""
+    """Make two open studies with answers; return their public names."""
     sounds = make_library(library, model, progress)
     studies: list[PairwiseStudy | PreferenceStudy] = [_pairwise(sounds), _preference(sounds, model)]
     names = []
@@ -51,15 +50,15 @@ def make_demo(maker: Maker, library: Path, *, model: str = "default", progress: 
         public = maker.begin(settings, by="studio")
         maker.make(public, settings, library, progress=progress)
         progress(1, 1, "raters answer")
-        taste = TASTE if settings.kind == "pairwise" else Taste(worth={model: 0.0})
-        desk = Desk(maker, "studio")
-        simulate(maker.store, desk, public, taste, raters=_raters(settings), seed=number, last=3)
+        preferences = PREFERENCES if settings.kind == "pairwise" else Preferences(worth={model: 0.0})
+        actions = OwnerActions(maker, "studio")
+        simulate(maker.store, actions, public, preferences, raters=_raters(settings), seed=number, last=3)
         names.append(public)
     return names
 
 
 def make_library(library: Path, model: str, progress: Progress) -> tuple[SoundChoice, ...]:
-    """Sounds, and the three systems' clips, as an owner would put them there."""
+    """Write the sounds and the clips of the three systems as an owner would."""
     pipeline = Pipeline(load_bundle(model))
     progress(0, len(SOUNDS), "loading the model")
     pipeline.warm_up()
@@ -85,7 +84,7 @@ def make_library(library: Path, model: str, progress: Progress) -> tuple[SoundCh
 
 
 def half_size(motion: Motion) -> Motion:
-    """Every joint goes half the way from its mean rotation, the root half the way from its mean place."""
+    """Halve the distance of every joint to its mean rotation, and of the root to its mean position."""
     turns = torch.from_numpy(motion.rotations)
     signs = torch.sign((turns * turns[:1]).sum(-1, keepdim=True))
     mean = (turns * torch.where(signs == 0, torch.ones_like(signs), signs)).mean(0, keepdim=True)
@@ -108,7 +107,7 @@ def _pairwise(sounds: tuple[SoundChoice, ...]) -> PairwiseStudy:
     return PairwiseStudy(
         kind="pairwise",
         title="Example: three ways to move (answers are made up)",
-        systems=tuple(SystemChoice(name=name, clips=name, group="Example") for name in TASTE.worth),
+        systems=tuple(SystemChoice(name=name, clips=name, group="Example") for name in PREFERENCES.worth),
         sounds=sounds,
         seconds=SECONDS,
         raters=_RATERS + _LEFT,
@@ -138,6 +137,6 @@ def _raters(settings: PairwiseStudy | PreferenceStudy) -> int:
 
 
 def is_filled(store: Store) -> bool:
-    """Whether there are studies already."""
+    """Whether the store has studies already."""
     with store.read() as session:
         return session.query(Study).first() is not None

@@ -1,10 +1,10 @@
-"""Who judges what, in which order and on which side: balanced incomplete blocks.
+"""The design of a study in balanced incomplete blocks: who judges which trials, in which order, on which side.
 
-A rater sees only some of the trials (a block). Blocks are filled one by one with the trial that was used least so far;
-among those the one that shares the fewest groups (systems, sounds) with what the block has, and the fewest blocks
-with its trials. So any two trials are judged equally often up to one, whatever the numbers are. Then blocks exchange
-trials as long as any two trials meet in more equally many blocks, which ends at a balanced incomplete block design
-where there is one for such numbers and it is small. Sides and playing order are balanced too.
+A rater sees only some of the trials (a block). Blocks are filled one by one with the least used trial; ties go to the
+trial that shares the fewest groups (systems, sounds) with the block, then to the one that shares the fewest blocks
+with its trials. So the uses of any two trials differ by at most one, whatever the numbers. Then blocks exchange
+trials as long as this evens out how often two trials share a block. For small numbers this ends at a balanced
+incomplete block design if there is one. Sides and playing order are balanced, too.
 """
 
 from collections import Counter, defaultdict
@@ -27,9 +27,9 @@ class Shown(NamedTuple):
 
 
 def blocks(groups: Sequence[Sequence[str]], *, count: int, size: int, seed: int) -> list[list[int]]:
-    """`count` blocks of `size` different trials each; `groups` are the marks of every trial: its systems, its sound.
+    """`count` blocks of `size` different trials each; `groups` are the marks of every trial: its systems and its sound.
 
-    The uses of any two trials differ by one at most.
+    The uses of any two trials differ by at most one.
     """
     random = np.random.default_rng([seed, 1])
     size = min(size, len(groups))
@@ -66,10 +66,10 @@ def _exchange(
     together: Int[np.ndarray, "n n"],
     random: np.random.Generator,
 ) -> None:
-    """Two trials of two blocks change places, again and again, unless the design would be worse for it.
+    """Swap two trials of two blocks, again and again, unless the swap makes the design worse.
 
-    Worse is: more that is alike (same system, same sound) within blocks, or else pairs of trials that meet less evenly
-    (sum of squares of `together`). Changes that make it neither better nor worse lead out of dead ends.
+    A design is worse if blocks repeat more systems or sounds, or else if pairs of trials meet less evenly (sum of
+    squares of `together`). Swaps that make it neither better nor worse lead out of dead ends.
     """
     inside = np.zeros((len(found), len(groups)), int)
     for row, block in enumerate(found):
@@ -85,7 +85,7 @@ def _exchange(
         if not len(gives):
             continue
         a, b = random.choice(gives), random.choice(takes)
-        change = inside[other] - inside[one]  # of what `a` meets; `b` meets the opposite
+        change = inside[other] - inside[one]  # for the trials that `a` meets; the opposite for `b`
         change[[a, b]] = 0
         costs = change @ (alike[a] - alike[b]), change @ (together[a] - together[b]) + change @ change
         if costs > (0, 0):
@@ -98,7 +98,7 @@ def _exchange(
 
 
 class Sides:
-    """Gives each showing of a trial its order: rarest so far for the trial, then rarest for the rater, then by lot."""
+    """Gives each showing of a trial its order: the rarest so far for the trial, then for the rater, then at random."""
 
     def __init__(self, seed: int) -> None:
         self._random = np.random.default_rng([seed, 2])
@@ -106,7 +106,7 @@ class Sides:
         self._left: dict[int, Counter[int]] = defaultdict(Counter)
 
     def pair(self, trial: int, rater: int) -> Shown:
-        """Two clips: which is clip 0, and which plays first; all four ways equally often up to one."""
+        """The order of two clips: which is on side 0, and which plays first. All four ways are balanced."""
         ways = [(flip, first) for flip in (0, 1) for first in (0, 1)]
         counts, left = self._of_trial[trial], self._left[rater]
         totals = Counter({flip: counts[flip, 0] + counts[flip, 1] for flip in (0, 1)})
@@ -118,12 +118,12 @@ class Sides:
         return Shown(trial, (flip, 1 - flip), first)
 
     def many(self, trial: int, clips: int) -> Shown:
-        """A candidates' grid: by lot, each clip in each place equally often in the long run."""
+        """The order of a grid of candidates: random, so each clip is in each place equally often in the long run."""
         return Shown(trial, tuple(int(place) for place in self._random.permutation(clips)), 0)
 
 
 def spread(real: Sequence[int], extra: Sequence[int], seed: Sequence[int]) -> list[int]:
-    """The real trials in their order with the extra ones (checks) among them, never first, not foreseeably."""
+    """Mix the extra trials (checks) into the real ones at unpredictable places, never first."""
     if not extra:
         return list(real)
     random = np.random.default_rng([*seed, 3])

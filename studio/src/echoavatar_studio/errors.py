@@ -1,4 +1,4 @@
-"""Refusals: what becomes of a request that must not be done, as a `Problem` of the API."""
+"""Refused requests: a refusal becomes a `Problem` of the API."""
 
 from echoavatar.errors import EchoAvatarError
 
@@ -6,7 +6,7 @@ from .wire import STATUS, ErrorCode, Problem
 
 
 class StudioError(EchoAvatarError):
-    """Not done, and why; `code` is told to the page. Changes of the same transaction are undone."""
+    """A request was refused. The page gets `code`; changes of the same transaction are rolled back."""
 
     def __init__(self, code: ErrorCode, message: str, *, retry_after: float = 0.0) -> None:
         super().__init__(message)
@@ -14,15 +14,15 @@ class StudioError(EchoAvatarError):
 
     @property
     def status(self) -> int:
-        """Of the HTTP answer."""
+        """The status of the HTTP answer."""
         return STATUS[self.code]
 
     @property
     def problem(self) -> Problem:
-        """What the page is told."""
+        """The body of the HTTP answer."""
         return Problem(code=self.code, message=str(self), retry_after=self.retry_after)
 
 
 def not_found() -> StudioError:
-    """One answer for what does not exist and for what is somebody else's."""
+    """The same answer for a thing that does not exist and for one that belongs to somebody else."""
     return StudioError("not_found", "there is no such thing here")

@@ -10,13 +10,12 @@ import msgspec
 from sqlalchemy import select
 
 from echoavatar.align.preferences import Pair
-from echoavatar.errors import DependencyError
 
 from .answers import counting, given
 from .audit import iso
 from .errors import not_found
 from .latex import latex_table
-from .owning import find_study
+from .owner_actions import find_study
 from .quality import rater_rows
 from .results import FILES, PLOTS, results, verdicts
 from .settings import kept_study
@@ -41,7 +40,6 @@ def export(store: Store, media: Path, public: str, name: str) -> bytes:
 
     Raises:
         StudioError: no such study, or a file that this kind of study does not have.
-        DependencyError: a picture without matplotlib.
     """
     with store.read() as session:
         settings = kept_study(find_study(session, public).settings)
@@ -64,15 +62,13 @@ def export(store: Store, media: Path, public: str, name: str) -> bytes:
     if name == "table.tex":
         caption = f"{settings.title}: mean and 95 % confidence interval of {found.judgements} judgements"
         return latex_table(found.rows, settings.questions, caption=caption).encode()
-    try:
-        from .plots import draw_means, draw_ranking
-    except ModuleNotFoundError as error:
-        raise DependencyError(f"pictures need {error.name}: pip install 'echoavatar[studio]'") from error
+    from .plots import draw_means, draw_ranking
+
     return draw_means(found.rows, settings.questions) if name == "means.svg" else draw_ranking(found.ranking)
 
 
 def pairs(store: Store, public: str) -> list[Pair]:
-    """The pairs of a preference study that are distinct enough; `margin` is the share of raters, `by` says so.
+    """The pairs of a preference study that are distinct enough. `margin` is a share of raters, as `by` says.
 
     Raises:
         StudioError: no such study, or one of the other kind.
@@ -107,7 +103,7 @@ def pairs(store: Store, public: str) -> list[Pair]:
 
 
 def _judgements(store: Store, public: str) -> bytes:
-    """One line an answer, practice and checks too; ratings are towards `first_system`."""
+    """One line per answer, with practice and checks; ratings are towards `first_system`."""
     with store.read() as session:
         answers = given(session, find_study(session, public))
     head = ["rater", "is_excluded", "role", "sound", "category", "first_system", "second_system", *QUESTIONS]
@@ -146,7 +142,7 @@ def _csv(rows: Sequence[Sequence[object]], head: Sequence[str]) -> bytes:
 
 
 def _plain(cell: object) -> object:
-    """Text that a spreadsheet would take for a formula gets a quote in front."""
+    """Put a quote before text that a spreadsheet would take for a formula."""
     return f"'{cell}" if isinstance(cell, str) and cell[:1] in ("=", "+", "-", "@", "\t") else cell
 
 

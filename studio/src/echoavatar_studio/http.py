@@ -1,6 +1,6 @@
-"""One way in for every request of the API: limits, origin, session, CSRF, body, then the work, in a thread of its own.
+"""The way of every API request: limits, origin, session, CSRF, body, then the handler in a thread of its own.
 
-Everything that goes wrong leaves as a `Problem`, and refusals that speak of mischief leave a line in the audit.
+Every failure is answered with a `Problem`. Suspicious refusals also leave a line in the audit.
 """
 
 import logging
@@ -28,7 +28,7 @@ _LOG = logging.getLogger(__name__)
 T = TypeVar("T")
 Who = Literal["rater", "owner"]
 COOKIES: dict[Who, str] = {"rater": "studio_rater", "owner": "studio_owner"}
-_QUIET = {  # what a page that does its work is told too
+_QUIET = {  # normal answers to a page that works as intended
     "needs_consent",
     "already_judged",
     "study_closed",
@@ -46,25 +46,25 @@ class Call:
 
     request: Request
     visitor: Visitor | None
-    address: str  # of the caller; for limits only
+    address: str  # of the caller, for limits only
     body: bytes = b""
 
     @property
     def signed(self) -> Visitor:
-        """The visitor of a route that asks for one."""
+        """The visitor, on a route that needs a session."""
         assert self.visitor is not None
         return self.visitor
 
     def page(self, name: str) -> str:
-        """The address of one of our pages, as this caller sees it."""
+        """The address of one of our pages, as the caller sees it."""
         return f"{self.request.url.scheme}://{self.request.headers.get('host', '')}/{name}"
 
     def word(self, name: str) -> str:
-        """A part of the path."""
+        """A text parameter of the path."""
         return str(self.request.path_params[name])
 
     def number(self, name: str) -> int:
-        """A number in the path; Starlette's `int` convertor has checked it."""
+        """A number in the path, which Starlette's `int` convertor has checked."""
         return int(self.request.path_params[name])
 
 
@@ -72,7 +72,7 @@ Work = Callable[[Call], msgspec.Struct | Response]
 
 
 class Gate:
-    """Builds routes."""
+    """Builds routes with all checks."""
 
     def __init__(self, store: Store, *, rates: Rates | None = None, origins: tuple[str, ...] = ()) -> None:
         self.store, self.rates, self._origins = store, rates or Rates(), origins
@@ -81,7 +81,7 @@ class Gate:
     def route(
         self, method: str, path: str, work: Work, *, who: Who, signed: bool = True, rate: Rate | None = None
     ) -> Route:
-        """A route for a rater or an owner; `signed`: refused without a session, and changes need the CSRF token."""
+        """A route for raters or owners. `signed`: it needs a session, and changes need the CSRF token."""
 
         async def endpoint(request: Request) -> Response:
             return await self._answer(request, work, who, signed, rate)
@@ -89,7 +89,7 @@ class Gate:
         return Route(path, endpoint, methods=[method])
 
     def hold(self, key: str, rate: Rate) -> None:
-        """Count a request.
+        """Count a request towards its limit.
 
         Raises:
             StudioError: too many of them.
@@ -131,7 +131,7 @@ class Gate:
             self._check_origin(request)
         token = request.cookies.get(COOKIES[who], "")
         visitor = await anyio.to_thread.run_sync(find_visitor, self.store, token) if token else None
-        request.state.visitor = visitor  # the audit names whoever it is
+        request.state.visitor = visitor  # the audit names the visitor
         if visitor is not None and not visitor.is_a(who):
             visitor = None  # a rater's token in the owners' cookie opens nothing
         if visitor is None:
@@ -173,17 +173,17 @@ class Gate:
 
 
 def _is_mischief(refusal: StudioError, who: Who, request: Request) -> bool:
-    """Whether it is worth a line: sessions of raters end, and owners' pages ask `me` before anybody signs in."""
+    """Whether a refusal goes into the audit. Expired sessions and the owner page's first `me` are normal and do not."""
     if refusal.code == "not_signed_in":
         return who == "owner" and not request.url.path.endswith("/me")
     return refusal.code not in _QUIET
 
 
 async def read_body(request: Request) -> bytes:
-    """The body of a change.
+    """Read the body of a request that changes something.
 
     Raises:
-        StudioError: longer than allowed, or not JSON by its header.
+        StudioError: the body is too long, or its header does not say JSON.
     """
     declared = request.headers.get("content-length", "0")
     body = b""
@@ -201,10 +201,10 @@ async def read_body(request: Request) -> bytes:
 
 
 def decoded(call: Call, kind: type[T]) -> T:
-    """The body as a message.
+    """Decode the body as a message.
 
     Raises:
-        StudioError: it is none.
+        StudioError: the body is not such a message.
     """
     try:
         return msgspec.json.decode(call.body, type=kind)
@@ -226,5 +226,5 @@ def refused(refusal: StudioError) -> Response:
 
 
 def nothing_here(_: Request, __: Exception) -> Response:
-    """What Starlette answers for unknown addresses and methods, as a `Problem`."""
+    """Turn Starlette's answer for unknown addresses and methods into a `Problem`."""
     return refused(StudioError("not_found", "there is no such address"))

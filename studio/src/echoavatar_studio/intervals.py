@@ -1,7 +1,7 @@
-"""Means with 95 % intervals (paper, Subjective Evaluation Protocol: mean +- interval of ratings in [-2, 2]).
+"""Means with 95 % intervals (paper, Subjective Evaluation Protocol: mean and interval of ratings in [-2, 2]).
 
-`half` is Student's interval over single judgements, the paper's. Judgements of one rater are not independent;
-`half_raters` takes each rater's mean as one observation and is the one to trust where raters differ.
+`half` is Student's interval over single judgements, as in the paper. Judgements of one rater are not independent, so
+`half_raters` takes each rater's mean as one observation; trust it if raters differ.
 """
 
 from collections import defaultdict
@@ -16,7 +16,7 @@ LEVEL = 0.95
 
 
 def mean_of(values: Sequence[float], raters: Sequence[int]) -> Mean:
-    """Mean and intervals of ratings; `raters` says whose each is. Half-widths are None below two observations."""
+    """The mean of ratings and its intervals, given the rater of each. Half-widths need two observations."""
     by_rater: dict[int, list[float]] = defaultdict(list)
     for value, rater in zip(values, raters, strict=True):
         by_rater[rater].append(value)

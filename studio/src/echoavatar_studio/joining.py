@@ -1,4 +1,4 @@
-"""How people become raters: invitation, consent, a block of tasks; and how they leave and are forgotten."""
+"""How people become raters (invitation, consent, a block of tasks), and how they withdraw and are deleted."""
 
 import time
 
@@ -16,9 +16,10 @@ from .wire_rater import Joined, Progress, StudyFace
 
 
 def join(store: Store, token: str, current: Visitor | None, *, page: str) -> tuple[str, Joined]:
-    """Take an invitation, or go on by a rater's own key; gives the cookie's token and the answer.
+    """Accept an invitation, or resume with a rater's own key; return the token for the cookie and the reply.
 
-    `page` is the address that links begin with. Whoever is signed in by the same open invitation goes on as that rater.
+    `page` is the address that links begin with. A visitor who has joined by the same open invitation stays the same
+    rater.
 
     Raises:
         StudioError: no such link, the study is closed, or all places are taken.
@@ -44,14 +45,14 @@ def join(store: Store, token: str, current: Visitor | None, *, page: str) -> tup
 
 
 def look(store: Store, visitor: Visitor) -> Joined:
-    """What `join` said, for a page that was loaded again."""
+    """The reply of `join` again, for a page that was reloaded."""
     with store.read() as session:
         rater = session.get_one(Rater, visitor.rater_id)
         return _joined(session, session.get_one(Study, rater.study_id), rater, visitor, "")
 
 
 def agree(store: Store, visitor: Visitor) -> Joined:
-    """The rater consents, and gets the first free block.
+    """Record the consent and assign the first free block.
 
     Raises:
         StudioError: the study is closed, or all blocks are taken.
@@ -77,9 +78,9 @@ def agree(store: Store, visitor: Visitor) -> Joined:
 
 
 def forget(session: Session, rater: Rater, *, actor: str, why: str) -> None:
-    """Delete a rater with all answers; the block is free again, and a personal link is void.
+    """Delete a rater with all answers; the block is free again, and a personal link becomes invalid.
 
-    The block of an excluded one goes too: a copy of it was given out when they were excluded.
+    The block of an excluded rater is deleted, too: a copy of it was handed out when the rater was excluded.
     """
     study = session.get_one(Study, rater.study_id)
     invitation = session.get_one(Invitation, rater.invitation_id)
@@ -102,7 +103,7 @@ def check_open(study: Study) -> None:
 
 
 def progress_of(session: Session, rater: Rater) -> Progress:
-    """How far a rater is."""
+    """The progress of a rater."""
     of = session.scalar(
         select(func.count(Task.id)).join(Block, Task.block_id == Block.id).where(Block.rater_id == rater.id)
     )

@@ -1,4 +1,4 @@
-"""A rater's tasks and answers. An answer that was said to be saved is on disk, once."""
+"""A rater's tasks and answers. An answer is reported as saved only when it is on disk, and it is stored once."""
 
 import hashlib
 import time
@@ -40,10 +40,10 @@ def next_task(store: Store, visitor: Visitor) -> NextTask:
 
 
 def media_of(store: Store, visitor: Visitor, name: str, slot: int | None) -> str:
-    """File, below the media folder, of a task's sound or of the clip in a slot.
+    """The file, below the media folder, of a task's sound or of the clip in a slot.
 
     Raises:
-        StudioError: not a task of this rater, or no such slot.
+        StudioError: the task is not of this rater, or there is no such slot.
     """
     with store.read() as session:
         rater = _consenting(session, visitor)
@@ -59,14 +59,17 @@ def media_of(store: Store, visitor: Visitor, name: str, slot: int | None) -> str
 
 
 def judge(store: Store, visitor: Visitor, name: str, key: str, answer: Answer) -> Saved:
-    """Keep an answer; returns when it is on disk.
+    """Store an answer; return when it is on disk.
 
     Raises:
-        StudioError: not this rater's task, answered before, a key of another answer, or an answer that does not fit.
+        StudioError: the task is of another rater or already answered, the key belongs to another answer, or the answer
+            does not fit the task.
     """
     digest = hashlib.sha256(name.encode() + b"\0" + msgspec.json.encode(answer, order="sorted")).hexdigest()
     with store.write() as session:
-        rater = session.get_one(Rater, visitor.rater_id, with_for_update=True)  # a rater's answers queue
+        rater = session.get_one(
+            Rater, visitor.rater_id, with_for_update=True
+        )  # one answer of a rater at a time
         before = session.scalar(select(Judgement).where(Judgement.rater_id == rater.id, Judgement.key == key))
         if before is not None:
             if before.digest != digest:
@@ -92,7 +95,7 @@ def judge(store: Store, visitor: Visitor, name: str, key: str, answer: Answer) -
         )
         session.flush()
         saved = Saved(is_repeated=False, progress=progress_of(session, rater))
-    return saved  # the transaction has ended: it is on disk
+    return saved  # the transaction has ended: the answer is on disk
 
 
 def _row(answer: Answer, task: Task, study: Study) -> Judgement:

@@ -19,7 +19,7 @@ _SPECIAL = {
 
 
 def latex_table(rows: Sequence[ResultRow], questions: Sequence[Question], *, caption: str) -> str:
-    """A `table*`; its first line names the packages that it needs. A dash where a system has no judgements."""
+    """A `table*`; its first line names the packages that it needs. A system without judgements has a dash."""
     width = len(questions)
     found = {(row.group, row.system, row.category): row.scores for row in rows}
     systems = list(dict.fromkeys((row.group, row.system) for row in rows))
@@ -56,7 +56,7 @@ def latex_table(rows: Sequence[ResultRow], questions: Sequence[Question], *, cap
 
 
 def escaped(text: str) -> str:
-    """Text that LaTeX takes as it is."""
+    """Escape the characters that LaTeX treats specially."""
     return "".join(_SPECIAL.get(letter, letter) for letter in " ".join(text.split()))
 
 

@@ -1,4 +1,4 @@
-"""Rate limits: token buckets in memory. Addresses are forgotten with the process; none is ever written down."""
+"""Rate limits: token buckets in memory. Addresses are never written to disk."""
 
 import threading
 import time
@@ -11,7 +11,7 @@ _KEYS = 20_000
 
 
 class Rate(NamedTuple):
-    """So many at once, and so many a minute after that."""
+    """The size of a burst, and the requests per minute after it."""
 
     burst: float
     per_minute: float
@@ -19,24 +19,24 @@ class Rate(NamedTuple):
 
 @dataclass(frozen=True)
 class Rates:
-    """What one address, session or account may do."""
+    """The limits of an address, a session or an account."""
 
     login: Rate = Rate(8, 6)  # per address, and per account
-    join: Rate = Rate(60, 60)  # per address: a class room behind one router joins at once
+    join: Rate = Rate(60, 60)  # per address: a whole classroom may join through one router
     answer: Rate = Rate(30, 60)  # per rater
-    read: Rate = Rate(400, 1200)  # per session: clips and sounds too
+    read: Rate = Rate(400, 1200)  # per session, clips and sounds included
     stranger: Rate = Rate(120, 240)  # per address, for requests without a session
 
 
 class Limiter:
-    """Buckets by key; the longest unused go when there are too many."""
+    """Buckets by key; if there are too many, the longest unused are dropped."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock, self._lock = clock, threading.Lock()
         self._levels: OrderedDict[str, tuple[float, float]] = OrderedDict()
 
     def wait(self, key: str, rate: Rate) -> float:
-        """0 where it may pass, which is counted; else the seconds to wait."""
+        """Count a request and return 0 if it may pass; otherwise return the seconds to wait."""
         with self._lock:
             now = self._clock()
             level, since = self._levels.pop(key, (rate.burst, now))

@@ -1,4 +1,4 @@
-"""Making a study: settings become sounds, clips and tasks, in the background or from the command line."""
+"""Making a study from its settings: sounds, clips and tasks, in the background or from the command line."""
 
 import logging
 import shutil
@@ -18,7 +18,7 @@ from echoavatar.timing import CHUNK_SAMPLES, CHUNK_SECONDS, SAMPLE_RATE_HZ
 
 from .audit import note
 from .candidates import candidates, starts, token_file, token_name
-from .clips import Performance, Progress, fit, save_clip, save_sound, spoil
+from .clips import Performance, Progress, corrupt, fit, save_clip, save_sound
 from .planning import Item, plan
 from .secrecy import new_name
 from .settings import PairwiseStudy, PreferenceStudy, SystemChoice
@@ -36,7 +36,7 @@ def _quiet(done: int, of: int, what: str) -> None:
 
 @dataclass(frozen=True)
 class Material:
-    """A sound with its clips on disk, not yet in the store."""
+    """A sound with its clips, on disk but not yet in the store."""
 
     name: str
     category: str
@@ -45,12 +45,12 @@ class Material:
     clips: tuple[
         tuple[str, str, int | None, list[list[list[int]]] | None], ...
     ]  # system or number, file, seed, codes
-    spoilt: str
+    corrupted: str
     prompt: dict[str, object] | None = None
 
 
 class Maker:
-    """Makes studies into a store and its media folder; `making` tells of those on their way."""
+    """Makes studies in a store and its media folder; `making` has the progress of those under way."""
 
     def __init__(self, store: Store, media: Path) -> None:
         self.store, self.media = store, media
@@ -58,13 +58,13 @@ class Maker:
         self._one_at_a_time = threading.Lock()
 
     def known(self, settings: PairwiseStudy | PreferenceStudy) -> str | None:
-        """The study that was made of the very same settings: a studio that starts again does not make another."""
+        """The study with exactly these settings, or None. A studio that is restarted does not make it again."""
         wanted = select(Study.public).where(Study.settings == _text(settings), Study.state != "failed")
         with self.store.read() as session:
             return session.scalar(wanted.limit(1))
 
     def begin(self, settings: PairwiseStudy | PreferenceStudy, *, by: str) -> str:
-        """A study without clips; returns its public name."""
+        """Create a study without clips; return its public name."""
         with self.store.write() as session:
             study = Study(
                 public=new_name(),
@@ -86,10 +86,10 @@ class Maker:
         *,
         progress: Progress = _quiet,
     ) -> None:
-        """Make its clips and tasks, and open it.
+        """Make the clips and tasks of a study, and open it.
 
         Raises:
-            EchoAvatarError: a sound, model or clip cannot be used; the study is marked as failed and says why.
+            EchoAvatarError: a sound, model or clip cannot be used; the study is marked as failed with the reason.
         """
         folder = self.media / public
 
@@ -120,7 +120,7 @@ class Maker:
     def make_later(
         self, public: str, settings: PairwiseStudy | PreferenceStudy, base: Path
     ) -> threading.Thread:
-        """`make` in a thread; what goes wrong is kept with the study."""
+        """Run `make` in a thread; an error is stored with the study."""
 
         def work() -> None:
             try:
@@ -148,7 +148,7 @@ class Maker:
         settings: PairwiseStudy | PreferenceStudy,
         rows: Sequence[Material],
     ) -> None:
-        """Put what is on disk into the store, plan the tasks, and open the study."""
+        """Register the files on disk in the store, plan the tasks, and open the study."""
         study = _study(session, public)
         systems: dict[str, int] = {}
         for place, choice in enumerate(_systems(settings)):
@@ -193,18 +193,20 @@ class Maker:
                 seed=seed,
                 codes=codes,
             )
-        spoilt = Clip(study_id=study.id, sound_id=sound.id, system_id=None, path=f"{public}/{row.spoilt}")
-        session.add_all([*whole.values(), spoilt])
+        corrupted = Clip(
+            study_id=study.id, sound_id=sound.id, system_id=None, path=f"{public}/{row.corrupted}"
+        )
+        session.add_all([*whole.values(), corrupted])
         session.flush()
-        return Item(sound.id, row.name, {key: clip.id for key, clip in whole.items()}, spoilt.id)
+        return Item(sound.id, row.name, {key: clip.id for key, clip in whole.items()}, corrupted.id)
 
 
 def make_pairwise(settings: PairwiseStudy, base: Path, folder: Path, progress: Progress) -> list[Material]:
-    """Clips of every system for every sound, system by system, so that one model at a time is in memory."""
+    """Make the clips of every system for every sound, system by system, so that only one model is in memory."""
     cuts = read_sounds(settings.sounds, base, seconds=settings.seconds)
     total, done = len(cuts) * len(settings.systems), 0
     clips: dict[int, list[tuple[str, str, int | None, None]]] = {number: [] for number in range(len(cuts))}
-    spoilt: dict[int, Performance] = {}
+    corrupted: dict[int, Performance] = {}
     for place, system in enumerate(settings.systems):
         performer = perform(system, cuts, base)
         for number, cut in enumerate(cuts):
@@ -213,12 +215,12 @@ def make_pairwise(settings: PairwiseStudy, base: Path, folder: Path, progress: P
             file = f"{number:03d}-{place:02d}.motion"
             save_clip(folder / file, shown)
             clips[number].append((system.name, file, seed, None))
-            if number not in spoilt:
-                spoilt[number] = spoil(shown, number)
+            if number not in corrupted:
+                corrupted[number] = corrupt(shown, number)
             done += 1
     progress(total, total, "planning")
     return [
-        _stored(folder, number, cut, cut.audio, tuple(clips[number]), spoilt[number])
+        _stored(folder, number, cut, cut.audio, tuple(clips[number]), corrupted[number])
         for number, cut in enumerate(cuts)
     ]
 
@@ -226,7 +228,7 @@ def make_pairwise(settings: PairwiseStudy, base: Path, folder: Path, progress: P
 def make_preference(
     settings: PreferenceStudy, base: Path, folder: Path, progress: Progress
 ) -> list[Material]:
-    """Candidates for every prompt, and the token files that `align dpo` reads beside them."""
+    """Make the candidates for every prompt, and the token files that `align dpo` reads."""
     cuts = read_sounds(settings.sounds, base, seconds=None)
     inside = base / settings.model
     bundle = load_bundle(inside if (inside / "generator").is_dir() else settings.model)
@@ -246,7 +248,7 @@ def make_preference(
                 files.append((f"candidate {at + 1}", file, one.seed, one.codes))
             begin = start + settings.past
             audio = fit(cut.audio[begin * CHUNK_SAMPLES :], made[0].shown.motion.frames)
-            row = _stored(folder, len(rows), cut, audio, tuple(files), spoil(made[-1].shown, number))
+            row = _stored(folder, len(rows), cut, audio, tuple(files), corrupt(made[-1].shown, number))
             prompt = {
                 "clip": token_name(cut),
                 "start": start,
@@ -264,17 +266,17 @@ def _stored(
     cut: SoundCut,
     audio: object,
     clips: tuple[tuple[str, str, int | None, list[list[list[int]]] | None], ...],
-    spoilt: Performance,
+    corrupted: Performance,
 ) -> Material:
     sound, bad = f"{number:03d}.flac", f"{number:03d}-x.motion"
     save_sound(folder / sound, audio)  # type: ignore[arg-type]
-    save_clip(folder / bad, spoilt)
+    save_clip(folder / bad, corrupted)
     return Material(cut.name, cut.category, sound, len(audio) / SAMPLE_RATE_HZ, clips, bad)  # type: ignore[arg-type]
 
 
 def _with_prompt(row: Material, prompt: dict[str, object]) -> Material:
     name = f"{row.name} @{prompt['second']:.1f}s"
-    return Material(name, row.category, row.sound, row.seconds, row.clips, row.spoilt, prompt)
+    return Material(name, row.category, row.sound, row.seconds, row.clips, row.corrupted, prompt)
 
 
 def _text(settings: PairwiseStudy | PreferenceStudy) -> str:

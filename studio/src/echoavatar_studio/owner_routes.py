@@ -1,4 +1,4 @@
-"""What owners' pages may ask: sign in, studies, invitations, raters, results, export, audit."""
+"""The routes of owners' pages: sign in, studies, invitations, raters, results, export, audit."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from .errors import StudioError, not_found
 from .export import EXPORTS, export
 from .http import COOKIES, HEADERS, Call, Gate, Work, decoded, reply
 from .making import Maker
-from .owning import Desk
+from .owner_actions import OwnerActions
 from .quality import rater_rows
 from .rater_routes import set_cookie
 from .results import results
@@ -29,7 +29,7 @@ PATH = "/api/owner"
 
 
 def owner_routes(gate: Gate, maker: Maker, library: Path) -> list[BaseRoute]:
-    """All of them; `library` is what studies that are set up in the page may read from."""
+    """All routes of owners. Studies that are set up in the page may read only from `library`."""
     own, study = _Owner(gate, maker, library), PATH + "/studies/{study}"
     table: list[tuple[str, str, Work]] = [
         ("POST", f"{PATH}/logout", own.log_out),
@@ -101,10 +101,10 @@ class _Owner:
         return read_audit(self._store, study=query.get("study", ""), before=int(before) if before else None)
 
     def studies(self, call: Call) -> msgspec.Struct:
-        return self._desk(call).studies()
+        return self._actions(call).studies()
 
     def begin(self, call: Call) -> msgspec.Struct:
-        desk = self._desk(call)
+        actions = self._actions(call)
         try:
             settings = parse_study(decoded(call, NewStudy).settings, name="settings")
             inside(self._library, _paths(settings))
@@ -112,28 +112,28 @@ class _Owner:
             if isinstance(error, StudioError):
                 raise
             raise StudioError("bad_request", str(error)) from error
-        public = self._maker.begin(settings, by=desk.actor)
+        public = self._maker.begin(settings, by=actions.actor)
         self._maker.make_later(public, settings, self._library)
-        return desk.row(public)
+        return actions.row(public)
 
     def study(self, call: Call) -> msgspec.Struct:
-        return self._desk(call).study(call.word("study"))
+        return self._actions(call).study(call.word("study"))
 
     def delete(self, call: Call) -> Done:
-        self._desk(call).delete(call.word("study"))
+        self._actions(call).delete(call.word("study"))
         return Done()
 
     def change_state(self, call: Call) -> msgspec.Struct:
-        return self._desk(call).change_state(call.word("study"), decoded(call, ChangeState).state)
+        return self._actions(call).change_state(call.word("study"), decoded(call, ChangeState).state)
 
     def invitations(self, call: Call) -> msgspec.Struct:
-        return self._desk(call).invitations(call.word("study"))
+        return self._actions(call).invitations(call.word("study"))
 
     def invite(self, call: Call) -> msgspec.Struct:
-        return self._desk(call).invite(call.word("study"), decoded(call, Invite), page=call.page("rate"))
+        return self._actions(call).invite(call.word("study"), decoded(call, Invite), page=call.page("rate"))
 
     def revoke(self, call: Call) -> Done:
-        self._desk(call).revoke(call.word("study"), call.number("number"))
+        self._actions(call).revoke(call.word("study"), call.number("number"))
         return Done()
 
     def raters(self, call: Call) -> msgspec.Struct:
@@ -141,13 +141,13 @@ class _Owner:
 
     def exclude(self, call: Call) -> Done:
         asked = decoded(call, Exclude)
-        self._desk(call).exclude(
+        self._actions(call).exclude(
             call.word("study"), call.number("number"), is_excluded=asked.is_excluded, reason=asked.reason
         )
         return Done()
 
     def forget(self, call: Call) -> Done:
-        self._desk(call).forget(call.word("study"), call.number("number"))
+        self._actions(call).forget(call.word("study"), call.number("number"))
         return Done()
 
     def results(self, call: Call) -> msgspec.Struct:
@@ -158,14 +158,14 @@ class _Owner:
         if name not in EXPORTS:
             raise not_found()
         data = export(self._store, self._maker.media, public, name)
-        actor = self._desk(call).actor
+        actor = self._actions(call).actor
         with self._store.write() as session:
             note(session, actor, "exported", study=public, detail=name)
         headers = HEADERS | {"content-disposition": f'attachment; filename="{name}"'}
         return Response(data, media_type=EXPORTS[name], headers=headers)
 
-    def _desk(self, call: Call) -> Desk:
-        return Desk(self._maker, f"owner {owner_of(self._store, call.signed).name}")
+    def _actions(self, call: Call) -> OwnerActions:
+        return OwnerActions(self._maker, f"owner {owner_of(self._store, call.signed).name}")
 
 
 def _paths(settings: PairwiseStudy | PreferenceStudy) -> list[str]:

@@ -1,4 +1,4 @@
-"""The studio's pages, the character they show, and what every clip moves. Everything comes from this server."""
+"""The studio's pages, the character that they show, and its rig. Pages load nothing from other servers."""
 
 import logging
 import re
@@ -41,9 +41,9 @@ _PLAIN = """<!doctype html><html lang="en"><title>EchoAvatar studio</title>
 
 
 def page_routes(static: Path = STATIC, *, words: Path | None = None) -> list[BaseRoute]:
-    """Routes of pages and what all of them share; they catch every address, so they come last.
+    """Routes of pages and their shared files. They match every address, so they must come last.
 
-    `words` is where the owner's translations are, a file `de.json` or `pt-BR.json` for each language.
+    `words` is the folder of the owner's translations, with a file such as `de.json` or `pt-BR.json` for each language.
     """
     languages = [folder for folder in (words, static / "words") if folder is not None]
 
@@ -78,9 +78,9 @@ async def _words(folders: Sequence[Path], request: Request) -> Response:
 
 
 def read_words(folders: Sequence[Path], language: str) -> dict[str, str] | None:
-    """What the pages say in a language, of the first folder that has it; None where none does.
+    """The words of a language from the first folder that has them, or None.
 
-    A file that is no table of words is passed over with a line in the log: raters then read English.
+    An invalid file is skipped with a line in the log; raters then read English.
     """
     if not re.fullmatch(LANGUAGE, language):
         return None

@@ -1,4 +1,4 @@
-"""From clips to tasks: trials, attention checks, practice, and the blocks that raters get."""
+"""From clips to tasks: trials, attention checks, practice, and the blocks of raters."""
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
@@ -14,23 +14,23 @@ from .tables import Block, Study, Task, Trial
 
 
 class Item(NamedTuple):
-    """What there is for one sound: the clips of the systems (or the candidates), and a spoilt one."""
+    """The clips for one sound: those of the systems (or the candidates), and a corrupted one."""
 
     sound_id: int
     name: str
     clips: Mapping[str, int]  # by system, or by number of candidate
-    spoilt: int
+    corrupted: int
 
 
 def plan(
     session: Session, study: Study, settings: PairwiseStudy | PreferenceStudy, items: Sequence[Item]
 ) -> int:
-    """Write trials, blocks and tasks; returns how many tasks that count there will be."""
+    """Write trials, blocks and tasks; return the number of tasks that count."""
     trials = _Trials(session, study, settings)
     real, groups = _real(trials, settings, items)
     identical = _identical(trials, items) if settings.kind == "pairwise" else []
-    corrupted = [_spoilt(trials, settings, item, "corrupted", k) for k, item in enumerate(items)]
-    practice = [_spoilt(trials, settings, item, "training", k + 1) for k, item in enumerate(items)]
+    corrupted = [_corrupted_trial(trials, settings, item, "corrupted", k) for k, item in enumerate(items)]
+    practice = [_corrupted_trial(trials, settings, item, "training", k + 1) for k, item in enumerate(items)]
     random = np.random.default_rng([settings.seed, 5])
 
     def some(of: Sequence[Trial], count: int) -> list[Trial]:
@@ -82,7 +82,7 @@ class _Trials:
 def _real(
     trials: _Trials, settings: PairwiseStudy | PreferenceStudy, items: Sequence[Item]
 ) -> tuple[list[Trial], list[list[str]]]:
-    """The trials that count, and the marks of each: the sound, and in pairwise studies the pair and the systems."""
+    """The trials that count, with the marks of each: the sound, and in pairwise studies the pair and both systems."""
     found, groups = [], []
     for item in items:
         if settings.kind == "preference":
@@ -104,14 +104,14 @@ def _identical(trials: _Trials, items: Sequence[Item]) -> list[Trial]:
     return found
 
 
-def _spoilt(
+def _corrupted_trial(
     trials: _Trials, settings: PairwiseStudy | PreferenceStudy, item: Item, role: str, number: int
 ) -> Trial:
-    """A sound clip against a spoilt one; in preference studies the spoilt one takes the place of a candidate.
+    """A check with an intact clip and a corrupted one; in preference studies the corrupted clip replaces a candidate.
 
-    The spoilt clip is always the last place, so that whoever reads the answers knows it.
+    The corrupted clip always has the last place, by which `quality` recognises it.
     """
     clips = list(item.clips.values())
     if settings.kind == "pairwise":
-        return trials.add(item, role, [clips[number % len(clips)], item.spoilt])
-    return trials.add(item, role, [*clips[:-1], item.spoilt])
+        return trials.add(item, role, [clips[number % len(clips)], item.corrupted])
+    return trials.add(item, role, [*clips[:-1], item.corrupted])

@@ -13,7 +13,7 @@ _COLOURS = {"dance": "#b4472e", "gesture": "#2e6db4"}
 
 
 def draw_means(rows: Sequence[ResultRow], questions: Sequence[Question]) -> bytes:
-    """A panel a question: each system's mean rating with its 95 % interval, by category."""
+    """A panel per question: each system's mean rating with its 95 % interval, by category."""
     systems = list(dict.fromkeys(row.system for row in rows))
     figure = Figure(figsize=(3.4 * len(questions), 1.2 + 0.55 * len(systems)), layout="constrained")
     for number, question in enumerate(questions):
@@ -47,7 +47,7 @@ def draw_means(rows: Sequence[ResultRow], questions: Sequence[Question]) -> byte
 
 
 def draw_ranking(rows: Sequence[Strength]) -> bytes:
-    """Bradley-Terry strengths over all categories, a panel a question, the strongest on top."""
+    """Bradley-Terry strengths over all categories: a panel per question, the strongest system on top."""
     rows = [row for row in rows if row.category == "all"]
     questions = list(dict.fromkeys(row.question for row in rows)) or ["overall_preference"]
     most = max((sum(row.question == question for row in rows) for question in questions), default=1)

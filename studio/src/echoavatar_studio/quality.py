@@ -1,4 +1,4 @@
-"""How carefully each rater works: attention checks, speed, answers all the same, agreement with the others."""
+"""How carefully each rater works: attention checks, speed, uniform answers, agreement with the others."""
 
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
@@ -8,7 +8,7 @@ from sqlalchemy import func, select
 
 from .answers import Given, given
 from .audit import iso
-from .owning import find_study
+from .owner_actions import find_study
 from .store import Store
 from .tables import Block, Invitation, Rater, Task
 from .wire_owner import RaterRow, Raters
@@ -18,7 +18,7 @@ _FEWEST_SHARED = 5
 
 
 def rater_rows(store: Store, public: str) -> Raters:
-    """A row for everybody who joined."""
+    """A row for every rater."""
     with store.read() as session:
         study = find_study(session, public)
         answers = given(session, study)
@@ -49,7 +49,7 @@ def rater_rows(store: Store, public: str) -> Raters:
 
 
 def passes(answer: Given) -> bool | None:
-    """Whether an attention check was passed; None for what is no check."""
+    """Whether an attention check was passed; None for other tasks."""
     if answer.role == "identical":
         return not answer.skipped and max(abs(rating) for rating in answer.ratings.values()) <= _TOLERANCE
     if answer.role != "corrupted":
@@ -57,12 +57,12 @@ def passes(answer: Given) -> bool | None:
     if answer.skipped:
         return False
     if answer.worst is not None:
-        return answer.worst == len(answer.order) - 1  # the spoilt clip has the last place
+        return answer.worst == len(answer.order) - 1  # the corrupted clip has the last place
     return sum(answer.ratings.values()) > 0
 
 
 def is_too_fast(answer: Given) -> bool:
-    """Given in less time than one clip lasts."""
+    """Whether the answer was given in less time than one clip lasts."""
     return answer.seconds < answer.clip_seconds
 
 
@@ -92,7 +92,7 @@ def _row(
 
 
 def _straight(answers: Sequence[Given]) -> float:
-    """Share of the commonest answer, as it was seen on the screen."""
+    """The share of the most frequent answer, in terms of positions on the screen."""
     real = [answer for answer in answers if answer.role == "real"]
     if not real:
         return 0.0
@@ -110,7 +110,7 @@ def _on_screen(answer: Given) -> tuple[object, ...]:
 
 
 def _means_without(answers: Sequence[Given]) -> dict[tuple[int, int], float]:
-    """Mean rating of each trial by everybody but one rater: (trial, rater)."""
+    """The mean rating of each trial by all other raters, by (trial, rater)."""
     sums: dict[int, list[tuple[int, float]]] = defaultdict(list)
     for answer in answers:
         if answer.role == "real" and answer.ratings and not answer.is_excluded:

@@ -1,4 +1,4 @@
-"""What raters' pages may ask: join, consent, the next task, its sound and clips, an answer."""
+"""The routes of raters' pages: join, consent, the next task, its sound and clips, an answer."""
 
 import re
 from functools import partial
@@ -24,7 +24,7 @@ _MEDIA = HEADERS | {"cache-control": "private, max-age=3600", "content-dispositi
 
 
 def rater_routes(gate: Gate, media: Path) -> list[BaseRoute]:
-    """All of them; `media` is the folder of sounds and clips."""
+    """All routes of raters; `media` is the folder of sounds and clips."""
     store = gate.store
     add = partial(gate.route, who="rater")
     return [
@@ -69,7 +69,7 @@ def _media(store: Store, folder: Path, call: Call) -> Response:
     path = judging.media_path(folder, judging.media_of(store, call.signed, call.word("task"), slot))
     kind = "audio/flac" if slot is None else "application/msgpack"
     answer = FileResponse(path, media_type=kind, headers=_MEDIA, stat_result=path.stat())
-    # a clip's own would be the same in two tasks, and tell that it is the same clip
+    # an ETag of the clip itself would reveal that two tasks show the same clip
     answer.headers["etag"], answer.headers["last-modified"] = f'"{call.word("task")}-{slot}"', _LONG_AGO
     return answer
 

@@ -1,4 +1,4 @@
-"""What a study says so far: means with intervals, rankings, agreement of raters, pairs for DPO."""
+"""The results of a study so far: means with intervals, rankings, agreement of raters, pairs for DPO."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
@@ -11,7 +11,7 @@ from .agreement import alpha
 from .answers import Given, counting, given
 from .bradley_terry import strengths, wins_of
 from .intervals import mean_of
-from .owning import find_study
+from .owner_actions import find_study
 from .settings import PairwiseStudy, PreferenceStudy, kept_study
 from .store import Store
 from .tables import Sound, Study, Trial
@@ -27,14 +27,14 @@ FILES: Mapping[str, tuple[str, ...]] = {
 
 
 def results(store: Store, public: str) -> Results:
-    """Everything, from the answers of raters who are not excluded."""
+    """All results, from the answers of raters who are not excluded."""
     with store.read() as session:
         study = find_study(session, public)
         return results_of(session, study)
 
 
 def results_of(session: Session, study: Study) -> Results:
-    """See `results`."""
+    """All results of a study that is already loaded; see `results`."""
     settings, everything = kept_study(study.settings), given(session, study)
     answers = counting(everything)
     people = {answer.rater for answer in answers}
@@ -60,7 +60,7 @@ def results_of(session: Session, study: Study) -> Results:
 
 
 def system_rows(settings: PairwiseStudy, answers: Sequence[Given]) -> list[ResultRow]:
-    """Each system's mean rating against those of its group: the rows of the paper's table."""
+    """Each system's mean rating against the others of its group: the rows of the paper's table."""
     rows = []
     for system in settings.systems:
         for category in _categories(answers):
@@ -76,7 +76,7 @@ def system_rows(settings: PairwiseStudy, answers: Sequence[Given]) -> list[Resul
 
 
 def pair_rows(settings: PairwiseStudy, answers: Sequence[Given]) -> list[PairRow]:
-    """Every two systems that met."""
+    """A row for every two systems that were compared."""
     rows = []
     for one, other in combinations(settings.systems, 2):
         for category in _categories(answers):
@@ -88,7 +88,7 @@ def pair_rows(settings: PairwiseStudy, answers: Sequence[Given]) -> list[PairRow
 
 
 def ranking(settings: PairwiseStudy, answers: Sequence[Given]) -> list[Strength]:
-    """Bradley-Terry within each group, for every question, over all categories and in each."""
+    """Bradley-Terry strengths within each group, for every question, over all categories and for each."""
     rows = []
     for group in dict.fromkeys(system.group for system in settings.systems):
         names = [system.name for system in settings.systems if system.group == group]
@@ -124,7 +124,7 @@ def ranking(settings: PairwiseStudy, answers: Sequence[Given]) -> list[Strength]
 def verdicts(
     session: Session, study: Study, settings: PreferenceStudy, answers: Sequence[Given]
 ) -> list[tuple[Trial, Sound, Verdict]]:
-    """For every prompt what the raters say."""
+    """The verdict of the raters on every prompt."""
     votes: dict[int, list[tuple[int, int] | None]] = defaultdict(list)
     for answer in answers:
         if answer.skipped == "no_difference":
@@ -148,7 +148,7 @@ def _preference(row: tuple[Trial, Sound, Verdict]) -> PreferenceRow:
 
 
 def _towards(answer: Given, system: str) -> int:
-    """1 where the system is the trial's first clip, -1 where it is the second."""
+    """1 if the system is the trial's first clip, -1 if it is the second."""
     return 1 if answer.systems[0] == system else -1
 
 
@@ -167,7 +167,7 @@ def _categories(answers: Sequence[Given]) -> list[Category]:
 
 
 def _pairwise_alpha(settings: PairwiseStudy, answers: Sequence[Given]) -> list[Agreement]:
-    """Which of two systems is named first means nothing, so every trial counts both ways, with either sign."""
+    """The order of two systems in a trial is arbitrary, so every trial counts twice, with either sign."""
     rows = []
     for question in settings.questions:
         units: dict[int, list[int]] = defaultdict(list)

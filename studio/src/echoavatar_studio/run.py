@@ -1,4 +1,4 @@
-"""Runs the studio: opens the folder and the store, makes the studies that were named, serves until it is stopped."""
+"""Runs the studio: opens the folder and the store, and serves until it is stopped."""
 
 import socket
 from collections.abc import Callable
@@ -16,10 +16,10 @@ from .tables import Study
 
 
 def open_store(folder: Path, url: str | None) -> Store:
-    """The store of a studio's folder, or at another address; studies whose making was cut off are marked so.
+    """Open the store in a studio's folder, or at another address.
 
     Raises:
-        EchoAvatarError: the folder cannot be written, or the store not opened.
+        EchoAvatarError: the folder cannot be written, or the store cannot be opened.
     """
     try:
         for name in ("media", "library"):
@@ -32,7 +32,7 @@ def open_store(folder: Path, url: str | None) -> Store:
 
 
 def mark_broken(store: Store) -> None:
-    """Studies that were being made when the studio stopped have failed."""
+    """Mark studies as failed that were being made when the studio stopped."""
     with store.write() as session:
         for study in session.scalars(select(Study).where(Study.state == "making")).all():
             study.state, study.problem = (
@@ -62,10 +62,10 @@ def serve(
     certificate: str | None = None,
     key: str | None = None,
 ) -> None:
-    """Serve until SIGINT or SIGTERM; port 0 takes any free one. `on_ready` is told the address.
+    """Serve until SIGINT or SIGTERM. Port 0 takes any free port. `on_ready` is called with the address.
 
     Raises:
-        EchoAvatarError: the port is taken, or not ours to take.
+        EchoAvatarError: the port is taken or needs privileges.
     """
     allow_open_files()
     listener = _listen(host, port)
@@ -89,7 +89,7 @@ def serve(
 
 
 def allow_open_files() -> None:
-    """As many as the system lets a process have: each rater's connection is one, and 1,024 is a usual first limit."""
+    """Raise the limit of open files (often 1,024) to what the system allows: every connection of a rater is one."""
     try:
         import resource
     except ImportError:  # Windows has no such limit

@@ -1,4 +1,4 @@
-"""Who is signed in: a random token in a cookie, its hash in the store, and the CSRF token of the session's pages."""
+"""Sessions: a random token in a cookie, its hash in the store, and the CSRF token of the session's pages."""
 
 import time
 from dataclasses import dataclass
@@ -26,14 +26,14 @@ class Visitor:
     rater_id: int | None
 
     def is_a(self, who: Literal["rater", "owner"]) -> bool:
-        """Whether the session was opened by a rater's link, or by an owner's password."""
+        """Whether the session is of this kind: rater (opened by a link) or owner (by a password)."""
         return (self.rater_id if who == "rater" else self.owner_id) is not None
 
 
 def sign_in(
     session: Session, *, owner_id: int | None = None, rater_id: int | None = None
 ) -> tuple[str, Visitor]:
-    """A new session: the token for the cookie, and the visitor."""
+    """Open a session; return the token for the cookie, and the visitor."""
     token, csrf, now = new_token(), new_token(), time.time()
     session.execute(delete(Login).where(Login.expires < now))
     expires = now + (OWNER_SECONDS if owner_id is not None else RATER_SECONDS)
@@ -46,7 +46,7 @@ def sign_in(
 
 
 def find_visitor(store: Store, token: str) -> Visitor | None:
-    """Whose cookie this is; None for one that is unknown or too old."""
+    """The visitor with this cookie, or None if the session is unknown or expired."""
     if not token:
         return None
     with store.read() as session:
@@ -65,7 +65,7 @@ def sign_out(store: Store, visitor: Visitor) -> None:
 
 
 def name_of(session: Session, visitor: Visitor | None) -> tuple[str, str]:
-    """What the audit calls somebody, and the study they are a rater of."""
+    """The name of a visitor in the audit, and the study if the visitor is a rater."""
     if visitor and visitor.rater_id and (rater := session.get(Rater, visitor.rater_id)):
         return f"rater {rater.number}", session.get_one(Study, rater.study_id).public
     if visitor and visitor.owner_id and (owner := session.get(Owner, visitor.owner_id)):

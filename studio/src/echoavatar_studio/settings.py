@@ -1,4 +1,4 @@
-"""`study.yaml`: what an owner decides (paper, Subjective Evaluation Protocol, Direct Preference Alignment)."""
+"""`study.yaml`, the settings of a study (paper, Subjective Evaluation Protocol, Direct Preference Alignment)."""
 
 from functools import lru_cache
 from pathlib import Path
@@ -28,22 +28,24 @@ LANGUAGE = "[a-z]{2}(-[A-Z]{2})?"  # such as de or pt-BR
 class SoundChoice(Config):
     """A sound file, or a folder of them."""
 
-    path: str = Field(description="file or folder, from the place of study.yaml")
+    path: str = Field(description="file or folder, relative to study.yaml")
     category: Category = Field(description="dance: music; gesture: speech")
     start: float = Field(default=0.0, ge=0, description="seconds at which the clip begins")
 
 
 class SystemChoice(Config):
-    """One of the things compared: a model that makes its clips, or a folder that has them."""
+    """A system that is compared: a model that makes its clips, or a folder that holds them."""
 
-    name: str = Field(min_length=1, max_length=80, description="as in the table")
+    name: str = Field(min_length=1, max_length=80, description="its name in the table")
     model: str | None = Field(default=None, description="name or folder of a bundle")
     clips: str | None = Field(
         default=None, description="folder of .npz or .bvh motion named after the sound files"
     )
-    seed: int = Field(default=0, ge=0, description="of the model")
+    seed: int = Field(default=0, ge=0, description="seed of the model")
     group: str = Field(
-        default="", max_length=80, description="heading of the table's rows; only systems of a group meet"
+        default="",
+        max_length=80,
+        description="heading of the table's rows; only systems of one group are compared",
     )
 
     @model_validator(mode="after")
@@ -54,26 +56,26 @@ class SystemChoice(Config):
 
 
 class Checks(Config):
-    """Attention checks in each rater's row of tasks."""
+    """Attention checks among each rater's tasks."""
 
-    identical: int = Field(default=1, ge=0, le=10, description="pairwise: twice the same clip")
-    corrupted: int = Field(default=1, ge=0, le=10, description="a clip that is plainly broken")
+    identical: int = Field(default=1, ge=0, le=10, description="pairwise: checks with the same clip twice")
+    corrupted: int = Field(default=1, ge=0, le=10, description="checks with a plainly broken clip")
 
 
 class _Study(Config):
     title: str = Field(min_length=1, max_length=200)
-    language: str = Field(default="en", pattern=f"^{LANGUAGE}$", description="of the raters' page")
+    language: str = Field(default="en", pattern=f"^{LANGUAGE}$", description="language of the raters' page")
     intro: str = Field(default=INTRO, max_length=4000)
     consent: str = Field(default=CONSENT, min_length=1, max_length=8000)
     sounds: tuple[SoundChoice, ...] = Field(min_length=1)
-    raters: int = Field(ge=1, le=2000, description="how many are wanted")
+    raters: int = Field(ge=1, le=2000, description="raters wanted")
     tasks_per_rater: int = Field(
-        default=20, ge=1, le=500, description="tasks that count; more than there are is all of them"
+        default=20, ge=1, le=500, description="tasks that count; at most all there are"
     )
     training: int = Field(default=1, ge=0, le=10, description="practice tasks before the first")
     checks: Checks = Checks()
-    min_plays: int = Field(default=1, ge=0, le=10, description="each clip must be played so often")
-    seed: int = Field(default=0, ge=0, description="of the design")
+    min_plays: int = Field(default=1, ge=0, le=10, description="times that each clip must be played")
+    seed: int = Field(default=0, ge=0, description="seed of the design")
 
 
 class PairwiseStudy(_Study):
@@ -101,12 +103,15 @@ class PairwiseStudy(_Study):
 class Keeping(Config):
     """Which pairs are exported ("pairs lacking a distinct quality disparity are filtered out")."""
 
-    votes: int = Field(default=1, ge=1, description="answers that a sound needs, skips included")
+    votes: int = Field(default=1, ge=1, description="least answers per sound, skips included")
     agreement: float = Field(
-        default=0.6, ge=0, le=1, description="share in favour, of the answers that speak of it"
+        default=0.6, ge=0, le=1, description="least share in favour, among answers that concern the pair"
     )
     margin: float = Field(
-        default=0.3, ge=0, le=1, description="those in favour less those against, of all answers"
+        default=0.3,
+        ge=0,
+        le=1,
+        description="least difference of answers in favour and against, as a share of all",
     )
 
 
@@ -116,12 +121,14 @@ class PreferenceStudy(_Study):
     kind: Literal["preference"]
     model: str = Field(default="default", description="name or folder of a bundle")
     candidates: int = Field(default=8, ge=2, le=MAX_CLIPS - 1)
-    past: int = Field(default=3, ge=0, le=40, description="chunks of motion before the candidates part")
+    past: int = Field(
+        default=3, ge=0, le=40, description="chunks of motion before the candidates begin to differ"
+    )
     length: int = Field(
         default=20, ge=1, le=80, description=f"chunks of a candidate, {CHUNK_SECONDS:.3f} s each"
     )
     prompts_per_sound: int = Field(
-        default=1, ge=1, le=50, description="stretches taken of each sound, evenly spread"
+        default=1, ge=1, le=50, description="stretches of each sound that are used, evenly spread"
     )
     keep: Keeping = Keeping()
 
@@ -131,15 +138,15 @@ _ADAPTER: TypeAdapter[PairwiseStudy | PreferenceStudy] = TypeAdapter(StudySettin
 
 
 def parse_study(text: str, *, name: str = "study.yaml") -> PairwiseStudy | PreferenceStudy:
-    """Settings from YAML.
+    """Parse settings from YAML.
 
     Raises:
-        EchoAvatarError: it is no YAML, a field is missing, unknown or out of range; says which.
+        EchoAvatarError: the text is not YAML, or a field is missing, unknown or out of range.
     """
     try:
         stored = yaml.safe_load(text)
     except (yaml.YAMLError, RecursionError) as error:
-        raise EchoAvatarError(f"{name} is no YAML ({' '.join(str(error).split())[:200]})") from error
+        raise EchoAvatarError(f"{name} is not YAML ({' '.join(str(error).split())[:200]})") from error
     if not isinstance(stored, dict):
         raise EchoAvatarError(f"{name} holds no settings; begin with `kind: pairwise` or `kind: preference`")
     try:
@@ -154,15 +161,15 @@ def parse_study(text: str, *, name: str = "study.yaml") -> PairwiseStudy | Prefe
 
 @lru_cache(maxsize=256)
 def kept_study(text: str) -> PairwiseStudy | PreferenceStudy:
-    """Settings as the store keeps them; read once, because every answer asks for them."""
+    """Parse settings from the store; cached, because every answer needs them."""
     return parse_study(text)
 
 
 def read_study(path: Path) -> PairwiseStudy | PreferenceStudy:
-    """Settings of a file.
+    """Read settings from a file.
 
     Raises:
-        EchoAvatarError: it cannot be read, or says something that no study is.
+        EchoAvatarError: the file cannot be read, or its settings are invalid.
     """
     try:
         return parse_study(path.read_text(encoding="utf-8"), name=path.name)

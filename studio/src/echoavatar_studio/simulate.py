@@ -1,6 +1,6 @@
-"""Raters that are made up: they answer with known preferences and some noise, through the same doors as people.
+"""Simulated raters: they answer with known preferences and some noise, through the same functions as people.
 
-For the demo, and to test that a study finds out what its raters think.
+They fill the demo, and test that a study recovers the preferences of its raters.
 """
 
 from collections.abc import Mapping
@@ -11,7 +11,7 @@ from sqlalchemy import select
 
 from .joining import agree, join
 from .judging import judge, next_task
-from .owning import Desk
+from .owner_actions import OwnerActions
 from .secrecy import new_name
 from .sessions import Visitor, find_visitor
 from .store import Store
@@ -20,25 +20,25 @@ from .wire import Question
 from .wire_owner import Invite
 from .wire_rater import Answer, PairwiseAnswer, PreferenceAnswer, RaterTask, SkipAnswer
 
-SPOILT = -4.0  # the worth of a clip that is plainly broken
+CORRUPTED = -4.0  # the worth of a clip that is plainly broken
 
 
 @dataclass(frozen=True)
-class Taste:
-    """What made-up raters think: a rating is the difference of two worths plus noise, rounded, within [-2, 2]."""
+class Preferences:
+    """Preferences of simulated raters: a rating is the difference of two worths plus noise, rounded, within [-2, 2]."""
 
     worth: Mapping[str, float]  # by system
     noise: float = 0.8
-    of_question: Mapping[Question, float] | None = None  # factor on differences of worth; 1 where not named
+    of_question: Mapping[Question, float] | None = None  # factor on differences of worth; 1 if not given
     skips: float = 0.05  # preference: share of skips
-    careless: float = 0.0  # share of answers given by lot
+    careless: float = 0.0  # share of random answers
 
 
-class Crowd:
-    """Draws answers; knows the design, which people do not."""
+class SimulatedRaters:
+    """Draws answers; unlike people it knows the design."""
 
-    def __init__(self, store: Store, study: str, taste: Taste, seed: int) -> None:
-        self._store, self._taste, self._random = store, taste, np.random.default_rng([seed, 7])
+    def __init__(self, store: Store, study: str, preferences: Preferences, seed: int) -> None:
+        self._store, self._preferences, self._random = store, preferences, np.random.default_rng([seed, 7])
         with store.read() as session:
             row = session.scalars(select(Study).where(Study.public == study)).one()
             names: dict[int, str] = dict(
@@ -56,13 +56,15 @@ class Crowd:
             )
             self._clips = {public: [clips[place] for place in order] for public, order, clips, _ in found}
         self._names = names
-        # candidates of one model differ too: each has a worth of its own, the same for all raters
+        # candidates of one model differ, too: each has a worth of its own, the same for all raters
         own = np.random.default_rng([seed, 8])
-        self._worth = {clip: taste.worth.get(name, 0.0) + own.normal(0, 0.3) for clip, name in names.items()}
+        self._worth = {
+            clip: preferences.worth.get(name, 0.0) + own.normal(0, 0.3) for clip, name in names.items()
+        }
         self._is_pairwise = row.kind == "pairwise"
 
     def work(self, visitor: Visitor, questions: tuple[Question, ...], *, tasks: int | None = None) -> int:
-        """One rater answers so many tasks (None: all); returns how many."""
+        """Let one rater answer a number of tasks (None: all); return how many were answered."""
         done = 0
         while tasks is None or done < tasks:
             task = next_task(self._store, visitor).task
@@ -73,17 +75,17 @@ class Crowd:
         return done
 
     def _answer(self, task: RaterTask, questions: tuple[Question, ...]) -> Answer:
-        random, taste, clips = self._random, self._taste, self._clips[task.id]
+        random, preferences, clips = self._random, self._preferences, self._clips[task.id]
         plays = tuple(int(1 + random.poisson(0.4)) for _ in clips)
         seconds = round(float(task.seconds * sum(plays) + random.gamma(4, 1.5)), 2)
-        is_careless = random.random() < taste.careless
+        is_careless = random.random() < preferences.careless
         if self._is_pairwise:
             ratings = self._by_lot(questions) if is_careless else self._ratings(clips, questions)
             return PairwiseAnswer(ratings=ratings, seconds=seconds, plays=plays)
-        if random.random() < taste.skips:
+        if random.random() < preferences.skips:
             return SkipAnswer(reason="no_difference", seconds=seconds, plays=plays)
-        worth = np.array([self._worth.get(clip, SPOILT) for clip in clips])
-        seen = (0 if is_careless else worth) + random.normal(0, taste.noise * 0.4, len(clips))
+        worth = np.array([self._worth.get(clip, CORRUPTED) for clip in clips])
+        seen = (0 if is_careless else worth) + random.normal(0, preferences.noise * 0.4, len(clips))
         return PreferenceAnswer(
             best=int(seen.argmax()), worst=int(seen.argmin()), seconds=seconds, plays=plays
         )
@@ -92,12 +94,12 @@ class Crowd:
         return {question: int(self._random.integers(-2, 3)) for question in questions}
 
     def _ratings(self, clips: list[int], questions: tuple[Question, ...]) -> dict[Question, int]:
-        """Towards the second clip; by systems' worths alone, so that what is to be recovered is known exactly."""
-        factor, is_same = self._taste.of_question or {}, clips[0] == clips[1]
+        """Ratings towards the second clip, from the systems' worths alone: the preferences to recover are exact."""
+        factor, is_same = self._preferences.of_question or {}, clips[0] == clips[1]
         one, other = (
-            self._taste.worth[self._names[clip]] if clip in self._names else SPOILT for clip in clips
+            self._preferences.worth[self._names[clip]] if clip in self._names else CORRUPTED for clip in clips
         )
-        noise = self._random.normal(0, 0.2 if is_same else self._taste.noise, len(questions))
+        noise = self._random.normal(0, 0.2 if is_same else self._preferences.noise, len(questions))
         means = [(other - one) * factor.get(question, 1.0) for question in questions]
         return {
             question: int(np.clip(np.rint(mean + off), -2, 2))
@@ -106,16 +108,23 @@ class Crowd:
 
 
 def simulate(
-    store: Store, desk: Desk, study: str, taste: Taste, *, raters: int, seed: int, last: int | None = None
+    store: Store,
+    actions: OwnerActions,
+    study: str,
+    preferences: Preferences,
+    *,
+    raters: int,
+    seed: int,
+    last: int | None = None,
 ) -> int:
-    """So many raters join by invitations of their own and do all tasks, the last one only `last`; counts answers."""
-    crowd = Crowd(store, study, taste, seed)
-    invited = desk.invite(study, Invite(count=raters, label="made up"), page="")
+    """Let raters join by personal invitations and do all tasks (the last rater `last`); return the answers given."""
+    simulated = SimulatedRaters(store, study, preferences, seed)
+    invited = actions.invite(study, Invite(count=raters, label="made up"), page="")
     done = 0
     for number, link in enumerate(invited.links):
         cookie, joined = join(store, link.url.lstrip("#"), None, page="")
         visitor = find_visitor(store, cookie)
         assert visitor is not None
         agree(store, visitor)
-        done += crowd.work(visitor, joined.study.questions, tasks=last if number == raters - 1 else None)
+        done += simulated.work(visitor, joined.study.questions, tasks=last if number == raters - 1 else None)
     return done

@@ -1,4 +1,4 @@
-"""Where sounds and motion come from: files of the owner, and models that move to them."""
+"""The sources of sounds and motion: files of the owner, and models."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -36,7 +36,7 @@ class SoundCut(NamedTuple):
 
 
 def read_sounds(choices: Sequence[SoundChoice], base: Path, *, seconds: float | None) -> list[SoundCut]:
-    """Every file that was named, `seconds` of each (None: all there is); names are made unique.
+    """Read `seconds` of every file that is named (None: the whole file); names are made unique.
 
     Raises:
         AudioError: a file is missing, cannot be read, or is too short.
@@ -65,10 +65,10 @@ def read_sounds(choices: Sequence[SoundChoice], base: Path, *, seconds: float | 
 
 
 def perform(system: SystemChoice, cuts: Sequence[SoundCut], base: Path) -> "Performer":
-    """Opens a system; loading a model happens here.
+    """Open a system, which may load a model.
 
     Raises:
-        EchoAvatarError: no such bundle or folder.
+        EchoAvatarError: there is no such bundle or folder.
     """
     if system.clips is not None:
         return FolderPerformer(base / system.clips, system.name)
@@ -80,21 +80,21 @@ def perform(system: SystemChoice, cuts: Sequence[SoundCut], base: Path) -> "Perf
 
 
 class Performer:
-    """Gives a system's motion for one sound after the other."""
+    """Returns the motion of a system for one sound after the other."""
 
     def motion(self, cut: SoundCut, number: int) -> tuple[Performance, int | None]:
-        """Motion of the cut's length, and the seed it was made with."""
+        """Motion as long as the cut, and the seed it was made with."""
         raise NotImplementedError
 
 
 class ModelPerformer(Performer):
-    """A bundle, through the engine that also runs live."""
+    """The motion of a bundle, made by the engine that also runs live."""
 
     def __init__(self, pipeline: Pipeline, seed: int) -> None:
         self._pipeline, self._seed = pipeline, seed
 
     def motion(self, cut: SoundCut, number: int) -> tuple[Performance, int | None]:
-        """See `Performer.motion`; each sound has a seed of its own."""
+        """See `Performer.motion`. Each sound has a seed of its own."""
         seed = self._seed * 1_000_003 + number
         made = animate(self._pipeline, in_blocks(cut.audio), seed=seed)
         return Performance(made.motion, made.face), seed
@@ -109,7 +109,7 @@ class FolderPerformer(Performer):
         self._folder, self._name = folder, name
 
     def motion(self, cut: SoundCut, number: int) -> tuple[Performance, int | None]:
-        """See `Performer.motion`; taken from the same second on as the sound."""
+        """See `Performer.motion`. The motion is cut at the same second as the sound."""
         del number
         for suffix in (".npz", ".bvh"):
             path = self._folder / f"{cut.stem}{suffix}"
@@ -134,7 +134,7 @@ class FolderPerformer(Performer):
 
 
 def _face(path: Path) -> Float[np.ndarray, "t 52"] | None:
-    """ARKit curves that `animate` wrote beside the motion, at our rate."""
+    """The ARKit curves that `animate` wrote beside the motion, resampled to our rate."""
     if path.suffix != ".npz":
         return None
     with np.load(path, allow_pickle=False) as stored:
@@ -167,10 +167,10 @@ def _files(path: Path) -> list[Path]:
 
 
 def inside(base: Path, paths: Sequence[str]) -> None:
-    """Raise unless every path stays below `base`: what is set up in a page may read the library and nothing else.
+    """Raise unless every path is below `base`: a study that is set up in the page may read only the library.
 
     Raises:
-        EchoAvatarError: one leads out of it.
+        EchoAvatarError: a path leads out of it.
     """
     root = base.resolve()
     for path in paths:

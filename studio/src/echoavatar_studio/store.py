@@ -1,7 +1,7 @@
-"""The store: SQLite (WAL) or PostgreSQL by URL, brought up to date by migrations.
+"""The store: SQLite (WAL) or PostgreSQL by URL, updated by migrations.
 
-A transaction that has ended is on disk: SQLite syncs its log at each commit (`synchronous=FULL`), PostgreSQL does by
-default. Writers of one process queue for SQLite's one write lock instead of polling for it.
+A transaction that has ended is on disk: SQLite syncs its log at each commit (`synchronous=FULL`), PostgreSQL does so by
+default. SQLite has one write lock; the writers of a process queue for it instead of polling.
 """
 
 import sqlite3
@@ -19,19 +19,19 @@ from sqlalchemy.exc import ArgumentError, DBAPIError, NoSuchModuleError
 from sqlalchemy.orm import Session
 from sqlalchemy.pool import ConnectionPoolEntry
 
-from echoavatar.errors import DependencyError, EchoAvatarError
+from echoavatar.errors import EchoAvatarError
 
 _WAIT_MS = 30_000
 
 
 class Store:
-    """Transactions: `read()` sees one moment, `write()` commits at its end or not at all."""
+    """Transactions: `read()` only reads, `write()` commits at its end or not at all."""
 
     def __init__(self, url: str) -> None:
         """Connect and migrate.
 
         Raises:
-            EchoAvatarError: the address is no address of a database, or nobody answers there.
+            EchoAvatarError: the address is not one of a database, or the database cannot be reached.
         """
         self.url = _checked(url)
         self.is_sqlite = self.url.get_backend_name() == "sqlite"
@@ -39,10 +39,6 @@ class Store:
             self.engine = _engine(self.url, is_sqlite=self.is_sqlite)
             self._writing = self.engine.execution_options(studio_writes=True)
             migrate(self.engine)
-        except ModuleNotFoundError as error:
-            raise DependencyError(
-                f"PostgreSQL needs {error.name}: pip install 'echoavatar[studio]'"
-            ) from error
         except DBAPIError as error:
             raise EchoAvatarError(
                 f"the store {self.url.render_as_string()} cannot be opened ({error.orig}); check --store"
@@ -51,37 +47,37 @@ class Store:
 
     @contextmanager
     def read(self) -> Iterator[Session]:
-        """Look only."""
+        """A transaction that only reads."""
         with Session(self.engine, expire_on_commit=False) as session:
             yield session
 
     @contextmanager
     def write(self) -> Iterator[Session]:
-        """Change; an exception leaves everything as it was."""
+        """A transaction that writes; an exception rolls it back."""
         with self._lock, Session(self._writing, expire_on_commit=False) as session, session.begin():
             yield session
 
     @contextmanager
     def snapshot(self) -> Iterator[Session]:
-        """Look at everything as of one moment, however long it takes."""
+        """A transaction that reads everything as of one moment, however long it takes."""
         engine = self.engine
-        if not self.is_sqlite:  # a SQLite transaction reads one moment anyway
+        if not self.is_sqlite:  # an SQLite transaction reads one moment anyway
             engine = engine.execution_options(isolation_level="REPEATABLE READ")
         with Session(engine) as session:
             yield session
 
     def close(self) -> None:
-        """Give the connections back."""
+        """Close the connections."""
         self.engine.dispose()
 
 
 def sqlite_url(path: Path) -> str:
-    """The address of a file."""
+    """The URL of an SQLite file."""
     return URL.create("sqlite", database=str(path)).render_as_string()
 
 
 def migrate(engine: Engine) -> None:
-    """Bring the tables up to date; two studios that start at once wait for each other."""
+    """Update the tables. Two studios that start at the same time wait for each other."""
     with engine.execution_options(studio_writes=True).begin() as connection:
         if connection.dialect.name == "postgresql":
             connection.exec_driver_sql("SELECT pg_advisory_xact_lock(727274)")
@@ -99,7 +95,7 @@ def _checked(url: str) -> URL:
         name = parsed.get_backend_name()
     except (ArgumentError, NoSuchModuleError) as error:
         raise EchoAvatarError(
-            f"{url[:80]!r} is no address of a database; use sqlite:///file.db or postgresql://user@host/name"
+            f"{url[:80]!r} is not the address of a database; use sqlite:///file.db or postgresql://user@host/name"
         ) from error
     if name == "postgresql" and "+" not in parsed.drivername:
         parsed = parsed.set(drivername="postgresql+psycopg")
@@ -131,12 +127,12 @@ def _engine(url: URL, *, is_sqlite: bool) -> Engine:
 
 def _prepare_sqlite(connection: sqlite3.Connection, record: ConnectionPoolEntry) -> None:
     del record
-    connection.isolation_level = None  # transactions are begun below, not by the driver's guess
+    connection.isolation_level = None  # transactions are begun below, not by the driver
     for pragma in ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON", f"busy_timeout={_WAIT_MS}"):
         connection.execute(f"PRAGMA {pragma}")
 
 
 def _begin_sqlite(connection: Connection) -> None:
-    """Writers take the write lock at once: a lock that is taken half-way could not be waited for."""
+    """Writers take the write lock when they begin: SQLite does not wait for a lock in the middle of a transaction."""
     options: dict[str, Any] = dict(connection.get_execution_options())
     connection.exec_driver_sql("BEGIN IMMEDIATE" if options.get("studio_writes") else "BEGIN")

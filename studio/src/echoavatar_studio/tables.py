@@ -1,8 +1,8 @@
-"""What the studio keeps, as SQLAlchemy tables: the same on SQLite and PostgreSQL.
+"""The SQLAlchemy tables of the studio, the same on SQLite and PostgreSQL.
 
-Times are seconds since 1970, UTC. A *trial* is a thing to be judged, planned once; a *block* is the row of trials
-that one rater gets; a *task* is a trial's place in a block, with the order in which its clips are shown. Personal
-data is a rater's number and the times of answers; tokens are kept as hashes.
+Times are seconds since 1970, UTC. A *trial* is a set of clips to be judged. A *block* is the sequence of trials of
+one rater. A *task* is a trial at its place in a block, with the order in which its clips are shown. Personal data is
+limited to a rater's number and the times of answers; tokens are stored as hashes.
 """
 
 from typing import Any
@@ -30,7 +30,7 @@ _NAMES = {
 
 
 class Table(DeclarativeBase):
-    """All tables; constraints have names, so that migrations can change them."""
+    """Base of all tables; constraints have names, so that migrations can change them."""
 
     metadata = MetaData(naming_convention=_NAMES)
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -41,7 +41,7 @@ def _of(table: str, *, cascade: bool = True) -> Any:
 
 
 class Owner(Table):
-    """Who may set studies up and see results."""
+    """An account that may set studies up and see results."""
 
     __tablename__ = "owners"
     name: Mapped[str] = mapped_column(String(128), unique=True)
@@ -63,7 +63,7 @@ class Study(Table):
 
 
 class System(Table):
-    """One of the things compared; a preference study has one."""
+    """A system that is compared; a preference study has one."""
 
     __tablename__ = "systems"
     __table_args__ = (UniqueConstraint("study_id", "name"),)
@@ -74,20 +74,20 @@ class System(Table):
 
 
 class Sound(Table):
-    """What the clips of a trial move to. `prompt` of a preference study: clip, start, past (`align.preferences`)."""
+    """The sound of a trial. `prompt` of a preference study: clip, start, past (`align.preferences`)."""
 
     __tablename__ = "sounds"
     __table_args__ = (UniqueConstraint("study_id", "name"),)
     study_id: Mapped[int] = _of("studies")
     name: Mapped[str] = mapped_column(String(200))
     category: Mapped[str] = mapped_column(String(16))
-    path: Mapped[str] = mapped_column(Text)  # below the media folder
+    path: Mapped[str] = mapped_column(Text)  # relative to the media folder
     seconds: Mapped[float]
     prompt: Mapped[dict[str, Any] | None] = mapped_column(JSON)
 
 
 class Clip(Table):
-    """Motion to a sound. `system_id` is none for motion spoilt on purpose."""
+    """Motion to a sound. `system_id` is null for motion that was corrupted on purpose."""
 
     __tablename__ = "clips"
     study_id: Mapped[int] = _of("studies")
@@ -100,7 +100,7 @@ class Clip(Table):
 
 
 class Trial(Table):
-    """Something to be judged. Clips by place: pairwise (a, b), preference the candidates."""
+    """A set of clips to be judged. Clips by place: (a, b) if pairwise, else the candidates."""
 
     __tablename__ = "trials"
     study_id: Mapped[int] = _of("studies")
@@ -110,7 +110,7 @@ class Trial(Table):
 
 
 class Invitation(Table):
-    """A link: personal, or open for so many seats."""
+    """A link: personal, or open to a number of raters."""
 
     __tablename__ = "invitations"
     study_id: Mapped[int] = _of("studies")
@@ -124,7 +124,7 @@ class Invitation(Table):
 
 
 class Rater(Table):
-    """Someone who took an invitation: a number, no name."""
+    """A person who accepted an invitation: a number without a name."""
 
     __tablename__ = "raters"
     __table_args__ = (UniqueConstraint("study_id", "number"),)
@@ -140,7 +140,7 @@ class Rater(Table):
 
 
 class Block(Table):
-    """The tasks of one rater, planned before anybody joins."""
+    """The tasks of one rater, planned before the rater joins."""
 
     __tablename__ = "blocks"
     __table_args__ = (UniqueConstraint("study_id", "number"), UniqueConstraint("rater_id"))
@@ -163,7 +163,7 @@ class Task(Table):
 
 
 class Judgement(Table):
-    """One answer. Ratings are towards the trial's first clip: positive where place 0 was preferred."""
+    """One answer. Ratings are towards the trial's first clip: positive if place 0 was preferred."""
 
     __tablename__ = "judgements"
     __table_args__ = (
@@ -201,7 +201,7 @@ class Login(Table):
 
 
 class Event(Table):
-    """The audit: what happened, by whom. Kept when raters and studies are deleted."""
+    """A line of the audit: what happened, and by whom. It stays when raters and studies are deleted."""
 
     __tablename__ = "events"
     __table_args__ = (Index("ix_events_study_id", "study", "id"),)

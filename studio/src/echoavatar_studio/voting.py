@@ -1,9 +1,10 @@
 """From best-and-worst answers to pairs for DPO (paper, Direct Preference Alignment).
 
-Several raters judge the same candidates. The pair is the candidate with the highest score (times best less times
-worst) and the one with the lowest. Every answer speaks for the pair (it has the one as best, or the other as worst),
-against it (the other way round), both or not at all; a skip says there is no clear difference. "Pairs lacking a
-distinct quality disparity are filtered out": too few answers, too little agreement, too small a margin.
+Several raters judge the same candidates. A candidate's score is how often it was best minus how often it was worst; the
+pair is the candidate with the highest score and the one with the lowest. An answer counts for the pair if it has the
+first as best or the second as worst, against it if the other way round, and may count for both or neither. A skip means
+no clear difference. "Pairs lacking a distinct quality disparity are filtered out": those with too few answers, too
+little agreement or too small a margin.
 """
 
 from collections.abc import Sequence
@@ -15,19 +16,19 @@ Vote = tuple[int, int] | None  # best and worst; None: skipped
 
 
 class Verdict(NamedTuple):
-    """What the raters say of one prompt's candidates."""
+    """The raters' verdict on the candidates of one prompt."""
 
     votes: int
     skips: int
     chosen: int | None
     rejected: int | None
-    agreement: float  # answers for, of those that speak about the pair
-    margin: float  # answers for less those against, as a share of all
+    agreement: float  # share of answers for the pair, among those for or against it
+    margin: float  # answers for minus answers against, as a share of all
     is_kept: bool
 
 
 def verdict(votes: Sequence[Vote], candidates: int, keep: Keeping) -> Verdict:
-    """The pair of one prompt; with a tie for best or worst there is none."""
+    """The pair of one prompt; a tie for best or worst gives none."""
     said = [vote for vote in votes if vote is not None]
     scores = [sum((best == at) - (worst == at) for best, worst in said) for at in range(candidates)]
     skips = len(votes) - len(said)

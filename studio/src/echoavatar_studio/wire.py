@@ -1,7 +1,7 @@
-"""What all messages of the studio's HTTP API share: bases, errors, questions, limits.
+"""The shared parts of the studio's HTTP API: base messages, errors, questions, limits.
 
-JSON in, JSON out; unknown fields of requests are refused. `docs/studio.md` says which route takes and gives what; the
-messages are in `wire_rater` and `wire_owner`, and the TypeScript types of the pages are made from them (`wire_types`).
+JSON in, JSON out; unknown fields of requests are refused. `docs/studio.md` lists the routes with their messages, which
+are in `wire_rater` and `wire_owner`; `wire_types` makes the TypeScript types of the pages from them.
 """
 
 from typing import Annotated, Literal
@@ -58,11 +58,11 @@ MAX_CLIPS = 16
 
 
 class Request(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What a page sends."""
+    """A message from a page."""
 
 
 class Reply(Struct, frozen=True, kw_only=True):
-    """What the studio answers."""
+    """A message from the studio."""
 
 
 class Problem(Reply, frozen=True, kw_only=True):

@@ -1,4 +1,4 @@
-"""What owners' pages say and are told."""
+"""Messages between owners' pages and the studio."""
 
 from typing import Annotated, Literal
 

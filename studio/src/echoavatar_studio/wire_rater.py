@@ -1,7 +1,7 @@
-"""What raters' pages say and are told.
+"""Messages between raters' pages and the studio.
 
-Nothing here tells of models, seeds, other raters or the design: tasks have random names, and the clips of a task are
-numbered in the order in which this rater sees them.
+These messages reveal nothing about models, seeds, other raters or the design: tasks have random names, and the clips
+of a task are numbered in the order in which the rater sees them.
 """
 
 from typing import Annotated, Literal

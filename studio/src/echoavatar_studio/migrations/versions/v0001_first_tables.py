@@ -1,4 +1,4 @@
-"""The tables that the studio began with (see `tables`)."""
+"""The first version of the tables (see `tables`)."""
 
 import sqlalchemy as sa
 from alembic import op
@@ -10,7 +10,7 @@ depends_on = None
 
 
 def upgrade() -> None:
-    """Make them."""
+    """Create the tables."""
     op.create_table(
         "events",
         sa.Column("at", sa.Double(), nullable=False),
@@ -272,7 +272,7 @@ def upgrade() -> None:
 
 
 def downgrade() -> None:
-    """Drop them."""
+    """Drop the tables."""
     with op.batch_alter_table("judgements", schema=None) as batch_op:
         batch_op.drop_index(batch_op.f("ix_judgements_rater_id"))
 

@@ -1,4 +1,4 @@
-"""What owners do with studies: list and look, open and close, invite, exclude and delete."""
+"""The actions of owners on studies: list, show, open, close, invite, exclude and delete."""
 
 import shutil
 import time
@@ -30,8 +30,8 @@ from .wire_owner import (
 _HOUR = 3_600.0
 
 
-class Desk:
-    """One owner's hands on the store; `actor` is what the audit calls them."""
+class OwnerActions:
+    """The actions of one owner on the store; `actor` is the owner's name in the audit."""
 
     def __init__(self, maker: Maker, actor: str) -> None:
         self._maker, self._store, self.actor = maker, maker.store, actor
@@ -43,7 +43,7 @@ class Desk:
             return StudyList(studies=tuple(self._row(session, study) for study in found))
 
     def study(self, public: str) -> StudyDetail:
-        """One in full."""
+        """One study in full."""
         with self._store.read() as session:
             study = find_study(session, public)
             return StudyDetail(
@@ -55,15 +55,15 @@ class Desk:
             )
 
     def row(self, public: str) -> StudyRow:
-        """One as in the list."""
+        """One study as a row of the list."""
         with self._store.read() as session:
             return self._row(session, find_study(session, public))
 
     def change_state(self, public: str, state: str) -> StudyRow:
-        """Open or close.
+        """Open or close a study.
 
         Raises:
-            StudioError: it is not made yet, or could not be.
+            StudioError: the study is not made yet, or its making failed.
         """
         with self._store.write() as session:
             study = find_study(session, public)
@@ -75,10 +75,10 @@ class Desk:
             return self._row(session, study)
 
     def delete(self, public: str) -> None:
-        """With its clips, raters and answers.
+        """Delete a study with its clips, raters and answers.
 
         Raises:
-            StudioError: it is open or being made.
+            StudioError: the study is open or being made.
         """
         with self._store.write() as session:
             study = find_study(session, public)
@@ -89,7 +89,7 @@ class Desk:
         shutil.rmtree(self._maker.media / public, ignore_errors=True)
 
     def invite(self, public: str, asked: Invite, *, page: str) -> Invited:
-        """New links, told once: only hashes are kept."""
+        """Create links. They are shown only now; the store keeps only hashes."""
         links = []
         with self._store.write() as session:
             study = find_study(session, public)
@@ -111,14 +111,14 @@ class Desk:
         return Invited(links=tuple(links))
 
     def invitations(self, public: str) -> Invitations:
-        """All of a study."""
+        """All invitations of a study."""
         with self._store.read() as session:
             study = find_study(session, public)
             wanted = select(Invitation).where(Invitation.study_id == study.id).order_by(Invitation.id)
             return Invitations(invitations=tuple(_invitation(row) for row in session.scalars(wanted)))
 
     def revoke(self, public: str, number: int) -> None:
-        """Nobody joins by this link any more; who has joined goes on by their own key."""
+        """Revoke a link: nobody can join by it any more. Raters who have joined continue with their own key."""
         with self._store.write() as session:
             row = session.get(Invitation, number)
             if row is None or row.study_id != find_study(session, public).id:
@@ -127,9 +127,9 @@ class Desk:
             note(session, self.actor, "invitation revoked", study=public, detail=str(number))
 
     def exclude(self, public: str, number: int, *, is_excluded: bool, reason: str) -> None:
-        """Leave a rater out of the results, or take them in again; an excluded one's tasks are given out once more.
+        """Exclude a rater from the results, or include them again; the tasks of an excluded rater go to another one.
 
-        Saying it twice changes nothing, and taking in again takes back what nobody has begun.
+        A repeated call changes nothing. Including a rater again withdraws the copied tasks if nobody has begun them.
         """
         with self._store.write() as session:
             rater = _rater(session, public, number)
@@ -140,7 +140,7 @@ class Desk:
             note(session, self.actor, action, study=public, detail=f"rater {number}: {reason}")
 
     def forget(self, public: str, number: int) -> None:
-        """Delete a rater with all answers."""
+        """Delete a rater with all their answers."""
         with self._store.write() as session:
             forget(session, _rater(session, public, number), actor=self.actor, why="on request")
 
@@ -175,7 +175,7 @@ class Desk:
 
 
 def find_study(session: Session, public: str) -> Study:
-    """A study by its public name, or a StudioError."""
+    """The study with a public name; raises a StudioError if there is none."""
     study = session.scalar(select(Study).where(Study.public == public))
     if study is None:
         raise not_found()
@@ -191,7 +191,7 @@ def _rater(session: Session, public: str, number: int) -> Rater:
 
 
 def _give_out_again(session: Session, rater: Rater) -> None:
-    """A copy of the rater's block for somebody else, once."""
+    """Make a copy of the rater's block for another rater, once."""
     block = session.scalar(select(Block).where(Block.rater_id == rater.id))
     if block is None:
         return
@@ -205,7 +205,7 @@ def _give_out_again(session: Session, rater: Rater) -> None:
 
 
 def _take_back(session: Session, rater: Rater) -> None:
-    """The copy of the rater's block, where nobody has it yet: its answers count again."""
+    """Delete the copy of the rater's block if no other rater has it yet."""
     block = session.scalar(select(Block).where(Block.rater_id == rater.id))
     free = select(Block).where(Block.study_id == rater.study_id, Block.rater_id.is_(None))
     for copy in session.scalars(free.order_by(Block.number.desc())).all():
