@@ -73,10 +73,10 @@ def test_files_that_are_no_backups_are_refused(maker: Maker, tmp_path):
     with maker.store.write() as session:
         session.execute(canned.Owner.__table__.delete())
     for name, message in (
-        ("a", "no backup"),
+        ("a", "not a backup"),
         ("b", "another version"),
-        ("c", "no backup"),
-        ("none", "no backup"),
+        ("c", "not a backup"),
+        ("none", "not a backup"),
     ):
         with pytest.raises(EchoAvatarError, match=message):
             restore(maker.store, maker.media, tmp_path / f"{name}.zip")

@@ -158,7 +158,7 @@ class Server:
         self.process = subprocess.Popen(
             [sys.executable, *words],
             cwd=ROOT,
-            env=os.environ | {"PYTHONPATH": f"{ROOT / 'src'}:{ROOT}"},
+            env=os.environ | {"PYTHONPATH": f"{ROOT / 'src'}:{ROOT / 'studio/src'}:{ROOT}"},
             stdout=subprocess.PIPE,
             text=True,
         )

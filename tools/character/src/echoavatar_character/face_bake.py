@@ -1,4 +1,4 @@
-"""From the parts of a face to its morph targets: the modelled head brought to rest, then 52 shapes of it."""
+"""From the parts of a face to its morph targets: the modelled head with closed lips, and its 52 shapes."""
 
 from collections.abc import Sequence
 
@@ -11,11 +11,11 @@ from .face_points import FacePoints, Shares
 from .face_shapes import FACE_NAMES, displacement, turned_normals
 from .sculpt import Mesh
 
-STEP = 2e-4  # metres, of the difference that turns normals
+STEP = 2e-4  # metres, the finite difference from which normals are computed
 
 
 def neutral(modelled: Mesh) -> tuple[Mesh, Shares]:
-    """The modelled head with its lips closed, and which lip each vertex belongs to (`figure_mouth.above`)."""
+    """Close the lips of the modelled head; also return the lip that each vertex belongs to (`figure_mouth.above`)."""
     points = modelled.positions.astype(np.float64)
     side = mouth.above(points)
     columns = [
@@ -33,7 +33,7 @@ def neutral(modelled: Mesh) -> tuple[Mesh, Shares]:
 
 
 def face_morphs(parts: Sequence[tuple[str, Mesh, Shares]]) -> Morphs:
-    """All shapes on the parts' vertices, in the order of the parts."""
+    """All shapes for the vertices of the parts, in the order of the parts."""
     moves, turns = [], []
     for name in FACE_NAMES:
         some_moves, some_turns = [], []

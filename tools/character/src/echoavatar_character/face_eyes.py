@@ -1,4 +1,4 @@
-"""Expressions of eyes and brows: lids that slide over the eyeball, eyes that turn, brows that lift (left side)."""
+"""Expressions of eyes and brows: lids slide over the eyeball, eyes turn, brows lift (left side)."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from .face_points import FacePoints, Moves, Shares, around, moves, total
 from .figure_eyes import EYE, EYE_RADIUS, LID, LID_WIDTH, lower_rim, upper_rim
 from .sdf import Points, rise
 
-MEET = 0.17  # where closed lids meet, in shares of the opening from below
+MEET = 0.17  # where closed lids meet, as a share of the opening from below
 TURN = 0.52  # radians an eye turns at a curve of 1
 
 
@@ -16,12 +16,12 @@ def blink(f: FacePoints) -> Moves:
 
 
 def squint(f: FacePoints) -> Moves:
-    """The lower lid rises, the upper one comes to meet it half way."""
+    """The lower lid rises, and the upper one meets it half way."""
     return total(lids(f, 0.12, 0.27), cheek_lift(f, 0.0012))
 
 
 def wide(f: FacePoints) -> Moves:
-    """Lids drawn back."""
+    """The lids are drawn back."""
     return lids(f, -0.24, -0.10)
 
 
@@ -33,7 +33,7 @@ def look(f: FacePoints, *, up: float = 0.0, out: float = 0.0) -> Moves:
 
 
 def lids(f: FacePoints, upper: float, lower: float) -> Moves:
-    """The left eye's lids towards each other by shares of the opening; skin follows, sliding round the eyeball."""
+    """Move the lids of the left eye towards each other by shares of the opening; the skin slides round the eyeball."""
     if f.part not in ("skin", "lashes"):
         return np.zeros_like(f.at)
     local = f.at - EYE
@@ -61,26 +61,26 @@ def lids(f: FacePoints, upper: float, lower: float) -> Moves:
 
 
 def brow_down(f: FacePoints) -> Moves:
-    """The brow lowered and drawn in."""
+    """The brow is lowered and drawn in."""
     share = _forehead(f, (0.030, 1.611, 0.082), (0.024, 0.014, 0.05))
     inner = _forehead(f, (0.016, 1.608, 0.086), (0.016, 0.014, 0.05))
     return moves(-0.0022 * inner, -0.0048 * share - 0.0022 * inner, 0.0010 * inner)
 
 
 def brow_inner_up(f: FacePoints) -> Moves:
-    """The inner end of the left brow raised; the shape itself takes both sides."""
+    """The inner end of the left brow is raised; the shape itself takes both sides."""
     share = _forehead(f, (0.013, 1.614, 0.086), (0.015, 0.019, 0.05))
     return moves(0.0, 0.0072 * share, -0.0008 * share)
 
 
 def brow_outer_up(f: FacePoints) -> Moves:
-    """The outer end of the brow raised."""
+    """The outer end of the brow is raised."""
     share = _forehead(f, (0.041, 1.616, 0.076), (0.019, 0.019, 0.05))
     return moves(0.0, 0.0068 * share, -0.0012 * share)
 
 
 def cheek_lift(f: FacePoints, height: float) -> Moves:
-    """The cheek pushed up against the lower lid."""
+    """The cheek is pushed up against the lower lid."""
     if f.part != "skin":
         return np.zeros_like(f.at)
     share = around(f.at, (0.039, 1.557, 0.072), (0.019, 0.013, 0.03))
@@ -88,7 +88,7 @@ def cheek_lift(f: FacePoints, height: float) -> Moves:
 
 
 def cheek_squint(f: FacePoints) -> Moves:
-    """Cheek up, lower lid up."""
+    """The cheek and the lower lid rise."""
     return total(lids(f, 0.02, 0.15), cheek_lift(f, 0.0045))
 
 
@@ -103,7 +103,7 @@ def _forehead(
 
 
 def _rim_angle(x: np.ndarray, height: np.ndarray) -> np.ndarray:
-    """Angle about the eye's X axis at which a lid's edge lies."""
+    """The angle of a lid's edge about the eye's X axis."""
     rim = EYE_RADIUS + 0.6 * LID
     depth = np.sqrt(np.maximum(rim**2 - (x * LID_WIDTH) ** 2 - height**2, 1e-8))
     angle: np.ndarray = np.arctan2(height, depth)

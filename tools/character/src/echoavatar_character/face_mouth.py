@@ -19,7 +19,7 @@ def jaw_open(f: FacePoints) -> Moves:
 
 
 def mouth_close(f: FacePoints) -> Moves:
-    """Lips together though the jaw is down: at equal strength it undoes `jaw_open` where the lips meet."""
+    """The lips close while the jaw is down: at equal strength this undoes `jaw_open` where the lips meet."""
     if f.part != "skin":
         return np.zeros_like(f.at)
     reach = np.where(f.above > 0, bell(f.height, 0.015), bell(f.height, 0.018))
@@ -29,12 +29,12 @@ def mouth_close(f: FacePoints) -> Moves:
 
 
 def jaw_left(f: FacePoints) -> Moves:
-    """The jaw sideways, lips along."""
+    """The jaw moves sideways and takes the lips along."""
     return moves(0.0075 * np.maximum(_jaw(f), 0.35 * _lips(f, 0.014)))
 
 
 def jaw_forward(f: FacePoints) -> Moves:
-    """The jaw forwards."""
+    """The jaw moves forwards."""
     return moves(0.0, 0.0, 0.0065 * np.maximum(_jaw(f), 0.25 * _lips(f, 0.010)))
 
 
@@ -96,7 +96,7 @@ def roll_upper(f: FacePoints) -> Moves:
 
 
 def shrug_lower(f: FacePoints) -> Moves:
-    """The chin pushes the lower lip up, and the upper lip with it."""
+    """The chin pushes up the lower lip, and with it the upper lip."""
     reach = np.where(f.above > 0, bell(f.height, 0.010), bell(f.height, 0.030))
     share = reach * bell(f.at[:, 0], 0.024) * f.front * _skin(f)
     return moves(0.0, 0.0046 * share, 0.0022 * share * bell(f.height, 0.012))
@@ -158,7 +158,7 @@ def tongue_out(f: FacePoints) -> Moves:
 
 
 def _jaw(f: FacePoints) -> Shares:
-    """How much a point goes with the jaw; at the lips all or nothing, round their corners every share between."""
+    """How much a point follows the jaw: all or nothing at the lips, with a transition round their corners."""
     if f.part != "skin":
         return np.full(len(f.at), float(f.part in ("lower teeth", "tongue")))
     parting = np.maximum(1 - (f.at[:, 0] / WIDE) ** 2, 0)  # sqrt: an oval
@@ -172,7 +172,7 @@ def _jaw(f: FacePoints) -> Shares:
 
 
 def _drop(f: FacePoints) -> Moves:
-    """What the jaw at its widest does to a point fixed to it."""
+    """The displacement of points fixed to the jaw when it is wide open."""
     c, s = np.cos(JAW_TURN), np.sin(JAW_TURN)
     local = f.at - HINGE
     turn = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
@@ -191,7 +191,7 @@ def _lips(f: FacePoints, reach: float) -> Shares:
 
 
 def _between(f: FacePoints) -> Shares:
-    """1 in the middle of the lips, 0 at the corners and beyond: what may part."""
+    """1 in the middle of the lips, which may part, and 0 at the corners and beyond."""
     share: Shares = np.maximum(1 - (f.at[:, 0] / WIDE) ** 2, 0)
     return share
 
@@ -214,7 +214,7 @@ def _corner(f: FacePoints, reach_x: float, reach_y: float) -> Shares:
 
 
 def _pulled(f: FacePoints, *, out: float, up: float = 0.0, back: float = 0.0) -> Moves:
-    """The left corner pulled; the lips are drawn along up to the middle."""
+    """Pull the left corner; the lips follow up to the middle."""
     x = f.at[:, 0]
     gate = bell(f.height, 0.017) * f.front * _skin(f)
     spread = rise(x, 0.0, WIDE) * bell(np.maximum(x - WIDE, 0), 0.017) * gate
@@ -223,6 +223,6 @@ def _pulled(f: FacePoints, *, out: float, up: float = 0.0, back: float = 0.0) ->
 
 
 def _bent(f: FacePoints, x: Distances, y: Distances | float, z: Distances | float) -> Moves:
-    """Moves whose sideways part keeps to the bow of the teeth."""
+    """Displacements whose sideways part follows the arch of the teeth."""
     at = f.at[:, 0]
     return moves(x, y, z - 0.85 * ARCH * ((at + x) ** 2 - at**2))

@@ -1,6 +1,6 @@
-"""Points of a face and where on it they lie: what expressions are written in.
+"""Points of a face and their places on it, in which expressions are written.
 
-Everything is said for the left side (+X); the right side is the same, mirrored. Metres, neutral face.
+Everything is defined for the left side (+X); the right side is its mirror image. Metres, neutral face.
 """
 
 from typing import NamedTuple
@@ -27,13 +27,13 @@ class FacePoints(NamedTuple):
 
     @property
     def height(self) -> Distances:
-        """Above the line between the lips."""
+        """Height above the line between the lips."""
         height: Distances = self.at[:, 1] - line(self.at[:, 0])
         return height
 
     @property
     def beyond(self) -> Distances:
-        """How far outside the corners of the mouth, 0 between them."""
+        """Distance outside the corners of the mouth; 0 between them."""
         beyond: Distances = np.maximum(np.abs(self.at[:, 0]) - WIDE, 0)
         return beyond
 
@@ -61,11 +61,11 @@ def around(at: Points, centre: tuple[float, float, float], reach: tuple[float, f
 
 
 def moves(x: Distances | float = 0.0, y: Distances | float = 0.0, z: Distances | float = 0.0) -> Moves:
-    """Displacements from their components, of which one at least is an array."""
+    """Displacements from their components, at least one of which is an array."""
     return np.stack(np.broadcast_arrays(x, y, z), axis=1).astype(np.float64)
 
 
 def total(*parts: Moves) -> Moves:
-    """Displacements one on top of the other."""
+    """The sum of displacements."""
     whole: Moves = np.sum(parts, axis=0)
     return whole

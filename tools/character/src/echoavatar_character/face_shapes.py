@@ -1,6 +1,6 @@
 """The 52 ARKit blendshapes of our character: displacements and turned normals of its neutral face.
 
-Names and their order are data of the character; they equal `face.ARKIT_NAMES`, of which this room knows nothing.
+The names and their order are data of the character; they equal `echoavatar.face.ARKIT_NAMES`.
 Left is the character's left, +X.
 """
 
@@ -65,7 +65,7 @@ FACE_NAMES: tuple[str, ...] = (
 
 
 def displacement(name: str, f: FacePoints) -> Moves:
-    """Where the shape `name` at 1 takes the points, less where they are."""
+    """Displacements of the points by the shape `name` at 1."""
     if name in _WHOLE:
         return _WHOLE[name](f)
     stem, is_left = name.removesuffix("Left").removesuffix("Right"), name.endswith("Left")
@@ -75,7 +75,7 @@ def displacement(name: str, f: FacePoints) -> Moves:
 def turned_normals(
     name: str, f: FacePoints, normals: Float[np.ndarray, "n 3"], step: float = 2e-4
 ) -> Float[np.ndarray, "n 3"]:
-    """Unit normals of the shape at 1: normals follow the cofactors of the map's derivative."""
+    """Unit normals under the shape at 1, by the cofactors of the derivative of the displacement map."""
 
     def shaped(offset: np.ndarray) -> np.ndarray:
         at = f.at + offset

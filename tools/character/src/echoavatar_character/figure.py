@@ -1,4 +1,4 @@
-"""The character as a list of pieces: what each is made of, its colour, and how finely it is meshed.
+"""The character as a list of pieces, each with its material, its colour and its number of triangles.
 
 One designed look: a friendly young person in a teal bomber jacket over a cream T-shirt, indigo turned-up trousers
 and white trainers with coral laces and socks. Colours are sRGB, 0..255.
@@ -37,7 +37,7 @@ class Piece(NamedTuple):
     high: tuple[float, float, float]
     cell: float
     triangles: int
-    buried: float = 0.015  # triangles deeper than this inside other pieces are never seen and dropped
+    buried: float = 0.015  # triangles deeper than this inside other pieces are invisible and dropped
     closeups: tuple[CloseUp, ...] = ()
 
 
@@ -86,7 +86,7 @@ def piece_mesh(piece: Piece) -> Mesh:
 
 
 def piece_colours(piece: Piece, points: Points) -> np.ndarray:
-    """Colour (sRGB, float 0..255) of each point: the piece's own with what is painted on it."""
+    """The colour (sRGB, float 0..255) of each point: that of the piece, with what is painted on it."""
     paint = np.tile(np.asarray(piece.colour, np.float64), (len(points), 1))
     if piece.name == "head":
         neutral = mouth.closed(points)

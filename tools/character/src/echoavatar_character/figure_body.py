@@ -1,7 +1,7 @@
-"""The character's clothes and hands as signed distances, built on the rest pose of `HUMANOID` (metres, T-pose).
+"""The character's clothes as signed distances, built on the rest pose of `HUMANOID` (metres, T-pose).
 
-A bomber jacket worn open over a T-shirt, slim turned-up trousers, low trainers. Lofts carry the silhouette; every
-piece closes, so that each can be meshed on its own. Left half modelled, right half mirrored.
+A bomber jacket worn open over a T-shirt, slim turned-up trousers, low trainers. Lofts give the silhouette. Every
+piece is closed, so that it can be meshed on its own. The left half is modelled, the right half mirrored.
 """
 
 import numpy as np

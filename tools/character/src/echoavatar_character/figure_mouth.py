@@ -1,8 +1,8 @@
 """The character's mouth as signed distances: lips, the cut between them, the cavity, teeth and tongue.
 
-The mouth is modelled open, so that the mesh has an upper lip, a lower lip and an inside; `closed` then takes every
-point to where it lies in the neutral face, lips together. What moves a face afterwards starts from there and knows
-by `above` to which lip a point belongs. Metres, rest pose of `HUMANOID`, face towards +Z.
+The mouth is modelled open, so that the mesh has an upper lip, a lower lip and an inside. `closed` then moves every
+point to its place in the neutral face, where the lips meet. Face shapes start from there; `above` tells to which lip a
+point belongs. Metres, rest pose of `HUMANOID`, face towards +Z.
 """
 
 import numpy as np
@@ -43,7 +43,7 @@ def above(p: Points) -> Labels:
 
 
 def closed(p: Points, side: Labels | None = None) -> Points:
-    """Modelled points brought to the neutral face: what lies along the cut meets on `line`."""
+    """Move modelled points to the neutral face: the edges of the cut meet on `line`."""
     side = above(p) if side is None else side
     away = side * (p[:, 1] - line(p[:, 0]))
     half = np.maximum(_gap(p[:, 0]), 0) * rise(p[:, 2], 0.0, 0.04)
@@ -76,7 +76,7 @@ def lips(solid: Distances, face: Distances, p: Points) -> Distances:
 
 
 def opening(p: Points) -> Distances:
-    """Air of the modelled mouth: the cut between the lips and the cavity behind the teeth's place."""
+    """The air in the modelled mouth: the cut between the lips and the cavity behind the teeth."""
     straight = p.copy()
     straight[:, 2] = p[:, 2] + ARCH * p[:, 0] ** 2
     cut = common(np.abs(p[:, 1] - line(p[:, 0])) - _gap(p[:, 0]), 0.060 - p[:, 2])

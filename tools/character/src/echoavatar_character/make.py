@@ -1,4 +1,4 @@
-"""Make the character: signed distances -> meshes -> baked shade -> skin weights -> one npz.
+"""Make the character: signed distances -> meshes -> baked light -> skin weights -> one npz.
 
 Run `python -m echoavatar_character.make [OUT]`; deterministic, under a minute on one core.
 """
@@ -47,7 +47,7 @@ def main() -> None:
 
 
 class Part(NamedTuple):
-    """A finished surface: where it belongs, and for parts of the face which lip each vertex goes with."""
+    """A finished surface; for a part of the face, `side` says which lip each vertex goes with."""
 
     name: str
     material: str
@@ -57,7 +57,7 @@ class Part(NamedTuple):
 
 
 def build() -> Character:
-    """The whole character in the rest pose; what an expression moves comes first."""
+    """The whole character in the rest pose; the parts that expressions move come first."""
     parts = [sculpted(piece) for piece in PIECES] + face_parts()
     parts.sort(key=lambda part: part.side is None)
     joints, weights = strongest(all_weights(parts))
@@ -80,7 +80,7 @@ def build() -> Character:
 
 
 def sculpted(piece: Piece) -> Part:
-    """A piece meshed, coloured and shaded; the head with its mouth closed."""
+    """Mesh, colour and shade a piece; the mouth of the head is closed."""
     mesh = without_buried(piece, piece_mesh(piece))
     colours = piece_colours(piece, mesh.positions.astype(np.float64)) * shade(piece, mesh)[:, None]
     print(f"  {piece.name:13s}{len(mesh.triangles):6d} triangles")
@@ -113,7 +113,7 @@ def painted(mesh: Mesh, colour: tuple[int, int, int]) -> tuple[Mesh, np.ndarray]
 
 
 def all_weights(parts: list[Part]) -> np.ndarray:
-    """Weights of every vertex; cloth is smoothed together, across its layers."""
+    """The weights of every vertex; those of cloth are smoothed across its layers."""
     points = [part.mesh.positions.astype(np.float64) for part in parts]
     weights = [weigh(part.name, p) for part, p in zip(parts, points, strict=True)]
     cloth = [i for i, part in enumerate(parts) if part.name in SMOOTHED]
@@ -140,7 +140,7 @@ def without_buried(piece: Piece, mesh: Mesh) -> Mesh:
 
 
 def shade(piece: Piece, mesh: Mesh) -> np.ndarray:
-    """Ambient light that reaches each vertex, 0..1, from the distances met along its normal."""
+    """The ambient light at each vertex, 0..1, from the distances along its normal."""
     light = np.ones(len(mesh.positions))
     for reach, strength in ((0.004, 0.16), (0.010, 0.16), (0.022, 0.16)):
         points = mesh.positions.astype(np.float64) + mesh.normals * reach
@@ -149,7 +149,7 @@ def shade(piece: Piece, mesh: Mesh) -> np.ndarray:
             near = inside_box(other, points)
             clear[near] = np.minimum(clear[near], other.field(points[near]))
         light -= strength * np.clip((reach - clear) / reach, 0, 1.4)
-    if piece.name == "head":  # lips are modelled apart; together they hide less from the light than it seems
+    if piece.name == "head":  # closed lips hide less from the light than the modelled, open ones
         points = mesh.positions.astype(np.float64)
         light[(lip_mask(closed(points)) < 0.001) & (inside_mask(points) > 0)] = 1
     return np.clip(light, 0.35, 1)

@@ -1,4 +1,4 @@
-"""Better shaped triangles after decimation: edges flipped, vertices slid towards the middle of their neighbours."""
+"""Better shaped triangles after decimation: flip edges, and slide vertices towards the mean of their neighbours."""
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -13,7 +13,7 @@ SHARP = 0.992  # cosine between two triangles below which their edge is a crease
 def relax(
     points: Positions, faces: Triangles, *, rounds: int = 4, slide: float = 0.4
 ) -> tuple[Positions, Triangles]:
-    """Alternate flips and slides; the outer border and the number of triangles stay."""
+    """Alternate flips and slides; the outer border and the number of triangles do not change."""
     for _ in range(rounds):
         faces = flipped(points, faces)
         points = slid(points, faces, slide)
@@ -21,7 +21,7 @@ def relax(
 
 
 def slid(points: Positions, faces: Triangles, share: float) -> Positions:
-    """Every vertex moved by `share` of the way to its neighbours' mean, along the surface only."""
+    """Move every vertex by `share` of the way to the mean of its neighbours, along the surface only."""
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     total, count = np.zeros_like(points), np.zeros(len(points))
     np.add.at(total, edges[:, 0], points[edges[:, 1]])
@@ -53,7 +53,7 @@ def _normals(points: Positions, faces: Triangles) -> tuple[Positions, Float[np.n
 
 
 def flipped(points: Positions, faces: Triangles) -> Triangles:
-    """Edges turned where the angles opposite to them add up to more than a half turn (Delaunay), creases kept."""
+    """Flip edges whose opposite angles add up to more than a half turn (Delaunay); keep creases."""
     triangles = [tuple(face) for face in faces.tolist()]
     owner: dict[tuple[int, int], int] = {}
     for t, (a, b, c) in enumerate(triangles):

@@ -1,4 +1,4 @@
-"""Skin weights: how much each bone of `HUMANOID` moves each vertex, from distances to its bones in the rest pose."""
+"""Skin weights: how much each bone of `HUMANOID` moves each vertex, from distances in the rest pose."""
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -46,7 +46,7 @@ def weigh(piece: str, points: Points) -> Weights:
 
 
 def smooth(weights: Weights, points: Points, *, passes: int, neighbours: int = 14) -> Weights:
-    """Average over nearest neighbours in space, so that layers lying on each other move alike."""
+    """Average over the nearest neighbours in space, so that layers on top of each other move alike."""
     from scipy.spatial import cKDTree
 
     distance, index = cKDTree(points).query(points, neighbours)
@@ -98,7 +98,7 @@ def _bone_distance(points: Points, name: str) -> Float[np.ndarray, " v"]:
 
 
 def _hand_weights(points: Points) -> Weights:
-    """Wrist by distance along the arm; fingers by nearest finger, then along it; nothing crosses to a neighbour."""
+    """The wrist by distance along the arm, a finger by the nearest finger and then along it, never across."""
     weights = np.zeros((len(points), HUMANOID.joints))
     folded = points * np.stack([np.sign(points[:, 0]), *np.ones((2, len(points)))], 1)
     left = {name[4:]: i for i, name in enumerate(HUMANOID.names) if name.startswith("left")}
@@ -120,7 +120,7 @@ def _hand_weights(points: Points) -> Weights:
 
 
 def _bend(weights: Weights, rows: np.ndarray, points: Points, chain: list[int], *, thumb: bool) -> None:
-    """Hand over from each bone of a finger to the next around the joint's plane, in place."""
+    """Blend from each bone of a finger to the next around the plane of the joint, in place."""
     for parent, joint, onward in zip(chain[:-1], chain[1:], [*chain[2:], -1], strict=True):
         way = REST[onward] - REST[joint] if onward >= 0 else REST[joint] - REST[parent]
         if joint == chain[1] and not thumb:
@@ -146,7 +146,7 @@ def _chain_distance(points: Points, chain: list[int]) -> Float[np.ndarray, " v"]
 
 
 def _ramp(points: Points, names: tuple[str, ...], rises: list[np.ndarray]) -> Weights:
-    """Weights handed on from each name to the next by the given shares."""
+    """Weights that pass from each name to the next by the given shares."""
     weights = np.zeros((len(points), HUMANOID.joints))
     left = np.ones(len(points))
     for name, share in zip(names, [*rises, np.zeros(len(points))], strict=True):

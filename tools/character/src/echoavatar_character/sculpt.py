@@ -44,7 +44,7 @@ def mesh_of(
     shrink: Callable[[Points], Points],
     tidy: Callable[[Points, Triangles], tuple[Points, Triangles]],
 ) -> Mesh:
-    """`sculpt` that saves and tidies triangles in the space that `enlarge` makes of ours; `shrink` leads back."""
+    """`sculpt`, with decimation and `tidy` in the space after `enlarge`; `shrink` is its inverse."""
     origin, volume = sample(field, np.asarray(low, np.float32), np.asarray(high, np.float32), cell)
     points, faces, _, _ = marching_cubes(volume, 0.0, spacing=(cell,) * 3)
     points = enlarge((points + origin).astype(np.float64)).astype(np.float32)
@@ -85,7 +85,7 @@ def sample(
 def outward(
     points: Float[np.ndarray, "v 3"], normals: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]
 ) -> Int[np.ndarray, "f 3"]:
-    """Triangles wound so that they face along the normals, slivers of no area dropped."""
+    """Wind triangles so that they face along the normals; drop triangles without area."""
     a, b, c = (points[faces[:, i]] for i in range(3))
     face = np.cross(b - a, c - a)
     agrees = np.einsum("fi,fi->f", face, normals[faces].sum(1))

@@ -1,8 +1,8 @@
-"""Signed distances as plain functions of points: the clay the character is modelled in.
+"""Signed distances as plain functions of points, of which the character is modelled.
 
 Every primitive takes points (n, 3) in metres and returns distances (n,), negative inside. Distances are exact for
-spheres and rounded cones and first-order accurate near the surface for ellipsoids and lofts, which is all that
-meshing, projecting and normals need. Uses numpy and nothing else of the package.
+spheres and rounded cones and first-order accurate near the surface for ellipsoids and lofts, which is enough
+for meshing, projection and normals. Uses nothing else of the package.
 """
 
 from collections.abc import Callable, Sequence
@@ -126,7 +126,7 @@ def loft(p: Points, axis: int, stations: Sequence[Sequence[float]]) -> Distances
 
 
 def rise(x: Distances, low: ArrayLike, high: ArrayLike) -> Distances:
-    """0 below `low`, 1 above `high`, smooth between."""
+    """0 below `low`, 1 above `high`, smooth in between."""
     t = np.clip((x - low) / (np.asarray(high) - low), 0, 1)
     risen: Distances = t * t * (3 - 2 * t)
     return risen

@@ -1,4 +1,4 @@
-"""Meshes that are exactly symmetric about x = 0 and finer where one looks closely."""
+"""Meshes that are exactly symmetric about x = 0, with more triangles in a close-up region."""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -15,7 +15,7 @@ SNAP = 0.0004  # metres: vertices nearer to the middle are moved onto it
 
 
 class CloseUp(NamedTuple):
-    """A ball that gets more triangles: space in it is `power` times as large while triangles are saved."""
+    """A ball that gets more triangles: its space is enlarged `power` times during decimation."""
 
     centre: tuple[float, float, float]
     radius: float
@@ -56,7 +56,7 @@ def sculpt_symmetric(
 
 
 def _cut(points: Points, faces: Int[np.ndarray, "f 3"]) -> tuple[Points, Int[np.ndarray, "f 3"]]:
-    """The half x >= 0; triangles across the middle are split on it."""
+    """The half x >= 0; triangles across the middle are split there."""
     whole = (points[faces, 0] >= 0).all(1)
     across = ~whole & (points[faces, 0] > 0).any(1)
     made: dict[tuple[int, int], int] = {}
@@ -121,7 +121,7 @@ def _shrunk(close: CloseUp) -> Map:
 
 
 def _scale(close: CloseUp) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-    """Distances from the centre and what becomes of them: `power` times up to the radius, then at the old pace."""
+    """Distances from the centre and their images: `power` times as large up to the radius, then with slope 1."""
     r = np.linspace(0, 12 * close.radius, 1200)
     pace = 1 + (close.power - 1) / (1 + (r / close.radius) ** 6)
     return r, np.concatenate([[0], np.cumsum((pace[1:] + pace[:-1]) / 2 * np.diff(r))])
