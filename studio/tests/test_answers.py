@@ -3,7 +3,7 @@
 from studio.tests import canned
 from studio.tests.people import RaterPerson, app_of, tokens
 
-from echoavatar_studio.answers import counting, given
+from echoavatar_studio.answers import answer_records, counted
 from echoavatar_studio.making import Maker
 from echoavatar_studio.owner_actions import OwnerActions, find_study
 
@@ -15,13 +15,13 @@ def test_ratings_are_towards_the_first_system_however_they_were_shown(maker: Mak
     while (task := rater.task()) is not None:
         rater.answer(task)
     with maker.store.read() as session:
-        answers = given(session, find_study(session, study))
+        answers = answer_records(session, find_study(session, study))
     assert len(answers) == 9
     for answer in answers:
         assert answer.ratings["overall_preference"] == (2 if answer.order == (1, 0) else -2)
         assert answer.clip_seconds == 1.0
         assert answer.systems[-1] == "" or answer.role in ("real", "identical")
-    assert len(counting(answers)) == 6
+    assert len(counted(answers)) == 6
     OwnerActions(maker, "test").exclude(study, 1, is_excluded=True, reason="")
     with maker.store.read() as session:
-        assert counting(given(session, find_study(session, study))) == []
+        assert counted(answer_records(session, find_study(session, study))) == []

@@ -2,17 +2,17 @@
 
 import pytest
 
-from echoavatar_studio.answers import Given
+from echoavatar_studio.answers import AnswerRecord
 from echoavatar_studio.quality import _straight, is_too_fast, passes
 
 
-def answer(**changes) -> Given:
+def answer(**changes) -> AnswerRecord:
     usual = {
         "rater": 1, "is_excluded": False, "trial": 1, "role": "real", "sound": "a", "category": "dance",
         "systems": ("A", "B"), "ratings": {"overall_preference": 1}, "best": None, "worst": None, "skipped": None,
         "order": (0, 1), "first": 0, "seconds": 20.0, "clip_seconds": 10.0, "plays": (1, 1), "at": 0.0,
     }  # fmt: skip
-    return Given(**(usual | changes))
+    return AnswerRecord(**(usual | changes))
 
 
 @pytest.mark.parametrize(

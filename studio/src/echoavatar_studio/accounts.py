@@ -18,7 +18,7 @@ from .wire_owner import OwnerSession
 
 
 @lru_cache(maxsize=1)
-def _nobody() -> str:
+def _stand_in_hash() -> str:
     """A hash to compare with when the owner does not exist, so that both cases take equally long."""
     return hash_password(secrets.token_urlsafe(16))
 
@@ -59,7 +59,7 @@ def log_in(store: Store, name: str, password: str) -> tuple[str, OwnerSession]:
     """
     with store.read() as session:
         owner = session.scalar(select(Owner).where(Owner.name == name))
-    if not is_password(password, owner.password if owner else _nobody()) or owner is None:
+    if not is_password(password, owner.password if owner else _stand_in_hash()) or owner is None:
         raise StudioError("bad_login", "wrong name or password")
     with store.write() as session:
         token, visitor = sign_in(session, owner_id=owner.id)

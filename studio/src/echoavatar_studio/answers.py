@@ -11,7 +11,7 @@ from .wire import QUESTIONS
 
 
 @dataclass(frozen=True)
-class Given:
+class AnswerRecord:
     """One judgement."""
 
     rater: int  # number
@@ -33,7 +33,7 @@ class Given:
     at: float
 
 
-def given(session: Session, study: Study) -> list[Given]:
+def answer_records(session: Session, study: Study) -> list[AnswerRecord]:
     """All judgements, oldest first."""
     names: dict[int, str] = dict(
         session.execute(
@@ -51,14 +51,14 @@ def given(session: Session, study: Study) -> list[Given]:
         .where(Trial.study_id == study.id)
         .order_by(Judgement.at, Judgement.id)
     )
-    return [_given(*row, names) for row in rows]
+    return [_record(*row, names) for row in rows]
 
 
-def _given(
+def _record(
     row: Judgement, rater: Rater, task: Task, trial: Trial, sound: Sound, names: Mapping[int, str]
-) -> Given:
+) -> AnswerRecord:
     ratings = {name: getattr(row, name) for name in QUESTIONS}
-    return Given(
+    return AnswerRecord(
         rater=rater.number,
         is_excluded=rater.is_excluded,
         trial=trial.id,
@@ -79,6 +79,6 @@ def _given(
     )
 
 
-def counting(answers: list[Given]) -> list[Given]:
+def counted(answers: list[AnswerRecord]) -> list[AnswerRecord]:
     """The judgements that count in results: without practice, checks and excluded raters."""
     return [answer for answer in answers if answer.role == "real" and not answer.is_excluded]

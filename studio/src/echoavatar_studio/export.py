@@ -11,7 +11,7 @@ from sqlalchemy import select
 
 from echoavatar.align.preferences import Pair
 
-from .answers import counting, given
+from .answers import answer_records, counted
 from .audit import iso
 from .errors import not_found
 from .latex import latex_table
@@ -79,7 +79,7 @@ def pairs(store: Store, public: str) -> list[Pair]:
         if settings.kind != "preference":
             raise not_found()
         found = []
-        for trial, sound, told in verdicts(session, study, settings, counting(given(session, study))):
+        for trial, sound, told in verdicts(session, study, settings, counted(answer_records(session, study))):
             if not told.is_kept or told.chosen is None or told.rejected is None or sound.prompt is None:
                 continue
             clips = {clip.id: clip for clip in session.scalars(select(Clip).where(Clip.sound_id == sound.id))}
@@ -105,7 +105,7 @@ def pairs(store: Store, public: str) -> list[Pair]:
 def _judgements(store: Store, public: str) -> bytes:
     """One line per answer, with practice and checks; ratings are towards `first_system`."""
     with store.read() as session:
-        answers = given(session, find_study(session, public))
+        answers = answer_records(session, find_study(session, public))
     head = ["rater", "is_excluded", "role", "sound", "category", "first_system", "second_system", *QUESTIONS]
     head += ["best", "worst", "skipped", "is_swapped", "played_first", "seconds", "plays", "at"]
     rows = []

@@ -88,7 +88,7 @@ class Gate:
 
         return Route(path, endpoint, methods=[method])
 
-    def hold(self, key: str, rate: Rate) -> None:
+    def check_rate(self, key: str, rate: Rate) -> None:
         """Count a request towards its limit.
 
         Raises:
@@ -135,11 +135,11 @@ class Gate:
         if visitor is not None and not visitor.is_a(who):
             visitor = None  # a rater's token in the owners' cookie opens nothing
         if visitor is None:
-            self.hold(f"stranger {address}", self.rates.stranger)
+            self.check_rate(f"stranger {address}", self.rates.stranger)
         else:
-            self.hold(f"session {visitor.login_id}", self.rates.read)
+            self.check_rate(f"session {visitor.login_id}", self.rates.read)
             if rate is not None:
-                self.hold(f"{rate} {visitor.login_id}", rate)
+                self.check_rate(f"{rate} {visitor.login_id}", rate)
         if signed and visitor is None:
             raise StudioError("not_signed_in", "no session; open your link again, or sign in")
         if signed and changes and visitor is not None:

@@ -44,7 +44,7 @@ def join(store: Store, token: str, current: Visitor | None, *, page: str) -> tup
         return cookie, _joined(session, study, rater, visitor, resume)
 
 
-def look(store: Store, visitor: Visitor) -> Joined:
+def rejoined(store: Store, visitor: Visitor) -> Joined:
     """The reply of `join` again, for a page that was reloaded."""
     with store.read() as session:
         rater = session.get_one(Rater, visitor.rater_id)
@@ -77,7 +77,7 @@ def agree(store: Store, visitor: Visitor) -> Joined:
         return _joined(session, study, rater, visitor, "")
 
 
-def forget(session: Session, rater: Rater, *, actor: str, why: str) -> None:
+def delete_rater(session: Session, rater: Rater, *, actor: str, why: str) -> None:
     """Delete a rater with all answers; the block is free again, and a personal link becomes invalid.
 
     The block of an excluded rater is deleted, too: a copy of it was handed out when the rater was excluded.

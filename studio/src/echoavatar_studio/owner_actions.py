@@ -9,7 +9,7 @@ from sqlalchemy.orm import Session
 
 from .audit import iso, note
 from .errors import StudioError, not_found
-from .joining import forget
+from .joining import delete_rater
 from .making import Maker
 from .secrecy import hash_token, new_name, new_token
 from .tables import Block, Clip, Invitation, Judgement, Rater, Sound, Study, System, Task, Trial
@@ -139,10 +139,10 @@ class OwnerActions:
             action = "rater excluded" if is_excluded else "rater taken in again"
             note(session, self.actor, action, study=public, detail=f"rater {number}: {reason}")
 
-    def forget(self, public: str, number: int) -> None:
+    def delete_rater(self, public: str, number: int) -> None:
         """Delete a rater with all their answers."""
         with self._store.write() as session:
-            forget(session, _rater(session, public, number), actor=self.actor, why="on request")
+            delete_rater(session, _rater(session, public, number), actor=self.actor, why="on request")
 
     def _row(self, session: Session, study: Study) -> StudyRow:
         wanted = session.scalar(

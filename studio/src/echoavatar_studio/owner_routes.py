@@ -46,7 +46,7 @@ def owner_routes(gate: Gate, maker: Maker, library: Path) -> list[BaseRoute]:
         ("DELETE", study + "/invitations/{number:int}", own.revoke),
         ("GET", f"{study}/raters", own.raters),
         ("POST", study + "/raters/{number:int}/exclude", own.exclude),
-        ("DELETE", study + "/raters/{number:int}", own.forget),
+        ("DELETE", study + "/raters/{number:int}", own.delete_rater),
         ("GET", f"{study}/results", own.results),
         ("GET", study + "/export/{name}", own.export),
     ]
@@ -61,7 +61,7 @@ class _Owner:
     def log_in(self, call: Call) -> Response:
         asked = decoded(call, Login)
         for key in (call.address, f"name {asked.name}"):
-            self._gate.hold(f"login {key}", self._gate.rates.login)
+            self._gate.check_rate(f"login {key}", self._gate.rates.login)
         token, session = log_in(self._store, asked.name, asked.password)
         answer = reply(session)
         set_cookie(answer, call, COOKIES["owner"], token, PATH, OWNER_SECONDS)
@@ -146,8 +146,8 @@ class _Owner:
         )
         return Done()
 
-    def forget(self, call: Call) -> Done:
-        self._actions(call).forget(call.word("study"), call.number("number"))
+    def delete_rater(self, call: Call) -> Done:
+        self._actions(call).delete_rater(call.word("study"), call.number("number"))
         return Done()
 
     def results(self, call: Call) -> msgspec.Struct:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from sqlalchemy import func, select
 
-from .answers import Given, given
+from .answers import AnswerRecord, answer_records
 from .audit import iso
 from .owner_actions import find_study
 from .store import Store
@@ -21,7 +21,7 @@ def rater_rows(store: Store, public: str) -> Raters:
     """A row for every rater."""
     with store.read() as session:
         study = find_study(session, public)
-        answers = given(session, study)
+        answers = answer_records(session, study)
         sizes: dict[int | None, int] = dict(
             session.execute(
                 select(Block.rater_id, func.count(Task.id))
@@ -37,7 +37,7 @@ def rater_rows(store: Store, public: str) -> Raters:
             .order_by(Rater.number)
         ).all()
     means = _means_without(answers)
-    by_rater: dict[int, list[Given]] = defaultdict(list)
+    by_rater: dict[int, list[AnswerRecord]] = defaultdict(list)
     for answer in answers:
         by_rater[answer.rater].append(answer)
     return Raters(
@@ -48,7 +48,7 @@ def rater_rows(store: Store, public: str) -> Raters:
     )
 
 
-def passes(answer: Given) -> bool | None:
+def passes(answer: AnswerRecord) -> bool | None:
     """Whether an attention check was passed; None for other tasks."""
     if answer.role == "identical":
         return not answer.skipped and max(abs(rating) for rating in answer.ratings.values()) <= _TOLERANCE
@@ -61,13 +61,13 @@ def passes(answer: Given) -> bool | None:
     return sum(answer.ratings.values()) > 0
 
 
-def is_too_fast(answer: Given) -> bool:
+def is_too_fast(answer: AnswerRecord) -> bool:
     """Whether the answer was given in less time than one clip lasts."""
     return answer.seconds < answer.clip_seconds
 
 
 def _row(
-    rater: Rater, label: str, answers: Sequence[Given], of: int, means: Mapping[tuple[int, int], float]
+    rater: Rater, label: str, answers: Sequence[AnswerRecord], of: int, means: Mapping[tuple[int, int], float]
 ) -> RaterRow:
     checks = [passes(answer) for answer in answers]
     seconds = [answer.seconds for answer in answers]
@@ -91,7 +91,7 @@ def _row(
     )
 
 
-def _straight(answers: Sequence[Given]) -> float:
+def _straight(answers: Sequence[AnswerRecord]) -> float:
     """The share of the most frequent answer, in terms of positions on the screen."""
     real = [answer for answer in answers if answer.role == "real"]
     if not real:
@@ -100,7 +100,7 @@ def _straight(answers: Sequence[Given]) -> float:
     return seen.most_common(1)[0][1] / len(real)
 
 
-def _on_screen(answer: Given) -> tuple[object, ...]:
+def _on_screen(answer: AnswerRecord) -> tuple[object, ...]:
     if answer.skipped:
         return (answer.skipped,)
     if answer.best is not None and answer.worst is not None:
@@ -109,7 +109,7 @@ def _on_screen(answer: Given) -> tuple[object, ...]:
     return tuple(sign * rating for _, rating in sorted(answer.ratings.items()))
 
 
-def _means_without(answers: Sequence[Given]) -> dict[tuple[int, int], float]:
+def _means_without(answers: Sequence[AnswerRecord]) -> dict[tuple[int, int], float]:
     """The mean rating of each trial by all other raters, by (trial, rater)."""
     sums: dict[int, list[tuple[int, float]]] = defaultdict(list)
     for answer in answers:
@@ -124,7 +124,7 @@ def _means_without(answers: Sequence[Given]) -> dict[tuple[int, int], float]:
     return found
 
 
-def _agreement(answers: Sequence[Given], means: Mapping[tuple[int, int], float]) -> float | None:
+def _agreement(answers: Sequence[AnswerRecord], means: Mapping[tuple[int, int], float]) -> float | None:
     pairs = [
         (float(np.mean(list(answer.ratings.values()))), means[answer.trial, answer.rater])
         for answer in answers

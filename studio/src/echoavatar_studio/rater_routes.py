@@ -29,7 +29,7 @@ def rater_routes(gate: Gate, media: Path) -> list[BaseRoute]:
     add = partial(gate.route, who="rater")
     return [
         add("POST", f"{PATH}/join", partial(_join, gate), signed=False),
-        add("GET", f"{PATH}/me", lambda call: joining.look(store, call.signed)),
+        add("GET", f"{PATH}/me", lambda call: joining.rejoined(store, call.signed)),
         add("POST", f"{PATH}/consent", partial(_consent, store)),
         add("GET", f"{PATH}/task", lambda call: judging.next_task(store, call.signed)),
         add("GET", PATH + "/tasks/{task}/audio", partial(_media, store, media)),
@@ -41,7 +41,7 @@ def rater_routes(gate: Gate, media: Path) -> list[BaseRoute]:
 
 
 def _join(gate: Gate, call: Call) -> Response:
-    gate.hold(f"join {call.address}", gate.rates.join)
+    gate.check_rate(f"join {call.address}", gate.rates.join)
     asked = decoded(call, Join)
     cookie, joined = joining.join(gate.store, asked.token, call.visitor, page=call.page("rate"))
     answer = reply(joined)
@@ -88,7 +88,7 @@ def _leave(store: Store, call: Call) -> msgspec.Struct:
 def _forget(store: Store, visitor: Visitor, why: str) -> None:
     with store.write() as session:
         rater = session.get_one(Rater, visitor.rater_id)
-        joining.forget(session, rater, actor=f"rater {rater.number}", why=why)
+        joining.delete_rater(session, rater, actor=f"rater {rater.number}", why=why)
 
 
 def set_cookie(answer: Response, call: Call, name: str, token: str, path: str, seconds: float) -> None:

@@ -8,7 +8,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from .agreement import alpha
-from .answers import Given, counting, given
+from .answers import AnswerRecord, answer_records, counted
 from .bradley_terry import strengths, wins_of
 from .intervals import mean_of
 from .owner_actions import find_study
@@ -35,8 +35,8 @@ def results(store: Store, public: str) -> Results:
 
 def results_of(session: Session, study: Study) -> Results:
     """All results of a study that is already loaded; see `results`."""
-    settings, everything = kept_study(study.settings), given(session, study)
-    answers = counting(everything)
+    settings, everything = kept_study(study.settings), answer_records(session, study)
+    answers = counted(everything)
     people = {answer.rater for answer in answers}
     excluded = {answer.rater for answer in everything if answer.is_excluded}
     is_pairwise = settings.kind == "pairwise"
@@ -59,7 +59,7 @@ def results_of(session: Session, study: Study) -> Results:
     )
 
 
-def system_rows(settings: PairwiseStudy, answers: Sequence[Given]) -> list[ResultRow]:
+def system_rows(settings: PairwiseStudy, answers: Sequence[AnswerRecord]) -> list[ResultRow]:
     """Each system's mean rating against the others of its group: the rows of the paper's table."""
     rows = []
     for system in settings.systems:
@@ -75,7 +75,7 @@ def system_rows(settings: PairwiseStudy, answers: Sequence[Given]) -> list[Resul
     return rows
 
 
-def pair_rows(settings: PairwiseStudy, answers: Sequence[Given]) -> list[PairRow]:
+def pair_rows(settings: PairwiseStudy, answers: Sequence[AnswerRecord]) -> list[PairRow]:
     """A row for every two systems that were compared."""
     rows = []
     for one, other in combinations(settings.systems, 2):
@@ -87,7 +87,7 @@ def pair_rows(settings: PairwiseStudy, answers: Sequence[Given]) -> list[PairRow
     return rows
 
 
-def ranking(settings: PairwiseStudy, answers: Sequence[Given]) -> list[Strength]:
+def ranking(settings: PairwiseStudy, answers: Sequence[AnswerRecord]) -> list[Strength]:
     """Bradley-Terry strengths within each group, for every question, over all categories and for each."""
     rows = []
     for group in dict.fromkeys(system.group for system in settings.systems):
@@ -122,7 +122,7 @@ def ranking(settings: PairwiseStudy, answers: Sequence[Given]) -> list[Strength]
 
 
 def verdicts(
-    session: Session, study: Study, settings: PreferenceStudy, answers: Sequence[Given]
+    session: Session, study: Study, settings: PreferenceStudy, answers: Sequence[AnswerRecord]
 ) -> list[tuple[Trial, Sound, Verdict]]:
     """The verdict of the raters on every prompt."""
     votes: dict[int, list[tuple[int, int] | None]] = defaultdict(list)
@@ -147,12 +147,12 @@ def _preference(row: tuple[Trial, Sound, Verdict]) -> PreferenceRow:
     return PreferenceRow(sound=sound.name, category=sound.category, **found._asdict())  # type: ignore[arg-type]
 
 
-def _towards(answer: Given, system: str) -> int:
+def _towards(answer: AnswerRecord, system: str) -> int:
     """1 if the system is the trial's first clip, -1 if it is the second."""
     return 1 if answer.systems[0] == system else -1
 
 
-def _scores(questions: Sequence[Question], own: Iterable[tuple[Given, int]]) -> dict[Question, Mean]:
+def _scores(questions: Sequence[Question], own: Iterable[tuple[AnswerRecord, int]]) -> dict[Question, Mean]:
     rated = [(answer, sign) for answer, sign in own if answer.ratings]
     return {
         question: mean_of([sign * a.ratings[question] for a, sign in rated], [a.rater for a, _ in rated])
@@ -161,12 +161,12 @@ def _scores(questions: Sequence[Question], own: Iterable[tuple[Given, int]]) -> 
     }
 
 
-def _categories(answers: Sequence[Given]) -> list[Category]:
+def _categories(answers: Sequence[AnswerRecord]) -> list[Category]:
     there = {answer.category for answer in answers}
     return [category for category in CATEGORIES if category in there]
 
 
-def _pairwise_alpha(settings: PairwiseStudy, answers: Sequence[Given]) -> list[Agreement]:
+def _pairwise_alpha(settings: PairwiseStudy, answers: Sequence[AnswerRecord]) -> list[Agreement]:
     """The order of two systems in a trial is arbitrary, so every trial counts twice, with either sign."""
     rows = []
     for question in settings.questions:
@@ -179,7 +179,7 @@ def _pairwise_alpha(settings: PairwiseStudy, answers: Sequence[Given]) -> list[A
     return rows
 
 
-def _best_alpha(answers: Sequence[Given]) -> list[Agreement]:
+def _best_alpha(answers: Sequence[AnswerRecord]) -> list[Agreement]:
     rows = []
     for which in ("best", "worst"):
         units: dict[int, list[int]] = defaultdict(list)
@@ -191,7 +191,7 @@ def _best_alpha(answers: Sequence[Given]) -> list[Agreement]:
 
 
 def _agreement(
-    question: str, metric: str, units: Mapping[int, Sequence[int]], answers: Sequence[Given]
+    question: str, metric: str, units: Mapping[int, Sequence[int]], answers: Sequence[AnswerRecord]
 ) -> Agreement:
     values = [list(unit) for unit in units.values()]
     found = alpha(values, metric)  # type: ignore[arg-type]

@@ -25,7 +25,7 @@ class OwnerSession(Reply, frozen=True, kw_only=True):
 
 
 class Making(Reply, frozen=True, kw_only=True):
-    """How far the clips of a new study are."""
+    """Progress of making the clips of a new study."""
 
     done: int
     of: int
@@ -55,7 +55,7 @@ class StudyList(Reply, frozen=True, kw_only=True):
 
 
 class SystemRow(Reply, frozen=True, kw_only=True):
-    """One of the things compared."""
+    """One of the systems that are compared."""
 
     name: str
     source: str
@@ -121,7 +121,7 @@ class Invite(Request, frozen=True, kw_only=True):
 
 
 class Link(Reply, frozen=True, kw_only=True):
-    """A link, told once: the studio keeps only a hash."""
+    """A link, shown only once: the studio keeps only a hash."""
 
     id: int
     url: str
@@ -146,7 +146,7 @@ class InvitationRow(Reply, frozen=True, kw_only=True):
 
 
 class Invitations(Reply, frozen=True, kw_only=True):
-    """All of a study."""
+    """All invitations of a study."""
 
     invitations: tuple[InvitationRow, ...]
 
@@ -181,7 +181,7 @@ class Raters(Reply, frozen=True, kw_only=True):
 
 
 class Exclude(Request, frozen=True, kw_only=True):
-    """Leave a rater out of the results, or take them in again."""
+    """Exclude a rater from the results, or include them again."""
 
     is_excluded: bool
     reason: Text = ""
@@ -254,7 +254,7 @@ class PreferenceRow(Reply, frozen=True, kw_only=True):
 
 
 class Results(Reply, frozen=True, kw_only=True):
-    """Everything that is known of a study now."""
+    """All results of a study so far."""
 
     kind: Kind
     judgements: int
@@ -281,7 +281,7 @@ class Event(Reply, frozen=True, kw_only=True):
 
 
 class Audit(Reply, frozen=True, kw_only=True):
-    """Newest first; `before` of the query goes on."""
+    """Events, newest first; `before` in the query continues the list."""
 
     events: tuple[Event, ...]
 

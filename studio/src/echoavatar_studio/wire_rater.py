@@ -39,7 +39,7 @@ class StudyFace(Reply, frozen=True, kw_only=True):
 
 
 class Progress(Reply, frozen=True, kw_only=True):
-    """How far this rater is."""
+    """The progress of this rater."""
 
     done: Annotated[int, Meta(description="tasks answered or skipped, training included")]
     of: int
@@ -68,7 +68,7 @@ class Consent(Request, frozen=True, kw_only=True):
 
 
 class RaterTask(Reply, frozen=True, kw_only=True):
-    """One thing to judge."""
+    """One task to judge."""
 
     id: Annotated[str, Meta(description="random; part of the addresses below")]
     stage: Annotated[Stage, Meta(description="training: practice, does not count")]
@@ -125,19 +125,19 @@ class Saved(Reply, frozen=True, kw_only=True):
 
 
 class Withdraw(Request, frozen=True, kw_only=True):
-    """Delete everything this rater gave."""
+    """Delete all answers of this rater."""
 
     sure: Literal[True]
 
 
 class Done(Reply, frozen=True, kw_only=True):
-    """It was done; there is nothing to tell."""
+    """The request was carried out; there is nothing to return."""
 
     ok: bool = True
 
 
 class RigInfo(Reply, frozen=True, kw_only=True):
-    """What the clips move; for `AvatarDriver.bind` of @echoavatar/client."""
+    """The rig that the clips move, for `AvatarDriver.bind` of @echoavatar/client."""
 
     names: tuple[str, ...]
     parents: tuple[int, ...]
@@ -147,7 +147,7 @@ class RigInfo(Reply, frozen=True, kw_only=True):
 
 
 class Scene(Reply, frozen=True, kw_only=True):
-    """Answer to `GET /api/scene`: constant, the same for everybody."""
+    """Answer to `GET /api/scene`, the same for every rater."""
 
     rig: RigInfo
     face: Annotated[tuple[str, ...], Meta(description="ARKit names, in the order of a clip's face curves")]
