@@ -2,6 +2,8 @@
 # virtual environment. Plain pip on purpose: other installers do not find the CPU build of torch.
 PYTHON ?= python3
 PIP_FLAGS ?= --disable-pip-version-check -q
+# Packages of their own beside the main one.
+DISTRIBUTIONS = studio research tools/character
 
 .PHONY: demo test integration-test web web-test browser-test lint clean
 
@@ -30,12 +32,14 @@ integration-test: .venv-integrations/ready
 	.venv-demo/bin/pip install $(PIP_FLAGS) -c constraints.txt -e '.[render,serve]'
 	touch $@
 
-.venv-test/ready: pyproject.toml constraints.txt
+.venv-test/ready: pyproject.toml constraints.txt $(DISTRIBUTIONS:%=%/pyproject.toml)
 	$(PYTHON) -m venv .venv-test
-	.venv-test/bin/pip install $(PIP_FLAGS) -c constraints.txt -e '.[render,serve,mcp,studio,evaluate,rehearse,character,train,usd,dev]'
+	.venv-test/bin/pip install $(PIP_FLAGS) -c constraints.txt -e '.[render,serve,mcp,evaluate,rehearse,train,usd,dev]' \
+	    $(DISTRIBUTIONS:%=-e ./%)
 	touch $@
 
-# The pages are built into src/echoavatar/server/static and src/echoavatar/studio/static and committed; only who changes web/ needs Node.
+# The pages are built into src/echoavatar/server/static and studio/src/echoavatar_studio/static, and committed: Node is
+# needed only to change web/.
 web: web/node_modules
 	cd web && npm run check && npm run build
 
@@ -43,7 +47,7 @@ web-test: web/node_modules
 	cd web && npm run check && npm test
 
 browser-test: .venv-test/ready
-	.venv-test/bin/pip install $(PIP_FLAGS) -c constraints.txt -e '.[serve,studio,browser]'
+	.venv-test/bin/pip install $(PIP_FLAGS) -c constraints.txt -e '.[serve,browser]' -e ./studio
 	OMP_NUM_THREADS=1 .venv-test/bin/pytest -m browser tests/web
 
 web/node_modules: web/package-lock.json

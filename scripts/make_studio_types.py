@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from echoavatar.studio.wire_types import typescript
+from echoavatar_studio.wire_types import typescript
 
 PATH = Path("web/studio/src/api.generated.ts")
 

@@ -11,6 +11,12 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "echoavatar"
+TESTS = {
+    SOURCE: ROOT / "tests",
+    ROOT / "studio/src/echoavatar_studio": ROOT / "studio/tests",
+    ROOT / "research/src/echoavatar_research": ROOT / "research/tests",
+    ROOT / "tools/character/src/echoavatar_character": ROOT / "tools/character/tests",
+}  # of each package
 
 
 @pytest.mark.parametrize("name", ["torchaudio", "torchvision", "torchao", "torchcodec"])
@@ -33,26 +39,28 @@ except SystemExit:
     assert done.stdout.strip().endswith("False")
 
 
-def modules() -> list[Path]:
-    return sorted(
-        path.relative_to(SOURCE)
-        for path in SOURCE.rglob("*.py")
+def mirrors() -> dict[str, Path]:
+    """Every module and the test file that it must have."""
+    return {
+        path.relative_to(ROOT).as_posix(): tests / path.relative_to(source).parent / f"test_{path.name}"
+        for source, tests in TESTS.items()
+        for path in sorted(source.rglob("*.py"))
         if path.name not in ("__init__.py", "__main__.py")
-    )
+    }
 
 
-@pytest.mark.parametrize("module", modules(), ids=str)
-def test_every_module_has_a_mirrored_test(module: Path) -> None:
-    mirror = ROOT / "tests" / module.parent / f"test_{module.name}"
-    assert mirror.exists(), f"src/echoavatar/{module} has no {mirror.relative_to(ROOT)}"
+@pytest.mark.parametrize(("module", "mirror"), mirrors().items())
+def test_every_module_has_a_mirrored_test(module: str, mirror: Path) -> None:
+    assert mirror.exists(), f"{module} has no {mirror.relative_to(ROOT)}"
 
 
 def test_every_room_says_what_it_is_for() -> None:
-    for package in SOURCE.rglob("__init__.py"):
-        text = package.read_text().lstrip()
-        assert text.startswith('"""'), f"{package} has no docstring"
-        if package.parent != SOURCE:
-            assert "ay import" in text, f"{package} does not say what it may import"
+    for source in TESTS:
+        for package in source.rglob("__init__.py"):
+            text = package.read_text().lstrip()
+            assert text.startswith('"""'), f"{package} has no docstring"
+            if package.parent != SOURCE:
+                assert "ay import" in text, f"{package} does not say what it may import"
 
 
 def test_version_is_the_installed_one() -> None:

@@ -3,14 +3,15 @@
 import ast
 from pathlib import Path
 
-SOURCE = Path(__file__).parents[1] / "src"
+ROOT = Path(__file__).parents[1]
+SOURCES = [ROOT / name for name in ("src", "studio/src", "research/src", "tools/character/src")]
 JAXTYPES = {"Bool", "Complex", "Float", "Int", "Int8", "Int16", "Int32", "Int64", "Num", "Shaped", "UInt8"}
 
 
 def test_arrays_in_jaxtyping_are_classes() -> None:
     """`NDArray[...]` is not a class in NumPy 2.5, so jaxtyping refuses it at import; `np.ndarray` is one."""
     found = []
-    for path in SOURCE.rglob("*.py"):
+    for path in (path for source in SOURCES for path in source.rglob("*.py")):
         tree = ast.parse(path.read_text())
         aliases = {
             target.id

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import numpy as np
 
-from echoavatar.avatar.sheet import contact_sheet, face_sheet, save_picture
+from echoavatar.avatar.sheet import contact_sheet, save_picture
 from echoavatar.kinematics import HUMANOID, Motion
 
 
@@ -18,16 +18,3 @@ def test_pictures_run_left_to_right_and_the_last_frame_fills_up(tmp_path: Path) 
     assert np.array_equal(third, fourth)
     save_picture(tmp_path / "sheet.png", sheet)
     assert (tmp_path / "sheet.png").read_bytes()[1:4] == b"PNG"
-
-
-def test_every_shape_has_its_own_picture(tmp_path: Path) -> None:
-    """Rest and four shapes, no two alike; the jaw's cell has more dark (an open mouth) than the face at rest."""
-    sheet = face_sheet(("jawOpen", "eyeBlinkLeft", "mouthSmileRight", "tongueOut"), columns=3, size=(40, 44))
-    assert sheet.shape == (2 * 44, 3 * 40, 3)
-    cells = sheet.reshape(2, 44, 3, 40, 3).transpose(0, 2, 1, 3, 4).reshape(6, 44, 40, 3).astype(int)
-    assert len({cell.tobytes() for cell in cells[:5]}) == 5
-    assert not cells[5].any()
-    dark = (cells[:, 22:].sum(3) < 120).sum((1, 2))
-    assert dark[1] > dark[0] + 5
-    save_picture(tmp_path / "faces.jpg", sheet)
-    assert (tmp_path / "faces.jpg").read_bytes()[:2] == b"\xff\xd8"

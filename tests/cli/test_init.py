@@ -1,6 +1,7 @@
 import pytest
 
-from echoavatar.cli import COMMANDS, main, plot
+from echoavatar import cli
+from echoavatar.cli import COMMANDS, SEPARATE, main, plot
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -15,6 +16,17 @@ def test_wrong_usage_is_exit_code_2() -> None:
     with pytest.raises(SystemExit) as stop:
         main(["no-such-command"])
     assert stop.value.code == 2
+
+
+@pytest.mark.parametrize("command", SEPARATE)
+def test_a_command_of_a_missing_distribution_says_how_to_get_it(
+    command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(cli, "entry_points", lambda **_: ())
+    assert main([command, "--help"]) == 1
+    error = capsys.readouterr().err
+    assert f"pip install ./{SEPARATE[command]}" in error
+    assert error.count("\n") == 1
 
 
 def test_an_error_the_user_can_mend_is_one_line_and_exit_code_1(capsys: pytest.CaptureFixture[str]) -> None:

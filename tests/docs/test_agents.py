@@ -3,7 +3,6 @@
 import argparse
 import ast
 import asyncio
-import importlib
 import json
 import re
 import shlex
@@ -20,7 +19,7 @@ import pytest
 from tests.proxy.places import proxied, stage, tone
 from tests.server.fakes import Place, serving
 
-from echoavatar.cli import COMMANDS, _module
+from echoavatar.cli import COMMANDS, command_module
 from echoavatar.proxy import added, events
 from echoavatar.proxy.scripted import Part
 from echoavatar.wire import ActionStatus, Hello
@@ -41,7 +40,7 @@ def test_every_command_exists_with_its_options(line: str) -> None:
     _, command, *words = shlex.split(line, comments=True)
     assert command in COMMANDS
     parser = argparse.ArgumentParser(exit_on_error=False)
-    importlib.import_module(_module(command), "echoavatar.cli").add_arguments(parser)
+    command_module(command).add_arguments(parser)
     parser.parse_args(words)
 
 

@@ -1,14 +1,13 @@
 """The way from raw datasets to tables is one that can be gone: every command is known with every option."""
 
 import argparse
-import importlib
 import re
 import shlex
 from pathlib import Path
 
 import pytest
 
-from echoavatar.cli import COMMANDS, _module
+from echoavatar.cli import COMMANDS, command_module
 
 ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "docs/research.md").read_text()
@@ -26,7 +25,7 @@ def test_every_command_exists_with_its_options(line: str) -> None:
     program, command, *words = shlex.split(line, comments=True)
     assert (program, command in COMMANDS) == ("echoavatar", True)
     parser = argparse.ArgumentParser(exit_on_error=False)
-    importlib.import_module(_module(command), "echoavatar.cli").add_arguments(parser)
+    command_module(command).add_arguments(parser)
     args = parser.parse_args(words)
     assert (ROOT / args.recipe).is_file() if str(getattr(args, "recipe", "")).endswith(".yaml") else True
 

@@ -1,7 +1,6 @@
 """Every command of the pages on sinks and exports is known with its options; exports and plays are run."""
 
 import argparse
-import importlib
 import re
 import shlex
 from pathlib import Path
@@ -12,7 +11,7 @@ from tests.exports.bodies import make_rigs
 from tests.exports.moving import clapping
 from tests.sinks.receiving import Receiver
 
-from echoavatar.cli import COMMANDS, _module, main
+from echoavatar.cli import COMMANDS, command_module, main
 from echoavatar.face import ARKIT_NAMES
 from echoavatar.kinematics import write_bvh
 from echoavatar.kinematics.tables import write_npz
@@ -39,7 +38,7 @@ def test_every_command_exists_with_its_options(line: str) -> None:
     program, command, *words = shlex.split(line, comments=True)
     assert (program, command in COMMANDS) == ("echoavatar", True)
     parser = argparse.ArgumentParser(exit_on_error=False)
-    importlib.import_module(_module(command), "echoavatar.cli").add_arguments(parser)
+    command_module(command).add_arguments(parser)
     args = parser.parse_args(words)
     for sink in getattr(args, "sink", []):
         if not sink.startswith("unity:") and "HOST" not in sink:

@@ -9,14 +9,14 @@ from typing import Any
 
 import uvicorn
 from sqlalchemy import func, select
-from tests.studio import canned
+from studio.tests import canned
 from tests.web.conftest import PageDriver
 
-from echoavatar.studio.app import create_app
-from echoavatar.studio.making import Maker
-from echoavatar.studio.owning import Desk
-from echoavatar.studio.tables import Judgement, Rater, Study, Task, Trial
-from echoavatar.studio.wire_owner import Invite
+from echoavatar_studio.app import create_app
+from echoavatar_studio.making import Maker
+from echoavatar_studio.owner_actions import OwnerActions
+from echoavatar_studio.tables import Judgement, Rater, Study, Task, Trial
+from echoavatar_studio.wire_owner import Invite
 
 PATIENCE_S = 120  # pictures are drawn by the processor here, and it may be busy
 OUTSIDE = """[...document.querySelectorAll(
@@ -92,7 +92,7 @@ class Studio:
         return canned.make_preference(self.maker, prompts=2, **(few | changes))
 
     def links(self, study: str, count: int = 1, *, is_open: bool = False) -> list[str]:
-        made = Desk(self.maker, "test").invite(
+        made = OwnerActions(self.maker, "test").invite(
             study, Invite(count=count, is_open=is_open), page=f"{self.url}/rate?quality=low"
         )
         return [link.url for link in made.links]

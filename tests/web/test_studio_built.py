@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-import echoavatar
+import echoavatar_studio
 
 WEB = Path(__file__).parents[2] / "web"
-STATIC = Path(echoavatar.__file__).parent / "studio/static"
+STATIC = Path(echoavatar_studio.__file__).parent / "static"
 PAGES = ("index.html", "rate.html")
 
 

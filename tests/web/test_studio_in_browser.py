@@ -10,8 +10,8 @@ import pytest
 pytest.importorskip("sqlalchemy")
 pytest.importorskip("psycopg")
 
-from tests.studio import canned  # noqa: E402
-from tests.studio.conftest import STORES, postgres, store_of  # noqa: E402, F401
+from studio.tests import canned  # noqa: E402
+from studio.tests.conftest import STORES, postgres, store_of  # noqa: E402, F401
 from tests.web.studio_raters import NAMELESS, OUTSIDE, PALE, RaterTab, Studio, new_tab  # noqa: E402
 
 pytestmark = pytest.mark.browser
@@ -245,11 +245,11 @@ def test_another_device_goes_on_where_the_first_one_was(studio, tab):
     phone.page.click(".agree")
     phone.see(".task")
     phone.judge()
-    desk = tab()
-    desk.page.goto(resume.replace("/rate#", "/rate?quality=low#"))
-    desk.see(".task")
-    assert desk.number.startswith("2 ")
-    desk.judge()
+    actions = tab()
+    actions.page.goto(resume.replace("/rate#", "/rate?quality=low#"))
+    actions.see(".task")
+    assert actions.number.startswith("2 ")
+    actions.judge()
     assert studio.raters(study) == 1
     assert len(studio.judgements(study)) == 2
 

@@ -11,16 +11,16 @@ import pytest
 pytest.importorskip("sqlalchemy")
 pytest.importorskip("psycopg")
 
-from tests.studio import canned  # noqa: E402
-from tests.studio.conftest import STORES, postgres, store_of  # noqa: E402, F401
+from studio.tests import canned  # noqa: E402
+from studio.tests.conftest import STORES, postgres, store_of  # noqa: E402, F401
 from tests.web.conftest import PageDriver  # noqa: E402
 from tests.web.studio_raters import NAMELESS, OUTSIDE, PALE, Studio  # noqa: E402
 
-from echoavatar.studio.owning import Desk  # noqa: E402
-from echoavatar.studio.simulate import Taste, simulate  # noqa: E402
+from echoavatar_studio.owner_actions import OwnerActions  # noqa: E402
+from echoavatar_studio.simulate import Preferences, simulate  # noqa: E402
 
 pytestmark = pytest.mark.browser
-TASTE = Taste(worth={"Alpha": 0.8, "Beta": 0.0, "Gamma": -0.8})
+PREFERENCES = Preferences(worth={"Alpha": 0.8, "Beta": 0.0, "Gamma": -0.8})
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +43,7 @@ def studio(request: pytest.FixtureRequest, library: Path, tmp_path_factory: Any)
 def judged(studio: Studio) -> str:
     """A pairwise study with the answers of eight made-up raters."""
     study = studio.pairwise(title="Judged", raters=10, tasks_per_rater=12)
-    simulate(studio.maker.store, Desk(studio.maker, "test"), study, TASTE, raters=8, seed=1)
+    simulate(studio.maker.store, OwnerActions(studio.maker, "test"), study, PREFERENCES, raters=8, seed=1)
     return study
 
 
@@ -102,7 +102,7 @@ def test_a_study_is_set_up_in_the_form_and_opens(studio, owner):
     page.evaluate("() => { const make = document.querySelector('.make'); make.click(); make.click(); }")
     owner.see(".tabs")
     owner.wait("document.querySelector('.state')?.textContent === 'open'", 60)
-    titles = [row.title for row in Desk(studio.maker, "test").studies().studies]
+    titles = [row.title for row in OwnerActions(studio.maker, "test").studies().studies]
     assert titles.count("Made in the page") == 1
 
 
@@ -138,7 +138,7 @@ def test_progress_is_live(studio, owner):
     study = studio.pairwise(title="Live")
     owner.go("study", study, "overview")
     owner.text("0 of 12 judgements")
-    simulate(studio.maker.store, Desk(studio.maker, "test"), study, TASTE, raters=1, seed=3)
+    simulate(studio.maker.store, OwnerActions(studio.maker, "test"), study, PREFERENCES, raters=1, seed=3)
     owner.text("3 of 12 judgements")
     owner.text("1 of 4 raters")
 
@@ -175,7 +175,7 @@ def test_files_are_taken_away(judged, owner, tmp_path):
 
 def test_a_rater_is_left_out_and_another_deleted_on_request(studio, owner):
     study = studio.pairwise(title="Leaving")
-    simulate(studio.maker.store, Desk(studio.maker, "test"), study, TASTE, raters=2, seed=4)
+    simulate(studio.maker.store, OwnerActions(studio.maker, "test"), study, PREFERENCES, raters=2, seed=4)
     before = len(studio.judgements(study))
     owner.go("study", study, "raters")
     owner.page.click(".exclude >> nth=0")
@@ -202,7 +202,7 @@ def test_a_study_is_closed_and_deleted(studio, owner):
     owner.page.click(".delete-study")
     owner.page.click("dialog [value=yes]")
     owner.see(".studies")
-    assert study not in [row.id for row in Desk(studio.maker, "test").studies().studies]
+    assert study not in [row.id for row in OwnerActions(studio.maker, "test").studies().studies]
 
 
 def test_titles_are_text_and_never_markup(studio, owner):

@@ -23,7 +23,7 @@ export default defineConfig({
     words(new URL("src/words/en.json", import.meta.url)),
   ],
   build: {
-    outDir: "../../src/echoavatar/studio/static",
+    outDir: "../../studio/src/echoavatar_studio/static",
     emptyOutDir: true,
     target: "es2022",
     assetsInlineLimit: 0,

@@ -1,4 +1,4 @@
-"""The shipped character as data: a skinned mesh on the rest pose of `HUMANOID`, made by `scripts/make_character.py`."""
+"""The shipped character as data: a skinned mesh on the rest pose of `HUMANOID`, made by `tools/character`."""
 
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -98,7 +98,9 @@ def load_character(path: Path | None = None) -> Character:
             raw = {field.name: stored[field.name] for field in fields(Character) if field.name != "face"}
             face = Morphs.of_arrays(stored)
     except (OSError, KeyError, ValueError) as error:
-        raise CheckpointError(f"{path} is not a character: {error}; run scripts/make_character.py") from error
+        raise CheckpointError(
+            f"{path} is not a character: {error}; make it anew with tools/character"
+        ) from error
     normals, weights = raw["normals"].astype(np.float32), raw["weights"].astype(np.float32)
     raw["normals"] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     raw["weights"] = weights / weights.sum(1, keepdims=True)

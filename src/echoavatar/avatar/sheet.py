@@ -1,7 +1,5 @@
 """Contact sheets: a motion as rows of small pictures, to judge at a glance what numbers do not tell."""
 
-from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +7,7 @@ from jaxtyping import Float, UInt8
 
 from ..errors import DependencyError
 from ..kinematics import Motion
-from .character import load_character
-from .render import Renderer, Surface
-from .video import HEAD, close_up, film, linear
+from .video import film
 
 
 def contact_sheet(
@@ -36,31 +32,6 @@ def contact_sheet(
     pictures = np.stack(list(film(picked, face=curves, size=size, samples=2, is_close=is_close)))
     width, height = size
     grid = pictures.reshape(rows, columns, height, width, 3)
-    return grid.transpose(0, 2, 1, 3, 4).reshape(rows * height, columns * width, 3)
-
-
-def face_sheet(
-    shapes: Sequence[str] | None = None, *, columns: int = 9, size: tuple[int, int] = (150, 170)
-) -> UInt8[np.ndarray, "h w 3"]:
-    """The face at rest, then each of `shapes` (None: all) alone; `mouthClose` with the jaw open that it closes."""
-    character = load_character()
-    near = close_up(character.rest_joints[HEAD])
-    near = replace(near, target=(0.0, 1.562, 0.0), field_of_view=0.25)
-    renderer = Renderer(*size, camera=near, samples=2)
-    colours = linear(character.colours)
-    names = character.face.names
-    wanted = names if shapes is None else shapes
-    weights = np.zeros((1 + len(wanted), len(names)), np.float32)
-    for row, name in enumerate(wanted, 1):
-        weights[row, names.index(name)] = 1
-        weights[row, names.index("jawOpen")] = name in ("jawOpen", "mouthClose")
-    pictures = [
-        renderer.draw(Surface(*character.with_face(row), colours, character.triangles)) for row in weights
-    ]
-    rows = -(-len(pictures) // columns)
-    blank = [np.zeros_like(pictures[0])] * (rows * columns - len(pictures))
-    width, height = size
-    grid = np.stack(pictures + blank).reshape(rows, columns, height, width, 3)
     return grid.transpose(0, 2, 1, 3, 4).reshape(rows * height, columns * width, 3)
 
 

@@ -1,7 +1,8 @@
 """The command line: parse, dispatch, print. May import every room; imports only the one the command needs.
 
-Each command is one module with `add_arguments(parser)` and `run(args) -> int`. Exit codes: 0 done, 1 an error the
-user can put right (one line), 2 wrong usage.
+Each command is one module with `add_arguments(parser)` and `run(args) -> int`. The commands in `SEPARATE` come with
+distributions of their own, which name the module in an entry point of the group `echoavatar.commands`. Exit codes:
+0 done, 1 an error the user can put right (one line), 2 wrong usage.
 """
 
 import argparse
@@ -10,8 +11,10 @@ import keyword
 import logging
 import sys
 from collections.abc import Sequence
+from importlib.metadata import entry_points
+from types import ModuleType
 
-from ..errors import EchoAvatarError
+from ..errors import DependencyError, EchoAvatarError
 
 COMMANDS = {
     "demo": "render bundled speech and music to MP4, GLB and a page that plays them",
@@ -42,6 +45,10 @@ COMMANDS = {
     "studio": "collect preferences and run user studies in the browser",
     "refine-fingers": "give motion that was captured without fingers plausible ones",
 }
+SEPARATE = {
+    "reproduce": "research",
+    "studio": "studio",
+}  # command -> distribution echoavatar-NAME, folder ./NAME
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -55,15 +62,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     asked = next((word for word in words if not word.startswith("-")), None)
-    for name, summary in COMMANDS.items():
-        child = commands.add_parser(
-            name, help=summary, description=summary, formatter_class=argparse.RawDescriptionHelpFormatter
-        )
-        if name == asked:
-            importlib.import_module(_module(name), __name__).add_arguments(child)
-    args = parser.parse_args(words)
     try:
-        code: int = importlib.import_module(_module(args.command), __name__).run(args)
+        for name, summary in COMMANDS.items():
+            child = commands.add_parser(
+                name, help=summary, description=summary, formatter_class=argparse.RawDescriptionHelpFormatter
+            )
+            if name == asked:
+                command_module(name).add_arguments(child)
+        args = parser.parse_args(words)
+        code: int = command_module(args.command).run(args)
     except EchoAvatarError as error:
         print(f"echoavatar: {' '.join(str(error).split())}", file=sys.stderr)
         return 1
@@ -73,6 +80,20 @@ def main(argv: Sequence[str] | None = None) -> int:
     return code
 
 
-def _module(command: str) -> str:
+def command_module(command: str) -> ModuleType:
+    """Import the module of a command.
+
+    Raises:
+        DependencyError: the command comes with another distribution, which is not installed.
+    """
+    if command in SEPARATE:
+        for entry in entry_points(group="echoavatar.commands", name=command):
+            module: ModuleType = entry.load()
+            return module
+        name = SEPARATE[command]
+        raise DependencyError(
+            f"`echoavatar {command}` comes with echoavatar-{name}, which is not installed;"
+            f" in a clone of the repository: pip install ./{name}"
+        )
     name = command.replace("-", "_")
-    return f".{name}_" if keyword.iskeyword(name) else f".{name}"
+    return importlib.import_module(f".{name}_" if keyword.iskeyword(name) else f".{name}", __name__)

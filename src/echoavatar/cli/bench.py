@@ -104,7 +104,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--scale",
         choices=("tiny", "rehearsal", "paper"),
         default="tiny",
-        help="sizes and batch of `reproduce` (default: %(default)s)",
+        help="sizes and batch, as of `reproduce` (default: %(default)s)",
     )
     train.add_argument("--device", default="cpu", help="where (default: %(default)s)")
     train.add_argument("--steps", type=int, default=5, help="steps that are timed (default: %(default)s)")
@@ -228,10 +228,10 @@ def _face(args: argparse.Namespace) -> int:
 
 
 def _train(args: argparse.Namespace) -> int:
+    from ..evaluation.scale import SCALES
     from ..evaluation.train_bench import bench_generator, bench_tokenizer
     from ..generator import GeneratorConfig
     from ..kinematics import HUMANOID
-    from ..reproduce.scale import SCALES
     from ..tokenizer import body_config
     from ..tokens import TokenLayout
 

@@ -68,7 +68,6 @@ def _extras() -> list[Finding]:
         "PIL": ("render", "MP4 with the shaded character, pictures and contact sheets"),
         "librosa": ("evaluate", "beat alignment scores"),
         "pretty_midi": ("rehearse", "music rendered with a soundfont"),
-        "skimage": ("character", "making the character anew"),
     }
     rows = []
     for name, (extra, use) in wanted.items():

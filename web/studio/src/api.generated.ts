@@ -1,4 +1,4 @@
-// Made from src/echoavatar/studio/wire*.py by scripts/make_studio_types.py; do not edit.
+// Made from studio/src/echoavatar_studio/wire*.py by scripts/make_studio_types.py; do not edit.
 
 export const STATUS = {"bad_request": 400, "not_signed_in": 401, "bad_login": 401, "bad_invitation": 401, "bad_csrf": 403, "bad_origin": 403, "needs_consent": 403, "not_found": 404, "already_judged": 409, "key_reused": 409, "study_closed": 409, "study_full": 409, "busy": 409, "too_large": 413, "too_many_requests": 429, "internal": 500} as const;
 export const QUESTIONS = ["human_likeness", "beat_matching", "overall_preference"] as const;
@@ -14,7 +14,7 @@ export interface Agreement {
   raters: number;
 }
 
-/** Newest first; `before` of the query goes on. */
+/** Events, newest first; `before` in the query continues the list. */
 export interface Audit {
   events: Event[];
 }
@@ -37,7 +37,7 @@ export interface Consent {
   agreed: boolean;
 }
 
-/** It was done; there is nothing to tell. */
+/** The request was carried out; there is nothing to return. */
 export interface Done {
   ok: boolean;
 }
@@ -52,7 +52,7 @@ export interface Event {
   detail: string;
 }
 
-/** Leave a rater out of the results, or take them in again. */
+/** Exclude a rater from the results, or include them again. */
 export interface Exclude {
   is_excluded: boolean;
   reason?: string;
@@ -69,7 +69,7 @@ export interface InvitationRow {
   created: string;
 }
 
-/** All of a study. */
+/** All invitations of a study. */
 export interface Invitations {
   invitations: InvitationRow[];
 }
@@ -102,7 +102,7 @@ export interface Joined {
   resume: string;
 }
 
-/** A link, told once: the studio keeps only a hash. */
+/** A link, shown only once: the studio keeps only a hash. */
 export interface Link {
   id: number;
   url: string;
@@ -114,7 +114,7 @@ export interface Login {
   password: string;
 }
 
-/** How far the clips of a new study are. */
+/** Progress of making the clips of a new study. */
 export interface Making {
   done: number;
   of: number;
@@ -202,7 +202,7 @@ export interface Problem {
   retry_after: number;
 }
 
-/** How far this rater is. */
+/** The progress of this rater. */
 export interface Progress {
   /** tasks answered or skipped, training included */
   done: number;
@@ -235,7 +235,7 @@ export interface RaterRow {
   reason: string;
 }
 
-/** One thing to judge. */
+/** One task to judge. */
 export interface RaterTask {
   /** random; part of the addresses below */
   id: string;
@@ -267,7 +267,7 @@ export interface ResultRow {
   scores: Record<string, Mean>;
 }
 
-/** Everything that is known of a study now. */
+/** All results of a study so far. */
 export interface Results {
   kind: "pairwise" | "preference";
   judgements: number;
@@ -284,7 +284,7 @@ export interface Results {
   exports: string[];
 }
 
-/** What the clips move; for `AvatarDriver.bind` of @echoavatar/client. */
+/** The rig that the clips move, for `AvatarDriver.bind` of @echoavatar/client. */
 export interface RigInfo {
   names: string[];
   parents: number[];
@@ -298,7 +298,7 @@ export interface Saved {
   progress: Progress;
 }
 
-/** Answer to `GET /api/scene`: constant, the same for everybody. */
+/** Answer to `GET /api/scene`, the same for every rater. */
 export interface Scene {
   rig: RigInfo;
   /** ARKit names, in the order of a clip's face curves */
@@ -392,7 +392,7 @@ export interface StudyRow {
   judgements_wanted: number;
 }
 
-/** One of the things compared. */
+/** One of the systems that are compared. */
 export interface SystemRow {
   name: string;
   source: string;
@@ -406,7 +406,7 @@ export interface Template {
   settings: string;
 }
 
-/** Delete everything this rater gave. */
+/** Delete all answers of this rater. */
 export interface Withdraw {
   sure: true;
 }

@@ -1,0 +1,4 @@
+"""The paper's tables, made again: one file per table, rows declared as data, one runner.
+
+May import `evaluation` and below of `echoavatar`. `echoavatar` never imports it.
+"""

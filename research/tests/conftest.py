@@ -1,0 +1,1 @@
+from tests.conftest import tiny_bundle, voice  # noqa: F401

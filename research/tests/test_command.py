@@ -1,0 +1,60 @@
+import argparse
+from pathlib import Path
+
+import pytest
+
+from echoavatar.cli import main
+from echoavatar_research import run
+from echoavatar_research.command import TABLES, _command, add_arguments
+
+
+def test_the_command_offers_the_tables_there_are() -> None:
+    assert tuple(run.TABLES) == TABLES
+
+
+def test_the_papers_scale_asks_for_data(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["reproduce", "main", "--scale", "paper", "-o", str(tmp_path)]) == 1
+    assert "--corpus" in capsys.readouterr().err
+
+
+def test_a_command_is_told_without_places() -> None:
+    parser = argparse.ArgumentParser()
+    add_arguments(parser)
+    args = parser.parse_args(["main", "-o", "/a/b/runs", "--corpus", "/c/set", "--seed", "3"])
+    assert _command(args) == "echoavatar reproduce main --scale tiny -o runs --corpus set --seed 3"
+
+
+@pytest.mark.slow
+def test_the_ablation_from_nothing_and_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """All six tokenizers and generators; the second call makes nothing and prints the same."""
+    words = ["reproduce", "tokenizer-ablation", "--scale", "tiny", "-o", str(tmp_path / "out")]
+    assert main(words) == 0
+    first = capsys.readouterr()
+    assert "tokenizers/causal-conv" in first.err
+    assert main(words) == 0
+    second = capsys.readouterr()
+    assert "tokenizers/causal-conv" not in second.err
+    assert first.out == second.out
+    for line in ("CausalConv-RVQ", "Attn (w/o dual)", "Attn (w/ bodypart)"):
+        assert f"| {line} |" in second.out
+
+
+@pytest.mark.slow
+def test_the_trade_off_from_nothing_and_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Both rewards, pairs, all three methods; the second call makes nothing and prints the same."""
+    words = ["reproduce", "alignment", "--scale", "tiny", "-o", str(tmp_path / "out")]
+    assert main(words) == 0
+    first = capsys.readouterr()
+    assert "line: Ours (PPO)" in first.err
+    assert main(words) == 0
+    second = capsys.readouterr()
+    assert "tokenizers/" not in second.err
+    assert first.out == second.out
+    rows = [[cell.strip() for cell in row.split("|")[1:-1]] for row in second.out.splitlines() if "|" in row]
+    ours = [column for column, head in enumerate(rows[0]) if head.endswith("ours")]
+    found = {row[0]: [row[column] for column in ours] for row in rows[2:]}
+    assert list(found) == ["GT", "Ours (no RL)", "Ours (DPO)", "Ours (GRPO)", "Ours (PPO)"]
+    assert (
+        len(ours) >= 7
+    )  # FID, diversity, BA_G and over chance, both rewards, KL; BA_D where a test clip is music
+    assert all("-" not in cells for name, cells in found.items() if name != "GT")

@@ -1,0 +1,21 @@
+from types import SimpleNamespace
+
+import pytest
+from research.tests.fakes import FakeExperiment, counted
+
+from echoavatar_research import layouts
+from echoavatar_research.run import INTERVALS, NOTHING_LEARNED, hardware, reproduce
+
+
+def test_a_table_ends_with_what_it_was_made_of(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(layouts, "generation_scores", counted)
+    experiment = FakeExperiment()
+    manifest = SimpleNamespace(info={"kind": "sways"})
+    experiment.corpus = SimpleNamespace(manifest=manifest, frames=lambda: 2 * 60 * 30)
+    notes = reproduce("layouts", experiment, command="echoavatar reproduce layouts").notes
+    assert {INTERVALS, NOTHING_LEARNED, "4 test clips of sways, 2 minutes in all."} <= set(notes)
+    assert notes[-1].startswith("Made by `echoavatar reproduce layouts` on ")
+
+
+def test_hardware_is_named() -> None:
+    assert "cores" in hardware("cpu")

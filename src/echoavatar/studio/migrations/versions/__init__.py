@@ -1,1 +1,0 @@
-"""One file a change of the tables, in the order of their numbers. May import SQLAlchemy and Alembic only."""

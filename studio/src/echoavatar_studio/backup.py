@@ -1,0 +1,106 @@
+"""Backups: every row and every clip of a studio in one ZIP, which can be restored into an empty store.
+
+A backup is taken while the studio runs; one read transaction makes the rows consistent. The file fits either kind of
+store, so it also moves a studio from SQLite to PostgreSQL. It holds what the store holds, hashes of passwords and
+tokens and all answers: protect it like the store.
+"""
+
+import json
+import zipfile
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from sqlalchemy import func, insert, select, text
+
+from echoavatar.errors import EchoAvatarError
+
+from .audit import note
+from .store import Store
+from .tables import Login, Owner, Study, Table
+
+_ROWS = "rows.jsonl"
+_FORMAT = "echoavatar studio 1"
+
+
+def back_up(store: Store, media: Path, path: Path) -> dict[str, int]:
+    """Write the ZIP, completely or not at all; return the number of rows of each table and the number of files."""
+    counts: dict[str, int] = {}
+    partial = path.with_name(path.name + ".part")
+    try:
+        with zipfile.ZipFile(partial, "w", zipfile.ZIP_DEFLATED) as whole:
+            with whole.open(_ROWS, "w") as out:
+                out.write(json.dumps({"format": _FORMAT}).encode() + b"\n")
+                with store.snapshot() as session:
+                    kept = {row.public for row in session.scalars(select(Study))}
+                    for table in Table.metadata.sorted_tables:
+                        if table.name == Login.__tablename__:
+                            continue  # sessions are valid only in the studio that opened them
+                        for row in session.execute(select(table)).mappings():
+                            counts[table.name] = counts.get(table.name, 0) + 1
+                            out.write(json.dumps({"table": table.name, "row": dict(row)}).encode() + b"\n")
+            files = [
+                file for name in sorted(kept) for file in sorted((media / name).rglob("*")) if file.is_file()
+            ]
+            for file in files:
+                whole.write(file, f"media/{file.relative_to(media).as_posix()}", zipfile.ZIP_STORED)
+        partial.replace(path)
+        with store.write() as session:
+            note(session, "studio", "backed up", detail=path.name)
+    except OSError as error:
+        raise EchoAvatarError(f"cannot write {path} ({error.strerror}); choose another -o") from error
+    finally:
+        partial.unlink(missing_ok=True)
+    return counts | {"files": len(files)}
+
+
+def restore(store: Store, media: Path, path: Path) -> dict[str, int]:
+    """Put a backup into an empty store.
+
+    Raises:
+        EchoAvatarError: the store is not empty, or the file is not a backup or is damaged.
+    """
+    with store.read() as session:
+        if session.scalar(select(func.count(Owner.id))) or session.scalar(select(func.count(Study.id))):
+            raise EchoAvatarError("this store is not empty; restore into a new --folder or --store")
+    counts: dict[str, int] = {}
+    try:
+        with zipfile.ZipFile(path) as whole:
+            if whole.testzip() is not None:
+                raise EchoAvatarError(f"{path} is damaged; take another backup")
+            _restore_rows(store, whole, counts, path)
+            for name in whole.namelist():
+                if name.startswith("media/"):
+                    _unpack(whole, name, media)
+                    counts["files"] = counts.get("files", 0) + 1
+    except (OSError, zipfile.BadZipFile, KeyError, ValueError) as error:
+        raise EchoAvatarError(f"{path} is not a backup of a studio ({error})") from error
+    return counts
+
+
+def _restore_rows(store: Store, whole: zipfile.ZipFile, counts: dict[str, int], path: Path) -> None:
+    tables = {table.name: table for table in Table.metadata.sorted_tables}
+    with whole.open(_ROWS) as lines, store.write() as session:
+        if json.loads(next(lines)).get("format") != _FORMAT:
+            raise EchoAvatarError(f"{path} was written by another version of the studio")
+        for line in lines:
+            stored: dict[str, Any] = json.loads(line)
+            session.execute(insert(tables[stored["table"]]).values(**stored["row"]))
+            counts[stored["table"]] = counts.get(stored["table"], 0) + 1
+        if not store.is_sqlite:
+            for name in tables:
+                session.execute(
+                    text(
+                        f"SELECT setval(pg_get_serial_sequence('{name}', 'id'),"
+                        f" COALESCE((SELECT MAX(id) FROM {name}), 0) + 1, false)"
+                    )
+                )
+        note(session, "studio", "restored", detail=path.name)
+
+
+def _unpack(whole: zipfile.ZipFile, name: str, media: Path) -> None:
+    parts = PurePosixPath(name).parts[1:]
+    target = media.joinpath(*parts)
+    if not target.resolve().is_relative_to(media.resolve()):
+        raise ValueError(f"a file named {name}")
+    target.parent.mkdir(parents=True, exist_ok=True)
+    target.write_bytes(whole.read(name))

@@ -1,0 +1,207 @@
+"""`study.yaml`, the settings of a study (paper, Subjective Evaluation Protocol, Direct Preference Alignment)."""
+
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+import yaml
+from pydantic import Field, TypeAdapter, ValidationError, model_validator
+
+from echoavatar.config import Config
+from echoavatar.errors import EchoAvatarError
+from echoavatar.timing import CHUNK_SECONDS
+
+from .wire import MAX_CLIPS, QUESTIONS, Category, Presentation, Question
+
+CONSENT = (
+    "You will watch short animations with sound and say what you think of them. We keep your answers and the times"
+    " at which you gave them, under a number; no name, no address. You may stop at any moment, and you may delete"
+    " everything you gave on the page itself. The answers are used for research and may be published in a form that"
+    " tells nothing of single persons."
+)
+INTRO = "Please use headphones or loudspeakers, and watch every clip to its end before you answer."
+
+
+LANGUAGE = "[a-z]{2}(-[A-Z]{2})?"  # such as de or pt-BR
+
+
+class SoundChoice(Config):
+    """A sound file, or a folder of them."""
+
+    path: str = Field(description="file or folder, relative to study.yaml")
+    category: Category = Field(description="dance: music; gesture: speech")
+    start: float = Field(default=0.0, ge=0, description="seconds at which the clip begins")
+
+
+class SystemChoice(Config):
+    """A system that is compared: a model that makes its clips, or a folder that holds them."""
+
+    name: str = Field(min_length=1, max_length=80, description="its name in the table")
+    model: str | None = Field(default=None, description="name or folder of a bundle")
+    clips: str | None = Field(
+        default=None, description="folder of .npz or .bvh motion named after the sound files"
+    )
+    seed: int = Field(default=0, ge=0, description="seed of the model")
+    group: str = Field(
+        default="",
+        max_length=80,
+        description="heading of the table's rows; only systems of one group are compared",
+    )
+
+    @model_validator(mode="after")
+    def _has_one_source(self) -> Self:
+        if (self.model is None) == (self.clips is None):
+            raise ValueError(f"system {self.name!r} needs either a model or a folder of clips")
+        return self
+
+
+class Checks(Config):
+    """Attention checks among each rater's tasks."""
+
+    identical: int = Field(default=1, ge=0, le=10, description="pairwise: checks with the same clip twice")
+    corrupted: int = Field(default=1, ge=0, le=10, description="checks with a plainly broken clip")
+
+
+class _Study(Config):
+    title: str = Field(min_length=1, max_length=200)
+    language: str = Field(default="en", pattern=f"^{LANGUAGE}$", description="language of the raters' page")
+    intro: str = Field(default=INTRO, max_length=4000)
+    consent: str = Field(default=CONSENT, min_length=1, max_length=8000)
+    sounds: tuple[SoundChoice, ...] = Field(min_length=1)
+    raters: int = Field(ge=1, le=2000, description="raters wanted")
+    tasks_per_rater: int = Field(
+        default=20, ge=1, le=500, description="tasks that count; at most all there are"
+    )
+    training: int = Field(default=1, ge=0, le=10, description="practice tasks before the first")
+    checks: Checks = Checks()
+    min_plays: int = Field(default=1, ge=0, le=10, description="times that each clip must be played")
+    seed: int = Field(default=0, ge=0, description="seed of the design")
+
+
+class PairwiseStudy(_Study):
+    """Two systems on the same sound."""
+
+    kind: Literal["pairwise"]
+    systems: tuple[SystemChoice, ...] = Field(min_length=2, max_length=20)
+    seconds: float = Field(default=10.0, ge=1, le=60, description="length of a clip")
+    presentation: Presentation = "sequential"
+    questions: tuple[Question, ...] = Field(default=QUESTIONS, min_length=1)
+
+    @model_validator(mode="after")
+    def _names_are_one_each(self) -> Self:
+        names = [system.name for system in self.systems]
+        if len(set(names)) < len(names):
+            raise ValueError("two systems have the same name")
+        if len(set(self.questions)) < len(self.questions):
+            raise ValueError("a question is asked twice")
+        groups = [system.group for system in self.systems]
+        if lone := [group for group in groups if groups.count(group) == 1]:
+            raise ValueError(f"group {lone[0]!r} has one system; at least two must meet")
+        return self
+
+
+class Keeping(Config):
+    """Which pairs are exported ("pairs lacking a distinct quality disparity are filtered out")."""
+
+    votes: int = Field(default=1, ge=1, description="least answers per sound, skips included")
+    agreement: float = Field(
+        default=0.6, ge=0, le=1, description="least share in favour, among answers that concern the pair"
+    )
+    margin: float = Field(
+        default=0.3,
+        ge=0,
+        le=1,
+        description="least difference of answers in favour and against, as a share of all",
+    )
+
+
+class PreferenceStudy(_Study):
+    """N candidates of one model for the same sound."""
+
+    kind: Literal["preference"]
+    model: str = Field(default="default", description="name or folder of a bundle")
+    candidates: int = Field(default=8, ge=2, le=MAX_CLIPS - 1)
+    past: int = Field(
+        default=3, ge=0, le=40, description="chunks of motion before the candidates begin to differ"
+    )
+    length: int = Field(
+        default=20, ge=1, le=80, description=f"chunks of a candidate, {CHUNK_SECONDS:.3f} s each"
+    )
+    prompts_per_sound: int = Field(
+        default=1, ge=1, le=50, description="stretches of each sound that are used, evenly spread"
+    )
+    keep: Keeping = Keeping()
+
+
+StudySettings = Annotated[PairwiseStudy | PreferenceStudy, Field(discriminator="kind")]
+_ADAPTER: TypeAdapter[PairwiseStudy | PreferenceStudy] = TypeAdapter(StudySettings)
+
+
+def parse_study(text: str, *, name: str = "study.yaml") -> PairwiseStudy | PreferenceStudy:
+    """Parse settings from YAML.
+
+    Raises:
+        EchoAvatarError: the text is not YAML, or a field is missing, unknown or out of range.
+    """
+    try:
+        stored = yaml.safe_load(text)
+    except (yaml.YAMLError, RecursionError) as error:
+        raise EchoAvatarError(f"{name} is not YAML ({' '.join(str(error).split())[:200]})") from error
+    if not isinstance(stored, dict):
+        raise EchoAvatarError(f"{name} holds no settings; begin with `kind: pairwise` or `kind: preference`")
+    try:
+        return _ADAPTER.validate_python(stored)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = (
+            ".".join(str(part) for part in first["loc"] if part not in ("pairwise", "preference")) or "kind"
+        )
+        raise EchoAvatarError(f"{name}: {place}: {first['msg']}") from error
+
+
+@lru_cache(maxsize=256)
+def kept_study(text: str) -> PairwiseStudy | PreferenceStudy:
+    """Parse settings from the store; cached, because every answer needs them."""
+    return parse_study(text)
+
+
+def read_study(path: Path) -> PairwiseStudy | PreferenceStudy:
+    """Read settings from a file.
+
+    Raises:
+        EchoAvatarError: the file cannot be read, or its settings are invalid.
+    """
+    try:
+        return parse_study(path.read_text(encoding="utf-8"), name=path.name)
+    except (OSError, UnicodeDecodeError) as error:
+        raise EchoAvatarError(f"{path} cannot be read ({error}); see docs/studio.md for its form") from error
+
+
+PAIRWISE_TEMPLATE = """\
+kind: pairwise
+title: Which moves better?
+systems:                       # a model makes its clips; a folder has them (.npz or .bvh named after the sounds)
+  - {name: Ours, model: default}
+  - {name: Other, clips: other}
+sounds:                        # files or folders
+  - {path: music, category: dance}
+  - {path: speech, category: gesture}
+seconds: 10
+presentation: sequential       # or side_by_side
+raters: 20
+tasks_per_rater: 20
+training: 1
+checks: {identical: 1, corrupted: 1}
+"""
+PREFERENCE_TEMPLATE = """\
+kind: preference
+title: Best and worst
+model: default
+candidates: 8
+length: 20                     # chunks of 0.267 s
+sounds:
+  - {path: speech, category: gesture}
+raters: 6
+tasks_per_rater: 20
+keep: {votes: 3, agreement: 0.6, margin: 0.3}
+"""

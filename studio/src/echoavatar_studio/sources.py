@@ -1,0 +1,180 @@
+"""The sources of sounds and motion: files of the owner, and models."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from echoavatar.audio import read_audio
+from echoavatar.data import Clip
+from echoavatar.engine import animate, in_blocks
+from echoavatar.errors import AudioError, EchoAvatarError, MotionError
+from echoavatar.face import ARKIT_NAMES
+from echoavatar.fingers.clips import on_our_rig
+from echoavatar.kinematics import HUMANOID, Motion, read_bvh
+from echoavatar.kinematics.tables import read_npz
+from echoavatar.pipeline import Pipeline, load_bundle
+from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
+
+from .clips import Performance, fit
+from .settings import SoundChoice, SystemChoice
+from .wire import Category
+
+AUDIO_SUFFIXES = (".wav", ".ogg", ".flac", ".mp3", ".m4a", ".opus")
+
+
+class SoundCut(NamedTuple):
+    """A stretch of a sound file."""
+
+    name: str
+    stem: str  # of the file
+    category: Category
+    start: float  # seconds
+    audio: Float[np.ndarray, " s"]  # 24 kHz mono
+
+
+def read_sounds(choices: Sequence[SoundChoice], base: Path, *, seconds: float | None) -> list[SoundCut]:
+    """Read `seconds` of every file that is named (None: the whole file); names are made unique.
+
+    Raises:
+        AudioError: a file is missing, cannot be read, or is too short.
+    """
+    cuts: list[SoundCut] = []
+    taken: set[str] = set()
+    for choice in choices:
+        for path in _files(base / choice.path):
+            audio = read_audio(path)[round(choice.start * SAMPLE_RATE_HZ) :]
+            frames = len(audio) * FRAME_RATE_HZ // SAMPLE_RATE_HZ
+            if seconds is not None:
+                wanted = round(seconds * FRAME_RATE_HZ)
+                if frames < wanted:
+                    raise AudioError(
+                        f"{path} has {frames / FRAME_RATE_HZ:.1f} s of sound from second {choice.start:g} on, the study"
+                        f" shows {seconds:g} s; leave it out, or lower `seconds` or `start`"
+                    )
+                frames = wanted
+            name, count = path.stem, 1
+            while name in taken:
+                count += 1
+                name = f"{path.stem} {count}"
+            taken.add(name)
+            cuts.append(SoundCut(name, path.stem, choice.category, choice.start, fit(audio, frames)))
+    return cuts
+
+
+def perform(system: SystemChoice, cuts: Sequence[SoundCut], base: Path) -> "Performer":
+    """Open a system, which may load a model.
+
+    Raises:
+        EchoAvatarError: there is no such bundle or folder.
+    """
+    if system.clips is not None:
+        return FolderPerformer(base / system.clips, system.name)
+    assert system.model is not None
+    inside = base / system.model
+    pipeline = Pipeline(load_bundle(inside if (inside / "generator").is_dir() else system.model))
+    pipeline.warm_up()
+    return ModelPerformer(pipeline, system.seed)
+
+
+class Performer:
+    """Returns the motion of a system for one sound after the other."""
+
+    def motion(self, cut: SoundCut, number: int) -> tuple[Performance, int | None]:
+        """Motion as long as the cut, and the seed it was made with."""
+        raise NotImplementedError
+
+
+class ModelPerformer(Performer):
+    """The motion of a bundle, made by the engine that also runs live."""
+
+    def __init__(self, pipeline: Pipeline, seed: int) -> None:
+        self._pipeline, self._seed = pipeline, seed
+
+    def motion(self, cut: SoundCut, number: int) -> tuple[Performance, int | None]:
+        """See `Performer.motion`. Each sound has a seed of its own."""
+        seed = self._seed * 1_000_003 + number
+        made = animate(self._pipeline, in_blocks(cut.audio), seed=seed)
+        return Performance(made.motion, made.face), seed
+
+
+class FolderPerformer(Performer):
+    """A folder of motion files named after the sound files."""
+
+    def __init__(self, folder: Path, name: str) -> None:
+        if not folder.is_dir():
+            raise MotionError(f"system {name!r}: {folder} is not a folder; name one that holds its clips")
+        self._folder, self._name = folder, name
+
+    def motion(self, cut: SoundCut, number: int) -> tuple[Performance, int | None]:
+        """See `Performer.motion`. The motion is cut at the same second as the sound."""
+        del number
+        for suffix in (".npz", ".bvh"):
+            path = self._folder / f"{cut.stem}{suffix}"
+            if path.is_file():
+                break
+        else:
+            raise MotionError(
+                f"system {self._name!r} has no clip {cut.stem}.npz or {cut.stem}.bvh in {self._folder}; clips are named"
+                " after the sound files"
+            )
+        motion = on_our_rig(_read(path))
+        first = round(cut.start * FRAME_RATE_HZ)
+        frames = len(cut.audio) * FRAME_RATE_HZ // SAMPLE_RATE_HZ
+        if motion.frames < first + frames:
+            raise MotionError(
+                f"{path} lasts {motion.seconds:.1f} s, the study shows seconds {cut.start:g} to"
+                f" {cut.start + frames / FRAME_RATE_HZ:g}; make it for the whole sound"
+            )
+        face = _face(path)
+        shown = None if face is None or len(face) < first + frames else face[first : first + frames]
+        return Performance(motion.cut(first, first + frames), shown), None
+
+
+def _face(path: Path) -> Float[np.ndarray, "t 52"] | None:
+    """The ARKit curves that `animate` wrote beside the motion, resampled to our rate."""
+    if path.suffix != ".npz":
+        return None
+    with np.load(path, allow_pickle=False) as stored:
+        if "face" not in stored or float(stored["fps"]) != FRAME_RATE_HZ:
+            return None
+        face: Float[np.ndarray, "t 52"] = stored["face"].astype(np.float32)
+    is_usable = face.ndim == 2 and face.shape[1] == len(ARKIT_NAMES) and bool(np.isfinite(face).all())
+    return face if is_usable else None
+
+
+def _read(path: Path) -> Motion:
+    if path.suffix == ".bvh":
+        return read_bvh(path)
+    try:
+        return read_npz(path)
+    except MotionError:
+        clip = Clip.load(path)
+        return Motion(HUMANOID, clip.rotations, clip.root, float(FRAME_RATE_HZ))
+
+
+def _files(path: Path) -> list[Path]:
+    if path.is_dir():
+        found = sorted(file for file in path.iterdir() if file.suffix.lower() in AUDIO_SUFFIXES)
+        if not found:
+            raise AudioError(f"{path} holds no sound ({', '.join(AUDIO_SUFFIXES)}); name another folder")
+        return found
+    if not path.is_file():
+        raise AudioError(f"there is no sound {path}; name a file or a folder, from the place of study.yaml")
+    return [path]
+
+
+def inside(base: Path, paths: Sequence[str]) -> None:
+    """Raise unless every path is below `base`: a study that is set up in the page may read only the library.
+
+    Raises:
+        EchoAvatarError: a path leads out of it.
+    """
+    root = base.resolve()
+    for path in paths:
+        if not (root / path).resolve().is_relative_to(root):
+            raise EchoAvatarError(
+                f"{path!r} is not in the studio's library; put it there, or start with --study"
+            )

@@ -1,0 +1,197 @@
+"""Other ids, other studies, forged forms, oversized and malformed posts: refused, logged, others unharmed."""
+
+import pytest
+from starlette.applications import Starlette
+from starlette.routing import Route
+from studio.tests import canned
+from studio.tests.people import OwnerPerson, RaterPerson, app_of, tokens, usual
+
+from echoavatar_studio.limits import Rate, Rates
+from echoavatar_studio.making import Maker
+from echoavatar_studio.tables import Event, Judgement, Study
+
+
+def actions(maker: Maker) -> list[str]:
+    with maker.store.read() as session:
+        return [event.action for event in session.query(Event).order_by(Event.id)]
+
+
+@pytest.fixture
+def scene(either: Maker, library):
+    """A bad rater and a good one in one study, and a third in another. On SQLite and on PostgreSQL."""
+    app = app_of(either)
+    one, two = canned.make_pairwise(either, library), canned.make_preference(either)
+    bad, good = (RaterPerson(app).begin(token) for token in tokens(either, one, 2))
+    other = RaterPerson(app).begin(tokens(either, two, 1)[0])
+    return either, bad, good, other
+
+
+def test_tasks_of_others_do_not_exist(scene):
+    maker, bad, good, other = scene
+    for victim in (good, other):
+        task = victim.task()
+        for address in (task["audio"], *task["clips"]):
+            assert bad.get(address).json()["code"] == "not_found"
+        forged = bad.post(f"/api/rater/tasks/{task['id']}/answer", usual(task), idempotency_key="forged-1")
+        assert forged.json()["code"] == "not_found"
+        assert victim.task() == task
+        assert victim.answer(task).status_code == 200
+    own = bad.task()
+    for path in (
+        "clips/2",
+        "clips/99999999999999999999",
+        "clips/-1",
+        "clips/..%2f..%2fstudio.db",
+        "clips/../audio/x",
+    ):
+        assert bad.get(f"/api/rater/tasks/{own['id']}/{path}").json()["code"] == "not_found"
+    assert "refused: not_found" in actions(maker)
+
+
+def every(app: Starlette, prefix: str, study: str) -> list[tuple[str, str]]:
+    """Method and address of all routes below a prefix that ask for a session."""
+    filled = {
+        "{study}": study,
+        "{number:int}": "1",
+        "{name}": "results.json",
+        "{task}": "none",
+        "{slot:int}": "0",
+    }
+    found = []
+    for route in app.routes:
+        if (
+            isinstance(route, Route)
+            and route.path.startswith(prefix)
+            and not route.path.endswith(("join", "login"))
+        ):
+            path = route.path
+            for name, value in filled.items():
+                path = path.replace(name, value)
+            found += [(method, path) for method in route.methods - {"HEAD"}]
+    return found
+
+
+@pytest.mark.parametrize("has_cookie", [False, True])
+def test_no_route_of_owners_opens_to_a_rater(scene, has_cookie: bool):
+    """Not even with the rater's own token under the name of the owners' cookie, which any browser lets one set."""
+    maker, bad, _, _ = scene
+    if has_cookie:
+        bad.http.cookies.set("studio_owner", bad.http.cookies["studio_rater"], path="/api/owner")
+    with maker.store.read() as session:
+        study = session.query(Study).first().public
+    routes = every(bad.http.app, "/api/owner", study)
+    assert len(routes) == 17
+    for method, path in routes:
+        answer = bad.http.request(method, path, headers={"x-csrf-token": bad.csrf})
+        assert (answer.status_code, answer.json()["code"]) == (401, "not_signed_in"), (method, path)
+    with maker.store.read() as session:
+        told = session.query(Event).filter(Event.action == "refused: not_signed_in").all()
+    assert {event.actor for event in told} == {"rater 1" if has_cookie else "stranger"}
+    assert len(told) == 16  # all but `me`, which pages ask before anybody signs in
+
+
+def test_no_route_of_raters_opens_to_an_owner(scene):
+    maker, bad, _, _ = scene
+    owner = OwnerPerson(bad.http.app)
+    owner.log_in()
+    owner.http.cookies.set("studio_rater", owner.http.cookies["studio_owner"], path="/api/rater")
+    routes = every(bad.http.app, "/api/rater", "")
+    assert len(routes) == 8
+    for method, path in routes:
+        answer = owner.http.request(method, path, headers={"x-csrf-token": owner.csrf})
+        assert (answer.status_code, answer.json()["code"]) == (401, "not_signed_in"), (method, path)
+
+
+def test_forged_forms_are_refused(scene):
+    maker, bad, good, _ = scene
+    task = good.task()
+    path = f"/api/rater/tasks/{task['id']}/answer"
+    csrf, good.csrf = good.csrf, ""
+    assert good.post(path, usual(task), idempotency_key="key-12345").json()["code"] == "bad_csrf"
+    good.csrf = bad.csrf
+    assert good.post(path, usual(task), idempotency_key="key-12345").json()["code"] == "bad_csrf"
+    good.csrf = csrf
+    foreign = good.post(path, usual(task), idempotency_key="key-12345", origin="https://evil.example")
+    assert foreign.json()["code"] == "bad_origin"
+    assert (
+        good.post(path, usual(task), idempotency_key="key-12345", origin="null").json()["code"]
+        == "bad_origin"
+    )
+    form = good.post(path, usual(task), idempotency_key="key-12345", content_type="text/plain")
+    assert form.json()["code"] == "bad_request"
+    own = good.post(path, usual(task), idempotency_key="key-12345", origin="http://studio.test")
+    assert own.status_code == 200
+    assert {"refused: bad_csrf", "refused: bad_origin", "refused: bad_request"} <= set(actions(maker))
+
+
+MALFORMED = (
+    b"", b"{", b"null", b"[]", b"\xff\xfe", b"[" * 60_000, b'{"type":"pairwise"}', b'{"type":"nothing"}',
+    b'{"type":"skip","reason":"no_difference","seconds":1e999,"plays":[1,1]}',
+    b'{"type":"skip","reason":"no_difference","seconds":1,"plays":[99999999999999999999999,1]}',
+    b'{"type":"pairwise","ratings":{"human_likeness":true},"seconds":1,"plays":[1,1]}',
+)  # fmt: skip
+
+
+def test_malformed_posts_are_refused(scene):
+    maker, bad, _, _ = scene
+    task = bad.task()
+    for body in MALFORMED:
+        refused = bad.post(f"/api/rater/tasks/{task['id']}/answer", body, idempotency_key="key-12345")
+        assert (refused.status_code, refused.json()["code"]) == (400, "bad_request"), body
+    assert actions(maker).count("refused: bad_request") == len(MALFORMED)
+    assert bad.answer(task).status_code == 200
+
+
+def test_oversized_posts_are_refused_whether_they_say_so_or_not(scene):
+    _, bad, _, _ = scene
+    path = f"/api/rater/tasks/{bad.task()['id']}/answer"
+    large = b" " * (1 << 16) + b"{}"
+    assert bad.post(path, large, idempotency_key="key-12345").json()["code"] == "too_large"
+    headers = {"x-csrf-token": bad.csrf, "content-type": "application/json", "idempotency-key": "key-12345"}
+    stream = bad.http.post(path, content=(b" " * 1000 for _ in range(100)), headers=headers)
+    assert stream.json()["code"] == "too_large"
+
+
+def test_idempotency_keys_have_a_form(scene):
+    _, bad, _, _ = scene
+    for key in ("", "short", "x" * 65, "semi;colon!", "new\tline--"):
+        assert bad.answer(bad.task(), key=key).json()["code"] == "bad_request", key
+
+
+def test_floods_are_held_and_others_go_on(maker: Maker, library):
+    study = canned.make_pairwise(maker, library)
+    rates = Rates(*[Rate(5, 1)] * 5)
+    app = app_of(maker, rates)
+    bad, good = RaterPerson(app), RaterPerson(app)
+    one, two = tokens(maker, study, 2)
+    good.begin(one)
+    said = [bad.join("x" * 43).json()["code"] for _ in range(10)]
+    assert said[0] == "bad_invitation"
+    assert said[-1] == "too_many_requests"
+    held = bad.join(two)
+    assert held.status_code == 429
+    assert int(held.headers["retry-after"]) >= 1
+    assert good.task() is not None
+
+
+def test_passwords_are_not_guessed_in_bulk(maker: Maker):
+    app = app_of(maker, Rates(login=Rate(2, 1)))
+    owner = OwnerPerson(app)
+    said = [owner.log_in(password=f"guess {k}").json()["code"] for k in range(4)]
+    assert said == ["bad_login", "bad_login", "too_many_requests", "too_many_requests"]
+    assert owner.log_in().status_code == 429
+
+
+def test_refusals_are_logged_but_cannot_fill_the_store(maker: Maker, monkeypatch):
+    monkeypatch.setattr("echoavatar_studio.http._AUDIT_RATE", Rate(5, 1e-6))
+    stranger = RaterPerson(app_of(maker))
+    for _ in range(20):
+        stranger.join("x" * 43)
+    assert actions(maker).count("refused: bad_invitation") == 5
+
+
+def test_nothing_of_all_this_was_kept(scene):
+    maker, bad, _, _ = scene
+    bad.post("/api/rater/tasks/none/answer", usual(bad.task()), idempotency_key="key-12345")
+    with maker.store.read() as session:
+        assert session.query(Judgement).count() == 0
