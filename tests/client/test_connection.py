@@ -59,7 +59,7 @@ def test_longer_than_the_inbox_is_sent_as_there_is_room(place: Place) -> None:
                     await avatar.played(avatar.received)
                     if heard > 60:
                         break
-            assert avatar._spoken.seconds_ahead < 40
+            assert avatar._utterances.seconds_ahead < 40
 
     asyncio.run(asyncio.wait_for(run(), 30))
 
@@ -117,8 +117,8 @@ def test_a_lost_session_is_taken_up_by_another(place: Place) -> None:
 
 
 def _tear(avatar: Avatar) -> None:
-    assert avatar._line is not None
-    avatar._line.transport.abort()
+    assert avatar._socket is not None
+    avatar._socket.transport.abort()
 
 
 def test_interrupt_act_and_music(place: Place) -> None:

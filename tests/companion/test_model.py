@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from echoavatar.companion import ChatModel, Doing, Said
+from echoavatar.companion import PERSONA, ChatModel, Doing, Said
 from echoavatar.errors import EchoAvatarError
 
 Answer = Callable[[str, Any], tuple[int, Any]]
@@ -124,3 +124,9 @@ def test_spoken_words_are_transcribed() -> None:
     assert b"RIFF...." in content
     with pytest.raises(EchoAvatarError, match="ECHOAVATAR_CHAT_EARS"):
         asyncio.run(ChatModel("http://x", model="m").transcribe(b""))
+
+
+def test_the_default_persona_is_short_and_names_only_tools_that_exist() -> None:
+    assert len(PERSONA) < 1_200
+    assert {"send_action", "play_music", "stop_music"} <= set(PERSONA.replace(",", " ").split())
+    assert PERSONA.isascii()

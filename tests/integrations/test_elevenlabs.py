@@ -18,7 +18,7 @@ from tests.server.fakes import Body
 
 from echoavatar.engine import Engine
 from echoavatar.errors import AudioError
-from echoavatar.integrations import Cut, Hop
+from echoavatar.integrations import AvatarChunk, Flushed
 from echoavatar.integrations.elevenlabs import AsyncAvatarAudioInterface, AvatarAudioInterface
 
 
@@ -99,7 +99,7 @@ def test_what_the_agent_says_is_heard_and_moves_the_body(rate: int) -> None:
     heard = scene.device.heard[4_000:12_000].astype(float)
     wanted = tone(1.0, 16_000)[4_000:12_000].astype(float)
     assert np.corrcoef(heard, wanted)[0, 1] > 0.99 or np.abs(heard).max() == pytest.approx(8_000, rel=0.05)
-    assert {hop.motion.state for hop in scene.of(Hop)} >= {"speaking"}
+    assert {chunk.motion.state for chunk in scene.of(AvatarChunk)} >= {"speaking"}
 
 
 def test_an_interruption_and_another_right_after() -> None:
@@ -109,25 +109,25 @@ def test_an_interruption_and_another_right_after() -> None:
         talk.interrupt()
         talk.interrupt()
         wait(lambda: scene.device.interruptions == 2)
-        wait(lambda: any(cut.is_interruption for cut in scene.of(Cut)))
+        wait(lambda: any(cut.is_interruption for cut in scene.of(Flushed)))
         count = len(scene.device.heard)
         time.sleep(0.7)
         assert len(scene.device.heard) - count < 200, "stale sound was heard"
         talk.speak(tone(4.0, 24_000), 24_000)
         wait(lambda: len(scene.device.heard) > count + 8_000)
         talk.interrupt()
-        wait(lambda: len([cut for cut in scene.of(Cut) if cut.is_interruption]) == 2)
+        wait(lambda: len([cut for cut in scene.of(Flushed) if cut.is_interruption]) == 2)
         again = len(scene.device.heard)
         talk.speak(tone(0.5, 24_000), 24_000)
         wait(lambda: len(scene.device.heard) > again + 7_500)
 
     scene = Scene()
     scene.converse(script)
-    first, second = [cut.flush for cut in scene.of(Cut) if cut.is_interruption]
+    first, second = [cut.flush for cut in scene.of(Flushed) if cut.is_interruption]
     assert (first.seg, second.seg) == (1, 2)
     assert 0 < first.heard < 3 * 24_000
-    last = scene.events.index(scene.of(Cut)[0])
-    after = [event for event in scene.events[last + 1 :] if isinstance(event, Hop)]
+    last = scene.events.index(scene.of(Flushed)[0])
+    after = [event for event in scene.events[last + 1 :] if isinstance(event, AvatarChunk)]
     assert after[0].at == first.at
 
 
@@ -145,7 +145,7 @@ def test_music_by_a_tool_goes_on_through_an_interruption() -> None:
 
     scene = Scene()
     scene.converse(script)
-    assert {hop.motion.state for hop in scene.of(Hop)} >= {"dancing"}
+    assert {chunk.motion.state for chunk in scene.of(AvatarChunk)} >= {"dancing"}
 
 
 def test_tools_are_called_by_the_agent() -> None:
@@ -215,9 +215,9 @@ def test_the_default_bundle_in_a_conversation() -> None:
         talk.speak(tone(3.0, 24_000), 24_000)
         wait(lambda: len(scene.device.heard) > 16_000, 60)
         talk.interrupt()
-        wait(lambda: bool(scene.of(Cut)), 10)
+        wait(lambda: bool(scene.of(Flushed)), 10)
 
     scene = Scene(where="default")
     scene.converse(script)
-    rotations = [hop.motion.rotations for hop in scene.of(Hop)]
+    rotations = [chunk.motion.rotations for chunk in scene.of(AvatarChunk)]
     assert len(set(rotations)) == len(rotations)

@@ -14,7 +14,7 @@ from tests.server.fakes import Body, Place, serving
 from websockets.asyncio.client import ClientConnection, connect
 
 from echoavatar.proxy import ProxySettings, Relay
-from echoavatar.proxy.scripted import Part, Script, ScriptedUpstream
+from echoavatar.proxy.scripted import Script, ScriptedSession, ScriptedUpstream
 from echoavatar.proxy.upstream import quiet_logger
 
 
@@ -55,8 +55,8 @@ async def proxied(
 class Listener:
     """A client that keeps everything: what the upstream said as text, what the proxy added as events."""
 
-    def __init__(self, line: ClientConnection) -> None:
-        self.line = line
+    def __init__(self, websocket: ClientConnection) -> None:
+        self.websocket = websocket
         self.passed: list[str] = []
         self.added: list[dict[str, Any]] = []
         self.code: int | None = None
@@ -69,7 +69,7 @@ class Listener:
         async with asyncio.timeout(seconds):
             while not until(self):
                 try:
-                    text = await self.line.recv()
+                    text = await self.websocket.recv()
                 except ConnectionClosed as closed:
                     self.code = closed.rcvd.code if closed.rcvd else 1006
                     return
@@ -82,13 +82,13 @@ class Listener:
         return [event for event in self.added if event["type"] == kind]
 
     async def say(self, kind: str, **fields: Any) -> None:
-        await self.line.send(json.dumps({"type": kind, **fields}))
+        await self.websocket.send(json.dumps({"type": kind, **fields}))
 
 
 @contextlib.asynccontextmanager
 async def listening(url: str, **options: Any) -> AsyncIterator[Listener]:
-    async with connect(url, compression=None, logger=quiet_logger(), **options) as line:
-        yield Listener(line)
+    async with connect(url, compression=None, logger=quiet_logger(), **options) as websocket:
+        yield Listener(websocket)
 
 
 def tone(seconds: float, level: int = 8_000) -> bytes:
@@ -96,7 +96,7 @@ def tone(seconds: float, level: int = 8_000) -> bytes:
     return np.full(round(24_000 * seconds), level, "<i2").tobytes()
 
 
-async def silent(part: Part) -> None:
+async def silent(session: ScriptedSession) -> None:
     """Says nothing."""
 
 

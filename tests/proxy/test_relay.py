@@ -13,8 +13,8 @@ from websockets.exceptions import InvalidStatus
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.proxy import ProxySettings, Relay
-from echoavatar.proxy.relay import _end
-from echoavatar.proxy.scripted import Part
+from echoavatar.proxy.relay import _cancel
+from echoavatar.proxy.scripted import ScriptedSession
 from echoavatar.proxy.upstream import dial
 
 ODD = [
@@ -39,12 +39,12 @@ ODD = [
 
 @pytest.mark.parametrize("tools", [False, True])
 def test_every_event_passes_byte_for_byte_and_in_order_both_ways(tools: bool) -> None:
-    async def script(part: Part) -> None:
+    async def script(session: ScriptedSession) -> None:
         for text in ODD:
-            await part.send_text(text)
-        await part.line.send(b"\x00\xff binary")
-        await part.until("bye")
-        await part.line.close(4321, "that was all")
+            await session.send_text(text)
+        await session.websocket.send(b"\x00\xff binary")
+        await session.until("bye")
+        await session.websocket.close(4321, "that was all")
 
     async def conversation() -> None:
         settings = ProxySettings("ws://x", tools=tools)
@@ -52,18 +52,18 @@ def test_every_event_passes_byte_for_byte_and_in_order_both_ways(tools: bool) ->
             async with proxied(script, place.address, settings=settings) as (url, upstream, _):
                 async with listening(url) as client:
                     for text in ODD:
-                        await client.line.send(text)
+                        await client.websocket.send(text)
                     await client.listen(lambda c: len(c.passed) >= len(ODD) + 2)
                     await client.listen(lambda c: bool(c.of("echoavatar.animation_body.delta")))
                     await client.say("bye")
                     await client.listen()
-                [part] = upstream.parts
-                updated = [text for text in part.sent if '"session.updated", ' in text[:30]]
+                [session] = upstream.sessions
+                updated = [text for text in session.sent if '"session.updated", ' in text[:30]]
                 assert len(updated) == tools  # ours, as the tools were added
                 passed = [text for text in client.passed if text not in updated]
-                assert passed == [part.sent[0], *ODD, b"\x00\xff binary"]
+                assert passed == [session.sent[0], *ODD, b"\x00\xff binary"]
                 assert client.code == 4321
-                assert client.line.close_reason == "that was all"
+                assert client.websocket.close_reason == "that was all"
 
     run(conversation)
 
@@ -105,7 +105,7 @@ def test_credentials_query_and_subprotocol_are_passed_on_and_never_written(
                     "subprotocols": ["other", "realtime", "openai-insecure-api-key.sk-very-secret"],
                 }
                 async with listening(f"{url}?model=m&api-key=sk-very-secret", **options) as client:
-                    assert client.line.subprotocol == "realtime"
+                    assert client.websocket.subprotocol == "realtime"
                     await client.listen(lambda c: bool(c.added))
                 [(path, got)] = upstream.requests
                 assert path == "/v1/realtime?model=m&api-key=sk-very-secret"
@@ -165,9 +165,9 @@ def _health(port: int) -> object:
 
 
 def test_an_upstream_that_drops_ends_one_conversation_and_not_the_next() -> None:
-    async def script(part: Part) -> None:
-        await part.say(tone(0.5))
-        part.line.transport.abort()
+    async def script(session: ScriptedSession) -> None:
+        await session.say(tone(0.5))
+        session.websocket.transport.abort()
 
     async def conversation() -> None:
         with stage() as place:
@@ -176,8 +176,8 @@ def test_an_upstream_that_drops_ends_one_conversation_and_not_the_next() -> None
                     async with listening(url) as client:
                         await client.listen()
                         assert client.code == 1011
-                        assert client.passed == upstream.parts[-1].sent
-                assert len(upstream.parts) == 2
+                        assert client.passed == upstream.sessions[-1].sent
+                assert len(upstream.sessions) == 2
                 await asyncio.sleep(0.1)
                 assert relay.clients == 0
             assert place.empties()
@@ -194,7 +194,7 @@ def test_a_task_that_swallows_a_cancellation_is_cancelled_again() -> None:
     async def conversation() -> None:
         task = asyncio.create_task(deaf())
         await asyncio.sleep(0)
-        await _end(task)
+        await _cancel(task)
         assert task.cancelled()
 
     run(conversation, seconds=5)
@@ -206,9 +206,9 @@ def test_a_client_that_leaves_takes_its_upstream_and_avatar_with_it() -> None:
             async with proxied(silent, place.address) as (url, upstream, relay):
                 async with listening(url) as client:
                     await client.listen(lambda c: bool(c.of("echoavatar.session.created")))
-                    await client.line.close(4002, "off")
-                await upstream.parts[0].line.wait_closed()
-                assert upstream.parts[0].line.close_code == 4002
+                    await client.websocket.close(4002, "off")
+                await upstream.sessions[0].websocket.wait_closed()
+                assert upstream.sessions[0].websocket.close_code == 4002
                 assert relay.clients == 0
             assert place.empties()
 
@@ -218,11 +218,11 @@ def test_a_client_that_leaves_takes_its_upstream_and_avatar_with_it() -> None:
 def test_a_slow_client_gets_all_of_the_voice_and_less_of_the_motion() -> None:
     """It stops reading for two seconds while 5 MB are said: the voice is whole, motion is left out."""
 
-    async def script(part: Part) -> None:
-        await part.until("go")
+    async def script(session: ScriptedSession) -> None:
+        await session.until("go")
         for number in range(80):
-            await part.send_text(json.dumps({"type": "filler", "n": number, "x": "x" * 65_536}))
-        await part.say(tone(1.0))
+            await session.send_text(json.dumps({"type": "filler", "n": number, "x": "x" * 65_536}))
+        await session.say(tone(1.0))
 
     async def conversation() -> None:
         with stage() as place:
@@ -235,7 +235,7 @@ def test_a_slow_client_gets_all_of_the_voice_and_less_of_the_motion() -> None:
                 await asyncio.sleep(3)
                 before = len(client.of("echoavatar.animation_body.delta"))
                 await client.listen(lambda c: any('"response.done"' in text for text in c.passed))
-                assert client.passed == upstream.parts[0].sent
+                assert client.passed == upstream.sessions[0].sent
                 late = client.of("echoavatar.animation_body.delta")[before:]
                 assert len(late) < 8  # three seconds would be 11
 

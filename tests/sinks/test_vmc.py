@@ -61,7 +61,9 @@ def test_unitys_axes_mirror_and_keep_what_a_turn_does() -> None:
     half = np.sqrt(0.5)
     ((x, y, z, qx, qy, qz, qw),) = to_unity(np.array([[half, 0, half, 0]]), np.array([[1.0, 2.0, 3.0]]))
     assert (x, y, z) == (-1, 2, 3)
-    ahead = np.array([0.0, 0.0, 1.0])  # the same formula turns vectors in both, only the handedness differs
+    ahead = np.array(
+        [0.0, 0.0, 1.0]
+    )  # the same formula rotations vectors in both, only the handedness differs
     axis = np.array([qx, qy, qz])
     turned = ahead + 2 * np.cross(axis, np.cross(axis, ahead) + qw * ahead)
     np.testing.assert_allclose(turned, [-1, 0, 0], atol=1e-12)

@@ -78,9 +78,9 @@ def run(args: argparse.Namespace) -> int:
 
 def _schemas(args: argparse.Namespace) -> list[dict[str, object]]:
     if args.server:
-        from ..integrations import find_place
+        from ..integrations import find_backend
 
-        return asyncio.run(find_place(args.server, token=args.token).tools())
+        return asyncio.run(find_backend(args.server, token=args.token).tools())
     from ..engine.tools import Toolbox
     from ..engine.tracks import Tracks
     from ..pipeline import load_bundle

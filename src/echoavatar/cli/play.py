@@ -28,7 +28,7 @@ def run(args: argparse.Namespace) -> int:
     """Play."""
     from ..exports import read_take
     from ..kinematics import HUMANOID
-    from ..sinks import Audience
+    from ..sinks import SinkGroup
     from ..timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
     from ..wire import Pose, Rig
 
@@ -42,12 +42,12 @@ def run(args: argparse.Namespace) -> int:
     config = HUMANOID.config
     rig = Rig(names=config.names, parents=config.parents, rest=config.offsets)
     rounds = 0
-    with Audience(args.sink, rig) as audience:
+    with SinkGroup(args.sink, rig) as group:
         print(f"{args.recording}: {motion.seconds:.1f} s to {', '.join(args.sink)}", flush=True)
         while rounds == 0 or args.loop:
-            audience.put(rounds * len(pose.root) * SAMPLES_PER_FRAME, pose)
-            audience.finish()
+            group.put(rounds * len(pose.root) * SAMPLES_PER_FRAME, pose)
+            group.finish()
             rounds += 1
-        frames = [player.shown for player in audience.players]
+        frames = [player.shown for player in group.players]
     print(f"frames shown: {', '.join(map(str, frames))}")
     return 0

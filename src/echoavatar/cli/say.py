@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
 
 async def _say(args: argparse.Namespace) -> dict[str, float]:
     from ..client import Recorder, connect, read_sound
-    from ..sinks import Audience
+    from ..sinks import SinkGroup
     from ..wire import ActionStatus, Error, Motion, Sound
 
     is_live = args.live or bool(args.sink)
@@ -66,7 +66,7 @@ async def _say(args: argparse.Namespace) -> dict[str, float]:
             connect(args.server, token=args.token, rate=rate, seed=args.seed)
         )
         recorder = Recorder(avatar.ready)
-        shown = stack.enter_context(Audience(args.sink, avatar.ready.rig, curves=len(avatar.ready.face)))
+        shown = stack.enter_context(SinkGroup(args.sink, avatar.ready.rig, curves=len(avatar.ready.face)))
         if args.act:
             await avatar.act(args.act)
         seg = await avatar.speak(samples)

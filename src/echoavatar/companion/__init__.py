@@ -4,9 +4,9 @@ With an OpenAI-compatible endpoint (`ChatModel`, environment variables) it is a 
 that knows how to show what the avatar can do. Neither holds a conversation: who asks, brings what was said before.
 """
 
-from .model import ChatModel
-from .persona import PERSONA
+from .environment import from_environment
+from .model import PERSONA, ChatModel
 from .script import Scripted
-from .talk import Companion, Doing, Said, from_environment
+from .talk import Companion, Doing, Said
 
 __all__ = ["PERSONA", "ChatModel", "Companion", "Doing", "Said", "Scripted", "from_environment"]

@@ -5,12 +5,12 @@ receiver does or does not do changes nothing here.
 """
 
 from .address import check_address, make_sink, parse_address
-from .audience import Audience
 from .player import SinkPlayer
 from .sink import Frame, Sink, UdpSink
+from .sink_group import SinkGroup
 
 __all__ = [
-    "Audience",
+    "SinkGroup",
     "Frame",
     "Sink",
     "SinkPlayer",

@@ -7,9 +7,9 @@ never runs backwards but for a jump, and comes to rest when the other one does.
 
 from ..timing import SAMPLE_RATE_HZ
 
-DRAWN_S = 0.1  # an error of so much doubles the clock's speed, or stops it
+CORRECTION_S = 0.1  # an error of so much doubles the clock's speed, or stops it
 JUMP_S = 0.35  # beyond it there is nothing to be smooth about
-FRESH_S = 0.1  # what was told longer ago says only that time stands still
+EXTRAPOLATION_S = 0.1  # what was told longer ago says only that time stands still
 
 
 class FollowingClock:
@@ -32,13 +32,13 @@ class FollowingClock:
         if self._told is None:
             return None
         at, then = self._told
-        goal = at + min(max(now - then, 0.0), FRESH_S) * SAMPLE_RATE_HZ
+        goal = at + min(max(now - then, 0.0), EXTRAPOLATION_S) * SAMPLE_RATE_HZ
         if self._read is None or abs(goal - self._read[0]) > JUMP_S * SAMPLE_RATE_HZ:
             self._read = goal, now
             return goal
         mine, before = self._read
         passed = max(0.0, now - before) * SAMPLE_RATE_HZ
-        error = (goal - (mine + passed)) / (DRAWN_S * SAMPLE_RATE_HZ)
+        error = (goal - (mine + passed)) / (CORRECTION_S * SAMPLE_RATE_HZ)
         mine += passed * min(max(1 + error, 0.0), 2.0)
         self._read = mine, now
         return mine

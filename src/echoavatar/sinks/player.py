@@ -13,7 +13,7 @@ from .sink import Frame, Sink
 from .track import PoseTrack
 
 _LOG = logging.getLogger(__name__)
-GOODBYE_S = 1.0
+JOIN_TIMEOUT_S = 1.0
 INBOX = 1_000  # messages that a sink may leave lying, the oldest are then lost
 
 
@@ -53,7 +53,7 @@ class SinkPlayer:
     def close(self) -> None:
         """Stop the thread; one that hangs in its sink is left behind."""
         self._stop.set()
-        self._thread.join(GOODBYE_S)
+        self._thread.join(JOIN_TIMEOUT_S)
 
     def _play(self) -> None:
         began = due = time.monotonic()

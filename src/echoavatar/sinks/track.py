@@ -8,7 +8,7 @@ from jaxtyping import Float
 from ..timing import SAMPLES_PER_FRAME
 from ..wire import Pose
 
-KEPT = 24_000  # samples behind the moment that was read last
+HISTORY_SAMPLES = 24_000  # samples behind the moment that was read last
 
 
 class PoseTrack:
@@ -43,13 +43,13 @@ class PoseTrack:
 
     def read(self, at: float) -> Pose | None:
         """One frame at a moment, between the two beside it; the nearest where there is only one side."""
-        while len(self._blocks) > 1 and self._blocks[1][0] < at - KEPT:
+        while len(self._blocks) > 1 and self._blocks[1][0] < at - HISTORY_SAMPLES:
             self._blocks.popleft()
         if not self._blocks:
             return None
         before, after = self._beside(at)
         share = 0.0 if after[0] <= before[0] else (at - before[0]) / (after[0] - before[0])
-        return _between(before[1], after[1], min(max(share, 0.0), 1.0))
+        return _interpolate(before[1], after[1], min(max(share, 0.0), 1.0))
 
     def _beside(self, at: float) -> tuple[tuple[int, Pose], tuple[int, Pose]]:
         """Last frame not after `at`, and the one that follows."""
@@ -71,10 +71,10 @@ def _frame(pose: Pose, k: int) -> Pose:
     return Pose(pose.rotations[k], pose.root[k], None if pose.face is None else pose.face[k])
 
 
-def _between(a: Pose, b: Pose, share: float) -> Pose:
+def _interpolate(a: Pose, b: Pose, share: float) -> Pose:
     """Straight between two frames, quaternions along the nearer arc and made unit again."""
     signs = np.where(np.einsum("jc,jc->j", a.rotations, b.rotations) < 0, -share, share)[:, None]
-    turns: Float[np.ndarray, "j 4"] = a.rotations * (1 - share) + b.rotations * signs
-    turns = turns / np.maximum(np.sqrt(np.einsum("jc,jc->j", turns, turns)), 1e-9)[:, None]
+    rotations: Float[np.ndarray, "j 4"] = a.rotations * (1 - share) + b.rotations * signs
+    rotations = rotations / np.maximum(np.sqrt(np.einsum("jc,jc->j", rotations, rotations)), 1e-9)[:, None]
     face = None if a.face is None or b.face is None else a.face * (1 - share) + b.face * share
-    return Pose(turns, a.root * (1 - share) + b.root * share, face)
+    return Pose(rotations, a.root * (1 - share) + b.root * share, face)

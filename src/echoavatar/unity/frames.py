@@ -76,14 +76,14 @@ class UnityAxes:
         return np.stack([x, z, -y], 1).astype(np.float32)
 
 
-def merged(curves: Float[np.ndarray, "t 52"]) -> Float[np.ndarray, "t 47"]:
+def merge_channels(curves: Float[np.ndarray, "t 52"]) -> Float[np.ndarray, "t 47"]:
     """52 channels in the release's order to its 47: some are left out, pairs become the larger of both."""
     return np.stack([curves[:, list(pair)].max(1) for pair in _MERGED], 1)
 
 
 def face47(curves: Float[np.ndarray, "t 52"]) -> Float[np.ndarray, "t 47"]:
     """The same of our canonical order."""
-    return merged(reorder(curves, OURS, APPLE_NAMES))
+    return merge_channels(reorder(curves, OURS, APPLE_NAMES))
 
 
 def write_face47(path: Path, curves: Float[np.ndarray, "t 52"], fps: float) -> None:
@@ -108,28 +108,13 @@ def smoothed(
     return smooth if last is None else _blended(smooth, last[None])
 
 
-def smoothed_turns(
-    block: Float[np.ndarray, "t j 4"], last: Float[np.ndarray, "j 4"] | None
-) -> Float[np.ndarray, "t j 4"]:
-    """The same for unit quaternions; the published client is sent the body without."""
-    signed = block.astype(np.float64)
-    for before, own in zip(signed, signed[1:], strict=False):
-        own *= np.where((before * own).sum(-1, keepdims=True) < 0, -1, 1)
-    smooth = _unit(savgol_filter(signed, _WINDOW, _DEGREE, axis=0))
-    if last is None:
-        return smooth
-    signs = np.where((smooth[:BLEND_FRAMES] * last).sum(-1, keepdims=True) < 0, -1, 1)
-    smooth[:BLEND_FRAMES] = _unit(_blended(smooth, signs * last)[:BLEND_FRAMES])
-    return smooth
-
-
-def twice(frames: Float[np.ndarray, "t ..."]) -> Float[np.ndarray, "u ..."]:
+def at_60_fps(frames: Float[np.ndarray, "t ..."]) -> Float[np.ndarray, "u ..."]:
     """30 to 60 fps: midpoints, and the last frame once more."""
     following = np.concatenate([frames[1:], frames[-1:]])
     return np.stack([frames, (frames + following) / 2], 1).reshape(-1, *frames.shape[1:])
 
 
-def twice_turns(frames: Float[np.ndarray, "t j 4"]) -> Float[np.ndarray, "u j 4"]:
+def rotations_at_60_fps(frames: Float[np.ndarray, "t j 4"]) -> Float[np.ndarray, "u j 4"]:
     """The same for unit quaternions."""
     following = np.concatenate([frames[1:], frames[-1:]])
     following = following * np.where((frames * following).sum(-1, keepdims=True) < 0, -1, 1)

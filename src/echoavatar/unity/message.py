@@ -11,7 +11,16 @@ from ..pipeline import MotionChunk
 from ..pipeline.motion_chunk import join
 from ..pipeline.rig import RigConfig
 from ..timing import SAMPLES_PER_FRAME
-from .frames import BLOCK_FRAMES, FACE_CHANNELS, Block, UnityAxes, face47, smoothed, twice, twice_turns
+from .frames import (
+    BLOCK_FRAMES,
+    FACE_CHANNELS,
+    Block,
+    UnityAxes,
+    at_60_fps,
+    face47,
+    rotations_at_60_fps,
+    smoothed,
+)
 
 HEADER = struct.Struct(">I")
 LARGEST = 4 << 20  # bytes that are taken from a sender at once
@@ -42,11 +51,11 @@ class Messages:
 
     def block(self, motion: MotionChunk) -> Block:
         """Twelve frames as they are sent."""
-        turns, places = self._axes.rotations(motion.rotations), self._axes.positions(motion.root)
-        face = np.zeros((len(places), FACE_CHANNELS)) if motion.face is None else face47(motion.face)
+        rotations, positions = self._axes.rotations(motion.rotations), self._axes.positions(motion.root)
+        face = np.zeros((len(positions), FACE_CHANNELS)) if motion.face is None else face47(motion.face)
         smooth = smoothed(face, self._last)
         self._last = smooth[-1]
-        return Block(twice_turns(turns), twice(places), twice(smooth))
+        return Block(rotations_at_60_fps(rotations), at_60_fps(positions), at_60_fps(smooth))
 
 
 def _part(motion: MotionChunk, which: slice) -> MotionChunk:

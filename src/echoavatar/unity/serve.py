@@ -25,7 +25,9 @@ from .message import HEADER, LARGEST, Messages
 _LOG = logging.getLogger(__name__)
 RETRY_S, TICK_S = 1.0, 0.05
 QUEUE = 8  # messages, 3.2 s
-STICKY_S = 60.0  # the published server holds an action until the next one; here it ends by itself some time
+ACTION_HOLD_S = (
+    60.0  # the published server holds an action until the next one; here it ends by itself some time
+)
 NO_ACTION = ("none_tem0", "none_tem1", "none_tem2")
 
 
@@ -54,24 +56,24 @@ async def serve_unity(
         CheckpointError: the bundle has no transforms for Unity.
     """
     messages, out = Messages(rig), asyncio.Queue[bytes](QUEUE)
-    session, loop, moved = engine.open(seed=seed), asyncio.get_running_loop(), asyncio.Event()
+    session, loop, has_motion = engine.open(seed=seed), asyncio.get_running_loop(), asyncio.Event()
 
     def wake() -> None:
-        loop.call_soon_threadsafe(moved.set)
+        loop.call_soon_threadsafe(has_motion.set)
 
     session.on_motion = wake
     async with contextlib.AsyncExitStack() as stack:
         stack.callback(session.close)
         stack.enter_context(EngineThread(engine))
         ports = []
-        for port, handle in ((settings.audio_port, _hear), (settings.action_port, _obey)):
+        for port, handle in ((settings.audio_port, _receive_audio), (settings.action_port, _receive_action)):
             ports.append(await _listen(stack, settings.host, port, _handler(handle, session)))
         if on_ready is not None:
             on_ready(*ports)
         async with asyncio.TaskGroup() as tasks:
-            tasks.create_task(_collect(session, messages, moved, out))
-            tasks.create_task(_pace(session))
-            tasks.create_task(_send(settings, out))
+            tasks.create_task(_pack_motion(session, messages, has_motion, out))
+            tasks.create_task(_fill_silence(session))
+            tasks.create_task(_send_motion(settings, out))
 
 
 async def _listen(
@@ -112,7 +114,7 @@ def _handler(
     return serve
 
 
-def _hear(session: Session, payload: bytes) -> None:
+def _receive_audio(session: Session, payload: bytes) -> None:
     """A pickled array of samples, 24 kHz; nothing: the source has ended for now."""
     if not payload:
         session.stall()
@@ -123,19 +125,19 @@ def _hear(session: Session, payload: bytes) -> None:
     session.push(samples, SAMPLE_RATE_HZ)
 
 
-def _obey(session: Session, payload: bytes) -> None:
+def _receive_action(session: Session, payload: bytes) -> None:
     """The name of an action; others mean none, as published."""
     name = payload.decode("utf-8").strip()
-    if name in NO_ACTION or session.act(name, hold_s=STICKY_S).status == "rejected":
+    if name in NO_ACTION or session.act(name, hold_s=ACTION_HOLD_S).status == "rejected":
         session.stop_acting()
 
 
-async def _collect(
-    session: Session, messages: Messages, moved: asyncio.Event, out: "asyncio.Queue[bytes]"
+async def _pack_motion(
+    session: Session, messages: Messages, has_motion: asyncio.Event, out: "asyncio.Queue[bytes]"
 ) -> None:
     while True:
-        await moved.wait()
-        moved.clear()
+        await has_motion.wait()
+        has_motion.clear()
         while (delivery := session.take_timed()) is not None:
             for message in messages.push(delivery.motion, delivery.audio):
                 if out.full():
@@ -143,7 +145,7 @@ async def _collect(
                 out.put_nowait(message)
 
 
-async def _pace(session: Session) -> None:
+async def _fill_silence(session: Session) -> None:
     """Once there was sound, a chunk of silence whenever the clock has passed what was made."""
     clock = asyncio.get_running_loop().time
     begun: float | None = None
@@ -157,7 +159,7 @@ async def _pace(session: Session) -> None:
             session.stall()
 
 
-async def _send(settings: UnitySettings, out: "asyncio.Queue[bytes]") -> None:
+async def _send_motion(settings: UnitySettings, out: "asyncio.Queue[bytes]") -> None:
     while True:
         try:
             _, writer = await asyncio.open_connection(settings.unity_host, settings.unity_port)

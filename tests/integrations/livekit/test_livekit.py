@@ -24,7 +24,7 @@ from tests.server.fakes import Body
 
 from echoavatar.engine import Engine
 from echoavatar.engine.tracks import Tracks
-from echoavatar.integrations import Stage, find_place
+from echoavatar.integrations import AvatarBridge, find_backend
 from echoavatar.wire import Flush, Motion, Ready, decode_server
 
 BLOCK = 2_400
@@ -55,9 +55,9 @@ class Scene:
         self.room.local_participant.has_data_tracks = with_track
         self.sink = QueueAudioOutput(sample_rate=24_000, wait_playback_start=True)
         self.speaker = Speaker()
-        self.stage = Stage(find_place(where))
+        self.bridge = AvatarBridge(find_backend(where))
         channel = MotionChannel(self.room)  # type: ignore[arg-type]
-        self.performer = Performer(self.stage, self.sink, self.speaker, channel)
+        self.performer = Performer(self.bridge, self.sink, self.speaker, channel)
         self.events: list[tuple[str, Any]] = []
         self.sink.on("playback_started", lambda event: self.events.append(("started", event)))
         self.sink.on("playback_finished", lambda event: self.events.append(("finished", event)))
@@ -224,7 +224,7 @@ def test_an_interruption_during_music_leaves_the_music() -> None:
     track = Tracks().load(title)
 
     async def script(scene: Scene) -> None:
-        assert (await scene.stage.play_music(title)).status == "accepted"
+        assert (await scene.bridge.play_music(title)).status == "accepted"
         await scene.until(scene.is_hearing(24_000))
         scene.sink.clear_buffer()
         scene.sink.clear_buffer()

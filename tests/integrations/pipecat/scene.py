@@ -20,7 +20,7 @@ from pipecat.frames.frames import (
 from pipecat.pipeline.pipeline import Pipeline
 from pipecat.pipeline.worker import PipelineParams, PipelineWorker
 from pipecat.workers.runner import WorkerRunner
-from pipecat_echoavatar import EchoAvatarProcessor, SilentTransport
+from pipecat_echoavatar import EchoAvatarProcessor, NullTransport
 from tests.server.fakes import Body
 
 from echoavatar.engine import Engine
@@ -37,7 +37,7 @@ def tone(seconds: float, rate: int = 24_000, level: float = 8_000) -> bytes:
     return (level * np.sin(2 * np.pi * 220 * time_s)).astype("<i2").tobytes()
 
 
-class Stagehand(SilentTransport):
+class RecordingTransport(NullTransport):
     """Remembers everything that reached the user, in order: sound, or a message of the avatar's."""
 
     def __init__(self) -> None:
@@ -72,7 +72,9 @@ class Stagehand(SilentTransport):
 class Scene:
     """What a test's script can do."""
 
-    def __init__(self, avatar: EchoAvatarProcessor, transport: Stagehand, worker: PipelineWorker) -> None:
+    def __init__(
+        self, avatar: EchoAvatarProcessor, transport: RecordingTransport, worker: PipelineWorker
+    ) -> None:
         self.avatar, self.transport, self._worker = avatar, transport, worker
 
     async def push(self, *frames: Frame) -> None:
@@ -98,12 +100,12 @@ class Scene:
             await asyncio.sleep(0.01)
 
 
-def play(script: Callable[[Scene], Awaitable[None]], where: object = None) -> Stagehand:
+def play(script: Callable[[Scene], Awaitable[None]], where: object = None) -> RecordingTransport:
     """Run a script in a pipeline, and end it."""
 
-    async def run() -> Stagehand:
+    async def run() -> RecordingTransport:
         avatar = EchoAvatarProcessor(where or engine())  # type: ignore[arg-type]
-        transport = Stagehand()
+        transport = RecordingTransport()
         worker = PipelineWorker(
             Pipeline([avatar, transport]), params=PipelineParams(), cancel_on_idle_timeout=False
         )

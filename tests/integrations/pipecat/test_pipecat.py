@@ -48,16 +48,16 @@ def test_motion_comes_before_the_sound_it_belongs_to_and_no_sound_is_lost() -> N
     np.testing.assert_allclose(got[: len(sent)], sent, atol=1)
     assert len(got) < len(sent) + 6_400
     assert not got[len(sent) :].any()
-    hops = [k for k, frame in enumerate(down) if isinstance(frame, AvatarSpeechFrame)]
-    for k in hops:
+    chunks = [k for k, frame in enumerate(down) if isinstance(frame, AvatarSpeechFrame)]
+    for k in chunks:
         before = down[k - 1]
         assert isinstance(before, OutputTransportMessageFrame)
         motion = before.message["data"]["message"]
         assert motion["type"] == "motion"
         assert motion["frames"] * 800 == len(down[k].audio) // 2
-    assert not any(isinstance(frame, TTSAudioRawFrame) and k not in hops for k, frame in enumerate(down))
+    assert not any(isinstance(frame, TTSAudioRawFrame) and k not in chunks for k, frame in enumerate(down))
     ends = [k for k, frame in enumerate(down) if isinstance(frame, TTSStoppedFrame)]
-    assert ends == [k for k in ends if k > hops[-1]]
+    assert ends == [k for k in ends if k > chunks[-1]]
     assert len(ends) == 1
 
 
@@ -274,8 +274,8 @@ def test_where_the_avatar_fails_the_voice_goes_on() -> None:
     async def script(scene: Scene) -> None:
         await scene.speak(1.0, stop=False)
         await scene.until(lambda: len(scene.transport.sound) > 4_000)
-        assert scene.avatar.stage._avatar is not None
-        await scene.avatar.stage._avatar.close()
+        assert scene.avatar.bridge._avatar is not None
+        await scene.avatar.bridge._avatar.close()
         await scene.speak(1.0)
         await scene.until(lambda: len(scene.transport.sound) > 2 * 24_000 - 2_000)
 

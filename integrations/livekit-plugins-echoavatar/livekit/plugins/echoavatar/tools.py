@@ -1,4 +1,4 @@
-"""The avatar's tools as LiveKit function tools, and over RPC where the avatar is in another process."""
+"""The avatar's tools as LiveKit function tools, and over RPC if the avatar is in another process."""
 
 import json
 from collections.abc import Awaitable, Callable, Mapping
@@ -7,13 +7,13 @@ from typing import Any
 from livekit import rtc
 from livekit.agents.llm import RawFunctionTool, function_tool
 
-RPC_CALL = "echoavatar.call"  # {"name": ..., "arguments": {...}}; without a name it gives the schemas
+RPC_CALL = "echoavatar.call"  # payload {"name": ..., "arguments": {...}}; without a name, the answer is the schemas
 Schema = dict[str, Any]
 Call = Callable[[str, Mapping[str, Any]], Awaitable[Schema]]
 
 
 def function_tools(schemas: list[Schema], call: Call) -> list[RawFunctionTool[Any, Any]]:
-    """One tool for each schema; silent when done, so that the model need not say anything about a gesture."""
+    """One tool for each schema. A successful call returns nothing, so that the model need not comment on a gesture."""
     return [_tool(schema, call) for schema in schemas]
 
 
@@ -27,7 +27,7 @@ def _tool(schema: Schema, call: Call) -> RawFunctionTool[Any, Any]:
 
 
 def answer_calls(room: rtc.Room, schemas: list[Schema], call: Call) -> None:
-    """In the avatar's process: do what the agent's model asks for."""
+    """In the avatar's process: carry out the calls of the agent's model."""
 
     async def handle(data: rtc.RpcInvocationData) -> str:
         asked = json.loads(data.payload)
@@ -41,7 +41,7 @@ def answer_calls(room: rtc.Room, schemas: list[Schema], call: Call) -> None:
 
 
 async def ask_for_tools(room: rtc.Room, identity: str) -> list[RawFunctionTool[Any, Any]]:
-    """In the agent's process: the tools of an avatar in the room."""
+    """In the agent's process: fetch the tools of an avatar in the room."""
 
     async def perform(payload: Schema) -> Any:
         answer = await room.local_participant.perform_rpc(

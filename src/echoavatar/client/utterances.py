@@ -1,4 +1,4 @@
-"""What was said, kept until it was played: a resumed session is told the rest, and a new one what is left."""
+"""Utterances, kept until they have been played, so that they can be sent again to a resumed or a new session."""
 
 from collections import deque
 from collections.abc import Iterator
@@ -8,41 +8,41 @@ from ..timing import SAMPLE_RATE_HZ
 from ..wire import Audio, AudioFormat, End, Flush, Ready, Sound
 
 BLOCK_BYTES = 1 << 16
-AHEAD_S = 30.0  # of sound sent ahead of its motion: the server's inbox is bounded
-KEPT = 4  # utterances
+AHEAD_S = 30.0  # seconds of sound sent ahead of their motion; the server's inbox is bounded
+KEPT = 4  # number of utterances
 
 
 @dataclass
 class Utterance:
-    """One, in bytes of the connection's format."""
+    """One utterance, in bytes of the connection's audio format."""
 
     seg: int
     pcm: bytearray = field(default_factory=bytearray)
     sent: int = 0
-    base: int = 0  # what an earlier session has played is not told to the next
+    base: int = 0  # bytes that an earlier session has played; a new session is not sent them
     is_ended: bool = False
-    is_over: bool = False  # and the server knows
+    is_over: bool = False  # and the server has been told so
 
 
-class Spoken:
-    """All utterances of a client, and how far they are."""
+class UtteranceQueue:
+    """The utterances of a client, and how much of each was sent and played."""
 
     def __init__(self, form: AudioFormat) -> None:
-        self.seg = 0  # the newest
-        self.received = 0  # clock up to which sound came back
+        self.seg = 0  # number of the newest utterance
+        self.received = 0  # clock up to which sound has been received
         self._form = form
         self._width = (2 if form.format == "s16le" else 4) * form.channels
         self._said: deque[Utterance] = deque()
         self._sent_s = 0.0
-        self._back: dict[int, tuple[int, int]] = {}  # sound that came back: utterance and samples, by clock
+        self._back: dict[int, tuple[int, int]] = {}  # received sound by clock: utterance and number of samples
 
     @property
     def seconds_ahead(self) -> float:
-        """Sound sent whose motion did not come yet, at most."""
+        """Upper bound of the seconds of sound sent whose motion has not arrived."""
         return self._sent_s - self.received / SAMPLE_RATE_HZ
 
     def add(self, pcm: bytes, *, end: bool) -> int:
-        """Say more, or begin an utterance; returns its number."""
+        """Append sound, or begin a new utterance; returns the utterance's number."""
         if not self._said or self._said[-1].is_ended:
             self.seg += 1
             self._said.append(Utterance(self.seg))
@@ -55,7 +55,7 @@ class Spoken:
         return self.seg
 
     def due(self) -> Iterator[Audio | End]:
-        """What the server has room for, in order; what is taken counts as sent."""
+        """The messages that the server has room for, in order; each one taken from the iterator counts as sent."""
         seconds = 1 / (self._width * self._form.rate)
         for utterance in self._said:
             while not utterance.is_over:
@@ -73,23 +73,23 @@ class Spoken:
                 yield End(seg=utterance.seg)
 
     def hear(self, sound: Sound) -> None:
-        """Sound came back."""
+        """Note sound that the server sent back."""
         samples = len(sound.pcm) // 2
         self._back[sound.at] = sound.seg, samples
         self.received = max(self.received, sound.at + samples)
 
     def flush(self, flush: Flush) -> None:
-        """What came back from there on is void."""
+        """Discard what was received from the flush's clock on."""
         self._back = {at: part for at, part in self._back.items() if at < flush.at}
         self.received = min(self.received, flush.at)
 
     def interrupt(self) -> None:
-        """Nothing of what was said is wanted any more."""
+        """Drop everything that was said."""
         self._said.clear()
         self._sent_s = self.received / SAMPLE_RATE_HZ
 
     def go_on(self, ready: Ready) -> None:
-        """The session was resumed, and knows what it was told."""
+        """Continue after the session was resumed: the server still has what it received."""
         for utterance in self._said:
             if utterance.seg >= ready.seg:
                 known = ready.received * self._width if utterance.seg == ready.seg else 0
@@ -97,7 +97,7 @@ class Spoken:
                 utterance.is_over = False
 
     def begin_anew(self, ready: Ready) -> None:
-        """Another session has never heard of us: it is told what did not come back yet."""
+        """Continue in a new session: it must be sent everything that was not played."""
         for utterance in self._said:
             back = sum(samples for seg, samples in self._back.values() if seg == utterance.seg)
             base = utterance.base + back * self._form.rate // SAMPLE_RATE_HZ * self._width

@@ -9,7 +9,7 @@ import pytest
 from tests.proxy.places import FacedBody, Listener, listening, proxied, run, silent, stage, tone
 
 from echoavatar.proxy import ProxySettings
-from echoavatar.proxy.scripted import Part
+from echoavatar.proxy.scripted import ScriptedSession
 from echoavatar.timing import ChunkSize
 from echoavatar.wire import Motion, unpack_pose
 
@@ -37,10 +37,10 @@ def is_there(client: Listener) -> bool:
     return bool(client.of("echoavatar.session.created"))
 
 
-async def speak_when_told(part: Part) -> None:
+async def speak_when_told(session: ScriptedSession) -> None:
     """One second, as fast as it goes, after the client's `go`."""
-    await part.until("go")
-    await part.say(tone(1.0))
+    await session.until("go")
+    await session.say(tone(1.0))
 
 
 def test_every_frame_of_an_item_comes_with_its_place_and_nothing_of_the_voice_is_missing() -> None:
@@ -53,7 +53,7 @@ def test_every_frame_of_an_item_comes_with_its_place_and_nothing_of_the_voice_is
                 await client.listen(is_there)
                 await client.say("go")
                 await client.listen(lambda c: bool(c.of(DONE)))
-                assert client.passed == upstream.parts[0].sent
+                assert client.passed == upstream.sessions[0].sent
                 own = {"response_id": "resp_1", "item_id": "item_1", "output_index": 0, "content_index": 0}
                 faces, bodies = client.of(FACE), [e for e in client.of(BODY) if e["item_id"]]
                 for events in (faces, bodies):
@@ -84,7 +84,7 @@ def test_an_avatar_of_longer_steps_has_its_own_count() -> None:
                 await client.listen(is_there)
                 await client.say("go")
                 await client.listen(lambda c: bool(c.of(DONE)))
-                assert client.passed == upstream.parts[0].sent
+                assert client.passed == upstream.sessions[0].sent
                 bodies = [event for event in client.of(BODY) if event["item_id"]]
                 assert [event["frame_index"] for event in bodies] == [0, 12, 24]
                 assert [len(event["frames"]) for event in client.of(FACE)] == [12] * 3
@@ -110,18 +110,18 @@ def test_idle_frames_can_be_left_out() -> None:
     run(conversation)
 
 
-async def speak_long(part: Part) -> None:
+async def speak_long(session: ScriptedSession) -> None:
     """Eight seconds, twice as fast as it is heard, until the user speaks; then one second more."""
-    await part.until("go")
+    await session.until("go")
     speaking = asyncio.create_task(
-        part.say(tone(8.0), pace=0.5, until=lambda: any(e.get("type") == "user" for e in part.got))
+        session.say(tone(8.0), pace=0.5, until=lambda: any(e.get("type") == "user" for e in session.received))
     )
-    await part.until("user")
-    await part.send("input_audio_buffer.speech_started", audio_start_ms=0, item_id="user_1")
+    await session.until("user")
+    await session.send("input_audio_buffer.speech_started", audio_start_ms=0, item_id="user_1")
     await speaking
-    await part.until("conversation.item.truncate")
-    await part.send("conversation.item.truncated", item_id="item_1", content_index=0, audio_end_ms=1_000)
-    await part.say(tone(1.0), item="item_2", response="resp_2")
+    await session.until("conversation.item.truncate")
+    await session.send("conversation.item.truncated", item_id="item_1", content_index=0, audio_end_ms=1_000)
+    await session.say(tone(1.0), item="item_2", response="resp_2")
 
 
 @pytest.mark.parametrize("heard_ms", [500, 1_200])
@@ -141,8 +141,8 @@ def test_what_nobody_heard_never_was(heard_ms: int) -> None:
                     "conversation.item.truncate", item_id="item_1", content_index=0, audio_end_ms=heard_ms
                 )
                 await client.listen(lambda c: any(e["item_id"] == "item_2" for e in c.of(DONE)))
-                [part] = upstream.parts
-                assert client.passed == part.sent
+                [session] = upstream.sessions
+                assert client.passed == session.sent
                 second = [event for event in client.of(BODY) if event["item_id"] == "item_2"]
                 assert [event["frame_index"] for event in second] == [0, 8, 16, 24]
                 assert heights(second[-1]) == pytest.approx(1 + heard_ms / 1_000, abs=0.01)
@@ -161,24 +161,24 @@ def test_what_nobody_heard_never_was(heard_ms: int) -> None:
 
 
 def test_interrupted_twice_in_a_row() -> None:
-    async def script(part: Part) -> None:
-        await part.until("go")
+    async def script(session: ScriptedSession) -> None:
+        await session.until("go")
         for turn in (1, 2):
             kind = f"user_{turn}"
             speaking = asyncio.create_task(
-                part.say(
+                session.say(
                     tone(6.0),
                     item=f"item_{turn}",
                     response=f"resp_{turn}",
                     pace=0.3,
-                    until=lambda kind=kind: any(e.get("type") == kind for e in part.got),
+                    until=lambda kind=kind: any(e.get("type") == kind for e in session.received),
                 )
             )
-            await part.until(kind)
-            await part.send("input_audio_buffer.speech_started")
+            await session.until(kind)
+            await session.send("input_audio_buffer.speech_started")
             await speaking
-            await part.until("conversation.item.truncate", turn)
-        await part.say(tone(0.8), item="item_3", response="resp_3")
+            await session.until("conversation.item.truncate", turn)
+        await session.say(tone(0.8), item="item_3", response="resp_3")
 
     async def conversation() -> None:
         with stage() as place:
@@ -197,17 +197,17 @@ def test_interrupted_twice_in_a_row() -> None:
                 await client.listen(lambda c: any(e["item_id"] == "item_3" for e in c.of(DONE)))
                 last = [event for event in client.of(BODY) if event["item_id"] == "item_3"][-1]
                 assert heights(last) == pytest.approx(0.4 + 0.4 + 0.8, abs=0.02)
-                assert client.passed == upstream.parts[0].sent
+                assert client.passed == upstream.sessions[0].sent
 
     run(conversation)
 
 
 def test_when_the_avatar_dies_in_mid_sentence_the_voice_goes_on_and_it_may_come_back() -> None:
-    async def script(part: Part) -> None:
-        await part.until("go")
-        await part.say(tone(4.0), pace=0.5)
-        await part.until("again")
-        await part.say(tone(0.6), item="item_2", response="resp_2")
+    async def script(session: ScriptedSession) -> None:
+        await session.until("go")
+        await session.say(tone(4.0), pace=0.5)
+        await session.until("again")
+        await session.say(tone(0.6), item="item_2", response="resp_2")
 
     async def conversation() -> None:
         with stage() as place:
@@ -218,7 +218,7 @@ def test_when_the_avatar_dies_in_mid_sentence_the_voice_goes_on_and_it_may_come_
                 [live] = place.house._live.values()
                 live.collect = None  # its next move raises, and the house ends the session as failed
                 await client.listen(lambda c: any('"response.done"' in text for text in c.passed))
-                assert client.passed == upstream.parts[0].sent
+                assert client.passed == upstream.sessions[0].sent
                 await client.listen(lambda c: len(c.of("echoavatar.session.created")) == 2)
                 await client.say("again")
                 await client.listen(lambda c: any(e["item_id"] == "item_2" for e in c.of(DONE)))
@@ -235,18 +235,18 @@ def test_without_an_avatar_it_is_a_plain_relay(avatar: str) -> None:
             if avatar:
                 await client.listen(lambda c: bool(c.of("echoavatar.session.lost")))
                 assert "echoavatar serve" in client.of("echoavatar.session.lost")[0]["reason"]
-            assert client.passed == upstream.parts[0].sent
+            assert client.passed == upstream.sessions[0].sent
 
     run(conversation)
 
 
-async def call_and_go_on(part: Part) -> None:
-    await part.until("session.update")
-    await part.until("go")
-    await part.call("send_action", '{"action": "bow"}')
-    await part.until("response.create")
-    await part.call("play_music", "{}", call="call_2", response="resp_2")
-    await part.until("conversation.item.create", 2)
+async def call_and_go_on(session: ScriptedSession) -> None:
+    await session.until("session.update")
+    await session.until("go")
+    await session.call("send_action", '{"action": "bow"}')
+    await session.until("response.create")
+    await session.call("play_music", "{}", call="call_2", response="resp_2")
+    await session.until("conversation.item.create", 2)
 
 
 def test_the_model_is_offered_the_tools_and_what_it_calls_is_done() -> None:
@@ -260,9 +260,12 @@ def test_the_model_is_offered_the_tools_and_what_it_calls_is_done() -> None:
                 await client.listen(lambda c: any('"session.updated"' in text for text in c.passed))
                 await client.say("go")
                 await client.listen(lambda c: bool(c.of("echoavatar.music.delta")))
-                [part] = upstream.parts
-                await part.until("conversation.item.create", 2)
-                update, done = part.got[0], [e for e in part.got if e["type"] == "conversation.item.create"]
+                [session] = upstream.sessions
+                await session.until("conversation.item.create", 2)
+                update, done = (
+                    session.received[0],
+                    [e for e in session.received if e["type"] == "conversation.item.create"],
+                )
                 assert update["session"]["type"] == "realtime"
                 assert [tool["name"] for tool in update["session"]["tools"]][:2] == [
                     "send_action",
@@ -280,11 +283,11 @@ def test_the_model_is_offered_the_tools_and_what_it_calls_is_done() -> None:
 def test_music_is_heard_beside_the_voice_and_the_voice_is_taken_out_of_it() -> None:
     """The avatar hears both; the client gets the voice from upstream, and here the music alone."""
 
-    async def script(part: Part) -> None:
-        await part.until("session.update")
-        await part.call("play_music", "{}")
-        await part.until("go")
-        await part.say(tone(2.0, level=12_000))
+    async def script(session: ScriptedSession) -> None:
+        await session.until("session.update")
+        await session.call("play_music", "{}")
+        await session.until("go")
+        await session.say(tone(2.0, level=12_000))
 
     async def conversation() -> None:
         settings = ProxySettings("ws://x", tools=True)

@@ -10,11 +10,11 @@ from ..wire import Flush, Motion, Pose, Rig, ServerMessage
 from .address import make_sink
 from .player import SinkPlayer
 
-BEAT_S = 0.02
+POLL_S = 0.02
 LEAD_S = 0.1  # from the first motion to when it is shown: what follows may come unevenly
 
 
-class Audience:
+class SinkGroup:
     """Where nobody plays sound there is no clock to follow: this one keeps its own."""
 
     def __init__(self, sinks: Iterable[str], rig: Rig, *, curves: int = 52) -> None:
@@ -45,7 +45,7 @@ class Audience:
     def finish(self) -> None:
         """Wait until all has been shown."""
         while self.players and (at := self._now()) is not None and at < self._end:
-            time.sleep(BEAT_S)
+            time.sleep(POLL_S)
 
     def close(self) -> None:
         """Stop."""
@@ -54,7 +54,7 @@ class Audience:
         for player in self.players:
             player.close()
 
-    def __enter__(self) -> "Audience":
+    def __enter__(self) -> "SinkGroup":
         return self
 
     def __exit__(
@@ -73,7 +73,7 @@ class Audience:
         return self._start[0] + max(0.0, time.monotonic() - self._start[1]) * SAMPLE_RATE_HZ
 
     def _tick(self) -> None:
-        while not self._stop.wait(BEAT_S):
+        while not self._stop.wait(POLL_S):
             at = self._now()
             if at is not None:
                 for player in self.players:

@@ -1,4 +1,4 @@
-"""The same session at both kinds of place."""
+"""The same session at both kinds of backend."""
 
 import asyncio
 import json
@@ -11,8 +11,8 @@ from tests.server.fakes import FAST, Body, serving
 from echoavatar.client import ConnectionLostError
 from echoavatar.engine import Engine
 from echoavatar.errors import CheckpointError, EchoAvatarError
-from echoavatar.integrations import Hop, Stage, find_place
-from echoavatar.integrations.place import Local
+from echoavatar.integrations import AvatarBridge, AvatarChunk, find_backend
+from echoavatar.integrations.backend import LocalBackend
 from echoavatar.wire import Hello, ProtocolError
 
 
@@ -20,50 +20,50 @@ def engine(seats: int = 1) -> Engine:
     return Engine(Body(), seats=seats)  # type: ignore[arg-type]
 
 
-async def first_hop(stage: Stage) -> Hop:
-    async for event in stage:
-        if isinstance(event, Hop):
+async def first_chunk(bridge: AvatarBridge) -> AvatarChunk:
+    async for event in bridge:
+        if isinstance(event, AvatarChunk):
             return event
     raise AssertionError
 
 
 def test_an_engine_in_this_process_and_a_server_are_one_thing() -> None:
     async def run(where: object) -> tuple[object, ...]:
-        place = find_place(where, token="secret")  # type: ignore[arg-type]
-        stage = Stage(place)
-        ready = await stage.start()
-        tools = await place.tools()
-        hop = await first_hop(stage)
-        await stage.close()
-        return ready.actions, ready.rig, tools, hop.at, len(hop.motion.rotations)
+        backend = find_backend(where, token="secret")  # type: ignore[arg-type]
+        bridge = AvatarBridge(backend)
+        ready = await bridge.start()
+        tools = await backend.tools()
+        chunk = await first_chunk(bridge)
+        await bridge.close()
+        return ready.actions, ready.rig, tools, chunk.at, len(chunk.motion.rotations)
 
     here = asyncio.run(run(engine()))
     with serving(settings=replace(FAST, token="secret")) as there:
         assert asyncio.run(run(f"http://{there.address}")) == here
-        page = find_place(f"http://{there.address}", token="secret").page("abc")
+        page = find_backend(f"http://{there.address}", token="secret").page("abc")
         assert page == f"http://{there.address}/?watch=abc#token=secret"
 
 
 def test_an_engine_here_may_have_a_door_for_pages() -> None:
     async def run() -> None:
-        stage = Stage(Local(engine(), port=0))
-        ready = await stage.start()
-        address, _, session = stage.page.partition("/?watch=")
+        bridge = AvatarBridge(LocalBackend(engine(), port=0))
+        ready = await bridge.start()
+        address, _, session = bridge.page.partition("/?watch=")
         assert session == ready.session
         page = await asyncio.to_thread(urllib.request.urlopen, f"{address}/health")
         assert json.loads(page.read())["sessions"] == 1
-        await stage.close()
+        await bridge.close()
 
     asyncio.run(run())
 
 
 def test_without_a_door_there_is_no_page() -> None:
-    assert find_place(engine()).page("x") == ""
+    assert find_backend(engine()).page("x") == ""
 
 
 def test_what_is_not_there_is_told() -> None:
     async def start(where: object, **options: str) -> None:
-        await Stage(find_place(where, **options)).start()  # type: ignore[arg-type]
+        await AvatarBridge(find_backend(where, **options)).start()  # type: ignore[arg-type]
 
     with pytest.raises(ConnectionLostError, match="echoavatar serve"):
         asyncio.run(start("http://127.0.0.1:9"))
@@ -73,17 +73,17 @@ def test_what_is_not_there_is_told() -> None:
         with pytest.raises(ProtocolError):
             asyncio.run(start(f"http://{there.address}", token="wrong"))
         with pytest.raises(ConnectionLostError, match="token"):
-            asyncio.run(find_place(f"http://{there.address}", token="wrong").tools())
+            asyncio.run(find_backend(f"http://{there.address}", token="wrong").tools())
 
 
 def test_seats_run_out_and_a_closed_place_stays_closed() -> None:
     async def run() -> None:
-        place = Local(engine(1))
-        await place.open(Hello())
+        backend = LocalBackend(engine(1))
+        await backend.open(Hello())
         with pytest.raises(ProtocolError, match="seats"):
-            await place.open(Hello())
-        await place.close()
+            await backend.open(Hello())
+        await backend.close()
         with pytest.raises(EchoAvatarError, match="closed"):
-            await place.open(Hello())
+            await backend.open(Hello())
 
     asyncio.run(run())

@@ -1,4 +1,4 @@
-"""Where an avatar lives: a server at an address, or an engine in this process. Both speak the same protocol."""
+"""Where an avatar runs: on a server, or on an engine in this process. Both speak the same protocol."""
 
 import asyncio
 import contextlib
@@ -9,67 +9,67 @@ from pathlib import Path
 from typing import Any, Protocol
 from urllib.parse import urlsplit, urlunsplit
 
-from ..client import Avatar, Line, stream_url
+from ..client import Avatar, MessageSocket, stream_url
 from ..client.connection import ConnectionLostError
 from ..engine import Engine, load
 from ..errors import EchoAvatarError
 from ..server import ServerSettings, create_app
 from ..server.run import Server, configure, listen
 from ..wire import Hello
-from .line import MemoryLine
+from .in_process_socket import InProcessSocket
 
 Schema = dict[str, Any]
-PATIENCE_S = 10.0
+TIMEOUT_S = 10.0
 
 
-class Place(Protocol):
-    """Somewhere sessions can be had."""
+class AvatarBackend(Protocol):
+    """Opens avatar sessions."""
 
     async def open(self, hello: Hello) -> Avatar:
-        """A session.
+        """Open a session.
 
         Raises:
-            ConnectionLostError: nobody answers there.
-            ProtocolError: wrong token, no free seat.
+            ConnectionLostError: no server answers there.
+            ProtocolError: the token is wrong, or no seat is free.
         """
 
     async def tools(self) -> list[Schema]:
-        """What a language model may do there: name, description, parameters of each tool."""
+        """The tools that a language model may call there: name, description and parameters of each."""
 
     def page(self, session: str) -> str:
-        """Address of the page that shows a session; empty where there is none."""
+        """Address of the page that shows a session; empty if the backend has none."""
 
     async def close(self) -> None:
-        """Nobody wants anything any more."""
+        """Release the backend; no more sessions are opened."""
 
 
-def find_place(where: "str | Path | Engine", *, token: str = "", port: int | None = None) -> Place:
-    """A server's address such as `http://127.0.0.1:8765`; or an engine, a bundle's name or folder, to run here.
+def find_backend(where: "str | Path | Engine", *, token: str = "", port: int | None = None) -> AvatarBackend:
+    """The backend at `where`: a server's address such as `http://127.0.0.1:8765`, or an engine, bundle name or folder.
 
-    `port` opens a door for pages to an engine that runs here: on this machine only, 0 takes any free port.
+    An engine or bundle runs in this process. `port` then serves its page, on this machine only; 0 takes any free port.
     """
     if isinstance(where, str) and "://" in where:
-        return Remote(where, token)
-    return Local(where, port=port)
+        return RemoteBackend(where, token)
+    return LocalBackend(where, port=port)
 
 
-class Remote:
+class RemoteBackend:
     """A server."""
 
     def __init__(self, url: str, token: str) -> None:
         self._url, self._token = stream_url(url), token
 
     async def open(self, hello: Hello) -> Avatar:
-        """A session there."""
+        """Open a session there."""
         avatar = Avatar(self._url, _with_token(hello, self._token))
         await avatar.open()
         return avatar
 
     async def tools(self) -> list[Schema]:
-        """As the server declares them.
+        """The tools that the server declares.
 
         Raises:
-            ConnectionLostError: it does not.
+            ConnectionLostError: the server does not answer, or refuses the request.
         """
         request = urllib.request.Request(self._http("/v1/tools"))
         if self._token:
@@ -83,20 +83,20 @@ class Remote:
         return found
 
     def page(self, session: str) -> str:
-        """Its page."""
+        """Address of the server's page."""
         key = f"#token={self._token}" if self._token else ""
         return f"{self._http('/')}?watch={session}{key}"
 
     async def close(self) -> None:
-        """Nothing is ours there."""
+        """Nothing to release: the server belongs to someone else."""
 
     def _http(self, path: str) -> str:
         parts = urlsplit(self._url)
         return urlunsplit(({"ws": "http", "wss": "https"}[parts.scheme], parts.netloc, path, "", ""))
 
 
-class Local:
-    """An engine in this process, behind the same application that a server runs; it starts with the first session."""
+class LocalBackend:
+    """An engine in this process, behind the same application that a server runs. It starts with the first session."""
 
     def __init__(self, where: "str | Path | Engine", *, port: int | None = None) -> None:
         self._where, self._port = where, port
@@ -106,20 +106,20 @@ class Local:
         self._begun, self._over = asyncio.Event(), asyncio.Event()
 
     async def open(self, hello: Hello) -> Avatar:
-        """A session here; loads the model first, which takes a while."""
+        """Open a session here; the first one loads the model, which takes a while."""
         await self._begin()
         avatar = Avatar("this process", hello, self._dial)
         await avatar.open()
         return avatar
 
     async def tools(self) -> list[Schema]:
-        """Of the bundle's actions and our music."""
+        """The tools for the bundle's actions and the built-in music."""
         await self._begin()
         schemas: list[Schema] = self._app.state.house.toolbox.schemas()
         return schemas
 
     def page(self, session: str) -> str:
-        """The page behind our own door, if there is one."""
+        """Address of the page if a port was given, else empty."""
         return f"{self._address}/?watch={session}" if self._address else ""
 
     async def close(self) -> None:
@@ -128,8 +128,8 @@ class Local:
         if self._life is not None:
             await asyncio.wait([self._life])
 
-    async def _dial(self) -> Line:
-        return MemoryLine(self._app)
+    async def _dial(self) -> MessageSocket:
+        return InProcessSocket(self._app)
 
     async def _begin(self) -> None:
         if self._life is None:
@@ -142,7 +142,7 @@ class Local:
             raise EchoAvatarError("this engine was closed; open another")
 
     async def _live(self) -> None:
-        """One task owns the application's whole life, because task groups must end where they began."""
+        """Run the application in one task, because a task group must end in the task that began it."""
         engine = (
             self._where if isinstance(self._where, Engine) else await asyncio.to_thread(load, self._where)
         )
@@ -155,16 +155,16 @@ class Local:
             with listen("127.0.0.1", self._port) as listener:
                 self._address = f"http://127.0.0.1:{listener.getsockname()[1]}"
                 config = configure(self._app)
-                config.lifespan = "off"  # it runs already
-                door = _Door(self._app, config, self._begun.set)
+                config.lifespan = "off"  # the lifespan is already running
+                door = _PageServer(self._app, config, self._begun.set)
                 serving = asyncio.ensure_future(door.serve(sockets=[listener]))
                 await self._over.wait()
                 door.should_exit = door.force_exit = True
                 await serving
 
 
-class _Door(Server):
-    """The server beside an application of the user's: signals are the user's business."""
+class _PageServer(Server):
+    """Serves the page of an engine in the user's program, so it leaves signals to that program."""
 
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
@@ -178,6 +178,6 @@ def _with_token(hello: Hello, token: str) -> Hello:
 
 
 def _read(request: urllib.request.Request) -> bytes:
-    with urllib.request.urlopen(request, timeout=PATIENCE_S) as answer:  # the scheme is http or https
+    with urllib.request.urlopen(request, timeout=TIMEOUT_S) as answer:  # the scheme is http or https
         content: bytes = answer.read()
         return content

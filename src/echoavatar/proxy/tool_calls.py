@@ -1,7 +1,8 @@
-"""The avatar's tools, offered to the model and done when it calls them.
+"""Offer the avatar's tools to the model, and carry out its calls.
 
-Only the model's calls of our names are answered; a tool of the same name that the client brought is the client's. A
-gesture is silent: no `response.create` follows it, unless the model did nothing but call, for then nobody would speak.
+Only calls of the avatar's tools are answered. If the client has a tool of the same name, the client's tool is the one
+that counts. A gesture is silent: no `response.create` follows it, unless the response was nothing but calls, because
+then the model would not speak at all.
 """
 
 import asyncio
@@ -11,55 +12,55 @@ from typing import Any
 
 from .events import Event, inside, tools_of
 
-TELLING = ("list_actions",)  # tools whose answer the model has to hear
-MOST_TURNS = 2  # that the model is asked to go on, without a word of the user's in between
+TOOLS_WITH_ANSWERS = ("list_actions",)  # tools whose result the model must act on
+MAX_FOLLOW_UPS = 2  # how often the model is asked to continue before the user speaks again
 
 Send = Callable[[dict[str, Any]], Awaitable[None]]
 Do = Callable[[str, dict[str, Any]], Awaitable[dict[str, Any]]]
 
 
-class Calls:
-    """Tools of one Realtime session."""
+class ToolCalls:
+    """The tool calls of one Realtime session."""
 
     def __init__(self, send: Send, do: Do) -> None:
-        self.declared: list[dict[str, Any]] = []  # ours, in the Realtime form; empty: not offered
+        self.declared: list[dict[str, Any]] = []  # the avatar's tools in the Realtime form; empty: none are offered
         self._send, self._do = send, do
-        self._own: list[Any] = []  # the client's
-        self._theirs: set[str] = set()  # their names
-        self._type: Any = None  # of the session
+        self._client_tools: list[Any] = []  # the client's
+        self._client_names: set[str] = set()  # and their names
+        self._session_type: Any = None  # the session's `type`
         self._is_begun = self._is_offered = False
-        self._answered: set[str] = set()  # call ids
-        self._running: dict[str | None, list[asyncio.Task[None]]] = {}  # by response
+        self._answered: set[str] = set()  # ids of calls
+        self._running: dict[str | None, list[asyncio.Task[None]]] = {}  # by response id
         self._called: dict[str | None, list[str]] = {}
-        self._going_on: set[asyncio.Task[None]] = set()
-        self._turns = 0
+        self._following_up: set[asyncio.Task[None]] = set()
+        self._follow_ups = 0
 
-    def session_tells(self, session: Any, *, is_first: bool = False) -> None:
-        """`session.created` (`is_first`), or a client's update: which tools are the client's own."""
+    def on_session(self, session: Any, *, is_first: bool = False) -> None:
+        """Note which tools the client has: from `session.created` (`is_first`) or from a client's update."""
         tools = tools_of(session)
         if is_first and isinstance(session, dict):
-            self._type, self._is_begun = session.get("type"), True
+            self._session_type, self._is_begun = session.get("type"), True
         if tools is not None:
-            self._own = tools
-        self._theirs = _names(self._own)
+            self._client_tools = tools
+        self._client_names = _names(self._client_tools)
 
     async def offer(self) -> None:
-        """Add ours to what the session has, once."""
+        """Add the avatar's tools to the session, once."""
         if self._is_offered or not self._is_begun or not self.declared:
             return
         self._is_offered = True
-        session: dict[str, Any] = {"tools": self.with_ours(self._own)}
-        if self._type is not None:  # the present protocol wants it, the first one did not know it
-            session["type"] = self._type
+        session: dict[str, Any] = {"tools": self.with_ours(self._client_tools)}
+        if self._session_type is not None:  # required by the present protocol, unknown to its first version
+            session["type"] = self._session_type
         await self._send({"type": "session.update", "event_id": "echoavatar_tools", "session": session})
 
     def with_ours(self, own: list[Any]) -> list[Any]:
-        """A list of tools and ours; where names are the same, theirs."""
+        """The client's tools and the avatar's; where names collide, the client's."""
         names = _names(own)
         return own + [tool for tool in self.declared if tool["name"] not in names]
 
-    def notice(self, event: Event) -> None:
-        """An event of the model's; begins what it calls."""
+    def on_model_event(self, event: Event) -> None:
+        """Handle an event of the model's and start the calls in it."""
         if event.type == "response.output_item.done" and inside(event.item, "type") == "function_call":
             self._begin(
                 inside(event.item, "call_id"),
@@ -70,16 +71,16 @@ class Calls:
         elif event.type == "response.function_call_arguments.done" and event.name:
             self._begin(event.call_id, event.name, event.arguments, event.response_id)
         elif event.type == "response.done" and inside(event.response, "id") in self._running:
-            task = asyncio.create_task(self._go_on(event.response))
-            self._going_on.add(task)
-            task.add_done_callback(self._going_on.discard)
+            task = asyncio.create_task(self._follow_up(event.response))
+            self._following_up.add(task)
+            task.add_done_callback(self._following_up.discard)
 
-    def user_spoke(self) -> None:
-        """A turn of the user's."""
-        self._turns = 0
+    def on_user_turn(self) -> None:
+        """The user took a turn."""
+        self._follow_ups = 0
 
     def _begin(self, call: Any, name: Any, arguments: Any, response: str | None) -> None:
-        ours = {tool["name"] for tool in self.declared} - self._theirs
+        ours = {tool["name"] for tool in self.declared} - self._client_names
         if not isinstance(call, str) or name not in ours or call in self._answered:
             return
         self._answered.add(call)
@@ -95,27 +96,27 @@ class Calls:
         if isinstance(given, dict):
             answer = await self._do(name, given)
         else:
-            answer = {"status": "rejected", "reason": "the arguments are no JSON object"}
+            answer = {"status": "rejected", "reason": "the arguments are not a JSON object"}
         item = {"type": "function_call_output", "call_id": call, "output": json.dumps(answer)}
         await self._send({"type": "conversation.item.create", "item": item})
 
-    async def _go_on(self, response: Any) -> None:
-        """A response is complete: where it was nothing but calls of ours, the model is asked to go on."""
+    async def _follow_up(self, response: Any) -> None:
+        """A response is complete: ask the model to continue if it made calls only, or needs a result."""
         key = inside(response, "id")
         tasks, names = self._running.pop(key, []), self._called.pop(key, [])
         await asyncio.gather(*tasks, return_exceptions=True)
         items = inside(response, "output")
         kinds = [inside(item, "type") for item in items] if isinstance(items, list) else []
-        is_mute = "message" not in kinds and kinds.count("function_call") <= len(names)
-        if inside(response, "status") in ("cancelled", "failed") or self._turns >= MOST_TURNS:
+        is_silent = "message" not in kinds and kinds.count("function_call") <= len(names)
+        if inside(response, "status") in ("cancelled", "failed") or self._follow_ups >= MAX_FOLLOW_UPS:
             return
-        if is_mute or any(name in TELLING for name in names):
-            self._turns += 1
+        if is_silent or any(name in TOOLS_WITH_ANSWERS for name in names):
+            self._follow_ups += 1
             await self._send({"type": "response.create"})
 
     def cancel(self) -> None:
-        """The conversation is over."""
-        for task in (*self._going_on, *(task for tasks in self._running.values() for task in tasks)):
+        """Cancel everything: the conversation is over."""
+        for task in (*self._following_up, *(task for tasks in self._running.values() for task in tasks)):
             task.cancel()
 
 
