@@ -47,7 +47,7 @@ def test_what_is_said_comes_back_with_its_motion(place: Place) -> None:
 
 
 def test_longer_than_the_inbox_is_sent_as_there_is_room(place: Place) -> None:
-    """Three minutes, where two may wait."""
+    """Three minutes of speech, of which the inbox holds two."""
 
     async def run() -> None:
         async with connect(place.address, rate=8_000) as avatar:
@@ -89,7 +89,7 @@ def test_a_broken_line_is_mended_and_nothing_is_lost(place: Place) -> None:
 
 
 def test_a_lost_session_is_taken_up_by_another(place: Place) -> None:
-    """The server forgets the session, as another server would not know it; the sentence goes on where it was."""
+    """The server forgets the session; the next session continues the sentence where playback was."""
 
     async def run() -> None:
         async with connect(place.address) as avatar:

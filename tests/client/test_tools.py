@@ -1,4 +1,4 @@
-"""Tools from afar, against a real server."""
+"""The remote tools against a real server."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,4 @@
-"""What was said, sent as there is room, and told again where it must."""
+"""Utterances are sent as the server has room, and sent again after a reconnect."""
 
 from tests.client.test_recording import READY
 

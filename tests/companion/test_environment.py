@@ -29,7 +29,7 @@ def test_an_endpoint_is_a_model_with_the_persona_of_a_file(tmp_path: Path) -> No
     ("given", "remedy"),
     [
         ({"ECHOAVATAR_CHAT_URL": URL}, "ECHOAVATAR_CHAT_MODEL"),
-        ({"ECHOAVATAR_CHAT_URL": "file:///etc", "ECHOAVATAR_CHAT_MODEL": "m"}, "no address"),
+        ({"ECHOAVATAR_CHAT_URL": "file:///etc", "ECHOAVATAR_CHAT_MODEL": "m"}, "not an address"),
         (
             {"ECHOAVATAR_CHAT_URL": URL, "ECHOAVATAR_CHAT_MODEL": "m", "ECHOAVATAR_PERSONA": "/nowhere"},
             "cannot read",

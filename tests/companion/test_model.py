@@ -1,4 +1,4 @@
-"""A model behind an endpoint, played by a few lines of HTTP."""
+"""A language model whose endpoint is a small HTTP server."""
 
 import asyncio
 import json
@@ -99,8 +99,8 @@ def test_after_calls_alone_it_is_asked_for_words_and_not_for_ever() -> None:
     ("status", "told", "words"),
     [
         (401, {"error": "key sk-1"}, "HTTP 401"),
-        (200, {"choices": []}, "as Chat Completions do"),
-        (200, [1], "an object"),
+        (200, {"choices": []}, "form of Chat Completions"),
+        (200, [1], "a JSON object"),
         (200, b"<html>", "no model answers"),
     ],
 )

@@ -1,4 +1,4 @@
-"""The same session at both kinds of backend."""
+"""Both kinds of backend give the same session."""
 
 import asyncio
 import json

@@ -1,4 +1,4 @@
-"""A bridge over a body of twenty lines: what leaves, in which order, and what an interruption leaves of it."""
+"""A bridge over a minimal pipeline: what it releases, in which order, and how interruptions cut it."""
 
 import asyncio
 import time
@@ -101,7 +101,7 @@ def test_an_interruption_is_exact_and_two_at_once_are_one() -> None:
         assert one == other
         assert one.heard == pytest.approx(heard - first, abs=200)
         assert not scene.bridge.is_busy
-        await scene.bridge.interrupt()  # nothing to interrupt is no error
+        await scene.bridge.interrupt()  # with nothing to interrupt it does nothing
         await asyncio.sleep(0.6)
 
     scene = play(script)
@@ -144,7 +144,7 @@ def test_music_needs_no_speech_and_ends() -> None:
 
 
 def test_a_lost_session_is_replaced_and_the_clock_goes_on() -> None:
-    """A server that forgot us: what was not handed out yet is said, and no clock runs backwards."""
+    """The server loses the session: speech that was not released is sent again, and the clock never runs backwards."""
 
     async def script(scene: Scene) -> None:
         await scene.bridge.say(tone(2.5), 24_000)

@@ -1,4 +1,4 @@
-"""ElevenLabs' contract: the SDK's own conversations against a scripted service on this machine, no keys."""
+"""The ElevenLabs SDK's own conversations against a scripted service on this machine; no keys."""
 
 import asyncio
 import json
@@ -32,7 +32,7 @@ def tone(seconds: float, rate: int) -> np.ndarray:
 
 
 class Device:
-    """A microphone and a loudspeaker that remembers."""
+    """A microphone, and a loudspeaker that records."""
 
     def __init__(self) -> None:
         self.heard = np.zeros(0, np.int16)
@@ -61,7 +61,7 @@ def wait(what: Callable[[], bool], seconds: float = 20.0) -> None:
 
 
 class Scene:
-    """A conversation of the SDK's with an avatar in it."""
+    """A conversation of the SDK with an avatar in it."""
 
     def __init__(self, *, rate: int = 24_000, where: Any = None) -> None:
         self.device, self.events, self.rate = Device(), [], rate  # type: ignore[var-annotated]

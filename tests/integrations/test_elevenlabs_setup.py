@@ -1,4 +1,4 @@
-"""Set up twice against a service that remembers: created, then updated, never doubled."""
+"""The setup, run twice against a service that keeps state: created, then updated, never duplicated."""
 
 import json
 import threading
@@ -16,7 +16,7 @@ from echoavatar.pipeline.actions import Action, ActionLibrary
 
 
 class Service(BaseHTTPRequestHandler):
-    """ElevenLabs' tools and agents."""
+    """ElevenLabs' API of tools and agents."""
 
     tools: dict[str, Any]
     agents: dict[str, Any]
@@ -129,7 +129,7 @@ def test_what_goes_wrong_is_told(service: tuple[str, type[Service]]) -> None:
 
 
 def test_the_sdk_takes_the_same_requests(service: tuple[str, type[Service]]) -> None:
-    """Its models accept every payload, and its client sends them to the addresses that we do."""
+    """Their models accept every payload, and their client sends it to the same addresses as ours."""
     elevenlabs = pytest.importorskip("elevenlabs", reason="pip install 'echoavatar[elevenlabs]'")
     url, there = service
     plan = make_plan(schemas("wave"), "Prompt.", name="idol")

@@ -1,4 +1,4 @@
-"""A WebSocket of an application in this process, against an application of ten lines."""
+"""A WebSocket to a minimal application in this process."""
 
 import asyncio
 from typing import Any

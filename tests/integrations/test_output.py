@@ -1,4 +1,4 @@
-"""Halves that fit, halves that are missing."""
+"""Motion and sound that match, and halves that are missing."""
 
 import msgspec
 import pytest

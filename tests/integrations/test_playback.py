@@ -1,4 +1,4 @@
-"""A clock by hand: seconds are ours, 24,000 samples each."""
+"""Playback estimates with times given by hand; a second is 24,000 samples."""
 
 import pytest
 
@@ -19,7 +19,7 @@ def test_without_reports_the_wall_clock_counts_up_to_what_was_given() -> None:
 def test_reports_are_believed_and_the_clock_runs_on_between_them() -> None:
     playback = Playback(0, 0.0)
     playback.pushed(0, 48_000, audible=True)
-    playback.wrote(0.04, 0.3)  # it began late
+    playback.wrote(0.04, 0.3)  # playback began late
     assert playback.position(0.3) == 960
     assert playback.position(0.34) == pytest.approx(1_920, abs=1)
 
@@ -57,6 +57,6 @@ def test_after_a_cut_it_stands_there() -> None:
     playback.pushed(0, 48_000, audible=True)
     playback.wrote(1.0, 1.0)
     playback.jump(24_000, 1.0)
-    playback.wrote(0.04, 1.1)  # a block that was being written meanwhile
+    playback.wrote(0.04, 1.1)  # a block that was being written during the jump
     assert playback.position(5.0) == 24_000
     assert not playback.is_sounding

@@ -1,4 +1,4 @@
-"""A scripted voice, an avatar server with a body of twenty lines and a face, and a proxy between them."""
+"""A scripted voice agent, an avatar server with a minimal pipeline and a face, and a proxy between them."""
 
 import asyncio
 import contextlib
@@ -19,7 +19,7 @@ from echoavatar.proxy.upstream import quiet_logger
 
 
 class FacedBody(Body):
-    """Its left eye is shut as far as its hips are high."""
+    """The left eye closes as the hips rise."""
 
     face = "a face"
 
@@ -41,7 +41,7 @@ def stage(**options: Any) -> Iterator[Place]:
 async def proxied(
     script: Script, avatar: str = "", *, settings: ProxySettings | None = None, **options: Any
 ) -> AsyncIterator[tuple[str, ScriptedUpstream, Relay]]:
-    """The proxy's address, before a scripted upstream."""
+    """Run a proxy in front of a scripted upstream; yields the proxy's address first."""
     async with ScriptedUpstream(script, **options) as upstream:
         given = settings or ProxySettings("ws://nowhere.example")
         relay = Relay(replace(given, upstream=upstream.url, avatar=avatar))
@@ -53,7 +53,7 @@ async def proxied(
 
 
 class Listener:
-    """A client that keeps everything: what the upstream said as text, what the proxy added as events."""
+    """A client that records everything: what the upstream sent as text, what the proxy added as events."""
 
     def __init__(self, websocket: ClientConnection) -> None:
         self.websocket = websocket
@@ -92,12 +92,12 @@ async def listening(url: str, **options: Any) -> AsyncIterator[Listener]:
 
 
 def tone(seconds: float, level: int = 8_000) -> bytes:
-    """Constant sound: what was heard of it can be summed up."""
+    """Constant sound, so that sums show how much was heard."""
     return np.full(round(24_000 * seconds), level, "<i2").tobytes()
 
 
 async def silent(session: ScriptedSession) -> None:
-    """Says nothing."""
+    """A script that sends nothing."""
 
 
 def run(what: Callable[[], Awaitable[None]], seconds: float = 30) -> None:

@@ -1,4 +1,4 @@
-"""Events in, the avatar's messages out; the avatar is a list."""
+"""Events in, messages to the avatar out; the avatar is a fake that records them."""
 
 import asyncio
 import base64
@@ -42,7 +42,7 @@ def test_an_item_without_its_end_ends_with_the_next_or_with_its_response() -> No
         await conversation.on_server_event(Event("response.done", response={"id": "s"}), avatar, 0.2)  # type: ignore[arg-type]
         assert avatar.told[3:] == [("chunk", 6_400), ("end", 0)]
         await conversation.on_server_event(delta(0.3, "b"), avatar, 0.3)  # type: ignore[arg-type]
-        assert len(avatar.told) == 5  # late sound of what has ended
+        assert len(avatar.told) == 5  # late sound of an item that has ended
 
     asyncio.run(run())
 
@@ -64,7 +64,7 @@ def test_without_a_word_of_the_client_the_cut_is_where_playback_should_be(monkey
         await conversation.on_server_event(delta(2.0), avatar, 10.6)  # type: ignore[arg-type]
         truncate = Event("conversation.item.truncate", item_id="a", audio_end_ms=495)
         await conversation.on_client_event(truncate, avatar, 10.7)  # type: ignore[arg-type]
-        assert len(avatar.told) == said  # late sound, and a truncation that says nothing new
+        assert len(avatar.told) == said  # late sound, and a truncation that confirms the estimate
         truncate.audio_end_ms = 300
         await conversation.on_client_event(truncate, avatar, 10.7)  # type: ignore[arg-type]
         assert avatar.told[-1] == ("interrupt", 64_000 + 7_200)

@@ -1,4 +1,4 @@
-"""The official OpenAI client as the user: one URL is changed, nothing else."""
+"""The official OpenAI client through the proxy, with nothing changed but the URL."""
 
 import asyncio
 import base64
@@ -13,7 +13,7 @@ openai = pytest.importorskip("openai")
 
 
 async def talk(session: ScriptedSession) -> None:
-    """Asks for the user's first words, answers, is interrupted, waves, and answers again."""
+    """Wait for `response.create`, answer, be interrupted, wave, and answer again."""
     await session.until("response.create")
     speaking = asyncio.create_task(
         session.say(

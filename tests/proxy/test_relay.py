@@ -1,4 +1,4 @@
-"""The voice's way: byte for byte, in order, whatever happens beside it."""
+"""The voice passes byte for byte and in order, whatever happens beside it."""
 
 import asyncio
 import http.client
@@ -59,7 +59,7 @@ def test_every_event_passes_byte_for_byte_and_in_order_both_ways(tools: bool) ->
                     await client.listen()
                 [session] = upstream.sessions
                 updated = [text for text in session.sent if '"session.updated", ' in text[:30]]
-                assert len(updated) == tools  # ours, as the tools were added
+                assert len(updated) == tools  # the answer to our own update, sent because tools were added
                 passed = [text for text in client.passed if text not in updated]
                 assert passed == [session.sent[0], *ODD, b"\x00\xff binary"]
                 assert client.code == 4321
@@ -216,7 +216,7 @@ def test_a_client_that_leaves_takes_its_upstream_and_avatar_with_it() -> None:
 
 
 def test_a_slow_client_gets_all_of_the_voice_and_less_of_the_motion() -> None:
-    """It stops reading for two seconds while 5 MB are said: the voice is whole, motion is left out."""
+    """The client stops reading for three seconds while 5 MB are sent: the voice arrives whole, motion is left out."""
 
     async def script(session: ScriptedSession) -> None:
         await session.until("go")
@@ -237,7 +237,7 @@ def test_a_slow_client_gets_all_of_the_voice_and_less_of_the_motion() -> None:
                 await client.listen(lambda c: any('"response.done"' in text for text in c.passed))
                 assert client.passed == upstream.sessions[0].sent
                 late = client.of("echoavatar.animation_body.delta")[before:]
-                assert len(late) < 8  # three seconds would be 11
+                assert len(late) < 8  # three seconds of motion would be 11
 
     run(conversation)
 

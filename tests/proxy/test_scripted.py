@@ -1,4 +1,4 @@
-"""The script plays the events that the official client knows."""
+"""The scripted upstream sends events that the official client accepts."""
 
 import json
 

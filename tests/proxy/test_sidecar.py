@@ -1,4 +1,4 @@
-"""The avatar beside the voice: what it shows, where it is cut off, and that it may fail."""
+"""The avatar beside the voice: its frames, interruptions, tools, and its failures."""
 
 import asyncio
 import json
@@ -23,7 +23,7 @@ LEVEL = 8_000 / 32_768
 
 
 def heights(event: dict[str, Any]) -> float:
-    """What the body has heard so far, in seconds of `tone`; see `tests.server.fakes.Body`."""
+    """How much the body has heard so far, in seconds of `tone`; see `tests.server.fakes.Body`."""
     import base64
 
     blobs = {key: base64.b64decode(event[key]) for key in ("rotations", "root")}
@@ -38,7 +38,7 @@ def is_there(client: Listener) -> bool:
 
 
 async def speak_when_told(session: ScriptedSession) -> None:
-    """One second, as fast as it goes, after the client's `go`."""
+    """Send one second at once, after the client's `go`."""
     await session.until("go")
     await session.say(tone(1.0))
 
@@ -111,7 +111,7 @@ def test_idle_frames_can_be_left_out() -> None:
 
 
 async def speak_long(session: ScriptedSession) -> None:
-    """Eight seconds, twice as fast as it is heard, until the user speaks; then one second more."""
+    """Send eight seconds at twice the speed of playback until the user speaks; then one second more."""
     await session.until("go")
     speaking = asyncio.create_task(
         session.say(tone(8.0), pace=0.5, until=lambda: any(e.get("type") == "user" for e in session.received))
@@ -126,7 +126,7 @@ async def speak_long(session: ScriptedSession) -> None:
 
 @pytest.mark.parametrize("heard_ms", [500, 1_200])
 def test_what_nobody_heard_never_was(heard_ms: int) -> None:
-    """The user interrupts after about 1.5 s; the client says how much was heard; the body then knows no more."""
+    """The user interrupts after about 1.5 s and the client reports what was heard; the body forgets the rest."""
 
     async def conversation() -> None:
         with stage() as place:
@@ -216,7 +216,7 @@ def test_when_the_avatar_dies_in_mid_sentence_the_voice_goes_on_and_it_may_come_
                 await client.say("go")
                 await client.listen(lambda c: bool(c.of(FACE)))
                 [live] = place.house._live.values()
-                live.collect = None  # its next move raises, and the house ends the session as failed
+                live.collect = None  # its next step raises, and the server ends the session as failed
                 await client.listen(lambda c: any('"response.done"' in text for text in c.passed))
                 assert client.passed == upstream.sessions[0].sent
                 await client.listen(lambda c: len(c.of("echoavatar.session.created")) == 2)
@@ -281,7 +281,7 @@ def test_the_model_is_offered_the_tools_and_what_it_calls_is_done() -> None:
 
 
 def test_music_is_heard_beside_the_voice_and_the_voice_is_taken_out_of_it() -> None:
-    """The avatar hears both; the client gets the voice from upstream, and here the music alone."""
+    """The avatar hears voice and music; the client gets the voice from upstream, and only the music from here."""
 
     async def script(session: ScriptedSession) -> None:
         await session.until("session.update")
@@ -306,7 +306,7 @@ def test_music_is_heard_beside_the_voice_and_the_voice_is_taken_out_of_it() -> N
 
                 for event in music:
                     samples = np.frombuffer(base64.b64decode(event["delta"]), "<i2").astype(float)
-                    assert abs(samples.mean()) < 1_200  # the voice's level is 12,000 throughout
+                    assert abs(samples.mean()) < 1_200  # the voice has level 12,000 throughout
                 assert (
                     max(np.abs(np.frombuffer(base64.b64decode(e["delta"]), "<i2")).max() for e in music) > 50
                 )

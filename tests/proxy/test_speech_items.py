@@ -50,12 +50,12 @@ def test_what_is_playing_at_is_known_from_when_it_came() -> None:
     first.end()
     items.begin(second)
     second.add(np.ones(24_000, "<i2").tobytes())
-    assert second.begun == 11.0  # after the first
+    assert second.begun == 11.0  # it follows the first
     assert items.playing_at(9.0) is None
     assert items.playing_at(10.5) is first
     assert items.playing_at(11.5) is second
-    assert items.playing_at(12.2) is second  # it may go on
-    assert items.playing_at(13.0) is None  # it stalls
+    assert items.playing_at(12.2) is second  # more sound may come
+    assert items.playing_at(13.0) is None  # it has stalled
     assert (first.heard(10.5), first.heard(99.0)) == (12_000, 24_000)
 
 

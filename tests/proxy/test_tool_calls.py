@@ -54,11 +54,11 @@ class FakeSession:
 @pytest.mark.parametrize(
     ("names", "words", "kinds"),
     [
-        (["send_action"], True, ["conversation.item.create"]),  # a gesture beside words is silent
+        (["send_action"], True, ["conversation.item.create"]),  # a gesture beside words needs no answer
         (["send_action"], False, ["conversation.item.create", "response.create"]),
         (["list_actions"], True, ["conversation.item.create", "response.create"]),
         (["theirs"], False, []),
-        (["send_action", "theirs"], False, ["conversation.item.create"]),  # the client will go on
+        (["send_action", "theirs"], False, ["conversation.item.create"]),  # the client will continue the conversation
     ],
 )
 def test_calls_are_answered_once_and_the_model_goes_on_only_where_nobody_would(

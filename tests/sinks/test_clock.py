@@ -5,7 +5,7 @@ from echoavatar.timing import SAMPLE_RATE_HZ as RATE
 
 
 def followed(told, read_hz: float = 60.0, seconds: float = 4.0) -> np.ndarray:  # type: ignore[no-untyped-def]
-    """Readings, in seconds, of a clock that is told another one's reading at 50 Hz."""
+    """Readings, in seconds, of a clock that follows reports at 50 Hz."""
     clock, readings, next_told = FollowingClock(), [], 0.0
     for now in np.arange(0, seconds, 1 / read_hz):
         while next_told <= now:

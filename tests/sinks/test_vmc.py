@@ -1,4 +1,4 @@
-"""VMC packets through python-osc, and the traps: axes, thumbs, names of expressions."""
+"""VMC packets, read by python-osc; axes, thumbs and expression names are the traps."""
 
 import numpy as np
 import pytest
@@ -57,13 +57,13 @@ def test_a_frame_comes_through_whole() -> None:
 
 
 def test_unitys_axes_mirror_and_keep_what_a_turn_does() -> None:
-    """A turn of +90 degrees about our Y takes ahead to our left; in Unity, left is -X."""
+    """A rotation of +90 degrees about our Y points ahead to our left; in Unity, left is -X."""
     half = np.sqrt(0.5)
     ((x, y, z, qx, qy, qz, qw),) = to_unity(np.array([[half, 0, half, 0]]), np.array([[1.0, 2.0, 3.0]]))
     assert (x, y, z) == (-1, 2, 3)
     ahead = np.array(
         [0.0, 0.0, 1.0]
-    )  # the same formula rotations vectors in both, only the handedness differs
+    )  # the formula for rotating a vector is the same in both; only the handedness differs
     axis = np.array([qx, qy, qz])
     turned = ahead + 2 * np.cross(axis, np.cross(axis, ahead) + qw * ahead)
     np.testing.assert_allclose(turned, [-1, 0, 0], atol=1e-12)

@@ -1,4 +1,4 @@
-"""What is sent to Unity, against the release's own numbers."""
+"""What is sent to Unity, compared with the release's own numbers."""
 
 from pathlib import Path
 
@@ -42,7 +42,7 @@ def golden() -> dict[str, np.ndarray]:
 
 @needs_golden
 def test_the_matrix_of_each_joint_found_on_half_the_frames_turns_the_other_half(golden) -> None:
-    """U = M R M^-1 leaves M, of determinant below zero, open but for a factor; the user's stats folder has it."""
+    """U = M R M^-1 determines M (negative determinant) up to a factor; the user's stats folder contains M itself."""
     theirs = golden["quat_wxyz"].astype(np.float64)
     unity = golden["unity_quat_xyzw"][..., [3, 0, 1, 2]].astype(np.float64)
     rotations, wanted = (matrix_from_quaternion(torch.from_numpy(q)).numpy() for q in (theirs, unity))

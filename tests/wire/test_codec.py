@@ -1,4 +1,4 @@
-"""Bytes to messages and back, also when the bytes are nobody's."""
+"""Messages survive encoding and decoding; malformed bytes are refused."""
 
 import math
 from contextlib import suppress

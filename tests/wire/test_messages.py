@@ -1,4 +1,4 @@
-"""What every message must be, whatever it says."""
+"""Rules that every message follows."""
 
 from typing import get_args
 

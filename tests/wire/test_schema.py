@@ -1,4 +1,4 @@
-"""What others read must be what we speak."""
+"""The generated schema, types and fixtures agree with the messages."""
 
 import importlib.util
 import json

@@ -1,4 +1,4 @@
-"""`echoavatar elevenlabs setup`: tools, prompt and sound format of an ElevenLabs agent, created by their API."""
+"""`echoavatar elevenlabs setup`: create tools, prompt and sound format of an ElevenLabs agent through their API."""
 
 import argparse
 import asyncio
@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Set it up."""
+    """Create or update the agent."""
     from ..integrations.elevenlabs_setup import BASE_URL, carry_out, make_plan
     from ..integrations.persona import persona
 
@@ -89,7 +89,7 @@ def _schemas(args: argparse.Namespace) -> list[dict[str, object]]:
 
 
 def _names(schemas: list[dict[str, object]]) -> tuple[list[str], list[str]]:
-    """Actions and tracks that the schemas offer."""
+    """The actions and tracks that the schemas offer."""
     found: dict[str, list[str]] = {"action": [], "title": []}
     for schema in schemas:
         parameters = schema["parameters"]

@@ -1,4 +1,4 @@
-"""`echoavatar mcp`: the tools of a running avatar for agents that speak the Model Context Protocol."""
+"""`echoavatar mcp`: the tools of a running avatar, for agents that speak the Model Context Protocol."""
 
 import argparse
 import asyncio

@@ -1,4 +1,4 @@
-"""`echoavatar play`: a recording into live sinks, to try a receiver without a server. It is silent."""
+"""`echoavatar play`: play a recording into live sinks, to try a receiver without a server. No sound is played."""
 
 import argparse
 from pathlib import Path
@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Play."""
+    """Play the recording."""
     from ..exports import read_take
     from ..kinematics import HUMANOID
     from ..sinks import SinkGroup

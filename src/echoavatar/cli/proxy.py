@@ -1,4 +1,4 @@
-"""`echoavatar proxy`: an avatar behind any voice agent that speaks the OpenAI Realtime protocol."""
+"""`echoavatar proxy`: an avatar for any voice agent that speaks the OpenAI Realtime protocol."""
 
 import argparse
 import asyncio
@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Pass on until stopped."""
+    """Run the proxy until stopped."""
     try:
         from ..proxy import ProxySettings
     except ModuleNotFoundError as error:
@@ -86,7 +86,7 @@ async def _proxy(settings: object, avatar: str, host: str, port: int) -> None:
     stopped = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
-        with contextlib.suppress(NotImplementedError):  # Windows: Ctrl-C raises instead
+        with contextlib.suppress(NotImplementedError):  # on Windows Ctrl-C raises instead
             loop.add_signal_handler(number, stopped.set)
     await stopped.wait()
     await relay.stop()
@@ -94,14 +94,14 @@ async def _proxy(settings: object, avatar: str, host: str, port: int) -> None:
 
 @contextlib.contextmanager
 def own_server(model: str, seats: int, token: str) -> Iterator[str]:
-    """A server in a process of its own: what the engine does cannot hold up the voice."""
+    """Start a server in a process of its own, so that the engine's work cannot delay the voice."""
     command = [sys.executable, "-m", "echoavatar", "serve", "--port", "0", "--model", model]
     process = subprocess.Popen(
         [*command, "--seats", str(seats), "--drain", "1"],
         stdout=subprocess.PIPE,
         text=True,
         env=os.environ | {TOKEN: token},
-        start_new_session=True,  # Ctrl-C is for us, and we stop it
+        start_new_session=True,  # Ctrl-C goes to this process only, which then stops the server
     )
     try:
         assert process.stdout is not None

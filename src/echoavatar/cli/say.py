@@ -1,4 +1,4 @@
-"""`echoavatar say`: a sound file through a running server; motion into a file, or only the numbers."""
+"""`echoavatar say`: send a sound file through a running server and record the motion."""
 
 import argparse
 import asyncio
@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Say it."""
+    """Send the file."""
     try:
         from .. import client  # noqa: F401
     except ModuleNotFoundError as error:

@@ -1,4 +1,4 @@
-"""`echoavatar serve`: the live server, for browsers and voice agents."""
+"""`echoavatar serve`: the live server for browsers and voice agents."""
 
 import argparse
 import os
@@ -132,7 +132,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _unity(args: argparse.Namespace, sink: str) -> int:
-    """One session, motion to a Unity project in its own format."""
+    """Serve one session whose motion goes to a Unity project in its own format."""
     import asyncio
     import contextlib
 

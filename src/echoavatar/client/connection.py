@@ -38,7 +38,12 @@ from .utterances import UtteranceQueue
 
 TIMEOUT_S = 10.0
 RECONNECT_ATTEMPTS = 6  # reconnecting; the pauses between attempts grow to one second
-_RECONNECT_CODES = (1006, 1011, 1012, CLOSE_CODES["too_slow"])  # close codes after which reconnecting makes sense
+_RECONNECT_CODES = (
+    1006,
+    1011,
+    1012,
+    CLOSE_CODES["too_slow"],
+)  # close codes after which reconnecting makes sense
 
 
 class ConnectionLostError(EchoAvatarError):

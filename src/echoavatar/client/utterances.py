@@ -34,7 +34,9 @@ class UtteranceQueue:
         self._width = (2 if form.format == "s16le" else 4) * form.channels
         self._said: deque[Utterance] = deque()
         self._sent_s = 0.0
-        self._back: dict[int, tuple[int, int]] = {}  # received sound by clock: utterance and number of samples
+        self._back: dict[
+            int, tuple[int, int]
+        ] = {}  # received sound by clock: utterance and number of samples
 
     @property
     def seconds_ahead(self) -> float:

@@ -1,7 +1,7 @@
-"""Somebody to talk to: what a user said becomes what the avatar says and does. May import `errors` only.
+"""A conversation partner for the live page: decides what the avatar says and does. May import `errors` only.
 
-With an OpenAI-compatible endpoint (`ChatModel`, environment variables) it is a model, else a small script (`Scripted`)
-that knows how to show what the avatar can do. Neither holds a conversation: who asks, brings what was said before.
+`ChatModel` asks a language model at any OpenAI-compatible endpoint, set by environment variables. Without one,
+`Scripted` shows what the avatar can do. Neither keeps the conversation; the caller passes in what was said before.
 """
 
 from .environment import from_environment

@@ -1,4 +1,4 @@
-"""Choose the companion from the environment: a language model where an endpoint is set, else the script."""
+"""Choose the companion from environment variables."""
 
 import os
 from collections.abc import Mapping
@@ -11,13 +11,13 @@ from .talk import Companion
 
 
 def from_environment(environment: Mapping[str, str] = os.environ) -> Companion:
-    """A model where `ECHOAVATAR_CHAT_URL` names an endpoint, else the script.
+    """A language model if `ECHOAVATAR_CHAT_URL` is set, else the script.
 
-    `ECHOAVATAR_CHAT_MODEL`, `ECHOAVATAR_CHAT_KEY`, `ECHOAVATAR_CHAT_EARS` (a model that transcribes) and
-    `ECHOAVATAR_PERSONA` (a text file) say more.
+    `ECHOAVATAR_CHAT_MODEL`, `ECHOAVATAR_CHAT_KEY`, `ECHOAVATAR_CHAT_EARS` (a model that transcribes speech) and
+    `ECHOAVATAR_PERSONA` (a text file) configure the model.
 
     Raises:
-        EchoAvatarError: the address or the file cannot be.
+        EchoAvatarError: the address is not valid, the model is not named, or the file cannot be read.
     """
     url = environment.get("ECHOAVATAR_CHAT_URL", "")
     if not url:

@@ -1,6 +1,6 @@
-"""A language model behind any OpenAI-compatible endpoint: Chat Completions with tools, and transcription.
+"""A language model at an OpenAI-compatible endpoint: Chat Completions with tools, and transcription.
 
-Plain HTTP from a thread, no package needed. The key goes into one header and nowhere else.
+It uses plain HTTP from a thread and needs no package. The key is sent in one header and appears nowhere else.
 """
 
 import asyncio
@@ -15,7 +15,7 @@ from ..errors import EchoAvatarError
 from .talk import MOST_REMEMBERED, Doing, Said
 
 TIMEOUT_S = 60.0
-MAX_TOOL_ROUNDS = 3  # of calls, before words are asked for
+MAX_TOOL_ROUNDS = 3  # rounds of tool calls before the model must answer in words
 MAX_TOKENS = 300
 MAX_ANSWER_BYTES = 1 << 22
 # The default persona is the stage idol of the paper's appendix (System Prompt), in our own words.
@@ -39,14 +39,14 @@ class ChatModel:
     def __init__(
         self, url: str, *, model: str, key: str = "", ears: str = "", persona: str = PERSONA
     ) -> None:
-        """`ears` is a model for `/audio/transcriptions` at the same address; empty: none.
+        """`ears` names a model for `/audio/transcriptions` at the same address; empty: no transcription.
 
         Raises:
-            EchoAvatarError: an address that is none, or no model.
+            EchoAvatarError: the address is not valid, or no model is named.
         """
         if not url.startswith(("http://", "https://")):
             raise EchoAvatarError(
-                f"ECHOAVATAR_CHAT_URL {url!r} is no address; give one such as http://127.0.0.1:11434/v1"
+                f"ECHOAVATAR_CHAT_URL {url!r} is not an address; give one such as http://127.0.0.1:11434/v1"
             )
         if not model:
             raise EchoAvatarError("ECHOAVATAR_CHAT_MODEL is not set; name a model of ECHOAVATAR_CHAT_URL")
@@ -54,7 +54,7 @@ class ChatModel:
         self._url, self._key, self._transcriber, self._persona = url.rstrip("/"), key, ears, persona
 
     async def reply(self, said: str, history: Sequence[Said], doing: Doing) -> str:
-        """What the model says; its calls are done on the way."""
+        """The model's answer; its tool calls are carried out on the way."""
         messages: list[dict[str, Any]] = [{"role": "system", "content": self._persona}]
         messages += [{"role": past.role, "content": past.text} for past in history[-MOST_REMEMBERED:]]
         messages.append({"role": "user", "content": said})
@@ -70,14 +70,16 @@ class ChatModel:
                 return text
             results = [await self._call(call, doing) for call in calls]
             if text:
-                return text  # it spoke beside its calls: a gesture needs no more words
+                return text  # it spoke beside its calls, so it need not be asked again
             messages += [{"role": "assistant", "content": None, "tool_calls": calls}, *results]
         return ""
 
     async def transcribe(self, wav: bytes) -> str:
-        """The words of a WAV file."""
+        """Transcribe a WAV file."""
         if not self._transcriber:
-            raise EchoAvatarError("no ears: set ECHOAVATAR_CHAT_EARS to a model that transcribes")
+            raise EchoAvatarError(
+                "transcription is off; set ECHOAVATAR_CHAT_EARS to a model that transcribes"
+            )
         boundary = secrets.token_hex(16)
         parts = [
             f'--{boundary}\r\ncontent-disposition: form-data; name="model"\r\n\r\n{self._transcriber}\r\n'.encode(),
@@ -97,7 +99,7 @@ class ChatModel:
         try:
             message: dict[str, Any] = answer["choices"][0]["message"]
         except (KeyError, IndexError, TypeError) as error:
-            raise EchoAvatarError(f"{self.name} did not answer as Chat Completions do") from error
+            raise EchoAvatarError(f"{self.name} did not answer in the form of Chat Completions") from error
         return message
 
     async def _call(self, call: dict[str, Any], doing: Doing) -> dict[str, Any]:
@@ -127,5 +129,5 @@ class ChatModel:
                 f"no model answers at {self._url} ({type(error).__name__}); see ECHOAVATAR_CHAT_URL"
             ) from error
         if not isinstance(told, dict):
-            raise EchoAvatarError(f"{self.name} did not answer with an object")
+            raise EchoAvatarError(f"{self.name} did not answer with a JSON object")
         return told

@@ -1,7 +1,7 @@
-"""A companion without a model: a few dozen lines, found by words, that show speaking, acting, music and interruption.
+"""A companion without a model. It matches words to lines that show speech, gestures, music and interruption.
 
-It says what it is when it is asked. Which of several lines comes depends on how much was said, so the same
-conversation goes the same way twice.
+Asked what it is, it says so. Which of several lines it takes depends on the length of the conversation only, so the
+same conversation always goes the same way.
 """
 
 import re
@@ -13,9 +13,9 @@ from .talk import Doing, Said
 
 
 class Cue(NamedTuple):
-    """Words that are listened for, what is then said, and what is done."""
+    """A pattern to look for, what to say if it matches, and what to do."""
 
-    words: str  # a regular expression
+    words: str  # regular expression
     lines: tuple[str, ...]
     tool: str = ""
     action: str = ""
@@ -119,7 +119,7 @@ class Scripted:
     hears = False
 
     async def reply(self, said: str, history: Sequence[Said], doing: Doing) -> str:
-        """A line for what was said; begins what goes with it."""
+        """A line for what was said; starts the action or music that goes with it."""
         text, turn = said.lower(), len(history)
         named = _find_action(text, doing.choices("send_action", "action"))
         if named:
@@ -139,15 +139,15 @@ class Scripted:
         return line
 
     async def transcribe(self, wav: bytes) -> str:
-        """A script has no ears."""
+        """Not supported: the script cannot transcribe speech."""
         del wav
         raise EchoAvatarError(
-            "a script does not know what you said; type it, or set ECHOAVATAR_CHAT_URL and ECHOAVATAR_CHAT_EARS"
+            "the script does not understand speech; type, or set ECHOAVATAR_CHAT_URL and ECHOAVATAR_CHAT_EARS"
         )
 
 
 def _find_action(text: str, actions: Sequence[str]) -> str:
-    """An action that was named, in its own words or in others."""
+    """The action that the text names, by its own name or by a synonym."""
     for name in actions:
         if re.search(rf"\b{re.escape(name.replace('_', ' '))}\b", text):
             return name
@@ -158,7 +158,7 @@ def _find_action(text: str, actions: Sequence[str]) -> str:
 
 
 def _title_argument(text: str, titles: Sequence[str]) -> dict[str, str]:
-    """The track of which most words were said; the first one for none."""
+    """The track whose title shares most words with the text; without a match, the server chooses."""
     said = set(re.findall(r"\w+", text))
     scores = {title: len(said & set(re.findall(r"\w+", title.lower()))) for title in titles}
     best = max(scores, key=scores.__getitem__, default="")

@@ -78,7 +78,7 @@ class RemoteBackend:
             found: list[Schema] = json.loads(await asyncio.to_thread(_read, request))
         except (OSError, ValueError) as error:
             raise ConnectionLostError(
-                f"{request.full_url} does not tell its tools ({error}); is the token right?"
+                f"{request.full_url} does not list its tools ({error}); is the token right?"
             ) from error
         return found
 

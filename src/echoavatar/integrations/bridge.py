@@ -36,9 +36,7 @@ from .output import AvatarChunk, Event, Flushed, UtteranceDone, make_chunk
 from .playback import Playback
 from .resampler import SpeechResampler
 
-LEAD_S = (
-    0.25  # a chunk is released this long before it is due: less than the lead with which motion is remade
-)
+LEAD_S = 0.25  # a chunk is released this long before it is due: less than the lead of remade motion
 REPORT_S = 0.2
 REPLY_TIMEOUT_S = 5.0  # a healthy server answers sooner
 _POLL_S = 0.01
@@ -59,7 +57,9 @@ class AvatarBridge:
         self._motion: Motion | None = None  # motion whose sound has not arrived
         self._released_to = 0  # clock up to which sound was released
         self._received_to = 0  # clock up to which chunks have arrived
-        self._clock_offset = 0  # the bridge's clock minus the session's; not 0 after a lost session was replaced
+        self._clock_offset = (
+            0  # the bridge's clock minus the session's; not 0 after a lost session was replaced
+        )
         self._pending_flush: asyncio.Future[Flush] | None = None
         self._pending_actions: dict[str, asyncio.Future[ActionStatus]] = {}
         self._agent_resampler, self._user_resampler = SpeechResampler(), SpeechResampler()
@@ -202,7 +202,7 @@ class AvatarBridge:
     @property
     def _session(self) -> Avatar:
         if self._avatar is None:
-            raise EchoAvatarError("this session is not open; await start() first")
+            raise EchoAvatarError("the session is not open; await start() first")
         return self._avatar
 
     def _start_task(self, work: Coroutine[Any, Any, None]) -> None:

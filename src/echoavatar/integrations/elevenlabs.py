@@ -60,7 +60,7 @@ class AsyncAvatarAudioInterface(AsyncAudioInterface):  # type: ignore[misc]
         """
         if sample_rate not in RATES:
             raise AudioError(
-                f"sample_rate {sample_rate}; ElevenLabs agents speak at {', '.join(map(str, RATES))}"
+                f"sample_rate {sample_rate} is not supported; give one of {', '.join(map(str, RATES))}"
             )
         self.bridge = AvatarBridge(find_backend(where, token=token, port=page_port), seed=seed)
         self._rate, self._device, self._on_event = sample_rate, device, on_event
@@ -122,7 +122,7 @@ class AsyncAvatarAudioInterface(AsyncAudioInterface):  # type: ignore[misc]
         """
         if len(audio) % 2:
             raise AudioError(
-                f"{len(audio)} bytes are no 16-bit samples; set the agent's output format to pcm_{self._rate}"
+                f"{len(audio)} bytes are not whole 16-bit samples; set the agent's output format to pcm_{self._rate}"
             )
         self._bytes.put_nowait(audio)
 
@@ -242,7 +242,7 @@ class AvatarAudioInterface(AudioInterface):  # type: ignore[misc]
 def register_tools(
     client_tools: ClientTools, tools: AvatarTools, loop: asyncio.AbstractEventLoop
 ) -> tuple[str, ...]:
-    """Register the avatar's tools; `loop` is the bridge's, which may differ from the one that `client_tools` runs on."""
+    """Register the avatar's tools; `loop` is the bridge's and may differ from that of `client_tools`."""
 
     def handler(name: str) -> Callable[[dict[str, Any]], Awaitable[str]]:
         async def handle(parameters: dict[str, Any]) -> str:

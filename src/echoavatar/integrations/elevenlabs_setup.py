@@ -15,7 +15,7 @@ from ..errors import EchoAvatarError
 Payload = dict[str, Any]
 BASE_URL = "https://api.elevenlabs.io"
 FORMATS = ("pcm_8000", "pcm_16000", "pcm_22050", "pcm_24000", "pcm_44100", "pcm_48000")
-TOLD = ("list_actions",)  # tools whose result the model waits for; all others are silent
+TOOLS_WITH_ANSWERS = ("list_actions",)  # tools whose result the model waits for; all others are silent
 TIMEOUT_S = 30.0
 
 
@@ -40,7 +40,9 @@ def make_plan(
         EchoAvatarError: the sound format is not supported.
     """
     if output_format not in FORMATS:
-        raise EchoAvatarError(f"output format {output_format!r}; give one of {', '.join(FORMATS)}")
+        raise EchoAvatarError(
+            f"output format {output_format!r} is not supported; give one of {', '.join(FORMATS)}"
+        )
     agent: Payload = {"prompt": {"prompt": prompt}, "language": "en"}
     if first_message:
         agent["first_message"] = first_message
@@ -88,7 +90,7 @@ def _tool(schema: Payload) -> Payload:
         "type": "client",
         "name": name,
         "description": schema["description"],
-        "expects_response": name in TOLD,
+        "expects_response": name in TOOLS_WITH_ANSWERS,
     }
     properties = schema["parameters"].get("properties", {})
     if properties:
@@ -113,7 +115,7 @@ def _property(schema: Payload) -> Payload:
 class _Service:
     def __init__(self, base_url: str, api_key: str) -> None:
         if not base_url.startswith(("http://", "https://")):
-            raise EchoAvatarError(f"{base_url!r} is no address; it begins with https://")
+            raise EchoAvatarError(f"{base_url!r} is not an address; give one that begins with https://")
         self._base, self._key = base_url.rstrip("/"), api_key
 
     def call(self, method: str, path: str, body: Payload | None = None) -> Payload:

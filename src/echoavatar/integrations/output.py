@@ -15,7 +15,9 @@ class AvatarChunk(NamedTuple):
     pcm: bytes  # s16le mono, 24 kHz; empty if there is nothing to hear, or if the sound was released before
     at: int  # its clock
     seg: int  # utterance that speaks here; 0: none
-    is_revision: bool = False  # replaces motion released before, so it must overtake what a framework has queued
+    is_revision: bool = (
+        False  # replaces motion released before, so it must overtake what a framework has queued
+    )
 
 
 class Flushed(NamedTuple):

@@ -54,7 +54,7 @@ class AvatarTools:
         known = schema["parameters"].get("properties", {})
         for key, value in given.items():
             if key not in known:
-                return f"{name} knows no {key!r}; it takes: {', '.join(known) or 'nothing'}"
+                return f"{name} has no argument {key!r}; it takes: {', '.join(known) or 'nothing'}"
             is_number = isinstance(value, int | float) and not isinstance(value, bool)
             if known[key]["type"] == "number":
                 least, most = known[key].get("minimum", 0), known[key].get("maximum", 60)

@@ -1,4 +1,4 @@
-"""LiveKit's contract: its own classes for audio in and out, a room of two without a server, no keys."""
+"""LiveKit's own classes for audio in and out, over a simulated room; no server, no keys."""
 
 import asyncio
 import json
@@ -40,7 +40,7 @@ def tone(seconds: float) -> np.ndarray:
 
 
 async def speak(sink: Any, samples: np.ndarray) -> None:
-    """As an agent does: faster than it is heard."""
+    """Push speech as an agent does: faster than playback."""
     for start in range(0, len(samples), BLOCK):
         part = samples[start : start + BLOCK]
         await sink.capture_frame(rtc.AudioFrame(part.tobytes(), 24_000, 1, len(part)))
@@ -251,7 +251,7 @@ def test_an_interruption_during_music_leaves_the_music() -> None:
 
 
 def test_livekits_own_source_is_understood() -> None:
-    """`rtc.AudioSource` needs no room: its queue says how far playback is."""
+    """`rtc.AudioSource` needs no room; its queue gives the playback position."""
 
     async def run() -> None:
         scene = Scene(engine())
@@ -306,7 +306,7 @@ def test_a_session_in_process_takes_the_agents_voice_and_leaves_the_agent_alone(
 
 
 def test_a_worker_hears_the_agent_and_tells_it_the_truth() -> None:
-    """Both halves, LiveKit's own data stream and RPC between them."""
+    """Agent and worker, connected by LiveKit's own data stream and RPC."""
 
     async def run() -> None:
         agent, avatar = pair("agent", "echoavatar")

@@ -1,4 +1,4 @@
-"""A pipeline with a body of twenty lines and a transport that remembers what it wrote, when."""
+"""A pipeline with a minimal avatar, and a transport that records what it wrote and when."""
 
 import asyncio
 import json
@@ -25,7 +25,7 @@ from tests.server.fakes import Body
 
 from echoavatar.engine import Engine
 
-logger.remove()  # thousands of lines a test
+logger.remove()  # it would log thousands of lines per test
 
 
 def engine(seconds: float = 0.0) -> Engine:
@@ -38,14 +38,14 @@ def tone(seconds: float, rate: int = 24_000, level: float = 8_000) -> bytes:
 
 
 class RecordingTransport(NullTransport):
-    """Remembers everything that reached the user, in order: sound, or a message of the avatar's."""
+    """Records everything that reached the user, in order: sound and the avatar's messages."""
 
     def __init__(self) -> None:
         super().__init__()
         self.seen: list[tuple[float, str, dict | bytes]] = []  # type: ignore[type-arg]
 
     async def write_audio_frame(self, frame: OutputAudioRawFrame) -> bool:
-        if type(frame) is not OutputAudioRawFrame:  # the silence at a transport's end
+        if type(frame) is not OutputAudioRawFrame:  # silence that the base class appends
             self.seen.append((time.monotonic(), type(frame).__name__, frame.audio))
         return await super().write_audio_frame(frame)
 
@@ -57,7 +57,7 @@ class RecordingTransport(NullTransport):
         data = frame.message["data"]
         assert frame.message["label"] == "rtvi-ai"
         assert data["type"] == "echoavatar"
-        json.dumps(frame.message)  # as transports do
+        json.dumps(frame.message)  # as real transports do
         self.seen.append((time.monotonic(), data["message"]["type"], data["message"]))
 
     @property
@@ -70,7 +70,7 @@ class RecordingTransport(NullTransport):
 
 
 class Scene:
-    """What a test's script can do."""
+    """What a test's script works with."""
 
     def __init__(
         self, avatar: EchoAvatarProcessor, transport: RecordingTransport, worker: PipelineWorker
@@ -82,7 +82,7 @@ class Scene:
             await self._worker.queue_frame(frame)
 
     async def speak(self, seconds: float, *, blocks: int = 10, stop: bool = True) -> None:
-        """As a voice does: all at once, in blocks."""
+        """Push speech as a voice service does: all at once, in blocks."""
         pcm = tone(seconds)
         size = len(pcm) // blocks // 2 * 2
         await self.push(TTSStartedFrame())
@@ -101,7 +101,7 @@ class Scene:
 
 
 def play(script: Callable[[Scene], Awaitable[None]], where: object = None) -> RecordingTransport:
-    """Run a script in a pipeline, and end it."""
+    """Run a script in a pipeline, then end the pipeline."""
 
     async def run() -> RecordingTransport:
         avatar = EchoAvatarProcessor(where or engine())  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""The examples are built, and the one that needs nothing is run."""
+"""The hosted example is built; the offline example is run."""
 
 import asyncio
 import importlib.util

@@ -1,4 +1,4 @@
-"""Pipecat's contract: its own harness and its own output transport, no network, no keys."""
+"""The processor in Pipecat's own harness and output transport; no network, no keys."""
 
 import asyncio
 from typing import Any
@@ -116,7 +116,7 @@ def _after(seen: list[Any], kind: str) -> list[Any]:
 
 
 def test_an_interruption_stops_speech_where_it_was_heard() -> None:
-    """Two seconds of speech, cut after about one: the cut is where the transport was, within two of its blocks."""
+    """Three seconds of speech, cut after about one: the cut lies within two blocks of what the transport wrote."""
 
     async def script(scene: Scene) -> None:
         await scene.speak(3.0)
@@ -162,7 +162,7 @@ def test_interrupted_twice_in_a_row_it_speaks_again() -> None:
 
 
 def test_music_passes_through_the_avatar_and_goes_on_where_it_was_interrupted() -> None:
-    """The transport drops its queue; the music is given again from the last block that it wrote."""
+    """The transport drops its queue; the music continues from the last block that it wrote."""
     title = Tracks().titles[0]
     track = Tracks().load(title)
 

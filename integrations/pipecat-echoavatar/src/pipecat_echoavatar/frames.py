@@ -29,7 +29,7 @@ def rtvi(message: ServerMessage) -> dict[str, Any]:
 
 
 def asks_for_avatar(message: Any) -> bool:
-    """Whether a client has just connected or asks for the avatar. These messages arrive only if Pipecat's RTVI is off."""
+    """Whether a client has just connected or asks for the avatar; seen only if Pipecat's own RTVI is off."""
     if not isinstance(message, dict) or message.get("label") != "rtvi-ai":
         return False
     data = message.get("data")

@@ -94,7 +94,7 @@ class AvatarSession(_Session):
         return function_tools(self._tools.schemas, self._tools.call)
 
     async def prepare(self) -> None:
-        """Open the session early: its tools and page are then known, and the model is loaded before the conversation."""
+        """Open the session early, so that tools and page are known and the model is loaded before the conversation."""
         await self.bridge.start()
         if self._tools is None:
             self._tools = AvatarTools(self.bridge, await self.bridge.backend.tools())

@@ -1,7 +1,7 @@
 """Connect an agent's voice to a room: speech in from LiveKit's audio receivers, sound and motion out, in sync.
 
 The receiver is told what really happened: playback starts when the first sample leaves the source's queue, and ends or
-is cut at the sample that was heard. Music is part of the sound that is published, so the avatar hears what it dances to.
+is cut at the sample that was heard. Music is part of the published sound, so the avatar dances to what it hears.
 """
 
 import asyncio
