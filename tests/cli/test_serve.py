@@ -17,7 +17,7 @@ from echoavatar.cli import main
     [
         (["--ahead", "9"], "0.3 to 3.5"),
         (["--certificate", "a.pem"], "both or neither"),
-        (["--certificate", "a.pem", "--key", "b.pem"], "no file a.pem"),
+        (["--certificate", "a.pem", "--key", "b.pem"], "file a.pem does not exist"),
         (["--model", "nobody"], "nobody"),
         (["--device", "gpu"], "say cpu, cuda"),
         (["--without", "toes"], "no stage 'toes'"),

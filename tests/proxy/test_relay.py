@@ -1,18 +1,23 @@
 """The voice passes byte for byte and in order, whatever happens beside it."""
 
 import asyncio
+import contextlib
 import http.client
 import json
 import logging
+from collections.abc import AsyncIterator
 from contextlib import suppress
+from typing import Any
 
 import pytest
 from tests.proxy.places import listening, proxied, run, silent, stage, tone
 from websockets.asyncio.client import connect
 from websockets.exceptions import InvalidStatus
+from websockets.http11 import Response
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.proxy import ProxySettings, Relay
+from echoavatar.proxy import upstream as upstream_module
 from echoavatar.proxy.relay import _cancel
 from echoavatar.proxy.scripted import ScriptedSession
 from echoavatar.proxy.upstream import dial
@@ -140,6 +145,134 @@ def test_a_refusal_is_the_upstreams_own() -> None:
             await relay.stop()
 
     run(conversation)
+
+
+@contextlib.asynccontextmanager
+async def answering(raw: bytes | None) -> AsyncIterator[tuple[int, list[bytes]]]:
+    """An upstream that answers every request with these bytes (None: with nothing); its port and the requests."""
+    requests: list[bytes] = []
+
+    async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        with suppress(asyncio.IncompleteReadError):
+            requests.append(await reader.readuntil(b"\r\n\r\n"))
+        if raw is None:
+            await reader.read()
+        else:
+            writer.write(raw)
+        writer.close()
+
+    server = await asyncio.start_server(answer, "127.0.0.1", 0)
+    async with server:
+        yield server.sockets[0].getsockname()[1], requests
+
+
+async def refusal(upstream_port: int, **options: Any) -> Response:
+    """How the proxy refuses a client whose upstream is at this port."""
+    relay = Relay(ProxySettings(f"ws://127.0.0.1:{upstream_port}/v1/realtime"))
+    port = await relay.start(port=0)
+    try:
+        with pytest.raises(InvalidStatus) as refused:
+            await connect(f"ws://127.0.0.1:{port}/v1/realtime", open_timeout=60, **options)
+        assert relay.clients == 0
+    finally:
+        await relay.stop()
+    return refused.value.response
+
+
+@pytest.mark.parametrize(
+    ("status", "reason"), [(200, "OK"), (429, "Slow down, please"), (499, ""), (520, "Unknown")]
+)
+def test_any_status_is_passed_on_with_its_reason_headers_and_body(status: int, reason: str) -> None:
+    raw = (
+        f"HTTP/1.1 {status} {reason}\r\nContent-Type: text/x-own\r\nRetry-After: 7\r\nSet-Cookie: a=b\r\n"
+        "X-Request-Id: r1\r\nTransfer-Encoding: chunked\r\n\r\n4\r\nbusy\r\n0\r\n\r\n"
+    )
+
+    async def conversation() -> None:
+        async with answering(raw.encode()) as (port, _):
+            told = await refusal(port)
+        assert (told.status_code, told.reason_phrase, told.body) == (status, reason, b"busy")
+        assert {name.lower(): value for name, value in told.headers.raw_items()} == {
+            "content-type": "text/x-own",
+            "retry-after": "7",
+            "x-request-id": "r1",
+            "content-length": "4",
+            "connection": "close",
+        }
+
+    run(conversation)
+
+
+@pytest.mark.parametrize("status", [301, 302, 307, 308])
+def test_redirects_are_refused_so_that_no_key_reaches_another_host(status: int) -> None:
+    """The websockets library would follow them with every header but `Authorization`."""
+
+    async def conversation() -> None:
+        async with answering(b"HTTP/1.1 401 No\r\nContent-Length: 0\r\n\r\n") as (other, requests):
+            raw = (
+                f"HTTP/1.1 {status} Moved\r\nLocation: ws://127.0.0.1:{other}/x\r\nContent-Length: 0\r\n\r\n"
+            )
+            async with answering(raw.encode()) as (port, _):
+                told = await refusal(
+                    port,
+                    additional_headers={"api-key": "secret"},
+                    subprotocols=["realtime", "openai-insecure-api-key.secret"],
+                )
+        assert requests == []
+        assert told.status_code == 502
+        assert b"redirect" in told.body
+        assert "Location" not in told.headers
+
+    run(conversation)
+
+
+@pytest.mark.parametrize(
+    "raw",
+    [
+        b"",
+        b"SSH-2.0-OpenSSH_9.9\r\n",
+        b"HTTP/1.1 999 What\r\n\r\n",
+        b"HTTP/1.1 103 Early Hints\r\n\r\n",
+        b"HTTP/1.1 101 Switching Protocols\r\n\r\n",
+        b"HTTP/1.1 401 No\r\nX: " + b"x" * 20_000 + b"\r\n\r\n",
+        b"HTTP/1.1 401 No\r\nTransfer-Encoding: gzip\r\n\r\n",
+    ],
+    ids=lambda raw: raw[:30].decode(),
+)
+def test_an_upstream_that_does_not_speak_http_is_a_bad_gateway(
+    raw: bytes, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def conversation() -> None:
+        async with answering(raw) as (port, _):
+            told = await refusal(port)
+        assert told.status_code == 502
+        assert b"upstream" in told.body
+
+    run(conversation)
+    assert "Traceback" not in caplog.text
+
+
+def test_an_upstream_that_hangs_is_a_gateway_timeout(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(upstream_module, "TIMEOUT_S", 0.2)
+
+    async def conversation() -> None:
+        async with answering(None) as (port, _):
+            told = await refusal(port)
+        assert told.status_code == 504
+        assert b"0.2 s" in told.body
+
+    run(conversation)
+
+
+@pytest.mark.slow
+def test_the_client_is_answered_before_its_own_handshake_times_out() -> None:
+    """The real limits: the upstream has 15 s, and the server must hold the client's handshake open for longer."""
+
+    async def conversation() -> None:
+        async with answering(None) as (port, _):
+            assert (await refusal(port)).status_code == 504
+
+    run(conversation, seconds=60)
 
 
 def test_nobody_upstream_is_a_bad_gateway_and_other_pages_are_not_let_in() -> None:

@@ -58,7 +58,11 @@ class FakeSession:
         (["send_action"], False, ["conversation.item.create", "response.create"]),
         (["list_actions"], True, ["conversation.item.create", "response.create"]),
         (["theirs"], False, []),
-        (["send_action", "theirs"], False, ["conversation.item.create"]),  # the client will continue the conversation
+        (
+            ["send_action", "theirs"],
+            False,
+            ["conversation.item.create"],
+        ),  # the client will continue the conversation
     ],
 )
 def test_calls_are_answered_once_and_the_model_goes_on_only_where_nobody_would(

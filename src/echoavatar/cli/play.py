@@ -5,7 +5,9 @@ from pathlib import Path
 
 from ..errors import EchoAvatarError
 
-SINK_HELP = "vmc://HOST[:PORT], livelink://HOST[:PORT] or json://HOST[:PORT]; repeat for more"
+SINK_HELP = (
+    "show the motion at vmc://HOST[:PORT], livelink://HOST[:PORT] or json://HOST[:PORT]; repeat for more"
+)
 EXAMPLES = """examples:
   echoavatar animate talk.wav -o talk.npz
   echoavatar play talk.npz --sink vmc://127.0.0.1              VSeeFace, Warudo, Unity, Unreal, Blender
@@ -18,10 +20,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.epilog = EXAMPLES
     parser.add_argument(
-        "recording", type=Path, metavar="RECORDING", help=".npz of `animate` or `say`, or .bvh"
+        "recording", type=Path, metavar="RECORDING", help=".npz written by `animate` or `say`, or .bvh"
     )
     parser.add_argument("--sink", action="append", required=True, metavar="URL", help=SINK_HELP)
-    parser.add_argument("--loop", action="store_true", help="again and again; Ctrl-C stops")
+    parser.add_argument("--loop", action="store_true", help="repeat until Ctrl-C")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -20,32 +20,40 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "examples:\n"
         "  echoavatar proxy --upstream wss://api.openai.com/v1/realtime\n"
         "  echoavatar proxy --upstream ws://127.0.0.1:8765/v1/realtime --avatar http://127.0.0.1:8764 --tools\n"
-        "Then give your agent ws://127.0.0.1:8766/v1 instead of wss://api.openai.com/v1; its key goes through.\n"
-        "docs/integrations/openai_realtime.md lists the events that come beside the voice.\n"
+        "Then give your agent ws://127.0.0.1:8766/v1 instead of wss://api.openai.com/v1; its key is passed on.\n"
+        "docs/integrations/openai_realtime.md lists the events that the proxy adds.\n"
     )
     parser.add_argument(
-        "--upstream", required=True, metavar="URL", help="such as wss://api.openai.com/v1/realtime"
+        "--upstream",
+        required=True,
+        metavar="URL",
+        help="the voice agent, such as wss://api.openai.com/v1/realtime",
     )
+    parser.add_argument("--avatar", metavar="URL", help="a running `echoavatar serve` (default: start one)")
     parser.add_argument(
-        "--avatar", metavar="URL", help="a running `echoavatar serve` (default: one of its own is started)"
-    )
-    parser.add_argument(
-        "--token", default=os.environ.get(TOKEN, ""), help=f"that server's token; default ${TOKEN}"
+        "--token", default=os.environ.get(TOKEN, ""), help=f"token of the avatar's server; default ${TOKEN}"
     )
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: %(default)s)")
     parser.add_argument("--port", type=int, default=8766, help="0 takes any free one (default: %(default)s)")
     parser.add_argument(
-        "--tools", action="store_true", help="offer gestures and music to the model, and do what it calls"
+        "--tools", action="store_true", help="offer gestures and music to the model, and carry out its calls"
     )
-    parser.add_argument("--no-idle", action="store_true", help="only motion of what is said, none in between")
+    parser.add_argument("--no-idle", action="store_true", help="send motion for speech only, none in between")
     parser.add_argument(
-        "--origin", action="append", default=[], metavar="URL", help="pages of another host that may connect"
+        "--origin",
+        action="append",
+        default=[],
+        metavar="URL",
+        help="let pages of this host connect; repeat for more",
     )
     parser.add_argument(
-        "--model", default="default", help="bundle of the server it starts (default: %(default)s)"
+        "--model", default="default", help="bundle for the server that it starts (default: %(default)s)"
     )
     parser.add_argument(
-        "--seats", type=int, default=3, help="conversations with an avatar at once (default: %(default)s)"
+        "--seats",
+        type=int,
+        default=3,
+        help="conversations with an avatar at the same time (default: %(default)s)",
     )
 
 

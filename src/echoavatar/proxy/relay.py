@@ -16,7 +16,7 @@ from websockets.asyncio.client import ClientConnection
 from websockets.asyncio.connection import Connection
 from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.datastructures import Headers
-from websockets.exceptions import ConnectionClosed, InvalidHandshake
+from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidStatus
 from websockets.http11 import Request, Response
 from websockets.typing import Subprotocol
 
@@ -25,7 +25,16 @@ from ..wire import ProtocolError
 from ..wire.guard import check_origin
 from .settings import ProxySettings
 from .sidecar import AvatarSidecar
-from .upstream import MAX_BYTES, PING_S, PONG_S, InvalidStatus, dial, quiet_logger, upstream_url
+from .upstream import (
+    HANDSHAKE_TIMEOUT_S,
+    MAX_BYTES,
+    PING_S,
+    PONG_S,
+    dial,
+    quiet_logger,
+    refusal_headers,
+    upstream_url,
+)
 
 _LOG = logging.getLogger(__name__)
 _UNSENDABLE = (1005, 1006, 1015)  # codes that mean "no close code was sent"
@@ -62,6 +71,7 @@ class Relay:
                 select_subprotocol=self._subprotocol,
                 compression=None,
                 max_size=MAX_BYTES,
+                open_timeout=HANDSHAKE_TIMEOUT_S,
                 ping_interval=PING_S,
                 ping_timeout=PONG_S,
                 server_header=None,
@@ -84,7 +94,9 @@ class Relay:
     async def _process_request(self, client: ServerConnection, request: Request) -> Response | None:
         """Connect upstream before accepting the client, so that the client sees the upstream's own refusal."""
         if request.path == "/health":
-            return _http_response(HTTPStatus.OK, json.dumps({"status": "ready", "clients": self.clients}))
+            return _http_response(
+                HTTPStatus.OK, json.dumps({"status": "ready", "clients": self.clients}), "application/json"
+            )
         if "websocket" not in request.headers.get("Upgrade", "").lower():
             return None  # the websockets library answers it
         try:
@@ -99,13 +111,11 @@ class Relay:
         except ProtocolError as error:
             return _http_response(HTTPStatus.FORBIDDEN, str(error))
         except InvalidStatus as refused:
-            answer = refused.response
-            return _http_response(
-                HTTPStatus(answer.status_code),
-                bytes(answer.body or b""),
-                answer.headers.get("Content-Type", "text/plain"),
-            )
-        except (OSError, TimeoutError, InvalidHandshake) as error:
+            return _refusal(refused.response)
+        except TimeoutError as error:
+            _LOG.warning("%s", error)
+            return _http_response(HTTPStatus.GATEWAY_TIMEOUT, str(error))
+        except (OSError, InvalidHandshake) as error:
             _LOG.warning("the upstream cannot be reached: %s", type(error).__name__)
             return _http_response(
                 HTTPStatus.BAD_GATEWAY, f"the upstream cannot be reached: {type(error).__name__}"
@@ -186,9 +196,22 @@ def _close_reason(connection: Connection) -> tuple[int, str]:
     return code, connection.close_reason or ""
 
 
-def _http_response(status: HTTPStatus, body: str | bytes, kind: str = "application/json") -> Response:
-    content = body.encode() if isinstance(body, str) else body
-    headers = Headers(
-        [("Content-Type", kind), ("Content-Length", str(len(content))), ("Connection", "close")]
-    )
-    return Response(status.value, status.phrase, headers, content)
+def _refusal(answer: Response) -> Response:
+    """The upstream's refusal for the client: the same status, reason, headers and body."""
+    if answer.status_code < 200 or 300 <= answer.status_code < 400:
+        return _http_response(
+            HTTPStatus.BAD_GATEWAY,
+            f"the upstream answered with status {answer.status_code}; the proxy follows no redirects",
+        )
+    content = bytes(answer.body or b"")
+    headers = refusal_headers(answer.headers.raw_items())
+    return _response(answer.status_code, answer.reason_phrase, headers, content)
+
+
+def _http_response(status: HTTPStatus, text: str, kind: str = "text/plain; charset=utf-8") -> Response:
+    return _response(status.value, status.phrase, [("Content-Type", kind)], text.encode())
+
+
+def _response(status: int, reason: str, headers: list[tuple[str, str]], content: bytes) -> Response:
+    length = [] if status == HTTPStatus.NO_CONTENT else [("Content-Length", str(len(content)))]
+    return Response(status, reason, Headers([*headers, *length, ("Connection", "close")]), content)

@@ -8,12 +8,10 @@ from collections.abc import Iterable
 from urllib.parse import parse_qsl, urlencode, urlsplit, urlunsplit
 
 from websockets.asyncio.client import ClientConnection, connect
-from websockets.exceptions import InvalidStatus
-
-__all__ = ["MAX_BYTES", "InvalidStatus", "dial", "forwarded_headers", "quiet_logger", "upstream_url"]
 
 MAX_BYTES = 1 << 26  # of one event; vendors allow up to 15 MiB
 TIMEOUT_S = 15.0
+HANDSHAKE_TIMEOUT_S = TIMEOUT_S + 5.0  # of a client's handshake, which waits for the upstream's
 PING_S, PONG_S = 30.0, 120.0  # generous, because a slow reader answers pings late
 _CONNECTION_HEADERS = {
     "connection",
@@ -29,6 +27,7 @@ _CONNECTION_HEADERS = {
     "transfer-encoding",
     "upgrade",
 }
+_HOST_HEADERS = {"alt-svc", "set-cookie", "strict-transport-security"}  # statements about the upstream's host
 
 
 def quiet_logger() -> logging.Logger:
@@ -56,17 +55,30 @@ def forwarded_headers(headers: Iterable[tuple[str, str]]) -> list[tuple[str, str
     ]
 
 
+def refusal_headers(headers: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
+    """The headers of an upstream's refusal without those about its connection or its host."""
+    return [pair for pair in headers if pair[0].lower() not in _CONNECTION_HEADERS | _HOST_HEADERS]
+
+
+class _Connect(connect):
+    """Follows no redirects: the library would send the client's keys to the other host."""
+
+    def process_redirect(self, exc: Exception) -> Exception:
+        return exc
+
+
 async def dial(
     url: str, headers: Iterable[tuple[str, str]], subprotocols: Iterable[str] = ()
 ) -> ClientConnection:
     """Connect to the upstream.
 
     Raises:
-        InvalidStatus: the upstream refused; the exception has its status and body.
-        OSError, TimeoutError, InvalidHandshake: no server answers there, or it is not a WebSocket server.
+        InvalidStatus: the upstream refused or redirects; the exception has its response.
+        TimeoutError: the upstream does not answer.
+        OSError, InvalidHandshake: no server answers there, or it is not a WebSocket server.
     """
     offered = list(subprotocols)
-    return await connect(
+    connecting = _Connect(
         url,
         additional_headers=forwarded_headers(headers),
         user_agent_header=None,
@@ -78,3 +90,7 @@ async def dial(
         ping_timeout=PONG_S,
         logger=quiet_logger(),
     )
+    try:
+        return await connecting
+    except TimeoutError as error:
+        raise TimeoutError(f"the upstream did not answer within {TIMEOUT_S:g} s") from error
