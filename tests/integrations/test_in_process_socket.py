@@ -72,6 +72,6 @@ def test_an_application_that_breaks_is_a_broken_line() -> None:
         assert closed.value.rcvd is not None
         assert closed.value.rcvd.code == 1006
         with pytest.raises(RuntimeError, match="broken"):
-            await socket._visit
+            await socket._serving
 
     asyncio.run(run())

@@ -53,8 +53,8 @@ async def obey(line: str, tools: AvatarTools) -> str:
         await tools.call("stop_music", {})
         return "Fine. I will stand still, for once."
     if words & {"music", "dance", "song"}:
-        told = await tools.call("play_music", {})
-        return f"Oh, this one is mine. {told.get('title', '')}!"
+        result = await tools.call("play_music", {})
+        return f"Oh, this one is mine. {result.get('title', '')}!"
     actions = next(schema for schema in tools.schemas if schema["name"] == "send_action")
     for action in actions["parameters"]["properties"]["action"]["enum"]:
         if action in words or action.replace("_", " ") in line.lower():

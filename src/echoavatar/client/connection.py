@@ -8,7 +8,6 @@ from urllib.parse import urlsplit, urlunsplit
 
 import msgspec
 import numpy as np
-from jaxtyping import Shaped
 from websockets.asyncio.client import connect as connect_websocket
 from websockets.exceptions import ConnectionClosed, InvalidHandshake
 
@@ -89,9 +88,9 @@ class Avatar:
         """The clock up to which sound has been received."""
         return self._utterances.received
 
-    # ---- saying
+    # ---- sending
 
-    async def speak(self, samples: Shaped[np.ndarray, " s"], *, end: bool = True) -> int:
+    async def speak(self, samples: np.ndarray, *, end: bool = True) -> int:
         """Say samples: mono, at the rate given to `connect`, floats in -1..1 or int16. Returns the utterance's number.
 
         With `end=False` the next call continues the same utterance.
@@ -129,7 +128,7 @@ class Avatar:
             with suppress(ConnectionClosed):
                 await self._socket.send(encode(message))
 
-    # ---- listening
+    # ---- receiving
 
     def __aiter__(self) -> AsyncIterator[ServerMessage]:
         return self._messages()
@@ -166,7 +165,7 @@ class Avatar:
                 self._utterances.flush(message)
         return message
 
-    # ---- the line
+    # ---- connection
 
     async def open(self) -> None:
         """Connect and say hello; no connection is left open if that fails.
@@ -289,7 +288,7 @@ def stream_url(url: str) -> str:
     return urlunsplit((schemes[parts.scheme], parts.netloc, path, "", ""))
 
 
-def _pcm(samples: Shaped[np.ndarray, " s"]) -> bytes:
+def _pcm(samples: np.ndarray) -> bytes:
     if samples.ndim != 1:
         raise EchoAvatarError(f"samples of shape {samples.shape}; give one channel, (samples,)")
     if samples.dtype.kind == "f":

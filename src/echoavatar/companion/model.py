@@ -121,13 +121,13 @@ class ChatModel:
         request = urllib.request.Request(self._url + path, body, headers)
         try:
             with urllib.request.urlopen(request, timeout=TIMEOUT_S) as answer:
-                told = json.loads(answer.read(MAX_ANSWER_BYTES))
+                result = json.loads(answer.read(MAX_ANSWER_BYTES))
         except urllib.error.HTTPError as error:
             raise EchoAvatarError(f"{self.name} refused: HTTP {error.code}") from error
         except (OSError, ValueError) as error:
             raise EchoAvatarError(
                 f"no model answers at {self._url} ({type(error).__name__}); see ECHOAVATAR_CHAT_URL"
             ) from error
-        if not isinstance(told, dict):
+        if not isinstance(result, dict):
             raise EchoAvatarError(f"{self.name} did not answer with a JSON object")
-        return told
+        return result

@@ -71,7 +71,7 @@ class AvatarBridge:
         self._user_samples = 0
         self._closed = False
 
-    # ---- coming and going
+    # ---- start and end
 
     async def start(self) -> Ready:
         """Open the session.
@@ -115,7 +115,7 @@ class AvatarBridge:
         has_sound = any(isinstance(event, AvatarChunk) and event.pcm for event in self._events)
         return self._is_speaking or self._has_unreleased_speech or has_sound or self.playback.is_sounding
 
-    # ---- what the agent does
+    # ---- input
 
     async def say(self, pcm: Shaped[np.ndarray, " s"], rate: int) -> int:
         """Speak int16 mono samples at any rate; returns the utterance's number. The utterance continues until `end`."""
@@ -171,7 +171,7 @@ class AvatarBridge:
         """Fade the music out."""
         await self._session.stop_music()
 
-    # ---- what comes of it
+    # ---- output
 
     async def __aiter__(self) -> AsyncIterator[Event]:
         """Yield all events in order, each chunk when it is due, until the session is closed.
@@ -197,7 +197,7 @@ class AvatarBridge:
                 self._has_unreleased_speech = False
             yield event
 
-    # ---- inside
+    # ---- internals
 
     @property
     def _session(self) -> Avatar:

@@ -86,7 +86,7 @@ class AsyncAvatarAudioInterface(AsyncAudioInterface):  # type: ignore[misc]
         """Register the avatar's tools with the agent's client tools; returns their names."""
         return register_tools(client_tools, await self.prepare(), asyncio.get_running_loop())
 
-    # ---- what the SDK calls
+    # ---- called by the SDK
 
     async def start(self, input_callback: Callable[[bytes], Awaitable[None]]) -> None:
         """Start the conversation."""
@@ -140,7 +140,7 @@ class AsyncAvatarAudioInterface(AsyncAudioInterface):  # type: ignore[misc]
         except EchoAvatarError:
             self._has_failed = True
 
-    # ---- inside
+    # ---- internals
 
     async def _speak(self) -> None:
         while True:

@@ -106,10 +106,10 @@ def _property(schema: Payload) -> Payload:
     words = {"minimum": "at least", "maximum": "at most"}
     bounds = [f"{word} {schema[key]}" for key, word in words.items() if key in schema]
     description = schema.get("description", "") + (f" ({', '.join(bounds)})" if bounds else "")
-    told: Payload = {"type": schema["type"], "description": description}
+    result: Payload = {"type": schema["type"], "description": description}
     if "enum" in schema:
-        told["enum"] = list(schema["enum"])
-    return told
+        result["enum"] = list(schema["enum"])
+    return result
 
 
 class _Service:
@@ -127,23 +127,23 @@ class _Service:
             request.data = json.dumps(body).encode()
         try:
             with urllib.request.urlopen(request, timeout=TIMEOUT_S) as answer:
-                told: Payload = json.loads(answer.read() or b"{}")
+                result: Payload = json.loads(answer.read() or b"{}")
         except urllib.error.HTTPError as error:
             reason = error.read().decode(errors="replace")[:300]
             hint = "; is the API key right?" if error.code in (401, 403) else ""
             raise EchoAvatarError(f"{method} {path}: {error.code} {reason}{hint}") from error
         except (OSError, ValueError) as error:
             raise EchoAvatarError(f"{self._base} does not answer: {error}") from error
-        return told
+        return result
 
     def all(self, path: str, key: str, **query: str) -> Iterator[Payload]:
         """Every item of a list, page by page."""
         while True:
-            told = self.call("GET", f"{path}?{urlencode({**query, 'page_size': 100})}")
-            yield from _dicts(told.get(key, ()))
-            if not told.get("has_more") or not told.get("next_cursor"):
+            result = self.call("GET", f"{path}?{urlencode({**query, 'page_size': 100})}")
+            yield from _dicts(result.get(key, ()))
+            if not result.get("has_more") or not result.get("next_cursor"):
                 return
-            query["cursor"] = told["next_cursor"]
+            query["cursor"] = result["next_cursor"]
 
 
 def _dicts(items: Iterable[Any]) -> Iterator[Payload]:

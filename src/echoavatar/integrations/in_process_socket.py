@@ -13,7 +13,7 @@ Message = MutableMapping[str, Any]
 Application = Callable[
     [Message, Callable[[], Awaitable[Message]], Callable[[Message], Awaitable[None]]], Awaitable[None]
 ]
-MOST_WAITING = 1024  # messages for a reader that does not read
+MAX_QUEUED_FRAMES = 1024  # messages for a reader that does not read
 
 
 class InProcessSocket:
@@ -28,10 +28,10 @@ class InProcessSocket:
             "subprotocols": [subprotocol("msgpack")],
         }
         self._out: asyncio.Queue[Message] = asyncio.Queue()
-        self._in: asyncio.Queue[Message] = asyncio.Queue(MOST_WAITING)
+        self._in: asyncio.Queue[Message] = asyncio.Queue(MAX_QUEUED_FRAMES)
         self._closed: ConnectionClosed | None = None
         self._out.put_nowait({"type": "websocket.connect"})
-        self._visit = asyncio.ensure_future(self._serve(app, scope))
+        self._serving = asyncio.ensure_future(self._serve(app, scope))
 
     async def send(self, message: bytes) -> None:
         """Send one frame to the application.
@@ -51,12 +51,12 @@ class InProcessSocket:
         """
         del decode  # frames are always bytes
         while self._closed is None or not self._in.empty():
-            told = await self._in.get()
-            if told["type"] == "websocket.send":
-                frame: bytes = told["bytes"]
+            message = await self._in.get()
+            if message["type"] == "websocket.send":
+                frame: bytes = message["bytes"]
                 return frame
-            if told["type"] == "websocket.close" and self._closed is None:
-                self._close(told.get("code", 1000), told.get("reason") or "")
+            if message["type"] == "websocket.close" and self._closed is None:
+                self._close(message.get("code", 1000), message.get("reason") or "")
         raise self._closed or ConnectionClosedOK(None, None)
 
     async def close(self) -> None:
@@ -64,10 +64,10 @@ class InProcessSocket:
         if self._closed is None:
             self._close(1000, "")
         await self._out.put({"type": "websocket.disconnect", "code": 1000})
-        while not self._visit.done():  # the application may be blocked on a frame that is never read
+        while not self._serving.done():  # the application may be blocked on a frame that is never read
             while not self._in.empty():
                 self._in.get_nowait()
-            await asyncio.wait([self._visit], timeout=0.05)
+            await asyncio.wait([self._serving], timeout=0.05)
         self._in.put_nowait({"type": "websocket.close"})  # wakes a pending `recv`
 
     def _close(self, code: int, reason: str) -> None:

@@ -31,15 +31,15 @@ class AvatarTools:
         match name:
             case "send_action":
                 hold = given.get("hold")
-                asked = await self._bridge.act(
+                status = await self._bridge.act(
                     given["action"],
                     intensity=float(given.get("intensity", 1.0)),
                     hold=None if hold is None else float(hold),
                 )
-                return {"action": asked.name or given["action"]} | _result(asked)
+                return {"action": status.name or given["action"]} | _result(status)
             case "play_music":
-                asked = await self._bridge.play_music(given.get("title", ""))
-                return {"title": asked.name} | _result(asked)
+                status = await self._bridge.play_music(given.get("title", ""))
+                return {"title": status.name} | _result(status)
             case "stop_music":
                 await self._bridge.stop_music()
                 return {"status": "done"}
@@ -62,14 +62,14 @@ class AvatarTools:
                     return f"{name}: {key} is {value!r}; it must be a number from {least} to {most}"
             elif not isinstance(value, str):
                 return f"{name}: {key} is {value!r}; it must be a string"
-        lacking = [key for key in schema["parameters"].get("required", ()) if key not in given]
-        return f"{name} needs {lacking[0]!r}" if lacking else ""
+        missing = [key for key in schema["parameters"].get("required", ()) if key not in given]
+        return f"{name} needs {missing[0]!r}" if missing else ""
 
 
-def _result(asked: ActionStatus) -> Schema:
-    told: Schema = {"status": asked.status}
-    if asked.reason:
-        told["reason"] = asked.reason
-    if asked.choices:
-        told["choices"] = list(asked.choices)
-    return told
+def _result(status: ActionStatus) -> Schema:
+    result: Schema = {"status": status.status}
+    if status.reason:
+        result["reason"] = status.reason
+    if status.choices:
+        result["choices"] = list(status.choices)
+    return result

@@ -120,7 +120,7 @@ async def _listen(urls: list[str], seconds: float) -> ProxyReport:
     return ProxyReport(ways, frames, round(seconds * 30))
 
 
-# ---- processes of their own
+# ---- what runs in processes of its own
 
 
 def _upstream(pipe: Connection, seconds: float) -> None:

@@ -6,7 +6,7 @@ from jaxtyping import Int16, UInt8
 
 from ..timing import SAMPLE_RATE_HZ
 
-Pcm = Int16[np.ndarray, " s"]
+Pcm = Int16[np.ndarray, " _s"]  # blocks of any length, also beside each other
 
 
 class Decoder:

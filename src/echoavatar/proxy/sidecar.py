@@ -49,7 +49,7 @@ class AvatarSidecar:
         self._avatar: Avatar | None = None
         self._upstream_spoke = asyncio.Event()  # the first event of the upstream has been forwarded
 
-    # ---- what the relay shows us; must not wait, must not raise
+    # ---- called by the relay; must not wait and must not raise
 
     def observe_server(self, message: str | bytes) -> None:
         """Take an event of the model's, which was forwarded."""
@@ -83,7 +83,7 @@ class AvatarSidecar:
         self._queued_bytes += len(message)
         self._filled.set()
 
-    # ---- the avatar's life
+    # ---- connection to the avatar
 
     async def run(self) -> None:
         """Keep an avatar connected until cancelled. A failure is reported to the client and tried again."""
@@ -141,7 +141,7 @@ class AvatarSidecar:
             self._tool_calls.declared = await asyncio.to_thread(self._tools.schemas, "openai")
             await self._tool_calls.offer()
 
-    # ---- what was heard
+    # ---- events, off the relay's path
 
     async def _read(self) -> None:
         while True:
@@ -185,7 +185,7 @@ class AvatarSidecar:
             return {"status": "rejected", "reason": "the avatar is not connected"}
         return await self._tools.call_async(name, arguments)
 
-    # ---- what we say
+    # ---- sending
 
     async def _send_up(self, event: dict[str, Any]) -> None:
         with suppress(ConnectionClosed):

@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Int16
 
 from ..timing import CHUNK, SAMPLE_RATE_HZ, ChunkSize
 from .decoder import Decoder, Pcm
@@ -101,7 +100,7 @@ class SpeechItem:
             return self.clock[-1] + self.chunk.samples
         return None
 
-    def speech(self, chunk: int) -> Int16[np.ndarray, " s"]:
+    def speech(self, chunk: int) -> Pcm:
         """The speech in a chunk; silence from where the item was cut off."""
         known = self._chunks.get(chunk)
         if known is None:

@@ -82,8 +82,8 @@ class ToolCalls:
         self._follow_ups = 0
 
     def _begin(self, call: Any, name: Any, arguments: Any, response: str | None) -> None:
-        ours = {tool["name"] for tool in self.declared} - self._client_names
-        if not isinstance(call, str) or name not in ours or call in self._answered:
+        avatar_names = {tool["name"] for tool in self.declared} - self._client_names
+        if not isinstance(call, str) or name not in avatar_names or call in self._answered:
             return
         self._answered.add(call)
         self._called.setdefault(response, []).append(name)

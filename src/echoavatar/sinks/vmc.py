@@ -25,9 +25,9 @@ _ROOT = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 def unity_bone(name: str) -> str:
     """Unity's name of a VRM 1.0 bone."""
-    for ours, theirs in _THUMBS.items():
-        if name.endswith(ours):
-            name = name.removesuffix(ours) + theirs
+    for vrm_name, unity_name in _THUMBS.items():
+        if name.endswith(vrm_name):
+            name = name.removesuffix(vrm_name) + unity_name
             break
     return name[:1].upper() + name[1:]
 

@@ -64,7 +64,7 @@ async def serve_unity(
         stack.enter_context(EngineThread(engine))
         ports = []
         for port, handle in ((settings.audio_port, _receive_audio), (settings.action_port, _receive_action)):
-            ports.append(await _listen(stack, settings.host, port, _handler(handle, session)))
+            ports.append(await _listen(stack, settings.host, port, _make_handler(handle, session)))
         if on_ready is not None:
             on_ready(*ports)
         async with asyncio.TaskGroup() as tasks:
@@ -89,7 +89,7 @@ async def _listen(
     return int(server.sockets[0].getsockname()[1])
 
 
-def _handler(
+def _make_handler(
     handle: Callable[[Session, bytes], None], session: Session
 ) -> Callable[[asyncio.StreamReader, asyncio.StreamWriter], object]:
     """Read framed payloads until the sender leaves. An invalid payload ends its connection, not the session."""

@@ -80,7 +80,7 @@ class EchoAvatarProcessor(FrameProcessor):
         """Whether metrics are available: the time to the first chunk of an utterance."""
         return True
 
-    # ---- for the bot's owner
+    # ---- for the bot
 
     @property
     def page(self) -> str:
@@ -117,7 +117,7 @@ class EchoAvatarProcessor(FrameProcessor):
             raise EchoAvatarError("the avatar's tools are not known yet; await avatar.prepare() first")
         return self._tools
 
-    # ---- what Pipecat calls
+    # ---- called by Pipecat
 
     async def setup(self, setup: FrameProcessorSetup) -> None:
         """Open the session and observe what the transport writes."""
@@ -159,7 +159,7 @@ class EchoAvatarProcessor(FrameProcessor):
         else:
             await self._follow(frame)
 
-    # ---- inside
+    # ---- internals
 
     async def _say(self, frame: TTSAudioRawFrame) -> None:
         pcm = np.frombuffer(frame.audio, "<i2").reshape(-1, frame.num_channels)[:, 0]

@@ -88,7 +88,7 @@ class Performer:
         """Describe the rig to a participant who joined the room."""
         self._channel.tell(self.bridge.ready, to=identity)
 
-    # ---- speech comes in
+    # ---- speech in
 
     async def _listen(self) -> None:
         async for item in self._receiver:
@@ -114,7 +114,7 @@ class Performer:
             self._is_open = False
             await self.bridge.end()
 
-    # ---- sound and motion go out
+    # ---- sound and motion out
 
     async def _perform(self) -> None:
         try:
@@ -152,7 +152,7 @@ class Performer:
             rtc.AudioFrame(chunk.pcm, SAMPLE_RATE_HZ, num_channels=1, samples_per_channel=len(chunk.pcm) // 2)
         )
 
-    # ---- what the agent is told
+    # ---- reports to the agent
 
     def _sync(self) -> int:
         """The listener's position: exact while sound waits in the source's queue, else estimated."""

@@ -21,8 +21,8 @@ def function_tools(schemas: list[Schema], call: Call) -> list[RawFunctionTool[An
 
 def _tool(schema: Schema, call: Call) -> RawFunctionTool[Any, Any]:
     async def run(raw_arguments: dict[str, object]) -> str | None:
-        told = await call(schema["name"], raw_arguments)
-        return None if told.get("status") in ("accepted", "done") else json.dumps(told)
+        result = await call(schema["name"], raw_arguments)
+        return None if result.get("status") in ("accepted", "done") else json.dumps(result)
 
     run.__name__ = schema["name"]
     return function_tool(run, raw_schema=schema)
@@ -32,12 +32,12 @@ def answer_calls(room: rtc.Room, schemas: list[Schema], call: Call) -> None:
     """In the avatar's process: carry out the calls of the agent's model."""
 
     async def handle(data: rtc.RpcInvocationData) -> str:
-        asked = json.loads(data.payload)
-        if not isinstance(asked, dict) or not isinstance(asked.get("arguments", {}), dict):
+        request = json.loads(data.payload)
+        if not isinstance(request, dict) or not isinstance(request.get("arguments", {}), dict):
             return json.dumps({"status": "rejected", "reason": "ask with a name and arguments"})
-        if "name" not in asked:
+        if "name" not in request:
             return json.dumps(schemas)
-        return json.dumps(await call(str(asked["name"]), asked.get("arguments", {})))
+        return json.dumps(await call(str(request["name"]), request.get("arguments", {})))
 
     room.local_participant.register_rpc_method(RPC_CALL, handle)
 
@@ -52,7 +52,7 @@ async def ask_for_tools(room: rtc.Room, identity: str) -> list[RawFunctionTool[A
         return json.loads(answer)
 
     async def call(name: str, arguments: Mapping[str, Any]) -> Schema:
-        told: Schema = await perform({"name": name, "arguments": dict(arguments)})
-        return told
+        result: Schema = await perform({"name": name, "arguments": dict(arguments)})
+        return result
 
     return function_tools(await perform({}), call)
