@@ -10,7 +10,7 @@ def sound(at: int, seg: int, samples: int = 6_400) -> Sound:
     return Sound(at=at, epoch=0, seg=seg, pcm=bytes(2 * samples))
 
 
-def test_no_more_is_sent_than_there_is_room_for() -> None:
+def test_no_more_is_sent_than_the_server_has_room_for() -> None:
     queue = UtteranceQueue(AudioFormat())
     queue.add(bytes(48_000 * 100), end=True)
     sent = sum(len(message.pcm) for message in queue.due() if isinstance(message, Audio))
@@ -21,7 +21,7 @@ def test_no_more_is_sent_than_there_is_room_for() -> None:
     assert isinstance(list(queue.due())[-1], End)
 
 
-def test_a_resumed_session_is_told_the_rest() -> None:
+def test_a_resumed_session_is_sent_the_rest() -> None:
     import msgspec
 
     queue = UtteranceQueue(AudioFormat())
@@ -34,7 +34,7 @@ def test_a_resumed_session_is_told_the_rest() -> None:
     assert end == End(seg=1)
 
 
-def test_a_new_session_is_told_what_did_not_come_back() -> None:
+def test_a_new_session_is_sent_what_was_not_played() -> None:
     queue = UtteranceQueue(AudioFormat(rate=48_000))
     queue.add(bytes(2 * 24_000), end=True)  # half a second
     list(queue.due())
@@ -47,7 +47,7 @@ def test_a_new_session_is_told_what_did_not_come_back() -> None:
     assert end == End(seg=1)
 
 
-def test_what_was_flushed_did_not_come_back_and_what_was_interrupted_is_not_said_again() -> None:
+def test_flushed_sound_counts_as_not_received_and_interrupted_speech_is_dropped() -> None:
     queue = UtteranceQueue(AudioFormat())
     queue.add(bytes(20_000), end=False)
     list(queue.due())

@@ -104,7 +104,7 @@ def test_after_calls_alone_it_is_asked_for_words_and_not_for_ever() -> None:
         (200, b"<html>", "no model answers"),
     ],
 )
-def test_what_goes_wrong_is_said_without_the_key(status: int, told: Any, words: str) -> None:
+def test_errors_do_not_contain_the_key(status: int, told: Any, words: str) -> None:
     with endpoint(lambda path, content: (status, told)) as (url, _):
         with pytest.raises(EchoAvatarError, match=words) as caught:
             talk(ChatModel(url, model="m", key="sk-1"))

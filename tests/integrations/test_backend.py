@@ -27,7 +27,7 @@ async def first_chunk(bridge: AvatarBridge) -> AvatarChunk:
     raise AssertionError
 
 
-def test_an_engine_in_this_process_and_a_server_are_one_thing() -> None:
+def test_an_engine_in_this_process_behaves_like_a_server() -> None:
     async def run(where: object) -> tuple[object, ...]:
         backend = find_backend(where, token="secret")  # type: ignore[arg-type]
         bridge = AvatarBridge(backend)
@@ -44,7 +44,7 @@ def test_an_engine_in_this_process_and_a_server_are_one_thing() -> None:
         assert page == f"http://{there.address}/?watch=abc#token=secret"
 
 
-def test_an_engine_here_may_have_a_door_for_pages() -> None:
+def test_an_engine_in_this_process_may_serve_a_page() -> None:
     async def run() -> None:
         bridge = AvatarBridge(LocalBackend(engine(), port=0))
         ready = await bridge.start()
@@ -57,11 +57,11 @@ def test_an_engine_here_may_have_a_door_for_pages() -> None:
     asyncio.run(run())
 
 
-def test_without_a_door_there_is_no_page() -> None:
+def test_without_a_port_there_is_no_page() -> None:
     assert find_backend(engine()).page("x") == ""
 
 
-def test_what_is_not_there_is_told() -> None:
+def test_missing_servers_bundles_and_tokens_are_named() -> None:
     async def start(where: object, **options: str) -> None:
         await AvatarBridge(find_backend(where, **options)).start()  # type: ignore[arg-type]
 
@@ -76,7 +76,7 @@ def test_what_is_not_there_is_told() -> None:
             asyncio.run(find_backend(f"http://{there.address}", token="wrong").tools())
 
 
-def test_seats_run_out_and_a_closed_place_stays_closed() -> None:
+def test_seats_run_out_and_a_closed_backend_stays_closed() -> None:
     async def run() -> None:
         backend = LocalBackend(engine(1))
         await backend.open(Hello())

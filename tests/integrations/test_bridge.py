@@ -143,7 +143,7 @@ def test_music_needs_no_speech_and_ends() -> None:
     assert {chunk.seg for chunk in scene.of(AvatarChunk)} == {0}
 
 
-def test_a_lost_session_is_replaced_and_the_clock_goes_on() -> None:
+def test_a_lost_session_is_replaced_and_the_clock_continues() -> None:
     """The server loses the session: speech that was not released is sent again, and the clock never runs backwards."""
 
     async def script(scene: Scene) -> None:
@@ -165,7 +165,7 @@ def test_a_lost_session_is_replaced_and_the_clock_goes_on() -> None:
     assert np.count_nonzero(scene.sound) > 0.9 * 60_000
 
 
-def test_what_cannot_go_on_is_told() -> None:
+def test_a_session_that_ended_raises() -> None:
     async def run() -> None:
         bridge = AvatarBridge(LocalBackend(Engine(Body())))  # type: ignore[arg-type]
         with pytest.raises(EchoAvatarError, match="start"):

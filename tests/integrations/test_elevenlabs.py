@@ -86,7 +86,7 @@ class Scene:
 
 
 @pytest.mark.parametrize("rate", [16_000, 24_000])
-def test_what_the_agent_says_is_heard_and_moves_the_body(rate: int) -> None:
+def test_the_agents_speech_is_heard_and_moves_the_body(rate: int) -> None:
     def script(scene: Scene, talk: Talk) -> None:
         talk.speak(tone(1.0, rate), rate)
         wait(lambda: np.count_nonzero(scene.device.heard) > 15_000)
@@ -162,7 +162,7 @@ def test_tools_are_called_by_the_agent() -> None:
     scene.converse(script)
 
 
-def test_bytes_that_are_no_samples_are_refused() -> None:
+def test_bytes_that_are_not_samples_are_refused() -> None:
     async def run() -> None:
         audio = AsyncAvatarAudioInterface(engine(), sample_rate=24_000)
         with pytest.raises(AudioError, match="pcm_24000"):

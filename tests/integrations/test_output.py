@@ -33,7 +33,7 @@ def test_lost_motion_does_not_cost_the_sound(motion: Motion | None) -> None:
     ]
 
 
-def test_a_pause_in_speech_is_sound_and_silence_around_it_is_none() -> None:
+def test_a_pause_within_speech_is_sound_and_silence_around_speech_is_not() -> None:
     assert make_chunk(MOTION, SILENCE, released_to=0, cut_seg=0).pcm == SILENCE.pcm
     idle = msgspec.structs.replace(SILENCE, seg=0)
     assert make_chunk(MOTION, idle, released_to=0, cut_seg=0).pcm == b""

@@ -63,7 +63,7 @@ def test_calls_reach_the_stage(tools: AvatarTools) -> None:
         ("send_action", {"action": "wave", "hold": 1e9}, "a number from 0 to 60"),
     ],
 )
-def test_nonsense_is_told_not_raised(
+def test_invalid_calls_are_rejected_not_raised(
     tools: AvatarTools, name: str, arguments: dict[str, Any], reason: str
 ) -> None:
     told = call(tools, name, **arguments)

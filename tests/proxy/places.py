@@ -91,6 +91,19 @@ async def listening(url: str, **options: Any) -> AsyncIterator[Listener]:
         yield Listener(websocket)
 
 
+@contextlib.asynccontextmanager
+async def talking(
+    script: Script, *, pipeline: Any = None, settings: ProxySettings | None = None
+) -> AsyncIterator[tuple[Listener, ScriptedUpstream, Place]]:
+    """A client that talks with a scripted upstream through a proxy with an avatar."""
+    with stage(pipeline=pipeline) as place:
+        async with (
+            proxied(script, place.address, settings=settings) as (url, upstream, _),
+            listening(url) as client,
+        ):
+            yield client, upstream, place
+
+
 def tone(seconds: float, level: int = 8_000) -> bytes:
     """Constant sound, so that sums show how much was heard."""
     return np.full(round(24_000 * seconds), level, "<i2").tobytes()

@@ -84,7 +84,7 @@ def test_a_session_that_is_not_cut_by_the_user_goes_on() -> None:
     asyncio.run(run())
 
 
-def test_an_item_whose_beginning_was_missed_is_not_moved_to() -> None:
+def test_an_item_whose_beginning_was_missed_gets_no_motion() -> None:
     async def run() -> None:
         avatar, conversation = Avatar(), Conversation()
         await conversation.on_server_event(delta(0.5), None, 0.0)

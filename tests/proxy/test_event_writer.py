@@ -1,34 +1,17 @@
 import base64
 
+import msgspec
 import numpy as np
+from tests.client.test_recording import READY
 from tests.proxy.test_avatar_events import motion
 
 from echoavatar.proxy.conversation import Conversation
 from echoavatar.proxy.decoder import Decoder
 from echoavatar.proxy.event_writer import EventWriter
 from echoavatar.proxy.speech_items import SpeechItem
-from echoavatar.wire import Flush, Latency, Limits, Ready, Rig, Sound
+from echoavatar.wire import Flush, Sound
 
-READY = Ready(
-    version=1,
-    server="",
-    session="",
-    resume="",
-    resumed=False,
-    at=0,
-    epoch=0,
-    seg=0,
-    received=0,
-    sample_rate=24_000,
-    frame_rate=30,
-    chunk_samples=6_400,
-    rig=Rig(names=(), parents=(), rest=()),
-    face=("a",),
-    actions=(),
-    tracks=(),
-    latency=Latency(algorithm=0, compute=0),
-    limits=Limits(),
-)
+FACED = msgspec.structs.replace(READY, face=("a",))
 
 
 def scene() -> tuple[Conversation, EventWriter, SpeechItem]:
@@ -36,7 +19,7 @@ def scene() -> tuple[Conversation, EventWriter, SpeechItem]:
     voice = SpeechItem("item", "resp", 0, 0, Decoder(), begun=0.0, seg=1)
     conversation.items.begin(voice)
     voice.add(np.full(6_400, 1_000, "<i2").tobytes())
-    return conversation, EventWriter(conversation, READY, idle=True), voice
+    return conversation, EventWriter(conversation, FACED, idle=True), voice
 
 
 def kinds(
@@ -51,7 +34,7 @@ def pcm(level: int) -> bytes:
     return np.full(6_400, level, "<i2").tobytes()
 
 
-def test_motion_waits_for_the_sound_that_says_whose_it_is() -> None:
+def test_motion_waits_for_the_sound_that_names_its_item() -> None:
     conversation, writer, voice = scene()
     voice.end()
     made = kinds(conversation, writer, Sound(at=6_400, epoch=0, seg=1, pcm=pcm(1_001)))
@@ -62,7 +45,7 @@ def test_motion_waits_for_the_sound_that_says_whose_it_is() -> None:
     ]
 
 
-def test_a_slow_line_may_lose_motion_but_not_the_count() -> None:
+def test_a_slow_connection_may_lose_motion_but_not_the_frame_count() -> None:
     conversation, writer, voice = scene()
     voice.add(np.zeros(6_400, "<i2").tobytes())
     assert (
@@ -74,7 +57,7 @@ def test_a_slow_line_may_lose_motion_but_not_the_count() -> None:
     assert events[0]["frame_index"] == 8
 
 
-def test_music_is_what_is_left_when_the_voice_is_taken_out() -> None:
+def test_music_is_the_sound_minus_the_speech() -> None:
     conversation, writer, _ = scene()
     sound = Sound(at=6_400, epoch=0, seg=1, pcm=pcm(1_300))
     conversation.on_avatar_sound(sound)
@@ -85,7 +68,7 @@ def test_music_is_what_is_left_when_the_voice_is_taken_out() -> None:
     ]
 
 
-def test_frames_that_were_taken_back_come_again_under_the_same_number() -> None:
+def test_remade_frames_keep_their_numbers() -> None:
     conversation, writer, voice = scene()
     sound = Sound(at=6_400, epoch=0, seg=1, pcm=pcm(1_000))
     kinds(conversation, writer, sound)

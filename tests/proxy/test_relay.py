@@ -275,7 +275,7 @@ def test_the_client_is_answered_before_its_own_handshake_times_out() -> None:
     run(conversation, seconds=60)
 
 
-def test_nobody_upstream_is_a_bad_gateway_and_other_pages_are_not_let_in() -> None:
+def test_an_unreachable_upstream_is_a_bad_gateway_and_foreign_pages_are_refused() -> None:
     async def conversation() -> None:
         relay = Relay(ProxySettings("ws://127.0.0.1:9/v1/realtime"))
         port = await relay.start(port=0)
@@ -375,6 +375,6 @@ def test_a_slow_client_gets_all_of_the_voice_and_less_of_the_motion() -> None:
     run(conversation)
 
 
-def test_dialling_says_who_cannot_be_reached() -> None:
+def test_a_failed_connection_names_the_address() -> None:
     with pytest.raises(OSError, match="127.0.0.1"):
         asyncio.run(dial("ws://127.0.0.1:9", []))  # type: ignore[arg-type]

@@ -9,7 +9,7 @@ def voice(item: str = "a", begun: float = 0.0) -> SpeechItem:
     return SpeechItem(item, "r", 0, 0, Decoder(), begun=begun)
 
 
-def test_only_whole_chunks_leave_and_the_last_is_completed_with_silence() -> None:
+def test_only_whole_chunks_are_made_and_the_last_is_padded_with_silence() -> None:
     one = voice()
     chunks = one.add(np.ones(CHUNK_SAMPLES + 100, "<i2").tobytes()) + one.end()
     assert [len(chunk) for chunk in chunks] == [CHUNK_SAMPLES] * 2
@@ -21,7 +21,7 @@ def test_chunks_are_as_long_as_the_avatars() -> None:
     chunks = one.add(np.ones(10_000, "<i2").tobytes()) + one.end()
     assert [len(chunk) for chunk in chunks] == [9_600, 9_600]
     for at in (19_200, 28_800):
-        one.returned_at(at)
+        one.note_returned(at)
     assert (one.clock_at(9_700), one.frame(1), one.speech(1).sum()) == (28_900, 12, 400)
 
 
@@ -29,7 +29,7 @@ def test_samples_are_found_on_the_avatars_clock_across_gaps() -> None:
     one = voice()
     one.add(np.ones(3 * CHUNK_SAMPLES, "<i2").tobytes())
     for at in (12_800, 32_000, 38_400, 32_000):
-        one.returned_at(at)
+        one.note_returned(at)
     assert [one.clock_at(s) for s in (0, 6_399, 6_400, 12_800, 19_200, 19_201)] == [
         12_800,
         19_199,
@@ -42,7 +42,7 @@ def test_samples_are_found_on_the_avatars_clock_across_gaps() -> None:
     assert one.clock == [12_800, 32_000]
 
 
-def test_what_is_playing_at_is_known_from_when_it_came() -> None:
+def test_the_playing_item_is_estimated_from_when_its_sound_arrived() -> None:
     items = SpeechItems()
     first, second = voice("a", 10.0), voice("b", 10.1)
     items.begin(first)

@@ -65,7 +65,7 @@ class FakeSession:
         ),  # the client will continue the conversation
     ],
 )
-def test_calls_are_answered_once_and_the_model_goes_on_only_where_nobody_would(
+def test_calls_are_answered_once_and_the_model_continues_only_if_it_was_silent(
     names: list[str], words: bool, kinds: list[str]
 ) -> None:
     async def run() -> None:
@@ -90,7 +90,7 @@ def test_a_model_that_only_calls_is_not_asked_for_ever() -> None:
     asyncio.run(run())
 
 
-def test_arguments_that_are_none_are_rejected_to_the_model() -> None:
+def test_invalid_arguments_are_rejected() -> None:
     async def run() -> None:
         session = FakeSession()
         await session.response("send_action", words=True, arguments="[1")
@@ -100,7 +100,7 @@ def test_arguments_that_are_none_are_rejected_to_the_model() -> None:
     asyncio.run(run())
 
 
-def test_ours_are_added_to_what_the_session_has_and_theirs_stay_theirs() -> None:
+def test_the_avatars_tools_are_added_and_the_clients_tools_win() -> None:
     async def run() -> None:
         session = FakeSession()
         own = {"type": "function", "name": "send_action", "description": "mine"}

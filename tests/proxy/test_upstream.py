@@ -23,5 +23,5 @@ def test_headers_of_this_one_connection_stay_here() -> None:
     assert forwarded_headers(given) == [("Authorization", "Bearer k"), ("X-Custom", "1"), ("api-key", "k")]
 
 
-def test_the_line_cannot_be_made_to_log_what_it_sends() -> None:
+def test_the_connection_logs_nothing_at_debug_level() -> None:
     assert not quiet_logger().isEnabledFor(10)

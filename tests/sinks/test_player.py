@@ -77,7 +77,9 @@ def test_messages_of_a_session_are_enough_and_a_flush_is_obeyed() -> None:
     played(player, 0.3, start=8_000)
     player.close()
     for frame in sink.frames:
-        is_blend = 7_200 <= frame.at <= 8_000  # between the last frame before the flush and the first one after it
+        is_blend = (
+            7_200 <= frame.at <= 8_000
+        )  # between the last frame before the flush and the first one after it
         if not is_blend:
             beyond = 100 if frame.at > 8_000 else 0
             ahead = (frame.at - (8_000 if beyond else 0)) / 24_000
@@ -100,7 +102,7 @@ def test_between_sessions_the_last_pose_is_held() -> None:
     assert sink.frames[-1].root[2] == sink.frames[seen].root[2]
 
 
-def test_a_sink_that_fails_is_said_once_and_tried_on(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_failing_sink_is_logged_once_and_tried_again(caplog: pytest.LogCaptureFixture) -> None:
     sink = Broken()
     player = SinkPlayer(sink, RIG, name="vmc://there")
     player.put(0, walking(60))
@@ -111,7 +113,7 @@ def test_a_sink_that_fails_is_said_once_and_tried_on(caplog: pytest.LogCaptureFi
     assert len(caplog.messages) == 1
 
 
-def test_nobody_waits_for_a_sink_that_hangs() -> None:
+def test_a_sink_that_hangs_blocks_nothing() -> None:
     sink = Stuck()
     player = SinkPlayer(sink, RIG)
     player.put(0, walking(30))

@@ -32,9 +32,7 @@ def test_several_sinks_are_shown_the_same() -> None:
     with Receiver() as a, Receiver() as b:
         sinks = [f"json://127.0.0.1:{a.port}", f"livelink://127.0.0.1:{b.port}"]
         with SinkGroup(sinks, RIG) as group:
-            group.put(
-                0, walking(60)
-            )  # two seconds, because a busy machine skips frames
+            group.put(0, walking(60))  # two seconds, because a busy machine skips frames
             group.finish()
             assert json.loads(a.until(lambda packet: b'"pose"' in packet))["type"] == "pose"
             assert len(b.packets(1)[0][1]) > 290

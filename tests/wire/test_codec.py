@@ -51,7 +51,7 @@ def framed(content: bytes, encoding: Encoding) -> bytes | str:
 
 
 @given(message=messages, encoding=st.sampled_from(["msgpack", "json"]))
-def test_what_is_said_is_what_is_heard(message: ClientMessage, encoding: Encoding) -> None:
+def test_messages_survive_encoding_and_decoding(message: ClientMessage, encoding: Encoding) -> None:
     assert decode_client(framed(encode(message, encoding), encoding), encoding) == message
 
 

@@ -13,11 +13,11 @@ from .output import AvatarChunk, Flushed, UtteranceDone
 from .tools import AvatarTools
 
 __all__ = [
-    "Flushed",
-    "AvatarChunk",
     "AvatarBackend",
-    "UtteranceDone",
     "AvatarBridge",
+    "AvatarChunk",
     "AvatarTools",
+    "Flushed",
+    "UtteranceDone",
     "find_backend",
 ]

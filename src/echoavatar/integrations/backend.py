@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any, Protocol
 from urllib.parse import urlsplit, urlunsplit
 
+import msgspec
+
 from ..client import Avatar, MessageSocket, stream_url
 from ..client.connection import ConnectionLostError
 from ..engine import Engine, load
@@ -61,7 +63,7 @@ class RemoteBackend:
 
     async def open(self, hello: Hello) -> Avatar:
         """Open a session there."""
-        avatar = Avatar(self._url, _with_token(hello, self._token))
+        avatar = Avatar(self._url, msgspec.structs.replace(hello, token=self._token))
         await avatar.open()
         return avatar
 
@@ -88,7 +90,7 @@ class RemoteBackend:
         return f"{self._http('/')}?watch={session}{key}"
 
     async def close(self) -> None:
-        """Nothing to release: the server belongs to someone else."""
+        """Nothing to release: the server is not ours."""
 
     def _http(self, path: str) -> str:
         parts = urlsplit(self._url)
@@ -102,19 +104,19 @@ class LocalBackend:
         self._where, self._port = where, port
         self._app: Any = None
         self._address = ""
-        self._life: asyncio.Task[None] | None = None
-        self._begun, self._over = asyncio.Event(), asyncio.Event()
+        self._running: asyncio.Task[None] | None = None
+        self._started, self._stopped = asyncio.Event(), asyncio.Event()
 
     async def open(self, hello: Hello) -> Avatar:
         """Open a session here; the first one loads the model, which takes a while."""
-        await self._begin()
+        await self._start()
         avatar = Avatar("this process", hello, self._dial)
         await avatar.open()
         return avatar
 
     async def tools(self) -> list[Schema]:
         """The tools for the bundle's actions and the built-in music."""
-        await self._begin()
+        await self._start()
         schemas: list[Schema] = self._app.state.house.toolbox.schemas()
         return schemas
 
@@ -124,24 +126,24 @@ class LocalBackend:
 
     async def close(self) -> None:
         """Stop the engine."""
-        self._over.set()
-        if self._life is not None:
-            await asyncio.wait([self._life])
+        self._stopped.set()
+        if self._running is not None:
+            await asyncio.wait([self._running])
 
     async def _dial(self) -> MessageSocket:
         return InProcessSocket(self._app)
 
-    async def _begin(self) -> None:
-        if self._life is None:
-            self._life = asyncio.ensure_future(self._live())
-        waiting = asyncio.ensure_future(self._begun.wait())
-        await asyncio.wait([waiting, self._life], return_when=asyncio.FIRST_COMPLETED)
+    async def _start(self) -> None:
+        if self._running is None:
+            self._running = asyncio.ensure_future(self._run())
+        waiting = asyncio.ensure_future(self._started.wait())
+        await asyncio.wait([waiting, self._running], return_when=asyncio.FIRST_COMPLETED)
         waiting.cancel()
-        if self._life.done():
-            self._life.result()  # raises what went wrong
+        if self._running.done():
+            self._running.result()  # raises what went wrong
             raise EchoAvatarError("this engine was closed; open another")
 
-    async def _live(self) -> None:
+    async def _run(self) -> None:
         """Run the application in one task, because a task group must end in the task that began it."""
         engine = (
             self._where if isinstance(self._where, Engine) else await asyncio.to_thread(load, self._where)
@@ -149,17 +151,17 @@ class LocalBackend:
         self._app = create_app(engine, ServerSettings(resume_seconds=1.0))
         async with self._app.router.lifespan_context(self._app):
             if self._port is None:
-                self._begun.set()
-                await self._over.wait()
+                self._started.set()
+                await self._stopped.wait()
                 return
             with listen("127.0.0.1", self._port) as listener:
                 self._address = f"http://127.0.0.1:{listener.getsockname()[1]}"
                 config = configure(self._app)
                 config.lifespan = "off"  # the lifespan is already running
-                door = _PageServer(self._app, config, self._begun.set)
-                serving = asyncio.ensure_future(door.serve(sockets=[listener]))
-                await self._over.wait()
-                door.should_exit = door.force_exit = True
+                page_server = _PageServer(self._app, config, self._started.set)
+                serving = asyncio.ensure_future(page_server.serve(sockets=[listener]))
+                await self._stopped.wait()
+                page_server.should_exit = page_server.force_exit = True
                 await serving
 
 
@@ -169,12 +171,6 @@ class _PageServer(Server):
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
         yield
-
-
-def _with_token(hello: Hello, token: str) -> Hello:
-    import msgspec
-
-    return msgspec.structs.replace(hello, token=token)
 
 
 def _read(request: urllib.request.Request) -> bytes:

@@ -57,16 +57,12 @@ class AvatarBridge:
         self._motion: Motion | None = None  # motion whose sound has not arrived
         self._released_to = 0  # clock up to which sound was released
         self._received_to = 0  # clock up to which chunks have arrived
-        self._clock_offset = (
-            0  # the bridge's clock minus the session's; not 0 after a lost session was replaced
-        )
+        self._clock_offset = 0  # bridge's clock minus session's; not 0 after a lost session was replaced
         self._pending_flush: asyncio.Future[Flush] | None = None
         self._pending_actions: dict[str, asyncio.Future[ActionStatus]] = {}
         self._agent_resampler, self._user_resampler = SpeechResampler(), SpeechResampler()
-        self._is_speaking, self._has_unreleased_speech = (
-            False,
-            False,
-        )  # an utterance is open; one has not been released completely
+        self._is_speaking = False  # an utterance is open
+        self._has_unreleased_speech = False
         self._seg, self._cut_seg = 0, 0  # the newest utterance; the newest that was cut off
         self._user_samples = 0
         self._closed = False
@@ -252,9 +248,8 @@ class AvatarBridge:
                 self._cut(message)
             case ActionStatus():
                 self._put(message)
-                if (
-                    waiting := self._pending_actions.pop(message.id, None)
-                ) is not None and not waiting.done():
+                waiting = self._pending_actions.pop(message.id, None)
+                if waiting is not None and not waiting.done():
                     waiting.set_result(message)
             case State():
                 self._put(message)
@@ -270,16 +265,16 @@ class AvatarBridge:
         self._put(make_chunk(motion, sound, released_to=self._released_to, cut_seg=self._cut_seg))
 
     def _cut(self, flush: Flush) -> None:
-        asked, self._pending_flush = self._pending_flush, None
+        requested, self._pending_flush = self._pending_flush, None
         self._motion = None
         kept = (event for event in self._events if not isinstance(event, AvatarChunk) or event.at < flush.at)
         self._events = deque(kept)
-        if asked is not None:
+        if requested is not None:
             self._released_to, self._received_to = min(self._released_to, flush.at), flush.at
             self.playback.jump(flush.at, time.monotonic())
-            if not asked.done():
-                asked.set_result(flush)
-        self._put(Flushed(flush, asked is not None))
+            if not requested.done():
+                requested.set_result(flush)
+        self._put(Flushed(flush, requested is not None))
 
     def _put(self, event: Event) -> None:
         self._events.append(event)

@@ -54,7 +54,7 @@ class Conversation:
         """Note where a chunk of an item lies on the avatar's clock; call this before the chunk's motion is used."""
         item = self.items.of(message.seg)
         if item is not None:
-            item.returned_at(message.at)
+            item.note_returned(message.at)
 
     # ---- the model
 

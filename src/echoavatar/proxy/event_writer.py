@@ -30,8 +30,8 @@ class EventWriter:
                 if motion is not None and motion.at == message.at:
                     yield from self._frames(motion, item)
                 yield from self._music(message, item)
-                if item is not None and item.is_over and not item.is_told:
-                    item.is_told = True
+                if item is not None and item.is_over and not item.is_announced:
+                    item.is_announced = True
                     if self._ready.face:
                         yield avatar_events.blendshapes_done(item)
             case Flush():

@@ -100,7 +100,9 @@ class Relay:
         if "websocket" not in request.headers.get("Upgrade", "").lower():
             return None  # the websockets library answers it
         try:
-            check_origin({key.lower(): value for key, value in request.headers.raw_items()}, self._origins)
+            check_origin(
+                {key.lower(): value for key, value in request.headers.raw_items()}, self._settings.origins
+            )
             url = upstream_url(self._settings.upstream, request.path)
             offered = [
                 name.strip()
@@ -124,10 +126,6 @@ class Relay:
         self._closing.add(closing)
         closing.add_done_callback(self._closing.discard)
         return None
-
-    @property
-    def _origins(self) -> tuple[str, ...]:
-        return self._settings.origins
 
     def _subprotocol(self, client: ServerConnection, offered: Sequence[Subprotocol]) -> Subprotocol | None:
         """The subprotocol that the upstream chose."""

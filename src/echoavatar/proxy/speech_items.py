@@ -33,7 +33,7 @@ class SpeechItem:
     seg: int = 0  # the avatar's number for it; 0: not sent yet
     samples: int = 0  # received so far
     is_ended: bool = False
-    is_told: bool = False  # whether its last face frame was announced
+    is_announced: bool = False  # whether its last face frame was announced
     cut: int | None = None  # samples heard when it was cut off
     clock: list[int] = field(default_factory=list)  # of each chunk that came back from the avatar
     _rest: Pcm = field(default_factory=lambda: np.zeros(0, np.int16))
@@ -74,7 +74,7 @@ class SpeechItem:
             self._chunk_count += 1
         return made
 
-    def returned_at(self, at: int) -> int:
+    def note_returned(self, at: int) -> int:
         """Note that the next chunk lies at clock `at`; returns the chunk's number."""
         if at in self.clock:
             return self.clock.index(at)

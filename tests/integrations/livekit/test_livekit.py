@@ -345,7 +345,7 @@ def test_a_worker_hears_the_agent_and_tells_it_the_truth() -> None:
     asyncio.run(run())
 
 
-def test_a_workers_token_says_for_whom_it_publishes() -> None:
+def test_a_workers_token_names_the_agent_it_publishes_for() -> None:
     avatar = RemoteAvatarSession()
     secret = "s" * 32
     token = avatar.worker_token("room", "agent-1", api_key="key", api_secret=secret)

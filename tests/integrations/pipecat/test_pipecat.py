@@ -61,7 +61,7 @@ def test_motion_comes_before_the_sound_it_belongs_to_and_no_sound_is_lost() -> N
     assert len(ends) == 1
 
 
-def test_what_came_behind_speech_stays_behind_it() -> None:
+def test_frames_behind_speech_stay_behind_it() -> None:
     def word(text: str) -> TTSTextFrame:
         return TTSTextFrame(text, text_type="word")
 
@@ -227,7 +227,7 @@ def test_the_avatar_listens_to_the_user() -> None:
     play(script)
 
 
-def test_tools_name_what_there_is_and_are_silent() -> None:
+def test_tools_list_the_avatars_actions_and_are_silent() -> None:
     answers: list[Any] = []
 
     class Params:
@@ -256,7 +256,7 @@ def test_tools_name_what_there_is_and_are_silent() -> None:
     assert direct["status"] == "accepted"
 
 
-def test_direct_functions_are_what_pipecat_understands() -> None:
+def test_pipecat_understands_the_direct_functions() -> None:
     from pipecat.adapters.llm.schemas.direct_function import DirectFunctionWrapper
 
     async def script(scene: Scene) -> None:
