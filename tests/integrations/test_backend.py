@@ -6,18 +6,14 @@ import urllib.request
 from dataclasses import replace
 
 import pytest
-from tests.server.fakes import FAST, Body, serving
+from tests.integrations.fakes import engine
+from tests.server.fakes import FAST, serving
 
 from echoavatar.client import ConnectionLostError
-from echoavatar.engine import Engine
 from echoavatar.errors import CheckpointError, EchoAvatarError
 from echoavatar.integrations import AvatarBridge, AvatarChunk, find_backend
 from echoavatar.integrations.backend import LocalBackend
 from echoavatar.wire import Hello, ProtocolError
-
-
-def engine(seats: int = 1) -> Engine:
-    return Engine(Body(), seats=seats)  # type: ignore[arg-type]
 
 
 async def first_chunk(bridge: AvatarBridge) -> AvatarChunk:
@@ -78,7 +74,7 @@ def test_missing_servers_bundles_and_tokens_are_named() -> None:
 
 def test_seats_run_out_and_a_closed_backend_stays_closed() -> None:
     async def run() -> None:
-        backend = LocalBackend(engine(1))
+        backend = LocalBackend(engine(seats=1))
         await backend.open(Hello())
         with pytest.raises(ProtocolError, match="seats"):
             await backend.open(Hello())

@@ -6,10 +6,9 @@ from collections.abc import Awaitable, Callable
 
 import numpy as np
 import pytest
-from tests.server.fakes import Body
+from tests.integrations.fakes import engine, tone
 
 from echoavatar.client import ConnectionLostError
-from echoavatar.engine import Engine
 from echoavatar.errors import EchoAvatarError
 from echoavatar.integrations import AvatarBridge, AvatarChunk, Flushed, UtteranceDone
 from echoavatar.integrations.backend import LocalBackend
@@ -17,14 +16,9 @@ from echoavatar.integrations.output import Event
 from echoavatar.wire import ActionStatus, Ready, State
 
 
-def tone(seconds: float, rate: int = 24_000) -> np.ndarray:
-    time_s = np.arange(round(seconds * rate)) / rate
-    return (8_000 * np.sin(2 * np.pi * 220 * time_s)).astype(np.int16)
-
-
 class Scene:
     def __init__(self) -> None:
-        self.bridge = AvatarBridge(LocalBackend(Engine(Body(), seats=2)))  # type: ignore[arg-type]
+        self.bridge = AvatarBridge(LocalBackend(engine()))
         self.events: list[tuple[float, Event]] = []
 
     def of(self, kind: type) -> list:  # type: ignore[type-arg]
@@ -167,7 +161,7 @@ def test_a_lost_session_is_replaced_and_the_clock_continues() -> None:
 
 def test_a_session_that_ended_raises() -> None:
     async def run() -> None:
-        bridge = AvatarBridge(LocalBackend(Engine(Body())))  # type: ignore[arg-type]
+        bridge = AvatarBridge(LocalBackend(engine()))
         with pytest.raises(EchoAvatarError, match="start"):
             await bridge.say(tone(0.1), 24_000)
         await bridge.start()

@@ -13,22 +13,12 @@ pytest.importorskip("elevenlabs", reason="pip install 'echoavatar[elevenlabs]'")
 
 from elevenlabs import AsyncElevenLabs, ElevenLabs
 from elevenlabs.conversational_ai.conversation import AsyncConversation, ClientTools, Conversation
+from tests.integrations.fakes import engine, tone
 from tests.integrations.service import Talk, service
-from tests.server.fakes import Body
 
-from echoavatar.engine import Engine
 from echoavatar.errors import AudioError
 from echoavatar.integrations import AvatarChunk, Flushed
 from echoavatar.integrations.elevenlabs import AsyncAvatarAudioInterface, AvatarAudioInterface
-
-
-def engine() -> Engine:
-    return Engine(Body(), seats=2)  # type: ignore[arg-type]
-
-
-def tone(seconds: float, rate: int) -> np.ndarray:
-    time_s = np.arange(round(seconds * rate)) / rate
-    return (8_000 * np.sin(2 * np.pi * 220 * time_s)).astype(np.int16)
 
 
 class Device:

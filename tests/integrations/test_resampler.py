@@ -1,11 +1,8 @@
 import numpy as np
 import pytest
+from tests.integrations.fakes import tone
 
 from echoavatar.integrations.resampler import SpeechResampler
-
-
-def tone(seconds: float, rate: int) -> np.ndarray:
-    return (8_000 * np.sin(2 * np.pi * 220 * np.arange(round(seconds * rate)) / rate)).astype(np.int16)
 
 
 @pytest.mark.parametrize("rate", [8_000, 16_000, 24_000, 44_100, 48_000])

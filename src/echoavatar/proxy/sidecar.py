@@ -38,7 +38,6 @@ class AvatarSidecar:
     def __init__(
         self, settings: ProxySettings, *, client: ServerConnection, upstream: ClientConnection
     ) -> None:
-        self.dropped = 0  # events that were not sent because the client was slow
         self._settings, self._client, self._upstream = settings, client, upstream
         self._queue: deque[tuple[bool, str | bytes]] = deque()
         self._queued_bytes = 0
@@ -194,8 +193,6 @@ class AvatarSidecar:
     async def _send_down(self, event: avatar_events.AvatarEvent) -> None:
         """Send an event to the client, unless the client is slow."""
         await self._upstream_spoke.wait()
-        if self._client.transport.get_write_buffer_size() > MAX_UNSENT_BYTES:
-            self.dropped += 1
-            return
-        with suppress(ConnectionClosed):
-            await self._client.send(avatar_events.encode(event))
+        if self._client.transport.get_write_buffer_size() <= MAX_UNSENT_BYTES:
+            with suppress(ConnectionClosed):
+                await self._client.send(avatar_events.encode(event))

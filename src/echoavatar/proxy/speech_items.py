@@ -41,19 +41,13 @@ class SpeechItem:
     _chunk_count: int = 0
 
     @property
-    def chunks(self) -> int:
-        """The number of chunks made so far."""
-        return self._chunk_count
-
-    @property
     def is_over(self) -> bool:
         """Whether no more of it will be shown."""
         return self.cut is not None or (self.is_ended and len(self.clock) >= self._chunk_count)
 
     def add(self, data: bytes) -> list[Pcm]:
         """Append sound; returns the chunks that are now complete."""
-        new = self.decoder.push(data)
-        return self._take(new)
+        return self._take(self.decoder.push(data))
 
     def end(self) -> list[Pcm]:
         """End the item; returns the remaining chunks, the last one padded with silence."""
@@ -74,14 +68,11 @@ class SpeechItem:
             self._chunk_count += 1
         return made
 
-    def note_returned(self, at: int) -> int:
-        """Note that the next chunk lies at clock `at`; returns the chunk's number."""
-        if at in self.clock:
-            return self.clock.index(at)
-        self.clock.append(at)
-        for old in [known for known in self._chunks if known < len(self.clock) - KEPT_CHUNKS]:
-            del self._chunks[old]
-        return len(self.clock) - 1
+    def note_returned(self, at: int) -> None:
+        """Note that the next chunk lies at clock `at`."""
+        if at not in self.clock:
+            self.clock.append(at)
+            self._chunks.pop(len(self.clock) - KEPT_CHUNKS - 1, None)
 
     def void(self, at: int) -> None:
         """Forget the chunks that came back from clock `at` on."""

@@ -19,24 +19,14 @@ from livekit.agents.voice.avatar import DataStreamAudioOutput, QueueAudioOutput
 from livekit.plugins.echoavatar import AvatarSession, AvatarWorker, Performer, RemoteAvatarSession
 from livekit.plugins.echoavatar.motion import MOTION_TOPIC, TOPIC, MotionChannel
 from livekit.plugins.echoavatar.tools import ask_for_tools
+from tests.integrations.fakes import engine, tone
 from tests.integrations.livekit.rooms import Room, Speaker, pair
-from tests.server.fakes import Body
 
-from echoavatar.engine import Engine
 from echoavatar.engine.tracks import Tracks
 from echoavatar.integrations import AvatarBridge, find_backend
 from echoavatar.wire import Flush, Motion, Ready, decode_server
 
 BLOCK = 2_400
-
-
-def engine() -> Engine:
-    return Engine(Body(), seats=2)  # type: ignore[arg-type]
-
-
-def tone(seconds: float) -> np.ndarray:
-    time_s = np.arange(round(seconds * 24_000)) / 24_000
-    return (8_000 * np.sin(2 * np.pi * 220 * time_s)).astype(np.int16)
 
 
 async def speak(sink: Any, samples: np.ndarray) -> None:

@@ -21,20 +21,14 @@ from pipecat.pipeline.pipeline import Pipeline
 from pipecat.pipeline.worker import PipelineParams, PipelineWorker
 from pipecat.workers.runner import WorkerRunner
 from pipecat_echoavatar import EchoAvatarProcessor, NullTransport
-from tests.server.fakes import Body
-
-from echoavatar.engine import Engine
+from tests.integrations.fakes import engine
+from tests.integrations.fakes import tone as samples
 
 logger.remove()  # it would log thousands of lines per test
 
 
-def engine(seconds: float = 0.0) -> Engine:
-    return Engine(Body(seconds), seats=2)  # type: ignore[arg-type]
-
-
 def tone(seconds: float, rate: int = 24_000, level: float = 8_000) -> bytes:
-    time_s = np.arange(round(seconds * rate)) / rate
-    return (level * np.sin(2 * np.pi * 220 * time_s)).astype("<i2").tobytes()
+    return samples(seconds, rate, level).tobytes()
 
 
 class RecordingTransport(NullTransport):

@@ -24,11 +24,6 @@ class MotionChannel:
         self._track: rtc.LocalDataTrack | None = None
         self._sending: set[asyncio.Task[None]] = set()
 
-    @property
-    def has_track(self) -> bool:
-        """Whether motion goes over a data track."""
-        return self._track is not None
-
     async def start(self) -> None:
         """Publish the track; without one, reliable data is used."""
         if not self._prefer_track:
