@@ -18,7 +18,7 @@ from echoavatar.proxy.scripted import ScriptedUpstream
 def test_mistakes_are_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["proxy", "--upstream", "https://api.openai.com/v1/realtime"]) == 1
     told = capsys.readouterr().err
-    assert "is no WebSocket" in told
+    assert "is not a WebSocket URL" in told
     assert told.count("\n") == 1
 
 

@@ -15,9 +15,9 @@ from echoavatar.cli import main
 @pytest.mark.parametrize(
     ("words", "remedy"),
     [
-        (["--ahead", "9"], "0.3 to 3.5"),
+        (["--ahead", "9"], "between 0.3 and 3.5"),
         (["--certificate", "a.pem"], "both or neither"),
-        (["--certificate", "a.pem", "--key", "b.pem"], "no file a.pem"),
+        (["--certificate", "a.pem", "--key", "b.pem"], "file a.pem does not exist"),
         (["--model", "nobody"], "nobody"),
         (["--device", "gpu"], "say cpu, cuda"),
         (["--without", "toes"], "no stage 'toes'"),
@@ -53,14 +53,14 @@ def test_a_server_serves_its_page_and_stops_in_good_order(tiny_bundle: Path) -> 
             process.kill()
 
 
-def test_the_unity_sink_wants_an_address_and_an_imported_bundle_and_nobody_beside_it(tiny_bundle, capsys):
+def test_the_unity_sink_wants_an_address_and_an_imported_bundle_and_no_other_sink(tiny_bundle, capsys):
     serve = ["serve", "--model", str(tiny_bundle)]
     for words, complaint in (
         (["--sink", "unity://"], "HOST:PORT"),
-        (["--sink", "unity://127.0.0.1", "--sink", "vmc://127.0.0.1"], "leave the other sinks out"),
-        (["--sink", "unity://127.0.0.1"], "not for that Unity project's rig"),
+        (["--sink", "unity://127.0.0.1", "--sink", "vmc://127.0.0.1"], "excludes other sinks"),
+        (["--sink", "unity://127.0.0.1"], "not made for that Unity project's rig"),
         (["--sink", "unity-legacy"], "no known kind"),
-        (["--sink", "vmc://127.0.0.1?rate=0"], "1 to 240"),
+        (["--sink", "vmc://127.0.0.1?rate=0"], "between 1 and 240"),
     ):
         assert main([*serve, *words]) == 1
         assert complaint in capsys.readouterr().err

@@ -27,7 +27,7 @@ def test_it_needs_no_torch() -> None:
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-def test_what_is_said_comes_back_with_its_motion(place: Place) -> None:
+def test_speech_returns_with_its_motion(place: Place) -> None:
     async def run() -> None:
         async with connect(place.address, rate=48_000) as avatar:
             recorder = Recorder(avatar.ready)
@@ -47,7 +47,7 @@ def test_what_is_said_comes_back_with_its_motion(place: Place) -> None:
 
 
 def test_longer_than_the_inbox_is_sent_as_there_is_room(place: Place) -> None:
-    """Three minutes, where two may wait."""
+    """Three minutes of speech, of which the inbox holds two."""
 
     async def run() -> None:
         async with connect(place.address, rate=8_000) as avatar:
@@ -59,12 +59,12 @@ def test_longer_than_the_inbox_is_sent_as_there_is_room(place: Place) -> None:
                     await avatar.played(avatar.received)
                     if heard > 60:
                         break
-            assert avatar._spoken.seconds_ahead < 40
+            assert avatar._utterances.seconds_ahead < 40
 
     asyncio.run(asyncio.wait_for(run(), 30))
 
 
-def test_a_broken_line_is_mended_and_nothing_is_lost(place: Place) -> None:
+def test_a_broken_connection_resumes_without_loss(place: Place) -> None:
     async def run() -> None:
         async with connect(place.address) as avatar:
             recorder = Recorder(avatar.ready)
@@ -88,8 +88,8 @@ def test_a_broken_line_is_mended_and_nothing_is_lost(place: Place) -> None:
     asyncio.run(asyncio.wait_for(run(), 20))
 
 
-def test_a_lost_session_is_taken_up_by_another(place: Place) -> None:
-    """The server forgets the session, as another server would not know it; the sentence goes on where it was."""
+def test_a_lost_session_is_continued_by_a_new_one(place: Place) -> None:
+    """The server forgets the session; the next session continues the sentence where playback was."""
 
     async def run() -> None:
         async with connect(place.address) as avatar:
@@ -117,8 +117,8 @@ def test_a_lost_session_is_taken_up_by_another(place: Place) -> None:
 
 
 def _tear(avatar: Avatar) -> None:
-    assert avatar._line is not None
-    avatar._line.transport.abort()
+    assert avatar._socket is not None
+    avatar._socket.transport.abort()
 
 
 def test_interrupt_act_and_music(place: Place) -> None:
@@ -143,7 +143,7 @@ def test_interrupt_act_and_music(place: Place) -> None:
     asyncio.run(asyncio.wait_for(run(), 20))
 
 
-def test_refusals_are_errors_in_words(place: Place) -> None:
+def test_refusals_raise_errors_with_an_explanation(place: Place) -> None:
     async def run(url: str) -> None:
         async with connect(url):
             pass
@@ -168,11 +168,11 @@ async def _crowd(place: Place) -> None:
         ("ws://a.example/other", "ws://a.example/other"),
     ],
 )
-def test_addresses_are_taken_as_people_write_them(given: str, url: str) -> None:
+def test_addresses_may_have_any_usual_form(given: str, url: str) -> None:
     assert stream_url(given) == url
 
 
-def test_what_is_no_address_or_no_sound_is_said_so(place: Place) -> None:
+def test_invalid_addresses_and_samples_are_refused(place: Place) -> None:
     with pytest.raises(EchoAvatarError, match="address"):
         stream_url("ftp://a.example")
 

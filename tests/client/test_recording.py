@@ -64,7 +64,7 @@ def test_an_utterance_is_cut_out_of_the_session(tmp_path: Path) -> None:
         assert int(saved["frame_rate"]) == 30
 
 
-def test_what_was_flushed_is_not_in_it() -> None:
+def test_a_recording_leaves_out_what_was_flushed() -> None:
     recorder = Recorder(READY)
     for message in (motion(0, 0), sound(0, 0.5), motion(6_400, 1), sound(6_400, 0.5)):
         recorder.take(message)
@@ -75,6 +75,6 @@ def test_what_was_flushed_is_not_in_it() -> None:
     assert not recording.audio[8_000:].any()
 
 
-def test_nothing_is_said_to_be_nothing() -> None:
+def test_a_recording_without_motion_is_an_error() -> None:
     with pytest.raises(MotionError):
         Recorder(READY).recording()

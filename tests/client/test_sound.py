@@ -15,7 +15,7 @@ def test_two_channels_become_one_at_their_own_rate(tmp_path: Path) -> None:
     assert rate == 44_100
 
 
-def test_what_is_no_sound_is_said_so(tmp_path: Path) -> None:
+def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:
     (tmp_path / "a.wav").write_text("no")
     with pytest.raises(AudioError, match=r"a\.wav"):
         read_sound(tmp_path / "a.wav")

@@ -1,4 +1,4 @@
-"""Tools from afar, against a real server."""
+"""The remote tools against a real server."""
 
 from collections.abc import Iterator
 
@@ -16,7 +16,7 @@ def place() -> Iterator[Place]:
         yield place
 
 
-def test_what_is_asked_for_is_done_in_the_session_and_told_to_who_watches(place: Place) -> None:
+def test_calls_act_on_the_session_and_their_status_is_reported_to_it(place: Place) -> None:
     with place.call(Hello()) as caller:
         tools = RemoteTools(f"http://{place.address}", session=caller.ready.session)
         assert tools.call("send_action", {"action": "bow"})["status"] == "accepted"
@@ -32,7 +32,7 @@ def test_what_is_asked_for_is_done_in_the_session_and_told_to_who_watches(place:
     assert place.empties()
 
 
-def test_the_newest_session_is_meant_where_none_is_named(place: Place) -> None:
+def test_without_a_name_the_newest_session_is_used(place: Place) -> None:
     with place.call(Hello()) as first, place.call(Hello()) as second:
         tools = RemoteTools(place.address)
         assert tools.sessions() == [first.ready.session, second.ready.session]
@@ -42,7 +42,7 @@ def test_the_newest_session_is_meant_where_none_is_named(place: Place) -> None:
     assert place.empties()
 
 
-def test_what_cannot_be_is_told_not_raised(place: Place) -> None:
+def test_failed_calls_are_rejected_not_raised(place: Place) -> None:
     nobody = RemoteTools(place.address).call("send_action", {"action": "wave"})
     assert nobody["status"] == "rejected"
     assert "not here" in nobody["reason"]
@@ -56,14 +56,14 @@ def test_what_cannot_be_is_told_not_raised(place: Place) -> None:
         gone.schemas()
 
 
-def test_declarations_come_in_any_form(place: Place) -> None:
+def test_declarations_come_in_every_style(place: Place) -> None:
     tools = RemoteTools(place.address)
     assert [tool["name"] for tool in tools.schemas("mcp")][:2] == ["send_action", "play_music"]
     with pytest.raises(EchoAvatarError, match="style is one of"):
         tools.schemas("nonsense")
 
 
-def test_a_token_is_asked_for_and_taken() -> None:
+def test_the_token_is_required_and_accepted() -> None:
     from dataclasses import replace
 
     with serving(settings=replace(FAST, token="secret")) as place:

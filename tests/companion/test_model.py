@@ -1,4 +1,4 @@
-"""A model behind an endpoint, played by a few lines of HTTP."""
+"""A language model whose endpoint is a small HTTP server."""
 
 import asyncio
 import json
@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from echoavatar.companion import ChatModel, Doing, Said
+from echoavatar.companion import PERSONA, ChatModel, Doing, Said
 from echoavatar.errors import EchoAvatarError
 
 Answer = Callable[[str, Any], tuple[int, Any]]
@@ -99,12 +99,12 @@ def test_after_calls_alone_it_is_asked_for_words_and_not_for_ever() -> None:
     ("status", "told", "words"),
     [
         (401, {"error": "key sk-1"}, "HTTP 401"),
-        (200, {"choices": []}, "as Chat Completions do"),
-        (200, [1], "an object"),
+        (200, {"choices": []}, "form of Chat Completions"),
+        (200, [1], "a JSON object"),
         (200, b"<html>", "no model answers"),
     ],
 )
-def test_what_goes_wrong_is_said_without_the_key(status: int, told: Any, words: str) -> None:
+def test_errors_do_not_contain_the_key(status: int, told: Any, words: str) -> None:
     with endpoint(lambda path, content: (status, told)) as (url, _):
         with pytest.raises(EchoAvatarError, match=words) as caught:
             talk(ChatModel(url, model="m", key="sk-1"))
@@ -124,3 +124,9 @@ def test_spoken_words_are_transcribed() -> None:
     assert b"RIFF...." in content
     with pytest.raises(EchoAvatarError, match="ECHOAVATAR_CHAT_EARS"):
         asyncio.run(ChatModel("http://x", model="m").transcribe(b""))
+
+
+def test_the_default_persona_is_short_and_names_only_tools_that_exist() -> None:
+    assert len(PERSONA) < 1_200
+    assert {"send_action", "play_music", "stop_music"} <= set(PERSONA.replace(",", " ").split())
+    assert PERSONA.isascii()

@@ -4,7 +4,7 @@ from typing import Any
 import pytest
 
 from echoavatar.companion import Doing, Said, Scripted
-from echoavatar.companion.script import CUES, DEEDS, ELSE
+from echoavatar.companion.script import ACTION_LINES, CUES, FALLBACKS
 from echoavatar.errors import EchoAvatarError
 
 TOOLS = [
@@ -69,7 +69,9 @@ def test_it_says_what_it_is() -> None:
 
 
 def test_lines_fit_a_voice_and_are_spoken_english() -> None:
-    lines = [line for cue in CUES for line in cue.lines] + list(DEEDS) + [line for line, _ in ELSE]
+    lines = (
+        [line for cue in CUES for line in cue.lines] + list(ACTION_LINES) + [line for line, _ in FALLBACKS]
+    )
     assert all(0 < len(line) <= 600 for line in lines)
     assert all(line.isascii() and line[-1] in ".!?" for line in lines)
 

@@ -1,41 +1,26 @@
-from pathlib import Path
+"""What both kinds of companion are given and offer."""
 
 import pytest
 
-from echoavatar.companion import ChatModel, Scripted, from_environment
-from echoavatar.errors import EchoAvatarError
-
-URL = "http://127.0.0.1:9/v1"
+from echoavatar.companion import ChatModel, Companion, Doing, Scripted
 
 
-def test_nothing_configured_is_the_script() -> None:
-    assert isinstance(from_environment({}), Scripted)
+async def _refuse(name: str, arguments: dict[str, object]) -> dict[str, object]:
+    return {"status": "rejected"}
 
 
-def test_an_endpoint_is_a_model_with_the_persona_of_a_file(tmp_path: Path) -> None:
-    (tmp_path / "me.txt").write_text("You are a lamp.")
-    given = {
-        "ECHOAVATAR_CHAT_URL": URL,
-        "ECHOAVATAR_CHAT_MODEL": "m",
-        "ECHOAVATAR_CHAT_EARS": "whisper",
-        "ECHOAVATAR_PERSONA": str(tmp_path / "me.txt"),
-    }
-    model = from_environment(given)
-    assert isinstance(model, ChatModel)
-    assert (model.name, model.hears, model._persona) == ("m", True, "You are a lamp.")
+def _tool(name: str, argument: str, **schema: object) -> dict[str, object]:
+    return {"function": {"name": name, "parameters": {"properties": {argument: schema}}}}
 
 
-@pytest.mark.parametrize(
-    ("given", "remedy"),
-    [
-        ({"ECHOAVATAR_CHAT_URL": URL}, "ECHOAVATAR_CHAT_MODEL"),
-        ({"ECHOAVATAR_CHAT_URL": "file:///etc", "ECHOAVATAR_CHAT_MODEL": "m"}, "no address"),
-        (
-            {"ECHOAVATAR_CHAT_URL": URL, "ECHOAVATAR_CHAT_MODEL": "m", "ECHOAVATAR_PERSONA": "/nowhere"},
-            "cannot read",
-        ),
-    ],
-)
-def test_mistakes_are_said(given: dict[str, str], remedy: str) -> None:
-    with pytest.raises(EchoAvatarError, match=remedy):
-        from_environment(given)
+def test_choices_are_the_values_that_a_tool_declares() -> None:
+    doing = Doing([_tool("play_music", "title", enum=["Waltz"]), _tool("send_action", "action")], _refuse)
+    assert doing.choices("play_music", "title") == ["Waltz"]
+    assert doing.choices("send_action", "action") == []
+    assert doing.choices("stop_music", "title") == []
+
+
+@pytest.mark.parametrize("companion", [Scripted(), ChatModel("http://127.0.0.1:9/v1", model="m")])
+def test_both_kinds_are_companions(companion: Companion) -> None:
+    assert companion.name
+    assert not companion.hears

@@ -20,8 +20,8 @@ from tests.proxy.places import proxied, stage, tone
 from tests.server.fakes import Place, serving
 
 from echoavatar.cli import COMMANDS, command_module
-from echoavatar.proxy import added, events
-from echoavatar.proxy.scripted import Part
+from echoavatar.proxy import avatar_events, events
+from echoavatar.proxy.scripted import ScriptedSession
 from echoavatar.wire import ActionStatus, Hello
 
 ROOT = Path(__file__).parents[2]
@@ -40,7 +40,7 @@ def test_every_command_exists_with_its_options(line: str) -> None:
     _, command, *words = shlex.split(line, comments=True)
     assert command in COMMANDS
     parser = argparse.ArgumentParser(exit_on_error=False)
-    command_module(command).add_arguments(parser)
+    commandcommand_module(command).add_arguments(parser)
     parser.parse_args(words)
 
 
@@ -55,7 +55,7 @@ def test_examples_can_be_read_and_links_lead_somewhere(name: str) -> None:
 
 
 def test_every_event_that_is_added_is_on_the_page() -> None:
-    source = Path(added.__file__).read_text()
+    source = Path(avatar_events.__file__).read_text()
     kinds = set(re.findall(r'"((?:echoavatar|response)\.[a-z_.]+)"', source))
     assert len(kinds) >= 8
     assert [kind for kind in kinds if kind not in PAGES["openai_realtime"]] == []
@@ -63,7 +63,7 @@ def test_every_event_that_is_added_is_on_the_page() -> None:
 
 
 def test_every_variable_of_the_companion_is_on_its_page() -> None:
-    source = (ROOT / "src/echoavatar/companion/talk.py").read_text()
+    source = (ROOT / "src/echoavatar/companion/environment.py").read_text()
     names = set(re.findall(r'"(ECHOAVATAR_\w+)"', source))
     assert len(names) == 5
     assert [name for name in names if name not in PAGES["local_agent"]] == []
@@ -83,15 +83,15 @@ def conversation(place: Place) -> Iterator[str]:
     """The proxy's address, before a scripted voice, in a thread of its own."""
     there, over, told = threading.Event(), threading.Event(), []
 
-    async def greet(part: Part) -> None:
+    async def greet(session: ScriptedSession) -> None:
         """One second, when asked and the avatar is there; then the voice hangs up."""
-        await part.until("response.create")
+        await session.until("response.create")
         while not place.house.sessions:  # noqa: ASYNC110
             await asyncio.sleep(0.1)
         await asyncio.sleep(1.0)
-        await part.say(tone(1.0), pace=1.0)
+        await session.say(tone(1.0), pace=1.0)
         await asyncio.sleep(2.0)
-        await part.line.close()
+        await session.websocket.close()
 
     async def stand() -> None:
         async with proxied(greet, place.address) as (url, _, _):

@@ -1,4 +1,4 @@
-"""ElevenLabs' side of a conversation, scripted, on this machine."""
+"""A scripted ElevenLabs service on this machine."""
 
 import base64
 import json
@@ -14,7 +14,7 @@ from websockets.sync.server import ServerConnection, serve
 
 
 class Talk:
-    """One conversation: what the agent says, and what the SDK answers."""
+    """One conversation: sends what the agent says, and records what the SDK answers."""
 
     def __init__(self, line: ServerConnection) -> None:
         self.line = line
@@ -26,7 +26,7 @@ class Talk:
         self.line.send(json.dumps({"type": kind, **content}))
 
     def speak(self, samples: np.ndarray, rate: int) -> None:
-        """As the service does: faster than it is heard, a quarter of a second an event."""
+        """Send speech as the service does: faster than playback, a quarter of a second per event."""
         for start in range(0, len(samples), rate // 4):
             self.events += 1
             part = samples[start : start + rate // 4].astype("<i2").tobytes()
@@ -55,7 +55,7 @@ class Talk:
 
 @contextmanager
 def service(script: Callable[[Talk], None]) -> Iterator[str]:
-    """Its address; the script runs when a conversation begins, and its failure is raised here."""
+    """Run the service; yields its address. The script runs for each conversation, and its failure is raised here."""
     failed: list[BaseException] = []
 
     def answer(line: ServerConnection) -> None:
@@ -72,7 +72,7 @@ def service(script: Callable[[Talk], None]) -> Iterator[str]:
             failed.append(error)
 
     def sign(line: ServerConnection, request: Request) -> Response | None:
-        """The address of a conversation that wants a key, as their API gives it."""
+        """Answer the request for a signed conversation address, as their API does."""
         if "get-signed-url" not in request.path:
             return None
         port = line.socket.getsockname()[1]

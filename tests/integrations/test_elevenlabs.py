@@ -1,4 +1,4 @@
-"""ElevenLabs' contract: the SDK's own conversations against a scripted service on this machine, no keys."""
+"""The ElevenLabs SDK's own conversations against a scripted service on this machine; no keys."""
 
 import asyncio
 import json
@@ -13,26 +13,16 @@ pytest.importorskip("elevenlabs", reason="pip install 'echoavatar[elevenlabs]'")
 
 from elevenlabs import AsyncElevenLabs, ElevenLabs
 from elevenlabs.conversational_ai.conversation import AsyncConversation, ClientTools, Conversation
+from tests.integrations.fakes import engine, tone
 from tests.integrations.service import Talk, service
-from tests.server.fakes import Body
 
-from echoavatar.engine import Engine
 from echoavatar.errors import AudioError
-from echoavatar.integrations import Cut, Hop
+from echoavatar.integrations import AvatarChunk, Flushed
 from echoavatar.integrations.elevenlabs import AsyncAvatarAudioInterface, AvatarAudioInterface
 
 
-def engine() -> Engine:
-    return Engine(Body(), seats=2)  # type: ignore[arg-type]
-
-
-def tone(seconds: float, rate: int) -> np.ndarray:
-    time_s = np.arange(round(seconds * rate)) / rate
-    return (8_000 * np.sin(2 * np.pi * 220 * time_s)).astype(np.int16)
-
-
 class Device:
-    """A microphone and a loudspeaker that remembers."""
+    """A microphone, and a loudspeaker that records."""
 
     def __init__(self) -> None:
         self.heard = np.zeros(0, np.int16)
@@ -61,7 +51,7 @@ def wait(what: Callable[[], bool], seconds: float = 20.0) -> None:
 
 
 class Scene:
-    """A conversation of the SDK's with an avatar in it."""
+    """A conversation of the SDK with an avatar in it."""
 
     def __init__(self, *, rate: int = 24_000, where: Any = None) -> None:
         self.device, self.events, self.rate = Device(), [], rate  # type: ignore[var-annotated]
@@ -86,7 +76,7 @@ class Scene:
 
 
 @pytest.mark.parametrize("rate", [16_000, 24_000])
-def test_what_the_agent_says_is_heard_and_moves_the_body(rate: int) -> None:
+def test_the_agents_speech_is_heard_and_moves_the_body(rate: int) -> None:
     def script(scene: Scene, talk: Talk) -> None:
         talk.speak(tone(1.0, rate), rate)
         wait(lambda: np.count_nonzero(scene.device.heard) > 15_000)
@@ -99,7 +89,7 @@ def test_what_the_agent_says_is_heard_and_moves_the_body(rate: int) -> None:
     heard = scene.device.heard[4_000:12_000].astype(float)
     wanted = tone(1.0, 16_000)[4_000:12_000].astype(float)
     assert np.corrcoef(heard, wanted)[0, 1] > 0.99 or np.abs(heard).max() == pytest.approx(8_000, rel=0.05)
-    assert {hop.motion.state for hop in scene.of(Hop)} >= {"speaking"}
+    assert {chunk.motion.state for chunk in scene.of(AvatarChunk)} >= {"speaking"}
 
 
 def test_an_interruption_and_another_right_after() -> None:
@@ -109,25 +99,25 @@ def test_an_interruption_and_another_right_after() -> None:
         talk.interrupt()
         talk.interrupt()
         wait(lambda: scene.device.interruptions == 2)
-        wait(lambda: any(cut.is_interruption for cut in scene.of(Cut)))
+        wait(lambda: any(cut.is_interruption for cut in scene.of(Flushed)))
         count = len(scene.device.heard)
         time.sleep(0.7)
         assert len(scene.device.heard) - count < 200, "stale sound was heard"
         talk.speak(tone(4.0, 24_000), 24_000)
         wait(lambda: len(scene.device.heard) > count + 8_000)
         talk.interrupt()
-        wait(lambda: len([cut for cut in scene.of(Cut) if cut.is_interruption]) == 2)
+        wait(lambda: len([cut for cut in scene.of(Flushed) if cut.is_interruption]) == 2)
         again = len(scene.device.heard)
         talk.speak(tone(0.5, 24_000), 24_000)
         wait(lambda: len(scene.device.heard) > again + 7_500)
 
     scene = Scene()
     scene.converse(script)
-    first, second = [cut.flush for cut in scene.of(Cut) if cut.is_interruption]
+    first, second = [cut.flush for cut in scene.of(Flushed) if cut.is_interruption]
     assert (first.seg, second.seg) == (1, 2)
     assert 0 < first.heard < 3 * 24_000
-    last = scene.events.index(scene.of(Cut)[0])
-    after = [event for event in scene.events[last + 1 :] if isinstance(event, Hop)]
+    last = scene.events.index(scene.of(Flushed)[0])
+    after = [event for event in scene.events[last + 1 :] if isinstance(event, AvatarChunk)]
     assert after[0].at == first.at
 
 
@@ -145,7 +135,7 @@ def test_music_by_a_tool_goes_on_through_an_interruption() -> None:
 
     scene = Scene()
     scene.converse(script)
-    assert {hop.motion.state for hop in scene.of(Hop)} >= {"dancing"}
+    assert {chunk.motion.state for chunk in scene.of(AvatarChunk)} >= {"dancing"}
 
 
 def test_tools_are_called_by_the_agent() -> None:
@@ -162,7 +152,7 @@ def test_tools_are_called_by_the_agent() -> None:
     scene.converse(script)
 
 
-def test_bytes_that_are_no_samples_are_refused() -> None:
+def test_bytes_that_are_not_samples_are_refused() -> None:
     async def run() -> None:
         audio = AsyncAvatarAudioInterface(engine(), sample_rate=24_000)
         with pytest.raises(AudioError, match="pcm_24000"):
@@ -215,9 +205,9 @@ def test_the_default_bundle_in_a_conversation() -> None:
         talk.speak(tone(3.0, 24_000), 24_000)
         wait(lambda: len(scene.device.heard) > 16_000, 60)
         talk.interrupt()
-        wait(lambda: bool(scene.of(Cut)), 10)
+        wait(lambda: bool(scene.of(Flushed)), 10)
 
     scene = Scene(where="default")
     scene.converse(script)
-    rotations = [hop.motion.rotations for hop in scene.of(Hop)]
+    rotations = [chunk.motion.rotations for chunk in scene.of(AvatarChunk)]
     assert len(set(rotations)) == len(rotations)

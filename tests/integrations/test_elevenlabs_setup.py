@@ -1,4 +1,4 @@
-"""Set up twice against a service that remembers: created, then updated, never doubled."""
+"""The setup, run twice against a service that keeps state: created, then updated, never duplicated."""
 
 import json
 import threading
@@ -16,7 +16,7 @@ from echoavatar.pipeline.actions import Action, ActionLibrary
 
 
 class Service(BaseHTTPRequestHandler):
-    """ElevenLabs' tools and agents."""
+    """ElevenLabs' API of tools and agents."""
 
     tools: dict[str, Any]
     agents: dict[str, Any]
@@ -80,7 +80,7 @@ def schemas(*names: str) -> list[dict[str, Any]]:
     return Toolbox(actions, Tracks()).schemas()
 
 
-def test_setting_up_twice_changes_what_is_there(service: tuple[str, type[Service]]) -> None:
+def test_setting_up_twice_updates_instead_of_duplicating(service: tuple[str, type[Service]]) -> None:
     url, there = service
     plan = make_plan(schemas("wave"), "You are Echo.", name="idol", first_message="Hi!")
     agent_id, done = carry_out(plan, api_key="secret", base_url=url)
@@ -108,7 +108,7 @@ def test_an_agent_can_be_named_by_its_id(service: tuple[str, type[Service]]) -> 
     assert list(there.agents) == ["agent_7"]
 
 
-def test_only_what_asks_for_an_answer_waits_for_one() -> None:
+def test_only_tools_with_answers_make_the_model_wait() -> None:
     plan = make_plan(schemas("wave"), "", name="n")
     tools = {tool["tool_config"]["name"]: tool["tool_config"] for tool in plan.tools}
     assert [name for name, tool in tools.items() if tool["expects_response"]] == ["list_actions"]
@@ -118,7 +118,7 @@ def test_only_what_asks_for_an_answer_waits_for_one() -> None:
     assert "at most 2" in intensity["description"]
 
 
-def test_what_goes_wrong_is_told(service: tuple[str, type[Service]]) -> None:
+def test_failures_are_explained(service: tuple[str, type[Service]]) -> None:
     plan = make_plan(schemas("wave"), "Prompt.", name="n")
     with pytest.raises(EchoAvatarError, match="API key"):
         carry_out(plan, api_key="wrong", base_url=service[0])
@@ -129,7 +129,7 @@ def test_what_goes_wrong_is_told(service: tuple[str, type[Service]]) -> None:
 
 
 def test_the_sdk_takes_the_same_requests(service: tuple[str, type[Service]]) -> None:
-    """Its models accept every payload, and its client sends them to the addresses that we do."""
+    """Their models accept every payload, and their client sends it to the same addresses as ours."""
     elevenlabs = pytest.importorskip("elevenlabs", reason="pip install 'echoavatar[elevenlabs]'")
     url, there = service
     plan = make_plan(schemas("wave"), "Prompt.", name="idol")

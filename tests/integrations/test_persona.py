@@ -1,7 +1,7 @@
 from echoavatar.integrations.persona import persona
 
 
-def test_the_prompt_names_what_there_is() -> None:
+def test_the_prompt_lists_actions_and_tracks() -> None:
     text = persona(["wave", "bow"], ["Waltz"], name="Mika", surroundings="The record store is on the right.")
     for told in (
         "Mika",
@@ -17,5 +17,5 @@ def test_the_prompt_names_what_there_is() -> None:
     assert "{" not in text
 
 
-def test_without_anything_it_says_so() -> None:
+def test_the_prompt_says_if_there_are_none() -> None:
     assert "none yet" in persona([], [])

@@ -1,4 +1,4 @@
-"""Calls that a model may make, over a stage that only notes them."""
+"""A model's calls, through a bridge that only records them."""
 
 import asyncio
 from types import SimpleNamespace
@@ -8,12 +8,12 @@ import pytest
 
 from echoavatar.engine.tools import Toolbox
 from echoavatar.engine.tracks import Tracks
-from echoavatar.integrations import StageTools
+from echoavatar.integrations import AvatarTools
 from echoavatar.pipeline.actions import Action, ActionLibrary
 from echoavatar.wire import ActionStatus
 
 
-class Stage:
+class AvatarBridge:
     def __init__(self) -> None:
         self.asked: list[Any] = []
         self.ready = SimpleNamespace(actions=("wave",), tracks=("Waltz",))
@@ -31,24 +31,24 @@ class Stage:
 
 
 @pytest.fixture
-def tools() -> StageTools:
+def tools() -> AvatarTools:
     library = ActionLibrary({"wave": Action("wave", (0,) * 8, (1, 2))})
-    return StageTools(Stage(), Toolbox(library, Tracks()).schemas())  # type: ignore[arg-type]
+    return AvatarTools(AvatarBridge(), Toolbox(library, Tracks()).schemas())  # type: ignore[arg-type]
 
 
-def call(tools: StageTools, name: str, **arguments: Any) -> dict[str, Any]:
+def call(tools: AvatarTools, name: str, **arguments: Any) -> dict[str, Any]:
     return asyncio.run(tools.call(name, arguments))
 
 
-def test_calls_reach_the_stage(tools: StageTools) -> None:
+def test_calls_reach_the_stage(tools: AvatarTools) -> None:
     assert call(tools, "send_action", action="wave", intensity=2) == {"action": "wave", "status": "accepted"}
     assert call(tools, "send_action", action="wave", hold=None)["status"] == "accepted"
     told = call(tools, "play_music", title="Rock")
     assert told == {"title": "Rock", "status": "rejected", "reason": "no", "choices": ["Waltz"]}
     assert call(tools, "stop_music") == {"status": "done"}
     assert call(tools, "list_actions") == {"actions": ["wave"], "music": ["Waltz"]}
-    stage: Any = tools._stage
-    assert stage.asked == [("wave", 2.0, None), ("wave", 1.0, None), "Rock", "stop"]
+    bridge: Any = tools._bridge
+    assert bridge.asked == [("wave", 2.0, None), ("wave", 1.0, None), "Rock", "stop"]
 
 
 @pytest.mark.parametrize(
@@ -57,14 +57,14 @@ def test_calls_reach_the_stage(tools: StageTools) -> None:
         ("dive", {}, "there are: send_action"),
         ("send_action", {}, "needs 'action'"),
         ("send_action", {"action": 3}, "a string"),
-        ("send_action", {"action": "wave", "speed": 1}, "knows no 'speed'"),
+        ("send_action", {"action": "wave", "speed": 1}, "has no argument 'speed'"),
         ("send_action", {"action": "wave", "intensity": "much"}, "a number"),
         ("send_action", {"action": "wave", "intensity": True}, "a number"),
         ("send_action", {"action": "wave", "hold": 1e9}, "a number from 0 to 60"),
     ],
 )
-def test_nonsense_is_told_not_raised(
-    tools: StageTools, name: str, arguments: dict[str, Any], reason: str
+def test_invalid_calls_are_rejected_not_raised(
+    tools: AvatarTools, name: str, arguments: dict[str, Any], reason: str
 ) -> None:
     told = call(tools, name, **arguments)
     assert told["status"] == "rejected"

@@ -1,4 +1,4 @@
-"""The package's own client against our server, in process, over standard input and over HTTP."""
+"""The `mcp` package's own client against our server: in process, over standard input and over HTTP."""
 
 import asyncio
 import json
@@ -24,7 +24,7 @@ def place() -> Iterator[Place]:
 
 
 async def use(client: "mcp.Client") -> None:
-    """What an agent does."""
+    """List the tools, call one, and call one wrongly, as an agent would."""
     listed = await client.list_tools()
     assert [tool.name for tool in listed.tools] == NAMES
     assert listed.tools[0].input_schema["properties"]["action"]["enum"] == ["wave", "bow"]

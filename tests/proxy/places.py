@@ -1,4 +1,4 @@
-"""A scripted voice, an avatar server with a body of twenty lines and a face, and a proxy between them."""
+"""A scripted voice agent, an avatar server with a minimal pipeline and a face, and a proxy between them."""
 
 import asyncio
 import contextlib
@@ -14,12 +14,12 @@ from tests.server.fakes import Body, Place, serving
 from websockets.asyncio.client import ClientConnection, connect
 
 from echoavatar.proxy import ProxySettings, Relay
-from echoavatar.proxy.scripted import Part, Script, ScriptedUpstream
+from echoavatar.proxy.scripted import Script, ScriptedSession, ScriptedUpstream
 from echoavatar.proxy.upstream import quiet_logger
 
 
 class FacedBody(Body):
-    """Its left eye is shut as far as its hips are high."""
+    """The left eye closes as the hips rise."""
 
     face = "a face"
 
@@ -41,7 +41,7 @@ def stage(**options: Any) -> Iterator[Place]:
 async def proxied(
     script: Script, avatar: str = "", *, settings: ProxySettings | None = None, **options: Any
 ) -> AsyncIterator[tuple[str, ScriptedUpstream, Relay]]:
-    """The proxy's address, before a scripted upstream."""
+    """Run a proxy in front of a scripted upstream; yields the proxy's address first."""
     async with ScriptedUpstream(script, **options) as upstream:
         given = settings or ProxySettings("ws://nowhere.example")
         relay = Relay(replace(given, upstream=upstream.url, avatar=avatar))
@@ -53,10 +53,10 @@ async def proxied(
 
 
 class Listener:
-    """A client that keeps everything: what the upstream said as text, what the proxy added as events."""
+    """A client that records everything: what the upstream sent as text, what the proxy added as events."""
 
-    def __init__(self, line: ClientConnection) -> None:
-        self.line = line
+    def __init__(self, websocket: ClientConnection) -> None:
+        self.websocket = websocket
         self.passed: list[str] = []
         self.added: list[dict[str, Any]] = []
         self.code: int | None = None
@@ -69,7 +69,7 @@ class Listener:
         async with asyncio.timeout(seconds):
             while not until(self):
                 try:
-                    text = await self.line.recv()
+                    text = await self.websocket.recv()
                 except ConnectionClosed as closed:
                     self.code = closed.rcvd.code if closed.rcvd else 1006
                     return
@@ -82,22 +82,35 @@ class Listener:
         return [event for event in self.added if event["type"] == kind]
 
     async def say(self, kind: str, **fields: Any) -> None:
-        await self.line.send(json.dumps({"type": kind, **fields}))
+        await self.websocket.send(json.dumps({"type": kind, **fields}))
 
 
 @contextlib.asynccontextmanager
 async def listening(url: str, **options: Any) -> AsyncIterator[Listener]:
-    async with connect(url, compression=None, logger=quiet_logger(), **options) as line:
-        yield Listener(line)
+    async with connect(url, compression=None, logger=quiet_logger(), **options) as websocket:
+        yield Listener(websocket)
+
+
+@contextlib.asynccontextmanager
+async def talking(
+    script: Script, *, pipeline: Any = None, settings: ProxySettings | None = None
+) -> AsyncIterator[tuple[Listener, ScriptedUpstream, Place]]:
+    """A client that talks with a scripted upstream through a proxy with an avatar."""
+    with stage(pipeline=pipeline) as place:
+        async with (
+            proxied(script, place.address, settings=settings) as (url, upstream, _),
+            listening(url) as client,
+        ):
+            yield client, upstream, place
 
 
 def tone(seconds: float, level: int = 8_000) -> bytes:
-    """Constant sound: what was heard of it can be summed up."""
+    """Constant sound, so that sums show how much was heard."""
     return np.full(round(24_000 * seconds), level, "<i2").tobytes()
 
 
-async def silent(part: Part) -> None:
-    """Says nothing."""
+async def silent(session: ScriptedSession) -> None:
+    """A script that sends nothing."""
 
 
 def run(what: Callable[[], Awaitable[None]], seconds: float = 30) -> None:

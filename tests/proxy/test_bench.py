@@ -1,4 +1,4 @@
-"""The bench measures what it says: all ways, the same events, with an avatar that moves."""
+"""The benchmark sends the same events all ways, with an avatar that moves."""
 
 from tests.proxy.places import stage
 

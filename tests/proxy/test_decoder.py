@@ -3,7 +3,7 @@ import pytest
 
 from echoavatar.proxy.decoder import Decoder
 
-# G.711, table of values at both ends and in the middle: code to 16-bit sample
+# G.711: codes at both ends and in the middle, with their 16-bit samples
 MU = {0x00: -32_124, 0x7F: 0, 0x80: 32_124, 0xFF: 0, 0xF0: 120, 0x70: -120}
 A = {0xD5: 8, 0x55: -8, 0xAA: 32_256, 0x2A: -32_256, 0xC5: 264}
 

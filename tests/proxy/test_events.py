@@ -8,7 +8,7 @@ from echoavatar.proxy.events import audio_format, interrupts, is_for_us, read, s
 @pytest.mark.parametrize(
     "text", ["", "[", '"a"', "{}", '{"type": 3}', '{"type":"a","item_id":4}', "[" * 9_000]
 )
-def test_what_is_no_event_is_none(text: str) -> None:
+def test_malformed_events_are_none(text: str) -> None:
     assert read(text) is None
 
 

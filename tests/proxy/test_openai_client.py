@@ -1,4 +1,4 @@
-"""The official OpenAI client as the user: one URL is changed, nothing else."""
+"""The official OpenAI client through the proxy, with nothing changed but the URL."""
 
 import asyncio
 import base64
@@ -7,27 +7,29 @@ import pytest
 from tests.proxy.places import proxied, run, stage, tone
 
 from echoavatar.proxy import ProxySettings
-from echoavatar.proxy.scripted import Part
+from echoavatar.proxy.scripted import ScriptedSession
 
 openai = pytest.importorskip("openai")
 
 
-async def talk(part: Part) -> None:
-    """Asks for the user's first words, answers, is interrupted, waves, and answers again."""
-    await part.until("response.create")
+async def talk(session: ScriptedSession) -> None:
+    """Wait for `response.create`, answer, be interrupted, wave, and answer again."""
+    await session.until("response.create")
     speaking = asyncio.create_task(
-        part.say(
-            tone(6.0), pace=0.4, until=lambda: any(e["type"] == "input_audio_buffer.append" for e in part.got)
+        session.say(
+            tone(6.0),
+            pace=0.4,
+            until=lambda: any(e["type"] == "input_audio_buffer.append" for e in session.received),
         )
     )
-    await part.until("input_audio_buffer.append")
-    await part.send("input_audio_buffer.speech_started", audio_start_ms=10, item_id="item_user")
+    await session.until("input_audio_buffer.append")
+    await session.send("input_audio_buffer.speech_started", audio_start_ms=10, item_id="item_user")
     await speaking
-    await part.until("conversation.item.truncate")
-    await part.send("conversation.item.truncated", item_id="item_1", content_index=0, audio_end_ms=600)
-    await part.call("send_action", '{"action": "wave"}', response="resp_2")
-    await part.until("response.create", 2)
-    await part.say(tone(1.0), item="item_3", response="resp_3")
+    await session.until("conversation.item.truncate")
+    await session.send("conversation.item.truncated", item_id="item_1", content_index=0, audio_end_ms=600)
+    await session.call("send_action", '{"action": "wave"}', response="resp_2")
+    await session.until("response.create", 2)
+    await session.say(tone(1.0), item="item_3", response="resp_3")
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")

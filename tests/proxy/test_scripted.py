@@ -1,17 +1,17 @@
-"""The script plays the events that the official client knows."""
+"""The scripted upstream sends events that the official client accepts."""
 
 import json
 
 import pytest
 from tests.proxy.places import listening, run, tone
 
-from echoavatar.proxy.scripted import Part, ScriptedUpstream
+from echoavatar.proxy.scripted import ScriptedSession, ScriptedUpstream
 
 
-async def script(part: Part) -> None:
-    await part.say(tone(0.25))
-    await part.call("send_action", "{}", response="resp_2")
-    await part.line.close()
+async def script(session: ScriptedSession) -> None:
+    await session.say(tone(0.25))
+    await session.call("send_action", "{}", response="resp_2")
+    await session.websocket.close()
 
 
 def test_its_events_are_those_that_openai_documents() -> None:

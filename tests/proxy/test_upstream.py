@@ -1,4 +1,4 @@
-from echoavatar.proxy.upstream import passed_on, quiet_logger, upstream_url
+from echoavatar.proxy.upstream import forwarded_headers, quiet_logger, upstream_url
 
 
 def test_the_query_is_both_and_the_client_decides() -> None:
@@ -20,8 +20,8 @@ def test_headers_of_this_one_connection_stay_here() -> None:
         ("X-Custom", "1"),
         ("api-key", "k"),
     ]
-    assert passed_on(given) == [("Authorization", "Bearer k"), ("X-Custom", "1"), ("api-key", "k")]
+    assert forwarded_headers(given) == [("Authorization", "Bearer k"), ("X-Custom", "1"), ("api-key", "k")]
 
 
-def test_the_line_cannot_be_made_to_log_what_it_sends() -> None:
+def test_the_connection_logs_nothing_at_debug_level() -> None:
     assert not quiet_logger().isEnabledFor(10)

@@ -1,4 +1,4 @@
-"""Something that listens on a port of this machine, a rig, and poses that can be told apart."""
+"""A UDP receiver, a rig, and frames that differ from each other."""
 
 import contextlib
 import socket
@@ -17,7 +17,7 @@ RIG = Rig(names=_CONFIG.names, parents=_CONFIG.parents, rest=_CONFIG.offsets)
 
 
 class Receiver:
-    """A UDP port; packets are kept with the time at which they were read."""
+    """A UDP port; packets are returned with the time at which they were read."""
 
     def __init__(self) -> None:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -29,7 +29,7 @@ class Receiver:
         return [(time.monotonic(), self.socket.recv(65_536)) for _ in range(count)][:count]
 
     def empty(self) -> None:
-        """Throw away what has come so far."""
+        """Discard what has arrived so far."""
         self.socket.setblocking(False)
         with contextlib.suppress(BlockingIOError):
             while True:
@@ -52,7 +52,7 @@ class Receiver:
 
 
 def shown(encoder: Encoder, frame: Frame) -> Frame:
-    """The frame with its face as this encoder wants it."""
+    """The frame with its face converted for this encoder."""
     return frame if frame.face is None else frame._replace(face=encoder.faces(frame.face[None])[0])
 
 
@@ -65,7 +65,7 @@ def random_frame(seed: int = 0, *, has_face: bool = True) -> Frame:
 
 
 def walking(frames: int, *, start: float = 0.0) -> Pose:
-    """Frames at rest whose hips are so many metres ahead as the frame's time in seconds."""
+    """Frames at rest whose hips advance one metre per second."""
     rotations = np.zeros((frames, len(RIG.names), 4), np.float32)
     rotations[..., 0] = 1
     root = np.tile(np.float32([0, 0.95, 0]), (frames, 1))

@@ -30,11 +30,11 @@ def test_options_change_rate_and_names() -> None:
         ("vmc://host:99999", "HOST:PORT"),
         ("vmc://host/path", "HOST:PORT"),
         ("vmc://127.0.0.1?names=mine", "vrm0"),
-        ("vmc://127.0.0.1?rate=0", "1 to 240"),
-        ("vmc://127.0.0.1?rate=fast", "1 to 240"),
-        ("livelink://127.0.0.1?names=vrm0", "does not know 'names'"),
+        ("vmc://127.0.0.1?rate=0", "between 1 and 240"),
+        ("vmc://127.0.0.1?rate=fast", "between 1 and 240"),
+        ("livelink://127.0.0.1?names=vrm0", "has no option 'names'"),
         ("unity://127.0.0.1", "a server of its own"),
-        ("vmc://no-such-host.invalid", "is not known"),
+        ("vmc://no-such-host.invalid", "cannot be resolved"),
     ],
 )
 def test_mistakes_are_named(text: str, complaint: str) -> None:

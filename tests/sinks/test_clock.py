@@ -5,7 +5,7 @@ from echoavatar.timing import SAMPLE_RATE_HZ as RATE
 
 
 def followed(told, read_hz: float = 60.0, seconds: float = 4.0) -> np.ndarray:  # type: ignore[no-untyped-def]
-    """Readings, in seconds, of a clock that is told another one's reading at 50 Hz."""
+    """Readings, in seconds, of a clock that follows reports at 50 Hz."""
     clock, readings, next_told = FollowingClock(), [], 0.0
     for now in np.arange(0, seconds, 1 / read_hz):
         while next_told <= now:
@@ -15,7 +15,7 @@ def followed(told, read_hz: float = 60.0, seconds: float = 4.0) -> np.ndarray:  
     return np.array(readings) / RATE
 
 
-def test_nothing_told_nothing_read() -> None:
+def test_without_a_report_there_is_no_reading() -> None:
     assert FollowingClock().read(1.0) is None
 
 
@@ -28,7 +28,7 @@ def test_an_uneven_clock_is_followed_evenly() -> None:
     assert speed.max() < 1.3
 
 
-def test_a_clock_that_stands_still_is_come_to_rest_by_and_never_run_backwards() -> None:
+def test_the_clock_stops_with_the_other_one_and_never_runs_backwards() -> None:
     readings = followed(lambda now: min(now, 2.0))
     assert (np.diff(readings) >= 0).all()
     assert readings[-1] - readings[-30] < 0.002
@@ -43,7 +43,7 @@ def test_a_jump_is_made_at_once_in_both_directions() -> None:
         assert np.abs(settled - expected).max() < 0.02
 
 
-def test_who_tells_no_more_does_not_run_on() -> None:
+def test_without_reports_the_clock_stops() -> None:
     clock = FollowingClock()
     clock.tell(0, 0.0)
     last = [clock.read(now) for now in np.arange(0, 3, 1 / 60)][-1]
@@ -51,7 +51,7 @@ def test_who_tells_no_more_does_not_run_on() -> None:
     assert last <= 0.25 * RATE
 
 
-def test_begun_anew_it_reads_what_is_told() -> None:
+def test_after_a_jump_it_takes_over_the_next_report() -> None:
     clock = FollowingClock()
     clock.tell(0, 0.0)
     clock.read(0.0)

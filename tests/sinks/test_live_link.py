@@ -1,4 +1,4 @@
-"""Packets of Live Link Face through a reader of its published layout that shares nothing with our writer."""
+"""Live Link Face packets, read by a decoder of the published layout that shares no code with the encoder."""
 
 import struct
 
@@ -9,74 +9,24 @@ from tests.sinks.receiving import RIG, random_frame, shown
 from echoavatar.face.arkit import ARKIT_NAMES
 from echoavatar.sinks.live_link import LiveLinkEncoder, head_angles
 
-# Unreal's EARFaceBlendShape, as its engine and the packet number them
+# Unreal's EARFaceBlendShape, in the order of its engine and of the packet
 UNREAL = [
-    "EyeBlinkLeft",
-    "EyeLookDownLeft",
-    "EyeLookInLeft",
-    "EyeLookOutLeft",
-    "EyeLookUpLeft",
-    "EyeSquintLeft",
-    "EyeWideLeft",
-    "EyeBlinkRight",
-    "EyeLookDownRight",
-    "EyeLookInRight",
-    "EyeLookOutRight",
-    "EyeLookUpRight",
-    "EyeSquintRight",
-    "EyeWideRight",
-    "JawForward",
-    "JawLeft",
-    "JawRight",
-    "JawOpen",
-    "MouthClose",
-    "MouthFunnel",
-    "MouthPucker",
-    "MouthLeft",
-    "MouthRight",
-    "MouthSmileLeft",
-    "MouthSmileRight",
-    "MouthFrownLeft",
-    "MouthFrownRight",
-    "MouthDimpleLeft",
-    "MouthDimpleRight",
-    "MouthStretchLeft",
-    "MouthStretchRight",
-    "MouthRollLower",
-    "MouthRollUpper",
-    "MouthShrugLower",
-    "MouthShrugUpper",
-    "MouthPressLeft",
-    "MouthPressRight",
-    "MouthLowerDownLeft",
-    "MouthLowerDownRight",
-    "MouthUpperUpLeft",
-    "MouthUpperUpRight",
-    "BrowDownLeft",
-    "BrowDownRight",
-    "BrowInnerUp",
-    "BrowOuterUpLeft",
-    "BrowOuterUpRight",
-    "CheekPuff",
-    "CheekSquintLeft",
-    "CheekSquintRight",
-    "NoseSneerLeft",
-    "NoseSneerRight",
-    "TongueOut",
-    "HeadYaw",
-    "HeadPitch",
-    "HeadRoll",
-    "LeftEyeYaw",
-    "LeftEyePitch",
-    "LeftEyeRoll",
-    "RightEyeYaw",
-    "RightEyePitch",
-    "RightEyeRoll",
-]
+    "EyeBlinkLeft", "EyeLookDownLeft", "EyeLookInLeft", "EyeLookOutLeft", "EyeLookUpLeft", "EyeSquintLeft",
+    "EyeWideLeft", "EyeBlinkRight", "EyeLookDownRight", "EyeLookInRight", "EyeLookOutRight",
+    "EyeLookUpRight", "EyeSquintRight", "EyeWideRight", "JawForward", "JawLeft", "JawRight", "JawOpen",
+    "MouthClose", "MouthFunnel", "MouthPucker", "MouthLeft", "MouthRight", "MouthSmileLeft",
+    "MouthSmileRight", "MouthFrownLeft", "MouthFrownRight", "MouthDimpleLeft", "MouthDimpleRight",
+    "MouthStretchLeft", "MouthStretchRight", "MouthRollLower", "MouthRollUpper", "MouthShrugLower",
+    "MouthShrugUpper", "MouthPressLeft", "MouthPressRight", "MouthLowerDownLeft", "MouthLowerDownRight",
+    "MouthUpperUpLeft", "MouthUpperUpRight", "BrowDownLeft", "BrowDownRight", "BrowInnerUp",
+    "BrowOuterUpLeft", "BrowOuterUpRight", "CheekPuff", "CheekSquintLeft", "CheekSquintRight",
+    "NoseSneerLeft", "NoseSneerRight", "TongueOut", "HeadYaw", "HeadPitch", "HeadRoll", "LeftEyeYaw",
+    "LeftEyePitch", "LeftEyeRoll", "RightEyeYaw", "RightEyePitch", "RightEyeRoll",
+]  # fmt: skip
 
 
 def decoded(packet: bytes) -> dict:  # type: ignore[type-arg]
-    """Byte by byte as the app's receivers read it."""
+    """Decode a packet byte by byte, as the app's receivers do."""
     version = int.from_bytes(packet[:4], "little")
     device = packet[4:41].decode()
     length = int.from_bytes(packet[41:45], "big")
@@ -121,7 +71,7 @@ def test_eyes_look_where_the_curves_say() -> None:
     ("axis", "angle"), [((0, 1, 0), (-0.4, 0, 0)), ((1, 0, 0), (0, 0.4, 0)), ((0, 0, 1), (0, 0, 0.4))]
 )
 def test_the_heads_angles_are_those_of_neck_and_head_together(axis, angle) -> None:  # type: ignore[no-untyped-def]
-    """A turn to the left is negative, a nod positive, a tilt to the right positive."""
+    """Turning to the left is negative, nodding positive, tilting to the right positive."""
     half = np.array([np.cos(0.1), *(np.sin(0.1) * np.array(axis))])
     np.testing.assert_allclose(head_angles(np.stack([half, half])), angle, atol=1e-6)
 

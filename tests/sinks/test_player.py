@@ -10,7 +10,7 @@ from echoavatar.wire import Flush, pack_pose
 
 
 class Noted:
-    """Keeps what it is shown."""
+    """A sink that records its frames."""
 
     def __init__(self, rate: float = 60.0) -> None:
         self.rate = rate
@@ -34,7 +34,7 @@ class Broken(Noted):
 
 
 class Stuck(Noted):
-    """Never comes back from its first frame."""
+    """A sink that hangs in its first frame."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -58,9 +58,9 @@ def test_frames_come_at_the_sinks_own_rate_on_the_sessions_clock(rate: float) ->
     player.put(0, walking(60))
     played(player, 1.0)
     player.close()
-    assert 0.2 * rate < len(sink.frames) < 1.2 * rate  # a busy machine leaves some out
+    assert 0.2 * rate < len(sink.frames) < 1.2 * rate  # a busy machine skips some
     for frame in sink.frames:
-        assert abs(frame.root[2] - frame.at / 24_000) < 1e-4  # what is shown is what that moment has
+        assert abs(frame.root[2] - frame.at / 24_000) < 1e-4  # each frame shows the pose of its own moment
     times = [frame.seconds for frame in sink.frames]
     assert all(b > a for a, b in zip(times, times[1:], strict=False))
     assert sink.is_closed
@@ -72,12 +72,14 @@ def test_messages_of_a_session_are_enough_and_a_flush_is_obeyed() -> None:
     player.take(pack_pose(walking(30), at=0))
     played(player, 0.2)
     player.take(Flush(at=8_000, epoch=1, seg=0, heard=0))
-    played(player, 0.1, start=8_000)  # what was there is not shown, though nothing has come instead
+    played(player, 0.1, start=8_000)  # poses after the flush are not shown, although no new ones have arrived
     player.take(pack_pose(walking(30, start=100.0), at=8_000, epoch=1))
     played(player, 0.3, start=8_000)
     player.close()
     for frame in sink.frames:
-        is_blend = 7_200 <= frame.at <= 8_000  # of the last frame before the flush and the first one after it
+        is_blend = (
+            7_200 <= frame.at <= 8_000
+        )  # between the last frame before the flush and the first one after it
         if not is_blend:
             beyond = 100 if frame.at > 8_000 else 0
             ahead = (frame.at - (8_000 if beyond else 0)) / 24_000
@@ -100,7 +102,7 @@ def test_between_sessions_the_last_pose_is_held() -> None:
     assert sink.frames[-1].root[2] == sink.frames[seen].root[2]
 
 
-def test_a_sink_that_fails_is_said_once_and_tried_on(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_failing_sink_is_logged_once_and_tried_again(caplog: pytest.LogCaptureFixture) -> None:
     sink = Broken()
     player = SinkPlayer(sink, RIG, name="vmc://there")
     player.put(0, walking(60))
@@ -111,7 +113,7 @@ def test_a_sink_that_fails_is_said_once_and_tried_on(caplog: pytest.LogCaptureFi
     assert len(caplog.messages) == 1
 
 
-def test_nobody_waits_for_a_sink_that_hangs() -> None:
+def test_a_sink_that_hangs_blocks_nothing() -> None:
     sink = Stuck()
     player = SinkPlayer(sink, RIG)
     player.put(0, walking(30))
@@ -120,7 +122,7 @@ def test_nobody_waits_for_a_sink_that_hangs() -> None:
     for block in range(200):
         player.put(block * 6400, walking(8))
         player.tell(block * 6400, time.monotonic())
-    assert time.monotonic() - began < 5  # it hangs for 20
+    assert time.monotonic() - began < 5  # the sink hangs for 20 s
     player.close()
     assert time.monotonic() - began < 10
     sink.let_go.set()

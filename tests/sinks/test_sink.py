@@ -27,7 +27,7 @@ def test_datagrams_arrive_in_order() -> None:
         sink.close()
 
 
-def test_nobody_there_is_no_error() -> None:
+def test_a_missing_receiver_is_no_error() -> None:
     with Receiver() as receiver:
         port = receiver.port
     sink = UdpSink(Says(b"x"), "127.0.0.1", port, 60)

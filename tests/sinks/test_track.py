@@ -23,7 +23,7 @@ def test_poses_are_read_between_frames_and_across_blocks() -> None:
     assert abs(ahead(track, 99_999) - 15 / 30) < 1e-6  # held
 
 
-def test_what_was_taken_back_is_not_shown() -> None:
+def test_removed_poses_are_not_shown() -> None:
     track = PoseTrack()
     track.put(0, walking(8))
     track.put(6400, walking(8, start=8 / 30))
@@ -34,7 +34,7 @@ def test_what_was_taken_back_is_not_shown() -> None:
     assert abs(ahead(track, 4 * SAMPLES_PER_FRAME) - 5 - 1 / 30) < 1e-6
 
 
-def test_what_was_shown_is_forgotten() -> None:
+def test_poses_behind_the_reader_are_dropped() -> None:
     track = PoseTrack()
     for block in range(100):
         track.put(block * 6400, walking(8))

@@ -1,4 +1,4 @@
-"""VMC packets through python-osc, and the traps: axes, thumbs, names of expressions."""
+"""VMC packets, read by python-osc; axes, thumbs and expression names are the traps."""
 
 import numpy as np
 import pytest
@@ -9,26 +9,10 @@ from echoavatar.sinks.vmc import VmcEncoder, expression_names, to_unity, unity_b
 
 osc_bundle = pytest.importorskip("pythonosc.osc_bundle")
 HUMAN_BODY_BONES = [
-    "Hips",
-    "Spine",
-    "Chest",
-    "UpperChest",
-    "Neck",
-    "Head",
-    "LeftShoulder",
-    "LeftUpperArm",
-    "LeftLowerArm",
-    "LeftHand",
-    "LeftThumbProximal",
-    "LeftThumbIntermediate",
-    "LeftThumbDistal",
-    "LeftIndexProximal",
-    "LeftLittleIntermediate",
-    "RightUpperLeg",
-    "RightLowerLeg",
-    "RightFoot",
-    "RightToes",
-]
+    "Hips", "Spine", "Chest", "UpperChest", "Neck", "Head", "LeftShoulder", "LeftUpperArm", "LeftLowerArm",
+    "LeftHand", "LeftThumbProximal", "LeftThumbIntermediate", "LeftThumbDistal", "LeftIndexProximal",
+    "LeftLittleIntermediate", "RightUpperLeg", "RightLowerLeg", "RightFoot", "RightToes",
+]  # fmt: skip
 
 
 def read(packets):  # type: ignore[no-untyped-def]
@@ -56,12 +40,14 @@ def test_a_frame_comes_through_whole() -> None:
     assert messages[-1].address == "/VMC/Ext/Blend/Apply"
 
 
-def test_unitys_axes_mirror_and_keep_what_a_turn_does() -> None:
-    """A turn of +90 degrees about our Y takes ahead to our left; in Unity, left is -X."""
+def test_unitys_axes_mirror_rotations_correctly() -> None:
+    """A rotation of +90 degrees about our Y points ahead to our left; in Unity, left is -X."""
     half = np.sqrt(0.5)
     ((x, y, z, qx, qy, qz, qw),) = to_unity(np.array([[half, 0, half, 0]]), np.array([[1.0, 2.0, 3.0]]))
     assert (x, y, z) == (-1, 2, 3)
-    ahead = np.array([0.0, 0.0, 1.0])  # the same formula turns vectors in both, only the handedness differs
+    ahead = np.array(
+        [0.0, 0.0, 1.0]
+    )  # the formula for rotating a vector is the same in both; only the handedness differs
     axis = np.array([qx, qy, qz])
     turned = ahead + 2 * np.cross(axis, np.cross(axis, ahead) + qw * ahead)
     np.testing.assert_allclose(turned, [-1, 0, 0], atol=1e-12)
@@ -80,7 +66,7 @@ def test_thumbs_are_named_one_bone_further_out() -> None:
     ("names", "first", "count"),
     [("vrm0", "A", 12), ("vrm1", "aa", 12), ("arkit", "eyeBlinkLeft", 52), ("perfect", "EyeBlinkLeft", 52)],
 )
-def test_expressions_have_the_names_that_were_asked_for(names, first, count) -> None:  # type: ignore[no-untyped-def]
+def test_expressions_have_the_requested_names(names, first, count) -> None:  # type: ignore[no-untyped-def]
     assert expression_names(names)[0] == first
     frame, encoder = random_frame(), VmcEncoder(RIG, names)
     blends = [m for m in read(encoder(shown(encoder, frame))) if m.address == "/VMC/Ext/Blend/Val"]

@@ -1,4 +1,4 @@
-"""What is sent to Unity, against the release's own numbers."""
+"""What is sent to Unity, compared with the release's own numbers."""
 
 from pathlib import Path
 
@@ -13,12 +13,11 @@ from echoavatar.pipeline.rig import RigConfig
 from echoavatar.reference.rig import AXES
 from echoavatar.unity.frames import (
     UnityAxes,
+    at_60_fps,
     face47,
-    merged,
+    merge_channels,
+    rotations_at_60_fps,
     smoothed,
-    smoothed_turns,
-    twice,
-    twice_turns,
     write_face47,
 )
 
@@ -31,7 +30,7 @@ def rig(unity=()) -> RigConfig:
     return RigConfig(axes=AXES, metres_per_unit=0.01, up=2, unity=unity)
 
 
-def same_turns(ours: np.ndarray, theirs: np.ndarray, atol: float = 1e-5) -> None:
+def same_rotations(ours: np.ndarray, theirs: np.ndarray, atol: float = 1e-5) -> None:
     signs = np.where((ours * theirs).sum(-1, keepdims=True) < 0, -1, 1)
     np.testing.assert_allclose(ours * signs, theirs, atol=atol)
 
@@ -43,21 +42,21 @@ def golden() -> dict[str, np.ndarray]:
 
 @needs_golden
 def test_the_matrix_of_each_joint_found_on_half_the_frames_turns_the_other_half(golden) -> None:
-    """U = M R M^-1 leaves M, of determinant below zero, open but for a factor; the user's stats folder has it."""
+    """U = M R M^-1 determines M (negative determinant) up to a factor; the user's stats folder contains M itself."""
     theirs = golden["quat_wxyz"].astype(np.float64)
     unity = golden["unity_quat_xyzw"][..., [3, 0, 1, 2]].astype(np.float64)
-    turns, wanted = (matrix_from_quaternion(torch.from_numpy(q)).numpy() for q in (theirs, unity))
+    rotations, wanted = (matrix_from_quaternion(torch.from_numpy(q)).numpy() for q in (theirs, unity))
     found = []
     for joint in range(88):
-        pairs = zip(wanted[:12, joint], turns[:12, joint], strict=True)
+        pairs = zip(wanted[:12, joint], rotations[:12, joint], strict=True)
         rows = [np.kron(u, np.eye(3)) - np.kron(np.eye(3), r.T) for u, r in pairs]
         m = np.linalg.svd(np.concatenate(rows))[2][-1].reshape(3, 3)
         m /= np.cbrt(abs(np.linalg.det(m)))
         found.append(-m if np.linalg.det(m) > 0 else m)
     axes = np.array(AXES, np.float64)
-    ours = quaternion_from_matrix(torch.from_numpy(axes @ turns[12:] @ axes.T)).numpy().astype(np.float32)
+    ours = quaternion_from_matrix(torch.from_numpy(axes @ rotations[12:] @ axes.T)).numpy().astype(np.float32)
     sent = UnityAxes(rig(tuple(tuple(map(tuple, m)) for m in found))).rotations(ours)
-    same_turns(sent, golden["unity_quat_xyzw"][12:], 5e-4)
+    same_rotations(sent, golden["unity_quat_xyzw"][12:], 5e-4)
     np.testing.assert_allclose([np.linalg.det(m) for m in found], -1, atol=1e-6)
 
 
@@ -70,29 +69,19 @@ def test_positions(golden) -> None:
 
 @needs_golden
 def test_sixty_frames_a_second(golden) -> None:
-    turns, trans = golden["unity_quat_xyzw"], golden["unity_trans"]
+    rotations, trans = golden["unity_quat_xyzw"], golden["unity_trans"]
     for name, part in (("a", slice(0, 12)), ("b", slice(12, 24))):
-        same_turns(twice_turns(turns[part]), golden[f"body60_{name}"])
-        np.testing.assert_allclose(twice(trans[part]), golden[f"body60_{name}_trans"], atol=1e-5)
-
-
-@needs_golden
-def test_the_smoothed_body_that_the_release_can_but_does_not_send(golden) -> None:
-    turns, trans = golden["unity_quat_xyzw"], golden["unity_trans"]
-    first = smoothed_turns(turns[:12], None)
-    same_turns(twice_turns(first), golden["body60_smooth_a"])
-    same_turns(twice_turns(smoothed_turns(turns[12:], first[-1])), golden["body60_smooth_b"])
-    second = smoothed(trans[12:], smoothed(trans[:12], None)[-1])
-    np.testing.assert_allclose(twice(second), golden["body60_smooth_b_trans"], atol=1e-4)
+        same_rotations(rotations_at_60_fps(rotations[part]), golden[f"body60_{name}"])
+        np.testing.assert_allclose(at_60_fps(trans[part]), golden[f"body60_{name}_trans"], atol=1e-5)
 
 
 @needs_golden
 def test_the_face(golden) -> None:
-    np.testing.assert_array_equal(merged(golden["bs52"]), golden["bs47"])
+    np.testing.assert_array_equal(merge_channels(golden["bs52"]), golden["bs47"])
     first = smoothed(golden["bs47"][:12], None)
-    np.testing.assert_allclose(twice(first), golden["face60_a"], atol=1e-5)
+    np.testing.assert_allclose(at_60_fps(first), golden["face60_a"], atol=1e-5)
     second = smoothed(golden["bs47"][12:], first[-1])
-    np.testing.assert_allclose(twice(second), golden["face60_b"], atol=1e-5)
+    np.testing.assert_allclose(at_60_fps(second), golden["face60_b"], atol=1e-5)
 
 
 def test_our_order_of_channels_goes_to_the_same_places() -> None:
@@ -101,7 +90,7 @@ def test_our_order_of_channels_goes_to_the_same_places() -> None:
     sent = face47(curves)[0]
     plain = np.zeros((1, 52), np.float32)
     plain[0, APPLE_NAMES.index("jawRight")] = 0.5
-    assert np.array_equal(sent, merged(plain)[0])
+    assert np.array_equal(sent, merge_channels(plain)[0])
     assert sent.sum() == 0.5
     assert sent.shape == (47,)
 

@@ -1,4 +1,4 @@
-"""Messages: their length, their shapes, and that no frame and no sample gets lost between blocks."""
+"""Messages: their length and shapes, and that no frame or sample is lost between blocks."""
 
 import json
 
@@ -14,7 +14,7 @@ EYE = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 def chunks(count: int) -> list[tuple[MotionChunk, np.ndarray]]:
-    """Eight frames each; the root walks a centimetre a frame, the sound counts its samples."""
+    """Chunks of eight frames; the root moves one centimetre per frame, and the sound counts its samples."""
     made = []
     for index in range(count):
         turns = np.tile(np.float32([1, 0, 0, 0]), (8, 88, 1))

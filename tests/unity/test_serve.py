@@ -1,4 +1,4 @@
-"""A Unity project's side of the sockets: it listens, is sent motion, names actions; hostile senders change nothing."""
+"""The server with a fake Unity project: it receives motion and names actions; hostile senders have no effect."""
 
 import asyncio
 import json
@@ -41,11 +41,11 @@ class State:
 
 
 class StandIn:
-    """A pipeline without models: the root's height is the loudness heard, and actions are noted."""
+    """A pipeline without models: the root's height is the loudness heard, and actions are recorded."""
 
     actions = ActionLibrary({"wave": Action("wave", (3,), (0, 15), is_set=True)})
     directive_codes = 8
-    skeleton = CHAIN  # names that nothing in the engine knows
+    skeleton = CHAIN  # joint names that the engine does not know
 
     def __init__(self) -> None:
         self.asked: list[list[int]] = []

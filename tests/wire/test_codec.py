@@ -1,4 +1,4 @@
-"""Bytes to messages and back, also when the bytes are nobody's."""
+"""Messages survive encoding and decoding; malformed bytes are refused."""
 
 import math
 from contextlib import suppress
@@ -51,7 +51,7 @@ def framed(content: bytes, encoding: Encoding) -> bytes | str:
 
 
 @given(message=messages, encoding=st.sampled_from(["msgpack", "json"]))
-def test_what_is_said_is_what_is_heard(message: ClientMessage, encoding: Encoding) -> None:
+def test_messages_survive_encoding_and_decoding(message: ClientMessage, encoding: Encoding) -> None:
     assert decode_client(framed(encode(message, encoding), encoding), encoding) == message
 
 

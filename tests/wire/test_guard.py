@@ -38,7 +38,7 @@ def test_known_pages_may_connect(origin: str | None, host: str) -> None:
     ("origin", "host"),
     [
         ("https://evil.example", "127.0.0.1:8765"),
-        ("http://evil.example:8765", "evil.example:8765"),  # a name that was pointed at us
+        ("http://evil.example:8765", "evil.example:8765"),  # a host name that someone pointed at this server
         ("http://localhost:8765", "192.168.1.5:8765"),
         ("http://192.168.1.6:8765", "192.168.1.5:8765"),
         ("null", "127.0.0.1:8765"),

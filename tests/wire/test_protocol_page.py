@@ -1,4 +1,4 @@
-"""The page about the protocol: its examples run, and it leaves nothing out."""
+"""The protocol page: its examples run, and it is complete."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What others read must be what we speak."""
+"""The generated schema, types and fixtures agree with the messages."""
 
 import importlib.util
 import json
@@ -24,7 +24,7 @@ def maker() -> ModuleType:
     return module
 
 
-def test_committed_schema_types_and_fixtures_are_what_the_structs_say(maker: ModuleType) -> None:
+def test_committed_schema_types_and_fixtures_match_the_messages(maker: ModuleType) -> None:
     """After editing `wire/messages.py`, run `python scripts/make_protocol.py` and commit what it writes."""
     made = maker.files()
     stale = [str(path) for path, content in made.items() if (ROOT / path).read_bytes() != content]

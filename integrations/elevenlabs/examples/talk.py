@@ -16,7 +16,7 @@ from echoavatar.integrations.elevenlabs import AvatarAudioInterface
 
 
 def main() -> None:
-    """Until the agent or Ctrl+C ends it."""
+    """Run until the agent or Ctrl+C ends the conversation."""
     if len(sys.argv) != 2 or not os.environ.get("ELEVENLABS_API_KEY"):
         raise SystemExit(
             "usage: ELEVENLABS_API_KEY=... python talk.py AGENT_ID\n`echoavatar elevenlabs setup` prints the id"

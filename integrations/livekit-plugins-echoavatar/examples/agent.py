@@ -16,7 +16,7 @@ from echoavatar.integrations.persona import persona
 
 
 async def entrypoint(ctx: JobContext) -> None:
-    """One call."""
+    """Handle one call."""
     from livekit.plugins import openai, silero
 
     await ctx.connect()
@@ -30,7 +30,7 @@ async def entrypoint(ctx: JobContext) -> None:
     avatar = AvatarSession(os.environ.get("ECHOAVATAR_SERVER", "default"), page_port=0)
     await avatar.start(session, room=ctx.room)
     logging.info("see it: %s", avatar.page)
-    ready = avatar.stage.ready
+    ready = avatar.bridge.ready
     agent = Agent(instructions=persona(ready.actions, ready.tracks), tools=avatar.tools)
     await session.start(agent=agent, room=ctx.room, room_options=RoomOptions(audio_output=False))
 

@@ -1,10 +1,10 @@
-"""A bot with ears: OpenAI hears, thinks and speaks, the avatar moves; the browser talks to it over WebRTC.
+"""A bot that you can talk to in the browser over WebRTC: OpenAI hears, thinks and speaks, and the avatar moves.
 
     pip install 'pipecat-ai[webrtc,runner,silero,openai]'
     OPENAI_API_KEY=... python integrations/pipecat-echoavatar/examples/hosted.py --transport webrtc
 
-Any other services fit in the same places. Motion reaches the browser's client as RTVI server messages; the address that
-is printed shows the avatar as well.
+Any other services fit in the same places. The browser's client receives motion as RTVI server messages; the address
+that is printed shows the avatar as well.
 """
 
 import os
@@ -30,9 +30,9 @@ from echoavatar.integrations.persona import persona
 
 
 async def build(source: FrameProcessor, sink: FrameProcessor, avatar: EchoAvatarProcessor) -> PipelineWorker:
-    """The bot between a transport's two ends."""
+    """Build the bot between the two ends of a transport."""
     await avatar.prepare()
-    ready = avatar.stage.ready
+    ready = avatar.bridge.ready
     prompt = persona(ready.actions, ready.tracks)
     context = LLMContext(
         [{"role": "system", "content": prompt}], tools=ToolsSchema(standard_tools=avatar.tools)
@@ -55,7 +55,7 @@ async def build(source: FrameProcessor, sink: FrameProcessor, avatar: EchoAvatar
 
 
 async def bot(runner_args: object) -> None:
-    """What Pipecat's runner calls for every visitor."""
+    """Run for every visitor; called by Pipecat's runner."""
     from pipecat.runner.utils import create_transport
     from pipecat.transports.base_transport import TransportParams
 

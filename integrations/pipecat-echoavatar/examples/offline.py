@@ -1,9 +1,9 @@
-"""A talking avatar without network or keys: type, and it answers with the voice of this machine.
+"""A talking avatar without network or keys: you type, and it answers with this machine's voice.
 
     python integrations/pipecat-echoavatar/examples/offline.py
 
-Open the address it prints; the page shows the avatar and is its loudspeaker. Words such as wave, bow, dance and stop
-are obeyed, and a line typed while it speaks interrupts it. It needs flite or espeak-ng (Linux) or say (macOS).
+Open the address it prints; the page shows the avatar and is its loudspeaker. The avatar obeys words such as wave, bow,
+dance and stop, and a line typed while it speaks interrupts it. It needs flite or espeak-ng (Linux) or say (macOS).
 """
 
 import argparse
@@ -19,14 +19,14 @@ from pipecat.pipeline.worker import PipelineWorker
 from pipecat.services.settings import TTSSettings
 from pipecat.services.tts_service import TTSService
 from pipecat.workers.runner import WorkerRunner
-from pipecat_echoavatar import EchoAvatarProcessor, SilentTransport
+from pipecat_echoavatar import EchoAvatarProcessor, NullTransport
 
-from echoavatar.integrations import StageTools
+from echoavatar.integrations import AvatarTools
 from echoavatar.server.voice import find_voice, speak
 
 
 class LocalVoice(TTSService):
-    """The voice of this machine."""
+    """Speaks with this machine's voice."""
 
     def __init__(self) -> None:
         super().__init__(
@@ -46,15 +46,15 @@ class LocalVoice(TTSService):
         yield TTSAudioRawFrame(audio=pcm, sample_rate=rate, num_channels=1, context_id=context_id)
 
 
-async def obey(line: str, tools: StageTools) -> str:
-    """What the companion says, after it did what it was asked for."""
+async def obey(line: str, tools: AvatarTools) -> str:
+    """Do what the line asks for; returns what the avatar says about it."""
     words = set(line.lower().replace(",", " ").replace(".", " ").split())
     if words & {"stop", "quiet", "silence"}:
         await tools.call("stop_music", {})
         return "Fine. I will stand still, for once."
     if words & {"music", "dance", "song"}:
-        told = await tools.call("play_music", {})
-        return f"Oh, this one is mine. {told.get('title', '')}!"
+        result = await tools.call("play_music", {})
+        return f"Oh, this one is mine. {result.get('title', '')}!"
     actions = next(schema for schema in tools.schemas if schema["name"] == "send_action")
     for action in actions["parameters"]["properties"]["action"]["enum"]:
         if action in words or action.replace("_", " ") in line.lower():
@@ -72,7 +72,7 @@ async def main() -> None:
     parser.add_argument("--port", type=int, default=8770, help="of the page (default: %(default)s)")
     args = parser.parse_args()
     avatar = EchoAvatarProcessor(args.avatar, page_port=args.port)
-    worker = PipelineWorker(Pipeline([LocalVoice(), avatar, SilentTransport()]), cancel_on_idle_timeout=False)
+    worker = PipelineWorker(Pipeline([LocalVoice(), avatar, NullTransport()]), cancel_on_idle_timeout=False)
     await avatar.prepare()
     print(f"see and hear it: {avatar.page}\ntype something; an empty line or Ctrl+D ends", flush=True)
 
@@ -83,7 +83,7 @@ async def main() -> None:
             print(answer, flush=True)
             await worker.queue_frame(TTSSpeakFrame(answer))
         await asyncio.sleep(0.5)
-        while avatar.stage.is_busy:  # noqa: ASYNC110
+        while avatar.bridge.is_busy:  # noqa: ASYNC110
             await asyncio.sleep(0.1)
         await worker.queue_frame(EndFrame())
 

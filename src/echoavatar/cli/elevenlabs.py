@@ -1,4 +1,4 @@
-"""`echoavatar elevenlabs setup`: tools, prompt and sound format of an ElevenLabs agent, created by their API."""
+"""`echoavatar elevenlabs setup`: create tools, prompt and sound format of an ElevenLabs agent through their API."""
 
 import argparse
 import asyncio
@@ -9,8 +9,8 @@ from pathlib import Path
 from ..errors import EchoAvatarError
 
 EXAMPLES = """examples:
-  echoavatar elevenlabs setup --dry-run                     (print what would be sent; no key, no network)
-  echoavatar elevenlabs setup --name "My idol"              (ELEVENLABS_API_KEY is set)
+  echoavatar elevenlabs setup --dry-run                     (print the requests; needs no key and no network)
+  echoavatar elevenlabs setup --name "My idol"              (needs ELEVENLABS_API_KEY)
   echoavatar elevenlabs setup --agent agent_01... --prompt prompt.txt --server http://127.0.0.1:8765
 """
 
@@ -25,33 +25,45 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     setup.add_argument("--name", default="EchoAvatar", help="the agent's name (default: %(default)s)")
     setup.add_argument(
-        "--persona", default="Echo", metavar="NAME", help="its name in the prompt (default: %(default)s)"
+        "--persona",
+        default="Echo",
+        metavar="NAME",
+        help="the character's name in the prompt (default: %(default)s)",
     )
     setup.add_argument(
-        "--surroundings", default="", metavar="TEXT", help="what it knows of the place it stands in"
+        "--surroundings",
+        default="",
+        metavar="TEXT",
+        help="for the prompt: a description of where the avatar stands",
     )
-    setup.add_argument("--prompt", type=Path, metavar="FILE", help="a prompt of your own instead")
+    setup.add_argument("--prompt", type=Path, metavar="FILE", help="use this prompt instead")
     setup.add_argument(
-        "--first-message", default="", metavar="TEXT", help="what it says first (default: nothing)"
+        "--first-message", default="", metavar="TEXT", help="the agent's first words (default: none)"
     )
     setup.add_argument(
         "--output-format",
         default="pcm_16000",
         metavar="FORMAT",
-        help="pcm_ and a rate; give the same rate to the audio interface (default: %(default)s)",
+        help="pcm_ and a sample rate, which the audio interface must be given too (default: %(default)s)",
     )
     where = setup.add_mutually_exclusive_group()
-    where.add_argument("--bundle", default="default", help="whose actions (default: %(default)s)")
-    where.add_argument("--server", metavar="URL", help="a running server's actions and music instead")
+    where.add_argument(
+        "--bundle", default="default", help="bundle whose actions are offered (default: %(default)s)"
+    )
+    where.add_argument(
+        "--server", metavar="URL", help="offer the actions and music of a running server instead"
+    )
     setup.add_argument("--token", default=os.environ.get("ECHOAVATAR_TOKEN", ""), help="the server's token")
     setup.add_argument(
-        "--base-url", default="", metavar="URL", help="of their API, for other regions and tests"
+        "--base-url", default="", metavar="URL", help="address of their API, for other regions and tests"
     )
-    setup.add_argument("--dry-run", action="store_true", help="print the requests as JSON and send nothing")
+    setup.add_argument(
+        "--dry-run", action="store_true", help="print the requests as JSON without sending them"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Set it up."""
+    """Create or update the agent."""
     from ..integrations.elevenlabs_setup import BASE_URL, carry_out, make_plan
     from ..integrations.persona import persona
 
@@ -78,9 +90,9 @@ def run(args: argparse.Namespace) -> int:
 
 def _schemas(args: argparse.Namespace) -> list[dict[str, object]]:
     if args.server:
-        from ..integrations import find_place
+        from ..integrations import find_backend
 
-        return asyncio.run(find_place(args.server, token=args.token).tools())
+        return asyncio.run(find_backend(args.server, token=args.token).tools())
     from ..engine.tools import Toolbox
     from ..engine.tracks import Tracks
     from ..pipeline import load_bundle
@@ -89,7 +101,7 @@ def _schemas(args: argparse.Namespace) -> list[dict[str, object]]:
 
 
 def _names(schemas: list[dict[str, object]]) -> tuple[list[str], list[str]]:
-    """Actions and tracks that the schemas offer."""
+    """The actions and tracks that the schemas offer."""
     found: dict[str, list[str]] = {"action": [], "title": []}
     for schema in schemas:
         parameters = schema["parameters"]

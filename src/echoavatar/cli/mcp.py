@@ -1,4 +1,4 @@
-"""`echoavatar mcp`: the tools of a running avatar for agents that speak the Model Context Protocol."""
+"""`echoavatar mcp`: the tools of a running avatar, for agents that speak the Model Context Protocol."""
 
 import argparse
 import asyncio
@@ -14,18 +14,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.epilog = (
         "examples:\n"
-        "  echoavatar mcp                        over standard input and output, as agents start it themselves\n"
+        "  echoavatar mcp                        over standard input and output; agents start this themselves\n"
         "  echoavatar mcp --http --port 8767     over streamable HTTP, at http://127.0.0.1:8767/mcp\n"
-        "It acts on a session of a running `echoavatar serve`: the newest, or --session.\n"
+        "Calls act on a session of a running `echoavatar serve`: the newest, or --session.\n"
     )
     parser.add_argument(
-        "--server", default="http://127.0.0.1:8765", metavar="URL", help="(default: %(default)s)"
+        "--server",
+        default="http://127.0.0.1:8765",
+        metavar="URL",
+        help="the avatar's server (default: %(default)s)",
     )
     parser.add_argument(
         "--token", default=os.environ.get(TOKEN, ""), help=f"the server's token; default ${TOKEN}"
     )
     parser.add_argument(
-        "--session", default="", metavar="NAME", help="`ready.session` (default: the newest there is)"
+        "--session",
+        default="",
+        metavar="NAME",
+        help="the session to act on, by its public name (default: the newest)",
     )
     parser.add_argument("--http", action="store_true", help="serve streamable HTTP instead of standard input")
     parser.add_argument("--host", default="127.0.0.1", help="with --http (default: %(default)s)")

@@ -1,11 +1,13 @@
-"""`echoavatar play`: a recording into live sinks, to try a receiver without a server. It is silent."""
+"""`echoavatar play`: play a recording into live sinks, to try a receiver without a server. No sound is played."""
 
 import argparse
 from pathlib import Path
 
 from ..errors import EchoAvatarError
 
-SINK_HELP = "vmc://HOST[:PORT], livelink://HOST[:PORT] or json://HOST[:PORT]; repeat for more"
+SINK_HELP = (
+    "show the motion at vmc://HOST[:PORT], livelink://HOST[:PORT] or json://HOST[:PORT]; repeat for more"
+)
 EXAMPLES = """examples:
   echoavatar animate talk.wav -o talk.npz
   echoavatar play talk.npz --sink vmc://127.0.0.1              VSeeFace, Warudo, Unity, Unreal, Blender
@@ -18,17 +20,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.epilog = EXAMPLES
     parser.add_argument(
-        "recording", type=Path, metavar="RECORDING", help=".npz of `animate` or `say`, or .bvh"
+        "recording", type=Path, metavar="RECORDING", help=".npz written by `animate` or `say`, or .bvh"
     )
     parser.add_argument("--sink", action="append", required=True, metavar="URL", help=SINK_HELP)
-    parser.add_argument("--loop", action="store_true", help="again and again; Ctrl-C stops")
+    parser.add_argument("--loop", action="store_true", help="repeat until Ctrl-C")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Play."""
+    """Play the recording."""
     from ..exports import read_take
     from ..kinematics import HUMANOID
-    from ..sinks import Audience
+    from ..sinks import SinkGroup
     from ..timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
     from ..wire import Pose, Rig
 
@@ -42,12 +44,12 @@ def run(args: argparse.Namespace) -> int:
     config = HUMANOID.config
     rig = Rig(names=config.names, parents=config.parents, rest=config.offsets)
     rounds = 0
-    with Audience(args.sink, rig) as audience:
+    with SinkGroup(args.sink, rig) as group:
         print(f"{args.recording}: {motion.seconds:.1f} s to {', '.join(args.sink)}", flush=True)
         while rounds == 0 or args.loop:
-            audience.put(rounds * len(pose.root) * SAMPLES_PER_FRAME, pose)
-            audience.finish()
+            group.put(rounds * len(pose.root) * SAMPLES_PER_FRAME, pose)
+            group.finish()
             rounds += 1
-        frames = [player.shown for player in audience.players]
+        frames = [player.shown for player in group.players]
     print(f"frames shown: {', '.join(map(str, frames))}")
     return 0

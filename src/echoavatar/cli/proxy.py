@@ -1,4 +1,4 @@
-"""`echoavatar proxy`: an avatar behind any voice agent that speaks the OpenAI Realtime protocol."""
+"""`echoavatar proxy`: an avatar for any voice agent that speaks the OpenAI Realtime protocol."""
 
 import argparse
 import asyncio
@@ -20,37 +20,45 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "examples:\n"
         "  echoavatar proxy --upstream wss://api.openai.com/v1/realtime\n"
         "  echoavatar proxy --upstream ws://127.0.0.1:8765/v1/realtime --avatar http://127.0.0.1:8764 --tools\n"
-        "Then give your agent ws://127.0.0.1:8766/v1 instead of wss://api.openai.com/v1; its key goes through.\n"
-        "docs/integrations/openai_realtime.md lists the events that come beside the voice.\n"
+        "Then give your agent ws://127.0.0.1:8766/v1 instead of wss://api.openai.com/v1; its key is passed on.\n"
+        "docs/integrations/openai_realtime.md lists the events that the proxy adds.\n"
     )
     parser.add_argument(
-        "--upstream", required=True, metavar="URL", help="such as wss://api.openai.com/v1/realtime"
+        "--upstream",
+        required=True,
+        metavar="URL",
+        help="the voice agent, such as wss://api.openai.com/v1/realtime",
     )
+    parser.add_argument("--avatar", metavar="URL", help="a running `echoavatar serve` (default: start one)")
     parser.add_argument(
-        "--avatar", metavar="URL", help="a running `echoavatar serve` (default: one of its own is started)"
-    )
-    parser.add_argument(
-        "--token", default=os.environ.get(TOKEN, ""), help=f"that server's token; default ${TOKEN}"
+        "--token", default=os.environ.get(TOKEN, ""), help=f"token of the avatar's server; default ${TOKEN}"
     )
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: %(default)s)")
     parser.add_argument("--port", type=int, default=8766, help="0 takes any free one (default: %(default)s)")
     parser.add_argument(
-        "--tools", action="store_true", help="offer gestures and music to the model, and do what it calls"
+        "--tools", action="store_true", help="offer gestures and music to the model, and carry out its calls"
     )
-    parser.add_argument("--no-idle", action="store_true", help="only motion of what is said, none in between")
+    parser.add_argument("--no-idle", action="store_true", help="send motion for speech only, none in between")
     parser.add_argument(
-        "--origin", action="append", default=[], metavar="URL", help="pages of another host that may connect"
+        "--origin",
+        action="append",
+        default=[],
+        metavar="URL",
+        help="let pages of this host connect; repeat for more",
     )
     parser.add_argument(
-        "--model", default="default", help="bundle of the server it starts (default: %(default)s)"
+        "--model", default="default", help="bundle for the server that it starts (default: %(default)s)"
     )
     parser.add_argument(
-        "--seats", type=int, default=3, help="conversations with an avatar at once (default: %(default)s)"
+        "--seats",
+        type=int,
+        default=3,
+        help="conversations with an avatar at the same time (default: %(default)s)",
     )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Pass on until stopped."""
+    """Run the proxy until stopped."""
     try:
         from ..proxy import ProxySettings
     except ModuleNotFoundError as error:
@@ -86,7 +94,7 @@ async def _proxy(settings: object, avatar: str, host: str, port: int) -> None:
     stopped = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
-        with contextlib.suppress(NotImplementedError):  # Windows: Ctrl-C raises instead
+        with contextlib.suppress(NotImplementedError):  # on Windows Ctrl-C raises instead
             loop.add_signal_handler(number, stopped.set)
     await stopped.wait()
     await relay.stop()
@@ -94,14 +102,14 @@ async def _proxy(settings: object, avatar: str, host: str, port: int) -> None:
 
 @contextlib.contextmanager
 def own_server(model: str, seats: int, token: str) -> Iterator[str]:
-    """A server in a process of its own: what the engine does cannot hold up the voice."""
+    """Start a server in a process of its own, so that the engine's work cannot delay the voice."""
     command = [sys.executable, "-m", "echoavatar", "serve", "--port", "0", "--model", model]
     process = subprocess.Popen(
         [*command, "--seats", str(seats), "--drain", "1"],
         stdout=subprocess.PIPE,
         text=True,
         env=os.environ | {TOKEN: token},
-        start_new_session=True,  # Ctrl-C is for us, and we stop it
+        start_new_session=True,  # Ctrl-C goes to this process only, which then stops the server
     )
     try:
         assert process.stdout is not None

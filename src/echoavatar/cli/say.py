@@ -1,4 +1,4 @@
-"""`echoavatar say`: a sound file through a running server; motion into a file, or only the numbers."""
+"""`echoavatar say`: send a sound file through a running server and record the motion."""
 
 import argparse
 import asyncio
@@ -22,40 +22,42 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = (
         "examples:\n"
         "  echoavatar say talk.wav --server http://127.0.0.1:8765 -o talk.npz\n"
-        "  echoavatar say talk.wav --sink vmc://192.168.1.7    shown there, at the speed of playback\n"
-        "The last line is JSON: seconds of motion, of work, first motion, bytes."
+        "  echoavatar say talk.wav --sink vmc://192.168.1.7    show the motion there, at the speed of playback\n"
+        "The last line is JSON: seconds of motion, of work and until the first motion, and bytes."
     )
     parser.add_argument("audio", type=Path, help="WAV, FLAC, OGG or MP3")
     parser.add_argument(
-        "--server", default="http://127.0.0.1:8765", metavar="URL", help="(default: %(default)s)"
+        "--server", default="http://127.0.0.1:8765", metavar="URL", help="the server (default: %(default)s)"
     )
     parser.add_argument(
         "--token", default=os.environ.get(TOKEN, ""), help=f"the server's token; default ${TOKEN}"
     )
-    parser.add_argument("-o", "--output", type=Path, metavar="NPZ", help="write motion, face and sound here")
-    parser.add_argument("--act", metavar="NAME", help="an action to do at the beginning")
-    parser.add_argument("--seed", type=int, default=0, help="same seed, same motion (default: %(default)s)")
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="NPZ", help="write motion, face and sound to this file"
+    )
+    parser.add_argument("--act", metavar="NAME", help="an action to perform at the beginning")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the motion (default: %(default)s)")
     parser.add_argument("--sink", action="append", default=[], metavar="URL", help=SINK_HELP)
     parser.add_argument(
-        "--live", action="store_true", help="at the speed of playback, not as fast as the server can"
+        "--live", action="store_true", help="run at the speed of playback instead of as fast as possible"
     )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Say it."""
+    """Send the file."""
     try:
         from .. import client  # noqa: F401
     except ModuleNotFoundError as error:
         raise DependencyError(f"the client needs {error.name}: pip install 'echoavatar[serve]'") from error
     if args.output and not args.output.parent.is_dir():
-        raise EchoAvatarError(f"no folder {args.output.parent}; make it first")
+        raise EchoAvatarError(f"folder {args.output.parent} does not exist; create it first")
     print(json.dumps(asyncio.run(_say(args))))
     return 0
 
 
 async def _say(args: argparse.Namespace) -> dict[str, float]:
     from ..client import Recorder, connect, read_sound
-    from ..sinks import Audience
+    from ..sinks import SinkGroup
     from ..wire import ActionStatus, Error, Motion, Sound
 
     is_live = args.live or bool(args.sink)
@@ -66,7 +68,7 @@ async def _say(args: argparse.Namespace) -> dict[str, float]:
             connect(args.server, token=args.token, rate=rate, seed=args.seed)
         )
         recorder = Recorder(avatar.ready)
-        shown = stack.enter_context(Audience(args.sink, avatar.ready.rig, curves=len(avatar.ready.face)))
+        shown = stack.enter_context(SinkGroup(args.sink, avatar.ready.rig, curves=len(avatar.ready.face)))
         if args.act:
             await avatar.act(args.act)
         seg = await avatar.speak(samples)

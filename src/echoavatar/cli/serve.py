@@ -1,4 +1,4 @@
-"""`echoavatar serve`: the live server, for browsers and voice agents."""
+"""`echoavatar serve`: the live server for browsers and voice agents."""
 
 import argparse
 import os
@@ -11,13 +11,11 @@ from ..errors import DependencyError, EchoAvatarError
 
 TOKEN = "ECHOAVATAR_TOKEN"
 SINK_HELP = (
-    "a program that shows the avatar: vmc://HOST[:PORT], livelink://HOST[:PORT], json://HOST[:PORT]; repeat for more. "
-    "unity://HOST[:PORT] alone: a Unity project of the paper's authors, with an imported bundle"
+    "also show the avatar elsewhere: vmc://HOST[:PORT], livelink://HOST[:PORT], json://HOST[:PORT]; repeat for more. "
+    "unity://HOST[:PORT] serves a Unity project of the paper's authors; it needs an imported bundle and no other sink"
 )
 
-DEVICE_HELP = (
-    "processor for the models: cpu, cuda, cuda:1, or auto for a GPU where there is one (default: cpu)"
-)
+DEVICE_HELP = "processor for the models: cpu, cuda, cuda:1, or auto for a GPU if there is one (default: cpu)"
 WITHOUT_HELP = "leave out a stage: face, smoother, ground, leash, feet, hands or timing; may be repeated"
 
 
@@ -25,9 +23,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.epilog = (
         "examples:\n"
-        "  echoavatar serve                             this machine only; open the address it prints\n"
-        "  echoavatar serve --host 0.0.0.0 --seats 8    the network too; asks for a token\n"
-        "  echoavatar serve --sink vmc://127.0.0.1      and into VSeeFace, Warudo, Unity, Unreal or Blender\n"
+        "  echoavatar serve                             for this machine only; open the address that it prints\n"
+        "  echoavatar serve --host 0.0.0.0 --seats 8    for the network too; clients need a token\n"
+        "  echoavatar serve --sink vmc://127.0.0.1      also show it in VSeeFace, Warudo, Unity, Unreal or Blender\n"
         "  echoavatar serve --model reference --sink unity://192.168.1.7\n"
         "                                               one session for a Unity project of the paper's authors\n"
     )
@@ -35,48 +33,51 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: %(default)s)")
     parser.add_argument("--port", type=int, default=8765, help="0 takes any free one (default: %(default)s)")
     parser.add_argument(
-        "--seats", type=int, default=3, help="sessions at once; more are refused (default: %(default)s)"
+        "--seats",
+        type=int,
+        default=3,
+        help="largest number of sessions at the same time (default: %(default)s)",
     )
     parser.add_argument(
         "--token",
-        help=f"what clients must say; default: ${TOKEN}, else none on this machine and a random one on a network",
+        help=f"token that clients must send; default: ${TOKEN}, else none on this machine, a random one on a network",
     )
     parser.add_argument(
         "--origin",
         action="append",
         default=[],
         metavar="URL",
-        help="pages of another host that may connect, such as https://avatar.example.org; repeat for more",
+        help="let pages of this host connect, such as https://avatar.example.org; repeat for more",
     )
-    parser.add_argument("--music", type=Path, metavar="FOLDER", help="further tracks for play_music")
+    parser.add_argument("--music", type=Path, metavar="FOLDER", help="folder with more tracks for play_music")
     parser.add_argument(
         "--ahead",
         type=float,
         default=2.0,
         metavar="SECONDS",
-        help="motion made ahead of playback at most, 0.3 to 3.5 (default: %(default)s)",
+        help="how far ahead of playback motion may be made, 0.3 to 3.5 (default: %(default)s)",
     )
     parser.add_argument(
         "--drain",
         type=float,
         default=10.0,
         metavar="SECONDS",
-        help="time to finish what is being said when the server is stopped (default: %(default)s)",
+        help="time for sessions to finish when the server is stopped (default: %(default)s)",
     )
     parser.add_argument("--device", default="cpu", help=DEVICE_HELP)
     parser.add_argument("--without", action="append", default=[], metavar="STAGE", help=WITHOUT_HELP)
     parser.add_argument("--threads", type=int, help="torch threads (default: torch's own choice)")
     parser.add_argument("--certificate", metavar="PEM", help="TLS certificate, with --key: https and wss")
-    parser.add_argument("--key", metavar="PEM", help="its private key")
+    parser.add_argument("--key", metavar="PEM", help="private key of --certificate")
     parser.add_argument("--sink", action="append", default=[], metavar="URL", help=SINK_HELP)
     parser.add_argument(
-        "--audio-port", type=int, default=12345, help="for their audio sender (default: %(default)s)"
+        "--audio-port", type=int, default=12345, help="with unity://, port for audio (default: %(default)s)"
     )
     parser.add_argument(
         "--action-port",
         type=int,
         default=12347,
-        help="for names of actions; theirs is 12346 (default: %(default)s)",
+        help="with unity://, port for action names; 12346 in the release (default: %(default)s)",
     )
     parser.add_argument("--open", action="store_true", help="open the page in the browser")
 
@@ -85,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
     """Load the bundle and serve until stopped."""
     if legacy := [text for text in args.sink if text.startswith("unity:")]:
         if len(args.sink) > 1:
-            raise EchoAvatarError(f"--sink {legacy[0]} serves nobody else; leave the other sinks out")
+            raise EchoAvatarError(f"--sink {legacy[0]} excludes other sinks; leave them out")
         return _unity(args, legacy[0])
     try:
         from ..server import ServerSettings, create_app, serve
@@ -132,7 +133,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _unity(args: argparse.Namespace, sink: str) -> int:
-    """One session, motion to a Unity project in its own format."""
+    """Serve one session whose motion goes to a Unity project in its own format."""
     import asyncio
     import contextlib
 
@@ -156,7 +157,7 @@ def _unity(args: argparse.Namespace, sink: str) -> int:
     bundle = load_bundle(args.model).without(args.without)
     if bundle.runtime.rig is None:
         raise EchoAvatarError(
-            f"{args.model} is not for that Unity project's rig; see `echoavatar import reference`"
+            f"{args.model} is not made for that Unity project's rig; see `echoavatar import reference`"
         )
     pipeline = Pipeline(bundle, stages=(), output="native", device=args.device)
     pipeline.warm_up()
@@ -180,9 +181,11 @@ def _check(args: argparse.Namespace) -> None:
     for text in args.sink:
         check_address(text)
     if not 0.3 <= args.ahead <= 3.5:
-        raise EchoAvatarError(f"--ahead {args.ahead:g} is not in 0.3 to 3.5: the engine can take back 4 s")
+        raise EchoAvatarError(
+            f"--ahead {args.ahead:g} is not between 0.3 and 3.5; the engine can take back 4 s"
+        )
     if bool(args.certificate) != bool(args.key):
         raise EchoAvatarError("--certificate and --key go together; give both or neither")
     for path in (args.certificate, args.key):
         if path and not Path(path).is_file():
-            raise EchoAvatarError(f"no file {path}; give a PEM file")
+            raise EchoAvatarError(f"file {path} does not exist; give a PEM file")

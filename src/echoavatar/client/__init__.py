@@ -6,7 +6,7 @@
 ...         ...
 """
 
-from .connection import Avatar, ConnectionLostError, Line, connect, stream_url
+from .connection import Avatar, ConnectionLostError, MessageSocket, connect, stream_url
 from .recording import Recorder, Recording
 from .sound import read_sound
 from .tools import RemoteTools
@@ -14,15 +14,11 @@ from .tools import RemoteTools
 __all__ = [
     "Avatar",
     "ConnectionLostError",
-    "Line",
-    "Recorder",
-    "Recording",
-    "connect",
-    "read_sound",
-    "stream_url",
+    "MessageSocket",
     "Recorder",
     "Recording",
     "RemoteTools",
     "connect",
     "read_sound",
+    "stream_url",
 ]

@@ -1,4 +1,4 @@
-"""Messages of a session put together again: one motion and one sound on the session's clock."""
+"""Collect the messages of a session into one motion and one sound track."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,11 +36,11 @@ class Recording:
 
     @property
     def seconds(self) -> float:
-        """Its length."""
+        """The length in seconds."""
         return len(self.root) / FRAME_RATE_HZ
 
     def save(self, path: Path) -> None:
-        """Write an npz with all of it, and the rates."""
+        """Write everything, with the two rates, to an npz file."""
         with path.open("wb") as file:
             np.savez_compressed(
                 file,
@@ -56,19 +56,19 @@ class Recording:
 
 
 class Recorder:
-    """Takes every message of a session, in order."""
+    """Collects the messages of a session; give it every message, in order."""
 
     def __init__(self, ready: Ready) -> None:
         self.end = 0  # clock up to which there is motion
         self._ready = ready
-        self._offset = 0  # of the clock, after a session was lost and another went on
+        self._offset = 0  # added to the clock of a session that replaced a lost one
         self._frames: dict[int, Pose] = {}  # by clock
         self._sound: dict[int, Float[np.ndarray, " s"]] = {}
         self._began: dict[int, int] = {}
         self._finished: dict[int, int] = {}
 
     def take(self, message: ServerMessage) -> None:
-        """One message; those of no concern are passed over."""
+        """Take one message; messages that carry neither motion nor sound are ignored."""
         if isinstance(message, Ready):
             self._offset = 0 if message.resumed else self.end - message.at
         elif isinstance(message, Motion | Sound | Flush | State):
@@ -97,19 +97,19 @@ class Recorder:
                 self._finished.setdefault(seg, at)
 
     def has(self, seg: int) -> bool:
-        """Whether all of an utterance is here."""
+        """Whether the utterance has arrived completely."""
         return any(known >= seg and self.end >= at for known, at in self._finished.items())
 
     def recording(self, seg: int | None = None) -> Recording:
-        """All of it, or one utterance.
+        """Everything so far, or one utterance.
 
         Raises:
-            MotionError: there is no motion.
+            MotionError: no motion has arrived.
         """
         start, end = (0, self.end) if seg is None else self._range(seg)
         at = [at for at in sorted(self._frames) if start <= at < end]
         if not at:
-            raise MotionError("the server sent no motion")
+            raise MotionError("the server has sent no motion")
         poses = [self._frames[k] for k in at]
         audio = np.zeros(len(at) * SAMPLES_PER_FRAME, np.float32)
         for k, part in self._sound.items():
@@ -127,5 +127,5 @@ class Recorder:
         )
 
     def _range(self, seg: int) -> tuple[int, int]:
-        """From the first chunk with the utterance to its last sample."""
+        """The clock from the first chunk of the utterance to its last sample."""
         return self._began.get(seg, self.end), self._finished.get(seg, self.end)

@@ -1,4 +1,4 @@
-"""Sound files without torch: whatever libsndfile reads, at its own rate."""
+"""Read sound files without torch, at their own rate."""
 
 from pathlib import Path
 
@@ -9,10 +9,10 @@ from ..errors import AudioError
 
 
 def read_sound(path: str | Path) -> tuple[Float[np.ndarray, " s"], int]:
-    """A file as mono floats and its sample rate.
+    """Read a file as mono floats and return them with the sample rate.
 
     Raises:
-        AudioError: no such file, or none that can be read.
+        AudioError: the file does not exist or cannot be read.
     """
     import soundfile
 

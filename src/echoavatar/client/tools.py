@@ -1,4 +1,4 @@
-"""The tools of a running server, from afar: what there is, and doing it in one of its sessions."""
+"""List the tools of a running server and call them in one of its sessions."""
 
 import asyncio
 import json
@@ -11,11 +11,11 @@ from urllib.parse import quote, urlsplit, urlunsplit
 from ..errors import EchoAvatarError
 from .connection import ConnectionLostError, stream_url
 
-PATIENCE_S = 20.0
+TIMEOUT_S = 20.0
 
 
 class RemoteTools:
-    """Tools of the server at `url`, done in `session` (its public name; empty: the newest one)."""
+    """The tools of the server at `url`; calls act on `session` (a public name; empty: the newest)."""
 
     def __init__(self, url: str, *, token: str = "", session: str = "") -> None:
         parts = urlsplit(stream_url(url))
@@ -24,24 +24,24 @@ class RemoteTools:
         self._token, self.session = token, session
 
     def schemas(self, style: str = "plain") -> list[dict[str, Any]]:
-        """Declarations in a framework's form.
+        """The tools' declarations in the form that a framework expects.
 
         Raises:
-            EchoAvatarError: nobody answers there, or they refuse us.
+            EchoAvatarError: the server does not answer, or refuses the request.
         """
         answer: list[dict[str, Any]] = self._ask(f"/v1/tools?style={quote(style)}")
         return answer
 
     def sessions(self) -> list[str]:
-        """Public names, the oldest first.
+        """Public names of the sessions, the oldest first.
 
         Raises:
-            EchoAvatarError: nobody answers there, or they refuse us.
+            EchoAvatarError: the server does not answer, or refuses the request.
         """
         return [str(name) for name in self._ask("/v1/sessions")["sessions"]]
 
     def call(self, name: str, arguments: Mapping[str, Any]) -> dict[str, Any]:
-        """Do one; what cannot be done is told as `rejected`, not raised."""
+        """Call a tool. A call that fails returns the status `rejected`; nothing is raised."""
         try:
             answer: dict[str, Any] = self._ask(
                 f"/v1/tools/{quote(name, safe='')}",
@@ -52,7 +52,7 @@ class RemoteTools:
         return answer
 
     async def call_async(self, name: str, arguments: Mapping[str, Any]) -> dict[str, Any]:
-        """The same, off the event loop."""
+        """`call`, without blocking the event loop."""
         return await asyncio.to_thread(self.call, name, arguments)
 
     def _ask(self, path: str, body: object = None) -> Any:
@@ -62,7 +62,7 @@ class RemoteTools:
             data, headers["content-type"] = json.dumps(body).encode(), "application/json"
         request = urllib.request.Request(self._base + path, data, headers)
         try:
-            with urllib.request.urlopen(request, timeout=PATIENCE_S) as answer:
+            with urllib.request.urlopen(request, timeout=TIMEOUT_S) as answer:
                 return json.load(answer)
         except urllib.error.HTTPError as error:
             raise EchoAvatarError(f"{self._base} refused: {_reason(error)}") from error

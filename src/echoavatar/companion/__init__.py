@@ -1,12 +1,12 @@
-"""Somebody to talk to: what a user said becomes what the avatar says and does. May import `errors` only.
+"""A conversation partner for the live page: decides what the avatar says and does. May import `errors` only.
 
-With an OpenAI-compatible endpoint (`ChatModel`, environment variables) it is a model, else a small script (`Scripted`)
-that knows how to show what the avatar can do. Neither holds a conversation: who asks, brings what was said before.
+`ChatModel` asks a language model at any OpenAI-compatible endpoint, set by environment variables. Without one,
+`Scripted` shows what the avatar can do. Neither keeps the conversation; the caller passes in what was said before.
 """
 
-from .model import ChatModel
-from .persona import PERSONA
+from .environment import from_environment
+from .model import PERSONA, ChatModel
 from .script import Scripted
-from .talk import Companion, Doing, Said, from_environment
+from .talk import Companion, Doing, Said
 
 __all__ = ["PERSONA", "ChatModel", "Companion", "Doing", "Said", "Scripted", "from_environment"]

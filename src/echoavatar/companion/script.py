@@ -1,21 +1,21 @@
-"""A companion without a model: a few dozen lines, found by words, that show speaking, acting, music and interruption.
+"""A companion without a model. It matches words to lines that show speech, gestures, music and interruption.
 
-It says what it is when it is asked. Which of several lines comes depends on how much was said, so the same
-conversation goes the same way twice.
+Asked what it is, it says so. Which of several lines it takes depends on the length of the conversation only, so the
+same conversation always goes the same way.
 """
 
 import re
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 from ..errors import EchoAvatarError
 from .talk import Doing, Said
 
 
 class Cue(NamedTuple):
-    """Words that are listened for, what is then said, and what is done."""
+    """A pattern to look for, what to say if it matches, and what to do."""
 
-    words: str  # a regular expression
+    words: str  # regular expression
     lines: tuple[str, ...]
     tool: str = ""
     action: str = ""
@@ -85,12 +85,12 @@ CUES = (
         action="agree",
     ),
 )
-DEEDS = (
+ACTION_LINES = (
     "Watch closely, this one took me a whole afternoon.",
     "For you, Producer, with extra elbow.",
     "That? In my sleep. But look how I do it awake.",
 )
-ELSE = (
+FALLBACKS = (
     ("Interesting! I have no line for that, only a very thoughtful pose.", "thinking"),
     ("That went over my head, and my head is quite high up. Ask me to dance instead?", "give_up"),
     ("Go on, I am all ears and fingers.", "agree"),
@@ -99,7 +99,7 @@ ELSE = (
         "look_around",
     ),
 )
-BESIDES = {
+SYNONYMS = {
     "shrug": "give_up",
     "think": "thinking",
     "nod": "agree",
@@ -119,55 +119,46 @@ class Scripted:
     hears = False
 
     async def reply(self, said: str, history: Sequence[Said], doing: Doing) -> str:
-        """A line for what was said; begins what goes with it."""
+        """A line for what was said; starts the action or music that goes with it."""
         text, turn = said.lower(), len(history)
-        deed = _deed(text, _choices(doing.tools, "send_action", "action"))
-        if deed:
-            await doing.do("send_action", {"action": deed})
-            return DEEDS[turn // 2 % len(DEEDS)]
+        named = _find_action(text, doing.choices("send_action", "action"))
+        if named:
+            await doing.do("send_action", {"action": named})
+            return ACTION_LINES[turn // 2 % len(ACTION_LINES)]
         for cue in CUES:
             if re.search(cue.words, text):
                 if cue.tool == "play_music":
-                    await doing.do(cue.tool, _title(text, _choices(doing.tools, "play_music", "title")))
+                    await doing.do(cue.tool, _title_argument(text, doing.choices("play_music", "title")))
                 elif cue.tool:
                     await doing.do(cue.tool, {})
                 if cue.action:
                     await doing.do("send_action", {"action": cue.action})
                 return cue.lines[turn // 2 % len(cue.lines)]
-        line, action = ELSE[turn // 2 % len(ELSE)]
+        line, action = FALLBACKS[turn // 2 % len(FALLBACKS)]
         await doing.do("send_action", {"action": action})
         return line
 
     async def transcribe(self, wav: bytes) -> str:
-        """A script has no ears."""
+        """Not supported: the script cannot transcribe speech."""
         del wav
         raise EchoAvatarError(
-            "a script does not know what you said; type it, or set ECHOAVATAR_CHAT_URL and ECHOAVATAR_CHAT_EARS"
+            "the script does not understand speech; type, or set ECHOAVATAR_CHAT_URL and ECHOAVATAR_CHAT_EARS"
         )
 
 
-def _choices(tools: Sequence[Mapping[str, Any]], name: str, argument: str) -> list[str]:
-    """What an argument of a tool may be."""
-    for tool in tools:
-        function = tool["function"]
-        if function["name"] == name:
-            return list(function["parameters"]["properties"][argument].get("enum", ()))
-    return []
-
-
-def _deed(text: str, actions: Sequence[str]) -> str:
-    """An action that was named, in its own words or in others."""
+def _find_action(text: str, actions: Sequence[str]) -> str:
+    """The action that the text names, by its own name or by a synonym."""
     for name in actions:
         if re.search(rf"\b{re.escape(name.replace('_', ' '))}\b", text):
             return name
-    for words, name in BESIDES.items():
+    for words, name in SYNONYMS.items():
         if name in actions and re.search(rf"\b{words}", text):
             return name
     return ""
 
 
-def _title(text: str, titles: Sequence[str]) -> dict[str, str]:
-    """The track of which most words were said; the first one for none."""
+def _title_argument(text: str, titles: Sequence[str]) -> dict[str, str]:
+    """The track whose title shares most words with the text; without a match, the server chooses."""
     said = set(re.findall(r"\w+", text))
     scores = {title: len(said & set(re.findall(r"\w+", title.lower()))) for title in titles}
     best = max(scores, key=scores.__getitem__, default="")

@@ -1,78 +1,52 @@
-"""What a companion is, and which one this machine has."""
+"""What a companion is, and what it is given: earlier turns of the conversation and the avatar's tools."""
 
-import os
 from collections.abc import Awaitable, Callable, Mapping, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
-from ..errors import EchoAvatarError
-
 Do = Callable[[str, dict[str, Any]], Awaitable[dict[str, Any]]]
-MOST_REMEMBERED = 24  # sayings of both sides
+MOST_REMEMBERED = 24  # turns, of both sides together
 
 
 class Said(NamedTuple):
-    """Something that was said before."""
+    """A turn of the conversation."""
 
     role: str  # user or assistant
     text: str
 
 
 class Doing(NamedTuple):
-    """The avatar's tools: their declarations for Chat Completions, and how to do one."""
+    """The avatar's tools: their declarations for Chat Completions, and a function that carries out a call."""
 
     tools: Sequence[Mapping[str, Any]]
     do: Do
 
+    def choices(self, name: str, argument: str) -> list[str]:
+        """The values that an argument of a tool may take; empty if the tool does not list any."""
+        for tool in self.tools:
+            function = tool["function"]
+            if function["name"] == name:
+                return list(function["parameters"]["properties"][argument].get("enum", ()))
+        return []
+
 
 class Companion(Protocol):
-    """Somebody to talk to."""
+    """Answers what the user says."""
 
     name: str
-    hears: bool  # whether spoken words can be made into text
+    hears: bool  # whether `transcribe` works
 
     async def reply(self, said: str, history: Sequence[Said], doing: Doing) -> str:
-        """What to say, after what is to be done was begun.
+        """The answer to say; actions that go with it have been started.
 
         Raises:
-            EchoAvatarError: nobody answers.
+            EchoAvatarError: the model does not answer.
         """
         ...
 
     async def transcribe(self, wav: bytes) -> str:
-        """The words of a sound; empty where nothing was understood.
+        """Transcribe a WAV file; empty if nothing was understood.
 
         Raises:
-            EchoAvatarError: this one has no ears, or they do not answer.
+            EchoAvatarError: this companion cannot transcribe, or its model does not answer.
         """
         ...
-
-
-def from_environment(environment: Mapping[str, str] = os.environ) -> Companion:
-    """A model where `ECHOAVATAR_CHAT_URL` names an endpoint, else the script.
-
-    `ECHOAVATAR_CHAT_MODEL`, `ECHOAVATAR_CHAT_KEY`, `ECHOAVATAR_CHAT_EARS` (a model that transcribes) and
-    `ECHOAVATAR_PERSONA` (a text file) say more.
-
-    Raises:
-        EchoAvatarError: the address or the file cannot be.
-    """
-    from .model import ChatModel
-    from .persona import PERSONA
-    from .script import Scripted
-
-    url = environment.get("ECHOAVATAR_CHAT_URL", "")
-    if not url:
-        return Scripted()
-    path = environment.get("ECHOAVATAR_PERSONA", "")
-    try:
-        persona = Path(path).read_text("utf-8") if path else PERSONA
-    except (OSError, UnicodeError) as error:
-        raise EchoAvatarError(f"ECHOAVATAR_PERSONA: cannot read {path}; give a text file") from error
-    return ChatModel(
-        url,
-        model=environment.get("ECHOAVATAR_CHAT_MODEL", ""),
-        key=environment.get("ECHOAVATAR_CHAT_KEY", ""),
-        ears=environment.get("ECHOAVATAR_CHAT_EARS", ""),
-        persona=persona,
-    )

@@ -1,15 +1,23 @@
-"""Behind any voice agent: what its frameworks' adapters share. May import `server`, `client`, `engine` and below.
+"""What the adapters of voice agent frameworks share. May import `server`, `client`, `engine` and below.
 
->>> stage = Stage(find_place("default"))       # or find_place("http://127.0.0.1:8765")
->>> await stage.start()
->>> await stage.say(pcm, rate=16_000)
->>> async for event in stage:                  # hops of motion and sound, when they are due
+>>> bridge = AvatarBridge(find_backend("default"))  # or find_backend("http://127.0.0.1:8765")
+>>> await bridge.start()
+>>> await bridge.say(pcm, rate=16_000)
+>>> async for event in bridge:  # chunks of motion and sound, when they are due
 ...     ...
 """
 
-from .hop import Cut, Hop, Said
-from .place import Place, find_place
-from .stage import Stage
-from .tools import StageTools
+from .backend import AvatarBackend, find_backend
+from .bridge import AvatarBridge
+from .output import AvatarChunk, Flushed, UtteranceDone
+from .tools import AvatarTools
 
-__all__ = ["Cut", "Hop", "Place", "Said", "Stage", "StageTools", "find_place"]
+__all__ = [
+    "AvatarBackend",
+    "AvatarBridge",
+    "AvatarChunk",
+    "AvatarTools",
+    "Flushed",
+    "UtteranceDone",
+    "find_backend",
+]

@@ -1,8 +1,8 @@
 """ElevenLabs agents with a body: audio interfaces that put an avatar between the agent and the loudspeaker.
 
-The SDK hands a third-party interface bytes and never says at what rate: the agent's own setting decides, so the rate is
-asked for here (`sample_rate`), and bytes that cannot be of it are refused. The SDK does not say where an utterance ends
-either; a pause in the bytes does.
+The SDK hands bytes to an audio interface without their rate, which is a setting of the agent. So the caller states it
+(`sample_rate`), and bytes that cannot be 16-bit samples are refused. The SDK does not report the end of an utterance
+either; a pause in the bytes marks it.
 """
 
 import asyncio
@@ -19,24 +19,24 @@ import soxr
 from ..engine import Engine
 from ..errors import AudioError, DependencyError, EchoAvatarError
 from ..timing import SAMPLE_RATE_HZ
-from .hop import Event, Hop
-from .place import find_place
-from .stage import Stage
-from .tools import StageTools
+from .backend import find_backend
+from .bridge import AvatarBridge
+from .output import AvatarChunk, Event
+from .tools import AvatarTools
 
 try:
     from elevenlabs.conversational_ai.conversation import AsyncAudioInterface, AudioInterface, ClientTools
 except ModuleNotFoundError as error:
     raise DependencyError("the ElevenLabs SDK is missing: pip install 'elevenlabs>=2.40,<3'") from error
 
-DEVICE_RATE = 16_000  # of the SDK's own interfaces, both ways
-PAUSE_S = 0.3  # without bytes: the utterance is over
+DEVICE_RATE = 16_000  # rate of the SDK's own interfaces, in both directions
+PAUSE_S = 0.3  # without new bytes for this long, the utterance is over
 RATES = (8_000, 16_000, 22_050, 24_000, 44_100, 48_000)
 _Result = TypeVar("_Result")
 
 
 class AsyncAvatarAudioInterface(AsyncAudioInterface):  # type: ignore[misc]
-    """For `AsyncConversation`: an avatar over a device, or over none where the avatar's page is the loudspeaker."""
+    """For `AsyncConversation`. Plays through `device`, or without one through the avatar's page."""
 
     def __init__(
         self,
@@ -49,47 +49,47 @@ class AsyncAvatarAudioInterface(AsyncAudioInterface):  # type: ignore[misc]
         seed: int = 0,
         page_port: int | None = None,
     ) -> None:
-        """`sample_rate`: of the agent's output format, such as 16000 for `pcm_16000`.
+        """Create the interface; `sample_rate` is that of the agent's output format, such as 16000 for `pcm_16000`.
 
-        `where`: a server's address, or a bundle's name or folder, or an engine, to run here; `page_port`: its page.
-        `device`: microphone and loudspeaker, an interface of the SDK's kind, sync or async, at 16 kHz.
-        `on_event` is told everything the avatar does, motion included, in order.
+        `where` is a server's address, or a bundle's name or folder, or an engine, which then runs here; `page_port`
+        serves its page. `device` is the microphone and loudspeaker: an audio interface of the SDK's kind, sync or
+        async, at 16 kHz. `on_event` receives everything the avatar does, in order, motion included.
 
         Raises:
-            AudioError: no such rate.
+            AudioError: ElevenLabs has no such rate.
         """
         if sample_rate not in RATES:
             raise AudioError(
-                f"sample_rate {sample_rate}; ElevenLabs agents speak at {', '.join(map(str, RATES))}"
+                f"sample_rate {sample_rate} is not supported; give one of {', '.join(map(str, RATES))}"
             )
-        self.stage = Stage(find_place(where, token=token, port=page_port), seed=seed)
+        self.bridge = AvatarBridge(find_backend(where, token=token, port=page_port), seed=seed)
         self._rate, self._device, self._on_event = sample_rate, device, on_event
         self._down: Any = soxr.ResampleStream(SAMPLE_RATE_HZ, DEVICE_RATE, 1, dtype="int16")
         self._bytes: asyncio.Queue[bytes] = asyncio.Queue()
         self._tasks: list[asyncio.Task[None]] = []
-        self._tools: StageTools | None = None
-        self._is_gone = False
+        self._tools: AvatarTools | None = None
+        self._has_failed = False
 
     @property
     def page(self) -> str:
-        """Address of a page that shows the avatar; empty where there is none."""
-        return self.stage.page
+        """Address of a page that shows the avatar; empty if there is none."""
+        return self.bridge.page
 
-    async def prepare(self) -> StageTools:
-        """Open the session; its tools."""
-        await self.stage.start()
+    async def prepare(self) -> AvatarTools:
+        """Open the session; returns the avatar's tools."""
+        await self.bridge.start()
         if self._tools is None:
-            self._tools = StageTools(self.stage, await self.stage.place.tools())
+            self._tools = AvatarTools(self.bridge, await self.bridge.backend.tools())
         return self._tools
 
     async def register(self, client_tools: ClientTools) -> tuple[str, ...]:
-        """Let the agent's client tools move this avatar; returns their names."""
+        """Register the avatar's tools with the agent's client tools; returns their names."""
         return register_tools(client_tools, await self.prepare(), asyncio.get_running_loop())
 
-    # ---- what the SDK calls
+    # ---- called by the SDK
 
     async def start(self, input_callback: Callable[[bytes], Awaitable[None]]) -> None:
-        """The conversation begins."""
+        """Start the conversation."""
         await self.prepare()
         self._tasks = [asyncio.ensure_future(self._speak()), asyncio.ensure_future(self._perform())]
         if self._device is not None:
@@ -106,41 +106,41 @@ class AsyncAvatarAudioInterface(AsyncAudioInterface):  # type: ignore[misc]
             await _maybe(self._device.start(hear if is_async else hear_in_thread))
 
     async def stop(self) -> None:
-        """The conversation is over."""
+        """End the conversation."""
         if self._device is not None:
             await _maybe(self._device.stop())
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
-        await self.stage.close()
+        await self.bridge.close()
 
     async def output(self, audio: bytes) -> None:
-        """The agent speaks; returns at once.
+        """Take speech of the agent; returns at once.
 
         Raises:
-            AudioError: half a sample: these bytes are no 16-bit PCM.
+            AudioError: the bytes end in half a sample, so they are not 16-bit PCM.
         """
         if len(audio) % 2:
             raise AudioError(
-                f"{len(audio)} bytes are no 16-bit samples; set the agent's output format to pcm_{self._rate}"
+                f"{len(audio)} bytes are not whole 16-bit samples; set the agent's output format to pcm_{self._rate}"
             )
         self._bytes.put_nowait(audio)
 
     async def interrupt(self) -> None:
-        """The user spoke: silence at once."""
+        """Stop speaking at once: the user spoke."""
         while not self._bytes.empty():
             self._bytes.get_nowait()
         if self._device is not None:
             await _maybe(self._device.interrupt())
             self._down.clear()
-        if self._is_gone or not self.stage.is_busy:
+        if self._has_failed or not self.bridge.is_busy:
             return
         try:
-            await self.stage.interrupt()
+            await self.bridge.interrupt()
         except EchoAvatarError:
-            self._is_gone = True
+            self._has_failed = True
 
-    # ---- inside
+    # ---- internals
 
     async def _speak(self) -> None:
         while True:
@@ -148,22 +148,22 @@ class AsyncAvatarAudioInterface(AsyncAudioInterface):  # type: ignore[misc]
                 async with asyncio.timeout(PAUSE_S):
                     audio = await self._bytes.get()
             except TimeoutError:
-                if not self._is_gone:
-                    await self._try(self.stage.end())
+                if not self._has_failed:
+                    await self._try(self.bridge.end())
                 audio = await self._bytes.get()
             pcm = np.frombuffer(audio, "<i2")
-            if self._is_gone or not await self._try(self.stage.say(pcm, self._rate)):
-                await self._play(pcm, self._rate)  # the voice goes on without a body
+            if self._has_failed or not await self._try(self.bridge.say(pcm, self._rate)):
+                await self._play(pcm, self._rate)  # the voice continues without the avatar
 
     async def _perform(self) -> None:
         try:
-            async for event in self.stage:
+            async for event in self.bridge:
                 if self._on_event is not None:
                     self._on_event(event)
-                if isinstance(event, Hop) and event.pcm:
+                if isinstance(event, AvatarChunk) and event.pcm:
                     await self._play(np.frombuffer(event.pcm, "<i2"), SAMPLE_RATE_HZ)
         except EchoAvatarError:
-            self._is_gone = True
+            self._has_failed = True
 
     async def _play(self, pcm: np.ndarray[Any, Any], rate: int) -> None:
         if self._device is None:
@@ -175,19 +175,19 @@ class AsyncAvatarAudioInterface(AsyncAudioInterface):  # type: ignore[misc]
         await _maybe(self._device.output(pcm.astype("<i2").tobytes()))
 
     async def _listen(self, audio: bytes) -> None:
-        if not self._is_gone:
-            await self._try(self.stage.hear_user(np.frombuffer(audio, "<i2"), DEVICE_RATE))
+        if not self._has_failed:
+            await self._try(self.bridge.hear_user(np.frombuffer(audio, "<i2"), DEVICE_RATE))
 
     async def _try(self, work: Awaitable[object]) -> bool:
         try:
             await work
         except EchoAvatarError:
-            self._is_gone = True
-        return not self._is_gone
+            self._has_failed = True
+        return not self._has_failed
 
 
 class AvatarAudioInterface(AudioInterface):  # type: ignore[misc]
-    """For `Conversation`, whose callbacks come from threads: the same, on an event loop of its own."""
+    """For `Conversation`, which calls back from threads: the same interface on an event loop of its own."""
 
     def __init__(self, where: str | Path | Engine = "default", **options: Any) -> None:
         """As `AsyncAvatarAudioInterface`; `device` may be `DefaultAudioInterface()`."""
@@ -198,38 +198,38 @@ class AvatarAudioInterface(AudioInterface):  # type: ignore[misc]
 
     @property
     def page(self) -> str:
-        """Address of a page that shows the avatar, once it is prepared."""
+        """Address of a page that shows the avatar, once `prepare` was called."""
         return self.avatar.page
 
-    def prepare(self) -> StageTools:
-        """Open the session; its tools."""
+    def prepare(self) -> AvatarTools:
+        """Open the session; returns the avatar's tools."""
         return self._run(self.avatar.prepare())
 
     def register(self, client_tools: ClientTools) -> tuple[str, ...]:
-        """Let the agent's client tools move this avatar; returns their names."""
+        """Register the avatar's tools with the agent's client tools; returns their names."""
         return self._run(self.avatar.register(client_tools))
 
     def start(self, input_callback: Callable[[bytes], None]) -> None:
-        """The conversation begins."""
+        """Start the conversation."""
 
         async def hear(audio: bytes) -> None:
-            await asyncio.to_thread(input_callback, audio)  # it writes to a socket
+            await asyncio.to_thread(input_callback, audio)  # the callback writes to a socket
 
         self._run(self.avatar.start(hear))
 
     def stop(self) -> None:
-        """The conversation is over."""
+        """End the conversation."""
         self._run(self.avatar.stop())
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join()
         self._loop.close()
 
     def output(self, audio: bytes) -> None:
-        """The agent speaks."""
+        """Take speech of the agent."""
         self._run(self.avatar.output(audio))
 
     def interrupt(self) -> None:
-        """The user spoke."""
+        """Stop speaking at once: the user spoke."""
         self._run(self.avatar.interrupt())
 
     async def _make(self, where: str | Path | Engine, options: dict[str, Any]) -> AsyncAvatarAudioInterface:
@@ -240,9 +240,9 @@ class AvatarAudioInterface(AudioInterface):  # type: ignore[misc]
 
 
 def register_tools(
-    client_tools: ClientTools, tools: StageTools, loop: asyncio.AbstractEventLoop
+    client_tools: ClientTools, tools: AvatarTools, loop: asyncio.AbstractEventLoop
 ) -> tuple[str, ...]:
-    """Register the avatar's tools; `loop` is the stage's, which need not be the one that `client_tools` runs."""
+    """Register the avatar's tools; `loop` is the bridge's and may differ from that of `client_tools`."""
 
     def handler(name: str) -> Callable[[dict[str, Any]], Awaitable[str]]:
         async def handle(parameters: dict[str, Any]) -> str:

@@ -1,6 +1,6 @@
-"""What an ElevenLabs agent needs to move an avatar - tools, prompt, sound format - created by their API.
+"""Create what an ElevenLabs agent needs to move an avatar - tools, prompt, sound format - through their HTTP API.
 
-Running it twice changes nothing: tools and agent are found by name and updated. No SDK is needed for it.
+Running it again changes nothing: tools and agent are found by name and updated. It does not need their SDK.
 """
 
 import json
@@ -15,15 +15,15 @@ from ..errors import EchoAvatarError
 Payload = dict[str, Any]
 BASE_URL = "https://api.elevenlabs.io"
 FORMATS = ("pcm_8000", "pcm_16000", "pcm_22050", "pcm_24000", "pcm_44100", "pcm_48000")
-TOLD = ("list_actions",)  # tools whose answer the model waits for; all others are silent
-PATIENCE_S = 30.0
+TOOLS_WITH_ANSWERS = ("list_actions",)  # tools whose result the model waits for; all others are silent
+TIMEOUT_S = 30.0
 
 
 class Plan(NamedTuple):
-    """Everything that is sent."""
+    """The requests to send."""
 
     tools: list[Payload]
-    agent: Payload  # without the tools' ids, which are known once they exist
+    agent: Payload  # without the ids of its tools, which are known once the tools exist
 
 
 def make_plan(
@@ -34,13 +34,15 @@ def make_plan(
     first_message: str = "",
     output_format: str = "pcm_16000",
 ) -> Plan:
-    """Requests for the registry's tools and an agent that uses them.
+    """Build the requests for the avatar's tools and for an agent that uses them.
 
     Raises:
-        EchoAvatarError: a sound format that cannot be taken in.
+        EchoAvatarError: the sound format is not supported.
     """
     if output_format not in FORMATS:
-        raise EchoAvatarError(f"output format {output_format!r}; give one of {', '.join(FORMATS)}")
+        raise EchoAvatarError(
+            f"output format {output_format!r} is not supported; give one of {', '.join(FORMATS)}"
+        )
     agent: Payload = {"prompt": {"prompt": prompt}, "language": "en"}
     if first_message:
         agent["first_message"] = first_message
@@ -51,10 +53,10 @@ def make_plan(
 def carry_out(
     plan: Plan, *, api_key: str, agent_id: str = "", base_url: str = BASE_URL
 ) -> tuple[str, list[str]]:
-    """Create or update tools and agent; the agent's id, and one line for each thing that was done.
+    """Create or update tools and agent; returns the agent's id and one line for each thing done.
 
     Raises:
-        EchoAvatarError: the service refused, or could not be reached.
+        EchoAvatarError: the service refused a request, or cannot be reached.
     """
     service = _Service(base_url, api_key)
     known = {tool["tool_config"]["name"]: tool["id"] for tool in service.all("/v1/convai/tools", "tools")}
@@ -82,13 +84,13 @@ def carry_out(
 
 
 def _tool(schema: Payload) -> Payload:
-    """A client tool; their schemas know no bounds of numbers, so descriptions tell them."""
+    """A client tool. Their schemas have no numeric bounds, so the descriptions state them."""
     name = schema["name"]
     config: Payload = {
         "type": "client",
         "name": name,
         "description": schema["description"],
-        "expects_response": name in TOLD,
+        "expects_response": name in TOOLS_WITH_ANSWERS,
     }
     properties = schema["parameters"].get("properties", {})
     if properties:
@@ -104,44 +106,44 @@ def _property(schema: Payload) -> Payload:
     words = {"minimum": "at least", "maximum": "at most"}
     bounds = [f"{word} {schema[key]}" for key, word in words.items() if key in schema]
     description = schema.get("description", "") + (f" ({', '.join(bounds)})" if bounds else "")
-    told: Payload = {"type": schema["type"], "description": description}
+    result: Payload = {"type": schema["type"], "description": description}
     if "enum" in schema:
-        told["enum"] = list(schema["enum"])
-    return told
+        result["enum"] = list(schema["enum"])
+    return result
 
 
 class _Service:
     def __init__(self, base_url: str, api_key: str) -> None:
         if not base_url.startswith(("http://", "https://")):
-            raise EchoAvatarError(f"{base_url!r} is no address; it begins with https://")
+            raise EchoAvatarError(f"{base_url!r} is not an address; give one that begins with https://")
         self._base, self._key = base_url.rstrip("/"), api_key
 
     def call(self, method: str, path: str, body: Payload | None = None) -> Payload:
-        """One request."""
+        """Send one request."""
         request = urllib.request.Request(self._base + path, method=method)
         request.add_header("xi-api-key", self._key)
         if body is not None:
             request.add_header("content-type", "application/json")
             request.data = json.dumps(body).encode()
         try:
-            with urllib.request.urlopen(request, timeout=PATIENCE_S) as answer:
-                told: Payload = json.loads(answer.read() or b"{}")
+            with urllib.request.urlopen(request, timeout=TIMEOUT_S) as answer:
+                result: Payload = json.loads(answer.read() or b"{}")
         except urllib.error.HTTPError as error:
             reason = error.read().decode(errors="replace")[:300]
             hint = "; is the API key right?" if error.code in (401, 403) else ""
             raise EchoAvatarError(f"{method} {path}: {error.code} {reason}{hint}") from error
         except (OSError, ValueError) as error:
             raise EchoAvatarError(f"{self._base} does not answer: {error}") from error
-        return told
+        return result
 
     def all(self, path: str, key: str, **query: str) -> Iterator[Payload]:
         """Every item of a list, page by page."""
         while True:
-            told = self.call("GET", f"{path}?{urlencode({**query, 'page_size': 100})}")
-            yield from _dicts(told.get(key, ()))
-            if not told.get("has_more") or not told.get("next_cursor"):
+            result = self.call("GET", f"{path}?{urlencode({**query, 'page_size': 100})}")
+            yield from _dicts(result.get(key, ()))
+            if not result.get("has_more") or not result.get("next_cursor"):
                 return
-            query["cursor"] = told["next_cursor"]
+            query["cursor"] = result["next_cursor"]
 
 
 def _dicts(items: Iterable[Any]) -> Iterator[Payload]:

@@ -1,7 +1,7 @@
-"""The prompt of a voice agent with a body: the paper's digital idol (appendix, System Prompt), told in our own words.
+"""A prompt for a voice agent with a body: the paper's digital idol (appendix, System Prompt), in our own words.
 
-The paper's persona treats the user as its "Producer" and every talk as a rehearsal. What a model may do is filled in
-from the place's own libraries, so that it never speaks of gestures or songs that are not there.
+The paper's persona treats the user as its "Producer" and every talk as a rehearsal. Actions and tracks are filled in
+from what the backend offers, so that the model never mentions gestures or songs that do not exist.
 """
 
 from collections.abc import Iterable
@@ -35,7 +35,7 @@ A gesture needs no comment: go on talking while it happens.
 def persona(
     actions: Iterable[str], tracks: Iterable[str], *, name: str = "Echo", surroundings: str = ""
 ) -> str:
-    """The prompt for an avatar with these actions and tracks; `surroundings`: what it knows of where it stands."""
+    """The prompt for an avatar with these actions and tracks; `surroundings` describes where it stands."""
     told = f"\n{surroundings.strip()}" if surroundings.strip() else ""
     return PERSONA.format(
         name=name,

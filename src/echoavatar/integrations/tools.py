@@ -1,60 +1,60 @@
-"""What a language model may do with the avatar, at any place: the registry's declarations, carried out over a stage."""
+"""The tools that a language model may call, carried out through a bridge."""
 
 from collections.abc import Mapping
 from typing import Any
 
 from ..wire import ActionStatus
-from .stage import Stage
+from .bridge import AvatarBridge
 
 Schema = dict[str, Any]
 
 
-class StageTools:
-    """Declarations come from the place's own registry (`engine.tools`), so no model is offered what is not there."""
+class AvatarTools:
+    """The avatar's tools. The backend declares them (`engine.tools`), so no model is offered what does not exist."""
 
-    def __init__(self, stage: Stage, schemas: list[Schema]) -> None:
-        """`schemas` as `Place.tools` gives them."""
-        self._stage = stage
+    def __init__(self, bridge: AvatarBridge, schemas: list[Schema]) -> None:
+        """`schemas` come from `AvatarBackend.tools`."""
+        self._bridge = bridge
         self.schemas = schemas
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the tools."""
+        """Names of the tools."""
         return tuple(schema["name"] for schema in self.schemas)
 
     async def call(self, name: str, arguments: Mapping[str, Any]) -> Schema:
-        """Do what a model asked for; what cannot be done is told, not raised."""
+        """Carry out a model's call. A call that fails returns the status `rejected`; nothing is raised."""
         given = {key: value for key, value in arguments.items() if value is not None}
-        wrong = self._wrong(name, given)
+        wrong = self._find_error(name, given)
         if wrong:
             return {"status": "rejected", "reason": wrong}
         match name:
             case "send_action":
                 hold = given.get("hold")
-                asked = await self._stage.act(
+                status = await self._bridge.act(
                     given["action"],
                     intensity=float(given.get("intensity", 1.0)),
                     hold=None if hold is None else float(hold),
                 )
-                return {"action": asked.name or given["action"]} | _told(asked)
+                return {"action": status.name or given["action"]} | _result(status)
             case "play_music":
-                asked = await self._stage.play_music(given.get("title", ""))
-                return {"title": asked.name} | _told(asked)
+                status = await self._bridge.play_music(given.get("title", ""))
+                return {"title": status.name} | _result(status)
             case "stop_music":
-                await self._stage.stop_music()
+                await self._bridge.stop_music()
                 return {"status": "done"}
             case _:
-                return {"actions": list(self._stage.ready.actions), "music": list(self._stage.ready.tracks)}
+                return {"actions": list(self._bridge.ready.actions), "music": list(self._bridge.ready.tracks)}
 
-    def _wrong(self, name: str, given: Mapping[str, Any]) -> str:
-        """What is wrong with a call; empty when nothing is."""
+    def _find_error(self, name: str, given: Mapping[str, Any]) -> str:
+        """What is wrong with a call; empty if nothing is."""
         schema = next((schema for schema in self.schemas if schema["name"] == name), None)
         if schema is None:
             return f"no tool {name!r}; there are: {', '.join(self.names)}"
         known = schema["parameters"].get("properties", {})
         for key, value in given.items():
             if key not in known:
-                return f"{name} knows no {key!r}; it takes: {', '.join(known) or 'nothing'}"
+                return f"{name} has no argument {key!r}; it takes: {', '.join(known) or 'nothing'}"
             is_number = isinstance(value, int | float) and not isinstance(value, bool)
             if known[key]["type"] == "number":
                 least, most = known[key].get("minimum", 0), known[key].get("maximum", 60)
@@ -62,14 +62,14 @@ class StageTools:
                     return f"{name}: {key} is {value!r}; it must be a number from {least} to {most}"
             elif not isinstance(value, str):
                 return f"{name}: {key} is {value!r}; it must be a string"
-        lacking = [key for key in schema["parameters"].get("required", ()) if key not in given]
-        return f"{name} needs {lacking[0]!r}" if lacking else ""
+        missing = [key for key in schema["parameters"].get("required", ()) if key not in given]
+        return f"{name} needs {missing[0]!r}" if missing else ""
 
 
-def _told(asked: ActionStatus) -> Schema:
-    told: Schema = {"status": asked.status}
-    if asked.reason:
-        told["reason"] = asked.reason
-    if asked.choices:
-        told["choices"] = list(asked.choices)
-    return told
+def _result(status: ActionStatus) -> Schema:
+    result: Schema = {"status": status.status}
+    if status.reason:
+        result["reason"] = status.reason
+    if status.choices:
+        result["choices"] = list(status.choices)
+    return result

@@ -1,6 +1,6 @@
 """The avatar's tools over the Model Context Protocol. May import `client`, `wire`, `timing` and `errors`.
 
-Named like the package `mcp` that does the protocol; the only room that imports it.
+This is the only room that imports the package `mcp`, which implements the protocol.
 """
 
 from .server import create_server, serve_http, serve_stdio

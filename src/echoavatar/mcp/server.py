@@ -1,7 +1,7 @@
-"""An MCP server whose tools are those of a running avatar server, done in one of its sessions.
+"""An MCP server for the tools of a running avatar server; calls act on one of its sessions.
 
-Tools are asked for each time, so that their enums are the server's present actions and tracks. What cannot be done is
-a result with `is_error`, which the model reads; nothing is raised at it.
+The tools are fetched for each listing, so their enums always name the server's present actions and tracks. A failed
+call returns a result with `is_error` for the model to read; no exception is raised.
 """
 
 import asyncio
@@ -23,7 +23,7 @@ ABOUT = (
 
 
 def create_server(tools: RemoteTools) -> "Server[Any]":
-    """A server that does the tools where `tools` says."""
+    """Create an MCP server that calls `tools`."""
 
     async def list_tools(_: object, __: object) -> types.ListToolsResult:
         try:
@@ -52,14 +52,14 @@ def create_server(tools: RemoteTools) -> "Server[Any]":
 
 
 async def serve_stdio(tools: RemoteTools) -> None:
-    """Speak over standard input and output until they are closed."""
+    """Serve over standard input and output until they are closed."""
     server = create_server(tools)
     async with stdio_server() as (read, write):
         await server.run(read, write, server.create_initialization_options())
 
 
 async def serve_http(tools: RemoteTools, *, host: str = "127.0.0.1", port: int = 8767) -> None:
-    """Serve streamable HTTP at `/mcp` until stopped; only this machine's pages and programs are let in by default."""
+    """Serve streamable HTTP at `/mcp` until stopped; by default only this machine may connect."""
     import uvicorn
 
     app = create_server(tools).streamable_http_app(host=host, stateless_http=True, json_response=True)

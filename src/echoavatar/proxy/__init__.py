@@ -1,7 +1,7 @@
-"""An avatar behind any voice agent that speaks the OpenAI Realtime protocol: change one URL. No torch.
+"""An avatar for any voice agent that speaks the OpenAI Realtime protocol: only the URL changes. No torch.
 
-`relay` passes every event through, `link` lets an avatar of a running server listen in, and what it makes comes as
-further events beside the voice. May import `client`, `wire`, `timing` and `errors`.
+`relay` forwards every event. `sidecar` lets an avatar of a running server listen in, and sends the motion it makes as
+additional events beside the voice. May import `client`, `wire`, `timing` and `errors`.
 """
 
 from .relay import Relay

@@ -1,11 +1,12 @@
-"""`echoavatar bench proxy`: what the avatar adds to the way of the voice, beside a plain relay, in one run.
+"""`echoavatar bench proxy`: the delay that the avatar adds to the voice, compared with a plain relay in the same run.
 
-One scripted upstream says the same sound on three ways at nearly the same time: straight to the client, through a
-plain relay, and through the proxy with an avatar that moves to it. Upstream, relay and proxy are processes of their
-own, as they would be; every event carries the moment it was sent, and the ways take turns in who is first.
+One scripted upstream sends the same speech three ways at nearly the same time: straight to the client, through a plain
+relay, and through the proxy with an avatar. Upstream, relay and proxy run in processes of their own. Every event
+carries the time it was sent, and the ways take turns in going first.
 """
 
 import asyncio
+import base64
 import json
 import multiprocessing
 import re
@@ -20,20 +21,20 @@ from websockets.asyncio.client import connect
 
 from ..timing import SAMPLE_RATE_HZ
 from .relay import Relay
-from .scripted import Part, ScriptedUpstream
+from .scripted import ScriptedSession, ScriptedUpstream
 from .settings import ProxySettings
 from .upstream import quiet_logger
 
 WAYS = ("direct", "relay", "proxy")
 DELTA_S = 0.04
 ITEM_S = 8.0
-APART_S = 0.004  # between the ways, so that one does not wait for the other in the client
+APART_S = 0.004  # between the ways, so that no event waits for another one in the client
 WARM_UP_S = 3.0
 _STAMP = re.compile(r'"event_id": "at_(\d+)"')
 
 
 class Way(NamedTuple):
-    """How long events took on one way, in milliseconds."""
+    """How long events took one way, in milliseconds."""
 
     p50: float
     p95: float
@@ -43,20 +44,20 @@ class Way(NamedTuple):
 
 
 class ProxyReport(NamedTuple):
-    """All ways, and how much of the avatar came beside the voice."""
+    """The delays of all ways, and how much motion arrived beside the voice."""
 
     ways: dict[str, Way]
-    frames: int  # of motion of what was said
+    frames: int  # of motion, for what was said
     expected_frames: int
 
     @property
     def added_p99_ms(self) -> float:
-        """The proxy's 99th percentile over the plain relay's."""
+        """The proxy's 99th percentile minus the relay's."""
         return self.ways["proxy"].p99 - self.ways["relay"].p99
 
     @property
     def summary(self) -> dict[str, float]:
-        """For one line of JSON."""
+        """The numbers for one line of JSON."""
         facts = {
             f"{name}_{key}_ms": round(getattr(way, key), 3)
             for name, way in self.ways.items()
@@ -72,7 +73,7 @@ class ProxyReport(NamedTuple):
 
 
 def bench_proxy(avatar: str, *, seconds: float = 60.0) -> ProxyReport:
-    """Run it; `avatar` is the address of a server."""
+    """Run the benchmark; `avatar` is the address of a server."""
     spawn = multiprocessing.get_context("spawn")
     with ExitStack() as stack:
 
@@ -97,9 +98,9 @@ async def _listen(urls: list[str], seconds: float) -> ProxyReport:
 
     async def one(way: str, url: str) -> None:
         nonlocal frames
-        async with connect(url, compression=None, max_size=None, logger=quiet_logger()) as line:
-            await line.send(json.dumps({"type": "way", "way": way}))
-            async for message in line:
+        async with connect(url, compression=None, max_size=None, logger=quiet_logger()) as websocket:
+            await websocket.send(json.dumps({"type": "way", "way": way}))
+            async for message in websocket:
                 now = time.perf_counter_ns()
                 assert isinstance(message, str)
                 stamp = _STAMP.search(message, 0, 120)
@@ -119,39 +120,37 @@ async def _listen(urls: list[str], seconds: float) -> ProxyReport:
     return ProxyReport(ways, frames, round(seconds * 30))
 
 
-# ---- processes of their own
+# ---- what runs in processes of its own
 
 
-def _upstream(told: Connection, seconds: float) -> None:
-    asyncio.run(_serve_upstream(told, seconds))
+def _upstream(pipe: Connection, seconds: float) -> None:
+    asyncio.run(_serve_upstream(pipe, seconds))
 
 
-async def _serve_upstream(told: Connection, seconds: float) -> None:
-    parts: dict[str, Part] = {}
+async def _serve_upstream(pipe: Connection, seconds: float) -> None:
+    sessions: dict[str, ScriptedSession] = {}
     all_there = asyncio.Event()
     is_over = asyncio.Event()
 
-    async def script(part: Part) -> None:
-        parts[(await part.until("way"))["way"]] = part
-        if len(parts) == len(WAYS):
+    async def script(session: ScriptedSession) -> None:
+        sessions[(await session.until("way"))["way"]] = session
+        if len(sessions) == len(WAYS):
             all_there.set()
         await is_over.wait()
-        await part.send("bye")
+        await session.send("bye")
 
     async with ScriptedUpstream(script) as upstream:
-        told.send(int(upstream.url.split(":")[2].split("/")[0]))
+        pipe.send(int(upstream.url.split(":")[2].split("/")[0]))
         await all_there.wait()
-        await asyncio.sleep(WARM_UP_S)  # the avatar's session begins
-        await _say([parts[way] for way in WAYS], seconds)
+        await asyncio.sleep(WARM_UP_S)  # time for the avatar's session to start
+        await _say([sessions[way] for way in WAYS], seconds)
         await asyncio.sleep(2.0)
         is_over.set()
         await asyncio.sleep(1.0)
 
 
-async def _say(parts: list[Part], seconds: float) -> None:
-    """Syllables of noise, at the pace they are heard, to each way in turn."""
-    import base64
-
+async def _say(sessions: list[ScriptedSession], seconds: float) -> None:
+    """Send syllables of noise at the pace of playback, each way in turn."""
     rng = np.random.default_rng(0)
     size = round(DELTA_S * SAMPLE_RATE_HZ)
     begun = time.perf_counter()
@@ -159,29 +158,29 @@ async def _say(parts: list[Part], seconds: float) -> None:
         item, at = divmod(number, round(ITEM_S / DELTA_S))
         loud = 6_000 * abs(np.sin(number * DELTA_S * np.pi * 4))
         delta = base64.b64encode(rng.normal(0, loud, size).astype("<i2").tobytes()).decode()
-        place = {
+        address = {
             "item_id": f"item_{item}",
             "response_id": f"resp_{item}",
             "output_index": 0,
             "content_index": 0,
         }
-        for turn in range(len(parts)):
-            part = parts[(number + turn) % len(parts)]
+        for offset in range(len(sessions)):
+            session = sessions[(number + offset) % len(sessions)]
             event = {
                 "event_id": f"at_{time.perf_counter_ns()}",
                 "type": "response.output_audio.delta",
-                **place,
+                **address,
             }
-            await part.line.send(json.dumps({**event, "delta": delta}))
+            await session.websocket.send(json.dumps({**event, "delta": delta}))
             if at == round(ITEM_S / DELTA_S) - 1:
-                await part.line.send(json.dumps({"type": "response.output_audio.done", **place}))
+                await session.websocket.send(json.dumps({"type": "response.output_audio.done", **address}))
             await asyncio.sleep(APART_S)
         await asyncio.sleep(max(0.0, begun + (number + 1) * DELTA_S - time.perf_counter()))
 
 
-def _relay(told: Connection, upstream: str, avatar: str) -> None:
+def _relay(pipe: Connection, upstream: str, avatar: str) -> None:
     async def serve() -> None:
-        told.send(await Relay(ProxySettings(upstream, avatar=avatar)).start(port=0))
+        pipe.send(await Relay(ProxySettings(upstream, avatar=avatar)).start(port=0))
         await asyncio.Event().wait()
 
     asyncio.run(serve())

@@ -1,4 +1,4 @@
-"""Sound of Realtime events to 24 kHz int16: PCM of any rate, and the two laws of telephones (ITU-T G.711)."""
+"""Decode the audio of Realtime events to 24 kHz int16: PCM of any rate, mu-law and A-law (ITU-T G.711)."""
 
 import numpy as np
 import soxr
@@ -6,15 +6,15 @@ from jaxtyping import Int16, UInt8
 
 from ..timing import SAMPLE_RATE_HZ
 
-Pcm = Int16[np.ndarray, " s"]
+Pcm = Int16[np.ndarray, " _s"]  # blocks of any length, also beside each other
 
 
 class Decoder:
-    """One stream of one format."""
+    """Decodes one stream of one format."""
 
     def __init__(self, kind: str = "pcm", rate: int = SAMPLE_RATE_HZ) -> None:
         self._kind = kind
-        self._rest = b""  # half a sample
+        self._rest = b""  # an incomplete sample at the end of the last block
         self._stream = (
             None
             if rate == SAMPLE_RATE_HZ
@@ -22,7 +22,7 @@ class Decoder:
         )
 
     def push(self, data: bytes, *, is_last: bool = False) -> Pcm:
-        """The next bytes; with `is_last` also what the resampler holds back."""
+        """Decode the next bytes; `is_last` also flushes the resampler."""
         if self._kind == "pcm":
             data = self._rest + data
             whole = len(data) // 2 * 2

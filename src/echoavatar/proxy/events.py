@@ -1,7 +1,7 @@
-"""Realtime events as far as the avatar cares; whatever else they hold is left alone, and nonsense is passed over.
+"""The fields of Realtime events that the avatar needs; everything else is ignored, and so are malformed events.
 
-Names of both the present protocol (`response.output_audio.delta`) and its first one (`response.audio.delta`), which
-other servers still speak.
+Event names of the present protocol (`response.output_audio.delta`) and of its first version (`response.audio.delta`),
+which other servers still use, are both known.
 """
 
 import base64
@@ -18,7 +18,7 @@ SESSION = ("session.created", "session.updated")
 
 
 class Event(msgspec.Struct):
-    """One event; fields that it does not have are empty."""
+    """One event; absent fields are None."""
 
     type: str
     item_id: str | None = None
@@ -26,7 +26,7 @@ class Event(msgspec.Struct):
     output_index: int | None = None
     content_index: int | None = None
     delta: Any = None  # base64 in audio events
-    audio: Any = None  # base64, from the client
+    audio: Any = None  # base64, sent by the client
     audio_end_ms: float | None = None
     call_id: str | None = None
     name: str | None = None
@@ -40,7 +40,7 @@ _DECODER = msgspec.json.Decoder(Event)
 
 
 def read(message: str | bytes) -> Event | None:
-    """An event; None for what is none."""
+    """Parse an event; None if it is not one."""
     try:
         return _DECODER.decode(message)
     except (msgspec.DecodeError, UnicodeError, RecursionError):
@@ -48,7 +48,7 @@ def read(message: str | bytes) -> Event | None:
 
 
 def sound(field: Any) -> bytes:
-    """The bytes of a base64 field; none where it is broken."""
+    """Decode a base64 field; empty if it is malformed."""
     if not isinstance(field, str):
         return b""
     try:
@@ -58,7 +58,7 @@ def sound(field: Any) -> bytes:
 
 
 def inside(value: Any, *path: str) -> Any:
-    """A value deep in an object; None where the way ends."""
+    """A nested value; None if any key on the path is missing."""
     for key in path:
         if not isinstance(value, dict):
             return None
@@ -67,9 +67,9 @@ def inside(value: Any, *path: str) -> Any:
 
 
 def audio_format(session: Any, direction: str) -> tuple[str, int] | None:
-    """Kind and rate of a session's `input` or `output`; None where it does not say.
+    """Encoding and rate of a session's `input` or `output`; None if the session does not specify them.
 
-    The present protocol: `audio.output.format.type`, the first one: `output_audio_format`.
+    The present protocol has `audio.output.format.type`, the first version `output_audio_format`.
     """
     form = inside(session, "audio", direction, "format") or inside(session, f"{direction}_audio_format")
     rate = inside(form, "rate")
@@ -85,7 +85,7 @@ def audio_format(session: Any, direction: str) -> tuple[str, int] | None:
 
 
 def interrupts(session: Any) -> bool | None:
-    """Whether the user's voice cuts the model off; None where the session does not say."""
+    """Whether the user's voice interrupts the model; None if the session does not specify it."""
     for detection in (inside(session, "audio", "input", "turn_detection"), inside(session, "turn_detection")):
         if isinstance(detection, dict):
             return detection.get("interrupt_response") is not False
@@ -93,13 +93,13 @@ def interrupts(session: Any) -> bool | None:
 
 
 def tools_of(session: Any) -> list[Any] | None:
-    """The tools of a session; None where it does not say."""
+    """The tools of a session; None if it does not specify them."""
     tools = inside(session, "tools")
     return tools if isinstance(tools, list) else None
 
 
 def is_for_us(message: str | bytes) -> bool:
-    """Whether a client's event is meant for the proxy."""
+    """Whether a client's event is addressed to the proxy."""
     if len(message) > 4_096 or not isinstance(message, str) or '"echoavatar.' not in message:
         return False
     event = read(message)
@@ -107,7 +107,7 @@ def is_for_us(message: str | bytes) -> bool:
 
 
 def with_tools(message: str | bytes, add: Callable[[list[Any]], list[Any]]) -> str | bytes:
-    """A client's `session.update` that sets tools, with others added to them; anything else as it came."""
+    """A client's `session.update` with its tools extended by `add`; any other message unchanged."""
     if not isinstance(message, str) or '"session.update"' not in message:
         return message
     try:

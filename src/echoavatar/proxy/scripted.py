@@ -1,7 +1,7 @@
-"""A voice agent that plays a part: a Realtime upstream without a model, for tests, benches and trying things offline.
+"""A scripted voice agent: a Realtime upstream without a model, for tests, benchmarks and trying things offline.
 
-It says what it is told to say, in the events that OpenAI documents, as fast as it is told to; it hears the user by a
-`input_audio_buffer.commit`, and every item that a client adds it acknowledges. Nothing of it is a model's.
+It sends what a script tells it to, in the events that OpenAI documents, and acknowledges every session update and every
+item that the client adds.
 """
 
 import asyncio
@@ -17,16 +17,16 @@ from websockets.exceptions import ConnectionClosed
 from ..timing import SAMPLE_RATE_HZ
 from .upstream import quiet_logger
 
-Script = Callable[["Part"], Awaitable[None]]
+Script = Callable[["ScriptedSession"], Awaitable[None]]
 DELTA_S = 0.1
 
 
-class Part:
+class ScriptedSession:
     """One connection's conversation, from the agent's side."""
 
-    def __init__(self, line: ServerConnection) -> None:
-        self.line = line
-        self.got: list[dict[str, Any]] = []  # the client's events
+    def __init__(self, websocket: ServerConnection) -> None:
+        self.websocket = websocket
+        self.received: list[dict[str, Any]] = []  # events of the client
         self.sent: list[str] = []
         self.session: dict[str, Any] = {
             "type": "realtime",
@@ -43,26 +43,26 @@ class Part:
             "tools": [],
         }
         self._numbers = itertools.count(1)
-        self._news = asyncio.Event()
+        self._new_event = asyncio.Event()
 
     async def send(self, kind: str, **fields: Any) -> None:
-        """One event."""
+        """Send one event."""
         event = {"type": kind, "event_id": f"event_{next(self._numbers)}", **fields}
         await self.send_text(json.dumps(event))
 
     async def send_text(self, text: str) -> None:
-        """Anything."""
+        """Send any text."""
         self.sent.append(text)
-        await self.line.send(text)
+        await self.websocket.send(text)
 
     async def until(self, kind: str, count: int = 1) -> dict[str, Any]:
-        """Wait for the client's event; returns the last of `count`."""
+        """Wait until the client has sent `count` events of this type; returns the last of them."""
         while True:
-            found = [event for event in self.got if event.get("type") == kind]
+            found = [event for event in self.received if event.get("type") == kind]
             if len(found) >= count:
                 return found[count - 1]
-            self._news.clear()
-            await self._news.wait()
+            self._new_event.clear()
+            await self._new_event.wait()
 
     async def say(
         self,
@@ -74,8 +74,8 @@ class Part:
         pace: float = 0.0,
         until: Callable[[], bool] = lambda: False,
     ) -> None:
-        """A spoken response: `pace` seconds are waited for each second of sound; ends early where `until` says so."""
-        place = {"response_id": response, "item_id": item, "output_index": 0, "content_index": 0}
+        """Speak a response, waiting `pace` seconds per second of sound; stops early when `until` returns true."""
+        address = {"response_id": response, "item_id": item, "output_index": 0, "content_index": 0}
         await self.send("response.created", response={"id": response, "status": "in_progress", "output": []})
         size = 2 * round(delta_s * SAMPLE_RATE_HZ)
         status = "completed"
@@ -84,9 +84,9 @@ class Part:
                 status = "cancelled"
                 break
             delta = base64.b64encode(pcm[start : start + size]).decode()
-            await self.send("response.output_audio.delta", **place, delta=delta)
+            await self.send("response.output_audio.delta", **address, delta=delta)
             await asyncio.sleep(pace * delta_s)
-        await self.send("response.output_audio.done", **place)
+        await self.send("response.output_audio.done", **address)
         message = {"id": item, "type": "message", "role": "assistant", "content": []}
         done = {"id": response, "status": status, "output": [message]}
         await self.send("response.done", response=done)
@@ -94,33 +94,33 @@ class Part:
     async def call(
         self, name: str, arguments: str, *, call: str = "call_1", response: str = "resp_1"
     ) -> None:
-        """A response that is a call of a function, and nothing else."""
+        """Send a response that consists of one function call."""
         item = {"id": f"item_{call}", "type": "function_call", "name": name, "call_id": call}
         whole = {**item, "arguments": arguments, "status": "completed"}
-        place = {"response_id": response, "output_index": 0}
+        address = {"response_id": response, "output_index": 0}
         await self.send("response.created", response={"id": response, "status": "in_progress", "output": []})
-        await self.send("response.output_item.added", **place, item={**item, "arguments": ""})
+        await self.send("response.output_item.added", **address, item={**item, "arguments": ""})
         await self.send(
             "response.function_call_arguments.done",
-            **place,
+            **address,
             item_id=item["id"],
             call_id=call,
             name=name,
             arguments=arguments,
         )
-        await self.send("response.output_item.done", **place, item=whole)
+        await self.send("response.output_item.done", **address, item=whole)
         await self.send("response.done", response={"id": response, "status": "completed", "output": [whole]})
 
     async def _listen(self) -> None:
-        async for message in self.line:
+        async for message in self.websocket:
             try:
                 event = json.loads(message)
             except (ValueError, RecursionError):
                 continue
             if not isinstance(event, dict):
                 continue
-            self.got.append(event)
-            self._news.set()
+            self.received.append(event)
+            self._new_event.set()
             if event.get("type") == "session.update":
                 self.session |= event["session"]
                 await self.send("session.updated", session=self.session)
@@ -129,17 +129,17 @@ class Part:
 
 
 class ScriptedUpstream:
-    """Listens at `url`; each connection gets a part, played by the script."""
+    """Listens at `url`; the script plays the agent's side of every connection."""
 
     def __init__(self, script: Script, *, port: int = 0, subprotocols: tuple[str, ...] = ()) -> None:
-        self.parts: list[Part] = []
-        self.requests: list[tuple[str, dict[str, str]]] = []  # path and headers of each
+        self.sessions: list[ScriptedSession] = []
+        self.requests: list[tuple[str, dict[str, str]]] = []  # path and headers of each request
         self.url = ""
         self._script, self._port, self._subprotocols = script, port, subprotocols
         self._server: Server | None = None
 
     async def __aenter__(self) -> "ScriptedUpstream":
-        """Begin to listen."""
+        """Start to listen."""
         self._server = await serve(
             self._play,
             "127.0.0.1",
@@ -154,22 +154,22 @@ class ScriptedUpstream:
         return self
 
     async def __aexit__(self, *reason: object) -> None:
-        """Close all."""
+        """Close all connections."""
         assert self._server is not None
         self._server.close()
         await self._server.wait_closed()
 
-    async def _play(self, line: ServerConnection) -> None:
-        assert line.request is not None
-        self.requests.append((line.request.path, dict(line.request.headers.raw_items())))
-        part = Part(line)
-        self.parts.append(part)
-        listening = asyncio.create_task(part._listen())
+    async def _play(self, websocket: ServerConnection) -> None:
+        assert websocket.request is not None
+        self.requests.append((websocket.request.path, dict(websocket.request.headers.raw_items())))
+        session = ScriptedSession(websocket)
+        self.sessions.append(session)
+        listening = asyncio.create_task(session._listen())
         try:
-            await part.send("session.created", session=part.session)
-            await self._script(part)
+            await session.send("session.created", session=session.session)
+            await self._script(session)
             await listening
         except ConnectionClosed:
-            pass  # the client left, or was left
+            pass  # either side closed the connection
         finally:
             listening.cancel()

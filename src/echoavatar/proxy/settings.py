@@ -1,4 +1,4 @@
-"""What the owner of a proxy decides."""
+"""The settings of a proxy."""
 
 from dataclasses import dataclass
 
@@ -7,18 +7,18 @@ from ..errors import EchoAvatarError
 
 @dataclass(frozen=True)
 class ProxySettings:
-    """Where the voice comes from, and where the avatar lives."""
+    """Where the voice comes from and where the avatar runs."""
 
     upstream: str  # such as wss://api.openai.com/v1/realtime
-    avatar: str = ""  # address of an `echoavatar serve`; empty: only relay
-    token: str = ""  # of that server
-    tools: bool = False  # offer the avatar's tools to the model, and do what it calls
-    idle: bool = True  # motion between utterances too
+    avatar: str = ""  # address of an `echoavatar serve`; empty: relay only
+    token: str = ""  # of the avatar's server
+    tools: bool = False  # offer the avatar's tools to the model and carry out its calls
+    idle: bool = True  # send motion between utterances as well
     origins: tuple[str, ...] = ()  # pages of other hosts that may connect
 
     def __post_init__(self) -> None:
         scheme, _, rest = self.upstream.partition("://")
         if scheme not in ("ws", "wss") or not rest.strip("/"):
             raise EchoAvatarError(
-                f"--upstream {self.upstream!r} is no WebSocket; give one such as wss://api.openai.com/v1/realtime"
+                f"--upstream {self.upstream!r} is not a WebSocket URL; give one such as wss://api.openai.com/v1/realtime"
             )

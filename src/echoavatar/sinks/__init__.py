@@ -1,16 +1,16 @@
-"""Live motion to other programs: VMC (OSC), Live Link Face, JSON over UDP, each with a clock and a rate of its own.
+"""Live motion to other programs: VMC (OSC), Live Link Face and JSON over UDP, each at its own rate.
 
-May import `face`, `kinematics`, `wire` and below. A sink has a thread; whoever feeds it never waits for it, and what a
-receiver does or does not do changes nothing here.
+May import `face`, `kinematics`, `wire` and below. Every sink has a thread of its own. The code that feeds a sink never
+waits for it, and a receiver that is slow or gone affects nothing here.
 """
 
 from .address import check_address, make_sink, parse_address
-from .audience import Audience
 from .player import SinkPlayer
 from .sink import Frame, Sink, UdpSink
+from .sink_group import SinkGroup
 
 __all__ = [
-    "Audience",
+    "SinkGroup",
     "Frame",
     "Sink",
     "SinkPlayer",

@@ -1,4 +1,4 @@
-"""Where a sink is and how it wants to be served, as one address: `vmc://127.0.0.1:39539?rate=60&names=perfect`."""
+"""Addresses of sinks, with options: `vmc://127.0.0.1:39539?rate=60&names=perfect`."""
 
 from dataclasses import dataclass, field
 from typing import cast
@@ -19,7 +19,7 @@ EXAMPLE = "vmc://127.0.0.1:39539, livelink://192.168.1.7:11111, json://127.0.0.1
 
 @dataclass(frozen=True)
 class Address:
-    """A sink's address in its parts."""
+    """A parsed address."""
 
     scheme: str
     host: str
@@ -32,10 +32,10 @@ class Address:
 
 
 def parse_address(text: str) -> Address:
-    """An address in its parts; ports have the defaults of their protocols.
+    """Parse an address; the default port is that of its protocol.
 
     Raises:
-        EchoAvatarError: no such protocol, no host, a port that is none, or an option that the protocol does not have.
+        EchoAvatarError: unknown protocol, missing host, invalid port, or an option that the protocol does not have.
     """
     parts = urlsplit(text)
     if parts.scheme not in PORTS:
@@ -52,29 +52,29 @@ def parse_address(text: str) -> Address:
     known = OPTIONS[parts.scheme]
     if unknown := sorted(set(options) - set(known)):
         choice = f"only {', '.join(known)}" if known else "no options"
-        raise EchoAvatarError(f"sink {text!r} does not know {unknown[0]!r}; {parts.scheme} has {choice}")
+        raise EchoAvatarError(f"sink {text!r} has no option {unknown[0]!r}; {parts.scheme} has {choice}")
     return Address(parts.scheme, parts.hostname, port or PORTS[parts.scheme], options)
 
 
 def check_address(text: str) -> None:
-    """Whether `make_sink` would take it, before there is a rig.
+    """Check that `make_sink` would accept the address, before a rig is known.
 
     Raises:
-        EchoAvatarError: as there.
+        EchoAvatarError: see `make_sink`.
     """
     make_sink(text, Rig(names=("hips",), parents=(-1,), rest=((0.0, 0.0, 0.0),))).close()
 
 
 def make_sink(text: str, rig: Rig) -> Sink:
-    """The sink of an address.
+    """Create the sink for an address.
 
     Raises:
-        EchoAvatarError: an address that is none, a rate outside 1 to 240, names that are not known, an unknown host.
+        EchoAvatarError: the address is not valid, the rate is not 1 to 240, or the names or the host are unknown.
     """
     address = parse_address(text)
     if address.scheme == "unity":
         raise EchoAvatarError(
-            "unity:// wants a server of its own: `echoavatar serve --sink unity://HOST:PORT`"
+            "unity:// needs a server of its own: `echoavatar serve --sink unity://HOST:PORT`"
         )
     rate = _rate(text, address.options.get("rate", str(RATES[address.scheme])))
     encoder: Encoder
@@ -96,5 +96,5 @@ def _rate(text: str, word: str) -> float:
     except ValueError:
         rate = 0.0
     if not 1 <= rate <= 240:
-        raise EchoAvatarError(f"sink {text!r}: rate {word!r} is not 1 to 240 frames per second")
+        raise EchoAvatarError(f"sink {text!r}: rate {word!r} is not between 1 and 240 frames per second")
     return rate

@@ -1,7 +1,7 @@
-"""JSON over UDP: for those who write their own receiver in an afternoon.
+"""JSON over UDP, the simplest format to write a receiver for.
 
-A datagram a frame, `{"type": "pose", ...}`, and once a second `{"type": "rig", ...}` with the names that the numbers go
-by. Our axes: metres, Y up, facing +Z, left +X; quaternions as x y z w, relative to the parent.
+Each frame is one datagram, `{"type": "pose", ...}`. Once a second `{"type": "rig", ...}` names the joints and curves.
+Axes are ours: metres, Y up, facing +Z, left +X; quaternions are x y z w, relative to the parent.
 """
 
 from collections.abc import Iterator
@@ -20,7 +20,7 @@ _DIGITS = 5
 
 
 class JsonEncoder:
-    """Frames as JSON."""
+    """Encodes frames as JSON."""
 
     def __init__(self, rig: Rig) -> None:
         names = {"names": rig.names, "parents": rig.parents, "rest": rig.rest, "face": ARKIT_NAMES}
@@ -28,11 +28,11 @@ class JsonEncoder:
         self._next = 0.0
 
     def faces(self, curves: Float[np.ndarray, "t 52"]) -> Float[np.ndarray, "t 52"]:
-        """As they are."""
+        """The curves, unchanged."""
         return curves
 
     def __call__(self, frame: Frame) -> Iterator[bytes]:
-        """The pose, and now and then the rig before it."""
+        """The pose, preceded by the rig once a second."""
         if frame.seconds >= self._next:
             self._next = frame.seconds + RIG_SECONDS
             yield self._rig

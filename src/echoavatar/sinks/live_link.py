@@ -1,7 +1,7 @@
-"""Live Link Face, what Epic's iPhone app sends: a face a packet, to MetaHumans without a plugin. No body.
+"""Live Link Face, the protocol of Epic's iPhone app: one face per packet, for MetaHumans, without a plugin. No body.
 
-The packet orders the 52 shapes as Apple's headers and Unreal do, left before right; the CSV that the same app writes
-has the right side of jaw and mouth first. Angles are as in its CSV: to the avatar's left and up are negative.
+The packet orders the 52 shapes as Apple's headers and Unreal do, left before right. (The CSV that the same app writes
+has the right side of jaw and mouth first.) Angles have the signs of that CSV: to the avatar's left and up is negative.
 """
 
 import struct
@@ -20,7 +20,7 @@ _HEAD = slice(len(ARKIT_NAMES), len(ARKIT_NAMES) + 3)
 
 
 class LiveLinkEncoder:
-    """Frames as packets of Live Link Face."""
+    """Encodes frames as packets of Live Link Face."""
 
     def __init__(self, rig: Rig, *, subject: str = "EchoAvatar", rate: float = 60.0) -> None:
         self._neck = [rig.names.index(name) for name in ("neck", "head") if name in rig.names]
@@ -30,11 +30,11 @@ class LiveLinkEncoder:
         self._rate = round(rate)
 
     def faces(self, curves: Float[np.ndarray, "t 52"]) -> Float[np.ndarray, "t 61"]:
-        """Shapes in the packet's order, and both eyes."""
+        """Shapes in the packet's order, and the angles of both eyes."""
         return reorder(to_live_link(curves), ARKIT_NAMES + HEAD_AND_EYES, APPLE_NAMES + HEAD_AND_EYES)
 
     def __call__(self, frame: Frame) -> list[bytes]:
-        """One packet."""
+        """The frame's packet."""
         whole, part = divmod(frame.seconds * self._rate, 1.0)
         values = np.zeros(SHAPES) if frame.face is None else frame.face.copy()
         values[_HEAD] = head_angles(frame.rotations[self._neck])
@@ -43,7 +43,7 @@ class LiveLinkEncoder:
 
 
 def head_angles(chain: Float[np.ndarray, "k 4"]) -> Float[np.ndarray, "3"]:
-    """Yaw, pitch and roll (rad) of the head against the trunk, from the rotations (wxyz) of neck and head."""
+    """Yaw, pitch and roll (rad) of the head relative to the trunk, from the rotations (wxyz) of neck and head."""
     w, x, y, z = 1.0, 0.0, 0.0, 0.0
     for a, b, c, d in chain:
         w, x, y, z = (

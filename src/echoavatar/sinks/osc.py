@@ -1,6 +1,6 @@
-"""Open Sound Control, as much as a sender needs: messages whose floats are written in place, in bundles.
+"""Open Sound Control for a sender: bundles of messages whose floats are written in place.
 
-Building 110 messages anew sixty times a second would cost milliseconds; here their bytes are made once and a frame only
+Building 110 messages sixty times a second would cost milliseconds. The bytes are built once, and each frame only
 writes its numbers into them.
 """
 
@@ -11,12 +11,12 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-LARGEST = 1400  # bytes of a datagram; with its headers it then fits an Ethernet frame
-_BUNDLE = b"#bundle\0" + struct.pack(">Q", 1)  # to be done at once
+LARGEST = 1400  # bytes of a datagram; fits an Ethernet frame with its headers
+_BUNDLE = b"#bundle\0" + struct.pack(">Q", 1)  # time tag: immediately
 
 
 class Message(NamedTuple):
-    """An address, at most one text or integer, then floats."""
+    """An address, at most one string or integer, then a number of floats."""
 
     address: str
     first: str | int | None
@@ -24,13 +24,13 @@ class Message(NamedTuple):
 
 
 def padded(text: str) -> bytes:
-    """A string as OSC writes it: ended by a zero, filled up to four bytes."""
+    """A string in OSC's form: zero-terminated and padded to a multiple of four bytes."""
     raw = text.encode()
     return raw + b"\0" * (4 - len(raw) % 4)
 
 
 def encoded(message: Message) -> bytes:
-    """A message whose floats are all 0."""
+    """A message with all floats 0."""
     kinds, body = ",", b""
     if isinstance(message.first, str):
         kinds, body = ",s", padded(message.first)
@@ -42,7 +42,7 @@ def encoded(message: Message) -> bytes:
 
 
 class Bundles:
-    """Messages in as few bundles as they fit in, and where their floats lie."""
+    """Messages packed into as few bundles as possible, with the positions of their floats."""
 
     def __init__(self, messages: Sequence[Message], largest: int = LARGEST) -> None:
         self.packets: list[bytearray] = []
@@ -64,7 +64,7 @@ class Bundles:
         self._slots.append(np.array(slots, np.intp))
 
     def fill(self, values: Float[np.ndarray, " n"]) -> list[bytearray]:
-        """The packets with all floats written, in the order of the messages."""
+        """The packets with these floats, in the order of the messages."""
         start = 0
         for view, slots in zip(self._views, self._slots, strict=True):
             view[slots] = values[start : start + len(slots)]

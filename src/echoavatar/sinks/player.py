@@ -1,4 +1,4 @@
-"""A sink and the thread that plays motion into it, at the sink's rate and on its own clock."""
+"""A thread that plays motion into a sink, at the sink's rate and on a clock of its own."""
 
 import logging
 import threading
@@ -13,15 +13,15 @@ from .sink import Frame, Sink
 from .track import PoseTrack
 
 _LOG = logging.getLogger(__name__)
-GOODBYE_S = 1.0
-INBOX = 1_000  # messages that a sink may leave lying, the oldest are then lost
+JOIN_TIMEOUT_S = 1.0
+INBOX = 1_000  # messages kept for the thread; when full, the oldest are dropped
 
 
 class SinkPlayer:
-    """Fed with messages of a session and told its clock from any thread; neither ever waits for the sink."""
+    """Plays a session into a sink. Messages and clock reports may come from any thread, and never wait for the sink."""
 
     def __init__(self, sink: Sink, rig: Rig, *, curves: int = 52, name: str = "sink") -> None:
-        """`rig` and `curves` say how motion messages are to be read."""
+        """`rig` and `curves` describe the motion messages."""
         self.shown, self.failed = 0, 0
         self._sink, self._name = sink, name
         self._joints, self._curves = len(rig.names), curves
@@ -33,27 +33,27 @@ class SinkPlayer:
         self._thread.start()
 
     def take(self, message: ServerMessage) -> None:
-        """One message of a session; those of no concern are passed over."""
+        """Take one message of a session; messages other than motion and flushes are ignored."""
         if isinstance(message, Motion | Flush):
             self._inbox.append(message)
 
     def put(self, at: int, pose: Pose) -> None:
-        """Frames from `at` on, in samples of the session's clock."""
+        """Take frames that begin at `at`, in samples of the session's clock."""
         self._inbox.append((at, pose))
 
     def tell(self, at: float, now: float) -> None:
-        """What is heard at the time `now` (`time.monotonic`)."""
+        """Report the sample `at` that is heard at the time `now` (`time.monotonic`)."""
         self._told = at, now
 
     def begin(self) -> None:
-        """Another session, or from the start: forget what was there; the pose on screen stays until motion comes."""
+        """Start another session; the last pose stays visible until motion arrives."""
         self._told = None
         self._inbox.append(None)
 
     def close(self) -> None:
-        """Stop the thread; one that hangs in its sink is left behind."""
+        """Stop the thread; a thread that hangs in its sink is abandoned."""
         self._stop.set()
-        self._thread.join(GOODBYE_S)
+        self._thread.join(JOIN_TIMEOUT_S)
 
     def _play(self) -> None:
         began = due = time.monotonic()
@@ -61,19 +61,19 @@ class SinkPlayer:
         at = 0
         while not self._stop.wait(max(0.0, due - time.monotonic())):
             now = time.monotonic()
-            due = max(due + 1 / self._sink.rate, now)  # frames that are late are left out
+            due = max(due + 1 / self._sink.rate, now)  # late frames are skipped
             self._hear()
             moment = self._clock.read(now)
             pose = None if moment is None else self._track.read(moment)
             if pose is not None and moment is not None:
-                last = self._track.end - SAMPLES_PER_FRAME  # is held beyond it
+                last = self._track.end - SAMPLES_PER_FRAME  # the last pose is held beyond it
                 held, at = pose, round(min(moment, last))
             if held is not None:
                 self._show(Frame(held.rotations, held.root, held.face, now - began, at))
         self._quietly(self._sink.close)
 
     def _hear(self) -> None:
-        """What was put in the inbox, on this thread: nobody else waits for it."""
+        """Process the inbox; runs on the sink's thread."""
         while self._inbox:
             match self._inbox.popleft():
                 case None:
@@ -96,12 +96,14 @@ class SinkPlayer:
             self.shown += 1
 
     def _quietly(self, what: Callable[[], None]) -> bool:
-        """Do it; whatever goes wrong is the sink's own affair, said once."""
+        """Run `what`; the first failure is logged, and none is passed on."""
         try:
             what()
         except Exception as error:
             self.failed += 1
             if self.failed == 1:
-                _LOG.warning("%s does not take motion (%s); the session goes on without", self._name, error)
+                _LOG.warning(
+                    "%s cannot show motion (%s); the session continues without it", self._name, error
+                )
             return False
         return True

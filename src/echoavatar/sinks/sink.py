@@ -1,4 +1,4 @@
-"""What a sink is, and the one that sends datagrams."""
+"""The interface of a sink, and a sink that sends datagrams."""
 
 import socket
 from collections.abc import Iterable
@@ -16,47 +16,47 @@ class Frame(NamedTuple):
     rotations: Float[np.ndarray, "j 4"]  # quaternions wxyz, parent-relative
     root: Float[np.ndarray, "3"]  # metres, of the hips
     face: Float[np.ndarray, " n"] | None  # what the sink's `faces` made of the curves; None without a face
-    seconds: float  # since the sink began, on its own clock
+    seconds: float  # since the sink started, on its own clock
     at: int  # sample of the session's clock that is heard with it
 
 
 class Sink(Protocol):
-    """Shows frames somewhere. `send` may raise `OSError`; nobody waits for it but the sink's own thread."""
+    """Shows frames somewhere. `send` may raise `OSError`; only the sink's own thread calls it."""
 
-    rate: float  # frames per second that it wants
+    rate: float  # wanted frames per second
 
     def faces(self, curves: Float[np.ndarray, "t 52"]) -> Float[np.ndarray, "t n"]:
-        """What it shows of ARKit curves (0..1, canonical order): asked once a chunk, not once a frame."""
+        """Convert ARKit curves (0..1, canonical order) to what the sink shows; called per chunk, not per frame."""
 
     def send(self, frame: Frame) -> None:
         """Show a frame."""
 
     def close(self) -> None:
-        """No more will come."""
+        """Release resources; no more frames will come."""
 
 
 class Encoder(Protocol):
-    """A frame as datagrams."""
+    """Encodes a frame as datagrams."""
 
     def faces(self, curves: Float[np.ndarray, "t 52"]) -> Float[np.ndarray, "t n"]:
-        """As a sink's."""
+        """See `Sink.faces`."""
 
     def __call__(self, frame: Frame) -> Iterable[bytes | bytearray]:
-        """In the order in which they are sent."""
+        """The frame's datagrams, in the order in which they are sent."""
 
 
 class UdpSink:
-    """Datagrams to one address, without ever waiting: what the network does not take at once is dropped."""
+    """Sends datagrams to one address without blocking; what the network does not accept at once is dropped."""
 
     def __init__(self, encoder: Encoder, host: str, port: int, rate: float) -> None:
-        """Raises EchoAvatarError for a host whose address is not known."""
+        """Raises EchoAvatarError if the host cannot be resolved."""
         self.rate, self.dropped, self.sent = rate, 0, 0
         self._encoder = encoder
         try:
             found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
         except OSError as error:
             raise EchoAvatarError(
-                f"the address of {host!r} is not known ({error}); give a name or number that this machine knows"
+                f"host {host!r} cannot be resolved ({error}); give a host name or IP address"
             ) from error
         family, self._address = found[0], found[4]
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
@@ -65,11 +65,11 @@ class UdpSink:
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
 
     def faces(self, curves: Float[np.ndarray, "t 52"]) -> Float[np.ndarray, "t n"]:
-        """As the encoder wants them."""
+        """See `Sink.faces`."""
         return self._encoder.faces(curves)
 
     def send(self, frame: Frame) -> None:
-        """Encode and send."""
+        """Encode and send a frame."""
         for packet in self._encoder(frame):
             try:
                 self._socket.sendto(packet, self._address)
@@ -82,5 +82,5 @@ class UdpSink:
                 self.sent += 1
 
     def close(self) -> None:
-        """Free the socket."""
+        """Close the socket."""
         self._socket.close()

@@ -1,7 +1,7 @@
-"""VMC, the protocol of the VTuber world (VSeeFace, Warudo, Unity, Unreal, Blender): bones and expressions over OSC.
+"""VMC, the protocol of VTuber programs (VSeeFace, Warudo, Unity, Unreal, Blender): bones and expressions over OSC.
 
-We are the performer; the program with the avatar listens, on port 39539 by default. Positions and rotations are in
-Unity's left-handed axes; bones are called as in Unity, whose thumbs are named one bone further out than VRM 1.0's.
+We are the performer; the program with the avatar listens, by default on port 39539. Positions and rotations are in
+Unity's left-handed axes. Bones have Unity's names, which place thumb names one bone further out than VRM 1.0 does.
 """
 
 from typing import Literal, get_args
@@ -24,16 +24,16 @@ _ROOT = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 
 def unity_bone(name: str) -> str:
-    """A VRM 1.0 bone as Unity calls it."""
-    for ours, theirs in _THUMBS.items():
-        if name.endswith(ours):
-            name = name.removesuffix(ours) + theirs
+    """Unity's name of a VRM 1.0 bone."""
+    for vrm_name, unity_name in _THUMBS.items():
+        if name.endswith(vrm_name):
+            name = name.removesuffix(vrm_name) + unity_name
             break
     return name[:1].upper() + name[1:]
 
 
 def expression_names(names: Names) -> tuple[str, ...]:
-    """What expressions are called: VRM 0.x or 1.0 presets, or all 52 ARKit shapes ("perfect": with capitals)."""
+    """Names of the expressions: VRM 0.x or 1.0 presets, or all 52 ARKit shapes (capitalised for "perfect sync")."""
     return {
         "vrm0": _VRM0,
         "vrm1": VRM_NAMES,
@@ -45,13 +45,13 @@ def expression_names(names: Names) -> tuple[str, ...]:
 def to_unity(
     rotations: Float[np.ndarray, "j 4"], places: Float[np.ndarray, "j 3"]
 ) -> Float[np.ndarray, "j 7"]:
-    """Position and rotation (xyzw) of each bone, mirrored into Unity's axes."""
+    """Position and rotation (xyzw) of each bone in Unity's mirrored axes."""
     w, x, y, z = rotations.T
     return np.stack([-places[:, 0], places[:, 1], places[:, 2], x, -y, -z, w], 1)
 
 
 class VmcEncoder:
-    """Frames as VMC bundles."""
+    """Encodes frames as VMC bundles."""
 
     def __init__(self, rig: Rig, names: Names = "vrm0") -> None:
         expressions = expression_names(names)
@@ -76,7 +76,7 @@ class VmcEncoder:
         return to_vrm(curves) if self._is_preset else curves
 
     def __call__(self, frame: Frame) -> list[bytearray]:
-        """The bundles of one frame; they are written over by the next."""
+        """The bundles of a frame; the next frame reuses their buffers."""
         places = self._rest.copy()
         places[0] = frame.root
         parts = [np.array([frame.seconds, *_ROOT]), to_unity(frame.rotations, places).ravel()]

@@ -1,4 +1,4 @@
-"""The authors' Unity projects served as they are: their motion messages out, their audio and actions in, over TCP.
+"""A server for the authors' Unity projects: their motion messages out, audio and actions in, over TCP.
 
 May import `engine`, `reference` and below.
 """

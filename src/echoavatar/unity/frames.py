@@ -1,8 +1,8 @@
-"""From motion at 30 fps in our axes to what the published Unity client expects: its axes, 60 fps, 47 face channels.
+"""Convert motion to what the published Unity client expects: its axes, 60 fps, 47 face channels.
 
-Left as published, so that a client that was made for it sees the same: the last frame of a block is shown twice
-instead of being interpolated across the border, and the face is smoothed block by block. Rotations are conjugated by a
-matrix that mirrors while positions are only turned; the client undoes the one and the other.
+The conversion follows the published server exactly, so that its client shows the same motion: the last frame of a block
+is doubled instead of being interpolated across the border, and the face is smoothed block by block. Rotations are
+conjugated by a matrix that mirrors, while positions are only rotated; the client undoes both.
 """
 
 from pathlib import Path
@@ -19,9 +19,9 @@ from ..face.arkit import ARKIT_NAMES as OURS
 from ..kinematics.rotations import matrix_from_quaternion, quaternion_from_matrix
 from ..pipeline.rig import RigConfig
 
-BLOCK_FRAMES = 12  # 0.4 s at 30 fps: what one message carries
-BLEND_FRAMES = 3  # of a block's face are drawn towards the last of the block before
-_WINDOW, _DEGREE = 5, 2  # of the filter
+BLOCK_FRAMES = 12  # 0.4 s at 30 fps, the content of one message
+BLEND_FRAMES = 3  # first frames of a block, blended with the last face of the previous block
+_WINDOW, _DEGREE = 5, 2  # Savitzky-Golay filter
 _EYES_BROWS_JAW = (0, 7, 5, 12, 1, 8, 2, 9, 6, 13, 3, 10, 4, 11, 41, 42, 43, 44, 45, 14, 15, 17, 16)
 _MOUTH = (21, 22, 25, 26, 23, 24, 27, 28, 29, 30, 32, 31)
 _MERGED: tuple[tuple[int, ...], ...] = (
@@ -43,7 +43,7 @@ FACE47_NAMES = tuple(
 
 
 class Block(NamedTuple):
-    """Frames at 60 fps as they are sent."""
+    """A block at 60 fps, as it is sent."""
 
     pose: Float[np.ndarray, "t j 4"]  # xyzw
     trans: Float[np.ndarray, "t 3"]  # centimetres
@@ -51,10 +51,10 @@ class Block(NamedTuple):
 
 
 class UnityAxes:
-    """Rotations and positions of a rig in Unity's axes."""
+    """Converts rotations and positions of a rig to Unity's axes."""
 
     def __init__(self, rig: RigConfig) -> None:
-        """Raises CheckpointError where the bundle has no transforms for Unity."""
+        """Raises CheckpointError if the bundle has no transforms for Unity."""
         if not rig.unity:
             raise CheckpointError(
                 "this bundle has no transforms for Unity; import it from the authors' release"
@@ -65,29 +65,29 @@ class UnityAxes:
         self._units = 1 / rig.metres_per_unit
 
     def rotations(self, quaternions: Float[np.ndarray, "t j 4"]) -> Float[np.ndarray, "t j 4"]:
-        """Ours, `wxyz`, to theirs, `xyzw`."""
+        """From ours (`wxyz`) to theirs (`xyzw`)."""
         ours = matrix_from_quaternion(torch.from_numpy(quaternions).double())
         turned = self._matrices @ (self._axes.T @ ours @ self._axes) @ self._inverse
         return quaternion_from_matrix(turned)[..., [1, 2, 3, 0]].numpy().astype(np.float32)
 
     def positions(self, root: Float[np.ndarray, "t 3"]) -> Float[np.ndarray, "t 3"]:
-        """Ours in metres to theirs in centimetres."""
+        """From ours in metres to theirs in centimetres."""
         x, y, z = (root.astype(np.float64) @ self._axes.numpy()).T * self._units
         return np.stack([x, z, -y], 1).astype(np.float32)
 
 
-def merged(curves: Float[np.ndarray, "t 52"]) -> Float[np.ndarray, "t 47"]:
-    """52 channels in the release's order to its 47: some are left out, pairs become the larger of both."""
+def merge_channels(curves: Float[np.ndarray, "t 52"]) -> Float[np.ndarray, "t 47"]:
+    """Reduce 52 channels in the release's order to its 47: some are dropped, and pairs become their maximum."""
     return np.stack([curves[:, list(pair)].max(1) for pair in _MERGED], 1)
 
 
 def face47(curves: Float[np.ndarray, "t 52"]) -> Float[np.ndarray, "t 47"]:
-    """The same of our canonical order."""
-    return merged(reorder(curves, OURS, APPLE_NAMES))
+    """The 47 channels of curves in our canonical order."""
+    return merge_channels(reorder(curves, OURS, APPLE_NAMES))
 
 
 def write_face47(path: Path, curves: Float[np.ndarray, "t 52"], fps: float) -> None:
-    """The 47 channels of our canonical curves as a table, a row a frame, seconds first.
+    """Write the 47 channels as CSV, one row per frame, with the time in seconds first.
 
     Raises:
         MotionError: the file cannot be written.
@@ -97,39 +97,24 @@ def write_face47(path: Path, curves: Float[np.ndarray, "t 52"], fps: float) -> N
     try:
         np.savetxt(path, table, "%.6f", ",", header=",".join(("time", *FACE47_NAMES)), comments="")
     except OSError as error:
-        raise MotionError(f"{path} cannot be written ({error.strerror}); choose another place") from error
+        raise MotionError(f"{path} cannot be written ({error.strerror}); choose another path") from error
 
 
 def smoothed(
     block: Float[np.ndarray, "t c"], last: Float[np.ndarray, " c"] | None
 ) -> Float[np.ndarray, "t c"]:
-    """A block through the filter, its first frames drawn towards the last frame of the smoothed block before."""
+    """Smooth a block, and blend its first frames with the last frame of the previous smoothed block."""
     smooth = savgol_filter(block, _WINDOW, _DEGREE, axis=0)
     return smooth if last is None else _blended(smooth, last[None])
 
 
-def smoothed_turns(
-    block: Float[np.ndarray, "t j 4"], last: Float[np.ndarray, "j 4"] | None
-) -> Float[np.ndarray, "t j 4"]:
-    """The same for unit quaternions; the published client is sent the body without."""
-    signed = block.astype(np.float64)
-    for before, own in zip(signed, signed[1:], strict=False):
-        own *= np.where((before * own).sum(-1, keepdims=True) < 0, -1, 1)
-    smooth = _unit(savgol_filter(signed, _WINDOW, _DEGREE, axis=0))
-    if last is None:
-        return smooth
-    signs = np.where((smooth[:BLEND_FRAMES] * last).sum(-1, keepdims=True) < 0, -1, 1)
-    smooth[:BLEND_FRAMES] = _unit(_blended(smooth, signs * last)[:BLEND_FRAMES])
-    return smooth
-
-
-def twice(frames: Float[np.ndarray, "t ..."]) -> Float[np.ndarray, "u ..."]:
-    """30 to 60 fps: midpoints, and the last frame once more."""
+def at_60_fps(frames: Float[np.ndarray, "t ..."]) -> Float[np.ndarray, "u ..."]:
+    """From 30 to 60 fps: insert midpoints, and repeat the last frame."""
     following = np.concatenate([frames[1:], frames[-1:]])
     return np.stack([frames, (frames + following) / 2], 1).reshape(-1, *frames.shape[1:])
 
 
-def twice_turns(frames: Float[np.ndarray, "t j 4"]) -> Float[np.ndarray, "u j 4"]:
+def rotations_at_60_fps(frames: Float[np.ndarray, "t j 4"]) -> Float[np.ndarray, "u j 4"]:
     """The same for unit quaternions."""
     following = np.concatenate([frames[1:], frames[-1:]])
     following = following * np.where((frames * following).sum(-1, keepdims=True) < 0, -1, 1)

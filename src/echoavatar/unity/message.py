@@ -1,4 +1,4 @@
-"""The published wire format: four bytes of length, big-endian, then JSON; and how motion is cut into its blocks."""
+"""The published wire format: a four-byte big-endian length and JSON, one message per block of motion."""
 
 import json
 import struct
@@ -11,26 +11,35 @@ from ..pipeline import MotionChunk
 from ..pipeline.motion_chunk import join
 from ..pipeline.rig import RigConfig
 from ..timing import SAMPLES_PER_FRAME
-from .frames import BLOCK_FRAMES, FACE_CHANNELS, Block, UnityAxes, face47, smoothed, twice, twice_turns
+from .frames import (
+    BLOCK_FRAMES,
+    FACE_CHANNELS,
+    Block,
+    UnityAxes,
+    at_60_fps,
+    face47,
+    rotations_at_60_fps,
+    smoothed,
+)
 
 HEADER = struct.Struct(">I")
-LARGEST = 4 << 20  # bytes that are taken from a sender at once
+LARGEST = 4 << 20  # bytes of the longest message accepted from a sender
 BLOCK_SAMPLES = BLOCK_FRAMES * SAMPLES_PER_FRAME
 _DIGITS = 6
 
 
 class Messages:
-    """Chunks of motion with their sound in, whole messages out; what is left over waits for the next chunk."""
+    """Packs chunks of motion with their sound into messages; a remainder waits for the next chunk."""
 
     def __init__(self, rig: RigConfig) -> None:
-        """Raises CheckpointError where the bundle has no transforms for Unity."""
+        """Raises CheckpointError if the bundle has no transforms for Unity."""
         self._axes = UnityAxes(rig)
-        self._last: np.ndarray | None = None  # face, smoothed
+        self._last: np.ndarray | None = None  # last smoothed face
         self._motion: list[MotionChunk] = []
         self._audio = np.zeros(0, np.float32)
 
     def push(self, motion: MotionChunk, audio: Float[np.ndarray, " s"]) -> Iterator[bytes]:
-        """The messages that are complete with this chunk."""
+        """The messages that this chunk completes."""
         self._motion.append(motion)
         self._audio = np.concatenate([self._audio, audio])
         while sum(len(chunk.root) for chunk in self._motion) >= BLOCK_FRAMES:
@@ -41,12 +50,12 @@ class Messages:
             yield framed(encoded(block, sound))
 
     def block(self, motion: MotionChunk) -> Block:
-        """Twelve frames as they are sent."""
-        turns, places = self._axes.rotations(motion.rotations), self._axes.positions(motion.root)
-        face = np.zeros((len(places), FACE_CHANNELS)) if motion.face is None else face47(motion.face)
+        """Convert twelve frames to a block."""
+        rotations, positions = self._axes.rotations(motion.rotations), self._axes.positions(motion.root)
+        face = np.zeros((len(positions), FACE_CHANNELS)) if motion.face is None else face47(motion.face)
         smooth = smoothed(face, self._last)
         self._last = smooth[-1]
-        return Block(twice_turns(turns), twice(places), twice(smooth))
+        return Block(rotations_at_60_fps(rotations), at_60_fps(positions), at_60_fps(smooth))
 
 
 def _part(motion: MotionChunk, which: slice) -> MotionChunk:
@@ -62,5 +71,5 @@ def encoded(block: Block, audio: Float[np.ndarray, " s"]) -> bytes:
 
 
 def framed(payload: bytes) -> bytes:
-    """With its length in front."""
+    """The payload, preceded by its length."""
     return HEADER.pack(len(payload)) + payload

@@ -1,9 +1,8 @@
-"""A server in the published arrangement: audio and actions come in on two ports, motion goes out to the Unity host.
+"""A server laid out like the published one: audio and actions arrive on two ports, motion goes to the Unity host.
 
-One session. Audio comes as the authors' sender writes it, a pickled array behind its length; it is read by a reader
-that builds arrays and nothing else (`reference.untrusted`), where the published server runs whatever it is sent. When
-the sound stalls the avatar goes on in silence, at the pace of the clock. A client that is not there yet, or goes away,
-is tried again every second; meanwhile motion is dropped, not saved up.
+It serves one session. The authors' sender writes audio as a pickled array. The published server unpickles whatever
+arrives; here `reference.untrusted` reads arrays and nothing else. When the sound stalls, the avatar continues in
+silence at the pace of the clock. While Unity is not reachable, the server retries every second and drops motion.
 """
 
 import asyncio
@@ -24,13 +23,13 @@ from .message import HEADER, LARGEST, Messages
 
 _LOG = logging.getLogger(__name__)
 RETRY_S, TICK_S = 1.0, 0.05
-QUEUE = 8  # messages, 3.2 s
-STICKY_S = 60.0  # the published server holds an action until the next one; here it ends by itself some time
+QUEUE = 8  # messages of 0.4 s
+ACTION_HOLD_S = 60.0  # the published server holds an action until the next one; here it ends after this time
 NO_ACTION = ("none_tem0", "none_tem1", "none_tem2")
 
 
 class UnitySettings(Config):
-    """Who listens where; the defaults are the published ports, on this machine."""
+    """Addresses and ports; the defaults are the published ports, on this machine."""
 
     host: str = Field(default="127.0.0.1", description="address that audio and actions come to")
     audio_port: int = Field(default=12_345, ge=0, le=65_535, description="0 takes any free one")
@@ -47,31 +46,31 @@ async def serve_unity(
     seed: int = 0,
     on_ready: Callable[[int, int], None] | None = None,
 ) -> None:
-    """Serve until cancelled; `engine` must run on the rig's own bones. `on_ready` is told both ports.
+    """Serve until cancelled; `engine` must run on the rig's own bones. `on_ready` receives both ports.
 
     Raises:
         EchoAvatarError: a port is taken.
         CheckpointError: the bundle has no transforms for Unity.
     """
     messages, out = Messages(rig), asyncio.Queue[bytes](QUEUE)
-    session, loop, moved = engine.open(seed=seed), asyncio.get_running_loop(), asyncio.Event()
+    session, loop, has_motion = engine.open(seed=seed), asyncio.get_running_loop(), asyncio.Event()
 
     def wake() -> None:
-        loop.call_soon_threadsafe(moved.set)
+        loop.call_soon_threadsafe(has_motion.set)
 
     session.on_motion = wake
     async with contextlib.AsyncExitStack() as stack:
         stack.callback(session.close)
         stack.enter_context(EngineThread(engine))
         ports = []
-        for port, handle in ((settings.audio_port, _hear), (settings.action_port, _obey)):
-            ports.append(await _listen(stack, settings.host, port, _handler(handle, session)))
+        for port, handle in ((settings.audio_port, _receive_audio), (settings.action_port, _receive_action)):
+            ports.append(await _listen(stack, settings.host, port, _make_handler(handle, session)))
         if on_ready is not None:
             on_ready(*ports)
         async with asyncio.TaskGroup() as tasks:
-            tasks.create_task(_collect(session, messages, moved, out))
-            tasks.create_task(_pace(session))
-            tasks.create_task(_send(settings, out))
+            tasks.create_task(_pack_motion(session, messages, has_motion, out))
+            tasks.create_task(_fill_silence(session))
+            tasks.create_task(_send_motion(settings, out))
 
 
 async def _listen(
@@ -90,10 +89,10 @@ async def _listen(
     return int(server.sockets[0].getsockname()[1])
 
 
-def _handler(
+def _make_handler(
     handle: Callable[[Session, bytes], None], session: Session
 ) -> Callable[[asyncio.StreamReader, asyncio.StreamWriter], object]:
-    """Reads framed payloads until the sender leaves; what cannot be used ends the connection, not the session."""
+    """Read framed payloads until the sender leaves. An invalid payload ends its connection, not the session."""
 
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         try:
@@ -103,17 +102,17 @@ def _handler(
                     raise CheckpointError(f"a message of {size} bytes is too long")
                 handle(session, await reader.readexactly(size))
         except (asyncio.IncompleteReadError, ConnectionError, asyncio.CancelledError):
-            pass  # cancelled: the server stops, and asyncio would print a trace for each sender that is still there
+            pass  # cancelled when the server stops; asyncio would print a trace for each open connection
         except (EchoAvatarError, UnicodeDecodeError) as error:
-            _LOG.warning("a sender was turned away: %s", error)
+            _LOG.warning("a sender was disconnected: %s", error)
         finally:
             writer.close()
 
     return serve
 
 
-def _hear(session: Session, payload: bytes) -> None:
-    """A pickled array of samples, 24 kHz; nothing: the source has ended for now."""
+def _receive_audio(session: Session, payload: bytes) -> None:
+    """A pickled array of samples at 24 kHz; an empty payload means that the source has paused."""
     if not payload:
         session.stall()
         return
@@ -123,19 +122,19 @@ def _hear(session: Session, payload: bytes) -> None:
     session.push(samples, SAMPLE_RATE_HZ)
 
 
-def _obey(session: Session, payload: bytes) -> None:
-    """The name of an action; others mean none, as published."""
+def _receive_action(session: Session, payload: bytes) -> None:
+    """The name of an action; any other name ends the present action, as in the published server."""
     name = payload.decode("utf-8").strip()
-    if name in NO_ACTION or session.act(name, hold_s=STICKY_S).status == "rejected":
+    if name in NO_ACTION or session.act(name, hold_s=ACTION_HOLD_S).status == "rejected":
         session.stop_acting()
 
 
-async def _collect(
-    session: Session, messages: Messages, moved: asyncio.Event, out: "asyncio.Queue[bytes]"
+async def _pack_motion(
+    session: Session, messages: Messages, has_motion: asyncio.Event, out: "asyncio.Queue[bytes]"
 ) -> None:
     while True:
-        await moved.wait()
-        moved.clear()
+        await has_motion.wait()
+        has_motion.clear()
         while (delivery := session.take_timed()) is not None:
             for message in messages.push(delivery.motion, delivery.audio):
                 if out.full():
@@ -143,8 +142,8 @@ async def _collect(
                 out.put_nowait(message)
 
 
-async def _pace(session: Session) -> None:
-    """Once there was sound, a chunk of silence whenever the clock has passed what was made."""
+async def _fill_silence(session: Session) -> None:
+    """After the first sound, push a chunk of silence whenever the clock has passed the motion made."""
     clock = asyncio.get_running_loop().time
     begun: float | None = None
     while True:
@@ -157,7 +156,7 @@ async def _pace(session: Session) -> None:
             session.stall()
 
 
-async def _send(settings: UnitySettings, out: "asyncio.Queue[bytes]") -> None:
+async def _send_motion(settings: UnitySettings, out: "asyncio.Queue[bytes]") -> None:
     while True:
         try:
             _, writer = await asyncio.open_connection(settings.unity_host, settings.unity_port)
@@ -169,6 +168,8 @@ async def _send(settings: UnitySettings, out: "asyncio.Queue[bytes]") -> None:
                 writer.write(await out.get())
                 await writer.drain()
         except ConnectionError:
-            _LOG.warning("Unity at %s:%d went away", settings.unity_host, settings.unity_port)
+            _LOG.warning(
+                "the connection to Unity at %s:%d was lost", settings.unity_host, settings.unity_port
+            )
         finally:
             writer.close()

@@ -1,7 +1,7 @@
-"""Protocol `echoavatar.v1`: messages to bytes and back. May import `timing` and `errors`; no torch.
+"""Protocol `echoavatar.v1`: encode and decode messages. May import `timing` and `errors`; no torch.
 
-`messages` says what can be said, `codec` turns it into bytes (MessagePack, or JSON to read it), `blobs` packs poses and
-sound, `schema` writes the same down as JSON Schema and TypeScript. `docs/protocol.md` explains it all.
+`messages` defines the messages, `codec` encodes them (MessagePack, or readable JSON), `blobs` packs poses and sound,
+and `schema` describes them as JSON Schema and TypeScript. `docs/protocol.md` explains the protocol.
 """
 
 from .blobs import Pose, pack_audio, pack_pose, unpack_audio, unpack_pose

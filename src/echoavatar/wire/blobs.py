@@ -1,7 +1,7 @@
 """Poses and sound as little-endian bytes: int16 quaternions, float32 root, uint8 face, int16 samples.
 
 A chunk of 8 frames, 52 joints and 52 face curves is 3,840 bytes; the largest rotation error is under 0.005 degrees.
-Quaternions travel as x y z w, the order of glTF, three.js, Unity and Unreal; in Python they are wxyz, as everywhere.
+On the wire quaternions are x y z w, as in glTF, three.js, Unity and Unreal; in Python they are wxyz.
 """
 
 from typing import NamedTuple
@@ -25,7 +25,7 @@ class Pose(NamedTuple):
 
 
 def pack_pose(pose: Pose, *, at: int, epoch: int = 0, state: AvatarState = "idle") -> Motion:
-    """A motion message; every quaternion with w >= 0, so that equal poses are equal bytes."""
+    """Pack a motion message. Every quaternion gets w >= 0, so that equal poses have equal bytes."""
     xyzw = np.roll(pose.rotations, -1, axis=-1)
     xyzw = np.where(xyzw[..., 3:] < 0, -xyzw, xyzw)
     face = b""
@@ -43,10 +43,10 @@ def pack_pose(pose: Pose, *, at: int, epoch: int = 0, state: AvatarState = "idle
 
 
 def unpack_pose(motion: Motion, *, joints: int = 52, curves: int = 52) -> Pose:
-    """The frames of a motion message, quaternions of unit length.
+    """Unpack the frames of a motion message; quaternions are normalised.
 
     Raises:
-        ProtocolError: bytes that do not fit the number of frames.
+        ProtocolError: the bytes do not fit the number of frames.
     """
     frames = motion.frames
     sizes = (len(motion.rotations), len(motion.root), len(motion.face))
@@ -64,21 +64,21 @@ def unpack_pose(motion: Motion, *, joints: int = 52, curves: int = 52) -> Pose:
 
 
 def pack_audio(samples: Float[np.ndarray, " s"]) -> bytes:
-    """Mono samples in [-1, 1] as s16le; louder ones are clipped."""
+    """Pack mono samples in [-1, 1] as s16le; louder samples are clipped."""
     return bytes(np.rint(np.clip(samples, -1, 1) * 32_767).astype("<i2").data)
 
 
 def unpack_audio(pcm: bytes, form: AudioFormat) -> Float[np.ndarray, " s"]:
-    """The bytes of an audio message as mono float samples at the format's own rate.
+    """Unpack an audio message to mono floats at the format's own rate.
 
     Raises:
-        ProtocolError: not a whole number of samples, or values that are not numbers.
+        ProtocolError: the bytes are not a whole number of samples, or values are not finite.
     """
     width = (2 if form.format == "s16le" else 4) * form.channels
     if len(pcm) % width:
         raise ProtocolError(
             "bad_audio",
-            f"{len(pcm)} bytes are no whole number of {form.format} x {form.channels}",
+            f"{len(pcm)} bytes are not a whole number of {form.format} x {form.channels}",
             fatal=False,
         )
     if form.format == "s16le":

@@ -1,4 +1,4 @@
-"""Messages to bytes and back: MessagePack on binary frames, its JSON twin (blobs in base64) on text frames."""
+"""Encode and decode messages: MessagePack in binary frames, or JSON (blobs in base64) in text frames."""
 
 from collections.abc import Iterable
 from typing import cast, get_args
@@ -20,7 +20,7 @@ from .messages import (
 
 
 class ProtocolError(EchoAvatarError):
-    """The other side said what cannot be said; `code` goes back to it in an `error`."""
+    """The peer sent something invalid; `code` is returned to it in an `error` message."""
 
     def __init__(
         self, code: ErrorCode, message: str, *, fatal: bool = True, retry_after: float = 0.0
@@ -32,7 +32,7 @@ class ProtocolError(EchoAvatarError):
 
     @property
     def close_code(self) -> int:
-        """The WebSocket close code that goes with it."""
+        """The WebSocket close code for this error."""
         return CLOSE_CODES[self.code]
 
 
@@ -42,12 +42,12 @@ _ENCODERS = (msgspec.msgpack.Encoder(), msgspec.json.Encoder())
 
 
 def subprotocol(encoding: Encoding, version: int = VERSIONS[-1]) -> str:
-    """The WebSocket subprotocol's name, such as `echoavatar.v1.msgpack`."""
+    """Name of the WebSocket subprotocol, such as `echoavatar.v1.msgpack`."""
     return f"{PROTOCOL}.v{version}.{encoding}"
 
 
 def negotiate(offered: Iterable[str]) -> tuple[Encoding, int] | None:
-    """Encoding and version of the first offered subprotocol that is ours, the client's order first."""
+    """Encoding and version of the first offered subprotocol that is known, in the client's order."""
     known = {
         subprotocol(encoding, version): (encoding, version) for version in VERSIONS for encoding in ENCODINGS
     }
@@ -55,15 +55,15 @@ def negotiate(offered: Iterable[str]) -> tuple[Encoding, int] | None:
 
 
 def encode(message: ClientMessage | ServerMessage, encoding: Encoding = "msgpack") -> bytes:
-    """One message to the bytes of one frame."""
+    """Encode one message as one frame."""
     return _ENCODERS[ENCODINGS.index(encoding)].encode(message)
 
 
 def decode_client(frame: bytes | str, encoding: Encoding = "msgpack") -> ClientMessage:
-    """What a client said.
+    """Decode a client's message.
 
     Raises:
-        ProtocolError: bytes that are no message, a message that only servers send, or one that is too large.
+        ProtocolError: the frame is malformed or too large, or is a message that only servers send.
     """
     try:
         return cast(ClientMessage, _TO_SERVER[_check(frame, encoding)].decode(_bytes(frame)))
@@ -72,10 +72,10 @@ def decode_client(frame: bytes | str, encoding: Encoding = "msgpack") -> ClientM
 
 
 def decode_server(frame: bytes | str, encoding: Encoding = "msgpack") -> ServerMessage | None:
-    """What a server said; None for a kind of message that this version does not know, to be ignored.
+    """Decode a server's message; None for a type that this version does not know, which is to be ignored.
 
     Raises:
-        ProtocolError: bytes that are no message.
+        ProtocolError: the frame is malformed.
     """
     try:
         return cast(ServerMessage, _TO_CLIENT[_check(frame, encoding)].decode(_bytes(frame)))
@@ -97,7 +97,7 @@ _PEEK = (msgspec.msgpack.Decoder(_Typed), msgspec.json.Decoder(_Typed))
 
 
 def _check(frame: bytes | str, encoding: Encoding) -> int:
-    """Index of the decoder, after the frame's kind and size were found right."""
+    """Check the kind and size of a frame; returns the decoder's index."""
     if isinstance(frame, str) != (encoding == "json"):
         kind = "text" if isinstance(frame, str) else "binary"
         raise ProtocolError("bad_message", f"a {kind} frame, but {subprotocol(encoding)} was agreed on")
@@ -122,5 +122,5 @@ def _type_of(frame: bytes | str, encoding: Encoding) -> str | None:
 def _refusal(frame: bytes | str, encoding: Encoding, error: Exception) -> ProtocolError:
     kind = _type_of(frame, encoding)
     if kind is None:
-        return ProtocolError("bad_message", f"this is no message: {error}")
-    return ProtocolError("bad_message", f"no {kind[:32]!r} message as this side expects it: {error}")
+        return ProtocolError("bad_message", f"this is not a message: {error}")
+    return ProtocolError("bad_message", f"invalid {kind[:32]!r} message: {error}")

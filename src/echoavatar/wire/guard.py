@@ -1,4 +1,4 @@
-"""Who may come in: a token, and pages of known origin."""
+"""Access checks: the token, and the origin of browser pages."""
 
 import hmac
 import ipaddress
@@ -9,29 +9,30 @@ from .codec import ProtocolError
 
 
 def check_token(expected: str, given: str, headers: Mapping[str, str]) -> None:
-    """The token of the hello or of the Authorization header.
+    """Check the token, given in the hello or in the Authorization header.
 
     Raises:
-        ProtocolError: it is wrong.
+        ProtocolError: the token is wrong.
     """
     if expected and not has_token(expected, headers) and not _same(expected, given):
         raise ProtocolError("unauthorized", "wrong token; put the server's token into hello.token")
 
 
 def has_token(expected: str, headers: Mapping[str, str]) -> bool:
-    """Whether the Authorization header bears the token; true where none is asked for."""
+    """Whether the Authorization header has the token; true if no token is required."""
     scheme, _, bearer = headers.get("authorization", "").partition(" ")
     return not expected or (scheme.lower() == "bearer" and _same(expected, bearer.strip()))
 
 
 def check_origin(headers: Mapping[str, str], allowed: tuple[str, ...]) -> None:
-    """Browsers say which page connects; others say nothing and are let in.
+    """Check the page that connects. Only browsers name one; other clients are let in.
 
-    Without a list, a page may connect to the host that served it when that is `localhost` or a bare address, and pages
-    of this machine to this machine. A name could have been pointed at us by anyone, so names must be on the list.
+    Without an entry in `allowed`, a page may connect to the host that served it if that is `localhost` or an IP
+    address, and pages of this machine to this machine. Anyone can point a host name at this server (DNS rebinding),
+    so host names must be in the list.
 
     Raises:
-        ProtocolError: the page is not known.
+        ProtocolError: the page is not allowed.
     """
     origin = headers.get("origin")
     if origin is None or origin in allowed:
@@ -50,7 +51,7 @@ def check_origin(headers: Mapping[str, str], allowed: tuple[str, ...]) -> None:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this machine can reach it."""
+    """Whether the host can be reached from this machine only."""
     try:
         return host == "localhost" or ipaddress.ip_address(host).is_loopback
     except ValueError:

@@ -1,8 +1,8 @@
-"""Every message of protocol `echoavatar.v1`, once; the JSON Schema and the TypeScript types are made from this file.
+"""All messages of protocol `echoavatar.v1`. The JSON Schema and the TypeScript types are generated from this file.
 
-The clock is an integer sample index at 24 kHz that starts at 0 with the session and runs through speech, music and
-silence alike: `at` in every message is such an index, and no wall clock crosses the wire. Forward compatible: unknown
-fields are ignored, new fields have defaults.
+The clock counts samples at 24 kHz from the start of the session and runs through speech, music and silence alike. Every
+`at` is such a sample index; no wall-clock time is sent. Unknown fields are ignored and new fields have defaults, so
+versions stay compatible.
 """
 
 from typing import Annotated, Literal
@@ -67,14 +67,14 @@ CLOSE_CODES: dict[ErrorCode, int] = {
 
 
 class _Message(Struct, frozen=True, kw_only=True, tag_field="type"):
-    """A message is a map whose `type` says which."""
+    """A message is a map whose `type` names its kind."""
 
 
 # ---------------------------------------------------------------------------------------------- client to server
 
 
 class AudioFormat(Struct, frozen=True, kw_only=True):
-    """What the bytes of `audio` messages are; interleaved when there are two channels."""
+    """Format of the bytes in `audio` messages; two channels are interleaved."""
 
     rate: Annotated[int, Meta(ge=8_000, le=192_000, description="samples per second")] = 24_000
     channels: Annotated[int, Meta(ge=1, le=2)] = 1
@@ -82,7 +82,7 @@ class AudioFormat(Struct, frozen=True, kw_only=True):
 
 
 class Hello(_Message, frozen=True, kw_only=True, tag="hello"):
-    """The first message, once. A source brings sound; a viewer joins a running session and watches."""
+    """The first message, sent once. A source sends sound; a viewer joins a running session and watches."""
 
     versions: Annotated[tuple[int, ...], Meta(min_length=1, max_length=16)] = (1,)
     role: Role = "source"
@@ -93,11 +93,13 @@ class Hello(_Message, frozen=True, kw_only=True, tag="hello"):
         "audio",
     )
     session: Annotated[Name, Meta(description="viewer: the session to watch")] = ""
-    resume: Annotated[Secret, Meta(description="the key of `ready`, to go on after a broken line")] = ""
+    resume: Annotated[
+        Secret, Meta(description="the key of `ready`, to resume after the connection broke")
+    ] = ""
     played: Annotated[
-        Samples, Meta(description="resuming: all before it was received; the rest is resent")
+        Samples, Meta(description="resuming: everything before it was received; the rest is sent again")
     ] = 0
-    seed: Annotated[int, Meta(ge=0, le=2**31 - 1, description="same seed and sound, same motion")] = 0
+    seed: Annotated[int, Meta(ge=0, le=2**31 - 1, description="equal seed and sound give equal motion")] = 0
 
 
 class Audio(_Message, frozen=True, kw_only=True, tag="audio"):
@@ -112,32 +114,34 @@ class Audio(_Message, frozen=True, kw_only=True, tag="audio"):
 
 
 class End(_Message, frozen=True, kw_only=True, tag="end"):
-    """The utterance is complete; what follows is silence until the next."""
+    """The utterance is complete; silence follows until the next one."""
 
     seg: Utterance
     speaker: Speaker = "avatar"
 
 
 class Interrupt(_Message, frozen=True, kw_only=True, tag="interrupt"):
-    """Stop at once: forget all sound from `heard` on, and utterances up to `seg`, as if never pushed."""
+    """Stop at once: discard all sound from `heard` on, and utterances up to `seg`, as if they had never been sent."""
 
     heard: Annotated[
-        Samples | None, Meta(description="clock: first sample not heard; absent: as last `played`")
+        Samples | None, Meta(description="clock: first sample not heard; absent: that of the last `played`")
     ] = None
     seg: Annotated[Segment, Meta(description="0: the newest utterance known")] = 0
 
 
 class Action(_Message, frozen=True, kw_only=True, tag="action"):
-    """Do one of `ready.actions`; answered by `action_status` with the same id."""
+    """Perform one of `ready.actions`; answered by `action_status` with the same id."""
 
     id: Annotated[Name, Meta(min_length=1)]
     name: Name
     intensity: Annotated[float, Meta(ge=0, le=2, description="1: as in its clip")] = 1.0
-    hold: Annotated[float, Meta(ge=0, le=60, description="seconds; absent: the action's own")] | None = None
+    hold: (
+        Annotated[float, Meta(ge=0, le=60, description="seconds; absent: the action's own length")] | None
+    ) = None
 
 
 class Music(_Message, frozen=True, kw_only=True, tag="music"):
-    """Play one of `ready.tracks` (the first without a title), or stop; answered by `action_status`."""
+    """Play one of `ready.tracks` (the first if there is no title), or stop; answered by `action_status`."""
 
     id: Annotated[Name, Meta(min_length=1)]
     op: Literal["play", "stop"]
@@ -145,10 +149,10 @@ class Music(_Message, frozen=True, kw_only=True, tag="music"):
 
 
 class Played(_Message, frozen=True, kw_only=True, tag="played"):
-    """Five times a second: how far playback is. Nothing is sent further ahead of it than `limits.ahead_seconds`."""
+    """The playback position, five times a second. The server sends at most `limits.ahead_seconds` beyond it."""
 
     at: Annotated[Samples, Meta(description="clock: first sample not yet heard")]
-    epoch: Annotated[int, Meta(ge=0, description="of the newest `flush` or `ready` obeyed")] = 0
+    epoch: Annotated[int, Meta(ge=0, description="that of the newest `flush` or `ready` processed")] = 0
     underruns: Annotated[int, Meta(ge=0, description="so far")] = 0
 
 
@@ -173,24 +177,26 @@ class Rig(Struct, frozen=True, kw_only=True):
 
 
 class Latency(Struct, frozen=True, kw_only=True):
-    """From a sample's arrival to its motion's departure, milliseconds."""
+    """Milliseconds from the arrival of a sample to the departure of its motion."""
 
     algorithm: Annotated[float, Meta(description="a whole chunk must be there")]
     compute: Annotated[float, Meta(description="one step, measured")]
 
 
 class Limits(Struct, frozen=True, kw_only=True):
-    """What the server holds and for how long."""
+    """How much the server holds, and for how long."""
 
     message_bytes: int = MAX_MESSAGE_BYTES
     inbox_seconds: Annotated[float, Meta(description="sound that may wait to become motion")] = 600.0
     ahead_seconds: Annotated[float, Meta(description="motion is never sent further ahead of playback")] = 2.0
-    resume_seconds: Annotated[float, Meta(description="how long a session waits for its source")] = 30.0
-    ping_seconds: Annotated[float, Meta(description="say something at least this often")] = 30.0
+    resume_seconds: Annotated[
+        float, Meta(description="how long a session waits for its source to return")
+    ] = 30.0
+    ping_seconds: Annotated[float, Meta(description="send something at least this often")] = 30.0
 
 
 class Ready(_Message, frozen=True, kw_only=True, tag="ready"):
-    """The answer to `hello`: everything that does not change, once."""
+    """The answer to `hello`: everything that stays constant, once."""
 
     version: int
     server: str
@@ -225,7 +231,7 @@ class Motion(_Message, frozen=True, kw_only=True, tag="motion"):
 
 
 class Sound(_Message, frozen=True, kw_only=True, tag="audio"):
-    """What is to be heard with the motion of the same clock: speech and music, silence included."""
+    """What is heard with the motion of the same clock: speech and music, silence included."""
 
     at: Samples
     epoch: int
@@ -234,7 +240,7 @@ class Sound(_Message, frozen=True, kw_only=True, tag="audio"):
 
 
 class Flush(_Message, frozen=True, kw_only=True, tag="flush"):
-    """Motion and audio from `at` on are void: drop them, hold the pose at `at` until what follows arrives."""
+    """Motion and audio from `at` on are void: drop them, and hold the pose at `at` until new motion arrives."""
 
     at: Samples
     epoch: Annotated[int, Meta(description="of all that follows; older is stale")]
@@ -243,7 +249,7 @@ class Flush(_Message, frozen=True, kw_only=True, tag="flush"):
 
 
 class ActionStatus(_Message, frozen=True, kw_only=True, tag="action_status"):
-    """What became of an `action` or `music` message."""
+    """The status of an `action` or `music` message."""
 
     id: str
     name: str
@@ -263,20 +269,20 @@ class State(_Message, frozen=True, kw_only=True, tag="state"):
 
 
 class Stats(_Message, frozen=True, kw_only=True, tag="stats"):
-    """Once a second: how the session does."""
+    """The session's numbers, once a second."""
 
     at: Samples
     queue_ms: Annotated[float, Meta(description="sound waiting to become motion")]
     ahead_ms: Annotated[float, Meta(description="motion sent ahead of playback")]
     step_ms: Annotated[float, Meta(description="last step of the engine")]
     rtf: Annotated[float, Meta(description="engine work per second of motion; must stay below 1")]
-    dropped: Annotated[int, Meta(description="motion messages not sent because the line was slow")]
+    dropped: Annotated[int, Meta(description="motion messages not sent because the connection was slow")]
     underruns: Annotated[int, Meta(description="as the player reported")]
     sessions: int
 
 
 class Error(_Message, frozen=True, kw_only=True, tag="error"):
-    """What went wrong; `fatal` ones are followed by a close with the code's number in `CLOSE_CODES`."""
+    """What went wrong. After a `fatal` error the connection is closed with the code's number in `CLOSE_CODES`."""
 
     code: ErrorCode
     message: str

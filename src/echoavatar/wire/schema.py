@@ -1,4 +1,4 @@
-"""The messages written down for others: JSON Schema of the JSON twin, and TypeScript types. Made, never edited."""
+"""Generate descriptions of the messages for other languages: JSON Schema, and TypeScript types."""
 
 import json
 from collections.abc import Mapping
@@ -13,7 +13,7 @@ from .typescript import Schema, interface
 
 
 def json_schema() -> Schema:
-    """One document: `ClientMessage` and `ServerMessage` are in its `$defs`."""
+    """JSON Schema of all messages; `ClientMessage` and `ServerMessage` are in its `$defs`."""
     (client, server), parts = msgspec.json.schema_components([ClientMessage, ServerMessage])
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
@@ -25,7 +25,7 @@ def json_schema() -> Schema:
 
 
 def typescript() -> str:
-    """The same as TypeScript: blobs are Uint8Array; what the server always sends is not optional."""
+    """TypeScript types of all messages. Blobs are Uint8Array; fields that the server always sends are not optional."""
     _, parts = msgspec.json.schema_components([ClientMessage, ServerMessage])
     sent = {kind.__name__ for kind in get_args(ServerMessage)} | {"Rig", "Latency", "Limits"}
     blocks = [_HEADER, _constants()]
@@ -62,6 +62,6 @@ def _literal(value: object) -> str:
 
 
 def _named(name: str) -> str:
-    """Messages get a suffix: `Error` and `Audio` are names of the browser's own."""
+    """Add a suffix to messages, because `Error` and `Audio` are names of the browser's own."""
     kinds = get_args(ClientMessage) + get_args(ServerMessage)
     return f"{name}Message" if name in {kind.__name__ for kind in kinds} else name

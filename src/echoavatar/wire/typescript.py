@@ -1,4 +1,4 @@
-"""JSON Schema of structs as TypeScript interfaces: what `schema` and the studio write for their pages."""
+"""Convert JSON Schema of structs to TypeScript interfaces, for `schema` and the studio."""
 
 import json
 from collections.abc import Callable, Iterable
@@ -8,7 +8,7 @@ Schema = dict[str, Any]
 
 
 def interface(name: str, schema: Schema, *, complete: bool, named: Callable[[str], str] = str) -> str:
-    """An interface; `complete`: no field is optional, because the one who sends it always sends all."""
+    """An interface; with `complete` no field is optional, because the sender always sends all of them."""
     lines = [*_comment(schema), f"export interface {named(name)} {{"]
     required = schema.get("required", [])
     for field, what in schema.get("properties", {}).items():
@@ -18,10 +18,10 @@ def interface(name: str, schema: Schema, *, complete: bool, named: Callable[[str
 
 
 def type_of(schema: Schema) -> str:
-    """The type of a field.
+    """The TypeScript type of a field.
 
     Raises:
-        NotImplementedError: a kind of schema that no message has had so far.
+        NotImplementedError: no message has used this kind of schema so far.
     """
     match schema:
         case {"$ref": str(ref)}:

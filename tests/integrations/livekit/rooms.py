@@ -1,4 +1,4 @@
-"""A room of two without a server: what LiveKit's documented protocol carries between them, and a source."""
+"""A simulated room of two, which carries LiveKit's documented protocol, and a simulated audio source."""
 
 import asyncio
 import time
@@ -132,7 +132,7 @@ def pair(one: str, other: str) -> tuple[Room, Room]:
 
 
 class Speaker:
-    """A source that plays into memory, in real time."""
+    """An audio source that plays into memory, in real time."""
 
     def __init__(self) -> None:
         self.queue = np.zeros(0, np.int16)

@@ -1,4 +1,4 @@
-"""LiveKit's contract: its own classes for audio in and out, a room of two without a server, no keys."""
+"""LiveKit's own classes for audio in and out, over a simulated room; no server, no keys."""
 
 import asyncio
 import json
@@ -19,28 +19,18 @@ from livekit.agents.voice.avatar import DataStreamAudioOutput, QueueAudioOutput
 from livekit.plugins.echoavatar import AvatarSession, AvatarWorker, Performer, RemoteAvatarSession
 from livekit.plugins.echoavatar.motion import MOTION_TOPIC, TOPIC, MotionChannel
 from livekit.plugins.echoavatar.tools import ask_for_tools
+from tests.integrations.fakes import engine, tone
 from tests.integrations.livekit.rooms import Room, Speaker, pair
-from tests.server.fakes import Body
 
-from echoavatar.engine import Engine
 from echoavatar.engine.tracks import Tracks
-from echoavatar.integrations import Stage, find_place
+from echoavatar.integrations import AvatarBridge, find_backend
 from echoavatar.wire import Flush, Motion, Ready, decode_server
 
 BLOCK = 2_400
 
 
-def engine() -> Engine:
-    return Engine(Body(), seats=2)  # type: ignore[arg-type]
-
-
-def tone(seconds: float) -> np.ndarray:
-    time_s = np.arange(round(seconds * 24_000)) / 24_000
-    return (8_000 * np.sin(2 * np.pi * 220 * time_s)).astype(np.int16)
-
-
 async def speak(sink: Any, samples: np.ndarray) -> None:
-    """As an agent does: faster than it is heard."""
+    """Push speech as an agent does: faster than playback."""
     for start in range(0, len(samples), BLOCK):
         part = samples[start : start + BLOCK]
         await sink.capture_frame(rtc.AudioFrame(part.tobytes(), 24_000, 1, len(part)))
@@ -55,9 +45,9 @@ class Scene:
         self.room.local_participant.has_data_tracks = with_track
         self.sink = QueueAudioOutput(sample_rate=24_000, wait_playback_start=True)
         self.speaker = Speaker()
-        self.stage = Stage(find_place(where))
+        self.bridge = AvatarBridge(find_backend(where))
         channel = MotionChannel(self.room)  # type: ignore[arg-type]
-        self.performer = Performer(self.stage, self.sink, self.speaker, channel)
+        self.performer = Performer(self.bridge, self.sink, self.speaker, channel)
         self.events: list[tuple[str, Any]] = []
         self.sink.on("playback_started", lambda event: self.events.append(("started", event)))
         self.sink.on("playback_finished", lambda event: self.events.append(("finished", event)))
@@ -224,7 +214,7 @@ def test_an_interruption_during_music_leaves_the_music() -> None:
     track = Tracks().load(title)
 
     async def script(scene: Scene) -> None:
-        assert (await scene.stage.play_music(title)).status == "accepted"
+        assert (await scene.bridge.play_music(title)).status == "accepted"
         await scene.until(scene.is_hearing(24_000))
         scene.sink.clear_buffer()
         scene.sink.clear_buffer()
@@ -251,7 +241,7 @@ def test_an_interruption_during_music_leaves_the_music() -> None:
 
 
 def test_livekits_own_source_is_understood() -> None:
-    """`rtc.AudioSource` needs no room: its queue says how far playback is."""
+    """`rtc.AudioSource` needs no room; its queue gives the playback position."""
 
     async def run() -> None:
         scene = Scene(engine())
@@ -306,7 +296,7 @@ def test_a_session_in_process_takes_the_agents_voice_and_leaves_the_agent_alone(
 
 
 def test_a_worker_hears_the_agent_and_tells_it_the_truth() -> None:
-    """Both halves, LiveKit's own data stream and RPC between them."""
+    """Agent and worker, connected by LiveKit's own data stream and RPC."""
 
     async def run() -> None:
         agent, avatar = pair("agent", "echoavatar")
@@ -345,7 +335,7 @@ def test_a_worker_hears_the_agent_and_tells_it_the_truth() -> None:
     asyncio.run(run())
 
 
-def test_a_workers_token_says_for_whom_it_publishes() -> None:
+def test_a_workers_token_names_the_agent_it_publishes_for() -> None:
     avatar = RemoteAvatarSession()
     secret = "s" * 32
     token = avatar.worker_token("room", "agent-1", api_key="key", api_secret=secret)

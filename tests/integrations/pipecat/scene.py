@@ -1,4 +1,4 @@
-"""A pipeline with a body of twenty lines and a transport that remembers what it wrote, when."""
+"""A pipeline with a minimal avatar, and a transport that records what it wrote and when."""
 
 import asyncio
 import json
@@ -20,32 +20,26 @@ from pipecat.frames.frames import (
 from pipecat.pipeline.pipeline import Pipeline
 from pipecat.pipeline.worker import PipelineParams, PipelineWorker
 from pipecat.workers.runner import WorkerRunner
-from pipecat_echoavatar import EchoAvatarProcessor, SilentTransport
-from tests.server.fakes import Body
+from pipecat_echoavatar import EchoAvatarProcessor, NullTransport
+from tests.integrations.fakes import engine
+from tests.integrations.fakes import tone as samples
 
-from echoavatar.engine import Engine
-
-logger.remove()  # thousands of lines a test
-
-
-def engine(seconds: float = 0.0) -> Engine:
-    return Engine(Body(seconds), seats=2)  # type: ignore[arg-type]
+logger.remove()  # it would log thousands of lines per test
 
 
 def tone(seconds: float, rate: int = 24_000, level: float = 8_000) -> bytes:
-    time_s = np.arange(round(seconds * rate)) / rate
-    return (level * np.sin(2 * np.pi * 220 * time_s)).astype("<i2").tobytes()
+    return samples(seconds, rate, level).tobytes()
 
 
-class Stagehand(SilentTransport):
-    """Remembers everything that reached the user, in order: sound, or a message of the avatar's."""
+class RecordingTransport(NullTransport):
+    """Records everything that reached the user, in order: sound and the avatar's messages."""
 
     def __init__(self) -> None:
         super().__init__()
         self.seen: list[tuple[float, str, dict | bytes]] = []  # type: ignore[type-arg]
 
     async def write_audio_frame(self, frame: OutputAudioRawFrame) -> bool:
-        if type(frame) is not OutputAudioRawFrame:  # the silence at a transport's end
+        if type(frame) is not OutputAudioRawFrame:  # silence that the base class appends
             self.seen.append((time.monotonic(), type(frame).__name__, frame.audio))
         return await super().write_audio_frame(frame)
 
@@ -57,7 +51,7 @@ class Stagehand(SilentTransport):
         data = frame.message["data"]
         assert frame.message["label"] == "rtvi-ai"
         assert data["type"] == "echoavatar"
-        json.dumps(frame.message)  # as transports do
+        json.dumps(frame.message)  # as real transports do
         self.seen.append((time.monotonic(), data["message"]["type"], data["message"]))
 
     @property
@@ -70,9 +64,11 @@ class Stagehand(SilentTransport):
 
 
 class Scene:
-    """What a test's script can do."""
+    """What a test's script works with."""
 
-    def __init__(self, avatar: EchoAvatarProcessor, transport: Stagehand, worker: PipelineWorker) -> None:
+    def __init__(
+        self, avatar: EchoAvatarProcessor, transport: RecordingTransport, worker: PipelineWorker
+    ) -> None:
         self.avatar, self.transport, self._worker = avatar, transport, worker
 
     async def push(self, *frames: Frame) -> None:
@@ -80,7 +76,7 @@ class Scene:
             await self._worker.queue_frame(frame)
 
     async def speak(self, seconds: float, *, blocks: int = 10, stop: bool = True) -> None:
-        """As a voice does: all at once, in blocks."""
+        """Push speech as a voice service does: all at once, in blocks."""
         pcm = tone(seconds)
         size = len(pcm) // blocks // 2 * 2
         await self.push(TTSStartedFrame())
@@ -98,12 +94,12 @@ class Scene:
             await asyncio.sleep(0.01)
 
 
-def play(script: Callable[[Scene], Awaitable[None]], where: object = None) -> Stagehand:
-    """Run a script in a pipeline, and end it."""
+def play(script: Callable[[Scene], Awaitable[None]], where: object = None) -> RecordingTransport:
+    """Run a script in a pipeline, then end the pipeline."""
 
-    async def run() -> Stagehand:
+    async def run() -> RecordingTransport:
         avatar = EchoAvatarProcessor(where or engine())  # type: ignore[arg-type]
-        transport = Stagehand()
+        transport = RecordingTransport()
         worker = PipelineWorker(
             Pipeline([avatar, transport]), params=PipelineParams(), cancel_on_idle_timeout=False
         )

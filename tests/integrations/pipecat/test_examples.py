@@ -1,4 +1,4 @@
-"""The examples are built, and the one that needs nothing is run."""
+"""The hosted example is built; the offline example is run."""
 
 import asyncio
 import importlib.util
@@ -12,7 +12,7 @@ import pytest
 
 pytest.importorskip("pipecat_echoavatar", reason="pip install ./integrations/pipecat-echoavatar")
 
-from pipecat_echoavatar import EchoAvatarProcessor, SilentTransport
+from pipecat_echoavatar import EchoAvatarProcessor, NullTransport
 from tests.integrations.pipecat.scene import engine
 
 EXAMPLES = Path(__file__).parents[3] / "integrations/pipecat-echoavatar/examples"
@@ -32,9 +32,9 @@ def test_the_hosted_bot_can_be_built(monkeypatch: pytest.MonkeyPatch) -> None:
 
     async def run() -> None:
         avatar = EchoAvatarProcessor(engine())
-        worker = await load("hosted").build(SilentTransport(), SilentTransport(), avatar)
+        worker = await load("hosted").build(NullTransport(), NullTransport(), avatar)
         assert worker is not None
-        await avatar.stage.close()
+        await avatar.bridge.close()
 
     asyncio.run(run())
 
@@ -49,7 +49,7 @@ def test_the_offline_companion_obeys() -> None:
         assert "mine" in await offline.obey("Let us dance.", avatar.tool_calls)
         assert "still" in await offline.obey("stop", avatar.tool_calls)
         assert "tell me more" in await offline.obey("tell me more", avatar.tool_calls)
-        await avatar.stage.close()
+        await avatar.bridge.close()
 
     asyncio.run(run())
 

@@ -1,4 +1,4 @@
-"""Pipecat's contract: its own harness and its own output transport, no network, no keys."""
+"""The processor in Pipecat's own harness and output transport; no network, no keys."""
 
 import asyncio
 from typing import Any
@@ -48,20 +48,20 @@ def test_motion_comes_before_the_sound_it_belongs_to_and_no_sound_is_lost() -> N
     np.testing.assert_allclose(got[: len(sent)], sent, atol=1)
     assert len(got) < len(sent) + 6_400
     assert not got[len(sent) :].any()
-    hops = [k for k, frame in enumerate(down) if isinstance(frame, AvatarSpeechFrame)]
-    for k in hops:
+    chunks = [k for k, frame in enumerate(down) if isinstance(frame, AvatarSpeechFrame)]
+    for k in chunks:
         before = down[k - 1]
         assert isinstance(before, OutputTransportMessageFrame)
         motion = before.message["data"]["message"]
         assert motion["type"] == "motion"
         assert motion["frames"] * 800 == len(down[k].audio) // 2
-    assert not any(isinstance(frame, TTSAudioRawFrame) and k not in hops for k, frame in enumerate(down))
+    assert not any(isinstance(frame, TTSAudioRawFrame) and k not in chunks for k, frame in enumerate(down))
     ends = [k for k, frame in enumerate(down) if isinstance(frame, TTSStoppedFrame)]
-    assert ends == [k for k in ends if k > hops[-1]]
+    assert ends == [k for k in ends if k > chunks[-1]]
     assert len(ends) == 1
 
 
-def test_what_came_behind_speech_stays_behind_it() -> None:
+def test_frames_behind_speech_stay_behind_it() -> None:
     def word(text: str) -> TTSTextFrame:
         return TTSTextFrame(text, text_type="word")
 
@@ -116,7 +116,7 @@ def _after(seen: list[Any], kind: str) -> list[Any]:
 
 
 def test_an_interruption_stops_speech_where_it_was_heard() -> None:
-    """Two seconds of speech, cut after about one: the cut is where the transport was, within two of its blocks."""
+    """Three seconds of speech, cut after about one: the cut lies within two blocks of what the transport wrote."""
 
     async def script(scene: Scene) -> None:
         await scene.speak(3.0)
@@ -162,7 +162,7 @@ def test_interrupted_twice_in_a_row_it_speaks_again() -> None:
 
 
 def test_music_passes_through_the_avatar_and_goes_on_where_it_was_interrupted() -> None:
-    """The transport drops its queue; the music is given again from the last block that it wrote."""
+    """The transport drops its queue; the music continues from the last block that it wrote."""
     title = Tracks().titles[0]
     track = Tracks().load(title)
 
@@ -227,7 +227,7 @@ def test_the_avatar_listens_to_the_user() -> None:
     play(script)
 
 
-def test_tools_name_what_there_is_and_are_silent() -> None:
+def test_tools_list_the_avatars_actions_and_are_silent() -> None:
     answers: list[Any] = []
 
     class Params:
@@ -256,7 +256,7 @@ def test_tools_name_what_there_is_and_are_silent() -> None:
     assert direct["status"] == "accepted"
 
 
-def test_direct_functions_are_what_pipecat_understands() -> None:
+def test_pipecat_understands_the_direct_functions() -> None:
     from pipecat.adapters.llm.schemas.direct_function import DirectFunctionWrapper
 
     async def script(scene: Scene) -> None:
@@ -274,8 +274,8 @@ def test_where_the_avatar_fails_the_voice_goes_on() -> None:
     async def script(scene: Scene) -> None:
         await scene.speak(1.0, stop=False)
         await scene.until(lambda: len(scene.transport.sound) > 4_000)
-        assert scene.avatar.stage._avatar is not None
-        await scene.avatar.stage._avatar.close()
+        assert scene.avatar.bridge._avatar is not None
+        await scene.avatar.bridge._avatar.close()
         await scene.speak(1.0)
         await scene.until(lambda: len(scene.transport.sound) > 2 * 24_000 - 2_000)
 

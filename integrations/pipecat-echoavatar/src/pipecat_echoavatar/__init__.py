@@ -1,7 +1,7 @@
 """EchoAvatar for Pipecat: a processor between the voice and the transport."""
 
 from .frames import AvatarMusicFrame, AvatarSpeechFrame
+from .null_transport import NullTransport
 from .processor import EchoAvatarProcessor
-from .silent import SilentTransport
 
-__all__ = ["AvatarMusicFrame", "AvatarSpeechFrame", "EchoAvatarProcessor", "SilentTransport"]
+__all__ = ["AvatarMusicFrame", "AvatarSpeechFrame", "EchoAvatarProcessor", "NullTransport"]

@@ -1,4 +1,4 @@
-"""Frames of the avatar's own, so that what a transport wrote of them can be told from other sound; and its messages."""
+"""The avatar's own frame types, which distinguish its sound from other sound, and its messages."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -11,7 +11,7 @@ from echoavatar.wire import ServerMessage
 
 @dataclass
 class AvatarSpeechFrame(TTSAudioRawFrame):
-    """Speech, with the music under it."""
+    """Speech, mixed with any music that plays."""
 
 
 @dataclass
@@ -20,7 +20,7 @@ class AvatarMusicFrame(OutputAudioRawFrame):
 
 
 def rtvi(message: ServerMessage) -> dict[str, Any]:
-    """A message of protocol `echoavatar.v1` as an RTVI server message, bytes in base64.
+    """Wrap a message of protocol `echoavatar.v1` as an RTVI server message, bytes in base64.
 
     Stock `@pipecat-ai/client-js` hands `data` to `onServerMessage`.
     """
@@ -29,7 +29,7 @@ def rtvi(message: ServerMessage) -> dict[str, Any]:
 
 
 def asks_for_avatar(message: Any) -> bool:
-    """Whether a client has just come, or asks; such messages get here only where Pipecat's own RTVI is switched off."""
+    """Whether a client has just connected or asks for the avatar; seen only if Pipecat's own RTVI is off."""
     if not isinstance(message, dict) or message.get("label") != "rtvi-ai":
         return False
     data = message.get("data")

@@ -1,10 +1,10 @@
-"""The avatar in a pipeline: it takes the voice's sound and gives it back with motion in front of every hop.
+"""The avatar in a pipeline: it takes the voice's sound and returns it with motion in front of every chunk.
 
     stt, user_aggregator, llm, tts, EchoAvatarProcessor(), transport.output(), assistant_aggregator
 
-Motion goes to the client as RTVI server messages in the transport's own queue: an output transport delivers a queued
-message when the sound in front of it is written, and drops both on an interruption. So the order motion, then sound, is
-the synchronisation. Music must come from here (`play_music`): what a mixer adds behind the avatar, it does not hear.
+Motion goes to the client as RTVI server messages in the transport's own queue. An output transport delivers a queued
+message once the sound in front of it is written, and drops both on an interruption, so the queue's order keeps motion
+and sound in sync. Play music through the avatar (`play_music`): it cannot hear what a mixer adds after it.
 """
 
 import contextlib
@@ -31,18 +31,25 @@ from pipecat.processors.frame_processor import FrameDirection, FrameProcessor, F
 from pipecat.processors.frameworks.rtvi import RTVIClientMessageFrame
 
 from echoavatar import EchoAvatarError, Engine
-from echoavatar.integrations import Cut, Hop, Said, Stage, StageTools, find_place
+from echoavatar.integrations import (
+    AvatarBridge,
+    AvatarChunk,
+    AvatarTools,
+    Flushed,
+    UtteranceDone,
+    find_backend,
+)
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar.wire import Ready
 
 from .frames import AvatarMusicFrame, AvatarSpeechFrame, asks_for_avatar, rtvi
-from .held import Held
+from .pending_frames import PendingFrames
+from .playback_observer import PlaybackObserver
 from .tools import direct_functions, function_schemas
-from .written import WrittenObserver
 
 
 class EchoAvatarProcessor(FrameProcessor):
-    """A body for the bot. Where the avatar fails, the voice goes on without it."""
+    """Gives the bot a body. If the avatar fails, the voice goes on without it."""
 
     def __init__(
         self,
@@ -54,74 +61,74 @@ class EchoAvatarProcessor(FrameProcessor):
         listens: bool = True,
         **kwargs: Any,
     ) -> None:
-        """`where`: a server's address (http://...), or a bundle's name or folder, or an engine, to run in this process.
+        """`where`: a server's address (http://...), or a bundle's name or folder, or an engine, which then runs here.
 
-        `page_port` serves the live page of an engine that runs here (0: any free port), `listens` lets the avatar hear
-        the user and look at them; `token` is the server's.
+        `page_port` serves the live page of an engine that runs here (0: any free port). With `listens` the avatar hears
+        the user and looks at them. `token` is the server's.
         """
         super().__init__(**kwargs)
-        self.stage = Stage(find_place(where, token=token, port=page_port), seed=seed)
+        self.bridge = AvatarBridge(find_backend(where, token=token, port=page_port), seed=seed)
         self._listens = listens
-        self._held = Held()
-        self._tools: StageTools | None = None
+        self._pending = PendingFrames()
+        self._tools: AvatarTools | None = None
         self._performing: Any = None
-        self._is_gone = False
+        self._has_failed = False
         self._is_speaking = False
         self._register_event_handler("on_avatar_ready")
 
     def can_generate_metrics(self) -> bool:
-        """Time to the first hop of an utterance."""
+        """Whether metrics are available: the time to the first chunk of an utterance."""
         return True
 
-    # ---- for the bot's owner
+    # ---- for the bot
 
     @property
     def page(self) -> str:
-        """Address of a page that shows the avatar; empty where there is none."""
-        return self.stage.page
+        """Address of a page that shows the avatar; empty if there is none."""
+        return self.bridge.page
 
     @property
     def tools(self) -> list[FunctionSchema]:
-        """For `LLMContext(tools=ToolsSchema(standard_tools=avatar.tools))`: the registry's own schemas, with handlers.
+        """For `LLMContext(tools=ToolsSchema(standard_tools=avatar.tools))`: the avatar's schemas with handlers.
 
-        They name the gestures and tracks there are, so they exist once the avatar does: after `prepare`.
+        They list the avatar's gestures and tracks, so they are known after `prepare`.
         """
         return function_schemas(self.tool_calls)
 
     @property
     def direct_functions(self) -> list[Callable[..., Awaitable[None]]]:
-        """The same as direct functions, for a context's `tools=[...]`; their names are told in their docstrings."""
+        """The same tools as direct functions, for a context's `tools=[...]`; docstrings list the possible values."""
         return direct_functions(self.tool_calls)
 
     async def prepare(self) -> None:
-        """Open the session before the pipeline does, to know its tools and its page.
+        """Open the session before the pipeline does, so that its tools and its page are known.
 
         Raises:
-            EchoAvatarError: there is no server, no bundle or no seat.
+            EchoAvatarError: there is no server, no bundle or no free seat.
         """
-        await self.stage.start()
+        await self.bridge.start()
         if self._tools is None:
-            self._tools = StageTools(self.stage, await self.stage.place.tools())
+            self._tools = AvatarTools(self.bridge, await self.bridge.backend.tools())
 
     @property
-    def tool_calls(self) -> StageTools:
-        """Declarations, and `call(name, arguments)`, for a bot that does without a language model."""
+    def tool_calls(self) -> AvatarTools:
+        """Declarations and `call(name, arguments)`, for a bot without a language model."""
         if self._tools is None:
             raise EchoAvatarError("the avatar's tools are not known yet; await avatar.prepare() first")
         return self._tools
 
-    # ---- what Pipecat calls
+    # ---- called by Pipecat
 
     async def setup(self, setup: FrameProcessorSetup) -> None:
-        """Open the session, and watch what the transport writes."""
+        """Open the session and observe what the transport writes."""
         await super().setup(setup)
-        setup.pipeline_worker.add_observer(WrittenObserver(self.stage))
-        with contextlib.suppress(Exception):  # what it raises where RTVI is switched off
+        setup.pipeline_worker.add_observer(PlaybackObserver(self.bridge))
+        with contextlib.suppress(Exception):  # raised if RTVI is switched off
             setup.pipeline_worker.rtvi.add_event_handler("on_client_ready", self._greet)
         try:
             await self.prepare()
         except EchoAvatarError as error:
-            self._is_gone = True
+            self._has_failed = True
             await self.push_error(error_msg=f"no avatar, the voice goes on without: {error}", exception=error)
 
     async def cleanup(self) -> None:
@@ -130,16 +137,16 @@ class EchoAvatarProcessor(FrameProcessor):
         if self._performing is not None:
             await self.cancel_task(self._performing)
             self._performing = None
-        await self.stage.close()
+        await self.bridge.close()
 
     async def process_frame(self, frame: Frame, direction: FrameDirection) -> None:
-        """Take in speech, let everything else pass behind the speech it came behind."""
+        """Take speech in; keep every other frame behind the speech it came behind."""
         await super().process_frame(frame, direction)
         if isinstance(frame, StartFrame):
             await self.push_frame(frame, direction)
-            if not self._is_gone:
+            if not self._has_failed:
                 self._performing = self.create_task(self._perform(), "perform")
-        elif self._is_gone or direction is FrameDirection.UPSTREAM:
+        elif self._has_failed or direction is FrameDirection.UPSTREAM:
             await self.push_frame(frame, direction)
         elif isinstance(frame, InterruptionFrame):
             await self.push_frame(frame, direction)
@@ -152,40 +159,40 @@ class EchoAvatarProcessor(FrameProcessor):
         else:
             await self._follow(frame)
 
-    # ---- inside
+    # ---- internals
 
     async def _say(self, frame: TTSAudioRawFrame) -> None:
         pcm = np.frombuffer(frame.audio, "<i2").reshape(-1, frame.num_channels)[:, 0]
         if not self._is_speaking:
             self._is_speaking = True
             await self.start_ttfb_metrics()
-        self._held.hold(frame, len(pcm) * SAMPLE_RATE_HZ // frame.sample_rate)
-        await self._safely(self.stage.say(pcm, frame.sample_rate))
+        self._pending.add(frame, len(pcm) * SAMPLE_RATE_HZ // frame.sample_rate)
+        await self._attempt(self.bridge.say(pcm, frame.sample_rate))
 
     async def _follow(self, frame: Frame) -> None:
         if isinstance(frame, TTSStoppedFrame):
             self._is_speaking = False
-            seg = await self._safely(self.stage.end())
+            seg = await self._attempt(self.bridge.end())
             if seg:
-                self._held.end(seg)
-        if self._held.is_empty or self._is_gone:
+                self._pending.mark_end(seg)
+        if self._pending.is_empty or self._has_failed:
             await self.push_frame(frame)
         else:
-            self._held.hold(frame)
+            self._pending.add(frame)
 
     async def _interrupt(self) -> None:
-        """Nothing stale leaves from here on: hops that were not handed out are forgotten at once."""
+        """Interrupt the avatar; from here on no stale chunk is released."""
         self._is_speaking = False
-        kept = self._held.cut()
-        if self.stage.is_busy:
-            await self._safely(self.stage.interrupt())
+        kept = self._pending.interrupt()
+        if self.bridge.is_busy:
+            await self._attempt(self.bridge.interrupt())
         for frame in kept:
             await self.push_frame(frame)
 
     async def _notice(self, frame: SystemFrame) -> None:
         if isinstance(frame, InputAudioRawFrame) and self._listens:
             pcm = np.frombuffer(frame.audio, "<i2").reshape(-1, frame.num_channels)[:, 0]
-            await self._safely(self.stage.hear_user(pcm, frame.sample_rate))
+            await self._attempt(self.bridge.hear_user(pcm, frame.sample_rate))
         elif isinstance(frame, RTVIClientMessageFrame):
             if frame.type == "echoavatar":
                 await self._greet()
@@ -193,21 +200,21 @@ class EchoAvatarProcessor(FrameProcessor):
             await self._greet()
 
     async def _greet(self, *_: object) -> None:
-        """A client has come, or asks: it must be told of the rig."""
-        if not self._is_gone:
-            await self.push_frame(OutputTransportMessageUrgentFrame(message=rtvi(self.stage.ready)))
+        """Describe the rig to a client that has connected, or that asks."""
+        if not self._has_failed:
+            await self.push_frame(OutputTransportMessageUrgentFrame(message=rtvi(self.bridge.ready)))
 
     async def _perform(self) -> None:
-        """Hand out what the avatar does, when it is due."""
+        """Push what the avatar does, when it is due."""
         try:
-            async for event in self.stage:
+            async for event in self.bridge:
                 match event:
-                    case Hop():
+                    case AvatarChunk():
                         await self._show(event)
-                    case Said():
-                        for frame in self._held.over(event.seg):
+                    case UtteranceDone():
+                        for frame in self._pending.finish(event.seg):
                             await self.push_frame(frame)
-                    case Cut():
+                    case Flushed():
                         await self.push_frame(OutputTransportMessageUrgentFrame(message=rtvi(event.flush)))
                     case Ready():
                         await self._call_event_handler("on_avatar_ready", event)
@@ -217,30 +224,30 @@ class EchoAvatarProcessor(FrameProcessor):
         except EchoAvatarError as error:
             await self._give_up(error)
 
-    async def _show(self, hop: Hop) -> None:
-        kind = OutputTransportMessageUrgentFrame if hop.is_again else OutputTransportMessageFrame
-        await self.push_frame(kind(message=rtvi(hop.motion)))
-        if hop.pcm:
-            if hop.seg:
+    async def _show(self, chunk: AvatarChunk) -> None:
+        kind = OutputTransportMessageUrgentFrame if chunk.is_revision else OutputTransportMessageFrame
+        await self.push_frame(kind(message=rtvi(chunk.motion)))
+        if chunk.pcm:
+            if chunk.seg:
                 await self.stop_ttfb_metrics()
-            sound = AvatarSpeechFrame if hop.seg else AvatarMusicFrame
-            await self.push_frame(sound(audio=hop.pcm, sample_rate=SAMPLE_RATE_HZ, num_channels=1))
-        if hop.seg and not hop.is_again:
-            for frame in self._held.left(hop.motion.frames * SAMPLES_PER_FRAME):
+            sound = AvatarSpeechFrame if chunk.seg else AvatarMusicFrame
+            await self.push_frame(sound(audio=chunk.pcm, sample_rate=SAMPLE_RATE_HZ, num_channels=1))
+        if chunk.seg and not chunk.is_revision:
+            for frame in self._pending.release(chunk.motion.frames * SAMPLES_PER_FRAME):
                 await self.push_frame(frame)
 
-    async def _safely(self, work: Awaitable[Any]) -> Any:
+    async def _attempt(self, work: Awaitable[Any]) -> Any:
         try:
             return await work
         except EchoAvatarError as error:
             await self._give_up(error)
 
     async def _give_up(self, error: EchoAvatarError) -> None:
-        """The voice goes on: what waited for motion goes without."""
-        if self._is_gone:
+        """Continue without the avatar: push what waited for motion as it came."""
+        if self._has_failed:
             return
-        self._is_gone = True
+        self._has_failed = True
         logger.error(f"{self}: {error}; the voice goes on without an avatar")
-        for frame in self._held.give_up():
+        for frame in self._pending.drain():
             await self.push_frame(frame)
         await self.push_error(error_msg=str(error), exception=error)

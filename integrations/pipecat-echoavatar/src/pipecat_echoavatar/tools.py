@@ -1,4 +1,4 @@
-"""The avatar's tools in Pipecat's forms. All are silent: the model need not say anything about a gesture's result."""
+"""The avatar's tools in Pipecat's forms. All are silent: the model need not comment on a gesture's result."""
 
 from collections.abc import Awaitable, Callable
 
@@ -7,13 +7,13 @@ from pipecat.adapters.llm.schemas.function_schema import FunctionSchema
 from pipecat.frames.frames import FunctionCallResultProperties
 from pipecat.services.llm_service import FunctionCallParams
 
-from echoavatar.integrations import StageTools
+from echoavatar.integrations import AvatarTools
 
 DirectFunction = Callable[..., Awaitable[None]]
 
 
-def function_schemas(tools: StageTools) -> list[FunctionSchema]:
-    """The registry's schemas, enums included, each with the handler that carries it out."""
+def function_schemas(tools: AvatarTools) -> list[FunctionSchema]:
+    """The avatar's schemas, enums included, each with its handler."""
     return [
         FunctionSchema(
             name=schema["name"],
@@ -26,8 +26,8 @@ def function_schemas(tools: StageTools) -> list[FunctionSchema]:
     ]
 
 
-def direct_functions(tools: StageTools) -> list[DirectFunction]:
-    """The registry as direct functions. Pipecat reads their signatures, which cannot list values: docstrings do."""
+def direct_functions(tools: AvatarTools) -> list[DirectFunction]:
+    """The tools as direct functions. Pipecat reads their signatures, which cannot list values; docstrings list them."""
 
     async def send_action(
         params: FunctionCallParams,
@@ -68,7 +68,7 @@ def _docstring(description: str, properties: dict[str, dict[str, object]]) -> st
     return "\n".join(lines)
 
 
-def _handler(tools: StageTools) -> Callable[[FunctionCallParams], Awaitable[None]]:
+def _handler(tools: AvatarTools) -> Callable[[FunctionCallParams], Awaitable[None]]:
     async def handle(params: FunctionCallParams) -> None:
         await _answer(params, await tools.call(params.function_name, params.arguments))
 
@@ -79,7 +79,7 @@ def _handler(tools: StageTools) -> Callable[[FunctionCallParams], Awaitable[None
 
 
 async def _answer(params: FunctionCallParams, result: dict[str, object]) -> None:
-    """The model hears of it, and is asked to speak only where there is something to say."""
+    """Return the result to the model, and ask the model to speak only if the call failed or returns information."""
     is_silent = result.get("status") in ("accepted", "done")
     properties = FunctionCallResultProperties(run_llm=False) if is_silent else None
     await params.result_callback(result, properties=properties)

@@ -27,7 +27,7 @@ export const CLOSE_CODES = {
   "shutting_down": 1012
 } as const;
 
-/** Do one of `ready.actions`; answered by `action_status` with the same id. */
+/** Perform one of `ready.actions`; answered by `action_status` with the same id. */
 export interface ActionMessage {
   type: "action";
   id: string;
@@ -37,7 +37,7 @@ export interface ActionMessage {
   hold?: number | null;
 }
 
-/** What became of an `action` or `music` message. */
+/** The status of an `action` or `music` message. */
 export interface ActionStatusMessage {
   type: "action_status";
   id: string;
@@ -62,7 +62,7 @@ export interface AudioMessage {
   speaker?: "avatar" | "user";
 }
 
-/** What the bytes of `audio` messages are; interleaved when there are two channels. */
+/** Format of the bytes in `audio` messages; two channels are interleaved. */
 export interface AudioFormat {
   /** samples per second */
   rate?: number;
@@ -70,7 +70,7 @@ export interface AudioFormat {
   format?: "f32le" | "s16le";
 }
 
-/** The utterance is complete; what follows is silence until the next. */
+/** The utterance is complete; silence follows until the next one. */
 export interface EndMessage {
   type: "end";
   /** number of an utterance, growing, counted per speaker */
@@ -78,7 +78,7 @@ export interface EndMessage {
   speaker?: "avatar" | "user";
 }
 
-/** What went wrong; `fatal` ones are followed by a close with the code's number in `CLOSE_CODES`. */
+/** What went wrong. After a `fatal` error the connection is closed with the code's number in `CLOSE_CODES`. */
 export interface ErrorMessage {
   type: "error";
   code: "bad_audio" | "bad_message" | "bad_order" | "forbidden_origin" | "inbox_full" | "internal" | "overloaded" | "replaced" | "shutting_down" | "timeout" | "too_large" | "too_slow" | "unauthorized" | "unknown_session" | "unsupported_version";
@@ -88,7 +88,7 @@ export interface ErrorMessage {
   retry_after: number;
 }
 
-/** Motion and audio from `at` on are void: drop them, hold the pose at `at` until what follows arrives. */
+/** Motion and audio from `at` on are void: drop them, and hold the pose at `at` until new motion arrives. */
 export interface FlushMessage {
   type: "flush";
   /** a sample index or a count of samples */
@@ -101,7 +101,7 @@ export interface FlushMessage {
   heard: number;
 }
 
-/** The first message, once. A source brings sound; a viewer joins a running session and watches. */
+/** The first message, sent once. A source sends sound; a viewer joins a running session and watches. */
 export interface HelloMessage {
   type: "hello";
   versions?: number[];
@@ -112,24 +112,24 @@ export interface HelloMessage {
   want?: ("audio" | "motion")[];
   /** viewer: the session to watch */
   session?: string;
-  /** the key of `ready`, to go on after a broken line */
+  /** the key of `ready`, to resume after the connection broke */
   resume?: string;
-  /** resuming: all before it was received; the rest is resent */
+  /** resuming: everything before it was received; the rest is sent again */
   played?: number;
-  /** same seed and sound, same motion */
+  /** equal seed and sound give equal motion */
   seed?: number;
 }
 
-/** Stop at once: forget all sound from `heard` on, and utterances up to `seg`, as if never pushed. */
+/** Stop at once: discard all sound from `heard` on, and utterances up to `seg`, as if they had never been sent. */
 export interface InterruptMessage {
   type: "interrupt";
-  /** clock: first sample not heard; absent: as last `played` */
+  /** clock: first sample not heard; absent: that of the last `played` */
   heard?: number | null;
   /** 0: the newest utterance known */
   seg?: number;
 }
 
-/** From a sample's arrival to its motion's departure, milliseconds. */
+/** Milliseconds from the arrival of a sample to the departure of its motion. */
 export interface Latency {
   /** a whole chunk must be there */
   algorithm: number;
@@ -137,16 +137,16 @@ export interface Latency {
   compute: number;
 }
 
-/** What the server holds and for how long. */
+/** How much the server holds, and for how long. */
 export interface Limits {
   message_bytes: number;
   /** sound that may wait to become motion */
   inbox_seconds: number;
   /** motion is never sent further ahead of playback */
   ahead_seconds: number;
-  /** how long a session waits for its source */
+  /** how long a session waits for its source to return */
   resume_seconds: number;
-  /** say something at least this often */
+  /** send something at least this often */
   ping_seconds: number;
 }
 
@@ -166,7 +166,7 @@ export interface MotionMessage {
   state: "acting" | "dancing" | "idle" | "listening" | "speaking";
 }
 
-/** Play one of `ready.tracks` (the first without a title), or stop; answered by `action_status`. */
+/** Play one of `ready.tracks` (the first if there is no title), or stop; answered by `action_status`. */
 export interface MusicMessage {
   type: "music";
   id: string;
@@ -180,12 +180,12 @@ export interface PingMessage {
   nonce?: number;
 }
 
-/** Five times a second: how far playback is. Nothing is sent further ahead of it than `limits.ahead_seconds`. */
+/** The playback position, five times a second. The server sends at most `limits.ahead_seconds` beyond it. */
 export interface PlayedMessage {
   type: "played";
   /** clock: first sample not yet heard */
   at: number;
-  /** of the newest `flush` or `ready` obeyed */
+  /** that of the newest `flush` or `ready` processed */
   epoch?: number;
   /** so far */
   underruns?: number;
@@ -199,7 +199,7 @@ export interface PongMessage {
   at: number;
 }
 
-/** The answer to `hello`: everything that does not change, once. */
+/** The answer to `hello`: everything that stays constant, once. */
 export interface ReadyMessage {
   type: "ready";
   version: number;
@@ -238,7 +238,7 @@ export interface Rig {
   rest: number[][];
 }
 
-/** What is to be heard with the motion of the same clock: speech and music, silence included. */
+/** What is heard with the motion of the same clock: speech and music, silence included. */
 export interface SoundMessage {
   type: "audio";
   /** a sample index or a count of samples */
@@ -262,7 +262,7 @@ export interface StateMessage {
   finished: number;
 }
 
-/** Once a second: how the session does. */
+/** The session's numbers, once a second. */
 export interface StatsMessage {
   type: "stats";
   /** a sample index or a count of samples */
@@ -275,7 +275,7 @@ export interface StatsMessage {
   step_ms: number;
   /** engine work per second of motion; must stay below 1 */
   rtf: number;
-  /** motion messages not sent because the line was slow */
+  /** motion messages not sent because the connection was slow */
   dropped: number;
   /** as the player reported */
   underruns: number;

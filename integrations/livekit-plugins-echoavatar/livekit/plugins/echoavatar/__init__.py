@@ -1,4 +1,4 @@
-"""EchoAvatar for LiveKit agents: an avatar in the agent's process, or in a worker of its own."""
+"""EchoAvatar for LiveKit agents: an avatar in the agent's process, or in a worker process."""
 
 from livekit.agents import Plugin
 

@@ -1,4 +1,4 @@
-"""`python -m livekit.plugins.echoavatar`: the worker."""
+"""`python -m livekit.plugins.echoavatar` runs the worker."""
 
 from .worker import main
 

@@ -1,4 +1,4 @@
-"""The two ways to give an agent an avatar: in its own process, or by a worker that joins the room."""
+"""Two ways to give an agent an avatar: in its own process, or through a worker that joins the room."""
 
 import time
 from pathlib import Path
@@ -13,7 +13,7 @@ from livekit.agents.voice.avatar import AvatarSession as BaseAvatarSession
 from livekit.agents.voice.avatar import DataStreamAudioOutput, QueueAudioOutput
 
 from echoavatar import Engine
-from echoavatar.integrations import Stage, StageTools, find_place
+from echoavatar.integrations import AvatarBridge, AvatarTools, find_backend
 from echoavatar.timing import SAMPLE_RATE_HZ
 
 from .motion import MotionChannel
@@ -25,11 +25,11 @@ SAMPLES = SAMPLE_RATE_HZ
 
 
 class _Session(BaseAvatarSession[Any]):
-    """What both ways share: no video track is ever published, so joining is judged without one."""
+    """Shared by both ways. No video track is published, so joining does not wait for one."""
 
     @property
     def provider(self) -> str:
-        """Who makes the avatar."""
+        """The name of the avatar's provider, for metrics."""
         return PROVIDER
 
     async def _wait_avatar_join(self) -> None:
@@ -46,12 +46,13 @@ class _Session(BaseAvatarSession[Any]):
 
 
 class AvatarSession(_Session):
-    """An avatar in the agent's process: its sound and motion are published by the agent itself.
+    """An avatar in the agent's process; the agent itself publishes its sound and motion.
 
-    >>> avatar = AvatarSession("default")        # or a server: AvatarSession("http://127.0.0.1:8765")
+    >>> avatar = AvatarSession("default")  # or a server: AvatarSession("http://127.0.0.1:8765")
     >>> await avatar.start(session, room=ctx.room)
-    >>> await session.start(agent=Agent(..., tools=avatar.tools), room=ctx.room,
-    ...                     room_options=RoomOptions(audio_output=False))
+    >>> await session.start(
+    ...     agent=Agent(..., tools=avatar.tools), room=ctx.room, room_options=RoomOptions(audio_output=False)
+    ... )
     """
 
     def __init__(
@@ -63,49 +64,49 @@ class AvatarSession(_Session):
         page_port: int | None = None,
         prefer_data_track: bool = True,
     ) -> None:
-        """`where`: a server's address, or a bundle's name or folder, or an engine, to run here.
+        """`where`: a server's address, or a bundle's name or folder, or an engine, which then runs in this process.
 
         `page_port` serves the live page of an engine that runs here; `token` is the server's.
         """
         super().__init__()
-        self.stage = Stage(find_place(where, token=token, port=page_port), seed=seed)
+        self.bridge = AvatarBridge(find_backend(where, token=token, port=page_port), seed=seed)
         self._prefer_track = prefer_data_track
         self._performer: Performer | None = None
-        self._tools: StageTools | None = None
+        self._tools: AvatarTools | None = None
         self._source: rtc.AudioSource | None = None
         self._publication: rtc.LocalTrackPublication | None = None
 
     @property
     def avatar_identity(self) -> str:
-        """The agent's own: nobody else joins."""
+        """The agent's own identity, because no other participant joins."""
         return self._room.local_participant.identity if self._room is not None else PROVIDER
 
     @property
     def page(self) -> str:
-        """Address of a page that shows the avatar; empty where there is none."""
-        return self.stage.page
+        """Address of a page that shows the avatar; empty if there is none."""
+        return self.bridge.page
 
     @property
     def tools(self) -> list[RawFunctionTool[Any, Any]]:
-        """For `Agent(tools=...)`; known after `start` or `prepare`."""
+        """Tools for `Agent(tools=...)`; known after `start` or `prepare`."""
         if self._tools is None:
             raise RuntimeError("the avatar's tools are not known yet; await avatar.prepare() first")
         return function_tools(self._tools.schemas, self._tools.call)
 
     async def prepare(self) -> None:
-        """Open the session, to know its tools and its page, and not to load the model in a conversation."""
-        await self.stage.start()
+        """Open the session early, so that tools and page are known and the model is loaded before the conversation."""
+        await self.bridge.start()
         if self._tools is None:
-            self._tools = StageTools(self.stage, await self.stage.place.tools())
+            self._tools = AvatarTools(self.bridge, await self.bridge.backend.tools())
 
     async def start(self, agent_session: AgentSession, room: rtc.Room) -> None:
-        """Take the place of the agent's audio output."""
+        """Replace the agent's audio output by the avatar's."""
         await super().start(agent_session, room)
         await self.prepare()
         sink = QueueAudioOutput(sample_rate=SAMPLES, wait_playback_start=True)
         self._source = rtc.AudioSource(SAMPLES, 1, queue_size_ms=QUEUE_MS)
         channel = MotionChannel(room, prefer_track=self._prefer_track)
-        self._performer = Performer(self.stage, sink, self._source, channel)
+        self._performer = Performer(self.bridge, sink, self._source, channel)
         agent_session.output.replace_audio_tail(sink)
         if room.isconnected():
             self._publication = await publish_sound(room, self._source)
@@ -113,7 +114,7 @@ class AvatarSession(_Session):
         room.on("participant_connected", self._greet)
 
     async def aclose(self) -> None:
-        """End it; the agent stays in the room, though the base class would have the avatar leave."""
+        """End the session. The agent stays in the room; the base class would make the avatar's identity leave."""
         room, self._room = self._room, None
         if room is not None:
             room.off("participant_connected", self._greet)
@@ -122,7 +123,7 @@ class AvatarSession(_Session):
                 await room.local_participant.unpublish_track(self._publication.sid)
         if self._performer is not None:
             await self._performer.close()
-        await self.stage.close()
+        await self.bridge.close()
         if self._source is not None:
             await self._source.aclose()
         await super().aclose()
@@ -133,11 +134,11 @@ class AvatarSession(_Session):
 
 
 class RemoteAvatarSession(_Session):
-    """The agent's half of an avatar in a worker of its own (`AvatarWorker`): speech goes there over a data stream.
+    """The agent's half of an avatar that runs in a worker (`AvatarWorker`); speech goes there over a data stream.
 
     >>> avatar = RemoteAvatarSession()
     >>> token = avatar.worker_token("my-room", agent_identity, api_key=..., api_secret=...)
-    >>> await avatar.start(session, room=ctx.room)    # python -m livekit.plugins.echoavatar --token ...
+    >>> await avatar.start(session, room=ctx.room)  # python -m livekit.plugins.echoavatar --token ...
     """
 
     def __init__(self, *, avatar_identity: str = "echoavatar") -> None:
@@ -146,11 +147,11 @@ class RemoteAvatarSession(_Session):
 
     @property
     def avatar_identity(self) -> str:
-        """Under which the worker joins."""
+        """The identity under which the worker joins."""
         return self._identity
 
     def worker_token(self, room: str, agent_identity: str, *, api_key: str, api_secret: str) -> str:
-        """What the worker joins with: it publishes on behalf of the agent."""
+        """The token with which the worker joins; it allows publishing on behalf of the agent."""
         return (
             api.AccessToken(api_key, api_secret)
             .with_kind("agent")
@@ -162,7 +163,7 @@ class RemoteAvatarSession(_Session):
         )
 
     async def start(self, agent_session: AgentSession, room: rtc.Room) -> None:
-        """Send the agent's speech to the worker; it waits until the worker is there."""
+        """Send the agent's speech to the worker; the stream waits until the worker has joined."""
         await super().start(agent_session, room)
         agent_session.output.replace_audio_tail(
             DataStreamAudioOutput(
@@ -175,14 +176,14 @@ class RemoteAvatarSession(_Session):
         )
 
     async def tools(self) -> list[RawFunctionTool[Any, Any]]:
-        """For `Agent(tools=...)`: asked of the worker, which must be in the room."""
+        """Tools for `Agent(tools=...)`, requested from the worker, which must be in the room."""
         if self._room is None:
             raise RuntimeError("start the avatar first; its tools are asked for in the room")
         return await ask_for_tools(self._room, self._identity)
 
 
 async def publish_sound(room: rtc.Room, source: rtc.AudioSource) -> rtc.LocalTrackPublication:
-    """The avatar's sound, as an agent's voice is published."""
+    """Publish the avatar's sound as an agent's voice is published."""
     track = rtc.LocalAudioTrack.create_audio_track("echoavatar", source)
     options = rtc.TrackPublishOptions(source=rtc.TrackSource.SOURCE_MICROPHONE)
     return await room.local_participant.publish_track(track, options)

@@ -1,4 +1,4 @@
-"""The plugin's logger, in the place where LiveKit looks for it."""
+"""The plugin's logger, where LiveKit looks for it."""
 
 import logging
 

@@ -1,4 +1,4 @@
-"""Where motion goes: a data track (lossy, ordered, timestamped), or reliable data where there are no such tracks."""
+"""Send motion over a data track (lossy, ordered, timestamped), or as reliable data if there is no track."""
 
 import asyncio
 import time
@@ -11,23 +11,18 @@ from echoavatar.wire import Motion, ServerMessage, encode
 
 from .log import logger
 
-MOTION_TOPIC = "echoavatar.motion"  # name of the track, or topic of reliable data
-TOPIC = "echoavatar"  # everything else: rare, and must arrive
-PATIENCE_S = 5.0
+MOTION_TOPIC = "echoavatar.motion"  # name of the track, and topic of reliable data
+TOPIC = "echoavatar"  # topic of all other messages: rare, and must arrive
+TIMEOUT_S = 5.0
 
 
 class MotionChannel:
-    """Messages of protocol `echoavatar.v1`, MessagePack, to everyone in a room."""
+    """Sends messages of protocol `echoavatar.v1`, as MessagePack, to the participants of a room."""
 
     def __init__(self, room: rtc.Room, *, prefer_track: bool = True) -> None:
         self._room, self._prefer_track = room, prefer_track
         self._track: rtc.LocalDataTrack | None = None
         self._sending: set[asyncio.Task[None]] = set()
-
-    @property
-    def has_track(self) -> bool:
-        """Whether motion goes over a data track."""
-        return self._track is not None
 
     async def start(self) -> None:
         """Publish the track; without one, reliable data is used."""
@@ -35,12 +30,14 @@ class MotionChannel:
             return
         try:
             publishing = self._room.local_participant.publish_data_track(name=MOTION_TOPIC)
-            self._track = await asyncio.wait_for(publishing, PATIENCE_S)
-        except Exception as error:  # an old server, an old SDK, no permission: each says so in its own way
+            self._track = await asyncio.wait_for(publishing, TIMEOUT_S)
+        except (
+            Exception
+        ) as error:  # an old server, an old SDK or a missing permission each raise something else
             logger.info("no data track (%s); motion goes as reliable data", error)
 
     def show(self, motion: Motion, *, due_s: float) -> None:
-        """Frames that are heard and seen in so many seconds; the frame's timestamp says when, in microseconds."""
+        """Send frames that are due in `due_s` seconds; the track's timestamp says when, in microseconds."""
         payload = encode(motion)
         if self._track is not None:
             when = max(0, round((time.time() + due_s) * 1e6))
@@ -52,11 +49,11 @@ class MotionChannel:
                     logger.warning("the data track is gone (%s); motion goes as reliable data", error)
                     self._track = None
                 else:
-                    return  # too fast: it is lossy on purpose
+                    return  # the track is full, and it is lossy on purpose
         self._send(self._room.local_participant.publish_data(payload, reliable=True, topic=MOTION_TOPIC))
 
     def tell(self, message: ServerMessage, *, to: str = "") -> None:
-        """Anything else, to all or to one."""
+        """Send any other message, to all participants or to one."""
         destinations = [to] if to else []
         self._send(
             self._room.local_participant.publish_data(
@@ -65,7 +62,7 @@ class MotionChannel:
         )
 
     async def close(self) -> None:
-        """Take the track back."""
+        """Unpublish the track."""
         for task in self._sending:
             task.cancel()
         if self._track is not None:
@@ -81,5 +78,5 @@ class MotionChannel:
 async def _quietly(work: Coroutine[Any, Any, None]) -> None:
     try:
         await work
-    except Exception as error:  # the room may have closed meanwhile; the voice must not notice
+    except Exception as error:  # the room may have closed meanwhile; the voice must not be affected
         logger.debug("a message was not sent: %s", error)

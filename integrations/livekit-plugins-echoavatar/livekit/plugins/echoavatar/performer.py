@@ -1,7 +1,7 @@
-"""Between an agent's voice and a room: speech in from LiveKit's audio receivers, sound and motion out, in step.
+"""Connect an agent's voice to a room: speech in from LiveKit's audio receivers, sound and motion out, in sync.
 
-The receiver is told the truth: playback starts when the first sample leaves the source's queue, and ends, or is cut,
-at the sample that was heard. Music is part of the sound that leaves here, so the avatar hears what it dances to.
+The receiver is told what really happened: playback starts when the first sample leaves the source's queue, and ends or
+is cut at the sample that was heard. Music is part of the published sound, so the avatar dances to what it hears.
 """
 
 import asyncio
@@ -15,57 +15,59 @@ from livekit import rtc
 from livekit.agents.voice.avatar import AudioReceiver, AudioSegmentEnd
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.integrations import Cut, Hop, Said, Stage
+from echoavatar.integrations import AvatarBridge, AvatarChunk, Flushed, UtteranceDone
 from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar.wire import Flush, Ready
 
 from .log import logger
 from .motion import MotionChannel
 
-BEAT_S = 0.02
-QUEUE_MS = 1_000  # of the source: the stage never fills more than half of it
+POLL_S = 0.02
+QUEUE_MS = 1_000  # length of the source's queue; the bridge fills at most half of it
 
 
 class Source(Protocol):
-    """What plays: `rtc.AudioSource`."""
+    """What plays the sound: `rtc.AudioSource`."""
 
     @property
     def queued_duration(self) -> float:
-        """Seconds that wait to be played."""
+        """Seconds of sound that wait to be played."""
 
     async def capture_frame(self, frame: rtc.AudioFrame) -> None:
-        """Queue some sound."""
+        """Queue a frame of sound."""
 
     def clear_queue(self) -> None:
-        """Forget what waits."""
+        """Drop everything that waits to be played."""
 
 
 @dataclass
 class Segment:
-    """A stretch of speech between two ends, as LiveKit counts playback."""
+    """A stretch of speech between two segment ends, as LiveKit counts playback."""
 
-    seg: int = 0  # our utterance
-    seconds: float = 0.0  # pushed by the agent
-    starts: int | None = None  # clock of its first hop
-    ends: int | None = None  # clock of its last sample, once all of it has left
-    is_started: bool = False  # and the agent was told
+    seg: int = 0  # its utterance
+    seconds: float = 0.0  # length of the speech from the agent
+    starts: int | None = None  # clock of its first chunk
+    ends: int | None = None  # clock of its last sample, once it was released completely
+    is_started: bool = False  # and the agent was told so
 
 
 class Performer:
-    """One avatar for one audio receiver."""
+    """Runs one avatar for one audio receiver."""
 
-    def __init__(self, stage: Stage, receiver: AudioReceiver, source: Source, channel: MotionChannel) -> None:
-        self.stage = stage
+    def __init__(
+        self, bridge: AvatarBridge, receiver: AudioReceiver, source: Source, channel: MotionChannel
+    ) -> None:
+        self.bridge = bridge
         self._receiver, self._source, self._channel = receiver, source, channel
         self._segments: deque[Segment] = deque()
-        self._is_open = False  # whether the newest segment still grows
-        self._captured = 0  # clock of the end of the newest sound in the source
+        self._is_open = False  # whether the newest segment is still growing
+        self._captured = 0  # clock at the end of the newest sound in the source
         self._tasks: list[asyncio.Task[None]] = []
         self._clearing: set[asyncio.Task[None]] = set()
 
     async def start(self) -> None:
-        """Begin; the receiver may be waiting for its sender."""
-        await self.stage.start()
+        """Start. The receiver may have to wait for its sender."""
+        await self.bridge.start()
         await self._channel.start()
         self._receiver.on("clear_buffer", self._clear)
         await self._receiver.start()
@@ -80,13 +82,13 @@ class Performer:
             task.cancel()
         await asyncio.gather(*self._tasks, *self._clearing, return_exceptions=True)
         await self._channel.close()
-        await self.stage.close()
+        await self.bridge.close()
 
     def greet(self, identity: str) -> None:
-        """Someone came into the room: tell them of the rig."""
-        self._channel.tell(self.stage.ready, to=identity)
+        """Describe the rig to a participant who joined the room."""
+        self._channel.tell(self.bridge.ready, to=identity)
 
-    # ---- speech comes in
+    # ---- speech in
 
     async def _listen(self) -> None:
         async for item in self._receiver:
@@ -105,26 +107,26 @@ class Performer:
         segment = self._segments[-1]
         segment.seconds += frame.duration
         pcm = np.frombuffer(frame.data, np.int16).reshape(-1, frame.num_channels)[:, 0]
-        segment.seg = await self.stage.say(pcm, frame.sample_rate)
+        segment.seg = await self.bridge.say(pcm, frame.sample_rate)
 
     async def _end(self) -> None:
         if self._is_open:
             self._is_open = False
-            await self.stage.end()
+            await self.bridge.end()
 
-    # ---- sound and motion go out
+    # ---- sound and motion out
 
     async def _perform(self) -> None:
         try:
-            async for event in self.stage:
+            async for event in self.bridge:
                 match event:
-                    case Hop():
+                    case AvatarChunk():
                         await self._show(event)
-                    case Said():
+                    case UtteranceDone():
                         for segment in self._segments:
                             if segment.seg and segment.seg <= event.seg and segment.ends is None:
                                 segment.ends = event.at
-                    case Cut():
+                    case Flushed():
                         self._channel.tell(event.flush)
                     case Ready():
                         self._channel.tell(event)
@@ -132,36 +134,36 @@ class Performer:
                         self._channel.tell(event)
         except EchoAvatarError as error:
             logger.error("the avatar is gone: %s", error)
-            for _ in range(len(self._segments)):  # or the agent would wait for ever
+            for _ in range(len(self._segments)):  # otherwise the agent would wait for ever
                 segment = self._segments.popleft()
                 self._finished(segment.seconds, interrupted=True)
 
-    async def _show(self, hop: Hop) -> None:
+    async def _show(self, chunk: AvatarChunk) -> None:
         now = time.monotonic()
-        due = (hop.at - self.stage.playback.position(now)) / SAMPLE_RATE_HZ
-        self._channel.show(hop.motion, due_s=due)
-        if not hop.pcm:
+        due = (chunk.at - self.bridge.playback.position(now)) / SAMPLE_RATE_HZ
+        self._channel.show(chunk.motion, due_s=due)
+        if not chunk.pcm:
             return
         for segment in self._segments:
-            if segment.seg == hop.seg and segment.starts is None:
-                segment.starts = hop.at
-        self._captured = hop.at + len(hop.pcm) // 2
+            if segment.seg == chunk.seg and segment.starts is None:
+                segment.starts = chunk.at
+        self._captured = chunk.at + len(chunk.pcm) // 2
         await self._source.capture_frame(
-            rtc.AudioFrame(hop.pcm, SAMPLE_RATE_HZ, num_channels=1, samples_per_channel=len(hop.pcm) // 2)
+            rtc.AudioFrame(chunk.pcm, SAMPLE_RATE_HZ, num_channels=1, samples_per_channel=len(chunk.pcm) // 2)
         )
 
-    # ---- what the agent is told
+    # ---- reports to the agent
 
     def _sync(self) -> int:
-        """Where the listener is: while sound waits in the source, its queue says so exactly."""
+        """The listener's position: exact while sound waits in the source's queue, else estimated."""
         now, queued = time.monotonic(), self._source.queued_duration
-        if queued > 0 and self.stage.playback.end >= self._captured:
-            self.stage.playback.plays(self._captured - round(queued * SAMPLE_RATE_HZ), now)
-        return self.stage.playback.position(now)
+        if queued > 0 and self.bridge.playback.end >= self._captured:
+            self.bridge.playback.plays(self._captured - round(queued * SAMPLE_RATE_HZ), now)
+        return self.bridge.playback.position(now)
 
     async def _watch(self) -> None:
         while True:
-            await asyncio.sleep(BEAT_S)
+            await asyncio.sleep(POLL_S)
             position = self._sync()
             for segment in self._segments:
                 if not segment.is_started and segment.starts is not None and position >= segment.starts:
@@ -172,10 +174,10 @@ class Performer:
                 self._finished(segment.seconds, interrupted=False)
 
     def _clear(self, *_: object) -> None:
-        """The agent was interrupted: silence at once, and the truth about what was heard."""
+        """The agent was interrupted: silence the avatar at once, then report what was heard."""
         self._sync()
         lost, self._segments, self._is_open = list(self._segments), deque(), False
-        if not lost and not self.stage.is_busy:
+        if not lost and not self.bridge.is_busy:
             return
         task = asyncio.ensure_future(self._cut(lost))
         self._clearing.add(task)
@@ -183,8 +185,8 @@ class Performer:
 
     async def _cut(self, lost: list[Segment]) -> None:
         try:
-            interrupting = asyncio.ensure_future(self.stage.interrupt())
-            await asyncio.sleep(0)  # from here on nothing stale leaves
+            interrupting = asyncio.ensure_future(self.bridge.interrupt())
+            await asyncio.sleep(0)  # from here on no stale chunk is released
             self._source.clear_queue()
             flush = await interrupting
         except EchoAvatarError as error:
@@ -208,4 +210,4 @@ def _heard(segment: Segment, flush: Flush | None) -> float:
         return 0.0
     if segment.seg == flush.seg:
         return min(segment.seconds, flush.heard / SAMPLE_RATE_HZ)
-    return segment.seconds  # the cut came after it
+    return segment.seconds  # the cut came after the segment

@@ -1,4 +1,4 @@
-"""The avatar's tools as LiveKit function tools, and over RPC where the avatar is in another process."""
+"""The avatar's tools as LiveKit function tools, and over RPC if the avatar is in another process."""
 
 import json
 from collections.abc import Awaitable, Callable, Mapping
@@ -7,41 +7,43 @@ from typing import Any
 from livekit import rtc
 from livekit.agents.llm import RawFunctionTool, function_tool
 
-RPC_CALL = "echoavatar.call"  # {"name": ..., "arguments": {...}}; without a name it gives the schemas
+RPC_CALL = (
+    "echoavatar.call"  # payload {"name": ..., "arguments": {...}}; without a name, the answer is the schemas
+)
 Schema = dict[str, Any]
 Call = Callable[[str, Mapping[str, Any]], Awaitable[Schema]]
 
 
 def function_tools(schemas: list[Schema], call: Call) -> list[RawFunctionTool[Any, Any]]:
-    """One tool for each schema; silent when done, so that the model need not say anything about a gesture."""
+    """One tool for each schema. A successful call returns nothing, so that the model need not comment on a gesture."""
     return [_tool(schema, call) for schema in schemas]
 
 
 def _tool(schema: Schema, call: Call) -> RawFunctionTool[Any, Any]:
     async def run(raw_arguments: dict[str, object]) -> str | None:
-        told = await call(schema["name"], raw_arguments)
-        return None if told.get("status") in ("accepted", "done") else json.dumps(told)
+        result = await call(schema["name"], raw_arguments)
+        return None if result.get("status") in ("accepted", "done") else json.dumps(result)
 
     run.__name__ = schema["name"]
     return function_tool(run, raw_schema=schema)
 
 
 def answer_calls(room: rtc.Room, schemas: list[Schema], call: Call) -> None:
-    """In the avatar's process: do what the agent's model asks for."""
+    """In the avatar's process: carry out the calls of the agent's model."""
 
     async def handle(data: rtc.RpcInvocationData) -> str:
-        asked = json.loads(data.payload)
-        if not isinstance(asked, dict) or not isinstance(asked.get("arguments", {}), dict):
+        request = json.loads(data.payload)
+        if not isinstance(request, dict) or not isinstance(request.get("arguments", {}), dict):
             return json.dumps({"status": "rejected", "reason": "ask with a name and arguments"})
-        if "name" not in asked:
+        if "name" not in request:
             return json.dumps(schemas)
-        return json.dumps(await call(str(asked["name"]), asked.get("arguments", {})))
+        return json.dumps(await call(str(request["name"]), request.get("arguments", {})))
 
     room.local_participant.register_rpc_method(RPC_CALL, handle)
 
 
 async def ask_for_tools(room: rtc.Room, identity: str) -> list[RawFunctionTool[Any, Any]]:
-    """In the agent's process: the tools of an avatar in the room."""
+    """In the agent's process: fetch the tools of an avatar in the room."""
 
     async def perform(payload: Schema) -> Any:
         answer = await room.local_participant.perform_rpc(
@@ -50,7 +52,7 @@ async def ask_for_tools(room: rtc.Room, identity: str) -> list[RawFunctionTool[A
         return json.loads(answer)
 
     async def call(name: str, arguments: Mapping[str, Any]) -> Schema:
-        told: Schema = await perform({"name": name, "arguments": dict(arguments)})
-        return told
+        result: Schema = await perform({"name": name, "arguments": dict(arguments)})
+        return result
 
     return function_tools(await perform({}), call)

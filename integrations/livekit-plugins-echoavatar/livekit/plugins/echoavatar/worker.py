@@ -1,4 +1,4 @@
-"""An avatar in a process of its own: joins a room, hears the agent over a data stream, publishes sound and motion.
+"""An avatar in its own process. It joins a room, receives the agent's speech, and publishes sound and motion.
 
 python -m livekit.plugins.echoavatar --url ws://127.0.0.1:7880 --token TOKEN
 """
@@ -12,7 +12,7 @@ from livekit import rtc
 from livekit.agents.voice.avatar import AudioReceiver, DataStreamAudioReceiver
 
 from echoavatar import Engine
-from echoavatar.integrations import Stage, StageTools, find_place
+from echoavatar.integrations import AvatarBridge, AvatarTools, find_backend
 
 from .avatar import SAMPLES, publish_sound
 from .log import logger
@@ -37,12 +37,12 @@ class AvatarWorker:
         prefer_data_track: bool = True,
         source: Source | None = None,
     ) -> None:
-        """`where` and `token` as in `AvatarSession`; `agent_identity`: whom to hear, without it the first agent there.
+        """`where` and `token` as in `AvatarSession`; `agent_identity` is the agent to hear (default: the first agent).
 
-        `source` plays instead of an audio track of the room's.
+        `source` plays the sound instead of an audio track of the room.
         """
         self.room = room
-        self.stage = Stage(find_place(where, token=token), seed=seed)
+        self.bridge = AvatarBridge(find_backend(where, token=token), seed=seed)
         self.receiver: AudioReceiver = DataStreamAudioReceiver(
             room, sender_identity=agent_identity, frame_size_ms=FRAME_MS
         )
@@ -51,26 +51,26 @@ class AvatarWorker:
         self._performer: Performer | None = None
 
     async def start(self) -> None:
-        """Begin; waits for the agent to join."""
-        await self.stage.start()
-        tools = StageTools(self.stage, await self.stage.place.tools())
+        """Start; waits for the agent to join."""
+        await self.bridge.start()
+        tools = AvatarTools(self.bridge, await self.bridge.backend.tools())
         answer_calls(self.room, tools.schemas, tools.call)
         if self._source is None:
             source = rtc.AudioSource(SAMPLES, 1, queue_size_ms=QUEUE_MS)
             await publish_sound(self.room, source)
             self._source = source
         channel = MotionChannel(self.room, prefer_track=self._prefer_track)
-        self._performer = Performer(self.stage, self.receiver, self._source, channel)
+        self._performer = Performer(self.bridge, self.receiver, self._source, channel)
         self.room.on("participant_connected", self._greet)
         await self._performer.start()
 
     async def close(self) -> None:
-        """End it."""
+        """End the session."""
         self.room.off("participant_connected", self._greet)
         await self.receiver.aclose()
         if self._performer is not None:
             await self._performer.close()
-        await self.stage.close()
+        await self.bridge.close()
 
     def _greet(self, participant: rtc.RemoteParticipant) -> None:
         if self._performer is not None:
@@ -78,7 +78,7 @@ class AvatarWorker:
 
 
 async def perform(url: str, token: str, where: str, where_token: str) -> None:
-    """Join, and stay until the room closes."""
+    """Join the room and stay until it closes."""
     room, over = rtc.Room(), asyncio.Event()
     room.on("disconnected", lambda *_: over.set())
     await room.connect(url, token)
@@ -93,7 +93,7 @@ async def perform(url: str, token: str, where: str, where_token: str) -> None:
 
 
 def main() -> None:
-    """Run a worker."""
+    """Run the worker."""
     parser = argparse.ArgumentParser(prog="livekit.plugins.echoavatar", description=__doc__)
     parser.add_argument("--url", default=os.environ.get("LIVEKIT_URL", "ws://127.0.0.1:7880"))
     parser.add_argument("--token", required=True, help="of `RemoteAvatarSession.worker_token`")

@@ -1,4 +1,4 @@
-"""Several sinks that are shown one thing, by a clock that begins with its first motion and runs with the wall."""
+"""Several sinks that show the same motion, on a clock that starts with the first motion and follows real time."""
 
 import threading
 import time
@@ -10,25 +10,25 @@ from ..wire import Flush, Motion, Pose, Rig, ServerMessage
 from .address import make_sink
 from .player import SinkPlayer
 
-BEAT_S = 0.02
-LEAD_S = 0.1  # from the first motion to when it is shown: what follows may come unevenly
+POLL_S = 0.02
+LEAD_S = 0.1  # from the first motion until it is shown; absorbs uneven arrival
 
 
-class Audience:
-    """Where nobody plays sound there is no clock to follow: this one keeps its own."""
+class SinkGroup:
+    """Plays motion into several sinks when no player reports a playback position."""
 
     def __init__(self, sinks: Iterable[str], rig: Rig, *, curves: int = 52) -> None:
-        """Raises EchoAvatarError for an address that is none."""
+        """Raises EchoAvatarError if an address is not valid."""
         made = [(text, make_sink(text, rig)) for text in sinks]
         self.players = [SinkPlayer(sink, rig, curves=curves, name=text) for text, sink in made]
-        self._start: tuple[int, float] | None = None  # sample and when it is shown
+        self._start: tuple[int, float] | None = None  # a sample, and the time at which it is shown
         self._end = 0
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._tick, name="sinks' clock", daemon=True)
         self._thread.start()
 
     def take(self, message: ServerMessage) -> None:
-        """A message of a session."""
+        """Take a message of a session."""
         if isinstance(message, Motion):
             self._reach(message.at, message.frames)
         elif isinstance(message, Flush):
@@ -37,24 +37,24 @@ class Audience:
             player.take(message)
 
     def put(self, at: int, pose: Pose) -> None:
-        """Frames at 30 fps from sample `at` on."""
+        """Take frames at 30 fps that begin at sample `at`."""
         self._reach(at, len(pose.root))
         for player in self.players:
             player.put(at, pose)
 
     def finish(self) -> None:
-        """Wait until all has been shown."""
+        """Wait until everything has been shown."""
         while self.players and (at := self._now()) is not None and at < self._end:
-            time.sleep(BEAT_S)
+            time.sleep(POLL_S)
 
     def close(self) -> None:
-        """Stop."""
+        """Stop all sinks."""
         self._stop.set()
         self._thread.join()
         for player in self.players:
             player.close()
 
-    def __enter__(self) -> "Audience":
+    def __enter__(self) -> "SinkGroup":
         return self
 
     def __exit__(
@@ -73,7 +73,7 @@ class Audience:
         return self._start[0] + max(0.0, time.monotonic() - self._start[1]) * SAMPLE_RATE_HZ
 
     def _tick(self) -> None:
-        while not self._stop.wait(BEAT_S):
+        while not self._stop.wait(POLL_S):
             at = self._now()
             if at is not None:
                 for player in self.players:

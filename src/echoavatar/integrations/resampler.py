@@ -1,4 +1,4 @@
-"""Speech at whatever rate an agent has, brought to the session's rate without a seam between blocks."""
+"""Resample an agent's speech from any rate to the session's, without a seam between blocks."""
 
 from typing import Any
 
@@ -9,15 +9,15 @@ from jaxtyping import Shaped
 from ..timing import SAMPLE_RATE_HZ
 
 
-class Rate:
-    """Any rate in, the session's rate out, without a seam between blocks."""
+class SpeechResampler:
+    """Resamples one stream of speech."""
 
     def __init__(self) -> None:
         self._rate = SAMPLE_RATE_HZ
         self._stream: Any = None
 
     def push(self, pcm: Shaped[np.ndarray, " s"], rate: int) -> Shaped[np.ndarray, " t"]:
-        """Some samples more; what they turn into may come with the next."""
+        """Resample a block; some of its samples may come out with the next block."""
         if rate != self._rate:
             self._rate = rate
             self._stream = (
@@ -28,7 +28,7 @@ class Rate:
         return pcm if self._stream is None else self._stream.resample_chunk(pcm)
 
     def flush(self) -> Shaped[np.ndarray, " t"]:
-        """The rest; what follows is another stream."""
+        """The rest of the stream; the next block starts another one."""
         rest = np.zeros(0, np.int16)
         if self._stream is not None:
             rest = self._stream.resample_chunk(rest, last=True)
@@ -36,6 +36,6 @@ class Rate:
         return rest
 
     def reset(self) -> None:
-        """Forget what did not come out yet."""
+        """Drop samples that have not come out yet."""
         if self._stream is not None:
             self._stream.clear()

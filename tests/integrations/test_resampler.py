@@ -1,16 +1,13 @@
 import numpy as np
 import pytest
+from tests.integrations.fakes import tone
 
-from echoavatar.integrations.rate import Rate
-
-
-def tone(seconds: float, rate: int) -> np.ndarray:
-    return (8_000 * np.sin(2 * np.pi * 220 * np.arange(round(seconds * rate)) / rate)).astype(np.int16)
+from echoavatar.integrations.resampler import SpeechResampler
 
 
 @pytest.mark.parametrize("rate", [8_000, 16_000, 24_000, 44_100, 48_000])
 def test_blocks_make_one_sound_at_our_rate(rate: int) -> None:
-    stream = Rate()
+    stream = SpeechResampler()
     parts = [stream.push(block, rate) for block in np.array_split(tone(1.0, rate), 9)]
     made = np.concatenate([*parts, stream.flush()])
     assert abs(len(made) - 24_000) <= 1
@@ -18,7 +15,7 @@ def test_blocks_make_one_sound_at_our_rate(rate: int) -> None:
 
 
 def test_after_a_reset_nothing_old_is_left() -> None:
-    stream = Rate()
+    stream = SpeechResampler()
     stream.push(tone(0.5, 16_000), 16_000)
     stream.reset()
     made = np.concatenate([stream.push(np.zeros(1_600, np.int16), 16_000), stream.flush()])
@@ -26,6 +23,6 @@ def test_after_a_reset_nothing_old_is_left() -> None:
 
 
 def test_the_rate_may_change() -> None:
-    stream = Rate()
+    stream = SpeechResampler()
     stream.push(tone(0.1, 16_000), 16_000)
     assert len(stream.push(tone(0.1, 24_000), 24_000)) == 2_400

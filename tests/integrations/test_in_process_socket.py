@@ -1,4 +1,4 @@
-"""A WebSocket of an application in this process, against an application of ten lines."""
+"""A WebSocket to a minimal application in this process."""
 
 import asyncio
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from websockets.exceptions import ConnectionClosed, ConnectionClosedOK
 
-from echoavatar.integrations.line import MemoryLine
+from echoavatar.integrations.in_process_socket import InProcessSocket
 
 
 async def parrot(scope: Any, receive: Any, send: Any) -> None:
@@ -26,38 +26,38 @@ async def crash(scope: Any, receive: Any, send: Any) -> None:
 
 def test_frames_go_both_ways_in_order() -> None:
     async def run() -> None:
-        line = MemoryLine(parrot)
-        await line.send(b"a")
-        await line.send(b"b")
-        assert [await line.recv(), await line.recv()] == [b"aa", b"bb"]
-        await line.close()
+        socket = InProcessSocket(parrot)
+        await socket.send(b"a")
+        await socket.send(b"b")
+        assert [await socket.recv(), await socket.recv()] == [b"aa", b"bb"]
+        await socket.close()
         with pytest.raises(ConnectionClosedOK):
-            await line.recv()
+            await socket.recv()
         with pytest.raises(ConnectionClosed):
-            await line.send(b"c")
+            await socket.send(b"c")
 
     asyncio.run(run())
 
 
 def test_the_application_may_close_it() -> None:
     async def run() -> None:
-        line = MemoryLine(parrot)
-        await line.send(b"bye")
+        socket = InProcessSocket(parrot)
+        await socket.send(b"bye")
         with pytest.raises(ConnectionClosed) as closed:
-            await line.recv()
+            await socket.recv()
         assert closed.value.rcvd is not None
         assert (closed.value.rcvd.code, closed.value.rcvd.reason) == (4400, "no")
-        await line.close()
+        await socket.close()
 
     asyncio.run(run())
 
 
 def test_a_reader_learns_that_it_is_over() -> None:
     async def run() -> None:
-        line = MemoryLine(parrot)
-        reading = asyncio.ensure_future(line.recv())
+        socket = InProcessSocket(parrot)
+        reading = asyncio.ensure_future(socket.recv())
         await asyncio.sleep(0.01)
-        await line.close()
+        await socket.close()
         with pytest.raises(ConnectionClosedOK):
             await reading
 
@@ -66,12 +66,12 @@ def test_a_reader_learns_that_it_is_over() -> None:
 
 def test_an_application_that_breaks_is_a_broken_line() -> None:
     async def run() -> None:
-        line = MemoryLine(crash)
+        socket = InProcessSocket(crash)
         with pytest.raises(ConnectionClosed) as closed:
-            await line.recv()
+            await socket.recv()
         assert closed.value.rcvd is not None
         assert closed.value.rcvd.code == 1006
         with pytest.raises(RuntimeError, match="broken"):
-            await line._visit
+            await socket._serving
 
     asyncio.run(run())

@@ -1,4 +1,4 @@
-"""A transport that sounds nowhere: for a bot whose avatar's page is its loudspeaker, and for tests."""
+"""A transport without a loudspeaker: for bots whose avatar's page plays the sound, and for tests."""
 
 import asyncio
 import time
@@ -16,22 +16,22 @@ from pipecat.transports.base_transport import TransportParams
 LATE_S = 0.1
 
 
-class SilentTransport(BaseOutputTransport):
-    """Takes sound at the speed of playback, as a device would, and keeps messages for whoever asks."""
+class NullTransport(BaseOutputTransport):
+    """Accepts sound at the speed of playback, as a device would, and discards it."""
 
     def __init__(self, params: TransportParams | None = None, **kwargs: Any) -> None:
         super().__init__(params or TransportParams(audio_out_enabled=True), **kwargs)
         self._due = 0.0
 
     async def start(self, frame: StartFrame) -> None:
-        """Ready at once."""
+        """Start; the transport is ready at once."""
         await super().start(frame)
         await self.set_transport_ready(frame)
 
     async def write_audio_frame(self, frame: OutputAudioRawFrame) -> bool:
         """Return when a device would want the next block."""
         now = time.monotonic()
-        if now > self._due + LATE_S:  # it was silent for a while
+        if now > self._due + LATE_S:  # after a pause
             self._due = now
         self._due += frame.num_frames / frame.sample_rate
         await asyncio.sleep(max(0.0, self._due - now))
@@ -40,4 +40,4 @@ class SilentTransport(BaseOutputTransport):
     async def send_message(
         self, frame: OutputTransportMessageFrame | OutputTransportMessageUrgentFrame
     ) -> None:
-        """Nobody is there."""
+        """Discard the message."""

@@ -1,4 +1,4 @@
-"""What the transport wrote of the avatar's sound, which is the nearest to what was heard that a pipeline knows."""
+"""Observe what the transport writes of the avatar's sound: a pipeline's best knowledge of what was heard."""
 
 import time
 
@@ -6,20 +6,20 @@ from pipecat.observers.base_observer import BaseObserver, FramePushed
 from pipecat.processors.frame_processor import FrameDirection
 from pipecat.transports.base_output import BaseOutputTransport
 
-from echoavatar.integrations import Stage
+from echoavatar.integrations import AvatarBridge
 
 from .frames import AvatarMusicFrame, AvatarSpeechFrame
 
 
-class WrittenObserver(BaseObserver):
-    """Output transports push a block of sound on once it is written: each is told to the stage."""
+class PlaybackObserver(BaseObserver):
+    """Reports each block of sound to the bridge; an output transport pushes a block on once it is written."""
 
-    def __init__(self, stage: Stage) -> None:
+    def __init__(self, bridge: AvatarBridge) -> None:
         super().__init__()
-        self._stage = stage
+        self._bridge = bridge
 
     async def on_push_frame(self, data: FramePushed) -> None:
-        """A frame was pushed somewhere."""
+        """Handle a pushed frame."""
         frame = data.frame
         if (
             isinstance(frame, AvatarSpeechFrame | AvatarMusicFrame)
@@ -27,4 +27,4 @@ class WrittenObserver(BaseObserver):
             and data.direction is FrameDirection.DOWNSTREAM
         ):
             seconds = frame.num_frames / frame.sample_rate
-            self._stage.playback.wrote(seconds, time.monotonic())
+            self._bridge.playback.wrote(seconds, time.monotonic())

@@ -1,4 +1,4 @@
-"""A line to an application in this process: what a WebSocket would carry, without a socket."""
+"""A WebSocket to an ASGI application in this process, without a network socket."""
 
 import asyncio
 from collections.abc import Awaitable, Callable, MutableMapping
@@ -13,11 +13,11 @@ Message = MutableMapping[str, Any]
 Application = Callable[
     [Message, Callable[[], Awaitable[Message]], Callable[[Message], Awaitable[None]]], Awaitable[None]
 ]
-MOST_WAITING = 1024  # messages to a reader that does not read
+MAX_QUEUED_FRAMES = 1024  # messages for a reader that does not read
 
 
-class MemoryLine:
-    """One WebSocket of an ASGI application, from the client's side."""
+class InProcessSocket:
+    """The client's side of one WebSocket connection to an ASGI application."""
 
     def __init__(self, app: Application, path: str = "/v1/stream") -> None:
         scope = {
@@ -28,47 +28,47 @@ class MemoryLine:
             "subprotocols": [subprotocol("msgpack")],
         }
         self._out: asyncio.Queue[Message] = asyncio.Queue()
-        self._in: asyncio.Queue[Message] = asyncio.Queue(MOST_WAITING)
+        self._in: asyncio.Queue[Message] = asyncio.Queue(MAX_QUEUED_FRAMES)
         self._closed: ConnectionClosed | None = None
         self._out.put_nowait({"type": "websocket.connect"})
-        self._visit = asyncio.ensure_future(self._serve(app, scope))
+        self._serving = asyncio.ensure_future(self._serve(app, scope))
 
     async def send(self, message: bytes) -> None:
-        """One frame to the application.
+        """Send one frame to the application.
 
         Raises:
-            ConnectionClosed: it has closed the line.
+            ConnectionClosed: the application has closed the connection.
         """
         if self._closed is not None:
             raise self._closed
         await self._out.put({"type": "websocket.receive", "bytes": message})
 
     async def recv(self, *, decode: bool | None = None) -> bytes:
-        """The next frame from the application.
+        """Receive the next frame from the application.
 
         Raises:
-            ConnectionClosed: it has closed the line.
+            ConnectionClosed: the application has closed the connection.
         """
-        del decode  # frames are bytes
+        del decode  # frames are always bytes
         while self._closed is None or not self._in.empty():
-            told = await self._in.get()
-            if told["type"] == "websocket.send":
-                frame: bytes = told["bytes"]
+            message = await self._in.get()
+            if message["type"] == "websocket.send":
+                frame: bytes = message["bytes"]
                 return frame
-            if told["type"] == "websocket.close" and self._closed is None:
-                self._close(told.get("code", 1000), told.get("reason") or "")
+            if message["type"] == "websocket.close" and self._closed is None:
+                self._close(message.get("code", 1000), message.get("reason") or "")
         raise self._closed or ConnectionClosedOK(None, None)
 
     async def close(self) -> None:
-        """Say goodbye, and wait until the application has noticed."""
+        """Close the connection and wait until the application has ended."""
         if self._closed is None:
             self._close(1000, "")
         await self._out.put({"type": "websocket.disconnect", "code": 1000})
-        while not self._visit.done():  # it may be stuck on a frame that nobody reads
+        while not self._serving.done():  # the application may be blocked on a frame that is never read
             while not self._in.empty():
                 self._in.get_nowait()
-            await asyncio.wait([self._visit], timeout=0.05)
-        self._in.put_nowait({"type": "websocket.close"})  # whoever still reads learns of it
+            await asyncio.wait([self._serving], timeout=0.05)
+        self._in.put_nowait({"type": "websocket.close"})  # wakes a pending `recv`
 
     def _close(self, code: int, reason: str) -> None:
         kind = ConnectionClosedOK if code in (1000, 1001) else ConnectionClosedError
@@ -78,6 +78,6 @@ class MemoryLine:
         try:
             await app(scope, self._out.get, self._in.put)
         finally:
-            if self._in.full():  # the reader must learn that it is over
+            if self._in.full():  # room for the close message
                 self._in.get_nowait()
             self._in.put_nowait({"type": "websocket.close", "code": 1006})

@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
-from echoavatar.proxy.calls import MOST_TURNS, Calls
 from echoavatar.proxy.events import Event
+from echoavatar.proxy.tool_calls import MAX_FOLLOW_UPS, ToolCalls
 
 OURS = [
     {"type": "function", "name": name, "description": f"to {name}", "parameters": {}}
@@ -13,11 +13,11 @@ OURS = [
 ]
 
 
-class Stage:
+class FakeSession:
     def __init__(self) -> None:
         self.sent: list[dict[str, Any]] = []
         self.did: list[tuple[str, dict[str, Any]]] = []
-        self.calls = Calls(self.send, self.do)
+        self.calls = ToolCalls(self.send, self.do)
         self.calls.declared = OURS
 
     async def send(self, event: dict[str, Any]) -> None:
@@ -32,8 +32,8 @@ class Stage:
         for k, name in enumerate(names):
             item = {"type": "function_call", "name": name, "call_id": f"{id}{k}", "arguments": arguments}
             output.append(item)
-            self.calls.notice(Event("response.output_item.done", response_id=id, item=item))
-            self.calls.notice(
+            self.calls.on_model_event(Event("response.output_item.done", response_id=id, item=item))
+            self.calls.on_model_event(
                 Event(
                     "response.function_call_arguments.done",
                     response_id=id,
@@ -43,7 +43,7 @@ class Stage:
                 )
             )
         done = {"id": id, "status": "completed", "output": output}
-        self.calls.notice(Event("response.done", response=done))
+        self.calls.on_model_event(Event("response.done", response=done))
         await asyncio.sleep(0.01)
 
     @property
@@ -54,68 +54,72 @@ class Stage:
 @pytest.mark.parametrize(
     ("names", "words", "kinds"),
     [
-        (["send_action"], True, ["conversation.item.create"]),  # a gesture beside words is silent
+        (["send_action"], True, ["conversation.item.create"]),  # a gesture beside words needs no answer
         (["send_action"], False, ["conversation.item.create", "response.create"]),
         (["list_actions"], True, ["conversation.item.create", "response.create"]),
         (["theirs"], False, []),
-        (["send_action", "theirs"], False, ["conversation.item.create"]),  # the client will go on
+        (
+            ["send_action", "theirs"],
+            False,
+            ["conversation.item.create"],
+        ),  # the client will continue the conversation
     ],
 )
-def test_calls_are_answered_once_and_the_model_goes_on_only_where_nobody_would(
+def test_calls_are_answered_once_and_the_model_continues_only_if_it_was_silent(
     names: list[str], words: bool, kinds: list[str]
 ) -> None:
     async def run() -> None:
-        stage = Stage()
-        await stage.response(*names, words=words)
-        assert stage.kinds == kinds
-        assert len(stage.did) == sum(name != "theirs" for name in names)
+        session = FakeSession()
+        await session.response(*names, words=words)
+        assert session.kinds == kinds
+        assert len(session.did) == sum(name != "theirs" for name in names)
 
     asyncio.run(run())
 
 
 def test_a_model_that_only_calls_is_not_asked_for_ever() -> None:
     async def run() -> None:
-        stage = Stage()
-        for turn in range(MOST_TURNS + 2):
-            await stage.response("send_action", id=f"r{turn}")
-        assert stage.kinds.count("response.create") == MOST_TURNS
-        stage.calls.user_spoke()
-        await stage.response("send_action", id="later")
-        assert stage.kinds.count("response.create") == MOST_TURNS + 1
+        session = FakeSession()
+        for turn in range(MAX_FOLLOW_UPS + 2):
+            await session.response("send_action", id=f"r{turn}")
+        assert session.kinds.count("response.create") == MAX_FOLLOW_UPS
+        session.calls.on_user_turn()
+        await session.response("send_action", id="later")
+        assert session.kinds.count("response.create") == MAX_FOLLOW_UPS + 1
 
     asyncio.run(run())
 
 
-def test_arguments_that_are_none_are_rejected_to_the_model() -> None:
+def test_invalid_arguments_are_rejected() -> None:
     async def run() -> None:
-        stage = Stage()
-        await stage.response("send_action", words=True, arguments="[1")
-        assert json.loads(stage.sent[0]["item"]["output"])["status"] == "rejected"
-        assert not stage.did
+        session = FakeSession()
+        await session.response("send_action", words=True, arguments="[1")
+        assert json.loads(session.sent[0]["item"]["output"])["status"] == "rejected"
+        assert not session.did
 
     asyncio.run(run())
 
 
-def test_ours_are_added_to_what_the_session_has_and_theirs_stay_theirs() -> None:
+def test_the_avatars_tools_are_added_and_the_clients_tools_win() -> None:
     async def run() -> None:
-        stage = Stage()
+        session = FakeSession()
         own = {"type": "function", "name": "send_action", "description": "mine"}
-        stage.calls.session_tells({"type": "realtime", "tools": [own]}, is_first=True)
-        await stage.calls.offer()
-        await stage.calls.offer()
-        [update] = stage.sent
+        session.calls.on_session({"type": "realtime", "tools": [own]}, is_first=True)
+        await session.calls.offer()
+        await session.calls.offer()
+        [update] = session.sent
         assert update["session"] == {"tools": [own, OURS[1]], "type": "realtime"}
-        await stage.response("send_action")
-        assert not stage.did
+        await session.response("send_action")
+        assert not session.did
 
     asyncio.run(run())
 
 
 def test_the_first_protocol_is_not_told_a_type() -> None:
     async def run() -> None:
-        stage = Stage()
-        stage.calls.session_tells({"tools": []}, is_first=True)
-        await stage.calls.offer()
-        assert set(stage.sent[0]["session"]) == {"tools"}
+        session = FakeSession()
+        session.calls.on_session({"tools": []}, is_first=True)
+        await session.calls.offer()
+        assert set(session.sent[0]["session"]) == {"tools"}
 
     asyncio.run(run())
