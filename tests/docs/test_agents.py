@@ -19,7 +19,7 @@ import pytest
 from tests.proxy.places import proxied, stage, tone
 from tests.server.fakes import Place, serving
 
-from echoavatar.cli import COMMANDS, command_module
+from echoavatar.cli import COMMANDS
 from echoavatar.proxy import avatar_events, events
 from echoavatar.proxy.scripted import ScriptedSession
 from echoavatar.wire import ActionStatus, Hello
@@ -40,7 +40,7 @@ def test_every_command_exists_with_its_options(line: str) -> None:
     _, command, *words = shlex.split(line, comments=True)
     assert command in COMMANDS
     parser = argparse.ArgumentParser(exit_on_error=False)
-    commandcommand_module(command).add_arguments(parser)
+    command_module(command).add_arguments(parser)
     parser.parse_args(words)
 
 

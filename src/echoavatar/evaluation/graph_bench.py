@@ -44,21 +44,21 @@ def bench_graphs(bundle: Bundle, *, device: str = "cuda", chunks: int = 100) -> 
         )
     pipeline = Pipeline(bundle, device=device)
     state, everyone = pipeline.init_state(1), torch.ones(1, dtype=torch.bool)
-    random, laps = torch.Generator().manual_seed(0), list[dict[str, float]]()
+    random, chunk_times = torch.Generator().manual_seed(0), list[dict[str, float]]()
     last = _now(is_cuda)
 
-    def lap(stage: str) -> None:
+    def on_stage(stage: str) -> None:
         nonlocal last
         began, last = last, _now(is_cuda)
         if stage in _STAGES:
-            laps[-1][_STAGES[stage]] = 1e3 * (last - began)
+            chunk_times[-1][_STAGES[stage]] = 1e3 * (last - began)
 
-    pipeline.lap = lap
+    pipeline.on_stage = on_stage
     for _ in range(WARM_UP + chunks):
-        laps.append({})
+        chunk_times.append({})
         last = _now(is_cuda)
         pipeline.step(0.1 * torch.randn(1, pipeline.chunk_samples, generator=random), state, everyone)
-    stages = {name: np.array([times[name] for times in laps[WARM_UP:]]) for name in _STAGES.values()}
+    stages = {name: np.array([times[name] for times in chunk_times[WARM_UP:]]) for name in _STAGES.values()}
     stages["total"] = sum(stages.values(), np.zeros(chunks))
     rows = {name: (float(np.percentile(v, 50)), float(np.percentile(v, 95))) for name, v in stages.items()}
     name = torch.cuda.get_device_name() if is_cuda else "CPU"

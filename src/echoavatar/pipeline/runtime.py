@@ -5,7 +5,7 @@ A bundle without the file runs as our own do.
 
 from pathlib import Path
 
-from pydantic import Field, ValidationError, field_validator
+from pydantic import Field, ValidationError
 
 from ..config import Config
 from ..errors import CheckpointError
@@ -14,7 +14,6 @@ from .retime import TIMING
 from .rig import RigConfig
 
 FILE = "runtime.json"
-RENAMED_STAGES = {"calm": "smoother"}  # in bundles saved under the old names
 
 
 class Runtime(Config):
@@ -41,11 +40,6 @@ class Runtime(Config):
     rig: RigConfig | None = Field(
         default=None, description="how its features differ from ours; None: not at all"
     )
-
-    @field_validator("stages")
-    @classmethod
-    def _under_present_names(cls, stages: tuple[str, ...]) -> tuple[str, ...]:
-        return tuple(RENAMED_STAGES.get(stage, stage) for stage in stages)
 
     def save(self, folder: Path) -> None:
         """Write `runtime.json`."""
