@@ -96,12 +96,7 @@ def both(*shakes: Shake) -> Shake:
 
 def _there_and_back(there: Controls, *, reach: float = 0.7, stay: float = 1.2, back: float = 0.8) -> Keys:
     rest = pose()
-    return (
-        (0.0, rest),
-        (reach, there),
-        (reach + stay, there),
-        (reach + stay + back, rest),
-    )
+    return ((0.0, rest), (reach, there), (reach + stay, there), (reach + stay + back, rest))
 
 
 def _flipped(script: Script, about: str) -> Script:
@@ -114,13 +109,7 @@ def _clapping() -> Keys:
     for beat in range(6):
         beats += [(0.6 + 0.36 * beat, pose("unclap", "unclap")), (0.78 + 0.36 * beat, pose("clap", "clap"))]
     end = beats[-1][0]
-    return (
-        (0.0, rest),
-        *beats,
-        (end + 0.2, pose("unclap", "unclap")),
-        (end + 0.9, rest),
-        (end + 1.2, rest),
-    )
+    return ((0.0, rest), *beats, (end + 0.2, pose("unclap", "unclap")), (end + 0.9, rest), (end + 1.2, rest))
 
 
 WAVING = ArmPose((0.20, 0.24, 0.18), (-0.1, 0.0, 0.9), 0.1, (0.25, 0.0), "open")
@@ -156,10 +145,7 @@ SCRIPTS: Mapping[str, Script] = {
         _there_and_back(pose(None, WAVING, head=(-0.1, 0.0, 0.08)), stay=1.9),
         (0.8, 2.5),
         "wave the right hand in greeting or farewell",
-        both(
-            swing("wrist", (1, 0), 0.10, 2.0, 0.7, 2.6),
-            swing("palm", (1, 1), 0.3, 2.0, 0.7, 2.6),
-        ),
+        both(swing("wrist", (1, 0), 0.10, 2.0, 0.7, 2.6), swing("palm", (1, 1), 0.3, 2.0, 0.7, 2.6)),
     ),
     "look_around": Script(
         (

@@ -18,14 +18,7 @@ def _march(lift: float) -> tuple[Step, ...]:
 
 
 FIGURES: tuple[Figure, ...] = (
-    Figure(
-        "bounce",
-        8,
-        (),
-        energy=(0.0, 0.45),
-        bounce=1.1,
-        shift=parse_pairs("0 .62, 2 .38, 4 .62, 6 .38"),
-    ),
+    Figure("bounce", 8, (), energy=(0.0, 0.45), bounce=1.1, shift=parse_pairs("0 .62, 2 .38, 4 .62, 6 .38")),
     Figure(
         "sway",
         8,

@@ -65,11 +65,7 @@ STYLES: dict[str, Style] = {
             "hip_hop",
             (82, 98),
             swing=0.16,
-            drums=(
-                ("kick", "x------x--x-----"),
-                ("snare", "----x-------x---"),
-                ("hat", "x-o-x-o-x-o-x-oo"),
-            ),
+            drums=(("kick", "x------x--x-----"), ("snare", "----x-------x---"), ("hat", "x-o-x-o-x-o-x-oo")),
             bass="x------x--x-----",
             chords="x-------x-----x-",
             leads=("voice_ooh", "flute", "square_lead", "trumpet", "bell"),
