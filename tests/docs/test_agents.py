@@ -19,7 +19,7 @@ import pytest
 from tests.proxy.places import proxied, stage, tone
 from tests.server.fakes import Place, serving
 
-from echoavatar.cli import COMMANDS
+from echoavatar.cli import COMMANDS, command_module
 from echoavatar.proxy import avatar_events, events
 from echoavatar.proxy.scripted import ScriptedSession
 from echoavatar.wire import ActionStatus, Hello

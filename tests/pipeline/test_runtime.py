@@ -19,11 +19,6 @@ def test_it_comes_back(tmp_path):
     assert Runtime.load(tmp_path) == own
 
 
-def test_a_bundle_saved_under_old_names_of_stages_still_loads(tmp_path):
-    (tmp_path / "runtime.json").write_text('{"stages": ["calm", "feet"]}')
-    assert Runtime.load(tmp_path).stages == ("smoother", "feet")
-
-
 def test_the_pipeline_obeys(tiny_bundle):
     from dataclasses import replace
 
