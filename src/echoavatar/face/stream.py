@@ -4,6 +4,8 @@ Paper, Face Animation Generator, Inference: 8 frames per step from 63 frames of 
 matching, guidance 2.0. A session's face depends on its own sound and seed only.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import torch
@@ -64,8 +66,9 @@ class FaceStream:
         if audio.shape[1] % samples or not audio.shape[1]:
             raise ValueError(f"a step takes a multiple of {samples} samples, got {audio.shape[1]}")
 
-        faces = self._faces(audio, state, active, seeds)
-        return self.idle.step(faces, frame_loudness(audio), state.idle, active, seeds)
+        with _one_thread():
+            faces = self._faces(audio, state, active, seeds)
+            return self.idle.step(faces, frame_loudness(audio), state.idle, active, seeds)
 
     def _faces(
         self, audio: Tensor, state: FaceState, active: Tensor, seeds: Tensor
@@ -111,3 +114,14 @@ class FaceStream:
         config = self.model.config
         noise = face_noise(seeds, frame, count=config.step, channels=config.channels, hold=config.noise_hold)
         return noise.to(self.model.mean)
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Operations as small as these take longer when torch shares them out, above all on a busy machine."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)

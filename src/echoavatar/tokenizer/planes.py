@@ -56,19 +56,19 @@ class PlaneKinematics(nn.Module):
         return torch.cat(places, 1).index_select(1, self.back).view(3, -1, b, t)
 
     def _descend(self, rows: list[tuple[Tensor, ...]], height: Tensor) -> list[Tensor]:
-        """Level by level down the tree; `turn` holds the world's matrices column by column: (row, joint, frame)."""
-        turn = torch.stack([row[0] for row in rows], 1).unbind(0)
+        """Level by level down the tree; `world` holds global matrices column by column: (row, joint, frame)."""
+        world = torch.stack([row[0] for row in rows], 1).unbind(0)
         zero = torch.zeros_like(height)
         places = [torch.stack([zero, height, zero])[:, None]]
         offsets = torch.split(self.offsets, self.sizes, 1)
         for depth, parents in enumerate(self.parents, start=1):
             chosen = torch.tensor(parents, device=height.device)
-            a, b, c = (column.index_select(1, chosen) for column in turn)
+            a, b, c = (column.index_select(1, chosen) for column in world)
             u, v, w = offsets[depth]
             places.append(places[-1].index_select(1, chosen) + a * u + b * v + c * w)
             if depth < len(self.parents):
                 lines = [row[depth].unbind(0) for row in rows]
-                turn = tuple(a * x + b * y + c * z for x, y, z in zip(*lines, strict=True))
+                world = tuple(a * x + b * y + c * z for x, y, z in zip(*lines, strict=True))
         return places
 
 
