@@ -1,6 +1,6 @@
 """What is exported: motion, the face and the sound beside it; made by `animate`, or read from what was recorded."""
 
-import zipfile
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,10 +11,8 @@ from ..errors import MotionError
 from ..face.arkit import ARKIT_NAMES, reorder
 from ..kinematics import HUMANOID, Motion, read_bvh
 from ..kinematics.retarget import retarget
-from ..kinematics.tables import read_npz
+from ..kinematics.tables import NPZ_ERRORS, arrays_of, motion_of
 from ..timing import SAMPLE_RATE_HZ
-
-_FOREIGN = (OSError, ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile)
 
 
 @dataclass(frozen=True)
@@ -43,20 +41,20 @@ def read_take(path: Path) -> Take:
     if path.suffix.lower() != ".npz":
         raise MotionError(f"{path} is neither .npz nor .bvh; give what `animate` or `say` wrote")
     try:
-        with np.load(path, allow_pickle=False) as stored:
-            is_recording = "names" in stored
-            face = _face(stored) if "face" in stored else None
-            audio = None
-            if "audio" in stored and int(stored["sample_rate"]) == SAMPLE_RATE_HZ:
-                audio = np.asarray(stored["audio"], np.float32)
-            motion = _recorded(path, stored) if is_recording else None
+        stored = arrays_of(path, MotionError)
+        motion = _recorded(path, stored) if "names" in stored else motion_of(stored)
+        face = _face(stored) if "face" in stored else None
+        audio = None
+        if "audio" in stored and int(stored["sample_rate"]) == SAMPLE_RATE_HZ:
+            audio = np.asarray(stored["audio"], np.float32)
+            if audio.ndim != 1 or not np.isfinite(audio).all():
+                raise ValueError(f"sound of shape {audio.shape}, or with values that are not finite")
     except FileNotFoundError as error:
         raise MotionError(f"{path} does not exist; check the name") from error
-    except _FOREIGN as error:
+    except NPZ_ERRORS as error:
         raise MotionError(
             f"{path} holds no motion of ours or is damaged ({error}); write it again"
         ) from error
-    motion = motion or read_npz(path)
     if face is not None and len(face) != motion.frames:
         raise MotionError(
             f"{path}: {len(face)} frames of face beside {motion.frames} of motion; write it again"
@@ -64,7 +62,7 @@ def read_take(path: Path) -> Take:
     return Take(motion, face, audio)
 
 
-def _recorded(path: Path, stored: "np.lib.npyio.NpzFile") -> Motion:
+def _recorded(path: Path, stored: Mapping[str, np.ndarray]) -> Motion:
     """What `client.Recording` saved: names say whose bones they are."""
     names = tuple(str(name) for name in stored["names"])
     if names != HUMANOID.names:
@@ -73,6 +71,6 @@ def _recorded(path: Path, stored: "np.lib.npyio.NpzFile") -> Motion:
     return Motion(HUMANOID, rotations, root, float(stored["frame_rate"]))
 
 
-def _face(stored: "np.lib.npyio.NpzFile") -> Float[np.ndarray, "t 52"] | None:
+def _face(stored: Mapping[str, np.ndarray]) -> Float[np.ndarray, "t 52"] | None:
     curves, names = np.asarray(stored["face"], np.float32), [str(name) for name in stored["face_names"]]
     return reorder(curves, names, ARKIT_NAMES) if curves.shape[1] else None

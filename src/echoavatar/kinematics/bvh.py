@@ -15,6 +15,7 @@ import torch
 from numpy.typing import NDArray
 
 from echoavatar.errors import MotionError
+from echoavatar.limits import BVH_BYTES, DEPTH, JOINTS, ROTATIONS, check_file
 
 from .motion import Motion
 from .rotations import euler_from_matrix, matrix_from_quaternion, quaternion_multiply
@@ -43,6 +44,7 @@ def read_bvh(path: Path | str, *, metres_per_unit: float = 0.01) -> Motion:
     """
     path = Path(path)
     try:
+        check_file(path, BVH_BYTES, MotionError)
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except FileNotFoundError as error:
         raise MotionError(f"{path} does not exist; check the name") from error
@@ -51,6 +53,10 @@ def read_bvh(path: Path | str, *, metres_per_unit: float = 0.01) -> Motion:
     reader = _Header(path, lines)
     joints = reader.joints()
     frames, fps = _numbers(path, lines, reader.line, sum(len(joint.channels) for joint in joints))
+    if len(frames) * len(joints) > ROTATIONS:
+        raise MotionError(
+            f"{path}: {len(frames):,} frames of {len(joints):,} joints are more than {ROTATIONS:,} rotations; cut it"
+        )
     return _assemble(joints, frames, fps, metres_per_unit)
 
 
@@ -98,6 +104,7 @@ class _Header:
 
     def __init__(self, path: Path, lines: Sequence[str]) -> None:
         self.path, self.lines, self.line = path, lines, 0
+        self._names: set[str] = set()
 
     def joints(self) -> list[_Joint]:
         found: list[_Joint] = []
@@ -126,8 +133,13 @@ class _Header:
             if words[0] == "ROOT" and found:
                 self.fail("a second ROOT; keep one figure per file")
             name = "_".join(words[1:])
-            if any(joint.name == name for joint in found):
+            if name in self._names:
                 self.fail(f"joint {name!r} occurs twice; rename one")
+            if len(found) >= JOINTS or len(open_joints) >= DEPTH:
+                self.fail(
+                    f"more than {JOINTS} joints, or more than {DEPTH} deep; leave out what does not move"
+                )
+            self._names.add(name)
             found.append(_Joint(name, open_joints[-1] if open_joints else -1))
             open_joints.append(len(found) - 1)
         elif words[0] == "End":
@@ -177,6 +189,8 @@ def _numbers(path: Path, lines: Sequence[str], motion_line: int, width: int) -> 
             head[label] = float(text.strip().removeprefix(label))
         except ValueError:
             raise MotionError(f"{path}, line {at + 1}: expected {label!r} and a number") from None
+    if not float(head["Frames:"]).is_integer():
+        raise MotionError(f"{path}: Frames {head['Frames:']} is not a whole number; write how many there are")
     count, frame_time = int(head["Frames:"]), head["Frame Time:"]
     if not (np.isfinite(frame_time) and frame_time > 0):
         raise MotionError(f"{path}: Frame Time {frame_time} is not above 0; write the seconds between frames")

@@ -3,6 +3,7 @@
 Paper, Motion Tokenizer: the body is tokenised in three anatomical parts, lower body, upper body and hands.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,6 +16,7 @@ from pydantic import Field, model_validator
 from torch import Tensor
 
 from echoavatar.config import Config
+from echoavatar.limits import JOINTS
 
 
 class SkeletonConfig(Config):
@@ -33,6 +35,8 @@ class SkeletonConfig(Config):
 
     @model_validator(mode="after")
     def _is_a_tree(self) -> "SkeletonConfig":
+        if len(self.names) > JOINTS:
+            raise ValueError(f"{len(self.names)} joints, and a skeleton has at most {JOINTS}")
         if not (len(self.names) == len(self.parents) == len(self.offsets)):
             raise ValueError(
                 f"{len(self.names)} names, {len(self.parents)} parents, {len(self.offsets)} offsets differ"
@@ -44,6 +48,19 @@ class SkeletonConfig(Config):
         for joint, parent in enumerate(self.parents[1:], start=1):
             if not 0 <= parent < joint:
                 raise ValueError(f"joint {self.names[joint]} must come after its parent, got parent {parent}")
+        return self
+
+    @model_validator(mode="after")
+    def _names_its_own_joints(self) -> "SkeletonConfig":
+        named = [*self.mirror, *self.feet, *self.vrm.values()]
+        named += [joint for part in self.parts.values() for joint in part]
+        for joint in named:
+            if not 0 <= joint < len(self.names):
+                raise ValueError(f"parts, mirror, feet or vrm name joint {joint} of {len(self.names)}")
+        if not all(
+            math.isfinite(value) for offset in (*self.offsets, *self.tips.values()) for value in offset
+        ):
+            raise ValueError("offsets and tips must be finite")
         return self
 
 
