@@ -20,6 +20,7 @@ ROTATIONS = 1 << 25  # frames x joints of one clip: two hours of a body with its
 
 NODES = 1 << 16  # of one glTF file
 VERTICES = 1 << 21  # of all its skinned meshes
+MORPHS = 1 << 13  # morph targets of all its nodes
 WEIGHTS = 1 << 28  # vertices x joints
 
 PICKLED_BYTES = 64 << 20  # one pickled table: statistics have some hundred numbers

@@ -2,11 +2,14 @@
 
 import json
 import struct
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from tests.exports.readers import node
+from tests.ik.test_gltf_rig import spoilt
 
 from echoavatar.errors import MotionError
 from echoavatar.exports import Take, read_rig
@@ -14,6 +17,7 @@ from echoavatar.exports.gltf_rig import face_weights, pack_on_rig, write_on_rig
 from echoavatar.face.arkit import ARKIT_NAMES, VRM_NAMES, to_vrm
 from echoavatar.ik.gltf_rig import read_gltf_rig
 
+BAD = ("gone", None, -1, 10**9, 1e300, float("nan"), "x", [], {}, [0] * 3, True)
 BONES = ("hips", "head", "leftHand", "rightMiddleDistal", "leftToes", "rightFoot")
 
 
@@ -94,3 +98,40 @@ def test_a_character_in_several_files_is_refused(rigs, short: Take) -> None:  # 
     rig.gltf.document["buffers"][0]["uri"] = "beside.bin"
     with pytest.raises(MotionError, match="as one"):
         pack_on_rig(rig.gltf, rig.put(short))
+
+
+def places(value: Any) -> Iterator[tuple[Any, Any]]:
+    """Every container of a JSON document with each of its keys."""
+    for key in (
+        list(value) if isinstance(value, dict) else range(len(value)) if isinstance(value, list) else ()
+    ):
+        yield value, key
+        yield from places(value[key])
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+@pytest.mark.parametrize("kind", ["child", "longarm"])
+def test_a_document_damaged_anywhere_is_an_error_of_ours_or_none(
+    kind: str, rigs: Mapping[str, Path], short: Take, tmp_path: Path
+) -> None:
+    draw, take = np.random.default_rng(0), Take(short.motion.cut(0, 4), short.face[:4], None)  # type: ignore[index]
+    put, refused = read_rig(rigs[kind]).put(take), 0
+    for _ in range(60):
+
+        def change(document: dict[str, Any]) -> None:
+            found = list(places(document))
+            holder, key = found[draw.integers(len(found))]
+            value = BAD[draw.integers(len(BAD))]
+            if value == "gone":
+                del holder[key]
+            else:
+                holder[key] = value
+
+        path = spoilt(tmp_path / rigs[kind].name, rigs[kind].read_bytes(), change)
+        try:
+            rig = read_rig(path)
+            assert rig.gltf is not None
+            pack_on_rig(rig.gltf, put)
+        except MotionError as error:
+            refused += path.name in str(error)
+    assert refused > 5

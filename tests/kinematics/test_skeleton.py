@@ -60,3 +60,19 @@ def test_unknown_joint_is_named():
 def test_a_skeleton_comes_back_from_json():
     stored = HUMANOID.config.model_dump_json()
     assert Skeleton(SkeletonConfig.model_validate_json(stored)) == HUMANOID
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"vrm": {"hips": 52}}, {"feet": (-1,)}, {"mirror": (99,)}, {"parts": {"lower": (52,)}}],
+    ids=["vrm", "feet", "mirror", "parts"],
+)
+def test_a_skeleton_names_its_own_joints_alone(change):
+    with pytest.raises(ValidationError, match="of 52"):
+        SkeletonConfig.model_validate(HUMANOID.config.model_dump() | change)
+
+
+def test_offsets_must_be_finite():
+    offsets = ((0.0, float("nan"), 0.0), *HUMANOID.config.offsets[1:])
+    with pytest.raises(ValidationError, match="finite"):
+        SkeletonConfig.model_validate(HUMANOID.config.model_dump() | {"offsets": offsets})

@@ -11,8 +11,8 @@ from echoavatar.errors import CheckpointError
 from echoavatar.reference.pickled_arrays import RefusedError, unpickle_arrays
 from echoavatar.reference.untrusted import read_pickled_array
 
-DTYPE = b"cnumpy\ndtype\n(X\x02\x00\x00\x00u1K\x00K\x01tR"
 FLOATS = b"cnumpy\ndtype\n(X\x02\x00\x00\x00f4K\x00K\x01tR"
+BIG_ENDIAN = b"(K\x03X\x01\x00\x00\x00>NNNJ\xff\xff\xff\xffJ\xff\xff\xff\xffK\x00tb"
 NEW = b"cnumpy.core.multiarray\n_reconstruct\n(cnumpy\nndarray\nK\x00\x85C\x01btR"
 
 
@@ -40,7 +40,7 @@ BOMBS = {
     "slots of a function": b"cnumpy.core.numeric\n_frombuffer\nN}X\x0c\x00\x00\x00__defaults__K\x01\x85s\x86b",
     "NEWOBJ_EX": b"\x80\x04cnumpy\ndtype\n)}\x92",
     "NEWOBJ": b"\x80\x04cnumpy\nndarray\n)\x81",
-    "another byte order": NEW + state(b"C\x04abcd", 1, FLOATS + b"(K\x03X\x01\x00\x00\x00>NNNJ\xff\xff\xff\xffJ\xff\xff\xff\xffK\x00tb"),
+    "another byte order": NEW + state(b"C\x04abcd", 1, FLOATS + BIG_ENDIAN),
     "no stack": b"\x86\x86R",
     "no end": b"]",
 }  # fmt: skip

@@ -51,9 +51,7 @@ class AudioCodec(StreamingModule[NetworkState]):
         Raises:
             CheckpointError: something is missing or does not fit.
         """
-        codec = cls(checkpoint.read_config(folder, CodecConfig))
-        checkpoint.load_into(codec, checkpoint.read_weights(folder), origin=str(folder))
-        return codec.eval()
+        return checkpoint.load(folder, CodecConfig, cls).eval()
 
     @classmethod
     def from_pretrained_encodec(cls, path_or_name: str | Path = "facebook/encodec_24khz") -> Self:

@@ -16,9 +16,10 @@ from ..avatar.gltf import container, continuous, write_whole
 from ..avatar.gltf_buffer import Buffer
 from ..errors import MotionError
 from ..face.arkit import ARKIT_NAMES, VRM_NAMES, to_vrm
-from ..ik.gltf_rig import GltfRig
+from ..ik.gltf_rig import GltfRig, refusing_damage
 from ..kinematics import Motion
 from ..kinematics.rotations import quaternion_from_matrix
+from ..limits import MORPHS
 from .take import Take
 
 _TURN = np.diag([-1.0, 1.0, -1.0])  # half about Y
@@ -40,10 +41,15 @@ def write_on_rig(path: Path, rig: GltfRig, take: Take) -> None:
 
 def pack_on_rig(rig: GltfRig, take: Take) -> bytes:
     """The file's bytes."""
+    with refusing_damage(rig.path):
+        return _packed(rig, take)
+
+
+def _packed(rig: GltfRig, take: Take) -> bytes:
     document: dict[str, Any] = copy.deepcopy(rig.document)
     buffers = document.get("buffers", [])
     if len(buffers) > 1 or (buffers and "uri" in buffers[0]):
-        raise MotionError("the character's file refers to files beside it; export it as one .glb")
+        raise MotionError(f"{rig.path} refers to files beside it; export it as one .glb")
     buffer = Buffer()
     buffer.data = bytearray(rig.binary[: buffers[0]["byteLength"]] if buffers else b"")
     buffer.data += b"\0" * (-len(buffer.data) % 4)
@@ -137,10 +143,14 @@ def face_weights(document: dict[str, Any], curves: Float[Array, "t 52"]) -> dict
     nodes = document["nodes"]
     known = {name.lower(): curve for name, curve in zip(ARKIT_NAMES, curves.T, strict=True)}
     found: dict[int, Array] = {}
+    total = 0
     for node, entry in enumerate(nodes):
         if "mesh" not in entry:
             continue
         names = _target_names(document["meshes"][entry["mesh"]])
+        total += len(names)
+        if total > MORPHS:
+            raise ValueError(f"{total:,} morph targets, more than {MORPHS:,}")
         if any(name.lower() in known for name in names):
             silent = np.zeros(len(curves))
             found[node] = np.stack([known.get(name.lower(), silent) for name in names], 1)
@@ -165,7 +175,7 @@ def _expression_weights(document: dict[str, Any], curves: Float[Array, "t 52"]) 
             continue
         mesh = document["meshes"][document["nodes"][node]["mesh"]]
         count = len(mesh["primitives"][0].get("targets", []))
-        if index < count:
+        if 0 <= index < count:
             table = found.setdefault(node, np.zeros((len(curves), count)))
             table[:, index] += share * weights[expression]
     return {node: np.clip(table, 0, 1) for node, table in found.items()}

@@ -107,7 +107,10 @@ def _lowest(skeleton: Skeleton) -> float:
 
 def _standing(skeleton: Skeleton, low: float, path: Path) -> Skeleton:
     """Raised or lowered so that `low` is at 0; says which joint is which bone."""
-    bones = bone_map(skeleton)
+    try:
+        bones = bone_map(skeleton)
+    except MotionError as error:
+        raise MotionError(f"{path}: {error}") from error
     config = skeleton.config
     offsets = np.array(config.offsets)
     offsets[0, 1] -= low

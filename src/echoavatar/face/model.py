@@ -49,9 +49,7 @@ class FaceModel(nn.Module):
         Raises:
             CheckpointError: something is missing or does not fit.
         """
-        model = cls(checkpoint.read_config(folder, FaceConfig))
-        checkpoint.load_into(model, checkpoint.read_weights(folder), origin=str(folder))
-        return model.eval()
+        return checkpoint.load(folder, FaceConfig, cls).eval()
 
     def save(self, folder: Path, card: Mapping[str, object], *, dtype: torch.dtype | None = None) -> None:
         """Write a checkpoint folder."""

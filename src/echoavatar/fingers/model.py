@@ -81,9 +81,7 @@ class FingerModel(nn.Module):
         Raises:
             CheckpointError: something is missing or does not fit.
         """
-        model = cls(checkpoint.read_config(folder, FingerConfig))
-        checkpoint.load_into(model, checkpoint.read_weights(folder), origin=str(folder))
-        return model.eval()
+        return checkpoint.load(folder, FingerConfig, cls).eval()
 
     def save(self, folder: Path, card: Mapping[str, object]) -> None:
         """Write a checkpoint folder, in half precision."""

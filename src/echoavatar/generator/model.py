@@ -206,6 +206,4 @@ class Generator(nn.Module):
         Raises:
             CheckpointError: files are missing, damaged or of another shape.
         """
-        generator = cls(checkpoint.read_config(folder, GeneratorConfig))
-        checkpoint.load_into(generator, checkpoint.read_weights(folder), origin=str(folder))
-        return generator.eval()
+        return checkpoint.load(folder, GeneratorConfig, cls).eval()

@@ -64,9 +64,7 @@ class PulseModel(StreamingModule[PulseState]):
         Raises:
             CheckpointError: something is missing or does not fit.
         """
-        model = cls(checkpoint.read_config(folder, PulseConfig))
-        checkpoint.load_into(model, checkpoint.read_weights(folder), origin=str(folder))
-        return model.eval()
+        return checkpoint.load(folder, PulseConfig, cls).eval()
 
     def save(self, folder: Path, card: Mapping[str, object], *, dtype: torch.dtype | None = None) -> None:
         """Write a checkpoint folder."""

@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from ..errors import CheckpointError
+from ..limits import CONFIG_BYTES, check_file
 from ..pipeline import Action, ActionLibrary
 from ..timing import CHUNK, ChunkSize
 
@@ -38,6 +39,7 @@ def read_table(path: Path) -> Table:
         CheckpointError: the file is missing or has none.
     """
     try:
+        check_file(path, CONFIG_BYTES, CheckpointError)
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise CheckpointError(f"the table of actions {path} cannot be read; check the name") from error
@@ -69,9 +71,9 @@ def library(
 def _tables(text: str) -> list[Table]:
     try:
         tree = ast.parse(text)
+        found = [_table(node) for node in ast.walk(tree) if isinstance(node, ast.Dict)]
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         return []
-    found = (_table(node) for node in ast.walk(tree) if isinstance(node, ast.Dict))
     return [table for table in found if table]
 
 
@@ -104,7 +106,7 @@ def _number(node: ast.expr) -> int | None:
 def _json_tables(text: str) -> list[Table]:
     try:
         stored = json.loads(text)
-    except ValueError:
+    except (ValueError, RecursionError):
         return []
     is_table = isinstance(stored, dict) and all(
         isinstance(value, list) and value and all(type(code) is int for code in value)

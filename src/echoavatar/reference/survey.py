@@ -122,7 +122,7 @@ def _face(found: Survey, path: Path, step: int) -> list[str]:
     try:
         ear, width = ear_of(shapes), shapes["audio_proj.bias"][0]
         config = paper_face(width=width, encoder=ear)
-    except (KeyError, IndexError, ValueError) as error:
+    except (LookupError, ValueError, ArithmeticError) as error:
         return [f"{path}: {error} is missing or impossible, so nothing else can be checked"]
     problems = differences(shapes, face_shapes(width, CHANNELS, ear), origin=str(path))
     found.face = config.model_copy(

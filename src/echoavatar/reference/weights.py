@@ -12,6 +12,7 @@ from torch import Tensor
 from ..errors import CheckpointError
 from ..generator import GeneratorConfig
 from ..generator.config import Opening
+from ..limits import CONFIG_BYTES, check_file
 from ..tokens import REFERENCE_LAYOUT
 from .vocabulary import compacted
 
@@ -36,13 +37,17 @@ class StoredGenerator:
             CheckpointError: something is missing, cut off, or no Qwen2.
         """
         try:
+            check_file(folder / "config.json", CONFIG_BYTES, CheckpointError)
             config = json.loads((folder / "config.json").read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, RecursionError) as error:
             raise CheckpointError(
                 f"{folder}/config.json cannot be read ({error}); download it again"
             ) from error
-        if config.get("architectures", [_ARCHITECTURE])[0] != _ARCHITECTURE:
-            raise CheckpointError(f"{folder} is a {config['architectures'][0]}, not a {_ARCHITECTURE}")
+        kinds = config.get("architectures", [_ARCHITECTURE]) if isinstance(config, dict) else None
+        if kinds != [_ARCHITECTURE]:
+            raise CheckpointError(
+                f"{folder} is a {str(kinds)[:80]}, not a {_ARCHITECTURE}; choose another folder"
+            )
         paths = sorted(folder.glob("*.safetensors"))
         if not paths:
             raise CheckpointError(
@@ -69,6 +74,8 @@ class StoredGenerator:
         try:
             rope = theirs.get("rope_theta") or theirs["rope_parameters"]["rope_theta"]
             rows = theirs["vocab_size"]
+            if theirs["num_hidden_layers"] > len(self.shapes):
+                raise ValueError(f"{theirs['num_hidden_layers']} layers of {len(self.shapes)} tensors")
             config = GeneratorConfig(
                 layout=compacted(),
                 sequence="prefix",

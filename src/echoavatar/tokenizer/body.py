@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int
 from pydantic import Field, model_validator
 from torch import Tensor, nn
 
-from ..checkpoint import load_into, read_config, read_weights, save
+from ..checkpoint import load, save
 from ..config import Config
 from ..kinematics import FeatureStatistics, Skeleton, SkeletonConfig, part_sizes, split_parts
 from ..nn import StreamState
@@ -182,9 +182,7 @@ class BodyTokenizer(nn.Module):
         Raises:
             CheckpointError: a file is missing, damaged or of another shape.
         """
-        tokenizer = cls(read_config(folder, BodyTokenizerConfig))
-        load_into(tokenizer, read_weights(folder), origin=str(folder))
-        return tokenizer.eval()
+        return load(folder, BodyTokenizerConfig, cls).eval()
 
 
 def _all(x: Tensor) -> Tensor:
