@@ -86,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
     if args.output.suffix.lower() == ".mp4":
         _film(args.output, take, is_close=args.close_up)
     else:
-        write(args.output, take if rig is None else rig.put(take), rig)
+        write(args.output, take if rig is None else rig.retarget(take), rig)
     print(
         f"{args.output}: {motion.frames} frames at {args.fps} fps, {motion.seconds:.2f} s; "
         f"real-time factor {done.real_time_factor:.2f}"

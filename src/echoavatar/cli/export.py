@@ -31,7 +31,7 @@ def run(args: argparse.Namespace) -> int:
     write = writer(args.output, has_rig=args.rig is not None)
     rig = None if args.rig is None else read_rig(args.rig)
     take = read_take(args.recording)
-    write(args.output, take if rig is None else rig.put(take), rig)
+    write(args.output, take if rig is None else rig.retarget(take), rig)
     motion = take.motion
     print(f"{args.output}: {motion.frames} frames at {motion.fps:g} fps, {motion.seconds:.2f} s")
     return 0

@@ -4,7 +4,7 @@ May import `engine`, `unity`, `datasets`, `avatar`, `ik`, `face` and below.
 """
 
 from .formats import FORMATS, writer
-from .rig import Rig, read_rig
 from .take import Take, read_take
+from .target_rig import Rig, read_rig
 
 __all__ = ["FORMATS", "Rig", "Take", "read_rig", "read_take", "writer"]

@@ -9,9 +9,9 @@ import numpy as np
 from ..errors import EchoAvatarError, MotionError
 from ..face import ARKIT_NAMES
 from .blender import find_blender, write_fbx
-from .rig import Rig
 from .smplx import write_smplx
 from .take import Take
+from .target_rig import Rig
 from .usd import SUFFIXES as USD
 
 FORMATS = (".bvh", ".glb", ".vrm", ".vrma", *USD, ".fbx", ".npz", ".csv", ".mp4")

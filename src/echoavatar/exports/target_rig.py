@@ -36,7 +36,7 @@ class Rig:
     gltf: GltfRig | None  # None for a BVH
     units_per_metre: float = 100.0  # of a BVH
 
-    def put(self, take: Take) -> Take:
+    def retarget(self, take: Take) -> Take:
         """A take on this rig: planted feet stand on its floor, hands that touch each other or the body still do.
 
         Raises:
