@@ -17,7 +17,7 @@ from echoavatar.kinematics.rigs import bone_map
         ("a.usdc", True, "leave --rig out"),
         ("a.smplx.npz", True, "leave --rig out"),
         ("a.mp4", True, "leave --rig out"),
-        ("a.vrm", False, "give it with --rig"),
+        ("a.vrm", False, "name it with --rig"),
     ],
 )
 def test_what_cannot_be_written_is_said_before_any_work(

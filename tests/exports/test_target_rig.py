@@ -110,7 +110,7 @@ def test_a_bvh_may_be_in_metres_or_centimetres(rigs, tmp_path: Path) -> None:  #
 
 def test_what_is_no_rig_is_named(tmp_path: Path) -> None:
     (tmp_path / "a.fbx").write_bytes(b"")
-    with pytest.raises(MotionError, match="no rig"):
+    with pytest.raises(MotionError, match="not a rig"):
         read_rig(tmp_path / "a.fbx")
     with pytest.raises(MotionError, match="cannot be read"):
         read_rig(tmp_path / "none.vrm")

@@ -1,4 +1,4 @@
-"""Contact sheets: a motion as rows of small pictures, to judge at a glance what numbers do not tell."""
+"""Contact sheets: a motion as rows of small pictures, to judge at a glance what numbers do not show."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -24,7 +24,7 @@ def contact_sheet(
     face: Float[np.ndarray, "t n"] | None = None,
     is_close: bool = False,
 ) -> UInt8[np.ndarray, "h w 3"]:
-    """Pictures every `every` frames (spread over the whole motion when None), left to right, top to bottom.
+    """A grid of pictures, one in `every` frames (None spreads them over the whole motion), row by row.
 
     `face` holds blendshape weights beside the motion; `is_close` shows the face alone.
     """
@@ -42,7 +42,7 @@ def contact_sheet(
 def face_sheet(
     shapes: Sequence[str] | None = None, *, columns: int = 9, size: tuple[int, int] = (150, 170)
 ) -> UInt8[np.ndarray, "h w 3"]:
-    """The face at rest, then each of `shapes` (None: all) alone; `mouthClose` with the jaw open that it closes."""
+    """The face at rest, then each of `shapes` alone (None: all). `mouthClose` is shown on an open jaw."""
     character = load_character()
     near = close_up(character.rest_joints[HEAD])
     near = replace(near, target=(0.0, 1.562, 0.0), field_of_view=0.25)
@@ -65,7 +65,7 @@ def face_sheet(
 
 
 def save_picture(path: Path, picture: UInt8[np.ndarray, "h w 3"]) -> None:
-    """Write a PNG or, by the suffix, a JPEG; raises DependencyError without pillow."""
+    """Write a PNG or JPEG, chosen by the suffix; raises DependencyError without pillow."""
     try:
         from PIL import Image
     except ImportError as error:

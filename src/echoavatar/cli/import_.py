@@ -108,7 +108,7 @@ def _actions(args: argparse.Namespace) -> "ActionLibrary":
     path = args.actions or find_table(args.stats)
     if path is None:
         print(
-            f"no table of actions beside {args.stats}, so the bundle will have none; --actions takes the authors' script",
+            f"no table of actions beside {args.stats}, so there will be none; --actions takes the authors' script",
             file=sys.stderr,
         )
         return ActionLibrary()

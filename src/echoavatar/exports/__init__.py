@@ -1,4 +1,4 @@
-"""Motion into files of other programs, and onto other characters: VRMA, USD, FBX, SMPL-X, and `--rig`.
+"""Write motion for other programs (VRMA, USD, FBX, SMPL-X, ...) and retarget it to the user's character (`--rig`).
 
 May import `engine`, `unity`, `datasets`, `avatar`, `ik`, `face` and below.
 """

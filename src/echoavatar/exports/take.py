@@ -1,4 +1,4 @@
-"""What is exported: motion, the face and the sound beside it; made by `animate`, or read from what was recorded."""
+"""A take: motion with its face and sound, made by `animate` or read from a recording."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,14 +17,14 @@ from ..timing import SAMPLE_RATE_HZ
 
 @dataclass(frozen=True)
 class Take:
-    """One piece of motion on any rig; most writers want it on ours (`on_humanoid`)."""
+    """Motion on any rig, with the face and sound that belong to it. Most writers need our rig (`on_humanoid`)."""
 
     motion: Motion
     face: Float[np.ndarray, "t 52"] | None = None  # ARKit curves 0..1, canonical order; None without a face
     audio: Float[np.ndarray, " s"] | None = None  # 24 kHz mono
 
     def on_humanoid(self) -> "Take":
-        """The same on our rig."""
+        """The take on our rig, retargeted where its own rig is another."""
         if self.motion.skeleton.names == HUMANOID.names:
             return self
         return Take(retarget(self.motion), self.face, self.audio)
@@ -34,7 +34,7 @@ def read_take(path: Path) -> Take:
     """A recording: NPZ from `animate` or `say`, or any BVH whose bones are known.
 
     Raises:
-        MotionError: no such file, another kind of file, or a damaged one.
+        MotionError: the file is missing, damaged, or of another kind.
     """
     if path.suffix.lower() == ".bvh":
         return Take(read_bvh(path))
@@ -53,7 +53,7 @@ def read_take(path: Path) -> Take:
         raise MotionError(f"{path} does not exist; check the name") from error
     except NPZ_ERRORS as error:
         raise MotionError(
-            f"{path} holds no motion of ours or is damaged ({error}); write it again"
+            f"{path} is no motion of `animate` or `say`, or damaged ({error}); write it again"
         ) from error
     if face is not None and len(face) != motion.frames:
         raise MotionError(
@@ -63,7 +63,7 @@ def read_take(path: Path) -> Take:
 
 
 def _recorded(path: Path, stored: Mapping[str, np.ndarray]) -> Motion:
-    """What `client.Recording` saved: names say whose bones they are."""
+    """The motion of a `client.Recording`, whose bones are known by name."""
     names = tuple(str(name) for name in stored["names"])
     if names != HUMANOID.names:
         raise MotionError(f"{path} was recorded on another rig ({', '.join(names[:3])}, ...); record it anew")

@@ -20,6 +20,7 @@ from echoavatar.limits import BVH_BYTES, DEPTH, JOINTS, ROTATIONS, check_file
 from .motion import Motion
 from .rotations import euler_from_matrix, matrix_from_quaternion, quaternion_multiply
 from .skeleton import Skeleton, SkeletonConfig
+from .tables import write_whole
 
 _log = logging.getLogger(__name__)
 _RIGID_M = 1e-3  # bones may change by a millimetre before we say so
@@ -88,15 +89,7 @@ def write_bvh(
     row = " ".join(["%.6f"] * table.shape[1])
     lines = ["HIERARCHY", *_hierarchy(skeleton, scale, order), "MOTION", f"Frames: {motion.frames}"]
     lines += [f"Frame Time: {1 / fps:.9f}", *(row % tuple(frame) for frame in table.tolist())]
-    path = Path(path)
-    partial = path.with_name(path.name + ".part")
-    try:
-        partial.write_text("\n".join(lines) + "\n", encoding="utf-8")
-        partial.replace(path)
-    except OSError as error:
-        raise MotionError(f"{path} cannot be written ({error.strerror}); choose another place") from error
-    finally:
-        partial.unlink(missing_ok=True)
+    write_whole(path, ("\n".join(lines) + "\n").encode())
 
 
 class _Header:

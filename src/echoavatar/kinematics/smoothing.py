@@ -1,18 +1,19 @@
-"""Noise off recorded motion: one Hann window over time, symmetric, so nothing is shifted."""
+"""Remove noise from recorded motion with a symmetric Hann window over time, which shifts nothing."""
 
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float
 from numpy.typing import NDArray
 
 from .motion import Motion
 
 
 def smooth_motion(motion: Motion, seconds: float) -> Motion:
-    """Every joint and the root averaged over a Hann window `seconds` wide (its half-height width is half of that).
+    """Every joint and the root, averaged over a Hann window `seconds` wide (at half its height, half as wide).
 
-    Quaternions are averaged in one hemisphere and normalised, which is exact to second order for the small turns
-    inside a window. The window is mirrored at both ends.
+    Quaternions are averaged in one hemisphere and normalised, which is exact to second order for the small rotations
+    inside a window. The motion is mirrored at both ends.
     """
     half = round(seconds * motion.fps / 2)
     if half < 1:
@@ -25,8 +26,8 @@ def smooth_motion(motion: Motion, seconds: float) -> Motion:
     )
 
 
-def align_signs(quaternions: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The same rotations (t, j, 4) with signs chosen so that neighbours in time never point away from each other."""
+def align_signs(quaternions: Float[np.ndarray, "t j 4"]) -> Float[np.ndarray, "t j 4"]:
+    """The same rotations, with signs chosen so that interpolation between frames takes the short way."""
     is_flipped = (quaternions[1:] * quaternions[:-1]).sum(-1) < 0
     sign = np.where(np.cumsum(is_flipped, axis=0) % 2 == 1, np.float32(-1), np.float32(1))
     return np.concatenate([quaternions[:1], quaternions[1:] * sign[..., None]])

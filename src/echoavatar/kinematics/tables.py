@@ -19,34 +19,36 @@ from .skeleton import Skeleton, SkeletonConfig
 
 
 def write_csv(path: Path | str, motion: Motion) -> None:
-    """One row a frame: time in seconds, root in metres, then w x y z of each joint's parent-relative quaternion."""
+    """Write one row per frame: time in seconds, root in metres, then w x y z of each joint's parent-relative quaternion."""
     head = ["time", "root.x", "root.y", "root.z"]
     head += [f"{name}.{axis}" for name in motion.skeleton.names for axis in "wxyz"]
     times = np.arange(motion.frames)[:, None] / motion.fps
     table = np.concatenate([times, motion.root, motion.rotations.reshape(motion.frames, -1)], 1)
     row = ",".join(["%.6f"] * table.shape[1])
     text = "\n".join([",".join(head), *(row % tuple(frame) for frame in table.tolist())])
-    _write(path, (text + "\n").encode())
+    write_whole(path, (text + "\n").encode())
 
 
 def write_npz(path: Path | str, motion: Motion, **beside: np.ndarray) -> None:
-    """Arrays `rotations` (t, j, 4) `wxyz`, `root` (t, 3), `fps`, and `skeleton` as JSON text; no pickles.
+    """Write arrays `rotations` (t, j, 4) `wxyz`, `root` (t, 3), `fps`, and `skeleton` as JSON text; no pickles.
 
     `beside` are further arrays to store, such as a face.
     """
     packed = io.BytesIO()
     np.savez_compressed(packed, **(_arrays(motion) | beside))
-    _write(path, packed.getvalue())
+    write_whole(path, packed.getvalue())
 
 
 def read_npz(path: Path | str) -> Motion:
-    """Read what `write_npz` wrote; raises MotionError for a missing, damaged or foreign file."""
+    """Read a file of `write_npz`; raises MotionError where it is missing, damaged, or something else."""
     try:
         return motion_of(arrays_of(Path(path), MotionError))
     except FileNotFoundError as error:
         raise MotionError(f"{path} does not exist; check the name") from error
     except NPZ_ERRORS as error:
-        raise MotionError(f"{path} holds no motion of ours or is damaged; write it again") from error
+        raise MotionError(
+            f"{path} holds no motion or is damaged ({str(error)[:160]}); write it again"
+        ) from error
 
 
 def motion_of(stored: Mapping[str, np.ndarray]) -> Motion:
@@ -113,7 +115,8 @@ def _arrays(motion: Motion) -> dict[str, Any]:
     }
 
 
-def _write(path: Path | str, data: bytes) -> None:
+def write_whole(path: Path | str, data: bytes) -> None:
+    """Write a file completely or not at all; raises MotionError where it cannot be written."""
     path = Path(path)
     partial = path.with_name(path.name + ".part")
     try:

@@ -86,9 +86,7 @@ def _tokenizer(found: Inspection, release: Release, part: str, features: int) ->
     weights = read_tensors(path, "net")
     anchor = weights.get("input_liner.bias")
     if anchor is None or anchor.dim() != 1 or len(anchor) % (2 * HEADS):
-        return [
-            f"{path}: input_liner.bias [width] is missing or impossible, so nothing else can be checked; download it again"
-        ]
+        return [f"{path}: input_liner.bias [width] is missing or impossible; download it again"]
     config = MotionTokenizerConfig(
         features=features,
         width=len(anchor),
@@ -125,9 +123,7 @@ def _face(found: Inspection, path: Path, step: int) -> list[str]:
         hubert, width = hubert_of(shapes), shapes["audio_proj.bias"][0]
         config = paper_face(width=width, encoder=hubert)
     except (LookupError, ValueError, ArithmeticError) as error:
-        return [
-            f"{path}: {error} is missing or impossible, so nothing else can be checked; download it again"
-        ]
+        return [f"{path}: {error} is missing or impossible; download it again"]
     problems = differences(shapes, face_shapes(width, CHANNELS, hubert), origin=str(path))
     found.face = config.model_copy(
         update={"context": 64 - 4 * step, "step": 4 * step, "least_std": 0.0, "idle": False}

@@ -96,8 +96,8 @@ def check(folder: Path, sums: Mapping[str, str]) -> None:
         if digest.hexdigest() != wanted:
             path.unlink()
             raise CheckpointError(
-                f"{path} has another sha256 than the hub publishes ({digest.hexdigest()[:12]}..., wanted {wanted[:12]}...); "
-                "it was removed; pull again"
+                f"{path} has another sha256 than published ({digest.hexdigest()[:12]}..., wanted {wanted[:12]}...);"
+                " it was removed; pull again"
             )
 
 
