@@ -74,7 +74,7 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(MotionError, match="check the name"):
         read_skinned(tmp_path / "none.glb")
     (tmp_path / "text.glb").write_text("no glTF")
-    with pytest.raises(MotionError, match="no binary glTF"):
+    with pytest.raises(MotionError, match="not binary glTF"):
         read_skinned(tmp_path / "text.glb")
 
 

@@ -107,7 +107,7 @@ def test_a_travelling_child_takes_the_root_over(tmp_path):
         (lambda text: text.replace("CHANNELS 3 ", "CHANNELS 4 "), "line 9: CHANNELS needs"),
         (lambda text: text.replace("Zrotation\n    End", "Wrotation\n    End"), "line 9: channels are named"),
         (lambda text: text.replace("JOINT arm left", "JOINT base"), "line 6: joint 'base' occurs twice"),
-        (lambda text: text.replace("JOINT arm left", "BONE arm"), "line 6: 'BONE arm' is not understood"),
+        (lambda text: text.replace("JOINT arm left", "BONE arm"), "line 6: 'BONE arm' is not BVH"),
         (lambda text: text.replace("Frames: 2", "Frames: 3"), "2 frames, but the header says 3"),
         (lambda text: text.replace("Frames: 2", "Frames: many"), "expected 'Frames:'"),
         (lambda text: text.replace("0.033333", "0"), "Frame Time 0.0 is not above 0"),
@@ -140,7 +140,7 @@ def test_missing_and_binary_files_are_explained(tmp_path):
     with pytest.raises(MotionError, match="does not exist"):
         read_bvh(tmp_path / "none.bvh")
     (tmp_path / "noise.bvh").write_bytes(bytes(range(256)))
-    with pytest.raises(MotionError, match="no BVH"):
+    with pytest.raises(MotionError, match="not a BVH"):
         read_bvh(tmp_path / "noise.bvh")
 
 

@@ -1,8 +1,8 @@
-"""The rig of a character in a GLB or VRM file: which node is which bone, and where they are at rest.
+"""Read the rig of a character from a GLB or VRM file: which node is which bone, and its rest position.
 
-Known are VRM 1.0 and 0.x humanoid maps, and plain GLB whose joints carry names that `kinematics.rigs` knows. The rig is
-the subtree of the hips in the pose the file rests in, as a skeleton whose rest pose has no rotations: metres, Y up,
-turned to face +Z.
+Bones are found by the humanoid map of VRM 1.0 or 0.x, or in a plain GLB by joint names (`kinematics.rigs`). The rig is
+the subtree of the hips in the file's rest pose. It becomes a skeleton whose rest pose has no rotations, in metres, Y
+up, rotated to face +Z.
 """
 
 import json
@@ -42,16 +42,16 @@ class GltfRig(NamedTuple):
     path: Path
     document: dict[str, Any]
     binary: bytes
-    order: list[int]  # node of each joint of the skeleton
-    parents: dict[int, int]  # of every node; -1 for none
-    worlds: list[Float[Array, "4 4"]]  # of every node at rest, in the file's own axes
+    order: list[int]  # the node of each joint of the skeleton
+    parents: dict[int, int]  # the parent of every node, -1 for none
+    worlds: list[Float[Array, "4 4"]]  # world matrix of every node at rest, in the file's axes
     skeleton: Skeleton
-    is_turned: bool  # the file faces -Z: all was turned by half about Y
+    is_turned: bool  # the file faces -Z, so the skeleton was rotated by 180 degrees about Y
 
 
 @contextmanager
 def refusing_damage(path: Path) -> Iterator[None]:
-    """What a damaged or hostile document makes our own code raise becomes one error that names the file."""
+    """Turn the errors that a damaged or hostile document causes into one error that names the file."""
     try:
         yield
     except _DAMAGE as error:
@@ -116,7 +116,7 @@ def _chunks(path: Path) -> tuple[dict[str, Any], bytes]:
         if not isinstance(document, dict):
             raise ValueError
     except (struct.error, ValueError, RecursionError) as error:
-        raise MotionError(f"{path} is no binary glTF; export the character as .glb or .vrm") from error
+        raise MotionError(f"{path} is not binary glTF; export the character as .glb or .vrm") from error
     return document, data[28 + length :]
 
 
@@ -175,7 +175,7 @@ def _local(node: dict[str, Any]) -> Array:
 
 
 def _rig(document: dict[str, Any], parents: dict[int, int], path: Path) -> tuple[list[int], dict[str, int]]:
-    """Nodes of the rig, hips first and parents before children; and the bones' places in that list."""
+    """Nodes of the rig, hips first and parents before children, and the index of each bone in that list."""
     joints = {node for skin in document["skins"] for node in skin["joints"]}
     known = _humanoid(document)
     if not known:
@@ -190,9 +190,7 @@ def _rig(document: dict[str, Any], parents: dict[int, int], path: Path) -> tuple
             raise MotionError(f"{path}: {error}") from error
     missing = [bone for bone in ("hips", "head", "leftUpperArm", "rightUpperArm") if bone not in known]
     if missing or any(f"{side}Foot" not in known for side in ("left", "right")):
-        raise MotionError(
-            f"{path} says of no joint that it is {(missing or ['a foot'])[0]}; check its humanoid map"
-        )
+        raise MotionError(f"{path} has no joint for {(missing or ['a foot'])[0]}; check its humanoid map")
     order, kept = [known["hips"]], set[int]()
     for node in joints | set(known.values()):
         while node >= 0 and node not in kept:

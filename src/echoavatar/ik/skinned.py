@@ -1,6 +1,6 @@
-"""A skinned character read from a GLB or VRM file, as far as its thickness needs: rig, vertices, weights.
+"""Read what measuring a body needs from a GLB or VRM file: rig, vertices and skin weights.
 
-Vertices are where the skin puts them in the pose the file rests in. Metres, Y up, turned to face +Z.
+Vertices are skinned in the file's rest pose: metres, Y up, rotated to face +Z.
 """
 
 from pathlib import Path

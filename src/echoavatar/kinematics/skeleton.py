@@ -1,6 +1,6 @@
-"""A skeleton is data: names, parents, rest offsets, mirror pairs, body parts, foot joints, VRM map.
+"""A skeleton: joint names, parents, rest offsets, mirror pairs, body parts, foot joints and VRM bone map.
 
-Paper, Motion Tokenizer: the body is tokenised in three anatomical parts, lower body, upper body and hands.
+The paper's motion tokenizer splits the body into three anatomical parts: lower body, upper body and hands.
 """
 
 import math
@@ -20,7 +20,7 @@ from echoavatar.limits import JOINTS
 
 
 class SkeletonConfig(Config):
-    """The stored form of a skeleton; travels inside every checkpoint and clip."""
+    """The stored form of a skeleton, part of every checkpoint and clip."""
 
     names: tuple[str, ...] = Field(description="joint names, parents before children")
     parents: tuple[int, ...] = Field(description="index of each joint's parent, -1 for the root")
@@ -65,7 +65,7 @@ class SkeletonConfig(Config):
 
 
 class LevelTables(NamedTuple):
-    """Joints sorted by tree depth. A parent is always one level up, so each level needs only the last."""
+    """Joints sorted by tree depth. A parent is always one level up, so each level depends only on the one before."""
 
     order: Int[Tensor, " j"]  # level order -> joint
     back: Int[Tensor, " j"]  # joint -> level order
@@ -76,7 +76,7 @@ class LevelTables(NamedTuple):
 
 @dataclass(frozen=True)
 class Skeleton:
-    """A `SkeletonConfig` with the derived tables that forward kinematics needs."""
+    """A `SkeletonConfig` with the tables that forward kinematics derives from it."""
 
     config: SkeletonConfig
 
@@ -102,7 +102,7 @@ class Skeleton:
 
     @cached_property
     def levels(self) -> tuple[tuple[int, ...], ...]:
-        """Joints grouped by tree depth, root first: one batched product a level, not one a joint."""
+        """Joints grouped by tree depth, root first, for one batched product per level."""
         depth = [0] * self.joints
         for joint, parent in enumerate(self.parents[1:], start=1):
             depth[joint] = depth[parent] + 1
@@ -110,7 +110,7 @@ class Skeleton:
 
     @cached_property
     def feature_joints(self) -> tuple[int, ...]:
-        """Joints in the order of the motion features: part after part, ascending inside each."""
+        """Joints in the order of the motion features: part by part, ascending within each part."""
         return tuple(joint for part in self.config.parts.values() for joint in part)
 
     @cached_property
@@ -118,7 +118,7 @@ class Skeleton:
         return {}
 
     def level_tables(self, device: torch.device) -> "LevelTables":
-        """The index tensors of forward kinematics on a device; made once and kept."""
+        """The index tensors of forward kinematics on a device, made once per device."""
         if device not in self._tables:
             self._tables[device] = _level_tables(self, device)
         return self._tables[device]
@@ -257,6 +257,6 @@ HUMANOID = Skeleton(_humanoid())
 
 
 def rest_height(skeleton: Skeleton) -> float:
-    """Height of the root above the lowest joint in the rest pose, metres: the scale used when retargeting."""
+    """Height of the root above the lowest joint in the rest pose, metres."""
     positions = skeleton.rest_positions.numpy()
     return float(positions[0, 1] - np.min(positions[:, 1]))

@@ -19,7 +19,7 @@ from .skeleton import Skeleton, SkeletonConfig
 
 
 def write_csv(path: Path | str, motion: Motion) -> None:
-    """Write one row per frame: time in seconds, root in metres, then w x y z of each joint's parent-relative quaternion."""
+    """Write one row per frame: seconds, root in metres, then w x y z of each joint's parent-relative quaternion."""
     head = ["time", "root.x", "root.y", "root.z"]
     head += [f"{name}.{axis}" for name in motion.skeleton.names for axis in "wxyz"]
     times = np.arange(motion.frames)[:, None] / motion.fps
