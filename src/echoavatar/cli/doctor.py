@@ -50,9 +50,7 @@ _NOT_FOR_IMPORT = (".__main__", ".migrations.env")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """There are none."""
-    parser.epilog = (
-        "ok works; -- optional and absent; !! needed and broken. Exits 1 when something needed is broken."
-    )
+    parser.epilog = "ok: works. --: optional, and absent. !!: needed, and broken. Exits with 1 if anything needed is broken."
 
 
 def run(args: argparse.Namespace) -> int:
