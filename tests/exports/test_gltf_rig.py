@@ -13,7 +13,7 @@ from tests.ik.test_gltf_rig import spoilt
 
 from echoavatar.errors import MotionError
 from echoavatar.exports import Take, read_rig
-from echoavatar.exports.gltf_rig import face_weights, pack_on_rig, write_on_rig
+from echoavatar.exports.gltf_rig import face_weights, pack_on_rig
 from echoavatar.face.arkit import ARKIT_NAMES, VRM_NAMES, to_vrm
 from echoavatar.ik.gltf_rig import read_gltf_rig
 
@@ -29,7 +29,7 @@ def test_three_plays_it_and_every_joint_is_where_we_put_it(
     rig = read_rig(rigs[kind])
     assert rig.gltf is not None
     moved = rig.retarget(short)
-    write_on_rig(tmp_path / "a.glb", rig.gltf, moved)
+    (tmp_path / "a.glb").write_bytes(pack_on_rig(rig.gltf, moved))
     bones, names = rig.skeleton.config.vrm, rig.skeleton.names
     read = node("read_glb.mjs", tmp_path / "a.glb", *[names[bones[bone]] for bone in BONES])
     assert read["issues"]["numErrors"] == 0, read["issues"]
@@ -46,7 +46,7 @@ def test_three_plays_it_and_every_joint_is_where_we_put_it(
 def test_it_is_still_the_same_character(rigs, short: Take, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     rig = read_rig(rigs["child"])
     assert rig.gltf is not None
-    write_on_rig(tmp_path / "a.vrm", rig.gltf, rig.retarget(short))
+    (tmp_path / "a.vrm").write_bytes(pack_on_rig(rig.gltf, rig.retarget(short)))
     again = read_gltf_rig(tmp_path / "a.vrm")
     assert again.document["meshes"] == rig.gltf.document["meshes"]
     assert again.document["extensions"] == rig.gltf.document["extensions"]
@@ -70,7 +70,7 @@ def test_a_node_with_a_matrix_is_taken_apart(rigs, short: Take, tmp_path: Path) 
     (tmp_path / "m.vrm").write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body)
     rig = read_rig(tmp_path / "m.vrm")
     assert rig.gltf is not None
-    write_on_rig(tmp_path / "out.vrm", rig.gltf, rig.retarget(short))
+    (tmp_path / "out.vrm").write_bytes(pack_on_rig(rig.gltf, rig.retarget(short)))
     node_0 = read_gltf_rig(tmp_path / "out.vrm").document["nodes"][0]
     assert "matrix" not in node_0
     assert node_0["rotation"] == [0, 0, 0, 1]

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import MotionError
 from ..kinematics import HUMANOID
-from ..kinematics.smoothing import align_signs
+from ..kinematics.resample import align_signs
 from ..kinematics.tables import write_whole
 from .character import Character
 from .gltf_buffer import Buffer, Tracks

@@ -50,7 +50,7 @@ _NOT_FOR_IMPORT = (".__main__", ".migrations.env")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """There are none."""
-    parser.epilog = "ok: works. --: optional, and absent. !!: needed, and broken. Exits with 1 if anything needed is broken."
+    parser.epilog = "ok: works. --: optional, and absent. !!: needed, and broken; the exit code is then 1."
 
 
 def run(args: argparse.Namespace) -> int:

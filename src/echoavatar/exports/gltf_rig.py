@@ -5,7 +5,6 @@ respected. The face drives morph targets with ARKit names, or else the vowels an
 """
 
 import copy
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,9 +17,8 @@ from ..errors import MotionError
 from ..face.arkit import ARKIT_NAMES, VRM_NAMES, to_vrm
 from ..ik.gltf_rig import GltfRig, refusing_damage
 from ..kinematics import Motion
+from ..kinematics.resample import align_signs
 from ..kinematics.rotations import quaternion_from_matrix
-from ..kinematics.smoothing import align_signs
-from ..kinematics.tables import write_whole
 from ..limits import MORPHS
 from .take import Take
 
@@ -32,17 +30,12 @@ _VRM0 = {"a": "aa", "i": "ih", "u": "ou", "e": "ee", "o": "oh", "blink": "blink"
 Array = np.ndarray
 
 
-def write_on_rig(path: Path, rig: GltfRig, take: Take) -> None:
-    """Write the character of `rig` with a take that was retargeted to it.
+def pack_on_rig(rig: GltfRig, take: Take) -> bytes:
+    """The bytes of the character's file with a take that was retargeted to it.
 
     Raises:
-        MotionError: the character's file is damaged or refers to other files, or the output cannot be written.
+        MotionError: the character's file is damaged, or refers to other files.
     """
-    write_whole(path, pack_on_rig(rig, take))
-
-
-def pack_on_rig(rig: GltfRig, take: Take) -> bytes:
-    """The bytes of the character's file with the take in it."""
     with refusing_damage(rig.path):
         return _packed(rig, take)
 

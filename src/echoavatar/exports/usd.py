@@ -16,7 +16,7 @@ from ..avatar.gltf import checked
 from ..avatar.morphs import checked_face
 from ..errors import DependencyError, MotionError
 from ..kinematics import HUMANOID
-from ..kinematics.smoothing import align_signs
+from ..kinematics.resample import align_signs
 from .take import Take
 
 SUFFIXES = (".usda", ".usdc", ".usdz")

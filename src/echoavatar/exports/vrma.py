@@ -17,10 +17,10 @@ from ..avatar.gltf_buffer import Buffer, Tracks
 from ..errors import MotionError
 from ..face.arkit import ARKIT_NAMES, LIVE_LINK_NAMES, VRM_NAMES, to_live_link, to_vrm
 from ..kinematics import HUMANOID, Motion, Skeleton
+from ..kinematics.resample import align_signs
 from ..kinematics.retarget import retarget
 from ..kinematics.rigs import bone_map
 from ..kinematics.rotations import quaternion_from_matrix
-from ..kinematics.smoothing import align_signs
 from ..kinematics.tables import write_whole
 from .take import Take
 

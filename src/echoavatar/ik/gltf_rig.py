@@ -125,8 +125,8 @@ def _parents(nodes: list[dict[str, Any]]) -> dict[int, int]:
     if len(nodes) > NODES:
         raise ValueError(f"{len(nodes)} nodes, and at most {NODES} are read")
     parents = dict.fromkeys(range(len(nodes)), -1)
-    for index, node in enumerate(nodes):
-        for child in node.get("children", []):
+    for index, entry in enumerate(nodes):
+        for child in entry.get("children", []):
             if parents[child] >= 0:
                 raise ValueError(f"node {child} has two parents")
             parents[child] = index

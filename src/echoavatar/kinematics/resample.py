@@ -4,6 +4,7 @@ from fractions import Fraction
 
 import numpy as np
 import torch
+from jaxtyping import Float
 from numpy.typing import NDArray
 
 from .motion import Motion
@@ -29,6 +30,13 @@ def resample(motion: Motion, fps: float, *, is_cubic: bool = True) -> Motion:
     root = _spline(motion.root, index, share) if is_cubic else _line(motion.root, index, after, share)
     exact = np.where(is_shared[:, None], motion.root[index], root.astype(np.float32))
     return Motion(motion.skeleton, rotations, exact, fps)
+
+
+def align_signs(quaternions: Float[np.ndarray, "t j 4"]) -> Float[np.ndarray, "t j 4"]:
+    """The same rotations, with signs chosen so that interpolation between frames takes the short way."""
+    is_flipped = (quaternions[1:] * quaternions[:-1]).sum(-1) < 0
+    sign = np.where(np.cumsum(is_flipped, axis=0) % 2 == 1, np.float32(-1), np.float32(1))
+    return np.concatenate([quaternions[:1], quaternions[1:] * sign[..., None]])
 
 
 def _fraction(fps: float) -> Fraction:

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-import numpy as np
 import torch
 from jaxtyping import Float, Int
 from pydantic import Field, model_validator
@@ -254,9 +253,3 @@ def _side(name: str) -> str:
 
 
 HUMANOID = Skeleton(_humanoid())
-
-
-def rest_height(skeleton: Skeleton) -> float:
-    """Height of the root above the lowest joint in the rest pose, metres."""
-    positions = skeleton.rest_positions.numpy()
-    return float(positions[0, 1] - np.min(positions[:, 1]))
