@@ -19,8 +19,8 @@ from safetensors.torch import save_file
 from echoavatar.face import HubertConfig
 from echoavatar.generator import GeneratorConfig
 from echoavatar.kinematics import HUMANOID
-from echoavatar.reference.rig import AXES, bones_by_name
-from echoavatar.reference.shapes import Shapes, face_shapes, generator_shapes, tokenizer_shapes
+from echoavatar.reference.expected_tensors import Shapes, face_shapes, generator_shapes, tokenizer_shapes
+from echoavatar.reference.release_rig import AXES, bones_by_name
 from echoavatar.tokenizer import MotionTokenizerConfig
 from echoavatar.tokens import REFERENCE_LAYOUT
 

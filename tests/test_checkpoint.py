@@ -1,3 +1,4 @@
+import os
 from pathlib import Path
 
 import pytest
@@ -55,3 +56,49 @@ def test_a_missing_folder_a_damaged_file_and_a_wrong_field_are_told_apart(tmp_pa
     (tmp_path / "model.safetensors").write_bytes(stored[: len(stored) // 2])
     with pytest.raises(CheckpointError, match="damaged"):
         checkpoint.read_weights(tmp_path)
+
+
+class Stack(Config):
+    layers: int = 1
+    width: int = 4
+
+
+def stack(config: Stack) -> nn.Module:
+    return nn.Sequential(*(nn.Linear(config.width, config.width) for _ in range(config.layers)))
+
+
+def stored(folder: Path, **asked: int) -> Path:
+    module = stack(Stack())
+    checkpoint.save(folder, config=Stack(**asked), weights=module.state_dict(), card={})
+    return folder
+
+
+def test_a_module_is_loaded_with_its_weights(tmp_path: Path) -> None:
+    module = checkpoint.load(stored(tmp_path), Stack, stack)
+    assert torch.equal(next(module.parameters()), checkpoint.read_weights(tmp_path)["0.weight"])
+
+
+@pytest.mark.parametrize("asked", [{"layers": 10**9}, {"width": 10**5}, {"width": 10**9}, {"width": -1}])
+def test_a_config_that_asks_for_more_than_there_is_is_refused_at_once(
+    tmp_path: Path, asked: dict[str, int]
+) -> None:
+    with pytest.raises(CheckpointError, match=r"config\.json describes no model of these weights"):
+        checkpoint.load(stored(tmp_path, **asked), Stack, stack)
+
+
+@pytest.mark.parametrize("name", ["config.json", "model.safetensors", "card.json"])
+def test_a_pipe_in_place_of_a_file_is_refused_before_it_is_opened(tmp_path: Path, name: str) -> None:
+    (stored(tmp_path) / name).unlink()
+    os.mkfifo(tmp_path / name)
+    read = (
+        checkpoint.read_card if name == "card.json" else lambda folder: checkpoint.load(folder, Stack, stack)
+    )
+    with pytest.raises(CheckpointError, match="not a regular file"):
+        read(tmp_path)
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, "[]", "{"])
+def test_a_card_that_is_no_table_is_refused(tmp_path: Path, text: str) -> None:
+    (tmp_path / "card.json").write_text(text)
+    with pytest.raises(CheckpointError, match="card"):
+        checkpoint.read_card(tmp_path)

@@ -1,10 +1,13 @@
 """A checkpoint is a folder: `config.json`, `model.safetensors`, `card.json`. Loading is strict and says what is wrong.
 
-Uses `config`, `timing` and `errors` only. Nothing is ever unpickled.
+Nothing is ever unpickled, and no module is built that is larger than the weights stored for it. Uses `config`,
+`limits` and `errors` only.
 """
 
 import json
-from collections.abc import Mapping
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeVar
 
@@ -13,11 +16,15 @@ from pydantic import ValidationError
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
+from torch.nn.modules.module import register_module_parameter_registration_hook
 
 from .config import Config
 from .errors import CheckpointError
+from .limits import CONFIG_BYTES, check_file
 
 ConfigT = TypeVar("ConfigT", bound=Config)
+ModuleT = TypeVar("ModuleT", bound=nn.Module)
+LARGEST_WEIGHTS_BYTES = 1 << 36
 
 
 def read_config(folder: Path, kind: type[ConfigT]) -> ConfigT:
@@ -28,6 +35,7 @@ def read_config(folder: Path, kind: type[ConfigT]) -> ConfigT:
     """
     path = folder / "config.json"
     try:
+        check_file(path, CONFIG_BYTES, CheckpointError)
         return kind.model_validate_json(path.read_bytes())
     except FileNotFoundError as error:
         raise CheckpointError(f"{folder} is not a checkpoint: config.json is missing") from error
@@ -42,17 +50,21 @@ def read_card(folder: Path) -> dict[str, object]:
     path = folder / "card.json"
     if not path.exists():
         return {}
+    check_file(path, CONFIG_BYTES, CheckpointError)
     try:
         card = json.loads(path.read_text())
-    except ValueError as error:
-        raise CheckpointError(f"{path} is not valid JSON: {error}") from error
-    return dict(card)
+    except (ValueError, RecursionError) as error:
+        raise CheckpointError(f"{path} is not valid JSON: {error}; copy or download it again") from error
+    if not isinstance(card, dict):
+        raise CheckpointError(f"{path} is no table of names and values; copy or download it again")
+    return card
 
 
 def read_weights(folder: Path) -> dict[str, Tensor]:
     """Read `model.safetensors`; half-precision storage becomes float32."""
     path = folder / "model.safetensors"
     try:
+        check_file(path, LARGEST_WEIGHTS_BYTES, CheckpointError)
         weights = load_file(path)
     except FileNotFoundError as error:
         raise CheckpointError(f"{folder} is not a checkpoint: model.safetensors is missing") from error
@@ -60,6 +72,52 @@ def read_weights(folder: Path) -> dict[str, Tensor]:
         raise CheckpointError(f"{path} is damaged ({error}); copy or download it again") from error
     half = (torch.float16, torch.bfloat16)
     return {key: value.float() if value.dtype in half else value for key, value in weights.items()}
+
+
+def load(folder: Path, kind: type[ConfigT], build: Callable[[ConfigT], ModuleT]) -> ModuleT:
+    """The module that `build` makes of a folder's config, with the folder's weights in it.
+
+    Raises:
+        CheckpointError: files are missing or damaged, or config and weights do not fit each other.
+    """
+    config, weights = read_config(folder, kind), read_weights(folder)
+    try:
+        with _no_larger_than(weights):
+            module = build(config)
+    except (ArithmeticError, MemoryError, RuntimeError, ValueError) as error:
+        reason = str(error).split("\n")[0][:160]
+        raise CheckpointError(
+            f"{folder}/config.json describes no model of these weights: {reason}"
+        ) from error
+    load_into(module, weights, origin=str(folder))
+    return module
+
+
+@contextmanager
+def _no_larger_than(weights: Mapping[str, Tensor]) -> Iterator[None]:
+    """While this thread builds a module, its parameters may not far outgrow the weights in number or in size.
+
+    Twice as many are let through, because a normalised layer registers its weight before it is split in two; what
+    does not fit exactly, `load_into` names.
+    """
+    numbers = sum(weight.numel() for weight in weights.values())
+    left = {"parameters": 2 * len(weights) + 64, "numbers": 2 * numbers + (1 << 22)}
+    thread = threading.get_ident()
+
+    def count(module: nn.Module, name: str, parameter: nn.Parameter | None) -> None:
+        if parameter is None or threading.get_ident() != thread:
+            return
+        left["parameters"] -= 1
+        left["numbers"] -= parameter.numel()
+        for what, number in left.items():
+            if number < 0:
+                raise ValueError(f"it asks for more {what} than model.safetensors has")
+
+    hook = register_module_parameter_registration_hook(count)
+    try:
+        yield
+    finally:
+        hook.remove()
 
 
 def load_into(module: nn.Module, weights: Mapping[str, Tensor], *, origin: str) -> None:

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from echoavatar.avatar.gltf_buffer import Buffer
+from echoavatar.avatar.gltf_buffer import Buffer, Tracks
 
 
 def test_views_are_aligned_and_hold_the_bytes() -> None:
@@ -29,3 +29,18 @@ def test_nothing_that_moves_is_all_zeros() -> None:
     accessor = buffer.accessors[buffer.sparse(4, -1, np.zeros((0, 3)), bounds=True)]
     assert "sparse" not in accessor
     assert accessor["max"] == [0, 0, 0]
+
+
+def test_tracks_share_a_clock_and_integers_are_normalised() -> None:
+    tracks = Tracks(Buffer(), 4, 30)
+    tracks.add(3, "translation", np.zeros((4, 3)))
+    tracks.add(5, "rotation", np.zeros((4, 4), np.int16))
+    assert [channel["target"] for channel in tracks.channels] == [
+        {"node": 3, "path": "translation"},
+        {"node": 5, "path": "rotation"},
+    ]
+    clock, floats, integers = tracks.buffer.accessors
+    assert {sampler["input"] for sampler in tracks.samplers} == {0}
+    assert clock["max"] == [pytest.approx(0.1)]
+    assert "normalized" not in floats
+    assert integers["normalized"]

@@ -45,7 +45,7 @@ def compare(found: dict, motion: Motion, *, offset: int, tolerance: float) -> No
 @pytest.mark.slow
 def test_blender_sees_the_bvh(rigs, short: Take, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     rig = read_rig(rigs["tall"])
-    moved = rig.put(short)
+    moved = rig.retarget(short)
     writer(tmp_path / "a.bvh", has_rig=True)(tmp_path / "a.bvh", moved, rig)
     found = blender(tmp_path / "a.bvh", picture=tmp_path / "a.png", frames=(1, 13))
     compare(found, moved.motion, offset=1, tolerance=2e-3)
@@ -55,7 +55,7 @@ def test_blender_sees_the_bvh(rigs, short: Take, tmp_path: Path) -> None:  # typ
 @pytest.mark.slow
 def test_blender_sees_the_users_character_in_a_glb(rigs, short: Take, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     rig = read_rig(rigs["longarm"])
-    moved = rig.put(short)
+    moved = rig.retarget(short)
     writer(tmp_path / "a.glb", has_rig=True)(tmp_path / "a.glb", moved, rig)
     found = blender(tmp_path / "a.glb", picture=tmp_path / "a.png", frames=(12,))
     compare(found, moved.motion, offset=0, tolerance=2e-3)
@@ -70,7 +70,7 @@ def test_an_fbx_by_blender_comes_back_into_blender(rigs, short: Take, tmp_path: 
     except DependencyError:
         pytest.skip("needs Blender")
     rig = read_rig(rigs["longarm"])
-    moved = rig.put(short)
+    moved = rig.retarget(short)
     writer(tmp_path / "a.fbx", has_rig=True)(tmp_path / "a.fbx", moved, rig)
     found = blender(tmp_path / "a.fbx")
     compare(found, moved.motion, offset=found["first"], tolerance=5e-3)

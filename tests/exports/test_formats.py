@@ -17,7 +17,7 @@ from echoavatar.kinematics.rigs import bone_map
         ("a.usdc", True, "leave --rig out"),
         ("a.smplx.npz", True, "leave --rig out"),
         ("a.mp4", True, "leave --rig out"),
-        ("a.vrm", False, "give it with --rig"),
+        ("a.vrm", False, "name it with --rig"),
     ],
 )
 def test_what_cannot_be_written_is_said_before_any_work(
@@ -41,7 +41,7 @@ def test_every_format_of_ours_is_written(short: Take, tmp_path: Path) -> None:
 
 def test_a_bvh_of_a_rig_has_its_bones_in_its_own_unit(rigs, short: Take, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     rig = read_rig(rigs["tall"])
-    moved, path = rig.put(short), tmp_path / "a.bvh"
+    moved, path = rig.retarget(short), tmp_path / "a.bvh"
     writer(path, has_rig=True)(path, moved, rig)
     read = read_bvh(path)
     assert read.skeleton.names == read_bvh(rigs["tall"]).skeleton.names
@@ -53,7 +53,7 @@ def test_a_bvh_of_a_rig_has_its_bones_in_its_own_unit(rigs, short: Take, tmp_pat
 def test_a_skeleton_has_no_mesh_for_a_glb(rigs, short: Take, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     rig = read_rig(rigs["tall"])
     with pytest.raises(EchoAvatarError, match="no mesh"):
-        writer(tmp_path / "a.glb", has_rig=True)(tmp_path / "a.glb", rig.put(short), rig)
+        writer(tmp_path / "a.glb", has_rig=True)(tmp_path / "a.glb", rig.retarget(short), rig)
 
 
 def test_a_take_without_a_face_has_no_face_file(short: Take, tmp_path: Path) -> None:

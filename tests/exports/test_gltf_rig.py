@@ -2,18 +2,22 @@
 
 import json
 import struct
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from tests.exports.readers import node
+from tests.ik.test_gltf_rig import spoilt
 
 from echoavatar.errors import MotionError
 from echoavatar.exports import Take, read_rig
-from echoavatar.exports.gltf_rig import face_weights, pack_on_rig, write_on_rig
+from echoavatar.exports.gltf_rig import face_weights, pack_on_rig
 from echoavatar.face.arkit import ARKIT_NAMES, VRM_NAMES, to_vrm
 from echoavatar.ik.gltf_rig import read_gltf_rig
 
+BAD = ("gone", None, -1, 10**9, 1e300, float("nan"), "x", [], {}, [0] * 3, True)
 BONES = ("hips", "head", "leftHand", "rightMiddleDistal", "leftToes", "rightFoot")
 
 
@@ -24,8 +28,8 @@ def test_three_plays_it_and_every_joint_is_where_we_put_it(
     """Rest rotations, an armature scaled by 0.01 and a character that faces -Z are all respected."""
     rig = read_rig(rigs[kind])
     assert rig.gltf is not None
-    moved = rig.put(short)
-    write_on_rig(tmp_path / "a.glb", rig.gltf, moved)
+    moved = rig.retarget(short)
+    (tmp_path / "a.glb").write_bytes(pack_on_rig(rig.gltf, moved))
     bones, names = rig.skeleton.config.vrm, rig.skeleton.names
     read = node("read_glb.mjs", tmp_path / "a.glb", *[names[bones[bone]] for bone in BONES])
     assert read["issues"]["numErrors"] == 0, read["issues"]
@@ -42,7 +46,7 @@ def test_three_plays_it_and_every_joint_is_where_we_put_it(
 def test_it_is_still_the_same_character(rigs, short: Take, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     rig = read_rig(rigs["child"])
     assert rig.gltf is not None
-    write_on_rig(tmp_path / "a.vrm", rig.gltf, rig.put(short))
+    (tmp_path / "a.vrm").write_bytes(pack_on_rig(rig.gltf, rig.retarget(short)))
     again = read_gltf_rig(tmp_path / "a.vrm")
     assert again.document["meshes"] == rig.gltf.document["meshes"]
     assert again.document["extensions"] == rig.gltf.document["extensions"]
@@ -66,7 +70,7 @@ def test_a_node_with_a_matrix_is_taken_apart(rigs, short: Take, tmp_path: Path) 
     (tmp_path / "m.vrm").write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body)
     rig = read_rig(tmp_path / "m.vrm")
     assert rig.gltf is not None
-    write_on_rig(tmp_path / "out.vrm", rig.gltf, rig.put(short))
+    (tmp_path / "out.vrm").write_bytes(pack_on_rig(rig.gltf, rig.retarget(short)))
     node_0 = read_gltf_rig(tmp_path / "out.vrm").document["nodes"][0]
     assert "matrix" not in node_0
     assert node_0["rotation"] == [0, 0, 0, 1]
@@ -93,4 +97,41 @@ def test_a_character_in_several_files_is_refused(rigs, short: Take) -> None:  # 
     assert rig.gltf is not None
     rig.gltf.document["buffers"][0]["uri"] = "beside.bin"
     with pytest.raises(MotionError, match="as one"):
-        pack_on_rig(rig.gltf, rig.put(short))
+        pack_on_rig(rig.gltf, rig.retarget(short))
+
+
+def places(value: Any) -> Iterator[tuple[Any, Any]]:
+    """Every container of a JSON document with each of its keys."""
+    for key in (
+        list(value) if isinstance(value, dict) else range(len(value)) if isinstance(value, list) else ()
+    ):
+        yield value, key
+        yield from places(value[key])
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+@pytest.mark.parametrize("kind", ["child", "longarm"])
+def test_a_document_damaged_anywhere_is_an_error_of_ours_or_none(
+    kind: str, rigs: Mapping[str, Path], short: Take, tmp_path: Path
+) -> None:
+    draw, take = np.random.default_rng(0), Take(short.motion.cut(0, 4), short.face[:4], None)  # type: ignore[index]
+    put, refused = read_rig(rigs[kind]).retarget(take), 0
+    for _ in range(60):
+
+        def change(document: dict[str, Any]) -> None:
+            found = list(places(document))
+            holder, key = found[draw.integers(len(found))]
+            value = BAD[draw.integers(len(BAD))]
+            if value == "gone":
+                del holder[key]
+            else:
+                holder[key] = value
+
+        path = spoilt(tmp_path / rigs[kind].name, rigs[kind].read_bytes(), change)
+        try:
+            rig = read_rig(path)
+            assert rig.gltf is not None
+            pack_on_rig(rig.gltf, put)
+        except MotionError as error:
+            refused += path.name in str(error)
+    assert refused > 5

@@ -52,7 +52,7 @@ def test_three_vrm_animation_reads_body_face_and_gaze(short: Take, tmp_path: Pat
 def test_on_an_avatar_in_three_vrm_every_joint_is_where_we_put_it(rigs, short: Take, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     """The child is a VRM 0.x: it faces the other way, and the player mirrors for it."""
     rig = read_rig(rigs["child"])
-    moved = rig.put(short)
+    moved = rig.retarget(short)
     write_vrma(tmp_path / "a.vrma", moved)
     read = node("read_vrma.mjs", tmp_path / "a.vrma", rigs["child"])
     places, bones = moved.motion.pose().positions.numpy(), rig.skeleton.config.vrm
@@ -62,7 +62,7 @@ def test_on_an_avatar_in_three_vrm_every_joint_is_where_we_put_it(rigs, short: T
 
 
 def test_a_rig_at_rest_in_another_pose_is_written_in_t_pose(rigs, short: Take) -> None:  # type: ignore[no-untyped-def]
-    moved = read_rig(rigs["longarm"]).put(short).motion
+    moved = read_rig(rigs["longarm"]).retarget(short).motion
     posed = in_t_pose(moved)
     bones = posed.skeleton.config.vrm
     np.testing.assert_allclose(posed.pose().positions, moved.pose().positions, atol=1e-5)

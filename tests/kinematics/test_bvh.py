@@ -1,6 +1,8 @@
 """BVH: what is written is read back, foreign files are understood, broken ones are explained."""
 
+import os
 import time
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -105,7 +107,7 @@ def test_a_travelling_child_takes_the_root_over(tmp_path):
         (lambda text: text.replace("CHANNELS 3 ", "CHANNELS 4 "), "line 9: CHANNELS needs"),
         (lambda text: text.replace("Zrotation\n    End", "Wrotation\n    End"), "line 9: channels are named"),
         (lambda text: text.replace("JOINT arm left", "JOINT base"), "line 6: joint 'base' occurs twice"),
-        (lambda text: text.replace("JOINT arm left", "BONE arm"), "line 6: 'BONE arm' is not understood"),
+        (lambda text: text.replace("JOINT arm left", "BONE arm"), "line 6: 'BONE arm' is not BVH"),
         (lambda text: text.replace("Frames: 2", "Frames: 3"), "2 frames, but the header says 3"),
         (lambda text: text.replace("Frames: 2", "Frames: many"), "expected 'Frames:'"),
         (lambda text: text.replace("0.033333", "0"), "Frame Time 0.0 is not above 0"),
@@ -138,7 +140,7 @@ def test_missing_and_binary_files_are_explained(tmp_path):
     with pytest.raises(MotionError, match="does not exist"):
         read_bvh(tmp_path / "none.bvh")
     (tmp_path / "noise.bvh").write_bytes(bytes(range(256)))
-    with pytest.raises(MotionError, match="no BVH"):
+    with pytest.raises(MotionError, match="not a BVH"):
         read_bvh(tmp_path / "noise.bvh")
 
 
@@ -172,3 +174,46 @@ def test_a_long_file_is_read_in_no_time():
     motion = read_bvh(path)
     assert motion.frames == 2065
     assert time.process_time() - start < 2
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        (lambda text: text.replace("Frames: 2", "Frames: nan"), "Frames nan is not a whole number"),
+        (lambda text: text.replace("Frames: 2", "Frames: inf"), "Frames inf is not a whole number"),
+        (lambda text: text.replace("Frames: 2", "Frames: 1e300"), "2 frames, but the header says"),
+        (lambda text: text.replace("Frames: 2", "Frames: -2"), "no frames"),
+        (lambda text: many_joints(100_000), "more than 4096 joints"),
+        (lambda text: many_joints(4000, depth=4000), "512 deep"),
+        (lambda text: many_joints(2000, frames=20_000), "20,000 frames of 2,000 joints are more than"),
+    ],
+    ids=["nan", "inf", "1e300", "negative", "joints", "depth", "rotations"],
+)
+def test_hostile_files_are_refused_at_once_in_little_memory(tmp_path, change, complaint):
+    """Some hundred kilobytes asked for 8.9 GiB, or took minutes."""
+    path = tmp_path / "hostile.bvh"
+    path.write_text(change(SMALL))
+    tracemalloc.start()
+    start = time.process_time()
+    try:
+        with pytest.raises(MotionError, match=rf"hostile\.bvh.*{complaint}"):
+            read_bvh(path)
+        assert tracemalloc.get_traced_memory()[1] < 1 << 28
+    finally:
+        tracemalloc.stop()
+    assert time.process_time() - start < 20
+
+
+def many_joints(count: int, *, depth: int = 1, frames: int = 1) -> str:
+    """A root that moves along X alone, with joints that have no channels: side by side, or in a chain."""
+    joint = "JOINT j{0}\n{{\nOFFSET 0 0 0\nCHANNELS 0\n"
+    below = [joint.format(k) for k in range(1, count)]
+    tree = "".join(below) + "}\n" * (count - 1) if depth > 1 else "".join(part + "}\n" for part in below)
+    head = f"HIERARCHY\nROOT j0\n{{\nOFFSET 0 0 0\nCHANNELS 1 Xposition\n{tree}}}\n"
+    return f"{head}MOTION\nFrames: {frames}\nFrame Time: 0.1\n" + "0\n" * frames
+
+
+def test_a_pipe_is_refused_before_it_is_opened(tmp_path):
+    os.mkfifo(tmp_path / "a.bvh")
+    with pytest.raises(MotionError, match="not a regular file"):
+        read_bvh(tmp_path / "a.bvh")

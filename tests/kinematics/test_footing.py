@@ -5,7 +5,7 @@ import pytest
 
 from echoavatar.kinematics import HUMANOID, Motion
 from echoavatar.kinematics.contact import skate
-from echoavatar.kinematics.footing import foot_contacts, settle_feet, stands
+from echoavatar.kinematics.footing import foot_contacts, settle_feet, stances
 
 FEET = [HUMANOID.index(name) for name in ("leftFoot", "leftToes", "rightFoot", "rightToes")]
 REST = HUMANOID.rest_positions[FEET, 1].numpy()
@@ -77,7 +77,7 @@ def test_stretches_leave_time_for_a_step():
     """Planted throughout while it drifts 20 cm in 60 frames: a new spot every 6 cm, 8 frames between."""
     path = np.zeros((60, 1, 3))
     path[:, 0, 0] = np.linspace(0, 0.2, 60)
-    found = stands(np.ones(60, np.bool_), path, 30)
+    found = stances(np.ones(60, np.bool_), path, 30)
     assert len(found) >= 3
     assert all(b.start - a.stop >= 8 for a, b in zip(found, found[1:], strict=False))
 
@@ -85,4 +85,4 @@ def test_stretches_leave_time_for_a_step():
 def test_a_flicker_of_contact_is_bridged():
     is_planted = np.ones(40, np.bool_)
     is_planted[[10, 20, 21]] = False
-    assert [tuple(stand) for stand in stands(is_planted, np.zeros((40, 1, 3)), 30)] == [(0, 40)]
+    assert [tuple(stand) for stand in stances(is_planted, np.zeros((40, 1, 3)), 30)] == [(0, 40)]

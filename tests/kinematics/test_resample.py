@@ -3,7 +3,7 @@ import pytest
 import torch
 from tests.kinematics.samples import swaying
 
-from echoavatar.kinematics.resample import resample
+from echoavatar.kinematics.resample import align_signs, resample
 from echoavatar.kinematics.rotations import angle_between
 
 
@@ -52,3 +52,11 @@ def test_turns_are_even_between_frames():
 
 def test_a_single_frame_stays():
     assert resample(swaying(1), 60).frames == 1
+
+
+def test_signs_are_aligned_without_changing_a_rotation():
+    """Frames 10 to 19 are negated: the same rotations, and interpolation would take the long way."""
+    motion = swaying(30)
+    flipped = motion.rotations.copy()
+    flipped[10:20] *= -1
+    assert np.array_equal(align_signs(flipped), motion.rotations)

@@ -1,10 +1,13 @@
 import csv
+import json
+import os
 
 import numpy as np
 import pytest
 from tests.kinematics.samples import swaying
 
 from echoavatar.errors import MotionError
+from echoavatar.kinematics import tables
 from echoavatar.kinematics.tables import read_npz, write_csv, write_npz
 
 
@@ -45,3 +48,35 @@ def test_missing_and_unwritable_files_are_explained(tmp_path):
         with pytest.raises(MotionError, match="cannot be written"):
             write(tmp_path / "missing" / "a", swaying(1))
     assert list(tmp_path.iterdir()) == []
+
+
+def test_arrays_that_unpack_to_too_much_are_refused_before_they_do(tmp_path, monkeypatch):
+    """Three megabytes of NPZ asked for three gigabytes."""
+    monkeypatch.setattr(tables, "ARRAYS_BYTES", 1 << 16)
+    write_npz(tmp_path / "a.npz", swaying(2), beside=np.zeros(1 << 15))
+    with pytest.raises(MotionError, match=r"a\.npz unpacks to .* bytes, and at most 65,536"):
+        read_npz(tmp_path / "a.npz")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"fps": np.array(float("nan"))},
+        {"root": np.zeros(6)},
+        {"rotations": np.array(["x"])},
+        {"skeleton": np.array("[" * 100_000)},
+        {"skeleton": np.array(json.dumps({"names": ["a"] * 5000, "parents": [], "offsets": []}))},
+    ],
+    ids=["rate", "root", "texts", "nested", "joints"],
+)
+def test_arrays_that_are_no_motion_are_refused(tmp_path, change):
+    motion = swaying(2)
+    np.savez(tmp_path / "a.npz", **(tables._arrays(motion) | change))
+    with pytest.raises(MotionError):
+        read_npz(tmp_path / "a.npz")
+
+
+def test_a_pipe_is_refused_before_it_is_opened(tmp_path):
+    os.mkfifo(tmp_path / "a.npz")
+    with pytest.raises(MotionError, match="not a regular file"):
+        read_npz(tmp_path / "a.npz")

@@ -22,7 +22,7 @@ from echoavatar.kinematics.features import REFERENCE, travel_slice
 from echoavatar.kinematics.retarget import retarget
 from echoavatar.kinematics.rotations import matrix_from_axis_angle, quaternion_from_matrix
 from echoavatar.pipeline.rig import RigAdapter
-from echoavatar.reference.rig import AXES, CM, rig_config, skeleton_config
+from echoavatar.reference.release_rig import AXES, CM, rig_config, skeleton_config
 from echoavatar.reference.statistics import feature_order
 from echoavatar.rehearsal.action_clips import SCRIPTS
 from echoavatar.rehearsal.action_clips import clip as motion_of

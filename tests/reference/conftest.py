@@ -8,7 +8,7 @@ import pytest
 from scripts.synthetic_release import make
 
 from echoavatar.audio import AudioCodec
-from echoavatar.reference import Release, convert, survey
+from echoavatar.reference import Release, convert, inspect_release
 from echoavatar.reference.actions import find_table, library, read_table
 from echoavatar.timing import ChunkSize
 
@@ -40,7 +40,7 @@ def bundle_of(download: Path, output: Path, step: int = 2) -> Path:
     assert table is not None
     actions = library(read_table(table), 512, origin=str(table), chunk=ChunkSize(step))
     codec = AudioCodec.from_pretrained_encodec(download / "encodec")
-    convert(survey(release, step=step), codec, output, actions=actions)
+    convert(inspect_release(release, step=step), codec, output, actions=actions)
     return output
 
 

@@ -12,7 +12,7 @@ from echoavatar.engine import Engine
 from echoavatar.errors import CheckpointError
 from echoavatar.kinematics import write_bvh
 from echoavatar.pipeline import Pipeline, load_bundle
-from echoavatar.reference import Release, convert, survey
+from echoavatar.reference import Release, convert, inspect_release
 from echoavatar.reference.untrusted import read_tensors
 from echoavatar.reference.weights import StoredGenerator
 from echoavatar.rehearsal.action_clips import SCRIPTS, clip
@@ -51,7 +51,7 @@ def test_everything_about_running_it_is_data(bundle, imported):
 def test_a_download_with_problems_is_not_converted(spoilt, bundle, tmp_path):
     path = spoilt("stats/zm_meta_info.npz")
     path.unlink()
-    found = survey(Release(path.parents[1] / "ckpts", path.parent))
+    found = inspect_release(Release(path.parents[1] / "ckpts", path.parent))
     with pytest.raises(CheckpointError, match=r"zm_meta_info\.npz is missing"):
         convert(found, bundle.codec, tmp_path / "out", actions=bundle.actions)
     assert not (tmp_path / "out").exists()

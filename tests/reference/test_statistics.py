@@ -8,7 +8,7 @@ import torch
 from scripts.synthetic_release import skeleton
 
 from echoavatar.kinematics import Skeleton
-from echoavatar.reference.rig import skeleton_config
+from echoavatar.reference.release_rig import skeleton_config
 from echoavatar.reference.statistics import body_statistics, feature_order
 
 FOLDER = Path(__file__).parents[2] / "../shared/golden/reference_release"

@@ -2,13 +2,15 @@
 
 import os
 import pickle  # noqa: TID251  # to make what must be refused
+import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
-from echoavatar.errors import CheckpointError
+from echoavatar.errors import CheckpointError, EchoAvatarError
+from echoavatar.kinematics import tables
 from echoavatar.reference.untrusted import (
     read_array,
     read_arrays,
@@ -124,3 +126,71 @@ def test_tables_arrays_and_matrices_say_what_is_wrong(tmp_path):
     assert np.array_equal(read_matrices(tmp_path / "m.json", ("b", "a")), np.stack([np.eye(3)] * 2))
     with pytest.raises(CheckpointError, match="no matrix for c"):
         read_matrices(tmp_path / "m.json", ("a", "c"))
+
+
+def zipped(path: Path, entries: dict[str, bytes]) -> Path:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in entries.items():
+            archive.writestr(name, data)
+    return path
+
+
+def test_a_checkpoint_that_unpacks_to_more_than_it_has_is_refused(tmp_path):
+    torch.save({"net": {"a": torch.zeros(5_000_000)}}, tmp_path / "plain.pth")
+    with zipfile.ZipFile(tmp_path / "plain.pth") as archive:
+        entries = {name: archive.read(name) for name in archive.namelist()}
+    with pytest.raises(CheckpointError, match=r"packed\.pth unpacks to"):
+        read_tensors(zipped(tmp_path / "packed.pth", entries), "net")
+
+
+@pytest.mark.parametrize(
+    "body", [b"cbuiltins\nbytearray\nJ\x00\x00\x00\x40\x85R.", b"ctorch\nTensor\nJ\x00\x00\x00\x40\x85R."]
+)
+def test_a_checkpoint_that_asks_for_memory_is_refused(tmp_path, body):
+    """torch's reader for weights calls both: 1 GB from 30 bytes."""
+    entries = {"net/data.pkl": b"\x80\x02" + body, "net/version": b"3\n", "net/byteorder": b"little"}
+    with zipfile.ZipFile(tmp_path / "net.pth", "w") as archive:
+        for name, data in entries.items():
+            archive.writestr(name, data)
+    with pytest.raises(
+        CheckpointError, match=r"net\.pth is refused: it would run (builtins\.bytearray|torch\.Tensor)"
+    ):
+        read_tensors(tmp_path / "net.pth", "net")
+
+
+def test_a_tensor_larger_than_its_numbers_is_refused(tmp_path):
+    torch.save({"net": {"a": torch.zeros(1).expand(1 << 40)}}, tmp_path / "net.pth")
+    with pytest.raises(CheckpointError, match="larger than its numbers"):
+        read_tensors(tmp_path / "net.pth", "net")
+
+
+def test_arrays_that_unpack_to_too_much_or_lie_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(tables, "ARRAYS_BYTES", 1 << 20)
+    np.savez_compressed(tmp_path / "a.npz", names=np.zeros(1 << 18))
+    with pytest.raises(EchoAvatarError, match="unpacks to"):
+        read_arrays(tmp_path / "a.npz", ("names",))
+    header = b"\x93NUMPY\x01\x00v\x00{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000,), }"
+    lying = header.ljust(127) + b"\n"
+    with pytest.raises(CheckpointError, match="there is less"):
+        read_arrays(zipped(tmp_path / "b.npz", {"names.npy": lying}), ("names",))
+    (tmp_path / "b.npy").write_bytes(lying)
+    with pytest.raises(CheckpointError, match="there is less"):
+        read_array(tmp_path / "b.npy", (-1,))
+
+
+def test_a_pipe_is_refused_before_it_is_opened(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    for read, wanted in (
+        (read_array, (2,)),
+        (read_matrices, ("a",)),
+        (read_arrays, ("a",)),
+        (read_tensors, "net"),
+    ):
+        with pytest.raises(EchoAvatarError, match="not a regular file"):
+            read(tmp_path / "pipe", wanted)
+
+
+def test_nested_json_is_refused(tmp_path):
+    (tmp_path / "m.json").write_text("[" * 100_000)
+    with pytest.raises(CheckpointError, match="no table of matrices"):
+        read_matrices(tmp_path / "m.json", ("a",))

@@ -30,7 +30,9 @@ def test_sizes_are_those_of_its_own_config(download):
     [
         ({"vocab_size": 151_936}, "vocab_size is 151936, wanted 166690"),
         ({"hidden_size": None}, "does not describe the generator"),
-        ({"architectures": ["LlamaForCausalLM"]}, "is a LlamaForCausalLM"),
+        ({"architectures": ["LlamaForCausalLM"]}, "LlamaForCausalLM.*, not a Qwen2"),
+        ({"architectures": []}, "not a Qwen2"),
+        ({"num_hidden_layers": 10**9}, "1000000000 layers of"),
     ],
 )
 def test_another_model_is_named(spoilt, changes, message):

@@ -10,7 +10,7 @@ from echoavatar.errors import CheckpointError
 from echoavatar.face.arkit import APPLE_NAMES, index_of
 from echoavatar.kinematics.rotations import matrix_from_quaternion, quaternion_from_matrix
 from echoavatar.pipeline.rig import RigConfig
-from echoavatar.reference.rig import AXES
+from echoavatar.reference.release_rig import AXES
 from echoavatar.unity.frames import (
     UnityAxes,
     at_60_fps,

@@ -6,7 +6,7 @@ import numpy as np
 
 from echoavatar.pipeline import MotionChunk
 from echoavatar.pipeline.rig import RigConfig
-from echoavatar.reference.rig import AXES
+from echoavatar.reference.release_rig import AXES
 from echoavatar.unity import Messages
 from echoavatar.unity.message import HEADER
 

@@ -12,7 +12,7 @@ from echoavatar.engine import Engine
 from echoavatar.kinematics import Skeleton, SkeletonConfig
 from echoavatar.pipeline import Action, ActionLibrary, MotionChunk
 from echoavatar.pipeline.rig import RigConfig
-from echoavatar.reference.rig import AXES
+from echoavatar.reference.release_rig import AXES
 from echoavatar.unity import UnitySettings, serve_unity
 
 RIG = RigConfig(axes=AXES, metres_per_unit=0.01, up=2, unity=(((1, 0, 0), (0, 1, 0), (0, 0, 1)),) * 88)

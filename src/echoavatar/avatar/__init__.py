@@ -1,4 +1,4 @@
-"""The avatar people see: our own character, its skin, and the files and pages that show it.
+"""The visible avatar: our own character, its skinning, and the files, films and pages that show it.
 
 May import `kinematics` and below. Metres, Y up, facing +Z, quaternions `wxyz`; colours sRGB.
 """

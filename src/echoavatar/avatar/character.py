@@ -11,11 +11,12 @@ from jaxtyping import Float, Int, UInt8
 
 from ..errors import CheckpointError
 from ..kinematics import HUMANOID
+from ..kinematics.tables import NPZ_ERRORS, arrays_of
 from .morphs import Morphs
 
 
 class Material(NamedTuple):
-    """How a surface takes light; colours are per vertex."""
+    """How a surface reflects light; colours are per vertex."""
 
     name: str
     roughness: float
@@ -36,7 +37,7 @@ MATERIALS = (
 
 @dataclass(frozen=True)
 class Character:
-    """A skinned mesh: metres, Y up, facing +Z, T-pose; joints index `HUMANOID.names`; triangles counter-clockwise."""
+    """A skinned mesh in T-pose. `joints` index `HUMANOID.names`; triangles are counter-clockwise."""
 
     positions: Float[np.ndarray, "v 3"]
     normals: Float[np.ndarray, "v 3"]
@@ -45,11 +46,11 @@ class Character:
     joints: UInt8[np.ndarray, "v 4"]
     weights: Float[np.ndarray, "v 4"]  # rows sum to 1
     triangles: Int[np.ndarray, "f 3"]
-    face: Morphs  # on the first vertices
+    face: Morphs  # blendshapes of the first vertices
 
     @cached_property
     def dense_weights(self) -> Float[np.ndarray, "v j"]:
-        """Weights as one matrix over all joints, for skinning by one product."""
+        """Weights as one matrix over all joints, so that skinning is one matrix product."""
         dense = np.zeros((len(self.positions), HUMANOID.joints), np.float32)
         rows = np.arange(len(dense))
         for column in range(self.joints.shape[1]):
@@ -64,7 +65,7 @@ class Character:
     def with_face(
         self, weights: Float[np.ndarray, " n"]
     ) -> tuple[Float[np.ndarray, "v 3"], Float[np.ndarray, "v 3"]]:
-        """Positions and unit normals of the rest pose with an expression: weights in the order of `face.names`."""
+        """Positions and unit normals in the rest pose with an expression; weights are in the order of `face.names`."""
         positions, normals = self.positions.copy(), self.normals.copy()
         moves, turns = self.face.added(weights)
         positions[: len(moves)] += moves
@@ -74,7 +75,7 @@ class Character:
         return positions, normals
 
     def save(self, path: Path) -> None:
-        """Write an npz: normals and weights as integers, small triangles indices."""
+        """Write an npz. Normals and weights are stored as integers, triangles in the smallest type that fits."""
         np.savez_compressed(
             path,
             positions=self.positions.astype(np.float32),
@@ -89,17 +90,17 @@ class Character:
 
 
 def load_character(path: Path | None = None) -> Character:
-    """Read a character file; without a path, the one that ships. Raises `CheckpointError` for a damaged file."""
+    """Read a character file, or without a path the shipped one; raises CheckpointError where it is damaged."""
     if path is None:
         with as_file(files("echoavatar") / "assets" / "character.npz") as shipped:
             return load_character(shipped)
     try:
-        with np.load(path, allow_pickle=False) as stored:
-            raw = {field.name: stored[field.name] for field in fields(Character) if field.name != "face"}
-            face = Morphs.of_arrays(stored)
-    except (OSError, KeyError, ValueError) as error:
+        stored = arrays_of(path, CheckpointError)
+        raw = {field.name: stored[field.name] for field in fields(Character) if field.name != "face"}
+        face = Morphs.of_arrays(stored)
+    except NPZ_ERRORS as error:
         raise CheckpointError(
-            f"{path} is not a character: {error}; make it anew with tools/character"
+            f"{path} is not a character ({error}); make it again with tools/character"
         ) from error
     normals, weights = raw["normals"].astype(np.float32), raw["weights"].astype(np.float32)
     raw["normals"] = normals / np.linalg.norm(normals, axis=1, keepdims=True)

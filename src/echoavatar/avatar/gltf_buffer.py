@@ -1,4 +1,4 @@
-"""The binary chunk of a GLB as it grows: arrays become views and accessors, aligned to four bytes."""
+"""Collect arrays in the binary chunk of a GLB, each with its view and accessor, aligned to four bytes."""
 
 from typing import Any
 
@@ -12,7 +12,7 @@ SHAPE = {(): "SCALAR", (3,): "VEC3", (4,): "VEC4", (4, 4): "MAT4"}
 
 
 class Buffer:
-    """Bytes so far, with their views and accessors."""
+    """The bytes collected so far, with their views and accessors."""
 
     def __init__(self) -> None:
         self.data = bytearray()
@@ -59,7 +59,7 @@ class Buffer:
     def sparse(
         self, count: int, indices: int, values: Float[np.ndarray, "m 3"], *, bounds: bool = False
     ) -> int:
-        """An accessor of `count` vectors that are 0 but for `values`, whose places are the view `indices` (16 bit)."""
+        """Add an accessor of `count` vectors: `values` at the places in the view `indices` (16 bit), 0 elsewhere."""
         accessor: dict[str, Any] = {"componentType": FLOAT, "count": count, "type": "VEC3"}
         if len(values):
             places = {"bufferView": indices, "componentType": USHORT}
@@ -72,3 +72,21 @@ class Buffer:
             accessor |= {"min": extremes.min(0).tolist(), "max": extremes.max(0).tolist()}
         self.accessors.append(accessor)
         return len(self.accessors) - 1
+
+
+class Tracks:
+    """Samplers and channels of one animation, on one clock."""
+
+    def __init__(self, buffer: Buffer, frames: int, fps: float) -> None:
+        self.buffer = buffer
+        self.samplers: list[dict[str, Any]] = []
+        self.channels: list[dict[str, Any]] = []
+        self._clock = buffer.add((np.arange(frames) / fps).astype(np.float32), bounds=True)
+
+    def add(self, node: int, path: str, values: np.ndarray) -> None:
+        """Animate a node's rotation (xyzw), translation or weights; integers are stored as they are, normalised."""
+        is_float = values.dtype.kind == "f"
+        stored = values.astype(np.float32) if is_float else values
+        self.channels.append({"sampler": len(self.samplers), "target": {"node": node, "path": path}})
+        output = self.buffer.add(stored, normalized=not is_float)
+        self.samplers.append({"input": self._clock, "interpolation": "LINEAR", "output": output})

@@ -1,6 +1,7 @@
-"""The character's meshes for glTF: the body, and the face with its blendshapes as sparse morph targets.
+"""The character's glTF meshes: the body, and the face with its blendshapes as sparse morph targets.
 
-The face is a mesh of its own, so that only its vertices carry targets; each of its materials has its own vertices.
+The face is a separate mesh, so that only its vertices have morph targets. Each material of the face has its own
+vertices.
 """
 
 from typing import Any
@@ -13,7 +14,7 @@ from .gltf_buffer import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Buffer
 
 
 def meshes(buffer: Buffer, character: Character) -> list[dict[str, Any]]:
-    """Body and face, in this order."""
+    """The meshes of body and face, in this order."""
     on_face = character.triangles[:, 0] < character.face.reach
     body = _primitives(buffer, character, character.triangles[~on_face])
     names = list(character.face.names)
@@ -27,7 +28,7 @@ def meshes(buffer: Buffer, character: Character) -> list[dict[str, Any]]:
 
 
 def materials() -> list[dict[str, Any]]:
-    """Our materials; colours are per vertex."""
+    """The glTF form of `MATERIALS`; colours are per vertex."""
     return [
         {
             "name": material.name,
@@ -44,7 +45,7 @@ def materials() -> list[dict[str, Any]]:
 def _primitives(
     buffer: Buffer, character: Character, triangles: Int[np.ndarray, "f 3"]
 ) -> list[dict[str, Any]]:
-    """One primitive per material, all on the same vertices."""
+    """One primitive per material; all share the same vertices."""
     used, local = _compact(triangles)
     attributes = _attributes(buffer, character, used)
     material_of = character.materials[triangles[:, 0]]
@@ -57,7 +58,7 @@ def _primitives(
 def _face_primitives(
     buffer: Buffer, character: Character, triangles: Int[np.ndarray, "f 3"]
 ) -> list[dict[str, Any]]:
-    """One primitive per material with its own vertices and all targets."""
+    """One primitive per material, with its own vertices and all morph targets."""
     made = []
     material_of = character.materials[triangles[:, 0]]
     for i in np.unique(material_of):
@@ -74,7 +75,7 @@ def _face_primitives(
 
 
 def _targets(buffer: Buffer, character: Character, used: Int[np.ndarray, " v"]) -> list[dict[str, int]]:
-    """One morph target per blendshape; what it leaves alone is not stored."""
+    """One morph target per blendshape, which stores only the vertices that it moves."""
     face = character.face
     place = np.full(len(character.positions), -1)
     place[used] = np.arange(len(used))
@@ -109,12 +110,12 @@ def _attributes(buffer: Buffer, character: Character, used: Int[np.ndarray, " v"
         "JOINTS_0": buffer.add(
             np.where(weights > 0, character.joints[used], 0).astype(np.uint8), target=ARRAY_BUFFER
         ),
-        "WEIGHTS_0": buffer.add(_whole(weights), target=ARRAY_BUFFER, normalized=True),
+        "WEIGHTS_0": buffer.add(_integer_weights(weights), target=ARRAY_BUFFER, normalized=True),
     }
 
 
-def _whole(weights: Float[np.ndarray, "v 4"]) -> UInt16[np.ndarray, "v 4"]:
-    """Weights as integers that add up to 65535 exactly."""
+def _integer_weights(weights: Float[np.ndarray, "v 4"]) -> UInt16[np.ndarray, "v 4"]:
+    """Weights as integers whose sum is exactly 65535."""
     whole = np.round(weights * 65535).astype(np.int64)
     whole[np.arange(len(whole)), whole.argmax(1)] += 65535 - whole.sum(1)
     return whole.astype(np.uint16)
@@ -126,6 +127,6 @@ def _indices(buffer: Buffer, triangles: Int[np.ndarray, "f 3"]) -> int:
 
 
 def _compact(triangles: Int[np.ndarray, "f 3"]) -> tuple[Int[np.ndarray, " v"], Int[np.ndarray, "f 3"]]:
-    """The vertices in use, and triangles that count only those."""
+    """The vertices in use, and the triangles as indices into these."""
     used, local = np.unique(triangles, return_inverse=True)
     return used, local.reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""One self-contained HTML file that plays the avatar with its sound: no network, no server, the audio is the clock."""
+"""Write one self-contained HTML file that plays the avatar with its sound, without a network or a server."""
 
 import base64
 import html
@@ -21,19 +21,19 @@ MIME_TYPES = {
 
 
 class PageClip(NamedTuple):
-    """One entry of the page: a title, the name of its animation in the GLB, and its encoded sound."""
+    """One entry of the page: a title, the name of an animation in the GLB, and encoded sound."""
 
     title: str
     animation: str
     audio: bytes
-    suffix: str = ".ogg"  # file ending of the encoding, a key of MIME_TYPES
+    suffix: str = ".ogg"  # a key of MIME_TYPES
     note: str = ""
 
 
 def write_page(
     path: str | Path, glb: bytes, clips: Sequence[PageClip], *, title: str = "EchoAvatar", note: str = ""
 ) -> None:
-    """Write the page. All clips share the one mesh in `glb` and name its animations (`gltf.pack_glb`)."""
+    """Write the page. All clips share the mesh in `glb` (`gltf.pack_glb`) and name one of its animations."""
     assets = files("echoavatar") / "assets"
     data = {"glb": base64.b64encode(glb).decode(), "clips": [_entry(clip, glb) for clip in clips]}
     viewer = (assets / "viewer.js").read_text("utf-8").replace("</script", "<\\/script")
@@ -49,7 +49,7 @@ def write_page(
 def _entry(clip: PageClip, glb: bytes) -> dict[str, str]:
     if json.dumps(clip.animation).encode() not in glb:
         raise MotionError(
-            f"clip {clip.title!r} names the animation {clip.animation!r}, which the GLB does not hold"
+            f"clip {clip.title!r} names the animation {clip.animation!r}, which is not in the GLB; name one that is"
         )
     if clip.suffix not in MIME_TYPES:
         raise MotionError(

@@ -1,8 +1,8 @@
-"""Pictures of the character without a display: a small rasteriser that needs nothing but pip packages.
+"""Render the character without a display, by a small rasteriser of our own.
 
-Off-screen OpenGL needs system libraries that bare machines lack, so the loops are our own, compiled by numba.
-Perspective camera, one soft-shadowed key light, sky and ground light, rim light, floor with a
-one-metre grid, filmic tone curve, 2 x 2 supersampling.
+Off-screen OpenGL needs system libraries that bare machines lack; these loops need only numba. The picture has a
+perspective camera, a key light with soft shadows, light from sky and ground, a rim light, a floor with a one-metre
+grid, a filmic tone curve, and 2 x 2 supersampling.
 """
 
 from dataclasses import dataclass
@@ -20,14 +20,14 @@ LIGHT = np.array([0.45, 0.8, 0.55], np.float32) / np.float32(np.linalg.norm([0.4
 
 @dataclass(frozen=True)
 class Camera:
-    """Where the picture is taken from: metres, Y up; vertical field of view in radians."""
+    """The camera's place and aim in metres, and its vertical field of view in radians."""
 
     position: tuple[float, float, float] = (0.0, 1.25, 4.1)
     target: tuple[float, float, float] = (0.0, 0.92, 0.0)
     field_of_view: float = 0.52
 
     def axes(self) -> Float[np.ndarray, "3 3"]:
-        """Rows: right, up, backward."""
+        """The camera's axes as rows: right, up, backward."""
         back = np.array(self.position) - np.array(self.target)
         back = back / np.linalg.norm(back)
         right = np.cross([0.0, 1.0, 0.0], back)
@@ -37,7 +37,7 @@ class Camera:
 
 @dataclass(frozen=True)
 class Surface:
-    """What is drawn: world positions and normals of one moment, linear colours, triangles."""
+    """One frame to draw: world positions and normals, linear colours, triangles."""
 
     points: Float[np.ndarray, "v 3"]
     normals: Float[np.ndarray, "v 3"]
@@ -46,12 +46,12 @@ class Surface:
 
 
 class Renderer:
-    """Draws surfaces at one size; keeps its buffers between frames."""
+    """Draws surfaces at one picture size, and keeps its buffers between frames."""
 
     def __init__(
         self, width: int = 1280, height: int = 720, *, camera: Camera | None = None, samples: int = 2
     ) -> None:
-        """`samples` is the supersampling per axis; 1 is fast and jagged."""
+        """`samples` is the supersampling per axis; 1 is fast but jagged."""
         self.width, self.height, self.samples = width, height, samples
         self.camera = camera or Camera()
         wide, high = width * samples, height * samples
@@ -62,7 +62,7 @@ class Renderer:
         self._tone = _tone_curve()
 
     def draw(self, surface: Surface) -> UInt8[np.ndarray, "h w 3"]:
-        """One picture, sRGB."""
+        """The picture in sRGB."""
         points = np.ascontiguousarray(surface.points, np.float32)
         triangles = np.ascontiguousarray(surface.triangles, np.int32)
         screen, rays = self._project(points)
@@ -90,7 +90,7 @@ class Renderer:
         return self._image.copy()
 
     def _project(self, points: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Screen x, y, 1/depth of points, and the affine map from pixels to ray directions."""
+        """Screen x, y and 1/depth of the points, and the affine map from pixels to ray directions."""
         high, wide = self._depth.shape
         axes = self.camera.axes()
         focal = 0.5 * high / np.tan(self.camera.field_of_view / 2)
@@ -106,7 +106,7 @@ class Renderer:
 
 
 def _light_space(points: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(3, 4) map from world to shadow texels and height towards the light, centred on the surface."""
+    """The (3, 4) map from world to shadow texels and height towards the light, centred on the surface."""
     side = np.cross([0.0, 1.0, 0.0], LIGHT)
     side /= np.linalg.norm(side)
     axes = np.stack([side, np.cross(LIGHT, side), LIGHT])
@@ -117,7 +117,7 @@ def _light_space(points: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _tone_curve() -> NDArray[np.uint8]:
-    """Linear light 0..4 in 4,096 steps to sRGB bytes through a filmic shoulder."""
+    """A table from linear light, 0 to 4 in 4,096 steps, to sRGB bytes through a filmic shoulder."""
     x = np.arange(4096) / 1024
     filmic = x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14)
     srgb = np.where(

@@ -1,4 +1,4 @@
-"""Contact sheets: a motion as rows of small pictures, to judge at a glance what numbers do not tell."""
+"""Contact sheets: a motion as rows of small pictures, to judge at a glance what numbers do not show."""
 
 from pathlib import Path
 
@@ -20,7 +20,7 @@ def contact_sheet(
     face: Float[np.ndarray, "t n"] | None = None,
     is_close: bool = False,
 ) -> UInt8[np.ndarray, "h w 3"]:
-    """Pictures every `every` frames (spread over the whole motion when None), left to right, top to bottom.
+    """A grid of pictures, one in `every` frames (None spreads them over the whole motion), row by row.
 
     `face` holds blendshape weights beside the motion; `is_close` shows the face alone.
     """
@@ -36,7 +36,7 @@ def contact_sheet(
 
 
 def save_picture(path: Path, picture: UInt8[np.ndarray, "h w 3"]) -> None:
-    """Write a PNG or, by the suffix, a JPEG; raises DependencyError without pillow."""
+    """Write a PNG or JPEG, chosen by the suffix; raises DependencyError without pillow."""
     try:
         from PIL import Image
     except ImportError as error:

@@ -12,7 +12,7 @@ def skin(
     world_positions: Float[np.ndarray, "j 3"],
     face: Float[np.ndarray, " n"] | None = None,
 ) -> tuple[Float[np.ndarray, "v 3"], Float[np.ndarray, "v 3"]]:
-    """Vertices (metres) and unit normals in the pose given by the joints' world rotations and positions.
+    """Vertices (metres) and unit normals in the pose of the given world rotations and positions of the joints.
 
     `face` holds the weights of the character's blendshapes; None is the neutral face.
     """

@@ -1,4 +1,4 @@
-"""Motion and its sound as an MP4 of the shaded character (H.264 and AAC through PyAV)."""
+"""Film motion and its sound as an MP4 of the shaded character (H.264 and AAC through PyAV)."""
 
 from collections.abc import Callable, Generator
 from contextlib import closing
@@ -18,7 +18,7 @@ from .render import Camera, Renderer, Surface
 from .skinning import skin
 
 SOUND_RATE_HZ = 48_000
-FOLLOW_SECONDS = 0.7  # how slowly the camera follows
+FOLLOW_SECONDS = 0.7  # standard deviation of the window that smooths the camera's path
 HEAD = HUMANOID.index("head")
 
 
@@ -34,7 +34,7 @@ def write_mp4(
     is_close: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
-    """Film the character from the front, or its face alone; `audio` is mono at 24 kHz and starts with the first frame.
+    """Film the character from the front, or its face alone. `audio` is mono at 24 kHz and starts with the first frame.
 
     `face` holds blendshape weights beside the motion; None is a still face.
 
@@ -66,30 +66,30 @@ def film(
 ) -> Generator[UInt8[np.ndarray, "h w 3"], None, None]:
     """The pictures of a motion, frame by frame.
 
-    Without a given camera one that calmly follows the hips, or, close up, the head.
+    Without `camera` the camera smoothly follows the hips, or the head in a close-up.
     """
     character = character or load_character()
     renderer = Renderer(*size, camera=camera, samples=samples)
     colours = linear(character.colours)
     pose = motion.pose()
     rotations, positions = pose.rotations.numpy(), pose.positions.numpy()
-    followed = _calm(positions[:, HEAD if is_close else 0], motion.fps)
+    followed = _smoothed(positions[:, HEAD if is_close else 0], motion.fps)
     curves = [None] * motion.frames if face is None else list(face)
-    for turn, place, middle, weights in zip(rotations, positions, followed, curves, strict=True):
+    for turned, placed, middle, weights in zip(rotations, positions, followed, curves, strict=True):
         if camera is None:
             renderer.camera = close_up(middle) if is_close else _following(middle)
-        points, normals = skin(character, turn, place, weights)
+        points, normals = skin(character, turned, placed, weights)
         yield renderer.draw(Surface(points, normals, colours, character.triangles))
 
 
 def close_up(head: Float[np.ndarray, " 3"], *, side: float = 0.10) -> Camera:
-    """A camera on the face, from the head joint's place; `side` is how far to the character's left it stands."""
+    """A camera on the face, placed by the head joint; `side` is its distance to the character's left in metres."""
     x, y, z = (float(value) for value in head)
     return Camera(position=(x + side, y + 0.09, z + 0.78), target=(x, y + 0.075, z), field_of_view=0.33)
 
 
 def linear(colours: UInt8[np.ndarray, "v 3"]) -> Float[np.ndarray, "v 3"]:
-    """Linear light in [0, 1] of sRGB bytes."""
+    """SRGB bytes as linear light in [0, 1]."""
     c = colours.astype(np.float32) / 255
     return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4).astype(np.float32)
 
@@ -99,7 +99,7 @@ def _following(middle: Float[np.ndarray, " 3"]) -> Camera:
     return Camera(position=(x + 0.55, 1.35, z + 3.9), target=(x, 0.93, z))
 
 
-def _calm(hips: Float[np.ndarray, "t 3"], fps: float) -> Float[np.ndarray, "t 3"]:
+def _smoothed(hips: Float[np.ndarray, "t 3"], fps: float) -> Float[np.ndarray, "t 3"]:
     from scipy.ndimage import gaussian_filter1d
 
     return np.asarray(gaussian_filter1d(hips, FOLLOW_SECONDS * fps, axis=0, mode="nearest"))

@@ -1,4 +1,4 @@
-"""The command line: parse, dispatch, print. May import every room; imports only the one the command needs.
+"""The command line: parse, dispatch, print. It may import every room, and imports only what the command needs.
 
 Each command is one module with `add_arguments(parser)` and `run(args) -> int`. The commands in `SEPARATE` come with
 distributions of their own, which name the module in an entry point of the group `echoavatar.commands`. Exit codes:
@@ -17,33 +17,33 @@ from types import ModuleType
 from ..errors import DependencyError, EchoAvatarError
 
 COMMANDS = {
-    "demo": "render bundled speech and music to MP4, GLB and a page that plays them",
+    "demo": "open a page with a live avatar, or write bundled speech and music as films and models",
     "animate": "turn an audio file into full-body motion (GLB, VRMA, USD, FBX, BVH, MP4, ...)",
     "serve": "serve live avatars to browsers and voice agents",
     "proxy": "put an avatar behind a voice agent that speaks the OpenAI Realtime protocol",
     "mcp": "offer an avatar's tools to agents over the Model Context Protocol",
-    "say": "let the avatar of a running server say a sound file",
+    "say": "let the avatar of a running server speak a sound file",
     "elevenlabs": "set up an ElevenLabs agent that moves the avatar",
     "export": "turn a recording into a file for another program, or put it on your own character",
-    "play": "play a recording into VMC programs, MetaHumans or a receiver of yours",
-    "doctor": "say what works on this machine and what to do about the rest",
+    "play": "play a recording to VMC programs, MetaHumans or your own receiver",
+    "doctor": "check what works on this machine, and say how to repair the rest",
     "bench": "measure latency, real-time factor and memory",
     "evaluate": "score a bundle; the last line is JSON",
-    "score": "score any motion against true motion: every metric with chance level and interval",
-    "baseline": "motion without a model, to hold scores against: mean pose, random clip, nearest sound",
-    "reproduce": "make a table of the paper again, the paper's numbers beside ours",
+    "score": "score any motion against recorded motion: every metric with chance level and interval",
+    "baseline": "make motion without a model, to compare scores with: mean pose, random clip, nearest sound",
+    "reproduce": "reproduce a table of the paper, with the paper's numbers beside ours",
     "data": "make training data",
     "train": "train the codec, the motion tokenizer, the generator, the face, the fingers or FID's extractor",
-    "plot": "draw the metrics of training runs, one or several side by side",
+    "plot": "plot the metrics of one or several training runs",
     "bundle": "assemble trained parts into a bundle",
-    "import": "make a bundle of the authors' published checkpoints",
-    "pull": "fetch a model from the hub, resumed and checked",
-    "actions": "list what the avatar can be asked to do; add an action from a clip",
-    "tools": "print what a language model may do with the avatar, in its framework's form",
-    "rig": "measure a character's body, so that hands keep off it",
+    "import": "convert the paper authors' published checkpoints into a bundle",
+    "pull": "fetch a model from the hub; resumes, and checks hashes",
+    "actions": "list the actions an avatar can be asked for; add an action from a clip",
+    "tools": "print the avatar's tools for a language model, in the form of its framework",
+    "rig": "measure a character's body, so that hands do not pass into it",
     "align": "tune a generator by reinforcement learning: GRPO, DPO, PPO and their rewards",
     "studio": "collect preferences and run user studies in the browser",
-    "refine-fingers": "give motion that was captured without fingers plausible ones",
+    "refine-fingers": "add plausible fingers to motion that was captured without them",
 }
 SEPARATE = {
     "reproduce": "research",
@@ -74,7 +74,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except EchoAvatarError as error:
         print(f"echoavatar: {' '.join(str(error).split())}", file=sys.stderr)
         return 1
-    except KeyboardInterrupt as stop:  # a training run says where it stopped, and which signal ended it
+    except KeyboardInterrupt as stop:  # a training run states where it stopped, and the signal that ended it
         print(f"echoavatar: {str(stop) or 'interrupted'}", file=sys.stderr)
         return int(getattr(stop, "code", 130))
     return code

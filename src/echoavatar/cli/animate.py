@@ -1,4 +1,4 @@
-"""`echoavatar animate`: an audio file becomes full-body motion, through the streaming engine."""
+"""`echoavatar animate`: turn an audio file into full-body motion, through the streaming engine."""
 
 import argparse
 import sys
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ..exports import Take
 
 FORMATS = ".bvh, .glb, .vrma, .usda, .usdc, .usdz, .fbx, .npz, .csv, .mp4; .vrm with --rig"
-RIG_HELP = "put the motion on this character or skeleton: .vrm, .glb or .bvh"
+RIG_HELP = "retarget the motion to this character or skeleton: .vrm, .glb or .bvh"
 EXAMPLES = """examples:
   echoavatar animate talk.wav -o talk.glb            the character with the animation, for any 3D program
   echoavatar animate song.mp3 -o song.mp4 --seed 7   the character filmed, with the sound
@@ -25,10 +25,10 @@ EXAMPLES = """examples:
   echoavatar animate talk.wav -o talk.vrma           for any VRM avatar
   echoavatar animate talk.wav -o out.glb --rig me.vrm   your own character with the animation
 
-The format is that of the output's suffix. A name that ends in .face.csv gets the face alone, as Live Link Face
-writes takes, one that ends in .face47.csv the 47 channels of the paper's authors' demo, one that ends in .smplx.npz
-SMPL-X parameters as BEAT2 has them. bvh has no room for a face; fbx is written by your Blender, usd needs usd-core.
-Input may be anything FFmpeg reads, at any rate and channel count. More: docs/integrations/exports.md
+The output's suffix chooses the format. Three longer endings are special: .face.csv is the face alone, in the format of
+Live Link Face; .face47.csv is the face in the 47 channels of the paper authors' demo; .smplx.npz is SMPL-X data in
+the format of BEAT2. BVH cannot store a face. FBX is written by your Blender; USD needs usd-core. The input may be
+anything that FFmpeg reads, at any rate and with any number of channels. More: docs/integrations/exports.md
 """
 
 
@@ -45,17 +45,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--fps", type=int, choices=(30, 60), default=30, help="frame rate (default: %(default)s)"
     )
-    parser.add_argument(
-        "--in-place", action="store_true", help="stay over one spot: remove the root's travel"
-    )
+    parser.add_argument("--in-place", action="store_true", help="stay in one spot: remove the root's travel")
     parser.add_argument("--rig", type=Path, metavar="FILE", help=RIG_HELP)
-    parser.add_argument("--upper-body", action="store_true", help="stand still from the hips down")
-    parser.add_argument("--close-up", action="store_true", help="film the face alone (mp4)")
+    parser.add_argument("--upper-body", action="store_true", help="keep everything below the hips still")
+    parser.add_argument("--close-up", action="store_true", help="film only the face (.mp4)")
     parser.add_argument("--without", action="append", default=[], metavar="STAGE", help=WITHOUT_HELP)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Read, animate, write; print the real-time factor."""
+    """Animate the sound, write the motion, print the real-time factor."""
     from ..exports import Take, read_rig, writer
 
     write = writer(args.output, has_rig=args.rig is not None)
@@ -67,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
 
     if args.in_place and "leash" in args.without:
         raise EchoAvatarError(
-            "--in-place is done by the stage that --without leash leaves out; drop one of the two"
+            "--in-place needs the stage `leash`, which --without leash leaves out; drop one of the two"
         )
     pipeline = Pipeline(load_bundle(args.model).without(args.without), device=args.device)
     pipeline.warm_up()
@@ -86,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
     if args.output.suffix.lower() == ".mp4":
         _film(args.output, take, is_close=args.close_up)
     else:
-        write(args.output, take if rig is None else rig.put(take), rig)
+        write(args.output, take if rig is None else rig.retarget(take), rig)
     print(
         f"{args.output}: {motion.frames} frames at {args.fps} fps, {motion.seconds:.2f} s; "
         f"real-time factor {done.real_time_factor:.2f}"

@@ -1,4 +1,4 @@
-"""`echoavatar bundle`: put a trained codec, tokenizer and generator together, or show what a bundle is."""
+"""`echoavatar bundle`: assemble a trained codec, tokenizer and generator into a bundle, or show a bundle."""
 
 import argparse
 import json
@@ -17,15 +17,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "  echoavatar bundle default               show the shipped bundle's card"
     )
     parser.add_argument(
-        "source", help="folder with codec/, tokenizer/, generator/, perhaps face/ and pulse/; or a bundle"
+        "source",
+        help="folder with codec/, tokenizer/, generator/ and optionally face/ and pulse/; or a bundle",
     )
     parser.add_argument(
-        "-o", "--output", type=Path, help="folder of the new bundle; without it the card is shown"
+        "-o", "--output", type=Path, help="folder of the new bundle; without it the bundle's card is shown"
     )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Assemble or show."""
+    """Assemble a bundle, or show one."""
     from ..pipeline import load_bundle
 
     if args.output is None:
@@ -42,13 +43,13 @@ def run(args: argparse.Namespace) -> int:
 
 
 def assemble(source: Path, output: Path) -> None:
-    """Copy the checkpoints (not their training state), weights in half precision, and check that they fit.
+    """Copy the checkpoints without their training state, with weights in half precision.
 
-    A face (`face/`) and a pulse model (`pulse/`) come along where there are such. Our own actions are made where there
-    is no `actions.json`.
+    A face model (`face/`) and a pulse model (`pulse/`) are copied where they exist. Without an `actions.json`, our own
+    actions are made.
 
     Raises:
-        EchoAvatarError: a part is missing.
+        EchoAvatarError: a part is missing or damaged.
     """
     from ..audio import AudioCodec
     from ..checkpoint import read_card

@@ -1,6 +1,6 @@
-"""`echoavatar demo`: the first minute. A page opens, with an avatar that reacts to sound as it comes.
+"""`echoavatar demo`: open a page with an avatar that reacts to live sound.
 
-With a folder, bundled speech and music become files instead: films, models, and a page that needs no server.
+With an output folder, it writes bundled speech and music as films and models, and a page that needs no server.
 """
 
 import argparse
@@ -29,20 +29,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "-o", "--output", type=Path, metavar="FOLDER", help="write files there instead of serving"
     )
     parser.add_argument(
-        "--port", type=int, default=8765, help="of the live page; 0 takes any free one (default: %(default)s)"
+        "--port",
+        type=int,
+        default=8765,
+        help="port of the live page; 0 takes any free one (default: %(default)s)",
     )
     parser.add_argument("--sink", action="append", default=[], metavar="URL", help=serve.SINK_HELP)
     parser.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
     parser.add_argument("--device", default="cpu", help=serve.DEVICE_HELP)
-    parser.add_argument("--seed", type=int, default=0, help="of the files (default: %(default)s)")
     parser.add_argument(
-        "--no-video", action="store_true", help="leave out the MP4s, which take the most time"
+        "--seed", type=int, default=0, help="seed of the motion in the files (default: %(default)s)"
     )
-    parser.add_argument("--no-browser", action="store_true", help="only print where the page is")
+    parser.add_argument(
+        "--no-video", action="store_true", help="do not write the MP4s, which take the most time"
+    )
+    parser.add_argument(
+        "--no-browser", action="store_true", help="print the address of the page without opening it"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Serve and open the live page; or write the files, and open theirs."""
+    """Serve and open the live page, or write the files and open their page."""
     return _live(args) if args.output is None else _files(args)
 
 

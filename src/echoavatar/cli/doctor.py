@@ -1,32 +1,66 @@
-"""`echoavatar doctor`: what works on this machine, and what to do about the rest."""
+"""`echoavatar doctor`: what works on this machine, and what to do about the rest.
+
+Nothing is called well that was not tried: every module is imported, and one second of motion is made and written.
+"""
 
 import argparse
 import importlib
 import importlib.util
 import os
+import pkgutil
 import platform
 import shutil
 import sys
+import tempfile
+import warnings
 from collections.abc import Callable
 from ctypes.util import find_library
+from pathlib import Path
+from typing import TYPE_CHECKING
 
-from ..errors import EchoAvatarError
+from ..errors import DependencyError, EchoAvatarError
+
+if TYPE_CHECKING:
+    from ..exports import Take
 
 OK, OPTIONAL, BROKEN = "ok", "--", "!!"
 Finding = tuple[str, str, str]  # mark, what, remark
+EXTRA_OF = {  # packages that come with an extra, by the name they are imported under
+    "PIL": "render",
+    "accelerate": "train",
+    "elevenlabs": "elevenlabs",
+    "librosa": "evaluate",
+    "matplotlib": "evaluate",
+    "mcp": "mcp",
+    "msgspec": "serve",
+    "pretty_midi": "rehearse",
+    "prometheus_client": "serve",
+    "pxr": "usd",
+    "ray": "ray",
+    "starlette": "serve",
+    "uvicorn": "serve",
+    "websockets": "serve",
+}
+_NOT_FOR_IMPORT = (".__main__", ".migrations.env")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """No arguments: it only looks."""
-    parser.epilog = (
-        "ok works; -- optional and absent; !! needed and broken. Exits 1 when something needed is broken."
-    )
+    """There are none."""
+    parser.epilog = "ok: works. --: optional, and absent. !!: needed, and broken; the exit code is then 1."
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print a line for each thing looked at."""
+    """Print one line for each finding."""
     del args
-    checks: list[Callable[[], list[Finding]]] = [_python, _torch, _forbidden, _extras, _programs, _bundle]
+    checks: list[Callable[[], list[Finding]]] = [
+        _python,
+        _torch,
+        _forbidden,
+        _modules,
+        _extras,
+        _programs,
+        _motion,
+    ]
     findings = [finding for check in checks for finding in check()]
     for mark, what, remark in findings:
         print(f"{mark}  {what:<22} {remark}")
@@ -63,17 +97,47 @@ def _forbidden() -> list[Finding]:
     return [(BROKEN, name, f"breaks on CPU torch and is not needed; pip uninstall {name}") for name in found]
 
 
+def _modules() -> list[Finding]:
+    """Import every module of the package, as its commands would."""
+    import echoavatar
+
+    loaded, failed = 0, dict[tuple[str, str, str], None]()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for module in pkgutil.walk_packages(echoavatar.__path__, "echoavatar.", onerror=lambda name: None):
+            if module.name.endswith(_NOT_FOR_IMPORT) or ".migrations." in module.name:
+                continue
+            try:
+                importlib.import_module(module.name)
+                loaded += 1
+            except Exception as error:  # a module may fail in any way on a machine that does not suit it
+                failed[_failure(module.name, error)] = None
+    return [(OK, "modules", f"{loaded} load"), *failed]
+
+
+def _failure(module: str, error: Exception) -> Finding:
+    """Packages that only an extra brings may be absent; any other reason not to load is a fault."""
+    room = module.split(".")[1]
+    missing = (error.name or "").partition(".")[0] if isinstance(error, ModuleNotFoundError) else ""
+    if missing in EXTRA_OF:
+        return OPTIONAL, room, f"needs {missing}; pip install 'echoavatar[{EXTRA_OF[missing]}]'"
+    if isinstance(error, DependencyError):
+        return OPTIONAL, room, str(error)
+    return BROKEN, room, f"{module} does not load ({_said(error)}); install the package again"
+
+
 def _extras() -> list[Finding]:
-    wanted = {
-        "PIL": ("render", "MP4 with the shaded character, pictures and contact sheets"),
-        "librosa": ("evaluate", "beat alignment scores"),
-        "pretty_midi": ("rehearse", "music rendered with a soundfont"),
+    uses = {
+        "PIL": "pictures and contact sheets",
+        "librosa": "beat alignment scores",
+        "pretty_midi": "music rendered with a soundfont",
+        "pxr": "USD files",
     }
     rows = []
-    for name, (extra, use) in wanted.items():
-        there = importlib.util.find_spec(name) is not None
-        remark = use if there else f"absent, for {use}; pip install 'echoavatar[{extra}]'"
-        rows.append((OK if there else OPTIONAL, name, remark))
+    for name, use in uses.items():
+        is_there = importlib.util.find_spec(name) is not None
+        remark = use if is_there else f"absent, for {use}; pip install 'echoavatar[{EXTRA_OF[name]}]'"
+        rows.append((OK if is_there else OPTIONAL, name, remark))
     return rows
 
 
@@ -94,11 +158,42 @@ def _programs() -> list[Finding]:
     ]
 
 
-def _bundle() -> list[Finding]:
-    from ..pipeline import load_bundle
+def _motion() -> list[Finding]:
+    """Load the default bundle, make one second of motion, and write it: what `animate` does."""
+    import numpy as np
 
+    what = "default bundle"
     try:
+        from ..engine import animate
+        from ..exports import Take, writer
+        from ..pipeline import Pipeline, load_bundle
+        from ..timing import SAMPLE_RATE_HZ
+
         bundle = load_bundle("default")
+        found = [(OK, what, f"loads; {bundle.parameters / 1e6:.1f} M parameters")]
+        what = "motion"
+        sound = 0.1 * np.sin(np.arange(SAMPLE_RATE_HZ) / 20).astype(np.float32)
+        done = animate(Pipeline(bundle), [sound])
+        found.append((OK, what, f"one second made in {done.seconds:.2f} s"))
+        with tempfile.TemporaryDirectory() as folder:
+            for suffix in (".glb", ".bvh", ".npz", ".csv", ".vrma"):
+                what, path = suffix, Path(folder) / f"motion{suffix}"
+                writer(path, has_rig=False)(path, Take(done.motion, done.face, done.audio), None)
+            what = ".mp4"
+            _film(Path(folder) / "motion.mp4", Take(done.motion.cut(0, 3), None, done.audio))
+        return [*found, (OK, "files", "GLB, BVH, NPZ, CSV, VRMA and MP4 are written")]
     except EchoAvatarError as error:
-        return [(BROKEN, "default bundle", str(error))]
-    return [(OK, "default bundle", f"loads; {bundle.parameters / 1e6:.1f} M parameters")]
+        return [(BROKEN, what, str(error))]
+    except Exception as error:  # the point is to find out whether `animate` would end in a traceback
+        return [(BROKEN, what, f"fails ({_said(error)}); install the package again in a fresh environment")]
+
+
+def _film(path: Path, take: "Take") -> None:
+    from ..avatar.video import write_mp4
+
+    assert take.audio is not None
+    write_mp4(path, take.motion, take.audio, size=(160, 90), samples=1)
+
+
+def _said(error: Exception) -> str:
+    return f"{type(error).__name__}: {' '.join(str(error).split())[:160]}"

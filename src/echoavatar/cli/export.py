@@ -1,4 +1,4 @@
-"""`echoavatar export`: a recording becomes a file for another program, on our character or on the user's."""
+"""`echoavatar export`: write a recording for another program, on our character or on the user's."""
 
 import argparse
 from pathlib import Path
@@ -12,7 +12,7 @@ EXAMPLES = """examples:
   echoavatar export talk.npz -o out.glb --rig me.vrm   your own character with the animation
   echoavatar export clip.bvh -o out.bvh --rig rig.bvh  captured motion on another skeleton
 
-Recordings are .npz from `animate` or `say`, or any BVH whose joints have names that are known.
+Recordings are .npz from `animate` or `say`, or any BVH with known joint names.
 """
 
 
@@ -25,13 +25,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Read, put on the rig, write."""
+    """Read the recording, retarget it, write it."""
     from ..exports import read_rig, read_take, writer
 
     write = writer(args.output, has_rig=args.rig is not None)
     rig = None if args.rig is None else read_rig(args.rig)
     take = read_take(args.recording)
-    write(args.output, take if rig is None else rig.put(take), rig)
+    write(args.output, take if rig is None else rig.retarget(take), rig)
     motion = take.motion
     print(f"{args.output}: {motion.frames} frames at {motion.fps:g} fps, {motion.seconds:.2f} s")
     return 0

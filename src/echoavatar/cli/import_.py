@@ -1,4 +1,4 @@
-"""`echoavatar import reference`: the authors' published checkpoints become a bundle of ours."""
+"""`echoavatar import reference`: convert the paper authors' published checkpoints into a bundle."""
 
 import argparse
 import sys
@@ -17,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     reference = kinds.add_parser(
         "reference",
         help="the authors' release",
-        description="Check the authors' download and convert it. Nothing in it is run; what does not fit is listed.",
+        description="Check the authors' download and convert it. No code in it runs; all that does not fit is listed.",
         epilog=(
             "examples:\n"
             "  echoavatar import reference --ckpts EchoAvatar/ckpts --stats EchoAvatar/stats -o reference --dry-run\n"
@@ -37,12 +37,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     reference.add_argument(
         "--generator",
         choices=("body_g", "body_g_d"),
-        help="gesture alone, or with dance (default: the latter if there)",
+        help="gesture alone, or gesture and dance (default: body_g_d where the download has it)",
     )
     reference.add_argument(
         "--codec",
         default="facebook/encodec_24khz",
-        help="EnCodec: a folder, or a name in the local cache (default: %(default)s)",
+        help="EnCodec: a folder, or a name in the local model cache (default: %(default)s)",
     )
     reference.add_argument(
         "--actions",
@@ -54,32 +54,32 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=int,
         choices=(2, 3),
         default=2,
-        help="motion tokens of a step: 2 (paper, 0.27 s) or 3 (release, 0.4 s) (default: %(default)s)",
+        help="motion tokens per step: 2 (paper, 0.27 s) or 3 (release, 0.4 s) (default: %(default)s)",
     )
     reference.add_argument(
         "--face-order",
         choices=("apple", "live_link"),
         default="apple",
-        help="of the face's channels; try the other if jaw and mouth go to the wrong side (default: %(default)s)",
+        help="order of the face's channels; try the other if jaw and mouth go to the wrong side (default: %(default)s)",
     )
     reference.add_argument(
-        "--dry-run", action="store_true", help="print what would become of each tensor; write nothing"
+        "--dry-run", action="store_true", help="print where each tensor would go; write nothing"
     )
 
 
 def run(args: argparse.Namespace) -> int:
     """Check, print or convert."""
     from ..audio import AudioCodec
-    from ..reference import Release, convert, survey
+    from ..reference import Release, convert, inspect_release
 
     if args.output.exists() and (not args.output.is_dir() or any(args.output.iterdir())):
-        raise EchoAvatarError(f"{args.output} is there already and not empty; choose another -o or remove it")
-    found = survey(Release(args.ckpts, args.stats), generator=args.generator, step=args.step)
+        raise EchoAvatarError(f"{args.output} exists and is not empty; choose another -o or remove it")
+    found = inspect_release(Release(args.ckpts, args.stats), generator=args.generator, step=args.step)
     try:
         actions = _actions(args)
     except CheckpointError as error:
         found.problems.append(str(error))
-    problems = list(dict.fromkeys(found.problems))  # one that three parts have is told once
+    problems = list(dict.fromkeys(found.problems))  # a problem that all three parts share is told once
     if args.dry_run:
         for line in found.lines:
             print(f"{line.file}: {line.name} {list(line.shape)} -> {line.target}")

@@ -1,4 +1,4 @@
-"""`echoavatar rig`: how thick a character is, measured on its own mesh, so that hands keep off it."""
+"""`echoavatar rig`: measure a character's body on its own mesh, so that hands do not pass into it."""
 
 import argparse
 from pathlib import Path
@@ -7,10 +7,10 @@ from ..errors import EchoAvatarError
 
 EXAMPLES = """examples:
   echoavatar rig avatar.vrm -o avatar.json     measure a VRM character
-  echoavatar rig character.glb -o body.json    measure a GLB whose joints have names that are known
+  echoavatar rig character.glb -o body.json    measure a GLB with known joint names
 
-The profile is JSON that anybody may edit: ellipsoids on the bones of spine, neck and head, and half the thickness of
-palm and fingers, in metres. Programs pass it on: Pipeline(bundle, body=BodyProfile.load(path)).
+The profile is JSON, and you may edit it: ellipsoids on the bones of spine, neck and head, and half the thickness of
+palm and fingers, in metres. In a program: Pipeline(bundle, body=BodyProfile.load(path)).
 """
 
 
@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Read, measure, write; say what was found."""
+    """Read the character, measure it, write the profile and print its parts."""
     if not args.output.parent.is_dir():
         raise EchoAvatarError(
             f"cannot write {args.output}: {args.output.parent} is not a folder; make it first"

@@ -1,6 +1,7 @@
-"""FBX by the user's own Blender: a GLB goes in, an FBX comes out, in a process of its own.
+"""Write FBX through the user's own Blender, which converts a GLB in a separate process.
 
-FBX has no open specification, so it is left to a program that knows it; run apart, its licence does not touch ours.
+FBX has no open specification, so a program that knows the format writes it. As Blender runs separately, its licence
+does not extend to this package.
 """
 
 import os
@@ -11,8 +12,8 @@ from pathlib import Path
 
 from ..errors import DependencyError, MotionError
 
-PROGRAM = "BLENDER"  # environment variable that names it
-PATIENCE_S = 600.0
+PROGRAM = "BLENDER"  # environment variable with the path of the program
+TIMEOUT_S = 600.0
 _SCRIPT = """
 import sys, bpy, numpy
 if not hasattr(numpy, "bool"):  # Blender 3 asks for it, NumPy 1.24 (Debian 12) has dropped it
@@ -31,27 +32,27 @@ bpy.ops.export_scene.fbx(filepath=target, add_leaf_bones=False, bake_anim=True,
 
 
 def find_blender() -> str:
-    """Where Blender is: $BLENDER, or on the path.
+    """The path of Blender: $BLENDER, or the one on the search path.
 
     Raises:
-        DependencyError: nowhere.
+        DependencyError: there is no Blender.
     """
     named = os.environ.get(PROGRAM, "")
     found = shutil.which(named or "blender")
     if found is None:
         raise DependencyError(
-            f"FBX is written by Blender, and there is no {named or 'blender'!r}: install it"
-            f" (https://www.blender.org, or apt-get install blender), or set ${PROGRAM} to where it is"
+            f"FBX needs Blender, and there is no {named or 'blender'!r}: install it"
+            f" (https://www.blender.org, or apt-get install blender), or set ${PROGRAM} to its path"
         )
     return found
 
 
 def write_fbx(path: Path, glb: bytes, fps: float) -> None:
-    """An FBX of a GLB with one animation.
+    """Write a GLB with one animation as FBX.
 
     Raises:
         DependencyError: there is no Blender.
-        MotionError: Blender failed; its last words are in the message.
+        MotionError: Blender failed; the message ends with its last lines.
     """
     program = find_blender()
     with tempfile.TemporaryDirectory() as folder:
@@ -69,10 +70,12 @@ def write_fbx(path: Path, glb: bytes, fps: float) -> None:
         ]
         try:
             done = subprocess.run(
-                [*words, "--", str(source), str(target)], capture_output=True, text=True, timeout=PATIENCE_S
+                [*words, "--", str(source), str(target)], capture_output=True, text=True, timeout=TIMEOUT_S
             )
         except (OSError, subprocess.TimeoutExpired) as error:
-            raise MotionError(f"{program} did not write {path} ({error}); try it by hand") from error
+            raise MotionError(
+                f"{program} did not write {path} ({error}); write .glb and convert it by hand"
+            ) from error
         if done.returncode or not target.exists():
             last = (done.stderr or done.stdout).strip().splitlines()[-3:]
             raise MotionError(f"{program} did not write {path}: {' / '.join(last)}; try a newer Blender")

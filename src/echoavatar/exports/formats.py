@@ -1,4 +1,4 @@
-"""The formats a take can be written in, by the output's name."""
+"""Choose the writer of a file by the suffix of its name."""
 
 import os
 from collections.abc import Callable, Mapping
@@ -9,9 +9,9 @@ import numpy as np
 from ..errors import EchoAvatarError, MotionError
 from ..face import ARKIT_NAMES
 from .blender import find_blender, write_fbx
-from .rig import Rig
 from .smplx import write_smplx
 from .take import Take
+from .target_rig import Rig
 from .usd import SUFFIXES as USD
 
 FORMATS = (".bvh", ".glb", ".vrm", ".vrma", *USD, ".fbx", ".npz", ".csv", ".mp4")
@@ -19,11 +19,11 @@ Writer = Callable[[Path, Take, Rig | None], None]
 
 
 def writer(output: Path, *, has_rig: bool) -> Writer:
-    """What writes this file; complains before any work is done.
+    """The function that writes this file. Everything that can be refused is refused here, before any work is done.
 
     Raises:
-        EchoAvatarError: an unknown suffix, a format that takes no `--rig` or cannot do without, or no place to write.
-        DependencyError: a program or package that the format needs is missing.
+        EchoAvatarError: the suffix is unknown, `--rig` does not fit the format, or the file cannot be written there.
+        DependencyError: the format needs a program that is missing.
     """
     name, suffix = output.name.lower(), output.suffix.lower()
     if suffix not in FORMATS:
@@ -36,9 +36,11 @@ def writer(output: Path, *, has_rig: bool) -> Writer:
         )
     special = next((end for end in _SPECIAL if name.endswith(end)), None)
     if has_rig and (special or suffix in (*USD, ".mp4")):
-        raise EchoAvatarError(f"cannot write {output.name!r} on a rig of yours: leave --rig out, or use .glb")
+        raise EchoAvatarError(f"cannot write {output.name!r} with --rig: leave --rig out, or write .glb")
     if suffix == ".vrm" and not has_rig:
-        raise EchoAvatarError("a .vrm is your own character: give it with --rig, or write .glb or .vrma")
+        raise EchoAvatarError(
+            "a .vrm is written into your own character: name it with --rig, or write .glb or .vrma"
+        )
     if suffix == ".fbx":
         find_blender()
     return _SPECIAL[special] if special else _WRITERS[suffix]
@@ -52,18 +54,20 @@ def _bvh(path: Path, take: Take, rig: Rig | None) -> None:
 
 
 def _glb(path: Path, take: Take, rig: Rig | None) -> None:
-    from ..avatar.gltf import write_whole
+    from ..kinematics.tables import write_whole
 
     write_whole(path, _packed(path, take, rig))
 
 
 def _packed(path: Path, take: Take, rig: Rig | None) -> bytes:
-    """A GLB: of the user's character, or of ours."""
+    """The bytes of a GLB: the user's character where a rig is given, else ours."""
     if rig is not None:
         from .gltf_rig import pack_on_rig
 
         if rig.gltf is None:
-            raise MotionError(f"{rig.path} has no mesh to put into {path.name!r}: write .bvh, or give a .glb")
+            raise MotionError(
+                f"{rig.path} has no mesh for {path.name!r}: write .bvh, or give a .glb as --rig"
+            )
         return pack_on_rig(rig.gltf, take)
     from ..avatar import load_character
     from ..avatar.gltf import Animation, pack_glb
@@ -123,7 +127,7 @@ def _face47_csv(path: Path, take: Take, _: Rig | None) -> None:
 def _face(path: Path, take: Take) -> np.ndarray:
     if take.face is None:
         raise EchoAvatarError(
-            f"cannot write {path.name!r}: there is no face in it, as with a bundle that has no face model"
+            f"cannot write {path.name!r}: the motion has no face; use a bundle with a face model"
         )
     return take.face
 

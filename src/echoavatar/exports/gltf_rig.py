@@ -1,27 +1,28 @@
-"""Motion written into the user's own character file: everything in it stays, its animations are replaced by ours.
+"""Write motion into the user's own character file. Its animations are replaced; everything else stays.
 
-A node's local rotation is found from where its bone points in the world, so that whatever rotations and scales its file
-has at rest are respected. The face goes to morph targets with ARKit names, else to the vowels and blinks of a VRM.
+Local rotations are computed from the world rotations of the bones, so the file's own rest rotations and scales are
+respected. The face drives morph targets with ARKit names, or else the vowels and blinks of a VRM.
 """
 
 import copy
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 from jaxtyping import Float
 
-from ..avatar.gltf import container, continuous, write_whole
-from ..avatar.gltf_buffer import Buffer
+from ..avatar.gltf import container
+from ..avatar.gltf_buffer import Buffer, Tracks
 from ..errors import MotionError
 from ..face.arkit import ARKIT_NAMES, VRM_NAMES, to_vrm
-from ..ik.gltf_rig import GltfRig
+from ..ik.gltf_rig import GltfRig, refusing_damage
 from ..kinematics import Motion
+from ..kinematics.resample import align_signs
 from ..kinematics.rotations import quaternion_from_matrix
+from ..limits import MORPHS
 from .take import Take
 
-_TURN = np.diag([-1.0, 1.0, -1.0])  # half about Y
+_HALF_TURN = np.diag([-1.0, 1.0, -1.0])  # about Y
 _VRM0 = {"a": "aa", "i": "ih", "u": "ou", "e": "ee", "o": "oh", "blink": "blink"} | {
     "blink_l": "blinkLeft",
     "blink_r": "blinkRight",
@@ -29,34 +30,34 @@ _VRM0 = {"a": "aa", "i": "ih", "u": "ou", "e": "ee", "o": "oh", "blink": "blink"
 Array = np.ndarray
 
 
-def write_on_rig(path: Path, rig: GltfRig, take: Take) -> None:
-    """Write the character of `rig` with a take that was put on it.
+def pack_on_rig(rig: GltfRig, take: Take) -> bytes:
+    """The bytes of the character's file with a take that was retargeted to it.
 
     Raises:
-        MotionError: the file refers to others beside it, or cannot be written.
+        MotionError: the character's file is damaged, or refers to other files.
     """
-    write_whole(path, pack_on_rig(rig, take))
+    with refusing_damage(rig.path):
+        return _packed(rig, take)
 
 
-def pack_on_rig(rig: GltfRig, take: Take) -> bytes:
-    """The file's bytes."""
+def _packed(rig: GltfRig, take: Take) -> bytes:
     document: dict[str, Any] = copy.deepcopy(rig.document)
     buffers = document.get("buffers", [])
     if len(buffers) > 1 or (buffers and "uri" in buffers[0]):
-        raise MotionError("the character's file refers to files beside it; export it as one .glb")
+        raise MotionError(f"{rig.path} refers to files beside it; export it as one .glb")
     buffer = Buffer()
     buffer.data = bytearray(rig.binary[: buffers[0]["byteLength"]] if buffers else b"")
     buffer.data += b"\0" * (-len(buffer.data) % 4)
     buffer.views, buffer.accessors = document.get("bufferViews", []), document.get("accessors", [])
-    tracks = _Tracks(buffer, take.motion)
-    turns, hips = file_rotations(rig, take.motion)
+    tracks = Tracks(buffer, take.motion.frames, take.motion.fps)
+    rotations, hips = file_rotations(rig, take.motion)
     rest = file_rotations(rig, _at_rest(take.motion))[0][0]
     mapped = set(take.motion.skeleton.config.vrm.values())
     for joint, node in enumerate(rig.order):
-        is_moving = bool((np.abs((turns[:, joint] * rest[joint]).sum(-1)) < 1 - 1e-7).any())
+        is_moving = bool((np.abs((rotations[:, joint] * rest[joint]).sum(-1)) < 1 - 1e-7).any())
         if joint in mapped or is_moving:
-            _unlock(document["nodes"][node])
-            tracks.add(node, "rotation", turns[:, joint][:, [1, 2, 3, 0]])
+            _split_matrix(document["nodes"][node])
+            tracks.add(node, "rotation", rotations[:, joint][:, [1, 2, 3, 0]])
     tracks.add(rig.order[0], "translation", hips)
     if take.face is not None:
         for node, weights in face_weights(document, take.face).items():
@@ -67,26 +68,12 @@ def pack_on_rig(rig: GltfRig, take: Take) -> bytes:
     return container(document, bytes(buffer.data))
 
 
-class _Tracks:
-    def __init__(self, buffer: Buffer, motion: Motion) -> None:
-        self.samplers: list[dict[str, Any]] = []
-        self.channels: list[dict[str, Any]] = []
-        self._buffer = buffer
-        times = (np.arange(motion.frames) / motion.fps).astype(np.float32)
-        self._clock = buffer.add(times, bounds=True)
-
-    def add(self, node: int, path: str, values: Array) -> None:
-        self.channels.append({"sampler": len(self.samplers), "target": {"node": node, "path": path}})
-        output = self._buffer.add(values.astype(np.float32))
-        self.samplers.append({"input": self._clock, "interpolation": "LINEAR", "output": output})
-
-
 def file_rotations(rig: GltfRig, motion: Motion) -> tuple[Float[Array, "t j 4"], Float[Array, "t 3"]]:
-    """Local rotations (wxyz) of the file's nodes and the local place of its hips."""
+    """Local rotations (wxyz) of the file's nodes, and the local position of its hips."""
     world = motion.pose().rotations.double().numpy()
     root = motion.root.astype(np.float64)
     if rig.is_turned:
-        world, root = _TURN @ world @ _TURN, root @ _TURN
+        world, root = _HALF_TURN @ world @ _HALF_TURN, root @ _HALF_TURN
     rest = {node: _rotation(matrix) for node, matrix in enumerate(rig.worlds)}
     slot = {node: joint for joint, node in enumerate(rig.order)}
     placed = np.stack([world[:, joint] @ rest[node] for joint, node in enumerate(rig.order)], 1)
@@ -104,7 +91,7 @@ def file_rotations(rig: GltfRig, motion: Motion) -> tuple[Float[Array, "t j 4"],
     if over >= 0:
         inverse = np.linalg.inv(rig.worlds[over])
         root = root @ inverse[:3, :3].T + inverse[:3, 3]
-    return continuous(quaternions), root
+    return align_signs(quaternions), root
 
 
 def _at_rest(motion: Motion) -> Motion:
@@ -114,33 +101,36 @@ def _at_rest(motion: Motion) -> Motion:
 
 
 def _rotation(matrix: Float[Array, "4 4"]) -> Float[Array, "3 3"]:
-    """The rotation of a node's world matrix, whatever its scale."""
+    """The rotation in a node's world matrix, without its scale."""
     u, _, v = np.linalg.svd(matrix[:3, :3])
-    turn: Array = u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v
-    return turn
+    rotation: Array = u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v
+    return rotation
 
 
-def _unlock(node: dict[str, Any]) -> None:
-    """A node with a matrix may not be animated: its parts are written out."""
+def _split_matrix(node: dict[str, Any]) -> None:
+    """Write a node's matrix as translation, rotation and scale: glTF forbids animating a node with a matrix."""
     if "matrix" not in node:
         return
     matrix = np.array(node.pop("matrix"), np.float64).reshape(4, 4).T
-
-    turn = quaternion_from_matrix(torch.from_numpy(_rotation(matrix))).numpy()
+    rotation = quaternion_from_matrix(torch.from_numpy(_rotation(matrix))).numpy()
     node["translation"] = matrix[:3, 3].tolist()
-    node["rotation"] = turn[[1, 2, 3, 0]].tolist()
+    node["rotation"] = rotation[[1, 2, 3, 0]].tolist()
     node["scale"] = np.linalg.norm(matrix[:3, :3], axis=0).tolist()
 
 
 def face_weights(document: dict[str, Any], curves: Float[Array, "t 52"]) -> dict[int, Float[Array, "t n"]]:
-    """Weights of the morph targets of each node that has a face; empty where there is none."""
+    """Morph target weights of each node with a face; empty where the character has none."""
     nodes = document["nodes"]
     known = {name.lower(): curve for name, curve in zip(ARKIT_NAMES, curves.T, strict=True)}
     found: dict[int, Array] = {}
+    total = 0
     for node, entry in enumerate(nodes):
         if "mesh" not in entry:
             continue
         names = _target_names(document["meshes"][entry["mesh"]])
+        total += len(names)
+        if total > MORPHS:
+            raise ValueError(f"{total:,} morph targets, more than {MORPHS:,}")
         if any(name.lower() in known for name in names):
             silent = np.zeros(len(curves))
             found[node] = np.stack([known.get(name.lower(), silent) for name in names], 1)
@@ -157,7 +147,7 @@ def _target_names(mesh: dict[str, Any]) -> list[str]:
 
 
 def _expression_weights(document: dict[str, Any], curves: Float[Array, "t 52"]) -> dict[int, Array]:
-    """The VRM's own vowels and blinks."""
+    """Morph target weights of the VRM's own vowels and blinks."""
     weights = dict(zip(VRM_NAMES, to_vrm(curves).T, strict=True))
     found: dict[int, Array] = {}
     for expression, node, index, share in _binds(document):
@@ -165,7 +155,7 @@ def _expression_weights(document: dict[str, Any], curves: Float[Array, "t 52"]) 
             continue
         mesh = document["meshes"][document["nodes"][node]["mesh"]]
         count = len(mesh["primitives"][0].get("targets", []))
-        if index < count:
+        if 0 <= index < count:
             table = found.setdefault(node, np.zeros((len(curves), count)))
             table[:, index] += share * weights[expression]
     return {node: np.clip(table, 0, 1) for node, table in found.items()}

@@ -1,24 +1,24 @@
-"""SMPL-X parameters in the layout of BEAT2's `smplxflame_30`, for tools of the research world.
+"""Write SMPL-X parameters in the layout of BEAT2's `smplxflame_30`, for research tools.
 
-Rotations are those of our bones on the 55 joints; `trans` is the pelvis less its rest place, Y up. Shape is the mean
-body (`betas` 0): who has the body model gives it their own. The jaw opens with `jawOpen`; FLAME's expression space has
-no published map from ARKit's, so `expressions` are 0.
+The rotations of our bones go to the 55 joints. `trans` is the pelvis position minus its rest position, Y up. The shape
+is the mean body (`betas` are 0); a user with the body model can set another. The jaw follows `jawOpen`. No map from
+ARKit's curves to FLAME's expressions is published, so `expressions` are 0.
 """
 
+import io
 from pathlib import Path
 
 import numpy as np
 import torch
 
 from ..datasets.smplx import skeleton
-from ..errors import MotionError
 from ..face.arkit import ARKIT_NAMES
 from ..kinematics.rigs import bone_map
 from ..kinematics.rotations import axis_angle_from_quaternion
+from ..kinematics.tables import write_whole
 from .take import Take
 
-SUFFIX = ".smplx.npz"
-JAW_RADIANS = 0.35  # of a jaw that is wide open
+JAW_RADIANS = 0.35  # a wide open jaw
 _JAW = 22
 _FACE = 100
 
@@ -47,12 +47,6 @@ def write_smplx(path: Path, take: Take) -> None:
         "gender": np.array("neutral"),
         "mocap_frame_rate": np.array(motion.fps),
     }
-    partial = path.with_name(path.name + ".part")
-    try:
-        with partial.open("wb") as file:
-            np.savez_compressed(file, allow_pickle=False, **arrays)
-        partial.replace(path)
-    except OSError as error:
-        raise MotionError(f"{path} cannot be written ({error.strerror}); choose another place") from error
-    finally:
-        partial.unlink(missing_ok=True)
+    packed = io.BytesIO()
+    np.savez_compressed(packed, allow_pickle=False, **arrays)
+    write_whole(path, packed.getvalue())

@@ -1,6 +1,6 @@
-"""What is exported: motion, the face and the sound beside it; made by `animate`, or read from what was recorded."""
+"""A take: motion with its face and sound, made by `animate` or read from a recording."""
 
-import zipfile
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,22 +11,20 @@ from ..errors import MotionError
 from ..face.arkit import ARKIT_NAMES, reorder
 from ..kinematics import HUMANOID, Motion, read_bvh
 from ..kinematics.retarget import retarget
-from ..kinematics.tables import read_npz
+from ..kinematics.tables import NPZ_ERRORS, arrays_of, motion_of
 from ..timing import SAMPLE_RATE_HZ
-
-_FOREIGN = (OSError, ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile)
 
 
 @dataclass(frozen=True)
 class Take:
-    """One piece of motion on any rig; most writers want it on ours (`on_humanoid`)."""
+    """Motion on any rig, with the face and sound that belong to it. Most writers need our rig (`on_humanoid`)."""
 
     motion: Motion
     face: Float[np.ndarray, "t 52"] | None = None  # ARKit curves 0..1, canonical order; None without a face
     audio: Float[np.ndarray, " s"] | None = None  # 24 kHz mono
 
     def on_humanoid(self) -> "Take":
-        """The same on our rig."""
+        """The take on our rig, retargeted where its own rig is another."""
         if self.motion.skeleton.names == HUMANOID.names:
             return self
         return Take(retarget(self.motion), self.face, self.audio)
@@ -36,27 +34,27 @@ def read_take(path: Path) -> Take:
     """A recording: NPZ from `animate` or `say`, or any BVH whose bones are known.
 
     Raises:
-        MotionError: no such file, another kind of file, or a damaged one.
+        MotionError: the file is missing, damaged, or of another kind.
     """
     if path.suffix.lower() == ".bvh":
         return Take(read_bvh(path))
     if path.suffix.lower() != ".npz":
         raise MotionError(f"{path} is neither .npz nor .bvh; give what `animate` or `say` wrote")
     try:
-        with np.load(path, allow_pickle=False) as stored:
-            is_recording = "names" in stored
-            face = _face(stored) if "face" in stored else None
-            audio = None
-            if "audio" in stored and int(stored["sample_rate"]) == SAMPLE_RATE_HZ:
-                audio = np.asarray(stored["audio"], np.float32)
-            motion = _recorded(path, stored) if is_recording else None
+        stored = arrays_of(path, MotionError)
+        motion = _recorded(path, stored) if "names" in stored else motion_of(stored)
+        face = _face(stored) if "face" in stored else None
+        audio = None
+        if "audio" in stored and int(stored["sample_rate"]) == SAMPLE_RATE_HZ:
+            audio = np.asarray(stored["audio"], np.float32)
+            if audio.ndim != 1 or not np.isfinite(audio).all():
+                raise ValueError(f"sound of shape {audio.shape}, or with values that are not finite")
     except FileNotFoundError as error:
         raise MotionError(f"{path} does not exist; check the name") from error
-    except _FOREIGN as error:
+    except NPZ_ERRORS as error:
         raise MotionError(
-            f"{path} holds no motion of ours or is damaged ({error}); write it again"
+            f"{path} is no motion of `animate` or `say`, or damaged ({error}); write it again"
         ) from error
-    motion = motion or read_npz(path)
     if face is not None and len(face) != motion.frames:
         raise MotionError(
             f"{path}: {len(face)} frames of face beside {motion.frames} of motion; write it again"
@@ -64,8 +62,8 @@ def read_take(path: Path) -> Take:
     return Take(motion, face, audio)
 
 
-def _recorded(path: Path, stored: "np.lib.npyio.NpzFile") -> Motion:
-    """What `client.Recording` saved: names say whose bones they are."""
+def _recorded(path: Path, stored: Mapping[str, np.ndarray]) -> Motion:
+    """The motion of a `client.Recording`, whose bones are known by name."""
     names = tuple(str(name) for name in stored["names"])
     if names != HUMANOID.names:
         raise MotionError(f"{path} was recorded on another rig ({', '.join(names[:3])}, ...); record it anew")
@@ -73,6 +71,6 @@ def _recorded(path: Path, stored: "np.lib.npyio.NpzFile") -> Motion:
     return Motion(HUMANOID, rotations, root, float(stored["frame_rate"]))
 
 
-def _face(stored: "np.lib.npyio.NpzFile") -> Float[np.ndarray, "t 52"] | None:
+def _face(stored: Mapping[str, np.ndarray]) -> Float[np.ndarray, "t 52"] | None:
     curves, names = np.asarray(stored["face"], np.float32), [str(name) for name in stored["face_names"]]
     return reorder(curves, names, ARKIT_NAMES) if curves.shape[1] else None

@@ -1,6 +1,6 @@
-"""USD (`.usda`, `.usdc`, `.usdz`): the character as UsdSkel, with its skeleton, blend shapes and animation.
+"""Write USD (`.usda`, `.usdc`, `.usdz`): our character as UsdSkel, with skeleton, blend shapes and animation.
 
-Needs `usd-core` (Pixar's own wheel): pip install 'echoavatar[usd]'.
+Needs `usd-core`, Pixar's own package: pip install 'echoavatar[usd]'.
 """
 
 import shutil
@@ -12,17 +12,18 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..avatar.character import Character
-from ..avatar.gltf import checked, continuous
+from ..avatar.gltf import checked
 from ..avatar.morphs import checked_face
 from ..errors import DependencyError, MotionError
 from ..kinematics import HUMANOID
+from ..kinematics.resample import align_signs
 from .take import Take
 
 SUFFIXES = (".usda", ".usdc", ".usdz")
 
 
 def write_usd(path: Path, character: Character, take: Take) -> None:
-    """Write a take on our rig with the character.
+    """Write our character with a take, which is retargeted to our rig first.
 
     Raises:
         DependencyError: `usd-core` is missing.
@@ -96,7 +97,7 @@ def _animation(stage: Any, path: str, take: Take, character: Character) -> Any:
     from pxr import Gf, UsdSkel, Vt
 
     rotations, root = checked(take.motion.rotations, take.motion.root)
-    turns = continuous(rotations)
+    turns = align_signs(rotations)
     animation = UsdSkel.Animation.Define(stage, path)
     animation.CreateJointsAttr(_paths())
     animation.CreateScalesAttr(Vt.Vec3hArray([Gf.Vec3h(1, 1, 1)] * HUMANOID.joints))
@@ -151,7 +152,7 @@ def _mesh(
 
 
 def _shapes(stage: Any, path: str, character: Character, used: Int[np.ndarray, " v"], binding: Any) -> None:
-    """One BlendShape prim a shape, with only the points it moves."""
+    """One BlendShape prim per shape, with only the points that it moves."""
     from pxr import UsdSkel, Vt
 
     face = character.face

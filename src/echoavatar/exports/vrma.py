@@ -1,9 +1,9 @@
-"""VRM Animation 1.0 (`.vrma`): body, face and gaze for any VRM avatar.
+"""Write VRM Animation 1.0 (`.vrma`): body, face and gaze for any VRM avatar.
 
-The skeleton in the file stands in T-pose with the character's own proportions, so that a player can scale the hips'
-path to the avatar; only the hips travel. Expression weights are the X of a node's translation and the gaze is the
-rotation of another node, as the format has it. Vowels and blinks serve every avatar, the 52 ARKit shapes those that
-have them.
+The skeleton in the file stands in T-pose with the character's own proportions, so that a player can scale the path of
+the hips to the avatar. Only the hips are translated. As the format prescribes, an expression's weight is the X
+translation of a node, and the gaze is the rotation of another node. Vowels and blinks work with every avatar; the 52
+ARKit shapes work with avatars that have them.
 """
 
 from pathlib import Path
@@ -12,27 +12,29 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ..avatar.gltf import container, continuous, write_whole
-from ..avatar.gltf_buffer import Buffer
+from ..avatar.gltf import container
+from ..avatar.gltf_buffer import Buffer, Tracks
 from ..errors import MotionError
 from ..face.arkit import ARKIT_NAMES, LIVE_LINK_NAMES, VRM_NAMES, to_live_link, to_vrm
 from ..kinematics import HUMANOID, Motion, Skeleton
+from ..kinematics.resample import align_signs
 from ..kinematics.retarget import retarget
 from ..kinematics.rigs import bone_map
 from ..kinematics.rotations import quaternion_from_matrix
+from ..kinematics.tables import write_whole
 from .take import Take
 
-PRESETS = VRM_NAMES[:8]  # vowels and blinks; looks go by `lookAt`
+PRESETS = VRM_NAMES[:8]  # vowels and blinks; the gaze is `lookAt`
 _LEFT_EYE = LIVE_LINK_NAMES.index("leftEyeYaw")
 _RIGHT_EYE = LIVE_LINK_NAMES.index("rightEyeYaw")
 REQUIRED = ("hips", "spine", "head")
 
 
 def write_vrma(path: Path, take: Take) -> None:
-    """Write a take on our rig, or on any whose bones are known.
+    """Write a take on our rig, or on any rig whose bones are known.
 
     Raises:
-        MotionError: bones that the format wants are missing, or the file cannot be written.
+        MotionError: a bone that the format requires is missing, or the file cannot be written.
     """
     write_whole(path, pack_vrma(take))
 
@@ -50,10 +52,10 @@ def pack_vrma(take: Take) -> bytes:
     for joint, parent in enumerate(skeleton.parents):
         if parent >= 0:
             nodes[parent].setdefault("children", []).append(joint)  # type: ignore[attr-defined]
-    tracks = _Tracks(motion)
+    tracks, rotations = Tracks(Buffer(), motion.frames, motion.fps), align_signs(motion.rotations)
     for joint in range(skeleton.joints):
-        tracks.rotate(joint, tracks.turns[:, joint])
-    tracks.move(0, motion.root)
+        tracks.add(joint, "rotation", _xyzw(rotations[:, joint].astype(np.float64)))
+    tracks.add(0, "translation", motion.root)
     extension: dict[str, Any] = {
         "specVersion": "1.0",
         "humanoid": {"humanBones": {bone: {"node": joint} for bone, joint in sorted(bones.items())}},
@@ -76,7 +78,7 @@ def pack_vrma(take: Take) -> bytes:
 
 
 def in_t_pose(motion: Motion) -> Motion:
-    """The same motion of a skeleton whose rest pose is the T-pose of the same body: the format allows no other."""
+    """The same motion on a skeleton of the same body that rests in T-pose, which the format requires."""
     skeleton = motion.skeleton
     still = np.zeros((1, HUMANOID.joints, 4), np.float32)
     still[..., 0] = 1
@@ -93,36 +95,15 @@ def in_t_pose(motion: Motion) -> Motion:
     return Motion(Skeleton(rest), rotations, motion.root, motion.fps)
 
 
-class _Tracks:
-    """Samplers and channels on one clock."""
-
-    def __init__(self, motion: Motion) -> None:
-        self.buffer = Buffer()
-        self.samplers: list[dict[str, Any]] = []
-        self.channels: list[dict[str, Any]] = []
-        self.turns = continuous(motion.rotations.astype(np.float64))
-        times = (np.arange(motion.frames) / motion.fps).astype(np.float32)
-        self._clock = self.buffer.add(times, bounds=True)
-
-    def rotate(self, node: int, wxyz: Float[np.ndarray, "t 4"]) -> None:
-        """Turn a node."""
-        unit = wxyz / np.linalg.norm(wxyz, axis=-1, keepdims=True)
-        self._add(node, "rotation", unit[:, [1, 2, 3, 0]])
-
-    def move(self, node: int, places: Float[np.ndarray, "t 3"]) -> None:
-        """Move a node."""
-        self._add(node, "translation", places)
-
-    def _add(self, node: int, path: str, values: np.ndarray) -> None:
-        self.channels.append({"sampler": len(self.samplers), "target": {"node": node, "path": path}})
-        output = self.buffer.add(values.astype(np.float32))
-        self.samplers.append({"input": self._clock, "interpolation": "LINEAR", "output": output})
+def _xyzw(wxyz: Float[np.ndarray, "t 4"]) -> Float[np.ndarray, "t 4"]:
+    unit: np.ndarray = wxyz / np.linalg.norm(wxyz, axis=-1, keepdims=True)
+    return unit[:, [1, 2, 3, 0]]
 
 
 def _face(
-    curves: Float[np.ndarray, "t 52"], nodes: list[Any], tracks: _Tracks, bones: dict[str, int]
+    curves: Float[np.ndarray, "t 52"], nodes: list[Any], tracks: Tracks, bones: dict[str, int]
 ) -> dict[str, Any]:
-    """Expressions and gaze as nodes of their own."""
+    """The extension's expressions and gaze, each driven by a node that is added to `nodes`."""
 
     def node(name: str) -> int:
         nodes.append({"name": name})
@@ -130,14 +111,14 @@ def _face(
 
     def express(name: str, weights: Float[np.ndarray, " t"]) -> dict[str, int]:
         at = node(name)
-        tracks.move(at, np.stack([weights, 0 * weights, 0 * weights], 1))
+        tracks.add(at, "translation", np.stack([weights, 0 * weights, 0 * weights], 1))
         return {"node": at}
 
     preset = {name: express(name, weights) for name, weights in zip(PRESETS, to_vrm(curves).T, strict=False)}
     custom = {name: express(name, weights) for name, weights in zip(ARKIT_NAMES, curves.T, strict=True)}
     look = node("lookAt")
     nodes[look]["translation"] = [0.0, 0.0, 0.0]
-    tracks.rotate(look, _gaze(curves))
+    tracks.add(look, "rotation", _xyzw(_gaze(curves)))
     return {
         "expressions": {"preset": preset, "custom": custom},
         "lookAt": {"node": look, "offsetFromHeadBone": [0.0, 0.06, 0.0]},
@@ -145,7 +126,7 @@ def _face(
 
 
 def _gaze(curves: Float[np.ndarray, "t 52"]) -> Float[np.ndarray, "t 4"]:
-    """Where both eyes look in the mean: left by a turn about Y, down by one about X."""
+    """The mean direction of both eyes: a rotation about Y looks left, one about X looks down."""
     columns = to_live_link(curves)
     yaw, pitch = ((columns[:, _LEFT_EYE + k] + columns[:, _RIGHT_EYE + k]) / 2 for k in (0, 1))
     (cy, sy), (cp, sp) = ((np.cos(angle / 2), np.sin(angle / 2)) for angle in (-yaw, pitch))

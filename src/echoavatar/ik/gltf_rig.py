@@ -1,12 +1,15 @@
-"""The rig of a character in a GLB or VRM file: which node is which bone, and where they are at rest.
+"""Read the rig of a character from a GLB or VRM file: which node is which bone, and its rest position.
 
-Known are VRM 1.0 and 0.x humanoid maps, and plain GLB whose joints carry names that `kinematics.rigs` knows. The rig is
-the subtree of the hips in the pose the file rests in, as a skeleton whose rest pose has no rotations: metres, Y up,
-turned to face +Z.
+Bones are found by the humanoid map of VRM 1.0 or 0.x, or in a plain GLB by joint names (`kinematics.rigs`). The rig is
+the subtree of the hips in the file's rest pose. It becomes a skeleton whose rest pose has no rotations, in metres, Y
+up, rotated to face +Z.
 """
 
 import json
 import struct
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,30 +19,58 @@ from jaxtyping import Float
 from ..errors import MotionError
 from ..kinematics import Skeleton, SkeletonConfig
 from ..kinematics.rigs import bone_map
+from ..limits import DEPTH, GLB_BYTES, NODES, check_file
 
 Array = np.ndarray
 _OLD_THUMB = {"Proximal": "Metacarpal", "Intermediate": "Proximal", "Distal": "Distal"}  # VRM 0.x to 1.0
+_DAMAGE = (
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    RecursionError,
+    TypeError,
+    ValueError,
+    np.linalg.LinAlgError,
+    struct.error,
+)
 _FEET = ("leftFoot", "leftToes", "rightFoot", "rightToes")
 
 
 class GltfRig(NamedTuple):
     """A file and what was found in it."""
 
+    path: Path
     document: dict[str, Any]
     binary: bytes
-    order: list[int]  # node of each joint of the skeleton
-    parents: dict[int, int]  # of every node; -1 for none
-    worlds: list[Float[Array, "4 4"]]  # of every node at rest, in the file's own axes
+    order: list[int]  # the node of each joint of the skeleton
+    parents: dict[int, int]  # the parent of every node, -1 for none
+    worlds: list[Float[Array, "4 4"]]  # world matrix of every node at rest, in the file's axes
     skeleton: Skeleton
-    is_turned: bool  # the file faces -Z: all was turned by half about Y
+    is_turned: bool  # the file faces -Z, so the skeleton was rotated by 180 degrees about Y
+
+
+@contextmanager
+def refusing_damage(path: Path) -> Iterator[None]:
+    """Turn the errors that a damaged or hostile document causes into one error that names the file."""
+    try:
+        yield
+    except _DAMAGE as error:
+        raise MotionError(
+            f"{path} does not keep to the glTF format ({type(error).__name__}: {str(error)[:120]}); export it again"
+        ) from error
 
 
 def read_gltf_rig(path: Path) -> GltfRig:
     """Read a binary glTF with a skin.
 
     Raises:
-        MotionError: no such file, no binary glTF, compressed, without a skin, or with joints nobody knows.
+        MotionError: the file is missing, damaged, compressed, no binary glTF, has no skin, or joints of unknown names.
     """
+    with refusing_damage(path):
+        return _read(path)
+
+
+def _read(path: Path) -> GltfRig:
     document, binary = _chunks(path)
     used = set(document.get("extensionsRequired", []))
     if squeezed := used & {"KHR_draco_mesh_compression", "EXT_meshopt_compression"}:
@@ -48,7 +79,8 @@ def read_gltf_rig(path: Path) -> GltfRig:
         raise MotionError(
             f"{path} has no skin, so nothing says which vertex follows which bone; export it rigged"
         )
-    worlds, parents = _worlds(document["nodes"])
+    parents = _parents(document["nodes"])
+    worlds = _worlds(document["nodes"], parents)
     order, bones = _rig(document, parents, path)
     slot = {node: index for index, node in enumerate(order)}
     places = np.array([worlds[node][:3, 3] for node in order])
@@ -67,11 +99,12 @@ def read_gltf_rig(path: Path) -> GltfRig:
         feet=tuple(feet),
         vrm=bones,
     )
-    return GltfRig(document, binary, order, parents, worlds, Skeleton(config), is_turned)
+    return GltfRig(path, document, binary, order, parents, worlds, Skeleton(config), is_turned)
 
 
 def _chunks(path: Path) -> tuple[dict[str, Any], bytes]:
     try:
+        check_file(path, GLB_BYTES, MotionError)
         data = path.read_bytes()
     except OSError as error:
         raise MotionError(f"{path} cannot be read; check the name") from error
@@ -80,16 +113,38 @@ def _chunks(path: Path) -> tuple[dict[str, Any], bytes]:
         if magic != b"glTF" or kind != 0x4E4F534A:
             raise ValueError
         document: dict[str, Any] = json.loads(data[20 : 20 + length])
-    except (struct.error, ValueError) as error:
-        raise MotionError(f"{path} is no binary glTF; export the character as .glb or .vrm") from error
+        if not isinstance(document, dict):
+            raise ValueError
+    except (struct.error, ValueError, RecursionError) as error:
+        raise MotionError(f"{path} is not binary glTF; export the character as .glb or .vrm") from error
     return document, data[28 + length :]
 
 
-def _worlds(nodes: list[dict[str, Any]]) -> tuple[list[Array], dict[int, int]]:
-    """World matrix of every node in the file's rest pose, and each node's parent (-1 for none)."""
+def _parents(nodes: list[dict[str, Any]]) -> dict[int, int]:
+    """Each node's parent (-1 for none); refuses nodes that are not there, that have two parents, and cycles."""
+    if len(nodes) > NODES:
+        raise ValueError(f"{len(nodes)} nodes, and at most {NODES} are read")
     parents = dict.fromkeys(range(len(nodes)), -1)
-    for index, node in enumerate(nodes):
-        parents.update(dict.fromkeys(node.get("children", []), index))
+    for index, entry in enumerate(nodes):
+        for child in entry.get("children", []):
+            if parents[child] >= 0:
+                raise ValueError(f"node {child} has two parents")
+            parents[child] = index
+    depths = dict.fromkeys([node for node, parent in parents.items() if parent < 0], 0)
+    below = list(depths)
+    for node in below:
+        for child in nodes[node].get("children", []):
+            depths[child] = depths[node] + 1
+            below.append(child)
+    if len(depths) < len(nodes):
+        raise ValueError("a node is among its own parents")
+    if max(depths.values()) > DEPTH:
+        raise ValueError(f"nodes are more than {DEPTH} deep")
+    return parents
+
+
+def _worlds(nodes: list[dict[str, Any]], parents: dict[int, int]) -> list[Array]:
+    """World matrix of every node in the file's rest pose."""
     worlds: list[Array | None] = [None] * len(nodes)
 
     def world(index: int) -> Array:
@@ -99,7 +154,7 @@ def _worlds(nodes: list[dict[str, Any]]) -> tuple[list[Array], dict[int, int]]:
             known = worlds[index] = local if parents[index] < 0 else world(parents[index]) @ local
         return known
 
-    return [world(index) for index in range(len(nodes))], parents
+    return [world(index) for index in range(len(nodes))]
 
 
 def _local(node: dict[str, Any]) -> Array:
@@ -120,7 +175,7 @@ def _local(node: dict[str, Any]) -> Array:
 
 
 def _rig(document: dict[str, Any], parents: dict[int, int], path: Path) -> tuple[list[int], dict[str, int]]:
-    """Nodes of the rig, hips first and parents before children; and the bones' places in that list."""
+    """Nodes of the rig, hips first and parents before children, and the index of each bone in that list."""
     joints = {node for skin in document["skins"] for node in skin["joints"]}
     known = _humanoid(document)
     if not known:
@@ -129,29 +184,22 @@ def _rig(document: dict[str, Any], parents: dict[int, int], path: Path) -> tuple
         flat = SkeletonConfig(
             names=names, parents=(-1, *([0] * (len(names) - 1))), offsets=((0.0, 0.0, 0.0),) * len(names)
         )
-        known = {bone: listed[index] for bone, index in bone_map(Skeleton(flat)).items()}
+        try:
+            known = {bone: listed[index] for bone, index in bone_map(Skeleton(flat)).items()}
+        except MotionError as error:
+            raise MotionError(f"{path}: {error}") from error
     missing = [bone for bone in ("hips", "head", "leftUpperArm", "rightUpperArm") if bone not in known]
     if missing or any(f"{side}Foot" not in known for side in ("left", "right")):
-        raise MotionError(
-            f"{path} says of no joint that it is {(missing or ['a foot'])[0]}; check its humanoid map"
-        )
-    order, wanted = [known["hips"]], joints | set(known.values())
+        raise MotionError(f"{path} has no joint for {(missing or ['a foot'])[0]}; check its humanoid map")
+    order, kept = [known["hips"]], set[int]()
+    for node in joints | set(known.values()):
+        while node >= 0 and node not in kept:
+            kept.add(node)
+            node = parents[node]
     for node in order:
-        order += [
-            child for child in document["nodes"][node].get("children", []) if _has(child, wanted, parents)
-        ]
+        order += [child for child in document["nodes"][node].get("children", []) if child in kept]
     slot = {node: index for index, node in enumerate(order)}
     return order, {bone: slot[node] for bone, node in known.items() if node in slot}
-
-
-def _has(node: int, wanted: set[int], parents: dict[int, int]) -> bool:
-    """Whether the node or one below it is wanted."""
-    for each in wanted:
-        while each >= 0 and each != node:
-            each = parents[each]
-        if each == node:
-            return True
-    return False
 
 
 def _humanoid(document: dict[str, Any]) -> dict[str, int]:
@@ -172,4 +220,5 @@ def _renamed(bone: str) -> str:
 
 def _names(nodes: list[dict[str, Any]], order: list[int]) -> tuple[str, ...]:
     names = [str(nodes[node].get("name", f"joint {node}")) for node in order]
-    return tuple(f"{name} {k}" if names.count(name) > 1 else name for k, name in enumerate(names))
+    count = Counter(names)
+    return tuple(f"{name} {k}" if count[name] > 1 else name for k, name in enumerate(names))

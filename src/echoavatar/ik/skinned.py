@@ -1,6 +1,6 @@
-"""A skinned character read from a GLB or VRM file, as far as its thickness needs: rig, vertices, weights.
+"""Read what measuring a body needs from a GLB or VRM file: rig, vertices and skin weights.
 
-Vertices are where the skin puts them in the pose the file rests in. Metres, Y up, turned to face +Z.
+Vertices are skinned in the file's rest pose: metres, Y up, rotated to face +Z.
 """
 
 from pathlib import Path
@@ -11,7 +11,8 @@ from jaxtyping import Float
 
 from ..errors import MotionError
 from ..kinematics import Skeleton
-from .gltf_rig import GltfRig, read_gltf_rig
+from ..limits import VERTICES, WEIGHTS
+from .gltf_rig import GltfRig, read_gltf_rig, refusing_damage
 
 Array = np.ndarray
 _TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
@@ -30,19 +31,22 @@ def read_skinned(path: Path) -> Skinned:
     """Read a binary glTF with a skin.
 
     Raises:
-        MotionError: no such file, no binary glTF, compressed, without a skin, or with joints nobody knows.
+        MotionError: the file is missing, damaged, compressed, no binary glTF, has no skin, or joints of unknown names.
     """
     return skinned(read_gltf_rig(path))
 
 
 def skinned(rig: GltfRig) -> Skinned:
-    """The same of a file that was read.
+    """The character of a file whose rig was read.
 
     Raises:
-        MotionError: no mesh of it is skinned.
+        MotionError: the file has no skinned mesh, or its meshes are damaged or too large.
     """
     slot = {node: index for index, node in enumerate(rig.order)}
-    vertices, weights = _skin(rig.document, rig.binary, rig.worlds, rig.parents, slot)
+    with refusing_damage(rig.path):
+        vertices, weights = _skin(rig.document, rig.binary, rig.worlds, rig.parents, slot)
+        if not np.isfinite(vertices).all():
+            raise ValueError("vertices that are not finite")
     if rig.is_turned:
         vertices = vertices * [-1, 1, -1]
     return Skinned(rig.skeleton, vertices.astype(np.float32), weights)
@@ -56,7 +60,7 @@ def _skin(
     slot: dict[int, int],
 ) -> tuple[Float[Array, "v 3"], Float[Array, "v j"]]:
     """Vertices of all skinned meshes where their bones put them, and their weights on the rig's joints."""
-    vertices, weights = [], []
+    vertices, weights, total = [], [], 0
     for node in document["nodes"]:
         if "mesh" not in node or "skin" not in node:
             continue
@@ -72,6 +76,10 @@ def _skin(
             held = part["attributes"]
             if "JOINTS_0" not in held:
                 continue
+            count = int(document["accessors"][held["POSITION"]]["count"])
+            total += count
+            if total > VERTICES or total * len(slot) > WEIGHTS:
+                raise ValueError(f"{total:,} vertices on {len(slot)} joints, more than are read")
             places = _accessor(document, binary, held["POSITION"])
             joints = _accessor(document, binary, held["JOINTS_0"]).astype(int)
             share = _accessor(document, binary, held["WEIGHTS_0"])
@@ -99,6 +107,8 @@ def _accessor(document: dict[str, Any], binary: bytes, index: int) -> Float[Arra
     dtype, width = np.dtype(_TYPES[accessor["componentType"]]), _WIDTHS[accessor["type"]]
     start = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
     stride = view.get("byteStride", dtype.itemsize * width)
+    if accessor["count"] < 0 or start < 0 or stride < dtype.itemsize * width:
+        raise ValueError(f"accessor {index} has a count, offset or stride that cannot be")
     raw = np.ndarray(
         (accessor["count"], width), dtype, binary, offset=start, strides=(stride, dtype.itemsize)
     )

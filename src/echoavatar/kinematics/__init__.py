@@ -1,4 +1,4 @@
-"""Rotations, skeletons and motion as geometry: forward kinematics, BVH, features, mirroring, retargeting.
+"""Skeletons and motion as geometry: rotations, forward kinematics, BVH, features, mirroring, retargeting.
 
 May import `nn` and below. Metres, radians, Y up, character facing +Z with its left at +X, quaternions `wxyz`,
 rotations relative to the parent; anything else says so in its name.

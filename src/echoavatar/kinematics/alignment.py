@@ -1,15 +1,14 @@
-"""How the rest frame of each bone of one rig lies in that of another: the rest-pose aware part of retargeting.
+"""Align the rest poses of two rigs, so that retargeting can copy world rotations.
 
-For every mapped bone a constant rotation A with: target world rotation = source world rotation @ A. Three cases:
+Each mapped bone gets a constant rotation A with: target world rotation = source world rotation @ A. Three cases:
 
-* torso and shoulders of a rig whose rest pose stands upright: only the facing differs;
-* limbs and fingers: on top of the parent's A, the least turn that lays the target's bone direction onto the
-  source's (so a T-pose and an A-pose meet);
-* feet and toes: taken from the motion, so that they are flat on the floor when they stand.
+* Torso and shoulders of a rig that stands upright at rest: A corrects the facing alone.
+* Limbs and fingers: A is the parent's A followed by the smallest rotation from the target's bone direction to the
+  source's. So a T-pose and an A-pose match.
+* Feet and toes: A is measured on the motion, so that standing feet are flat on the floor.
 
-Rigs whose zero pose is no pose at all (bones along a local axis, as Bandai-Namco's) give no rest facing. There the
-twist about each bone is chosen so that, in the mean over the clip, it does not twist against its parent; elbows and
-knees take it from the axis they bend about.
+Some rigs have no meaningful rest pose: their bones all point along a local axis (Bandai-Namco). There A gives each bone
+no twist against its parent on average over the clip. Elbows and knees take the twist from their bending axis.
 """
 
 from collections.abc import Mapping
@@ -35,16 +34,16 @@ def align(
     target: Skeleton,
     target_map: Mapping[str, int],
 ) -> dict[str, Float[Tensor, "3 3"]]:
-    """The rotation A of each bone that both rigs have. `pose` is the source's motion, in double."""
+    """The rotation A of each bone that both rigs have. `pose` is the source's motion in double precision."""
     bones = [bone for bone in target_map if bone in source_map]
     bones.sort(key=lambda bone: target_map[bone])
     has_rest = _stands_upright(source, source_map)
-    facing = _turn_about_up(source, source_map, target, target_map) if has_rest else torch.eye(3).double()
+    facing = _facing(source, source_map, target, target_map) if has_rest else torch.eye(3).double()
     found: dict[str, Tensor] = {}
     for bone in bones:
         above = _mapped_parent(target, target_map, bone, found)
         ours, theirs = _direction(target, target_map, bone), _direction(source, source_map, bone)
-        turns = pose.rotations[:, source_map[bone]]
+        rotations = pose.rotations[:, source_map[bone]]
         if bone.endswith(("Foot", "Toes")):
             found[bone] = _flat(pose, source_map, bone) @ _level_rest(target, target_map, bone).T
         elif has_rest:
@@ -56,7 +55,7 @@ def align(
                 else least_turn(base @ ours, theirs) @ base
             )
         else:
-            mean = _mean_without_twist(turns, pose, source_map, found, above)
+            mean = _mean_without_twist(rotations, pose, source_map, found, above)
             if bone == "hips":
                 found[bone] = _from_hips(source, source_map)
             elif ours is None or theirs is None:
@@ -69,7 +68,7 @@ def align(
 
 
 def least_turn(start: Float[Tensor, "*n 3"], end: Float[Tensor, "*n 3"]) -> Float[Tensor, "*n 3 3"]:
-    """The smallest rotation that lays one direction onto another; opposite ones turn about any axis across."""
+    """The smallest rotation from one direction to another; opposite directions take any perpendicular axis."""
     a, b = _unit(start), _unit(end)
     axis, cosine = torch.linalg.cross(a, b), (a * b).sum(-1, keepdim=True)
     sine = axis.norm(dim=-1, keepdim=True)
@@ -89,7 +88,7 @@ def project_rotation(matrix: Float[Tensor, "*n 3 3"]) -> Float[Tensor, "*n 3 3"]
 
 
 def _direction(skeleton: Skeleton, bones: Mapping[str, int], bone: str) -> Tensor | None:
-    """Rest direction from a bone to the one it carries, in its own frame; None for a bone without length."""
+    """Rest direction from a bone to the next one, in its own frame; None for a bone without length."""
     joint = bones[bone]
     if bone.endswith("Hand"):
         named = [
@@ -102,7 +101,7 @@ def _direction(skeleton: Skeleton, bones: Mapping[str, int], bone: str) -> Tenso
         child = next((bones[b] for b in _BELOW.get(bone, ()) if b in bones), None)
     if child is not None:
         offset = torch.zeros(3)
-        while child != joint:  # bones in between that nobody mapped count as straight on
+        while child != joint:  # unmapped bones in between continue the direction
             if child < 0:
                 return None
             offset = offset + skeleton.offsets[child]
@@ -110,7 +109,7 @@ def _direction(skeleton: Skeleton, bones: Mapping[str, int], bone: str) -> Tenso
     else:
         offset = torch.tensor(skeleton.config.tips.get(skeleton.names[joint], (0.0, 0.0, 0.0)))
     if bone.endswith("Distal") and child is None and offset.norm() < 1e-3:
-        offset = skeleton.offsets[joint]  # a fingertip nobody measured: straight on
+        offset = skeleton.offsets[joint]  # a fingertip without an end continues its bone
     return _unit(offset.double()) if offset.norm() > 1e-3 else None
 
 
@@ -151,15 +150,15 @@ def _mapped_parent(
 
 
 def _stands_upright(source: Skeleton, bones: Mapping[str, int]) -> bool:
-    """Whether the rest pose is one: head over hips over feet, left of the character on its left."""
+    """Whether the rest pose is meaningful: head above hips above feet, and the hip joints apart."""
     rest = source.rest_positions
     heights = [float(rest[bones[bone], 1]) for bone in ("head", "hips", "leftLowerLeg", "leftFoot")]
     is_descending = all(a > b + 0.1 for a, b in zip(heights, heights[1:], strict=False))
     return is_descending and float((rest[bones["leftUpperLeg"]] - rest[bones["rightUpperLeg"]]).norm()) > 0.05
 
 
-def _turn_about_up(source: Skeleton, a: Mapping[str, int], target: Skeleton, b: Mapping[str, int]) -> Tensor:
-    """Rotation about the vertical from the target's rest facing to the source's."""
+def _facing(source: Skeleton, a: Mapping[str, int], target: Skeleton, b: Mapping[str, int]) -> Tensor:
+    """Rotation about the vertical from the facing of the target's rest pose to that of the source's."""
     across = [
         skeleton.rest_positions[bones["leftUpperLeg"]] - skeleton.rest_positions[bones["rightUpperLeg"]]
         for skeleton, bones in ((target, b), (source, a))
@@ -169,15 +168,15 @@ def _turn_about_up(source: Skeleton, a: Mapping[str, int], target: Skeleton, b: 
 
 
 def _flat(pose: Pose, bones: Mapping[str, int], bone: str) -> Tensor:
-    """The level frame that looks along the foot, seen from the bone, while the foot stands."""
+    """The mean rotation, in the bone's frame, to a level frame that points along the standing foot."""
     side = "left" if bone.startswith("left") else "right"
     ankle = pose.positions[:, bones[f"{side}Foot"]]
     stands = ankle[:, 1] <= torch.quantile(ankle[:, 1], 0.15) + 0.01
-    turns = pose.rotations[stands, bones[bone]]
+    rotations = pose.rotations[stands, bones[bone]]
     if f"{side}Toes" not in bones:
-        return project_rotation(turns.transpose(-1, -2).mean(0))
+        return project_rotation(rotations.transpose(-1, -2).mean(0))
     ahead = (pose.positions[:, bones[f"{side}Toes"]] - ankle)[stands]
-    return project_rotation((turns.transpose(-1, -2) @ _level(ahead)).mean(0))
+    return project_rotation((rotations.transpose(-1, -2) @ _level(ahead)).mean(0))
 
 
 def _level_rest(target: Skeleton, bones: Mapping[str, int], bone: str) -> Tensor:
@@ -189,23 +188,23 @@ def _level_rest(target: Skeleton, bones: Mapping[str, int], bone: str) -> Tensor
 
 
 def _level(ahead: Float[Tensor, "*n 3"]) -> Float[Tensor, "*n 3 3"]:
-    """Axes left, up, ahead; upright, looking along the horizontal part of `ahead`."""
+    """Axes left, up, ahead of an upright frame that points along the horizontal part of `ahead`."""
     up = ahead.new_tensor(_UP).expand_as(ahead)
     left = _unit(torch.linalg.cross(up, ahead))
     return torch.stack([left, up, torch.linalg.cross(left, up)], -1)
 
 
 def _mean_without_twist(
-    turns: Tensor, pose: Pose, bones: Mapping[str, int], found: Mapping[str, Tensor], above: str | None
+    rotations: Tensor, pose: Pose, bones: Mapping[str, int], found: Mapping[str, Tensor], above: str | None
 ) -> Tensor:
     if above is None:
         return torch.eye(3).double()
     parent = pose.rotations[:, bones[above]] @ found[above]
-    return project_rotation((turns.transpose(-1, -2) @ parent).mean(0))
+    return project_rotation((rotations.transpose(-1, -2) @ parent).mean(0))
 
 
 def _from_hips(source: Skeleton, bones: Mapping[str, int]) -> Tensor:
-    """Left hip minus right hip is +X; the spine is nearest to +Y."""
+    """The frame of the hips: +X from right to left hip joint, +Y as near to the spine as it can be."""
     across = _unit((source.offsets[bones["leftUpperLeg"]] - source.offsets[bones["rightUpperLeg"]]).double())
     up = source.offsets[bones["spine"]].double()
     up = _unit(up - (up * across).sum() * across)
@@ -213,7 +212,7 @@ def _from_hips(source: Skeleton, bones: Mapping[str, int]) -> Tensor:
 
 
 def _from_hinge(pose: Pose, bones: Mapping[str, int], bone: str, ours: Tensor, theirs: Tensor) -> Tensor:
-    """Elbows bend about -Y (left) or +Y (right) of our T-pose, knees about +X; theirs is measured, weighed by bend."""
+    """A from the bending axes: ours is -Y (left elbow), +Y (right elbow) or +X (knee); the source's is measured."""
     side, is_arm = ("left" if bone.startswith("left") else "right"), "Arm" in bone
     chain = ("UpperArm", "LowerArm", "Hand") if is_arm else ("UpperLeg", "LowerLeg", "Foot")
     a, b, c = (pose.positions[:, bones[side + name]] for name in chain)

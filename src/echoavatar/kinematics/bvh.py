@@ -1,7 +1,7 @@
-"""BVH, the common file of captured motion: any hierarchy, any channel order, position channels anywhere.
+"""Read and write BVH, the common format of captured motion: any hierarchy, any channel order.
 
-Position channels on joints below the root: when a root's only child travels (as in the Bandai-Namco data), the root
-is merged into it; elsewhere bones are taken to be rigid, of their mean length.
+Joints below the root may have position channels. If the root's only child travels (as in the Bandai-Namco data), the
+root is merged into it. Elsewhere bones count as rigid, and their mean length is used.
 """
 
 import logging
@@ -15,13 +15,15 @@ import torch
 from numpy.typing import NDArray
 
 from echoavatar.errors import MotionError
+from echoavatar.limits import BVH_BYTES, DEPTH, JOINTS, ROTATIONS, check_file
 
 from .motion import Motion
 from .rotations import euler_from_matrix, matrix_from_quaternion, quaternion_multiply
 from .skeleton import Skeleton, SkeletonConfig
+from .tables import write_whole
 
 _log = logging.getLogger(__name__)
-_RIGID_M = 1e-3  # bones may change by a millimetre before we say so
+_RIGID_M = 1e-3  # a bone that changes its length by more is reported
 _CHANNELS = {f"{axis}{kind}": (kind, i) for i, axis in enumerate("XYZ") for kind in ("position", "rotation")}
 _Frames = np.ndarray
 
@@ -36,21 +38,27 @@ class _Joint:
 
 
 def read_bvh(path: Path | str, *, metres_per_unit: float = 0.01) -> Motion:
-    """Read a BVH file (centimetres unless told otherwise).
+    """Read a BVH file, in centimetres by default.
 
-    Raises MotionError naming the line and the remedy for files that are missing, cut short, inconsistent, or hold
-    numbers that are not finite.
+    Raises:
+        MotionError: the file is missing, too large, cut short, inconsistent, or contains numbers that are not finite.
+            The message names the line and the remedy.
     """
     path = Path(path)
     try:
+        check_file(path, BVH_BYTES, MotionError)
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except FileNotFoundError as error:
         raise MotionError(f"{path} does not exist; check the name") from error
     except (OSError, UnicodeDecodeError) as error:
-        raise MotionError(f"{path} cannot be read as text; it is no BVH file") from error
+        raise MotionError(f"{path} cannot be read as text; it is not a BVH file") from error
     reader = _Header(path, lines)
     joints = reader.joints()
     frames, fps = _numbers(path, lines, reader.line, sum(len(joint.channels) for joint in joints))
+    if len(frames) * len(joints) > ROTATIONS:
+        raise MotionError(
+            f"{path}: {len(frames):,} frames of {len(joints):,} joints are more than {ROTATIONS:,} rotations; cut it"
+        )
     return _assemble(joints, frames, fps, metres_per_unit)
 
 
@@ -64,16 +72,16 @@ def write_bvh(
     scale: float = 100.0,
     order: str = "zyx",
 ) -> None:
-    """Write a BVH file, complete or not at all; Euler angles run on past 180 degrees rather than jump.
+    """Write a BVH file, completely or not at all. Euler angles continue past 180 degrees instead of jumping.
 
     Args:
-        path: the file.
+        path: where to write.
         skeleton: the rig; its tips become End Sites.
         rotations: (t, j, 4) parent-relative quaternions `wxyz`.
         root: (t, 3) world position of the root, metres.
         fps: frames per second.
         scale: units per metre, 100 for centimetres.
-        order: the channels' rotation order.
+        order: order of the rotation channels.
     """
     motion = Motion(skeleton, np.asarray(rotations, np.float32), np.asarray(root, np.float32), fps)
     angles = np.degrees(_continuous_euler(motion.rotations, order))[:, _depth_first(skeleton)]
@@ -82,29 +90,22 @@ def write_bvh(
     row = " ".join(["%.6f"] * table.shape[1])
     lines = ["HIERARCHY", *_hierarchy(skeleton, scale, order), "MOTION", f"Frames: {motion.frames}"]
     lines += [f"Frame Time: {1 / fps:.9f}", *(row % tuple(frame) for frame in table.tolist())]
-    path = Path(path)
-    partial = path.with_name(path.name + ".part")
-    try:
-        partial.write_text("\n".join(lines) + "\n", encoding="utf-8")
-        partial.replace(path)
-    except OSError as error:
-        raise MotionError(f"{path} cannot be written ({error.strerror}); choose another place") from error
-    finally:
-        partial.unlink(missing_ok=True)
+    write_whole(path, ("\n".join(lines) + "\n").encode())
 
 
 class _Header:
-    """Reads the HIERARCHY block; `line` is where it stands, counted from 0."""
+    """Reads the HIERARCHY block; `line` is the current line, counted from 0."""
 
     def __init__(self, path: Path, lines: Sequence[str]) -> None:
         self.path, self.lines, self.line = path, lines, 0
+        self._names: set[str] = set()
 
     def joints(self) -> list[_Joint]:
         found: list[_Joint] = []
         open_joints: list[int] = []  # -1 stands for an End Site
         self.line = next((i for i, text in enumerate(self.lines) if text.strip()), 0)
         if not self.lines or self.lines[self.line].strip() != "HIERARCHY":
-            self.fail("the file does not begin with HIERARCHY; it is no BVH file")
+            self.fail("the file does not begin with HIERARCHY; it is not a BVH file")
         while self.line + 1 < len(self.lines):
             self.line += 1
             words = self.lines[self.line].split()
@@ -118,16 +119,21 @@ class _Header:
         if open_joints:
             self.fail("a closing brace is missing above MOTION; repair the file")
         if not found:
-            self.fail("there is no ROOT; it is no BVH file")
+            self.fail("there is no ROOT; it is not a BVH file")
         return found
 
     def _statement(self, words: list[str], found: list[_Joint], open_joints: list[int]) -> None:
         if words[0] in ("ROOT", "JOINT") and len(words) >= 2:
             if words[0] == "ROOT" and found:
-                self.fail("a second ROOT; keep one figure per file")
+                self.fail("a second ROOT; keep one skeleton per file")
             name = "_".join(words[1:])
-            if any(joint.name == name for joint in found):
+            if name in self._names:
                 self.fail(f"joint {name!r} occurs twice; rename one")
+            if len(found) >= JOINTS or len(open_joints) >= DEPTH:
+                self.fail(
+                    f"more than {JOINTS} joints, or more than {DEPTH} deep; leave out what does not move"
+                )
+            self._names.add(name)
             found.append(_Joint(name, open_joints[-1] if open_joints else -1))
             open_joints.append(len(found) - 1)
         elif words[0] == "End":
@@ -143,7 +149,7 @@ class _Header:
         elif words[0] == "}" and open_joints:
             open_joints.pop()
         else:
-            self.fail(f"{' '.join(words[:4])!r} is not understood; repair the file")
+            self.fail(f"{' '.join(words[:4])!r} is not BVH; repair the file")
 
     def _triple(self, words: list[str]) -> tuple[float, float, float]:
         try:
@@ -166,7 +172,7 @@ class _Header:
 
 
 def _numbers(path: Path, lines: Sequence[str], motion_line: int, width: int) -> tuple[_Frames, float]:
-    """The table of channel values, one row a frame, and the frame rate."""
+    """The table of channel values, one row per frame, and the frame rate."""
     fields: list[tuple[int, str]] = [
         (i, lines[i]) for i in range(motion_line + 1, len(lines)) if lines[i].strip()
     ]
@@ -177,11 +183,13 @@ def _numbers(path: Path, lines: Sequence[str], motion_line: int, width: int) -> 
             head[label] = float(text.strip().removeprefix(label))
         except ValueError:
             raise MotionError(f"{path}, line {at + 1}: expected {label!r} and a number") from None
+    if not float(head["Frames:"]).is_integer():
+        raise MotionError(f"{path}: Frames {head['Frames:']} is not a whole number; write how many there are")
     count, frame_time = int(head["Frames:"]), head["Frame Time:"]
     if not (np.isfinite(frame_time) and frame_time > 0):
         raise MotionError(f"{path}: Frame Time {frame_time} is not above 0; write the seconds between frames")
     if count < 1:
-        raise MotionError(f"{path}: it has no frames; choose another file")
+        raise MotionError(f"{path}: the file has no frames; choose another")
     try:
         flat = np.array([float(word) for _, text in fields for word in text.split()])
     except ValueError:
@@ -193,7 +201,7 @@ def _numbers(path: Path, lines: Sequence[str], motion_line: int, width: int) -> 
 
 
 def _explain(path: Path, fields: list[tuple[int, str]], count: int, width: int) -> NoReturn:
-    """Say which line of the motion is wrong; the slow path, walked only when something is."""
+    """Raise the error that names the wrong line. This is slow, and runs only when a line is wrong."""
     for at, text in fields:
         words = text.split()
         for word in words:
@@ -214,8 +222,8 @@ def _explain(path: Path, fields: list[tuple[int, str]], count: int, width: int) 
 
 
 def _assemble(joints: list[_Joint], frames: _Frames, fps: float, unit: float) -> Motion:
-    turns = np.zeros((len(frames), len(joints), 4))
-    turns[..., 0] = 1
+    rotations = np.zeros((len(frames), len(joints), 4))
+    rotations[..., 0] = 1
     places = np.tile(np.array([joint.offset for joint in joints]), (len(frames), 1, 1))
     column = 0
     for j, joint in enumerate(joints):
@@ -223,14 +231,14 @@ def _assemble(joints: list[_Joint], frames: _Frames, fps: float, unit: float) ->
             if kind == "position":
                 places[:, j, axis] = frames[:, column]
             else:
-                turns[:, j] = _turn(turns[:, j], frames[:, column], axis)
+                rotations[:, j] = _rotated(rotations[:, j], frames[:, column], axis)
             column += 1
     places *= unit
     while len(joints) > 1 and _has_travelling_child(joints, places):
-        joints, turns, places = _merge_root(joints, turns, places)
+        joints, rotations, places = _merge_root(joints, rotations, places)
     stretch = float(np.ptp(places[:, 1:], axis=0).max(initial=0.0))
     if stretch > _RIGID_M:
-        _log.warning("bones change their length by up to %.1f mm; the mean is used", stretch * 1000)
+        _log.warning("bones change their length by up to %.1f mm; their mean length is used", stretch * 1000)
     offsets = places.mean(0)
     offsets[0] = np.multiply(joints[0].offset, unit)
     skeleton = Skeleton(
@@ -241,14 +249,14 @@ def _assemble(joints: list[_Joint], frames: _Frames, fps: float, unit: float) ->
             tips={j.name: _scaled(j.tip, unit) for j in joints if j.tip is not None},
         )
     )
-    return Motion(skeleton, turns.astype(np.float32), places[:, 0].astype(np.float32), fps)
+    return Motion(skeleton, rotations.astype(np.float32), places[:, 0].astype(np.float32), fps)
 
 
 def _scaled(offset: tuple[float, float, float], unit: float) -> tuple[float, float, float]:
     return offset[0] * unit, offset[1] * unit, offset[2] * unit
 
 
-def _turn(quaternion: _Frames, degrees: _Frames, axis: int) -> _Frames:
+def _rotated(quaternion: _Frames, degrees: _Frames, axis: int) -> _Frames:
     half = np.radians(degrees) / 2
     step = np.zeros((len(half), 4))
     step[:, 0], step[:, 1 + axis] = np.cos(half), np.sin(half)
@@ -264,12 +272,12 @@ def _has_travelling_child(joints: list[_Joint], places: _Frames) -> bool:
 
 
 def _merge_root(
-    joints: list[_Joint], turns: _Frames, places: _Frames
+    joints: list[_Joint], rotations: _Frames, places: _Frames
 ) -> tuple[list[_Joint], _Frames, _Frames]:
-    """The child takes over the root's movement and becomes the root."""
-    above = matrix_from_quaternion(torch.from_numpy(turns[:, 0]))
+    """Remove the root; its only child takes over its movement and becomes the root."""
+    above = matrix_from_quaternion(torch.from_numpy(rotations[:, 0]))
     moved = (above @ torch.from_numpy(places[:, 1, :, None])).squeeze(-1).numpy() + places[:, 0]
-    turned = quaternion_multiply(torch.from_numpy(turns[:, 0]), torch.from_numpy(turns[:, 1])).numpy()
+    turned = quaternion_multiply(torch.from_numpy(rotations[:, 0]), torch.from_numpy(rotations[:, 1])).numpy()
     first, second = joints[0], joints[1]
     offset = (
         first.offset[0] + second.offset[0],
@@ -280,13 +288,13 @@ def _merge_root(
     kept += [_Joint(j.name, j.parent - 1, j.offset, j.channels, j.tip) for j in joints[2:]]
     return (
         kept,
-        np.concatenate([turned[:, None], turns[:, 2:]], 1),
+        np.concatenate([turned[:, None], rotations[:, 2:]], 1),
         np.concatenate([moved[:, None], places[:, 2:]], 1),
     )
 
 
 def _continuous_euler(rotations: NDArray[np.float32], order: str) -> _Frames:
-    """Angles (t, j, 3) in radians; of the two triples that mean the same rotation, the one nearer the last frame's."""
+    """Angles (t, j, 3) in radians. Of the two triples for a rotation, the one nearer to the last frame's is taken."""
     matrices = matrix_from_quaternion(torch.from_numpy(rotations.astype(np.float64)))
     plain: _Frames = euler_from_matrix(matrices, order).numpy()
     other = plain * [1, -1, 1] + np.pi
@@ -301,7 +309,7 @@ def _continuous_euler(rotations: NDArray[np.float32], order: str) -> _Frames:
 
 
 def _depth_first(skeleton: Skeleton) -> list[int]:
-    """Joints in the order in which the file names them."""
+    """Joints in the order in which the file lists them."""
     order, waiting = [], [0]
     while waiting:
         order.append(waiting.pop())
@@ -310,7 +318,7 @@ def _depth_first(skeleton: Skeleton) -> list[int]:
 
 
 def _hierarchy(skeleton: Skeleton, scale: float, order: str) -> list[str]:
-    turn = " ".join(f"{axis.upper()}rotation" for axis in order)
+    axes = " ".join(f"{axis.upper()}rotation" for axis in order)
     offsets = skeleton.offsets.double().numpy() * scale
     tips = skeleton.config.tips
     lines: list[str] = []
@@ -321,7 +329,7 @@ def _hierarchy(skeleton: Skeleton, scale: float, order: str) -> list[str]:
         lines.append(f"{pad}{'ROOT' if depth == 0 else 'JOINT'} {name}")
         lines.extend([f"{pad}{{", f"{inner}OFFSET {_words(offsets[joint])}"])
         travel = "6 Xposition Yposition Zposition" if depth == 0 else "3"
-        lines.append(f"{inner}CHANNELS {travel} {turn}")
+        lines.append(f"{inner}CHANNELS {travel} {axes}")
         below = [j for j in range(skeleton.joints) if skeleton.parents[j] == joint]
         for child in below:
             put(child, depth + 1)

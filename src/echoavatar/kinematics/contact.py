@@ -1,7 +1,7 @@
-"""When a foot stands on the floor, and how much it slides while it does.
+"""Detect planted feet, and measure how much they slide.
 
-A foot counts as planted by the HEIGHT of its joint above where that joint is when it stands, and by a low VERTICAL
-speed. Horizontal speed plays no part, so a sliding foot cannot hide by looking like a swinging one.
+A foot is planted if its joint is near its standing height and has a low VERTICAL speed. Horizontal speed plays no part:
+otherwise a sliding foot would pass for a swinging one.
 """
 
 import numpy as np
@@ -19,19 +19,19 @@ def planted(
     *,
     standing_height: NDArray[np.floating] | float | None = None,
 ) -> NDArray[np.bool_]:
-    """Which feet stand, per frame.
+    """Which feet are planted, per frame.
 
-    Hysteresis: a foot is set down when it is within 2 cm of its standing height and moves vertically at less than
-    15 cm/s; it lifts when it rises over 3.5 cm or moves vertically faster than 30 cm/s.
+    With hysteresis: a foot is planted once it is within 2 cm of its standing height and moves vertically at less than
+    15 cm/s. It is lifted once it is over 3.5 cm above that height or moves vertically faster than 30 cm/s.
 
     Args:
         positions: (t, f, 3) world positions of ankles, balls or toes, metres.
         fps: frames per second.
-        standing_height: height of each joint when its foot is flat on the floor, metres; when None, the 5th
-            percentile of its height, which presumes that the foot stands at some time.
+        standing_height: height of each joint when its foot is flat on the floor, metres; None takes the 5th
+            percentile of its height, which assumes that the foot stands at some time.
 
     Returns:
-        (t, f) True where planted.
+        (t, f) True where a foot is planted.
     """
     height = np.asarray(positions, np.float64)[..., 1]
     floor = np.percentile(height, 5, axis=0) if standing_height is None else np.asarray(standing_height)
@@ -53,10 +53,10 @@ def skate(
     *,
     standing_height: NDArray[np.floating] | float | None = None,
 ) -> float:
-    """Mean horizontal speed of planted feet, centimetres per second; 0 when no foot is ever planted.
+    """Mean horizontal speed of planted feet, centimetres per second; 0 if no foot is ever planted.
 
-    Counted over every step between two frames at both of which the foot is planted in the sense of `planted`
-    (height and vertical speed only). One still foot and one sliding foot give half the sliding foot's speed.
+    The mean is over all pairs of neighbouring frames in which a foot is planted both times. One still foot and one
+    sliding foot give half the sliding foot's speed.
     """
     place = np.asarray(positions, np.float64)
     is_planted = planted(place, fps, standing_height=standing_height)

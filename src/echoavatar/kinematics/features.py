@@ -1,12 +1,11 @@
 """Motion features: what the tokenizer sees of a frame (paper, Motion Tokenizer and Settings).
 
-Per frame, part after part in the skeleton's order (lower body, upper body, hands): the 6D rotation of each
-joint of the part in ascending order; the first part also carries three values of travel: the root's
-horizontal velocity (metres per frame along the world's axes, frame t minus t-1, zero on the first frame) and
-its height.
+A frame lists the parts in the skeleton's order (lower body, upper body, hands). Each part lists the 6D rotations of its
+joints in ascending order. The first part ends with three travel values: the root's horizontal velocity (metres per
+frame along the world's axes, frame t minus t-1, zero on the first frame) and its height.
 
-The paper's released data measure height from the clip's first frame, with Z up and in centimetres: that is
-`FeatureConvention(up=2, is_height_from_start=True)` with everything in centimetres. Ours is absolute.
+Our height is absolute. The paper's released data have Z up, centimetres, and heights relative to the clip's first
+frame: `FeatureConvention(up=2, is_height_from_start=True)` with all lengths in centimetres.
 """
 
 from collections.abc import Iterable, Mapping
@@ -21,12 +20,12 @@ from .rotations import matrix_from_6d, matrix_to_6d
 from .skeleton import Skeleton
 
 TRAVEL_SIZE = 3
-CONSTANT_STD = 1e-4  # a feature that varies less than this is held at its mean
+CONSTANT_STD = 1e-4  # a feature with a smaller deviation is held at its mean
 
 
 @dataclass(frozen=True)
 class FeatureConvention:
-    """How travel is expressed. Lengths have the unit of the skeleton that is passed along."""
+    """How travel is expressed. Lengths have the unit of the skeleton in use."""
 
     up: int = 1  # 0, 1, 2 for x, y, z
     is_height_from_start: bool = False  # height of frame 0 becomes the rest height, later ones relative to it
@@ -64,7 +63,7 @@ def feature_size(skeleton: Skeleton) -> int:
 
 
 def travel_slice(skeleton: Skeleton) -> slice:
-    """Where the two velocities and the height lie, in the whole vector and in the first part alike."""
+    """Where the velocity and the height are, in the whole vector and in the first part alike."""
     end = next(iter(part_sizes(skeleton).values()))
     return slice(end - TRAVEL_SIZE, end)
 
@@ -83,8 +82,8 @@ def to_features(
         skeleton: a rig with body parts.
         rotations: parent-relative rotation matrices.
         root: world position of the root, in the unit of the skeleton.
-        previous_ground: horizontal position of the frame before the first one, when the clip goes on from an
-            earlier piece (then any cutting gives the features of the whole); None when it starts here.
+        previous_ground: horizontal position of the frame before the first, for a clip that continues another (so
+            pieces have the features of the whole); None for a clip that starts here.
         convention: how travel is expressed.
     """
     ground = root[..., list(convention.ground)]
@@ -105,21 +104,21 @@ def from_features(
     *,
     convention: FeatureConvention = OURS,
 ) -> MotionFrames:
-    """Rotations and root of features; joints outside all parts stay at rest.
+    """Rotations and root from features; joints outside all parts stay at rest.
 
-    `start_ground` is the horizontal position of the frame before the first (zero without): hand the last
-    frame's on to the next piece and any cutting gives the motion of the whole.
+    `start_ground` is the horizontal position of the frame before the first; None is zero. Pass the last frame's
+    position to the next piece, so that pieces give the motion of the whole.
     """
     travel = travel_slice(skeleton)
     joints = list(skeleton.feature_joints)
     six = torch.cat([features[..., : travel.start], features[..., travel.stop :]], -1)
-    turns = matrix_from_6d(six.reshape(*six.shape[:-1], len(joints), 6))
+    matrices = matrix_from_6d(six.reshape(*six.shape[:-1], len(joints), 6))
     if sorted(joints) == list(range(skeleton.joints)):
-        rotations = turns[..., torch.tensor(joints, device=turns.device).argsort(), :, :]
+        rotations = matrices[..., torch.tensor(joints, device=matrices.device).argsort(), :, :]
     else:
         eye = torch.eye(3, dtype=features.dtype, device=features.device)
         rotations = eye.expand(*features.shape[:-1], skeleton.joints, 3, 3).clone()
-        rotations[..., joints, :, :] = turns
+        rotations[..., joints, :, :] = matrices
     ground = features[..., travel.start : travel.start + 2].cumsum(-2)
     if start_ground is not None:
         ground = ground + start_ground[..., None, :]
@@ -140,14 +139,14 @@ def join_parts(skeleton: Skeleton, parts: Mapping[str, Float[Tensor, "*n d"]]) -
 
 
 class FeatureStatistics(NamedTuple):
-    """Mean and spread of each feature; `varies` is False where it hardly moves (std under 1e-4)."""
+    """Mean and standard deviation of each feature; `varies` is False where the deviation is under 1e-4."""
 
     mean: Float[Tensor, " c"]
     std: Float[Tensor, " c"]
     varies: Bool[Tensor, " c"]
 
     def normalize(self, features: Float[Tensor, "*n c"]) -> Float[Tensor, "*n c"]:
-        """Zero mean, unit spread; exactly 0 for features that do not vary (else noise would grow)."""
+        """Features with zero mean and unit deviation; exactly 0 where a feature does not vary, or noise would grow."""
         return torch.where(self.varies, (features - self.mean) / self.std.clamp_min(CONSTANT_STD), 0.0)
 
     def denormalize(self, normal: Float[Tensor, "*n c"]) -> Float[Tensor, "*n c"]:
@@ -156,7 +155,7 @@ class FeatureStatistics(NamedTuple):
 
 
 def measure_features(clips: Iterable[Float[Tensor, "t c"]]) -> FeatureStatistics:
-    """Mean and std over all frames of all clips, one clip in memory at a time (in double)."""
+    """Mean and deviation over all frames of all clips, with one clip in memory at a time, in double precision."""
     count, mean, square = 0, torch.zeros(()), torch.zeros(())
     for clip in clips:
         frames = clip.double()
@@ -168,6 +167,6 @@ def measure_features(clips: Iterable[Float[Tensor, "t c"]]) -> FeatureStatistics
         mean = mean + shift * (new / total)
         count = total
     if not count:
-        raise ValueError("no clip to measure")
+        raise ValueError("there are no clips to measure")
     std = (square / count).sqrt()
     return FeatureStatistics(mean.float(), std.float(), std >= CONSTANT_STD)

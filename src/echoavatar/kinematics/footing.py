@@ -1,8 +1,8 @@
-"""Feet that stand: planted feet are put on the floor and kept still, by leg IK, without a jerk at either end.
+"""Put planted feet on the floor and keep them still by leg IK, without a jerk before or after.
 
-While a foot is planted its toe joint is held at one place at standing height; while the heel is down too, the foot
-is held level in one direction. What that changes is faded in and out over the frames around, so that the foot's
-path stays smooth; the hips are lowered a little where a leg would not reach.
+While a foot is planted, its toe joint is held in one place at standing height. While the heel is down too, the foot is
+held level, with one heading. The correction fades in and out over the frames around, so that the foot's path stays
+smooth. The hips are lowered a little where a leg would not reach.
 """
 
 from dataclasses import replace
@@ -26,17 +26,17 @@ from .skeleton import Skeleton
 from .two_bone import REACH, reach
 
 FADE_SECONDS = 0.25
-MAX_SLIDE_SPEED = 0.35  # metres per second: a foot that moves faster steps or is dragged on purpose
-STEP_SECONDS = 0.27  # between two stands of one foot
-STEP_HEIGHT_M = 0.045  # how high at least, where it would have slid
-LONGEST_STEP_SECONDS = 0.8  # what takes longer is a slide on purpose
+MAX_SLIDE_SPEED = 0.35  # metres per second; a faster foot steps, or is dragged on purpose
+STEP_SECONDS = 0.27  # least time between two stances of one foot
+STEP_HEIGHT_M = 0.045  # least height of a step that replaces a slide
+LONGEST_STEP_SECONDS = 0.8  # a longer slide is taken to be on purpose
 SOFT_FLOOR_M = 0.006
-MAX_DRIFT_M = 0.06  # a planted foot that strays further starts a new stand
+MAX_DRIFT_M = 0.06  # a planted foot that drifts further begins a new stance
 _Array = np.ndarray
 
 
-class Stand(NamedTuple):
-    """Frames `start` to `stop` (not included) during which a foot stays where it is."""
+class Stance(NamedTuple):
+    """Frames `start` to `stop` (not included) during which a foot stays in its place."""
 
     start: int
     stop: int
@@ -47,30 +47,30 @@ def settle_feet(motion: Motion, contacts: NDArray[np.bool_] | None = None) -> Mo
 
     Args:
         motion: a rig with legs of two bones and toes, in metres.
-        contacts: (t, 2, 2) left and right, heel and toe, True where they touch; measured from `motion` when None.
+        contacts: (t, 2, 2) left and right, heel and toe, True where they touch the floor; None measures them.
     """
     skeleton, bones = motion.skeleton, bone_map(motion.skeleton)
     rest = skeleton.rest_positions.double()
-    turns, root = motion.matrices().double(), torch.from_numpy(motion.root).double()
+    rotations, root = motion.matrices().double(), torch.from_numpy(motion.root).double()
     legs = [_Leg(skeleton, bones, side, rest) for side in ("left", "right")]
     contacts = foot_contacts(motion) if contacts is None else contacts
-    pose = forward_kinematics(skeleton, turns, root)
+    pose = forward_kinematics(skeleton, rotations, root)
     goals = [
         leg.goal(pose.rotations, pose.positions, contacts[:, i], motion.fps) for i, leg in enumerate(legs)
     ]
     root = root - _lowering(legs, goals, pose.positions, motion.fps)
-    pose = forward_kinematics(skeleton, turns, root)
+    pose = forward_kinematics(skeleton, rotations, root)
     for leg, goal in zip(legs, goals, strict=True):
-        turns = leg.bring(turns, pose.rotations, pose.positions, goal)
-    quaternions = quaternion_from_matrix(turns).numpy().astype(np.float32)
+        rotations = leg.bring(rotations, pose.rotations, pose.positions, goal)
+    quaternions = quaternion_from_matrix(rotations).numpy().astype(np.float32)
     return replace(motion, rotations=quaternions, root=root.numpy().astype(np.float32))
 
 
 def foot_contacts(motion: Motion, *, stands_on_rest: bool = False, size: float = 1.0) -> NDArray[np.bool_]:
-    """(t, 2, 2): left and right, heel (ankle height) and toe; slow sliding feet count, fast ones do not.
+    """Floor contacts (t, 2, 2): left and right, heel and toe. Feet that slide slowly count, fast ones do not.
 
-    Standing height is measured from the clip, or is the rest pose's with `stands_on_rest`. `size` is that of the body
-    beside a grown one: the steps of a small one are low and slow.
+    Standing heights are measured on the clip, or taken from the rest pose with `stands_on_rest`. `size` is the body's
+    size relative to an adult's, because the steps of a small body are lower and slower.
     """
     bones = bone_map(motion.skeleton)
     names = ("leftFoot", "leftToes", "rightFoot", "rightToes")
@@ -82,41 +82,41 @@ def foot_contacts(motion: Motion, *, stands_on_rest: bool = False, size: float =
     if len(places) > 1:
         speed = np.linalg.norm(np.gradient(places[..., [0, 2]], axis=0), axis=-1) * motion.fps
     both = (is_low & (_smooth(speed, 3) < MAX_SLIDE_SPEED)).reshape(-1, 2, 2)
-    both[:, :, 1] |= both[:, :, 0]  # a heel that stands has a toe that stands
+    both[:, :, 1] |= both[:, :, 0]  # a heel on the floor means a toe on the floor
     return both
 
 
-def stands(is_planted: NDArray[np.bool_], paths: _Array, fps: float) -> list[Stand]:
-    """Stretches of contact, with time for a step between any two.
+def stances(is_planted: NDArray[np.bool_], paths: _Array, fps: float) -> list[Stance]:
+    """The stances of a foot, with time for a step between any two.
 
-    A stretch ends where one of the foot's points (t, k, 3) has strayed 6 cm; stretches that touch nearly the same
-    spot within the time of a step are one.
+    A stance ends where one of the foot's points (t, k, 3) has drifted 6 cm. Two stances in nearly the same place, with
+    less than a step's time between them, become one.
     """
     step, shortest = max(2, round(STEP_SECONDS * fps)), max(2, round(0.1 * fps))
-    pieces: list[Stand] = []
+    pieces: list[Stance] = []
     start = -1
     for t in range(len(is_planted) + 1):
         is_on = t < len(is_planted) and bool(is_planted[t])
         if start >= 0 and (not is_on or _spread(paths[start : t + 1]) > MAX_DRIFT_M):
-            pieces.append(Stand(start, t))
+            pieces.append(Stance(start, t))
             start = -1
         if is_on and start < 0:
             start = t
-    found: list[Stand] = []
-    for stand in pieces:
+    found: list[Stance] = []
+    for stance in pieces:
         last = found[-1] if found else None
-        gap = stand.start - last.stop if last else step
-        if last and gap < step and _spread(paths[last.start : stand.stop]) <= MAX_DRIFT_M:
-            found[-1] = Stand(last.start, stand.stop)
+        gap = stance.start - last.stop if last else step
+        if last and gap < step and _spread(paths[last.start : stance.stop]) <= MAX_DRIFT_M:
+            found[-1] = Stance(last.start, stance.stop)
             continue
         if last and gap < step:
             missing = step - gap
-            found[-1] = Stand(last.start, last.stop - missing // 2)
-            stand = Stand(stand.start + missing - missing // 2, stand.stop)
+            found[-1] = Stance(last.start, last.stop - missing // 2)
+            stance = Stance(stance.start + missing - missing // 2, stance.stop)
             if found[-1].stop - found[-1].start < shortest:
                 found.pop()
-        if stand.stop - stand.start >= shortest:
-            found.append(stand)
+        if stance.stop - stance.start >= shortest:
+            found.append(stance)
     return found
 
 
@@ -125,6 +125,8 @@ def _spread(paths: _Array) -> float:
 
 
 class _Leg:
+    """Joints and measures of one leg."""
+
     def __init__(self, skeleton: Skeleton, bones: dict[str, int], side: str, rest: Tensor) -> None:
         self.hip, self.knee, self.ankle = (bones[side + name] for name in ("UpperLeg", "LowerLeg", "Foot"))
         self.toes = bones.get(f"{side}Toes", self.ankle)
@@ -137,15 +139,15 @@ class _Leg:
         )
 
     def goal(
-        self, turns: Tensor, places: Tensor, contact: NDArray[np.bool_], fps: float
+        self, rotations: Tensor, places: Tensor, contact: NDArray[np.bool_], fps: float
     ) -> tuple[Tensor, Tensor]:
-        """World rotation of the foot and position of the ankle, corrected."""
-        foot, ankle = turns[:, self.ankle], places[:, self.ankle].numpy()
+        """Corrected world rotation of the foot and position of the ankle."""
+        foot, ankle = rotations[:, self.ankle], places[:, self.ankle].numpy()
         points = places[:, [self.ankle, self.toes]].numpy()
         fade = max(1, round(FADE_SECONDS * fps))
         change, is_held = np.zeros_like(ankle), np.zeros(len(ankle), np.bool_)
-        for stand in stands(contact[:, 0], points, fps):
-            span = slice(stand.start, stand.stop)
+        for stance in stances(contact[:, 0], points, fps):
+            span = slice(stance.start, stance.stop)
             level = _level_mean(foot[span]) @ foot[span].transpose(-1, -2)
             change[span] = axis_angle_from_quaternion(quaternion_from_matrix(level)).numpy()
             is_held[span] = True
@@ -153,9 +155,9 @@ class _Leg:
         carried = (foot @ self.toe_offset[:, None]).squeeze(-1).numpy()
         path = ankle + carried
         shift, is_held = np.zeros_like(path), np.zeros(len(path), np.bool_)
-        found = stands(contact[:, 1], path[:, None], fps)
-        for stand in found:
-            span = slice(stand.start, stand.stop)
+        found = stances(contact[:, 1], path[:, None], fps)
+        for stance in found:
+            span = slice(stance.start, stance.stop)
             spot = np.append(path[span].mean(0)[[0, 2]], self.toe_height)[[0, 2, 1]]
             shift[span] = spot - path[span]
             is_held[span] = True
@@ -163,8 +165,8 @@ class _Leg:
         path[:, 1] = _soft_floor(path[:, 1] + _lifts(found, path, self.toe_height, fps), self.toe_height)
         return foot, torch.from_numpy(path - carried)
 
-    def bring(self, turns: Tensor, world: Tensor, places: Tensor, goal: tuple[Tensor, Tensor]) -> Tensor:
-        """Local rotations with this leg bent so that ankle and foot meet the goal."""
+    def bring(self, rotations: Tensor, world: Tensor, places: Tensor, goal: tuple[Tensor, Tensor]) -> Tensor:
+        """Local rotations with this leg bent so that ankle and foot reach the goal."""
         foot, ankle = goal
         hinge = world[:, self.knee][:, :, 0]
         first, second = reach(
@@ -175,25 +177,25 @@ class _Leg:
             target=ankle,
         )
         thigh, shin = first @ world[:, self.hip], second @ world[:, self.knee]
-        turns = turns.clone()
+        rotations = rotations.clone()
         over_hip, over_knee, over_ankle = (
             world[:, joint] for joint in self.above
-        )  # not always bones of the leg
-        turns[:, self.hip] = over_hip.transpose(-1, -2) @ thigh
-        turns[:, self.knee] = (first @ over_knee).transpose(-1, -2) @ shin
-        turns[:, self.ankle] = (second @ over_ankle).transpose(-1, -2) @ foot
-        return turns
+        )  # a rig may have extra joints in a leg
+        rotations[:, self.hip] = over_hip.transpose(-1, -2) @ thigh
+        rotations[:, self.knee] = (first @ over_knee).transpose(-1, -2) @ shin
+        rotations[:, self.ankle] = (second @ over_ankle).transpose(-1, -2) @ foot
+        return rotations
 
 
 def _level_mean(foot: Tensor) -> Tensor:
-    """Upright rotation with the mean heading of a foot."""
+    """The upright rotation with the mean heading of a foot."""
     ahead = foot[:, :, 2].mean(0)
     angle = torch.atan2(ahead[0], ahead[2])
     return matrix_from_axis_angle(torch.stack([torch.zeros_like(angle), angle, torch.zeros_like(angle)]))
 
 
 def _lowering(legs: list[_Leg], goals: list[tuple[Tensor, Tensor]], places: Tensor, fps: float) -> Tensor:
-    """(t, 3): how far the hips must come down for both ankles to be in reach; smooth."""
+    """How far the hips must be lowered (t, 3) for both legs to reach their ankles, smoothed."""
     need = np.zeros(len(places))
     for leg, (_, ankle) in zip(legs, goals, strict=True):
         hip = places[:, leg.hip].numpy()
@@ -209,8 +211,8 @@ def _lowering(legs: list[_Leg], goals: list[tuple[Tensor, Tensor]], places: Tens
     return drop
 
 
-def _lifts(found: list[Stand], path: _Array, floor: float, fps: float) -> _Array:
-    """Height added between two stands where the foot hardly left the floor but has to get elsewhere: a step."""
+def _lifts(found: list[Stance], path: _Array, floor: float, fps: float) -> _Array:
+    """Height added between two stances in different places if the foot hardly left the floor: a step."""
     lift = np.zeros(len(path))
     for before, after in zip(found, found[1:], strict=False):
         gap = slice(before.stop, after.start)
@@ -223,13 +225,13 @@ def _lifts(found: list[Stand], path: _Array, floor: float, fps: float) -> _Array
 
 
 def _soft_floor(height: _Array, floor: float) -> _Array:
-    """Not below the floor, but for 3 mm at most, and without a kink; exact where the foot stands."""
+    """Heights kept above the floor without a kink, at most 3 mm below it."""
     over = height - floor
     return floor + (over + np.hypot(over, SOFT_FLOOR_M) - SOFT_FLOOR_M) / 2
 
 
 def _faded(change: _Array, is_held: NDArray[np.bool_], fade: int) -> _Array:
-    """Held frames keep their value; between them it goes over smoothly, and to zero far from any."""
+    """The change of held frames, blended smoothly between them, and faded to zero far from any."""
     held = np.flatnonzero(is_held)
     if not held.size:
         return np.zeros_like(change)

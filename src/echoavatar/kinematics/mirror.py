@@ -1,7 +1,7 @@
-"""Left becomes right: reflection across the plane x = 0, for augmentation (twice the gestures).
+"""Mirror motion across the plane x = 0, to augment training data.
 
-With M = diag(-1, 1, 1) a mirrored joint turns by M R M of the joint on the other side. Needs a rig whose rest
-offsets mirror too; `is_symmetric` says whether they do.
+With M = diag(-1, 1, 1), the mirrored rotation of a joint is M R M of the joint on the other side. The rest offsets of
+the rig must be symmetric too (`is_symmetric`).
 """
 
 import torch
@@ -24,12 +24,12 @@ def mirror_quaternions(skeleton: Skeleton, quaternions: Float[Tensor, "*n j 4"])
 
 
 def mirror_positions(positions: Float[Tensor, "*n 3"]) -> Float[Tensor, "*n 3"]:
-    """World positions (of the root, say) on the other side."""
+    """Mirrored world positions, for example of the root."""
     return positions * positions.new_tensor([-1.0, 1.0, 1.0])
 
 
 def mirror_features(skeleton: Skeleton, features: Float[Tensor, "*n c"]) -> Float[Tensor, "*n c"]:
-    """Motion features (Y up) of the mirrored clip; signs and places only, so it is exact."""
+    """Motion features (Y up) of the mirrored clip. Only signs and places change, so this is exact."""
     joints, pairs = list(skeleton.feature_joints), _pairs(skeleton)
     if any(pairs[joint] not in joints for joint in joints):
         raise ValueError("a joint and its mirror image must both belong to a body part")
@@ -51,5 +51,5 @@ def is_symmetric(skeleton: Skeleton, tolerance: float = 1e-4) -> bool:
 
 def _pairs(skeleton: Skeleton) -> list[int]:
     if len(skeleton.config.mirror) != skeleton.joints:
-        raise ValueError("the skeleton names no mirror pairs, so left and right cannot be swapped")
+        raise ValueError("the skeleton has no mirror pairs, so left and right cannot be swapped")
     return list(skeleton.config.mirror)

@@ -1,4 +1,4 @@
-"""Motion as a value: a skeleton and how it moves."""
+"""Motion: a skeleton and its movement, as an immutable value."""
 
 from dataclasses import dataclass, replace
 
@@ -32,19 +32,23 @@ class Motion:
     fps: float
 
     def __post_init__(self) -> None:
-        """Raises MotionError for shapes that do not fit, no frames, or values that are not finite."""
+        """Raise MotionError for shapes that do not fit, no frames, or values that are not finite."""
         t, joints = self.frames, self.skeleton.joints
         if t == 0:
-            raise MotionError("the motion has no frames; record or choose another piece")
+            raise MotionError("the motion has no frames; record it again or choose another")
         if self.rotations.shape != (t, joints, 4) or self.root.shape != (t, 3):
             raise MotionError(
                 f"rotations {self.rotations.shape} and root {self.root.shape} do not fit {joints} joints;"
                 f" expected ({t}, {joints}, 4) and ({t}, 3)"
             )
         if not (np.isfinite(self.rotations).all() and np.isfinite(self.root).all()):
-            raise MotionError("the motion holds values that are not finite; repair or leave out these frames")
+            raise MotionError(
+                "the motion holds values that are not finite; repair these frames or leave them out"
+            )
         if not 0 < self.fps < 10_000:
-            raise MotionError(f"{self.fps} frames per second is not a frame rate")
+            raise MotionError(
+                f"{self.fps} frames per second is not a frame rate; give one between 0 and 10,000"
+            )
 
     @property
     def frames(self) -> int:
@@ -65,5 +69,5 @@ class Motion:
         return forward_kinematics(self.skeleton, self.matrices(), torch.from_numpy(self.root))
 
     def cut(self, start: int, stop: int) -> "Motion":
-        """Frames `start` to `stop`, the last not included."""
+        """Frames `start` to `stop`, which is not included."""
         return replace(self, rotations=self.rotations[start:stop], root=self.root[start:stop])

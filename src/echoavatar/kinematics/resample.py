@@ -1,9 +1,10 @@
-"""Between frame rates: slerp for rotations, cubic or straight lines for the root; exact at instants both share."""
+"""Resample motion to another frame rate: slerp for rotations, a spline or straight lines for the root."""
 
 from fractions import Fraction
 
 import numpy as np
 import torch
+from jaxtyping import Float
 from numpy.typing import NDArray
 
 from .motion import Motion
@@ -11,10 +12,10 @@ from .rotations import slerp
 
 
 def resample(motion: Motion, fps: float, *, is_cubic: bool = True) -> Motion:
-    """The same motion at another frame rate; the first frame stays, nothing is extrapolated past the last.
+    """The same motion at another frame rate. It begins at the first frame and ends at or before the last.
 
-    Rates are taken as fractions with denominators up to 1001, so 29.97 means 30000/1001 and shared instants are
-    found exactly. The root follows a Catmull-Rom spline, or straight lines with `is_cubic=False`.
+    Rates are taken as fractions with denominators up to 1001, so 29.97 means 30000/1001. Frames at an instant of the
+    old rate are copied exactly. The root follows a Catmull-Rom spline, or straight lines with `is_cubic=False`.
     """
     ratio = _fraction(motion.fps) / _fraction(fps)  # source frames per new frame
     count = int((motion.frames - 1) / ratio) + 1
@@ -22,13 +23,20 @@ def resample(motion: Motion, fps: float, *, is_cubic: bool = True) -> Motion:
     index = np.minimum(steps // ratio.denominator, motion.frames - 1)
     share = (steps % ratio.denominator) / ratio.denominator
     after = np.minimum(index + 1, motion.frames - 1)
-    turns = torch.from_numpy(motion.rotations.astype(np.float64))
-    between = slerp(turns[index], turns[after], torch.from_numpy(share)[:, None]).numpy().astype(np.float32)
+    source = torch.from_numpy(motion.rotations.astype(np.float64))
+    between = slerp(source[index], source[after], torch.from_numpy(share)[:, None]).numpy().astype(np.float32)
     is_shared = share == 0
     rotations = np.where(is_shared[:, None, None], motion.rotations[index], between)
     root = _spline(motion.root, index, share) if is_cubic else _line(motion.root, index, after, share)
     exact = np.where(is_shared[:, None], motion.root[index], root.astype(np.float32))
     return Motion(motion.skeleton, rotations, exact, fps)
+
+
+def align_signs(quaternions: Float[np.ndarray, "t j 4"]) -> Float[np.ndarray, "t j 4"]:
+    """The same rotations, with signs chosen so that interpolation between frames takes the short way."""
+    is_flipped = (quaternions[1:] * quaternions[:-1]).sum(-1) < 0
+    sign = np.where(np.cumsum(is_flipped, axis=0) % 2 == 1, np.float32(-1), np.float32(1))
+    return np.concatenate([quaternions[:1], quaternions[1:] * sign[..., None]])
 
 
 def _fraction(fps: float) -> Fraction:
@@ -51,7 +59,7 @@ def _line(
 def _spline(
     points: NDArray[np.float32], index: NDArray[np.int64], share: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Catmull-Rom; the ends are continued straight."""
+    """A Catmull-Rom spline that continues straight at both ends."""
     if len(points) < 2:
         return points[index].astype(np.float64)
     wide = points.astype(np.float64)

@@ -1,8 +1,8 @@
-"""Motion of one rig carried to another of other bones, proportions and rest pose.
+"""Retarget motion to a rig with other bones, proportions and rest pose.
 
-Each bone takes over the world rotation of its counterpart, corrected by what the two rest poses differ in
-(`alignment`); the hips travel in proportion to leg length; then planted feet are put down and kept still
-(`footing`). Bones without counterpart stay at rest on their parent, spine bones share the turn around them.
+Each bone gets the world rotation of its counterpart, corrected for the difference of the rest poses (`alignment`). The
+hips travel in proportion to leg length. Then planted feet are put on the floor and kept still (`footing`). A bone
+without a counterpart rests on its parent; a spine bone without one gets half the rotation between its neighbours.
 """
 
 from collections.abc import Mapping
@@ -30,20 +30,20 @@ def retarget(
     """The motion on the target rig, in metres, with the floor at y = 0.
 
     Args:
-        motion: any rig whose bones are known.
-        target: the rig to move; its rest pose must stand upright.
-        source_map: VRM bone name to joint of the source; found by the joints' names when None.
-        has_footing: keep planted feet still (leg IK); False carries only rotations and root over.
+        motion: on any rig with known bones.
+        target: the rig to retarget to; its rest pose must stand upright.
+        source_map: VRM bone name to joint of the source; None finds it by the joints' names.
+        has_footing: whether planted feet are kept still by leg IK; False retargets rotations and root alone.
 
     Raises:
-        MotionError: when the source's joint names are not known.
+        MotionError: the joint names of the source are not known.
     """
     source, theirs, ours = motion.skeleton, dict(source_map or bone_map(motion.skeleton)), bone_map(target)
-    turns = motion.matrices().double()
-    pose = forward_kinematics(source, turns, torch.from_numpy(motion.root).double())
+    matrices = motion.matrices().double()
+    pose = forward_kinematics(source, matrices, torch.from_numpy(motion.root).double())
     world = {
-        ours[bone]: pose.rotations[:, theirs[bone]] @ turn
-        for bone, turn in align(source, pose, theirs, target, ours).items()
+        ours[bone]: pose.rotations[:, theirs[bone]] @ rotation
+        for bone, rotation in align(source, pose, theirs, target, ours).items()
     }
     local = local_rotations(target, world, motion.frames)
     root = _root(motion, pose, theirs, target, ours, local)
@@ -57,8 +57,8 @@ def retarget(
 
 
 def leg_length(skeleton: Skeleton, bones: Mapping[str, int]) -> float:
-    """Thigh plus shin, mean of both sides, metres."""
-    rest = skeleton.rest_positions  # not offsets: a rig may have joints in the middle of a bone
+    """Length of thigh and shin, mean of both sides, metres."""
+    rest = skeleton.rest_positions  # not offsets: a rig may have extra joints in a bone
     chains = [
         [bones[f"{side}{bone}"] for bone in ("UpperLeg", "LowerLeg", "Foot")] for side in ("left", "right")
     ]
@@ -71,7 +71,10 @@ def _with_map(motion: Motion, bones: Mapping[str, int]) -> Motion:
 
 
 def local_rotations(target: Skeleton, world: dict[int, Tensor], frames: int) -> Tensor:
-    """Parent-relative rotations; a spine bone nobody drives turns half as far as the one above it."""
+    """Parent-relative rotations from world rotations of some joints.
+
+    A joint without a world rotation rests on its parent; between two joints that have one, it gets half the rotation.
+    """
     full: list[Tensor] = []
     eye = torch.eye(3, dtype=torch.double).expand(frames, 3, 3)
     for joint, parent in enumerate(target.parents):
@@ -81,12 +84,12 @@ def local_rotations(target: Skeleton, world: dict[int, Tensor], frames: int) -> 
         above = full[parent] if parent >= 0 else eye
         below = [j for j in world if target.parents[j] == joint]
         if len(below) == 1 and parent in world:
-            both = [quaternion_from_matrix(turn) for turn in (above, world[below[0]])]
+            both = [quaternion_from_matrix(rotation) for rotation in (above, world[below[0]])]
             above = matrix_from_quaternion(slerp(both[0], both[1], 0.5))
         full.append(above)
     local = [
-        turn if parent < 0 else full[parent].transpose(-1, -2) @ turn
-        for turn, parent in zip(full, target.parents, strict=True)
+        rotation if parent < 0 else full[parent].transpose(-1, -2) @ rotation
+        for rotation, parent in zip(full, target.parents, strict=True)
     ]
     return torch.stack(local, 1)
 
@@ -99,7 +102,7 @@ def _root(
     ours: Mapping[str, int],
     local: Tensor,
 ) -> Tensor:
-    """Hips so that the midpoint of the hip joints travels as the source's, scaled; lowest stance at the floor."""
+    """Root positions that move the midpoint of the hip joints as the source's, scaled, with the feet on the floor."""
     scale = leg_length(target, ours) / leg_length(motion.skeleton, theirs)
     legs = ("leftUpperLeg", "rightUpperLeg")
     middle = pose.positions[:, [theirs[leg] for leg in legs]].mean(1) * scale

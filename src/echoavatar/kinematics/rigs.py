@@ -1,7 +1,7 @@
-"""Which joint of a foreign rig is which bone of the VRM humanoid set, by the rig's joint names.
+"""Map a rig's joints to the bones of the VRM humanoid set by their names.
 
-Known: VRM itself, Mixamo style (also High Fidelity and ZeroEGGS), Unreal style (Mesh2Motion), 3ds Max Biped
-(Rocketbox), and Bandai-Namco. Further rigs are one table more.
+Known are the names of VRM, Mixamo (also High Fidelity and ZeroEGGS), Unreal (Mesh2Motion), 3ds Max Biped (Rocketbox)
+and Bandai-Namco. Each further rig is one more table.
 """
 
 from echoavatar.errors import MotionError
@@ -19,7 +19,8 @@ _DIGITS = ("Thumb", "Index", "Middle", "Ring", "Little")
 def bone_map(skeleton: Skeleton) -> dict[str, int]:
     """VRM bone name to joint index.
 
-    Raises MotionError when the rig carries no VRM map and its names fit no known table.
+    Raises:
+        MotionError: the rig has no VRM map, and its joint names fit no table.
     """
     if skeleton.config.vrm:
         return dict(skeleton.config.vrm)
@@ -32,14 +33,14 @@ def bone_map(skeleton: Skeleton) -> dict[str, int]:
     missing = [bone for bone in REQUIRED if bone not in found]
     if missing:
         raise MotionError(
-            f"the rig with joints {', '.join(skeleton.names[:4])}, ... is not known: nothing stands for"
+            f"the rig with joints {', '.join(skeleton.names[:4])}, ... is not known: no joint is"
             f" {', '.join(missing[:4])}; give its skeleton a VRM map"
         )
     return found
 
 
 def finger_bones(side: str) -> dict[str, tuple[str, str, str]]:
-    """The three bones of each digit of a hand, by digit."""
+    """The three bones of each digit of a hand."""
     rest = ("Proximal", "Intermediate", "Distal")
     return {
         digit: tuple(  # type: ignore[misc]

@@ -1,24 +1,25 @@
-"""A skeleton is data: names, parents, rest offsets, mirror pairs, body parts, foot joints, VRM map.
+"""A skeleton: joint names, parents, rest offsets, mirror pairs, body parts, foot joints and VRM bone map.
 
-Paper, Motion Tokenizer: the body is tokenised in three anatomical parts, lower body, upper body and hands.
+The paper's motion tokenizer splits the body into three anatomical parts: lower body, upper body and hands.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-import numpy as np
 import torch
 from jaxtyping import Float, Int
 from pydantic import Field, model_validator
 from torch import Tensor
 
 from echoavatar.config import Config
+from echoavatar.limits import JOINTS
 
 
 class SkeletonConfig(Config):
-    """The stored form of a skeleton; travels inside every checkpoint and clip."""
+    """The stored form of a skeleton, part of every checkpoint and clip."""
 
     names: tuple[str, ...] = Field(description="joint names, parents before children")
     parents: tuple[int, ...] = Field(description="index of each joint's parent, -1 for the root")
@@ -33,6 +34,8 @@ class SkeletonConfig(Config):
 
     @model_validator(mode="after")
     def _is_a_tree(self) -> "SkeletonConfig":
+        if len(self.names) > JOINTS:
+            raise ValueError(f"{len(self.names)} joints, and a skeleton has at most {JOINTS}")
         if not (len(self.names) == len(self.parents) == len(self.offsets)):
             raise ValueError(
                 f"{len(self.names)} names, {len(self.parents)} parents, {len(self.offsets)} offsets differ"
@@ -46,9 +49,22 @@ class SkeletonConfig(Config):
                 raise ValueError(f"joint {self.names[joint]} must come after its parent, got parent {parent}")
         return self
 
+    @model_validator(mode="after")
+    def _names_its_own_joints(self) -> "SkeletonConfig":
+        named = [*self.mirror, *self.feet, *self.vrm.values()]
+        named += [joint for part in self.parts.values() for joint in part]
+        for joint in named:
+            if not 0 <= joint < len(self.names):
+                raise ValueError(f"parts, mirror, feet or vrm name joint {joint} of {len(self.names)}")
+        if not all(
+            math.isfinite(value) for offset in (*self.offsets, *self.tips.values()) for value in offset
+        ):
+            raise ValueError("offsets and tips must be finite")
+        return self
+
 
 class LevelTables(NamedTuple):
-    """Joints sorted by tree depth. A parent is always one level up, so each level needs only the last."""
+    """Joints sorted by tree depth. A parent is always one level up, so each level depends only on the one before."""
 
     order: Int[Tensor, " j"]  # level order -> joint
     back: Int[Tensor, " j"]  # joint -> level order
@@ -59,7 +75,7 @@ class LevelTables(NamedTuple):
 
 @dataclass(frozen=True)
 class Skeleton:
-    """A `SkeletonConfig` with the derived tables that forward kinematics needs."""
+    """A `SkeletonConfig` with the tables that forward kinematics derives from it."""
 
     config: SkeletonConfig
 
@@ -85,7 +101,7 @@ class Skeleton:
 
     @cached_property
     def levels(self) -> tuple[tuple[int, ...], ...]:
-        """Joints grouped by tree depth, root first: one batched product a level, not one a joint."""
+        """Joints grouped by tree depth, root first, for one batched product per level."""
         depth = [0] * self.joints
         for joint, parent in enumerate(self.parents[1:], start=1):
             depth[joint] = depth[parent] + 1
@@ -93,7 +109,7 @@ class Skeleton:
 
     @cached_property
     def feature_joints(self) -> tuple[int, ...]:
-        """Joints in the order of the motion features: part after part, ascending inside each."""
+        """Joints in the order of the motion features: part by part, ascending within each part."""
         return tuple(joint for part in self.config.parts.values() for joint in part)
 
     @cached_property
@@ -101,7 +117,7 @@ class Skeleton:
         return {}
 
     def level_tables(self, device: torch.device) -> "LevelTables":
-        """The index tensors of forward kinematics on a device; made once and kept."""
+        """The index tensors of forward kinematics on a device, made once per device."""
         if device not in self._tables:
             self._tables[device] = _level_tables(self, device)
         return self._tables[device]
@@ -237,9 +253,3 @@ def _side(name: str) -> str:
 
 
 HUMANOID = Skeleton(_humanoid())
-
-
-def rest_height(skeleton: Skeleton) -> float:
-    """Height of the root above the lowest joint in the rest pose, metres: the scale used when retargeting."""
-    positions = skeleton.rest_positions.numpy()
-    return float(positions[0, 1] - np.min(positions[:, 1]))

@@ -1,6 +1,6 @@
-"""What a motion is like, in numbers: the yardstick that holds rehearsed and generated motion beside recorded.
+"""Statistics of a motion, to compare rehearsed and generated motion with recorded motion.
 
-Speeds of hands are taken in the frame of the hips (position and heading), so that walking is not gesturing.
+Hand speeds are measured in the frame of the hips (position and heading), so that walking does not count as gesturing.
 """
 
 import numpy as np
@@ -12,8 +12,8 @@ from .motion import Motion
 from .rigs import bone_map
 from .rotations import angle_between
 
-PAUSE_SPEED = 0.06  # metres per second: slower hands rest
-STROKE_SPEED = 0.35  # metres per second: a peak above it is a stroke
+PAUSE_SPEED = 0.06  # metres per second; a slower hand rests
+STROKE_SPEED = 0.35  # metres per second; a peak above it is a stroke
 _FEET = ("leftFoot", "leftToes", "rightFoot", "rightToes")
 _LEGS = ("hips", "leftLowerLeg", "leftFoot", "leftToes", "rightLowerLeg", "rightFoot", "rightToes")
 _DIGITS = ("Thumb", "Index", "Middle", "Ring", "Little")
@@ -21,7 +21,7 @@ _Array = np.ndarray
 
 
 def describe(motion: Motion) -> dict[str, float]:
-    """Statistics of a motion of at least four frames, units in the names; both sides taken together.
+    """Statistics of a motion of at least four frames. Units are in the names; left and right are taken together.
 
     `leg_energy_m2_s2` is the mean squared world speed of hips, knees, ankles and toes; `stroke_rate_hz` counts
     peaks of hand speed over 0.35 m/s per second and hand; `pause_ratio` is the share of frames in which both hands
@@ -89,18 +89,18 @@ def _hands(motion: Motion, bones: dict[str, int], pose: Pose, places: _Array) ->
 
 def _joints(motion: Motion, bones: dict[str, int], pose: Pose) -> dict[str, float]:
     local = motion.matrices()
-    turn = torch.rad2deg(angle_between(local[:-1], local[1:])).numpy() * motion.fps
+    speed = torch.rad2deg(angle_between(local[:-1], local[1:])).numpy() * motion.fps
     world = pose.rotations[:, bones["head"]]
     head = torch.rad2deg(angle_between(world[:-1], world[1:])).numpy() * motion.fps
     fingers = [joint for bone, joint in bones.items() if any(digit in bone for digit in _DIGITS)]
-    moving = turn[:, fingers] if fingers else np.zeros((1, 1))
+    moving = speed[:, fingers] if fingers else np.zeros((1, 1))
     return {
         "finger_speed_mean_deg_s": float(moving.mean()),
         "finger_speed_p95_deg_s": float(np.percentile(moving, 95)),
         "head_speed_mean_deg_s": float(head.mean()),
         "head_speed_p95_deg_s": float(np.percentile(head, 95)),
-        "joint_speed_p99_deg_s": float(np.percentile(turn, 99)),
-        "joint_speed_max_deg_s": float(turn.max()),
+        "joint_speed_p99_deg_s": float(np.percentile(speed, 99)),
+        "joint_speed_max_deg_s": float(speed.max()),
     }
 
 
@@ -116,7 +116,7 @@ def _own_frame(bones: dict[str, int], pose: Pose) -> _Array:
 
 
 def _standing_heights(motion: Motion, bones: dict[str, int]) -> _Array | None:
-    """Of ankles and toes when flat on the floor: the rest pose's, if it stands on y = 0; else None, to be measured."""
+    """Heights of ankles and toes on the floor, from the rest pose; None, to be measured, if it is not on y = 0."""
     rest = motion.skeleton.rest_positions.numpy().astype(np.float64)
     heights = rest[[bones[name] for name in _FEET if name in bones], 1]
     is_on_floor = 0 < heights.min() < 0.05 and heights.max() < 0.2

@@ -1,56 +1,109 @@
-"""Motion as plain tables: CSV for spreadsheets and other programs, NPZ for numpy."""
+"""Motion as plain tables: CSV for spreadsheets and other programs, NPZ for NumPy."""
 
+import io
+import math
 import zipfile
+import zlib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
 
-from echoavatar.errors import MotionError
+from echoavatar.errors import EchoAvatarError, MotionError
+from echoavatar.limits import ARRAYS_BYTES, check_file
 
 from .motion import Motion
 from .skeleton import Skeleton, SkeletonConfig
 
 
 def write_csv(path: Path | str, motion: Motion) -> None:
-    """One row a frame: time in seconds, root in metres, then w x y z of each joint's parent-relative quaternion."""
+    """Write one row per frame: seconds, root in metres, then w x y z of each joint's parent-relative quaternion."""
     head = ["time", "root.x", "root.y", "root.z"]
     head += [f"{name}.{axis}" for name in motion.skeleton.names for axis in "wxyz"]
     times = np.arange(motion.frames)[:, None] / motion.fps
     table = np.concatenate([times, motion.root, motion.rotations.reshape(motion.frames, -1)], 1)
     row = ",".join(["%.6f"] * table.shape[1])
     text = "\n".join([",".join(head), *(row % tuple(frame) for frame in table.tolist())])
-    _write(path, (text + "\n").encode())
+    write_whole(path, (text + "\n").encode())
 
 
 def write_npz(path: Path | str, motion: Motion, **beside: np.ndarray) -> None:
-    """Arrays `rotations` (t, j, 4) `wxyz`, `root` (t, 3), `fps`, and `skeleton` as JSON text; no pickles.
+    """Write arrays `rotations` (t, j, 4) `wxyz`, `root` (t, 3), `fps`, and `skeleton` as JSON text; no pickles.
 
     `beside` are further arrays to store, such as a face.
     """
-    path = Path(path)
-    partial = path.with_name(path.name + ".part")
-    try:
-        with partial.open("wb") as file:
-            np.savez_compressed(file, **(_arrays(motion) | beside))
-        partial.replace(path)
-    except OSError as error:
-        raise MotionError(f"{path} cannot be written ({error.strerror}); choose another place") from error
-    finally:
-        partial.unlink(missing_ok=True)
+    packed = io.BytesIO()
+    np.savez_compressed(packed, **(_arrays(motion) | beside))
+    write_whole(path, packed.getvalue())
 
 
 def read_npz(path: Path | str) -> Motion:
-    """Read what `write_npz` wrote; raises MotionError for a missing, damaged or foreign file."""
+    """Read a file of `write_npz`; raises MotionError where it is missing, damaged, or something else."""
     try:
-        with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as stored:
-            skeleton = Skeleton(SkeletonConfig.model_validate_json(str(stored["skeleton"])))
-            return Motion(skeleton, stored["rotations"], stored["root"], float(stored["fps"]))
+        return motion_of(arrays_of(Path(path), MotionError))
     except FileNotFoundError as error:
         raise MotionError(f"{path} does not exist; check the name") from error
-    except (OSError, ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile, ValidationError) as error:
-        raise MotionError(f"{path} holds no motion of ours or is damaged; write it again") from error
+    except NPZ_ERRORS as error:
+        raise MotionError(
+            f"{path} holds no motion or is damaged ({str(error)[:160]}); write it again"
+        ) from error
+
+
+def motion_of(stored: Mapping[str, np.ndarray]) -> Motion:
+    """The motion in arrays that `write_npz` wrote; raises one of `NPZ_ERRORS` where they are something else."""
+    skeleton = Skeleton(SkeletonConfig.model_validate_json(str(stored["skeleton"])))
+    return Motion(skeleton, stored["rotations"], stored["root"], float(stored["fps"]))
+
+
+NPZ_ERRORS = (
+    OSError,
+    ValueError,
+    KeyError,
+    EOFError,
+    IndexError,
+    TypeError,
+    zipfile.BadZipFile,
+    ValidationError,
+)
+
+
+def arrays_of(path: Path, error: type[EchoAvatarError] = EchoAvatarError) -> dict[str, np.ndarray]:
+    """Every array of an npz file; sizes are checked before anything is unpacked.
+
+    Raises:
+        EchoAvatarError: of the given kind; the file is too large, or unpacks to too much.
+        FileNotFoundError, OSError, ValueError, zipfile.BadZipFile: missing, damaged, or with pickles in it.
+    """
+    check_file(path, ARRAYS_BYTES, error)
+    try:
+        with zipfile.ZipFile(path) as archive:
+            unpacked = sum(entry.file_size for entry in archive.infolist())
+            if unpacked > ARRAYS_BYTES:
+                raise error(
+                    f"{path} unpacks to {unpacked:,} bytes, and at most {ARRAYS_BYTES:,} are read; cut it"
+                )
+            return {name.removesuffix(".npy"): array_of(archive.read(name)) for name in archive.namelist()}
+    except (
+        zipfile.LargeZipFile,
+        NotImplementedError,
+        RuntimeError,
+    ) as reason:  # encrypted, or an unknown method
+        raise ValueError(str(reason)) from reason
+    except zlib.error as reason:
+        raise ValueError(f"damaged: {reason}") from reason
+
+
+def array_of(data: bytes) -> np.ndarray:
+    """The array of an npy file's bytes; raises ValueError where header and data do not fit, and for pickles."""
+    file = io.BytesIO(data)
+    version = np.lib.format.read_magic(file)
+    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, _, dtype = read(file)
+    if math.prod(shape) * dtype.itemsize > len(data) - file.tell():
+        raise ValueError(f"the header says {shape}, and there is less")
+    return np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)
 
 
 def _arrays(motion: Motion) -> dict[str, Any]:
@@ -62,7 +115,8 @@ def _arrays(motion: Motion) -> dict[str, Any]:
     }
 
 
-def _write(path: Path | str, data: bytes) -> None:
+def write_whole(path: Path | str, data: bytes) -> None:
+    """Write a file completely or not at all; raises MotionError where it cannot be written."""
     path = Path(path)
     partial = path.with_name(path.name + ".part")
     try:

@@ -1,9 +1,8 @@
-"""Hands that meet still meet on a body of other proportions: the last step of retargeting, for a whole clip.
+"""Keep touching hands together on a body of other proportions: the last step of retargeting a clip.
 
-Rotations alone carry a clap to long arms as hands that pass through each other, and to short ones as hands that never
-meet. Where the source's palms come near each other, the target's are brought to the same offset from each other, in
-proportion to the size of the hands, about their own middle; both arms bend for it in closed form and the hands keep
-their orientation.
+If only rotations are retargeted, a clap makes long arms pass through each other, and short arms never meet. Where the
+source's palms are near each other, the target's palms get the same offset from each other, scaled by the size of the
+hands, about their own midpoint. Both arms bend by closed-form IK, and the hands keep their orientation.
 """
 
 from dataclasses import replace
@@ -21,29 +20,26 @@ from .rotations import quaternion_from_matrix
 from .skeleton import Skeleton
 from .two_bone import reach
 
-NEAR, FAR = (
-    1.3,
-    3.5,
-)  # hand lengths between the palms: up to the one they touch, from the other on they do not
-FOREARM = 0.37  # of its length: a hand whose knuckles are not known
-PALM = 0.8  # of the way from the wrist to the knuckles
-_STRAIGHT = 0.15  # sine of an elbow's bend below which its hinge is taken from the rest pose
+NEAR, FAR = 1.3, 3.5  # hand lengths between the palms: full effect up to NEAR, none from FAR on
+FOREARM = 0.37  # length of a hand without knuckles, as a share of the forearm
+PALM = 0.8  # where the palm is on the way from the wrist to the knuckles
+_STRAIGHT = 0.15  # weight of the rest pose's hinge, which decides where the elbow is nearly straight
 
 
 class Arm(NamedTuple):
     """The joints of an arm, its palm, and how its elbow bends."""
 
-    above: tuple[int, int, int]  # parents of the three
+    above: tuple[int, int, int]  # parents of upper arm, lower arm and hand
     upper: int
     lower: int
     hand: int
     palm: Float[Tensor, "3"]  # from the wrist, in the hand's frame
-    length: float  # of the hand, wrist to knuckles
-    hinge: Float[Tensor, "3"]  # of the elbow at rest, flexing
+    length: float  # from wrist to knuckles
+    hinge: Float[Tensor, "3"]  # axis about which the elbow flexes, at rest
 
 
 def keep_hands_together(source: Motion, moved: Motion) -> Motion:
-    """`moved`, which is `source` on another rig, with its palms where they touch as the source's do."""
+    """`moved` (`source` on another rig) with its palms together wherever the source's are."""
     theirs, ours = (
         [find_arm(motion.skeleton, side) for side in ("left", "right")] for motion in (source, moved)
     )
@@ -55,14 +51,14 @@ def keep_hands_together(source: Motion, moved: Motion) -> Motion:
     weight = falling(gap.norm(dim=-1, keepdim=True) / size, NEAR, FAR)
     if not bool((weight > 0).any()):
         return moved
-    turns = moved.matrices().double()
-    pose = forward_kinematics(moved.skeleton, turns, torch.from_numpy(moved.root).double())
+    rotations = moved.matrices().double()
+    pose = forward_kinematics(moved.skeleton, rotations, torch.from_numpy(moved.root).double())
     palms = [_palm(pose, arm) for arm in ours]
     middle = (palms[0] + palms[1]) / 2
     wanted = gap * (sum(arm.length for arm in ours) / 2 / size)
     for arm, palm, half in zip(ours, palms, (-0.5, 0.5), strict=True):
-        turns = carried(arm, turns, pose, weight * (middle + half * wanted - palm))
-    return replace(moved, rotations=quaternion_from_matrix(turns).numpy().astype(np.float32))
+        rotations = carried(arm, rotations, pose, weight * (middle + half * wanted - palm))
+    return replace(moved, rotations=quaternion_from_matrix(rotations).numpy().astype(np.float32))
 
 
 def palms(motion: Motion) -> Float[Tensor, "t 2 3"]:
@@ -74,7 +70,7 @@ def palms(motion: Motion) -> Float[Tensor, "t 2 3"]:
 
 
 def find_arm(skeleton: Skeleton, side: str) -> Arm:
-    """The `left` or `right` arm of a rig whose bones are known."""
+    """The `left` or `right` arm of a rig with known bones."""
     bones = bone_map(skeleton)
     upper, lower, hand = (bones[side + name] for name in ("UpperArm", "LowerArm", "Hand"))
     rest = skeleton.rest_positions.double()
@@ -104,9 +100,9 @@ def falling(value: Float[Tensor, "*n"], full: float, none: float) -> Float[Tenso
 
 
 def carried(
-    arm: Arm, turns: Float[Tensor, "t j 3 3"], pose: Pose, shift: Float[Tensor, "t 3"]
+    arm: Arm, rotations: Float[Tensor, "t j 3 3"], pose: Pose, shift: Float[Tensor, "t 3"]
 ) -> Float[Tensor, "t j 3 3"]:
-    """Local rotations with this arm bent so that its hand is moved by `shift` and keeps its orientation."""
+    """Local rotations with this arm bent so that its hand moves by `shift` and keeps its orientation."""
     place, world = pose.positions, pose.rotations
     shoulder, elbow, wrist = (place[:, joint] for joint in (arm.upper, arm.lower, arm.hand))
     upper, lower = elbow - shoulder, wrist - elbow
@@ -116,9 +112,9 @@ def carried(
     first, second = reach(hip=shoulder, knee=elbow, ankle=wrist, hinge=hinge, target=wrist + shift)
     above = first @ world[:, arm.upper]
     below = second @ world[:, arm.lower]
-    bent = turns.clone()
-    over_upper, over_lower, over_hand = arm.above  # a rig may have joints in the middle of a bone
+    bent = rotations.clone()
+    over_upper, over_lower, over_hand = arm.above  # a rig may have extra joints in an arm
     bent[:, arm.upper] = world[:, over_upper].transpose(-1, -2) @ above
     bent[:, arm.lower] = (first @ world[:, over_lower]).transpose(-1, -2) @ below
     bent[:, arm.hand] = (second @ world[:, over_hand]).transpose(-1, -2) @ world[:, arm.hand]
-    return torch.where((shift != 0).any(-1)[:, None, None, None], bent, turns)
+    return torch.where((shift != 0).any(-1)[:, None, None, None], bent, rotations)

@@ -24,9 +24,7 @@ class Checkpointed(nn.Module):
         Raises:
             CheckpointError: a file is missing, damaged or of another shape.
         """
-        model = cls(checkpoint.read_config(folder, cls.config_type))
-        checkpoint.load_into(model, checkpoint.read_weights(folder), origin=str(folder))
-        return model.eval()
+        return checkpoint.load(folder, cls.config_type, cls).eval()
 
     def save(self, folder: Path, card: Mapping[str, object], *, dtype: torch.dtype | None = None) -> None:
         """Write a checkpoint folder, with weights in `dtype` where it is given."""

@@ -17,6 +17,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from ..errors import CheckpointError, EchoAvatarError
+from ..limits import CONFIG_BYTES, check_file
 from ..timing import CHUNK, ChunkSize
 from .action_overlay import Overlay
 
@@ -162,10 +163,11 @@ class ActionLibrary(Mapping[str, Action]):
         path = folder / FILE
         if not path.exists():
             return cls()
+        check_file(path, CONFIG_BYTES, CheckpointError)
         try:
             rows = json.loads(path.read_text())["actions"]
             actions = [Action.from_json(row, chunk) for row in rows]
-        except (ValueError, KeyError, TypeError) as error:
+        except (ValueError, LookupError, TypeError, RecursionError) as error:
             raise CheckpointError(f"{path} is not a library of actions ({error!r}); make it again") from error
         for action in actions:
             whole = action.overlay is None or len(action.overlay.turns) == action.chunks * chunk.frames

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..errors import MotionError
-from ..kinematics.smoothing import align_signs
+from ..kinematics.resample import align_signs
 from ..timing import FRAME_RATE_HZ
 from .motion_chunk import MotionChunk, join
 

@@ -9,6 +9,7 @@ from pydantic import Field, ValidationError
 
 from ..config import Config
 from ..errors import CheckpointError
+from ..limits import CONFIG_BYTES, check_file
 from .post import SWITCHES
 from .retime import TIMING
 from .rig import RigConfig
@@ -57,6 +58,7 @@ class Runtime(Config):
         path = folder / FILE
         if not path.exists():
             return cls()
+        check_file(path, CONFIG_BYTES, CheckpointError)
         try:
             return cls.model_validate_json(path.read_bytes())
         except ValidationError as error:

@@ -1,11 +1,11 @@
-"""The authors' published checkpoints made into bundles of ours, from the user's own download (docs/reference.md).
+"""Convert the paper authors' published checkpoints into a bundle, from the user's own download (docs/reference.md).
 
-Nothing of theirs is in this package: weights, statistics, skeleton, transforms and actions are read from the download.
+This package contains none of their data: weights, statistics, skeleton, transforms and actions come from the download.
 May import `pipeline` and below.
 """
 
 from .convert import convert
 from .folder import Release
-from .survey import Survey, survey
+from .inspection import Inspection, inspect_release
 
-__all__ = ["Release", "Survey", "convert", "survey"]
+__all__ = ["Inspection", "Release", "convert", "inspect_release"]

@@ -1,8 +1,8 @@
-"""The release's table of actions, which is written down in its script: read from the source as data, never run.
+"""The release's table of actions, read as data from the script that contains it. The script never runs.
 
-A Python file is parsed, and of its dictionaries the one whose keys are texts and whose values are lists of whole
-numbers is taken; a JSON file of the same form will do too. A code below zero stands for one of the lower body's first
-layer, as the script writes it (code - 6 x 512).
+A Python file is parsed, and the largest dictionary of texts to lists of whole numbers is the table. A JSON file of the
+same form works too. A negative code stands for a code of the lower body's first layer, which the script writes as
+code - 6 x 512.
 """
 
 import ast
@@ -12,11 +12,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from ..errors import CheckpointError
+from ..limits import CONFIG_BYTES, check_file
 from ..pipeline import Action, ActionLibrary
 from ..timing import CHUNK, ChunkSize
 
 LOWER_SHIFT = 6 * 512
-HOLD_S = 4.0  # an action without a wanted length holds so long; in the release it holds until the next
+HOLD_S = 4.0  # how long an action holds unless the caller says; in the release it holds until the next one
 _ABOUT = "published with the authors' model; a set of codes that holds as a whole"
 _OPERATORS = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul}
 
@@ -24,7 +25,7 @@ Table = dict[str, list[int]]
 
 
 def find_table(stats: Path) -> Path | None:
-    """The script with the table, beside the stats folder in the authors' repository, if it is there."""
+    """The script that contains the table: in the folder `scripts` beside the stats folder, or None."""
     scripts = sorted((stats.resolve().parent / "scripts").glob("*.py"), reverse=True)
     return next(
         (path for path in scripts if _tables(path.read_text(encoding="utf-8", errors="replace"))), None
@@ -35,31 +36,37 @@ def read_table(path: Path) -> Table:
     """The table in a Python or JSON file.
 
     Raises:
-        CheckpointError: the file is missing or has none.
+        CheckpointError: the file is missing or contains no table.
     """
     try:
+        check_file(path, CONFIG_BYTES, CheckpointError)
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise CheckpointError(f"the table of actions {path} cannot be read; check the name") from error
     found = _tables(text) if path.suffix == ".py" else _json_tables(text)
     if not found:
-        raise CheckpointError(f"{path} has no table of actions: names with lists of codes")
+        raise CheckpointError(
+            f"{path} has no table of actions (names with lists of codes); give the authors' script"
+        )
     return max(found, key=len)
 
 
 def library(
     table: Mapping[str, Sequence[int]], codes: int, *, origin: str, chunk: ChunkSize = CHUNK
 ) -> ActionLibrary:
-    """Actions of the table; a directive has `codes` numbers for the upper body, then as many for the lower.
+    """The table as a library of actions. `codes` is the size of one codebook: upper body first, then the lower.
 
     Raises:
-        CheckpointError: a code that no tokenizer of this size has.
+        CheckpointError: a code lies outside the codebooks.
     """
     actions = {}
     for name, own in table.items():
         places = [code if code >= 0 else codes + code + LOWER_SHIFT for code in own]
         if not places or not all(0 <= place < 2 * codes for place in places):
-            raise CheckpointError(f"{origin}: the action {name!r} names codes beyond {codes}: {list(own)}")
+            raise CheckpointError(
+                f"{origin}: the action {name!r} names codes beyond {codes} ({str(own)[:80]});"
+                " give the table of these weights"
+            )
         key = "_".join(name.lower().replace("-", " ").replace("_", " ").split())
         own_codes, hold = tuple(sorted(set(places))), (0, chunk.within(HOLD_S))
         actions[key] = Action(key, own_codes, hold, _ABOUT, is_set=True, chunk=chunk)
@@ -69,9 +76,9 @@ def library(
 def _tables(text: str) -> list[Table]:
     try:
         tree = ast.parse(text)
+        found = [_table(node) for node in ast.walk(tree) if isinstance(node, ast.Dict)]
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         return []
-    found = (_table(node) for node in ast.walk(tree) if isinstance(node, ast.Dict))
     return [table for table in found if table]
 
 
@@ -104,7 +111,7 @@ def _number(node: ast.expr) -> int | None:
 def _json_tables(text: str) -> list[Table]:
     try:
         stored = json.loads(text)
-    except ValueError:
+    except (ValueError, RecursionError):
         return []
     is_table = isinstance(stored, dict) and all(
         isinstance(value, list) and value and all(type(code) is int for code in value)

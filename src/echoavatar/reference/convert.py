@@ -1,4 +1,4 @@
-"""From a checked download to a bundle of ours: config, safetensors and a card that says whose it is."""
+"""Write a bundle from a checked download: configs, safetensors, and a card that names the owner of the weights."""
 
 import json
 from pathlib import Path
@@ -17,7 +17,7 @@ from ..pipeline import ActionLibrary
 from ..pipeline.runtime import Runtime
 from ..timing import SAMPLE_RATE_HZ
 from ..tokenizer import BodyTokenizer, BodyTokenizerConfig
-from .survey import Survey
+from .inspection import Inspection
 from .vocabulary import occurring
 
 SILENCE_SECONDS = 4
@@ -29,7 +29,7 @@ ORIGIN = "converted from the authors' release of EchoAvatar (SIGGRAPH 2026); tra
 
 
 def convert(
-    found: Survey,
+    found: Inspection,
     codec: AudioCodec,
     output: Path,
     *,
@@ -40,7 +40,7 @@ def convert(
     """Write the bundle.
 
     Raises:
-        CheckpointError: the survey found problems; the message lists them.
+        CheckpointError: the inspection found problems; the message lists them.
     """
     if found.problems:
         raise CheckpointError("the download does not fit:\n" + "\n".join(found.problems))
@@ -55,14 +55,14 @@ def convert(
     _write_face(found, output / "face", card, face_order)
     actions.save(output)
     assert found.rig is not None
-    as_published = Runtime(  # a session begins with the generator's `opening`
+    as_published = Runtime(  # no lead-in: a session begins with the generator's `opening`
         level_control=False, silent_temperature=1.0, restless_temperature=1.0, lead_in_s=0.0, rig=found.rig
     )
     as_published.save(output)
     (output / "card.json").write_text(json.dumps(card, indent=2) + "\n")
 
 
-def _write_tokenizer(found: Survey, folder: Path, card: dict[str, object]) -> None:
+def _write_tokenizer(found: Inspection, folder: Path, card: dict[str, object]) -> None:
     assert found.skeleton is not None
     assert found.statistics is not None
     tokenizer = BodyTokenizer(BodyTokenizerConfig(skeleton=found.skeleton, parts=found.parts))
@@ -76,7 +76,7 @@ def _write_tokenizer(found: Survey, folder: Path, card: dict[str, object]) -> No
     tokenizer.save(folder, card, dtype=torch.float32)
 
 
-def _write_generator(found: Survey, codec: AudioCodec, folder: Path, card: dict[str, object]) -> None:
+def _write_generator(found: Inspection, codec: AudioCodec, folder: Path, card: dict[str, object]) -> None:
     stored, config = found.generator, found.generator_config
     assert stored is not None
     assert config is not None
@@ -93,7 +93,7 @@ def _write_generator(found: Survey, codec: AudioCodec, folder: Path, card: dict[
     checkpoint.save(folder, config=config, weights=weights, card=card)
 
 
-def _write_face(found: Survey, folder: Path, card: dict[str, object], order: ChannelOrder) -> None:
+def _write_face(found: Inspection, folder: Path, card: dict[str, object], order: ChannelOrder) -> None:
     assert found.face is not None
     config = found.face.model_copy(update={"order": order})
     model = FaceModel(config)
@@ -106,7 +106,7 @@ def _write_face(found: Survey, folder: Path, card: dict[str, object], order: Cha
 
 
 def silence_codes(codec: AudioCodec) -> tuple[int, ...]:
-    """What a codec says of silence once it has got used to it."""
+    """The codes of silence after a few seconds of it, when the codec's state has settled."""
     codes = codec.encode(torch.zeros(1, SILENCE_SECONDS * SAMPLE_RATE_HZ))[0, -1]
     return tuple(int(code) for code in codes)
 

@@ -1,4 +1,4 @@
-"""Where the parts of a download lie: folders and files by the names under which they were published."""
+"""Where each part of a download is, by the folder and file names under which it was published."""
 
 import re
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ REST, UNITY = "magic_rest_matrices.json", "magic_transforms.json"
 
 @dataclass(frozen=True)
 class Release:
-    """The user's download: `ckpts` from the hub, `stats` from the authors' repository."""
+    """The user's download: `ckpts` comes from the hub, `stats` from the authors' repository."""
 
     ckpts: Path
     stats: Path
@@ -25,12 +25,12 @@ class Release:
         return _newest(_only(home, f"*_bp_{part}_*", f"the tokenizer of the part {part!r}"), "net")
 
     def codes(self, part: str) -> int:
-        """Codes per layer, which only the folder's name tells."""
+        """Codes per layer; only the folder's name states it."""
         name = self.tokenizer(part).parent.name
         found = re.search(r"nb-code_(\d+)", name)
         if not found:
             raise CheckpointError(
-                f"the folder {name} does not say nb-code_N; keep the name it was published under"
+                f"the name of the folder {name} does not contain nb-code_N; keep the name it was published under"
             )
         return int(found[1])
 
@@ -40,7 +40,7 @@ class Release:
         return _newest(_only(home, "*FaceGPT*", "the face model"), "gpt")
 
     def generator(self, name: str | None = None) -> Path:
-        """Folder of a generator; the first there is of `GENERATORS` without a name."""
+        """Folder of the named generator, or of the first of `GENERATORS` that is there."""
         names = (
             [name] if name else [own for own in GENERATORS if (self.ckpts / own).is_dir()] or [GENERATORS[0]]
         )
@@ -80,7 +80,7 @@ def _only(home: Path, pattern: str, what: str) -> Path:
 
 
 def _newest(folder: Path, stem: str) -> Path:
-    """The file with the highest step."""
+    """The file with the highest training step."""
     found = {
         int(m[1]): path for path in folder.iterdir() if (m := re.fullmatch(rf"{stem}_(\d+)\.pth", path.name))
     }

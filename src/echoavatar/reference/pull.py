@@ -1,4 +1,4 @@
-"""Models from the hub: fetched by its own client, which resumes, and checked against the hashes the hub publishes."""
+"""Fetch a model from the hub with the hub's own client, which resumes, and check it against the published hashes."""
 
 import hashlib
 from collections.abc import Mapping, Sequence
@@ -8,7 +8,7 @@ from typing import NamedTuple
 from ..errors import CheckpointError, DependencyError, EchoAvatarError
 
 _BLOCK = 1 << 20
-_CONNECTION = {  # names of errors that mean so, in requests, httpx, the hub's client and the system
+_CONNECTION = {  # error classes that mean "no connection" in requests, httpx, the hub's client and the system
     "ConnectionError",
     "LocalEntryNotFoundError",
     "NetworkError",
@@ -21,7 +21,7 @@ _CONNECTION = {  # names of errors that mean so, in requests, httpx, the hub's c
 
 
 class Pulled(NamedTuple):
-    """What came."""
+    """What was fetched."""
 
     folder: Path
     files: int
@@ -32,11 +32,11 @@ class Pulled(NamedTuple):
 def pull(
     name: str, output: Path | None = None, *, revision: str | None = None, only: Sequence[str] | None = None
 ) -> Pulled:
-    """Fetch a repository of the hub, or those of its files that match `only`; what is there is not fetched again.
+    """Fetch a repository of the hub, or only the files that match `only`. Files already there are not fetched again.
 
     Raises:
-        EchoAvatarError: no network, no such repository, or it asks for a login.
-        CheckpointError: a file is not what the hub says it is.
+        EchoAvatarError: there is no network or no such repository, or the repository needs a login.
+        CheckpointError: the hash of a file differs from the published one.
     """
     try:
         from huggingface_hub import HfApi, snapshot_download
@@ -53,23 +53,23 @@ def pull(
         wanted = None if only is None else list(only)
         folder = snapshot_download(name, revision=info.sha, local_dir=output, allow_patterns=wanted)
     except HFValidationError as error:
-        raise EchoAvatarError(f"{name!r} is no name on the hub: it is OWNER/NAME ({error})") from error
+        raise EchoAvatarError(f"{name!r} is not a name on the hub; write OWNER/NAME ({error})") from error
     except GatedRepoError as error:
         raise EchoAvatarError(
-            f"{name} asks for its terms to be accepted: do so on its page, then `hf auth login`"
+            f"{name} is gated: accept its terms on its page, then run `hf auth login`"
         ) from error
     except RepositoryNotFoundError as error:
         raise EchoAvatarError(
-            f"the hub has no {name}, or only for those who log in (`hf auth login`)"
+            f"the hub has no public {name}; check the name, or run `hf auth login` if it is private"
         ) from error
     except HfHubHTTPError as error:
         raise EchoAvatarError(f"the hub refused {name}: {error}; try again later") from error
-    except Exception as error:  # its transport raises its own kinds, by version
+    except Exception as error:  # the client's transport raises different classes in different versions
         if not _is_connection(error):
             raise
         raise EchoAvatarError(
-            f"the hub cannot be reached ({type(error).__name__}); what was fetched is kept: run the same command again "
-            f"with network, or fetch {name} elsewhere with `hf download {name}` and copy the folder"
+            f"the hub cannot be reached ({type(error).__name__}); fetched files are kept: run the same command again "
+            f"with a network, or fetch {name} elsewhere with `hf download {name}` and copy the folder"
         ) from error
     sums = {
         file.rfilename: file.lfs.sha256
@@ -82,10 +82,10 @@ def pull(
 
 
 def check(folder: Path, sums: Mapping[str, str]) -> None:
-    """Hold files against their sha256.
+    """Compare files with their SHA-256 hashes.
 
     Raises:
-        CheckpointError: one differs; it is removed, so that the next pull fetches it anew.
+        CheckpointError: one differs. It is removed, so that the next pull fetches it again.
     """
     for name, wanted in sums.items():
         path = folder / name
@@ -96,13 +96,13 @@ def check(folder: Path, sums: Mapping[str, str]) -> None:
         if digest.hexdigest() != wanted:
             path.unlink()
             raise CheckpointError(
-                f"{path} is not what the hub says (sha256 {digest.hexdigest()[:12]}..., wanted {wanted[:12]}...); "
-                "it was removed, pull again"
+                f"{path} has another sha256 than published ({digest.hexdigest()[:12]}..., wanted {wanted[:12]}...);"
+                " it was removed; pull again"
             )
 
 
 def _is_connection(error: BaseException | None) -> bool:
-    """Whether the network is what failed, whichever library says so."""
+    """Whether the connection failed, whichever library raised the error."""
     while error is not None:
         if _CONNECTION & {kind.__name__ for kind in type(error).__mro__}:
             return True

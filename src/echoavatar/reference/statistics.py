@@ -1,7 +1,7 @@
-"""The release's statistics of motion in the order of our features, with what hardly varies held still.
+"""The release's motion statistics in the order of our features.
 
-Of its 531 deviations 154 are zero or noise (1e-8 to 6e-5): all of joints that never move. Dividing by them would blow
-float noise up to ten million times, so such channels are 0 when normalised and their mean when decoded.
+Of the 531 standard deviations 154 are zero or noise (1e-8 to 6e-5), because their joints never move. Dividing by them
+would amplify float noise up to ten million times. So these channels are 0 when normalised and their mean when decoded.
 """
 
 import numpy as np
@@ -12,7 +12,7 @@ from ..kinematics.features import CONSTANT_STD, TRAVEL_SIZE, travel_slice
 
 
 def feature_order(skeleton: Skeleton) -> list[int]:
-    """Of each of our channels its place in theirs: joints ascending, then the three of travel."""
+    """For each of our channels, its index in the release's order: joints ascending, then the three of travel."""
     six = [6 * joint + k for joint in skeleton.feature_joints for k in range(6)]
     start = travel_slice(skeleton).start
     travel = [6 * skeleton.joints + k for k in range(TRAVEL_SIZE)]
@@ -20,6 +20,6 @@ def feature_order(skeleton: Skeleton) -> list[int]:
 
 
 def body_statistics(skeleton: Skeleton, rows: np.ndarray) -> FeatureStatistics:
-    """From their mean and deviation (2, 531)."""
+    """Statistics from the release's mean and standard deviation (2, 531)."""
     mean, std = torch.from_numpy(rows.astype(np.float32))[:, feature_order(skeleton)]
     return FeatureStatistics(mean, std, std >= CONSTANT_STD)

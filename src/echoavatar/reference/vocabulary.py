@@ -1,6 +1,6 @@
-"""The rows of the release's vocabulary that can occur, and the same framing over these rows alone.
+"""The rows of the release's vocabulary that a prompt can contain, and the token layout over these rows alone.
 
-Of 166,690 rows a prompt holds six special ids, 2,048 audio and 9,216 motion codes; all others are left behind.
+Of 166,690 rows, six special ids, 2,048 audio codes and 9,216 motion codes can occur. The others are not converted.
 """
 
 import torch
@@ -11,14 +11,14 @@ from ..tokens import REFERENCE_LAYOUT, TokenLayout
 
 
 def occurring(layout: TokenLayout = REFERENCE_LAYOUT) -> Int[Tensor, " v"]:
-    """Their ids: specials ascending, audio, motion."""
+    """Ids of the rows that can occur: special ids ascending, then audio, then motion."""
     audio = torch.arange(layout.audio_layers * layout.audio_codes) + layout.audio_base
     motion = torch.arange(layout.segments * layout.motion_codes) + layout.motion_base
     return torch.cat([torch.tensor(_specials(layout)), audio, motion])
 
 
 def compacted(layout: TokenLayout = REFERENCE_LAYOUT) -> TokenLayout:
-    """The layout over the rows `occurring`."""
+    """The layout renumbered to the rows that `occurring` lists."""
     specials = _specials(layout)
     rows = {token: row for row, token in enumerate(specials)}
 

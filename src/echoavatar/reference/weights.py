@@ -1,4 +1,4 @@
-"""A generator as transformers stores it: a folder of safetensors, of which only the rows that are wanted are read."""
+"""A generator as transformers stores it: a folder of safetensors. Only the rows that the bundle needs are read."""
 
 import json
 from dataclasses import dataclass
@@ -12,10 +12,11 @@ from torch import Tensor
 from ..errors import CheckpointError
 from ..generator import GeneratorConfig
 from ..generator.config import Opening
+from ..limits import CONFIG_BYTES, check_file
 from ..tokens import REFERENCE_LAYOUT
 from .vocabulary import compacted
 
-SEED_CODE = 32  # in every segment before the first motion
+SEED_CODE = 32  # the motion code of every segment before the first motion
 _ARCHITECTURE = "Qwen2ForCausalLM"
 
 
@@ -25,24 +26,28 @@ class StoredGenerator:
 
     folder: Path
     config: dict[str, Any]
-    files: dict[str, Path]  # of each tensor
+    files: dict[str, Path]  # tensor name to the file that contains it
     shapes: dict[str, tuple[int, ...]]
 
     @classmethod
     def open(cls, folder: Path) -> "StoredGenerator":
-        """Read config and headers, no weights.
+        """Read config and headers, but no weights.
 
         Raises:
-            CheckpointError: something is missing, cut off, or no Qwen2.
+            CheckpointError: a file is missing or cut off, or the folder is not a Qwen2.
         """
         try:
+            check_file(folder / "config.json", CONFIG_BYTES, CheckpointError)
             config = json.loads((folder / "config.json").read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, RecursionError) as error:
             raise CheckpointError(
                 f"{folder}/config.json cannot be read ({error}); download it again"
             ) from error
-        if config.get("architectures", [_ARCHITECTURE])[0] != _ARCHITECTURE:
-            raise CheckpointError(f"{folder} is a {config['architectures'][0]}, not a {_ARCHITECTURE}")
+        kinds = config.get("architectures", [_ARCHITECTURE]) if isinstance(config, dict) else None
+        if kinds != [_ARCHITECTURE]:
+            raise CheckpointError(
+                f"{folder} is a {str(kinds)[:80]}, not a {_ARCHITECTURE}; choose another folder"
+            )
         paths = sorted(folder.glob("*.safetensors"))
         if not paths:
             raise CheckpointError(
@@ -60,15 +65,17 @@ class StoredGenerator:
         return cls(folder, config, files, shapes)
 
     def generator_config(self, *, step: int, silence: tuple[int, ...]) -> GeneratorConfig:
-        """Ours for these weights, over the rows that can occur.
+        """Our config for these weights, over the rows that can occur.
 
         Raises:
-            CheckpointError: a size is missing or impossible, or the vocabulary is another one.
+            CheckpointError: a size is missing or impossible, or the vocabulary is not the release's.
         """
         theirs = self.config
         try:
             rope = theirs.get("rope_theta") or theirs["rope_parameters"]["rope_theta"]
             rows = theirs["vocab_size"]
+            if theirs["num_hidden_layers"] > len(self.shapes):
+                raise ValueError(f"{theirs['num_hidden_layers']} layers of {len(self.shapes)} tensors")
             config = GeneratorConfig(
                 layout=compacted(),
                 sequence="prefix",
@@ -92,17 +99,18 @@ class StoredGenerator:
             ) from error
         if rows != REFERENCE_LAYOUT.vocabulary:
             raise CheckpointError(
-                f"{self.folder}/config.json: vocab_size is {rows}, wanted {REFERENCE_LAYOUT.vocabulary}"
+                f"{self.folder}/config.json: vocab_size is {rows}, wanted {REFERENCE_LAYOUT.vocabulary};"
+                " choose another folder"
             )
         return config
 
     @property
     def is_tied(self) -> bool:
-        """Whether head and embeddings are one table (they are two in the paper)."""
+        """Whether output head and input embeddings share one table (the paper has two)."""
         return "lm_head.weight" not in self.shapes and bool(self.config.get("tie_word_embeddings"))
 
     def read(self, key: str, rows: Tensor | None = None) -> Tensor:
-        """A tensor, or some rows of it in that order.
+        """A tensor, or the given rows of it in the given order.
 
         Raises:
             CheckpointError: the file is cut off.

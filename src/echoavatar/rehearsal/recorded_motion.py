@@ -21,7 +21,7 @@ from scipy.signal import find_peaks
 from ..errors import MotionError
 from ..fingers import load_shipped, refine_fingers
 from ..kinematics import HUMANOID, Motion, read_bvh
-from ..kinematics.resample import resample
+from ..kinematics.resample import align_signs, resample
 from ..kinematics.retarget import retarget
 from ..kinematics.rotations import (
     axis_angle_from_quaternion,
@@ -29,7 +29,6 @@ from ..kinematics.rotations import (
     quaternion_multiply,
     slerp,
 )
-from ..kinematics.smoothing import align_signs
 from ..timing import FRAME_RATE_HZ
 from .sound import SoundTrack
 

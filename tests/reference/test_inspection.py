@@ -3,11 +3,11 @@
 import torch
 from tests.reference.test_untrusted import Bomb
 
-from echoavatar.reference import Release, survey
+from echoavatar.reference import Release, inspect_release
 
 
 def problems(root) -> list[str]:
-    return survey(Release(root / "ckpts", root / "stats")).problems
+    return inspect_release(Release(root / "ckpts", root / "stats")).problems
 
 
 def change(path, edit) -> None:
@@ -19,7 +19,7 @@ def change(path, edit) -> None:
 
 
 def test_a_whole_download_has_a_line_for_every_tensor_and_no_problem(download):
-    found = survey(Release(download / "ckpts", download / "stats"))
+    found = inspect_release(Release(download / "ckpts", download / "stats"))
     assert found.problems == []
     targets = [line.target for line in found.lines]
     assert sum(target.startswith("tokenizer: parts.") for target in targets) == 3 * 92
@@ -37,7 +37,7 @@ def test_a_wrong_shape_and_an_unknown_tensor(spoilt):
     path = spoilt("ckpts/face/*/gpt_80000.pth")
     change(path, lambda gpt: gpt.update({"output_proj.weight": torch.zeros(52, 63), "extra": torch.zeros(2)}))
     assert problems(path.parents[3]) == [
-        f"{path}: extra [2] is not known",
+        f"{path}: extra [2] is unknown",
         f"{path}: output_proj.weight is [52, 63], wanted [52, 64]",
     ]
 

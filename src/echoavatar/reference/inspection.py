@@ -1,4 +1,4 @@
-"""All of a download checked before anything is written: what becomes of each tensor, and everything that is wrong."""
+"""Check a whole download before anything is written: where each tensor goes, and every problem there is."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -18,9 +18,9 @@ from ..pipeline.rig import RigConfig
 from ..tokenizer import MotionTokenizerConfig
 from ..tokens import REFERENCE_LAYOUT
 from . import folder
+from .expected_tensors import differences, face_shapes, generator_shapes, hubert_of, tokenizer_shapes
 from .folder import Release
-from .rig import JOINTS, rig_config, skeleton_config
-from .shapes import differences, ear_of, face_shapes, generator_shapes, tokenizer_shapes
+from .release_rig import JOINTS, rig_config, skeleton_config
 from .statistics import body_statistics
 from .untrusted import read_array, read_arrays, read_matrices, read_table, read_tensors
 from .vocabulary import compacted
@@ -31,7 +31,7 @@ PLACEHOLDER = (0,) * REFERENCE_LAYOUT.audio_layers
 
 
 class Line(NamedTuple):
-    """A tensor of theirs and where it goes."""
+    """A published tensor and where it goes in the bundle."""
 
     file: str
     name: str
@@ -40,8 +40,8 @@ class Line(NamedTuple):
 
 
 @dataclass
-class Survey:
-    """What was found; complete where `problems` is empty."""
+class Inspection:
+    """What a download contains; complete where `problems` is empty."""
 
     lines: list[Line] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
@@ -57,15 +57,15 @@ class Survey:
     statistics: FeatureStatistics | None = None
 
 
-def survey(release: Release, *, generator: str | None = None, step: int = 2) -> Survey:
-    """Read and check everything; nothing is written. Problems are collected, not raised."""
-    found = Survey()
-    for problem in _each(found, release, generator, step):
-        found.problems += problem
+def inspect_release(release: Release, *, generator: str | None = None, step: int = 2) -> Inspection:
+    """Read and check everything without writing. Problems are collected, not raised."""
+    found = Inspection()
+    for problems in _checks(found, release, generator, step):
+        found.problems += problems
     return found
 
 
-def _each(found: Survey, release: Release, generator: str | None, step: int) -> Iterator[list[str]]:
+def _checks(found: Inspection, release: Release, generator: str | None, step: int) -> Iterator[list[str]]:
     for part, features in zip(folder.PARTS, (117, 162, 252), strict=True):
         yield _try(partial(_tokenizer, found, release, part, features))
     yield _try(lambda: _generator(found, release.generator(generator), step))
@@ -81,12 +81,12 @@ def _try(read: Callable[[], list[str]]) -> list[str]:
         return [str(error)]
 
 
-def _tokenizer(found: Survey, release: Release, part: str, features: int) -> list[str]:
+def _tokenizer(found: Inspection, release: Release, part: str, features: int) -> list[str]:
     path = release.tokenizer(part)
     weights = read_tensors(path, "net")
     anchor = weights.get("input_liner.bias")
     if anchor is None or anchor.dim() != 1 or len(anchor) % (2 * HEADS):
-        return [f"{path}: input_liner.bias [width] is missing or impossible, so nothing else can be checked"]
+        return [f"{path}: input_liner.bias [width] is missing or impossible; download it again"]
     config = MotionTokenizerConfig(
         features=features,
         width=len(anchor),
@@ -101,7 +101,7 @@ def _tokenizer(found: Survey, release: Release, part: str, features: int) -> lis
     return differences(shapes, tokenizer_shapes(config), origin=str(path))
 
 
-def _generator(found: Survey, path: Path, step: int) -> list[str]:
+def _generator(found: Inspection, path: Path, step: int) -> list[str]:
     stored = StoredGenerator.open(path)
     config = stored.generator_config(step=step, silence=PLACEHOLDER)
     full = config.model_copy(update={"layout": REFERENCE_LAYOUT})
@@ -116,15 +116,15 @@ def _generator(found: Survey, path: Path, step: int) -> list[str]:
     return differences(stored.shapes, wanted, origin=str(path))
 
 
-def _face(found: Survey, path: Path, step: int) -> list[str]:
+def _face(found: Inspection, path: Path, step: int) -> list[str]:
     weights = {_present_name(key): value for key, value in read_tensors(path, "gpt").items()}
     shapes = {key: tuple(value.shape) for key, value in weights.items()}
     try:
-        ear, width = ear_of(shapes), shapes["audio_proj.bias"][0]
-        config = paper_face(width=width, encoder=ear)
-    except (KeyError, IndexError, ValueError) as error:
-        return [f"{path}: {error} is missing or impossible, so nothing else can be checked"]
-    problems = differences(shapes, face_shapes(width, CHANNELS, ear), origin=str(path))
+        hubert, width = hubert_of(shapes), shapes["audio_proj.bias"][0]
+        config = paper_face(width=width, encoder=hubert)
+    except (LookupError, ValueError, ArithmeticError) as error:
+        return [f"{path}: {error} is missing or impossible; download it again"]
+    problems = differences(shapes, face_shapes(width, CHANNELS, hubert), origin=str(path))
     found.face = config.model_copy(
         update={"context": 64 - 4 * step, "step": 4 * step, "least_std": 0.0, "idle": False}
     )
@@ -137,13 +137,13 @@ def _face(found: Survey, path: Path, step: int) -> list[str]:
 
 
 def _present_name(key: str) -> str:
-    """Older versions of torch write a normalised weight under other names."""
+    """Older versions of torch store a normalised weight under other names."""
     return key.replace(".conv.weight_g", ".conv.parametrizations.weight.original0").replace(
         ".conv.weight_v", ".conv.parametrizations.weight.original1"
     )
 
 
-def _stats(found: Survey, release: Release) -> list[str]:
+def _stats(found: Inspection, release: Release) -> list[str]:
     path = release.stat(folder.SKELETON)
     table = read_arrays(path, ("names", "parents", "offsets"))
     names = tuple(str(name) for name in table["names"])
@@ -169,7 +169,7 @@ def _stats(found: Survey, release: Release) -> list[str]:
     return []
 
 
-def _face_stats(found: Survey, release: Release) -> list[str]:
+def _face_stats(found: Inspection, release: Release) -> list[str]:
     path = release.stat(folder.FACE)
     found.face_statistics = read_table(path, ("mean", "std"), (CHANNELS,))
     found.lines.append(Line(path.name, "mean, std", (2, CHANNELS), "face: mean, std"))

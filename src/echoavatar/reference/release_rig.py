@@ -1,7 +1,8 @@
-"""The release's character: which of its joints is which bone, what its features mean, how its hands are kept off.
+"""The rig of the release's character: bone names, feature conventions, and the rule that keeps hands off the body.
 
-Names of joints and the rule for hands are facts about the published software; offsets and matrices come from the
-user's copy. The skeleton is turned to our axes and metres here; its features are not (`pipeline.rig` does that live).
+Joint names and the rule for hands are facts about the published software; offsets and matrices come from the user's
+copy. The skeleton is converted to our axes and metres here. Features are converted while motion streams
+(`pipeline.rig`).
 """
 
 from collections.abc import Sequence
@@ -41,10 +42,10 @@ _DIGITS = {"Thumb": "Thumb", "Index": "Index", "Middle": "Middle", "Ring": "Ring
 def skeleton_config(
     names: Sequence[str], parents: Sequence[int], offsets: np.ndarray, *, origin: str
 ) -> SkeletonConfig:
-    """The rig in metres and our axes, with parts, feet and VRM map; `offsets` (j, 3) are theirs, centimetres.
+    """The rig in metres and our axes, with parts, feet and VRM map. `offsets` (j, 3) are in the release's centimetres.
 
     Raises:
-        CheckpointError: bones that must be there are not.
+        CheckpointError: a required bone is missing, or the joints form no tree.
     """
     names, bones = tuple(names), bones_by_name()
     missing = sorted(set(bones.values()) - set(names))
@@ -52,7 +53,7 @@ def skeleton_config(
         what = (
             f"it lacks {', '.join(missing[:6])}" if missing else f"it has {len(names)} joints, not {JOINTS}"
         )
-        raise CheckpointError(f"{origin} is not the rig of the release: {what}")
+        raise CheckpointError(f"{origin} is not the rig of the release: {what}; download it again")
     ours = np.round(offsets.astype(np.float64) @ np.array(AXES, np.float64).T * CM, 9)
     where = {name: joint for joint, name in enumerate(names)}
     tips = {}
@@ -72,13 +73,16 @@ def skeleton_config(
             vrm={bone: where[name] for bone, name in bones.items()},
         )
     except ValueError as error:
-        raise CheckpointError(f"{origin} is not a skeleton: {error}") from error
+        raise CheckpointError(f"{origin} is not a skeleton: {error}; download it again") from error
 
 
 def rig_config(skeleton: SkeletonConfig, rest: np.ndarray, unity: np.ndarray) -> RigConfig:
-    """Conventions, the rule for hands, and M = T A^-1 of each joint from the rest matrices A and transforms T."""
+    """Conventions, the rule for hands, and for each joint M = T A^-1 from its rest matrix A and its transform T."""
     where = {name: joint for joint, name in enumerate(skeleton.names)}
-    turns = unity @ np.linalg.inv(rest)
+    try:
+        transforms = unity @ np.linalg.inv(rest)
+    except np.linalg.LinAlgError as error:
+        raise CheckpointError("a rest matrix of the release cannot be inverted; download it again") from error
     return RigConfig(
         axes=AXES,
         metres_per_unit=CM,
@@ -87,7 +91,7 @@ def rig_config(skeleton: SkeletonConfig, rest: np.ndarray, unity: np.ndarray) ->
             profile=tuple((z * CM, tau * CM) for z, tau in _SWING_CM), reach=1.5, up=1, snap=1e-6
         ),
         arms=tuple((where[f"Shoulder_{side}"], where[f"Wrist_{side}"]) for side in "RL"),
-        unity=tuple((_triple(m[0]), _triple(m[1]), _triple(m[2])) for m in turns),
+        unity=tuple((_triple(m[0]), _triple(m[1]), _triple(m[2])) for m in transforms),
     )
 
 
@@ -109,7 +113,7 @@ def bones_by_name() -> dict[str, str]:
 
 
 def _parts(names: Sequence[str], parents: Sequence[int]) -> dict[str, tuple[int, ...]]:
-    """Root and legs; fingers with the palm's cup; the rest."""
+    """Joints of the lower body (root and legs), of the hands (fingers and the palm's cup), and of the upper body."""
     part: list[str] = []
     for name, parent in zip(names, parents, strict=True):
         is_leg = parent < 0 or name.startswith("Hip_") or (parent > 0 and part[parent] == "lower")

@@ -6,14 +6,14 @@ from pathlib import Path
 import pytest
 
 from echoavatar.face import HubertConfig
-from echoavatar.reference.shapes import differences, ear_of, face_shapes, tokenizer_shapes
+from echoavatar.reference.expected_tensors import differences, face_shapes, hubert_of, tokenizer_shapes
 from echoavatar.tokenizer import MotionTokenizerConfig
 
 FOLDER = Path(__file__).parents[2] / "../shared/golden/reference_release"
 needs_golden = pytest.mark.skipif(
     not FOLDER.exists(), reason="the reference fixtures (../shared) are not here"
 )
-EAR = HubertConfig(
+HUBERT = HubertConfig(
     width=48, layers=2, heads=4, mlp=96, convolutions=(24,) * 7, position_kernel=16, position_groups=4
 )
 
@@ -23,7 +23,7 @@ def test_the_face_has_the_152_recorded_tensors_beside_its_ear():
     recorded = json.loads((FOLDER / "face_state_keys.json").read_text())
     own = {
         key: list(shape)
-        for key, shape in face_shapes(64, 52, EAR).items()
+        for key, shape in face_shapes(64, 52, HUBERT).items()
         if not key.startswith("audio_encoder")
     }
     assert own == {key: shape for key, (shape, _, _) in recorded.items()}
@@ -39,9 +39,9 @@ def test_a_tokenizer_has_92_tensors_and_the_published_size():
 
 
 def test_the_ears_sizes_are_told_by_its_tensors():
-    found = ear_of(face_shapes(64, 52, EAR))
-    assert found == EAR.model_copy(update={"heads": 1})
-    assert ear_of(face_shapes(64, 52, HubertConfig())) == HubertConfig()
+    found = hubert_of(face_shapes(64, 52, HUBERT))
+    assert found == HUBERT.model_copy(update={"heads": 1})
+    assert hubert_of(face_shapes(64, 52, HubertConfig())) == HubertConfig()
 
 
 def test_every_difference_is_listed():
@@ -49,6 +49,6 @@ def test_every_difference_is_listed():
     assert differences(wanted, wanted, origin="f") == []
     assert differences({"a": (1, 2), "b": (5,), "d": (1,)}, wanted, origin="f") == [
         "f: c [4] is missing",
-        "f: d [1] is not known",
+        "f: d [1] is unknown",
         "f: b is [5], wanted [3]",
     ]

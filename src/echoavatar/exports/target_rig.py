@@ -1,7 +1,7 @@
-"""A character or skeleton of the user's that motion is to be put on: VRM, GLB or BVH, its rest pose and proportions.
+"""The user's character or skeleton as the target of retargeting, read from a VRM, GLB or BVH.
 
-The skeleton stands with its soles on y = 0, wherever the file has its floor, and its rest pose has no rotations; what
-the file's own nodes have at rest comes back in when it is written.
+The skeleton stands with its soles at y = 0, wherever the file has its floor. Its rest pose has no rotations; the rest
+rotations of the file's nodes are restored when the file is written.
 """
 
 from dataclasses import dataclass, replace
@@ -23,37 +23,37 @@ from ..kinematics.touching import keep_hands_together
 from .take import Take
 
 GLTF, BVH = (".vrm", ".glb"), ".bvh"
-_SMALLEST, _LARGEST = 0.2, 20.0  # metres from sole to hips that a character may have
-_UNITS = (0.01, 1.0, 0.0254, 0.001)  # metres: what a BVH may be written in, the usual first
+_SMALLEST, _LARGEST = 0.2, 20.0  # metres from sole to hips
+_UNITS = (0.01, 1.0, 0.0254, 0.001)  # metres per unit of a BVH, the usual one first
 
 
 @dataclass(frozen=True)
 class Rig:
-    """Where motion goes."""
+    """A character or skeleton that motion is retargeted to."""
 
     path: Path
     skeleton: Skeleton
     gltf: GltfRig | None  # None for a BVH
-    units_per_metre: float = 100.0  # of a BVH
+    units_per_metre: float = 100.0  # in the BVH
 
-    def put(self, take: Take) -> Take:
-        """A take on this rig: planted feet stand on its floor, hands that touch each other or the body still do.
+    def retarget(self, take: Take) -> Take:
+        """The take on this rig. Planted feet stay on the floor; hands that touch each other or the body still do.
 
         Raises:
-            MotionError: the take's own rig is not known.
+            MotionError: the names of the take's joints are not known.
         """
         motion, body = take.motion, self.body
         moved = keep_hands_on_body(
             motion, retarget(motion, self.skeleton), body_of_rig(motion.skeleton), body
         )
         moved = keep_hands_together(motion, moved)
-        turns = HandCollisions(self.skeleton, body).step(moved.matrices()[None])[0]
-        moved = replace(moved, rotations=quaternion_from_matrix(turns).numpy())
+        matrices = HandCollisions(self.skeleton, body).step(moved.matrices()[None])[0]
+        moved = replace(moved, rotations=quaternion_from_matrix(matrices).numpy())
         return Take(moved, take.face, take.audio)
 
     @cached_property
     def body(self) -> BodyProfile:
-        """How thick it is: measured on its mesh, and where there is none, estimated from its bones."""
+        """The body's thickness, measured on the mesh, or estimated from the bones where there is no mesh."""
         estimated = body_of_rig(self.skeleton)
         if self.gltf is None:
             return estimated
@@ -69,24 +69,22 @@ def read_rig(path: Path) -> Rig:
     """The rig of a file.
 
     Raises:
-        MotionError: no such file, no known kind, bones that nobody knows, or a rest pose that does not stand.
+        MotionError: the file is missing, damaged or of another kind, its bones are not known, or it does not stand.
     """
     suffix = path.suffix.lower()
     if suffix in GLTF:
         gltf = read_gltf_rig(path)
         low = float(skinned(gltf).vertices[:, 1].min())
-        rig = Rig(path, _standing(gltf.skeleton, low, path), gltf)
-    elif suffix == BVH:
+        return Rig(path, _standing(gltf.skeleton, low, path), gltf)
+    if suffix == BVH:
         motion, unit = _sized(path)
         low = _lowest(motion.skeleton)
-        rig = Rig(path, _standing(motion.skeleton, low, path), None, 1 / unit)
-    else:
-        raise MotionError(f"{path} is no rig: give a character (.vrm, .glb) or a skeleton (.bvh)")
-    return rig
+        return Rig(path, _standing(motion.skeleton, low, path), None, 1 / unit)
+    raise MotionError(f"{path} is not a rig: give a character (.vrm, .glb) or a skeleton (.bvh)")
 
 
 def _sized(path: Path) -> tuple[Motion, float]:
-    """The file in metres, and what its unit is: the first of the usual ones in which the figure has a body's size."""
+    """The file's motion in metres, and metres per unit: the first usual unit that gives the figure a body's height."""
     for unit in _UNITS:
         motion = read_bvh(path, metres_per_unit=unit)
         places = motion.skeleton.rest_positions
@@ -94,7 +92,8 @@ def _sized(path: Path) -> tuple[Motion, float]:
         if 0.3 < tall < 4.0:
             return motion, unit
     raise MotionError(
-        f"{path}: its figure is {100 * tall:.0f} units tall lying or standing; give one that stands"
+        f"{path}: its figure is {1000 * tall:.0f} units tall, which is no person's height in metres, centimetres,"
+        " inches or millimetres; export it standing, in one of these units"
     )
 
 
@@ -106,12 +105,14 @@ def _lowest(skeleton: Skeleton) -> float:
 
 
 def _standing(skeleton: Skeleton, low: float, path: Path) -> Skeleton:
-    """Raised or lowered so that `low` is at 0; says which joint is which bone."""
-    bones = bone_map(skeleton)
+    """The skeleton raised or lowered so that the height `low` becomes 0, with bone map and feet filled in."""
+    try:
+        bones = bone_map(skeleton)
+    except MotionError as error:
+        raise MotionError(f"{path}: {error}") from error
     config = skeleton.config
     offsets = np.array(config.offsets)
     offsets[0, 1] -= low
-    ankle = "leftFoot"
     feet = config.feet or tuple(
         bones.get(f"{side}{part}", bones[f"{side}Foot"])
         for side in ("left", "right")
@@ -121,10 +122,10 @@ def _standing(skeleton: Skeleton, low: float, path: Path) -> Skeleton:
         config.model_copy(update={"offsets": tuple(map(tuple, offsets.tolist())), "vrm": bones, "feet": feet})
     )
     rest = placed.rest_positions
-    is_upright = bool(rest[bones["head"], 1] > rest[bones["hips"], 1] > rest[bones[ankle], 1])
+    is_upright = bool(rest[bones["head"], 1] > rest[bones["hips"], 1] > rest[bones["leftFoot"], 1])
     if not is_upright or not _SMALLEST < float(rest[bones["hips"], 1]) < _LARGEST:
         raise MotionError(
-            f"{path}: its rest pose does not stand upright (Y up, hips {float(rest[bones['hips'], 1]):.2f} m over the"
+            f"{path}: its rest pose does not stand upright (Y up, hips {float(rest[bones['hips'], 1]):.2f} m above the"
             " floor); export it standing, in metres (BVH: in centimetres)"
         )
     return placed

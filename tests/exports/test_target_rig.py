@@ -23,7 +23,7 @@ HIPS = {"child": 0.49, "tall": 1.18, "longarm": 0.83}
 def put(request: pytest.FixtureRequest, rigs, take: Take) -> tuple[Rig, Motion]:  # type: ignore[no-untyped-def]
     rig = read_rig(rigs[request.param])
     assert rig.skeleton.rest_positions[0, 1] == pytest.approx(HIPS[request.param], abs=0.01)
-    return rig, rig.put(take).motion
+    return rig, rig.retarget(take).motion
 
 
 def feet(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
@@ -63,7 +63,7 @@ def test_palms_that_meet_still_meet(put: tuple[Rig, Motion], take: Take) -> None
 def test_hands_that_rest_on_the_body_still_do_and_none_is_inside(kind: str, rigs) -> None:  # type: ignore[no-untyped-def]
     """Cheek, hip, belly and heart: each palm within 2 cm of the same place on the same part of another body."""
     rig, source = read_rig(rigs[kind]), touching()
-    plain, motion = retarget(source, rig.skeleton), rig.put(Take(source, None, None)).motion
+    plain, motion = retarget(source, rig.skeleton), rig.retarget(Take(source, None, None)).motion
     assert penetration_depth_m(rig.skeleton, motion.matrices(), rig.body).max() < 1e-3
     missed, by_rotations_alone = [], []
     for touch in TOUCHES:
@@ -110,7 +110,7 @@ def test_a_bvh_may_be_in_metres_or_centimetres(rigs, tmp_path: Path) -> None:  #
 
 def test_what_is_no_rig_is_named(tmp_path: Path) -> None:
     (tmp_path / "a.fbx").write_bytes(b"")
-    with pytest.raises(MotionError, match="no rig"):
+    with pytest.raises(MotionError, match="not a rig"):
         read_rig(tmp_path / "a.fbx")
     with pytest.raises(MotionError, match="cannot be read"):
         read_rig(tmp_path / "none.vrm")

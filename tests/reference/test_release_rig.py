@@ -8,7 +8,7 @@ from scripts.synthetic_release import skeleton
 
 from echoavatar.errors import CheckpointError
 from echoavatar.kinematics import HUMANOID, Skeleton, part_sizes
-from echoavatar.reference.rig import bones_by_name, rig_config, skeleton_config
+from echoavatar.reference.release_rig import bones_by_name, rig_config, skeleton_config
 
 GOLDEN = Path(__file__).parents[2] / "../shared/golden/reference_release/parts.npz"
 

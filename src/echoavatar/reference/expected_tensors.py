@@ -1,4 +1,4 @@
-"""What the published files must hold: every tensor by the name it has there, and its shape."""
+"""The tensors that the published files must contain: names as published, and shapes."""
 
 from collections.abc import Mapping, Sequence
 
@@ -12,25 +12,25 @@ from ..tokenizer import MotionTokenizer, MotionTokenizerConfig
 
 Shape = tuple[int, ...]
 Shapes = dict[str, Shape]
-EAR = "audio_encoder."
-OPTIONAL = ("masked_spec_embed",)  # of training only; transformers leaves it out where nothing is masked
+HUBERT = "audio_encoder."
+OPTIONAL = ("masked_spec_embed",)  # used in training alone; transformers omits it where nothing is masked
 FACE_BLOCKS, HEAD_BLOCKS, TIMES, LONGEST = 4, 3, 64, 1024
 
 
 def tokenizer_shapes(config: MotionTokenizerConfig) -> Shapes:
-    """Of one body part; our names are those of the release."""
+    """Tensors of one body part's tokenizer; our names are those of the release."""
     with torch.device("meta"):
         return _shapes(MotionTokenizer(config))
 
 
 def generator_shapes(config: GeneratorConfig) -> Shapes:
-    """Of a generator with detached embeddings; names are those of transformers' Qwen2."""
+    """Tensors of a generator with separate input and output embeddings, named as in transformers' Qwen2."""
     with torch.device("meta"):
         return _shapes(Generator(config))
 
 
-def face_shapes(width: int, channels: int, ear: HubertConfig) -> Shapes:
-    """Of the face model with its ear."""
+def face_shapes(width: int, channels: int, hubert: HubertConfig) -> Shapes:
+    """Tensors of the face model and its HuBERT audio encoder."""
     shapes: Shapes = {}
 
     def linear(name: str, outputs: int, inputs: int) -> None:
@@ -39,7 +39,7 @@ def face_shapes(width: int, channels: int, ear: HubertConfig) -> Shapes:
     def norm(name: str) -> None:
         shapes[f"{name}.weight"] = shapes[f"{name}.bias"] = (width,)
 
-    linear("audio_proj", width, ear.width)
+    linear("audio_proj", width, hubert.width)
     linear("face_embed", width, channels)
     linear("time_embed.time_embedder.linear_1", width, TIMES)
     linear("time_embed.time_embedder.linear_2", width, width)
@@ -68,23 +68,23 @@ def face_shapes(width: int, channels: int, ear: HubertConfig) -> Shapes:
     norm("diffusion_head.output_norm")
     linear("diffusion_head.output_proj", channels, width)
     with torch.device("meta"):
-        hubert = _shapes(HubertEncoder(ear).hubert)
-    return shapes | {EAR + key: shape for key, shape in hubert.items()}
+        encoder = _shapes(HubertEncoder(hubert).hubert)
+    return shapes | {HUBERT + key: shape for key, shape in encoder.items()}
 
 
-def ear_of(shapes: Mapping[str, Sequence[int]]) -> HubertConfig:
+def hubert_of(shapes: Mapping[str, Sequence[int]]) -> HubertConfig:
     """Sizes of the HuBERT inside a face model, from the shapes of a few of its tensors.
 
     Raises:
-        KeyError: one of these is not there; the message is its name.
+        KeyError: one of these tensors is missing; the message is its name.
     """
-    width = shapes[EAR + "encoder.layer_norm.weight"][0]
-    kernel = shapes[EAR + "encoder.pos_conv_embed.conv.parametrizations.weight.original1"]
-    dense = shapes[EAR + "encoder.layers.0.feed_forward.intermediate_dense.weight"]
-    stem = EAR + "feature_extractor.conv_layers."
+    width = shapes[HUBERT + "encoder.layer_norm.weight"][0]
+    kernel = shapes[HUBERT + "encoder.pos_conv_embed.conv.parametrizations.weight.original1"]
+    dense = shapes[HUBERT + "encoder.layers.0.feed_forward.intermediate_dense.weight"]
+    stem = HUBERT + "feature_extractor.conv_layers."
     return HubertConfig(
         width=width,
-        layers=len({key.split(".")[3] for key in shapes if key.startswith(EAR + "encoder.layers.")}),
+        layers=len({key.split(".")[3] for key in shapes if key.startswith(HUBERT + "encoder.layers.")}),
         heads=max(1, width // 64),
         mlp=dense[0],
         convolutions=tuple(shapes[f"{stem}{layer}.conv.weight"][0] for layer in range(7)),
@@ -94,14 +94,14 @@ def ear_of(shapes: Mapping[str, Sequence[int]]) -> HubertConfig:
 
 
 def differences(found: Mapping[str, Sequence[int]], wanted: Shapes, *, origin: str) -> list[str]:
-    """Every tensor that is missing, unknown or of another shape; empty where all fit."""
+    """One line for each tensor that is missing, unknown or of another shape; empty where all fit."""
     problems = [
         f"{origin}: {key} {list(shape)} is missing"
         for key, shape in wanted.items()
         if key not in found and not key.endswith(OPTIONAL)
     ]
     problems += [
-        f"{origin}: {key} {list(shape)} is not known" for key, shape in found.items() if key not in wanted
+        f"{origin}: {key} {list(shape)} is unknown" for key, shape in found.items() if key not in wanted
     ]
     problems += [
         f"{origin}: {key} is {list(found[key])}, wanted {list(shape)}"
