@@ -1,4 +1,4 @@
-"""Transformer blocks that see a whole clip at once, for models that judge and do not stream."""
+"""Transformer blocks that attend to a whole clip, for reward models, which do not stream."""
 
 import torch
 import torch.nn.functional as F
@@ -10,7 +10,7 @@ from ..nn.attention import rotary, rotary_table
 
 
 class FullBlock(nn.Module):
-    """x + Attention(norm(x)), then x + MLP(norm(x)), every frame seeing every other; rotary positions."""
+    """Pre-norm attention and MLP with residuals; every frame sees every other. Rotary positions."""
 
     def __init__(self, *, width: int, heads: int) -> None:
         super().__init__()
@@ -23,7 +23,7 @@ class FullBlock(nn.Module):
         self.mlp = Mlp(inputs=width, hidden=4 * width, outputs=width)
 
     def forward(self, x: Float[Tensor, "b t c"]) -> Float[Tensor, "b t c"]:
-        """The whole clip."""
+        """Process a whole clip."""
         split = (x.shape[0], x.shape[1], 3, self.heads, -1)
         q, k, v = self.qkv(self.norm1(x)).view(split).permute(2, 0, 3, 1, 4)
         table = rotary_table(x.shape[1], q.shape[-1]).to(q)
@@ -34,7 +34,7 @@ class FullBlock(nn.Module):
 
 
 def sinusoids(length: int, width: int) -> Float[Tensor, "t c"]:
-    """Sinusoidal positions (paper, Audio-Motion Alignment Reward: PE)."""
+    """Sinusoidal position encoding (paper, Audio-Motion Alignment Reward: PE)."""
     rates = 10_000.0 ** (-torch.arange(0, width, 2) / width)
     angles = torch.arange(length)[:, None] * rates
     return torch.stack([angles.sin(), angles.cos()], -1).flatten(1)[:, :width]

@@ -1,4 +1,4 @@
-"""DPO: preferred against rejected continuations of the same prompt (paper, Direct Preference Alignment)."""
+"""DPO: learns from preferred and rejected continuations of the same prompt (paper, Direct Preference Alignment)."""
 
 import hashlib
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ from .trainer import PolicyStage
 
 
 class Compared(NamedTuple):
-    """Pairs, a row each."""
+    """Preference pairs, one a row."""
 
     prompts: PromptBatch
     chosen: Int[Tensor, "b n p q"]
@@ -26,9 +26,9 @@ class Compared(NamedTuple):
 
 
 class DpoStage(PolicyStage[Compared]):
-    """Pairs in a new order every pass; log-probabilities are of the sharpened distribution, without nucleus.
+    """Goes through the pairs in a new order every pass. Log-probabilities include temperature but no nucleus.
 
-    A pair may come from elsewhere, with codes outside this policy's nucleus, whose log-probability would be -inf.
+    A pair may come from another model. A code outside this policy's nucleus would have log-probability -inf.
     """
 
     def __init__(self, *args: Any, pairs: Sequence[tuple[Prompt, Pair]], **kwargs: Any) -> None:
@@ -63,7 +63,7 @@ class DpoStage(PolicyStage[Compared]):
         return Loss(found.loss, self.told(told, kl, own[0]))
 
     def order(self, step: int) -> list[int]:
-        """The pairs of a step: each pass over all pairs is a permutation of its own; few pairs may come twice."""
+        """Indices of a step's pairs: every pass is a new permutation; a batch may span two passes."""
         batch, count = self.config.batch, len(self._pairs)
         at = np.arange(step * batch, (step + 1) * batch)
         orders = {

@@ -1,4 +1,7 @@
-"""What tuning may cost: FID against the true motion of fixed prompts, diversity, alignment with beats over chance."""
+"""Measures motion against the true motion of fixed prompts: FID, diversity, beat alignment minus chance.
+
+These show what a gain in reward costs.
+"""
 
 from collections.abc import Sequence
 
@@ -23,7 +26,7 @@ Told = dict[str, object]
 
 
 class Gauge:
-    """Measures scenes of the prompts that it was made with."""
+    """Measures motion made for the prompts that this object was built with."""
 
     def __init__(
         self,
@@ -41,7 +44,7 @@ class Gauge:
         self._wanted = self._latents(self.truth)
 
     def __call__(self, scenes: Sequence[Scene]) -> Told:
-        """`fid`, `diversity` (m), `beat_alignment` and `stress_alignment`, these two as mean and standard error."""
+        """`fid`, `diversity` (m), `beat_alignment` and `stress_alignment`; the last two as mean and standard error."""
         aligned = {
             "beat_alignment": [beat_alignment(s, self._yardstick) for s in scenes if len(s.beats)],
             "stress_alignment": [stress_alignment(s, self._yardstick) for s in scenes if len(s.stresses)],
@@ -66,6 +69,6 @@ class Gauge:
 
 
 def mean_and_error(values: Float[np.ndarray, " n"]) -> tuple[float, float]:
-    """Mean, and its standard error."""
+    """Mean and standard error."""
     error = values.std(ddof=1) / len(values) ** 0.5 if len(values) > 1 else 0.0
     return round(float(values.mean()), 5), round(float(error), 5)

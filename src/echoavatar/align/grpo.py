@@ -1,4 +1,4 @@
-"""GRPO: continuations of a prompt are compared with each other (paper, Reward-Guided Optimization)."""
+"""GRPO: compares the continuations of a prompt with each other (paper, Reward-Guided Optimization)."""
 
 from torch import Tensor
 
@@ -8,10 +8,10 @@ from .rollouts import Judged, Played, RolloutStage
 
 
 class GrpoStage(RolloutStage):
-    """Rollouts, rewards, group-normalised advantages, one step or a few."""
+    """Rollouts, rewards, advantages normalised within each group, one or several steps on them."""
 
     def weighed(self, judged: Judged, made: Played) -> tuple[Tensor, None]:
-        """Advantages within each group."""
+        """Advantages within each group; there is no critic, so no returns."""
         training = self.config
         grouped = (training.batch, training.group)
         if training.credit == "sequence":

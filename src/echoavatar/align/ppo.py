@@ -15,9 +15,9 @@ from .rollouts import Judged, Played, RolloutStage
 
 
 class ValueHead(nn.Module):
-    """Foretells the return from the hidden state that predicts a motion token's first code; begins at zero.
+    """Predicts the return from the hidden state that predicts a motion token's first code; starts at zero.
 
-    It reads the state detached, so that its error does not move the policy.
+    The state is detached, so the value error does not train the policy.
     """
 
     def __init__(self, width: int) -> None:
@@ -27,13 +27,13 @@ class ValueHead(nn.Module):
         nn.init.zeros_(self.value.bias)
 
     def forward(self, hidden: Float[Tensor, "b n k c"]) -> Float[Tensor, "b n"]:
-        """One value a motion token."""
+        """One value for each motion token."""
         values: Tensor = self.value(hidden[:, :, 0].detach().float())
         return values[..., 0].float()
 
 
 class PpoStage(RolloutStage):
-    """Clipped surrogate with generalised advantages; what is said of a whole continuation is spread over its tokens."""
+    """Clipped surrogate with generalised advantages; the reward of a whole continuation is spread over its tokens."""
 
     is_scored = True
 
@@ -44,7 +44,7 @@ class PpoStage(RolloutStage):
         super().__init__(generator, reference, training, *args, critic=self.critic, **kwargs)
 
     def optimisers(self) -> list[torch.optim.Optimizer]:
-        """One more, for the critic, at a rate of its own."""
+        """Adds an optimiser for the critic with its own learning rate."""
         critic = adamw([self.critic], self.config)
         for group in critic.param_groups:
             group["relative"] = self.config.critic_rate / self.config.learning_rate
@@ -56,7 +56,7 @@ class PpoStage(RolloutStage):
         return values
 
     def weighed(self, judged: Judged, made: Played) -> tuple[Tensor, Tensor]:
-        """Advantages over all continuations, and what the critic should have said."""
+        """Advantages, normalised over all continuations, and the critic's targets."""
         assert made.values is not None
         rewards = judged.tokens + judged.whole[:, None] / judged.tokens.shape[1]
         advantages, returns = generalised_advantages(

@@ -1,4 +1,4 @@
-"""How far a policy is on held-out prompts: the same ones with the same seeds at every measurement."""
+"""Measures a policy on held-out prompts, with the same prompts and seeds every time."""
 
 import time
 from collections.abc import Mapping, Sequence
@@ -13,11 +13,11 @@ from .prompts import Prompt, batch_of
 from .rewards import Rewards
 
 TOGETHER = 8  # prompts whose continuations are drawn and scored at once
-SEED = 987_654_321  # no run's
+SEED = 987_654_321  # different from any run's own seed
 
 
 class Probe:
-    """Rewards, divergence and entropy; with a gauge what they cost as well."""
+    """Rewards, divergence and entropy of a policy; with `gauge` also FID, diversity and beat alignment."""
 
     def __init__(
         self,
@@ -28,16 +28,16 @@ class Probe:
         gauge: Gauge | None = None,
         seed: int = SEED,
     ) -> None:
-        """Only a `SceneJudge` can be beside a gauge: it decodes."""
+        """`gauge` needs a judge that decodes motion (`SceneJudge`)."""
         self.prompts, self._judge, self._group = list(prompts), judge, group
         self._gauge, self._seed = gauge, seed
 
     @torch.no_grad()
     def __call__(self, policy: GeneratorPolicy, reference: GeneratorPolicy) -> dict[str, object]:
-        """Means with their standard errors over prompts.
+        """Means with standard errors over prompts.
 
-        `by_prompt` lets a measurement be compared with an earlier one prompt by prompt (`plots.gain`): prompts differ
-        among each other by far more than a policy from the one it was.
+        `by_prompt` allows a paired comparison with an earlier measurement (`plots.gain`): prompts differ from each
+        other far more than a tuned policy differs from the one it started as.
         """
         began, group = time.monotonic(), self._group
         random = torch.Generator().manual_seed(self._seed)

@@ -1,6 +1,6 @@
-"""Training and testing the quality reward on token clips, and calibrating scores by FID.
+"""Trains and tests the quality reward on token clips, and calibrates its scores by FID.
 
-Every step's windows, levels and noise follow from the seed and the step's number. Held-out windows come from clips of
+Every step's windows, levels and noise depend only on the seed and the step number. Held-out windows come from clips of
 another split.
 """
 
@@ -37,8 +37,8 @@ class QualityTraining(TrainingConfig):
 
     steps: int = Field(default=1200, gt=0, description="optimiser steps")
     batch: int = Field(default=24, gt=0, description="windows a step")
-    levels: int = Field(default=4, gt=0, description="levels of one window in a batch, to be told apart")
-    pool: int = Field(default=150, gt=0, description="batches decoded; later steps see them again")
+    levels: int = Field(default=4, gt=0, description="corruption levels of one window in a batch")
+    pool: int = Field(default=150, gt=0, description="decoded batches; later steps reuse them")
     learning_rate: float = Field(default=1e-3, gt=0, description="peak; cosine to zero")
     warmup: int = Field(default=50, ge=0, description="steps of linear warm-up")
     final_rate: float = Field(default=0.0, ge=0, le=1, description="share of the peak at the end")
@@ -60,14 +60,14 @@ class Levels:
         self._windows = WindowSampler(clips, chunks=chunks, seed=seed)
 
     def codes(self, number: int, size: int) -> Int[Tensor, "b n p q"]:
-        """Clean windows of a number."""
+        """Clean windows of draw `number`."""
         return self._windows.batch(number, size).motion
 
     @torch.no_grad()
     def at(self, codes: Int[Tensor, "b n p q"], name: str, number: int) -> Float[Tensor, "b t c"]:
         """Features of windows at a level; the noise depends on seed, number and kind.
 
-        It is the same at every rate: a code that is wrong at one is wrong, in the same way, at all higher ones.
+        All rates share the noise: a code corrupted at one rate is corrupted in the same way at every higher rate.
         """
         return self._moved(self.tokenizer.decode(self._spoil(codes, name, number)), name, number)
 
@@ -75,14 +75,14 @@ class Levels:
     def mixed(
         self, codes: Int[Tensor, "b n p q"], names: Sequence[str], number: int
     ) -> Float[Tensor, "b t c"]:
-        """The same with a level for each row."""
+        """The same, with a level for each row."""
         numbers = [number * 64 + k for k in range(len(names))]
         rows = [self._spoil(codes[k : k + 1], name, numbers[k]) for k, name in enumerate(names)]
         made = self.tokenizer.decode(torch.cat(rows))
         return torch.cat([self._moved(made[k : k + 1], name, numbers[k]) for k, name in enumerate(names)])
 
     def _moved(self, features: Float[Tensor, "b t c"], name: str, number: int) -> Float[Tensor, "b t c"]:
-        """Features at a level that acts on motion; the others are as they are."""
+        """Degrade the features if the level degrades motion."""
         kind = name.split()[0]
         if kind not in get_args(Unseen):
             return features
@@ -103,12 +103,12 @@ class Levels:
 
 
 def paper_levels() -> list[str]:
-    """All levels that codes can be brought to."""
+    """All levels that corrupt codes, the clean one first."""
     return [CLEAN, *(level_name(kind, rate) for kind in get_args(Kind) for rate in RATES)]
 
 
 def calibrate(levels: Levels, encoder: MotionEncoder, *, windows: int = 64) -> dict[str, float]:
-    """FID of each level against clean windows of other places (so that the clean level's own is not zero)."""
+    """FID of each level against other clean windows, so that the clean level's own FID is not zero."""
     skeleton = levels.tokenizer.skeleton
 
     def measured(features: Float[Tensor, "b t c"]) -> list[Moments]:
@@ -128,14 +128,14 @@ def calibrate(levels: Levels, encoder: MotionEncoder, *, windows: int = 64) -> d
 
 
 class Graded(NamedTuple):
-    """Windows and what they should score."""
+    """Windows and their target scores."""
 
     features: Float[Tensor, "b t c"]
     scores: Float[Tensor, " b"]
 
 
 class QualityStage(Stage[Graded]):
-    """The reward and the levels that it learns."""
+    """The training task of the quality reward."""
 
     config: QualityTraining
 
@@ -160,7 +160,7 @@ class QualityStage(Stage[Graded]):
         return {"reward": self.model.config, "training": self.config}
 
     def draw(self, step: int) -> Graded:
-        """See `Stage.draw`; batches are decoded once."""
+        """See `Stage.draw`; each batch is decoded once."""
         number = step % self.config.pool
         if number not in self._pool:
             made = self._made(number)
@@ -180,13 +180,13 @@ class QualityStage(Stage[Graded]):
         return Graded(features, torch.tensor([self._scores[name] for name in asked]))
 
     def loss(self, batch: Graded, step: int) -> Loss:
-        """SmoothL1, quadratic only up close: scores lie within 1."""
+        """SmoothL1 with a small quadratic region, because scores lie between 0 and 1."""
         made = self.model(batch.features)
         error = (made - batch.scores).abs().mean()
         return Loss(F.smooth_l1_loss(made, batch.scores, beta=0.1), {"error": error})
 
     def save(self, folder: Path, step: int) -> None:
-        """The reward."""
+        """Write the reward."""
         about = {"kind": "quality_reward", "step": step, "training": self.config.model_dump()}
         self.model.save(folder, self._card | about | {"scores": self._scores})
 
@@ -201,7 +201,7 @@ def train_quality(
     card: Mapping[str, object] | None = None,
     progress: Progress | None = None,
 ) -> QualityReward:
-    """Train into a checkpoint folder, going on with what is there."""
+    """Train into a checkpoint folder, or resume the run in it."""
     config = config or QualityConfig(features=levels.tokenizer.mean.numel())
     stage = QualityStage(levels, config, training, scores or paper_scores(), card)
     train(stage, folder, progress=progress)
@@ -212,10 +212,10 @@ def train_quality(
 def measure_quality(
     model: QualityReward, levels: Levels, scores: Mapping[str, float], *, windows: int = 32
 ) -> dict[str, object]:
-    """Correlations with the assigned scores on held-out windows, means by level, and rank order on unseen kinds.
+    """Correlation with the assigned scores on held-out windows, means by level, rank order on unseen degradations.
 
-    Pearson is over levels (the mean of each level against its score, as the paper's figure) and over single windows.
-    `is_ordered` says whether the means fall from rate to rate, by kind.
+    Pearson is computed over levels (each level's mean against its score, as in the paper's figure) and over windows.
+    `is_ordered` tells for each kind whether the means fall from rate to rate.
     """
     clean = levels.codes(0, windows)
     by_level = {name: model(levels.at(clean, name, 0)) for name in scores}
@@ -231,7 +231,7 @@ def measure_quality(
     }
     unseen, motion = {}, levels.tokenizer.decode(clean)
     for other in get_args(Unseen):
-        if level_name(other, 1.0) in scores:  # trained on: its windows are among the levels
+        if level_name(other, 1.0) in scores:  # trained on, so already among the levels
             continue
         found = [model(spoiled(motion, other, s, levels.tokenizer.skeleton)).numpy() for s in STRENGTHS]
         severity = np.repeat(STRENGTHS, windows)
@@ -248,18 +248,18 @@ def _kinds(scores: Mapping[str, float]) -> list[str]:
 
 
 def _course(levels: Mapping[str, float], kind: str) -> tuple[list[float], list[float]]:
-    """Severities of a kind, from the clean level on, and what its levels have."""
+    """Severities of a kind with the clean level as 0, and the value of each."""
     found = {float(name.split()[1]): value for name, value in levels.items() if name.split()[0] == kind}
     return [0.0, *sorted(found)], [levels[CLEAN], *(found[rate] for rate in sorted(found))]
 
 
 def _falls(means: Mapping[str, float], kind: str) -> bool:
-    """Whether each severity has a lower mean than the one before."""
+    """Whether the mean falls with every step in severity."""
     return bool(np.all(np.diff(_course(means, kind)[1]) < 0))
 
 
 def draw_quality(found: Mapping[str, object], scores: Mapping[str, float], path: Path) -> None:
-    """The paper's figure: mean score over severity, made and wanted, for kinds trained on and unseen."""
+    """The paper's figure: mean score over severity, measured and assigned, for trained and unseen kinds."""
     import matplotlib
 
     matplotlib.use("Agg")

@@ -1,4 +1,4 @@
-"""Batches of continuations that the policy drew itself and reward functions judged: what GRPO and PPO learn from."""
+"""Continuations that the policy sampled itself and reward functions judged: the training data of GRPO and PPO."""
 
 from abc import abstractmethod
 from collections.abc import Mapping
@@ -14,33 +14,33 @@ from .trainer import PolicyStage, seeds, shared_out
 
 
 class Played(NamedTuple):
-    """Continuations, a row each, and what a step needs to know of them."""
+    """Continuations, one a row, and what an optimiser step needs to know about them."""
 
     prompts: PromptBatch
     codes: Int[Tensor, "r n p q"]
     advantages: Float[Tensor, "r n"]
-    told: Float[Tensor, "r m"]  # what the log keeps of each
+    told: Float[Tensor, "r m"]  # logged values of each continuation
     old: Float[Tensor, "r n k"] | None = None  # log-probabilities under the policy that sampled
     support: Bool[Tensor, "r n k K"] | None = None
-    values: Float[Tensor, "r n"] | None = None  # what the critic foretold
+    values: Float[Tensor, "r n"] | None = None  # the critic's predictions
     returns: Float[Tensor, "r n"] | None = None
 
 
 class Judged(NamedTuple):
-    """Rewards of continuations by motion token and whole."""
+    """Rewards of continuations, by motion token and for the whole."""
 
     tokens: Float[Tensor, "r n"]
     whole: Float[Tensor, " r"]
 
 
 class RolloutStage(PolicyStage[Played]):
-    """Draws continuations, has them judged, and keeps them for `epochs` steps.
+    """Samples continuations, has them judged, and keeps them for `epochs` steps.
 
-    Several processes answer a share of the prompts each and put their continuations together.
+    With several processes each one samples a share of the prompts; the results are then gathered.
     """
 
     is_scored = False
-    """Whether the policy that sampled is asked, which with one epoch and no critic is the policy of the step."""
+    """Whether to score continuations right after sampling; with one epoch and no critic the step itself does that."""
 
     def __init__(self, *args: Any, book: PromptBook, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
@@ -53,7 +53,7 @@ class RolloutStage(PolicyStage[Played]):
         self._step = 0
 
     def draw(self, step: int) -> Played:
-        """Continuations of batch `step` // epochs."""
+        """The continuations of batch number `step` // `epochs`."""
         self._step, number = step, step // self.config.epochs
         if self._kept is None or self._kept[0] != number:
             self._kept = (number, self._play(number))
@@ -61,10 +61,10 @@ class RolloutStage(PolicyStage[Played]):
 
     @abstractmethod
     def weighed(self, judged: Judged, made: Played) -> tuple[Tensor, Tensor | None]:
-        """Advantages of a whole batch, and returns where there is a critic."""
+        """Advantages of a whole batch, and returns if there is a critic."""
 
     def foretold(self, scores: Scores) -> Float[Tensor, "r n"] | None:
-        """What the critic says, where there is one."""
+        """The critic's predictions, if there is one."""
         return None
 
     @torch.no_grad()
@@ -94,7 +94,7 @@ class RolloutStage(PolicyStage[Played]):
         return made._replace(advantages=advantages, returns=returns)
 
     def _scored(self, prompts: PromptBatch, codes: Int[Tensor, "r n p q"]) -> dict[str, Tensor]:
-        """What the policy that sampled says of this process's continuations, put together with the others'."""
+        """Scores of this process's continuations under the policy that sampled, gathered from all processes."""
         each = -(-len(codes) // self.config.accumulation)
         found: list[tuple[Tensor, ...]] = []
         for start in range(0, len(codes), each):
@@ -107,11 +107,11 @@ class RolloutStage(PolicyStage[Played]):
         return dict(zip(("old", "support", "values"), columns, strict=False))
 
     def of_rows(self, batch: Played) -> dict[str, Tensor]:
-        """Means of what the log keeps of some rows."""
+        """Means of the logged values over some rows."""
         return dict(zip(self._names, batch.told.mean(0), strict=True))
 
     def state(self) -> Mapping[str, Tensor]:
-        """The continuations, where the next step goes on with them."""
+        """The continuations, if the next step still uses them."""
         if self._kept is None or (self._step + 1) % self.config.epochs == 0:
             return {}
         made = self._kept[1]

@@ -1,4 +1,4 @@
-"""Scenes: continuations decoded to motion, beside what is heard. What reward functions are functions of."""
+"""Continuations decoded to motion, together with their audio events: the input of reward functions."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -15,13 +15,13 @@ from ..timing import AUDIO_FRAMES_PER_CHUNK, FRAME_RATE_HZ, FRAMES_PER_MOTION_TO
 from ..tokenizer import BodyTokenizer
 from .prompts import Prompt
 
-LEAD_TOKENS = 2  # motion of the past that a scene begins with, so that speeds at its edge are known
-WARM_TOKENS = 8  # decoded before that and thrown away: what the decoder remembers
+LEAD_TOKENS = 2  # tokens of past motion that are kept, so that speeds are known at the first new frame
+WARM_TOKENS = 8  # tokens decoded before those and discarded: the decoder's receptive field
 
 
 @dataclass(frozen=True)
 class Scene:
-    """One continuation: motion at 30 fps, `lead` frames of past first; times in seconds from the first new frame."""
+    """Motion at 30 fps that starts with `lead` frames of the past; times in seconds from the first new frame."""
 
     skeleton: Skeleton
     features: Float[np.ndarray, "t c"]
@@ -31,7 +31,7 @@ class Scene:
     beats: Float[np.ndarray, " i"]
     stresses: Float[np.ndarray, " j"]
     audio_codes: Int[np.ndarray, "f l"] = field(default_factory=lambda: np.zeros((0, 2), np.int64))
-    """Of the new frames alone, as below."""
+    """Codec tokens of the new frames; `motion_codes` likewise."""
     motion_codes: Int[np.ndarray, "n p q"] = field(default_factory=lambda: np.zeros((0, 3, 1), np.int64))
 
     @property
@@ -41,12 +41,12 @@ class Scene:
 
     @cached_property
     def local(self) -> Float[np.ndarray, "t j 3"]:
-        """Positions relative to the hips, smoothed by one frame: of movements, not of noise."""
+        """Positions relative to the hips, smoothed over one frame to suppress noise."""
         relative = self.positions - self.positions[:, :1]
         return np.asarray(gaussian_filter1d(relative, 1.0, axis=0, mode="nearest"))
 
     def speed(self, joints: Sequence[int] | None = None) -> Float[np.ndarray, " t"]:
-        """Mean speed (m/s) of some joints relative to the hips, on arriving at each new frame."""
+        """Mean speed (m/s) relative to the hips of some joints (default: all), on arriving at each new frame."""
         chosen = self.local if joints is None else self.local[:, list(joints)]
         steps = np.linalg.norm(np.diff(chosen, axis=0), axis=-1).mean(1) * FRAME_RATE_HZ
         return np.asarray(steps[self.lead - 1 :] if self.lead else np.concatenate([steps[:1], steps]))
@@ -56,7 +56,7 @@ class Scene:
 def decode_scenes(
     tokenizer: BodyTokenizer, prompts: Sequence[Prompt], codes: Int[Tensor, "r n p q"]
 ) -> list[Scene]:
-    """Scenes of continuations; r is a multiple of the number of prompts, prompt by prompt."""
+    """Decode continuations; the rows of one prompt follow each other, the same number for each."""
     group = len(codes) // len(prompts)
     past = torch.from_numpy(np.stack([prompt.past for prompt in prompts]).astype(np.int64))
     context = past[:, -(WARM_TOKENS + LEAD_TOKENS) :].repeat_interleave(group, 0)
@@ -88,6 +88,6 @@ def decode_scenes(
 
 
 def true_scenes(tokenizer: BodyTokenizer, prompts: Sequence[Prompt]) -> list[Scene]:
-    """What the clips themselves do, as their codes decode."""
+    """The clips' own continuations, decoded from their codes."""
     truth = np.stack([prompt.truth for prompt in prompts]).astype(np.int64)
     return decode_scenes(tokenizer, prompts, torch.from_numpy(truth))

@@ -1,4 +1,4 @@
-"""From folders to a running trainer: bundle, tokens, yardstick, rewards."""
+"""Builds a training task from folders: bundle, token files, reference statistics, rewards."""
 
 import json
 import os
@@ -44,7 +44,7 @@ DEFAULT_REWARDS = (
 )
 YARDSTICK_PROMPTS = 160
 YARDSTICK_PAST, YARDSTICK_LENGTH = 3, 9
-TOGETHER = 8  # prompts whose continuations are drawn at once
+TOGETHER = 8  # prompts sampled at once
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Setting:
     test: dict[str, TokenClip]
     mix: RewardMix
     card: dict[str, object]
-    codec: AudioCodec | None = None  # films have sound where it is given
+    codec: AudioCodec | None = None  # gives the videos sound
 
 
 def setting(
@@ -76,15 +76,15 @@ def setting(
     alignment: Path | None = None,
     is_compared: bool = False,
 ) -> Setting:
-    """Load everything; a yardstick that is not given is measured on the train clips and kept in `folder`.
+    """Load everything. Reference statistics that are not given are measured on the train clips and kept in `folder`.
 
-    With `is_compared` (DPO) rewards only tell of progress on held-out clips: where there is neither true motion nor a
-    yardstick, as in the token files of a studio, none is measured.
+    With `is_compared` (DPO) rewards only measure progress on held-out clips. If there is neither true motion nor a file
+    of reference statistics, as for a studio's token files, nothing is measured.
 
     Raises:
         CheckpointError: a checkpoint is missing or damaged.
         MotionError: the token files are missing or of another vocabulary.
-        EchoAvatarError: an unknown reward.
+        EchoAvatarError: a reward is unknown.
     """
     parts = load_bundle(bundle)
     policy = Generator.load(generator) if generator else parts.generator
@@ -98,7 +98,7 @@ def setting(
     train = {name: clip for name, clip in clips.items() if clip.split == "train"}
     test = {name: clip for name, clip in clips.items() if clip.split != "train"}
     if not train:
-        raise MotionError(f"{tokens} holds no clip of split train; there is nothing to draw prompts from")
+        raise MotionError(f"{tokens} holds no clip of split train, so there are no prompts")
     has_yardstick = yardstick is not None or (folder / "yardstick.json").exists()
     is_unmeasured = (
         is_compared and not rewards and not has_yardstick and not any(c.has_truth for c in train.values())
@@ -125,15 +125,15 @@ def setting(
 def measured(
     tokenizer: BodyTokenizer, clips: Mapping[str, TokenClip], given: Path | None, folder: Path
 ) -> Yardstick:
-    """The yardstick of `given`, or of `folder`, or measured on evenly chosen true motion and kept there."""
+    """The reference statistics in `given` or in `folder`, or measured on evenly chosen true motion and saved there."""
     own = folder / "yardstick.json"
     if given or own.exists():
         return Yardstick.load(given or own)
     clips = {name: clip for name, clip in clips.items() if clip.has_truth}
     if not clips:
         raise MotionError(
-            "rewards are measured against true motion, and these token files hold sound with a generator's own motion"
-            " only; pass the --yardstick that a run on a folder of `echoavatar train tokens` has left"
+            "rewards are measured against true motion, and these token files hold only motion that a generator made;"
+            " pass the --yardstick that a run on a folder of `echoavatar train tokens` has left"
         )
     book = PromptBook(clips, past=YARDSTICK_PAST, length=YARDSTICK_LENGTH)
     prompts = book.spread(YARDSTICK_PROMPTS)
@@ -159,7 +159,7 @@ def stage_of(
     rollouts: str | None = None,
     command: str = "",
 ) -> PolicyStage[Any]:
-    """One of the methods, ready to be trained; `rollouts` names a backend as module:function (docs/alignment.md)."""
+    """A training task of the method; `rollouts` names a backend as module:function (docs/alignment.md)."""
 
     def book(clips: Mapping[str, TokenClip]) -> PromptBook:
         return PromptBook(
@@ -203,7 +203,7 @@ def stage_of(
 
 
 def _gauge(ready: Setting, prompts: Sequence[Any]) -> Gauge | None:
-    """None where prompts have no true motion to measure against."""
+    """None if the prompts have no true motion to measure against."""
     if ready.mix.yardstick is None or not all(ready.test[prompt.clip].has_truth for prompt in prompts):
         return None
     return Gauge(ready.tokenizer, prompts, load_shipped(), ready.mix.yardstick)
@@ -218,15 +218,15 @@ def tune(
     trackers: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> str:
-    """Train into `folder`, going on with what is there; returns why the run ended early, or nothing.
+    """Train into `folder`, or resume the run in it; returns why the run ended early, or an empty string.
 
-    A run whose divergence runs away ends with its last checkpoint, from before; called again it would do the same steps
-    and end there again.
+    A run that diverges ends with its last checkpoint from before; calling again would repeat the same steps and end in
+    the same place.
 
     Raises:
-        CheckpointError: it ran away before there was a checkpoint, or the folder holds another run.
+        CheckpointError: the run diverged before its first checkpoint, or the folder holds another run.
     """
-    is_first = os.environ.get("RANK", "0") == "0"  # of several processes the one that writes
+    is_first = os.environ.get("RANK", "0") == "0"  # the process that writes
     is_measured = is_first and stage.around.probe is not None and stage.config.evaluate_every > 0
     if is_measured and not has_state(folder):
         folder.mkdir(parents=True, exist_ok=True)
@@ -239,7 +239,7 @@ def tune(
     except DivergedError as error:
         if not has_state(folder):
             raise CheckpointError(
-                f"{error}, before the first checkpoint; take a smaller learning rate or a larger kl_weight"
+                f"{error}, before the first checkpoint; use a smaller learning rate or a larger kl_weight"
             ) from error
         if is_first:
             _tell(folder, _step(folder), {"stopped": str(error)})
@@ -276,7 +276,7 @@ def make_pairs(
     seed: int,
     progress: Callable[[int, int], None] | None = None,
 ) -> int:
-    """Continuations of prompts of the train clips, best against worst by reward, as a file of pairs."""
+    """Write best and worst continuation by reward of prompts from the train clips as a file of pairs."""
     book = PromptBook(ready.train, past=past, length=length, seed=seed, fewest_events=fewest_events)
     policy, judge = GeneratorPolicy(ready.generator), SceneJudge(ready.tokenizer, ready.mix)
     pairs = []

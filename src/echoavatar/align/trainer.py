@@ -1,7 +1,7 @@
-"""What GRPO, DPO and PPO have in common as stages of training (`training`): policy, reference, probes, what is saved.
+"""What GRPO, DPO and PPO share as training tasks: policy, reference, held-out measurements, checkpoints.
 
-The loop, exact resume, several processes, bfloat16 and signals are those of all stages. A batch comes from the policy's
-own weights, the run's seed and the step's number, so a killed run repeats to the bit what it would have done.
+The loop itself, exact resume, several processes, bfloat16 and signals come from `training`. A batch depends only on the
+policy's weights, the run's seed and the step number, so a killed run repeats bit by bit what it would have done.
 """
 
 import hashlib
@@ -27,15 +27,15 @@ from .prompts import Prompt, PromptBatch
 
 BatchT = TypeVar("BatchT")
 Film = Callable[[GeneratorPolicy, Path], None]
-"""Makes samples of a policy in a folder."""
+"""Writes samples of a policy into a folder."""
 
 
 class DivergedError(EchoAvatarError):
-    """The policy is further from its reference than it may be; nothing was saved since it was still near."""
+    """The policy has moved further from its reference than allowed; the last checkpoint is from before."""
 
 
 class Origin(Config):
-    """What else a resumed run must agree in: the reference's weights, the rewards, the pairs."""
+    """What a resumed run must also agree in: the reference's weights, the rewards, the pairs."""
 
     reference: str
     rewards: dict[str, float] = {}
@@ -43,21 +43,21 @@ class Origin(Config):
 
 
 class Around(NamedTuple):
-    """What a run has beside policy, reference and batches; all may be left out."""
+    """Optional companions of a run: card, held-out measurement, videos, names, rollout backend."""
 
     card: Mapping[str, object] = {}
     probe: Probe | None = None
     film: Film | None = None
     rewards: Mapping[str, float] = {}
     reference_name: str = "the reference"
-    rollouts: Callable[[GeneratorPolicy], Rollout] | None = None  # a backend in place of the policy's own
+    rollouts: Callable[[GeneratorPolicy], Rollout] | None = None  # replaces the policy's own sampling
 
 
 BARE = Around()
 
 
 class PolicyStage(Stage[BatchT]):
-    """A policy that learns and the reference it must stay near."""
+    """A policy that learns, and the reference that it must stay close to."""
 
     config: AlignTraining
 
@@ -70,7 +70,7 @@ class PolicyStage(Stage[BatchT]):
         around: Around = BARE,
         critic: nn.Module | None = None,
     ) -> None:
-        """Exemplar control is left as it was.
+        """The weights of exemplar control are not trained.
 
         Raises:
             CheckpointError: the reference has another vocabulary.
@@ -82,20 +82,20 @@ class PolicyStage(Stage[BatchT]):
         self.policy = GeneratorPolicy(generator)
         self.reference = GeneratorPolicy(reference.eval().requires_grad_(False), self.policy.sampling)
         self.judge, self.around = judge, around
-        self._far = torch.zeros(2)  # sum of the KL of this process's rows in a step, and how many they are
+        self._far = torch.zeros(2)  # sum of the KL over this process's rows in a step, and their number
 
     @property
     def generator(self) -> Generator:
-        """What is tuned."""
+        """The generator that is tuned."""
         return self.policy.generator
 
     @property
     def device(self) -> torch.device:
-        """Where the policy is."""
+        """The policy's device."""
         return next(self.generator.parameters()).device
 
     def identity(self) -> Mapping[str, Config]:
-        """Steps may be added to a run; its model, reference and rewards stay."""
+        """Steps may be added to a run; its model, reference and rewards may not change."""
         told = Origin(
             reference=fingerprint(self.reference.generator),
             rewards=dict(self.around.rewards),
@@ -105,22 +105,22 @@ class PolicyStage(Stage[BatchT]):
         return {"training": training, "generator": self.generator.config, "origin": told}
 
     def compared(self) -> str:
-        """Fingerprint of the data beside the token files, where there is some."""
+        """Fingerprint of training data other than the token files, if there is any."""
         return ""
 
     def optimisers(self) -> list[torch.optim.Optimizer]:
-        """AdamW over the policy; the reference goes where the policy is."""
+        """AdamW over the policy; also moves the reference to the policy's device."""
         self.reference.generator.to(self.device)
         return [adamw([self.generator], self.config)]
 
     def clipped(self) -> list[nn.Parameter]:
-        """The policy's; a critic may learn as fast as it likes."""
+        """The policy's parameters; the critic's gradient is not clipped."""
         return list(self.generator.parameters())
 
     def divergence(
         self, scores: Scores, prompts: PromptBatch, codes: Int[Tensor, "b n p q"]
     ) -> Float[Tensor, "b n k"]:
-        """KL of the policy from the reference, exact, over the support that codes were drawn from."""
+        """Exact KL of the policy from the reference, over the support that codes were sampled from."""
         with torch.no_grad():
             other = self.reference.score(prompts, codes, scores.support)
         return exact_kl(scores.all_log_probs, other.all_log_probs, scores.support)
@@ -132,7 +132,7 @@ class PolicyStage(Stage[BatchT]):
     def told(
         self, values: Mapping[str, Tensor], kl: Float[Tensor, "b n k"], scores: Scores
     ) -> dict[str, Tensor | float]:
-        """What the log keeps of some rows; the divergence is kept for `after` as well."""
+        """Logged values of some rows; also records the divergence for `after`."""
         self._far += torch.tensor([float(kl.detach().mean((1, 2)).sum()), len(kl)])
         entropy = by_layer(scores.entropy, self.policy.layout.motion_layers)
         return dict(values) | {"kl": kl.mean()} | {f"entropy.{at}": one for at, one in enumerate(entropy)}
@@ -142,10 +142,10 @@ class PolicyStage(Stage[BatchT]):
         """See `Stage.loss`."""
 
     def after(self, step: int, gather: Gather) -> None:
-        """Stop a run that runs away.
+        """Stop a run that diverges.
 
         Raises:
-            DivergedError: the mean divergence of the step's continuations is over `kl_stop`.
+            DivergedError: the mean divergence of the step's continuations exceeds `kl_stop`.
         """
         total = gather(self._far.to(self.device)[None]).sum(0)
         self._far = torch.zeros(2)
@@ -154,12 +154,12 @@ class PolicyStage(Stage[BatchT]):
 
     @torch.no_grad()
     def evaluate(self) -> Mapping[str, object]:
-        """Rewards, divergence, entropy, FID and beat alignment on held-out prompts, the same ones every time."""
+        """Rewards, divergence, entropy, FID and beat alignment on the same held-out prompts every time."""
         probe = self.around.probe
         return {} if probe is None else {"held_out": probe(self.policy, self.reference)}
 
     def save(self, folder: Path, step: int) -> None:
-        """The generator, and films of what it makes."""
+        """Write the generator, and videos of held-out prompts."""
         told = {"kind": "generator", "step": step, "alignment": self.config.model_dump()}
         self.generator.save(folder, dict(self.around.card) | told)
         if self.around.film is not None:
@@ -167,13 +167,13 @@ class PolicyStage(Stage[BatchT]):
 
 
 def seeds(training: AlignTraining, number: int, rows: int) -> Int[Tensor, " r"]:
-    """Seeds of the continuations of a batch, from the run's seed and the batch's number."""
+    """Seeds of a batch's continuations, from the run's seed and the batch's number."""
     random = torch.Generator().manual_seed((training.seed * 1_000_003 + number) * 7)
     return torch.randint(2**62, (rows,), generator=random)
 
 
 def fingerprint(generator: Generator) -> str:
-    """Tells one set of weights from another: a hash of all tensors by name."""
+    """A hash of all weights by name."""
     digest = hashlib.sha256()
     for name, value in sorted(generator.state_dict().items()):
         digest.update(name.encode())
@@ -182,6 +182,6 @@ def fingerprint(generator: Generator) -> str:
 
 
 def shared_out(prompts: Sequence[Prompt], processes: Any) -> Sequence[Prompt]:
-    """Those prompts of a batch that this process answers."""
+    """The prompts of a batch that this process samples."""
     each = len(prompts) // processes.count
     return prompts[processes.rank * each : (processes.rank + 1) * each]
