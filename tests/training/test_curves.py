@@ -60,5 +60,5 @@ def test_what_cannot_be_drawn_is_named(tmp_path: Path) -> None:
     with pytest.raises(EchoAvatarError, match="holds no metrics.jsonl"):
         read_curves(tmp_path)
     (tmp_path / "metrics.jsonl").write_text("")
-    with pytest.raises(EchoAvatarError, match="tells nothing yet"):
+    with pytest.raises(EchoAvatarError, match="holds no metrics yet"):
         read_curves(tmp_path)

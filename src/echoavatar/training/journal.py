@@ -1,4 +1,4 @@
-"""What a run tells while it goes: `metrics.jsonl` always, one line a step that is told; TensorBoard or W&B if asked."""
+"""Logs a run's metrics: `metrics.jsonl` always, one line for each logged step; TensorBoard or W&B if asked."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -19,10 +19,10 @@ class _Listener(Protocol):
 
 
 class Journal:
-    """Writes to all of them. `step` is the number of optimiser steps done."""
+    """Writes metrics to all outputs. `step` is the number of optimiser steps done."""
 
     def __init__(self, folder: Path, step: int, trackers: Sequence[str] = ()) -> None:
-        """Lines of steps after `step`, which a run that goes on repeats, are dropped.
+        """Drops lines after `step`, because a resumed run repeats those steps.
 
         Raises:
             DependencyError: a tracker's package is missing.
@@ -36,18 +36,18 @@ class Journal:
         self._listeners += [openers[name](folder) for name in trackers]
 
     def write(self, step: int, values: Mapping[str, object]) -> None:
-        """One line."""
+        """Log one line."""
         for listener in self._listeners:
             listener.write(step, values)
 
     def close(self) -> None:
-        """No more lines."""
+        """Close all outputs."""
         for listener in self._listeners:
             listener.close()
 
 
 def _step(line: str) -> float:
-    """Of a line; one that was cut off by a kill counts as later than all."""
+    """The step of a line; infinity for a line that was cut off when the run was killed."""
     try:
         return float(json.loads(line)["step"])
     except (ValueError, KeyError, TypeError):
@@ -71,7 +71,9 @@ class _TensorBoard:
         try:
             from torch.utils.tensorboard import SummaryWriter
         except ImportError as error:
-            raise DependencyError("--track tensorboard needs it; run: pip install tensorboard") from error
+            raise DependencyError(
+                "--track tensorboard needs TensorBoard; run: pip install tensorboard"
+            ) from error
         self._writer: Any = SummaryWriter(folder / "tensorboard")
 
     def write(self, step: int, values: Mapping[str, object]) -> None:
@@ -88,8 +90,8 @@ class _Wandb:
         try:
             import wandb
         except ImportError as error:
-            raise DependencyError("--track wandb needs it; run: pip install wandb") from error
-        mark = folder / "wandb-run"  # the same run when training goes on
+            raise DependencyError("--track wandb needs W&B; run: pip install wandb") from error
+        mark = folder / "wandb-run"  # a resumed run continues the same W&B run
         name = mark.read_text().strip() if mark.exists() else None
         self._run: Any = wandb.init(
             project="echoavatar", name=folder.name, id=name, resume="allow", dir=folder

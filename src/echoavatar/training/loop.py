@@ -1,4 +1,4 @@
-"""The loop's one step, and its state: what all stages and any number of processes share."""
+"""One step of the training loop and its state, the same for all tasks and any number of processes."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
@@ -19,7 +19,7 @@ from .stage import BatchT, Loss, Stage, cut, rows_of
 
 
 class _Whole(nn.Module):
-    """All modules of a stage as one whose forward pass is the loss: what DDP and FSDP want."""
+    """All modules of a task as one module whose forward pass is the loss, as DDP and FSDP require."""
 
     def __init__(self, stage: Stage[Any]) -> None:
         super().__init__()
@@ -31,10 +31,10 @@ class _Whole(nn.Module):
 
 
 class Loop(Generic[BatchT]):
-    """A stage, its optimisers, and how far it is. `train` runs it to its end."""
+    """A task, its optimisers, and its progress. `train` runs it to the end."""
 
     def __init__(self, stage: Stage[BatchT], processes: Processes | None = None) -> None:
-        """Raises EchoAvatarError when the batch cannot be shared evenly."""
+        """Raises EchoAvatarError if the batch cannot be divided evenly."""
         self.stage, self.processes = stage, processes or Processes()
         stage.processes = self.processes
         self._pieces = self.processes.count * stage.config.accumulation
@@ -52,16 +52,16 @@ class Loop(Generic[BatchT]):
         self.seconds = 0.0
 
     def done(self) -> float:
-        """Share of the run behind it, by steps or by the clock, whichever is further."""
+        """Share of the run completed, by steps or by time, whichever is larger."""
         config = self.stage.config
         by_clock = self.seconds / 60 / config.minutes if config.minutes else 0.0
         return min(1.0, max(self.step / config.steps, by_clock))
 
     def advance(self, *, is_told: bool = True) -> dict[str, float]:
-        """One optimiser step; returns its metrics if they are to be told (which waits for the device).
+        """One optimiser step. Returns its metrics if `is_told`, which waits for the device.
 
         Raises:
-            EchoAvatarError: the loss that was to be told is not a number.
+            EchoAvatarError: the loss is not finite (checked only if `is_told`).
         """
         stage, step, device = self.stage, self.step, self.processes.device
         whole_batch = stage.draw(step)
@@ -80,7 +80,7 @@ class Loop(Generic[BatchT]):
             with nullcontext() if is_last else self.processes.holding_back(self._whole):
                 with torch.autocast(device.type, torch.bfloat16, enabled=stage.config.autocast):
                     loss = self._whole(batch, step)
-                # several processes average their gradients, the shares are of the sum
+                # processes average their gradients, but the shares add up over all processes
                 (loss.total * (share * self.processes.count)).backward()
             told.add({"loss": loss.total, **loss.told}, share)
         norm = self._descend()
@@ -108,7 +108,7 @@ class Loop(Generic[BatchT]):
 
     @contextmanager
     def shown(self) -> Iterator[None]:
-        """While it is entered, the modules have the weights that are shown to others; all processes must enter it."""
+        """Context in which the modules hold the weights to save; all processes must enter it."""
         averaged = self.average.shown() if self.average is not None else nullcontext()
         with averaged, showing_whole(self.stage.modules):
             yield
@@ -116,7 +116,7 @@ class Loop(Generic[BatchT]):
             module.train()
 
     def save(self, folder: Path) -> None:
-        """Write what a resumed run needs, then what others load; all processes must call it, the first one writes."""
+        """Write the state for resuming, then the model; all processes must call it, only the first one writes."""
         stage, modules = self.stage, self.stage.modules
         tensors = state.module_state(modules) | state.optimiser_state(modules, self.optimisers)
         if self.average is not None:
@@ -135,10 +135,10 @@ class Loop(Generic[BatchT]):
         self.processes.wait()
 
     def resume(self, folder: Path) -> bool:
-        """Go on where `save` left off; False where there is nothing to go on with.
+        """Continue where `save` stopped; False if the folder holds no run.
 
         Raises:
-            CheckpointError: the folder holds another model, or another schedule, or is damaged, or too old.
+            CheckpointError: the folder holds another model or schedule, is damaged, or is too old.
         """
         if not state.has_state(folder):
             return False
@@ -179,7 +179,7 @@ class Loop(Generic[BatchT]):
 
 
 def _unsaid(config: Config) -> dict[str, Any]:
-    """What fields are that a run of an earlier version did not know: their defaults."""
+    """Defaults of fields that a run saved by an earlier version may lack."""
     fields = type(config).model_fields.items()
     plain = {name: field.default for name, field in fields if not field.is_required()}
     return {name: value for name, value in plain.items() if isinstance(value, bool | int | float | str)}
@@ -195,7 +195,7 @@ _FREE = (
 
 
 class _Means:
-    """Means of metrics over pieces; those that not every piece has are means over the pieces that do."""
+    """Means of metrics over pieces; a metric that some pieces lack is averaged over the others."""
 
     def __init__(self) -> None:
         self._sums: dict[str, Any] = defaultdict(float)

@@ -1,4 +1,4 @@
-"""Optimisers as the stages want them."""
+"""The optimiser that training tasks share."""
 
 from collections.abc import Iterable
 
@@ -15,7 +15,7 @@ def adamw(
     but: Iterable[nn.Parameter] = (),
     decays_vectors: bool = False,
 ) -> torch.optim.AdamW:
-    """AdamW over what learns in `modules`, less `but`; norms and biases do not decay unless `decays_vectors`."""
+    """AdamW over the trained parameters except `but`; norms and biases have no decay unless `decays_vectors`."""
     left_out = {id(parameter) for parameter in but}
     learned = [
         parameter

@@ -1,4 +1,4 @@
-"""A run from its beginning, or from where it was stopped, to its end or to the next stop."""
+"""Runs training from the start, or from the last checkpoint, to the end or to the next interruption."""
 
 import math
 import time
@@ -13,7 +13,7 @@ from .signals import Interrupted, Signals
 from .stage import Stage
 
 Progress = Callable[[int, int], None]
-"""Told (steps done, steps in all) after each step."""
+"""Called with (steps done, total steps) after each step."""
 
 
 def train(
@@ -26,14 +26,14 @@ def train(
     trackers: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> None:
-    """Train, or go on with what `folder` holds, until the schedule's end, or for `minutes` of this call.
+    """Train, or resume the run in `folder`, until the schedule's end, or for `minutes` of this call.
 
-    `folder` gets what the stage saves, `training.safetensors` (to go on) and `metrics.jsonl`.
+    `folder` gets what the task saves, `training.safetensors` (for resuming) and `metrics.jsonl`.
 
     Raises:
-        Interrupted: SIGTERM or SIGINT came; the run is saved and can be gone on with.
+        Interrupted: SIGTERM or SIGINT arrived; the run is saved and can be resumed.
         CheckpointError: the folder holds another run, or a damaged one.
-        EchoAvatarError: the loss is no longer a number, or the batch cannot be shared evenly.
+        EchoAvatarError: the loss is not finite, or the batch cannot be divided evenly.
     """
     processes = processes_here(device, sharded=sharded)
     loop = Loop(stage, processes)
@@ -50,7 +50,7 @@ def train(
             journal.close()
     if signals.number and loop.done() < 1:
         raise Interrupted(
-            f"stopped at step {loop.step} of {stage.config.steps}, saved in {folder}; call again to go on",
+            f"stopped at step {loop.step} of {stage.config.steps}, saved in {folder}; call again to resume",
             signals.number,
         )
 
@@ -69,10 +69,10 @@ def _run(
         began = time.monotonic()
         is_told = (loop.step + 1) % config.log_every == 0
         is_kept = config.save_every > 0 and (loop.step + 1) % config.save_every == 0
-        # a loss that is told and is no number ends the run: such weights must not be kept
+        # a checkpoint needs the check that the loss is finite
         metrics = loop.advance(is_told=is_told or is_kept)
         seconds = time.monotonic() - began
-        if config.minutes:  # the clock is part of the schedule, so all must go by one
+        if config.minutes:  # the schedule depends on time, so all processes must use one clock
             seconds = loop.processes.gather_json(seconds)[0]
         loop.seconds += seconds
         is_measured = config.evaluate_every and loop.step % config.evaluate_every == 0 and loop.done() < 1
