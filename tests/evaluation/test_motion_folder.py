@@ -39,7 +39,7 @@ def test_sound_is_found_in_its_folder_or_beside_the_motion(tmp_path: Path) -> No
     made, true = tmp_path / "made", tmp_path / "music_true"
     for place in (made, true):
         write_npz(place / "a.npz", motion)
-    with refused("clip a has no sound", "a.wav beside it", "--audio", "--no-audio"):
+    with refused("clip a has no audio", "a.wav next to it", "--audio", "--no-audio"):
         read_pairs(made, true, Reading())
     assert read_pairs(made, true, Reading(needs_audio=False))[0].audio is None
     write_wav(tmp_path / "sounds" / "a.wav", sound)
@@ -53,7 +53,7 @@ def test_sound_is_found_in_its_folder_or_beside_the_motion(tmp_path: Path) -> No
 def test_folders_that_do_not_match_are_named(tmp_path: Path) -> None:
     one = folder(tmp_path / "one", [clip("a")])
     two = folder(tmp_path / "two", [clip("a"), clip("b"), clip("c")])
-    with refused("one lacks 2 of the 3 clips in .*two, b for one", "--common"):
+    with refused("one lacks 2 of the 3 clips in .*two, for example b", "--common"):
         read_pairs(one, two, Reading())
     with refused("one lacks"):
         read_pairs(two, one, Reading())
@@ -98,13 +98,13 @@ def test_values_that_are_not_finite_and_damage_name_the_file(tmp_path: Path) -> 
 
 def test_lengths_that_differ_are_named(tmp_path: Path) -> None:
     long, short = folder(tmp_path / "long", [clip("a", 120)]), folder(tmp_path / "short", [clip("a", 90)])
-    with refused("clip a: 90 frames were made and 120 are true"):
+    with refused("clip a: 90 frames were generated and 120 are true"):
         read_pairs(short, long, Reading())
     (tmp_path / "sounds").mkdir()
     write_wav(tmp_path / "sounds" / "a.wav", clicks(60, 0.5))
     with refused("clip a: the sound lasts 2.00 s and the motion 4.00 s", "frame rate"):
         read_pairs(long, long, Reading(audio=tmp_path / "sounds"))
-    with refused("holds no sound"):
+    with refused("holds no audio"):
         read_pairs(long, long, Reading(audio=tmp_path))
     with refused("not a folder"):
         read_pairs(long, long, Reading(audio=tmp_path / "none"))

@@ -1,6 +1,6 @@
-"""Beat alignment as `evaluate` reports it: the `sharp` forms of `metrics`, at a delay, with chance levels.
+"""Beat alignment as `evaluate` reports it: the `sharp` forms of `metrics`, with a stroke delay and chance levels.
 
-The score says nothing alone, so every score comes with its chance level: the same motion against other clips' events.
+A score means nothing alone. Each comes with its chance level: the same motion against other clips' events.
 """
 
 from collections.abc import Sequence
@@ -14,8 +14,8 @@ from ..metrics.gesture_alignment import step_speed
 from ..timing import FRAME_RATE_HZ
 
 STROKE_DELAY_SECONDS = 0.18
-"""Rehearsal gestures end 0.14 to 0.18 s after the stressed vowel and a wrist is slowest just after; the alignment of
-motion to rehearsal speech, generated and true alike, is measured at this delay. Recordings are measured at none."""
+"""Rehearsal gestures end 0.14 to 0.18 s after the stressed vowel, and the wrist is slowest just after. Alignment with
+rehearsal speech is measured at this delay, for generated and true motion alike; with recordings at none."""
 ARM_JOINTS = ("leftLowerArm", "leftHand", "rightLowerArm", "rightHand")
 
 
@@ -36,7 +36,7 @@ def alignment_and_chance(
 def speed_around(
     positions: Float[np.ndarray, "t j 3"], events: Float[np.ndarray, " n"], seconds: tuple[float, float]
 ) -> Float[np.ndarray, " m"]:
-    """Mean joint speed between these times around each event, over its mean from a second before to a second after."""
+    """Mean joint speed in this time span around each event, over its mean from a second before to a second after."""
     speed = step_speed(positions).mean(1)
     first, last = (round(second * FRAME_RATE_HZ) for second in seconds)
     at = np.round(np.asarray(events) * FRAME_RATE_HZ).astype(int)

@@ -1,7 +1,7 @@
-"""Beat alignment of made motion, in every form, with its chance level: rows `ba_g_...` and `ba_d_...`.
+"""Beat alignment of generated motion in every form, with chance levels: the rows `ba_g_...` and `ba_d_...`.
 
-Only onsets that fall on speech and beats that fall on music count, where a clip knows which is which. Chance is the
-same motion with the events of up to 20 other clips, those within the stretch where its own lie.
+If a clip has domain labels, only onsets in speech and beats in music count. Chance is the same motion with the events
+of up to 20 other clips, restricted to the time span of its own events.
 """
 
 from collections.abc import Sequence
@@ -32,24 +32,24 @@ from .behaviour import MUSIC, SPEECH
 from .score_row import Row, row_of_means
 
 PARTNERS = 20
-DANCE_RATE_HZ = 60  # what Bailando and AIST++ count frames at
+DANCE_RATE_HZ = 60  # frame rate that Bailando and AIST++ assume
 _Times = Float[np.ndarray, " n"]
 
 
 @dataclass(frozen=True)
 class Heard:
-    """A clip's sound, and per frame what it is."""
+    """A clip's audio, and the domain of each frame."""
 
     audio: Float[np.ndarray, " s"]
     domain: Int[np.ndarray, " t"]
 
     @cached_property
     def slow(self) -> Float[np.ndarray, " s"]:
-        """At EMAGE's 16 kHz."""
+        """The audio at EMAGE's 16 kHz."""
         return np.asarray(soxr.resample(self.audio, SAMPLE_RATE_HZ, EMAGE_RATE_HZ))
 
     def onsets(self, trimmed_frames: int) -> _Times:
-        """Onsets on speech, from so many frames after the start, by what is heard between the cuts only."""
+        """Onsets in speech, from the trimmed start on; the detector gets only the audio between the cuts."""
         off = trimmed_frames * EMAGE_RATE_HZ // FRAME_RATE_HZ
         inside = self.slow[off : len(self.slow) - off]
         if not (self.domain == SPEECH).any() or len(inside) < EMAGE_RATE_HZ // 2:
@@ -58,14 +58,14 @@ class Heard:
         return np.asarray(times[self.falls_on(times + trimmed_frames / FRAME_RATE_HZ, SPEECH)])
 
     def beats(self) -> _Times:
-        """Beats of the music."""
+        """Beats in music."""
         if not (self.domain == MUSIC).any():
             return np.zeros(0)
         times = music_beats(self.audio, SAMPLE_RATE_HZ)
         return np.asarray(times[self.falls_on(times, MUSIC)])
 
     def falls_on(self, times: _Times, kind: int) -> np.ndarray:
-        """Which of these times are of that kind."""
+        """Which of these times lie in that domain."""
         frames = np.clip((times * FRAME_RATE_HZ).astype(int), 0, len(self.domain) - 1)
         return np.asarray(self.domain[frames] == kind)
 
@@ -78,9 +78,9 @@ def gesture_rows(
     upper: Sequence[int] | None = None,
     seed: int = 0,
 ) -> list[Row]:
-    """BA_G in all forms, over clips with speech; empty where no clip has any.
+    """BA_G in all forms, over clips with speech; empty if no clip has any.
 
-    `upper` are the numbers of the joints that count; None: those of our rig.
+    `upper` are the numbers of the joints to score; None: the upper body of our rig.
     """
     if not any((clip.domain == SPEECH).any() for clip in heard):
         return []
@@ -133,7 +133,7 @@ def dance_rows(
     *,
     seed: int = 0,
 ) -> list[Row]:
-    """BA_D in all forms, over clips with music; empty where no clip has any."""
+    """BA_D in all forms, over clips with music; empty if no clip has any."""
     if not any((clip.domain == MUSIC).any() for clip in heard):
         return []
     music = [clip.beats() for clip in heard]
@@ -149,7 +149,7 @@ def dance_rows(
 
             def score(motion: int, sound: int) -> float:
                 events, own = overlapping(music[sound], music[motion]), beats[motion]
-                if rule.asks_motion:  # only while both the clip's own and the other music play
+                if rule.asks_motion:  # only while both the clip's own music and the other music play
                     own = overlapping(own[heard[motion].falls_on(own, MUSIC)], events)
                 return dance_alignment(own, events, form, fps=fps) if len(events) else float("nan")
 
@@ -169,7 +169,7 @@ def dance_rows(
 
 
 def at_rate(positions: Float[np.ndarray, "t j 3"], fps: float) -> Float[np.ndarray, "n j 3"]:
-    """Positions at another rate, along splines: straight lines would have no minima of speed between their corners."""
+    """Resample positions along splines; linear interpolation would have no speed minima between its corners."""
     if fps == FRAME_RATE_HZ:
         return positions
     last = len(positions) - 1

@@ -1,8 +1,7 @@
-"""`echoavatar bench sessions`: how many sessions keep up, and how long their chunks wait.
+"""`echoavatar bench sessions`: how many sessions one engine serves in real time, and how long their chunks wait.
 
-Sessions arrive at odd moments, each sends a chunk of sound as often as one lasts by the wall clock, and one engine
-serves them from its own threads, as in the server. So a run takes as long as its sound, and other programs on the
-machine show.
+Sessions start at different moments, and each sends a chunk of audio in real time; the engine serves them from its own
+threads, as in the server. A run therefore takes as long as its audio, and other load on the machine affects it.
 """
 
 import gc
@@ -21,19 +20,19 @@ from .stream_bench import resident_mb
 Manner = Literal["behaves", "floods", "stalls", "vanishes"]
 MANNERS: tuple[Manner, ...] = ("behaves", "floods", "stalls", "vanishes")
 WARM_UP_CHUNKS = 16  # longer than the attention window
-GOLDEN = 0.6180339887  # phases of the sessions: spread as evenly as they can be for any number
-HOPELESS = 4  # chunks: a load that waits so long is not made heavier
+GOLDEN = 0.6180339887  # golden ratio: spreads the sessions' phases evenly for any number of them
+HOPELESS = 4  # chunks of waiting beyond which larger loads are not tried
 
 
 class Load(NamedTuple):
-    """One number of sessions, and how they fared."""
+    """One number of sessions, and how they were served."""
 
     sessions: int
-    p50_ms: float  # from a chunk's sound being complete to its motion being there
+    p50_ms: float  # from the end of a chunk's audio to its motion
     p99_ms: float
-    busy: float  # share of the lanes' time that they worked
-    memory_mb: float  # of each session, rewind included
-    in_real_time: bool  # p99 within a chunk, and not falling behind
+    busy: float  # share of time that the lanes worked
+    memory_mb: float  # for each session, including the rewind buffer
+    in_real_time: bool  # p99 is within a chunk, and the delay does not grow
 
 
 def bench_sessions(
@@ -43,7 +42,7 @@ def bench_sessions(
     seconds: float = 20.0,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Load]:
-    """Serve every number of sessions for so long; stops early where one cannot be served at all."""
+    """Serve each number of sessions for `seconds`; stops at a number that is far from real time."""
     loads: list[Load] = []
     for done, count in enumerate(counts):
         loads.append(_serve(pipeline, count, seconds))
@@ -55,12 +54,12 @@ def bench_sessions(
 
 
 def bench_neighbour(pipeline: Pipeline, *, sessions: int = 2, seconds: float = 20.0) -> dict[str, float]:
-    """p99 of well-behaved sessions, in ms, beside one that behaves, floods, stalls or vanishes."""
+    """p99 in ms of well-behaved sessions, next to one that behaves, floods, stalls or vanishes."""
     return {manner: _serve(pipeline, sessions + 1, seconds, manner).p99_ms for manner in MANNERS}
 
 
 def summary(loads: list[Load]) -> dict[str, object]:
-    """One line for machines."""
+    """The report as one JSON object."""
     served = [load.sessions for load in loads if load.in_real_time]
     return {
         "sessions_in_real_time": max(served, default=0),
@@ -70,7 +69,7 @@ def summary(loads: list[Load]) -> dict[str, object]:
 
 
 def _serve(pipeline: Pipeline, count: int, seconds: float, last: Manner = "behaves") -> Load:
-    gc.collect()  # what the load before left behind
+    gc.collect()  # memory of the previous load
     before, each = resident_mb(), pipeline.chunk.seconds
     engine = Engine(pipeline, seats=count, look_ahead=8)
     guests = [_Guest(engine.open(seed=seat), seat) for seat in range(count)]
@@ -108,7 +107,7 @@ def _serve(pipeline: Pipeline, count: int, seconds: float, last: Manner = "behav
 
 
 class _Guest:
-    """A session, when its sound was sent, and how long each chunk's motion took from there."""
+    """A client session: sends audio on time and records how long the motion of each chunk took."""
 
     def __init__(self, session: Session, seat: int) -> None:
         self.session, self.manner = session, MANNERS[0]
@@ -119,7 +118,7 @@ class _Guest:
         session.on_motion = self._came
 
     def send(self, now: float) -> None:
-        """A chunk of sound, or what its manner does instead."""
+        """Send a chunk of audio, or misbehave."""
         if self.manner == "floods":
             if self.session.seconds_waiting < 60:
                 self.session.push(self._sound(20))
@@ -138,7 +137,7 @@ class _Guest:
                     self.waits.append(now - self._sent.pop(0))
 
     def give_up(self) -> None:
-        """What was not answered has waited until now."""
+        """Count unanswered chunks as having waited until now."""
         now = time.perf_counter()
         self.waits.extend(now - sent for sent in self._sent)
 
