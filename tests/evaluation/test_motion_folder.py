@@ -102,7 +102,7 @@ def test_lengths_that_differ_are_named(tmp_path: Path) -> None:
         read_pairs(short, long, Reading())
     (tmp_path / "sounds").mkdir()
     write_wav(tmp_path / "sounds" / "a.wav", clicks(60, 0.5))
-    with refused("clip a: the sound lasts 2.00 s and the motion 4.00 s", "frame rate"):
+    with refused("clip a: the audio lasts 2.00 s and the motion 4.00 s", "frame rate"):
         read_pairs(long, long, Reading(audio=tmp_path / "sounds"))
     with refused("holds no audio"):
         read_pairs(long, long, Reading(audio=tmp_path))
