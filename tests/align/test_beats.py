@@ -59,11 +59,11 @@ def test_a_state_every_160_ms():
 
 
 def test_other_weights_are_refused():
-    with pytest.raises(CheckpointError, match="these are no weights of BEATs"):
+    with pytest.raises(CheckpointError, match="these are not BEATs weights"):
         Beats.published({"encoder.weight": torch.zeros(2)})
     short = as_published(small())
     del short["encoder.layers.1.fc1.weight"]
-    with pytest.raises(CheckpointError, match="these are no weights of BEATs"):
+    with pytest.raises(CheckpointError, match="these are not BEATs weights"):
         Beats.published(short)
 
 

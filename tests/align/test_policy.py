@@ -127,6 +127,6 @@ def test_a_reference_of_another_vocabulary_is_refused():
             width=32, heads=4, kv_heads=2, mlp=48, layers=2, window_chunks=3,
         )
     )  # fmt: skip
-    with pytest.raises(CheckpointError, match="reference other is of another vocabulary"):
+    with pytest.raises(CheckpointError, match="reference other has another vocabulary"):
         check_reference(own, other, name="other")
     check_reference(own, generator(seed=1), name="same")

@@ -36,8 +36,8 @@ def test_files_come_back(tmp_path):
     [
         ({"clip": "missing"}, "line 2: no clip 'missing'"),
         ({"start": 9}, "line 2: clip 'clip. has 6 chunks"),
-        ({"past": 2}, "line 2: its prompt has a past of 2 chunks, this run one of 1; pass --past 2"),
-        ({"chosen": (((0, 0),) * 3,)}, r"line 2: chosen has shape \(1, 3, 2\), wanted \(2, 3, 2\)"),
+        ({"past": 2}, "line 2: the prompt has 2 chunks of past, this run has 1; pass --past 2"),
+        ({"chosen": (((0, 0),) * 3,)}, r"line 2: chosen has shape \(1, 3, 2\), expected \(2, 3, 2\)"),
         ({"rejected": (((0, 8),) * 3,) * 2}, r"line 2: rejected holds codes outside 0\.\.7"),
     ],
 )
@@ -52,7 +52,7 @@ def test_damaged_files_are_named(tmp_path):
     with pytest.raises(MotionError, match="cannot be read"):
         read_pairs(tmp_path / "none.jsonl", book(), LAYOUT)
     (tmp_path / "bad.jsonl").write_text("{not json\n")
-    with pytest.raises(MotionError, match="line 1: no pair"):
+    with pytest.raises(MotionError, match="line 1: not a pair"):
         read_pairs(tmp_path / "bad.jsonl", book(), LAYOUT)
     write_pairs(tmp_path / "few.jsonl", ranked()[:1])
     with pytest.raises(MotionError, match="no pair with a margin of at least 2"):

@@ -78,7 +78,7 @@ def test_what_does_not_fit_is_named(tokens, tiny_bundle, tmp_path):
         stage_of("dpo", recipe("tiny", "dpo"), ready(tokens, tiny_bundle))
     other = Generator(Generator.load(tiny_bundle / "generator").config.model_copy(update={"patience": 0.3}))
     other.save(tmp_path / "other", {})
-    with pytest.raises(CheckpointError, match="is of another patience"):
+    with pytest.raises(CheckpointError, match="has another patience"):
         stage_of("grpo", recipe("tiny", "grpo"), ready(tokens, tiny_bundle, reference=tmp_path / "other"))
 
 

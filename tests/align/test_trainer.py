@@ -121,7 +121,7 @@ def test_a_divergence_that_runs_away_stops_the_run_at_the_last_checkpoint(tmp_pa
     assert all(
         torch.equal(value, kept[name]) for name, value in Generator.load(tmp_path).state_dict().items()
     )
-    with pytest.raises(CheckpointError, match="before the first checkpoint; take a smaller learning rate"):
+    with pytest.raises(CheckpointError, match="before the first checkpoint; use a smaller learning rate"):
         tune(grpo(steps=60, kl_stop=0.05), tmp_path / "never")
 
 

@@ -79,9 +79,9 @@ def test_a_clip_is_heard_the_same_in_any_company():
 
 
 def test_other_weights_are_refused():
-    with pytest.raises(CheckpointError, match="these are no weights of Wav2CLIP"):
+    with pytest.raises(CheckpointError, match="these are not Wav2CLIP weights"):
         Wav2Clip.published({"audio_encoder.weight": torch.zeros(2)})
     short = as_published(small())
     del short["audio_encoder.layer3.0.conv2.weight"]
-    with pytest.raises(CheckpointError, match="these are no weights of Wav2CLIP"):
+    with pytest.raises(CheckpointError, match="these are not Wav2CLIP weights"):
         Wav2Clip.published(short)

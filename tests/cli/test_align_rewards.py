@@ -92,7 +92,7 @@ class Hostile:
         (b"PK\x03\x04 cut off", "is damaged or cut off"),
         ({"model": {"a": Hostile()}}, "is refused: it would run"),
         ({"weights": {}}, "has no entry 'model'"),
-        ({"model": {"a": torch.zeros(2)}}, "these are no weights of BEATs"),
+        ({"model": {"a": torch.zeros(2)}}, "these are not BEATs weights"),
     ],
 )
 def test_files_that_are_no_weights_are_named_and_never_run(tmp_path, tiny_bundle, capsys, made, message):
