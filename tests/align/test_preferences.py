@@ -5,12 +5,14 @@ import pytest
 from tests.align.tuning import LAYOUT, book, policy, wants_threes
 
 from echoavatar.align.policy import GeneratorPolicy
-from echoavatar.align.preferences import codes_of, rank, read_pairs, write_pairs
+from echoavatar.align.preferences import codes_of, rank_pairs, read_pairs, write_pairs
 from echoavatar.errors import MotionError
 
 
 def ranked(margin: float = 0.0):
-    return rank(GeneratorPolicy(policy()), book().draw(0, 6), wants_threes, past=1, group=8, margin=margin)
+    return rank_pairs(
+        GeneratorPolicy(policy()), book().draw(0, 6), wants_threes, past=1, group=8, margin=margin
+    )
 
 
 def test_the_best_is_chosen_over_the_worst_and_small_differences_are_left_out():

@@ -76,7 +76,7 @@ def test_beats_and_wav2clip_hear_with_published_weights_which_are_left_as_they_a
         assert main([*command, "--encoder-weights", weights]) == 0
         table = json.loads(capsys.readouterr().out.splitlines()[-1])
         assert "audio to motion, all" in table["everything"]
-        kept = AudioMotion.load(folder).ears.network.state_dict()
+        kept = AudioMotion.load(folder).audio_encoder.network.state_dict()
         assert all(torch.equal(value, kept[name]) for name, value in own.state_dict().items())
 
 

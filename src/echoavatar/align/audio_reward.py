@@ -17,18 +17,18 @@ from typing import Self
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float, Int
-from pydantic import Field, model_validator
+from pydantic import AliasChoices, Field, model_validator
 from torch import Tensor, nn
 
 from .. import checkpoint
 from ..audio import AudioCodec
 from ..config import Config
 from ..timing import SAMPLE_RATE_HZ, SAMPLES_PER_AUDIO_TOKEN, SAMPLES_PER_MOTION_TOKEN, exact_div
+from .audio_encoders import AudioEncoderConfig, TokenEncoder, WaveformEncoder
 from .beats import Beats
 from .bidirectional import FullBlock, sinusoids
-from .ears import CodeEars, EarsConfig, WaveEars
+from .decoded_motion import DecodedMotion
 from .fbank import RATE_HZ
-from .scene import Scene
 from .wav2clip import Wav2Clip
 from .yardstick import Yardstick
 
@@ -38,13 +38,16 @@ FRAMES_PER_TOKEN = exact_div(
 WINDOW_TOKENS = 30  # 4 s, what the reward is trained on
 FIRST_TEMPERATURE = 1 / 0.07
 LARGEST_TEMPERATURE = 100.0
+OLD_NAME = "ears"  # what checkpoints of earlier versions call the audio encoder
 MIN_SPREAD = 1e-6  # keeps the division finite where an untrained codec's code vectors are all alike
 
 
 class AudioMotionConfig(Config):
     """Model sizes; the paper uses width 512, 4 layers, 8 heads and d 768."""
 
-    ears: EarsConfig = Field(description="the audio encoder")
+    audio_encoder: AudioEncoderConfig = Field(
+        validation_alias=AliasChoices("audio_encoder", OLD_NAME), description="the audio encoder"
+    )
     motion_channels: int = Field(gt=0, description="length of a motion token's vector, all body parts")
     width: int = Field(default=128, gt=0, description="channels of both encoders (paper: 512)")
     layers: int = Field(default=4, gt=0, description="transformer layers of the motion encoder")
@@ -74,11 +77,13 @@ class AudioMotion(nn.Module):
         self.register_buffer(
             "motion_book", torch.zeros(*motion_shape, config.motion_channels // motion_shape[0])
         )
-        self.ears: CodeEars | WaveEars
-        if config.ears.kind == "codes":
-            self.ears = CodeEars(config.ears, sound_shape, width=width, heads=config.heads)
+        self.audio_encoder: TokenEncoder | WaveformEncoder
+        if config.audio_encoder.kind == "codes":
+            self.audio_encoder = TokenEncoder(
+                config.audio_encoder, sound_shape, width=width, heads=config.heads
+            )
         else:
-            self.ears = WaveEars(config.ears, width=width)
+            self.audio_encoder = WaveformEncoder(config.audio_encoder, width=width)
         self.motion_in = nn.Linear(config.motion_channels, width)
         self.motion = nn.Sequential(
             *(FullBlock(width=width, heads=config.heads) for _ in range(config.layers))
@@ -98,14 +103,14 @@ class AudioMotion(nn.Module):
         **sizes: int,
     ) -> Self:
         """An untrained model that reads codec tokens; both codebooks are scaled to unit spread."""
-        ears = EarsConfig(channels=sound_book.shape[2], layers=sound_layers)
-        model = cls._over(ears, motion_book, tuple(sound_book.shape[:2]), sizes)
-        assert isinstance(model.ears, CodeEars)
-        model.ears.book.copy_(sound_book / sound_book.sum(0).std().clamp(min=MIN_SPREAD))
+        audio_encoder = AudioEncoderConfig(channels=sound_book.shape[2], layers=sound_layers)
+        model = cls._build(audio_encoder, motion_book, tuple(sound_book.shape[:2]), sizes)
+        assert isinstance(model.audio_encoder, TokenEncoder)
+        model.audio_encoder.book.copy_(sound_book / sound_book.sum(0).std().clamp(min=MIN_SPREAD))
         return model
 
     @classmethod
-    def hearing(
+    def from_network(
         cls,
         network: Beats | Wav2Clip,
         codec: AudioCodec,
@@ -116,19 +121,25 @@ class AudioMotion(nn.Module):
     ) -> Self:
         """An untrained model over BEATs or Wav2CLIP; its weights are copied, and kept fixed if `is_frozen`."""
         kinds = {"beats": network.config} if isinstance(network, Beats) else {"wav2clip": network.config}
-        ears = EarsConfig.model_validate({"codec": codec.config, "is_frozen": is_frozen} | kinds)
-        model = cls._over(ears, motion_book, (), sizes)
-        assert isinstance(model.ears, WaveEars)
-        model.ears.network.load_state_dict(network.state_dict())
-        model.ears.codec.load_state_dict(codec.state_dict())
+        audio_encoder = AudioEncoderConfig.model_validate(
+            {"codec": codec.config, "is_frozen": is_frozen} | kinds
+        )
+        model = cls._build(audio_encoder, motion_book, (), sizes)
+        assert isinstance(model.audio_encoder, WaveformEncoder)
+        model.audio_encoder.network.load_state_dict(network.state_dict())
+        model.audio_encoder.codec.load_state_dict(codec.state_dict())
         return model
 
     @classmethod
-    def _over(
-        cls, ears: EarsConfig, motion_book: Tensor, sound_shape: tuple[int, ...], sizes: Mapping[str, int]
+    def _build(
+        cls,
+        audio_encoder: AudioEncoderConfig,
+        motion_book: Tensor,
+        sound_shape: tuple[int, ...],
+        sizes: Mapping[str, int],
     ) -> Self:
         parts, channels = motion_book.shape[0], motion_book.shape[3]
-        config = AudioMotionConfig(ears=ears, motion_channels=parts * channels, **sizes)
+        config = AudioMotionConfig(audio_encoder=audio_encoder, motion_channels=parts * channels, **sizes)
         model = cls(config, sound_shape=sound_shape, motion_shape=tuple(motion_book.shape[:3]))
         model.motion_book.copy_(motion_book / motion_book.sum(1).std().clamp(min=MIN_SPREAD))
         return model
@@ -138,15 +149,15 @@ class AudioMotion(nn.Module):
         """The factor (tau) that similarities are multiplied by."""
         return self.log_temperature.exp().clamp(max=LARGEST_TEMPERATURE)
 
-    def hear(self, sound: Tensor) -> Float[Tensor, "b d"]:
+    def embed_audio(self, sound: Tensor) -> Float[Tensor, "b d"]:
         """Unit embeddings of codec tokens (b, f, l) or of a 16 kHz waveform (b, s); d is `size` for 4 s."""
         if sound.is_floating_point():
             tokens = round(sound.shape[1] * SAMPLE_RATE_HZ / RATE_HZ / SAMPLES_PER_MOTION_TOKEN)
         else:
             tokens = sound.shape[1] // FRAMES_PER_TOKEN
-        return self._pooled(self.sound_out(self.ears(sound)), tokens)
+        return self._pooled(self.sound_out(self.audio_encoder(sound)), tokens)
 
-    def see(self, codes: Int[Tensor, "b n p q"]) -> Float[Tensor, "b d"]:
+    def embed_motion(self, codes: Int[Tensor, "b n p q"]) -> Float[Tensor, "b d"]:
         """Unit embeddings of motion codes; d is `size` for 4 s."""
         parts = [
             sum((self.motion_book[p, q][codes[:, :, p, q]] for q in range(codes.shape[3])), torch.zeros(()))
@@ -163,10 +174,10 @@ class AudioMotion(nn.Module):
         return F.normalize(pooled.flatten(1), dim=-1)
 
     @torch.no_grad()
-    def judge(self, scene: Scene, yardstick: Yardstick) -> float:
+    def judge(self, motion: DecodedMotion, yardstick: Yardstick) -> float:
         """The reward function: cosine of the audio's and the motion's embedding (paper, Reward Computation)."""
-        heard = self.hear(torch.from_numpy(scene.audio_codes)[None])
-        seen = self.see(torch.from_numpy(scene.motion_codes)[None])
+        heard = self.embed_audio(torch.from_numpy(motion.audio_codes)[None])
+        seen = self.embed_motion(torch.from_numpy(motion.motion_codes)[None])
         return float((heard * seen).sum())
 
     def save(self, folder: Path, card: Mapping[str, object]) -> None:
@@ -181,10 +192,15 @@ class AudioMotion(nn.Module):
             CheckpointError: the folder holds no alignment reward.
         """
         config = checkpoint.read_config(folder, AudioMotionConfig)
-        weights = checkpoint.read_weights(folder)
+        weights = {
+            f"audio_encoder.{name.removeprefix(f'{OLD_NAME}.')}"
+            if name.startswith(f"{OLD_NAME}.")
+            else name: value
+            for name, value in checkpoint.read_weights(folder).items()
+        }
         sound, motion = (
             tuple(weights[name].shape[:-1]) if name in weights else (1,) * few
-            for name, few in (("ears.book", 2), ("motion_book", 3))
+            for name, few in (("audio_encoder.book", 2), ("motion_book", 3))
         )
         model = cls(config, sound_shape=sound, motion_shape=motion)
         checkpoint.load_into(model, weights, origin=str(folder))

@@ -17,8 +17,8 @@ from ..generator import TokenClip
 from ..metrics.retrieval import PAPER_GALLERY, Retrieval, batched, chance, gallery, retrieval, similarity
 from ..timing import AUDIO_FRAMES_PER_CHUNK, CHUNK_SECONDS, MOTION_TOKENS_PER_CHUNK, exact_div
 from ..training import Loss, Progress, Stage, TrainingConfig, train
+from .audio_encoders import decoded_waveform
 from .audio_reward import WINDOW_TOKENS, AudioMotion, info_nce
-from .ears import wave_of
 from .fbank import RATE_HZ
 
 WINDOW_CHUNKS = exact_div(WINDOW_TOKENS, MOTION_TOKENS_PER_CHUNK)
@@ -58,7 +58,7 @@ class Pairs:
         chunks: int = WINDOW_CHUNKS,
         waves: Mapping[str, Tensor] | None = None,
     ) -> None:
-        """With `waves` (from `waves_of`) the audio is a waveform, otherwise codec tokens."""
+        """With `waves` (from `decoded_waveforms`) the audio is a waveform, otherwise codec tokens."""
         self._chunks, self._waves = chunks, waves
         sources = sorted({name.removesuffix(MIRROR) for name in clips})
         self._source = {name: at for at, name in enumerate(sources)}
@@ -121,20 +121,20 @@ class Pairs:
         return torch.stack(rows).float()
 
 
-def waves_of(
+def decoded_waveforms(
     codec: AudioCodec, clips: Mapping[str, TokenClip], progress: Progress | None = None
 ) -> dict[str, Float[Tensor, " s"]]:
     """Decode each clip's codec tokens to a 16 kHz waveform in half precision, by name; mirrored clips share one."""
     sources = {name.removesuffix(MIRROR): clip for name, clip in clips.items()}
     waves = {}
     for done, (name, clip) in enumerate(sources.items(), start=1):
-        waves[name] = wave_of(codec, torch.from_numpy(clip.audio.astype(np.int64))[None])[0].half()
+        waves[name] = decoded_waveform(codec, torch.from_numpy(clip.audio.astype(np.int64))[None])[0].half()
         if progress is not None:
             progress(done, len(sources))
     return waves
 
 
-class AudioRewardStage(Stage[Windows]):
+class AudioRewardTask(Stage[Windows]):
     """The training task of the alignment reward."""
 
     config: AudioRewardTraining
@@ -160,7 +160,12 @@ class AudioRewardStage(Stage[Windows]):
     def loss(self, batch: Windows, step: int) -> Loss:
         """See `Stage.loss`."""
         model = self.model
-        found = info_nce(model.hear(batch.sound), model.see(batch.motion), model.temperature, batch.segments)
+        found = info_nce(
+            model.embed_audio(batch.sound),
+            model.embed_motion(batch.motion),
+            model.temperature,
+            batch.segments,
+        )
         return Loss(found, {"temperature": model.temperature})
 
     def save(self, folder: Path, step: int) -> None:
@@ -179,7 +184,7 @@ def train_audio_reward(
     progress: Progress | None = None,
 ) -> AudioMotion:
     """Train into a checkpoint folder, or resume the run in it."""
-    train(AudioRewardStage(model, pairs, training, card), folder, progress=progress)
+    train(AudioRewardTask(model, pairs, training, card), folder, progress=progress)
     return model.eval()
 
 
@@ -189,8 +194,8 @@ def embed(
 ) -> tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "n d"]]:
     """Embeddings of all non-overlapping windows, or only those mostly of domain `sound`."""
     asked = pairs.grid(sound)
-    heard = torch.cat([model.hear(part) for part in torch.split(asked.sound, 64)])
-    seen = torch.cat([model.see(part) for part in torch.split(asked.motion, 64)])
+    heard = torch.cat([model.embed_audio(part) for part in torch.split(asked.sound, 64)])
+    seen = torch.cat([model.embed_motion(part) for part in torch.split(asked.motion, 64)])
     return heard.numpy(), seen.numpy()
 
 

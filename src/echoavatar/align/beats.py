@@ -111,7 +111,7 @@ class BeatsEncoder(nn.Module):
         """States of the patches."""
         x = self.layer_norm(x + self.pos_conv(x))
         table: nn.Embedding = self.layers[0].self_attn.relative_attention_bias  # type: ignore[assignment,union-attr]
-        near = _bucket(x.shape[1], self.config.buckets, self.config.farthest).to(x.device)
+        near = _relative_buckets(x.shape[1], self.config.buckets, self.config.farthest).to(x.device)
         bias = table(near).permute(2, 0, 1)
         for layer in self.layers:
             x = layer(x, bias)
@@ -141,7 +141,7 @@ class Beats(nn.Module):
         return states.view(len(states), -1, BANDS // PATCH, states.shape[2]).mean(2)
 
     @classmethod
-    def published(cls, tensors: Mapping[str, Tensor]) -> Self:
+    def from_published(cls, tensors: Mapping[str, Tensor]) -> Self:
         """Build from the tensors under `model` in a published file; sizes follow from their shapes.
 
         Raises:
@@ -176,7 +176,7 @@ class Beats(nn.Module):
         return model.eval()
 
 
-def _bucket(length: int, buckets: int, farthest: int) -> Int[Tensor, "n n"]:
+def _relative_buckets(length: int, buckets: int, farthest: int) -> Int[Tensor, "n n"]:
     """Bucket of each distance: exact up close, logarithmic further away; the upper half of the buckets looks ahead."""
     at = torch.arange(length)
     ahead = at[None, :] - at[:, None]

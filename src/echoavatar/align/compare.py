@@ -10,8 +10,8 @@ from typing import Any
 from ..generator import Generator
 from ..metrics.motion_encoder import MotionEncoder
 from ..tokenizer import BodyTokenizer
-from .gauge import Gauge, Told, mean_and_error
-from .judge import SceneJudge
+from .judge import DecodingJudge
+from .motion_metrics import Measurements, MotionMetrics, mean_and_error
 from .plots import gain
 from .policy import GeneratorPolicy, check_reference
 from .probe import Probe
@@ -30,7 +30,7 @@ def compare(
     seed: int = 0,
     device: str = "cpu",
     progress: Callable[[int, int], None] | None = None,
-) -> dict[str, Told]:
+) -> dict[str, Measurements]:
     """Measurements by generator name, the true motion's first; generators are moved to `device`.
 
     Raises:
@@ -40,14 +40,16 @@ def compare(
     for name, generator in generators.items():
         check_reference(generator, first, name=name)
     assert mix.yardstick is not None, "a comparison needs the reference statistics"
-    gauge = Gauge(tokenizer, prompts, extractor, mix.yardstick)
-    probe = Probe(prompts, SceneJudge(tokenizer, mix), group=group, gauge=gauge, seed=seed)
-    true = mix(gauge.truth)
-    told: dict[str, Told] = {
+    motion_metrics = MotionMetrics(tokenizer, prompts, extractor, mix.yardstick)
+    probe = Probe(
+        prompts, DecodingJudge(tokenizer, mix), group=group, motion_metrics=motion_metrics, seed=seed
+    )
+    true = mix(motion_metrics.truth)
+    told: dict[str, Measurements] = {
         "truth": {
             "reward": mean_and_error(true.total),
             "rewards": {name: mean_and_error(values) for name, values in true.parts.items()},
-            **gauge(gauge.truth),
+            **motion_metrics(motion_metrics.truth),
         }
     }
     begun: dict[str, Any] = {}

@@ -7,16 +7,16 @@ from jaxtyping import Int
 from torch import Tensor
 
 from ..tokenizer import BodyTokenizer
+from .decoded_motion import DecodedMotion, decode_continuations
 from .prompts import Prompt
 from .rewards import RewardMix, Rewards
-from .scene import Scene, decode_scenes
 
 PIECE = 64  # continuations decoded at a time
 Judge = Callable[[Sequence[Prompt], Int[Tensor, "r n p q"]], Rewards]
 """Rewards of continuations; the rows of one prompt follow each other."""
 
 
-class SceneJudge:
+class DecodingJudge:
     """Decodes continuations with the bundle's tokenizer and judges the motion."""
 
     def __init__(self, tokenizer: BodyTokenizer, mix: RewardMix) -> None:
@@ -30,15 +30,15 @@ class SceneJudge:
         for start in range(0, len(prompts), each):
             some = prompts[start : start + each]
             rows = slice(start * group, (start + len(some)) * group)
-            found.append(self.mix(self.scenes(some, codes[rows])))
-        return joined(found)
+            found.append(self.mix(self.motions(some, codes[rows])))
+        return concatenated(found)
 
-    def scenes(self, prompts: Sequence[Prompt], codes: Int[Tensor, "r n p q"]) -> list[Scene]:
+    def motions(self, prompts: Sequence[Prompt], codes: Int[Tensor, "r n p q"]) -> list[DecodedMotion]:
         """The continuations as motion."""
-        return decode_scenes(self.tokenizer, prompts, codes)
+        return decode_continuations(self.tokenizer, prompts, codes)
 
 
-def joined(found: Sequence[Rewards]) -> Rewards:
+def concatenated(found: Sequence[Rewards]) -> Rewards:
     """Concatenate the rewards of several batches."""
     parts = {name: np.concatenate([one.parts[name] for one in found]) for name in found[0].parts}
     tokens, whole = (np.concatenate([getattr(one, field) for one in found]) for field in ("tokens", "whole"))

@@ -73,9 +73,9 @@ class Policy(Protocol):
         codes: Int[Tensor, "b n p q"],
         support: Bool[Tensor, "b n k K"] | None = None,
         *,
-        is_cut: bool = True,
+        uses_nucleus: bool = True,
     ) -> Scores:
-        """Score continuations. Without `support` the nucleus is computed, or everything allowed if not `is_cut`."""
+        """Score continuations. Without `support` it is the nucleus, or everything if not `uses_nucleus`."""
 
 
 class GeneratorPolicy:
@@ -122,7 +122,7 @@ class GeneratorPolicy:
         codes: Int[Tensor, "b n p q"],
         support: Bool[Tensor, "b n k K"] | None = None,
         *,
-        is_cut: bool = True,
+        uses_nucleus: bool = True,
     ) -> Scores:
         """See `Policy.score`. One teacher-forced pass; the order `prefix` needs one a chunk, as its window slides."""
         logits, hidden = self._logits(prompts, codes)
@@ -134,7 +134,7 @@ class GeneratorPolicy:
         if support is None:
             support = (
                 self._nucleus(logits.detach(), chosen)
-                if is_cut
+                if uses_nucleus
                 else torch.ones_like(logits, dtype=torch.bool)
             )
         log_probs = torch.log_softmax(logits.masked_fill(~support, -torch.inf), -1)
@@ -194,7 +194,7 @@ class GeneratorPolicy:
         return logits.permute(1, 2, 0, 3), hidden[:, predictors.T]
 
 
-def by_layer(values: Float[Tensor, "b n k"], layers: int) -> list[float]:
+def mean_by_layer(values: Float[Tensor, "b n k"], layers: int) -> list[float]:
     """Mean of each RVQ layer, coarsest first, over rows, time and body parts."""
     split = values.detach().reshape(*values.shape[:2], -1, layers)
     return [float(mean) for mean in split.mean((0, 1, 2))]

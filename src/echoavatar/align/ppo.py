@@ -11,7 +11,7 @@ from ..training import Loss, adamw
 from .config import AlignTraining
 from .losses import generalised_advantages, ppo_loss
 from .policy import Scores
-from .rollouts import Judged, Played, RolloutStage
+from .rollouts import JudgedRollouts, RolloutBatch, RolloutTask
 
 
 class ValueHead(nn.Module):
@@ -32,7 +32,7 @@ class ValueHead(nn.Module):
         return values[..., 0].float()
 
 
-class PpoStage(RolloutStage):
+class PpoTask(RolloutTask):
     """Clipped surrogate with generalised advantages; the reward of a whole continuation is spread over its tokens."""
 
     is_scored = True
@@ -50,12 +50,12 @@ class PpoStage(RolloutStage):
             group["relative"] = self.config.critic_rate / self.config.learning_rate
         return [*super().optimisers(), critic]
 
-    def foretold(self, scores: Scores) -> Float[Tensor, "r n"]:
-        """See `RolloutStage.foretold`."""
+    def predicted_values(self, scores: Scores) -> Float[Tensor, "r n"]:
+        """See `RolloutTask.predicted_values`."""
         values: Tensor = self.critic(scores.hidden)
         return values
 
-    def weighed(self, judged: Judged, made: Played) -> tuple[Tensor, Tensor]:
+    def advantages_and_returns(self, judged: JudgedRollouts, made: RolloutBatch) -> tuple[Tensor, Tensor]:
         """Advantages, normalised over all continuations, and the critic's targets."""
         assert made.values is not None
         rewards = judged.tokens + judged.whole[:, None] / judged.tokens.shape[1]
@@ -64,7 +64,7 @@ class PpoStage(RolloutStage):
         )
         return (advantages - advantages.mean()) / (advantages.std() + 1e-8), returns
 
-    def loss(self, batch: Played, step: int) -> Loss:
+    def loss(self, batch: RolloutBatch, step: int) -> Loss:
         """See `Stage.loss`."""
         assert batch.old is not None
         assert batch.values is not None
@@ -75,10 +75,10 @@ class PpoStage(RolloutStage):
             policy=scores.log_probs,
             old=batch.old,
             advantages=batch.advantages[:, :, None],
-            values=self.foretold(scores),
+            values=self.predicted_values(scores),
             old_values=batch.values,
             returns=batch.returns,
             clip=self.config.ratio_clip,
         )
         total = found.policy + found.value + self.config.kl_weight * kl.mean()
-        return Loss(total, self.told(self.of_rows(batch) | found._asdict(), kl, scores))
+        return Loss(total, self.logged(self.logged_means(batch) | found._asdict(), kl, scores))

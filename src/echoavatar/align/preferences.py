@@ -114,7 +114,7 @@ def codes_of(pairs: Sequence[Pair], name: str) -> Int[torch.Tensor, "b n p q"]:
     return torch.tensor([getattr(pair, name) for pair in pairs])
 
 
-def rank(
+def rank_pairs(
     policy: Policy,
     prompts: Sequence[Prompt],
     judge: Judge,

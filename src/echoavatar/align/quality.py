@@ -5,7 +5,7 @@
 The encoder has the tokenizer's shape, attention at 30, 15 and 7.5 Hz with halvings between, but every frame sees the
 whole clip and nothing is quantised. Besides the features it reads their first and second differences in time (ours):
 corrupted motion jumps where true motion flows, and attention over poses alone learns that slowly. Trained with SmoothL1
-on the scores of `degrade` (`quality_train`).
+on the scores of `corruption` (`quality_train`).
 """
 
 from collections.abc import Mapping
@@ -23,7 +23,7 @@ from ..kinematics import FeatureStatistics
 from ..nn import Mlp
 from ..timing import FRAMES_PER_MOTION_TOKEN
 from .bidirectional import FullBlock
-from .scene import Scene
+from .decoded_motion import DecodedMotion
 from .yardstick import Yardstick
 
 PACE = 5.0  # scales the differences so that those of true motion are about as large as the features
@@ -99,9 +99,9 @@ class QualityReward(nn.Module):
         return model.eval()
 
     @torch.no_grad()
-    def judge(self, scene: Scene, yardstick: Yardstick) -> float:
+    def judge(self, motion: DecodedMotion, yardstick: Yardstick) -> float:
         """The score as a reward function."""
-        return float(self(torch.from_numpy(scene.features)[None].float())[0])
+        return float(self(torch.from_numpy(motion.features)[None].float())[0])
 
 
 def _with_differences(x: Float[Tensor, "b t c"]) -> Float[Tensor, "b t d"]:

@@ -26,7 +26,17 @@ from ..metrics.motion_encoder import MotionEncoder
 from ..metrics.motion_features import motion_features
 from ..tokenizer import BodyTokenizer
 from ..training import Loss, Progress, Stage, TrainingConfig, train
-from .degrade import CLEAN, RATES, STRENGTHS, Kind, Unseen, corrupted, level_name, paper_scores, spoiled
+from .corruption import (
+    CLEAN,
+    RATES,
+    STRENGTHS,
+    Corruption,
+    Degradation,
+    corrupted_codes,
+    degraded,
+    level_name,
+    paper_scores,
+)
 from .quality import QualityConfig, QualityReward
 
 WINDOW_CHUNKS = 15  # 4 s
@@ -69,7 +79,7 @@ class Levels:
 
         All rates share the noise: a code corrupted at one rate is corrupted in the same way at every higher rate.
         """
-        return self._moved(self.tokenizer.decode(self._spoil(codes, name, number)), name, number)
+        return self._degraded(self.tokenizer.decode(self._corrupted(codes, name, number)), name, number)
 
     @torch.no_grad()
     def mixed(
@@ -77,34 +87,34 @@ class Levels:
     ) -> Float[Tensor, "b t c"]:
         """The same, with a level for each row."""
         numbers = [number * 64 + k for k in range(len(names))]
-        rows = [self._spoil(codes[k : k + 1], name, numbers[k]) for k, name in enumerate(names)]
+        rows = [self._corrupted(codes[k : k + 1], name, numbers[k]) for k, name in enumerate(names)]
         made = self.tokenizer.decode(torch.cat(rows))
-        return torch.cat([self._moved(made[k : k + 1], name, numbers[k]) for k, name in enumerate(names)])
+        return torch.cat([self._degraded(made[k : k + 1], name, numbers[k]) for k, name in enumerate(names)])
 
-    def _moved(self, features: Float[Tensor, "b t c"], name: str, number: int) -> Float[Tensor, "b t c"]:
+    def _degraded(self, features: Float[Tensor, "b t c"], name: str, number: int) -> Float[Tensor, "b t c"]:
         """Degrade the features if the level degrades motion."""
         kind = name.split()[0]
-        if kind not in get_args(Unseen):
+        if kind not in get_args(Degradation):
             return features
         seed = self._seed * 1_000_003 + number
-        return spoiled(
-            features, cast(Unseen, kind), float(name.split()[1]), self.tokenizer.skeleton, seed=seed
+        return degraded(
+            features, cast(Degradation, kind), float(name.split()[1]), self.tokenizer.skeleton, seed=seed
         )
 
-    def _spoil(self, codes: Int[Tensor, "b n p q"], name: str, number: int) -> Int[Tensor, "b n p q"]:
-        if name == CLEAN or name.split()[0] in get_args(Unseen):
+    def _corrupted(self, codes: Int[Tensor, "b n p q"], name: str, number: int) -> Int[Tensor, "b n p q"]:
+        if name == CLEAN or name.split()[0] in get_args(Degradation):
             return codes
-        which: Kind = "uniform" if name.startswith("uniform") else "hierarchical"
+        which: Corruption = "uniform" if name.startswith("uniform") else "hierarchical"
         random = torch.Generator().manual_seed(
-            (self._seed * 1_000_003 + number) * 2 + get_args(Kind).index(which)
+            (self._seed * 1_000_003 + number) * 2 + get_args(Corruption).index(which)
         )
         rate = float(name.split()[1])
-        return corrupted(codes, which, rate, codebook=self.tokenizer.config.codes, generator=random)
+        return corrupted_codes(codes, which, rate, codebook=self.tokenizer.config.codes, generator=random)
 
 
 def paper_levels() -> list[str]:
     """All levels that corrupt codes, the clean one first."""
-    return [CLEAN, *(level_name(kind, rate) for kind in get_args(Kind) for rate in RATES)]
+    return [CLEAN, *(level_name(kind, rate) for kind in get_args(Corruption) for rate in RATES)]
 
 
 def calibrate(levels: Levels, encoder: MotionEncoder, *, windows: int = 64) -> dict[str, float]:
@@ -127,14 +137,14 @@ def calibrate(levels: Levels, encoder: MotionEncoder, *, windows: int = 64) -> d
     return {name: frechet_between(at(name, 0), true) for name in paper_levels()}
 
 
-class Graded(NamedTuple):
+class ScoredWindows(NamedTuple):
     """Windows and their target scores."""
 
     features: Float[Tensor, "b t c"]
     scores: Float[Tensor, " b"]
 
 
-class QualityStage(Stage[Graded]):
+class QualityTask(Stage[ScoredWindows]):
     """The training task of the quality reward."""
 
     config: QualityTraining
@@ -153,22 +163,22 @@ class QualityStage(Stage[Graded]):
         self.model.set_statistics(levels.tokenizer.statistics)
         super().__init__(training, {"model": self.model})
         self._levels, self._scores, self._card = levels, dict(scores), dict(card or {})
-        self._pool: dict[int, Graded] = {}
+        self._pool: dict[int, ScoredWindows] = {}
 
     def identity(self) -> Mapping[str, Config]:
         """Sizes and schedule."""
         return {"reward": self.model.config, "training": self.config}
 
-    def draw(self, step: int) -> Graded:
+    def draw(self, step: int) -> ScoredWindows:
         """See `Stage.draw`; each batch is decoded once."""
         number = step % self.config.pool
         if number not in self._pool:
-            made = self._made(number)
-            self._pool[number] = Graded(made.features.half(), made.scores)
+            made = self._decoded_batch(number)
+            self._pool[number] = ScoredWindows(made.features.half(), made.scores)
         found = self._pool[number]
-        return Graded(found.features.float(), found.scores)
+        return ScoredWindows(found.features.float(), found.scores)
 
-    def _made(self, number: int) -> Graded:
+    def _decoded_batch(self, number: int) -> ScoredWindows:
         training, names = self.config, list(self._scores)
         random = np.random.default_rng([training.seed, number])
         windows = math.ceil(training.batch / training.levels)
@@ -177,9 +187,9 @@ class QualityStage(Stage[Graded]):
             names[int(k)] for _ in range(windows) for k in random.permutation(len(names))[: training.levels]
         ][: training.batch]
         features = self._levels.mixed(codes, asked, number)
-        return Graded(features, torch.tensor([self._scores[name] for name in asked]))
+        return ScoredWindows(features, torch.tensor([self._scores[name] for name in asked]))
 
-    def loss(self, batch: Graded, step: int) -> Loss:
+    def loss(self, batch: ScoredWindows, step: int) -> Loss:
         """SmoothL1 with a small quadratic region, because scores lie between 0 and 1."""
         made = self.model(batch.features)
         error = (made - batch.scores).abs().mean()
@@ -203,7 +213,7 @@ def train_quality(
 ) -> QualityReward:
     """Train into a checkpoint folder, or resume the run in it."""
     config = config or QualityConfig(features=levels.tokenizer.mean.numel())
-    stage = QualityStage(levels, config, training, scores or paper_scores(), card)
+    stage = QualityTask(levels, config, training, scores or paper_scores(), card)
     train(stage, folder, progress=progress)
     return stage.model.eval()
 
@@ -230,10 +240,10 @@ def measure_quality(
         "levels": means,
     }
     unseen, motion = {}, levels.tokenizer.decode(clean)
-    for other in get_args(Unseen):
+    for other in get_args(Degradation):
         if level_name(other, 1.0) in scores:  # trained on, so already among the levels
             continue
-        found = [model(spoiled(motion, other, s, levels.tokenizer.skeleton)).numpy() for s in STRENGTHS]
+        found = [model(degraded(motion, other, s, levels.tokenizer.skeleton)).numpy() for s in STRENGTHS]
         severity = np.repeat(STRENGTHS, windows)
         unseen[other] = {
             "spearman": float(spearmanr(severity, np.concatenate(found))[0]),

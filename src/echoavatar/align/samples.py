@@ -23,12 +23,12 @@ SIZE = (480, 360)
 SEED = 20
 
 
-def can_film() -> bool:
+def can_render_videos() -> bool:
     """Whether the extra `render` is installed."""
     return importlib.util.find_spec("PIL") is not None
 
 
-class Films:
+class SampleVideos:
     """Writes `FOLDER_0.mp4` and so on: the prompt's past, then the policy's continuation."""
 
     def __init__(self, codec: AudioCodec, tokenizer: BodyTokenizer, prompts: Sequence[Prompt]) -> None:

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from .gauge import Told, mean_and_error
+from .motion_metrics import Measurements, mean_and_error
 from .plots import gain
 
 PLAIN = ("kl", "fid", "diversity")
@@ -19,7 +19,7 @@ TITLES = {
 }
 
 
-def over_seeds(begun: Mapping[str, Any], runs: Sequence[Mapping[str, Any]]) -> Told:
+def over_seeds(begun: Mapping[str, Any], runs: Sequence[Mapping[str, Any]]) -> Measurements:
     """Several measurements by `compare` on the same prompts as one.
 
     `reward` and `gain` over `begun` are (mean, deviation, error): the standard deviation between runs, and the standard

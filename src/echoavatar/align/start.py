@@ -18,20 +18,20 @@ from ..training import Progress, has_state, train
 from ..training.journal import FILE
 from .audio_reward import AudioMotion
 from .config import AlignTraining, Method
-from .dpo import DpoStage
-from .gauge import Gauge
-from .grpo import GrpoStage
-from .judge import SceneJudge
+from .decoded_motion import decode_truth
+from .dpo import DpoTask
+from .grpo import GrpoTask
+from .judge import DecodingJudge
+from .motion_metrics import MotionMetrics
 from .policy import GeneratorPolicy
-from .ppo import PpoStage
-from .preferences import rank, read_pairs, write_pairs
+from .ppo import PpoTask
+from .preferences import rank_pairs, read_pairs, write_pairs
 from .probe import Probe
 from .prompts import PromptBook, read_token_clips
 from .quality import QualityReward
 from .rewards import Reward, RewardMix, imported, parse_weights
-from .samples import Films, can_film
-from .scene import true_scenes
-from .trainer import Around, DivergedError, PolicyStage
+from .samples import SampleVideos, can_render_videos
+from .trainer import DivergedError, PolicyTask, RunContext
 from .yardstick import Yardstick, measure_yardstick
 
 DEFAULT_REWARDS = (
@@ -62,7 +62,7 @@ class Setting:
     codec: AudioCodec | None = None  # gives the videos sound
 
 
-def setting(
+def load_setup(
     tokens: Path,
     folder: Path,
     *,
@@ -109,7 +109,7 @@ def setting(
         own["quality"] = QualityReward.load(quality).judge
     if alignment:
         own["alignment"] = AudioMotion.load(alignment).judge
-    rule = None if is_unmeasured else measured(parts.tokenizer, train, yardstick, folder)
+    rule = None if is_unmeasured else load_or_measure(parts.tokenizer, train, yardstick, folder)
     mix = RewardMix(weights, rule, own)
     begun = read_card(generator) if generator else parts.card
     card = {
@@ -122,7 +122,7 @@ def setting(
     return Setting(parts.tokenizer, policy, kept_near, name, train, test, mix, card, parts.codec)
 
 
-def measured(
+def load_or_measure(
     tokenizer: BodyTokenizer, clips: Mapping[str, TokenClip], given: Path | None, folder: Path
 ) -> Yardstick:
     """The reference statistics in `given` or in `folder`, or measured on evenly chosen true motion and saved there."""
@@ -139,9 +139,9 @@ def measured(
     prompts = book.spread(YARDSTICK_PROMPTS)
     found = measure_yardstick(
         [
-            scene
+            motion
             for at in range(0, len(prompts), 24)
-            for scene in true_scenes(tokenizer, prompts[at : at + 24])
+            for motion in decode_truth(tokenizer, prompts[at : at + 24])
         ]
     )
     folder.mkdir(parents=True, exist_ok=True)
@@ -158,7 +158,7 @@ def stage_of(
     margin: float = 0.0,
     rollouts: str | None = None,
     command: str = "",
-) -> PolicyStage[Any]:
+) -> PolicyTask[Any]:
     """A training task of the method; `rollouts` names a backend as module:function (docs/alignment.md)."""
 
     def book(clips: Mapping[str, TokenClip]) -> PromptBook:
@@ -171,27 +171,27 @@ def stage_of(
             events=training.events,
         )
 
-    judge = SceneJudge(ready.tokenizer, ready.mix)
-    probe = film = None
+    judge = DecodingJudge(ready.tokenizer, ready.mix)
+    probe = sample_writer = None
     if ready.test and ready.mix.weights:
         asked = book(ready.test).spread(training.probe)
-        probe = Probe(asked, judge, group=training.probe_group, gauge=_gauge(ready, asked))
-        if training.videos and ready.codec is not None and can_film():
-            film = Films(ready.codec, ready.tokenizer, asked[: training.videos])
-    around = Around(
+        probe = Probe(asked, judge, group=training.probe_group, motion_metrics=_motion_metrics(ready, asked))
+        if training.videos and ready.codec is not None and can_render_videos():
+            sample_writer = SampleVideos(ready.codec, ready.tokenizer, asked[: training.videos])
+    context = RunContext(
         card=ready.card | {"command": command},
         probe=probe,
-        film=film,
+        sample_writer=sample_writer,
         rewards=ready.mix.weights,
         reference_name=ready.reference_name,
         rollouts=imported(rollouts, "backend") if rollouts else None,
     )
-    parts = (ready.generator, ready.reference, training, judge, around)
+    parts = (ready.generator, ready.reference, training, judge, context)
     match method:
         case "grpo":
-            return GrpoStage(*parts, book=book(ready.train))
+            return GrpoTask(*parts, book=book(ready.train))
         case "ppo":
-            return PpoStage(*parts, book=book(ready.train))
+            return PpoTask(*parts, book=book(ready.train))
         case "dpo":
             if pairs is None:
                 raise MotionError(
@@ -199,18 +199,18 @@ def stage_of(
                 )
             everything = PromptBook(ready.train | ready.test, past=training.past, length=training.length)
             compared = read_pairs(pairs, everything, ready.generator.config.layout, margin=margin)
-            return DpoStage(*parts, pairs=compared)
+            return DpoTask(*parts, pairs=compared)
 
 
-def _gauge(ready: Setting, prompts: Sequence[Any]) -> Gauge | None:
+def _motion_metrics(ready: Setting, prompts: Sequence[Any]) -> MotionMetrics | None:
     """None if the prompts have no true motion to measure against."""
     if ready.mix.yardstick is None or not all(ready.test[prompt.clip].has_truth for prompt in prompts):
         return None
-    return Gauge(ready.tokenizer, prompts, load_shipped(), ready.mix.yardstick)
+    return MotionMetrics(ready.tokenizer, prompts, load_shipped(), ready.mix.yardstick)
 
 
 def tune(
-    stage: PolicyStage[Any],
+    stage: PolicyTask[Any],
     folder: Path,
     *,
     device: str = "cpu",
@@ -227,7 +227,7 @@ def tune(
         CheckpointError: the run diverged before its first checkpoint, or the folder holds another run.
     """
     is_first = os.environ.get("RANK", "0") == "0"  # the process that writes
-    is_measured = is_first and stage.around.probe is not None and stage.config.evaluate_every > 0
+    is_measured = is_first and stage.context.probe is not None and stage.config.evaluate_every > 0
     if is_measured and not has_state(folder):
         folder.mkdir(parents=True, exist_ok=True)
         (folder / FILE).unlink(missing_ok=True)
@@ -278,12 +278,12 @@ def make_pairs(
 ) -> int:
     """Write best and worst continuation by reward of prompts from the train clips as a file of pairs."""
     book = PromptBook(ready.train, past=past, length=length, seed=seed, fewest_events=fewest_events)
-    policy, judge = GeneratorPolicy(ready.generator), SceneJudge(ready.tokenizer, ready.mix)
+    policy, judge = GeneratorPolicy(ready.generator), DecodingJudge(ready.tokenizer, ready.mix)
     pairs = []
     for first in range(0, prompts, TOGETHER):
         some = min(TOGETHER, prompts - first)
         drawn = book.draw(first // TOGETHER, TOGETHER)[:some]
-        pairs += rank(
+        pairs += rank_pairs(
             policy, drawn, judge, past=past, group=group, margin=margin, seed=seed * 1_000_003 + first
         )
         if progress is not None:

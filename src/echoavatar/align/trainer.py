@@ -21,12 +21,12 @@ from ..training import Gather, Loss, Stage, adamw
 from .config import AlignTraining
 from .judge import Judge
 from .losses import exact_kl
-from .policy import GeneratorPolicy, Rollout, Scores, by_layer, check_reference
+from .policy import GeneratorPolicy, Rollout, Scores, check_reference, mean_by_layer
 from .probe import Probe
 from .prompts import Prompt, PromptBatch
 
 BatchT = TypeVar("BatchT")
-Film = Callable[[GeneratorPolicy, Path], None]
+SampleWriter = Callable[[GeneratorPolicy, Path], None]
 """Writes samples of a policy into a folder."""
 
 
@@ -42,21 +42,21 @@ class Origin(Config):
     pairs: str = ""
 
 
-class Around(NamedTuple):
+class RunContext(NamedTuple):
     """Optional companions of a run: card, held-out measurement, videos, names, rollout backend."""
 
     card: Mapping[str, object] = {}
     probe: Probe | None = None
-    film: Film | None = None
+    sample_writer: SampleWriter | None = None
     rewards: Mapping[str, float] = {}
     reference_name: str = "the reference"
     rollouts: Callable[[GeneratorPolicy], Rollout] | None = None  # replaces the policy's own sampling
 
 
-BARE = Around()
+NO_CONTEXT = RunContext()
 
 
-class PolicyStage(Stage[BatchT]):
+class PolicyTask(Stage[BatchT]):
     """A policy that learns, and the reference that it must stay close to."""
 
     config: AlignTraining
@@ -67,7 +67,7 @@ class PolicyStage(Stage[BatchT]):
         reference: Generator,
         training: AlignTraining,
         judge: Judge,
-        around: Around = BARE,
+        context: RunContext = NO_CONTEXT,
         critic: nn.Module | None = None,
     ) -> None:
         """The weights of exemplar control are not trained.
@@ -75,14 +75,16 @@ class PolicyStage(Stage[BatchT]):
         Raises:
             CheckpointError: the reference has another vocabulary.
         """
-        check_reference(generator, reference, name=around.reference_name)
+        check_reference(generator, reference, name=context.reference_name)
         for name, parameter in generator.named_parameters():
             parameter.requires_grad_(not name.startswith("exemplar."))
         super().__init__(training, {"model": generator} | ({"critic": critic} if critic is not None else {}))
         self.policy = GeneratorPolicy(generator)
         self.reference = GeneratorPolicy(reference.eval().requires_grad_(False), self.policy.sampling)
-        self.judge, self.around = judge, around
-        self._far = torch.zeros(2)  # sum of the KL over this process's rows in a step, and their number
+        self.judge, self.context = judge, context
+        self._divergence = torch.zeros(
+            2
+        )  # sum of the KL over this process's rows in a step, and their number
 
     @property
     def generator(self) -> Generator:
@@ -96,15 +98,15 @@ class PolicyStage(Stage[BatchT]):
 
     def identity(self) -> Mapping[str, Config]:
         """Steps may be added to a run; its model, reference and rewards may not change."""
-        told = Origin(
+        origin = Origin(
             reference=fingerprint(self.reference.generator),
-            rewards=dict(self.around.rewards),
-            pairs=self.compared(),
+            rewards=dict(self.context.rewards),
+            pairs=self.data_fingerprint(),
         )
         training = self.config.model_copy(update={"steps": 1})
-        return {"training": training, "generator": self.generator.config, "origin": told}
+        return {"training": training, "generator": self.generator.config, "origin": origin}
 
-    def compared(self) -> str:
+    def data_fingerprint(self) -> str:
         """Fingerprint of training data other than the token files, if there is any."""
         return ""
 
@@ -129,12 +131,12 @@ class PolicyStage(Stage[BatchT]):
     def draw(self, step: int) -> BatchT:
         """See `Stage.draw`."""
 
-    def told(
+    def logged(
         self, values: Mapping[str, Tensor], kl: Float[Tensor, "b n k"], scores: Scores
     ) -> dict[str, Tensor | float]:
         """Logged values of some rows; also records the divergence for `after`."""
-        self._far += torch.tensor([float(kl.detach().mean((1, 2)).sum()), len(kl)])
-        entropy = by_layer(scores.entropy, self.policy.layout.motion_layers)
+        self._divergence += torch.tensor([float(kl.detach().mean((1, 2)).sum()), len(kl)])
+        entropy = mean_by_layer(scores.entropy, self.policy.layout.motion_layers)
         return dict(values) | {"kl": kl.mean()} | {f"entropy.{at}": one for at, one in enumerate(entropy)}
 
     @abstractmethod
@@ -147,26 +149,26 @@ class PolicyStage(Stage[BatchT]):
         Raises:
             DivergedError: the mean divergence of the step's continuations exceeds `kl_stop`.
         """
-        total = gather(self._far.to(self.device)[None]).sum(0)
-        self._far = torch.zeros(2)
+        total = gather(self._divergence.to(self.device)[None]).sum(0)
+        self._divergence = torch.zeros(2)
         if (kl := float(total[0] / total[1])) > self.config.kl_stop:
             raise DivergedError(f"KL {kl:.3f} at step {step + 1} is over kl_stop {self.config.kl_stop}")
 
     @torch.no_grad()
     def evaluate(self) -> Mapping[str, object]:
         """Rewards, divergence, entropy, FID and beat alignment on the same held-out prompts every time."""
-        probe = self.around.probe
+        probe = self.context.probe
         return {} if probe is None else {"held_out": probe(self.policy, self.reference)}
 
     def save(self, folder: Path, step: int) -> None:
         """Write the generator, and videos of held-out prompts."""
-        told = {"kind": "generator", "step": step, "alignment": self.config.model_dump()}
-        self.generator.save(folder, dict(self.around.card) | told)
-        if self.around.film is not None:
-            self.around.film(self.policy, folder / "samples" / f"step_{step:06d}")
+        about = {"kind": "generator", "step": step, "alignment": self.config.model_dump()}
+        self.generator.save(folder, dict(self.context.card) | about)
+        if self.context.sample_writer is not None:
+            self.context.sample_writer(self.policy, folder / "samples" / f"step_{step:06d}")
 
 
-def seeds(training: AlignTraining, number: int, rows: int) -> Int[Tensor, " r"]:
+def rollout_seeds(training: AlignTraining, number: int, rows: int) -> Int[Tensor, " r"]:
     """Seeds of a batch's continuations, from the run's seed and the batch's number."""
     random = torch.Generator().manual_seed((training.seed * 1_000_003 + number) * 7)
     return torch.randint(2**62, (rows,), generator=random)
@@ -181,7 +183,7 @@ def fingerprint(generator: Generator) -> str:
     return digest.hexdigest()
 
 
-def shared_out(prompts: Sequence[Prompt], processes: Any) -> Sequence[Prompt]:
+def share_of_process(prompts: Sequence[Prompt], processes: Any) -> Sequence[Prompt]:
     """The prompts of a batch that this process samples."""
     each = len(prompts) // processes.count
     return prompts[processes.rank * each : (processes.rank + 1) * each]

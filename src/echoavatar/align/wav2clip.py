@@ -85,7 +85,7 @@ class Wav2Clip(nn.Module):
         return states
 
     @classmethod
-    def published(cls, tensors: Mapping[str, Tensor]) -> Self:
+    def from_published(cls, tensors: Mapping[str, Tensor]) -> Self:
         """Build from the tensors under `state_dict` in a published file; sizes follow from their shapes.
 
         Raises:

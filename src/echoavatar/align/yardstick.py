@@ -23,7 +23,7 @@ from ..config import Config
 from ..errors import CheckpointError, MotionError
 from ..metrics.physical import jerk_m_s3
 from ..timing import FRAME_RATE_HZ
-from .scene import Scene
+from .decoded_motion import DecodedMotion
 
 BEFORE, AFTER = 8, 12  # frames of the profile before and after an event
 STILL_M_S = 0.03  # added to the mean speed, so that a body at rest shows no response
@@ -61,7 +61,7 @@ class Yardstick(Config):
         path.write_text(self.model_dump_json(indent=1) + "\n")
 
 
-def measure_yardstick(scenes: Sequence[Scene]) -> Yardstick:
+def measure_yardstick(scenes: Sequence[DecodedMotion]) -> Yardstick:
     """Profiles and mean levels of true motion.
 
     Raises:
@@ -69,7 +69,7 @@ def measure_yardstick(scenes: Sequence[Scene]) -> Yardstick:
     """
     profiles = {}
     for kind in ("beat", "stress"):
-        around = [part for scene in scenes for part in _around(scene, kind)]
+        around = [part for motion in scenes for part in _around(motion, kind)]
         if len(around) < FEWEST_EVENTS:
             around = []
         mean = np.mean(around, 0) if around else np.zeros(BEFORE + AFTER + 1)
@@ -79,10 +79,10 @@ def measure_yardstick(scenes: Sequence[Scene]) -> Yardstick:
             f"{len(scenes)} prompts hold fewer than {FEWEST_EVENTS} beats and stresses; tokenize a corpus that has"
             " event labels (`data rehearse`, `data prepare`)"
         )
-    speeds = np.concatenate([scene.speed() for scene in scenes])
-    domains = np.concatenate([scene.domain[scene.lead :] for scene in scenes])
+    speeds = np.concatenate([motion.speed() for motion in scenes])
+    domains = np.concatenate([motion.domain[motion.lead :] for motion in scenes])
     level = [float(speeds[domains == d].mean()) if (domains == d).any() else 0.0 for d in range(3)]
-    jerk = float(np.mean([jerk_m_s3(scene.positions) for scene in scenes]))
+    jerk = float(np.mean([jerk_m_s3(motion.positions) for motion in scenes]))
     return Yardstick(
         beat=profiles["beat"],
         stress=profiles["stress"],
@@ -92,34 +92,34 @@ def measure_yardstick(scenes: Sequence[Scene]) -> Yardstick:
     )
 
 
-def relative_speed(scene: Scene, kind: Kind) -> Float[np.ndarray, " t"]:
+def relative_speed(motion: DecodedMotion, kind: Kind) -> Float[np.ndarray, " t"]:
     """Speed over its mean, minus 1, at most `HIGHEST`: of the whole body for beats, of the arms for stresses."""
-    speed = scene.speed(None if kind == "beat" else scene.skeleton.indices(ARMS))
+    speed = motion.speed(None if kind == "beat" else motion.skeleton.indices(ARMS))
     relative = (speed - speed.mean()) / (speed.mean() + STILL_M_S)
     return np.asarray(np.minimum(relative, HIGHEST))
 
 
-def event_frames(scene: Scene, kind: Kind) -> list[int]:
+def event_frames(motion: DecodedMotion, kind: Kind) -> list[int]:
     """Frames of the events whose whole profile lies within the new frames."""
-    times = scene.beats if kind == "beat" else scene.stresses
+    times = motion.beats if kind == "beat" else motion.stresses
     at = np.round(times * FRAME_RATE_HZ).astype(int)
-    return [int(k) for k in at if k >= BEFORE and k + AFTER < scene.frames]
+    return [int(k) for k in at if k >= BEFORE and k + AFTER < motion.frames]
 
 
-def _around(scene: Scene, kind: Literal["beat", "stress"] | str) -> list[Float[np.ndarray, " w"]]:
+def _around(motion: DecodedMotion, kind: Literal["beat", "stress"] | str) -> list[Float[np.ndarray, " w"]]:
     which: Kind = "beat" if kind == "beat" else "stress"
-    u = relative_speed(scene, which)
-    return [u[k - BEFORE : k + AFTER + 1] for k in event_frames(scene, which)]
+    u = relative_speed(motion, which)
+    return [u[k - BEFORE : k + AFTER + 1] for k in event_frames(motion, which)]
 
 
-def response(scene: Scene, kind: Kind, yardstick: Yardstick) -> Float[np.ndarray, " t"]:
+def response(motion: DecodedMotion, kind: Kind, yardstick: Yardstick) -> Float[np.ndarray, " t"]:
     """Response to all events, distributed over the frames that caused it; the sum is the mean over events."""
     profile = np.array(yardstick.beat if kind == "beat" else yardstick.stress)
-    out, frames = np.zeros(scene.frames), event_frames(scene, kind)
+    out, frames = np.zeros(motion.frames), event_frames(motion, kind)
     power = float((profile**2).sum())
     if not frames or power == 0:
         return out
-    u = relative_speed(scene, kind)
+    u = relative_speed(motion, kind)
     for k in frames:
         span = slice(k - BEFORE, k + AFTER + 1)
         out[span] += u[span] * profile / power / len(frames)

@@ -173,11 +173,11 @@ def run(args: argparse.Namespace) -> int:
         return align_rewards.run(args)
     if args.kind == "compare":
         return align_compare.run(args)
-    from ..align.start import setting
+    from ..align.start import load_setup
 
     is_first = os.environ.get("RANK", "0") == "0"
     with tqdm(unit="step", smoothing=0.05, disable=not is_first) as bar:
-        ready = setting(
+        ready = load_setup(
             args.source,
             args.output.parent if args.kind == "rollouts" else args.output,
             bundle=args.bundle,
@@ -222,11 +222,11 @@ def _draw(folder: Path) -> None:
 
 
 def _train(args: argparse.Namespace, ready: "Setting", progress: Callable[[int, int], None]) -> str:
-    from ..align.samples import can_film
+    from ..align.samples import can_render_videos
     from ..align.start import stage_of, tune
 
     training = _training(args)
-    if training.videos and not can_film():
+    if training.videos and not can_render_videos():
         sys.stderr.write("no videos at checkpoints: they need pip install 'echoavatar[render]'\n")
     names = ("pairs", "margin") if args.kind == "dpo" else ("rollouts",)
     given = {name: getattr(args, name) for name in names}

@@ -31,12 +31,12 @@ def run(args: argparse.Namespace) -> int:
     from ..align.compare import compare
     from ..align.prompts import PromptBook
     from ..align.seeds import as_markdown, over_seeds
-    from ..align.start import setting
+    from ..align.start import load_setup
     from ..errors import MotionError
     from ..generator import Generator
     from ..metrics.motion_encoder import load_shipped
 
-    ready = setting(
+    ready = load_setup(
         args.source,
         args.output.parent,
         bundle=args.bundle,

@@ -110,7 +110,7 @@ Progress = Callable[[int, int], None]
 def _calibrate(
     args: argparse.Namespace, bundle: "Bundle", train: Clips, test: Clips, progress: Progress
 ) -> dict[str, Any]:
-    from ..align.degrade import scores_from_fid
+    from ..align.corruption import scores_from_fid
     from ..align.quality_train import Levels, calibrate
     from ..metrics.motion_encoder import load_shipped
 
@@ -125,12 +125,12 @@ def _calibrate(
 def _quality(
     args: argparse.Namespace, bundle: "Bundle", train: Clips, test: Clips, progress: Progress
 ) -> dict[str, Any]:
-    from ..align.degrade import paper_scores, read_scores, spoiled_scores
+    from ..align.corruption import degraded_scores, paper_scores, read_scores
     from ..align.quality import QualityConfig
     from ..align.quality_train import Levels, QualityTraining, draw_quality, measure_quality, train_quality
 
     scores = read_scores(args.scores) if args.scores else paper_scores()
-    scores |= spoiled_scores(args.kinds)
+    scores |= degraded_scores(args.kinds)
     model = train_quality(
         Levels(bundle.tokenizer, list(train.values()), seed=args.seed),
         args.output,
@@ -153,9 +153,9 @@ def _alignment(
     from ..align.audio_reward_train import (
         AudioRewardTraining,
         Pairs,
+        decoded_waveforms,
         retrieval_tables,
         train_audio_reward,
-        waves_of,
     )
     from ..align.prompts import read_token_clips
 
@@ -164,7 +164,7 @@ def _alignment(
     model = _listener(args, bundle)
 
     def pairs(clips: Clips) -> Pairs:
-        waves = None if args.encoder == "codes" else waves_of(bundle.codec, clips, progress)
+        waves = None if args.encoder == "codes" else decoded_waveforms(bundle.codec, clips, progress)
         return Pairs(clips, waves=waves)
 
     training = AudioRewardTraining(
@@ -186,9 +186,9 @@ def _listener(args: argparse.Namespace, bundle: "Bundle") -> "AudioMotion":
     """The untrained reward; published weights are read by a reader that constructs tensors only."""
     import torch
 
+    from ..align.audio_encoders import SMALL_BEATS, SMALL_WAV2CLIP
     from ..align.audio_reward import AudioMotion
     from ..align.beats import Beats
-    from ..align.ears import SMALL_BEATS, SMALL_WAV2CLIP
     from ..align.wav2clip import Wav2Clip
     from ..reference.untrusted import read_tensors
 
@@ -203,13 +203,15 @@ def _listener(args: argparse.Namespace, bundle: "Bundle") -> "AudioMotion":
         if args.encoder == "beats":
             network = Beats(SMALL_BEATS)
             if args.encoder_weights:
-                network = Beats.published(read_tensors(args.encoder_weights, "model"))
+                network = Beats.from_published(read_tensors(args.encoder_weights, "model"))
         else:
             network = Wav2Clip(SMALL_WAV2CLIP)
             if args.encoder_weights:
-                network = Wav2Clip.published(read_tensors(args.encoder_weights, "state_dict"))
+                network = Wav2Clip.from_published(read_tensors(args.encoder_weights, "state_dict"))
         is_frozen = args.encoder_weights is not None
-        return AudioMotion.hearing(network, bundle.codec, motion_book, is_frozen=is_frozen, width=args.width)
+        return AudioMotion.from_network(
+            network, bundle.codec, motion_book, is_frozen=is_frozen, width=args.width
+        )
 
 
 def _card(args: argparse.Namespace) -> dict[str, object]:

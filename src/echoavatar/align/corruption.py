@@ -1,7 +1,7 @@
 """Corrupts motion by known amounts, to train the quality reward (paper, Corruption-based Quality Ordering).
 
 Two kinds corrupt codes; the reward is trained on them. Four degrade the motion itself; they test whether the reward
-generalises, or are trained on as well (`spoiled_scores`). The scores of the levels are the paper's table, or follow
+generalises, or are trained on as well (`degraded_scores`). The scores of the levels are the paper's table, or follow
 from FID measured on one's own data (`scores_from_fid`).
 """
 
@@ -21,26 +21,26 @@ from ..kinematics import Skeleton
 from ..kinematics.features import travel_slice
 from ..tokens import corrupt_hierarchically, corrupt_uniformly
 
-Kind = Literal["hierarchical", "uniform"]
-Unseen = Literal["jitter", "time_warp", "foot_slide", "frozen_limbs"]
+Corruption = Literal["hierarchical", "uniform"]
+Degradation = Literal["jitter", "time_warp", "foot_slide", "frozen_limbs"]
 RATES = tuple(round(0.1 * k, 1) for k in range(1, 11))
 CLEAN = "reconstruction"
 STRENGTHS = (0.0, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0)
 """Severities of the degradations of motion."""
 
 PAPER_TRUTH, PAPER_CLEAN = 0.97, 0.91
-PAPER_SCORES: dict[Kind, tuple[float, ...]] = {
+PAPER_SCORES: dict[Corruption, tuple[float, ...]] = {
     "hierarchical": (0.88, 0.84, 0.79, 0.75, 0.70, 0.64, 0.57, 0.52, 0.46, 0.40),
     "uniform": (0.76, 0.58, 0.36, 0.30, 0.24, 0.18, 0.12, 0.06, 0.02, 0.00),
 }
-PAPER_FID: dict[Kind, tuple[float, ...]] = {
+PAPER_FID: dict[Corruption, tuple[float, ...]] = {
     "hierarchical": (1.69, 2.09, 2.48, 3.23, 4.06, 4.64, 5.57, 6.83, 7.67, 8.75),
     "uniform": (2.74, 5.56, 9.40, 13.63, 18.00, 21.56, 25.23, 27.62, 29.43, 30.15),
 }
 PAPER_CLEAN_FID = 1.36
 
 
-def level_name(kind: Kind | Unseen, rate: float) -> str:
+def level_name(kind: Corruption | Degradation, rate: float) -> str:
     """`uniform 0.3`, the name of a level in tables and files."""
     return f"{kind} {rate:.1f}"
 
@@ -48,12 +48,12 @@ def level_name(kind: Kind | Unseen, rate: float) -> str:
 def paper_scores() -> dict[str, float]:
     """The paper's table by level, without its score for motion that was never tokenised (0.97)."""
     table = {CLEAN: PAPER_CLEAN}
-    for kind in get_args(Kind):
+    for kind in get_args(Corruption):
         table |= {level_name(kind, r): s for r, s in zip(RATES, PAPER_SCORES[kind], strict=True)}
     return table
 
 
-def spoiled_scores(kinds: Sequence[Unseen]) -> dict[str, float]:
+def degraded_scores(kinds: Sequence[Degradation]) -> dict[str, float]:
     """Scores of degraded motion: they fall linearly from the clean score to that of the worst hierarchical level.
 
     These are ours and set by hand, because FID hardly sees frozen limbs or warped time.
@@ -71,7 +71,7 @@ def scores_from_fid(fid: Mapping[str, float]) -> dict[str, float]:
     FID 3.23, but 0.76 at 2.74 and 0.58 at 5.56).
     """
     points = [(0.0, PAPER_TRUTH), (PAPER_CLEAN_FID, PAPER_CLEAN)]
-    for kind in get_args(Kind):
+    for kind in get_args(Corruption):
         points += list(zip(PAPER_FID[kind], PAPER_SCORES[kind], strict=True))
     points.sort()
     at = np.array([point[0] for point in points]) / PAPER_FID["uniform"][-1]
@@ -80,16 +80,16 @@ def scores_from_fid(fid: Mapping[str, float]) -> dict[str, float]:
     return {name: float(np.clip(curve(value / most), 0, 1)) for name, value in fid.items()}
 
 
-def corrupted(
-    codes: Int[Tensor, "b n p q"], kind: Kind, rate: float, *, codebook: int, generator: torch.Generator
+def corrupted_codes(
+    codes: Int[Tensor, "b n p q"], kind: Corruption, rate: float, *, codebook: int, generator: torch.Generator
 ) -> Int[Tensor, "b n p q"]:
     """Codes corrupted at one level."""
     act = corrupt_hierarchically if kind == "hierarchical" else corrupt_uniformly
     return act(codes, rate, codebook=codebook, generator=generator)
 
 
-def spoiled(
-    features: Float[Tensor, "b t c"], kind: Unseen, strength: float, skeleton: Skeleton, *, seed: int = 0
+def degraded(
+    features: Float[Tensor, "b t c"], kind: Degradation, strength: float, skeleton: Skeleton, *, seed: int = 0
 ) -> Float[Tensor, "b t c"]:
     """Degraded features; `strength` runs from 0 to 1.
 

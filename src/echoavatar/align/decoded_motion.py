@@ -20,7 +20,7 @@ WARM_TOKENS = 8  # tokens decoded before those and discarded: the decoder's rece
 
 
 @dataclass(frozen=True)
-class Scene:
+class DecodedMotion:
     """Motion at 30 fps that starts with `lead` frames of the past; times in seconds from the first new frame."""
 
     skeleton: Skeleton
@@ -53,9 +53,9 @@ class Scene:
 
 
 @torch.no_grad()
-def decode_scenes(
+def decode_continuations(
     tokenizer: BodyTokenizer, prompts: Sequence[Prompt], codes: Int[Tensor, "r n p q"]
-) -> list[Scene]:
+) -> list[DecodedMotion]:
     """Decode continuations; the rows of one prompt follow each other, the same number for each."""
     group = len(codes) // len(prompts)
     past = torch.from_numpy(np.stack([prompt.past for prompt in prompts]).astype(np.int64))
@@ -67,12 +67,12 @@ def decode_scenes(
     moved = from_features(tokenizer.skeleton, features)
     positions = forward_kinematics(tokenizer.skeleton, moved.rotations, moved.root).positions.numpy()
     first = past.shape[1] // MOTION_TOKENS_PER_CHUNK * AUDIO_FRAMES_PER_CHUNK
-    scenes = []
+    motions = []
     for row in range(len(codes)):
         prompt = prompts[row // group]
         domain = np.repeat(prompt.domain, FRAMES_PER_MOTION_TOKEN)
-        scenes.append(
-            Scene(
+        motions.append(
+            DecodedMotion(
                 tokenizer.skeleton,
                 features[row].numpy(),
                 positions[row],
@@ -84,10 +84,10 @@ def decode_scenes(
                 codes[row].cpu().numpy(),
             )
         )
-    return scenes
+    return motions
 
 
-def true_scenes(tokenizer: BodyTokenizer, prompts: Sequence[Prompt]) -> list[Scene]:
+def decode_truth(tokenizer: BodyTokenizer, prompts: Sequence[Prompt]) -> list[DecodedMotion]:
     """The clips' own continuations, decoded from their codes."""
     truth = np.stack([prompt.truth for prompt in prompts]).astype(np.int64)
-    return decode_scenes(tokenizer, prompts, torch.from_numpy(truth))
+    return decode_continuations(tokenizer, prompts, torch.from_numpy(truth))

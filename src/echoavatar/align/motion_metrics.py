@@ -16,16 +16,16 @@ from ..metrics.frechet import Moments, frechet_between, moments, pooled
 from ..metrics.motion_encoder import MotionEncoder
 from ..metrics.motion_features import motion_features
 from ..tokenizer import BodyTokenizer
+from .decoded_motion import DecodedMotion, decode_truth
 from .prompts import Prompt
 from .rewards import beat_alignment, stress_alignment
-from .scene import Scene, true_scenes
 from .yardstick import Yardstick
 
 TOGETHER = 8  # prompts decoded at once
-Told = dict[str, object]
+Measurements = dict[str, object]
 
 
-class Gauge:
+class MotionMetrics:
     """Measures motion made for the prompts that this object was built with."""
 
     def __init__(
@@ -36,29 +36,29 @@ class Gauge:
         yardstick: Yardstick,
     ) -> None:
         self.truth = [
-            scene
+            motion
             for at in range(0, len(prompts), TOGETHER)
-            for scene in true_scenes(tokenizer, prompts[at : at + TOGETHER])
+            for motion in decode_truth(tokenizer, prompts[at : at + TOGETHER])
         ]
         self._extractor, self._yardstick = extractor, yardstick
         self._wanted = self._latents(self.truth)
 
-    def __call__(self, scenes: Sequence[Scene]) -> Told:
+    def __call__(self, motions: Sequence[DecodedMotion]) -> Measurements:
         """`fid`, `diversity` (m), `beat_alignment` and `stress_alignment`; the last two as mean and standard error."""
         aligned = {
-            "beat_alignment": [beat_alignment(s, self._yardstick) for s in scenes if len(s.beats)],
-            "stress_alignment": [stress_alignment(s, self._yardstick) for s in scenes if len(s.stresses)],
+            "beat_alignment": [beat_alignment(s, self._yardstick) for s in motions if len(s.beats)],
+            "stress_alignment": [stress_alignment(s, self._yardstick) for s in motions if len(s.stresses)],
         }
-        relative = [scene.positions - scene.positions[:, :1] for scene in scenes]
+        relative = [motion.positions - motion.positions[:, :1] for motion in motions]
         return {
-            "fid": frechet_between(self._latents(scenes), self._wanted),
+            "fid": frechet_between(self._latents(motions), self._wanted),
             "diversity": float(np.mean([l1_deviation(one) for one in relative])),
             **{name: mean_and_error(np.array(values)) for name, values in aligned.items() if values},
         }
 
-    def _latents(self, scenes: Sequence[Scene]) -> Moments:
-        features = torch.from_numpy(np.stack([scene.features for scene in scenes]))
-        moved = from_features(scenes[0].skeleton, features)
+    def _latents(self, motions: Sequence[DecodedMotion]) -> Moments:
+        features = torch.from_numpy(np.stack([motion.features for motion in motions]))
+        moved = from_features(motions[0].skeleton, features)
         turns = quaternion_from_matrix(moved.rotations)
         return pooled(
             [

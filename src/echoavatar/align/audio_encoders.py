@@ -2,7 +2,7 @@
 
 Each takes codec tokens (75 Hz, two layers) and returns states in time. BEATs and Wav2CLIP need a waveform, which
 neither token files nor continuations hold, so the codec's decoder makes one: every encoder gets the audio that the
-generator gets. Training reads the same windows many times and therefore passes decoded waveforms (`wave_of`).
+generator gets. Training reads the same windows many times and therefore passes decoded waveforms (`decoded_waveform`).
 """
 
 from typing import Literal, Self, get_args
@@ -21,14 +21,16 @@ from .bidirectional import FullBlock, sinusoids
 from .fbank import RATE_HZ
 from .wav2clip import Wav2Clip, Wav2ClipConfig
 
-HALF = exact_div(SAMPLES_PER_MOTION_TOKEN, 2 * SAMPLES_PER_AUDIO_TOKEN)  # 5 audio tokens a state: 15 Hz
+TOKENS_PER_STATE = exact_div(
+    SAMPLES_PER_MOTION_TOKEN, 2 * SAMPLES_PER_AUDIO_TOKEN
+)  # 5 audio tokens a state: 15 Hz
 Kind = Literal["codes", "beats", "wav2clip"]
 KINDS: tuple[str, ...] = get_args(Kind)
 SMALL_BEATS = BeatsConfig(layers=2, width=96, heads=4, hidden=192, patch_width=96, reach=32, groups=4)
 SMALL_WAV2CLIP = Wav2ClipConfig(width=16, blocks=1)
 
 
-class EarsConfig(Config):
+class AudioEncoderConfig(Config):
     """Which encoder: codec tokens unless `beats` or `wav2clip` is given, which also need the codec."""
 
     beats: BeatsConfig | None = Field(default=None, description="sizes of BEATs")
@@ -52,17 +54,17 @@ class EarsConfig(Config):
         return "beats" if self.beats else "wav2clip" if self.wav2clip else "codes"
 
 
-class CodeEars(nn.Module):
+class TokenEncoder(nn.Module):
     """Code vectors at 75 Hz, strided convolution to 15 Hz, then attention; trained with the reward."""
 
     book: Tensor
 
-    def __init__(self, config: EarsConfig, shape: tuple[int, ...], *, width: int, heads: int) -> None:
+    def __init__(self, config: AudioEncoderConfig, shape: tuple[int, ...], *, width: int, heads: int) -> None:
         """`shape` is (layers, codes) of the codec."""
         super().__init__()
         self.register_buffer("book", torch.zeros(*shape, config.channels))
         self.before = nn.Conv1d(config.channels, width, 3, padding=1)
-        self.down = nn.Conv1d(width, width, HALF, stride=HALF)
+        self.down = nn.Conv1d(width, width, TOKENS_PER_STATE, stride=TOKENS_PER_STATE)
         self.blocks = nn.Sequential(*(FullBlock(width=width, heads=heads) for _ in range(config.layers)))
 
     def forward(self, codes: Int[Tensor, "b f l"]) -> Float[Tensor, "b t c"]:
@@ -74,10 +76,10 @@ class CodeEars(nn.Module):
         return states
 
 
-class WaveEars(nn.Module):
+class WaveformEncoder(nn.Module):
     """BEATs or Wav2CLIP over the codec's decoder, then a linear projection."""
 
-    def __init__(self, config: EarsConfig, *, width: int) -> None:
+    def __init__(self, config: AudioEncoderConfig, *, width: int) -> None:
         super().__init__()
         self.is_frozen = config.is_frozen
         assert config.codec is not None
@@ -102,7 +104,7 @@ class WaveEars(nn.Module):
 
     def forward(self, sound: Tensor) -> Float[Tensor, "b t c"]:
         """States of codec tokens (b, f, l), or of a waveform at 16 kHz (b, s)."""
-        wave = sound if sound.is_floating_point() else wave_of(self.codec, sound)
+        wave = sound if sound.is_floating_point() else decoded_waveform(self.codec, sound)
         with torch.set_grad_enabled(torch.is_grad_enabled() and not self.is_frozen):
             states = self.network(wave)
         projected: Tensor = self.out(states)
@@ -110,7 +112,7 @@ class WaveEars(nn.Module):
 
 
 @torch.no_grad()
-def wave_of(codec: AudioCodec, codes: Int[Tensor, "b f l"]) -> Float[Tensor, "b s"]:
+def decoded_waveform(codec: AudioCodec, codes: Int[Tensor, "b f l"]) -> Float[Tensor, "b s"]:
     """Decode codec tokens to 16 kHz audio; frequencies above 8 kHz are cut off in the spectrum."""
     sound = codec.decode(codes)
     samples = sound.shape[1] * RATE_HZ // SAMPLE_RATE_HZ
