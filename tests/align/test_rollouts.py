@@ -6,7 +6,7 @@ from tests.align.tuning import grpo, ppo, wants_threes
 
 from echoavatar.align.trainer import RunContext
 from echoavatar.training import Loop
-from echoavatar.training.stage import leaves
+from echoavatar.training.stage import tensors_in
 
 
 @pytest.mark.parametrize("kind", [grpo, ppo])
@@ -18,7 +18,7 @@ def test_a_batch_is_drawn_once_for_all_its_epochs_and_survives_a_checkpoint_betw
     assert one.state() == {}  # the next step draws anew
     other = kind(epochs=2)
     other.load_state(kept)
-    for own, theirs in zip(leaves(first), leaves(other.draw(5)), strict=True):
+    for own, theirs in zip(tensors_in(first), tensors_in(other.draw(5)), strict=True):
         assert torch.equal(own, theirs)
     assert (
         other.logged_means(first).keys()

@@ -15,7 +15,7 @@ from ..metrics.motion_encoder import load_shipped
 from ..pipeline import load_bundle
 from ..tokenizer import BodyTokenizer
 from ..training import Progress, has_state, train
-from ..training.journal import FILE
+from ..training.metrics_log import FILE
 from .audio_reward import AudioMotion
 from .config import AlignTraining, Method
 from .decoded_motion import decode_truth

@@ -15,7 +15,7 @@ from ..errors import EchoAvatarError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from ..evaluation.acting import Acted
+    from ..evaluation.actions import ActionScore
     from ..pipeline import Bundle
 
 TURNS = ("yaw", "pitch")
@@ -136,7 +136,7 @@ def _actions(args: argparse.Namespace, bundle: "Bundle") -> int:
     from importlib.resources import as_file, files
 
     from ..audio import read_audio
-    from ..evaluation.acting import SEEDS, evaluate_actions
+    from ..evaluation.actions import SEEDS, evaluate_actions
     from ..pipeline import Pipeline
 
     with as_file(files("echoavatar") / "assets" / "speech.ogg") as source:
@@ -156,14 +156,14 @@ def _actions(args: argparse.Namespace, bundle: "Bundle") -> int:
     return 0
 
 
-def _head_turns(acted: "Sequence[Acted]") -> dict[str, dict[str, list[float]]]:
+def _head_turns(acted: "Sequence[ActionScore]") -> dict[str, dict[str, list[float]]]:
     """Print the head actions and return them by name: rotation without the action, with it, and in the clip."""
     found: dict[str, dict[str, list[float]]] = {}
     print(
         f"{'head turns, degrees':<20}" + "".join(f"{way + ' off':>11}{'on':>7}{'clip':>7}" for way in TURNS)
     )
     for one in acted:
-        if one.is_of_the_head:
+        if one.is_head_action:
             heads = one.head_off, one.head_on, one.head_clip
             found[one.name] = {way: [round(getattr(head, way), 1) for head in heads] for way in TURNS}
             off_on_clip = (f"{off:>11.0f}{on:>7.0f}{own:>7.0f}" for off, on, own in found[one.name].values())
@@ -171,7 +171,7 @@ def _head_turns(acted: "Sequence[Acted]") -> dict[str, dict[str, list[float]]]:
     return found
 
 
-def _picture(path: Path, acted: "Sequence[Acted]") -> None:
+def _picture(path: Path, acted: "Sequence[ActionScore]") -> None:
     from ..avatar.sheet import contact_sheet, save_picture
     from ..kinematics import Motion
 

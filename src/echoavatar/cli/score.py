@@ -76,11 +76,11 @@ def run(args: argparse.Namespace) -> int:
 
 def _motion_rows(args: argparse.Namespace) -> list:  # type: ignore[type-arg]
     from ..evaluation.behaviour import MUSIC, SPEECH
-    from ..evaluation.motion_folder import Reading, read_pairs
+    from ..evaluation.motion_folder import ReadOptions, read_pairs
     from ..evaluation.score import score
 
     extractor = _extractor(args.extractor)
-    how = Reading(
+    how = ReadOptions(
         audio=args.audio,
         needs_audio=not args.no_audio,
         kind={"speech": SPEECH, "music": MUSIC, None: None}[args.kind],

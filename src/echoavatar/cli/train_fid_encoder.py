@@ -37,7 +37,7 @@ def train(args: argparse.Namespace, settings: Settings, card: dict[str, object],
     from .. import checkpoint
     from ..data import Corpus
     from ..metrics.motion_encoder import MotionEncoderConfig
-    from ..metrics.motion_encoder_train import MotionEncoderTraining, explained, train_motion_encoder
+    from ..metrics.motion_encoder_train import MotionEncoderTraining, explained_variance, train_motion_encoder
 
     config = settings.checked(MotionEncoderConfig, "model")
     training = settings.checked(MotionEncoderTraining, "training")
@@ -46,9 +46,9 @@ def train(args: argparse.Namespace, settings: Settings, card: dict[str, object],
     if not clips:
         raise EchoAvatarError(f"{args.source} has no training clips; make a longer corpus")
     model = train_motion_encoder(config, training, clips, args.output, minutes=args.minutes, card=card, **how)
-    scores = {"explained_train": round(explained(model, clips[:32]), 4)}
+    scores = {"explained_train": round(explained_variance(model, clips[:32]), 4)}
     if tests := _features(corpus, "test"):
-        scores["explained_test"] = round(explained(model, tests), 4)
+        scores["explained_test"] = round(explained_variance(model, tests), 4)
     model.save(args.output, checkpoint.read_card(args.output) | {"scores": scores})
 
 

@@ -26,7 +26,7 @@ AUDIO_SUFFIXES = (".wav", ".ogg", ".flac", ".mp3", ".m4a", ".opus")
 _LONGEST_GAP_S = 0.5  # allowed difference in length between audio and motion
 
 
-class Take(NamedTuple):
+class MotionFile(NamedTuple):
     """A file of motion on our rig, with the audio and labels that it contains."""
 
     motion: Motion
@@ -46,7 +46,7 @@ class Pair:
 
 
 @dataclass(frozen=True)
-class Reading:
+class ReadOptions:
     """How folders are read.
 
     Attributes:
@@ -65,7 +65,7 @@ class Reading:
 
 
 def read_pairs(
-    made: Path, true: Path, how: Reading, *, progress: Callable[[int, int], None] | None = None
+    made: Path, true: Path, how: ReadOptions, *, progress: Callable[[int, int], None] | None = None
 ) -> list[Pair]:
     """Every clip that both folders have.
 
@@ -112,7 +112,7 @@ def motion_files(folder: Path) -> dict[str, Path]:
     return found
 
 
-def read_take(path: Path, *, is_resampling: bool = False) -> Take:
+def read_motion_file(path: Path, *, is_resampling: bool = False) -> MotionFile:
     """Read one file.
 
     Raises:
@@ -130,16 +130,16 @@ def read_take(path: Path, *, is_resampling: bool = False) -> Take:
         raise MotionError(f"{path}: {error}") from error
 
 
-def _read(path: Path) -> Take:
+def _read(path: Path) -> MotionFile:
     try:
         if path.suffix.lower() == ".bvh":
-            return Take(read_bvh(path))
+            return MotionFile(read_bvh(path))
         if _is_clip(path):
             clip = Clip.load(path)
-            return Take(
+            return MotionFile(
                 Motion(HUMANOID, clip.rotations, clip.root, float(FRAME_RATE_HZ)), clip.audio, clip.domain
             )
-        return Take(read_npz(path))
+        return MotionFile(read_npz(path))
     except MotionError as error:
         told = str(error) if path.name in str(error) else f"{path}: {error}"
         raise MotionError(told) from error
@@ -153,9 +153,9 @@ def _is_clip(path: Path) -> bool:
         return False
 
 
-def _pair(name: str, made: Path, true: Path, sounds: dict[str, Path], how: Reading) -> Pair:
-    ours = read_take(made, is_resampling=how.is_resampling)
-    theirs = read_take(true, is_resampling=how.is_resampling)
+def _pair(name: str, made: Path, true: Path, sounds: dict[str, Path], how: ReadOptions) -> Pair:
+    ours = read_motion_file(made, is_resampling=how.is_resampling)
+    theirs = read_motion_file(true, is_resampling=how.is_resampling)
     lengths = ours.motion.frames, theirs.motion.frames
     if abs(lengths[0] - lengths[1]) > CHUNK_FRAMES:
         raise MotionError(
@@ -183,7 +183,7 @@ def _pair(name: str, made: Path, true: Path, sounds: dict[str, Path], how: Readi
 
 
 def _sound(
-    name: str, made: Path, true: Path, ours: Take, theirs: Take, sounds: dict[str, Path]
+    name: str, made: Path, true: Path, ours: MotionFile, theirs: MotionFile, sounds: dict[str, Path]
 ) -> Float[np.ndarray, " s"]:
     if name in sounds:
         return read_audio(sounds[name])

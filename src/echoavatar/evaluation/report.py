@@ -27,7 +27,7 @@ from .reconstruction import codebook_use, reconstruction
 from .reliance import reliance, token_clips
 
 Progress = Callable[[str, int, int], None]
-APART = 100  # difference between the seeds of two performances of a clip
+SEED_STRIDE = 100  # difference between the seeds of two performances of a clip
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def evaluate(
     scores = tokenizer_scores(bundle, clips)
     scores |= reliance(bundle.generator, token_clips(bundle, clips))
     pipeline = Pipeline(bundle)
-    seeds = [seed + APART * again + number for again in range(repeats) for number in range(len(clips))]
+    seeds = [seed + SEED_STRIDE * again + number for again in range(repeats) for number in range(len(clips))]
     clips = [*clips] * repeats
     shown = animate_many(
         pipeline,

@@ -48,7 +48,7 @@ class Extractor(Protocol):
 
 
 @dataclass(frozen=True)
-class Measured:
+class ClipMeasurements:
     """Measurements of one clip that need no counterpart."""
 
     positions: Float[np.ndarray, "t j 3"]
@@ -73,8 +73,8 @@ def score(
             raise MotionError(
                 f"clip {pair.name} has {pair.made.frames} frames, scores need {MIN_FRAMES}; leave it out"
             )
-        made.append(measured(pair.made, extractor))
-        true.append(measured(pair.true, extractor))
+        made.append(measure_clip(pair.made, extractor))
+        true.append(measure_clip(pair.true, extractor))
         if progress is not None:
             progress(done, len(pairs))
     latents = [[clip.latents for clip in side if clip.latents] for side in (made, true)]
@@ -98,14 +98,14 @@ def score(
     return rows
 
 
-def measured(motion: Motion, extractor: Extractor | None = None) -> Measured:
+def measure_clip(motion: Motion, extractor: Extractor | None = None) -> ClipMeasurements:
     """Measure one clip on our rig at 30 fps."""
     positions = motion.pose().positions.numpy().astype(np.float64)
     balls = positions[:, _BALLS]
     above = balls - np.array([0.0, 1.0, 0.0]) * _STANDING[:, None]
     depth = penetration_depth_m(HUMANOID, motion.matrices())
     rotations, root = torch.from_numpy(motion.rotations), torch.from_numpy(motion.root)
-    return Measured(
+    return ClipMeasurements(
         positions,
         float(planted(balls, FRAME_RATE_HZ, standing_height=_STANDING).sum()),
         {

@@ -149,7 +149,7 @@ def dance_rows(
 
             def score(motion: int, sound: int) -> float:
                 events, own = overlapping(music[sound], music[motion]), beats[motion]
-                if rule.asks_motion:  # only while both the clip's own music and the other music play
+                if rule.motion_is_query:  # only while both the clip's own music and the other music play
                     own = overlapping(own[heard[motion].falls_on(own, MUSIC)], events)
                 return dance_alignment(own, events, form, fps=fps) if len(events) else float("nan")
 

@@ -17,11 +17,11 @@ from ..engine import Engine, EngineThread, Session
 from ..pipeline import Pipeline
 from .stream_bench import resident_mb
 
-Manner = Literal["behaves", "floods", "stalls", "vanishes"]
-MANNERS: tuple[Manner, ...] = ("behaves", "floods", "stalls", "vanishes")
+ClientKind = Literal["behaves", "floods", "stalls", "vanishes"]
+CLIENT_KINDS: tuple[ClientKind, ...] = ("behaves", "floods", "stalls", "vanishes")
 WARM_UP_CHUNKS = 16  # longer than the attention window
-GOLDEN = 0.6180339887  # golden ratio: spreads the sessions' phases evenly for any number of them
-HOPELESS = 4  # chunks of waiting beyond which larger loads are not tried
+GOLDEN_RATIO = 0.6180339887  # golden ratio: spreads the sessions' phases evenly for any number of them
+GIVE_UP_CHUNKS = 4  # chunks of waiting beyond which larger loads are not tried
 
 
 class Load(NamedTuple):
@@ -48,14 +48,14 @@ def bench_sessions(
         loads.append(_serve(pipeline, count, seconds))
         if progress:
             progress(done + 1, len(counts))
-        if loads[-1].p99_ms > 1000 * HOPELESS * pipeline.chunk.seconds:
+        if loads[-1].p99_ms > 1000 * GIVE_UP_CHUNKS * pipeline.chunk.seconds:
             break
     return loads
 
 
 def bench_neighbour(pipeline: Pipeline, *, sessions: int = 2, seconds: float = 20.0) -> dict[str, float]:
     """p99 in ms of well-behaved sessions, next to one that behaves, floods, stalls or vanishes."""
-    return {manner: _serve(pipeline, sessions + 1, seconds, manner).p99_ms for manner in MANNERS}
+    return {kind: _serve(pipeline, sessions + 1, seconds, kind).p99_ms for kind in CLIENT_KINDS}
 
 
 def summary(loads: list[Load]) -> dict[str, object]:
@@ -68,75 +68,77 @@ def summary(loads: list[Load]) -> dict[str, object]:
     }
 
 
-def _serve(pipeline: Pipeline, count: int, seconds: float, last: Manner = "behaves") -> Load:
+def _serve(pipeline: Pipeline, count: int, seconds: float, last: ClientKind = "behaves") -> Load:
     gc.collect()  # memory of the previous load
-    before, each = resident_mb(), pipeline.chunk.seconds
+    before, chunk_s = resident_mb(), pipeline.chunk.seconds
     engine = Engine(pipeline, seats=count, look_ahead=8)
-    guests = [_Guest(engine.open(seed=seat), seat) for seat in range(count)]
-    guests[-1].manner = last
-    chunks = max(4, round(seconds / each)) + WARM_UP_CHUNKS
+    clients = [_Client(engine.open(seed=seat), seat) for seat in range(count)]
+    clients[-1].kind = last
+    chunks = max(4, round(seconds / chunk_s)) + WARM_UP_CHUNKS
     with EngineThread(engine) as threads:
         began = time.perf_counter()
-        due = [(began + guest.phase + chunk * each, guest) for guest in guests for chunk in range(chunks)]
-        for moment, guest in sorted(due, key=lambda item: item[0]):
+        due = [
+            (began + client.phase + chunk * chunk_s, client) for client in clients for chunk in range(chunks)
+        ]
+        for moment, client in sorted(due, key=lambda item: item[0]):
             time.sleep(max(0.0, moment - time.perf_counter()))
-            guest.send(moment - began)
+            client.send(moment - began)
             if threads.error is not None:
                 raise threads.error
-        watched = [guest for guest in guests if guest.manner == "behaves"]
-        patience = time.perf_counter() + HOPELESS * each * count
-        while any(len(guest.waits) < chunks for guest in watched) and time.perf_counter() < patience:
+        watched = [client for client in clients if client.kind == "behaves"]
+        deadline = time.perf_counter() + GIVE_UP_CHUNKS * chunk_s * count
+        while any(len(client.waits) < chunks for client in watched) and time.perf_counter() < deadline:
             time.sleep(0.01)
         busy = engine.busy_seconds / (time.perf_counter() - began) / engine.lanes
         memory = (resident_mb() - before) / count
-    is_behind = any(len(guest.waits) < chunks for guest in watched)
-    for guest in guests:
-        guest.session.close()
-        guest.give_up()
-    waits = np.concatenate([guest.waits[WARM_UP_CHUNKS:] for guest in watched])
+    is_behind = any(len(client.waits) < chunks for client in watched)
+    for client in clients:
+        client.session.close()
+        client.count_unanswered()
+    waits = np.concatenate([client.waits[WARM_UP_CHUNKS:] for client in watched])
     p50, p99 = np.percentile(waits, [50, 99]) * 1000
-    tail = np.mean([guest.waits[-4:] for guest in watched])
+    tail = np.mean([client.waits[-4:] for client in watched])
     return Load(
         count,
         round(float(p50), 1),
         round(float(p99), 1),
         round(busy, 3),
         round(memory, 2),
-        bool(p99 <= 1000 * each and tail < each and not is_behind),
+        bool(p99 <= 1000 * chunk_s and tail < chunk_s and not is_behind),
     )
 
 
-class _Guest:
+class _Client:
     """A client session: sends audio on time and records how long the motion of each chunk took."""
 
     def __init__(self, session: Session, seat: int) -> None:
-        self.session, self.manner = session, MANNERS[0]
-        self.phase = (seat * GOLDEN) % 1 * self.session.chunk.seconds
+        self.session, self.kind = session, CLIENT_KINDS[0]
+        self.phase = (seat * GOLDEN_RATIO) % 1 * self.session.chunk.seconds
         self.waits: list[float] = []
         self._sent: list[float] = []
         self._rng, self._lock = np.random.default_rng(seat), threading.Lock()
-        session.on_motion = self._came
+        session.on_motion = self._on_motion
 
     def send(self, now: float) -> None:
         """Send a chunk of audio, or misbehave."""
-        if self.manner == "floods":
+        if self.kind == "floods":
             if self.session.seconds_waiting < 60:
                 self.session.push(self._sound(20))
-        elif self.manner == "vanishes" and now > 8 * self.session.chunk.seconds:
+        elif self.kind == "vanishes" and now > 8 * self.session.chunk.seconds:
             self.session.close()
-        elif self.manner != "stalls" or int(now / 2) % 2:
+        elif self.kind != "stalls" or int(now / 2) % 2:
             with self._lock:
                 self._sent.append(time.perf_counter())
             self.session.push(self._sound(1))
 
-    def _came(self) -> None:
+    def _on_motion(self) -> None:
         now = time.perf_counter()
         with self._lock:
             while self.session.take() is not None:
                 if self._sent:
                     self.waits.append(now - self._sent.pop(0))
 
-    def give_up(self) -> None:
+    def count_unanswered(self) -> None:
         """Count unanswered chunks as having waited until now."""
         now = time.perf_counter()
         self.waits.extend(now - sent for sent in self._sent)

@@ -20,11 +20,11 @@ from ..timing import SAMPLE_RATE_HZ, ChunkSize
 
 WARM_UP_CHUNKS = 20  # longer than the attention window, so that the ring buffer is full when timing starts
 FULL_WARM_UP_CHUNKS = 2  # with an opening the window is full from the start
-PATIENCE_MS = 10_000  # a first motion that takes longer is measured only once
+REPEAT_LIMIT_MS = 10_000  # a first motion that takes longer is measured only once
 
 
 @dataclass
-class Laps:
+class StageTimer:
     """Milliseconds of each stage, chunk by chunk."""
 
     stages: dict[str, list[float]] = field(default_factory=lambda: {stage: [] for stage in STAGES})
@@ -61,15 +61,15 @@ def bench_stream(
     first_ms = _first_motion_ms(pipeline)
     engine = Engine(pipeline, seats=sessions, lanes=0)
     seats = [engine.open(seed=seat) for seat in range(sessions)]
-    chunk, laps, chunk_ms, memory = pipeline.chunk, Laps(), [], []
-    pipeline.lap = laps
+    chunk, timer, chunk_ms, memory = pipeline.chunk, StageTimer(), [], []
+    pipeline.lap = timer
     warm_up = FULL_WARM_UP_CHUNKS if pipeline.generator.config.opening else WARM_UP_CHUNKS
     chunks = max(2, round(seconds / chunk.seconds)) + warm_up
     rng = np.random.default_rng(0)
     for index in range(chunks):
         for seat in seats:
             seat.push(_sound(rng, index, chunk))
-        laps.start()
+        timer.start()
         began = time.perf_counter()
         engine.tick()
         chunk_ms.append((time.perf_counter() - began) * 1000)
@@ -83,7 +83,7 @@ def bench_stream(
     for seat in seats:
         seat.close()
     counted = np.array(chunk_ms[warm_up:])
-    rows = {stage: _percentiles(np.array(values[warm_up:])) for stage, values in laps.stages.items()}
+    rows = {stage: _percentiles(np.array(values[warm_up:])) for stage, values in timer.stages.items()}
     rows["whole chunk"] = _percentiles(counted)
     summary = {
         "rtf": float(counted.mean() / 1000 / chunk.seconds),
@@ -102,16 +102,16 @@ def bench_stream(
 
 def _first_motion_ms(pipeline: Pipeline) -> float:
     """From the first sample of a live source to the first frame: waiting for one chunk, then computing it."""
-    best = []
+    times = []
     for attempt in range(3):
         with Engine(pipeline).open(seed=attempt) as session:
             session.push(_sound(np.random.default_rng(attempt), 0, pipeline.chunk))
             began = time.perf_counter()
             next(iter(session))
-            best.append((time.perf_counter() - began) * 1000)
-        if best[-1] > PATIENCE_MS:
+            times.append((time.perf_counter() - began) * 1000)
+        if times[-1] > REPEAT_LIMIT_MS:
             break
-    return pipeline.chunk.seconds * 1000 + float(np.median(best))
+    return pipeline.chunk.seconds * 1000 + float(np.median(times))
 
 
 def _sound(rng: np.random.Generator, index: int, chunk: ChunkSize) -> np.ndarray:

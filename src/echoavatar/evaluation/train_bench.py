@@ -116,11 +116,11 @@ def _timed(
     spent = _Clock(stage.draw)
     stage.draw = spent  # type: ignore[method-assign]
     for _ in range(WARM_UP_STEPS):
-        loop.advance(is_told=False)
+        loop.advance(is_logged=False)
     _wait(device)
     began, spent.seconds = time.perf_counter(), 0.0
     for _ in range(steps):
-        loop.advance(is_told=False)
+        loop.advance(is_logged=False)
     _wait(device)
     seconds = (time.perf_counter() - began) / steps
     return TrainReport(

@@ -30,13 +30,13 @@ class DanceRule(NamedTuple):
 
     sigma_frames: float | None  # None: `sigma_s` applies at any frame rate
     sigma_s: float | None
-    asks_motion: bool = False  # motion beats look for music beats
+    motion_is_query: bool = False  # motion beats look for music beats
 
 
 DANCE_RULES: dict[DanceForm, DanceRule] = {
     "paper": DanceRule(None, 0.05),
     "bailando": DanceRule(3.0, None),
-    "aist": DanceRule(3.0, None, asks_motion=True),
+    "aist": DanceRule(3.0, None, motion_is_query=True),
     "sharp": DanceRule(None, SHARP_SIGMA_S),
 }
 BAILANDO_SMOOTHING_FRAMES = 5.0
@@ -83,7 +83,7 @@ def dance_alignment(
     """BA_D of one clip from motion beats and music beats, both in seconds; NaN if the asking events are none."""
     rule = DANCE_RULES[form]
     sigma = rule.sigma_s if rule.sigma_s is not None else (rule.sigma_frames or 0.0) / fps
-    asking, asked = (beats, music) if rule.asks_motion else (music, beats)
+    asking, asked = (beats, music) if rule.motion_is_query else (music, beats)
     return hit_rate(asking, asked, sigma)
 
 
@@ -92,7 +92,7 @@ def frame_alignment(
     music: Shaped[np.ndarray, " m"],
     *,
     sigma: float,
-    asks_motion: bool = False,
+    motion_is_query: bool = False,
 ) -> float:
     """The same in frames, as the published code counts, with any sigma."""
-    return hit_rate(beats, music, sigma) if asks_motion else hit_rate(music, beats, sigma)
+    return hit_rate(beats, music, sigma) if motion_is_query else hit_rate(music, beats, sigma)

@@ -20,7 +20,7 @@ from ..errors import MotionError
 from ..kinematics import HUMANOID
 from .motion_features import feature_count
 
-_LEAST_SPREAD = 0.02  # of a feature: what hardly moves in the training motion must not be amplified
+_MIN_SPREAD = 0.02  # of a feature: what hardly moves in the training motion must not be amplified
 
 
 class MotionEncoderConfig(Config):
@@ -74,13 +74,13 @@ class MotionEncoder(nn.Module):
         """Frames for one latent."""
         return int(2**self.config.halvings)
 
-    def measure(self, mean: Float[Tensor, " c"], std: Float[Tensor, " c"]) -> None:
+    def set_feature_statistics(self, mean: Float[Tensor, " c"], std: Float[Tensor, " c"]) -> None:
         """Set the statistics of the training motion's features."""
         self.feature_mean.copy_(mean)
-        self.feature_std.copy_(std.clamp_min(_LEAST_SPREAD))
+        self.feature_std.copy_(std.clamp_min(_MIN_SPREAD))
 
     @torch.no_grad()
-    def measure_latents(self, clips: list[Float[Tensor, "t c"]]) -> None:
+    def set_latent_statistics(self, clips: list[Float[Tensor, "t c"]]) -> None:
         """Scale latents to unit deviation on these clips."""
         self.latent_mean.zero_()
         self.latent_std.fill_(1)

@@ -50,7 +50,7 @@ class Motion(NamedTuple):
     noise: Float[Tensor, "b t c"]
 
 
-class MotionEncoderStage(Stage[Motion]):
+class MotionEncoderTask(Stage[Motion]):
     """The training task of the extractor."""
 
     config: MotionEncoderTraining
@@ -72,7 +72,7 @@ class MotionEncoderStage(Stage[Motion]):
             self.model = MotionEncoder(config)
         super().__init__(training, {"model": self.model})
         every = torch.cat([clip[::4] for clip in self.clips])
-        self.model.measure(every.mean(0), every.std(0))
+        self.model.set_feature_statistics(every.mean(0), every.std(0))
         self._weights = part_weights(config.features)
         self._card = dict(card or {})
 
@@ -101,7 +101,7 @@ class MotionEncoderStage(Stage[Motion]):
     def save(self, folder: Path, step: int) -> None:
         """Write the extractor in half precision, its latents rescaled for the present weights."""
         stride = max(1, len(self.clips) // _MEASURED_CLIPS)
-        self.model.measure_latents(self.clips[::stride])
+        self.model.set_latent_statistics(self.clips[::stride])
         about = {"kind": "fid-encoder", "step": step, "training": self.config.model_dump()}
         self.model.save(folder, self._card | about)
 
@@ -144,13 +144,13 @@ def train_motion_encoder(
 
     Stops after the schedule's steps, or after `minutes` of this call.
     """
-    stage = MotionEncoderStage(config, training, clips, card=card)
+    stage = MotionEncoderTask(config, training, clips, card=card)
     train(stage, folder, minutes=minutes, trackers=trackers, progress=progress)
     return MotionEncoder.load(folder)
 
 
 @torch.no_grad()
-def explained(model: MotionEncoder, clips: Sequence[Float[Tensor, "t c"]]) -> float:
+def explained_variance(model: MotionEncoder, clips: Sequence[Float[Tensor, "t c"]]) -> float:
     """Share of the features' variance that the latents preserve, all body parts weighted equally; 1 is everything."""
     weights, error, total = part_weights(model.config.features), 0.0, 0.0
     for clip in clips:

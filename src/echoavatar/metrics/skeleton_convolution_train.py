@@ -31,7 +31,7 @@ class SkeletonConvolutionTraining(TrainingConfig):
     speed_weight: float = Field(default=1.0, ge=0, description="weight of the error in frame differences")
 
 
-class SkeletonConvolutionStage(Stage[Tensor]):
+class SkeletonConvolutionTask(Stage[Tensor]):
     """The training task of the extractor."""
 
     config: SkeletonConvolutionTraining
@@ -92,6 +92,6 @@ def train_skeleton_convolution(
     progress: Progress | None = None,
 ) -> SkeletonConvolution:
     """Train on clips of `extractor_input`, with checkpoints in `folder`; resumes the run in it."""
-    stage = SkeletonConvolutionStage(config, training, clips, card=card)
+    stage = SkeletonConvolutionTask(config, training, clips, card=card)
     train(stage, folder, device=device, progress=progress)
     return SkeletonConvolution.load(folder)

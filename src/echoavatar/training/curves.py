@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..errors import DependencyError, EchoAvatarError
-from .journal import FILE
+from .metrics_log import FILE
 
 COLOURS = ("#1f5fa8", "#c8553d", "#3a8f5c", "#8d5fb0", "#b8860b", "#4d4d4d")
 LEFT_OUT = ("seconds",)

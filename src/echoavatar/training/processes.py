@@ -20,7 +20,7 @@ from ..errors import DependencyError, EchoAvatarError
 
 
 class Processes:
-    """A single process; `Several` is the subclass for more."""
+    """A single process; `DistributedProcesses` is the subclass for more."""
 
     count = 1
     rank = 0
@@ -37,7 +37,7 @@ class Processes:
         """Move the module to the device and wrap it for training; `has_idle`: parts may get no gradient in a step."""
         return module.to(self.device)
 
-    def holding_back(self, module: nn.Module) -> AbstractContextManager[Any]:
+    def without_reduction(self, module: nn.Module) -> AbstractContextManager[Any]:
         """Context in which gradients are not yet reduced; the last piece reduces their sum."""
         return nullcontext()
 
@@ -57,7 +57,7 @@ class Processes:
         """Block until all processes have arrived."""
 
 
-class Several(Processes):
+class DistributedProcesses(Processes):
     """One of several processes of a run."""
 
     def __init__(self, device: str = "cpu", *, sharded: bool = False) -> None:
@@ -74,7 +74,7 @@ class Several(Processes):
         self.count, self.rank = self._accelerator.num_processes, self._accelerator.process_index
         self.device = self._accelerator.device
         self.sharded = sharded
-        atexit.register(_leave)
+        atexit.register(_leave_group)
 
     def wrap(self, module: nn.Module, *, has_idle: bool = False) -> nn.Module:
         """See `Processes.wrap`."""
@@ -95,8 +95,8 @@ class Several(Processes):
         fully_shard(module, mesh=mesh)
         return module
 
-    def holding_back(self, module: nn.Module) -> AbstractContextManager[Any]:
-        """See `Processes.holding_back`. Sharded gradients are reduced after every piece; the sum is the same."""
+    def without_reduction(self, module: nn.Module) -> AbstractContextManager[Any]:
+        """See `Processes.without_reduction`. Sharded gradients are reduced after every piece; the sum is the same."""
         if self.sharded:
             return nullcontext()
         held: AbstractContextManager[Any] = self._accelerator.no_sync(module)
@@ -125,7 +125,7 @@ class Several(Processes):
         self._accelerator.wait_for_everyone()
 
 
-def _leave() -> None:
+def _leave_group() -> None:
     """Leave the process group at exit; threads that still wait for other processes could abort the program."""
     if torch.distributed.is_initialized():
         torch.distributed.destroy_process_group()
@@ -134,7 +134,7 @@ def _leave() -> None:
 def processes_here(device: str = "cpu", *, sharded: bool = False) -> Processes:
     """The processes that this program was started with."""
     if int(os.environ.get("WORLD_SIZE", "1")) > 1:
-        return Several(device, sharded=sharded)
+        return DistributedProcesses(device, sharded=sharded)
     if sharded:
         raise EchoAvatarError(
             "sharding is for several processes; start them with torchrun or accelerate launch"
@@ -142,13 +142,13 @@ def processes_here(device: str = "cpu", *, sharded: bool = False) -> Processes:
     return Processes(device)
 
 
-def whole(tensor: Tensor) -> Tensor:
+def full_tensor(tensor: Tensor) -> Tensor:
     """The full tensor without gradient; for a sharded one all processes must call this."""
     full: Tensor = tensor.full_tensor() if isinstance(tensor, DTensor) else tensor
     return full.detach()
 
 
-def as_placed(value: Tensor, like: Tensor) -> Tensor:
+def placed_like(value: Tensor, like: Tensor) -> Tensor:
     """A full tensor, sharded and placed like another one."""
     if isinstance(like, DTensor):
         placed: Tensor = distribute_tensor(
@@ -159,10 +159,10 @@ def as_placed(value: Tensor, like: Tensor) -> Tensor:
 
 
 @contextmanager
-def showing_whole(modules: Mapping[str, nn.Module]) -> Iterator[None]:
+def full_state_dicts(modules: Mapping[str, nn.Module]) -> Iterator[None]:
     """Context in which state dicts hold full tensors instead of shards; all processes must enter it."""
     full = {
-        name: {key: whole(p) for key, p in module.named_parameters() if isinstance(p, DTensor)}
+        name: {key: full_tensor(p) for key, p in module.named_parameters() if isinstance(p, DTensor)}
         for name, module in modules.items()
     }
 

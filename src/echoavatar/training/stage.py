@@ -27,7 +27,7 @@ class Loss(NamedTuple):
     """The mean loss of the given rows, and values to log (also means)."""
 
     total: Tensor
-    told: Mapping[str, Tensor | float]
+    metrics: Mapping[str, Tensor | float]
 
 
 class Stage(ABC, Generic[BatchT]):
@@ -78,7 +78,7 @@ class Stage(ABC, Generic[BatchT]):
 
     def weight(self, batch: BatchT) -> float:
         """Weight of these rows' loss against other rows'; by default their number."""
-        return float(rows_of(batch))
+        return float(row_count(batch))
 
     def before(self, batch: BatchT, step: int) -> None:  # noqa: B027  (an optional hook)
         """Called with the whole batch before a step."""
@@ -98,27 +98,27 @@ class Stage(ABC, Generic[BatchT]):
         """Restore what `state` returned."""
 
 
-def rows_of(batch: Any) -> int:
+def row_count(batch: Any) -> int:
     """Number of rows in a batch: the length of its first tensor."""
-    found = next(leaves(batch), None)
+    found = next(tensors_in(batch), None)
     assert found is not None, "a batch needs a tensor"
     return len(found)
 
 
-def leaves(batch: Any) -> Iterator[Tensor]:
+def tensors_in(batch: Any) -> Iterator[Tensor]:
     """The tensors of a batch."""
     if isinstance(batch, Tensor):
         yield batch
     elif isinstance(batch, tuple):
         for part in batch:
-            yield from leaves(part)
+            yield from tensors_in(part)
 
 
-def cut(batch: Any, rows: slice, device: torch.device) -> Any:
+def take_rows(batch: Any, rows: slice, device: torch.device) -> Any:
     """Some rows of every tensor of a batch, on a device; other values stay as they are."""
     if isinstance(batch, Tensor):
         return batch[rows].to(device, non_blocking=True)
     if isinstance(batch, tuple):
-        parts = [cut(part, rows, device) for part in batch]
+        parts = [take_rows(part, rows, device) for part in batch]
         return type(batch)(*parts) if hasattr(batch, "_fields") else tuple(parts)
     return batch

@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from torch.distributed.tensor import DTensor
 
 from ..errors import CheckpointError
-from .processes import as_placed, whole
+from .processes import full_tensor, placed_like
 
 FILE = "training.safetensors"
 _FORMAT = "2"
@@ -25,7 +25,7 @@ _OLDER = "resume.safetensors"
 
 
 @runtime_checkable
-class Remembering(Protocol):
+class HasTrainingState(Protocol):
     """A module with buffers that its state dict omits (`quantize.Codebook`)."""
 
     def training_state(self) -> dict[str, Tensor]:
@@ -80,7 +80,7 @@ def _refusal(path: Path) -> str:
 def module_state(modules: Mapping[str, nn.Module]) -> dict[str, Tensor]:
     """Weights and buffers, including those that state dicts omit."""
     found = {
-        f"model.{name}.{key}": whole(value)
+        f"model.{name}.{key}": full_tensor(value)
         for name, module in modules.items()
         for key, value in module.state_dict().items()
     }
@@ -95,7 +95,7 @@ def load_modules(modules: Mapping[str, nn.Module], tensors: Mapping[str, Tensor]
         CheckpointError: names or shapes differ.
     """
     own = {f"{name}.{key}": value for name, m in modules.items() for key, value in m.state_dict().items()}
-    saved = under(tensors, "model.")
+    saved = strip_prefix(tensors, "model.")
     problems = [f"missing {key}" for key in own if key not in saved]
     problems += [f"unknown {key}" for key in saved if key not in own]
     problems += [
@@ -108,10 +108,11 @@ def load_modules(modules: Mapping[str, nn.Module], tensors: Mapping[str, Tensor]
         raise CheckpointError(f"{origin} does not fit this model: {'; '.join(problems[:6])}{more}")
     for name, module in modules.items():
         placed = {
-            key: as_placed(value, own[f"{name}.{key}"]) for key, value in under(saved, f"{name}.").items()
+            key: placed_like(value, own[f"{name}.{key}"])
+            for key, value in strip_prefix(saved, f"{name}.").items()
         }
         module.load_state_dict(placed)
-    beside = under(tensors, "beside.")
+    beside = strip_prefix(tensors, "beside.")
     for key, value in _beside(modules):
         value.copy_(beside[key])
 
@@ -121,7 +122,7 @@ def optimiser_state(
 ) -> dict[str, Tensor]:
     """The optimisers' state of each parameter, by its name."""
     return {
-        f"optimiser.{name}.{key}": whole(torch.as_tensor(value))
+        f"optimiser.{name}.{key}": full_tensor(torch.as_tensor(value))
         for name, parameter in _parameters(modules)
         for optimiser in optimisers
         if parameter in optimiser.state
@@ -136,7 +137,7 @@ def load_optimisers(
 ) -> None:
     """Restore the optimisers' state."""
     saved: dict[str, dict[str, Tensor]] = {}
-    for key, value in under(tensors, "optimiser.").items():
+    for key, value in strip_prefix(tensors, "optimiser.").items():
         name, which = key.rsplit(".", 1)
         saved.setdefault(name, {})[which] = value
     owners = {
@@ -148,7 +149,7 @@ def load_optimisers(
     for name, parameter in _parameters(modules):
         if name in saved and id(parameter) in owners:
             owners[id(parameter)].state[parameter] = {
-                key: as_placed(value, parameter)
+                key: placed_like(value, parameter)
                 if value.shape == parameter.shape
                 else _scalar(value, parameter)
                 for key, value in saved[name].items()
@@ -177,7 +178,7 @@ def load_random_state(state: Tensor, device: torch.device) -> None:
         torch.cuda.set_rng_state(state[cpu:].cpu().clone(), device)
 
 
-def under(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:
+def strip_prefix(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:
     """The entries whose names start with `prefix`, without it."""
     return {key[len(prefix) :]: value for key, value in tensors.items() if key.startswith(prefix)}
 
@@ -193,7 +194,7 @@ def _beside(modules: Mapping[str, nn.Module]) -> Iterator[tuple[str, Tensor]]:
     for name, module in modules.items():
         spoken: set[int] = set()
         for path, part in module.named_modules():
-            if id(part) not in spoken and isinstance(part, Remembering):
+            if id(part) not in spoken and isinstance(part, HasTrainingState):
                 assert isinstance(part, nn.Module)
                 spoken.update(id(inner) for inner in part.modules())
                 for key, value in part.training_state().items():

@@ -38,7 +38,7 @@ class HeadTurn(NamedTuple):
     pitch: float
 
 
-class Acted(NamedTuple):
+class ActionScore(NamedTuple):
     """One action: mean distance of the counted points from the clip's, without it and with it, and the motion."""
 
     name: str
@@ -53,7 +53,7 @@ class Acted(NamedTuple):
     head_clip: HeadTurn
 
     @property
-    def is_of_the_head(self) -> bool:
+    def is_head_action(self) -> bool:
         """Whether the clip is added on top of whatever the rest of the body does."""
         return SCRIPTS[self.name].is_on_top
 
@@ -64,14 +64,16 @@ def evaluate_actions(
     names: Sequence[str] = (),
     *,
     seeds: Sequence[int] = SEEDS,
-) -> list[Acted]:
+) -> list[ActionScore]:
     """All actions of the bundle with a reference clip of ours (or those in `names`), in one batch for each seed."""
     chosen = list(names) or [name for name in SCRIPTS if name in pipeline.actions]
     runs = [_run(pipeline, audio, chosen, seed) for seed in seeds]
     return [_mean(same) for same in zip(*runs, strict=True)]
 
 
-def _run(pipeline: Pipeline, audio: Float[np.ndarray, " s"], names: Sequence[str], seed: int) -> list[Acted]:
+def _run(
+    pipeline: Pipeline, audio: Float[np.ndarray, " s"], names: Sequence[str], seed: int
+) -> list[ActionScore]:
     longest = max(pipeline.actions[name].chunks for name in names)
     size = pipeline.chunk.samples
     samples = (BEGIN_CHUNKS + longest + 4) * size
@@ -90,10 +92,10 @@ def _run(pipeline: Pipeline, audio: Float[np.ndarray, " s"], names: Sequence[str
             chunks.extend(session)
     off, *on = (_motion(pipeline.skeleton, chunks) for chunks in made)
     begin = BEGIN_CHUNKS * pipeline.chunk.frames
-    return [_acted(name, off, motion, begin) for name, motion in zip(names, on, strict=True)]
+    return [_score_action(name, off, motion, begin) for name, motion in zip(names, on, strict=True)]
 
 
-def _mean(runs: Sequence[Acted]) -> Acted:
+def _mean(runs: Sequence[ActionScore]) -> ActionScore:
     """Average one action over seeds; the motion is that of the first seed, the speed the maximum."""
 
     def turn(which: str) -> HeadTurn:
@@ -108,7 +110,9 @@ def _mean(runs: Sequence[Acted]) -> Acted:
     )
 
 
-def _acted(name: str, off: Motion, on: Motion, begin: int = BEGIN_CHUNKS * CHUNK.frames) -> Acted:
+def _score_action(
+    name: str, off: Motion, on: Motion, begin: int = BEGIN_CHUNKS * CHUNK.frames
+) -> ActionScore:
     script = SCRIPTS[name]
     wanted = body_points(clip(script))
     moved = np.linalg.norm(wanted - wanted[:1], axis=-1).max(0) > MOVED_M
@@ -129,7 +133,7 @@ def _acted(name: str, off: Motion, on: Motion, begin: int = BEGIN_CHUNKS * CHUNK
     points = tuple(names[at] for at in np.flatnonzero(moved))
     peak, lasts = begin + (first + last) // 2, slice(begin + first, begin + last + LATEST_FRAMES)
     heads = head_turn(off, lasts), head_turn(on, lasts), head_turn(clip(script), slice(first, last))
-    return Acted(name, points, distance(off), distance(on), fastest, on, peak, *heads)
+    return ActionScore(name, points, distance(off), distance(on), fastest, on, peak, *heads)
 
 
 def head_turn(motion: Motion, frames: slice) -> HeadTurn:

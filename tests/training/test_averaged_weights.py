@@ -1,7 +1,7 @@
 import torch
 from torch import nn
 
-from echoavatar.training.average import Average
+from echoavatar.training.averaged_weights import AveragedWeights
 
 
 def test_the_average_follows_slowly_and_knows_only_what_learns():
@@ -9,7 +9,7 @@ def test_the_average_follows_slowly_and_knows_only_what_learns():
     model = nn.Linear(1, 1)
     model.bias.requires_grad_(False)
     nn.init.zeros_(model.weight)
-    average = Average({"m": model}, 0.99)
+    average = AveragedWeights({"m": model}, 0.99)
     assert list(average.values) == ["m.weight"]
     nn.init.ones_(model.weight)
     average.update(0)

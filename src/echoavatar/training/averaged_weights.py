@@ -9,7 +9,7 @@ from torch import Tensor, nn
 _RAMP = 10  # limits the decay at step n to (1 + n) / (10 + n), so that the random initial weights are soon forgotten
 
 
-class Average:
+class AveragedWeights:
     """The moving average of all trained parameters, by `module.parameter`."""
 
     def __init__(self, modules: Mapping[str, nn.Module], decay: float) -> None:
@@ -30,7 +30,7 @@ class Average:
             value.lerp_(self._learned[key].detach().to(value.dtype), share)
 
     @contextmanager
-    def shown(self) -> Iterator[None]:
+    def applied(self) -> Iterator[None]:
         """Context in which the modules hold the averaged weights."""
         own = {key: value.detach().clone() for key, value in self._learned.items()}
         self._write(self.values)

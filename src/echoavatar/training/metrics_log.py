@@ -12,13 +12,13 @@ Tracker = Literal["tensorboard", "wandb"]
 TRACKERS: tuple[str, ...] = get_args(Tracker)
 
 
-class _Listener(Protocol):
+class _Output(Protocol):
     def write(self, step: int, values: Mapping[str, object]) -> None: ...
 
     def close(self) -> None: ...
 
 
-class Journal:
+class MetricsLog:
     """Writes metrics to all outputs. `step` is the number of optimiser steps done."""
 
     def __init__(self, folder: Path, step: int, trackers: Sequence[str] = ()) -> None:
@@ -31,19 +31,19 @@ class Journal:
         if path.exists():
             kept = [line for line in path.read_text().splitlines() if _step(line) <= step]
             path.write_text("".join(line + "\n" for line in kept))
-        self._listeners: list[_Listener] = [_Lines(path)]
+        self._outputs: list[_Output] = [_Lines(path)]
         openers: dict[str, type[_TensorBoard] | type[_Wandb]] = {"tensorboard": _TensorBoard, "wandb": _Wandb}
-        self._listeners += [openers[name](folder) for name in trackers]
+        self._outputs += [openers[name](folder) for name in trackers]
 
     def write(self, step: int, values: Mapping[str, object]) -> None:
         """Log one line."""
-        for listener in self._listeners:
-            listener.write(step, values)
+        for output in self._outputs:
+            output.write(step, values)
 
     def close(self) -> None:
         """Close all outputs."""
-        for listener in self._listeners:
-            listener.close()
+        for output in self._outputs:
+            output.close()
 
 
 def _step(line: str) -> float:
