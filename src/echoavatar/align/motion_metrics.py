@@ -8,8 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 from jaxtyping import Float
+from torch import Tensor
 
-from ..kinematics import from_features
+from ..kinematics import Skeleton, from_features
 from ..kinematics.rotations import quaternion_from_matrix
 from ..metrics.diversity import l1_deviation
 from ..metrics.frechet import Moments, frechet_between, moments, pooled
@@ -58,14 +59,19 @@ class MotionMetrics:
 
     def _latents(self, motions: Sequence[DecodedMotion]) -> Moments:
         features = torch.from_numpy(np.stack([motion.features for motion in motions]))
-        moved = from_features(motions[0].skeleton, features)
-        turns = quaternion_from_matrix(moved.rotations)
-        return pooled(
-            [
-                moments(self._extractor.features(motion_features(turn, root)).numpy())
-                for turn, root in zip(turns, moved.root, strict=True)
-            ]
-        )
+        return pooled(feature_moments(self._extractor, motions[0].skeleton, features))
+
+
+def feature_moments(
+    extractor: MotionEncoder, skeleton: Skeleton, features: Float[Tensor, "b t c"]
+) -> list[Moments]:
+    """Moments of the extractor's latents of each decoded clip."""
+    moved = from_features(skeleton, features)
+    rotations = quaternion_from_matrix(moved.rotations)
+    return [
+        moments(extractor.features(motion_features(own, root)).numpy())
+        for own, root in zip(rotations, moved.root, strict=True)
+    ]
 
 
 def mean_and_error(values: Float[np.ndarray, " n"]) -> tuple[float, float]:

@@ -19,11 +19,8 @@ from torch import Tensor
 
 from ..config import Config
 from ..generator import TokenClip, WindowSampler
-from ..kinematics import from_features
-from ..kinematics.rotations import quaternion_from_matrix
-from ..metrics.frechet import Moments, frechet_between, moments, pooled
+from ..metrics.frechet import Moments, frechet_between, pooled
 from ..metrics.motion_encoder import MotionEncoder
-from ..metrics.motion_features import motion_features
 from ..tokenizer import BodyTokenizer
 from ..training import Loss, Progress, Stage, TrainingConfig, train
 from .corruption import (
@@ -37,6 +34,7 @@ from .corruption import (
     level_name,
     paper_scores,
 )
+from .motion_metrics import feature_moments
 from .quality import QualityConfig, QualityReward
 
 WINDOW_CHUNKS = 15  # 4 s
@@ -121,16 +119,11 @@ def calibrate(levels: Levels, encoder: MotionEncoder, *, windows: int = 64) -> d
     """FID of each level against other clean windows, so that the clean level's own FID is not zero."""
     skeleton = levels.tokenizer.skeleton
 
-    def measured(features: Float[Tensor, "b t c"]) -> list[Moments]:
-        moved = from_features(skeleton, features)
-        turns = quaternion_from_matrix(moved.rotations)
-        clips = [motion_features(turn, root) for turn, root in zip(turns, moved.root, strict=True)]
-        return [moments(encoder.features(clip).numpy()) for clip in clips]
-
     def at(name: str, first: int) -> Moments:
         found: list[Moments] = []
         for number in range(first, first + math.ceil(windows / 16)):
-            found += measured(levels.at(levels.codes(number, 16), name, number))
+            features = levels.at(levels.codes(number, 16), name, number)
+            found += feature_moments(encoder, skeleton, features)
         return pooled(found)
 
     true = at(CLEAN, 10_000)

@@ -21,14 +21,13 @@ from ..errors import EchoAvatarError
 from ..kinematics.contact import skate
 from ..metrics.beat_alignment import SHARP_SIGMA_S, mean_hit_rate
 from ..metrics.dance_alignment import dance_beats
-from ..metrics.gesture_alignment import gesture_beats
+from ..metrics.gesture_alignment import ARM_JOINTS, STROKE_DELAY_S, gesture_beats
 from ..timing import FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN
 from .decoded_motion import DecodedMotion
-from .yardstick import ARMS, Yardstick, response
+from .yardstick import Yardstick, response
 
 Reward = Callable[[DecodedMotion, Yardstick], float | Float[np.ndarray, " t"]]
 
-STROKE_DELAY_S = 0.18  # rehearsal strokes end this long after the stressed vowel (`evaluation.beats`)
 SHIFTS_S = tuple(float(shift) for shift in np.arange(0.1, 1.0, 0.1))
 FREE_JERK, MOST_JERK = 2.0, 4.0  # multiples of the truth's mean jerk; strokes briefly reach twice the mean
 FREE_RATIO = 1.5  # factor by which speed may differ from the truth's without cost
@@ -51,7 +50,7 @@ def beat_alignment(motion: DecodedMotion, yardstick: Yardstick) -> float:
 
 def stress_alignment(motion: DecodedMotion, yardstick: Yardstick) -> float:
     """BA_G (`sharp`) of the arms on stressed syllables minus chance, as above; strokes end 0.18 s later."""
-    arms = motion.skeleton.indices(ARMS)
+    arms = motion.skeleton.indices(ARM_JOINTS)
     return _excess(motion, gesture_beats(motion.positions[:, arms]), motion.stresses + STROKE_DELAY_S)
 
 

@@ -21,6 +21,7 @@ from pydantic import Field, ValidationError
 
 from ..config import Config
 from ..errors import CheckpointError, MotionError
+from ..metrics.gesture_alignment import ARM_JOINTS
 from ..metrics.physical import jerk_m_s3
 from ..timing import FRAME_RATE_HZ
 from .decoded_motion import DecodedMotion
@@ -28,7 +29,6 @@ from .decoded_motion import DecodedMotion
 BEFORE, AFTER = 8, 12  # frames of the profile before and after an event
 STILL_M_S = 0.03  # added to the mean speed, so that a body at rest shows no response
 HIGHEST = 2.0  # limits the weight of a single stroke in otherwise quiet motion
-ARMS = ("leftLowerArm", "leftHand", "rightLowerArm", "rightHand")
 FEWEST_EVENTS = 20
 Kind = Literal["beat", "stress"]
 
@@ -94,7 +94,7 @@ def measure_yardstick(scenes: Sequence[DecodedMotion]) -> Yardstick:
 
 def relative_speed(motion: DecodedMotion, kind: Kind) -> Float[np.ndarray, " t"]:
     """Speed over its mean, minus 1, at most `HIGHEST`: of the whole body for beats, of the arms for stresses."""
-    speed = motion.speed(None if kind == "beat" else motion.skeleton.indices(ARMS))
+    speed = motion.speed(None if kind == "beat" else motion.skeleton.indices(ARM_JOINTS))
     relative = (speed - speed.mean()) / (speed.mean() + STILL_M_S)
     return np.asarray(np.minimum(relative, HIGHEST))
 

@@ -230,7 +230,7 @@ def _train(args: argparse.Namespace, ready: "Setting", progress: Callable[[int, 
         sys.stderr.write("no videos at checkpoints: they need pip install 'echoavatar[render]'\n")
     names = ("pairs", "margin") if args.kind == "dpo" else ("rollouts",)
     given = {name: getattr(args, name) for name in names}
-    stage = stage_of(args.kind, training, ready, command=_command(args), **given)
+    stage = stage_of(args.kind, training, ready, command=align_rewards.command_line(args), **given)
     how = {"device": args.device, "minutes": args.minutes, "trackers": args.track, "progress": progress}
     stopped = tune(stage, args.output, **how)
     _draw(args.output)
@@ -249,13 +249,3 @@ def _training(args: argparse.Namespace) -> "AlignTraining":
     given = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
     given |= {"autocast": args.autocast}
     return AlignTraining.model_validate(base.model_dump() | given)
-
-
-def _command(args: argparse.Namespace) -> str:
-    left_out = ("command", "kind", "source")
-    words = " ".join(
-        f"--{key.replace('_', '-')} {value}"
-        for key, value in vars(args).items()
-        if key not in left_out and value is not None
-    )
-    return f"echoavatar align {args.kind} {args.source} {words}"

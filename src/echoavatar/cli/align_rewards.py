@@ -214,14 +214,15 @@ def _listener(args: argparse.Namespace, bundle: "Bundle") -> "AudioMotion":
         )
 
 
-def _card(args: argparse.Namespace) -> dict[str, object]:
+def command_line(args: argparse.Namespace) -> str:
+    """The command as the model's card states it."""
     words = " ".join(
         f"--{key.replace('_', '-')} {value}"
         for key, value in vars(args).items()
         if key not in ("command", "kind", "source") and value is not None
     )
-    return {
-        "data": str(args.source),
-        "command": f"echoavatar align {args.kind} {args.source} {words}",
-        "licence": "as its data",
-    }
+    return f"echoavatar align {args.kind} {args.source} {words}"
+
+
+def _card(args: argparse.Namespace) -> dict[str, object]:
+    return {"data": str(args.source), "command": command_line(args), "licence": "as its data"}

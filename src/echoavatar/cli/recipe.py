@@ -53,6 +53,12 @@ class Options:
         action = self._parser.add_argument(flag, default=None, help=help + shown, **how)
         self._fields[action.dest] = _Field(section, name, default, is_flag and default is True)
 
+    def add_minutes(self) -> None:
+        """Declare `--minutes`, which ends a call but not the run."""
+        self._parser.add_argument(
+            "--minutes", type=float, help="stop this call after so many minutes; call again to resume"
+        )
+
     def settings(
         self, args: argparse.Namespace, base: Mapping[str, Mapping[str, Any]] | None = None
     ) -> "Settings":

@@ -29,9 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser, options: Options, seed: str) 
     parser.add_argument("--start", type=Path, help="trained face model of the same sizes to start from")
     options.add("--seed", "training.seed", 0, type=int, help=seed)
     parser.add_argument("--paper", action="store_true", help="sizes of the paper (width 256), mel encoder")
-    parser.add_argument(
-        "--minutes", type=float, help="stop this call after so many minutes; call again to resume"
-    )
+    options.add_minutes()
 
 
 def train(args: argparse.Namespace, settings: Settings, card: dict[str, object], how: dict[str, Any]) -> None:

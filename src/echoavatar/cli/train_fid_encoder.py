@@ -27,9 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser, options: Options) -> None:
     options.add("--steps", "training.steps", 1500, type=int, help="optimiser steps")
     options.add("--width", "model.width", 64, type=int, help="channels")
     options.add("--latent", "model.latent", 48, type=int, help="size of a latent, the features of FID")
-    parser.add_argument(
-        "--minutes", type=float, help="stop this call after so many minutes; call again to resume"
-    )
+    options.add_minutes()
 
 
 def train(args: argparse.Namespace, settings: Settings, card: dict[str, object], how: dict[str, Any]) -> None:

@@ -71,9 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser, options: Options, seed: str) 
         help="Qwen2.5-0.5B-Instruct, to initialise a new run's transformer",
     )
     options.add("--seed", "training.seed", 0, type=int, help=seed)
-    parser.add_argument(
-        "--minutes", type=float, help="stop this call after so many minutes; call again to resume"
-    )
+    options.add_minutes()
     parser.add_argument(
         "--sharded",
         action="store_true",

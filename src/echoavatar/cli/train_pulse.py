@@ -12,9 +12,7 @@ def add_arguments(parser: argparse.ArgumentParser, options: Options, seed: str) 
     options.add("--batch", "training.batch", 24, type=int, help="windows per step")
     options.add("--rate", "training.learning_rate", 2e-3, type=float, help="peak learning rate")
     options.add("--seed", "training.seed", 0, type=int, help=seed)
-    parser.add_argument(
-        "--minutes", type=float, help="stop this call after so many minutes; call again to resume"
-    )
+    options.add_minutes()
 
 
 def train(args: argparse.Namespace, settings: Settings, card: dict[str, object], how: dict[str, Any]) -> None:

@@ -16,9 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser, options: Options) -> None:
     """Declare the arguments that only the tokenizer has."""
     options.add("--steps", "training.steps", 6000, type=int, help="optimiser steps")
     parser.add_argument("--start", type=Path, help="trained tokenizer of the same sizes to start from")
-    parser.add_argument(
-        "--minutes", type=float, help="stop this call after so many minutes; call again to resume"
-    )
+    options.add_minutes()
 
 
 def train(args: argparse.Namespace, settings: Settings, card: dict[str, object], how: dict[str, Any]) -> None:

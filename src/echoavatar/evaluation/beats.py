@@ -13,11 +13,6 @@ from ..metrics.chance import mean_of_known, shuffled_scores
 from ..metrics.gesture_alignment import step_speed
 from ..timing import FRAME_RATE_HZ
 
-STROKE_DELAY_SECONDS = 0.18
-"""Rehearsal gestures end 0.14 to 0.18 s after the stressed vowel, and the wrist is slowest just after. Alignment with
-rehearsal speech is measured at this delay, for generated and true motion alike; with recordings at none."""
-ARM_JOINTS = ("leftLowerArm", "leftHand", "rightLowerArm", "rightHand")
-
 
 def alignment_and_chance(
     events: Sequence[Float[np.ndarray, " n"]], beats: Sequence[Sequence[Float[np.ndarray, " m"]]]

@@ -16,7 +16,7 @@ from ..kinematics.contact import planted, skate
 from ..kinematics.features import from_features, travel_slice
 from ..metrics.audio_events import music_beats, speech_onsets
 from ..metrics.dance_alignment import dance_beats
-from ..metrics.gesture_alignment import gesture_beats
+from ..metrics.gesture_alignment import ARM_JOINTS, STROKE_DELAY_S, gesture_beats
 from ..metrics.physical import jerk_m_s3
 from ..pipeline import Bundle, Pipeline
 from ..pipeline.tokenize import clip_features
@@ -143,8 +143,8 @@ def beat_scores(
     bundle: Bundle, clips: Sequence[Clip], made: Sequence[Track], truth: Sequence[Track]
 ) -> dict[str, float]:
     """BA on stressed syllables and on music beats, with chance levels and the truth's values."""
-    arms = bundle.skeleton.indices(beats.ARM_JOINTS)
-    onsets = [clip.events.get("stress", np.zeros(0)) + beats.STROKE_DELAY_SECONDS for clip in clips]
+    arms = bundle.skeleton.indices(ARM_JOINTS)
+    onsets = [clip.events.get("stress", np.zeros(0)) + STROKE_DELAY_S for clip in clips]
     events = {"onset": onsets}
     events["beat"] = [clip.events.get("beats", np.zeros(0)) for clip in clips]
     scores: dict[str, float] = {}
@@ -185,7 +185,7 @@ def recording_scores(
     """Scores on real speech and music: does the body dance to music only, and on the beats that librosa finds?"""
     if not recordings:
         return {}
-    arms = bundle.skeleton.indices(beats.ARM_JOINTS)
+    arms = bundle.skeleton.indices(ARM_JOINTS)
     shown = animate_many(
         pipeline,
         [recording.audio for recording in recordings],

@@ -17,7 +17,7 @@ from scipy.interpolate import CubicSpline
 from ..kinematics import HUMANOID
 from ..metrics.audio_events import EMAGE_RATE_HZ, music_beats, speech_onsets
 from ..metrics.beat_alignment import overlapping
-from ..metrics.chance import chance_per_clip, shuffled_scores
+from ..metrics.chance import Score, chance_per_clip, shuffled_scores
 from ..metrics.dance_alignment import DANCE_RULES, DanceForm, dance_alignment, dance_beats
 from ..metrics.gesture_alignment import (
     GESTURE_RULES,
@@ -34,6 +34,7 @@ from .score_row import Row, row_of_means
 PARTNERS = 20
 DANCE_RATE_HZ = 60  # frame rate that Bailando and AIST++ assume
 _Times = Float[np.ndarray, " n"]
+_Scores = Float[np.ndarray, " n"]
 
 
 @dataclass(frozen=True)
@@ -97,9 +98,7 @@ def gesture_rows(
             listen(k, trimmed) if left > FRAME_RATE_HZ else np.zeros(0) for k, left in enumerate(looked_at)
         ]
 
-        def scored(
-            clips: Sequence[Float[np.ndarray, "t j 3"]], *, is_shuffled: bool
-        ) -> Float[np.ndarray, " n"]:
+        def scored(clips: Sequence[Float[np.ndarray, "t j 3"]]) -> tuple[_Scores, _Scores]:
             beats = [
                 gesture_beats(clip, form, speed) if left > FRAME_RATE_HZ else []
                 for clip, left in zip(clips, looked_at, strict=True)
@@ -109,19 +108,10 @@ def gesture_rows(
                 events = overlapping(onsets[sound], onsets[motion])
                 return gesture_alignment(beats[motion], events, form) if len(events) else float("nan")
 
-            return _own_or_shuffled(score, len(clips), is_shuffled, seed)
+            return _own_and_chance(score, len(clips), seed)
 
         weights = looked_at.clip(0) if trimmed else None
-        return row_of_means(
-            f"ba_g_{form}",
-            "",
-            scored(made, is_shuffled=False),
-            truths=scored(true, is_shuffled=False),
-            chances=scored(made, is_shuffled=True),
-            truth_chances=scored(true, is_shuffled=True),
-            weights=weights,
-            seed=seed,
-        )
+        return _row(f"ba_g_{form}", scored(made), scored(true), weights=weights, seed=seed)
 
     return [row(form) for form in get_args(GestureForm)]
 
@@ -142,9 +132,7 @@ def dance_rows(
         rule = DANCE_RULES[form]
         fps = DANCE_RATE_HZ if rule.sigma_frames else FRAME_RATE_HZ
 
-        def scored(
-            clips: Sequence[Float[np.ndarray, "t j 3"]], *, is_shuffled: bool
-        ) -> Float[np.ndarray, " n"]:
+        def scored(clips: Sequence[Float[np.ndarray, "t j 3"]]) -> tuple[_Scores, _Scores]:
             beats = [dance_beats(at_rate(clip, fps), form, fps=fps) for clip in clips]
 
             def score(motion: int, sound: int) -> float:
@@ -153,17 +141,9 @@ def dance_rows(
                     own = overlapping(own[heard[motion].falls_on(own, MUSIC)], events)
                 return dance_alignment(own, events, form, fps=fps) if len(events) else float("nan")
 
-            return _own_or_shuffled(score, len(clips), is_shuffled, seed)
+            return _own_and_chance(score, len(clips), seed)
 
-        return row_of_means(
-            f"ba_d_{form}",
-            "",
-            scored(made, is_shuffled=False),
-            truths=scored(true, is_shuffled=False),
-            chances=scored(made, is_shuffled=True),
-            truth_chances=scored(true, is_shuffled=True),
-            seed=seed,
-        )
+        return _row(f"ba_d_{form}", scored(made), scored(true), seed=seed)
 
     return [row(form) for form in get_args(DanceForm)]
 
@@ -177,7 +157,28 @@ def at_rate(positions: Float[np.ndarray, "t j 3"], fps: float) -> Float[np.ndarr
     return np.asarray(CubicSpline(np.arange(last + 1), positions)(times))
 
 
-def _own_or_shuffled(score, clips: int, is_shuffled: bool, seed: int) -> Float[np.ndarray, " n"]:  # type: ignore[no-untyped-def]
-    if is_shuffled:
-        return chance_per_clip(shuffled_scores(score, clips, partners=PARTNERS, seed=seed))
-    return np.array([score(clip, clip) for clip in range(clips)])
+def _own_and_chance(score: Score, clips: int, seed: int) -> tuple[_Scores, _Scores]:
+    """Each clip's score with its own sound, and its chance level."""
+    own = np.array([score(clip, clip) for clip in range(clips)])
+    return own, chance_per_clip(shuffled_scores(score, clips, partners=PARTNERS, seed=seed))
+
+
+def _row(
+    name: str,
+    made: tuple[_Scores, _Scores],
+    true: tuple[_Scores, _Scores],
+    *,
+    weights: _Scores | None = None,
+    seed: int,
+) -> Row:
+    """A row from the scores and chance levels of generated and true motion."""
+    return row_of_means(
+        name,
+        "",
+        made[0],
+        truths=true[0],
+        chances=made[1],
+        truth_chances=true[1],
+        weights=weights,
+        seed=seed,
+    )

@@ -33,6 +33,10 @@ UPPER_BODY = ("spine", "chest", "upperChest", "neck", "leftShoulder", "rightShou
     "leftUpperArm", "rightUpperArm", "leftLowerArm", "rightLowerArm", "leftHand", "rightHand"
 )  # fmt: skip
 """The same 13 joints of our rig."""
+ARM_JOINTS = ("leftLowerArm", "leftHand", "rightLowerArm", "rightHand")
+STROKE_DELAY_S = 0.18
+"""Rehearsal gestures end 0.14 to 0.18 s after the stressed vowel, and the wrist is slowest just after. Alignment with
+rehearsal speech is measured at this delay, for generated and true motion alike; with recordings at none."""
 TRIMMED_FRAMES = 60
 SMOOTHING_FRAMES = 1.0
 

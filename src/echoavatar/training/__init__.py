@@ -27,10 +27,9 @@ The live pipeline does not import this room. May import `checkpoint`, `config` a
 
 from .config import Schedule, TrainingConfig
 from .loop import Loop
-from .optimisers import adamw
 from .run import Progress, train
 from .signals import Interrupted
-from .stage import Gather, Loss, Stage
+from .stage import Gather, Loss, Stage, adamw
 from .state import has_state
 
 __all__ = [

@@ -15,7 +15,6 @@ from torch import Tensor, nn
 
 from ..config import Config
 from .config import TrainingConfig
-from .optimisers import adamw
 from .processes import Processes
 
 BatchT = TypeVar("BatchT")
@@ -96,6 +95,31 @@ class Stage(ABC, Generic[BatchT]):
 
     def load_state(self, state: Mapping[str, Tensor]) -> None:  # noqa: B027
         """Restore what `state` returned."""
+
+
+def adamw(
+    modules: Iterable[nn.Module],
+    config: TrainingConfig,
+    *,
+    but: Iterable[nn.Parameter] = (),
+    decays_vectors: bool = False,
+) -> torch.optim.AdamW:
+    """AdamW over the trained parameters except `but`; norms and biases have no decay unless `decays_vectors`."""
+    left_out = {id(parameter) for parameter in but}
+    learned = [
+        parameter
+        for module in modules
+        for parameter in module.parameters()
+        if parameter.requires_grad and id(parameter) not in left_out
+    ]
+    decayed = [p for p in learned if p.dim() > 1 or decays_vectors]
+    others = [p for p in learned if not (p.dim() > 1 or decays_vectors)]
+    groups = [
+        {"params": params, "weight_decay": decay}
+        for params, decay in ((decayed, config.weight_decay), (others, 0.0))
+        if params
+    ]
+    return torch.optim.AdamW(groups, lr=config.learning_rate, betas=config.betas, fused=True)
 
 
 def row_count(batch: Any) -> int:
