@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Integer
 from scipy.ndimage import gaussian_filter1d
 from torch import Tensor
 
@@ -27,9 +27,9 @@ class DecodedMotion:
     features: Float[np.ndarray, "t c"]
     positions: Float[np.ndarray, "t j 3"]  # metres, Y up
     lead: int
-    domain: Int[np.ndarray, " t"]  # 0 silence, 1 speech, 2 music
-    beats: Float[np.ndarray, " i"]
-    stresses: Float[np.ndarray, " j"]
+    domain: Integer[np.ndarray, " t"]  # 0 silence, 1 speech, 2 music
+    beats: Float[np.ndarray, " m"]
+    stresses: Float[np.ndarray, " k"]
     audio_codes: Int[np.ndarray, "f l"] = field(default_factory=lambda: np.zeros((0, 2), np.int64))
     """Codec tokens of the new frames; `motion_codes` likewise."""
     motion_codes: Int[np.ndarray, "n p q"] = field(default_factory=lambda: np.zeros((0, 3, 1), np.int64))

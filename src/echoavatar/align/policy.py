@@ -51,35 +51,14 @@ class Scores(NamedTuple):
 
 
 class Rollout(Protocol):
-    """What draws continuations: `Policy.rollout`, or another backend such as an inference server."""
+    """What draws continuations: `GeneratorPolicy.rollout`, or another backend such as an inference server."""
 
     def __call__(self, prompts: PromptBatch, group: int, seeds: Int[Tensor, " r"]) -> Int[Tensor, "r n p q"]:
         """`group` continuations of every prompt, the rows of a prompt together; one seed for each continuation."""
 
 
-class Policy(Protocol):
-    """A model that samples continuations and scores them."""
-
-    @property
-    def layout(self) -> TokenLayout:
-        """The vocabulary."""
-
-    def rollout(self, prompts: PromptBatch, group: int, seeds: Int[Tensor, " r"]) -> Int[Tensor, "r n p q"]:
-        """`group` continuations of every prompt, the rows of a prompt together; one seed for each continuation."""
-
-    def score(
-        self,
-        prompts: PromptBatch,
-        codes: Int[Tensor, "b n p q"],
-        support: Bool[Tensor, "b n k K"] | None = None,
-        *,
-        uses_nucleus: bool = True,
-    ) -> Scores:
-        """Score continuations. Without `support` it is the nucleus, or everything if not `uses_nucleus`."""
-
-
 class GeneratorPolicy:
-    """A generator as a policy; works with both sequence orders, on the generator's device."""
+    """A generator that samples continuations and scores them, with either sequence order, on the generator's device."""
 
     def __init__(self, generator: Generator, sampling: Sampling | None = None) -> None:
         if sampling is not None:
@@ -99,22 +78,23 @@ class GeneratorPolicy:
 
     @torch.no_grad()
     def rollout(self, prompts: PromptBatch, group: int, seeds: Int[Tensor, " r"]) -> Int[Tensor, "r n p q"]:
-        """See `Policy.rollout`. Each prompt is read once and its state is copied for the rest of the group.
+        """`group` continuations of every prompt, the rows of a prompt together; one seed for each continuation.
 
-        Uses the live decoder: compiled on a CPU, plain torch elsewhere.
+        Each prompt is read once and its state is copied for the rest of the group. Uses the live decoder: compiled on a
+        CPU, plain torch elsewhere.
         """
         stream = open_stream(self.generator)
         rows, heard = len(prompts.past), prompts.past.shape[1] // MOTION_TOKENS_PER_CHUNK
         border = heard * AUDIO_FRAMES_PER_CHUNK
         device = prompts.audio.device
         read, state = stream.init_state(rows), stream.init_state(rows * group)
-        everyone = torch.ones(rows * group, dtype=torch.bool, device=device)
+        active = torch.ones(rows * group, dtype=torch.bool, device=device)
         if heard:
-            stream.prime(prompts.audio[:, :border], prompts.past, read, everyone[:rows])  # type: ignore[arg-type]
+            stream.prime(prompts.audio[:, :border], prompts.past, read, active[:rows])  # type: ignore[arg-type]
         for mine, shared in zip(state.tensors(), read.tensors(), strict=True):
             mine.copy_(shared.repeat_interleave(group, 0))
         sound = prompts.audio[:, border:].repeat_interleave(group, 0)
-        return stream.step(sound, state, everyone, seeds=seeds)  # type: ignore[arg-type]
+        return stream.step(sound, state, active, seeds=seeds)  # type: ignore[arg-type]
 
     def score(
         self,
@@ -124,7 +104,10 @@ class GeneratorPolicy:
         *,
         uses_nucleus: bool = True,
     ) -> Scores:
-        """See `Policy.score`. One teacher-forced pass; the order `prefix` needs one a chunk, as its window slides."""
+        """Score continuations. Without `support` it is the nucleus, or everything if not `uses_nucleus`.
+
+        One teacher-forced pass; the order `prefix` needs one for each chunk, because its window slides.
+        """
         logits, hidden = self._logits(prompts, codes)
         sampling = self.sampling
         layers = torch.arange(self.layout.segments, device=logits.device) % self.layout.motion_layers

@@ -18,7 +18,7 @@ from ..errors import MotionError
 from ..timing import MOTION_TOKENS_PER_CHUNK
 from ..tokens import TokenLayout
 from .judge import Judge
-from .policy import Policy
+from .policy import GeneratorPolicy
 from .prompts import Prompt, PromptBook, batch_of
 
 Codes = tuple[tuple[tuple[int, ...], ...], ...]
@@ -115,7 +115,7 @@ def codes_of(pairs: Sequence[Pair], name: str) -> Int[torch.Tensor, "b n p q"]:
 
 
 def rank_pairs(
-    policy: Policy,
+    policy: GeneratorPolicy,
     prompts: Sequence[Prompt],
     judge: Judge,
     *,

@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Integer
 from torch import Tensor
 
 from ..errors import MotionError
@@ -36,7 +36,7 @@ class Prompt:
     audio: Int[np.ndarray, "f l"]  # codec tokens of the past and the continuation
     past: Int[np.ndarray, "m p q"]
     truth: Int[np.ndarray, "n p q"]  # the clip's own continuation, if it `has_truth`
-    domain: Int[np.ndarray, " n"]  # one label for each motion token of the continuation
+    domain: Integer[np.ndarray, " n"]  # one label for each motion token of the continuation
     beats: Float[np.ndarray, " i"]
     stresses: Float[np.ndarray, " j"]
 

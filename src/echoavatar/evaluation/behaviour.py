@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float, Integer
 
 from ..kinematics import Skeleton, forward_kinematics
 from ..kinematics.rotations import angle_between, matrix_from_quaternion
@@ -25,14 +25,14 @@ class Track:
 
     positions: Float[np.ndarray, "t j 3"]
     angular_speed: Float[np.ndarray, "t-1 j"]  # degrees per second
-    domain: Int[np.ndarray, " t"]
+    domain: Integer[np.ndarray, " t"]
 
 
 def track(
     skeleton: Skeleton,
     rotations: Float[np.ndarray, "t j 4"],
     root: Float[np.ndarray, "t 3"],
-    domain: Int[np.ndarray, " t"],
+    domain: Integer[np.ndarray, " t"],
 ) -> Track:
     """World positions and joint speeds of a clip of quaternions `wxyz` and root positions."""
     matrices = matrix_from_quaternion(torch.from_numpy(np.ascontiguousarray(rotations)).float())
@@ -55,7 +55,7 @@ def leg_energy(clip: Track, legs: Sequence[int]) -> Float[np.ndarray, " t-1"]:
     return np.asarray((speed**2).mean(1))
 
 
-def settled(domain: Int[np.ndarray, " t"]) -> np.ndarray:
+def settled(domain: Integer[np.ndarray, " t"]) -> np.ndarray:
     """Marks frames of silence after its first second, in silences of at least two seconds."""
     quiet = np.zeros(len(domain), bool)
     edges = np.flatnonzero(np.diff(np.concatenate([[-1], domain, [-1]])))

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Integer
 
 from ..audio import read_audio
 from ..data import Clip
@@ -31,7 +31,7 @@ class MotionFile(NamedTuple):
 
     motion: Motion
     audio: Float[np.ndarray, " s"] | None = None
-    domain: Int[np.ndarray, " t"] | None = None
+    domain: Integer[np.ndarray, " t"] | None = None
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Pair:
     made: Motion
     true: Motion
     audio: Float[np.ndarray, " s"] | None
-    domain: Int[np.ndarray, " t"]
+    domain: Integer[np.ndarray, " t"]
 
 
 @dataclass(frozen=True)

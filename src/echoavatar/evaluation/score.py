@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -40,6 +40,7 @@ UNITS = {
 }
 
 
+@runtime_checkable
 class Extractor(Protocol):
     """A feature extractor for FID."""
 

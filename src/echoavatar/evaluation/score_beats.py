@@ -11,7 +11,7 @@ from typing import get_args
 
 import numpy as np
 import soxr
-from jaxtyping import Float, Int
+from jaxtyping import Float, Integer
 from scipy.interpolate import CubicSpline
 
 from ..kinematics import HUMANOID
@@ -42,7 +42,7 @@ class Heard:
     """A clip's audio, and the domain of each frame."""
 
     audio: Float[np.ndarray, " s"]
-    domain: Int[np.ndarray, " t"]
+    domain: Integer[np.ndarray, " t"]
 
     @cached_property
     def slow(self) -> Float[np.ndarray, " s"]:

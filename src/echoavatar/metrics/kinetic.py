@@ -18,7 +18,7 @@ def kinetic_features(
     fps: float = AIST_RATE_HZ,
     up: int = 1,
     is_published: bool = True,
-) -> Float[np.ndarray, " 3j"]:
+) -> Float[np.ndarray, " 3*j"]:
     """3 values for each joint: horizontal m2/s2, vertical m2/s2, acceleration m/s2.
 
     Positions are relative to the root in the first frame. `is_published` keeps the misplaced parenthesis of the
