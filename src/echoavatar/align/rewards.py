@@ -140,7 +140,7 @@ class RewardMix:
         self._functions = {name: known[name] if name in known else _imported(name, known) for name in weights}
 
     def __call__(self, motions: Sequence[DecodedMotion]) -> Rewards:
-        """Rewards of scenes.
+        """Rewards of motions.
 
         Raises:
             EchoAvatarError: a function returned a value that is not finite or has the wrong length.

@@ -53,7 +53,7 @@ class Yardstick(Config):
             return cls.model_validate_json(path.read_bytes())
         except (OSError, ValidationError) as error:
             raise CheckpointError(
-                f"{path} is no yardstick; let `echoavatar align grpo` measure it again"
+                f"{path} holds no reference statistics; let `echoavatar align grpo` measure them again"
             ) from error
 
     def save(self, path: Path) -> None:
