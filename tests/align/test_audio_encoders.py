@@ -69,11 +69,14 @@ def test_resampling_keeps_a_tone(tiny_bundle):
     at = torch.arange(rate * seconds, dtype=torch.float64) / rate
     sound = (0.5 * torch.sin(2 * math.pi * 440 * at) + 0.5 * torch.sin(2 * math.pi * 10_000 * at))[None]
 
-    class Plays:
+    class Plays(AudioCodec):
+        def __init__(self):
+            torch.nn.Module.__init__(self)
+
         def decode(self, codes):
             return sound
 
-    found = decoded_waveform(Plays(), torch.zeros(1, 75, 2, dtype=torch.int64))  # type: ignore[arg-type]
+    found = decoded_waveform(Plays(), torch.zeros(1, 75, 2, dtype=torch.int64))
     wanted = 0.5 * torch.sin(2 * math.pi * 440 * torch.arange(16_000, dtype=torch.float64) / 16_000)
     torch.testing.assert_close(found[0].double(), wanted, atol=1e-5, rtol=0)
     assert load_bundle(tiny_bundle).codec.decode(torch.zeros(1, 75, 2, dtype=torch.int64)).shape == (

@@ -72,7 +72,7 @@ def test_kinds_that_act_on_motion_may_be_trained_on(tokenizer):
     torch.testing.assert_close(mixed[:1], clean[:1])
     hand = slice(0, 6)
     assert mixed[1, :, hand].std(0).max() < 1e-6 < clean[1, :, hand].std(0).max()
-    training = QualityTraining(steps=4, batch=60, levels=30, pool=2)
+    training = QualityTraining(steps=4, batch=54, levels=27, pool=2)
     stage = QualityTask(levels, QualityConfig(width=16, heads=2), training, scores)
     wanted = {round(scores[name], 4) for name in scores if name.startswith("frozen")}
     assert wanted & {round(float(score), 4) for score in stage.draw(0).scores}

@@ -66,4 +66,4 @@ def test_nothing_and_too_little_are_named() -> None:
         score([], None)
     short = swaying(7)
     with pytest.raises(MotionError, match="clip x has 7 frames"):
-        score([Pair("x", short, short, None, np.zeros(7))], None)
+        score([Pair("x", short, short, None, np.zeros(7, np.uint8))], None)

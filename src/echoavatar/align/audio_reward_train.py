@@ -123,7 +123,7 @@ class Pairs:
 
 def decoded_waveforms(
     codec: AudioCodec, clips: Mapping[str, TokenClip], progress: Progress | None = None
-) -> dict[str, Float[Tensor, " s"]]:
+) -> dict[str, Float[Tensor, " _"]]:
     """Decode each clip's codec tokens to a 16 kHz waveform in half precision, by name; mirrored clips share one."""
     sources = {name.removesuffix(MIRROR): clip for name, clip in clips.items()}
     waves = {}

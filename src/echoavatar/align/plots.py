@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import CheckpointError
 
 
-def gain(first: Mapping[str, Sequence[float]], later: Mapping[str, Sequence[float]]) -> tuple[float, float]:
+def gain(first: Mapping[str, Any], later: Mapping[str, Any]) -> tuple[float, float]:
     """Increase in reward between two measurements: mean and standard error over prompts."""
     more = np.subtract(later["by_prompt"], first["by_prompt"])
     return float(more.mean()), float(more.std(ddof=1) / len(more) ** 0.5) if len(more) > 1 else 0.0

@@ -106,7 +106,7 @@ def event_frames(motion: DecodedMotion, kind: Kind) -> list[int]:
     return [int(k) for k in at if k >= BEFORE and k + AFTER < motion.frames]
 
 
-def _around(motion: DecodedMotion, kind: Literal["beat", "stress"] | str) -> list[Float[np.ndarray, " w"]]:
+def _around(motion: DecodedMotion, kind: Literal["beat", "stress"] | str) -> list[Float[np.ndarray, " _"]]:
     which: Kind = "beat" if kind == "beat" else "stress"
     u = relative_speed(motion, which)
     return [u[k - BEFORE : k + AFTER + 1] for k in event_frames(motion, which)]

@@ -15,7 +15,7 @@ from ..timing import FRAME_RATE_HZ
 
 
 def alignment_and_chance(
-    events: Sequence[Float[np.ndarray, " n"]], beats: Sequence[Sequence[Float[np.ndarray, " m"]]]
+    events: Sequence[Float[np.ndarray, " _"]], beats: Sequence[Sequence[Float[np.ndarray, " _"]]]
 ) -> tuple[float, float]:
     """BA over clips, and the chance level: each clip's motion against the events of every other clip."""
     clips = [i for i, times in enumerate(events) if len(times)]

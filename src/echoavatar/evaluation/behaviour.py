@@ -43,13 +43,13 @@ def track(
     return Track(positions.numpy(), turn.numpy(), domain)
 
 
-def hand_speed_m_s(clip: Track, hands: Sequence[int]) -> Float[np.ndarray, " t-1"]:
+def hand_speed_m_s(clip: Track, hands: Sequence[int]) -> Float[np.ndarray, " steps"]:
     """Mean speed of the wrists relative to the hips, per frame."""
     relative = clip.positions[:, list(hands)] - clip.positions[:, :1]
     return np.asarray(np.linalg.norm(np.diff(relative, axis=0), axis=-1).mean(1) * FRAME_RATE_HZ)
 
 
-def leg_energy(clip: Track, legs: Sequence[int]) -> Float[np.ndarray, " t-1"]:
+def leg_energy(clip: Track, legs: Sequence[int]) -> Float[np.ndarray, " steps"]:
     """Mean squared speed (m2/s2) of hips, knees, ankles and toes, per frame; travel and steps both count."""
     speed = np.linalg.norm(np.diff(clip.positions[:, list(legs)], axis=0), axis=-1) * FRAME_RATE_HZ
     return np.asarray((speed**2).mean(1))

@@ -52,7 +52,7 @@ class FaceScores(NamedTuple):
 def evaluate_face(
     bundle: Bundle,
     tracks: Sequence[SoundTrack],
-    recordings: Sequence[Float[np.ndarray, " s"]] = (),
+    recordings: Sequence[Float[np.ndarray, " _"]] = (),
     *,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,

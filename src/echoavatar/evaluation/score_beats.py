@@ -73,8 +73,8 @@ class Heard:
 
 def gesture_rows(
     heard: Sequence[Heard],
-    made: Sequence[Float[np.ndarray, "t j 3"]],
-    true: Sequence[Float[np.ndarray, "t j 3"]],
+    made: Sequence[Float[np.ndarray, "_ j 3"]],
+    true: Sequence[Float[np.ndarray, "_ j 3"]],
     *,
     upper: Sequence[int] | None = None,
     seed: int = 0,
@@ -98,7 +98,7 @@ def gesture_rows(
             listen(k, trimmed) if left > FRAME_RATE_HZ else np.zeros(0) for k, left in enumerate(looked_at)
         ]
 
-        def scored(clips: Sequence[Float[np.ndarray, "t j 3"]]) -> tuple[_Scores, _Scores]:
+        def scored(clips: Sequence[Float[np.ndarray, "_ j 3"]]) -> tuple[_Scores, _Scores]:
             beats = [
                 gesture_beats(clip, form, speed) if left > FRAME_RATE_HZ else []
                 for clip, left in zip(clips, looked_at, strict=True)
@@ -118,8 +118,8 @@ def gesture_rows(
 
 def dance_rows(
     heard: Sequence[Heard],
-    made: Sequence[Float[np.ndarray, "t j 3"]],
-    true: Sequence[Float[np.ndarray, "t j 3"]],
+    made: Sequence[Float[np.ndarray, "_ j 3"]],
+    true: Sequence[Float[np.ndarray, "_ j 3"]],
     *,
     seed: int = 0,
 ) -> list[Row]:
@@ -132,7 +132,7 @@ def dance_rows(
         rule = DANCE_RULES[form]
         fps = DANCE_RATE_HZ if rule.sigma_frames else FRAME_RATE_HZ
 
-        def scored(clips: Sequence[Float[np.ndarray, "t j 3"]]) -> tuple[_Scores, _Scores]:
+        def scored(clips: Sequence[Float[np.ndarray, "_ j 3"]]) -> tuple[_Scores, _Scores]:
             beats = [dance_beats(at_rate(clip, fps), form, fps=fps) for clip in clips]
 
             def score(motion: int, sound: int) -> float:

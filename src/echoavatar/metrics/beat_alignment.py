@@ -27,7 +27,7 @@ def hit_rate(events: Shaped[np.ndarray, " n"], beats: Shaped[np.ndarray, " m"], 
 
 
 def mean_hit_rate(
-    events: Shaped[np.ndarray, " n"], beats: Sequence[Shaped[np.ndarray, " m"]], sigma: float
+    events: Shaped[np.ndarray, " n"], beats: Sequence[Shaped[np.ndarray, " _"]], sigma: float
 ) -> float:
     """`hit_rate` averaged over joints with their own beats; a joint without beats counts as 0."""
     return float(np.mean([hit_rate(events, own, sigma) for own in beats]))

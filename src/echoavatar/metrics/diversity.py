@@ -20,7 +20,7 @@ def l1_deviation(positions: Float[np.ndarray, "t j 3"]) -> float:
     return float(np.abs(values - values.mean(0)).sum() / len(values))
 
 
-def l1_diversity(clips: Sequence[Float[np.ndarray, "t j 3"]]) -> float:
+def l1_diversity(clips: Sequence[Float[np.ndarray, "_ j 3"]]) -> float:
     """Diversity of all clips, weighted by length; positions must be relative to the root."""
     return float(np.average([l1_deviation(clip) for clip in clips], weights=[len(clip) for clip in clips]))
 

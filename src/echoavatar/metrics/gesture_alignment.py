@@ -87,7 +87,7 @@ def gesture_beat_frames(
     *,
     window: tuple[int, int] | None = None,
     fps: float = FRAME_RATE_HZ,
-) -> list[Shaped[np.ndarray, " n"]]:
+) -> list[Shaped[np.ndarray, " _"]]:
     """The frames of each joint's motion beats, counted from the window's start; uses `central_speed`.
 
     Args:
@@ -129,7 +129,7 @@ def gesture_beats(
     *,
     window: tuple[int, int] | None = None,
     fps: float = FRAME_RATE_HZ,
-) -> list[Float[np.ndarray, " n"]]:
+) -> list[Float[np.ndarray, " _"]]:
     """The times (s) of each joint's motion beats, counted from the window's start; arguments as above."""
     rule = GESTURE_RULES[form]
     if form == "sharp":
@@ -140,7 +140,7 @@ def gesture_beats(
 
 
 def gesture_alignment(
-    beats: list[Float[np.ndarray, " n"]], onsets: Float[np.ndarray, " m"], form: GestureForm = "sharp"
+    beats: list[Float[np.ndarray, " _"]], onsets: Float[np.ndarray, " m"], form: GestureForm = "sharp"
 ) -> float:
     """BA_G of one clip: onsets (s, counted from the same start as the beats) look for the beats of each joint.
 

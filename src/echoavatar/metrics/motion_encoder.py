@@ -80,7 +80,7 @@ class MotionEncoder(nn.Module):
         self.feature_std.copy_(std.clamp_min(_MIN_SPREAD))
 
     @torch.no_grad()
-    def set_latent_statistics(self, clips: list[Float[Tensor, "t c"]]) -> None:
+    def set_latent_statistics(self, clips: list[Float[Tensor, "_ c"]]) -> None:
         """Scale latents to unit deviation on these clips."""
         self.latent_mean.zero_()
         self.latent_std.fill_(1)

@@ -59,7 +59,7 @@ class MotionEncoderTask(Stage[Motion]):
         self,
         config: MotionEncoderConfig,
         training: MotionEncoderTraining,
-        clips: Sequence[Float[Tensor, "t c"]],
+        clips: Sequence[Float[Tensor, "_ c"]],
         *,
         card: Mapping[str, object] | None = None,
     ) -> None:
@@ -132,7 +132,7 @@ def part_weights(features: int) -> Float[Tensor, " c"]:
 def train_motion_encoder(
     config: MotionEncoderConfig,
     training: MotionEncoderTraining,
-    clips: Sequence[Float[Tensor, "t c"]],
+    clips: Sequence[Float[Tensor, "_ c"]],
     folder: Path,
     *,
     minutes: float | None = None,
@@ -150,7 +150,7 @@ def train_motion_encoder(
 
 
 @torch.no_grad()
-def explained_variance(model: MotionEncoder, clips: Sequence[Float[Tensor, "t c"]]) -> float:
+def explained_variance(model: MotionEncoder, clips: Sequence[Float[Tensor, "_ c"]]) -> float:
     """Share of the features' variance that the latents preserve, all body parts weighted equally; 1 is everything."""
     weights, error, total = part_weights(model.config.features), 0.0, 0.0
     for clip in clips:

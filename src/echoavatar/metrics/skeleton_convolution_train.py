@@ -40,7 +40,7 @@ class SkeletonConvolutionTask(Stage[Tensor]):
         self,
         config: SkeletonConvolutionConfig,
         training: SkeletonConvolutionTraining,
-        clips: Sequence[Float[Tensor, "t c"]],
+        clips: Sequence[Float[Tensor, "_ c"]],
         *,
         card: Mapping[str, object] | None = None,
     ) -> None:
@@ -84,7 +84,7 @@ class SkeletonConvolutionTask(Stage[Tensor]):
 def train_skeleton_convolution(
     config: SkeletonConvolutionConfig,
     training: SkeletonConvolutionTraining,
-    clips: Sequence[Float[Tensor, "t c"]],
+    clips: Sequence[Float[Tensor, "_ c"]],
     folder: Path,
     *,
     device: str = "cpu",
