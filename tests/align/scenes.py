@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from echoavatar.align.scene import Scene
+from echoavatar.align.decoded_motion import DecodedMotion
 from echoavatar.align.yardstick import AFTER, BEFORE, Yardstick
 from echoavatar.kinematics import HUMANOID
 
@@ -11,7 +11,7 @@ FRAMES, LEAD = 72, 8
 
 def scene(
     speed: np.ndarray, *, beats=(), stresses=(), domain: int = 2, lead: int = LEAD, jitter: float = 0.0
-) -> Scene:
+) -> DecodedMotion:
     """All joints but the hips circle at `speed` (m/s, one a frame, the lead included)."""
     angle = np.cumsum(speed) / 30 / 0.2  # on a circle of 20 cm
     around = 0.2 * np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], -1)
@@ -20,7 +20,7 @@ def scene(
     if jitter:
         positions = positions + jitter * np.random.default_rng(0).standard_normal(positions.shape)
     frames = len(speed)
-    return Scene(
+    return DecodedMotion(
         HUMANOID, np.zeros((frames, 315), np.float32), positions, lead, np.full(frames, domain),
         np.asarray(beats, float), np.asarray(stresses, float),
     )  # fmt: skip
@@ -47,6 +47,6 @@ def yardstick(**changes) -> Yardstick:
     return Yardstick.model_validate(known | changes)
 
 
-def reach(made: Scene, own: Yardstick) -> float:
+def reach(made: DecodedMotion, own: Yardstick) -> float:
     """A reward of one's own, by name: height of the left hand."""
     return float(made.positions[:, made.skeleton.index("leftHand"), 1].mean())

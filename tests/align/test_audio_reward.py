@@ -5,10 +5,11 @@ import math
 import numpy as np
 import pytest
 import torch
+from safetensors.torch import load_file, save_file
 from tests.align.scenes import dips, scene, yardstick
 
+from echoavatar.align.audio_encoders import AudioEncoderConfig
 from echoavatar.align.audio_reward import AudioMotion, AudioMotionConfig, info_nce, soft_labels
-from echoavatar.align.ears import EarsConfig
 from echoavatar.errors import CheckpointError
 
 
@@ -54,8 +55,8 @@ def test_embeddings_have_unit_length_and_know_the_order_of_things():
     one = model()
     sound, motion = torch.randint(16, (2, 60, 2)), torch.randint(8, (2, 6, 3, 2))
     for found, turned in (
-        (one.hear(sound), one.hear(sound.flip(1))),
-        (one.see(motion), one.see(motion.flip(1))),
+        (one.embed_audio(sound), one.embed_audio(sound.flip(1))),
+        (one.embed_motion(motion), one.embed_motion(motion.flip(1))),
     ):
         torch.testing.assert_close(found.norm(dim=1), torch.ones(2))
         assert (found - turned).abs().max() > 1e-3
@@ -68,28 +69,41 @@ def test_slices_of_time_stay_apart():
     codes = torch.zeros(1, 30, 3, 2, dtype=torch.int64)
     late = codes.clone()
     late[:, 20:] = 5
-    found, other = (one.see(motion).view(5, 24).T for motion in (codes, late))
+    found, other = (one.embed_motion(motion).view(5, 24).T for motion in (codes, late))
     found, other = found / found[0].norm(), other / other[0].norm()
     torch.testing.assert_close(found[:16], other[:16])
     assert (found[16:] - other[16:]).abs().max() > 1e-3
-    assert one.see(codes[:, :10]).shape == (1, 8 * 5)
+    assert one.embed_motion(codes[:, :10]).shape == (1, 8 * 5)
 
 
 def test_a_size_that_slices_cannot_share_is_refused():
     with pytest.raises(ValueError, match=r"size \(100\) must be a multiple of slices \(24\)"):
-        AudioMotionConfig(ears=EarsConfig(), motion_channels=1, size=100)
+        AudioMotionConfig(audio_encoder=AudioEncoderConfig(), motion_channels=1, size=100)
 
 
 def test_files_and_reward(tmp_path):
     one = model()
     one.save(tmp_path / "a", {})
     again, motion = AudioMotion.load(tmp_path / "a"), torch.randint(8, (1, 6, 3, 2))
-    torch.testing.assert_close(again.see(motion), one.see(motion))
+    torch.testing.assert_close(again.embed_motion(motion), one.embed_motion(motion))
     with pytest.raises(CheckpointError, match="is not a checkpoint"):
         AudioMotion.load(tmp_path / "none")
     made = scene(dips(()))
     heard, done = np.zeros((60, 2), np.int64), motion[0].numpy()
     object.__setattr__(made, "audio_codes", heard)
     object.__setattr__(made, "motion_codes", done)
-    wanted = (one.hear(torch.from_numpy(heard)[None]) * one.see(motion)).sum().item()
+    wanted = (one.embed_audio(torch.from_numpy(heard)[None]) * one.embed_motion(motion)).sum().item()
     assert one.judge(made, yardstick()) == pytest.approx(wanted, abs=1e-6)
+
+
+def test_checkpoints_of_earlier_versions_load(tmp_path):
+    """They call the audio encoder `ears`."""
+    one = model()
+    one.save(tmp_path, {})
+    config = tmp_path / "config.json"
+    config.write_text(config.read_text().replace("audio_encoder", "ears"))
+    weights = load_file(tmp_path / "model.safetensors")
+    old = {name.replace("audio_encoder.", "ears."): value for name, value in weights.items()}
+    save_file(old, tmp_path / "model.safetensors")
+    sound = torch.randint(16, (2, 60, 2))
+    torch.testing.assert_close(AudioMotion.load(tmp_path).embed_audio(sound), one.embed_audio(sound))

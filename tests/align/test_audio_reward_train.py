@@ -6,7 +6,7 @@ import torch
 
 from echoavatar.align.audio_reward import AudioMotion
 from echoavatar.align.audio_reward_train import (
-    AudioRewardStage,
+    AudioRewardTask,
     AudioRewardTraining,
     Pairs,
     embed,
@@ -93,7 +93,7 @@ def test_a_run_that_was_stopped_goes_on_to_the_same_weights(tmp_path):
             size=96,
         )
         training = AudioRewardTraining(steps=6, batch=8, save_every=1)
-        stage = AudioRewardStage(model, Pairs(told(6, 0), chunks=4), training)
+        stage = AudioRewardTask(model, Pairs(told(6, 0), chunks=4), training)
         loop = Loop(stage)
         loop.resume(folder)
         while loop.step < steps:

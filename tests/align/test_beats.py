@@ -4,7 +4,7 @@ import pytest
 import torch
 import torch.nn.functional as F
 
-from echoavatar.align.beats import Beats, BeatsConfig, GatedAttention, PositionConv, _bucket
+from echoavatar.align.beats import Beats, BeatsConfig, GatedAttention, PositionConv, _relative_buckets
 from echoavatar.errors import CheckpointError
 
 SMALL = BeatsConfig(
@@ -27,7 +27,7 @@ def as_published(model: Beats) -> dict[str, torch.Tensor]:
 
 def test_published_weights_load_and_their_sizes_are_read_off():
     one, wave = small(), 0.1 * torch.randn(2, 16_000)
-    again = Beats.published(as_published(one))
+    again = Beats.from_published(as_published(one))
     assert again.config == SMALL
     torch.testing.assert_close(again(wave), one(wave))
 
@@ -59,17 +59,17 @@ def test_a_state_every_160_ms():
 
 
 def test_other_weights_are_refused():
-    with pytest.raises(CheckpointError, match="these are no weights of BEATs"):
-        Beats.published({"encoder.weight": torch.zeros(2)})
+    with pytest.raises(CheckpointError, match="these are not BEATs weights"):
+        Beats.from_published({"encoder.weight": torch.zeros(2)})
     short = as_published(small())
     del short["encoder.layers.1.fc1.weight"]
-    with pytest.raises(CheckpointError, match="these are no weights of BEATs"):
-        Beats.published(short)
+    with pytest.raises(CheckpointError, match="these are not BEATs weights"):
+        Beats.from_published(short)
 
 
 def test_distances_are_exact_up_close_and_grow_far_off():
     """16 buckets: 8 behind, 8 ahead; 0 to 3 exact, then by the logarithm, the last from 800 on."""
-    near = _bucket(2000, 16, 800)
+    near = _relative_buckets(2000, 16, 800)
     assert near[5, :9].tolist() == [4, 4, 3, 2, 1, 0, 9, 10, 11]
     assert near[0, 1999] == 15
     assert near[1999, 0] == 7

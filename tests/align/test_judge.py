@@ -1,4 +1,4 @@
-"""Judging in pieces is judging at once."""
+"""Judging in pieces gives the rewards of judging at once."""
 
 import numpy as np
 import torch
@@ -6,14 +6,14 @@ from tests.align.scenes import yardstick
 from tests.align.tuning import clips
 
 from echoavatar.align import judge as room
-from echoavatar.align.judge import SceneJudge
+from echoavatar.align.judge import DecodingJudge
 from echoavatar.align.prompts import PromptBook
 from echoavatar.align.rewards import RewardMix
 from echoavatar.tokenizer import BodyTokenizer
 
 
 def test_pieces_change_nothing(tiny_bundle, monkeypatch):
-    judge = SceneJudge(
+    judge = DecodingJudge(
         BodyTokenizer.load(tiny_bundle / "tokenizer"),
         RewardMix({"beats": 1.0, "smoothness": 1.0}, yardstick()),
     )

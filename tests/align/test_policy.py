@@ -4,7 +4,7 @@ import pytest
 import torch
 from tests.generator.tiny import audio, generator
 
-from echoavatar.align.policy import GeneratorPolicy, Sampling, by_layer, check_reference
+from echoavatar.align.policy import GeneratorPolicy, Sampling, check_reference, mean_by_layer
 from echoavatar.align.prompts import PromptBatch
 from echoavatar.errors import CheckpointError
 from echoavatar.generator import GeneratorConfig
@@ -41,7 +41,7 @@ def test_codes_are_drawn_as_often_as_their_scores_say(sequence):
     assert (counts - expected).abs().max() < 50
     assert (expected[1] > 50).sum() > 12  # not all the same code: the comparison says something
     support = torch.cat([part.support for part in parts])
-    natural = policy.score(one.repeated(200), codes[:200], is_cut=False).all_log_probs.exp()
+    natural = policy.score(one.repeated(200), codes[:200], uses_nucleus=False).all_log_probs.exp()
     kept = (natural * support[:200]).sum(-1)
     assert kept.min() > 0.8 - 1e-4  # the nucleus holds at least its mass ...
     assert support.float().mean() < 0.8  # ... and leaves codes out
@@ -56,7 +56,7 @@ def test_hot_and_plain_scores_differ_so_the_temperature_is_in_them():
     by_hand = GeneratorPolicy(generator(), Sampling()).score(prompts().repeated(2), codes).all_log_probs
     warmth = torch.tensor([0.9, 0.63]).repeat(3)[:, None]
     again = torch.log_softmax(by_hand / warmth, -1)
-    uncut = policy.score(prompts().repeated(2), codes, is_cut=False).all_log_probs
+    uncut = policy.score(prompts().repeated(2), codes, uses_nucleus=False).all_log_probs
     torch.testing.assert_close(again, uncut, atol=1e-5, rtol=1e-5)
 
 
@@ -100,7 +100,7 @@ def test_gradients_of_scores_agree_with_finite_differences():
     policy = GeneratorPolicy(generator().double(), WARM)
     batch = prompts(1)
     codes = torch.randint(8, (1, 2, 3, 2), generator=torch.Generator().manual_seed(1))
-    scores = policy.score(batch, codes, is_cut=False)
+    scores = policy.score(batch, codes, uses_nucleus=False)
     weight = policy.generator.lm_head.weight
     scores.log_probs.sum().backward()
     row = policy.layout.segment_start(0) + int(codes[0, 0, 0, 0])
@@ -109,14 +109,14 @@ def test_gradients_of_scores_agree_with_finite_differences():
         values = []
         for sign in (1, -1):
             weight[row, 5] += sign * step
-            values.append(policy.score(batch, codes, is_cut=False).log_probs.double().sum().item())
+            values.append(policy.score(batch, codes, uses_nucleus=False).log_probs.double().sum().item())
             weight[row, 5] -= sign * step
     assert got == pytest.approx((values[0] - values[1]) / (2 * step), rel=2e-2)
 
 
 def test_layers_are_told_apart():
     values = torch.tensor([0.0, 1.0]).repeat(3).expand(2, 4, 6)
-    assert by_layer(values, 2) == [0.0, 1.0]
+    assert mean_by_layer(values, 2) == [0.0, 1.0]
 
 
 def test_a_reference_of_another_vocabulary_is_refused():
@@ -127,6 +127,6 @@ def test_a_reference_of_another_vocabulary_is_refused():
             width=32, heads=4, kv_heads=2, mlp=48, layers=2, window_chunks=3,
         )
     )  # fmt: skip
-    with pytest.raises(CheckpointError, match="reference other is of another vocabulary"):
+    with pytest.raises(CheckpointError, match="reference other has another vocabulary"):
         check_reference(own, other, name="other")
     check_reference(own, generator(seed=1), name="same")

@@ -5,12 +5,14 @@ import pytest
 from tests.align.tuning import LAYOUT, book, policy, wants_threes
 
 from echoavatar.align.policy import GeneratorPolicy
-from echoavatar.align.preferences import codes_of, rank, read_pairs, write_pairs
+from echoavatar.align.preferences import codes_of, rank_pairs, read_pairs, write_pairs
 from echoavatar.errors import MotionError
 
 
 def ranked(margin: float = 0.0):
-    return rank(GeneratorPolicy(policy()), book().draw(0, 6), wants_threes, past=1, group=8, margin=margin)
+    return rank_pairs(
+        GeneratorPolicy(policy()), book().draw(0, 6), wants_threes, past=1, group=8, margin=margin
+    )
 
 
 def test_the_best_is_chosen_over_the_worst_and_small_differences_are_left_out():
@@ -36,8 +38,8 @@ def test_files_come_back(tmp_path):
     [
         ({"clip": "missing"}, "line 2: no clip 'missing'"),
         ({"start": 9}, "line 2: clip 'clip. has 6 chunks"),
-        ({"past": 2}, "line 2: its prompt has a past of 2 chunks, this run one of 1; pass --past 2"),
-        ({"chosen": (((0, 0),) * 3,)}, r"line 2: chosen has shape \(1, 3, 2\), wanted \(2, 3, 2\)"),
+        ({"past": 2}, "line 2: the prompt has 2 chunks of past, this run has 1; pass --past 2"),
+        ({"chosen": (((0, 0),) * 3,)}, r"line 2: chosen has shape \(1, 3, 2\), expected \(2, 3, 2\)"),
         ({"rejected": (((0, 8),) * 3,) * 2}, r"line 2: rejected holds codes outside 0\.\.7"),
     ],
 )
@@ -52,7 +54,7 @@ def test_damaged_files_are_named(tmp_path):
     with pytest.raises(MotionError, match="cannot be read"):
         read_pairs(tmp_path / "none.jsonl", book(), LAYOUT)
     (tmp_path / "bad.jsonl").write_text("{not json\n")
-    with pytest.raises(MotionError, match="line 1: no pair"):
+    with pytest.raises(MotionError, match="line 1: not a pair"):
         read_pairs(tmp_path / "bad.jsonl", book(), LAYOUT)
     write_pairs(tmp_path / "few.jsonl", ranked()[:1])
     with pytest.raises(MotionError, match="no pair with a margin of at least 2"):

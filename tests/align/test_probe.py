@@ -1,12 +1,12 @@
-"""Measurements repeat, pieces change nothing, and a gauge's numbers come beside the rewards."""
+"""Measurements repeat, splitting into pieces changes nothing, and motion metrics are reported with the rewards."""
 
 import pytest
 from tests.align.scenes import yardstick
 from tests.align.tuning import book, clips, policy, wants_threes
 
 from echoavatar.align import probe as room
-from echoavatar.align.gauge import Gauge
-from echoavatar.align.judge import SceneJudge
+from echoavatar.align.judge import DecodingJudge
+from echoavatar.align.motion_metrics import MotionMetrics
 from echoavatar.align.policy import GeneratorPolicy
 from echoavatar.align.probe import Probe
 from echoavatar.align.prompts import PromptBook
@@ -29,13 +29,13 @@ def test_the_reward_is_that_of_the_continuations_and_pieces_change_nothing(monke
     assert other["by_prompt"] != found["by_prompt"]
 
 
-def test_what_it_cost_comes_beside_the_rewards(tiny_bundle):
+def test_motion_metrics_are_reported_with_the_rewards(tiny_bundle):
     bundle = load_bundle(tiny_bundle)
     prompts = PromptBook(clips(3, chunks=8), past=2, length=4).spread(3)
-    judge = SceneJudge(bundle.tokenizer, RewardMix({"smoothness": 1.0}, yardstick()))
-    gauge = Gauge(bundle.tokenizer, prompts, load_shipped(), yardstick())
+    judge = DecodingJudge(bundle.tokenizer, RewardMix({"smoothness": 1.0}, yardstick()))
+    motion_metrics = MotionMetrics(bundle.tokenizer, prompts, load_shipped(), yardstick())
     one = GeneratorPolicy(bundle.generator)
-    found = Probe(prompts, judge, group=2, gauge=gauge)(one, one)
+    found = Probe(prompts, judge, group=2, motion_metrics=motion_metrics)(one, one)
     plain = Probe(prompts, judge, group=2)(one, one)
     assert found["by_prompt"] == plain["by_prompt"]
     assert found["fid"] > 0

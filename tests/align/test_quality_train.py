@@ -7,11 +7,11 @@ import pytest
 import torch
 from tests.align.tuning import clips
 
-from echoavatar.align.degrade import CLEAN, paper_scores, spoiled_scores
+from echoavatar.align.corruption import CLEAN, degraded_scores, paper_scores
 from echoavatar.align.quality import QualityConfig
 from echoavatar.align.quality_train import (
     Levels,
-    QualityStage,
+    QualityTask,
     QualityTraining,
     calibrate,
     draw_quality,
@@ -66,14 +66,14 @@ def test_levels_depend_on_seed_and_number_alone_and_rows_mix(tokenizer):
 
 def test_kinds_that_act_on_motion_may_be_trained_on(tokenizer):
     levels = Levels(tokenizer, calm(3, 0), seed=0)
-    codes, scores = levels.codes(3, 2), paper_scores() | spoiled_scores(["frozen_limbs"])
+    codes, scores = levels.codes(3, 2), paper_scores() | degraded_scores(["frozen_limbs"])
     mixed = levels.mixed(codes, [CLEAN, "frozen_limbs 1.0"], 5)
     clean = levels.at(codes, CLEAN, 0)
     torch.testing.assert_close(mixed[:1], clean[:1])
     hand = slice(0, 6)
     assert mixed[1, :, hand].std(0).max() < 1e-6 < clean[1, :, hand].std(0).max()
-    training = QualityTraining(steps=4, batch=60, levels=30, pool=2)
-    stage = QualityStage(levels, QualityConfig(width=16, heads=2), training, scores)
+    training = QualityTraining(steps=4, batch=54, levels=27, pool=2)
+    stage = QualityTask(levels, QualityConfig(width=16, heads=2), training, scores)
     wanted = {round(scores[name], 4) for name in scores if name.startswith("frozen")}
     assert wanted & {round(float(score), 4) for score in stage.draw(0).scores}
     found = measure_quality(stage.model.eval(), levels, scores, windows=2)
@@ -87,7 +87,7 @@ def test_a_code_that_is_wrong_stays_wrong_at_higher_rates(tokenizer):
     for kind in ("uniform", "hierarchical"):
         before = torch.zeros_like(codes, dtype=torch.bool)
         for rate in ("0.2", "0.5", "1.0"):
-            made = levels._spoil(codes, f"{kind} {rate}", 0)
+            made = levels._corrupted(codes, f"{kind} {rate}", 0)
             changed = made != codes
             assert not (before & ~changed).any()
             before = changed
@@ -96,7 +96,7 @@ def test_a_code_that_is_wrong_stays_wrong_at_higher_rates(tokenizer):
 def test_batches_hold_several_levels_of_a_window_and_are_decoded_once(tokenizer):
     levels = Levels(tokenizer, calm(3, 0), seed=0)
     training = QualityTraining(steps=4, batch=6, levels=3, pool=2)
-    stage = QualityStage(levels, QualityConfig(width=16, heads=2), training, paper_scores())
+    stage = QualityTask(levels, QualityConfig(width=16, heads=2), training, paper_scores())
     first = stage.draw(0)
     assert all(len(set(first.scores[k : k + 3].tolist())) == 3 for k in (0, 3))
     assert torch.equal(stage.draw(2).features, first.features)

@@ -4,9 +4,9 @@ import pytest
 import torch
 from tests.align.tuning import grpo, ppo, wants_threes
 
-from echoavatar.align.trainer import Around
+from echoavatar.align.trainer import RunContext
 from echoavatar.training import Loop
-from echoavatar.training.stage import leaves
+from echoavatar.training.stage import tensors_in
 
 
 @pytest.mark.parametrize("kind", [grpo, ppo])
@@ -18,13 +18,17 @@ def test_a_batch_is_drawn_once_for_all_its_epochs_and_survives_a_checkpoint_betw
     assert one.state() == {}  # the next step draws anew
     other = kind(epochs=2)
     other.load_state(kept)
-    for own, theirs in zip(leaves(first), leaves(other.draw(5)), strict=True):
+    for own, theirs in zip(tensors_in(first), tensors_in(other.draw(5)), strict=True):
         assert torch.equal(own, theirs)
-    assert other.of_rows(first).keys() == one.of_rows(first).keys() == {"reward", "rewards.threes", "spread"}
+    assert (
+        other.logged_means(first).keys()
+        == one.logged_means(first).keys()
+        == {"reward", "rewards.threes", "spread"}
+    )
 
 
 def test_continuations_may_come_from_a_backend():
-    """One that is told the policy, so that it may take over its weights, and answers like it, a code off."""
+    """The backend gets the policy, so that it can copy its weights; this one returns the policy's codes plus one."""
     asked = []
 
     def backend(own):
@@ -34,7 +38,7 @@ def test_continuations_may_come_from_a_backend():
 
         return rollout
 
-    one, plain = grpo(around=Around(rollouts=backend)), grpo()
+    one, plain = grpo(context=RunContext(rollouts=backend)), grpo()
     assert torch.equal(one.draw(3).codes, (plain.draw(3).codes + 1) % 8)
     assert asked == [one.config.batch * one.config.group]
     Loop(one).advance()
@@ -46,12 +50,12 @@ def test_one_epoch_of_grpo_needs_no_second_look_at_the_policy():
     assert ppo(epochs=1).draw(0).values is not None
 
 
-def test_what_is_told_of_rows_is_what_was_judged():
+def test_the_logged_values_are_the_judged_ones():
     one = grpo()
     made = one.draw(0)
     prompts = one._book.draw(0, one.config.batch)
     wanted = wants_threes(prompts, made.codes).total
-    told = one.of_rows(made)
+    told = one.logged_means(made)
     assert float(told["reward"]) == pytest.approx(wanted.mean(), abs=1e-6)
     spread = wanted.reshape(one.config.batch, -1).std(1).mean()
     assert float(told["spread"]) == pytest.approx(spread, abs=1e-6)

@@ -9,7 +9,7 @@ from tests.align.scenes import yardstick
 from tests.align.tuning import clips
 
 from echoavatar.align.config import recipe
-from echoavatar.align.start import make_pairs, setting, stage_of, tune
+from echoavatar.align.start import load_setup, make_pairs, stage_of, tune
 from echoavatar.errors import CheckpointError, MotionError
 from echoavatar.generator import Generator, TokenClip
 
@@ -28,7 +28,7 @@ def tokens(tmp_path: Path) -> Path:
 
 def ready(tokens: Path, bundle: Path, **changes):
     known = {"bundle": bundle, "yardstick": tokens.parent / "yardstick.json"} | changes
-    return setting(tokens, tokens.parent / "run", **known)
+    return load_setup(tokens, tokens.parent / "run", **known)
 
 
 @pytest.mark.parametrize("method", ["grpo", "ppo", "dpo"])
@@ -59,18 +59,18 @@ def test_each_method_leaves_a_generator_with_the_sampling_it_was_tuned_for(token
     measured = {line["step"]: line["held_out"] for line in lines if "held_out" in line}
     assert list(measured) == [0, 2, 4]
     assert {"reward", "rewards", "by_prompt", "kl", "entropy", "fid", "diversity"} <= measured[4].keys()
-    assert not (folder / "samples").exists()  # the tiny recipe films nothing
+    assert not (folder / "samples").exists()  # the tiny recipe renders nothing
 
 
-def test_checkpoints_come_with_films_of_held_out_prompts(tokens, tiny_bundle):
+def test_checkpoints_come_with_videos_of_held_out_prompts(tokens, tiny_bundle):
     folder, training = (
         tokens.parent / "run",
         recipe("tiny", "grpo").model_copy(update={"steps": 2, "videos": 1}),
     )
     tune(stage_of("grpo", training, ready(tokens, tiny_bundle)), folder)
-    with av.open(str(folder / "samples" / "step_000002_0.mp4")) as film:
-        assert film.streams.video[0].frames == 16  # a chunk of past and a chunk of its own
-        assert film.streams.audio
+    with av.open(str(folder / "samples" / "step_000002_0.mp4")) as video:
+        assert video.streams.video[0].frames == 16  # a chunk of past and a chunk of its own
+        assert video.streams.audio
 
 
 def test_what_does_not_fit_is_named(tokens, tiny_bundle, tmp_path):
@@ -78,17 +78,17 @@ def test_what_does_not_fit_is_named(tokens, tiny_bundle, tmp_path):
         stage_of("dpo", recipe("tiny", "dpo"), ready(tokens, tiny_bundle))
     other = Generator(Generator.load(tiny_bundle / "generator").config.model_copy(update={"patience": 0.3}))
     other.save(tmp_path / "other", {})
-    with pytest.raises(CheckpointError, match="is of another patience"):
+    with pytest.raises(CheckpointError, match="has another patience"):
         stage_of("grpo", recipe("tiny", "grpo"), ready(tokens, tiny_bundle, reference=tmp_path / "other"))
 
 
-def test_comparisons_of_people_need_no_yardstick(tokens, tiny_bundle, tmp_path):
-    """Token files of a studio have no true motion: rewards have nothing to be measured against, and DPO wants none."""
+def test_comparisons_of_people_need_no_reference_statistics(tokens, tiny_bundle, tmp_path):
+    """A studio's token files hold no true motion, so rewards cannot be measured; DPO does not need them."""
     for path in tokens.glob("*.npz"):
         clip = TokenClip.load(path)
         object.__setattr__(clip, "has_truth", False)
         clip.save(path)
-    one = setting(tokens, tmp_path / "run", bundle=tiny_bundle, is_compared=True)
+    one = load_setup(tokens, tmp_path / "run", bundle=tiny_bundle, is_compared=True)
     assert one.mix.weights == one.card["rewards"] == {}
     with pytest.raises(MotionError, match="pass the --yardstick"):
-        setting(tokens, tmp_path / "run", bundle=tiny_bundle)
+        load_setup(tokens, tmp_path / "run", bundle=tiny_bundle)

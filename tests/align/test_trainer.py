@@ -9,11 +9,11 @@ from tests.align.tuning import book, clips, dpo, grpo, policy, ppo, training, wa
 from tests.generator.tiny import generator
 from tests.training.test_processes import launch
 
-from echoavatar.align.grpo import GrpoStage
+from echoavatar.align.grpo import GrpoTask
 from echoavatar.align.probe import Probe
 from echoavatar.align.prompts import PromptBook
 from echoavatar.align.start import tune
-from echoavatar.align.trainer import Around
+from echoavatar.align.trainer import RunContext
 from echoavatar.errors import CheckpointError
 from echoavatar.generator import Generator
 from echoavatar.training import Loop
@@ -22,7 +22,7 @@ from echoavatar.training import Loop
 def probed(kind=grpo, **changes):
     """A stage that is measured on four prompts."""
     probe = Probe(book().spread(4), wants_threes, group=2)
-    return kind(around=Around(probe=probe, rewards={"threes": 1.0}), **changes)
+    return kind(context=RunContext(probe=probe, rewards={"threes": 1.0}), **changes)
 
 
 def told(folder: Path) -> list[dict]:
@@ -121,7 +121,7 @@ def test_a_divergence_that_runs_away_stops_the_run_at_the_last_checkpoint(tmp_pa
     assert all(
         torch.equal(value, kept[name]) for name, value in Generator.load(tmp_path).state_dict().items()
     )
-    with pytest.raises(CheckpointError, match="before the first checkpoint; take a smaller learning rate"):
+    with pytest.raises(CheckpointError, match="before the first checkpoint; use a smaller learning rate"):
         tune(grpo(steps=60, kl_stop=0.05), tmp_path / "never")
 
 
@@ -137,7 +137,7 @@ def test_the_divergence_holds_the_policy_back():
 
 def test_the_reference_and_exemplar_control_do_not_move():
     models = generator(exemplar=True), generator(exemplar=True)
-    one = GrpoStage(*models, training("grpo"), wants_threes, book=book())
+    one = GrpoTask(*models, training("grpo"), wants_threes, book=book())
     before = {name: value.clone() for name, value in one.reference.generator.state_dict().items()}
     control = {n: v.clone() for n, v in one.generator.state_dict().items() if n.startswith("exemplar")}
     first = {n: v.clone() for n, v in one.generator.state_dict().items()}
@@ -156,16 +156,16 @@ def test_bfloat16_products_take_nearly_the_same_step():
 
 def test_refusals_name_what_is_wrong(tmp_path):
     layout = type(policy().config.layout).compact(audio_codes=16, motion_layers=2, motion_codes=4)
-    other, named = generator(layout=layout), Around(reference_name="old.gen")
-    with pytest.raises(CheckpointError, match="reference old.gen is of another vocabulary"):
-        GrpoStage(policy(), other, training("grpo"), wants_threes, named, book=book())
+    other, named = generator(layout=layout), RunContext(reference_name="old.gen")
+    with pytest.raises(CheckpointError, match="reference old.gen has another vocabulary"):
+        GrpoTask(policy(), other, training("grpo"), wants_threes, named, book=book())
     tune(probed(steps=1), tmp_path)
     with pytest.raises(CheckpointError, match="another training config: learning_rate was 0.03, is 0.001"):
         tune(probed(steps=1, learning_rate=1e-3), tmp_path)
     with pytest.raises(CheckpointError, match="another origin config: rewards was"):
         tune(grpo(steps=1), tmp_path)
-    rewards = Around(rewards={"threes": 1.0})
-    differs = GrpoStage(
+    rewards = RunContext(rewards={"threes": 1.0})
+    differs = GrpoTask(
         policy(), generator(seed=5), training("grpo", steps=1), wants_threes, rewards, book=book()
     )
     with pytest.raises(CheckpointError, match="another origin config: reference was"):

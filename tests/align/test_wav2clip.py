@@ -27,7 +27,7 @@ def as_published(model: Wav2Clip) -> dict[str, torch.Tensor]:
 
 def test_published_weights_load_and_their_sizes_are_read_off():
     one, wave = small(), 0.1 * torch.randn(2, 16_000)
-    again = Wav2Clip.published(as_published(one))
+    again = Wav2Clip.from_published(as_published(one))
     assert again.config == Wav2ClipConfig(width=4, blocks=2)
     torch.testing.assert_close(again(wave), one(wave))
 
@@ -79,9 +79,9 @@ def test_a_clip_is_heard_the_same_in_any_company():
 
 
 def test_other_weights_are_refused():
-    with pytest.raises(CheckpointError, match="these are no weights of Wav2CLIP"):
-        Wav2Clip.published({"audio_encoder.weight": torch.zeros(2)})
+    with pytest.raises(CheckpointError, match="these are not Wav2CLIP weights"):
+        Wav2Clip.from_published({"audio_encoder.weight": torch.zeros(2)})
     short = as_published(small())
     del short["audio_encoder.layer3.0.conv2.weight"]
-    with pytest.raises(CheckpointError, match="these are no weights of Wav2CLIP"):
-        Wav2Clip.published(short)
+    with pytest.raises(CheckpointError, match="these are not Wav2CLIP weights"):
+        Wav2Clip.from_published(short)

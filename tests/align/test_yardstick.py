@@ -61,7 +61,7 @@ def test_files(tmp_path):
     own = yardstick()
     own.save(tmp_path / "y.json")
     assert Yardstick.load(tmp_path / "y.json") == own
-    with pytest.raises(CheckpointError, match="is no yardstick"):
+    with pytest.raises(CheckpointError, match="holds no reference statistics"):
         Yardstick.load(tmp_path / "other.json")
 
 

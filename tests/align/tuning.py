@@ -7,14 +7,14 @@ import torch
 from tests.generator.tiny import LAYOUT, generator
 
 from echoavatar.align.config import AlignTraining
-from echoavatar.align.dpo import DpoStage
-from echoavatar.align.grpo import GrpoStage
+from echoavatar.align.dpo import DpoTask
+from echoavatar.align.grpo import GrpoTask
 from echoavatar.align.policy import GeneratorPolicy
-from echoavatar.align.ppo import PpoStage
-from echoavatar.align.preferences import rank
+from echoavatar.align.ppo import PpoTask
+from echoavatar.align.preferences import rank_pairs
 from echoavatar.align.prompts import PromptBook
 from echoavatar.align.rewards import Rewards
-from echoavatar.align.trainer import BARE, Around
+from echoavatar.align.trainer import NO_CONTEXT, RunContext
 from echoavatar.generator import TokenClip
 
 WANTED = 3
@@ -62,26 +62,26 @@ def training(method: str, **changes) -> AlignTraining:
     return AlignTraining.model_validate(sizes | changes)
 
 
-def grpo(around: Around = BARE, **changes) -> GrpoStage:
-    return GrpoStage(policy(), policy(), training("grpo", **changes), wants_threes, around, book=book())
+def grpo(context: RunContext = NO_CONTEXT, **changes) -> GrpoTask:
+    return GrpoTask(policy(), policy(), training("grpo", **changes), wants_threes, context, book=book())
 
 
-def ppo(around: Around = BARE, **changes) -> PpoStage:
-    return PpoStage(policy(), policy(), training("ppo", **changes), wants_threes, around, book=book())
+def ppo(context: RunContext = NO_CONTEXT, **changes) -> PpoTask:
+    return PpoTask(policy(), policy(), training("ppo", **changes), wants_threes, context, book=book())
 
 
-def dpo(around: Around = BARE, model=None, prompts: int = 12, **changes) -> DpoStage:
+def dpo(context: RunContext = NO_CONTEXT, model=None, prompts: int = 12, **changes) -> DpoTask:
     model = model or policy()
     settings = training("dpo", **changes)
-    return DpoStage(
-        model, copy.deepcopy(model), settings, wants_threes, around, pairs=compared(prompts, model)
+    return DpoTask(
+        model, copy.deepcopy(model), settings, wants_threes, context, pairs=ranked_pairs(prompts, model)
     )
 
 
-def compared(prompts: int, model):
+def ranked_pairs(prompts: int, model):
     mine = book()
     asked = [prompt for number in range(prompts) for prompt in mine.draw(number, 1)]
-    pairs = rank(GeneratorPolicy(model), asked, wants_threes, past=1, group=8)
+    pairs = rank_pairs(GeneratorPolicy(model), asked, wants_threes, past=1, group=8)
     return [(mine.cut(pair.clip, pair.start), pair) for pair in pairs]
 
 
@@ -91,7 +91,7 @@ __all__ = [
     "book",
     "clips",
     "policy",
-    "compared",
+    "ranked_pairs",
     "dpo",
     "grpo",
     "ppo",

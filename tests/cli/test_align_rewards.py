@@ -76,7 +76,7 @@ def test_beats_and_wav2clip_hear_with_published_weights_which_are_left_as_they_a
         assert main([*command, "--encoder-weights", weights]) == 0
         table = json.loads(capsys.readouterr().out.splitlines()[-1])
         assert "audio to motion, all" in table["everything"]
-        kept = AudioMotion.load(folder).ears.network.state_dict()
+        kept = AudioMotion.load(folder).audio_encoder.network.state_dict()
         assert all(torch.equal(value, kept[name]) for name, value in own.state_dict().items())
 
 
@@ -92,7 +92,7 @@ class Hostile:
         (b"PK\x03\x04 cut off", "is damaged or cut off"),
         ({"model": {"a": Hostile()}}, "is refused: it would run"),
         ({"weights": {}}, "has no entry 'model'"),
-        ({"model": {"a": torch.zeros(2)}}, "these are no weights of BEATs"),
+        ({"model": {"a": torch.zeros(2)}}, "these are not BEATs weights"),
     ],
 )
 def test_files_that_are_no_weights_are_named_and_never_run(tmp_path, tiny_bundle, capsys, made, message):

@@ -27,11 +27,11 @@ def test_actions_of_the_head_are_told_by_how_far_it_turns(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Two actions of the shipped library, one of the head: both in the table, its turns in a second one and in JSON."""
-    from echoavatar.evaluation import acting
+    from echoavatar.evaluation import actions
 
-    every = acting.evaluate_actions
+    every = actions.evaluate_actions
     monkeypatch.setattr(
-        acting,
+        actions,
         "evaluate_actions",
         lambda pipeline, audio, *, seeds: every(pipeline, audio, ["bow", "disagree"], seeds=seeds[:1]),
     )

@@ -49,8 +49,8 @@ def test_what_is_wrong_is_one_line(
     folders: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for words, complaint in (
-        (["score"], "name two folders"),
-        (["score", folders[0]], "name two folders"),
+        (["score"], "give two folders"),
+        (["score", folders[0]], "give two folders"),
         (["score", str(tmp_path / "none"), folders[1]], "is not a folder"),
         (["score", *folders, "--extractor", str(tmp_path)], "is not a checkpoint"),
     ):

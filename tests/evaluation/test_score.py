@@ -6,8 +6,8 @@ from tests.evaluation.clips import MUSIC, clip, folder
 from tests.kinematics.samples import swaying
 
 from echoavatar.errors import MotionError
-from echoavatar.evaluation.motion_folder import Pair, Reading, read_pairs
-from echoavatar.evaluation.score import UNITS, measured, score
+from echoavatar.evaluation.motion_folder import Pair, ReadOptions, read_pairs
+from echoavatar.evaluation.score import UNITS, measure_clip, score
 from echoavatar.kinematics import HUMANOID, Motion
 from echoavatar.metrics.motion_encoder import load_shipped
 
@@ -17,7 +17,7 @@ def pairs(tmp_path: Path, made_size: float) -> list[Pair]:
     truth = [clip(name, every_s=pace, kind=MUSIC if name == "c" else 1) for name, pace in names.items()]
     made = [clip(name, size=made_size) for name in names]
     where = folder(tmp_path / f"made{made_size}", made), folder(tmp_path / "true", truth)
-    return read_pairs(*where, Reading())
+    return read_pairs(*where, ReadOptions())
 
 
 def test_the_truth_has_no_errors_and_scores_as_itself(tmp_path: Path) -> None:
@@ -52,9 +52,13 @@ def test_sinking_is_measured_from_where_a_foot_stands() -> None:
     still = np.zeros((30, HUMANOID.joints, 4), np.float32)
     still[..., 0] = 1
     root = np.tile(HUMANOID.rest_positions[0].numpy(), (30, 1)).astype(np.float32)
-    assert measured(Motion(HUMANOID, still, root, 30.0)).numbers["floor_depth"] == pytest.approx(0, abs=1e-3)
+    assert measure_clip(Motion(HUMANOID, still, root, 30.0)).numbers["floor_depth"] == pytest.approx(
+        0, abs=1e-3
+    )
     root[:, 1] -= 0.03
-    assert measured(Motion(HUMANOID, still, root, 30.0)).numbers["floor_depth"] == pytest.approx(3, abs=1e-3)
+    assert measure_clip(Motion(HUMANOID, still, root, 30.0)).numbers["floor_depth"] == pytest.approx(
+        3, abs=1e-3
+    )
 
 
 def test_nothing_and_too_little_are_named() -> None:
@@ -62,4 +66,4 @@ def test_nothing_and_too_little_are_named() -> None:
         score([], None)
     short = swaying(7)
     with pytest.raises(MotionError, match="clip x has 7 frames"):
-        score([Pair("x", short, short, None, np.zeros(7))], None)
+        score([Pair("x", short, short, None, np.zeros(7, np.uint8))], None)

@@ -26,7 +26,7 @@ def test_latents_get_unit_spread() -> None:
     torch.manual_seed(0)
     model = MotionEncoder(MotionEncoderConfig(features=5, width=8, latent=3)).eval()
     clips = [torch.randn(80, 5) for _ in range(4)]
-    model.measure_latents(clips)
+    model.set_latent_statistics(clips)
     latents = torch.cat([model.features(one) for one in clips])
     torch.testing.assert_close(latents.mean(0), torch.zeros(3), atol=1e-4, rtol=0)
     torch.testing.assert_close(latents.std(0), torch.ones(3), atol=1e-3, rtol=0)

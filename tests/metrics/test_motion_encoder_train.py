@@ -6,9 +6,9 @@ import torch
 from echoavatar.errors import CheckpointError, MotionError
 from echoavatar.metrics.motion_encoder import MotionEncoderConfig
 from echoavatar.metrics.motion_encoder_train import (
-    MotionEncoderStage,
+    MotionEncoderTask,
     MotionEncoderTraining,
-    explained,
+    explained_variance,
     part_weights,
     train_motion_encoder,
 )
@@ -34,7 +34,7 @@ def test_it_learns_what_is_there_to_learn(tmp_path: Path) -> None:
     model = train_motion_encoder(
         CONFIG, TRAINING, clips(), tmp_path, progress=lambda done, total: told.append(done)
     )
-    assert explained(model, clips()) > 0.6
+    assert explained_variance(model, clips()) > 0.6
     assert told == list(range(1, 61))
     assert {path.name for path in tmp_path.iterdir()} >= {"config.json", "model.safetensors", "card.json"}
     latents = torch.cat([model.features(clip) for clip in clips()])
@@ -43,13 +43,13 @@ def test_it_learns_what_is_there_to_learn(tmp_path: Path) -> None:
 
 def test_a_stopped_run_goes_on_as_if_it_had_not_been(tmp_path: Path) -> None:
     """Though the latents' spread is measured with every checkpoint."""
-    whole = Loop(MotionEncoderStage(CONFIG, TRAINING, clips()))
+    whole = Loop(MotionEncoderTask(CONFIG, TRAINING, clips()))
     losses = [whole.advance()["loss"] for _ in range(6)]
-    first = Loop(MotionEncoderStage(CONFIG, TRAINING, clips()))
+    first = Loop(MotionEncoderTask(CONFIG, TRAINING, clips()))
     for _ in range(3):
         first.advance()
     first.save(tmp_path)
-    second = Loop(MotionEncoderStage(CONFIG, TRAINING, clips()))
+    second = Loop(MotionEncoderTask(CONFIG, TRAINING, clips()))
     assert second.resume(tmp_path)
     assert [second.advance()["loss"] for _ in range(3)] == losses[3:]
 
@@ -58,21 +58,21 @@ def test_pieces_share_one_trajectory() -> None:
     curves = []
     for pieces in (1, 8):
         training = TRAINING.model_copy(update={"accumulation": pieces})
-        loop = Loop(MotionEncoderStage(CONFIG, training, clips()))
+        loop = Loop(MotionEncoderTask(CONFIG, training, clips()))
         curves.append([loop.advance()["loss"] for _ in range(5)])
     assert curves[0] == pytest.approx(curves[1], rel=1e-4)
 
 
 def test_other_settings_are_refused(tmp_path: Path) -> None:
-    Loop(MotionEncoderStage(CONFIG, TRAINING, clips())).save(tmp_path)
-    other = Loop(MotionEncoderStage(CONFIG, TRAINING.model_copy(update={"steps": 7}), clips()))
+    Loop(MotionEncoderTask(CONFIG, TRAINING, clips())).save(tmp_path)
+    other = Loop(MotionEncoderTask(CONFIG, TRAINING.model_copy(update={"steps": 7}), clips()))
     with pytest.raises(CheckpointError, match="another training config: steps"):
         other.resume(tmp_path)
 
 
 def test_clips_that_are_too_short_are_named() -> None:
     with pytest.raises(MotionError, match="32 frames"):
-        MotionEncoderStage(CONFIG, TRAINING, [torch.zeros(31, 6)])
+        MotionEncoderTask(CONFIG, TRAINING, [torch.zeros(31, 6)])
 
 
 def test_every_part_of_the_body_has_the_same_say() -> None:

@@ -6,7 +6,7 @@ import torch
 from echoavatar.errors import MotionError
 from echoavatar.metrics.skeleton_convolution import SkeletonConvolutionConfig
 from echoavatar.metrics.skeleton_convolution_train import (
-    SkeletonConvolutionStage,
+    SkeletonConvolutionTask,
     SkeletonConvolutionTraining,
     train_skeleton_convolution,
 )
@@ -36,7 +36,7 @@ def test_it_learns_to_give_motion_back(tmp_path: Path) -> None:
 
 
 def test_masks_between_strangers_and_unused_heads_stay_as_they_are() -> None:
-    stage = SkeletonConvolutionStage(SMALL, settings(), clips())
+    stage = SkeletonConvolutionTask(SMALL, settings(), clips())
     before = {name: value.clone() for name, value in stage.model.state_dict().items()}
     Loop(stage).advance()
     after = stage.model.state_dict()
@@ -53,11 +53,11 @@ def test_masks_between_strangers_and_unused_heads_stay_as_they_are() -> None:
 
 
 def test_a_step_draws_the_same_windows_again() -> None:
-    one, two = (SkeletonConvolutionStage(SMALL, settings(), clips()) for _ in range(2))
+    one, two = (SkeletonConvolutionTask(SMALL, settings(), clips()) for _ in range(2))
     assert torch.equal(one.draw(3), two.draw(3))
     assert not torch.equal(one.draw(3), one.draw(4))
 
 
 def test_clips_that_are_too_short_are_refused() -> None:
     with pytest.raises(MotionError, match="32 frames"):
-        SkeletonConvolutionStage(SMALL, settings(), [clip[:20] for clip in clips()])
+        SkeletonConvolutionTask(SMALL, settings(), [clip[:20] for clip in clips()])

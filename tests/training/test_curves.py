@@ -53,12 +53,12 @@ def test_runs_are_drawn_side_by_side(tmp_path: Path) -> None:
 def test_what_cannot_be_drawn_is_named(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     runs = {"a": read_curves(told(tmp_path / "a"))}
-    with pytest.raises(EchoAvatarError, match="no run tells los; there are loss"):
+    with pytest.raises(EchoAvatarError, match="no run has the metric los; there are loss"):
         draw(runs, tmp_path / "x.png", metrics=["los"])
     with pytest.raises(EchoAvatarError, match="cannot write"):
         draw(runs, tmp_path / "none" / "x.png")
     with pytest.raises(EchoAvatarError, match="holds no metrics.jsonl"):
         read_curves(tmp_path)
     (tmp_path / "metrics.jsonl").write_text("")
-    with pytest.raises(EchoAvatarError, match="tells nothing yet"):
+    with pytest.raises(EchoAvatarError, match="holds no metrics yet"):
         read_curves(tmp_path)

@@ -12,14 +12,14 @@ from echoavatar.face.train import FaceStage
 from echoavatar.generator import train as generator_train
 from echoavatar.generator.train import GeneratorStage
 from echoavatar.training import Stage
-from echoavatar.training.stage import cut, rows_of
+from echoavatar.training.stage import row_count, take_rows
 
 META = torch.device("meta")
 
 
 def descend_elsewhere(stage: Stage) -> None:
     whole = stage.draw(0)
-    batch = cut(whole, slice(0, rows_of(whole)), META)
+    batch = take_rows(whole, slice(0, row_count(whole)), META)
     for module in stage.modules.values():
         module.to(META)
     loss = stage.loss(batch, 0).total

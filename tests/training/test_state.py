@@ -42,5 +42,5 @@ def test_a_damaged_file_says_what_to_do(tmp_path):
     assert not has_state(tmp_path)
     (tmp_path / FILE).write_bytes(b"half a file")
     assert has_state(tmp_path)
-    with pytest.raises(CheckpointError, match="is damaged .* delete it to begin again"):
+    with pytest.raises(CheckpointError, match="is damaged .* delete it to start again"):
         Loop(Line()).resume(tmp_path)

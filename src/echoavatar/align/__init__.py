@@ -1,4 +1,4 @@
-"""Reinforcement learning of the generator: rewards, rollouts, GRPO, DPO, PPO. May import `pipeline` and below.
+"""Tunes the generator by reinforcement learning: rewards, rollouts, GRPO, DPO and PPO. May import `pipeline` and below.
 
-Paper, Reinforcement Learning; docs/alignment.md tells how to use it.
+See the paper's section Reinforcement Learning; docs/alignment.md explains how to use it.
 """

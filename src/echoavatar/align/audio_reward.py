@@ -1,13 +1,13 @@
-"""The audio-motion alignment reward: one embedding of sound and motion (paper, appendix Audio-Motion Alignment Reward).
+"""The audio-motion alignment reward: one embedding space for audio and motion (paper, Audio-Motion Alignment Reward).
 
-Both sides are projected to d = 768 and normed; the reward is their cosine. Trained with InfoNCE in both directions,
-with soft labels: windows of the same segment (mirrored motion has the same sound) share the probability. The
-temperature is learnt from 1 / 0.07.
+Two encoders project audio and motion to d = 768 and normalise; the reward is the cosine of the two embeddings. They are
+trained with InfoNCE in both directions. Labels are soft: windows of the same segment share the probability, because a
+mirrored clip has the same audio. The temperature is learned and starts at 1 / 0.07.
 
-Sound is heard by codes, BEATs or Wav2CLIP (`ears`). Departs from the paper in two things. Motion is read as its codes'
-vectors (what the generator says). And the paper's mean over all of a clip's time cannot say when anything happened:
-here 4 s are pooled into 24 slices of 1/6 s that stay apart in the embedding (32 channels each), so that the cosine is a
-sum of what agrees at the same time. `slices` 1 is the paper's.
+Audio is encoded from codec tokens, by BEATs or by Wav2CLIP (`audio_encoders`). We depart from the paper in two ways.
+Motion is encoded from the vectors of its codes, which are what the generator predicts. And the paper averages over the
+whole clip, so its embedding cannot say when anything happened. Here 4 s are pooled into 24 slices of 1/6 s with 32
+channels each, and the cosine adds up what agrees at the same time. `slices` 1 is the paper's.
 """
 
 from collections.abc import Mapping
@@ -17,18 +17,18 @@ from typing import Self
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float, Int
-from pydantic import Field, model_validator
+from pydantic import AliasChoices, Field, model_validator
 from torch import Tensor, nn
 
 from .. import checkpoint
 from ..audio import AudioCodec
 from ..config import Config
 from ..timing import SAMPLE_RATE_HZ, SAMPLES_PER_AUDIO_TOKEN, SAMPLES_PER_MOTION_TOKEN, exact_div
+from .audio_encoders import AudioEncoderConfig, TokenEncoder, WaveformEncoder
 from .beats import Beats
 from .bidirectional import FullBlock, sinusoids
-from .ears import CodeEars, EarsConfig, WaveEars
+from .decoded_motion import DecodedMotion
 from .fbank import RATE_HZ
-from .scene import Scene
 from .wav2clip import Wav2Clip
 from .yardstick import Yardstick
 
@@ -38,19 +38,22 @@ FRAMES_PER_TOKEN = exact_div(
 WINDOW_TOKENS = 30  # 4 s, what the reward is trained on
 FIRST_TEMPERATURE = 1 / 0.07
 LARGEST_TEMPERATURE = 100.0
-LEAST = 1e-6  # spread that code vectors are brought to 1 from; those of an untrained codec have none
+OLD_NAME = "ears"  # what checkpoints of earlier versions call the audio encoder
+MIN_SPREAD = 1e-6  # keeps the division finite where an untrained codec's code vectors are all alike
 
 
 class AudioMotionConfig(Config):
-    """Sizes; the paper's are width 512, 4 layers, 8 heads, d 768."""
+    """Model sizes; the paper uses width 512, 4 layers, 8 heads and d 768."""
 
-    ears: EarsConfig = Field(description="what sound is heard with")
-    motion_channels: int = Field(gt=0, description="length of a motion token's vector, parts side by side")
+    audio_encoder: AudioEncoderConfig = Field(
+        validation_alias=AliasChoices("audio_encoder", OLD_NAME), description="the audio encoder"
+    )
+    motion_channels: int = Field(gt=0, description="length of a motion token's vector, all body parts")
     width: int = Field(default=128, gt=0, description="channels of both encoders (paper: 512)")
     layers: int = Field(default=4, gt=0, description="transformer layers of the motion encoder")
     heads: int = Field(default=4, gt=0, description="attention heads (paper: 8)")
-    size: int = Field(default=768, gt=0, description="length of an embedding of 4 s")
-    slices: int = Field(default=24, gt=0, description="times that an embedding of 4 s keeps apart (paper: 1)")
+    size: int = Field(default=768, gt=0, description="length of the embedding of 4 s")
+    slices: int = Field(default=24, gt=0, description="time slices in the embedding of 4 s (paper: 1)")
 
     @model_validator(mode="after")
     def _slices_share_the_size(self) -> Self:
@@ -60,7 +63,7 @@ class AudioMotionConfig(Config):
 
 
 class AudioMotion(nn.Module):
-    """Two encoders into one space."""
+    """An audio encoder and a motion encoder that share one embedding space."""
 
     motion_book: Tensor
 
@@ -74,11 +77,13 @@ class AudioMotion(nn.Module):
         self.register_buffer(
             "motion_book", torch.zeros(*motion_shape, config.motion_channels // motion_shape[0])
         )
-        self.ears: CodeEars | WaveEars
-        if config.ears.kind == "codes":
-            self.ears = CodeEars(config.ears, sound_shape, width=width, heads=config.heads)
+        self.audio_encoder: TokenEncoder | WaveformEncoder
+        if config.audio_encoder.kind == "codes":
+            self.audio_encoder = TokenEncoder(
+                config.audio_encoder, sound_shape, width=width, heads=config.heads
+            )
         else:
-            self.ears = WaveEars(config.ears, width=width)
+            self.audio_encoder = WaveformEncoder(config.audio_encoder, width=width)
         self.motion_in = nn.Linear(config.motion_channels, width)
         self.motion = nn.Sequential(
             *(FullBlock(width=width, heads=config.heads) for _ in range(config.layers))
@@ -97,15 +102,15 @@ class AudioMotion(nn.Module):
         sound_layers: int = 2,
         **sizes: int,
     ) -> Self:
-        """Over the code vectors of a codec and a tokenizer, scaled to unit spread."""
-        ears = EarsConfig(channels=sound_book.shape[2], layers=sound_layers)
-        model = cls._over(ears, motion_book, tuple(sound_book.shape[:2]), sizes)
-        assert isinstance(model.ears, CodeEars)
-        model.ears.book.copy_(sound_book / sound_book.sum(0).std().clamp(min=LEAST))
+        """An untrained model that reads codec tokens; both codebooks are scaled to unit spread."""
+        audio_encoder = AudioEncoderConfig(channels=sound_book.shape[2], layers=sound_layers)
+        model = cls._build(audio_encoder, motion_book, tuple(sound_book.shape[:2]), sizes)
+        assert isinstance(model.audio_encoder, TokenEncoder)
+        model.audio_encoder.book.copy_(sound_book / sound_book.sum(0).std().clamp(min=MIN_SPREAD))
         return model
 
     @classmethod
-    def hearing(
+    def from_network(
         cls,
         network: Beats | Wav2Clip,
         codec: AudioCodec,
@@ -114,40 +119,46 @@ class AudioMotion(nn.Module):
         is_frozen: bool,
         **sizes: int,
     ) -> Self:
-        """With BEATs or Wav2CLIP over a codec; its weights are taken over, and left as they are if `is_frozen`."""
+        """An untrained model over BEATs or Wav2CLIP; its weights are copied, and kept fixed if `is_frozen`."""
         kinds = {"beats": network.config} if isinstance(network, Beats) else {"wav2clip": network.config}
-        ears = EarsConfig.model_validate({"codec": codec.config, "is_frozen": is_frozen} | kinds)
-        model = cls._over(ears, motion_book, (), sizes)
-        assert isinstance(model.ears, WaveEars)
-        model.ears.network.load_state_dict(network.state_dict())
-        model.ears.codec.load_state_dict(codec.state_dict())
+        audio_encoder = AudioEncoderConfig.model_validate(
+            {"codec": codec.config, "is_frozen": is_frozen} | kinds
+        )
+        model = cls._build(audio_encoder, motion_book, (), sizes)
+        assert isinstance(model.audio_encoder, WaveformEncoder)
+        model.audio_encoder.network.load_state_dict(network.state_dict())
+        model.audio_encoder.codec.load_state_dict(codec.state_dict())
         return model
 
     @classmethod
-    def _over(
-        cls, ears: EarsConfig, motion_book: Tensor, sound_shape: tuple[int, ...], sizes: Mapping[str, int]
+    def _build(
+        cls,
+        audio_encoder: AudioEncoderConfig,
+        motion_book: Tensor,
+        sound_shape: tuple[int, ...],
+        sizes: Mapping[str, int],
     ) -> Self:
         parts, channels = motion_book.shape[0], motion_book.shape[3]
-        config = AudioMotionConfig(ears=ears, motion_channels=parts * channels, **sizes)
+        config = AudioMotionConfig(audio_encoder=audio_encoder, motion_channels=parts * channels, **sizes)
         model = cls(config, sound_shape=sound_shape, motion_shape=tuple(motion_book.shape[:3]))
-        model.motion_book.copy_(motion_book / motion_book.sum(1).std().clamp(min=LEAST))
+        model.motion_book.copy_(motion_book / motion_book.sum(1).std().clamp(min=MIN_SPREAD))
         return model
 
     @property
     def temperature(self) -> Float[Tensor, ""]:
-        """tau, what similarities are multiplied by."""
+        """The factor (tau) that similarities are multiplied by."""
         return self.log_temperature.exp().clamp(max=LARGEST_TEMPERATURE)
 
-    def hear(self, sound: Tensor) -> Float[Tensor, "b d"]:
-        """Unit embeddings of codes (b, f, l), or of a waveform at 16 kHz (b, s); d is `size` for 4 s."""
+    def embed_audio(self, sound: Tensor) -> Float[Tensor, "b d"]:
+        """Unit embeddings of codec tokens (b, f, l) or of a 16 kHz waveform (b, s); d is `size` for 4 s."""
         if sound.is_floating_point():
             tokens = round(sound.shape[1] * SAMPLE_RATE_HZ / RATE_HZ / SAMPLES_PER_MOTION_TOKEN)
         else:
             tokens = sound.shape[1] // FRAMES_PER_TOKEN
-        return self._pooled(self.sound_out(self.ears(sound)), tokens)
+        return self._pooled(self.sound_out(self.audio_encoder(sound)), tokens)
 
-    def see(self, codes: Int[Tensor, "b n p q"]) -> Float[Tensor, "b d"]:
-        """Unit embeddings of motion; d is `size` for 4 s."""
+    def embed_motion(self, codes: Int[Tensor, "b n p q"]) -> Float[Tensor, "b d"]:
+        """Unit embeddings of motion codes; d is `size` for 4 s."""
         parts = [
             sum((self.motion_book[p, q][codes[:, :, p, q]] for q in range(codes.shape[3])), torch.zeros(()))
             for p in range(codes.shape[2])
@@ -157,16 +168,16 @@ class AudioMotion(nn.Module):
         return self._pooled(self.motion_out(states), codes.shape[1])
 
     def _pooled(self, states: Float[Tensor, "b t c"], tokens: int) -> Float[Tensor, "b d"]:
-        """Slices of the same length whatever the clip's; a clip that is shorter has fewer."""
+        """Average over slices of equal duration; a shorter clip has fewer of them."""
         slices = max(1, round(self.config.slices * tokens / WINDOW_TOKENS))
         pooled = F.adaptive_avg_pool1d(states.transpose(1, 2), slices)
         return F.normalize(pooled.flatten(1), dim=-1)
 
     @torch.no_grad()
-    def judge(self, scene: Scene, yardstick: Yardstick) -> float:
-        """As a reward function: the cosine of what is heard and what is done (paper, Reward Computation)."""
-        heard = self.hear(torch.from_numpy(scene.audio_codes)[None])
-        seen = self.see(torch.from_numpy(scene.motion_codes)[None])
+    def judge(self, motion: DecodedMotion, yardstick: Yardstick) -> float:
+        """The reward function: cosine of the audio's and the motion's embedding (paper, Reward Computation)."""
+        heard = self.embed_audio(torch.from_numpy(motion.audio_codes)[None])
+        seen = self.embed_motion(torch.from_numpy(motion.motion_codes)[None])
         return float((heard * seen).sum())
 
     def save(self, folder: Path, card: Mapping[str, object]) -> None:
@@ -178,13 +189,18 @@ class AudioMotion(nn.Module):
         """Read a checkpoint folder.
 
         Raises:
-            CheckpointError: it holds no alignment reward.
+            CheckpointError: the folder holds no alignment reward.
         """
         config = checkpoint.read_config(folder, AudioMotionConfig)
-        weights = checkpoint.read_weights(folder)
+        weights = {
+            f"audio_encoder.{name.removeprefix(f'{OLD_NAME}.')}"
+            if name.startswith(f"{OLD_NAME}.")
+            else name: value
+            for name, value in checkpoint.read_weights(folder).items()
+        }
         sound, motion = (
             tuple(weights[name].shape[:-1]) if name in weights else (1,) * few
-            for name, few in (("ears.book", 2), ("motion_book", 3))
+            for name, few in (("audio_encoder.book", 2), ("motion_book", 3))
         )
         model = cls(config, sound_shape=sound, motion_shape=motion)
         checkpoint.load_into(model, weights, origin=str(folder))
@@ -192,7 +208,7 @@ class AudioMotion(nn.Module):
 
 
 def soft_labels(segments: Int[Tensor, " b"]) -> Float[Tensor, "b b"]:
-    """Pairs of the same segment share the probability of each row."""
+    """Target probabilities: each row divides them evenly among the pairs of its own segment."""
     same = (segments[:, None] == segments[None, :]).float()
     return same / same.sum(1, keepdim=True)
 

@@ -1,4 +1,4 @@
-"""Training the alignment reward on token clips, and testing it by retrieval among held-out windows."""
+"""Trains the audio-motion alignment reward on token clips and tests it by retrieval among held-out windows."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -17,22 +17,22 @@ from ..generator import TokenClip
 from ..metrics.retrieval import PAPER_GALLERY, Retrieval, batched, chance, gallery, retrieval, similarity
 from ..timing import AUDIO_FRAMES_PER_CHUNK, CHUNK_SECONDS, MOTION_TOKENS_PER_CHUNK, exact_div
 from ..training import Loss, Progress, Stage, TrainingConfig, train
+from .audio_encoders import decoded_waveform
 from .audio_reward import WINDOW_TOKENS, AudioMotion, info_nce
-from .ears import wave_of
 from .fbank import RATE_HZ
 
 WINDOW_CHUNKS = exact_div(WINDOW_TOKENS, MOTION_TOKENS_PER_CHUNK)
 DOMAINS = ("silence", "speech", "music")
-FEWEST = 32  # windows of a domain, for a table of its own
-MIRROR = ".mirror"  # ending of the name of a mirrored clip (`pipeline.tokenize`)
+FEWEST = 32  # windows that a domain needs for a table of its own
+MIRROR = ".mirror"  # suffix of a mirrored clip's name (`pipeline.tokenize`)
 
 
 class AudioRewardTraining(TrainingConfig):
-    """How the reward is trained. Negatives are those of one piece: several processes want larger batches."""
+    """Training settings. With several processes negatives come from the process's own rows, so use a larger batch."""
 
     steps: int = Field(default=1000, gt=0, description="optimiser steps")
     batch: int = Field(default=64, gt=0, description="windows a step (paper: 32)")
-    each: int = Field(default=4, gt=0, description="windows of one clip in a batch, which do not overlap")
+    each: int = Field(default=4, gt=0, description="windows of one clip in a batch; they do not overlap")
     learning_rate: float = Field(default=1e-3, gt=0, description="peak, cosine (paper: 1e-4)")
     warmup: int = Field(default=50, ge=0, description="steps of linear warm-up")
     final_rate: float = Field(default=0.0, ge=0, le=1, description="share of the peak at the end")
@@ -41,15 +41,15 @@ class AudioRewardTraining(TrainingConfig):
 
 
 class Windows(NamedTuple):
-    """Sound, motion, and the number of the segment, the same for mirrored motion."""
+    """Audio, motion, and a segment number that mirrored motion shares with its original."""
 
-    sound: Tensor  # codes, or a waveform at 16 kHz
+    sound: Tensor  # codec tokens, or a waveform at 16 kHz
     motion: Tensor
     segments: Int[Tensor, " b"]
 
 
 class Pairs:
-    """Windows of sound and motion; windows of one segment, mirrored ones too, have the same number."""
+    """Windows of audio and motion cut from clips; windows of one segment, mirrored ones too, share a number."""
 
     def __init__(
         self,
@@ -58,7 +58,7 @@ class Pairs:
         chunks: int = WINDOW_CHUNKS,
         waves: Mapping[str, Tensor] | None = None,
     ) -> None:
-        """With `waves` (`waves_of`) sound is waveforms, else codes."""
+        """With `waves` (from `decoded_waveforms`) the audio is a waveform, otherwise codec tokens."""
         self._chunks, self._waves = chunks, waves
         sources = sorted({name.removesuffix(MIRROR) for name in clips})
         self._source = {name: at for at, name in enumerate(sources)}
@@ -68,7 +68,7 @@ class Pairs:
         self._names = list(self._clips)
 
     def draw(self, number: int, size: int, seed: int, *, each: int = 1) -> Windows:
-        """So many random windows, `each` of a clip: other moments of the same sound are the hardest to tell apart."""
+        """`size` random windows, `each` from one clip: other moments of the same clip are the hardest negatives."""
         random, spots = np.random.default_rng([seed, number]), list[tuple[str, int]]()
         while len(spots) < size:
             name = self._names[int(random.integers(len(self._names)))]
@@ -79,7 +79,7 @@ class Pairs:
         return self._cut(spots[:size])
 
     def grid(self, sound: int | None = None) -> Windows:
-        """All windows without overlap, mirrored ones left out; of mostly one domain, where one is given."""
+        """All non-overlapping windows of clips that are not mirrored, or only those mostly of domain `sound`."""
         spots = [
             (name, start)
             for name, clip in self._clips.items()
@@ -92,7 +92,7 @@ class Pairs:
         return self._cut(spots)
 
     def _domain(self, name: str, start: int) -> int:
-        """What fills most of a window."""
+        """The domain of most of a window's tokens."""
         span = slice(start * MOTION_TOKENS_PER_CHUNK, (start + self._chunks) * MOTION_TOKENS_PER_CHUNK)
         return int(np.bincount(self._clips[name].domain[span], minlength=len(DOMAINS)).argmax())
 
@@ -113,29 +113,29 @@ class Pairs:
         )
 
     def _heard(self, spots: Sequence[tuple[str, int]]) -> Float[Tensor, "b s"]:
-        """Windows of the waveforms."""
+        """The windows' waveforms."""
         assert self._waves is not None
-        samples = int(self._chunks * CHUNK_SECONDS * RATE_HZ)  # a chunk is no whole number of them
+        samples = int(self._chunks * CHUNK_SECONDS * RATE_HZ)  # a chunk is not a whole number of samples
         firsts = [(name, int(start * CHUNK_SECONDS * RATE_HZ)) for name, start in spots]
         rows = [self._waves[name.removesuffix(MIRROR)][first : first + samples] for name, first in firsts]
         return torch.stack(rows).float()
 
 
-def waves_of(
+def decoded_waveforms(
     codec: AudioCodec, clips: Mapping[str, TokenClip], progress: Progress | None = None
-) -> dict[str, Float[Tensor, " s"]]:
-    """What the codec makes of the clips' codes, at 16 kHz in half precision, by name; mirrored ones share theirs."""
+) -> dict[str, Float[Tensor, " _"]]:
+    """Decode each clip's codec tokens to a 16 kHz waveform in half precision, by name; mirrored clips share one."""
     sources = {name.removesuffix(MIRROR): clip for name, clip in clips.items()}
     waves = {}
     for done, (name, clip) in enumerate(sources.items(), start=1):
-        waves[name] = wave_of(codec, torch.from_numpy(clip.audio.astype(np.int64))[None])[0].half()
+        waves[name] = decoded_waveform(codec, torch.from_numpy(clip.audio.astype(np.int64))[None])[0].half()
         if progress is not None:
             progress(done, len(sources))
     return waves
 
 
-class AudioRewardStage(Stage[Windows]):
-    """The two encoders and the pairs they learn."""
+class AudioRewardTask(Stage[Windows]):
+    """The training task of the alignment reward."""
 
     config: AudioRewardTraining
 
@@ -160,11 +160,16 @@ class AudioRewardStage(Stage[Windows]):
     def loss(self, batch: Windows, step: int) -> Loss:
         """See `Stage.loss`."""
         model = self.model
-        found = info_nce(model.hear(batch.sound), model.see(batch.motion), model.temperature, batch.segments)
+        found = info_nce(
+            model.embed_audio(batch.sound),
+            model.embed_motion(batch.motion),
+            model.temperature,
+            batch.segments,
+        )
         return Loss(found, {"temperature": model.temperature})
 
     def save(self, folder: Path, step: int) -> None:
-        """The reward."""
+        """Write the reward."""
         about = {"kind": "audio_reward", "step": step, "training": self.config.model_dump()}
         self.model.save(folder, self._card | about)
 
@@ -178,8 +183,8 @@ def train_audio_reward(
     card: Mapping[str, object] | None = None,
     progress: Progress | None = None,
 ) -> AudioMotion:
-    """Train into a checkpoint folder, going on with what is there."""
-    train(AudioRewardStage(model, pairs, training, card), folder, progress=progress)
+    """Train into a checkpoint folder, or resume the run in it."""
+    train(AudioRewardTask(model, pairs, training, card), folder, progress=progress)
     return model.eval()
 
 
@@ -187,20 +192,20 @@ def train_audio_reward(
 def embed(
     model: AudioMotion, pairs: Pairs, sound: int | None = None
 ) -> tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "n d"]]:
-    """Embeddings of all windows without overlap, or of those of mostly one domain."""
+    """Embeddings of all non-overlapping windows, or only those mostly of domain `sound`."""
     asked = pairs.grid(sound)
-    heard = torch.cat([model.hear(part) for part in torch.split(asked.sound, 64)])
-    seen = torch.cat([model.see(part) for part in torch.split(asked.motion, 64)])
+    heard = torch.cat([model.embed_audio(part) for part in torch.split(asked.sound, 64)])
+    seen = torch.cat([model.embed_motion(part) for part in torch.split(asked.motion, 64)])
     return heard.numpy(), seen.numpy()
 
 
 def retrieval_tables(model: AudioMotion, pairs: Pairs) -> dict[str, dict[str, dict[str, object]]]:
-    """`retrieval_table` of everything, and within each domain alone, where telling domains apart does not help."""
+    """A `retrieval_table` of all windows and one for each domain, where telling domains apart does not help."""
     tables = {"everything": retrieval_table(*embed(model, pairs))}
     for at, name in enumerate(DOMAINS):
         try:
             found = embed(model, pairs, at)
-        except MotionError:  # none of it
+        except MotionError:  # no window of this domain
             continue
         if len(found[0]) >= FEWEST:
             tables[name] = retrieval_table(*found)
@@ -210,7 +215,7 @@ def retrieval_tables(model: AudioMotion, pairs: Pairs) -> dict[str, dict[str, di
 def retrieval_table(
     sounds: Float[np.ndarray, "n d"], motions: Float[np.ndarray, "n d"]
 ) -> dict[str, dict[str, object]]:
-    """The paper's table: both ways, among all, in one gallery of 300, in TMR's batches of 32; and chance for each."""
+    """The paper's table in both directions: all pairs, one gallery of 300, TMR's batches of 32; with chance levels."""
     table = {}
     for way, matrix in (
         ("audio to motion", similarity(sounds, motions)),

@@ -1,8 +1,8 @@
 """BEATs, the paper's audio encoder: a transformer over patches of filter banks, its weights named as published.
 
 Chen et al., "BEATs: Audio Pre-Training with Acoustic Tokenizers". 128 filter banks every 10 ms (`fbank`) are cut into
-patches of 16 x 16; positions come from a wide grouped convolution and from a bias by distance, which a gate of each
-query turns up or down. Post-norm with DeepNorm's scaled residuals. Its classifier head, if there is one, is not read.
+patches of 16 x 16. Positions come from a wide grouped convolution and from a relative attention bias, which each query
+scales by a gate. Layers are post-norm with DeepNorm's scaled residuals. A classifier head in the file is ignored.
 """
 
 from collections.abc import Mapping
@@ -19,26 +19,26 @@ from ..errors import CheckpointError
 from .fbank import BANDS, fbank
 
 PATCH = 16
-GATES = 8  # numbers a query is brought to for its two gates
-SHARED_BIAS = "self_attn.relative_attention_bias.weight"  # one table, stored once a layer
+GATES = 8  # values computed from a query for its two gates
+SHARED_BIAS = "self_attn.relative_attention_bias.weight"  # one for all layers; stored once a layer
 
 
 class BeatsConfig(Config):
-    """Sizes; the defaults are the published model's."""
+    """Model sizes; the defaults are the published model's."""
 
     layers: int = Field(default=12, gt=0, description="transformer layers")
     width: int = Field(default=768, gt=0, description="channels")
     heads: int = Field(default=12, gt=0, description="attention heads")
     hidden: int = Field(default=3072, gt=0, description="channels inside the MLPs")
-    patch_width: int = Field(default=512, gt=0, description="channels of a patch before they are projected")
-    buckets: int = Field(default=320, gt=0, description="distances that the attention bias tells apart")
-    farthest: int = Field(default=800, gt=0, description="distance from which on all are alike")
-    reach: int = Field(default=128, gt=0, description="patches that the convolution of positions sees")
-    groups: int = Field(default=16, gt=0, description="of that convolution")
+    patch_width: int = Field(default=512, gt=0, description="channels of a patch before projection")
+    buckets: int = Field(default=320, gt=0, description="distances that the attention bias distinguishes")
+    farthest: int = Field(default=800, gt=0, description="distance beyond which all share one bucket")
+    reach: int = Field(default=128, gt=0, description="patches that the positional convolution spans")
+    groups: int = Field(default=16, gt=0, description="groups of the positional convolution")
 
 
 class PositionConv(nn.Module):
-    """Convolution whose weight is a length for each tap times a direction."""
+    """Positional convolution with weight normalisation: a magnitude for each tap times a direction."""
 
     def __init__(self, config: BeatsConfig) -> None:
         super().__init__()
@@ -49,14 +49,14 @@ class PositionConv(nn.Module):
         self.bias = nn.Parameter(torch.zeros(config.width))
 
     def forward(self, x: Float[Tensor, "b n c"]) -> Float[Tensor, "b n c"]:
-        """Of the same length; an even reach sees one patch more behind than ahead."""
+        """Keeps the length; an even kernel reaches one patch further back than ahead."""
         weight = self.weight_g * self.weight_v / self.weight_v.norm(dim=(0, 1), keepdim=True)
         y = F.conv1d(x.transpose(1, 2), weight, self.bias, padding=self.reach // 2, groups=self.groups)
         return F.gelu(y[..., : x.shape[1]]).transpose(1, 2)
 
 
 class GatedAttention(nn.Module):
-    """Attention with a bias by distance, gated by the query."""
+    """Attention with a relative position bias that each query gates."""
 
     def __init__(self, config: BeatsConfig) -> None:
         super().__init__()
@@ -66,7 +66,7 @@ class GatedAttention(nn.Module):
         self.grep_a = nn.Parameter(torch.ones(1, config.heads, 1, 1))
 
     def forward(self, x: Float[Tensor, "b n c"], bias: Float[Tensor, "h n n"]) -> Float[Tensor, "b n c"]:
-        """All patches see all."""
+        """Every patch attends to every patch."""
         q, k, v = (
             part(x).unflatten(-1, (self.heads, -1)).transpose(1, 2)
             for part in (self.q_proj, self.k_proj, self.v_proj)
@@ -79,7 +79,7 @@ class GatedAttention(nn.Module):
 
 
 class BeatsLayer(nn.Module):
-    """Attention and MLP, each added to `residual` times what came in, and normed."""
+    """Post-norm attention and MLP; the residual branch is scaled by `residual`."""
 
     def __init__(self, config: BeatsConfig) -> None:
         super().__init__()
@@ -90,14 +90,14 @@ class BeatsLayer(nn.Module):
         self.fc2 = nn.Linear(config.hidden, config.width)
 
     def forward(self, x: Float[Tensor, "b n c"], bias: Float[Tensor, "h n n"]) -> Float[Tensor, "b n c"]:
-        """One layer."""
+        """States after this layer."""
         x = self.self_attn_layer_norm(self.residual * x + self.self_attn(x, bias))
         y: Tensor = self.final_layer_norm(self.residual * x + self.fc2(F.gelu(self.fc1(x))))
         return y
 
 
 class BeatsEncoder(nn.Module):
-    """Positions and layers."""
+    """The positional convolution and the transformer layers."""
 
     def __init__(self, config: BeatsConfig) -> None:
         super().__init__()
@@ -108,10 +108,10 @@ class BeatsEncoder(nn.Module):
         self.layer_norm = nn.LayerNorm(config.width)
 
     def forward(self, x: Float[Tensor, "b n c"]) -> Float[Tensor, "b n c"]:
-        """States of patches."""
+        """States of the patches."""
         x = self.layer_norm(x + self.pos_conv(x))
         table: nn.Embedding = self.layers[0].self_attn.relative_attention_bias  # type: ignore[assignment,union-attr]
-        near = _bucket(x.shape[1], self.config.buckets, self.config.farthest).to(x.device)
+        near = _relative_buckets(x.shape[1], self.config.buckets, self.config.farthest).to(x.device)
         bias = table(near).permute(2, 0, 1)
         for layer in self.layers:
             x = layer(x, bias)
@@ -119,7 +119,7 @@ class BeatsEncoder(nn.Module):
 
 
 class Beats(nn.Module):
-    """Sound at 16 kHz in, a state every 160 ms out."""
+    """Audio at 16 kHz in, one state every 160 ms out."""
 
     def __init__(self, config: BeatsConfig) -> None:
         super().__init__()
@@ -130,22 +130,22 @@ class Beats(nn.Module):
         self.encoder = BeatsEncoder(config)
 
     def patches(self, wave: Float[Tensor, "b s"]) -> Float[Tensor, "b n c"]:
-        """States of all patches, those of one time next to each other, low bands first."""
+        """States of all patches; those of one time step are adjacent, low bands first."""
         cut = self.patch_embedding(fbank(wave)[:, None]).flatten(2).transpose(1, 2)
         states: Tensor = self.encoder(self.post_extract_proj(self.layer_norm(cut)))
         return states
 
     def forward(self, wave: Float[Tensor, "b s"]) -> Float[Tensor, "b t c"]:
-        """States by time: the mean over bands."""
+        """States in time, averaged over the frequency bands."""
         states = self.patches(wave)
         return states.view(len(states), -1, BANDS // PATCH, states.shape[2]).mean(2)
 
     @classmethod
-    def published(cls, tensors: Mapping[str, Tensor]) -> Self:
-        """From the tensors under `model` of a published file; sizes are read off their shapes.
+    def from_published(cls, tensors: Mapping[str, Tensor]) -> Self:
+        """Build from the tensors under `model` in a published file; sizes follow from their shapes.
 
         Raises:
-            CheckpointError: they are of another model.
+            CheckpointError: the tensors belong to another model.
         """
         kept = {
             name: value
@@ -171,13 +171,13 @@ class Beats(nn.Module):
         except (KeyError, ValueError, RuntimeError) as error:
             reason = str(error).split("\n")[-1].strip()[:160]
             raise CheckpointError(
-                f"these are no weights of BEATs ({reason}); take a file such as BEATs_iter3_plus_AS2M.pt"
+                f"these are not BEATs weights ({reason}); use a file such as BEATs_iter3_plus_AS2M.pt"
             ) from error
         return model.eval()
 
 
-def _bucket(length: int, buckets: int, farthest: int) -> Int[Tensor, "n n"]:
-    """Which distance is which: exact up close, then in steps that grow; half of the buckets look ahead."""
+def _relative_buckets(length: int, buckets: int, farthest: int) -> Int[Tensor, "n n"]:
+    """Bucket of each distance: exact up close, logarithmic further away; the upper half of the buckets looks ahead."""
     at = torch.arange(length)
     ahead = at[None, :] - at[:, None]
     half = buckets // 2

@@ -1,4 +1,4 @@
-"""Transformer blocks that see a whole clip at once, for models that judge and do not stream."""
+"""Transformer blocks that attend to a whole clip, for reward models, which do not stream."""
 
 import torch
 from jaxtyping import Float
@@ -10,7 +10,7 @@ __all__ = ["FullBlock", "sinusoids"]
 
 
 def sinusoids(length: int, width: int) -> Float[Tensor, "t c"]:
-    """Sinusoidal positions (paper, Audio-Motion Alignment Reward: PE)."""
+    """Sinusoidal position encoding (paper, Audio-Motion Alignment Reward: PE)."""
     rates = 10_000.0 ** (-torch.arange(0, width, 2) / width)
     angles = torch.arange(length)[:, None] * rates
     return torch.stack([angles.sin(), angles.cos()], -1).flatten(1)[:, :width]

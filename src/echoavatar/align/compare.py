@@ -1,7 +1,7 @@
-"""What tuning gained and what it cost: generators side by side on the same held-out prompts, with the same seeds.
+"""Compares generators on the same held-out prompts with the same seeds: what tuning gained and what it cost.
 
-Rewards as means with standard errors over prompts, and as gains over the first generator, prompt by prompt; FID against
-the true motion of these prompts, diversity, beat alignment less its chance, divergence from the first generator.
+Rewards are means over prompts with standard errors; gains over the first generator are taken prompt by prompt. Also
+reported: FID against the prompts' true motion, diversity, beat alignment minus chance, and KL from the first generator.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -10,8 +10,8 @@ from typing import Any
 from ..generator import Generator
 from ..metrics.motion_encoder import MotionEncoder
 from ..tokenizer import BodyTokenizer
-from .gauge import Gauge, Told, mean_and_error
-from .judge import SceneJudge
+from .judge import DecodingJudge
+from .motion_metrics import Measurements, MotionMetrics, mean_and_error
 from .plots import gain
 from .policy import GeneratorPolicy, check_reference
 from .probe import Probe
@@ -30,24 +30,26 @@ def compare(
     seed: int = 0,
     device: str = "cpu",
     progress: Callable[[int, int], None] | None = None,
-) -> dict[str, Told]:
-    """Measurements of each generator by name, those of the true motion first; generators are moved to `device`.
+) -> dict[str, Measurements]:
+    """Measurements by generator name, the true motion's first; generators are moved to `device`.
 
     Raises:
-        CheckpointError: generators speak different vocabularies.
+        CheckpointError: the generators have different vocabularies.
     """
     first = next(iter(generators.values()))
     for name, generator in generators.items():
         check_reference(generator, first, name=name)
-    assert mix.yardstick is not None, "a comparison weighs rewards"
-    gauge = Gauge(tokenizer, prompts, extractor, mix.yardstick)
-    probe = Probe(prompts, SceneJudge(tokenizer, mix), group=group, gauge=gauge, seed=seed)
-    true = mix(gauge.truth)
-    told: dict[str, Told] = {
+    assert mix.yardstick is not None, "a comparison needs the reference statistics"
+    motion_metrics = MotionMetrics(tokenizer, prompts, extractor, mix.yardstick)
+    probe = Probe(
+        prompts, DecodingJudge(tokenizer, mix), group=group, motion_metrics=motion_metrics, seed=seed
+    )
+    true = mix(motion_metrics.truth)
+    told: dict[str, Measurements] = {
         "truth": {
             "reward": mean_and_error(true.total),
             "rewards": {name: mean_and_error(values) for name, values in true.parts.items()},
-            **gauge(gauge.truth),
+            **motion_metrics(motion_metrics.truth),
         }
     }
     begun: dict[str, Any] = {}

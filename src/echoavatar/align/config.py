@@ -1,4 +1,4 @@
-"""Recipes of reinforcement learning: tiny (tests), rehearsal (the default bundle on a CPU), paper."""
+"""Settings of reinforcement learning and its three recipes: tiny (tests), rehearsal (the default bundle), paper."""
 
 from typing import Literal, Self
 
@@ -13,66 +13,66 @@ Method = Literal["grpo", "dpo", "ppo"]
 class AlignTraining(TrainingConfig):
     """How a policy is tuned. The defaults are the rehearsal recipe's.
 
-    `batch` counts prompts (dpo: pairs), each of which is `group` continuations.
+    `batch` counts prompts (DPO: pairs); each prompt is continued `group` times.
     """
 
     method: Method = Field(default="grpo", description="grpo, dpo or ppo")
     steps: int = Field(default=200, gt=0, description="optimiser steps")
     batch: int = Field(default=4, gt=0, description="prompts, or pairs, a step (paper: 16)")
     accumulation: int = Field(
-        default=1, gt=0, description="pieces that a batch is taken in; changes memory, not the result"
+        default=1, gt=0, description="pieces that a batch is split into; changes memory, not the result"
     )
     group: int = Field(
-        default=8, gt=0, description="continuations of a prompt (paper: 30 for GRPO, 1 for PPO)"
+        default=8, gt=0, description="continuations of each prompt (paper: 30 for GRPO, 1 for PPO)"
     )
-    past: int = Field(default=3, ge=0, description="chunks of true motion and sound before a continuation")
+    past: int = Field(default=3, ge=0, description="chunks of true motion and audio before a continuation")
     length: int = Field(default=9, gt=0, description="chunks of a continuation (paper: 15, 4 s)")
     fewest_events: int = Field(
-        default=2, ge=0, description="beats or stresses that a prompt's sound must hold"
+        default=2, ge=0, description="beats or stressed syllables that a prompt's audio must contain"
     )
     events: Events = Field(
-        default="any", description="which kind of them: any, beat (music) or stress (speech)"
+        default="any", description="which events count: any, beat (music) or stress (speech)"
     )
     learning_rate: float = Field(default=1e-4, gt=0, description="AdamW (paper: 6e-5 at 0.5B)")
     schedule: Schedule = Field(
-        default="constant", description="course of the rate, so that steps may be added"
+        default="constant", description="learning rate schedule; a constant one lets a run be extended"
     )
     warmup: int = Field(default=5, ge=0, description="steps of linear warm-up")
     weight_decay: float = Field(default=0.0, ge=0, description="AdamW's decay")
-    epochs: int = Field(default=1, gt=0, description="steps that are taken on the same continuations")
+    epochs: int = Field(default=1, gt=0, description="optimiser steps on the same continuations")
     credit: Literal["sequence", "to_go"] = Field(
         default="to_go",
-        description="one advantage a continuation (paper), or by time of what a code can still change",
+        description="sequence: one advantage for a whole continuation (paper); to_go: one for each motion token",
     )
     discount: float = Field(
-        default=0.8, gt=0, le=1, description="to_go, ppo: of a later token's reward (133 ms)"
+        default=0.8, gt=0, le=1, description="to_go, ppo: discount a motion token (133 ms)"
     )
     kl_weight: float = Field(
-        default=0.01, ge=0, description="of the divergence from the reference (paper: 0.01)"
+        default=0.01, ge=0, description="weight of the KL divergence from the reference (paper: 0.01)"
     )
     kl_stop: float = Field(default=0.5, gt=0, description="mean KL in nats a code at which the run stops")
-    ratio_clip: float = Field(default=0.2, gt=0, description="of the ratio of new to old probability")
-    beta: float = Field(default=0.1, gt=0, description="dpo (paper: 0.1)")
+    ratio_clip: float = Field(default=0.2, gt=0, description="clipping range of the probability ratio")
+    beta: float = Field(default=0.1, gt=0, description="dpo: strength of the preference (paper: 0.1)")
     critic_rate: float = Field(
         default=1e-5, gt=0, description="ppo: learning rate of the value head (paper: 1e-5)"
     )
-    gae: float = Field(default=0.95, ge=0, le=1, description="ppo: decay of generalised advantages")
-    probe: int = Field(default=24, gt=0, description="held-out prompts on which progress is measured")
-    probe_group: int = Field(default=2, gt=0, description="continuations of each of them")
-    evaluate_every: int = Field(default=20, ge=0, description="steps between measurements on them")
+    gae: float = Field(default=0.95, ge=0, le=1, description="ppo: lambda of generalised advantages")
+    probe: int = Field(default=24, gt=0, description="held-out prompts that progress is measured on")
+    probe_group: int = Field(default=2, gt=0, description="continuations of each held-out prompt")
+    evaluate_every: int = Field(default=20, ge=0, description="steps between held-out measurements")
     save_every: int = Field(default=10, ge=0, description="steps between checkpoints")
-    videos: int = Field(default=1, ge=0, description="held-out prompts filmed at each checkpoint; 0: none")
-    seed: int = Field(default=0, description="of prompts and of the codes drawn")
+    videos: int = Field(default=1, ge=0, description="held-out prompts rendered at each checkpoint; 0: none")
+    seed: int = Field(default=0, description="seed of prompts and sampled codes")
 
     @model_validator(mode="after")
     def _group_is_one(self) -> Self:
         if self.method == "grpo" and self.group < 2:
-            raise ValueError("grpo compares the continuations of a group: group must be at least 2")
+            raise ValueError("grpo compares the continuations of a prompt: group must be at least 2")
         return self
 
 
 def recipe(name: str, method: Method) -> AlignTraining:
-    """The recipe of that name for a method: `tiny`, `rehearsal` or `paper`."""
+    """The settings of a recipe (`tiny`, `rehearsal` or `paper`) for a method."""
     own: dict[str, object] = {"accumulation": 2}
     if method == "ppo":
         own = {"group": 1, "batch": 16}
@@ -92,7 +92,7 @@ def recipe(name: str, method: Method) -> AlignTraining:
         case "rehearsal":
             sizes = own
         case "paper":
-            # 4 s windows: the paper does not say how much of them is past; ours continues from nothing
+            # the paper's windows last 4 s; it does not say how much of them is context, so ours have none
             sizes = {"batch": 16, "group": 1 if method == "ppo" else 30, "past": 0, "length": 15}
             sizes |= {"learning_rate": 6e-5, "credit": "sequence", "discount": 1.0, "fewest_events": 0}
             sizes |= {"accumulation": {"grpo": 16, "dpo": 2, "ppo": 1}[method]}

@@ -1,4 +1,4 @@
-"""DPO: preferred against rejected continuations of the same prompt (paper, Direct Preference Alignment)."""
+"""DPO: learns from preferred and rejected continuations of the same prompt (paper, Direct Preference Alignment)."""
 
 import hashlib
 from collections.abc import Sequence
@@ -14,41 +14,41 @@ from .losses import dpo_loss
 from .policy import GeneratorPolicy
 from .preferences import Pair, codes_of
 from .prompts import Prompt, PromptBatch, batch_of
-from .trainer import PolicyStage
+from .trainer import PolicyTask
 
 
-class Compared(NamedTuple):
-    """Pairs, a row each."""
+class PairBatch(NamedTuple):
+    """Preference pairs, one a row."""
 
     prompts: PromptBatch
     chosen: Int[Tensor, "b n p q"]
     rejected: Int[Tensor, "b n p q"]
 
 
-class DpoStage(PolicyStage[Compared]):
-    """Pairs in a new order every pass; log-probabilities are of the sharpened distribution, without nucleus.
+class DpoTask(PolicyTask[PairBatch]):
+    """Goes through the pairs in a new order every pass. Log-probabilities include temperature but no nucleus.
 
-    A pair may come from elsewhere, with codes outside this policy's nucleus, whose log-probability would be -inf.
+    A pair may come from another model. A code outside this policy's nucleus would have log-probability -inf.
     """
 
     def __init__(self, *args: Any, pairs: Sequence[tuple[Prompt, Pair]], **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         self._pairs = list(pairs)
 
-    def compared(self) -> str:
-        """See `PolicyStage.compared`."""
+    def data_fingerprint(self) -> str:
+        """See `PolicyTask.data_fingerprint`."""
         return hashlib.sha256("".join(pair.model_dump_json() for _, pair in self._pairs).encode()).hexdigest()
 
-    def draw(self, step: int) -> Compared:
+    def draw(self, step: int) -> PairBatch:
         """The pairs of a step."""
         drawn = [self._pairs[at] for at in self.order(step)]
         pairs = [pair for _, pair in drawn]
         prompts = batch_of([prompt for prompt, _ in drawn])
-        return Compared(prompts, codes_of(pairs, "chosen"), codes_of(pairs, "rejected"))
+        return PairBatch(prompts, codes_of(pairs, "chosen"), codes_of(pairs, "rejected"))
 
-    def loss(self, batch: Compared, step: int) -> Loss:
+    def loss(self, batch: PairBatch, step: int) -> Loss:
         """See `Stage.loss`."""
-        own = [self.policy.score(batch.prompts, part, is_cut=False) for part in batch[1:]]
+        own = [self.policy.score(batch.prompts, part, uses_nucleus=False) for part in batch[1:]]
         with torch.no_grad():
             other = [_sums(self.reference, batch.prompts, part) for part in batch[1:]]
         kl = self.divergence(own[0], batch.prompts, batch.chosen)
@@ -59,11 +59,11 @@ class DpoStage(PolicyStage[Compared]):
             reference_rejected=other[1],
             beta=self.config.beta,
         )
-        told = {"margin": found.margin, "accuracy": found.accuracy}
-        return Loss(found.loss, self.told(told, kl, own[0]))
+        logged = {"margin": found.margin, "accuracy": found.accuracy}
+        return Loss(found.loss, self.logged(logged, kl, own[0]))
 
     def order(self, step: int) -> list[int]:
-        """The pairs of a step: each pass over all pairs is a permutation of its own; few pairs may come twice."""
+        """Indices of a step's pairs: every pass is a new permutation; a batch may span two passes."""
         batch, count = self.config.batch, len(self._pairs)
         at = np.arange(step * batch, (step + 1) * batch)
         orders = {
@@ -76,4 +76,4 @@ class DpoStage(PolicyStage[Compared]):
 def _sums(
     policy: GeneratorPolicy, prompts: PromptBatch, codes: Int[Tensor, "b n p q"]
 ) -> Float[Tensor, " b"]:
-    return policy.score(prompts, codes, is_cut=False).log_probs.sum((1, 2))
+    return policy.score(prompts, codes, uses_nucleus=False).log_probs.sum((1, 2))

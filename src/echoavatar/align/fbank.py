@@ -1,7 +1,7 @@
-"""Kaldi's log mel filter banks, what BEATs hears: 128 of them, frames of 25 ms every 10 ms, of sound at 16 kHz.
+"""Kaldi's log mel filter banks, the input of BEATs: 128 bands, 25 ms frames every 10 ms, audio at 16 kHz.
 
-Frames are cut from the first sample on, and only whole ones are; of each the mean is taken off, the rest pre-emphasised
-and weighed with Kaldi's own window, a Hann to the power 0.85. No dither.
+Only whole frames count. Each frame loses its mean, is pre-emphasised and weighted with Kaldi's own window, a Hann to
+the power 0.85. No dither.
 """
 
 import math
@@ -18,12 +18,12 @@ FRAME, STEP = 400, 160
 SPECTRUM = 512
 PRE_EMPHASIS = 0.97
 LOWEST_HZ = 20.0
-MEAN, STD = 15.41663, 6.55582  # of BEATs' training sound; it divides by twice the deviation
+MEAN, STD = 15.41663, 6.55582  # of BEATs' training audio; BEATs divides by twice the deviation
 FULL_SCALE = 2.0**15
 
 
 def fbank(wave: Float[Tensor, "b s"]) -> Float[Tensor, "b t 128"]:
-    """Log energies of the bands; `wave` is within 1. Normalised as BEATs wants it."""
+    """Log energies of the bands, normalised for BEATs; `wave` lies within -1 and 1."""
     frames = (wave * FULL_SCALE).unfold(1, FRAME, STEP)
     frames = frames - frames.mean(-1, keepdim=True)
     before = torch.cat([frames[..., :1], frames[..., :-1]], -1)
@@ -45,7 +45,7 @@ def _window() -> Float[Tensor, " f"]:
 
 @cache
 def _bands() -> Float[Tensor, "k 128"]:
-    """Triangles, as wide in mel as two bands; the bin at half the rate is left out, as in Kaldi."""
+    """Triangular filters, two bands wide in mel; the Nyquist bin is left out, as in Kaldi."""
     low, high = (float(_mel(torch.tensor(hertz, dtype=torch.float64))) for hertz in (LOWEST_HZ, RATE_HZ / 2))
     width = (high - low) / (BANDS + 1)
     centres = low + width * torch.arange(1, BANDS + 1, dtype=torch.float64)
@@ -54,5 +54,5 @@ def _bands() -> Float[Tensor, "k 128"]:
 
 
 def frames_of(samples: int) -> int:
-    """How many frames so many samples have."""
+    """Number of frames in so many samples."""
     return max(0, math.floor((samples - FRAME) / STEP) + 1)

@@ -1,17 +1,17 @@
-"""GRPO: continuations of a prompt are compared with each other (paper, Reward-Guided Optimization)."""
+"""GRPO: compares the continuations of a prompt with each other (paper, Reward-Guided Optimization)."""
 
 from torch import Tensor
 
 from ..training import Loss
 from .losses import group_advantages, grpo_loss, timed_advantages
-from .rollouts import Judged, Played, RolloutStage
+from .rollouts import JudgedRollouts, RolloutBatch, RolloutTask
 
 
-class GrpoStage(RolloutStage):
-    """Rollouts, rewards, group-normalised advantages, one step or a few."""
+class GrpoTask(RolloutTask):
+    """Rollouts, rewards, advantages normalised within each group, one or several steps on them."""
 
-    def weighed(self, judged: Judged, made: Played) -> tuple[Tensor, None]:
-        """Advantages within each group."""
+    def advantages_and_returns(self, judged: JudgedRollouts, made: RolloutBatch) -> tuple[Tensor, None]:
+        """Advantages within each group; there is no critic, so no returns."""
         training = self.config
         grouped = (training.batch, training.group)
         if training.credit == "sequence":
@@ -20,7 +20,7 @@ class GrpoStage(RolloutStage):
         tokens, whole = judged.tokens.view(*grouped, -1), judged.whole.view(grouped)
         return timed_advantages(tokens, whole, training.discount).flatten(0, 1), None
 
-    def loss(self, batch: Played, step: int) -> Loss:
+    def loss(self, batch: RolloutBatch, step: int) -> Loss:
         """See `Stage.loss`."""
         scores = self.policy.score(batch.prompts, batch.codes, batch.support)
         kl = self.divergence(scores, batch.prompts, batch.codes)
@@ -32,4 +32,6 @@ class GrpoStage(RolloutStage):
             clip=self.config.ratio_clip,
             kl_weight=self.config.kl_weight,
         )
-        return Loss(found.loss, self.told(self.of_rows(batch) | {"clipped": found.clipped}, kl, scores))
+        return Loss(
+            found.loss, self.logged(self.logged_means(batch) | {"clipped": found.clipped}, kl, scores)
+        )

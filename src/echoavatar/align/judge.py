@@ -1,4 +1,4 @@
-"""From codes to rewards: decode, then ask the reward functions."""
+"""From codes to rewards: decode the motion, then call the reward functions."""
 
 from collections.abc import Callable, Sequence
 
@@ -7,17 +7,17 @@ from jaxtyping import Int
 from torch import Tensor
 
 from ..tokenizer import BodyTokenizer
+from .decoded_motion import DecodedMotion, decode_continuations
 from .prompts import Prompt
 from .rewards import RewardMix, Rewards
-from .scene import Scene, decode_scenes
 
 PIECE = 64  # continuations decoded at a time
 Judge = Callable[[Sequence[Prompt], Int[Tensor, "r n p q"]], Rewards]
-"""Rewards of continuations, prompt by prompt."""
+"""Rewards of continuations; the rows of one prompt follow each other."""
 
 
-class SceneJudge:
-    """Continuations are decoded by the tokenizer that made the codes, and judged."""
+class DecodingJudge:
+    """Decodes continuations with the bundle's tokenizer and judges the motion."""
 
     def __init__(self, tokenizer: BodyTokenizer, mix: RewardMix) -> None:
         self.tokenizer, self.mix = tokenizer, mix
@@ -30,16 +30,16 @@ class SceneJudge:
         for start in range(0, len(prompts), each):
             some = prompts[start : start + each]
             rows = slice(start * group, (start + len(some)) * group)
-            found.append(self.mix(self.scenes(some, codes[rows])))
-        return joined(found)
+            found.append(self.mix(self.motions(some, codes[rows])))
+        return concatenated(found)
 
-    def scenes(self, prompts: Sequence[Prompt], codes: Int[Tensor, "r n p q"]) -> list[Scene]:
-        """Continuations as scenes."""
-        return decode_scenes(self.tokenizer, prompts, codes)
+    def motions(self, prompts: Sequence[Prompt], codes: Int[Tensor, "r n p q"]) -> list[DecodedMotion]:
+        """The continuations as motion."""
+        return decode_continuations(self.tokenizer, prompts, codes)
 
 
-def joined(found: Sequence[Rewards]) -> Rewards:
-    """Rewards of several batches as one."""
+def concatenated(found: Sequence[Rewards]) -> Rewards:
+    """Concatenate the rewards of several batches."""
     parts = {name: np.concatenate([one.parts[name] for one in found]) for name in found[0].parts}
     tokens, whole = (np.concatenate([getattr(one, field) for one in found]) for field in ("tokens", "whole"))
     return Rewards(tokens, whole, parts)

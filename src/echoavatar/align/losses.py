@@ -1,7 +1,7 @@
-"""The losses of GRPO, DPO and PPO (paper, equations GRPO and DPO, and Comparison with PPO). Nats throughout.
+"""The losses of GRPO, DPO and PPO (paper, equations GRPO and DPO, and Comparison with PPO), in nats.
 
-All log-probabilities are those of the constrained distribution that codes were drawn from (`policy`). Continuations
-have one fixed length, so a mean over codes weighs all alike and no mask or end token is needed.
+All log-probabilities are those of the constrained distribution that codes are sampled from (`policy`). Continuations
+have one fixed length, so a mean over codes weights them equally and needs neither mask nor end token.
 """
 
 from typing import NamedTuple
@@ -12,11 +12,11 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 CLIP = 0.2
-SPREAD_FLOOR = 1e-4  # added to a group's spread, as TRL does: a group that is all alike teaches nothing
+SPREAD_FLOOR = 1e-4  # added to a group's deviation, as in TRL: a group of equal rewards has no advantages
 
 
 class GrpoLoss(NamedTuple):
-    """The loss and what to watch."""
+    """The loss and its diagnostics."""
 
     loss: Float[Tensor, ""]
     kl: Float[Tensor, ""]
@@ -24,7 +24,7 @@ class GrpoLoss(NamedTuple):
 
 
 class DpoLoss(NamedTuple):
-    """The loss and what to watch."""
+    """The loss and its diagnostics."""
 
     loss: Float[Tensor, ""]
     margin: Float[Tensor, ""]  # of the implicit rewards, chosen over rejected
@@ -46,7 +46,7 @@ def group_advantages(rewards: Float[Tensor, "b g"]) -> Float[Tensor, "b g"]:
 
 
 def rewards_to_go(rewards: Float[Tensor, "... n"], discount: float) -> Float[Tensor, "... n"]:
-    """Of each step its own reward and the later ones, discounted by `discount` a step."""
+    """The sum of each step's reward and the later ones, discounted by `discount` a step."""
     running, out = torch.zeros_like(rewards[..., 0]), []
     for step in reversed(rewards.unbind(-1)):
         running = step + discount * running
@@ -57,13 +57,13 @@ def rewards_to_go(rewards: Float[Tensor, "... n"], discount: float) -> Float[Ten
 def timed_advantages(
     rewards: Float[Tensor, "b g n"], whole: Float[Tensor, "b g"], discount: float
 ) -> Float[Tensor, "b g n"]:
-    """Advantages by motion token: rewards to go less the group's mean at that time, over the group's spread.
+    """Advantages by motion token: rewards to go minus the group's mean at that time, divided by the group's deviation.
 
-    `whole` is the part of the reward that belongs to no time; all codes answer for it.
+    `whole` is the part of the reward that belongs to no particular time; it counts for every code.
 
-    Departs from the paper, which gives all codes of a continuation the same advantage (`group_advantages` of the
-    summed rewards, what discount 1 and a single reward at the end come to). A code can only change what comes after
-    it, and hardly what comes a second later, so most of a sum's variance is none of its doing.
+    Departs from the paper, which gives every code of a continuation the same advantage (`group_advantages` of summed
+    rewards; the same as discount 1 with one reward at the end). A code affects only what follows, and after a second
+    hardly anything, so most of the variance of the sum is noise to it.
     """
     to_go = rewards_to_go(rewards, discount) + whole[..., None]
     centred = to_go - to_go.mean(1, keepdim=True)
@@ -74,7 +74,7 @@ def timed_advantages(
 
 
 def k3(policy: Float[Tensor, "..."], reference: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
-    """Schulman's estimator of KL(policy || reference) from drawn codes: e^d - d - 1 with d = reference - policy."""
+    """Schulman's estimator of KL(policy || reference) from samples: e^d - d - 1 with d = reference - policy."""
     d = reference - policy
     return d.exp() - d - 1
 
@@ -82,7 +82,7 @@ def k3(policy: Float[Tensor, "..."], reference: Float[Tensor, "..."]) -> Float[T
 def exact_kl(
     policy: Float[Tensor, "... K"], reference: Float[Tensor, "... K"], support: Bool[Tensor, "... K"]
 ) -> Float[Tensor, "..."]:
-    """KL(policy || reference) of two distributions over one support: no noise, as all K logits are at hand."""
+    """KL(policy || reference) over one support; without sampling noise, because all K logits are known."""
     gap = torch.where(support, policy - reference, 0.0)
     return (policy.exp() * gap).sum(-1)
 
@@ -98,7 +98,7 @@ def grpo_loss(
 ) -> GrpoLoss:
     """Group-relative policy loss (paper, equation GRPO), averaged over codes.
 
-    Departs from the equation: ratios are clipped and by code, as in DeepSeekMath and TRL (`loss_type="grpo"`).
+    Departs from the equation: ratios are clipped for each code, as in DeepSeekMath and TRL (`loss_type="grpo"`).
     `advantages` broadcasts: one a row, or one a code. `kl` is `k3` or `exact_kl` of each code, with its gradient.
     """
     ratio = (policy - old).exp()
@@ -124,7 +124,7 @@ def dpo_loss(
 def generalised_advantages(
     rewards: Float[Tensor, "b n"], values: Float[Tensor, "b n"], *, discount: float = 1.0, decay: float = 0.95
 ) -> tuple[Float[Tensor, "b n"], Float[Tensor, "b n"]]:
-    """GAE by step, and the returns that the critic is to foretell; nothing follows the last step."""
+    """Generalised advantages by step, and the returns that the critic learns; nothing follows the last step."""
     following = torch.cat([values[:, 1:], torch.zeros_like(values[:, :1])], 1)
     surprise = rewards + discount * following - values
     advantages = rewards_to_go(surprise, discount * decay)
@@ -141,7 +141,7 @@ def ppo_loss(
     returns: Float[Tensor, "b m"],
     clip: float = CLIP,
 ) -> PpoLoss:
-    """Clipped surrogate and clipped value loss (half the larger square), each averaged."""
+    """Clipped surrogate, and clipped value loss (half the larger squared error), each averaged."""
     ratio = (policy - old).exp()
     limited = ratio.clamp(1 - clip, 1 + clip)
     surrogate = torch.minimum(ratio * advantages, limited * advantages)

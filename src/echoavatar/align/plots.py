@@ -1,4 +1,4 @@
-"""The curves of a run: reward and its components, divergence, entropy by layer, and the held-out probes."""
+"""Draws the curves of a run: reward and components, divergence, entropy by RVQ layer, held-out measurements."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -10,17 +10,17 @@ import numpy as np
 from ..errors import CheckpointError
 
 
-def gain(first: Mapping[str, Sequence[float]], later: Mapping[str, Sequence[float]]) -> tuple[float, float]:
-    """By how much the reward of a measurement is over that of an earlier one: mean and standard error over prompts."""
+def gain(first: Mapping[str, Any], later: Mapping[str, Any]) -> tuple[float, float]:
+    """Increase in reward between two measurements: mean and standard error over prompts."""
     more = np.subtract(later["by_prompt"], first["by_prompt"])
     return float(more.mean()), float(more.std(ddof=1) / len(more) ** 0.5) if len(more) > 1 else 0.0
 
 
 def draw_run(metrics: Path, picture: Path) -> None:
-    """Draw `metrics.jsonl` of a run as a PNG.
+    """Draw the `metrics.jsonl` of a run as a PNG.
 
     Raises:
-        CheckpointError: there is no such file, or no step in it.
+        CheckpointError: the file is missing or holds no step.
     """
     import matplotlib
 
@@ -68,7 +68,7 @@ def draw_run(metrics: Path, picture: Path) -> None:
 
 
 def _draw_cost(axis: Any, at: Sequence[int], probes: Sequence[Mapping[str, Any]]) -> None:
-    """FID on the left scale, beat and stress alignment over chance on the right."""
+    """FID on the left axis, beat and stress alignment minus chance on the right."""
     axis.set_title("held-out: FID (left), alignment over chance (right)")
     if not probes or "fid" not in probes[0]:
         return

@@ -1,15 +1,15 @@
-"""The policy: what samples motion codes and says how likely they were, by one and the same distribution.
+"""The policy: samples motion codes and scores them with the same distribution.
 
-Paper, Reinforcement Learning. A sampled code comes from the K logits of its segment, divided by the temperature of its
-RVQ layer (temperature x cooling^layer) and cut to the nucleus. The scored log-probability is taken of that
-distribution, not of the plain softmax:
+Paper, Reinforcement Learning. A code is sampled from the K logits of its segment, divided by the temperature of its RVQ
+layer (temperature x cooling^layer) and cut to the nucleus. Its log-probability is taken from that distribution, not
+from the plain softmax:
 
-- logits are sharpened by temperature and cooling before anything is computed;
-- the nucleus is found once, under the policy that sampled (`Scores.support`), and held fixed while the weights change.
-  The ratio, the entropy and the divergence from the reference are those of distributions over that support. Found anew
-  after each step, the support would change by jumps, and a code could fall out of it and be impossible.
+- temperature and cooling are applied to the logits before anything is computed;
+- the nucleus is computed once, under the policy that sampled (`Scores.support`), and kept while the weights change.
+  Ratio, entropy and divergence from the reference are those of distributions over that support. If the nucleus were
+  recomputed after each step it would change discontinuously, and a sampled code could get probability zero.
 
-So a policy that was tuned is the policy that ships with the same temperature, cooling and top-p.
+A tuned policy must therefore ship with the temperature, cooling and top-p that it was tuned for.
 """
 
 from typing import NamedTuple, Protocol
@@ -28,7 +28,7 @@ from .prompts import PromptBatch
 
 
 class Sampling(Config):
-    """How codes are drawn."""
+    """How codes are sampled."""
 
     temperature: float = 1.0
     cooling: float = 1.0
@@ -36,50 +36,29 @@ class Sampling(Config):
 
 
 class Scores(NamedTuple):
-    """What a policy says of codes, for every time step and segment in grammar order; nats."""
+    """Scores of given codes by time step and segment, in grammar order; nats."""
 
     log_probs: Float[Tensor, "b n k"]
     all_log_probs: Float[Tensor, "b n k K"]  # -inf outside the support
     support: Bool[Tensor, "b n k K"]
-    hidden: Float[Tensor, "b n k c"]  # what a value head reads
+    hidden: Float[Tensor, "b n k c"]  # the value head's input
 
     @property
     def entropy(self) -> Float[Tensor, "b n k"]:
-        """Of the distribution over the support."""
+        """Entropy of the distribution over the support."""
         log_probs = self.all_log_probs.masked_fill(~self.support, 0)
         return -(self.all_log_probs.exp() * log_probs).sum(-1)
 
 
 class Rollout(Protocol):
-    """What draws continuations: `Policy.rollout`, or a backend's (a server, another library)."""
+    """What draws continuations: `GeneratorPolicy.rollout`, or another backend such as an inference server."""
 
     def __call__(self, prompts: PromptBatch, group: int, seeds: Int[Tensor, " r"]) -> Int[Tensor, "r n p q"]:
-        """`group` continuations of every prompt, prompt by prompt; `seeds` one a continuation."""
-
-
-class Policy(Protocol):
-    """What samples and scores."""
-
-    @property
-    def layout(self) -> TokenLayout:
-        """The vocabulary it speaks."""
-
-    def rollout(self, prompts: PromptBatch, group: int, seeds: Int[Tensor, " r"]) -> Int[Tensor, "r n p q"]:
-        """`group` continuations of every prompt, prompt by prompt; `seeds` one a continuation."""
-
-    def score(
-        self,
-        prompts: PromptBatch,
-        codes: Int[Tensor, "b n p q"],
-        support: Bool[Tensor, "b n k K"] | None = None,
-        *,
-        is_cut: bool = True,
-    ) -> Scores:
-        """Log-probabilities of continuations; without `support` the nucleus is found (or not, unless `is_cut`)."""
+        """`group` continuations of every prompt, the rows of a prompt together; one seed for each continuation."""
 
 
 class GeneratorPolicy:
-    """A generator as a policy, in either order of the sequence, on the device it is on."""
+    """A generator that samples continuations and scores them, with either sequence order, on the generator's device."""
 
     def __init__(self, generator: Generator, sampling: Sampling | None = None) -> None:
         if sampling is not None:
@@ -93,28 +72,29 @@ class GeneratorPolicy:
 
     @property
     def sampling(self) -> Sampling:
-        """How it draws; saved with the generator, so that what was tuned is what ships."""
+        """The sampling settings; they are saved with the generator."""
         config = self.generator.config
         return Sampling(temperature=config.temperature, cooling=config.cooling, top_p=config.top_p)
 
     @torch.no_grad()
     def rollout(self, prompts: PromptBatch, group: int, seeds: Int[Tensor, " r"]) -> Int[Tensor, "r n p q"]:
-        """See `Policy.rollout`. Each prompt is read once; its state is copied for the rest of the group.
+        """`group` continuations of every prompt, the rows of a prompt together; one seed for each continuation.
 
-        The stream is the one that runs live: compiled on a CPU, operation by operation elsewhere.
+        Each prompt is read once and its state is copied for the rest of the group. Uses the live decoder: compiled on a
+        CPU, plain torch elsewhere.
         """
         stream = open_stream(self.generator)
         rows, heard = len(prompts.past), prompts.past.shape[1] // MOTION_TOKENS_PER_CHUNK
         border = heard * AUDIO_FRAMES_PER_CHUNK
         device = prompts.audio.device
         read, state = stream.init_state(rows), stream.init_state(rows * group)
-        everyone = torch.ones(rows * group, dtype=torch.bool, device=device)
+        active = torch.ones(rows * group, dtype=torch.bool, device=device)
         if heard:
-            stream.prime(prompts.audio[:, :border], prompts.past, read, everyone[:rows])  # type: ignore[arg-type]
+            stream.prime(prompts.audio[:, :border], prompts.past, read, active[:rows])  # type: ignore[arg-type]
         for mine, shared in zip(state.tensors(), read.tensors(), strict=True):
             mine.copy_(shared.repeat_interleave(group, 0))
         sound = prompts.audio[:, border:].repeat_interleave(group, 0)
-        return stream.step(sound, state, everyone, seeds=seeds)  # type: ignore[arg-type]
+        return stream.step(sound, state, active, seeds=seeds)  # type: ignore[arg-type]
 
     def score(
         self,
@@ -122,9 +102,12 @@ class GeneratorPolicy:
         codes: Int[Tensor, "b n p q"],
         support: Bool[Tensor, "b n k K"] | None = None,
         *,
-        is_cut: bool = True,
+        uses_nucleus: bool = True,
     ) -> Scores:
-        """See `Policy.score`; one teacher-forced pass (`prefix`: one a chunk, because its window slides)."""
+        """Score continuations. Without `support` it is the nucleus, or everything if not `uses_nucleus`.
+
+        One teacher-forced pass; the order `prefix` needs one for each chunk, because its window slides.
+        """
         logits, hidden = self._logits(prompts, codes)
         sampling = self.sampling
         layers = torch.arange(self.layout.segments, device=logits.device) % self.layout.motion_layers
@@ -134,7 +117,7 @@ class GeneratorPolicy:
         if support is None:
             support = (
                 self._nucleus(logits.detach(), chosen)
-                if is_cut
+                if uses_nucleus
                 else torch.ones_like(logits, dtype=torch.bool)
             )
         log_probs = torch.log_softmax(logits.masked_fill(~support, -torch.inf), -1)
@@ -143,7 +126,7 @@ class GeneratorPolicy:
     def _nucleus(
         self, logits: Float[Tensor, "b n k K"], chosen: Int[Tensor, "b n k 1"]
     ) -> Bool[Tensor, "b n k K"]:
-        """What may be drawn; the drawn code always belongs, also where rounding puts it on the other side."""
+        """The codes that may be sampled; the sampled code is always included, even where rounding would exclude it."""
         flat = logits.flatten(0, 2)
         top_p = torch.full((len(flat),), self.sampling.top_p, device=flat.device)
         kept = (
@@ -156,7 +139,7 @@ class GeneratorPolicy:
     def _logits(
         self, prompts: PromptBatch, codes: Int[Tensor, "b n p q"]
     ) -> tuple[Float[Tensor, "b n k K"], Float[Tensor, "b n k c"]]:
-        """K logits and the hidden state behind them of every code of the continuations."""
+        """The K logits of every code of the continuations, and the hidden states behind them."""
         motion, steps = torch.cat([prompts.past, codes], 1), codes.shape[1]
         if self.generator.config.sequence == "interleaved":
             missing = torch.zeros(len(motion), dtype=torch.int64, device=motion.device)
@@ -172,7 +155,7 @@ class GeneratorPolicy:
         return torch.cat([logits for logits, _ in parts], 1), torch.cat([hidden for _, hidden in parts], 1)
 
     def _window(self, audio: Tensor, motion: Tensor, end: int) -> tuple[Tensor, Tensor, Tensor]:
-        """The window of the paper's order that ends with motion token `end` - 1, padded in front where it is short."""
+        """The window of the order `prefix` that ends before motion token `end`, padded at the front if short."""
         chunks, window = end // MOTION_TOKENS_PER_CHUNK, self.generator.config.window_chunks
         missing = max(0, window - chunks)
         parts = []
@@ -194,8 +177,8 @@ class GeneratorPolicy:
         return logits.permute(1, 2, 0, 3), hidden[:, predictors.T]
 
 
-def by_layer(values: Float[Tensor, "b n k"], layers: int) -> list[float]:
-    """Means of each RVQ layer, coarsest first, over rows, time and body parts."""
+def mean_by_layer(values: Float[Tensor, "b n k"], layers: int) -> list[float]:
+    """Mean of each RVQ layer, coarsest first, over rows, time and body parts."""
     split = values.detach().reshape(*values.shape[:2], -1, layers)
     return [float(mean) for mean in split.mean((0, 1, 2))]
 
@@ -204,12 +187,12 @@ def check_reference(policy: Generator, reference: Generator, *, name: str) -> No
     """Refuse a reference whose codes mean something else.
 
     Raises:
-        CheckpointError: its vocabulary, its order of the sequence or the patience of its codes is another.
+        CheckpointError: its vocabulary, sequence order or code patience differs.
     """
     own, other = policy.config, reference.config
     for what in ("layout", "sequence", "patience"):
         if getattr(own, what) != getattr(other, what):
             raise CheckpointError(
-                f"reference {name} is of another {'vocabulary' if what == 'layout' else what}:"
-                f" {getattr(other, what)}, the policy's is {getattr(own, what)}; take the generator it was trained from"
+                f"reference {name} has another {'vocabulary' if what == 'layout' else what}:"
+                f" {getattr(other, what)}, the policy's is {getattr(own, what)}; use the generator it was trained from"
             )

@@ -11,13 +11,13 @@ from ..training import Loss, adamw
 from .config import AlignTraining
 from .losses import generalised_advantages, ppo_loss
 from .policy import Scores
-from .rollouts import Judged, Played, RolloutStage
+from .rollouts import JudgedRollouts, RolloutBatch, RolloutTask
 
 
 class ValueHead(nn.Module):
-    """Foretells the return from the hidden state that predicts a motion token's first code; begins at zero.
+    """Predicts the return from the hidden state that predicts a motion token's first code; starts at zero.
 
-    It reads the state detached, so that its error does not move the policy.
+    The state is detached, so the value error does not train the policy.
     """
 
     def __init__(self, width: int) -> None:
@@ -27,13 +27,13 @@ class ValueHead(nn.Module):
         nn.init.zeros_(self.value.bias)
 
     def forward(self, hidden: Float[Tensor, "b n k c"]) -> Float[Tensor, "b n"]:
-        """One value a motion token."""
+        """One value for each motion token."""
         values: Tensor = self.value(hidden[:, :, 0].detach().float())
         return values[..., 0].float()
 
 
-class PpoStage(RolloutStage):
-    """Clipped surrogate with generalised advantages; what is said of a whole continuation is spread over its tokens."""
+class PpoTask(RolloutTask):
+    """Clipped surrogate with generalised advantages; the reward of a whole continuation is spread over its tokens."""
 
     is_scored = True
 
@@ -44,19 +44,19 @@ class PpoStage(RolloutStage):
         super().__init__(generator, reference, training, *args, critic=self.critic, **kwargs)
 
     def optimisers(self) -> list[torch.optim.Optimizer]:
-        """One more, for the critic, at a rate of its own."""
+        """Adds an optimiser for the critic with its own learning rate."""
         critic = adamw([self.critic], self.config)
         for group in critic.param_groups:
             group["relative"] = self.config.critic_rate / self.config.learning_rate
         return [*super().optimisers(), critic]
 
-    def foretold(self, scores: Scores) -> Float[Tensor, "r n"]:
-        """See `RolloutStage.foretold`."""
+    def predicted_values(self, scores: Scores) -> Float[Tensor, "r n"]:
+        """See `RolloutTask.predicted_values`."""
         values: Tensor = self.critic(scores.hidden)
         return values
 
-    def weighed(self, judged: Judged, made: Played) -> tuple[Tensor, Tensor]:
-        """Advantages over all continuations, and what the critic should have said."""
+    def advantages_and_returns(self, judged: JudgedRollouts, made: RolloutBatch) -> tuple[Tensor, Tensor]:
+        """Advantages, normalised over all continuations, and the critic's targets."""
         assert made.values is not None
         rewards = judged.tokens + judged.whole[:, None] / judged.tokens.shape[1]
         advantages, returns = generalised_advantages(
@@ -64,7 +64,7 @@ class PpoStage(RolloutStage):
         )
         return (advantages - advantages.mean()) / (advantages.std() + 1e-8), returns
 
-    def loss(self, batch: Played, step: int) -> Loss:
+    def loss(self, batch: RolloutBatch, step: int) -> Loss:
         """See `Stage.loss`."""
         assert batch.old is not None
         assert batch.values is not None
@@ -75,10 +75,10 @@ class PpoStage(RolloutStage):
             policy=scores.log_probs,
             old=batch.old,
             advantages=batch.advantages[:, :, None],
-            values=self.foretold(scores),
+            values=self.predicted_values(scores),
             old_values=batch.values,
             returns=batch.returns,
             clip=self.config.ratio_clip,
         )
         total = found.policy + found.value + self.config.kl_weight * kl.mean()
-        return Loss(total, self.told(self.of_rows(batch) | found._asdict(), kl, scores))
+        return Loss(total, self.logged(self.logged_means(batch) | found._asdict(), kl, scores))

@@ -1,7 +1,7 @@
-"""Preference pairs: a JSONL file, from people or ranked by reward (paper, Direct Preference Alignment).
+"""Preference pairs in a JSONL file, from people or ranked by reward (paper, Direct Preference Alignment).
 
 A line is one pair: the prompt as clip name and first chunk of its past, and two continuations as nested lists of codes
-(motion tokens x parts x layers). The studio's export and `echoavatar align rollouts` write the same lines.
+(motion tokens x parts x layers). The studio's export and `echoavatar align rollouts` write the same format.
 """
 
 import json
@@ -18,7 +18,7 @@ from ..errors import MotionError
 from ..timing import MOTION_TOKENS_PER_CHUNK
 from ..tokens import TokenLayout
 from .judge import Judge
-from .policy import Policy
+from .policy import GeneratorPolicy
 from .prompts import Prompt, PromptBook, batch_of
 
 Codes = tuple[tuple[tuple[int, ...], ...], ...]
@@ -33,14 +33,14 @@ class Pair(Config):
     chosen: Codes = Field(description="codes of the better continuation")
     rejected: Codes = Field(description="codes of the worse one")
     margin: float = Field(default=1.0, description="how much better: reward, or share of raters")
-    by: str = Field(default="", description="who or what compared")
-    audio: str = Field(default="", description="the sound they heard, where people compared")
-    model: str = Field(default="", description="bundle that made both")
-    seeds: tuple[int, ...] = Field(default=(), description="that made chosen and rejected")
+    by: str = Field(default="", description="rater or reward that made the comparison")
+    audio: str = Field(default="", description="audio that the raters heard, where people compared")
+    model: str = Field(default="", description="bundle that made both continuations")
+    seeds: tuple[int, ...] = Field(default=(), description="seeds of chosen and rejected")
 
 
 def write_pairs(path: Path, pairs: Iterable[Pair]) -> int:
-    """Write a file of pairs; returns how many."""
+    """Write a file of pairs; returns how many there are."""
     lines = [pair.model_dump_json() for pair in pairs]
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text("".join(line + "\n" for line in lines))
@@ -50,10 +50,10 @@ def write_pairs(path: Path, pairs: Iterable[Pair]) -> int:
 def read_pairs(
     path: Path, book: PromptBook, layout: TokenLayout, *, margin: float = 0.0
 ) -> list[tuple[Prompt, Pair]]:
-    """Pairs with their prompts; those with a margin below `margin` are left out.
+    """Pairs with their prompts; pairs with a margin below `margin` are skipped.
 
     Raises:
-        MotionError: a line is no pair, names an unknown clip, or holds codes that this vocabulary does not have.
+        MotionError: a line is not a pair, names an unknown clip, or holds codes outside this vocabulary.
     """
     try:
         lines = path.read_text().splitlines()
@@ -67,10 +67,10 @@ def read_pairs(
             pair = Pair.model_validate(json.loads(line))
         except (ValueError, ValidationError) as error:
             first = error.errors()[0]["msg"] if isinstance(error, ValidationError) else error
-            raise MotionError(f"{path}, line {number}: no pair ({first})") from error
+            raise MotionError(f"{path}, line {number}: not a pair ({first})") from error
         if pair.past != book.past:
             raise MotionError(
-                f"{path}, line {number}: its prompt has a past of {pair.past} chunks, this run one of {book.past};"
+                f"{path}, line {number}: the prompt has {pair.past} chunks of past, this run has {book.past};"
                 f" pass --past {pair.past}"
             )
         try:
@@ -97,11 +97,11 @@ def _check(pair: Pair, prompt: Prompt, layout: TokenLayout) -> None:
         if codes.shape != wanted:
             chunks = wanted[0] // MOTION_TOKENS_PER_CHUNK
             raise MotionError(
-                f"{name} has shape {codes.shape}, wanted {wanted} ({chunks} chunks; see --length)"
+                f"{name} has shape {codes.shape}, expected {wanted} ({chunks} chunks; see --length)"
             )
         if codes.min() < 0 or codes.max() >= layout.motion_codes:
             raise MotionError(
-                f"{name} holds codes outside 0..{layout.motion_codes - 1}: made by another tokenizer"
+                f"{name} holds codes outside 0..{layout.motion_codes - 1}: another tokenizer made it"
             )
 
 
@@ -110,12 +110,12 @@ def _nested(codes: Int[torch.Tensor, "n p q"]) -> Codes:
 
 
 def codes_of(pairs: Sequence[Pair], name: str) -> Int[torch.Tensor, "b n p q"]:
-    """`chosen` or `rejected` of pairs as a tensor."""
+    """The `chosen` or `rejected` codes of pairs as a tensor."""
     return torch.tensor([getattr(pair, name) for pair in pairs])
 
 
-def rank(
-    policy: Policy,
+def rank_pairs(
+    policy: GeneratorPolicy,
     prompts: Sequence[Prompt],
     judge: Judge,
     *,
@@ -124,7 +124,7 @@ def rank(
     margin: float = 0.0,
     seed: int = 0,
 ) -> list[Pair]:
-    """Best against worst of `group` continuations by reward; where they differ by less than `margin`, none."""
+    """Best and worst of `group` continuations by reward; a prompt whose two differ by less than `margin` is skipped."""
     random = torch.Generator().manual_seed(seed)
     seeds = torch.randint(2**62, (len(prompts) * group,), generator=random)
     codes = policy.rollout(batch_of(prompts), group, seeds)

@@ -1,23 +1,23 @@
-"""How far a policy is on held-out prompts: the same ones with the same seeds at every measurement."""
+"""Measures a policy on held-out prompts, with the same prompts and seeds every time."""
 
 import time
 from collections.abc import Mapping, Sequence
 
 import torch
 
-from .gauge import Gauge, mean_and_error
-from .judge import Judge, SceneJudge, joined
+from .judge import DecodingJudge, Judge, concatenated
 from .losses import exact_kl
-from .policy import GeneratorPolicy, by_layer
+from .motion_metrics import MotionMetrics, mean_and_error
+from .policy import GeneratorPolicy, mean_by_layer
 from .prompts import Prompt, batch_of
 from .rewards import Rewards
 
 TOGETHER = 8  # prompts whose continuations are drawn and scored at once
-SEED = 987_654_321  # no run's
+SEED = 987_654_321  # different from any run's own seed
 
 
 class Probe:
-    """Rewards, divergence and entropy; with a gauge what they cost as well."""
+    """Rewards, divergence and entropy of a policy; with `motion_metrics` also FID, diversity and beat alignment."""
 
     def __init__(
         self,
@@ -25,19 +25,19 @@ class Probe:
         judge: Judge,
         *,
         group: int,
-        gauge: Gauge | None = None,
+        motion_metrics: MotionMetrics | None = None,
         seed: int = SEED,
     ) -> None:
-        """Only a `SceneJudge` can be beside a gauge: it decodes."""
+        """`motion_metrics` needs a judge that decodes motion (`DecodingJudge`)."""
         self.prompts, self._judge, self._group = list(prompts), judge, group
-        self._gauge, self._seed = gauge, seed
+        self._motion_metrics, self._seed = motion_metrics, seed
 
     @torch.no_grad()
     def __call__(self, policy: GeneratorPolicy, reference: GeneratorPolicy) -> dict[str, object]:
-        """Means with their standard errors over prompts.
+        """Means with standard errors over prompts.
 
-        `by_prompt` lets a measurement be compared with an earlier one prompt by prompt (`plots.gain`): prompts differ
-        among each other by far more than a policy from the one it was.
+        `by_prompt` allows a paired comparison with an earlier measurement (`plots.gain`): prompts differ from each
+        other far more than a tuned policy differs from the one it started as.
         """
         began, group = time.monotonic(), self._group
         random = torch.Generator().manual_seed(self._seed)
@@ -62,19 +62,19 @@ class Probe:
             "rewards": {name: mean_and_error(values) for name, values in by_prompt.items() if name},
             "by_prompt": [round(float(mean), 5) for mean in by_prompt[""]],
             "kl": float(torch.cat(kl).mean()),
-            "entropy": by_layer(torch.cat(entropy), policy.layout.motion_layers),
+            "entropy": mean_by_layer(torch.cat(entropy), policy.layout.motion_layers),
             **cost,
             "seconds": round(time.monotonic() - began, 2),
         }
 
     def _judged(self, codes: torch.Tensor) -> tuple[Rewards, Mapping[str, object]]:
-        if self._gauge is None:
+        if self._motion_metrics is None:
             return self._judge(self.prompts, codes), {}
-        assert isinstance(self._judge, SceneJudge)
-        each, group, scenes, found = TOGETHER, self._group, [], []
+        assert isinstance(self._judge, DecodingJudge)
+        each, group, motions, found = TOGETHER, self._group, [], []
         for at in range(0, len(self.prompts), each):
             some = self.prompts[at : at + each]
-            made = self._judge.scenes(some, codes[at * group : (at + len(some)) * group])
+            made = self._judge.motions(some, codes[at * group : (at + len(some)) * group])
             found.append(self._judge.mix(made))
-            scenes += made
-        return joined(found), self._gauge(scenes)
+            motions += made
+        return concatenated(found), self._motion_metrics(motions)

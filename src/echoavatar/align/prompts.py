@@ -1,8 +1,7 @@
-"""Prompts: sound to move to and the motion before it, cut from token clips at chunk borders.
+"""Prompts for reinforcement learning: audio and the motion before it, cut from token clips at chunk borders.
 
-A prompt is the state of a session at some moment: what was heard and moved for `past` chunks, and the sound of the
-`length` chunks to come. Beats and stressed syllables are read from the clip's `cues`, so timing rewards need no
-waveform.
+A prompt is a moment of a session: the audio and motion of the past `past` chunks, and the audio of the next `length`
+chunks. Beats and stressed syllables come from the clip's `cues`, so timing rewards need no waveform.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,7 +11,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Integer
 from torch import Tensor
 
 from ..errors import MotionError
@@ -30,35 +29,35 @@ Events = Literal["any", "beat", "stress"]
 
 @dataclass(frozen=True)
 class Prompt:
-    """One prompt; times are seconds from the first frame of the motion to come."""
+    """One prompt; times are seconds from the first frame of the continuation."""
 
     clip: str
     start: int  # chunk of the clip at which the past begins
-    audio: Int[np.ndarray, "f l"]  # codes of the past and of what is to come
+    audio: Int[np.ndarray, "f l"]  # codec tokens of the past and the continuation
     past: Int[np.ndarray, "m p q"]
-    truth: Int[np.ndarray, "n p q"]  # what the clip itself does, where it `has_truth`
-    domain: Int[np.ndarray, " n"]  # of what is to come, one label a motion token
+    truth: Int[np.ndarray, "n p q"]  # the clip's own continuation, if it `has_truth`
+    domain: Integer[np.ndarray, " n"]  # one label for each motion token of the continuation
     beats: Float[np.ndarray, " i"]
     stresses: Float[np.ndarray, " j"]
 
 
 class PromptBatch(NamedTuple):
-    """Prompts as tensors, rows first."""
+    """Prompts as tensors, one a row."""
 
     audio: Int[Tensor, "b f l"]
     past: Int[Tensor, "b m p q"]
 
     def repeated(self, times: int) -> "PromptBatch":
-        """Each row so many times in a row."""
+        """Repeat each row `times` times, copies adjacent."""
         return PromptBatch(self.audio.repeat_interleave(times, 0), self.past.repeat_interleave(times, 0))
 
     def rows(self, which: slice) -> "PromptBatch":
-        """Some of the rows."""
+        """A slice of the rows."""
         return PromptBatch(self.audio[which], self.past[which])
 
 
 def batch_of(prompts: Sequence[Prompt], device: str = "cpu") -> PromptBatch:
-    """Prompts side by side; all must be of one shape."""
+    """Stack prompts, which must all have the same shape."""
     audio, past = (
         torch.from_numpy(np.stack([getattr(prompt, name) for prompt in prompts]).astype(np.int64)).to(device)
         for name in ("audio", "past")
@@ -69,9 +68,9 @@ def batch_of(prompts: Sequence[Prompt], device: str = "cpu") -> PromptBatch:
 def read_token_clips(
     folder: Path, layout: TokenLayout | None = None, *, needs_truth: bool = False
 ) -> dict[str, TokenClip]:
-    """The token files of a folder by name, checked against the generator's vocabulary where one is given.
+    """The token files of a folder by name, checked against the generator's vocabulary if `layout` is given.
 
-    With `needs_truth` those whose motion is a generator's own (`data rl-corpus`) are passed over.
+    With `needs_truth` clips whose motion a generator made (`data rl-corpus`) are skipped.
 
     Raises:
         MotionError: there are none, one is damaged, or its codes do not fit the vocabulary.
@@ -86,14 +85,14 @@ def read_token_clips(
         if has[0] != wanted[0] or has[1] > wanted[1] or has[2] > wanted[2]:
             raise MotionError(
                 f"{folder / name}.npz has {has[0]} motion layers, motion codes below {has[1]} and audio codes below"
-                f" {has[2]}; this generator speaks {wanted[0]}, {wanted[1]} and {wanted[2]}: tokenize with its own"
+                f" {has[2]}; this generator has {wanted[0]}, {wanted[1]} and {wanted[2]}: tokenize with its own"
                 " codec and tokenizer"
             )
     return true_clips(clips, folder) if needs_truth else clips
 
 
 def true_clips(clips: Mapping[str, TokenClip], folder: Path) -> dict[str, TokenClip]:
-    """Those with motion that somebody made to the sound.
+    """The clips that hold recorded or rehearsed motion rather than a generator's.
 
     Raises:
         MotionError: there are none.
@@ -101,14 +100,14 @@ def true_clips(clips: Mapping[str, TokenClip], folder: Path) -> dict[str, TokenC
     found = {name: clip for name, clip in clips.items() if clip.has_truth}
     if not found:
         raise MotionError(
-            f"{folder} holds sound with a generator's own motion only, which nothing can be measured or learned from;"
-            " name a folder made by `echoavatar train tokens`"
+            f"{folder} holds only motion that a generator made, which nothing can be measured against or learned from;"
+            " give a folder made by `echoavatar train tokens`"
         )
     return found
 
 
 class PromptBook:
-    """All prompts of some clips; `draw` depends on the seed and the number alone."""
+    """All prompts of some clips; a draw depends only on the seed and its number."""
 
     def __init__(
         self,
@@ -120,7 +119,7 @@ class PromptBook:
         fewest_events: int = 0,
         events: Events = "any",
     ) -> None:
-        """Prompts of `past` + `length` chunks; with `fewest_events` only those with so many events of a kind ahead."""
+        """Prompts of `past` + `length` chunks, with at least `fewest_events` events of one kind in the continuation."""
         self._clips, self._past, self._length, self._seed = dict(clips), past, length, seed
         self._spots: list[tuple[str, int]] = []
         for name, clip in self._clips.items():
@@ -145,20 +144,20 @@ class PromptBook:
 
     @property
     def past(self) -> int:
-        """Chunks of past of every prompt."""
+        """Chunks of past in every prompt."""
         return self._past
 
     def __len__(self) -> int:
-        """How many different prompts there are."""
+        """Number of different prompts."""
         return len(self._spots)
 
     def draw(self, number: int, size: int) -> list[Prompt]:
-        """Draw `number`: `size` prompts, uniform over all."""
+        """`size` prompts of draw `number`, uniform over all."""
         random = np.random.default_rng([self._seed, number])
         return [self.cut(*self._spots[int(at)]) for at in random.integers(len(self), size=size)]
 
     def spread(self, size: int) -> list[Prompt]:
-        """So many prompts, evenly over all of them: the same every time."""
+        """`size` prompts at even distances: the same ones every time."""
         at = np.linspace(0, len(self) - 1, min(size, len(self))).round().astype(int)
         return [self.cut(*self._spots[int(k)]) for k in at]
 
@@ -166,7 +165,7 @@ class PromptBook:
         """The prompt whose past begins at chunk `start` of a clip.
 
         Raises:
-            MotionError: no such clip, or it is too short.
+            MotionError: there is no such clip, or it is too short.
         """
         clip = self._clips.get(name)
         if clip is None:

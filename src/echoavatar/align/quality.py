@@ -1,11 +1,11 @@
-"""The motion quality reward: how far motion is from what it was before it was corrupted (paper, appendix).
+"""The motion quality reward: estimates how strongly motion was corrupted (paper, appendix).
 
     s = sigmoid(MLP(mean over time of TransformerEncoder(m)))
 
-in the tokenizer's shape: attention at 30, 15 and 7.5 Hz with halvings between, but every frame sees the whole clip and
-nothing is quantised. Beside the features it reads their first and second differences in time (ours): spoilt motion
-jumps where true motion flows, which attention over poses is slow to find. Trained with SmoothL1 on the scores of
-`degrade` (`quality_train`).
+The encoder has the tokenizer's shape, attention at 30, 15 and 7.5 Hz with halvings between, but every frame sees the
+whole clip and nothing is quantised. Besides the features it reads their first and second differences in time (ours):
+corrupted motion jumps where true motion flows, and attention over poses alone learns that slowly. Trained with SmoothL1
+on the scores of `corruption` (`quality_train`).
 """
 
 from collections.abc import Mapping
@@ -23,15 +23,15 @@ from ..kinematics import FeatureStatistics
 from ..nn import Mlp
 from ..timing import FRAMES_PER_MOTION_TOKEN
 from .bidirectional import FullBlock
-from .scene import Scene
+from .decoded_motion import DecodedMotion
 from .yardstick import Yardstick
 
-PACE = 5.0  # what differences are multiplied by, so that those of true motion are about as large as features
+PACE = 5.0  # scales the differences so that those of true motion are about as large as the features
 LEVELS = FRAMES_PER_MOTION_TOKEN.bit_length()
 
 
 class QualityConfig(Config):
-    """Sizes; the paper's mirror its tokenizer (width 512, 8 heads)."""
+    """Model sizes; the paper uses those of its tokenizer (width 512, 8 heads)."""
 
     features: int = Field(default=315, gt=0, description="channels of the motion features")
     width: int = Field(default=96, gt=0, description="channels (paper: 512)")
@@ -40,7 +40,7 @@ class QualityConfig(Config):
 
 
 class QualityReward(nn.Module):
-    """Motion features in, a score from 0 (noise) to 1 (as true motion) out."""
+    """Motion features in; a score from 0 (noise) to 1 (true motion) out."""
 
     mean: Tensor
     std: Tensor
@@ -67,12 +67,12 @@ class QualityReward(nn.Module):
 
     @torch.no_grad()
     def set_statistics(self, statistics: FeatureStatistics) -> None:
-        """Normalise as the tokenizer does."""
+        """Normalise like the tokenizer."""
         for own, value in zip((self.mean, self.std, self.varies), statistics, strict=True):
             own.copy_(value)
 
     def forward(self, features: Float[Tensor, "b t c"]) -> Float[Tensor, " b"]:
-        """Scores of clips of a multiple of four frames; features not normalised."""
+        """Scores of clips whose length is a multiple of four frames; features are not normalised yet."""
         x = self.input(
             _with_differences(FeatureStatistics(self.mean, self.std, self.varies).normalize(features))
         )
@@ -92,20 +92,20 @@ class QualityReward(nn.Module):
         """Read a checkpoint folder.
 
         Raises:
-            CheckpointError: it holds no quality reward.
+            CheckpointError: the folder holds no quality reward.
         """
         model = cls(checkpoint.read_config(folder, QualityConfig))
         checkpoint.load_into(model, checkpoint.read_weights(folder), origin=str(folder))
         return model.eval()
 
     @torch.no_grad()
-    def judge(self, scene: Scene, yardstick: Yardstick) -> float:
-        """As a reward function."""
-        return float(self(torch.from_numpy(scene.features)[None].float())[0])
+    def judge(self, motion: DecodedMotion, yardstick: Yardstick) -> float:
+        """The score as a reward function."""
+        return float(self(torch.from_numpy(motion.features)[None].float())[0])
 
 
 def _with_differences(x: Float[Tensor, "b t c"]) -> Float[Tensor, "b t d"]:
-    """Features, their first and second differences; zero before the first frame."""
+    """The features and their first and second differences; the first frame's differences are zero."""
     first = torch.diff(x, dim=1, prepend=x[:, :1])
     second = torch.diff(first, dim=1, prepend=first[:, :1])
     return torch.cat([x, PACE * first, PACE * second], -1)

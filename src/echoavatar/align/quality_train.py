@@ -1,6 +1,6 @@
-"""Training and testing the quality reward on token clips, and calibrating scores by FID.
+"""Trains and tests the quality reward on token clips, and calibrates its scores by FID.
 
-Every step's windows, levels and noise follow from the seed and the step's number. Held-out windows come from clips of
+Every step's windows, levels and noise depend only on the seed and the step number. Held-out windows come from clips of
 another split.
 """
 
@@ -19,14 +19,22 @@ from torch import Tensor
 
 from ..config import Config
 from ..generator import TokenClip, WindowSampler
-from ..kinematics import from_features
-from ..kinematics.rotations import quaternion_from_matrix
-from ..metrics.frechet import Moments, frechet_between, moments, pooled
+from ..metrics.frechet import Moments, frechet_between, pooled
 from ..metrics.motion_encoder import MotionEncoder
-from ..metrics.motion_features import motion_features
 from ..tokenizer import BodyTokenizer
 from ..training import Loss, Progress, Stage, TrainingConfig, train
-from .degrade import CLEAN, RATES, STRENGTHS, Kind, Unseen, corrupted, level_name, paper_scores, spoiled
+from .corruption import (
+    CLEAN,
+    RATES,
+    STRENGTHS,
+    Corruption,
+    Degradation,
+    corrupted_codes,
+    degraded,
+    level_name,
+    paper_scores,
+)
+from .motion_metrics import feature_moments
 from .quality import QualityConfig, QualityReward
 
 WINDOW_CHUNKS = 15  # 4 s
@@ -37,8 +45,8 @@ class QualityTraining(TrainingConfig):
 
     steps: int = Field(default=1200, gt=0, description="optimiser steps")
     batch: int = Field(default=24, gt=0, description="windows a step")
-    levels: int = Field(default=4, gt=0, description="levels of one window in a batch, to be told apart")
-    pool: int = Field(default=150, gt=0, description="batches decoded; later steps see them again")
+    levels: int = Field(default=4, gt=0, description="corruption levels of one window in a batch")
+    pool: int = Field(default=150, gt=0, description="decoded batches; later steps reuse them")
     learning_rate: float = Field(default=1e-3, gt=0, description="peak; cosine to zero")
     warmup: int = Field(default=50, ge=0, description="steps of linear warm-up")
     final_rate: float = Field(default=0.0, ge=0, le=1, description="share of the peak at the end")
@@ -60,82 +68,77 @@ class Levels:
         self._windows = WindowSampler(clips, chunks=chunks, seed=seed)
 
     def codes(self, number: int, size: int) -> Int[Tensor, "b n p q"]:
-        """Clean windows of a number."""
+        """Clean windows of draw `number`."""
         return self._windows.batch(number, size).motion
 
     @torch.no_grad()
     def at(self, codes: Int[Tensor, "b n p q"], name: str, number: int) -> Float[Tensor, "b t c"]:
         """Features of windows at a level; the noise depends on seed, number and kind.
 
-        It is the same at every rate: a code that is wrong at one is wrong, in the same way, at all higher ones.
+        All rates share the noise: a code corrupted at one rate is corrupted in the same way at every higher rate.
         """
-        return self._moved(self.tokenizer.decode(self._spoil(codes, name, number)), name, number)
+        return self._degraded(self.tokenizer.decode(self._corrupted(codes, name, number)), name, number)
 
     @torch.no_grad()
     def mixed(
         self, codes: Int[Tensor, "b n p q"], names: Sequence[str], number: int
     ) -> Float[Tensor, "b t c"]:
-        """The same with a level for each row."""
+        """The same, with a level for each row."""
         numbers = [number * 64 + k for k in range(len(names))]
-        rows = [self._spoil(codes[k : k + 1], name, numbers[k]) for k, name in enumerate(names)]
+        rows = [self._corrupted(codes[k : k + 1], name, numbers[k]) for k, name in enumerate(names)]
         made = self.tokenizer.decode(torch.cat(rows))
-        return torch.cat([self._moved(made[k : k + 1], name, numbers[k]) for k, name in enumerate(names)])
+        return torch.cat([self._degraded(made[k : k + 1], name, numbers[k]) for k, name in enumerate(names)])
 
-    def _moved(self, features: Float[Tensor, "b t c"], name: str, number: int) -> Float[Tensor, "b t c"]:
-        """Features at a level that acts on motion; the others are as they are."""
+    def _degraded(self, features: Float[Tensor, "b t c"], name: str, number: int) -> Float[Tensor, "b t c"]:
+        """Degrade the features if the level degrades motion."""
         kind = name.split()[0]
-        if kind not in get_args(Unseen):
+        if kind not in get_args(Degradation):
             return features
         seed = self._seed * 1_000_003 + number
-        return spoiled(
-            features, cast(Unseen, kind), float(name.split()[1]), self.tokenizer.skeleton, seed=seed
+        return degraded(
+            features, cast(Degradation, kind), float(name.split()[1]), self.tokenizer.skeleton, seed=seed
         )
 
-    def _spoil(self, codes: Int[Tensor, "b n p q"], name: str, number: int) -> Int[Tensor, "b n p q"]:
-        if name == CLEAN or name.split()[0] in get_args(Unseen):
+    def _corrupted(self, codes: Int[Tensor, "b n p q"], name: str, number: int) -> Int[Tensor, "b n p q"]:
+        if name == CLEAN or name.split()[0] in get_args(Degradation):
             return codes
-        which: Kind = "uniform" if name.startswith("uniform") else "hierarchical"
+        which: Corruption = "uniform" if name.startswith("uniform") else "hierarchical"
         random = torch.Generator().manual_seed(
-            (self._seed * 1_000_003 + number) * 2 + get_args(Kind).index(which)
+            (self._seed * 1_000_003 + number) * 2 + get_args(Corruption).index(which)
         )
         rate = float(name.split()[1])
-        return corrupted(codes, which, rate, codebook=self.tokenizer.config.codes, generator=random)
+        return corrupted_codes(codes, which, rate, codebook=self.tokenizer.config.codes, generator=random)
 
 
 def paper_levels() -> list[str]:
-    """All levels that codes can be brought to."""
-    return [CLEAN, *(level_name(kind, rate) for kind in get_args(Kind) for rate in RATES)]
+    """All levels that corrupt codes, the clean one first."""
+    return [CLEAN, *(level_name(kind, rate) for kind in get_args(Corruption) for rate in RATES)]
 
 
 def calibrate(levels: Levels, encoder: MotionEncoder, *, windows: int = 64) -> dict[str, float]:
-    """FID of each level against clean windows of other places (so that the clean level's own is not zero)."""
+    """FID of each level against other clean windows, so that the clean level's own FID is not zero."""
     skeleton = levels.tokenizer.skeleton
-
-    def measured(features: Float[Tensor, "b t c"]) -> list[Moments]:
-        moved = from_features(skeleton, features)
-        turns = quaternion_from_matrix(moved.rotations)
-        clips = [motion_features(turn, root) for turn, root in zip(turns, moved.root, strict=True)]
-        return [moments(encoder.features(clip).numpy()) for clip in clips]
 
     def at(name: str, first: int) -> Moments:
         found: list[Moments] = []
         for number in range(first, first + math.ceil(windows / 16)):
-            found += measured(levels.at(levels.codes(number, 16), name, number))
+            features = levels.at(levels.codes(number, 16), name, number)
+            found += feature_moments(encoder, skeleton, features)
         return pooled(found)
 
     true = at(CLEAN, 10_000)
     return {name: frechet_between(at(name, 0), true) for name in paper_levels()}
 
 
-class Graded(NamedTuple):
-    """Windows and what they should score."""
+class ScoredWindows(NamedTuple):
+    """Windows and their target scores."""
 
     features: Float[Tensor, "b t c"]
     scores: Float[Tensor, " b"]
 
 
-class QualityStage(Stage[Graded]):
-    """The reward and the levels that it learns."""
+class QualityTask(Stage[ScoredWindows]):
+    """The training task of the quality reward."""
 
     config: QualityTraining
 
@@ -153,22 +156,22 @@ class QualityStage(Stage[Graded]):
         self.model.set_statistics(levels.tokenizer.statistics)
         super().__init__(training, {"model": self.model})
         self._levels, self._scores, self._card = levels, dict(scores), dict(card or {})
-        self._pool: dict[int, Graded] = {}
+        self._pool: dict[int, ScoredWindows] = {}
 
     def identity(self) -> Mapping[str, Config]:
         """Sizes and schedule."""
         return {"reward": self.model.config, "training": self.config}
 
-    def draw(self, step: int) -> Graded:
-        """See `Stage.draw`; batches are decoded once."""
+    def draw(self, step: int) -> ScoredWindows:
+        """See `Stage.draw`; each batch is decoded once."""
         number = step % self.config.pool
         if number not in self._pool:
-            made = self._made(number)
-            self._pool[number] = Graded(made.features.half(), made.scores)
+            made = self._decoded_batch(number)
+            self._pool[number] = ScoredWindows(made.features.half(), made.scores)
         found = self._pool[number]
-        return Graded(found.features.float(), found.scores)
+        return ScoredWindows(found.features.float(), found.scores)
 
-    def _made(self, number: int) -> Graded:
+    def _decoded_batch(self, number: int) -> ScoredWindows:
         training, names = self.config, list(self._scores)
         random = np.random.default_rng([training.seed, number])
         windows = math.ceil(training.batch / training.levels)
@@ -177,16 +180,16 @@ class QualityStage(Stage[Graded]):
             names[int(k)] for _ in range(windows) for k in random.permutation(len(names))[: training.levels]
         ][: training.batch]
         features = self._levels.mixed(codes, asked, number)
-        return Graded(features, torch.tensor([self._scores[name] for name in asked]))
+        return ScoredWindows(features, torch.tensor([self._scores[name] for name in asked]))
 
-    def loss(self, batch: Graded, step: int) -> Loss:
-        """SmoothL1, quadratic only up close: scores lie within 1."""
+    def loss(self, batch: ScoredWindows, step: int) -> Loss:
+        """SmoothL1 with a small quadratic region, because scores lie between 0 and 1."""
         made = self.model(batch.features)
         error = (made - batch.scores).abs().mean()
         return Loss(F.smooth_l1_loss(made, batch.scores, beta=0.1), {"error": error})
 
     def save(self, folder: Path, step: int) -> None:
-        """The reward."""
+        """Write the reward."""
         about = {"kind": "quality_reward", "step": step, "training": self.config.model_dump()}
         self.model.save(folder, self._card | about | {"scores": self._scores})
 
@@ -201,9 +204,9 @@ def train_quality(
     card: Mapping[str, object] | None = None,
     progress: Progress | None = None,
 ) -> QualityReward:
-    """Train into a checkpoint folder, going on with what is there."""
+    """Train into a checkpoint folder, or resume the run in it."""
     config = config or QualityConfig(features=levels.tokenizer.mean.numel())
-    stage = QualityStage(levels, config, training, scores or paper_scores(), card)
+    stage = QualityTask(levels, config, training, scores or paper_scores(), card)
     train(stage, folder, progress=progress)
     return stage.model.eval()
 
@@ -212,10 +215,10 @@ def train_quality(
 def measure_quality(
     model: QualityReward, levels: Levels, scores: Mapping[str, float], *, windows: int = 32
 ) -> dict[str, object]:
-    """Correlations with the assigned scores on held-out windows, means by level, and rank order on unseen kinds.
+    """Correlation with the assigned scores on held-out windows, means by level, rank order on unseen degradations.
 
-    Pearson is over levels (the mean of each level against its score, as the paper's figure) and over single windows.
-    `is_ordered` says whether the means fall from rate to rate, by kind.
+    Pearson is computed over levels (each level's mean against its score, as in the paper's figure) and over windows.
+    `is_ordered` tells for each kind whether the means fall from rate to rate.
     """
     clean = levels.codes(0, windows)
     by_level = {name: model(levels.at(clean, name, 0)) for name in scores}
@@ -230,10 +233,10 @@ def measure_quality(
         "levels": means,
     }
     unseen, motion = {}, levels.tokenizer.decode(clean)
-    for other in get_args(Unseen):
-        if level_name(other, 1.0) in scores:  # trained on: its windows are among the levels
+    for other in get_args(Degradation):
+        if level_name(other, 1.0) in scores:  # trained on, so already among the levels
             continue
-        found = [model(spoiled(motion, other, s, levels.tokenizer.skeleton)).numpy() for s in STRENGTHS]
+        found = [model(degraded(motion, other, s, levels.tokenizer.skeleton)).numpy() for s in STRENGTHS]
         severity = np.repeat(STRENGTHS, windows)
         unseen[other] = {
             "spearman": float(spearmanr(severity, np.concatenate(found))[0]),
@@ -248,18 +251,18 @@ def _kinds(scores: Mapping[str, float]) -> list[str]:
 
 
 def _course(levels: Mapping[str, float], kind: str) -> tuple[list[float], list[float]]:
-    """Severities of a kind, from the clean level on, and what its levels have."""
+    """Severities of a kind with the clean level as 0, and the value of each."""
     found = {float(name.split()[1]): value for name, value in levels.items() if name.split()[0] == kind}
     return [0.0, *sorted(found)], [levels[CLEAN], *(found[rate] for rate in sorted(found))]
 
 
 def _falls(means: Mapping[str, float], kind: str) -> bool:
-    """Whether each severity has a lower mean than the one before."""
+    """Whether the mean falls with every step in severity."""
     return bool(np.all(np.diff(_course(means, kind)[1]) < 0))
 
 
 def draw_quality(found: Mapping[str, object], scores: Mapping[str, float], path: Path) -> None:
-    """The paper's figure: mean score over severity, made and wanted, for kinds trained on and unseen."""
+    """The paper's figure: mean score over severity, measured and assigned, for trained and unseen kinds."""
     import matplotlib
 
     matplotlib.use("Agg")

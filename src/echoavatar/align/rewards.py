@@ -1,11 +1,11 @@
-"""Reward functions: plain functions of a scene, by name, combined by weight.
+"""Reward functions: plain functions of a motion, selected by name and combined by weight.
 
-A function takes a `Scene` and the `Yardstick` and returns a number, or a number for each new frame; what it returns a
-frame can be credited to the codes that made it, and its sum is the scene's reward. Every one is about 1 where
-motion is as the truth and falls below 0 where it is far off. Your own:
+A function takes a `DecodedMotion` and the `Yardstick` and returns one number, or one for each new frame. Values by
+frame can be credited to the codes that made the frame; their sum is the reward of the motion. The built-in rewards are
+about 1 for motion like the truth and fall below 0 far from it. You can write your own:
 
-    def high_hands(scene, yardstick):
-        return scene.positions[scene.lead :, scene.skeleton.index("leftHand"), 1].mean()
+    def high_hands(motion, yardstick):
+        return motion.positions[motion.lead :, motion.skeleton.index("leftHand"), 1].mean()
 
     rewards = RewardMix({"beats": 1.0, "high_hands": 0.5}, yardstick, own={"high_hands": high_hands})
 """
@@ -21,61 +21,60 @@ from ..errors import EchoAvatarError
 from ..kinematics.contact import skate
 from ..metrics.beat_alignment import SHARP_SIGMA_S, mean_hit_rate
 from ..metrics.dance_alignment import dance_beats
-from ..metrics.gesture_alignment import gesture_beats
+from ..metrics.gesture_alignment import ARM_JOINTS, STROKE_DELAY_S, gesture_beats
 from ..timing import FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN
-from .scene import Scene
-from .yardstick import ARMS, Yardstick, response
+from .decoded_motion import DecodedMotion
+from .yardstick import Yardstick, response
 
-Reward = Callable[[Scene, Yardstick], float | Float[np.ndarray, " t"]]
+Reward = Callable[[DecodedMotion, Yardstick], float | Float[np.ndarray, " t"]]
 
-STROKE_DELAY_S = 0.18  # rehearsal strokes end so much after the stressed vowel (`evaluation.beats`)
 SHIFTS_S = tuple(float(shift) for shift in np.arange(0.1, 1.0, 0.1))
-FREE_JERK, MOST_JERK = 2.0, 4.0  # of the truth's mean: strokes have twice that for moments
-FREE_RATIO = 1.5  # livelier or calmer than the truth by this factor costs nothing
+FREE_JERK, MOST_JERK = 2.0, 4.0  # multiples of the truth's mean jerk; strokes briefly reach twice the mean
+FREE_RATIO = 1.5  # factor by which speed may differ from the truth's without cost
 
 
-def beats(scene: Scene, yardstick: Yardstick) -> Float[np.ndarray, " t"]:
-    """Does the body brake on the beats as the truth does? 1 as the truth, 0 by chance; a number a frame."""
-    return response(scene, "beat", yardstick)
+def beats(motion: DecodedMotion, yardstick: Yardstick) -> Float[np.ndarray, " t"]:
+    """Does the body brake on the beats like the truth? 1 like the truth, 0 by chance; one value for each frame."""
+    return response(motion, "beat", yardstick)
 
 
-def stresses(scene: Scene, yardstick: Yardstick) -> Float[np.ndarray, " t"]:
-    """Do strokes begin on stressed syllables as the truth's do? 1 as the truth, 0 by chance; a number a frame."""
-    return response(scene, "stress", yardstick)
+def stresses(motion: DecodedMotion, yardstick: Yardstick) -> Float[np.ndarray, " t"]:
+    """Do strokes start on stressed syllables like the truth's? 1 like the truth, 0 by chance; one for each frame."""
+    return response(motion, "stress", yardstick)
 
 
-def beat_alignment(scene: Scene, yardstick: Yardstick) -> float:
-    """BA_D (`sharp`) on the beats less its chance: the mean at beats moved by 0.1 to 0.9 s, round the scene's end."""
-    return _excess(scene, [dance_beats(scene.positions)], scene.beats)
+def beat_alignment(motion: DecodedMotion, yardstick: Yardstick) -> float:
+    """BA_D (`sharp`) minus chance, which is the mean score with beats shifted by 0.1 to 0.9 s, wrapping around."""
+    return _excess(motion, [dance_beats(motion.positions)], motion.beats)
 
 
-def stress_alignment(scene: Scene, yardstick: Yardstick) -> float:
-    """BA_G (`sharp`) of the arms on the stressed syllables less its chance, as above; strokes end 0.18 s later."""
-    arms = scene.skeleton.indices(ARMS)
-    return _excess(scene, gesture_beats(scene.positions[:, arms]), scene.stresses + STROKE_DELAY_S)
+def stress_alignment(motion: DecodedMotion, yardstick: Yardstick) -> float:
+    """BA_G (`sharp`) of the arms on stressed syllables minus chance, as above; strokes end 0.18 s later."""
+    arms = motion.skeleton.indices(ARM_JOINTS)
+    return _excess(motion, gesture_beats(motion.positions[:, arms]), motion.stresses + STROKE_DELAY_S)
 
 
-def smoothness(scene: Scene, yardstick: Yardstick) -> Float[np.ndarray, " t"]:
-    """0 while jerk is at most twice the truth's mean, then minus the excess over that, at most 4; spread over frames.
+def smoothness(motion: DecodedMotion, yardstick: Yardstick) -> Float[np.ndarray, " t"]:
+    """0 while jerk is at most twice the truth's mean, otherwise minus the excess, at most 4; divided by the frames.
 
-    By time, because a jolt comes from the codes right before it and from no others.
+    By frame, because a jolt comes only from the codes right before it.
     """
-    jerk = np.linalg.norm(np.diff(scene.positions - scene.positions[:, :1], n=3, axis=0), axis=-1).mean(1)
+    jerk = np.linalg.norm(np.diff(motion.positions - motion.positions[:, :1], n=3, axis=0), axis=-1).mean(1)
     excess = np.clip(jerk * FRAME_RATE_HZ**3 / yardstick.jerk - FREE_JERK, 0, MOST_JERK)
-    late = excess[max(0, scene.lead - 3) :]
-    return np.asarray(-np.concatenate([np.zeros(scene.frames - len(late)), late]) / scene.frames)
+    late = excess[max(0, motion.lead - 3) :]
+    return np.asarray(-np.concatenate([np.zeros(motion.frames - len(late)), late]) / motion.frames)
 
 
-def planted_feet(scene: Scene, yardstick: Yardstick) -> float:
-    """Minus the skate of the planted balls of the feet in dm/s, at most -3 (before the pipeline's leg IK)."""
-    balls = list(scene.skeleton.config.feet)[1::2]
-    standing = scene.skeleton.rest_positions[balls, 1].numpy()
-    return max(-3.0, -0.1 * skate(scene.positions[:, balls], FRAME_RATE_HZ, standing_height=standing))
+def planted_feet(motion: DecodedMotion, yardstick: Yardstick) -> float:
+    """Minus the sliding speed of the planted balls of the feet in dm/s, at least -3 (before the pipeline's leg IK)."""
+    balls = list(motion.skeleton.config.feet)[1::2]
+    standing = motion.skeleton.rest_positions[balls, 1].numpy()
+    return max(-3.0, -0.1 * skate(motion.positions[:, balls], FRAME_RATE_HZ, standing_height=standing))
 
 
-def liveliness(scene: Scene, yardstick: Yardstick) -> float:
-    """0 while the mean speed is within 1.5 times the truth's of what is heard, then minus the log of the rest."""
-    domain, speed = scene.domain[scene.lead :], scene.speed()
+def liveliness(motion: DecodedMotion, yardstick: Yardstick) -> float:
+    """0 while the mean speed is within a factor 1.5 of the truth's for this domain, otherwise minus the log excess."""
+    domain, speed = motion.domain[motion.lead :], motion.speed()
     heard = int(np.bincount(domain, minlength=3).argmax())
     wanted = yardstick.speed[heard]
     if heard == 0 or wanted <= 0:
@@ -83,17 +82,17 @@ def liveliness(scene: Scene, yardstick: Yardstick) -> float:
     return -max(0.0, abs(float(np.log((speed.mean() + 1e-3) / wanted))) - float(np.log(FREE_RATIO)))
 
 
-def stillness(scene: Scene, yardstick: Yardstick) -> Float[np.ndarray, " t"]:
-    """In silence: minus the hands' speed over that in speech, spread over the silent frames; 0 elsewhere."""
-    hands = scene.skeleton.indices(("leftHand", "rightHand"))
-    speed = scene.speed(hands) / max(yardstick.speed[1], 1e-3)
-    silent = scene.domain[scene.lead :] == 0
-    return np.asarray(np.where(silent, -np.minimum(speed, 3.0), 0.0) / scene.frames)
+def stillness(motion: DecodedMotion, yardstick: Yardstick) -> Float[np.ndarray, " t"]:
+    """Minus the hands' speed over their speed in speech, in silent frames; 0 elsewhere. Divided by the frames."""
+    hands = motion.skeleton.indices(("leftHand", "rightHand"))
+    speed = motion.speed(hands) / max(yardstick.speed[1], 1e-3)
+    silent = motion.domain[motion.lead :] == 0
+    return np.asarray(np.where(silent, -np.minimum(speed, 3.0), 0.0) / motion.frames)
 
 
-def _excess(scene: Scene, found: Sequence[np.ndarray], events: Float[np.ndarray, " n"]) -> float:
-    times = [own - scene.lead / FRAME_RATE_HZ for own in found]
-    length = scene.frames / FRAME_RATE_HZ
+def _excess(motion: DecodedMotion, found: Sequence[np.ndarray], events: Float[np.ndarray, " n"]) -> float:
+    times = [own - motion.lead / FRAME_RATE_HZ for own in found]
+    length = motion.frames / FRAME_RATE_HZ
     events = events[events < length]
     if not len(events):
         return 0.0
@@ -116,13 +115,13 @@ BUILT_IN: dict[str, Reward] = {
 class Rewards(NamedTuple):
     """Weighted rewards of continuations."""
 
-    tokens: Float[np.ndarray, "r n"]  # what is credited to a time, by motion token
-    whole: Float[np.ndarray, " r"]  # what is said of a whole continuation
-    parts: dict[str, Float[np.ndarray, " r"]]  # sum of each component, not weighted
+    tokens: Float[np.ndarray, "r n"]  # reward by motion token
+    whole: Float[np.ndarray, " r"]  # reward of the whole continuation, which belongs to no particular time
+    parts: dict[str, Float[np.ndarray, " r"]]  # each component's sum, without its weight
 
     @property
     def total(self) -> Float[np.ndarray, " r"]:
-        """One number a continuation."""
+        """One number for each continuation."""
         return np.asarray(self.tokens.sum(1) + self.whole)
 
 
@@ -135,21 +134,23 @@ class RewardMix:
         yardstick: Yardstick | None,
         own: Mapping[str, Reward] | None = None,
     ) -> None:
-        """`yardstick` may be None where nothing is weighed."""
+        """`yardstick` may be None if there are no weights."""
         known = BUILT_IN | dict(own or {})
         self.weights, self.yardstick = dict(weights), yardstick
         self._functions = {name: known[name] if name in known else _imported(name, known) for name in weights}
 
-    def __call__(self, scenes: Sequence[Scene]) -> Rewards:
-        """Rewards of scenes.
+    def __call__(self, motions: Sequence[DecodedMotion]) -> Rewards:
+        """Rewards of motions.
 
         Raises:
-            EchoAvatarError: a function returned something that is no number, or of the wrong length.
+            EchoAvatarError: a function returned a value that is not finite or has the wrong length.
         """
-        tokens = np.zeros((len(scenes), scenes[0].frames // FRAMES_PER_MOTION_TOKEN))
-        whole, parts = np.zeros(len(scenes)), {}
+        tokens = np.zeros((len(motions), motions[0].frames // FRAMES_PER_MOTION_TOKEN))
+        whole, parts = np.zeros(len(motions)), {}
         for name, function in self._functions.items():
-            values = np.stack([self._checked(name, function, scene, row) for row, scene in enumerate(scenes)])
+            values = np.stack(
+                [self._checked(name, function, motion, row) for row, motion in enumerate(motions)]
+            )
             parts[name] = values if values.ndim == 1 else values.sum(1)
             if values.ndim == 1:
                 whole += self.weights[name] * values
@@ -157,20 +158,22 @@ class RewardMix:
                 tokens += self.weights[name] * values
         return Rewards(tokens, whole, parts)
 
-    def _checked(self, name: str, function: Reward, scene: Scene, row: int) -> Float[np.ndarray, "*n"]:
+    def _checked(
+        self, name: str, function: Reward, motion: DecodedMotion, row: int
+    ) -> Float[np.ndarray, "*n"]:
         assert self.yardstick is not None
-        value = np.asarray(function(scene, self.yardstick), np.float64)
+        value = np.asarray(function(motion, self.yardstick), np.float64)
         if not np.isfinite(value).all():
             raise EchoAvatarError(
                 f"reward {name!r} is {value[~np.isfinite(value)].flat[0] if value.ndim else value} for continuation"
-                f" {row}; it must be a finite number for every motion: mend the function or leave it out"
+                f" {row}; it must be a finite number for every motion: fix the function or leave it out"
             )
         if value.ndim == 0:
             return value
-        if value.shape != (scene.frames,):
+        if value.shape != (motion.frames,):
             raise EchoAvatarError(
                 f"reward {name!r} has shape {value.shape}; it must be a number, or one for each of the"
-                f" {scene.frames} new frames"
+                f" {motion.frames} new frames"
             )
         return np.asarray(value.reshape(-1, FRAMES_PER_MOTION_TOKEN).sum(1))
 
@@ -203,10 +206,10 @@ def _imported(name: str, known: Mapping[str, Reward]) -> Reward:
 
 
 def imported(name: str, what: str) -> Any:
-    """What `module:name` names.
+    """The object that `module:name` names.
 
     Raises:
-        EchoAvatarError: there is no such thing.
+        EchoAvatarError: there is no such object.
     """
     module, _, attribute = name.partition(":")
     try:

@@ -1,4 +1,4 @@
-"""Batches of continuations that the policy drew itself and reward functions judged: what GRPO and PPO learn from."""
+"""Continuations that the policy sampled itself and reward functions judged: the training data of GRPO and PPO."""
 
 from abc import abstractmethod
 from collections.abc import Mapping
@@ -10,71 +10,73 @@ from torch import Tensor
 
 from .policy import Scores
 from .prompts import PromptBatch, PromptBook, batch_of
-from .trainer import PolicyStage, seeds, shared_out
+from .trainer import PolicyTask, rollout_seeds, share_of_process
 
 
-class Played(NamedTuple):
-    """Continuations, a row each, and what a step needs to know of them."""
+class RolloutBatch(NamedTuple):
+    """Continuations, one a row, and what an optimiser step needs to know about them."""
 
     prompts: PromptBatch
     codes: Int[Tensor, "r n p q"]
     advantages: Float[Tensor, "r n"]
-    told: Float[Tensor, "r m"]  # what the log keeps of each
+    logged: Float[Tensor, "r m"]  # logged values of each continuation
     old: Float[Tensor, "r n k"] | None = None  # log-probabilities under the policy that sampled
     support: Bool[Tensor, "r n k K"] | None = None
-    values: Float[Tensor, "r n"] | None = None  # what the critic foretold
+    values: Float[Tensor, "r n"] | None = None  # the critic's predictions
     returns: Float[Tensor, "r n"] | None = None
 
 
-class Judged(NamedTuple):
-    """Rewards of continuations by motion token and whole."""
+class JudgedRollouts(NamedTuple):
+    """Rewards of continuations, by motion token and for the whole."""
 
     tokens: Float[Tensor, "r n"]
     whole: Float[Tensor, " r"]
 
 
-class RolloutStage(PolicyStage[Played]):
-    """Draws continuations, has them judged, and keeps them for `epochs` steps.
+class RolloutTask(PolicyTask[RolloutBatch]):
+    """Samples continuations, has them judged, and keeps them for `epochs` steps.
 
-    Several processes answer a share of the prompts each and put their continuations together.
+    With several processes each one samples a share of the prompts; the results are then gathered.
     """
 
     is_scored = False
-    """Whether the policy that sampled is asked, which with one epoch and no critic is the policy of the step."""
+    """Whether to score continuations right after sampling; with one epoch and no critic the step itself does that."""
 
     def __init__(self, *args: Any, book: PromptBook, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         self._book = book
         self._rollout = (
-            self.policy.rollout if self.around.rollouts is None else self.around.rollouts(self.policy)
+            self.policy.rollout if self.context.rollouts is None else self.context.rollouts(self.policy)
         )
-        self._kept: tuple[int, Played] | None = None
+        self._kept: tuple[int, RolloutBatch] | None = None
         self._names: tuple[str, ...] = ()
         self._step = 0
 
-    def draw(self, step: int) -> Played:
-        """Continuations of batch `step` // epochs."""
+    def draw(self, step: int) -> RolloutBatch:
+        """The continuations of batch number `step` // `epochs`."""
         self._step, number = step, step // self.config.epochs
         if self._kept is None or self._kept[0] != number:
-            self._kept = (number, self._play(number))
+            self._kept = (number, self._sample(number))
         return self._kept[1]
 
     @abstractmethod
-    def weighed(self, judged: Judged, made: Played) -> tuple[Tensor, Tensor | None]:
-        """Advantages of a whole batch, and returns where there is a critic."""
+    def advantages_and_returns(
+        self, judged: JudgedRollouts, made: RolloutBatch
+    ) -> tuple[Tensor, Tensor | None]:
+        """Advantages of a whole batch, and returns if there is a critic."""
 
-    def foretold(self, scores: Scores) -> Float[Tensor, "r n"] | None:
-        """What the critic says, where there is one."""
+    def predicted_values(self, scores: Scores) -> Float[Tensor, "r n"] | None:
+        """The critic's predictions, if there is one."""
         return None
 
     @torch.no_grad()
-    def _play(self, number: int) -> Played:
+    def _sample(self, number: int) -> RolloutBatch:
         training, device, gather = self.config, self.device, self.processes.gather
         drawn = self._book.draw(number, training.batch)
-        mine = shared_out(drawn, self.processes)
+        mine = share_of_process(drawn, self.processes)
         rows, group = len(mine) * training.group, training.group
         first = self.processes.rank * rows
-        chosen = seeds(training, number, len(drawn) * group)[first : first + rows].to(device)
+        chosen = rollout_seeds(training, number, len(drawn) * group)[first : first + rows].to(device)
         asked = batch_of(mine, str(device))
         codes = self._rollout(asked, group, chosen)
         rewards = self.judge(mine, codes)
@@ -86,40 +88,40 @@ class RolloutStage(PolicyStage[Played]):
         spread = columns[0].view(-1, group).std(1, correction=0).repeat_interleave(group)
         scored = self._scored(asked.repeated(group), codes) if self.is_scored or training.epochs > 1 else {}
         codes = gather(codes)
-        judged = Judged(tokens.float(), whole.float())
-        told = torch.stack([*columns, spread], 1).float()
+        judged = JudgedRollouts(tokens.float(), whole.float())
+        logged = torch.stack([*columns, spread], 1).float()
         batch = batch_of(drawn, str(device)).repeated(group)
-        made = Played(batch, codes, torch.zeros_like(judged.tokens), told, **scored)
-        advantages, returns = self.weighed(judged, made)
+        made = RolloutBatch(batch, codes, torch.zeros_like(judged.tokens), logged, **scored)
+        advantages, returns = self.advantages_and_returns(judged, made)
         return made._replace(advantages=advantages, returns=returns)
 
     def _scored(self, prompts: PromptBatch, codes: Int[Tensor, "r n p q"]) -> dict[str, Tensor]:
-        """What the policy that sampled says of this process's continuations, put together with the others'."""
+        """Scores of this process's continuations under the policy that sampled, gathered from all processes."""
         each = -(-len(codes) // self.config.accumulation)
         found: list[tuple[Tensor, ...]] = []
         for start in range(0, len(codes), each):
             at = slice(start, start + each)
             scores = self.policy.score(prompts.rows(at), codes[at])
-            values = self.foretold(scores)
+            values = self.predicted_values(scores)
             found.append((scores.log_probs, scores.support.byte(), *([] if values is None else [values])))
         columns = [self.processes.gather(torch.cat(column)) for column in zip(*found, strict=True)]
         columns[1] = columns[1].bool()
         return dict(zip(("old", "support", "values"), columns, strict=False))
 
-    def of_rows(self, batch: Played) -> dict[str, Tensor]:
-        """Means of what the log keeps of some rows."""
-        return dict(zip(self._names, batch.told.mean(0), strict=True))
+    def logged_means(self, batch: RolloutBatch) -> dict[str, Tensor]:
+        """Means of the logged values over some rows."""
+        return dict(zip(self._names, batch.logged.mean(0), strict=True))
 
     def state(self) -> Mapping[str, Tensor]:
-        """The continuations, where the next step goes on with them."""
+        """The continuations, if the next step still uses them."""
         if self._kept is None or (self._step + 1) % self.config.epochs == 0:
             return {}
         made = self._kept[1]
         parts = made._asdict() | {"audio": made.prompts.audio, "past": made.prompts.past}
         tensors = {
-            name: value for name, value in parts.items() if isinstance(value, Tensor) and name != "told"
+            name: value for name, value in parts.items() if isinstance(value, Tensor) and name != "logged"
         }
-        columns = {f"told.{at}.{name}": made.told[:, at] for at, name in enumerate(self._names)}
+        columns = {f"told.{at}.{name}": made.logged[:, at] for at, name in enumerate(self._names)}
         return tensors | columns | {"number": torch.tensor(self._kept[0])}
 
     def load_state(self, state: Mapping[str, Tensor]) -> None:
@@ -129,11 +131,11 @@ class RolloutStage(PolicyStage[Played]):
             return
         columns = sorted((int(key.split(".")[1]), key) for key in state if key.startswith("told."))
         self._names = tuple(key.split(".", 2)[2] for _, key in columns)
-        told = torch.stack([state[key] for _, key in columns], 1)
+        logged = torch.stack([state[key] for _, key in columns], 1)
         rest = {
             name: state[name]
             for name in ("codes", "advantages", "old", "support", "values", "returns")
             if name in state
         }
         prompts = PromptBatch(state["audio"], state["past"])
-        self._kept = (int(state["number"]), Played(prompts, told=told, **rest))
+        self._kept = (int(state["number"]), RolloutBatch(prompts, logged=logged, **rest))

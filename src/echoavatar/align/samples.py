@@ -1,6 +1,6 @@
-"""Films of what a policy makes of held-out prompts, one each checkpoint: rewards can be cheated, eyes less so.
+"""Renders what a policy does on held-out prompts at each checkpoint; a reward that is gamed shows in the video.
 
-Sound is what the codec's decoder makes of the prompt's codes, since token files hold no waveform.
+Token files hold no waveform, so the codec's decoder makes the sound.
 """
 
 import importlib.util
@@ -23,20 +23,20 @@ SIZE = (480, 360)
 SEED = 20
 
 
-def can_film() -> bool:
+def can_render_videos() -> bool:
     """Whether the extra `render` is installed."""
     return importlib.util.find_spec("PIL") is not None
 
 
-class Films:
-    """Writes `FOLDER_0.mp4` and so on: the past as it was, then what the policy goes on with."""
+class SampleVideos:
+    """Writes `FOLDER_0.mp4` and so on: the prompt's past, then the policy's continuation."""
 
     def __init__(self, codec: AudioCodec, tokenizer: BodyTokenizer, prompts: Sequence[Prompt]) -> None:
         self._codec, self._tokenizer, self._prompts = codec, tokenizer, list(prompts)
 
     @torch.no_grad()
     def __call__(self, policy: GeneratorPolicy, path: Path) -> None:
-        """One file a prompt, with the same seeds every time."""
+        """One file for each prompt, with the same seeds every time."""
         device = next(policy.generator.parameters()).device
         batch = batch_of(self._prompts, str(device))
         seeds = torch.arange(SEED, SEED + len(self._prompts), device=device)

@@ -1,11 +1,11 @@
-"""Runs of one method that differ by their seed as one line: mean, spread between runs, error over prompts."""
+"""Summarises runs of one method with different seeds: mean, deviation between runs, standard error over prompts."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from .gauge import Told, mean_and_error
+from .motion_metrics import Measurements, mean_and_error
 from .plots import gain
 
 PLAIN = ("kl", "fid", "diversity")
@@ -19,11 +19,11 @@ TITLES = {
 }
 
 
-def over_seeds(begun: Mapping[str, Any], runs: Sequence[Mapping[str, Any]]) -> Told:
+def over_seeds(begun: Mapping[str, Any], runs: Sequence[Mapping[str, Any]]) -> Measurements:
     """Several measurements by `compare` on the same prompts as one.
 
-    `reward` and `gain` over `begun` are (mean, spread, error): the standard deviation between runs, and the standard
-    error over prompts of the runs' mean, since all runs met the same prompts. The rest is (mean, spread).
+    `reward` and `gain` over `begun` are (mean, deviation, error): the standard deviation between runs, and the standard
+    error over prompts of the runs' mean, because all runs share the prompts. The rest is (mean, deviation).
     """
     by_prompt = np.mean([run["by_prompt"] for run in runs], axis=0)
     mean, error = mean_and_error(by_prompt)
@@ -40,7 +40,7 @@ def over_seeds(begun: Mapping[str, Any], runs: Sequence[Mapping[str, Any]]) -> T
 
 
 def as_markdown(found: Mapping[str, Any], lines: Mapping[str, Mapping[str, Any]]) -> str:
-    """A table: the truth and the first generator of `found`, then `lines` by `over_seeds`."""
+    """A table: the truth and the first generator of `found`, then `lines` from `over_seeds`."""
     truth, untuned = found["truth"], found[next(name for name in found if name != "truth")]
     names = list(truth["rewards"])
     aligned = [name for name in ALIGNED if name in truth]
@@ -67,7 +67,7 @@ def as_markdown(found: Mapping[str, Any], lines: Mapping[str, Mapping[str, Any]]
 def _told(
     value: float, error: float | None = None, spread: float | None = None, *, digits: int = 2, sign: str = ""
 ) -> str:
-    """Value, its standard error over prompts, and in brackets the spread between runs."""
+    """A value, its standard error over prompts, and in brackets the deviation between runs."""
     words = [f"{value:{sign}.{digits}f}"]
     if error is not None:
         words.append(f"+- {error:.{digits}f}")
@@ -81,7 +81,7 @@ def _digits(name: str) -> int:
 
 
 def _spread(values: Sequence[float]) -> tuple[float, float]:
-    """Mean, and standard deviation between runs (0 of one)."""
+    """Mean, and standard deviation between runs (0 for a single run)."""
     return _rounded(np.mean(values)), _rounded(np.std(values, ddof=1)) if len(values) > 1 else 0.0
 
 

@@ -1,4 +1,4 @@
-"""From folders to a running trainer: bundle, tokens, yardstick, rewards."""
+"""Builds a training task from folders: bundle, token files, reference statistics, rewards."""
 
 import json
 import os
@@ -15,23 +15,23 @@ from ..metrics.motion_encoder import load_shipped
 from ..pipeline import load_bundle
 from ..tokenizer import BodyTokenizer
 from ..training import Progress, has_state, train
-from ..training.journal import FILE
+from ..training.metrics_log import FILE
 from .audio_reward import AudioMotion
 from .config import AlignTraining, Method
-from .dpo import DpoStage
-from .gauge import Gauge
-from .grpo import GrpoStage
-from .judge import SceneJudge
+from .decoded_motion import decode_truth
+from .dpo import DpoTask
+from .grpo import GrpoTask
+from .judge import DecodingJudge
+from .motion_metrics import MotionMetrics
 from .policy import GeneratorPolicy
-from .ppo import PpoStage
-from .preferences import rank, read_pairs, write_pairs
+from .ppo import PpoTask
+from .preferences import rank_pairs, read_pairs, write_pairs
 from .probe import Probe
 from .prompts import PromptBook, read_token_clips
 from .quality import QualityReward
 from .rewards import Reward, RewardMix, imported, parse_weights
-from .samples import Films, can_film
-from .scene import true_scenes
-from .trainer import Around, DivergedError, PolicyStage
+from .samples import SampleVideos, can_render_videos
+from .trainer import DivergedError, PolicyTask, RunContext
 from .yardstick import Yardstick, measure_yardstick
 
 DEFAULT_REWARDS = (
@@ -44,7 +44,7 @@ DEFAULT_REWARDS = (
 )
 YARDSTICK_PROMPTS = 160
 YARDSTICK_PAST, YARDSTICK_LENGTH = 3, 9
-TOGETHER = 8  # prompts whose continuations are drawn at once
+TOGETHER = 8  # prompts sampled at once
 
 
 @dataclass(frozen=True)
@@ -59,10 +59,10 @@ class Setting:
     test: dict[str, TokenClip]
     mix: RewardMix
     card: dict[str, object]
-    codec: AudioCodec | None = None  # films have sound where it is given
+    codec: AudioCodec | None = None  # gives the videos sound
 
 
-def setting(
+def load_setup(
     tokens: Path,
     folder: Path,
     *,
@@ -76,15 +76,15 @@ def setting(
     alignment: Path | None = None,
     is_compared: bool = False,
 ) -> Setting:
-    """Load everything; a yardstick that is not given is measured on the train clips and kept in `folder`.
+    """Load everything. Reference statistics that are not given are measured on the train clips and kept in `folder`.
 
-    With `is_compared` (DPO) rewards only tell of progress on held-out clips: where there is neither true motion nor a
-    yardstick, as in the token files of a studio, none is measured.
+    With `is_compared` (DPO) rewards only measure progress on held-out clips. If there is neither true motion nor a file
+    of reference statistics, as for a studio's token files, nothing is measured.
 
     Raises:
         CheckpointError: a checkpoint is missing or damaged.
         MotionError: the token files are missing or of another vocabulary.
-        EchoAvatarError: an unknown reward.
+        EchoAvatarError: a reward is unknown.
     """
     parts = load_bundle(bundle)
     policy = Generator.load(generator) if generator else parts.generator
@@ -98,7 +98,7 @@ def setting(
     train = {name: clip for name, clip in clips.items() if clip.split == "train"}
     test = {name: clip for name, clip in clips.items() if clip.split != "train"}
     if not train:
-        raise MotionError(f"{tokens} holds no clip of split train; there is nothing to draw prompts from")
+        raise MotionError(f"{tokens} holds no clip of split train, so there are no prompts")
     has_yardstick = yardstick is not None or (folder / "yardstick.json").exists()
     is_unmeasured = (
         is_compared and not rewards and not has_yardstick and not any(c.has_truth for c in train.values())
@@ -109,7 +109,7 @@ def setting(
         own["quality"] = QualityReward.load(quality).judge
     if alignment:
         own["alignment"] = AudioMotion.load(alignment).judge
-    rule = None if is_unmeasured else measured(parts.tokenizer, train, yardstick, folder)
+    rule = None if is_unmeasured else load_or_measure(parts.tokenizer, train, yardstick, folder)
     mix = RewardMix(weights, rule, own)
     begun = read_card(generator) if generator else parts.card
     card = {
@@ -122,26 +122,26 @@ def setting(
     return Setting(parts.tokenizer, policy, kept_near, name, train, test, mix, card, parts.codec)
 
 
-def measured(
+def load_or_measure(
     tokenizer: BodyTokenizer, clips: Mapping[str, TokenClip], given: Path | None, folder: Path
 ) -> Yardstick:
-    """The yardstick of `given`, or of `folder`, or measured on evenly chosen true motion and kept there."""
+    """The reference statistics in `given` or in `folder`, or measured on evenly chosen true motion and saved there."""
     own = folder / "yardstick.json"
     if given or own.exists():
         return Yardstick.load(given or own)
     clips = {name: clip for name, clip in clips.items() if clip.has_truth}
     if not clips:
         raise MotionError(
-            "rewards are measured against true motion, and these token files hold sound with a generator's own motion"
-            " only; pass the --yardstick that a run on a folder of `echoavatar train tokens` has left"
+            "rewards are measured against true motion, and these token files hold only motion that a generator made;"
+            " pass the --yardstick that a run on a folder of `echoavatar train tokens` has left"
         )
     book = PromptBook(clips, past=YARDSTICK_PAST, length=YARDSTICK_LENGTH)
     prompts = book.spread(YARDSTICK_PROMPTS)
     found = measure_yardstick(
         [
-            scene
+            motion
             for at in range(0, len(prompts), 24)
-            for scene in true_scenes(tokenizer, prompts[at : at + 24])
+            for motion in decode_truth(tokenizer, prompts[at : at + 24])
         ]
     )
     folder.mkdir(parents=True, exist_ok=True)
@@ -158,8 +158,8 @@ def stage_of(
     margin: float = 0.0,
     rollouts: str | None = None,
     command: str = "",
-) -> PolicyStage[Any]:
-    """One of the methods, ready to be trained; `rollouts` names a backend as module:function (docs/alignment.md)."""
+) -> PolicyTask[Any]:
+    """A training task of the method; `rollouts` names a backend as module:function (docs/alignment.md)."""
 
     def book(clips: Mapping[str, TokenClip]) -> PromptBook:
         return PromptBook(
@@ -171,27 +171,27 @@ def stage_of(
             events=training.events,
         )
 
-    judge = SceneJudge(ready.tokenizer, ready.mix)
-    probe = film = None
+    judge = DecodingJudge(ready.tokenizer, ready.mix)
+    probe = sample_writer = None
     if ready.test and ready.mix.weights:
         asked = book(ready.test).spread(training.probe)
-        probe = Probe(asked, judge, group=training.probe_group, gauge=_gauge(ready, asked))
-        if training.videos and ready.codec is not None and can_film():
-            film = Films(ready.codec, ready.tokenizer, asked[: training.videos])
-    around = Around(
+        probe = Probe(asked, judge, group=training.probe_group, motion_metrics=_motion_metrics(ready, asked))
+        if training.videos and ready.codec is not None and can_render_videos():
+            sample_writer = SampleVideos(ready.codec, ready.tokenizer, asked[: training.videos])
+    context = RunContext(
         card=ready.card | {"command": command},
         probe=probe,
-        film=film,
+        sample_writer=sample_writer,
         rewards=ready.mix.weights,
         reference_name=ready.reference_name,
         rollouts=imported(rollouts, "backend") if rollouts else None,
     )
-    parts = (ready.generator, ready.reference, training, judge, around)
+    parts = (ready.generator, ready.reference, training, judge, context)
     match method:
         case "grpo":
-            return GrpoStage(*parts, book=book(ready.train))
+            return GrpoTask(*parts, book=book(ready.train))
         case "ppo":
-            return PpoStage(*parts, book=book(ready.train))
+            return PpoTask(*parts, book=book(ready.train))
         case "dpo":
             if pairs is None:
                 raise MotionError(
@@ -199,18 +199,18 @@ def stage_of(
                 )
             everything = PromptBook(ready.train | ready.test, past=training.past, length=training.length)
             compared = read_pairs(pairs, everything, ready.generator.config.layout, margin=margin)
-            return DpoStage(*parts, pairs=compared)
+            return DpoTask(*parts, pairs=compared)
 
 
-def _gauge(ready: Setting, prompts: Sequence[Any]) -> Gauge | None:
-    """None where prompts have no true motion to measure against."""
+def _motion_metrics(ready: Setting, prompts: Sequence[Any]) -> MotionMetrics | None:
+    """None if the prompts have no true motion to measure against."""
     if ready.mix.yardstick is None or not all(ready.test[prompt.clip].has_truth for prompt in prompts):
         return None
-    return Gauge(ready.tokenizer, prompts, load_shipped(), ready.mix.yardstick)
+    return MotionMetrics(ready.tokenizer, prompts, load_shipped(), ready.mix.yardstick)
 
 
 def tune(
-    stage: PolicyStage[Any],
+    stage: PolicyTask[Any],
     folder: Path,
     *,
     device: str = "cpu",
@@ -218,16 +218,16 @@ def tune(
     trackers: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> str:
-    """Train into `folder`, going on with what is there; returns why the run ended early, or nothing.
+    """Train into `folder`, or resume the run in it; returns why the run ended early, or an empty string.
 
-    A run whose divergence runs away ends with its last checkpoint, from before; called again it would do the same steps
-    and end there again.
+    A run that diverges ends with its last checkpoint from before; calling again would repeat the same steps and end in
+    the same place.
 
     Raises:
-        CheckpointError: it ran away before there was a checkpoint, or the folder holds another run.
+        CheckpointError: the run diverged before its first checkpoint, or the folder holds another run.
     """
-    is_first = os.environ.get("RANK", "0") == "0"  # of several processes the one that writes
-    is_measured = is_first and stage.around.probe is not None and stage.config.evaluate_every > 0
+    is_first = os.environ.get("RANK", "0") == "0"  # the process that writes
+    is_measured = is_first and stage.context.probe is not None and stage.config.evaluate_every > 0
     if is_measured and not has_state(folder):
         folder.mkdir(parents=True, exist_ok=True)
         (folder / FILE).unlink(missing_ok=True)
@@ -239,7 +239,7 @@ def tune(
     except DivergedError as error:
         if not has_state(folder):
             raise CheckpointError(
-                f"{error}, before the first checkpoint; take a smaller learning rate or a larger kl_weight"
+                f"{error}, before the first checkpoint; use a smaller learning rate or a larger kl_weight"
             ) from error
         if is_first:
             _tell(folder, _step(folder), {"stopped": str(error)})
@@ -276,14 +276,14 @@ def make_pairs(
     seed: int,
     progress: Callable[[int, int], None] | None = None,
 ) -> int:
-    """Continuations of prompts of the train clips, best against worst by reward, as a file of pairs."""
+    """Write best and worst continuation by reward of prompts from the train clips as a file of pairs."""
     book = PromptBook(ready.train, past=past, length=length, seed=seed, fewest_events=fewest_events)
-    policy, judge = GeneratorPolicy(ready.generator), SceneJudge(ready.tokenizer, ready.mix)
+    policy, judge = GeneratorPolicy(ready.generator), DecodingJudge(ready.tokenizer, ready.mix)
     pairs = []
     for first in range(0, prompts, TOGETHER):
         some = min(TOGETHER, prompts - first)
         drawn = book.draw(first // TOGETHER, TOGETHER)[:some]
-        pairs += rank(
+        pairs += rank_pairs(
             policy, drawn, judge, past=past, group=group, margin=margin, seed=seed * 1_000_003 + first
         )
         if progress is not None:

@@ -1,8 +1,8 @@
-"""The audio network of Wav2CLIP, what the paper's retrieval table compares BEATs with; weights named as published.
+"""The audio network of Wav2CLIP, which the paper's retrieval table compares with BEATs; weights named as published.
 
 Wu et al., "Wav2CLIP: Learning Robust Audio Representations from CLIP". A ResNet-18 over the log power spectrogram of
-sound at 16 kHz. What the published model averages over a whole clip is kept by time here; its projection to CLIP's
-space is not read, since the reward learns one of its own.
+audio at 16 kHz. The published model averages over the whole clip; here states are kept in time. Its projection to
+CLIP's space is not read, since the reward learns its own.
 """
 
 from collections.abc import Mapping
@@ -24,16 +24,16 @@ PREFIX = "audio_encoder."
 
 
 class Wav2ClipConfig(Config):
-    """Sizes; the defaults are the published model's."""
+    """Model sizes; the defaults are the published model's."""
 
     width: int = Field(
-        default=64, gt=0, description="channels of the first stage, doubled at each of the others"
+        default=64, gt=0, description="channels of the first stage; each further stage doubles them"
     )
     blocks: int = Field(default=2, gt=0, description="residual blocks a stage")
 
 
 class Block(nn.Module):
-    """Two 3 x 3 convolutions, added to what came in."""
+    """Two 3 x 3 convolutions with a residual connection."""
 
     def __init__(self, inputs: int, outputs: int, stride: int) -> None:
         super().__init__()
@@ -48,14 +48,14 @@ class Block(nn.Module):
             )
 
     def forward(self, x: Float[Tensor, "b c f t"]) -> Float[Tensor, "b d g u"]:
-        """One block."""
+        """Output of one block."""
         y = self.bn2(self.conv2(F.relu(self.bn1(self.conv1(x)))))
         out: Tensor = F.relu(y + self.downsample(x))
         return out
 
 
 class Wav2Clip(nn.Module):
-    """Sound at 16 kHz in, a state every 0.7 s out."""
+    """Audio at 16 kHz in, one state every 0.7 s out."""
 
     def __init__(self, config: Wav2ClipConfig) -> None:
         super().__init__()
@@ -76,7 +76,7 @@ class Wav2Clip(nn.Module):
         return self.config.width << (STAGES - 1)
 
     def forward(self, wave: Float[Tensor, "b s"]) -> Float[Tensor, "b t c"]:
-        """States by time: the mean over frequencies."""
+        """States in time, averaged over frequencies."""
         x = F.relu(self.bn1(self.conv1(spectrogram(wave)[:, None])))
         x = F.max_pool2d(x, 3, stride=2, padding=1)
         for stage in range(STAGES):
@@ -85,11 +85,11 @@ class Wav2Clip(nn.Module):
         return states
 
     @classmethod
-    def published(cls, tensors: Mapping[str, Tensor]) -> Self:
-        """From the tensors under `state_dict` of a published file; sizes are read off their shapes.
+    def from_published(cls, tensors: Mapping[str, Tensor]) -> Self:
+        """Build from the tensors under `state_dict` in a published file; sizes follow from their shapes.
 
         Raises:
-            CheckpointError: they are of another model.
+            CheckpointError: the tensors belong to another model.
         """
         kept = {
             name.removeprefix(PREFIX): value
@@ -103,15 +103,15 @@ class Wav2Clip(nn.Module):
         except (KeyError, ValueError, RuntimeError) as error:
             reason = str(error).split("\n")[-1].strip()[:160]
             raise CheckpointError(
-                f"these are no weights of Wav2CLIP ({reason}); take its ResNet_CX.ckpt"
+                f"these are not Wav2CLIP weights ({reason}); use its ResNet_CX.ckpt"
             ) from error
         return model.eval()
 
 
 def spectrogram(wave: Float[Tensor, "b s"]) -> Float[Tensor, "b 257 t"]:
-    """Log power, of mean 0 and deviation 1 over each clip.
+    """Log power, normalised to mean 0 and deviation 1 over each clip.
 
-    Departs from the published code, which normalises over the whole batch: a clip is heard the same in any company.
+    The published code normalises over the whole batch; here the result does not depend on the other clips in it.
     """
     window = torch.hann_window(SPECTRUM, device=wave.device)
     spectrum = torch.stft(wave, SPECTRUM, STEP, window=window, return_complex=True)

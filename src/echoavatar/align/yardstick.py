@@ -1,14 +1,14 @@
-"""The yardstick: what true motion does around beats and stressed syllables, and how lively and smooth it is.
+"""Reference statistics: how true motion responds to beats and stressed syllables, how fast and how smooth it is.
 
 Timing rewards are matched filters. Take the speed of the body around every beat (of the arms around every stressed
-syllable) in true motion, divided by its mean over the scene; its mean over events, less its own mean over time, is the
-profile P. The response of made motion u to one event is
+syllable) in true motion, divided by its mean over the motion. Its mean over events, minus its own mean over time, is
+the profile P. The response of a generated motion u to one event is
 
     sum_t u(t) P(t - event) / sum_t P(t)^2
 
-1 where motion responds as the truth does on average, 0 on average where it does not know of the event: since P sums to
-zero, chance is subtracted already, and neither standing still nor moving more is of use. Ours; the paper's alignment
-reward is the learned embedding of `audio_reward`.
+It is 1 where motion responds like the truth on average, and 0 on average where motion ignores the event. P sums to
+zero, so chance is already subtracted, and neither standing still nor moving more raises it. This reward is ours; the
+paper's alignment reward is the learned embedding in `audio_reward`.
 """
 
 from collections.abc import Sequence
@@ -21,39 +21,39 @@ from pydantic import Field, ValidationError
 
 from ..config import Config
 from ..errors import CheckpointError, MotionError
+from ..metrics.gesture_alignment import ARM_JOINTS
 from ..metrics.physical import jerk_m_s3
 from ..timing import FRAME_RATE_HZ
-from .scene import Scene
+from .decoded_motion import DecodedMotion
 
 BEFORE, AFTER = 8, 12  # frames of the profile before and after an event
-STILL_M_S = 0.03  # added to the mean speed, so that a body at rest does not respond to anything
-HIGHEST = 2.0  # a single stroke in a quiet scene must not drown everything else
-ARMS = ("leftLowerArm", "leftHand", "rightLowerArm", "rightHand")
+STILL_M_S = 0.03  # added to the mean speed, so that a body at rest shows no response
+HIGHEST = 2.0  # limits the weight of a single stroke in otherwise quiet motion
 FEWEST_EVENTS = 20
 Kind = Literal["beat", "stress"]
 
 
 class Yardstick(Config):
-    """Measured once on true motion of the training clips."""
+    """Measured once, on the true motion of the training clips."""
 
     beat: tuple[float, ...] = Field(description="profile of the body's speed around beats, frame by frame")
     stress: tuple[float, ...] = Field(description="profile of the arms' speed around stressed syllables")
     speed: tuple[float, float, float] = Field(description="mean speed (m/s) in silence, speech, music")
     jerk: float = Field(gt=0, description="mean jerk, m/s3")
-    scenes: int = Field(gt=0, description="how many scenes it was measured on")
+    scenes: int = Field(gt=0, description="number of motions measured")
 
     @classmethod
     def load(cls, path: Path) -> Self:
         """Read what `save` wrote.
 
         Raises:
-            CheckpointError: there is no such file, or it is something else.
+            CheckpointError: the file is missing or holds something else.
         """
         try:
             return cls.model_validate_json(path.read_bytes())
         except (OSError, ValidationError) as error:
             raise CheckpointError(
-                f"{path} is no yardstick; let `echoavatar align grpo` measure it again"
+                f"{path} holds no reference statistics; let `echoavatar align grpo` measure them again"
             ) from error
 
     def save(self, path: Path) -> None:
@@ -61,28 +61,28 @@ class Yardstick(Config):
         path.write_text(self.model_dump_json(indent=1) + "\n")
 
 
-def measure_yardstick(scenes: Sequence[Scene]) -> Yardstick:
-    """Profiles and levels of true scenes.
+def measure_yardstick(scenes: Sequence[DecodedMotion]) -> Yardstick:
+    """Profiles and mean levels of true motion.
 
     Raises:
-        MotionError: too few beats and stresses to say anything.
+        MotionError: there are too few beats and stresses.
     """
     profiles = {}
     for kind in ("beat", "stress"):
-        around = [part for scene in scenes for part in _around(scene, kind)]
+        around = [part for motion in scenes for part in _around(motion, kind)]
         if len(around) < FEWEST_EVENTS:
             around = []
         mean = np.mean(around, 0) if around else np.zeros(BEFORE + AFTER + 1)
         profiles[kind] = tuple(float(value) for value in mean - mean.mean())
     if not any(any(profile) for profile in profiles.values()):
         raise MotionError(
-            f"{len(scenes)} scenes hold fewer than {FEWEST_EVENTS} beats and stresses; tokenize a corpus that knows its"
-            " events (`data rehearse`, `data prepare`)"
+            f"{len(scenes)} prompts hold fewer than {FEWEST_EVENTS} beats and stresses; tokenize a corpus that has"
+            " event labels (`data rehearse`, `data prepare`)"
         )
-    speeds = np.concatenate([scene.speed() for scene in scenes])
-    domains = np.concatenate([scene.domain[scene.lead :] for scene in scenes])
+    speeds = np.concatenate([motion.speed() for motion in scenes])
+    domains = np.concatenate([motion.domain[motion.lead :] for motion in scenes])
     level = [float(speeds[domains == d].mean()) if (domains == d).any() else 0.0 for d in range(3)]
-    jerk = float(np.mean([jerk_m_s3(scene.positions) for scene in scenes]))
+    jerk = float(np.mean([jerk_m_s3(motion.positions) for motion in scenes]))
     return Yardstick(
         beat=profiles["beat"],
         stress=profiles["stress"],
@@ -92,34 +92,34 @@ def measure_yardstick(scenes: Sequence[Scene]) -> Yardstick:
     )
 
 
-def relative_speed(scene: Scene, kind: Kind) -> Float[np.ndarray, " t"]:
-    """Speed over its mean, less 1, at most `HIGHEST`: of the whole body for beats, of the arms for stresses."""
-    speed = scene.speed(None if kind == "beat" else scene.skeleton.indices(ARMS))
+def relative_speed(motion: DecodedMotion, kind: Kind) -> Float[np.ndarray, " t"]:
+    """Speed over its mean, minus 1, at most `HIGHEST`: of the whole body for beats, of the arms for stresses."""
+    speed = motion.speed(None if kind == "beat" else motion.skeleton.indices(ARM_JOINTS))
     relative = (speed - speed.mean()) / (speed.mean() + STILL_M_S)
     return np.asarray(np.minimum(relative, HIGHEST))
 
 
-def event_frames(scene: Scene, kind: Kind) -> list[int]:
-    """Events around which the whole profile fits into the new frames."""
-    times = scene.beats if kind == "beat" else scene.stresses
+def event_frames(motion: DecodedMotion, kind: Kind) -> list[int]:
+    """Frames of the events whose whole profile lies within the new frames."""
+    times = motion.beats if kind == "beat" else motion.stresses
     at = np.round(times * FRAME_RATE_HZ).astype(int)
-    return [int(k) for k in at if k >= BEFORE and k + AFTER < scene.frames]
+    return [int(k) for k in at if k >= BEFORE and k + AFTER < motion.frames]
 
 
-def _around(scene: Scene, kind: Literal["beat", "stress"] | str) -> list[Float[np.ndarray, " w"]]:
+def _around(motion: DecodedMotion, kind: Literal["beat", "stress"] | str) -> list[Float[np.ndarray, " _"]]:
     which: Kind = "beat" if kind == "beat" else "stress"
-    u = relative_speed(scene, which)
-    return [u[k - BEFORE : k + AFTER + 1] for k in event_frames(scene, which)]
+    u = relative_speed(motion, which)
+    return [u[k - BEFORE : k + AFTER + 1] for k in event_frames(motion, which)]
 
 
-def response(scene: Scene, kind: Kind, yardstick: Yardstick) -> Float[np.ndarray, " t"]:
-    """Response to the events of a scene, spread over the frames it comes from; the sum is the mean over events."""
+def response(motion: DecodedMotion, kind: Kind, yardstick: Yardstick) -> Float[np.ndarray, " t"]:
+    """Response to all events, distributed over the frames that caused it; the sum is the mean over events."""
     profile = np.array(yardstick.beat if kind == "beat" else yardstick.stress)
-    out, frames = np.zeros(scene.frames), event_frames(scene, kind)
+    out, frames = np.zeros(motion.frames), event_frames(motion, kind)
     power = float((profile**2).sum())
     if not frames or power == 0:
         return out
-    u = relative_speed(scene, kind)
+    u = relative_speed(motion, kind)
     for k in frames:
         span = slice(k - BEFORE, k + AFTER + 1)
         out[span] += u[span] * profile / power / len(frames)

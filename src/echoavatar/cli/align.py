@@ -16,39 +16,39 @@ if TYPE_CHECKING:
     from ..align.start import Setting
 
 EXAMPLES = """examples:
-  echoavatar align grpo TOKENS -o runs/grpo                        tune the default bundle's generator to sound
+  echoavatar align grpo TOKENS -o runs/grpo                        tune the default bundle's generator to the audio
   echoavatar align grpo TOKENS -o runs/grpo --reward beats=1 --reward stillness=0.5 --minutes 30
   echoavatar align rollouts TOKENS -o pairs.jsonl --group 8        best and worst of eight, by reward
   echoavatar align dpo TOKENS -o runs/dpo --pairs pairs.jsonl
   echoavatar align ppo TOKENS -o runs/ppo --recipe tiny
-  echoavatar align compare TOKENS -o it.json --beside runs/grpo    what it gained and what it cost
-  echoavatar align calibrate TOKENS -o scores.json                 scores of corruption levels by one's own FID
+  echoavatar align compare TOKENS -o it.json --beside runs/grpo    what tuning gained and what it cost
+  echoavatar align calibrate TOKENS -o scores.json                 scores of corruption levels from your own FID
   echoavatar align reward-quality TOKENS -o runs/quality           how good motion looks
-  echoavatar align reward-alignment TOKENS -o runs/alignment       how well motion goes with sound
+  echoavatar align reward-alignment TOKENS -o runs/alignment       how well motion fits the audio
 
 TOKENS is a folder of codes that the bundle's own codec and tokenizer made (`echoavatar train tokens`).
-What each does, rewards of your own, recipes: docs/alignment.md.
+Methods, rewards of your own, recipes: docs/alignment.md.
 """
 
 SETTINGS = {
     "steps": (int, "optimiser steps"),
-    "batch": (int, "prompts (dpo: pairs) a step"),
-    "group": (int, "continuations of a prompt"),
+    "batch": (int, "prompts (dpo: pairs) per step"),
+    "group": (int, "continuations of each prompt"),
     "past": (int, "chunks of true motion before a continuation"),
-    "length": (int, "chunks of a continuation"),
-    "learning-rate": (float, "of AdamW"),
-    "critic-rate": (float, "of the value head (ppo)"),
-    "fewest-events": (int, "events that a prompt's sound must hold"),
-    "accumulation": (int, "pieces that a batch is taken in, to save memory"),
+    "length": (int, "chunks in a continuation"),
+    "learning-rate": (float, "learning rate of AdamW"),
+    "critic-rate": (float, "learning rate of the value head (ppo)"),
+    "fewest-events": (int, "events that a prompt's audio must contain"),
+    "accumulation": (int, "pieces that a batch is split into, to save memory"),
     "epochs": (int, "steps on the same continuations"),
-    "kl-weight": (float, "of the divergence from the reference"),
+    "kl-weight": (float, "weight of the divergence from the reference"),
     "kl-stop": (float, "mean KL (nats a code) at which the run stops"),
-    "discount": (float, "of the reward of a motion token later, for credit by time"),
-    "probe": (int, "held-out prompts on which progress is measured"),
+    "discount": (float, "discount of the reward per motion token, for credit by time"),
+    "probe": (int, "held-out prompts that progress is measured on"),
     "evaluate-every": (int, "steps between measurements; 0: none"),
     "save-every": (int, "steps between checkpoints"),
-    "videos": (int, "held-out prompts filmed at each checkpoint; 0: none"),
-    "seed": (int, "of prompts and of the codes drawn"),
+    "videos": (int, "held-out prompts rendered at each checkpoint; 0: none"),
+    "seed": (int, "seed of prompts and sampled codes"),
 }
 
 
@@ -57,8 +57,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = EXAMPLES
     kinds = parser.add_subparsers(dest="kind", metavar="WHAT", required=True)
     grpo = kinds.add_parser("grpo", help="compare the continuations of a prompt with each other")
-    dpo = kinds.add_parser("dpo", help="preferred against rejected continuations")
-    ppo = kinds.add_parser("ppo", help="a value head foretells the reward")
+    dpo = kinds.add_parser("dpo", help="learn from preferred and rejected continuations")
+    ppo = kinds.add_parser("ppo", help="learn with a value head that predicts the reward")
     dpo.add_argument(
         "--pairs", type=Path, required=True, help="JSONL of pairs (`align rollouts`, the studio)"
     )
@@ -66,25 +66,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--margin",
         type=float,
         default=0.0,
-        help="pairs that differ by less are left out (default: %(default)s)",
+        help="skip pairs that differ by less (default: %(default)s)",
     )
     for child in (grpo, ppo):
         child.add_argument(
             "--rollouts",
             metavar="MODULE:FUNCTION",
-            help="what draws continuations in place of the generator's own stream (docs/alignment.md)",
+            help="backend that draws continuations instead of the generator itself (docs/alignment.md)",
         )
     _add_rollouts(
-        kinds.add_parser("rollouts", help="continuations, best and worst by reward, as pairs for DPO")
+        kinds.add_parser("rollouts", help="best and worst continuation by reward, as pairs for DPO")
     )
-    beside = kinds.add_parser("compare", help="generators side by side on held-out prompts")
+    beside = kinds.add_parser("compare", help="compare generators on held-out prompts")
     _add_common(beside)
     align_compare.add_arguments(beside)
     align_rewards.add_arguments(kinds)
     for child in (grpo, dpo, ppo):
         _add_common(child)
         child.add_argument(
-            "-o", "--output", type=Path, required=True, help="folder to train in, or to go on in"
+            "-o", "--output", type=Path, required=True, help="folder to train in, or to resume"
         )
         child.add_argument(
             "--recipe",
@@ -97,30 +97,35 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         child.add_argument("--events", choices=("any", "beat", "stress"), help="(default: the recipe's)")
         child.add_argument("--credit", choices=("sequence", "to_go"), help="(default: the recipe's)")
         child.add_argument(
-            "--autocast", action="store_true", help="bfloat16 products; faster on processors that have them"
+            "--autocast",
+            action="store_true",
+            help="multiply in bfloat16; faster on processors that support it",
         )
         child.add_argument(
             "--track",
             action="append",
             default=[],
             choices=("tensorboard", "wandb"),
-            help="tell metrics there as well as in metrics.jsonl; may be given twice",
+            help="log metrics there as well as in metrics.jsonl; may be given twice",
         )
         child.add_argument(
-            "--minutes", type=float, help="stop this call after so many minutes; call again to go on"
+            "--minutes", type=float, help="stop this call after so many minutes; call again to resume"
         )
 
 
 def _add_rollouts(child: argparse.ArgumentParser) -> None:
     _add_common(child)
     child.add_argument("-o", "--output", type=Path, required=True, metavar="JSONL", help="file to write")
-    child.add_argument("--prompts", type=int, default=200, help="prompts (default: %(default)s)")
+    child.add_argument("--prompts", type=int, default=200, help="number of prompts (default: %(default)s)")
     child.add_argument("--group", type=int, default=8, help="continuations of each (default: %(default)s)")
     child.add_argument(
-        "--past", type=int, default=3, help="chunks of true motion before (default: %(default)s)"
+        "--past",
+        type=int,
+        default=3,
+        help="chunks of true motion before a continuation (default: %(default)s)",
     )
     child.add_argument(
-        "--length", type=int, default=9, help="chunks of a continuation (default: %(default)s)"
+        "--length", type=int, default=9, help="chunks in a continuation (default: %(default)s)"
     )
     child.add_argument(
         "--margin",
@@ -132,9 +137,9 @@ def _add_rollouts(child: argparse.ArgumentParser) -> None:
         "--fewest-events",
         type=int,
         default=2,
-        help="beats or stresses in a prompt's sound (default: %(default)s)",
+        help="beats or stresses that a prompt's audio must contain (default: %(default)s)",
     )
-    child.add_argument("--seed", type=int, default=0, help="of prompts and codes (default: %(default)s)")
+    child.add_argument("--seed", type=int, default=0, help="seed of prompts and codes (default: %(default)s)")
 
 
 def _add_common(child: argparse.ArgumentParser) -> None:
@@ -150,28 +155,29 @@ def _add_common(child: argparse.ArgumentParser) -> None:
         "liveliness=0.3 smoothness=0.1 planted_feet=0.1 stillness=0.5)",
     )
     child.add_argument(
-        "--yardstick", type=Path, help="measured before (default: measured on the true motion)"
+        "--yardstick", type=Path, help="reference statistics of true motion (default: measured now)"
     )
     child.add_argument("--quality", type=Path, help="trained quality reward, for --reward quality=1")
     child.add_argument("--alignment", type=Path, help="trained alignment reward, for --reward alignment=1")
-    for name, text in (("temperature", "of sampling"), ("cooling", "by RVQ layer"), ("top-p", "nucleus")):
+    words = {"temperature": "sampling temperature", "cooling": "cooling by RVQ layer", "top-p": "nucleus"}
+    for name, text in words.items():
         child.add_argument(
-            f"--{name}", type=float, help=f"{text}, tuned for and saved (default: the generator's)"
+            f"--{name}", type=float, help=f"{text} to tune for; saved (default: the generator's)"
         )
     child.add_argument("--device", default="cpu", help="(default: %(default)s)")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run one of them."""
+    """Run one of the sub-commands."""
     if args.kind in align_rewards.KINDS:
         return align_rewards.run(args)
     if args.kind == "compare":
         return align_compare.run(args)
-    from ..align.start import setting
+    from ..align.start import load_setup
 
     is_first = os.environ.get("RANK", "0") == "0"
     with tqdm(unit="step", smoothing=0.05, disable=not is_first) as bar:
-        ready = setting(
+        ready = load_setup(
             args.source,
             args.output.parent if args.kind == "rollouts" else args.output,
             bundle=args.bundle,
@@ -211,25 +217,25 @@ def _draw(folder: Path) -> None:
     try:
         import matplotlib  # noqa: F401
     except ImportError:
-        return  # curves are a convenience of the extra `evaluate`; the numbers are in metrics.jsonl
+        return  # curves need the extra `evaluate`; the numbers are in metrics.jsonl
     draw_run(folder / "metrics.jsonl", folder / "metrics.png")
 
 
 def _train(args: argparse.Namespace, ready: "Setting", progress: Callable[[int, int], None]) -> str:
-    from ..align.samples import can_film
+    from ..align.samples import can_render_videos
     from ..align.start import stage_of, tune
 
     training = _training(args)
-    if training.videos and not can_film():
-        sys.stderr.write("no films at checkpoints: they need pip install 'echoavatar[render]'\n")
+    if training.videos and not can_render_videos():
+        sys.stderr.write("no videos at checkpoints: they need pip install 'echoavatar[render]'\n")
     names = ("pairs", "margin") if args.kind == "dpo" else ("rollouts",)
     given = {name: getattr(args, name) for name in names}
-    stage = stage_of(args.kind, training, ready, command=_command(args), **given)
+    stage = stage_of(args.kind, training, ready, command=align_rewards.command_line(args), **given)
     how = {"device": args.device, "minutes": args.minutes, "trackers": args.track, "progress": progress}
     stopped = tune(stage, args.output, **how)
     _draw(args.output)
     return (
-        f"stopped: {stopped}; {args.output} holds the checkpoint before"
+        f"stopped: {stopped}; {args.output} holds the last checkpoint before"
         if stopped
         else f"{args.kind} in {args.output}"
     )
@@ -243,13 +249,3 @@ def _training(args: argparse.Namespace) -> "AlignTraining":
     given = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
     given |= {"autocast": args.autocast}
     return AlignTraining.model_validate(base.model_dump() | given)
-
-
-def _command(args: argparse.Namespace) -> str:
-    left_out = ("command", "kind", "source")
-    words = " ".join(
-        f"--{key.replace('_', '-')} {value}"
-        for key, value in vars(args).items()
-        if key not in left_out and value is not None
-    )
-    return f"echoavatar align {args.kind} {args.source} {words}"

@@ -1,4 +1,4 @@
-"""`echoavatar align compare`: generators side by side on held-out prompts; writes JSON and a table, prints the JSON."""
+"""`echoavatar align compare`: compares generators on held-out prompts; writes JSON and a table, prints the JSON."""
 
 import argparse
 import json
@@ -6,7 +6,7 @@ from pathlib import Path
 
 
 def add_arguments(child: argparse.ArgumentParser) -> None:
-    """What `align` does not declare already."""
+    """Declare the arguments that the other `align` commands do not have."""
     child.add_argument(
         "--beside",
         type=Path,
@@ -14,13 +14,15 @@ def add_arguments(child: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="FOLDER",
-        help="tuned generator, or runs of one method with several seeds, which become one line; repeat",
+        help="tuned generator, or runs of one method with several seeds, which share a line; may be repeated",
     )
     child.add_argument("--prompts", type=int, default=48, help="held-out prompts (default: %(default)s)")
     child.add_argument("--group", type=int, default=4, help="continuations of each (default: %(default)s)")
-    child.add_argument("--past", type=int, default=3, help="chunks before (default: %(default)s)")
-    child.add_argument("--length", type=int, default=9, help="chunks of each (default: %(default)s)")
-    child.add_argument("--seed", type=int, default=0, help="of the codes drawn (default: %(default)s)")
+    child.add_argument("--past", type=int, default=3, help="chunks of past (default: %(default)s)")
+    child.add_argument(
+        "--length", type=int, default=9, help="chunks in a continuation (default: %(default)s)"
+    )
+    child.add_argument("--seed", type=int, default=0, help="seed of sampling (default: %(default)s)")
     child.add_argument("-o", "--output", type=Path, required=True, metavar="JSON", help="file to write")
 
 
@@ -29,12 +31,12 @@ def run(args: argparse.Namespace) -> int:
     from ..align.compare import compare
     from ..align.prompts import PromptBook
     from ..align.seeds import as_markdown, over_seeds
-    from ..align.start import setting
+    from ..align.start import load_setup
     from ..errors import MotionError
     from ..generator import Generator
     from ..metrics.motion_encoder import load_shipped
 
-    ready = setting(
+    ready = load_setup(
         args.source,
         args.output.parent,
         bundle=args.bundle,
@@ -46,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
         sampling={key: getattr(args, key) for key in ("temperature", "cooling", "top_p")},
     )
     if not ready.test:
-        raise MotionError(f"{args.source} holds no clip of split test; there is nothing to measure on")
+        raise MotionError(f"{args.source} holds no clip of split test, so there is nothing to measure on")
     prompts = PromptBook(ready.test, past=args.past, length=args.length).spread(args.prompts)
     generators = {"untuned": ready.generator} | {
         str(folder): Generator.load(folder) for folders in args.beside for folder in folders

@@ -20,7 +20,7 @@ KINDS = ("calibrate", "reward-quality", "reward-alignment")
 
 def add_arguments(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Declare the sub-commands."""
-    calibrate = kinds.add_parser("calibrate", help="FID of every level of corruption, and scores by it")
+    calibrate = kinds.add_parser("calibrate", help="FID of every corruption level, and scores from it")
     quality = kinds.add_parser("reward-quality", help="train the motion quality reward")
     alignment = kinds.add_parser("reward-alignment", help="train the audio-motion alignment reward")
     for child in (calibrate, quality, alignment):
@@ -29,55 +29,57 @@ def add_arguments(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") 
             "-o", "--output", type=Path, required=True, help="folder (calibrate: file) to write"
         )
         child.add_argument(
-            "--bundle", default="default", help="whose codec and tokenizer (default: %(default)s)"
+            "--bundle", default="default", help="bundle with codec and tokenizer (default: %(default)s)"
         )
         child.add_argument("--seed", type=int, default=0, help="(default: %(default)s)")
-    calibrate.add_argument("--windows", type=int, default=64, help="windows a level (default: %(default)s)")
+    calibrate.add_argument("--windows", type=int, default=64, help="windows per level (default: %(default)s)")
     quality.add_argument(
-        "--scores", type=Path, help="scores by `align calibrate` (default: the paper's table)"
+        "--scores", type=Path, help="scores from `align calibrate` (default: the paper's table)"
     )
     quality.add_argument(
         "--kinds",
         nargs="+",
         default=[],
         choices=("jitter", "time_warp", "foot_slide", "frozen_limbs"),
-        help="what else to train on; by default these only test whether the reward generalises",
+        help="degradations to train on as well; by default they only test whether the reward generalises",
     )
     quality.add_argument(
-        "--windows", type=int, default=32, help="held-out windows a level (default: %(default)s)"
+        "--windows", type=int, default=32, help="held-out windows per level (default: %(default)s)"
     )
     alignment.add_argument(
-        "--held-out", type=Path, help="more token files to retrieve from, never trained on"
+        "--held-out", type=Path, help="token files to retrieve from instead of the split test"
     )
     alignment.add_argument(
         "--encoder",
         choices=("codes", "beats", "wav2clip"),
         default="codes",
-        help="what hears: the codec's codes, or BEATs (paper) or Wav2CLIP (its comparison) over what the codec makes "
-        "of them (default: %(default)s)",
+        help="audio encoder: the codec's codes, or BEATs (paper) or Wav2CLIP (its comparison) on audio that the codec "
+        "decodes (default: %(default)s)",
     )
     alignment.add_argument(
         "--encoder-weights",
         type=Path,
         metavar="FILE",
-        help="published weights, such as BEATs_iter3_plus_AS2M.pt or Wav2CLIP's ResNet_CX.ckpt, then left as they "
-        "are (default: a small network of that kind, trained along)",
+        help="published weights, such as BEATs_iter3_plus_AS2M.pt or Wav2CLIP's ResNet_CX.ckpt, which are kept fixed "
+        "(default: a small network of that kind, trained with the reward)",
     )
-    alignment.add_argument("--batch", type=int, default=64, help="windows a step (default: %(default)s)")
+    alignment.add_argument("--batch", type=int, default=64, help="windows per step (default: %(default)s)")
     for child in (quality, alignment):
         child.add_argument(
-            "--autocast", action="store_true", help="bfloat16 products; faster on processors that have them"
+            "--autocast",
+            action="store_true",
+            help="multiply in bfloat16; faster on processors that support it",
         )
     for child, steps, width in ((quality, 1200, 96), (alignment, 1000, 128)):
         child.add_argument("--steps", type=int, default=steps, help="optimiser steps (default: %(default)s)")
         child.add_argument(
             "--width", type=int, default=width, help="channels (default: %(default)s; paper: 512)"
         )
-        child.add_argument("--minutes", type=float, help="the schedule ends by then")
+        child.add_argument("--minutes", type=float, help="training time, the schedule fitted to it")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run one of them."""
+    """Run one of the sub-commands."""
     from ..align.prompts import read_token_clips
     from ..pipeline import load_bundle
 
@@ -108,7 +110,7 @@ Progress = Callable[[int, int], None]
 def _calibrate(
     args: argparse.Namespace, bundle: "Bundle", train: Clips, test: Clips, progress: Progress
 ) -> dict[str, Any]:
-    from ..align.degrade import scores_from_fid
+    from ..align.corruption import scores_from_fid
     from ..align.quality_train import Levels, calibrate
     from ..metrics.motion_encoder import load_shipped
 
@@ -123,12 +125,12 @@ def _calibrate(
 def _quality(
     args: argparse.Namespace, bundle: "Bundle", train: Clips, test: Clips, progress: Progress
 ) -> dict[str, Any]:
-    from ..align.degrade import paper_scores, read_scores, spoiled_scores
+    from ..align.corruption import degraded_scores, paper_scores, read_scores
     from ..align.quality import QualityConfig
     from ..align.quality_train import Levels, QualityTraining, draw_quality, measure_quality, train_quality
 
     scores = read_scores(args.scores) if args.scores else paper_scores()
-    scores |= spoiled_scores(args.kinds)
+    scores |= degraded_scores(args.kinds)
     model = train_quality(
         Levels(bundle.tokenizer, list(train.values()), seed=args.seed),
         args.output,
@@ -151,9 +153,9 @@ def _alignment(
     from ..align.audio_reward_train import (
         AudioRewardTraining,
         Pairs,
+        decoded_waveforms,
         retrieval_tables,
         train_audio_reward,
-        waves_of,
     )
     from ..align.prompts import read_token_clips
 
@@ -162,7 +164,7 @@ def _alignment(
     model = _listener(args, bundle)
 
     def pairs(clips: Clips) -> Pairs:
-        waves = None if args.encoder == "codes" else waves_of(bundle.codec, clips, progress)
+        waves = None if args.encoder == "codes" else decoded_waveforms(bundle.codec, clips, progress)
         return Pairs(clips, waves=waves)
 
     training = AudioRewardTraining(
@@ -181,17 +183,17 @@ def _alignment(
 
 
 def _listener(args: argparse.Namespace, bundle: "Bundle") -> "AudioMotion":
-    """The reward before it is trained; published weights are read by the reader that builds tensors only."""
+    """The untrained reward; published weights are read by a reader that constructs tensors only."""
     import torch
 
+    from ..align.audio_encoders import SMALL_BEATS, SMALL_WAV2CLIP
     from ..align.audio_reward import AudioMotion
     from ..align.beats import Beats
-    from ..align.ears import SMALL_BEATS, SMALL_WAV2CLIP
     from ..align.wav2clip import Wav2Clip
     from ..reference.untrusted import read_tensors
 
     if args.encoder_weights and args.encoder == "codes":
-        raise EchoAvatarError("--encoder-weights are of --encoder beats or wav2clip; name one of them")
+        raise EchoAvatarError("--encoder-weights need --encoder beats or wav2clip; name one of them")
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(args.seed)
         motion_book = bundle.tokenizer.codebooks().detach()
@@ -201,23 +203,26 @@ def _listener(args: argparse.Namespace, bundle: "Bundle") -> "AudioMotion":
         if args.encoder == "beats":
             network = Beats(SMALL_BEATS)
             if args.encoder_weights:
-                network = Beats.published(read_tensors(args.encoder_weights, "model"))
+                network = Beats.from_published(read_tensors(args.encoder_weights, "model"))
         else:
             network = Wav2Clip(SMALL_WAV2CLIP)
             if args.encoder_weights:
-                network = Wav2Clip.published(read_tensors(args.encoder_weights, "state_dict"))
+                network = Wav2Clip.from_published(read_tensors(args.encoder_weights, "state_dict"))
         is_frozen = args.encoder_weights is not None
-        return AudioMotion.hearing(network, bundle.codec, motion_book, is_frozen=is_frozen, width=args.width)
+        return AudioMotion.from_network(
+            network, bundle.codec, motion_book, is_frozen=is_frozen, width=args.width
+        )
 
 
-def _card(args: argparse.Namespace) -> dict[str, object]:
+def command_line(args: argparse.Namespace) -> str:
+    """The command as the model's card states it."""
     words = " ".join(
         f"--{key.replace('_', '-')} {value}"
         for key, value in vars(args).items()
         if key not in ("command", "kind", "source") and value is not None
     )
-    return {
-        "data": str(args.source),
-        "command": f"echoavatar align {args.kind} {args.source} {words}",
-        "licence": "as its data",
-    }
+    return f"echoavatar align {args.kind} {args.source} {words}"
+
+
+def _card(args: argparse.Namespace) -> dict[str, object]:
+    return {"data": str(args.source), "command": command_line(args), "licence": "as its data"}

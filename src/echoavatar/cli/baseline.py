@@ -1,4 +1,4 @@
-"""`echoavatar baseline`: motion without a model, for sound files or clips, as clips that `score` reads."""
+"""`echoavatar baseline`: motion without a model, for audio files or clips, written as clips that `score` reads."""
 
 import argparse
 import sys
@@ -14,13 +14,13 @@ if TYPE_CHECKING:
     from ..data import Clip
 
 EXAMPLES = """examples:
-  echoavatar baseline nearest --train corpus talk.wav song.mp3 -o made    motion whose sound was most alike
+  echoavatar baseline nearest --train corpus talk.wav song.mp3 -o made    motion whose audio was most similar
   echoavatar baseline random --train corpus corpus -o made                for the test clips of a corpus
-  echoavatar baseline mean --train corpus clips/*.npz -o made             for the sound of clips
+  echoavatar baseline mean --train corpus clips/*.npz -o made             for the audio of clips
 then: echoavatar score made corpus --common
 
-mean: the mean pose, standing still. random: stretches of training motion, whatever the sound. nearest: every 2.1 s the
-training motion with the nearest sound. All from the training clips of the corpus alone.
+mean: the mean pose, standing still. random: stretches of training motion, whatever the audio. nearest: every 2.1 s the
+training motion with the most similar audio. All use only the training clips of the corpus.
 """
 
 
@@ -29,17 +29,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = EXAMPLES
     parser.add_argument("kind", choices=("mean", "random", "nearest"), help="which baseline")
     parser.add_argument(
-        "audio", nargs="+", type=Path, metavar="AUDIO", help="sound files, clips, or a corpus"
+        "audio", nargs="+", type=Path, metavar="AUDIO", help="audio files, clips, or a corpus"
     )
     parser.add_argument(
-        "--train", type=Path, required=True, metavar="CORPUS", help="where motion is taken from"
+        "--train", type=Path, required=True, metavar="CORPUS", help="corpus that motion is taken from"
     )
     parser.add_argument("-o", "--output", type=Path, required=True, help="folder to write clips to")
-    parser.add_argument("--seed", type=int, default=0, help="of the random choice (default: %(default)s)")
+    parser.add_argument(
+        "--seed", type=int, default=0, help="seed of the random choice (default: %(default)s)"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Make one clip for each sound."""
+    """Write one clip for each audio."""
     from dataclasses import replace
 
     from ..data import Corpus
@@ -48,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
     paths = [found for given in args.audio for found in _sounds(given)]
     names = [path.stem for path in paths]
     if twice := next((name for name in names if names.count(name) > 1), None):
-        raise EchoAvatarError(f"two sounds are named {twice}; rename one of them")
+        raise EchoAvatarError(f"two audio files are named {twice}; rename one of them")
     corpus = Corpus(args.train)
     show = not sys.stderr.isatty()
     training = [
@@ -71,12 +73,12 @@ def _sounds(given: Path) -> list[Path]:
 
     corpus = Corpus(given)
     if not (names := corpus.names("test")):
-        raise EchoAvatarError(f"{given} has no test clips; name sound files instead")
+        raise EchoAvatarError(f"{given} has no test clips; give audio files instead")
     return [corpus.path(name) for name in names]
 
 
 def _heard(path: Path) -> "Clip":
-    """A clip with this sound and nothing moving yet; labels as known, else by the file's name."""
+    """A clip with this audio and no motion yet; labelled as known, otherwise by the file's name."""
     from ..audio import read_audio
     from ..data import Clip
     from ..evaluation.behaviour import MUSIC, SPEECH
@@ -88,7 +90,7 @@ def _heard(path: Path) -> "Clip":
     audio = read_audio(path)
     frames = len(audio) // SAMPLES_PER_FRAME
     if not frames:
-        raise EchoAvatarError(f"{path} is shorter than a frame; take a longer sound")
+        raise EchoAvatarError(f"{path} is shorter than a frame; use a longer file")
     still = np.zeros((frames, HUMANOID.joints, 4), np.float32)
     still[..., 0] = 1
     kind = MUSIC if "music" in f"{path.parent.name}/{path.stem}".lower() else SPEECH

@@ -1,4 +1,4 @@
-"""`echoavatar bench`: latency, real-time factor, memory. A table for people, then one line of JSON."""
+"""`echoavatar bench`: latency, real-time factor, memory. Prints a table, then one line of JSON."""
 
 import argparse
 import json
@@ -20,24 +20,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     kinds = parser.add_subparsers(dest="kind", metavar="KIND", required=True)
     stream = kinds.add_parser(
         "stream",
-        help="one stream, stage by stage",
-        description="Time every stage of the streaming pipeline, chunk by chunk (a chunk is 266.7 ms of sound).",
-        epilog="example: echoavatar bench stream --seconds 3600   (a simulated hour: is memory flat?)",
+        help="one session, stage by stage",
+        description="Time every stage of the streaming pipeline, chunk by chunk (a chunk is 266.7 ms of audio).",
+        epilog="example: echoavatar bench stream --seconds 3600   (a simulated hour: does memory stay constant?)",
     )
     _models(stream)
-    stream.add_argument("--seconds", type=float, default=60.0, help="sound to push (default: %(default)s)")
-    stream.add_argument("--sessions", type=int, default=1, help="seats in the batch (default: %(default)s)")
+    stream.add_argument(
+        "--seconds", type=float, default=60.0, help="length of the audio (default: %(default)s)"
+    )
+    stream.add_argument(
+        "--sessions", type=int, default=1, help="sessions in the batch (default: %(default)s)"
+    )
     stream.add_argument("--threads", type=int, help="torch threads (default: torch's own choice)")
     stream.add_argument(
         "--precision",
         choices=("float32", "bfloat16", "int8"),
-        help="of the generator's weights (default: int8 on a CPU, bfloat16 on a GPU, as everywhere)",
+        help="precision of the generator's weights (default: int8 on a CPU, bfloat16 on a GPU, as everywhere)",
     )
     stream.add_argument("--without", action="append", default=[], metavar="STAGE", help=WITHOUT_HELP)
     post = kinds.add_parser(
         "post",
         help="smoothing, root, feet and hands",
-        description="Time what follows the decoder, stage by stage, for one session and for a batch; no model.",
+        description="Time what follows the decoder, stage by stage, for one session and for a batch, without a model.",
     )
     post.add_argument("--chunks", type=int, default=600, help="chunks to time (default: %(default)s)")
     post.add_argument("--sessions", type=int, default=64, help="sessions in the batch (default: %(default)s)")
@@ -47,11 +51,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     face.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
     face.add_argument("--chunks", type=int, default=200, help="chunks to time (default: %(default)s)")
     face.add_argument("--sessions", type=int, default=64, help="sessions in the batch (default: %(default)s)")
-    face.add_argument("--threads", type=int, help="for the batch (default: torch's own choice, all cores)")
+    face.add_argument("--threads", type=int, help="torch threads for the batch (default: torch's own choice)")
     many = kinds.add_parser(
         "sessions",
         help="how many sessions are served in real time",
-        description="Serve 1, 2, 3 ... sessions that send sound at odd moments; time from sound to motion, memory.",
+        description="Serve 1, 2, 3 ... sessions that start at different moments; time from audio to motion, memory.",
     )
     many.epilog = "example: echoavatar bench sessions --size paper --device cuda --counts 16,32,64"
     _models(many)
@@ -59,22 +63,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--counts",
         type=_counts,
         default=(1, 2, 3, 4),
-        help="sessions to try, such as 1,2,4 (default: 1,2,3,4)",
+        help="numbers of sessions to try, such as 1,2,4 (default: 1,2,3,4)",
     )
-    many.add_argument("--seconds", type=float, default=20.0, help="sound of each (default: %(default)s)")
+    many.add_argument(
+        "--seconds", type=float, default=20.0, help="length of each session (default: %(default)s)"
+    )
     many.add_argument("--threads", type=int, help="torch threads (default: torch's own choice)")
     many.add_argument(
-        "--neighbours", action="store_true", help="also beside one that floods, stalls or vanishes"
+        "--neighbours", action="store_true", help="also next to a session that floods, stalls or vanishes"
     )
 
     proxy = kinds.add_parser(
         "proxy",
-        help="what an avatar adds to the way of a voice",
-        description="Time events straight, through a plain relay and through the proxy, side by side in one run.",
+        help="latency that an avatar adds to a voice agent",
+        description="Time events sent directly, through a plain relay and through the proxy, in one run.",
     )
-    proxy.add_argument("--seconds", type=float, default=60.0, help="of speech (default: %(default)s)")
+    proxy.add_argument(
+        "--seconds", type=float, default=60.0, help="length of the speech (default: %(default)s)"
+    )
     proxy.add_argument("--model", default="default", help="bundle of the avatar (default: %(default)s)")
-    proxy.add_argument("--avatar", metavar="URL", help="a running server instead of one of its own")
+    proxy.add_argument("--avatar", metavar="URL", help="a running server instead of a new one")
 
     graphs = kinds.add_parser(
         "graphs",
@@ -91,9 +99,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "train",
         help="training steps against the machine's matrix rate",
         description=(
-            "Time steps of training on made-up data, and large matrix products in the same number format in the same "
-            "run; the share of that rate which a step of the generator reaches, and the share of the time that batches "
-            "take to be drawn."
+            "Time training steps on random data, and large matrix products in the same number format in the same run. "
+            "Report the share of that rate which a generator step reaches, and the share of the time that drawing "
+            "batches takes."
         ),
         epilog="example: echoavatar bench train --scale paper --device cuda   (the 0.5B generator, stage 2)",
     )
@@ -106,8 +114,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="tiny",
         help="sizes and batch, as of `reproduce` (default: %(default)s)",
     )
-    train.add_argument("--device", default="cpu", help="where (default: %(default)s)")
-    train.add_argument("--steps", type=int, default=5, help="steps that are timed (default: %(default)s)")
+    train.add_argument("--device", default="cpu", help="cpu or cuda (default: %(default)s)")
+    train.add_argument("--steps", type=int, default=5, help="steps to time (default: %(default)s)")
     train.add_argument("--batch", type=int, help="windows per step (default: the scale's)")
     train.add_argument("--accumulation", type=int, help="pieces of a batch (default: the scale's)")
 
@@ -126,7 +134,7 @@ def _models(parser: argparse.ArgumentParser) -> None:
 def _pipeline(
     args: argparse.Namespace, precision: "Precision | None" = None, without: Sequence[str] = ()
 ) -> "Pipeline":
-    """What `_models` asked for."""
+    """The pipeline that the arguments of `_models` ask for."""
     import torch
 
     from ..pipeline import Pipeline, load_bundle
@@ -142,7 +150,7 @@ def _pipeline(
 def _counts(text: str) -> tuple[int, ...]:
     counts = tuple(int(part) for part in text.split(","))
     if min(counts) < 1:
-        raise ValueError("sessions are counted from 1")
+        raise ValueError("the number of sessions must be at least 1")
     return counts
 
 

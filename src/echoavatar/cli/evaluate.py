@@ -1,4 +1,4 @@
-"""`echoavatar evaluate`: score a bundle on held-out sound and motion. The last line is JSON."""
+"""`echoavatar evaluate`: scores a bundle on held-out audio and motion. The last line is JSON."""
 
 import argparse
 import json
@@ -15,7 +15,7 @@ from ..errors import EchoAvatarError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from ..evaluation.acting import Acted
+    from ..evaluation.actions import ActionScore
     from ..pipeline import Bundle
 
 TURNS = ("yaw", "pitch")
@@ -28,16 +28,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "model", nargs="?", default="default", help="bundle name or folder (default: %(default)s)"
     )
     parser.add_argument(
-        "--corpus", type=Path, help="take the test clips of this corpus instead of making some"
+        "--corpus", type=Path, help="use the test clips of this corpus instead of generating some"
     )
     parser.add_argument(
-        "--clips", type=int, default=10, help="how many held-out clips (default: %(default)s)"
+        "--clips", type=int, default=10, help="number of held-out clips (default: %(default)s)"
     )
     parser.add_argument(
-        "--recordings", type=Path, help="folder of real sound; paths containing 'music' are music"
+        "--recordings", type=Path, help="folder of recorded audio; paths with 'music' in them are music"
     )
     parser.add_argument(
-        "--seconds", type=float, default=30.0, help="use this much of a recording (default: %(default)s)"
+        "--seconds", type=float, default=30.0, help="length to use of each recording (default: %(default)s)"
     )
     parser.add_argument(
         "--beside",
@@ -45,30 +45,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="GENERATOR",
-        help="another generator of the same codes: show the audio reliance of both side by side and stop; repeat",
+        help="another generator of the same codes: only compare the audio reliance of both; may be repeated",
     )
     parser.add_argument(
         "--face",
         action="store_true",
-        help="measure the lips instead: against phones, and recordings' loudness",
+        help="measure lip-sync instead: against phones, and against the loudness of recordings",
     )
     parser.add_argument(
         "--actions",
         action="store_true",
-        help="measure the actions instead: how far from its clip the body is without each and with it, and how far"
-        " the head turns in those of the head; means over three seeds",
+        help="measure the actions instead: distance from the reference clip with and without each, and the head's"
+        " rotation in head actions; means over three seeds",
     )
     parser.add_argument(
-        "--pictures", type=Path, metavar="PNG", help="with --actions: the body at the height of each"
+        "--pictures", type=Path, metavar="PNG", help="with --actions: a picture of the body in each action"
     )
     parser.add_argument(
         "--repeats",
         type=_times,
         default=3,
         metavar="N",
-        help="perform every held-out clip N times, with other seeds (default: %(default)s)",
+        help="perform every held-out clip N times, with different seeds (default: %(default)s)",
     )
-    parser.add_argument("--seed", type=int, default=0, help="of the sampling (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of sampling (default: %(default)s)")
 
 
 def _times(text: str) -> int:
@@ -108,7 +108,7 @@ def run(args: argparse.Namespace) -> int:
     for key, value in scores.items():
         print(f"{key:<44}{value:>12.4f}")
     told = {key: round(value, 5) if math.isfinite(value) else None for key, value in scores.items()}
-    print(json.dumps(told))  # null: nothing to measure it on
+    print(json.dumps(told))  # null: there was nothing to measure
     return 0
 
 
@@ -136,7 +136,7 @@ def _actions(args: argparse.Namespace, bundle: "Bundle") -> int:
     from importlib.resources import as_file, files
 
     from ..audio import read_audio
-    from ..evaluation.acting import SEEDS, evaluate_actions
+    from ..evaluation.actions import SEEDS, evaluate_actions
     from ..pipeline import Pipeline
 
     with as_file(files("echoavatar") / "assets" / "speech.ogg") as source:
@@ -156,14 +156,14 @@ def _actions(args: argparse.Namespace, bundle: "Bundle") -> int:
     return 0
 
 
-def _head_turns(acted: "Sequence[Acted]") -> dict[str, dict[str, list[float]]]:
-    """Actions of the head, printed and by name: how far it turns off, on, and in the clip."""
+def _head_turns(acted: "Sequence[ActionScore]") -> dict[str, dict[str, list[float]]]:
+    """Print the head actions and return them by name: rotation without the action, with it, and in the clip."""
     found: dict[str, dict[str, list[float]]] = {}
     print(
         f"{'head turns, degrees':<20}" + "".join(f"{way + ' off':>11}{'on':>7}{'clip':>7}" for way in TURNS)
     )
     for one in acted:
-        if one.is_of_the_head:
+        if one.is_head_action:
             heads = one.head_off, one.head_on, one.head_clip
             found[one.name] = {way: [round(getattr(head, way), 1) for head in heads] for way in TURNS}
             off_on_clip = (f"{off:>11.0f}{on:>7.0f}{own:>7.0f}" for off, on, own in found[one.name].values())
@@ -171,7 +171,7 @@ def _head_turns(acted: "Sequence[Acted]") -> dict[str, dict[str, list[float]]]:
     return found
 
 
-def _picture(path: Path, acted: "Sequence[Acted]") -> None:
+def _picture(path: Path, acted: "Sequence[ActionScore]") -> None:
     from ..avatar.sheet import contact_sheet, save_picture
     from ..kinematics import Motion
 
@@ -185,7 +185,7 @@ def _picture(path: Path, acted: "Sequence[Acted]") -> None:
 
 
 def _clips(args: argparse.Namespace) -> list:  # type: ignore[type-arg]
-    """Held-out clips: of a corpus, or freshly made from words, pieces and voices that training never had."""
+    """Held-out clips: of a corpus, or generated from words, pieces and voices that training never uses."""
     if args.corpus:
         from ..data import Corpus
 
@@ -209,13 +209,13 @@ def _recordings(folder: Path, seconds: float) -> list:  # type: ignore[type-arg]
     paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in AUDIO_SUFFIXES)
     if not paths:
         raise EchoAvatarError(
-            f"{folder} holds no sound ({', '.join(AUDIO_SUFFIXES)}); give another --recordings"
+            f"{folder} holds no audio ({', '.join(AUDIO_SUFFIXES)}); give another --recordings"
         )
     found = []
     for path in paths:
         audio = read_audio(path)
         wanted = int(seconds * 24_000)
-        audio = audio[-wanted:] if len(audio) > wanted else audio  # the end: training hears the beginning
+        audio = audio[-wanted:] if len(audio) > wanted else audio  # the end: training uses the beginning
         kind = MUSIC if "music" in str(path.relative_to(folder)).lower() else SPEECH
         found.append(Recording(path.name, kind, np.ascontiguousarray(audio)))
     return found

@@ -1,4 +1,4 @@
-"""`echoavatar plot`: the metrics of training runs as curves, one run or several side by side."""
+"""`echoavatar plot`: draws the metrics of training runs as curves, one run or several side by side."""
 
 import argparse
 from pathlib import Path
@@ -12,13 +12,13 @@ EXAMPLES = """examples:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.epilog = EXAMPLES
-    parser.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="folder that `train` wrote in")
+    parser.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="output folder of `train`")
     parser.add_argument("-o", "--output", type=Path, required=True, help="picture: .png, .svg or .pdf")
     parser.add_argument("--metrics", nargs="+", default=[], metavar="NAME", help="only these (default: all)")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Draw."""
+    """Draw the curves and print the last values."""
     from ..training.curves import draw, read_curves
 
     runs = {name: read_curves(path) for name, path in zip(_names(args.runs), args.runs, strict=True)}
@@ -34,7 +34,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _names(paths: list[Path]) -> list[str]:
-    """The shortest names that tell the runs apart: the folder's, or with as many parents as are needed."""
+    """The shortest names that distinguish the runs: the folder's, with as many parents as necessary."""
     for depth in range(1, max(len(path.parts) for path in paths) + 1):
         names = ["/".join(path.parts[-depth:]) for path in paths]
         if len(set(names)) == len(names):

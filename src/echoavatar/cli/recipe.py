@@ -1,11 +1,11 @@
-"""Recipes: the settings of a training stage in a YAML file, under the command line and over the defaults.
+"""Recipes: the settings of a training stage in a YAML file.
 
     training:
       learning_rate: 2.0e-4
     model:
       width: 256
 
-What the command line names wins over the recipe, which wins over the option's default. Unknown keys are refused.
+Options on the command line win over the recipe, which wins over the options' defaults. Unknown keys are errors.
 """
 
 import argparse
@@ -33,27 +33,36 @@ class _Field(NamedTuple):
 
 
 class Options:
-    """The options of a sub-command that are fields of its configs."""
+    """The options of a sub-command that set fields of its configs."""
 
     def __init__(self, parser: argparse.ArgumentParser) -> None:
         self._parser, self._fields = parser, dict[str, _Field]()
         parser.add_argument(
-            "--recipe", type=Path, metavar="YAML", help="settings; options given here win over it"
+            "--recipe",
+            type=Path,
+            metavar="YAML",
+            help="file of settings; options on the command line win over it",
         )
         parser.set_defaults(options=self)
 
     def add(self, flag: str, field: str, default: Any, *, help: str, **how: Any) -> None:
-        """An option for `section.name`; of an option without a default the config knows it."""
+        """Declare an option for `section.name`; without a default the config's own applies."""
         section, name = field.split(".")
         is_flag = how.get("action") == "store_true"
         shown = "" if default is None or is_flag else f" (default: {default})"
         action = self._parser.add_argument(flag, default=None, help=help + shown, **how)
         self._fields[action.dest] = _Field(section, name, default, is_flag and default is True)
 
+    def add_minutes(self) -> None:
+        """Declare `--minutes`, which ends a call but not the run."""
+        self._parser.add_argument(
+            "--minutes", type=float, help="stop this call after so many minutes; call again to resume"
+        )
+
     def settings(
         self, args: argparse.Namespace, base: Mapping[str, Mapping[str, Any]] | None = None
     ) -> "Settings":
-        """Of a command line: its options over its recipe over the options' defaults over `base`."""
+        """Merge the settings; priority: command line, recipe, the options' defaults, `base`."""
         values: dict[str, dict[str, Any]] = {section: {} for section in SECTIONS}
         for section, found in (base or {}).items():
             values[section] = copy.deepcopy(dict(found))
@@ -73,23 +82,23 @@ class Options:
 
 
 class Settings(NamedTuple):
-    """What a stage is to be, before it is checked."""
+    """The merged settings of a stage, not validated yet."""
 
     model: dict[str, Any]
     training: dict[str, Any]
-    named: set[tuple[str, str]]  # (section, key) that the command line or the recipe names
+    named: set[tuple[str, str]]  # (section, key) given on the command line or in the recipe
     origin: str
 
     def names(self, key: str) -> bool:
-        """Whether `section.key` was chosen by the user."""
+        """Whether the user chose `section.key`."""
         section, name = key.split(".")
         return (section, name) in self.named
 
     def checked(self, kind: type[ConfigT], section: str, **more: Any) -> ConfigT:
-        """A section as a config.
+        """A section as a validated config.
 
         Raises:
-            EchoAvatarError: a key is not known, or a value does not fit; both are named.
+            EchoAvatarError: a key is unknown, or a value is invalid; names both.
         """
         values = {**getattr(self, section), **more}
         try:
@@ -110,7 +119,7 @@ def read_recipe(path: Path) -> dict[str, dict[str, Any]]:
     """The sections of a recipe.
 
     Raises:
-        EchoAvatarError: the file is missing, no YAML, or has other sections.
+        EchoAvatarError: the file is missing, is not YAML, or has other sections.
     """
     try:
         found = yaml.safe_load(path.read_text())
@@ -130,7 +139,7 @@ def read_recipe(path: Path) -> dict[str, dict[str, Any]]:
 
 
 def _merge(under: dict[str, Any], over: Mapping[str, Any]) -> None:
-    """Put `over` on `under`, mappings inside mappings alike."""
+    """Merge `over` into `under`, nested mappings too."""
     for key, value in over.items():
         if isinstance(value, dict) and isinstance(under.get(key), dict):
             _merge(under[key], value)

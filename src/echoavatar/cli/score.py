@@ -1,4 +1,4 @@
-"""`echoavatar score`: made motion against true motion, every metric with chance level and interval; ends with JSON."""
+"""`echoavatar score`: generated against true motion, every metric with chance level and interval; ends with JSON."""
 
 import argparse
 import json
@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 
 EXAMPLES = """examples:
   echoavatar score made true                              folders of .npz or .bvh with the same file names
-  echoavatar score made corpus --common                   the clips of a corpus that were made
+  echoavatar score made corpus --common                   only those clips of a corpus that `made` has
   echoavatar score made true --audio sounds --picture score.png
-  echoavatar score made true --extractor runs/fid         FID by your own extractor: `echoavatar train fid-encoder`
+  echoavatar score made true --extractor runs/fid         FID with your own extractor: `echoavatar train fid-encoder`
   echoavatar score --embeddings pairs.npz                 retrieval: arrays `audio` and `motion`, (pairs, size) each
 
 What each row means: docs/metrics.md.
@@ -30,13 +30,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("made", nargs="?", type=Path, metavar="MADE", help="folder of generated motion")
     parser.add_argument("true", nargs="?", type=Path, metavar="TRUE", help="folder of true motion")
     parser.add_argument(
-        "--audio", type=Path, help="folder of the sound (default: in the clips, or beside them)"
+        "--audio", type=Path, help="folder of audio files (default: in the clips, or next to them)"
     )
-    parser.add_argument("--no-audio", action="store_true", help="leave out what needs sound")
+    parser.add_argument("--no-audio", action="store_true", help="leave out scores that need audio")
     parser.add_argument(
         "--kind",
         choices=("speech", "music"),
-        help="what the sound is (default: as labelled; music where folder or file are named so, else speech)",
+        help="what the audio is (default: its labels; music if folder or file are named so, else speech)",
     )
     parser.add_argument("--common", action="store_true", help="score only the clips that both folders have")
     parser.add_argument("--resample", action="store_true", help="accept motion that is not at 30 fps")
@@ -45,13 +45,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="shipped",
         help="folder of a trained extractor, or 'none' for no FID (default: %(default)s)",
     )
+    parser.add_argument("--embeddings", type=Path, metavar="NPZ", help="also score retrieval of these pairs")
     parser.add_argument(
-        "--embeddings", type=Path, metavar="NPZ", help="score retrieval of these pairs as well"
+        "--seed", type=int, default=0, help="seed of resampling and shuffling (default: %(default)s)"
     )
-    parser.add_argument(
-        "--seed", type=int, default=0, help="of resampling and shuffling (default: %(default)s)"
-    )
-    parser.add_argument("--json", action="store_true", help="print the JSON line only")
+    parser.add_argument("--json", action="store_true", help="print only the JSON line")
     parser.add_argument("--picture", type=Path, metavar="PNG", help="draw the table")
 
 
@@ -60,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
     from ..evaluation.score_row import as_json, as_text
 
     if (args.made is None) != (args.true is None) or (args.made is None and not args.embeddings):
-        raise EchoAvatarError("name two folders, MADE and TRUE; `echoavatar score --help` has examples")
+        raise EchoAvatarError("give two folders, MADE and TRUE; `echoavatar score --help` has examples")
     rows = _motion_rows(args) if args.made else []
     if args.embeddings:
         from ..evaluation.score_retrieval import read_embeddings, retrieval_rows
@@ -78,11 +76,11 @@ def run(args: argparse.Namespace) -> int:
 
 def _motion_rows(args: argparse.Namespace) -> list:  # type: ignore[type-arg]
     from ..evaluation.behaviour import MUSIC, SPEECH
-    from ..evaluation.motion_folder import Reading, read_pairs
+    from ..evaluation.motion_folder import ReadOptions, read_pairs
     from ..evaluation.score import score
 
     extractor = _extractor(args.extractor)
-    how = Reading(
+    how = ReadOptions(
         audio=args.audio,
         needs_audio=not args.no_audio,
         kind={"speech": SPEECH, "music": MUSIC, None: None}[args.kind],

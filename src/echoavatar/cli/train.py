@@ -21,7 +21,7 @@ from . import (
 )
 from .recipe import Options, Settings
 
-ORDER = """the whole way from nothing to a bundle:
+ORDER = """all commands from nothing to a bundle:
   echoavatar data rehearse --hours 3.5 --seed 1 -o corpus
   echoavatar train codec corpus -o runs/codec --minutes 40
   echoavatar train tokenizer corpus -o runs/tokenizer --steps 6000
@@ -33,13 +33,13 @@ ORDER = """the whole way from nothing to a bundle:
   echoavatar train pulse corpus -o runs/pulse
   echoavatar bundle runs -o my-bundle
 
-Training resumes from its output folder, also after SIGTERM. Sizes are those of the default bundle; recipes/ has the
+Calling a command again resumes its run, also after SIGTERM. Sizes are those of the default bundle; recipes/ has the
 paper's, the default bundle's and tiny ones for every stage (--recipe). `echoavatar plot RUN -o curves.png` draws a run.
 Several GPUs: accelerate launch -m echoavatar train generator ... --device cuda (docs/training.md).
 """
 
 
-SEED = "of windows and noise; a run with --start sees the same windows again unless it has another"
+SEED = "seed of windows and noise; a run with --start sees the same windows again unless it has another"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -57,35 +57,35 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             action="append",
             default=[],
             choices=("tensorboard", "wandb"),
-            help="tell metrics there as well as in metrics.jsonl; may be given twice",
+            help="log metrics there as well as in metrics.jsonl; may be given twice",
         )
         return child, options
 
     corpus = "corpus folder (`data rehearse`, `data prepare`)"
-    train_codec.add_arguments(*stage("codec", "the audio codec, on the corpus's sound", corpus))
+    train_codec.add_arguments(*stage("codec", "the audio codec, on the corpus's audio", corpus))
     train_tokenizer.add_arguments(*stage("tokenizer", "the motion tokenizer, on the corpus's motion", corpus))
     decoder, options = stage(
         "decoder", "a trained tokenizer's decoder, on the steady codes that a generator learns", corpus
     )
     train_decoder.add_arguments(decoder, options)
-    tokens = kinds.add_parser("tokens", help="turn the corpus into codes with a trained codec and tokenizer")
+    tokens = kinds.add_parser("tokens", help="encode the corpus with a trained codec and tokenizer")
     _add_folders(tokens, corpus)
     tokens.add_argument(
         "--patience",
         type=float,
         default=0.4,
-        help="price of a change of code, so that codes stay where they may and the generator need not foretell "
-        "flips that mean nothing; 0 takes the nearest (default: %(default)s)",
+        help="cost of changing a code, which keeps codes steady, so that the generator need not predict changes without"
+        " meaning; 0 takes the nearest code (default: %(default)s)",
     )
     generator, options = stage(
         "generator", "the generator, on a folder of codes", "folder of codes (`train tokens`)"
     )
     train_generator.add_arguments(generator, options, SEED)
     face, options = stage(
-        "face", "the face model, on pairs of sound and ARKit curves", "folder of face clips (`data face`)"
+        "face", "the face model, on pairs of audio and ARKit curves", "folder of face clips (`data face`)"
     )
     train_face.add_arguments(face, options, SEED)
-    pulse, options = stage("pulse", "what tells the body when to brake: stresses and beats", corpus)
+    pulse, options = stage("pulse", "the model that times motion to stresses and beats", corpus)
     train_pulse.add_arguments(pulse, options, SEED)
     takes = "corpus folder (`data rehearse`), or folder of BVH clips"
     train_fingers.add_arguments(
@@ -101,11 +101,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _add_folders(parser: argparse.ArgumentParser, source: str) -> None:
     parser.add_argument("source", type=Path, metavar="SOURCE", help=source)
-    parser.add_argument("-o", "--output", type=Path, required=True, help="folder to train in, or to go on in")
+    parser.add_argument("-o", "--output", type=Path, required=True, help="folder to train in, or to resume")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Train one part."""
+    """Train one model."""
     if not args.source.is_dir():
         raise EchoAvatarError(
             f"{args.source} is not a folder; make a corpus with `echoavatar data rehearse` or `data prepare`"
@@ -135,7 +135,7 @@ def _train(args: argparse.Namespace, progress: Progress) -> None:
         train_generator.train(args, settings, how)
         return
     if args.kind in ("fingers", "fid-encoder") and how.pop("device") != "cpu":
-        raise EchoAvatarError(f"{args.kind} trains in minutes on a CPU, and only there; leave out --device")
+        raise EchoAvatarError(f"{args.kind} trains on a CPU only, in minutes; leave out --device")
     trainings = {
         "codec": train_codec.train,
         "tokenizer": train_tokenizer.train,
@@ -149,7 +149,7 @@ def _train(args: argparse.Namespace, progress: Progress) -> None:
 
 
 def _card(args: argparse.Namespace) -> dict[str, object]:
-    """What every card must say: data, command, licence."""
+    """The card's data, command and licence."""
     given = [f"-o {args.output}"]
     left_out = ("command", "kind", "source", "options", "output", "device", "track")
     for key, value in vars(args).items():
@@ -164,7 +164,7 @@ def _card(args: argparse.Namespace) -> dict[str, object]:
 
 
 def _licence(source: Path) -> str:
-    """Of weights trained on a folder: a prepared set says whose terms bind them."""
+    """Licence of weights trained on a folder; a prepared data set names the terms that bind them."""
     from ..data import Corpus
 
     bound = Corpus(source).manifest.info.get("licence") if (source / "manifest.json").exists() else None

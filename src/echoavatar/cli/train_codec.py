@@ -1,4 +1,4 @@
-"""`echoavatar train codec`: the audio codec, on a corpus's sound and other recordings."""
+"""`echoavatar train codec`: trains the audio codec on a corpus's audio and other recordings."""
 
 import argparse
 from pathlib import Path
@@ -9,7 +9,7 @@ from .recipe import Options, Settings
 
 def add_arguments(parser: argparse.ArgumentParser, options: Options) -> None:
     """Declare the arguments that only the codec has."""
-    parser.add_argument("--recordings", type=Path, help="folder of real sound to learn from as well")
+    parser.add_argument("--recordings", type=Path, help="folder of recorded audio to train on as well")
     options.add(
         "--minutes", "training.minutes", 40.0, type=float, help="training time, the schedule fitted to it"
     )
@@ -19,7 +19,7 @@ BASE = {"training": {"steps": 100_000, "unquantized": 300, "learning_rate": 1.5e
 
 
 def train(args: argparse.Namespace, settings: Settings, card: dict[str, object], how: dict[str, Any]) -> None:
-    """Train on all sound of the corpus."""
+    """Train on all audio of the corpus."""
     from ..audio import CodecConfig
     from ..audio.pool import AudioGroup, AudioPool, read_group
     from ..audio.train import CodecTrainingConfig, train_codec

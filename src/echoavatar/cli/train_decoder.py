@@ -1,4 +1,4 @@
-"""`echoavatar train decoder`: the decoder of a trained tokenizer, taught the steady codes that a generator learns."""
+"""`echoavatar train decoder`: trains the decoder of a trained tokenizer on the steady codes that a generator learns."""
 
 import argparse
 from pathlib import Path
@@ -14,9 +14,7 @@ def add_arguments(parser: argparse.ArgumentParser, options: Options) -> None:
     )
     options.add("--steps", "training.steps", 3000, type=int, help="optimiser steps")
     options.add("--patience", "training.patience", 0.4, type=float, help="as given to `train tokens`")
-    parser.add_argument(
-        "--minutes", type=float, help="stop this call after so many minutes; call again to go on"
-    )
+    options.add_minutes()
 
 
 def train(args: argparse.Namespace, settings: Settings, card: dict[str, object], how: dict[str, Any]) -> None:

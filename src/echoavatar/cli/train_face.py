@@ -1,4 +1,4 @@
-"""`echoavatar train face`: the face model, on pairs of sound and ARKit curves (`data face`)."""
+"""`echoavatar train face`: trains the face model on pairs of audio and ARKit curves (`data face`)."""
 
 import argparse
 from pathlib import Path
@@ -17,21 +17,19 @@ def add_arguments(parser: argparse.ArgumentParser, options: Options, seed: str) 
         "training.listen",
         0,
         type=int,
-        help="so many of the steps at first teach the encoder alone",
+        help="number of first steps that train the encoder alone",
     )
     options.add(
         "--no-tempo",
         "training.tempo",
         True,
         action="store_true",
-        help="not also slower and faster; rehearsed clips differ in pace anyway, and much memory is saved",
+        help="no slower and faster copies; rehearsed clips differ in pace anyway, and this saves much memory",
     )
-    parser.add_argument("--start", type=Path, help="trained face model of the same sizes to begin with")
+    parser.add_argument("--start", type=Path, help="trained face model of the same sizes to start from")
     options.add("--seed", "training.seed", 0, type=int, help=seed)
     parser.add_argument("--paper", action="store_true", help="sizes of the paper (width 256), mel encoder")
-    parser.add_argument(
-        "--minutes", type=float, help="stop this call after so many minutes; call again to go on"
-    )
+    options.add_minutes()
 
 
 def train(args: argparse.Namespace, settings: Settings, card: dict[str, object], how: dict[str, Any]) -> None:

@@ -1,4 +1,4 @@
-"""`echoavatar train fid-encoder`: the extractor that `echoavatar score` takes FID with, on a corpus's motion."""
+"""`echoavatar train fid-encoder`: trains the extractor of `echoavatar score`'s FID on a corpus's motion."""
 
 import argparse
 from typing import TYPE_CHECKING, Any
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 EXAMPLES = """examples:
   echoavatar train fid-encoder corpus -o runs/fid                 some minutes on one core
-  echoavatar train fid-encoder corpus -o runs/fid --minutes 1     stop after one; call again to go on
+  echoavatar train fid-encoder corpus -o runs/fid --minutes 1     stop after one; call again to resume
 then: echoavatar score made true --extractor runs/fid
 """
 
@@ -26,18 +26,16 @@ def add_arguments(parser: argparse.ArgumentParser, options: Options) -> None:
     parser.epilog = EXAMPLES
     options.add("--steps", "training.steps", 1500, type=int, help="optimiser steps")
     options.add("--width", "model.width", 64, type=int, help="channels")
-    options.add("--latent", "model.latent", 48, type=int, help="features that FID is taken of")
-    parser.add_argument(
-        "--minutes", type=float, help="stop this call after so many minutes; call again to go on"
-    )
+    options.add("--latent", "model.latent", 48, type=int, help="size of a latent, the features of FID")
+    options.add_minutes()
 
 
 def train(args: argparse.Namespace, settings: Settings, card: dict[str, object], how: dict[str, Any]) -> None:
-    """Train on the corpus's training clips, then say how much of its test clips comes back."""
+    """Train on the corpus's training clips, then measure how much variance of its test clips the latents preserve."""
     from .. import checkpoint
     from ..data import Corpus
     from ..metrics.motion_encoder import MotionEncoderConfig
-    from ..metrics.motion_encoder_train import MotionEncoderTraining, explained, train_motion_encoder
+    from ..metrics.motion_encoder_train import MotionEncoderTraining, explained_variance, train_motion_encoder
 
     config = settings.checked(MotionEncoderConfig, "model")
     training = settings.checked(MotionEncoderTraining, "training")
@@ -46,9 +44,9 @@ def train(args: argparse.Namespace, settings: Settings, card: dict[str, object],
     if not clips:
         raise EchoAvatarError(f"{args.source} has no training clips; make a longer corpus")
     model = train_motion_encoder(config, training, clips, args.output, minutes=args.minutes, card=card, **how)
-    scores = {"explained_train": round(explained(model, clips[:32]), 4)}
+    scores = {"explained_train": round(explained_variance(model, clips[:32]), 4)}
     if tests := _features(corpus, "test"):
-        scores["explained_test"] = round(explained(model, tests), 4)
+        scores["explained_test"] = round(explained_variance(model, tests), 4)
     model.save(args.output, checkpoint.read_card(args.output) | {"scores": scores})
 
 

@@ -1,4 +1,4 @@
-"""`echoavatar train generator`: the generator, on a folder of codes (`train tokens`)."""
+"""`echoavatar train generator`: trains the generator on a folder of codes (`train tokens`)."""
 
 import argparse
 from pathlib import Path
@@ -17,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser, options: Options, seed: str) 
         "training.optimiser",
         "muon",
         choices=("adamw", "muon"),
-        help="Muon learns in fewer steps; paper: adamw",
+        help="optimiser; Muon needs fewer steps, the paper uses adamw",
     )
     options.add("--width", "model.width", 192, type=int, help="channels")
     options.add("--layers", "model.layers", 6, type=int, help="transformer layers")
@@ -26,51 +26,52 @@ def add_arguments(parser: argparse.ArgumentParser, options: Options, seed: str) 
         "model.window_chunks",
         10,
         type=int,
-        help="chunks a position sees; the paper's 4 s are 15",
+        help="chunks that a position sees; the paper's 4 s are 15",
     )
     options.add(
         "--corruption",
         "training.corruption",
         "hierarchical",
         choices=("hierarchical", "uniform", "none"),
-        help="of the motion codes in the context",
+        help="corruption of the motion codes in the context",
     )
     options.add(
         "--blind",
         "training.blind",
         0.2,
         type=float,
-        help="share of windows whose context motion is all noise, so that the sound must tell",
+        help="share of windows whose context motion is all noise, so that only the audio informs",
     )
     options.add(
         "--out-of-step",
         "training.out_of_step",
         0.15,
         type=float,
-        help="share of windows whose context runs early or late: the sound tells the phase",
+        help="share of windows whose context runs early or late, so that the phase must come from the audio",
     )
     options.add(
         "--cue-weight",
         "training.cue_weight",
         0.3,
         type=float,
-        help="weight of telling beats and stresses from the sound, where the corpus knows them",
+        help="weight of predicting beats and stresses from the audio, if the corpus has labels",
     )
     options.add(
         "--exemplar",
         "training.exemplar",
         0.0,
         type=float,
-        help="share of windows told a set of their own codes, so that actions can steer",
+        help="share of windows that are given a set of their own codes, so that actions can steer",
     )
     parser.add_argument("--start", type=Path, help="trained generator of the same sizes to begin with")
     parser.add_argument(
-        "--qwen", type=Path, metavar="FOLDER", help="Qwen2.5-0.5B-Instruct, whose body a new run begins with"
+        "--qwen",
+        type=Path,
+        metavar="FOLDER",
+        help="Qwen2.5-0.5B-Instruct, to initialise a new run's transformer",
     )
     options.add("--seed", "training.seed", 0, type=int, help=seed)
-    parser.add_argument(
-        "--minutes", type=float, help="stop this call after so many minutes; call again to go on"
-    )
+    options.add_minutes()
     parser.add_argument(
         "--sharded",
         action="store_true",
@@ -93,7 +94,7 @@ def train(args: argparse.Namespace, settings: Settings, how: dict[str, Any]) -> 
     clips = [clip for clip in found if clip.has_truth]
     if found and not clips:
         raise MotionError(
-            f"{args.source} holds sound with a generator's own motion only, for `echoavatar align`; a generator learns"
+            f"{args.source} holds only motion that a generator made, for `echoavatar align`; a generator learns"
             " from true motion (`echoavatar train tokens`)"
         )
     layout = TokenLayout.compact(

@@ -1,4 +1,4 @@
-"""`echoavatar train pulse`: what tells the body when to brake, on the corpus's stresses and beats."""
+"""`echoavatar train pulse`: trains the model that times motion, on the corpus's stresses and beats."""
 
 import argparse
 from typing import Any
@@ -7,18 +7,16 @@ from .recipe import Options, Settings
 
 
 def add_arguments(parser: argparse.ArgumentParser, options: Options, seed: str) -> None:
-    """Declare the arguments that only the pulse has."""
+    """Declare the arguments that only this model has."""
     options.add("--steps", "training.steps", 2000, type=int, help="optimiser steps")
     options.add("--batch", "training.batch", 24, type=int, help="windows per step")
     options.add("--rate", "training.learning_rate", 2e-3, type=float, help="peak learning rate")
     options.add("--seed", "training.seed", 0, type=int, help=seed)
-    parser.add_argument(
-        "--minutes", type=float, help="stop this call after so many minutes; call again to go on"
-    )
+    options.add_minutes()
 
 
 def train(args: argparse.Namespace, settings: Settings, card: dict[str, object], how: dict[str, Any]) -> None:
-    """Train on the clips of split "train", mirror images left out: they sound the same."""
+    """Train on the clips of split "train" without mirrored ones, which have the same audio."""
     from ..data import Corpus
     from ..pulse import PulseConfig
     from ..pulse.recipe import PulseTraining

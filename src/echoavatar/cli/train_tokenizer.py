@@ -1,4 +1,4 @@
-"""`echoavatar train tokenizer`: the motion tokenizer of all three parts of the body, on a corpus's motion."""
+"""`echoavatar train tokenizer`: trains the motion tokenizer of all body parts on a corpus's motion."""
 
 import argparse
 from pathlib import Path
@@ -15,10 +15,8 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser, options: Options) -> None:
     """Declare the arguments that only the tokenizer has."""
     options.add("--steps", "training.steps", 6000, type=int, help="optimiser steps")
-    parser.add_argument("--start", type=Path, help="trained tokenizer of the same sizes to begin with")
-    parser.add_argument(
-        "--minutes", type=float, help="stop this call after so many minutes; call again to go on"
-    )
+    parser.add_argument("--start", type=Path, help="trained tokenizer of the same sizes to start from")
+    options.add_minutes()
 
 
 def train(args: argparse.Namespace, settings: Settings, card: dict[str, object], how: dict[str, Any]) -> None:
@@ -37,7 +35,7 @@ def train(args: argparse.Namespace, settings: Settings, card: dict[str, object],
     training = training.model_copy(update={"is_mirrored": training.is_mirrored and corpus.can_mirror})
     clips = [
         corpus.motion(name) for name in corpus.names("train", has_mirrored=False)
-    ]  # windows are mirrored
+    ]  # mirrored window by window
     tests = [corpus.motion(name) for name in corpus.names("test", has_mirrored=False)]
     start = BodyTokenizer.load(args.start) if args.start else None
     training = continued(training) if start else training
@@ -47,9 +45,9 @@ def train(args: argparse.Namespace, settings: Settings, card: dict[str, object],
 
 
 def body_sizes(settings: Settings, skeleton: "Skeleton") -> "BodyTokenizerConfig":
-    """One size for all parts, and what `model.parts` says of single ones (look-back, heads, codebook decay).
+    """Sizes common to all parts, with those that `model.parts` sets for single ones (look-back, heads, codebook decay).
 
-    With `model.is_whole` the body is one part.
+    With `model.is_whole` the body is a single part.
     """
     from ..kinematics import part_sizes
     from ..tokenizer import BodyTokenizerConfig, MotionTokenizerConfig, as_one_part

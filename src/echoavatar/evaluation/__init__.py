@@ -1,4 +1,4 @@
-"""What a bundle is worth: reconstruction, audio reliance, behaviour, alignment, latency.
+"""Evaluates bundles: reconstruction, audio reliance, behaviour, alignment with audio, latency.
 
 May import `engine` and below.
 """

@@ -1,12 +1,12 @@
-"""Baselines that need no trained weights: what a score is worth shows beside what these score.
+"""Baselines without trained weights, which give scores a scale.
 
 - `mean`: the mean pose of the training motion, standing still. Best possible for errors of position, worst for life.
-- `random`: stretches of training motion, whatever the sound. As lifelike as the data; all that listening can add is
-  what a model is better by.
-- `nearest`: for every stretch of sound (2.1 s) the training motion whose sound was most alike (log mel spectra).
+- `random`: stretches of training motion, whatever the audio. As lifelike as the data; what a model scores beyond it is
+  what listening adds.
+- `nearest`: for every 2.1 s of audio the training motion whose audio was most similar (log mel spectra).
 
-Stretches are joined so that place and heading go on where the last one ended; the pose jumps at the seams (every 2.1 s
-for `nearest`), nothing is blended.
+Stretches are joined so that place and heading continue where the last one ended. The pose is not blended and jumps at
+the seams (every 2.1 s for `nearest`).
 """
 
 from collections.abc import Sequence
@@ -41,7 +41,7 @@ class Stretch(NamedTuple):
 
 
 class _Library(NamedTuple):
-    """Spectra of every stretch of the training sound, where it is, and what they were normalised by."""
+    """Spectra of every stretch of the training audio, its position, and the statistics that normalised them."""
 
     rows: Float[np.ndarray, "n d"]
     places: list[tuple[int, int]]
@@ -50,23 +50,23 @@ class _Library(NamedTuple):
 
 
 class Baselines:
-    """Training clips, and what the three baselines make of them."""
+    """Training clips and the three baselines made from them."""
 
     def __init__(self, clips: Sequence[Clip], skeleton: Skeleton = HUMANOID) -> None:
-        """Clips on the rig `skeleton`; raises MotionError when there are none."""
+        """Clips on the rig `skeleton`; raises MotionError if there are none."""
         if not clips:
             raise MotionError("there are no training clips; make a longer corpus")
         self.clips, self.skeleton = list(clips), skeleton
 
     def make(self, kind: Kind, audio: Float[np.ndarray, " s"], *, seed: int = 0) -> Motion:
-        """Motion as long as the sound (24 kHz), whole frames.
+        """Motion as long as the audio (24 kHz), in whole frames.
 
         Raises:
-            AudioError: there is less than a frame of sound.
+            AudioError: there is less than a frame of audio.
         """
         frames = len(audio) // SAMPLES_PER_FRAME
         if not frames:
-            raise AudioError(f"the sound has {len(audio)} samples, less than a frame; take a longer piece")
+            raise AudioError(f"the audio has {len(audio)} samples, less than a frame; use a longer file")
         if kind == "mean":
             return self.mean_pose(frames)
         return self.joined(self.at_random(frames, seed) if kind == "random" else self.nearest(audio))
@@ -80,7 +80,7 @@ class Baselines:
             heights.append(clip.root[:, 1])
         mean = torch.linalg.eigh(total.double())[1][
             ..., -1
-        ].float()  # the quaternion nearest to all, by any sign
+        ].float()  # principal axis: ignores quaternion signs
         root = np.array([0.0, np.concatenate(heights).mean(), 0.0], np.float32)
         rotations = (mean * torch.where(mean[:, :1] < 0, -1.0, 1.0)).numpy()
         return Motion(
@@ -91,7 +91,7 @@ class Baselines:
         )
 
     def at_random(self, frames: int, seed: int) -> list[Stretch]:
-        """Whole training clips from a random place on, as many as it takes."""
+        """Stretches of random training clips from random positions, as many as needed."""
         random, found, left = np.random.default_rng(seed), [], frames
         while left:
             clip = int(random.integers(len(self.clips)))
@@ -102,7 +102,7 @@ class Baselines:
         return found
 
     def nearest(self, audio: Float[np.ndarray, " s"]) -> list[Stretch]:
-        """For each stretch of sound the one of the training sound with the nearest spectra."""
+        """For each stretch of audio the stretch of training audio with the nearest spectra."""
         library = self._library
         bands = (spectra(audio) - library.mean) / library.spread
         frames, found = len(bands), []
@@ -115,7 +115,7 @@ class Baselines:
         return found
 
     def joined(self, stretches: Sequence[Stretch]) -> Motion:
-        """Stretches one after the other; the root goes on from where it was, facing as it did."""
+        """Concatenate stretches; the root continues from its last position and heading."""
         rotations, roots = [], []
         place, yaw = np.zeros(2, np.float32), 0.0
         for clip, start, stop in stretches:
@@ -148,7 +148,7 @@ class Baselines:
 def facing(
     rotations: Float[np.ndarray, "t j 4"], root: Float[np.ndarray, "t 3"], yaw: float | None = None
 ) -> tuple[Float[np.ndarray, "t j 4"], Float[np.ndarray, "t 3"]]:
-    """The clip turned about the vertical so that it begins facing `yaw`; None: every frame faces +Z."""
+    """Rotate a clip about the vertical so that it starts facing `yaw`; None: every frame faces +Z."""
     matrices = matrix_from_quaternion(torch.from_numpy(rotations[:, 0]).float())
     own = heading(matrices)
     turn = -own if yaw is None else (yaw - own[:1]).expand(len(own))
@@ -162,7 +162,7 @@ def facing(
 
 
 def spectra(audio: Float[np.ndarray, " s"]) -> Float[np.ndarray, "t m"]:
-    """Log mel spectra, one a motion frame."""
+    """Log mel spectra, one for each motion frame."""
     frames = len(audio) // SAMPLES_PER_FRAME
     waves = torch.from_numpy(np.ascontiguousarray(audio, np.float32))[None]
     bands = log_mel(waves, fft=_FFT, hop=SAMPLES_PER_FRAME, bands=_BANDS)[0, :frames]
@@ -170,5 +170,5 @@ def spectra(audio: Float[np.ndarray, " s"]) -> Float[np.ndarray, "t m"]:
 
 
 def _blocks(bands: Float[np.ndarray, "t m"]) -> Float[np.ndarray, " d"]:
-    """Means over four frames: near is near in level and timing to a seventh of a second."""
+    """Means over four frames, so that similarity tolerates shifts of a seventh of a second."""
     return np.asarray(bands.reshape(len(bands) // BLOCK_FRAMES, BLOCK_FRAMES, -1).mean(1).reshape(-1))

@@ -1,6 +1,6 @@
-"""Beat alignment as `evaluate` reports it: the `sharp` forms of `metrics`, at a delay, with chance levels.
+"""Beat alignment as `evaluate` reports it: the `sharp` forms of `metrics`, with a stroke delay and chance levels.
 
-The score says nothing alone, so every score comes with its chance level: the same motion against other clips' events.
+A score means nothing alone. Each comes with its chance level: the same motion against other clips' events.
 """
 
 from collections.abc import Sequence
@@ -13,14 +13,9 @@ from ..metrics.chance import mean_of_known, shuffled_scores
 from ..metrics.gesture_alignment import step_speed
 from ..timing import FRAME_RATE_HZ
 
-STROKE_DELAY_SECONDS = 0.18
-"""Rehearsal gestures end 0.14 to 0.18 s after the stressed vowel and a wrist is slowest just after; the alignment of
-motion to rehearsal speech, generated and true alike, is measured at this delay. Recordings are measured at none."""
-ARM_JOINTS = ("leftLowerArm", "leftHand", "rightLowerArm", "rightHand")
-
 
 def alignment_and_chance(
-    events: Sequence[Float[np.ndarray, " n"]], beats: Sequence[Sequence[Float[np.ndarray, " m"]]]
+    events: Sequence[Float[np.ndarray, " _"]], beats: Sequence[Sequence[Float[np.ndarray, " _"]]]
 ) -> tuple[float, float]:
     """BA over clips, and the chance level: each clip's motion against the events of every other clip."""
     clips = [i for i, times in enumerate(events) if len(times)]
@@ -36,7 +31,7 @@ def alignment_and_chance(
 def speed_around(
     positions: Float[np.ndarray, "t j 3"], events: Float[np.ndarray, " n"], seconds: tuple[float, float]
 ) -> Float[np.ndarray, " m"]:
-    """Mean joint speed between these times around each event, over its mean from a second before to a second after."""
+    """Mean joint speed in this time span around each event, over its mean from a second before to a second after."""
     speed = step_speed(positions).mean(1)
     first, last = (round(second * FRAME_RATE_HZ) for second in seconds)
     at = np.round(np.asarray(events) * FRAME_RATE_HZ).astype(int)

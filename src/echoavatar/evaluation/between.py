@@ -1,21 +1,21 @@
-"""What goes on between two steps of a stage in a session: the other models, whose weights take the caches.
+"""Stands in for the other models of a session between two timed calls of one stage: it evicts the caches.
 
-A stage timed again and again by itself finds everything where it left it, which in a session it never does: one session
-then costs a fifth of what it costs in use, and a batch, which needs more than the caches hold anyway, half.
+A stage timed by itself in a loop finds its data still in the caches. In a session the other models' weights have
+replaced it, so the isolated measurement would be far too optimistic.
 """
 
 from collections.abc import Callable
 
 import numpy as np
 
-WEIGHTS = 15_000_000  # numbers, 60 MB: those of the default bundle's models
+WEIGHTS = 15_000_000  # float32 values, 60 MB: about the weights of the default bundle
 
 
 def other_models() -> Callable[[], None]:
-    """Something to call before every timed step: it goes through as much memory as the models do for a chunk."""
+    """Returns a function to call before every timed step; it touches as much memory as the models do in a chunk."""
     weights = np.zeros(WEIGHTS, np.float32)
 
     def work() -> None:
-        np.add(weights, np.float32(1), out=weights)  # in one thread
+        np.add(weights, np.float32(1), out=weights)  # single-threaded
 
     return work

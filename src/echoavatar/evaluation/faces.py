@@ -1,13 +1,13 @@
-"""Do the lips say what is heard? Measures of a face model on speech whose phones are known, and on recordings.
-
-- `mouth_pearson`: correlation of the mouth's opening (jaw less closure) with the truth, over frames of speech.
-- `lip_lag_frames`: the shift (whole frames, positive: lips late) at which that correlation is highest.
-- `closed_on_pbm`: share of the p, b, m sounds within which the mouth shuts (least opening at most `CLOSED`), a frame
-  before and after included; beside it how often an open mouth is shut by chance at other times, and the truth's share.
-- `silent_motion`: mean change of the opening per frame in silence of over half a second, over that in speech.
-- `envelope_pearson`: correlation of the opening with the loudness of recorded speech; there is no truth there.
+"""Lip-sync measures of a face model, on speech with known phones and on recordings.
 
 Not in the paper, which shows faces but does not measure them.
+
+- `mouth_pearson`: correlation of mouth opening (jaw minus lip closure) with the truth, over frames of speech.
+- `lip_lag_frames`: the shift in whole frames at which that correlation is highest; positive: lips are late.
+- `closed_on_pbm`: share of p, b and m during which the mouth closes (opening at most `CLOSED`), a frame before and
+  after included. For comparison: how often the mouth is closed at other times by chance, and the truth's share.
+- `silent_motion`: mean change of the opening per frame in silences over half a second, over that in speech.
+- `envelope_pearson`: correlation of the opening with the loudness of recorded speech, which has no truth.
 """
 
 from collections.abc import Callable, Sequence
@@ -29,16 +29,16 @@ from ..rehearsal.sound import SoundTrack
 from ..rehearsal.track import compose_track
 from ..timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
 
-CLOSED = 0.05  # of a jaw's full opening: lips that touch
+CLOSED = 0.05  # share of the jaw's full opening at which lips touch
 CLOSING_PHONES = ("p", "b", "m", "em")
 MOST_LAG_FRAMES = 8
-_SETTLE_S = 0.5  # of a silence are left to the mouth to come to rest
+_SETTLE_S = 0.5  # start of a silence in which the mouth may still come to rest
 
 Opening = Float[np.ndarray, " t"]
 
 
 class FaceScores(NamedTuple):
-    """Measures over several clips; NaN where there was nothing to measure."""
+    """Measures over several clips; NaN if there was nothing to measure."""
 
     mouth_pearson: float
     lip_lag_frames: int
@@ -52,12 +52,12 @@ class FaceScores(NamedTuple):
 def evaluate_face(
     bundle: Bundle,
     tracks: Sequence[SoundTrack],
-    recordings: Sequence[Float[np.ndarray, " s"]] = (),
+    recordings: Sequence[Float[np.ndarray, " _"]] = (),
     *,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
 ) -> FaceScores:
-    """Animate the face to tracks with known phones, and to recordings (24 kHz), and measure.
+    """Animate the face to tracks with known phones and to recordings (24 kHz), and measure it.
 
     Raises:
         EchoAvatarError: the bundle has no face model.
@@ -95,7 +95,7 @@ def evaluate_face(
 
 
 def held_out_tracks(count: int, seconds: float = 30.0, seed: int = 4_711) -> list[SoundTrack]:
-    """Speech, with its pauses, of sentences that training never hears."""
+    """Speech with pauses, of sentences that are not in the training data."""
     return [compose_track(seed + index, seconds, mix="speech", split="test") for index in range(count)]
 
 
@@ -103,7 +103,7 @@ def held_out_tracks(count: int, seconds: float = 30.0, seed: int = 4_711) -> lis
 def animate_face(
     stream: FaceStream, audio: Float[np.ndarray, " s"], *, seed: int
 ) -> Float[np.ndarray, "t 52"]:
-    """The face of a whole recording (24 kHz mono), behind the level control as in the pipeline."""
+    """Face curves for a whole recording (24 kHz mono), with level control as in the pipeline."""
     step = stream.model.config.step * SAMPLES_PER_FRAME
     padded = np.pad(audio, (0, -len(audio) % step)).astype(np.float32)
     heard = LevelControl()(torch.from_numpy(padded)[None])
@@ -113,7 +113,7 @@ def animate_face(
 
 
 def opening(curves: Float[np.ndarray, "t 52"]) -> Opening:
-    """How far the lips are apart: the jaw's opening less what the lips take back."""
+    """Distance of the lips: the jaw's opening minus the lips' closure."""
     apart = curves[:, index_of("jawOpen")] - curves[:, index_of("mouthClose")]
     return np.asarray(np.maximum(apart, 0))
 
@@ -126,7 +126,7 @@ def _spoken(track: SoundTrack, frames: int) -> Bool[np.ndarray, " t"]:
 
 
 def _silent(track: SoundTrack, frames: int) -> Bool[np.ndarray, " t"]:
-    """Frames of silence, without the first half second after speech and the frame before the next."""
+    """Frames of silence, without the first half second after speech and the last frame before it."""
     edges = [0.0, *(time for phrase in track.phrases for time in phrase), track.seconds]
     inside = np.zeros(frames, bool)
     for start, end in zip(edges[::2], edges[1::2], strict=True):
@@ -135,7 +135,7 @@ def _silent(track: SoundTrack, frames: int) -> Bool[np.ndarray, " t"]:
 
 
 def _closing(track: SoundTrack, frames: int) -> list[tuple[int, int]]:
-    """Frames around each p, b, m: those that the sound touches, and one on either side."""
+    """Frame ranges of each p, b and m, extended by a frame on either side."""
     spans = []
     for start, end, name in track.phones:
         first, last = int(start * FRAME_RATE_HZ) - 1, int(end * FRAME_RATE_HZ) + 2
@@ -145,7 +145,7 @@ def _closing(track: SoundTrack, frames: int) -> list[tuple[int, int]]:
 
 
 def _moved(spans: Sequence[tuple[int, int]], frames: int) -> list[tuple[int, int]]:
-    """Spans of the same lengths a third of a second later: what chance would give."""
+    """The same ranges a third of a second later, as the chance level."""
     return [(a + 10, b + 10) for a, b in spans if b + 10 <= frames]
 
 
@@ -157,7 +157,7 @@ def _share_closed(openings: Sequence[Opening], spans: Sequence[Sequence[tuple[in
 def _shifted_pearson(
     made: Sequence[Opening], truths: Sequence[Opening], where: Sequence[Bool[np.ndarray, " t"]], lag: int
 ) -> float:
-    """Correlation of the truth with what was made `lag` frames later."""
+    """Correlation of the truth with the generated opening `lag` frames later."""
     ours = np.concatenate([np.roll(m, -lag)[w] for m, w in zip(made, where, strict=True)])
     theirs = np.concatenate([t[w] for t, w in zip(truths, where, strict=True)])
     return float(np.corrcoef(ours, theirs)[0, 1])

@@ -1,7 +1,7 @@
-"""Folders of motion to score: what was made, what is true, and the sound, matched by file name.
+"""Reads folders of generated motion, true motion and audio, matched by file name.
 
-Motion is `.bvh` of any known rig or `.npz` (clips of a corpus, or what `animate` writes), brought to our rig. Sound is
-taken from a folder of its own, from a clip that carries it, or from a file of the same name beside the motion.
+Motion is `.bvh` of any known rig or `.npz` (clips of a corpus, or output of `animate`), converted to our rig. Audio
+comes from a folder of its own, from the clip itself, or from a file of the same name next to the motion.
 """
 
 from collections.abc import Callable
@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Integer
 
 from ..audio import read_audio
 from ..data import Clip
@@ -23,38 +23,38 @@ from .behaviour import MUSIC, SPEECH
 
 MOTION_SUFFIXES = (".npz", ".bvh")
 AUDIO_SUFFIXES = (".wav", ".ogg", ".flac", ".mp3", ".m4a", ".opus")
-_LONGEST_GAP_S = 0.5  # by which sound may be shorter or longer than its motion
+_LONGEST_GAP_S = 0.5  # allowed difference in length between audio and motion
 
 
-class Take(NamedTuple):
-    """A file of motion on our rig, and what it says about its sound."""
+class MotionFile(NamedTuple):
+    """A file of motion on our rig, with the audio and labels that it contains."""
 
     motion: Motion
     audio: Float[np.ndarray, " s"] | None = None
-    domain: Int[np.ndarray, " t"] | None = None
+    domain: Integer[np.ndarray, " t"] | None = None
 
 
 @dataclass(frozen=True)
 class Pair:
-    """Made and true motion of equal length, our rig at 30 fps; the sound at 24 kHz, and per frame what it is."""
+    """Generated and true motion of equal length, our rig at 30 fps; audio at 24 kHz, and the domain of each frame."""
 
     name: str
     made: Motion
     true: Motion
     audio: Float[np.ndarray, " s"] | None
-    domain: Int[np.ndarray, " t"]
+    domain: Integer[np.ndarray, " t"]
 
 
 @dataclass(frozen=True)
-class Reading:
+class ReadOptions:
     """How folders are read.
 
     Attributes:
-        audio: folder of sound files; None: from the motion's own files, or beside them.
-        needs_audio: a clip without sound is an error; False leaves sound out altogether.
-        kind: what sound without labels is, SPEECH or MUSIC; None: music where the path says so, else speech.
+        audio: folder of audio files; None: from the motion's own files, or next to them.
+        needs_audio: a clip without audio is an error; False ignores audio altogether.
+        kind: domain of audio without labels, SPEECH or MUSIC; None: music if the path says so, else speech.
         is_common: score only the clips that both folders have.
-        is_resampling: bring motion of other rates to 30 fps instead of refusing it.
+        is_resampling: convert motion of other rates to 30 fps instead of refusing it.
     """
 
     audio: Path | None = None
@@ -65,12 +65,12 @@ class Reading:
 
 
 def read_pairs(
-    made: Path, true: Path, how: Reading, *, progress: Callable[[int, int], None] | None = None
+    made: Path, true: Path, how: ReadOptions, *, progress: Callable[[int, int], None] | None = None
 ) -> list[Pair]:
-    """Every clip of both folders.
+    """Every clip that both folders have.
 
     Raises:
-        EchoAvatarError: a folder is missing or empty, clips have no counterpart, or one cannot be used; says which.
+        EchoAvatarError: a folder is missing or empty, clips have no counterpart, or one cannot be used; names it.
     """
     ours, theirs = motion_files(made), motion_files(true)
     names = sorted(ours.keys() & theirs.keys())
@@ -79,7 +79,7 @@ def read_pairs(
         _want_same(true, theirs, made, ours)
     if not names:
         raise MotionError(
-            f"{made} and {true} have no file name in common; name made clips after the true ones"
+            f"{made} and {true} have no file name in common; name generated clips like the true ones"
         )
     sounds = _audio_files(how.audio) if how.audio else {}
     pairs = []
@@ -91,10 +91,10 @@ def read_pairs(
 
 
 def motion_files(folder: Path) -> dict[str, Path]:
-    """Files of motion by stem: of the folder, or of the `clips` in it where it is a corpus.
+    """Motion files by stem, from the folder, or from its `clips` if it is a corpus.
 
     Raises:
-        MotionError: there is no such folder, it holds none, or two of one name.
+        MotionError: the folder does not exist, holds no motion, or has two files of one name.
     """
     if not folder.is_dir():
         raise MotionError(f"{folder} is not a folder; give a folder of .npz or .bvh motion")
@@ -112,11 +112,11 @@ def motion_files(folder: Path) -> dict[str, Path]:
     return found
 
 
-def read_take(path: Path, *, is_resampling: bool = False) -> Take:
-    """One file.
+def read_motion_file(path: Path, *, is_resampling: bool = False) -> MotionFile:
+    """Read one file.
 
     Raises:
-        MotionError: it cannot be read, holds values that are not finite, is of an unknown rig or another frame rate.
+        MotionError: it cannot be read, holds values that are not finite, or has an unknown rig or another frame rate.
     """
     take = _read(path)
     if abs(take.motion.fps - FRAME_RATE_HZ) > 1e-3 and not is_resampling:
@@ -130,16 +130,16 @@ def read_take(path: Path, *, is_resampling: bool = False) -> Take:
         raise MotionError(f"{path}: {error}") from error
 
 
-def _read(path: Path) -> Take:
+def _read(path: Path) -> MotionFile:
     try:
         if path.suffix.lower() == ".bvh":
-            return Take(read_bvh(path))
+            return MotionFile(read_bvh(path))
         if _is_clip(path):
             clip = Clip.load(path)
-            return Take(
+            return MotionFile(
                 Motion(HUMANOID, clip.rotations, clip.root, float(FRAME_RATE_HZ)), clip.audio, clip.domain
             )
-        return Take(read_npz(path))
+        return MotionFile(read_npz(path))
     except MotionError as error:
         told = str(error) if path.name in str(error) else f"{path}: {error}"
         raise MotionError(told) from error
@@ -149,17 +149,17 @@ def _is_clip(path: Path) -> bool:
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             return "split" in getattr(stored, "files", ())
-    except Exception:  # noqa: BLE001  damaged: the reader says so
+    except Exception:  # noqa: BLE001  damaged: the reader reports it
         return False
 
 
-def _pair(name: str, made: Path, true: Path, sounds: dict[str, Path], how: Reading) -> Pair:
-    ours = read_take(made, is_resampling=how.is_resampling)
-    theirs = read_take(true, is_resampling=how.is_resampling)
+def _pair(name: str, made: Path, true: Path, sounds: dict[str, Path], how: ReadOptions) -> Pair:
+    ours = read_motion_file(made, is_resampling=how.is_resampling)
+    theirs = read_motion_file(true, is_resampling=how.is_resampling)
     lengths = ours.motion.frames, theirs.motion.frames
     if abs(lengths[0] - lengths[1]) > CHUNK_FRAMES:
         raise MotionError(
-            f"clip {name}: {lengths[0]} frames were made and {lengths[1]} are true; make it again for the whole sound"
+            f"clip {name}: {lengths[0]} frames were generated and {lengths[1]} are true; generate the whole clip"
         )
     frames = min(lengths)
     audio = _sound(name, made, true, ours, theirs, sounds) if how.needs_audio else None
@@ -167,8 +167,8 @@ def _pair(name: str, made: Path, true: Path, sounds: dict[str, Path], how: Readi
         heard, moved = len(audio) / SAMPLE_RATE_HZ, frames / FRAME_RATE_HZ
         if abs(heard - moved) > _LONGEST_GAP_S:
             raise AudioError(
-                f"clip {name}: the sound lasts {heard:.2f} s and the motion {moved:.2f} s;"
-                " check the motion's frame rate and which sound it belongs to"
+                f"clip {name}: the audio lasts {heard:.2f} s and the motion {moved:.2f} s;"
+                " check the motion's frame rate and which audio it belongs to"
             )
     kind = (
         how.kind
@@ -183,7 +183,7 @@ def _pair(name: str, made: Path, true: Path, sounds: dict[str, Path], how: Readi
 
 
 def _sound(
-    name: str, made: Path, true: Path, ours: Take, theirs: Take, sounds: dict[str, Path]
+    name: str, made: Path, true: Path, ours: MotionFile, theirs: MotionFile, sounds: dict[str, Path]
 ) -> Float[np.ndarray, " s"]:
     if name in sounds:
         return read_audio(sounds[name])
@@ -195,22 +195,22 @@ def _sound(
             if (path := beside.with_suffix(suffix)).is_file():
                 return read_audio(path)
     raise AudioError(
-        f"clip {name} has no sound; put {name}.wav beside it, name a folder with --audio, or pass --no-audio"
+        f"clip {name} has no audio; put {name}.wav next to it, give a folder with --audio, or pass --no-audio"
     )
 
 
 def _audio_files(folder: Path) -> dict[str, Path]:
     if not folder.is_dir():
-        raise AudioError(f"{folder} is not a folder; give --audio a folder of sound files")
+        raise AudioError(f"{folder} is not a folder; give --audio a folder of audio files")
     found = {path.stem: path for path in sorted(folder.iterdir()) if path.suffix.lower() in AUDIO_SUFFIXES}
     if not found:
-        raise AudioError(f"{folder} holds no sound ({', '.join(AUDIO_SUFFIXES)}); give another --audio")
+        raise AudioError(f"{folder} holds no audio ({', '.join(AUDIO_SUFFIXES)}); give another --audio")
     return found
 
 
 def _want_same(here: Path, own: dict[str, Path], there: Path, others: dict[str, Path]) -> None:
     if missing := sorted(others.keys() - own.keys()):
         raise EchoAvatarError(
-            f"{here} lacks {len(missing)} of the {len(others)} clips in {there}, {missing[0]} for one;"
+            f"{here} lacks {len(missing)} of the {len(others)} clips in {there}, for example {missing[0]};"
             " make the rest, or pass --common to score what both have"
         )

@@ -1,7 +1,6 @@
-"""How well the tokenizer keeps motion (paper, Table 1): MPJPE, root velocity error, codebook use.
+"""How well the tokenizer reconstructs motion (paper, Table 1): MPJPE, root velocity error, codebook use.
 
-MPJPE is character-centric (`metrics.position_error`), so only the pose counts; fingers are measured from
-the wrist.
+MPJPE is character-centric (`metrics.position_error`), so only the pose counts; fingers are measured from the wrist.
 """
 
 from typing import NamedTuple
@@ -15,7 +14,7 @@ from ..metrics.position_error import mean_joint_error, trans_loss, without_headi
 
 
 class Reconstruction(NamedTuple):
-    """Errors of one or many clips, averaged over frames and joints."""
+    """Errors of one or several clips, averaged over frames and joints."""
 
     mpjpe_body_mm: float
     mpjpe_hands_mm: float

@@ -1,8 +1,8 @@
-"""Does the motion listen? NLL per code with the true audio and with another clip's (paper, conditional collapse).
+"""Does the generator use the audio? NLL per code with the true audio and other audio (paper, conditional collapse).
 
-A model that has collapsed onto its own history loses nothing when the audio is exchanged; the gain is what the audio
-is worth to it, in nats per code. Much of that is knowing speech from music. What a clip's own audio is worth over the
-same audio some chunks late is knowing when (`timing_gain`).
+A model that has collapsed onto its own history loses nothing with another clip's audio. The gain is what the audio is
+worth to the model in nats per code, much of it for telling speech from music. What a clip's own audio is worth over the
+same audio a few chunks late is the value of timing (`timing_gain`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,11 +17,11 @@ from ..pipeline.tokenize import audio_codes, motion_codes
 from ..timing import AUDIO_FRAMES_PER_CHUNK, FRAMES_PER_MOTION_TOKEN
 
 HEARD = ("silence", "speech", "music", "all")
-LATE_CHUNKS = 3  # 0.8 s: other syllables, other beats, the same voice and piece
+LATE_CHUNKS = 3  # 0.8 s: other syllables and beats, but the same voice and piece
 
 
 def token_clips(bundle: Bundle, clips: Sequence[Clip]) -> list[TokenClip]:
-    """The clips as codes of the bundle's codec and tokenizer, as steady as those its generator was trained on."""
+    """The clips as codes of the bundle's codec and tokenizer, with the patience of the generator's training data."""
     patience = bundle.generator.config.patience
     return [
         TokenClip(
@@ -55,7 +55,7 @@ def reliance(generator: Generator, tokens: Sequence[TokenClip]) -> dict[str, flo
 
 
 def reliance_table(generators: Mapping[str, Generator], tokens: Sequence[TokenClip]) -> str:
-    """A Markdown table: generators side by side, by what is heard."""
+    """A Markdown table of generators side by side, by domain."""
     scores = {name: reliance(generator, tokens) for name, generator in generators.items()}
     lines = ["| heard | " + " | ".join(f"{name}: true | shuffled | gain | timing" for name in scores) + " |"]
     lines.append("|---|" + "---:|---:|---:|---:|" * len(scores))

@@ -1,6 +1,6 @@
-"""`echoavatar evaluate`: one bundle, held-out sound and motion, one table.
+"""`echoavatar evaluate`: all scores of a bundle on held-out audio and motion.
 
-Held-out rehearsal clips give the truth to compare with; recordings (no truth) show whether it carries over.
+Held-out rehearsal clips have true motion to compare with; recordings (without) show whether the behaviour carries over.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,7 +16,7 @@ from ..kinematics.contact import planted, skate
 from ..kinematics.features import from_features, travel_slice
 from ..metrics.audio_events import music_beats, speech_onsets
 from ..metrics.dance_alignment import dance_beats
-from ..metrics.gesture_alignment import gesture_beats
+from ..metrics.gesture_alignment import ARM_JOINTS, STROKE_DELAY_S, gesture_beats
 from ..metrics.physical import jerk_m_s3
 from ..pipeline import Bundle, Pipeline
 from ..pipeline.tokenize import clip_features
@@ -27,12 +27,12 @@ from .reconstruction import codebook_use, reconstruction
 from .reliance import reliance, token_clips
 
 Progress = Callable[[str, int, int], None]
-APART = 100  # seeds between two performances of a clip
+SEED_STRIDE = 100  # difference between the seeds of two performances of a clip
 
 
 @dataclass(frozen=True)
 class Recording:
-    """A real recording: what it is, and its sound at 24 kHz."""
+    """A real recording: its domain, and its audio at 24 kHz."""
 
     name: str
     kind: int  # SPEECH or MUSIC
@@ -48,16 +48,15 @@ def evaluate(
     repeats: int = 1,
     progress: Progress | None = None,
 ) -> dict[str, float]:
-    """All scores of a bundle by name; units stand in the names, chance levels and the truth's own values beside.
+    """All scores of a bundle by name, with chance levels and the truth's values; names carry the units.
 
-    Every clip is performed `repeats` times, `APART` seeds apart: another draw is another dance, and what is told of
-    motion is told of all of them.
+    Every clip is performed `repeats` times with different seeds, and the motion scores cover all performances.
     """
     say = progress or (lambda what, done, total: None)
     scores = tokenizer_scores(bundle, clips)
     scores |= reliance(bundle.generator, token_clips(bundle, clips))
     pipeline = Pipeline(bundle)
-    seeds = [seed + APART * again + number for again in range(repeats) for number in range(len(clips))]
+    seeds = [seed + SEED_STRIDE * again + number for again in range(repeats) for number in range(len(clips))]
     clips = [*clips] * repeats
     shown = animate_many(
         pipeline,
@@ -77,7 +76,7 @@ def evaluate(
 
 
 def tokenizer_scores(bundle: Bundle, clips: Sequence[Clip]) -> dict[str, float]:
-    """Reconstruction errors weighted by length, and the least used layer-0 codebook."""
+    """Reconstruction errors weighted by length, and the use of the least used layer-0 codebook."""
     tokenizer, travel = bundle.tokenizer, travel_slice(bundle.skeleton)
     rows, codes = [], []
     for clip in clips:
@@ -102,7 +101,7 @@ def tokenizer_scores(bundle: Bundle, clips: Sequence[Clip]) -> dict[str, float]:
 
 
 def behaviour_scores(bundle: Bundle, made: Sequence[Track], truth: Sequence[Track]) -> dict[str, float]:
-    """Energy by domain, stillness, feet, smoothness; the truth's own values stand beside as `..._truth`."""
+    """Energy by domain, stillness, feet, smoothness; the truth's own values as `..._truth`."""
     scores: dict[str, float] = {}
     for suffix, clips in (("", made), ("_truth", truth)):
         scores |= {key + suffix: value for key, value in _behaviour(bundle, clips).items()}
@@ -118,7 +117,7 @@ def _behaviour(bundle: Bundle, clips: Sequence[Track]) -> dict[str, float]:
     speed = [behaviour.hand_speed_m_s(clip, hands) for clip in clips]
     balls = list(bundle.skeleton.config.feet)[
         1::2
-    ]  # the ankle swings over a planted ball; the ball must not move
+    ]  # the ankle may swing over a planted ball; the ball must not move
     standing = bundle.skeleton.rest_positions[balls, 1].numpy()
     sliding, weight = [], []
     for clip in clips:
@@ -143,9 +142,9 @@ def _behaviour(bundle: Bundle, clips: Sequence[Track]) -> dict[str, float]:
 def beat_scores(
     bundle: Bundle, clips: Sequence[Clip], made: Sequence[Track], truth: Sequence[Track]
 ) -> dict[str, float]:
-    """BA on stressed syllables and on music beats, with chance levels, beside the truth's."""
-    arms = bundle.skeleton.indices(beats.ARM_JOINTS)
-    onsets = [clip.events.get("stress", np.zeros(0)) + beats.STROKE_DELAY_SECONDS for clip in clips]
+    """BA on stressed syllables and on music beats, with chance levels and the truth's values."""
+    arms = bundle.skeleton.indices(ARM_JOINTS)
+    onsets = [clip.events.get("stress", np.zeros(0)) + STROKE_DELAY_S for clip in clips]
     events = {"onset": onsets}
     events["beat"] = [clip.events.get("beats", np.zeros(0)) for clip in clips]
     scores: dict[str, float] = {}
@@ -162,7 +161,7 @@ def beat_scores(
 
 
 def _timing(clips: Sequence[Clip], tracks: Sequence[Track], arms: Sequence[int]) -> dict[str, float]:
-    """Speed of the arms around stressed syllables over that after them; speed of the body on beats over its mean."""
+    """Speed of the arms on stressed syllables over that after them; speed of the body on beats over its mean."""
 
     def around(event: str, joints: slice | list[int], seconds: tuple[float, float]) -> float:
         shares = [
@@ -183,10 +182,10 @@ def _timing(clips: Sequence[Clip], tracks: Sequence[Track], arms: Sequence[int])
 def recording_scores(
     pipeline: Pipeline, bundle: Bundle, recordings: Sequence[Recording], *, seed: int, say: Progress
 ) -> dict[str, float]:
-    """On real speech and music: does it dance to music only, and on the beat that librosa hears?"""
+    """Scores on real speech and music: does the body dance to music only, and on the beats that librosa finds?"""
     if not recordings:
         return {}
-    arms = bundle.skeleton.indices(beats.ARM_JOINTS)
+    arms = bundle.skeleton.indices(ARM_JOINTS)
     shown = animate_many(
         pipeline,
         [recording.audio for recording in recordings],

@@ -1,8 +1,8 @@
-"""`echoavatar score`: made motion beside true motion and the sound, every metric of the research bench in one table."""
+"""`echoavatar score`: generated against true motion and the audio, every metric of the research bench in one table."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -26,7 +26,7 @@ from .score_row import Row, row_of_means
 FID_SAMPLES = 300
 MIN_FRAMES = 8
 Progress = Callable[[int, int], None]
-_BALLS = list(HUMANOID.config.feet)[1::2]  # the ankle swings over a planted ball; the ball must not move
+_BALLS = list(HUMANOID.config.feet)[1::2]  # the ankle may swing over a planted ball; the ball must not move
 _STANDING = HUMANOID.rest_positions[_BALLS, 1].numpy()
 
 
@@ -40,19 +40,20 @@ UNITS = {
 }
 
 
+@runtime_checkable
 class Extractor(Protocol):
-    """What FID is taken with."""
+    """A feature extractor for FID."""
 
     def features(self, clip: Float[torch.Tensor, "t c"]) -> Float[torch.Tensor, "n d"]:
         """Latents of a clip of `motion_features`."""
 
 
 @dataclass(frozen=True)
-class Measured:
-    """What a clip of motion is like, whatever it goes with."""
+class ClipMeasurements:
+    """Measurements of one clip that need no counterpart."""
 
     positions: Float[np.ndarray, "t j 3"]
-    planted: float  # frames of planted feet, which skating is averaged over
+    planted: float  # number of planted foot frames, the weight of the skate
     numbers: dict[str, float]  # by the names of `UNITS`
     latents: Moments | None
 
@@ -60,7 +61,7 @@ class Measured:
 def score(
     pairs: Sequence[Pair], extractor: Extractor | None, *, seed: int = 0, progress: Progress | None = None
 ) -> list[Row]:
-    """All rows; those of sound are left out where there is none, FID where there is no extractor.
+    """All rows; without audio those that need it are left out, without an extractor FID.
 
     Raises:
         MotionError: there is no clip, or one is too short.
@@ -73,8 +74,8 @@ def score(
             raise MotionError(
                 f"clip {pair.name} has {pair.made.frames} frames, scores need {MIN_FRAMES}; leave it out"
             )
-        made.append(measured(pair.made, extractor))
-        true.append(measured(pair.true, extractor))
+        made.append(measure_clip(pair.made, extractor))
+        true.append(measure_clip(pair.true, extractor))
         if progress is not None:
             progress(done, len(pairs))
     latents = [[clip.latents for clip in side if clip.latents] for side in (made, true)]
@@ -98,14 +99,14 @@ def score(
     return rows
 
 
-def measured(motion: Motion, extractor: Extractor | None = None) -> Measured:
-    """Numbers of one clip on our rig at 30 fps."""
+def measure_clip(motion: Motion, extractor: Extractor | None = None) -> ClipMeasurements:
+    """Measure one clip on our rig at 30 fps."""
     positions = motion.pose().positions.numpy().astype(np.float64)
     balls = positions[:, _BALLS]
     above = balls - np.array([0.0, 1.0, 0.0]) * _STANDING[:, None]
     depth = penetration_depth_m(HUMANOID, motion.matrices())
     rotations, root = torch.from_numpy(motion.rotations), torch.from_numpy(motion.root)
-    return Measured(
+    return ClipMeasurements(
         positions,
         float(planted(balls, FRAME_RATE_HZ, standing_height=_STANDING).sum()),
         {
@@ -121,7 +122,7 @@ def measured(motion: Motion, extractor: Extractor | None = None) -> Measured:
 
 
 def fid_row(ours: Sequence[Moments], theirs: Sequence[Moments], *, seed: int = 0) -> Row:
-    """Interval over clips drawn on both sides alike; as `truth`, one half of the true clips against the other."""
+    """FID with its interval over clips drawn jointly on both sides; `truth` compares two halves of the true clips."""
 
     def distance(clips: Sequence[int] | np.ndarray) -> float:
         return frechet_between(pooled([ours[k] for k in clips]), pooled([theirs[k] for k in clips]))
@@ -129,7 +130,7 @@ def fid_row(ours: Sequence[Moments], theirs: Sequence[Moments], *, seed: int = 0
     ends = interval(distance, len(ours), is_centred=True, samples=FID_SAMPLES, seed=seed)
     ends = (
         Interval(max(ends.low, 0.0), ends.high) if ends.low < 0 else ends
-    )  # shifted below what a distance can be
+    )  # centring can shift it below zero
     row = Row("fid", "", distance(range(len(ours))), ends)
     if len(theirs) < 2:
         return row

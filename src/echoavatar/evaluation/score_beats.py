@@ -1,7 +1,7 @@
-"""Beat alignment of made motion, in every form, with its chance level: rows `ba_g_...` and `ba_d_...`.
+"""Beat alignment of generated motion in every form, with chance levels: the rows `ba_g_...` and `ba_d_...`.
 
-Only onsets that fall on speech and beats that fall on music count, where a clip knows which is which. Chance is the
-same motion with the events of up to 20 other clips, those within the stretch where its own lie.
+If a clip has domain labels, only onsets in speech and beats in music count. Chance is the same motion with the events
+of up to 20 other clips, restricted to the time span of its own events.
 """
 
 from collections.abc import Sequence
@@ -11,13 +11,13 @@ from typing import get_args
 
 import numpy as np
 import soxr
-from jaxtyping import Float, Int
+from jaxtyping import Float, Integer
 from scipy.interpolate import CubicSpline
 
 from ..kinematics import HUMANOID
 from ..metrics.audio_events import EMAGE_RATE_HZ, music_beats, speech_onsets
 from ..metrics.beat_alignment import overlapping
-from ..metrics.chance import chance_per_clip, shuffled_scores
+from ..metrics.chance import Score, chance_per_clip, shuffled_scores
 from ..metrics.dance_alignment import DANCE_RULES, DanceForm, dance_alignment, dance_beats
 from ..metrics.gesture_alignment import (
     GESTURE_RULES,
@@ -32,24 +32,25 @@ from .behaviour import MUSIC, SPEECH
 from .score_row import Row, row_of_means
 
 PARTNERS = 20
-DANCE_RATE_HZ = 60  # what Bailando and AIST++ count frames at
+DANCE_RATE_HZ = 60  # frame rate that Bailando and AIST++ assume
 _Times = Float[np.ndarray, " n"]
+_Scores = Float[np.ndarray, " n"]
 
 
 @dataclass(frozen=True)
 class Heard:
-    """A clip's sound, and per frame what it is."""
+    """A clip's audio, and the domain of each frame."""
 
     audio: Float[np.ndarray, " s"]
-    domain: Int[np.ndarray, " t"]
+    domain: Integer[np.ndarray, " t"]
 
     @cached_property
     def slow(self) -> Float[np.ndarray, " s"]:
-        """At EMAGE's 16 kHz."""
+        """The audio at EMAGE's 16 kHz."""
         return np.asarray(soxr.resample(self.audio, SAMPLE_RATE_HZ, EMAGE_RATE_HZ))
 
     def onsets(self, trimmed_frames: int) -> _Times:
-        """Onsets on speech, from so many frames after the start, by what is heard between the cuts only."""
+        """Onsets in speech, from the trimmed start on; the detector gets only the audio between the cuts."""
         off = trimmed_frames * EMAGE_RATE_HZ // FRAME_RATE_HZ
         inside = self.slow[off : len(self.slow) - off]
         if not (self.domain == SPEECH).any() or len(inside) < EMAGE_RATE_HZ // 2:
@@ -58,29 +59,29 @@ class Heard:
         return np.asarray(times[self.falls_on(times + trimmed_frames / FRAME_RATE_HZ, SPEECH)])
 
     def beats(self) -> _Times:
-        """Beats of the music."""
+        """Beats in music."""
         if not (self.domain == MUSIC).any():
             return np.zeros(0)
         times = music_beats(self.audio, SAMPLE_RATE_HZ)
         return np.asarray(times[self.falls_on(times, MUSIC)])
 
     def falls_on(self, times: _Times, kind: int) -> np.ndarray:
-        """Which of these times are of that kind."""
+        """Which of these times lie in that domain."""
         frames = np.clip((times * FRAME_RATE_HZ).astype(int), 0, len(self.domain) - 1)
         return np.asarray(self.domain[frames] == kind)
 
 
 def gesture_rows(
     heard: Sequence[Heard],
-    made: Sequence[Float[np.ndarray, "t j 3"]],
-    true: Sequence[Float[np.ndarray, "t j 3"]],
+    made: Sequence[Float[np.ndarray, "_ j 3"]],
+    true: Sequence[Float[np.ndarray, "_ j 3"]],
     *,
     upper: Sequence[int] | None = None,
     seed: int = 0,
 ) -> list[Row]:
-    """BA_G in all forms, over clips with speech; empty where no clip has any.
+    """BA_G in all forms, over clips with speech; empty if no clip has any.
 
-    `upper` are the numbers of the joints that count; None: those of our rig.
+    `upper` are the numbers of the joints to score; None: the upper body of our rig.
     """
     if not any((clip.domain == SPEECH).any() for clip in heard):
         return []
@@ -97,9 +98,7 @@ def gesture_rows(
             listen(k, trimmed) if left > FRAME_RATE_HZ else np.zeros(0) for k, left in enumerate(looked_at)
         ]
 
-        def scored(
-            clips: Sequence[Float[np.ndarray, "t j 3"]], *, is_shuffled: bool
-        ) -> Float[np.ndarray, " n"]:
+        def scored(clips: Sequence[Float[np.ndarray, "_ j 3"]]) -> tuple[_Scores, _Scores]:
             beats = [
                 gesture_beats(clip, form, speed) if left > FRAME_RATE_HZ else []
                 for clip, left in zip(clips, looked_at, strict=True)
@@ -109,31 +108,22 @@ def gesture_rows(
                 events = overlapping(onsets[sound], onsets[motion])
                 return gesture_alignment(beats[motion], events, form) if len(events) else float("nan")
 
-            return _own_or_shuffled(score, len(clips), is_shuffled, seed)
+            return _own_and_chance(score, len(clips), seed)
 
         weights = looked_at.clip(0) if trimmed else None
-        return row_of_means(
-            f"ba_g_{form}",
-            "",
-            scored(made, is_shuffled=False),
-            truths=scored(true, is_shuffled=False),
-            chances=scored(made, is_shuffled=True),
-            truth_chances=scored(true, is_shuffled=True),
-            weights=weights,
-            seed=seed,
-        )
+        return _row(f"ba_g_{form}", scored(made), scored(true), weights=weights, seed=seed)
 
     return [row(form) for form in get_args(GestureForm)]
 
 
 def dance_rows(
     heard: Sequence[Heard],
-    made: Sequence[Float[np.ndarray, "t j 3"]],
-    true: Sequence[Float[np.ndarray, "t j 3"]],
+    made: Sequence[Float[np.ndarray, "_ j 3"]],
+    true: Sequence[Float[np.ndarray, "_ j 3"]],
     *,
     seed: int = 0,
 ) -> list[Row]:
-    """BA_D in all forms, over clips with music; empty where no clip has any."""
+    """BA_D in all forms, over clips with music; empty if no clip has any."""
     if not any((clip.domain == MUSIC).any() for clip in heard):
         return []
     music = [clip.beats() for clip in heard]
@@ -142,34 +132,24 @@ def dance_rows(
         rule = DANCE_RULES[form]
         fps = DANCE_RATE_HZ if rule.sigma_frames else FRAME_RATE_HZ
 
-        def scored(
-            clips: Sequence[Float[np.ndarray, "t j 3"]], *, is_shuffled: bool
-        ) -> Float[np.ndarray, " n"]:
+        def scored(clips: Sequence[Float[np.ndarray, "_ j 3"]]) -> tuple[_Scores, _Scores]:
             beats = [dance_beats(at_rate(clip, fps), form, fps=fps) for clip in clips]
 
             def score(motion: int, sound: int) -> float:
                 events, own = overlapping(music[sound], music[motion]), beats[motion]
-                if rule.asks_motion:  # only while both the clip's own and the other music play
+                if rule.motion_is_query:  # only while both the clip's own music and the other music play
                     own = overlapping(own[heard[motion].falls_on(own, MUSIC)], events)
                 return dance_alignment(own, events, form, fps=fps) if len(events) else float("nan")
 
-            return _own_or_shuffled(score, len(clips), is_shuffled, seed)
+            return _own_and_chance(score, len(clips), seed)
 
-        return row_of_means(
-            f"ba_d_{form}",
-            "",
-            scored(made, is_shuffled=False),
-            truths=scored(true, is_shuffled=False),
-            chances=scored(made, is_shuffled=True),
-            truth_chances=scored(true, is_shuffled=True),
-            seed=seed,
-        )
+        return _row(f"ba_d_{form}", scored(made), scored(true), seed=seed)
 
     return [row(form) for form in get_args(DanceForm)]
 
 
 def at_rate(positions: Float[np.ndarray, "t j 3"], fps: float) -> Float[np.ndarray, "n j 3"]:
-    """Positions at another rate, along splines: straight lines would have no minima of speed between their corners."""
+    """Resample positions along splines; linear interpolation would have no speed minima between its corners."""
     if fps == FRAME_RATE_HZ:
         return positions
     last = len(positions) - 1
@@ -177,7 +157,28 @@ def at_rate(positions: Float[np.ndarray, "t j 3"], fps: float) -> Float[np.ndarr
     return np.asarray(CubicSpline(np.arange(last + 1), positions)(times))
 
 
-def _own_or_shuffled(score, clips: int, is_shuffled: bool, seed: int) -> Float[np.ndarray, " n"]:  # type: ignore[no-untyped-def]
-    if is_shuffled:
-        return chance_per_clip(shuffled_scores(score, clips, partners=PARTNERS, seed=seed))
-    return np.array([score(clip, clip) for clip in range(clips)])
+def _own_and_chance(score: Score, clips: int, seed: int) -> tuple[_Scores, _Scores]:
+    """Each clip's score with its own sound, and its chance level."""
+    own = np.array([score(clip, clip) for clip in range(clips)])
+    return own, chance_per_clip(shuffled_scores(score, clips, partners=PARTNERS, seed=seed))
+
+
+def _row(
+    name: str,
+    made: tuple[_Scores, _Scores],
+    true: tuple[_Scores, _Scores],
+    *,
+    weights: _Scores | None = None,
+    seed: int,
+) -> Row:
+    """A row from the scores and chance levels of generated and true motion."""
+    return row_of_means(
+        name,
+        "",
+        made[0],
+        truths=true[0],
+        chances=made[1],
+        truth_chances=true[1],
+        weights=weights,
+        seed=seed,
+    )

@@ -1,4 +1,4 @@
-"""The table of scores as a picture: one line a metric on its own scale, made with its interval, truth and chance."""
+"""Draws the table of scores: one axis for each metric, with value, interval, truth and chance levels."""
 
 import math
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ _MADE, _TRUTH, _CHANCE = "#1f5fa8", "#2e2e2e", "#b5432a"
 
 
 def draw(rows: Sequence[Row], path: Path, *, title: str) -> None:
-    """Write a PNG (or PDF, SVG by the name).
+    """Write a picture (.png, .pdf or .svg).
 
     Raises:
         DependencyError: matplotlib is missing.

@@ -1,4 +1,4 @@
-"""Retrieval of motion by sound and back, among all pairs and in one gallery of 300, with chance and intervals."""
+"""Retrieval of motion by audio and back, among all pairs and in one gallery of 300, with chance and intervals."""
 
 import zipfile
 from functools import partial
@@ -43,7 +43,7 @@ def read_embeddings(path: Path) -> tuple[Float[np.ndarray, "n d"], Float[np.ndar
 def retrieval_rows(
     audio: Float[np.ndarray, "n d"], motion: Float[np.ndarray, "n d"], *, seed: int = 0
 ) -> list[Row]:
-    """R@K and MRR in percent, MedR in ranks; `a2m` asks with sound for motion. Intervals over queries."""
+    """R@K and MRR in percent, MedR in ranks; `a2m` queries motion with audio. Intervals are over queries."""
     every = similarity(audio, motion)
     rows = _rows(every, "all", seed)
     if len(every) > PAPER_GALLERY:

@@ -1,4 +1,4 @@
-"""A line of the research bench's table: a value, how sure it is, what chance and the truth score; as text and JSON."""
+"""A row of the research bench's table: a value, its interval, chance level and truth; as text and as JSON."""
 
 import math
 from collections.abc import Sequence
@@ -18,12 +18,12 @@ class Row(NamedTuple):
     Attributes:
         name: as in docs/metrics.md.
         unit: of the values; empty for a pure number.
-        value: of what was made.
+        value: score of the generated motion.
         interval: its 95 % interval over clips.
-        chance: what motion with other clips' sound (or guessing) scores; NaN where there is no such thing.
-        excess: value - chance, with its own interval, paired clip by clip.
-        excess_interval: likewise.
-        truth: what the true motion scores; for FID, one half of the truth against the other.
+        chance: score of motion with other clips' audio (or of guessing); NaN if there is no such thing.
+        excess: value - chance, paired clip by clip.
+        excess_interval: the 95 % interval of the excess.
+        truth: score of the true motion; for FID, one half of the truth against the other.
         truth_chance: the true motion's own chance level.
     """
 
@@ -49,7 +49,7 @@ def row_of_means(
     weights: Float[np.ndarray, " n"] | None = None,
     seed: int = 0,
 ) -> Row:
-    """A metric that is a (weighted) mean over clips; NaN marks clips it cannot be taken of."""
+    """A metric that is a (weighted) mean over clips; NaN marks clips without a value."""
     row = Row(name, unit, _mean(values, weights), mean_interval(values, weights, seed=seed))
     if truths is not None:
         row = row._replace(truth=_mean(truths, weights))
@@ -66,7 +66,7 @@ def row_of_means(
 
 
 def as_text(rows: Sequence[Row]) -> str:
-    """Aligned columns; a dash where there is nothing to say."""
+    """Aligned columns; a dash for missing values."""
     head = (
         "metric",
         "made",
@@ -106,7 +106,7 @@ def as_text(rows: Sequence[Row]) -> str:
 
 
 def as_json(rows: Sequence[Row]) -> dict[str, dict[str, object]]:
-    """By name; null where there is nothing to say."""
+    """By name; null for missing values."""
     return {
         row.name: {
             "unit": row.unit,

@@ -1,6 +1,6 @@
-"""`echoavatar bench stream`: what one session costs, stage by stage (paper, Table Real-time Performance Evaluation).
+"""`echoavatar bench stream`: the cost of one session by stage (paper, Table Real-time Performance Evaluation).
 
-Times are wall times of one process. The sound is a mixture of noise bursts and tones: cost does not depend on content.
+Times are wall times of one process. The audio is noise bursts and tones, because cost does not depend on content.
 """
 
 import resource
@@ -18,24 +18,24 @@ from ..pipeline import Pipeline
 from ..pipeline.pipeline import STAGES
 from ..timing import SAMPLE_RATE_HZ, ChunkSize
 
-WARM_UP_CHUNKS = 20  # longer than the attention window, so that the ring is full when counting begins
-FULL_WARM_UP_CHUNKS = 2  # where an opening fills the window, every chunk costs the same
-PATIENCE_MS = 10_000  # a first motion that takes longer is measured once
+WARM_UP_CHUNKS = 20  # longer than the attention window, so that the ring buffer is full when timing starts
+FULL_WARM_UP_CHUNKS = 2  # with an opening the window is full from the start
+REPEAT_LIMIT_MS = 10_000  # a first motion that takes longer is measured only once
 
 
 @dataclass
-class StageTimes:
+class StageTimer:
     """Milliseconds of each stage, chunk by chunk."""
 
     stages: dict[str, list[float]] = field(default_factory=lambda: {stage: [] for stage in STAGES})
     last: float = 0.0
 
     def start(self) -> None:
-        """A chunk begins."""
+        """Start timing a chunk."""
         self.last = time.perf_counter()
 
     def __call__(self, stage: str) -> None:
-        """A stage has ended."""
+        """Record the end of a stage."""
         now = time.perf_counter()
         self.stages[stage].append((now - self.last) * 1000)
         self.last = now
@@ -43,7 +43,7 @@ class StageTimes:
 
 @dataclass(frozen=True)
 class StreamReport:
-    """What was measured."""
+    """The measurements."""
 
     stages_ms: dict[str, tuple[float, float, float]]  # p50, p95, p99
     summary: dict[str, float]
@@ -56,20 +56,20 @@ def bench_stream(
     sessions: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> StreamReport:
-    """Push `seconds` of sound through `sessions` seats at once and time every chunk."""
+    """Push `seconds` of audio through `sessions` sessions at once and time every chunk."""
     pipeline.warm_up()
     first_ms = _first_motion_ms(pipeline)
     engine = Engine(pipeline, seats=sessions, lanes=0)
     seats = [engine.open(seed=seat) for seat in range(sessions)]
-    chunk, times, chunk_ms, memory = pipeline.chunk, StageTimes(), [], []
-    pipeline.on_stage = times
+    chunk, timer, chunk_ms, memory = pipeline.chunk, StageTimer(), [], []
+    pipeline.on_stage = timer
     warm_up = FULL_WARM_UP_CHUNKS if pipeline.generator.config.opening else WARM_UP_CHUNKS
     chunks = max(2, round(seconds / chunk.seconds)) + warm_up
     rng = np.random.default_rng(0)
     for index in range(chunks):
         for seat in seats:
             seat.push(_sound(rng, index, chunk))
-        times.start()
+        timer.start()
         began = time.perf_counter()
         engine.tick()
         chunk_ms.append((time.perf_counter() - began) * 1000)
@@ -83,7 +83,7 @@ def bench_stream(
     for seat in seats:
         seat.close()
     counted = np.array(chunk_ms[warm_up:])
-    rows = {stage: _percentiles(np.array(values[warm_up:])) for stage, values in times.stages.items()}
+    rows = {stage: _percentiles(np.array(values[warm_up:])) for stage, values in timer.stages.items()}
     rows["whole chunk"] = _percentiles(counted)
     summary = {
         "rtf": float(counted.mean() / 1000 / chunk.seconds),
@@ -101,17 +101,17 @@ def bench_stream(
 
 
 def _first_motion_ms(pipeline: Pipeline) -> float:
-    """From the first sample of a live source to the first frame: one chunk of waiting, then its computation."""
-    best = []
+    """From the first sample of a live source to the first frame: waiting for one chunk, then computing it."""
+    times = []
     for attempt in range(3):
         with Engine(pipeline).open(seed=attempt) as session:
             session.push(_sound(np.random.default_rng(attempt), 0, pipeline.chunk))
             began = time.perf_counter()
             next(iter(session))
-            best.append((time.perf_counter() - began) * 1000)
-        if best[-1] > PATIENCE_MS:
+            times.append((time.perf_counter() - began) * 1000)
+        if times[-1] > REPEAT_LIMIT_MS:
             break
-    return pipeline.chunk.seconds * 1000 + float(np.median(best))
+    return pipeline.chunk.seconds * 1000 + float(np.median(times))
 
 
 def _sound(rng: np.random.Generator, index: int, chunk: ChunkSize) -> np.ndarray:
@@ -126,7 +126,7 @@ def _percentiles(values: np.ndarray) -> tuple[float, float, float]:
 
 
 def resident_mb() -> float:
-    """Memory of this process now, MB (its peak where the system does not tell)."""
+    """Resident memory of this process in MB (the peak, where the system gives no current value)."""
     status = Path("/proc/self/statm")
     if status.exists():
         return int(status.read_text().split()[1]) * resource.getpagesize() / 1e6

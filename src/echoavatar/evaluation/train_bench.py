@@ -1,9 +1,9 @@
-"""`echoavatar bench train`: how much of the machine's matrix rate a training step uses, both measured in one run.
+"""`echoavatar bench train`: the share of the machine's matrix rate that a training step reaches, measured in one run.
 
-A step is the training loop's own (draw, loss, gradient, optimiser) on made-up codes and motion: time does not depend on
-what they say. Multiplications are counted by formula, as for docs/research.md: per id 6 for each weight of the layers
-(forward and backward) and 12 L d S for attention over the S ids that it may see. What is recomputed, padded or spent on
-the heads does not count. The rate is that of large square products in the step's number format.
+A step is the training loop's own (draw, loss, gradient, optimiser) on random codes and motion; time does not depend on
+their content. Multiplications are counted by formula, as for docs/research.md: for each id 6 per weight of the layers
+(forward and backward), and 12 L d S for attention over the S ids it may see. Recomputation, padding and the heads do
+not count. The matrix rate is that of large square products in the step's number format.
 
 A batch is drawn on the host before each step. Its share of the wall time is how long the device may have to wait.
 """
@@ -28,29 +28,29 @@ from ..tokenizer.train import TokenizerStage
 from ..training import Loop, Stage
 from ..training.processes import Processes
 
-SIZES = {"cuda": 8192, "cpu": 1024}  # of the square products
+SIZES = {"cuda": 8192, "cpu": 1024}  # side of the square matrices
 PRODUCTS = 20
 WARM_UP_STEPS = 2
 CLIPS, CLIP_CHUNKS = 32, 60
 
 
 class TrainReport(NamedTuple):
-    """What was measured; rates in Tflop/s."""
+    """The measurements; rates in Tflop/s."""
 
     stage: str
     device: str
     number_format: str
     matrix_rate: float
     step_seconds: float
-    draw_share: float  # of the wall time that drawing batches took
-    step_tflop: float | None  # counted work of a step; None where it is not counted
-    share: float | None  # of the matrix rate
+    draw_share: float  # share of the wall time spent drawing batches
+    step_tflop: float | None  # counted work of a step; None if it is not counted
+    share: float | None  # share of the matrix rate
 
 
 def bench_generator(
     config: GeneratorConfig, training: GeneratorTraining, *, device: str, steps: int
 ) -> TrainReport:
-    """Steps of the generator on random codes."""
+    """Time steps of the generator on random codes."""
     random = np.random.default_rng(0)
     layout, chunks = config.layout, max(CLIP_CHUNKS, training.chunks + config.ahead_chunks)
     clips = [
@@ -73,7 +73,7 @@ def bench_generator(
 def bench_tokenizer(
     config: BodyTokenizerConfig, training: TokenizerTraining, *, device: str, steps: int
 ) -> TrainReport:
-    """Steps of the tokenizer on a body that turns at random; its work is not counted, strides make that a guess."""
+    """Time steps of the tokenizer on random rotations; its work is not counted, because strides make that a guess."""
     random = np.random.default_rng(0)
     frames = max(300, 2 * training.frames)
     clips = []
@@ -86,14 +86,14 @@ def bench_tokenizer(
 
 
 def step_flop(generator: Generator, ids: int, seen: int) -> float:
-    """Counted work of a step over so many ids, each of which sees `seen` at most."""
+    """Counted work of a step over `ids` ids, each of which sees at most `seen` others."""
     config = generator.config
     weights = sum(weight.numel() for weight in generator.model.layers.parameters())
     return float(ids * (6 * weights + 12 * config.layers * config.width * seen))
 
 
 def matrix_rate(device: str, dtype: torch.dtype) -> float:
-    """Flop/s of square products."""
+    """Flop/s of square matrix products."""
     size = SIZES["cuda" if device.startswith("cuda") else "cpu"]
     a, b = (torch.randn(size, size, device=device, dtype=dtype) for _ in range(2))
     for _ in range(3):
@@ -116,11 +116,11 @@ def _timed(
     spent = _Clock(stage.draw)
     stage.draw = spent  # type: ignore[method-assign]
     for _ in range(WARM_UP_STEPS):
-        loop.advance(is_told=False)
+        loop.advance(is_logged=False)
     _wait(device)
     began, spent.seconds = time.perf_counter(), 0.0
     for _ in range(steps):
-        loop.advance(is_told=False)
+        loop.advance(is_logged=False)
     _wait(device)
     seconds = (time.perf_counter() - began) / steps
     return TrainReport(
@@ -136,7 +136,7 @@ def _timed(
 
 
 class _Clock:
-    """A function that adds up how long it takes."""
+    """Wraps a function and adds up the time spent in it."""
 
     def __init__(self, timed: Callable[[int], Any]) -> None:
         self._timed, self.seconds = timed, 0.0

@@ -1,5 +1,5 @@
-"""The research bench's metrics, one concept a file: pure functions of arrays. Formula, unit and variants stand in
-each docstring; `docs/metrics.md` is the guide to them.
+"""The metrics of the research bench, one concept a file: pure functions of arrays. Docstrings give formula, unit and
+variants; `docs/metrics.md` is the guide.
 
 May import `kinematics`, `nn` and below; `evaluation` and training rooms use it.
 """

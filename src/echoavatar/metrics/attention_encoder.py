@@ -1,7 +1,7 @@
-"""The release's whole-body autoencoder: the layers of its tokenizer without quantiser, seeing both ways.
+"""The release's whole-body autoencoder: its tokenizer's layers without quantiser, attending in both directions.
 
-It lies in the published code with a path to weights that were not published; the paper's FID over ZeroEGGS and
-Motorica is probably taken of its latents. State-dict names are those of the release, so weights would load.
+The published code contains it with a path to weights that were not published; the paper's FID on ZeroEGGS and Motorica
+was probably computed on its latents. State-dict names are those of the release, so its weights would load.
 """
 
 import torch
@@ -16,7 +16,7 @@ HEADS = 8
 
 
 class AttentionAutoencoder(nn.Module):
-    """Normalised features of the whole body (531 for the release's rig), four frames a latent, and back."""
+    """Encodes normalised features of the whole body (531 for the release's rig) into one latent for four frames."""
 
     def __init__(self, *, features: int, width: int = 512) -> None:
         super().__init__()
@@ -33,7 +33,7 @@ class AttentionAutoencoder(nn.Module):
         self.output_liner = nn.Linear(width, features)
 
     def encode(self, features: Float[Tensor, "b t c"]) -> Float[Tensor, "b n d"]:
-        """Latents; the number of frames must be a multiple of four."""
+        """Latents of features; the number of frames must be a multiple of four."""
         h: Tensor = self.input_liner(features)
         for level, block in enumerate(self.encoder):
             h = _see_both_ways(block, h)
@@ -53,12 +53,12 @@ class AttentionAutoencoder(nn.Module):
         return y
 
     def forward(self, features: Float[Tensor, "b t c"]) -> Float[Tensor, "b t c"]:
-        """There and back."""
+        """Encode and decode."""
         return self.decode(self.encode(features))
 
 
 def within(frames: int, reach: int) -> Bool[Tensor, "t t"]:
-    """Which frames see each other: those at most `reach` apart."""
+    """Attention mask: frames see each other if they are at most `reach` apart."""
     at = torch.arange(frames)
     return (at[:, None] - at).abs() <= reach
 
@@ -68,7 +68,7 @@ def _block(width: int, level: int) -> CausalBlock:
 
 
 def _see_both_ways(block: nn.Module, x: Tensor) -> Tensor:
-    """A causal block's weights with a mask that looks ahead as far as back."""
+    """Run a causal block's weights with a mask that looks ahead as far as back."""
     assert isinstance(block, CausalBlock)
     seen = within(x.shape[1], block.attn.lookback).to(x.device)
     x = x + block.attn.attend_all(block.norm1(x), seen)

@@ -1,7 +1,7 @@
-"""How sure a number is: 95 % intervals by resampling whole clips with replacement, seeded.
+"""Confidence intervals (95 %) by resampling whole clips with replacement, seeded.
 
-Clips are what was drawn from the world, not frames: frames of one clip resemble each other, and resampling them would
-make intervals far too narrow. With fewer than two clips there is no interval (NaN).
+Clips are the independent samples. Frames of one clip resemble each other, so resampling frames would make intervals far
+too narrow. With fewer than two clips there is no interval (NaN).
 """
 
 from collections.abc import Callable
@@ -15,7 +15,7 @@ SAMPLES = 2000
 
 
 class Interval(NamedTuple):
-    """Low and high end; NaN where there are too few clips to tell."""
+    """Lower and upper end; NaN if there are too few clips."""
 
     low: float
     high: float
@@ -49,15 +49,15 @@ def interval(
     samples: int = SAMPLES,
     seed: int = 0,
 ) -> Interval:
-    """Interval of anything that can be computed from a choice of clips, given as their numbers.
+    """Interval of any statistic of a selection of clips, which are given by number.
 
     Args:
-        statistic: value for clips of these numbers, repetitions included.
-        clips: how many there are.
-        is_centred: shift the interval so that its middle is the value of all clips. For distances between
-            distributions: every resample lies farther from everything than the whole, by about what the whole itself
-            lies too far, so that the plain interval would not even hold the value.
-        samples: how many resamples.
+        statistic: value for the clips with these numbers, repetitions included.
+        clips: number of clips.
+        is_centred: shift the interval so that its median is the value of all clips. Use it for distances between
+            distributions: a resample lies farther from everything than the whole does, so that the plain interval
+            would not even contain the value.
+        samples: number of resamples.
         seed: of the resampling.
     """
     if clips < 2:

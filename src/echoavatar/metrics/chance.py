@@ -1,7 +1,7 @@
-"""The chance level of a score of sound against motion: each motion with the sound of other clips.
+"""The chance level of a score of audio against motion: each motion scored with the audio of other clips.
 
-Motion and sound keep their own statistics (how often both beat, how lively they are), only their belonging together
-is undone. A score at its chance level says nothing, however high it is.
+Shuffling keeps the statistics of both (how frequent their beats are, how lively they are) and removes only their
+correspondence. A score at its chance level means nothing, however high it is.
 """
 
 from collections.abc import Callable
@@ -9,17 +9,16 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
-Score = Callable[
-    [int, int], float
-]  # motion of clip i with the sound of clip j; NaN where it cannot be scored
+Score = Callable[[int, int], float]
+"""Motion of clip i with the audio of clip j; NaN if the pair cannot be scored."""
 
 
 def shuffled_scores(
     score: Score, clips: int, *, partners: int | None = None, seed: int = 0
 ) -> Float[np.ndarray, "n k"]:
-    """Score of every motion with others' sound: all of them, or `partners` drawn without repetition.
+    """Score every motion with the audio of other clips: all of them, or `partners` drawn without repetition.
 
-    NaN stays where a pair cannot be scored; no columns for a single clip, which has no other.
+    NaN where a pair cannot be scored; no columns for a single clip, which has no other.
     """
     others = max(clips - 1, 0)
     count = others if partners is None else min(partners, others)
@@ -32,11 +31,11 @@ def shuffled_scores(
 
 
 def mean_of_known(scores: Float[np.ndarray, "*n"]) -> float:
-    """Mean over what is not NaN; NaN where nothing is known."""
+    """Mean over the finite values; NaN if there are none."""
     known = scores[np.isfinite(scores)]
     return float(known.mean()) if known.size else float("nan")
 
 
 def chance_per_clip(scores: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " n"]:
-    """Each motion's own chance level: the mean of its row."""
+    """Each motion's chance level: the mean of its row."""
     return np.array([mean_of_known(row) for row in scores])

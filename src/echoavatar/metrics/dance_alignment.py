@@ -1,14 +1,14 @@
-"""BA_D: does a dance brake where the music beats (paper, appendix Beat Alignment)? Dimensionless, 0 to 1.
+"""BA_D: does a dance brake on the beats of the music (paper, appendix Beat Alignment)? Dimensionless, 0 to 1.
 
-- `paper`: motion beats are local maxima of deceleration, of the mean joint speed, unsmoothed; music beats look for
-  motion beats. The paper leaves sigma open; its released code has none. Ours: 3 frames at 60 fps, 0.05 s.
+- `paper`: motion beats are local maxima of deceleration of the mean joint speed, unsmoothed; music beats look for
+  motion beats. The paper does not give sigma and its code lacks the score. Ours: 0.05 s, 3 frames at 60 fps.
 - `bailando`: minima of the mean joint speed smoothed over 5 frames; music beats look for motion beats; sigma 3 frames.
 - `aist`: minima over +-10 frames of the summed joint speed; motion beats look for MUSIC beats, so that few well placed
   beats score high; sigma 3 frames.
 - `sharp`: ours. Maxima of deceleration of positions smoothed by one frame, at least 3 frames apart, sigma 0.06 s.
 
-Sigma in frames makes a score depend on the frame rate: Bailando and AIST++ mean 60 fps. The chance level depends on
-how frequent motion beats are (0.2 to 0.4 among these forms on rehearsal motion): compare within a form only.
+A sigma in frames makes the score depend on the frame rate; Bailando and AIST++ assume 60 fps. The chance level depends
+on how frequent motion beats are and differs between the forms: compare scores only within a form.
 """
 
 from typing import Literal, NamedTuple
@@ -26,17 +26,17 @@ DanceForm = Literal["paper", "bailando", "aist", "sharp"]
 
 
 class DanceRule(NamedTuple):
-    """How near is near, and who looks for whom."""
+    """Tolerance, and which events look for which."""
 
-    sigma_frames: float | None  # None: `sigma_s` holds at any rate
+    sigma_frames: float | None  # None: `sigma_s` applies at any frame rate
     sigma_s: float | None
-    asks_motion: bool = False  # motion beats look for music beats
+    motion_is_query: bool = False  # motion beats look for music beats
 
 
 DANCE_RULES: dict[DanceForm, DanceRule] = {
     "paper": DanceRule(None, 0.05),
     "bailando": DanceRule(3.0, None),
-    "aist": DanceRule(3.0, None, asks_motion=True),
+    "aist": DanceRule(3.0, None, motion_is_query=True),
     "sharp": DanceRule(None, SHARP_SIGMA_S),
 }
 BAILANDO_SMOOTHING_FRAMES = 5.0
@@ -48,8 +48,8 @@ def dance_beat_frames(
 ) -> Int[np.ndarray, " n"]:
     """Frames of the motion beats as the published forms count them.
 
-    Speed k is that of the step from frame k to k + 1. Bailando calls its minima k, AIST++ k + 1; deceleration k is
-    that between steps k and k + 1, which meet at frame k + 1.
+    Speed k is that of the step from frame k to k + 1. Bailando reports its minima at k, AIST++ at k + 1. Deceleration k
+    compares steps k and k + 1, which meet at frame k + 1.
     """
     steps = np.linalg.norm(np.diff(positions, axis=0), axis=-1)
     if form == "bailando":
@@ -80,10 +80,10 @@ def dance_alignment(
     *,
     fps: float = FRAME_RATE_HZ,
 ) -> float:
-    """BA_D of one clip from motion beats and music beats, both in seconds; NaN where nobody asks."""
+    """BA_D of one clip from motion beats and music beats, both in seconds; NaN if the asking events are none."""
     rule = DANCE_RULES[form]
     sigma = rule.sigma_s if rule.sigma_s is not None else (rule.sigma_frames or 0.0) / fps
-    asking, asked = (beats, music) if rule.asks_motion else (music, beats)
+    asking, asked = (beats, music) if rule.motion_is_query else (music, beats)
     return hit_rate(asking, asked, sigma)
 
 
@@ -92,7 +92,7 @@ def frame_alignment(
     music: Shaped[np.ndarray, " m"],
     *,
     sigma: float,
-    asks_motion: bool = False,
+    motion_is_query: bool = False,
 ) -> float:
     """The same in frames, as the published code counts, with any sigma."""
-    return hit_rate(beats, music, sigma) if asks_motion else hit_rate(music, beats, sigma)
+    return hit_rate(beats, music, sigma) if motion_is_query else hit_rate(music, beats, sigma)

@@ -1,10 +1,10 @@
-"""How much motion varies (paper, appendix L1 Diversity; Bailando's mean distance). More is not better: truth's is.
+"""Variety of motion (paper, appendix L1 Diversity; Bailando's mean distance). The best value is the truth's.
 
     Div = (1/N) sum over frames and joints of |p - mean of p over its clip|_1,   root at the origin, metres
 
-summed over the three axes of all joints, so that it grows with their number: 55 joints of SMPL-X in the published
-tables, all joints of our rig here. Frames of all clips count alike (N is their total). The published code overwrites
-the positions it is given with |p - mean|; scripts that score beats afterwards score a rectified motion.
+The sum runs over the three axes of all joints, so the value grows with their number: 55 joints of SMPL-X in the
+published tables, all joints of our rig here. Frames of all clips count equally (N is their total). The published code
+overwrites its input positions with |p - mean|; scripts that score beats afterwards score that instead of the motion.
 """
 
 from collections.abc import Sequence
@@ -15,13 +15,13 @@ from scipy.spatial.distance import pdist
 
 
 def l1_deviation(positions: Float[np.ndarray, "t j 3"]) -> float:
-    """Of one clip, metres: mean over frames of the summed deviation from the clip's mean pose."""
+    """Diversity of one clip in metres: mean over frames of the summed deviation from the clip's mean pose."""
     values = np.asarray(positions, np.float64)
     return float(np.abs(values - values.mean(0)).sum() / len(values))
 
 
-def l1_diversity(clips: Sequence[Float[np.ndarray, "t j 3"]]) -> float:
-    """Of all clips, weighted by length; positions relative to the root are the caller's business."""
+def l1_diversity(clips: Sequence[Float[np.ndarray, "_ j 3"]]) -> float:
+    """Diversity of all clips, weighted by length; positions must be relative to the root."""
     return float(np.average([l1_deviation(clip) for clip in clips], weights=[len(clip) for clip in clips]))
 
 

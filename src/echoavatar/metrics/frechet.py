@@ -2,14 +2,13 @@
 
     ||mu_r - mu_g||^2 + Tr(S_r + S_g - 2 (S_r S_g)^(1/2)),   S with n - 1 in the denominator
 
-in squared units of the features, 0 and up. The trace of the root is taken from the eigenvalues of S_g^(1/2) S_r
-S_g^(1/2), which is symmetric: no complex matrix root, exact to rounding also for fewer samples than features.
+In squared units of the features, 0 and up. The trace of the root comes from the eigenvalues of S_g^(1/2) S_r S_g^(1/2),
+which is symmetric: no complex matrix root is needed, and the result is exact with fewer samples than features.
 
-Variants in the wild: EMAGE's evaluation tools always add 1e-6 to both covariances inside the root (`ridge=1e-6`;
-differs by 7e-5 with full rank, by 6e-3 without); others add it only when their root fails. Bailando first scales
-features by the truth's mean and spread (`scaled_by_truth`). The value depends on the extractor and falls as samples
-grow, so it can only be compared for one extractor, one test set and about equal amounts of motion. EMAGE's table
-prints it in tenths: 5.512 is 0.5512.
+Published variants: EMAGE's evaluation tools always add 1e-6 to both covariances inside the root (`ridge=1e-6`); others
+add it only when their root fails. Bailando first scales features by the truth's mean and deviation (`scaled_by_truth`).
+The value depends on the extractor and falls as samples grow, so compare only values of one extractor and one test set
+with about equal amounts of motion. EMAGE's table prints tenths: 5.512 is 0.5512.
 """
 
 from collections.abc import Sequence
@@ -24,7 +23,7 @@ EVALTOOLS_RIDGE = 1e-6
 
 
 class Moments(NamedTuple):
-    """Number, mean and scatter of the features of a clip: all that a Fréchet distance needs, and they add up."""
+    """Number, mean and scatter of a clip's features: all that a Fréchet distance needs; moments can be pooled."""
 
     rows: int
     mean: Float[np.ndarray, " d"]
@@ -32,12 +31,12 @@ class Moments(NamedTuple):
 
     @property
     def covariance(self) -> Float[np.ndarray, "d d"]:
-        """With n - 1 in the denominator."""
+        """Covariance with n - 1 in the denominator."""
         return np.asarray(self.scatter / (self.rows - 1))
 
 
 def moments(features: Float[np.ndarray, "n d"]) -> Moments:
-    """Of one clip's features.
+    """Moments of one clip's features.
 
     Raises:
         MotionError: a feature is not finite.
@@ -51,7 +50,7 @@ def moments(features: Float[np.ndarray, "n d"]) -> Moments:
 
 
 def pooled(parts: Sequence[Moments]) -> Moments:
-    """Of all clips together."""
+    """Moments of all clips together."""
     count = sum(part.rows for part in parts)
     mean = sum(part.rows * part.mean for part in parts) / max(count, 1)
     scatter = sum(part.scatter + part.rows * np.outer(part.mean - mean, part.mean - mean) for part in parts)
@@ -74,7 +73,7 @@ def frechet_between(made: Moments, true: Moments, *, ridge: float = 0.0) -> floa
     middle = np.linalg.eigvalsh(root @ (true.covariance + eye) @ root).clip(0)
     shift = made.mean - true.mean
     spread = np.trace(made.covariance) + np.trace(true.covariance) - 2 * np.sqrt(middle).sum()
-    return max(0.0, float(shift @ shift + spread))  # below zero by rounding only
+    return max(0.0, float(shift @ shift + spread))  # rounding alone can make it negative
 
 
 def frechet_distance(
@@ -87,6 +86,6 @@ def frechet_distance(
 def scaled_by_truth(
     made: Float[np.ndarray, "n d"], true: Float[np.ndarray, "m d"]
 ) -> tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "m d"]]:
-    """Both sets by the truth's mean and (population) spread, as Bailando does before its FID_k and FID_m."""
+    """Scale both sets by the truth's mean and (population) deviation, as Bailando does for FID_k and FID_m."""
     mean, spread = true.mean(0), true.std(0) + 1e-10
     return (made - mean) / spread, (true - mean) / spread

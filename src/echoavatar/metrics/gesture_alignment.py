@@ -1,17 +1,17 @@
-"""BA_G: do a speaker's joints come to rest where acoustic onsets fall (paper, appendix Beat Alignment; EMAGE)?
+"""BA_G: do a speaker's joints come to rest at acoustic onsets (paper, appendix Beat Alignment; EMAGE)?
 
 For each joint the motion beats are local minima of its speed; onsets look for the nearest of them. Dimensionless,
 0 to 1, mean over joints. The published forms share the formula and differ in what counts as a minimum:
 
-- `paper`: every local minimum; sigma 0.3 s, which the paper leaves open ("following EMAGE").
-- `emage`: the code behind EMAGE's, MECo's and the paper's tables. Speed over the joint's mean speed, minima over
-  +-7 frames, kept above 0.3 of the mean. First and last 60 frames are cut off, and the test against 0.3 then looks
-  60 frames too early: it takes the index within the cut stretch for one of the whole clip.
+- `paper`: every local minimum; sigma 0.3 s, which the paper does not give ("following EMAGE").
+- `emage`: the code behind the tables of EMAGE, MECo and the paper. Speed over the joint's mean speed, minima over
+  +-7 frames, kept above 0.3 of the mean. The first and last 60 frames are cut off. The test against 0.3 then reads the
+  speed 60 frames too early, because it applies the index within the cut stretch to the whole clip.
 - `evaltools`: the same with 0.1 for 0.3, as in EMAGE's later evaluation tools.
 - `fixed`: `emage` with the test at the right frame.
 - `sharp`: ours. Positions smoothed by one frame, minima below the joint's own mean speed, sigma 0.06 s.
 
-`emage` and its kin need the mean speed of each joint in the data (`mean_speeds` of the true motion).
+The three EMAGE forms need each joint's mean speed in the data (`mean_speeds` of the true motion).
 """
 
 from typing import Literal, NamedTuple
@@ -33,18 +33,22 @@ UPPER_BODY = ("spine", "chest", "upperChest", "neck", "leftShoulder", "rightShou
     "leftUpperArm", "rightUpperArm", "leftLowerArm", "rightLowerArm", "leftHand", "rightHand"
 )  # fmt: skip
 """The same 13 joints of our rig."""
+ARM_JOINTS = ("leftLowerArm", "leftHand", "rightLowerArm", "rightHand")
+STROKE_DELAY_S = 0.18
+"""Rehearsal gestures end 0.14 to 0.18 s after the stressed vowel, and the wrist is slowest just after. Alignment with
+rehearsal speech is measured at this delay, for generated and true motion alike; with recordings at none."""
 TRIMMED_FRAMES = 60
 SMOOTHING_FRAMES = 1.0
 
 
 class GestureRule(NamedTuple):
-    """What one form takes for a motion beat, and how near is near."""
+    """What one form counts as a motion beat, and its tolerance."""
 
     sigma_s: float
-    order: int  # frames to either side that a minimum must undercut
-    threshold: float | None  # of the joint's mean speed; None: any minimum, and speed in m/s
-    is_shifted: bool = False  # the threshold is tested at the index within the window, but on the whole clip
-    trimmed_frames: int = 0  # cut off at both ends, of motion and sound
+    order: int  # frames to either side that a minimum must be below
+    threshold: float | None  # in units of the joint's mean speed; None: any minimum, and speed in m/s
+    is_shifted: bool = False  # the threshold is tested on the whole clip with the index within the window
+    trimmed_frames: int = 0  # cut off at both ends of motion and audio
 
 
 GESTURE_RULES: dict[GestureForm, GestureRule] = {
@@ -57,7 +61,7 @@ GESTURE_RULES: dict[GestureForm, GestureRule] = {
 
 
 def mean_speeds(positions: Float[np.ndarray, "t j 3"], fps: float = FRAME_RATE_HZ) -> Float[np.ndarray, " j"]:
-    """Mean speed of each joint, m/s: what `emage` divides by (BEAT2 has a constant of its own for SMPL-X)."""
+    """Mean speed of each joint, m/s, which the EMAGE forms divide by (BEAT2 has fixed values for SMPL-X)."""
     return np.asarray(central_speed(positions, fps).mean(0))
 
 
@@ -71,7 +75,7 @@ def central_speed(
 def step_speed(
     positions: Float[np.ndarray, "t j 3"], fps: float = FRAME_RATE_HZ
 ) -> Float[np.ndarray, "t-1 j"]:
-    """Speed from frame to frame, m/s, of positions smoothed by one frame: minima of a movement and not of noise."""
+    """Speed from frame to frame, m/s, of positions smoothed by one frame to suppress noise."""
     smooth = gaussian_filter1d(positions, SMOOTHING_FRAMES, axis=0, mode="nearest")
     return np.asarray(np.linalg.norm(np.diff(smooth, axis=0), axis=-1) * fps)
 
@@ -83,14 +87,14 @@ def gesture_beat_frames(
     *,
     window: tuple[int, int] | None = None,
     fps: float = FRAME_RATE_HZ,
-) -> list[Shaped[np.ndarray, " n"]]:
-    """Per joint the frames of its motion beats, counted from the window's start, by a rule with `central_speed`.
+) -> list[Shaped[np.ndarray, " _"]]:
+    """The frames of each joint's motion beats, counted from the window's start; uses `central_speed`.
 
     Args:
         positions: metres.
-        rule: one of `GESTURE_RULES` (`sharp` has beats between frames: see `gesture_beats`).
-        mean_speed: m/s per joint; needed by rules with a threshold.
-        window: first and last frame (exclusive) looked at; all but the trimmed ends when None.
+        rule: one of `GESTURE_RULES` except `sharp`, whose beats lie between frames (`gesture_beats`).
+        mean_speed: m/s for each joint; needed by rules with a threshold.
+        window: first frame and end (exclusive) to consider; None: all but the trimmed ends.
         fps: frames per second.
 
     Raises:
@@ -106,7 +110,7 @@ def gesture_beat_frames(
     start, stop = window or (rule.trimmed_frames, len(speed) - rule.trimmed_frames)
     if stop - start < 2:
         raise MotionError(
-            f"{len(speed)} frames are too few to cut {rule.trimmed_frames} off both ends; take longer clips"
+            f"{len(speed)} frames are too few to cut {rule.trimmed_frames} off both ends; use longer clips"
         )
     found = []
     for whole in speed.T:
@@ -125,8 +129,8 @@ def gesture_beats(
     *,
     window: tuple[int, int] | None = None,
     fps: float = FRAME_RATE_HZ,
-) -> list[Float[np.ndarray, " n"]]:
-    """Per joint the times (s) of its motion beats, counted from the window's start; arguments as above."""
+) -> list[Float[np.ndarray, " _"]]:
+    """The times (s) of each joint's motion beats, counted from the window's start; arguments as above."""
     rule = GESTURE_RULES[form]
     if form == "sharp":
         speed = step_speed(positions, fps)
@@ -136,11 +140,11 @@ def gesture_beats(
 
 
 def gesture_alignment(
-    beats: list[Float[np.ndarray, " n"]], onsets: Float[np.ndarray, " m"], form: GestureForm = "sharp"
+    beats: list[Float[np.ndarray, " _"]], onsets: Float[np.ndarray, " m"], form: GestureForm = "sharp"
 ) -> float:
     """BA_G of one clip: onsets (s, counted from the same start as the beats) look for the beats of each joint.
 
-    `beats` are those of the joints that shall count (`UPPER_BODY`, `SMPLX_UPPER_BODY`). NaN without onsets, where the
+    `beats` holds the beats of the joints to be scored (`UPPER_BODY`, `SMPLX_UPPER_BODY`). NaN without onsets, where the
     published code divides by zero.
     """
     return mean_hit_rate(onsets, beats, GESTURE_RULES[form].sigma_s)

@@ -1,9 +1,8 @@
 """Our own extractor for FID on the unified rig: a small convolutional autoencoder of motion.
 
-The paper's extractor for ZeroEGGS and Motorica is neither described nor released, so values of FID cannot be held
-against its tables; they can against each other, for one extractor. One latent stands for 8 frames (a chunk) and sees
-about two seconds around them. Latents are scaled to unit spread on the training motion: a FID of 1 is a shift of the
-mean by one such spread.
+The paper neither describes nor releases its extractor for ZeroEGGS and Motorica, so our FID values cannot be compared
+with its tables, only with each other. One latent stands for 8 frames (a chunk) and sees about two seconds around them.
+Latents are scaled to unit deviation on the training motion: a FID of 1 is a shift of the mean by one such deviation.
 """
 
 from collections.abc import Mapping
@@ -21,20 +20,20 @@ from ..errors import MotionError
 from ..kinematics import HUMANOID
 from .motion_features import feature_count
 
-_LEAST_SPREAD = 0.02  # of a feature: what hardly moves in the training motion must not be blown up
+_MIN_SPREAD = 0.02  # of a feature: what hardly moves in the training motion must not be amplified
 
 
 class MotionEncoderConfig(Config):
-    """Sizes."""
+    """Model sizes."""
 
     features: int = Field(default=feature_count(HUMANOID.joints), gt=0, description="values a frame")
     width: int = Field(default=64, gt=0, description="channels of the hidden layers")
-    latent: int = Field(default=48, gt=0, description="features that FID is taken of")
-    halvings: int = Field(default=3, gt=0, description="times that time is halved")
+    latent: int = Field(default=48, gt=0, description="size of a latent, the features of FID")
+    halvings: int = Field(default=3, gt=0, description="times that the frame rate is halved")
 
 
 class _Block(nn.Module):
-    """Two convolutions around which a frame passes unchanged."""
+    """Two convolutions with a residual connection."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
@@ -48,7 +47,7 @@ class _Block(nn.Module):
 
 
 class MotionEncoder(nn.Module):
-    """Autoencoder; `features` of a clip are what FID is taken of."""
+    """Autoencoder of motion; FID is computed on `features`."""
 
     feature_mean: Tensor
     feature_std: Tensor
@@ -72,17 +71,17 @@ class MotionEncoder(nn.Module):
 
     @property
     def frames_per_latent(self) -> int:
-        """Frames that become one latent."""
+        """Frames for one latent."""
         return int(2**self.config.halvings)
 
-    def measure(self, mean: Float[Tensor, " c"], std: Float[Tensor, " c"]) -> None:
-        """Take over the statistics of the training motion's features."""
+    def set_feature_statistics(self, mean: Float[Tensor, " c"], std: Float[Tensor, " c"]) -> None:
+        """Set the statistics of the training motion's features."""
         self.feature_mean.copy_(mean)
-        self.feature_std.copy_(std.clamp_min(_LEAST_SPREAD))
+        self.feature_std.copy_(std.clamp_min(_MIN_SPREAD))
 
     @torch.no_grad()
-    def measure_latents(self, clips: list[Float[Tensor, "t c"]]) -> None:
-        """Scale latents to unit spread on this motion."""
+    def set_latent_statistics(self, clips: list[Float[Tensor, "_ c"]]) -> None:
+        """Scale latents to unit deviation on these clips."""
         self.latent_mean.zero_()
         self.latent_std.fill_(1)
         latents = torch.cat([self.features(clip) for clip in clips])
@@ -90,17 +89,17 @@ class MotionEncoder(nn.Module):
         self.latent_std.copy_(latents.std(0).clamp_min(1e-3))
 
     def forward(self, features: Float[Tensor, "b t c"]) -> Float[Tensor, "b t c"]:
-        """Normalised features there and back; t must be a multiple of `frames_per_latent`."""
+        """Encode and decode normalised features; t must be a multiple of `frames_per_latent`."""
         y: Tensor = self.decoder(self.encoder(features.transpose(1, 2)))
         return y.transpose(1, 2)
 
     def normalize(self, features: Float[Tensor, "*n c"]) -> Float[Tensor, "*n c"]:
-        """Zero mean, unit spread."""
+        """Zero mean and unit deviation on the training motion."""
         return (features - self.feature_mean) / self.feature_std
 
     @torch.no_grad()
     def features(self, clip: Float[Tensor, "t c"]) -> Float[Tensor, "n d"]:
-        """Latents of one clip of `motion_features`; frames beyond the last whole latent are cut off.
+        """Latents of one clip of `motion_features`; frames after the last whole latent are cut off.
 
         Raises:
             MotionError: the clip is shorter than one latent, or of another rig.
@@ -109,7 +108,7 @@ class MotionEncoder(nn.Module):
         if not whole or clip.shape[1] != self.config.features:
             raise MotionError(
                 f"the extractor reads {self.config.features} values a frame, {self.frames_per_latent} frames or more;"
-                f" got {tuple(clip.shape)}; retarget the clip, or take a longer one"
+                f" got {tuple(clip.shape)}; retarget the clip, or use a longer one"
             )
         latents: Tensor = self.encoder(self.normalize(clip[None, :whole]).transpose(1, 2))[0].T
         return (latents - self.latent_mean) / self.latent_std
@@ -131,6 +130,6 @@ class MotionEncoder(nn.Module):
 
 
 def load_shipped() -> MotionEncoder:
-    """The extractor that comes with the package, trained on rehearsal motion."""
+    """The extractor shipped with the package, trained on rehearsal motion."""
     with as_file(files("echoavatar") / "bundles" / "fid_encoder") as folder:
         return MotionEncoder.load(folder)

@@ -1,7 +1,7 @@
-"""Trains our extractor to give motion back from its latents: a minute or two on a CPU.
+"""Trains our FID extractor to reconstruct motion from its latents.
 
-Every part of the body has the same say in the loss, else 30 finger joints would decide what a latent is about.
-Windows follow from the seed and the step's number, so a run that was stopped goes on as if it had not been.
+All body parts have equal weight in the loss; otherwise the 30 finger joints would dominate the latents. Windows depend
+only on the seed and the step number, so an interrupted run continues exactly.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,8 +20,8 @@ from ..training import Loss, Progress, Stage, TrainingConfig, adamw, train
 from .motion_encoder import MotionEncoder, MotionEncoderConfig
 from .motion_features import TRAVEL
 
-_MEASURED_CLIPS = 64  # clips that the latents' spread is measured on
-_NOISE = 30  # times the seed
+_MEASURED_CLIPS = 64  # clips for measuring the latents' deviation
+_NOISE = 30  # multiple of the seed that separates this noise from other draws
 
 
 class MotionEncoderTraining(TrainingConfig):
@@ -38,20 +38,20 @@ class MotionEncoderTraining(TrainingConfig):
     weight_decay: float = Field(default=1e-3, ge=0, description="AdamW's decay")
     betas: tuple[float, float] = Field(default=(0.9, 0.999), description="AdamW's averages")
     noise_spread: float = Field(
-        default=0.05, ge=0, description="noise on the input, in its spreads; the target has none"
+        default=0.05, ge=0, description="noise on the input, in standard deviations; the target has none"
     )
-    speed_weight: float = Field(default=1.0, ge=0, description="weight of the error from frame to frame")
+    speed_weight: float = Field(default=1.0, ge=0, description="weight of the error in frame differences")
 
 
 class Motion(NamedTuple):
-    """A batch: windows of normalised features, and the noise on what is seen of them."""
+    """A batch: windows of normalised features, and the noise added to the input."""
 
     windows: Float[Tensor, "b t c"]
     noise: Float[Tensor, "b t c"]
 
 
-class MotionEncoderStage(Stage[Motion]):
-    """An extractor and the motion it learns."""
+class MotionEncoderTask(Stage[Motion]):
+    """The training task of the extractor."""
 
     config: MotionEncoderTraining
 
@@ -59,7 +59,7 @@ class MotionEncoderStage(Stage[Motion]):
         self,
         config: MotionEncoderConfig,
         training: MotionEncoderTraining,
-        clips: Sequence[Float[Tensor, "t c"]],
+        clips: Sequence[Float[Tensor, "_ c"]],
         *,
         card: Mapping[str, object] | None = None,
     ) -> None:
@@ -72,7 +72,7 @@ class MotionEncoderStage(Stage[Motion]):
             self.model = MotionEncoder(config)
         super().__init__(training, {"model": self.model})
         every = torch.cat([clip[::4] for clip in self.clips])
-        self.model.measure(every.mean(0), every.std(0))
+        self.model.set_feature_statistics(every.mean(0), every.std(0))
         self._weights = part_weights(config.features)
         self._card = dict(card or {})
 
@@ -91,7 +91,7 @@ class MotionEncoderStage(Stage[Motion]):
         return Motion(windows, torch.randn(windows.shape, generator=random) * self.config.noise_spread)
 
     def loss(self, batch: Motion, step: int) -> Loss:
-        """Error of places and of steps from frame to frame, in spreads, every part of the body alike."""
+        """Error of features and of their frame differences, in standard deviations, all body parts weighted equally."""
         error = self.model(batch.windows + batch.noise) - batch.windows
         places = F.smooth_l1_loss(error, torch.zeros_like(error), reduction="none")
         steps = error.diff(dim=1).abs()
@@ -99,9 +99,9 @@ class MotionEncoderStage(Stage[Motion]):
         return Loss(of_places + self.config.speed_weight * of_steps, {})
 
     def save(self, folder: Path, step: int) -> None:
-        """The extractor, in half precision, its latents scaled by what they are now."""
+        """Write the extractor in half precision, its latents rescaled for the present weights."""
         stride = max(1, len(self.clips) // _MEASURED_CLIPS)
-        self.model.measure_latents(self.clips[::stride])
+        self.model.set_latent_statistics(self.clips[::stride])
         about = {"kind": "fid-encoder", "step": step, "training": self.config.model_dump()}
         self.model.save(folder, self._card | about)
 
@@ -117,7 +117,7 @@ class MotionEncoderStage(Stage[Motion]):
 
 
 def part_weights(features: int) -> Float[Tensor, " c"]:
-    """Weights of sum 1 that give each part of our rig, and travel, the same say; all alike for another size."""
+    """Weights with sum 1 that are equal for each body part and for travel; uniform for another number of features."""
     weights = torch.full((features,), 1.0 / features)
     if features == 6 * HUMANOID.joints + TRAVEL:
         parts = list(HUMANOID.config.parts.values())
@@ -132,7 +132,7 @@ def part_weights(features: int) -> Float[Tensor, " c"]:
 def train_motion_encoder(
     config: MotionEncoderConfig,
     training: MotionEncoderTraining,
-    clips: Sequence[Float[Tensor, "t c"]],
+    clips: Sequence[Float[Tensor, "_ c"]],
     folder: Path,
     *,
     minutes: float | None = None,
@@ -140,18 +140,18 @@ def train_motion_encoder(
     trackers: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> MotionEncoder:
-    """Train on clips of `motion_features`, checkpointing into `folder`; continues what is there.
+    """Train on clips of `motion_features`, with checkpoints in `folder`; resumes the run in it.
 
     Stops after the schedule's steps, or after `minutes` of this call.
     """
-    stage = MotionEncoderStage(config, training, clips, card=card)
+    stage = MotionEncoderTask(config, training, clips, card=card)
     train(stage, folder, minutes=minutes, trackers=trackers, progress=progress)
     return MotionEncoder.load(folder)
 
 
 @torch.no_grad()
-def explained(model: MotionEncoder, clips: Sequence[Float[Tensor, "t c"]]) -> float:
-    """Share of the features' variance (in spreads, parts alike) that comes back from the latents; 1 is all."""
+def explained_variance(model: MotionEncoder, clips: Sequence[Float[Tensor, "_ c"]]) -> float:
+    """Share of the features' variance that the latents preserve, all body parts weighted equally; 1 is everything."""
     weights, error, total = part_weights(model.config.features), 0.0, 0.0
     for clip in clips:
         whole = len(clip) - len(clip) % model.frames_per_latent

@@ -1,8 +1,8 @@
-"""What our motion autoencoder sees of a frame: pose and travel as seen from the body itself.
+"""Input of our motion autoencoder: pose and travel in the body's own frame.
 
-Where a clip happens to face or stand must not count as a difference between motions, so heading and place are left
-out; turning and travelling are in. Per frame: 6D rotations of all joints with the hips facing +Z, the root's step to
-the side and ahead (m/s), its turning speed (rad/s), its height (m).
+Where a clip faces or stands must not count as a difference between motions, so heading and place are left out; turning
+and travelling are kept. Per frame: 6D rotations of all joints with the hips facing +Z, the root's step sideways and
+forwards (m/s), its turning speed (rad/s), its height (m).
 """
 
 import math
@@ -19,7 +19,7 @@ TRAVEL = 4
 
 
 def motion_features(rotations: Float[Tensor, "t j 4"], root: Float[Tensor, "t 3"]) -> Float[Tensor, "t c"]:
-    """Features of a clip at 30 frames per second, 6 j + 4 a frame; the first frame has the second's travel."""
+    """Features of a clip at 30 fps, 6 j + 4 a frame; the first frame repeats the second one's travel."""
     matrices = matrix_from_quaternion(rotations.float())
     yaw = heading(matrices[:, 0])
     back = turn_about_up(yaw)
@@ -35,5 +35,5 @@ def motion_features(rotations: Float[Tensor, "t j 4"], root: Float[Tensor, "t 3"
 
 
 def feature_count(joints: int) -> int:
-    """Channels a frame: 316 for our rig."""
+    """Values a frame: 316 for our rig."""
     return 6 * joints + TRAVEL

@@ -1,6 +1,6 @@
-"""Does a body move as bodies can? Jerk, sinking into the floor, and EDGE's foot contact score.
+"""Physical plausibility of motion: jerk, floor penetration, and EDGE's foot contact score.
 
-Sliding feet are measured by `kinematics.contact.skate`, hands inside the body by `ik.measure`. Units in the names.
+Sliding feet are measured by `kinematics.contact.skate`, hands inside the body by `ik.measure`. Names carry the units.
 """
 
 from collections.abc import Sequence
@@ -11,12 +11,12 @@ from jaxtyping import Float
 from ..timing import FRAME_RATE_HZ
 
 SMPL_FEET = (7, 10, 8, 11)
-"""Left ankle and toe, right ankle and toe of SMPL's 24 joints."""
+"""Left ankle and toe, right ankle and toe among SMPL's 24 joints."""
 EDGE_SCALE = 10_000.0
 
 
 def jerk_m_s3(positions: Float[np.ndarray, "t j 3"], fps: float = FRAME_RATE_HZ) -> float:
-    """Mean length of the third difference of all joint positions relative to the root; NaN below four frames."""
+    """Mean length of the third derivative of joint positions relative to the root; NaN below four frames."""
     if len(positions) < 4:
         return float("nan")
     relative = positions - positions[:, :1]
@@ -24,7 +24,7 @@ def jerk_m_s3(positions: Float[np.ndarray, "t j 3"], fps: float = FRAME_RATE_HZ)
 
 
 def floor_depth_cm(feet: Float[np.ndarray, "t f 3"], floor_m: float = 0.0) -> float:
-    """Mean depth of the lowest of the feet's points below the floor (Y up), centimetres; 0 while it is above."""
+    """Mean depth of the lowest foot point below the floor (Y up), centimetres; 0 in frames where it is above."""
     return float(np.maximum(floor_m - feet[..., 1].min(1), 0).mean() * 100)
 
 
@@ -37,9 +37,9 @@ def foot_contact_score(
 ) -> float:
     """EDGE's physical foot contact score (PFC), times 10,000 as in its table; 0 is best.
 
-    The root can only accelerate when a foot stands: mean over frames of the root's acceleration (downward part
-    left out, scaled by the clip's largest) times the horizontal step of the stiller point of each foot, in m2 a frame.
-    Known faults: no unit survives, one jolt rescales the whole clip, and a body that hangs still in the air scores 0.
+    The root can only accelerate when a foot stands. The score is the mean over frames of the root's acceleration
+    (downward part left out, scaled by the clip's maximum) times the horizontal step of each foot's stiller point.
+    Known faults: it has no physical unit, one jolt rescales the whole clip, and a body that floats motionless scores 0.
     EDGE has Z up at 30 fps: `up=2`.
     """
     positions = np.asarray(positions, np.float64)

@@ -1,12 +1,12 @@
-"""MPJPE and Trans loss: how far a reconstruction is from the truth, frame by frame (paper, table on the tokenizer).
+"""MPJPE and Trans loss: errors of a reconstruction frame by frame (paper, table on the tokenizer).
 
-- MPJPE: mean distance of corresponding joints. "Character-centric" in the paper, without saying how: ours puts both
-  roots at the origin and turns both bodies so that the hips face +Z (`without_heading`).
-- Trans loss: mean over frames of |v_made - v_true| of the root's planar steps. The paper leaves the norm open: L2
-  here, L1 beside it.
+- MPJPE: mean distance of corresponding joints. The paper calls it "character-centric" without a definition; ours puts
+  both roots at the origin and turns both bodies so that the hips face +Z (`without_heading`).
+- Trans loss: mean over frames of |v_made - v_true| of the root's planar steps. The paper does not name the norm: L2 by
+  default, L1 as an option.
 
-Metres; the paper prints both in 1e-4 m (its 184.1 is 18.41 mm). Means over joints depend on which joints: fingers,
-measured from the wrist, are small numbers and many.
+Metres; the paper prints both in 1e-4 m (its 184.1 is 18.41 mm). A mean over joints depends on the choice of joints:
+fingers are many, and their errors, measured from the wrist, are small.
 """
 
 from typing import Literal
@@ -19,13 +19,13 @@ PAPER_UNIT_M = 1e-4
 
 
 def heading(root_rotations: Float[Tensor, "t 3 3"]) -> Float[Tensor, " t"]:
-    """Yaw of the hips, radians: where their forward axis points on the ground."""
+    """Yaw of the hips in radians: the direction of their forward axis on the ground."""
     forward = root_rotations[..., :, 2]
     return torch.atan2(forward[..., 0], forward[..., 2])
 
 
 def turn_about_up(yaw: Float[Tensor, " t"]) -> Float[Tensor, "t 3 3"]:
-    """Rotation that takes a body facing `yaw` back to +Z."""
+    """Rotation that turns a body facing `yaw` back to +Z."""
     zero, one = torch.zeros_like(yaw), torch.ones_like(yaw)
     rows = [yaw.cos(), zero, -yaw.sin(), zero, one, zero, yaw.sin(), zero, yaw.cos()]
     return torch.stack(rows, -1).view(-1, 3, 3)
@@ -46,5 +46,5 @@ def mean_joint_error(made: Float[Tensor, "t j 3"], true: Float[Tensor, "t j 3"])
 def trans_loss(
     made: Float[Tensor, "t 2"], true: Float[Tensor, "t 2"], norm: Literal["l1", "l2"] = "l2"
 ) -> float:
-    """Mean length of the difference of the root's planar steps, metres a frame."""
+    """Mean length of the error of the root's planar steps, metres a frame."""
     return float((true - made).norm(dim=-1, p=1 if norm == "l1" else 2).mean())

@@ -1,13 +1,13 @@
-"""Does sound find its motion among others (paper, appendix Audio-Motion Reward, Evaluation Metrics; after TMR)?
+"""Retrieval: does audio find its own motion among others (paper, appendix Audio-Motion Reward; after TMR)?
 
-From a similarity matrix of n sounds and the n motions that go with them, in order:
+The input is a similarity matrix of n audio clips and their n motions in the same order.
 
-- rank (0 is best): how many others are more similar, ties counted half;
+- rank (0 is best): number of other motions that are more similar; ties count half;
 - R@K: percentage of queries with rank below K; MedR: median rank + 1; MRR: mean of 1 / (rank + 1), in percent.
 
-Chance is K/n, (n + 1)/2 and H(n)/n. Galleries: all; one random gallery of 300 (the paper's "small batches": all its
-entries are multiples of 1/300); or batches of 32 averaged, the last incomplete one dropped (TMR's own). Overlapping
-windows of one recording are near copies of each other and blur ranks: use windows that do not overlap.
+Chance is K/n, (n + 1)/2 and H(n)/n. Galleries: all pairs; one random gallery of 300 (the paper's "small batches": all
+its entries are multiples of 1/300); or batches of 32 averaged, the last incomplete one dropped (TMR's own protocol).
+Overlapping windows of one recording are near copies and blur the ranks: use windows that do not overlap.
 """
 
 from typing import NamedTuple
@@ -32,38 +32,38 @@ class Retrieval(NamedTuple):
 def similarity(
     sounds: Float[np.ndarray, "n d"], motions: Float[np.ndarray, "n d"], *, decimals: int = 9
 ) -> Float[np.ndarray, "n n"]:
-    """Inner products in double, rounded so that equal embeddings tie whatever the order of summation."""
+    """Inner products in double precision, rounded so that equal embeddings tie in any order of summation."""
     return np.asarray(np.round(sounds.astype(np.float64) @ motions.astype(np.float64).T, decimals))
 
 
 def ranks(similarities: Float[np.ndarray, "n n"]) -> Float[np.ndarray, " n"]:
-    """Rank of the right answer (the diagonal) of each row; transpose for the other direction."""
+    """Rank of each row's correct answer, the diagonal; transpose for the other direction."""
     right = np.diag(similarities)[:, None]
     better, equal = (similarities > right).sum(1), (similarities == right).sum(1)
     return np.asarray(better + (equal - 1) / 2)
 
 
 def retrieval(similarities: Float[np.ndarray, "n n"], ks: tuple[int, ...] = KS) -> Retrieval:
-    """Rows ask, columns answer."""
+    """Scores with rows as queries and columns as answers."""
     rank = ranks(similarities)
     recall = {k: float((rank < k).mean() * 100) for k in ks}
     return Retrieval(recall, float(np.median(rank) + 1), float((1 / (rank + 1)).mean() * 100), len(rank))
 
 
 def gallery(similarities: Float[np.ndarray, "n n"], size: int = PAPER_GALLERY, *, seed: int = 0) -> Retrieval:
-    """Among one random choice of `size` pairs (all, where there are fewer)."""
+    """Scores in one random gallery of `size` pairs (all, if there are fewer)."""
     chosen = np.random.default_rng(seed).permutation(len(similarities))[:size]
     return retrieval(similarities[np.ix_(chosen, chosen)])
 
 
 def tmr_batches(pairs: int, size: int = TMR_BATCH) -> list[Int[np.ndarray, " b"]]:
-    """TMR's batches: one legacy shuffle of seed 0, cut into full batches."""
+    """TMR's batches: one shuffle of seed 0 with NumPy's legacy generator, cut into full batches."""
     order = np.random.RandomState(0).permutation(pairs)
     return [order[at : at + size] for at in range(0, pairs - size + 1, size)]
 
 
 def batched(similarities: Float[np.ndarray, "n n"], size: int = TMR_BATCH) -> Retrieval:
-    """Mean over TMR's batches."""
+    """Mean scores over TMR's batches."""
     parts = [retrieval(similarities[np.ix_(b, b)]) for b in tmr_batches(len(similarities), size)]
     recall = {k: float(np.mean([part.recall[k] for part in parts])) for k in KS}
     median, reciprocal = (float(np.mean([part[field] for part in parts])) for field in (1, 2))
@@ -71,7 +71,7 @@ def batched(similarities: Float[np.ndarray, "n n"], size: int = TMR_BATCH) -> Re
 
 
 def chance(pairs: int, ks: tuple[int, ...] = KS) -> Retrieval:
-    """What guessing scores."""
+    """Scores of random guessing."""
     harmonic = float((1 / np.arange(1, pairs + 1)).sum())
     return Retrieval(
         {k: min(100.0, 100 * k / pairs) for k in ks}, (pairs + 1) / 2, 100 * harmonic / pairs, pairs

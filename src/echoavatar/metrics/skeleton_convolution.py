@@ -1,10 +1,10 @@
-"""The autoencoder whose latents EMAGE, MECo and the paper take FID of on BEAT2: convolutions along a skeleton's bones.
+"""EMAGE's autoencoder with convolutions along a skeleton's bones; EMAGE, MECo and the paper compute FID on its latents.
 
-Input are the 6D rotations of SMPL-X's 55 joints at 30 fps, (t, 330); every layer halves time, mixes each bone with
-those at most two bones away, and the first two merge bones in pairs (55, 35, 20). Latents are (t / 16, 240). Module
-names are those of the released weights, so that a user's copy of them, stored as safetensors, loads as it is; their
-`module.` prefix is dropped; the weights are not ours to ship. Clips are cut to a multiple of 32 frames and encoded
-whole; features are what leaves the encoder, before the variational heads. MECo puts the true jaw and eyes in first.
+The input is 6D rotations of SMPL-X's 55 joints at 30 fps, (t, 330). Every layer halves the frame rate and mixes each
+bone with those at most two bones away; the first two layers merge bones in pairs (55, 35, 20). Latents are (t / 16,
+240). Module names are those of the released weights without their `module.` prefix, so that a user's own copy loads
+from safetensors; we may not ship them. Clips are cut to a multiple of 32 frames and encoded whole. Features are the
+encoder's output, before the variational heads. MECo replaces jaw and eyes by the true ones first.
 """
 
 from collections.abc import Mapping, Sequence
@@ -28,7 +28,7 @@ _PREFIX = "module."
 
 
 class SkeletonConvolutionConfig(Config):
-    """Sizes; the defaults are EMAGE's."""
+    """Model sizes; the defaults are EMAGE's."""
 
     parents: tuple[int, ...] = Field(
         default=SMPLX_PARENTS, description="parent of each joint, -1 for the root"
@@ -36,17 +36,17 @@ class SkeletonConvolutionConfig(Config):
     channels: tuple[int, ...] = Field(
         default=(6, 6, 6, 12, 12), description="channels of a bone before and after each layer"
     )
-    reach: int = Field(default=2, ge=0, description="how far apart bones may be that are mixed")
+    reach: int = Field(default=2, ge=0, description="distance between bones that are mixed")
     groups: int = Field(default=10, gt=0, description="groups of the normalisation")
 
 
 def extractor_input(rotations: Float[Tensor, "t j 4"]) -> Float[Tensor, "t c"]:
-    """What the extractor reads of quaternions: the first two rows of each matrix (our own features take columns)."""
+    """The extractor's input: the first two rows of each rotation matrix (our own features use columns)."""
     return matrix_from_quaternion(rotations.float())[..., :2, :].flatten(1)
 
 
 class _MaskedConv(nn.Conv1d):
-    """Convolution whose weights are zero between bones that are no neighbours."""
+    """Convolution whose weights are zero between bones that are not neighbours."""
 
     def __init__(self, mask: Tensor, *, size: int, stride: int, padding: int) -> None:
         super().__init__(mask.shape[1], mask.shape[0], size, stride, padding)
@@ -57,7 +57,7 @@ class _MaskedConv(nn.Conv1d):
 
 
 class _Merge(nn.Module):
-    """Bones of a group become their mean."""
+    """Replaces the bones of a group by their mean."""
 
     def __init__(self, matrix: Tensor) -> None:
         super().__init__()
@@ -68,7 +68,7 @@ class _Merge(nn.Module):
 
 
 class _Layer(nn.Module):
-    """Masked convolution beside a masked shortcut, then merging and tanh; time is halved."""
+    """Masked convolution with a masked shortcut, then merging and tanh; halves the frame rate."""
 
     def __init__(
         self, edges: Sequence[Edge], before: int, after: int, config: SkeletonConvolutionConfig
@@ -103,7 +103,7 @@ class _Residual(nn.Module):
 
 
 class SkeletonConvolution(nn.Module):
-    """Variational autoencoder; FID is taken of what leaves its encoder, the heads stay unused."""
+    """Variational autoencoder; FID uses the encoder's output, the variational heads are unused."""
 
     def __init__(self, config: SkeletonConvolutionConfig) -> None:
         super().__init__()
@@ -121,14 +121,14 @@ class SkeletonConvolution(nn.Module):
 
     @property
     def frames_per_latent(self) -> int:
-        """Frames that become one latent."""
+        """Frames for one latent."""
         return int(2 ** len(self.config.channels[1:]))
 
     def encode(self, rotations: Float[Tensor, "b t c"]) -> Float[Tensor, "b n d"]:
         """Latents of whole clips of 6D rotations.
 
         Raises:
-            MotionError: the number of frames is no multiple of `frames_per_latent`, or there are other joints.
+            MotionError: the number of frames is not a multiple of `frames_per_latent`, or the joints are others.
         """
         frames, size = rotations.shape[1:]
         wanted = self.config.channels[0] * len(self.config.parents)
@@ -143,13 +143,13 @@ class SkeletonConvolution(nn.Module):
         return x.transpose(1, 2)
 
     def decode(self, latents: Float[Tensor, "b n d"]) -> Float[Tensor, "b t c"]:
-        """6D rotations back from latents."""
+        """6D rotations decoded from latents."""
         y: Tensor = self.decoder.main(latents.transpose(1, 2))  # type: ignore[operator]
         return y.transpose(1, 2)
 
     @torch.no_grad()
     def features(self, rotations: Float[Tensor, "t c"]) -> Float[Tensor, "n d"]:
-        """Latents of one clip for FID; frames beyond the last multiple of 32 are cut off, as EMAGE does."""
+        """Latents of one clip for FID; frames after the last multiple of 32 are cut off, as in EMAGE."""
         whole = len(rotations) - len(rotations) % CLIP_MULTIPLE
         return self.encode(rotations[None, :whole])[0]
 
@@ -159,7 +159,7 @@ class SkeletonConvolution(nn.Module):
 
     @classmethod
     def load(cls, folder: Path) -> "SkeletonConvolution":
-        """From `config.json` and `model.safetensors`; names may carry the released files' `module.`."""
+        """Read `config.json` and `model.safetensors`; names may have the released files' prefix `module.`."""
         config = checkpoint.read_config(folder, SkeletonConvolutionConfig)
         return cls.from_weights(checkpoint.read_weights(folder), config, origin=str(folder))
 
@@ -171,7 +171,7 @@ class SkeletonConvolution(nn.Module):
         *,
         origin: str = "the weights",
     ) -> "SkeletonConvolution":
-        """From tensors by name."""
+        """Build from tensors by name."""
         model = cls(config or SkeletonConvolutionConfig())
         plain = {key.removeprefix(_PREFIX): value for key, value in weights.items()}
         checkpoint.load_into(model, plain, origin=origin)

@@ -1,7 +1,7 @@
-"""Trains an extractor for BEAT2 of our own, for those who have no copy of EMAGE's weights.
+"""Trains an extractor of our own for BEAT2, for users without a copy of EMAGE's weights.
 
-Same network, same input; it learns to give motion back from what leaves its encoder, of which FID is taken. EMAGE's is
-variational and was trained on more: values of FID with the two cannot be compared.
+Same network and input as EMAGE's, trained to reconstruct motion from the encoder's output, which FID uses. EMAGE's is
+variational and saw more data, so FID values of the two cannot be compared.
 """
 
 from collections.abc import Mapping, Sequence
@@ -28,11 +28,11 @@ class SkeletonConvolutionTraining(TrainingConfig):
     )
     learning_rate: float = Field(default=1e-3, gt=0, description="peak of the schedule")
     warmup: int = Field(default=50, ge=0, description="steps of linear warm-up")
-    speed_weight: float = Field(default=1.0, ge=0, description="weight of the error from frame to frame")
+    speed_weight: float = Field(default=1.0, ge=0, description="weight of the error in frame differences")
 
 
-class SkeletonConvolutionStage(Stage[Tensor]):
-    """An extractor and the 6D rotations it learns."""
+class SkeletonConvolutionTask(Stage[Tensor]):
+    """The training task of the extractor."""
 
     config: SkeletonConvolutionTraining
 
@@ -40,7 +40,7 @@ class SkeletonConvolutionStage(Stage[Tensor]):
         self,
         config: SkeletonConvolutionConfig,
         training: SkeletonConvolutionTraining,
-        clips: Sequence[Float[Tensor, "t c"]],
+        clips: Sequence[Float[Tensor, "_ c"]],
         *,
         card: Mapping[str, object] | None = None,
     ) -> None:
@@ -52,7 +52,7 @@ class SkeletonConvolutionStage(Stage[Tensor]):
             torch.manual_seed(training.seed)
             self.model = SkeletonConvolution(config)
         for head in (self.model.fc_mu, self.model.fc_logvar):
-            head.requires_grad_(False)  # FID does not ask them
+            head.requires_grad_(False)  # FID does not use them
         super().__init__(training, {"model": self.model})
         self._card = dict(card or {})
 
@@ -61,7 +61,7 @@ class SkeletonConvolutionStage(Stage[Tensor]):
         return {"extractor": self.model.config, "training": self.config}
 
     def draw(self, step: int) -> Float[Tensor, "b t c"]:
-        """See `Stage.draw`: windows, each place in the data as likely as any."""
+        """See `Stage.draw`: windows, uniform over all positions in the data."""
         random, frames = self.config.noise(step), self.config.frames
         starts = torch.tensor([len(clip) - frames + 1 for clip in self.clips]).double()
         chosen = torch.multinomial(starts, self.config.batch, replacement=True, generator=random)
@@ -70,13 +70,13 @@ class SkeletonConvolutionStage(Stage[Tensor]):
         return torch.stack([self.clips[clip][start : start + frames] for clip, start in pairs])
 
     def loss(self, batch: Float[Tensor, "b t c"], step: int) -> Loss:
-        """Error of rotations and of their steps from frame to frame."""
+        """Error of rotations and of their frame differences."""
         error = self.model.decode(self.model.encode(batch)) - batch
         places = F.smooth_l1_loss(error, torch.zeros_like(error))
         return Loss(places + self.config.speed_weight * error.diff(dim=1).abs().mean(), {"places": places})
 
     def save(self, folder: Path, step: int) -> None:
-        """The extractor."""
+        """Write the extractor."""
         about = {"kind": "beat2-extractor", "step": step, "training": self.config.model_dump()}
         self.model.save(folder, self._card | about)
 
@@ -84,14 +84,14 @@ class SkeletonConvolutionStage(Stage[Tensor]):
 def train_skeleton_convolution(
     config: SkeletonConvolutionConfig,
     training: SkeletonConvolutionTraining,
-    clips: Sequence[Float[Tensor, "t c"]],
+    clips: Sequence[Float[Tensor, "_ c"]],
     folder: Path,
     *,
     device: str = "cpu",
     card: Mapping[str, object] | None = None,
     progress: Progress | None = None,
 ) -> SkeletonConvolution:
-    """Train on clips of `extractor_input`, checkpointing into `folder`; continues what is there."""
-    stage = SkeletonConvolutionStage(config, training, clips, card=card)
+    """Train on clips of `extractor_input`, with checkpoints in `folder`; resumes the run in it."""
+    stage = SkeletonConvolutionTask(config, training, clips, card=card)
     train(stage, folder, device=device, progress=progress)
     return SkeletonConvolution.load(folder)

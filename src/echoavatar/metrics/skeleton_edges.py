@@ -1,7 +1,7 @@
-"""A skeleton as bones that are neighbours: what a skeleton convolution sees, and how it merges bones.
+"""Bones as the edges of a graph: which of them a skeleton convolution mixes, and how it merges them.
 
-Edge 0 is virtual: it hangs on the root and stands for the root's own rotation. Edge j is the bone from the parent of
-joint j to joint j, so edges and joints are numbered alike and a frame's rotations are the edges' channels.
+Edge 0 is virtual: it is attached to the root and carries the root's own rotation. Edge j is the bone from the parent of
+joint j to joint j. Edges and joints thus have the same numbers, and a frame's rotations are the edges' channels.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ SMPLX_PARENTS = (
 
 
 def skeleton_edges(parents: Sequence[int]) -> list[Edge]:
-    """All bones of a skeleton whose joint 0 is the root, the virtual one first."""
+    """All bones of a skeleton whose joint 0 is the root; the virtual edge comes first."""
     return [(0, len(parents)), *((parents[joint], joint) for joint in range(1, len(parents)))]
 
 
@@ -35,10 +35,10 @@ def neighbours(edges: Sequence[Edge], reach: int) -> Bool[np.ndarray, "e e"]:
 
 
 def merged(edges: Sequence[Edge]) -> tuple[list[list[int]], list[Edge]]:
-    """Groups of one or two edges to merge, and the edges they become.
+    """Groups of one or two edges to merge, and the merged edges.
 
-    Unbranched chains of bones are cut into pairs from their far end; of an odd chain the first bone stays alone.
-    The virtual edge comes first and stays as it is; the order is that of a walk from the root, depth first.
+    Unbranched chains of bones are paired from their far end; in an odd chain the first bone stays alone. The virtual
+    edge comes first and stays as it is; the order is depth first from the root.
     """
     leaving: dict[int, list[int]] = {}
     for index, (start, _) in enumerate(edges):
@@ -62,7 +62,7 @@ def merged(edges: Sequence[Edge]) -> tuple[list[list[int]], list[Edge]]:
 
 
 def averaging(groups: Sequence[Sequence[int]], edges: int, channels: int) -> Float[np.ndarray, "out in"]:
-    """Matrix that replaces the channels of each group of edges by their mean."""
+    """Matrix that averages the channels over each group of edges."""
     matrix = np.zeros((len(groups), edges), np.float32)
     for row, group in enumerate(groups):
         matrix[row, list(group)] = 1 / len(group)

@@ -1,36 +1,35 @@
-"""Training: one loop for every stage, exact to resume, over one process or several.
+"""Training: one loop for every task, exactly resumable, in one process or several.
 
-A stage (`Stage`) is a config, its modules, data and a loss. The loop (`train`, or `Loop` step by step) owns the rest:
-schedule, accumulation, clipping, bfloat16, averaged weights, checkpoints, signals, metrics, processes.
+A task (`Stage`) consists of a config, modules, data and a loss. The loop (`train`, or `Loop` step by step) does the
+rest: schedule, accumulation, clipping, bfloat16, averaged weights, checkpoints, signals, metrics, processes.
 
     class Line(Stage[Tensor]):
         def __init__(self, config: TrainingConfig) -> None:
             super().__init__(config, {"model": nn.Linear(1, 1)})
 
-        def draw(self, step: int) -> Tensor:  # all randomness of a step, rows first, from seed and step alone
+        def draw(self, step: int) -> Tensor:  # everything random in a step, rows first, from seed and step alone
             return torch.randn(self.config.batch, 1, generator=self.config.noise(step))
 
         def loss(self, batch: Tensor, step: int) -> Loss:  # of some of the rows: plain means, nothing random
             error = (self.modules["model"](batch) - 2 * batch).square().mean()
             return Loss(error, {"error": error})
 
-        def save(self, folder: Path, step: int) -> None:  # what others load; the loop keeps what it needs itself
+        def save(self, folder: Path, step: int) -> None:  # the model for others; the loop saves its own state
             ...
 
     train(Line(TrainingConfig(steps=100)), Path("runs/line"))
 
-A stage whose batches come from its own weights (rollouts) may use them in `draw`, draw with torch's global generator,
-which is kept as well, and keep what else it must remember through `state` and `load_state`. See `stage` for the hooks.
+A task whose batches depend on its own weights (rollouts) may use the weights in `draw`. It may also use torch's global
+generator, whose state is saved, and save further state through `state` and `load_state`. See `stage` for all hooks.
 
-What runs live does not import this room. May import `checkpoint`, `config` and `errors`.
+The live pipeline does not import this room. May import `checkpoint`, `config` and `errors`.
 """
 
 from .config import Schedule, TrainingConfig
 from .loop import Loop
-from .optimisers import adamw
 from .run import Progress, train
 from .signals import Interrupted
-from .stage import Gather, Loss, Stage
+from .stage import Gather, Loss, Stage, adamw
 from .state import has_state
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""Curves of runs as a picture: each metric in a plot of its own, runs side by side, smoothed over the raw values."""
+"""Plots the metrics of runs: one plot for each metric, runs side by side, smoothed curves over the raw values."""
 
 import json
 import math
@@ -10,12 +10,12 @@ import numpy as np
 from jaxtyping import Float
 
 from ..errors import DependencyError, EchoAvatarError
-from .journal import FILE
+from .metrics_log import FILE
 
 COLOURS = ("#1f5fa8", "#c8553d", "#3a8f5c", "#8d5fb0", "#b8860b", "#4d4d4d")
 LEFT_OUT = ("seconds",)
 FIRST = ("loss", "gradient", "rate")
-_WIDE = 20.0  # a metric whose largest value is so many times its smallest is drawn on a logarithmic scale
+_WIDE = 20.0  # draw a metric on a logarithmic scale if its largest value exceeds its smallest by this factor
 _COLUMNS = 3
 
 
@@ -27,22 +27,22 @@ class Curve(NamedTuple):
 
 
 def read_curves(folder: Path) -> dict[str, Curve]:
-    """All numbers of a run's `metrics.jsonl` by name; those of nested mappings as `outer.inner`.
+    """All numbers in a run's `metrics.jsonl` by name; nested ones are called `outer.inner`.
 
     Raises:
-        EchoAvatarError: there is none, or nothing in it.
+        EchoAvatarError: the file is missing or holds no metrics.
     """
     path = folder / FILE if folder.is_dir() else folder
     try:
         lines = path.read_text().splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        raise EchoAvatarError(f"{folder} holds no {FILE} ({error}); name the folder of a run") from error
+        raise EchoAvatarError(f"{folder} holds no {FILE} ({error}); give the folder of a run") from error
     found: dict[str, list[tuple[float, float]]] = {}
     for line in lines:
         try:
             told = json.loads(line)
             step = float(told.pop("step"))
-        except (ValueError, KeyError, AttributeError):  # the last line of a run that was killed
+        except (ValueError, KeyError, AttributeError):  # the cut-off last line of a run that was killed
             continue
         for name, value in _flat(told):
             found.setdefault(name, []).append((step, value))
@@ -50,7 +50,7 @@ def read_curves(folder: Path) -> dict[str, Curve]:
         name: Curve(*np.array(points, float).T) for name, points in found.items() if name not in LEFT_OUT
     }
     if not curves:
-        raise EchoAvatarError(f"{path} tells nothing yet; let the run take a few steps")
+        raise EchoAvatarError(f"{path} holds no metrics yet; let the run take a few steps")
     return curves
 
 
@@ -65,7 +65,7 @@ def _flat(told: Mapping[str, Any], prefix: str = "") -> list[tuple[str, float]]:
 
 
 def smoothed(values: Float[np.ndarray, " n"], window: int) -> Float[np.ndarray, " n"]:
-    """Mean over so many values around each one, fewer at the ends."""
+    """Moving average over `window` values, fewer at the ends."""
     half = min(max(0, window // 2), len(values) // 2)
     total = np.concatenate([[0.0], np.cumsum(values)])
     at = np.arange(len(values))
@@ -74,13 +74,13 @@ def smoothed(values: Float[np.ndarray, " n"], window: int) -> Float[np.ndarray, 
 
 
 def is_wide(curves: Sequence[Curve]) -> bool:
-    """Whether a logarithmic scale shows more: all values positive, over more than a decade."""
+    """Whether a logarithmic scale is better: all values are positive and span a large factor."""
     values = np.concatenate([curve.values for curve in curves])
     return bool(values.min() > 0 and values.max() / values.min() > _WIDE)
 
 
 def draw(runs: Mapping[str, Mapping[str, Curve]], path: Path, *, metrics: Sequence[str] = ()) -> None:
-    """Write a PNG (or PDF, SVG by the name) of the metrics named, or of all.
+    """Write a picture (.png, .pdf or .svg) of the metrics named, or of all.
 
     Raises:
         DependencyError: matplotlib is missing.
@@ -93,7 +93,7 @@ def draw(runs: Mapping[str, Mapping[str, Curve]], path: Path, *, metrics: Sequen
         raise DependencyError("pictures need matplotlib; run: pip install 'echoavatar[evaluate]'") from error
     known = _in_order({name for curves in runs.values() for name in curves})
     if unknown := [name for name in metrics if name not in known]:
-        raise EchoAvatarError(f"no run tells {unknown[0]}; there are {', '.join(known)}")
+        raise EchoAvatarError(f"no run has the metric {unknown[0]}; there are {', '.join(known)}")
     shown = list(metrics) or known
     columns = min(_COLUMNS, len(shown))
     rows = -(-len(shown) // columns)

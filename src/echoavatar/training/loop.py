@@ -1,4 +1,4 @@
-"""The loop's one step, and its state: what all stages and any number of processes share."""
+"""One step of the training loop and its state, the same for all tasks and any number of processes."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
@@ -13,13 +13,13 @@ from torch.distributed.tensor import DTensor
 from ..config import Config
 from ..errors import CheckpointError, EchoAvatarError
 from . import state
-from .average import Average
-from .processes import Processes, as_placed, showing_whole, whole
-from .stage import BatchT, Loss, Stage, cut, rows_of
+from .averaged_weights import AveragedWeights
+from .processes import Processes, full_state_dicts, full_tensor, placed_like
+from .stage import BatchT, Loss, Stage, row_count, take_rows
 
 
-class _Whole(nn.Module):
-    """All modules of a stage as one whose forward pass is the loss: what DDP and FSDP want."""
+class _LossModule(nn.Module):
+    """All modules of a task as one module whose forward pass is the loss, as DDP and FSDP require."""
 
     def __init__(self, stage: Stage[Any]) -> None:
         super().__init__()
@@ -31,10 +31,10 @@ class _Whole(nn.Module):
 
 
 class Loop(Generic[BatchT]):
-    """A stage, its optimisers, and how far it is. `train` runs it to its end."""
+    """A task, its optimisers, and its progress. `train` runs it to the end."""
 
     def __init__(self, stage: Stage[BatchT], processes: Processes | None = None) -> None:
-        """Raises EchoAvatarError when the batch cannot be shared evenly."""
+        """Raises EchoAvatarError if the batch cannot be divided evenly."""
         self.stage, self.processes = stage, processes or Processes()
         stage.processes = self.processes
         self._pieces = self.processes.count * stage.config.accumulation
@@ -43,25 +43,25 @@ class Loop(Generic[BatchT]):
                 f"batch ({stage.config.batch}) must be a multiple of processes x accumulation "
                 f"({self.processes.count} x {stage.config.accumulation})"
             )
-        self._whole = self.processes.wrap(_Whole(stage), has_idle=stage.has_idle)
+        self._loss_module = self.processes.wrap(_LossModule(stage), has_idle=stage.has_idle)
         for module in stage.modules.values():
             module.train()
         self.optimisers = stage.optimisers()
-        self.average = Average(stage.modules, stage.config.average) if stage.config.average else None
+        self.average = AveragedWeights(stage.modules, stage.config.average) if stage.config.average else None
         self.step = 0
         self.seconds = 0.0
 
     def done(self) -> float:
-        """Share of the run behind it, by steps or by the clock, whichever is further."""
+        """Share of the run completed, by steps or by time, whichever is larger."""
         config = self.stage.config
         by_clock = self.seconds / 60 / config.minutes if config.minutes else 0.0
         return min(1.0, max(self.step / config.steps, by_clock))
 
-    def advance(self, *, is_told: bool = True) -> dict[str, float]:
-        """One optimiser step; returns its metrics if they are to be told (which waits for the device).
+    def advance(self, *, is_logged: bool = True) -> dict[str, float]:
+        """One optimiser step. Returns its metrics if `is_logged`, which waits for the device.
 
         Raises:
-            EchoAvatarError: the loss that was to be told is not a number.
+            EchoAvatarError: the loss is not finite (checked only if `is_logged`).
         """
         stage, step, device = self.stage, self.step, self.processes.device
         whole_batch = stage.draw(step)
@@ -70,27 +70,27 @@ class Loop(Generic[BatchT]):
         for optimiser in self.optimisers:
             for group in optimiser.param_groups:
                 group["lr"] = rate * group.get("relative", 1.0)
-        rows, every = rows_of(whole_batch) // self._pieces, stage.weight(whole_batch)
-        assert rows * self._pieces == rows_of(whole_batch), "a batch must have as many rows for each piece"
-        first, told = self.processes.rank * stage.config.accumulation, _Means()
+        rows, every = row_count(whole_batch) // self._pieces, stage.weight(whole_batch)
+        assert rows * self._pieces == row_count(whole_batch), "a batch must have as many rows for each piece"
+        first, means = self.processes.rank * stage.config.accumulation, _Means()
         for piece in range(first, first + stage.config.accumulation):
-            batch = cut(whole_batch, slice(piece * rows, (piece + 1) * rows), device)
+            batch = take_rows(whole_batch, slice(piece * rows, (piece + 1) * rows), device)
             share = stage.weight(batch) / every
             is_last = piece == first + stage.config.accumulation - 1
-            with nullcontext() if is_last else self.processes.holding_back(self._whole):
+            with nullcontext() if is_last else self.processes.without_reduction(self._loss_module):
                 with torch.autocast(device.type, torch.bfloat16, enabled=stage.config.autocast):
-                    loss = self._whole(batch, step)
-                # several processes average their gradients, the shares are of the sum
+                    loss = self._loss_module(batch, step)
+                # processes average their gradients, but the shares add up over all processes
                 (loss.total * (share * self.processes.count)).backward()
-            told.add({"loss": loss.total, **loss.told}, share)
+            means.add({"loss": loss.total, **loss.metrics}, share)
         norm = self._descend()
         stage.after(step, self.processes.gather)
         if self.average is not None:
             self.average.update(step)
         self.step += 1
-        if not is_told:
+        if not is_logged:
             return {}
-        metrics = told.over(self.processes) | {"gradient": float(norm), "rate": rate}
+        metrics = means.over(self.processes) | {"gradient": float(norm), "rate": rate}
         if not abs(metrics["loss"]) < float("inf"):
             raise EchoAvatarError(
                 f"the loss is {metrics['loss']} at step {self.step}; begin another run with a lower learning rate or "
@@ -103,24 +103,24 @@ class Loop(Generic[BatchT]):
         norm = nn.utils.clip_grad_norm_(learned, self.stage.config.clip)
         for optimiser in self.optimisers:
             optimiser.step()
-        self._whole.zero_grad(set_to_none=True)
+        self._loss_module.zero_grad(set_to_none=True)
         return norm.full_tensor() if isinstance(norm, DTensor) else norm
 
     @contextmanager
     def shown(self) -> Iterator[None]:
-        """While it is entered, the modules have the weights that are shown to others; all processes must enter it."""
-        averaged = self.average.shown() if self.average is not None else nullcontext()
-        with averaged, showing_whole(self.stage.modules):
+        """Context in which the modules hold the weights to save; all processes must enter it."""
+        averaged = self.average.applied() if self.average is not None else nullcontext()
+        with averaged, full_state_dicts(self.stage.modules):
             yield
         for module in self.stage.modules.values():
             module.train()
 
     def save(self, folder: Path) -> None:
-        """Write what a resumed run needs, then what others load; all processes must call it, the first one writes."""
+        """Write the state for resuming, then the model; all processes must call it, only the first one writes."""
         stage, modules = self.stage, self.stage.modules
         tensors = state.module_state(modules) | state.optimiser_state(modules, self.optimisers)
         if self.average is not None:
-            tensors |= {f"average.{key}": whole(value) for key, value in self.average.values.items()}
+            tensors |= {f"average.{key}": full_tensor(value) for key, value in self.average.values.items()}
         random = state.random_state(self.processes.device).to(self.processes.device)
         tensors["random"] = self.processes.gather(random[None])
         tensors |= {f"stage.{key}": value for key, value in stage.state().items()}
@@ -135,10 +135,10 @@ class Loop(Generic[BatchT]):
         self.processes.wait()
 
     def resume(self, folder: Path) -> bool:
-        """Go on where `save` left off; False where there is nothing to go on with.
+        """Continue where `save` stopped; False if the folder holds no run.
 
         Raises:
-            CheckpointError: the folder holds another model, or another schedule, or is damaged, or too old.
+            CheckpointError: the folder holds another model or schedule, is damaged, or is too old.
         """
         if not state.has_state(folder):
             return False
@@ -149,13 +149,13 @@ class Loop(Generic[BatchT]):
         state.load_modules(modules, tensors, str(path))
         state.load_optimisers(modules, self.optimisers, tensors)
         if self.average is not None:
-            self.average = Average(modules, self.stage.config.average)
-            averaged = state.under(tensors, "average.")
+            self.average = AveragedWeights(modules, self.stage.config.average)
+            averaged = state.strip_prefix(tensors, "average.")
             for key in sorted(averaged.keys() & self.average.values.keys()):
-                self.average.values[key] = as_placed(averaged[key], self.average.values[key])
+                self.average.values[key] = placed_like(averaged[key], self.average.values[key])
         if self.processes.rank < len(tensors["random"]):
             state.load_random_state(tensors["random"][self.processes.rank], self.processes.device)
-        self.stage.load_state(state.under(tensors, "stage."))
+        self.stage.load_state(state.strip_prefix(tensors, "stage."))
         self.step, self.seconds = int(str(facts["step"])), float(str(facts["seconds"]))
         return True
 
@@ -179,7 +179,7 @@ class Loop(Generic[BatchT]):
 
 
 def _unsaid(config: Config) -> dict[str, Any]:
-    """What fields are that a run of an earlier version did not know: their defaults."""
+    """Defaults of fields that a run saved by an earlier version may lack."""
     fields = type(config).model_fields.items()
     plain = {name: field.default for name, field in fields if not field.is_required()}
     return {name: value for name, value in plain.items() if isinstance(value, bool | int | float | str)}
@@ -195,7 +195,7 @@ _FREE = (
 
 
 class _Means:
-    """Means of metrics over pieces; those that not every piece has are means over the pieces that do."""
+    """Means of metrics over pieces; a metric that some pieces lack is averaged over the others."""
 
     def __init__(self) -> None:
         self._sums: dict[str, Any] = defaultdict(float)

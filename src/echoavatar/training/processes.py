@@ -1,8 +1,8 @@
-"""One process, or several that share every batch: how a module is wrapped and tensors are gathered.
+"""One process or several that share every batch: wraps modules and gathers tensors.
 
-Several are started by `torchrun` or `accelerate launch`, which set WORLD_SIZE; accelerate (extra `train`) then finds
-the devices and wraps the modules for DDP. With `sharded` every process holds its share of the weights only (FSDP2:
-torch's `fully_shard`, block by block). Accelerate offers that on GPUs alone, so it is called here itself and is tested.
+`torchrun` and `accelerate launch` start several processes and set WORLD_SIZE; accelerate (extra `train`) then finds the
+devices and wraps the modules for DDP. With `sharded` each process holds only its share of the weights (FSDP2: torch's
+`fully_shard`, block by block). Accelerate supports that on GPUs only, so we call it directly, which works on CPUs too.
 """
 
 import atexit
@@ -20,7 +20,7 @@ from ..errors import DependencyError, EchoAvatarError
 
 
 class Processes:
-    """A single process; `Several` has more."""
+    """A single process; `DistributedProcesses` is the subclass for more."""
 
     count = 1
     rank = 0
@@ -34,11 +34,11 @@ class Processes:
         return self.rank == 0
 
     def wrap(self, module: nn.Module, *, has_idle: bool = False) -> nn.Module:
-        """The module on the device, as gradients shall be taken of it; `has_idle`: of part of it in some steps."""
+        """Move the module to the device and wrap it for training; `has_idle`: parts may get no gradient in a step."""
         return module.to(self.device)
 
-    def holding_back(self, module: nn.Module) -> AbstractContextManager[Any]:
-        """While it is entered, gradients stay with their process; the sum goes with the last piece."""
+    def without_reduction(self, module: nn.Module) -> AbstractContextManager[Any]:
+        """Context in which gradients are not yet reduced; the last piece reduces their sum."""
         return nullcontext()
 
     def gather(self, tensor: Tensor) -> Tensor:
@@ -46,19 +46,19 @@ class Processes:
         return tensor
 
     def gather_json(self, value: Any) -> list[Any]:
-        """A small value (what JSON can say) of each process, in order of rank."""
+        """A small JSON value of each process, in order of rank."""
         return [value]
 
     def agree(self, is_so: bool) -> bool:
-        """Whether any process says so; each has its own clock and its own signals."""
+        """Whether the claim holds in any process; each has its own clock and receives its own signals."""
         return is_so
 
     def wait(self) -> None:
-        """Until all processes are here."""
+        """Block until all processes have arrived."""
 
 
-class Several(Processes):
-    """One of the processes of a run."""
+class DistributedProcesses(Processes):
+    """One of several processes of a run."""
 
     def __init__(self, device: str = "cpu", *, sharded: bool = False) -> None:
         """Raises DependencyError when accelerate is missing."""
@@ -74,7 +74,7 @@ class Several(Processes):
         self.count, self.rank = self._accelerator.num_processes, self._accelerator.process_index
         self.device = self._accelerator.device
         self.sharded = sharded
-        atexit.register(_leave)
+        atexit.register(_leave_group)
 
     def wrap(self, module: nn.Module, *, has_idle: bool = False) -> nn.Module:
         """See `Processes.wrap`."""
@@ -95,15 +95,15 @@ class Several(Processes):
         fully_shard(module, mesh=mesh)
         return module
 
-    def holding_back(self, module: nn.Module) -> AbstractContextManager[Any]:
-        """See `Processes.holding_back`. Sharded gradients are reduced piece by piece, which adds up to the same."""
+    def without_reduction(self, module: nn.Module) -> AbstractContextManager[Any]:
+        """See `Processes.without_reduction`. Sharded gradients are reduced after every piece; the sum is the same."""
         if self.sharded:
             return nullcontext()
         held: AbstractContextManager[Any] = self._accelerator.no_sync(module)
         return held
 
     def gather(self, tensor: Tensor) -> Tensor:
-        """See `Processes.gather`; every process must bring as many rows."""
+        """See `Processes.gather`; every process must contribute the same number of rows."""
         gathered: Tensor = self._accelerator.gather(tensor.to(self.device).contiguous())
         return gathered
 
@@ -125,16 +125,16 @@ class Several(Processes):
         self._accelerator.wait_for_everyone()
 
 
-def _leave() -> None:
-    """Take leave of the others: threads that still listen to them when the program ends may abort it."""
+def _leave_group() -> None:
+    """Leave the process group at exit; threads that still wait for other processes could abort the program."""
     if torch.distributed.is_initialized():
         torch.distributed.destroy_process_group()
 
 
 def processes_here(device: str = "cpu", *, sharded: bool = False) -> Processes:
-    """Those that this program was started as."""
+    """The processes that this program was started with."""
     if int(os.environ.get("WORLD_SIZE", "1")) > 1:
-        return Several(device, sharded=sharded)
+        return DistributedProcesses(device, sharded=sharded)
     if sharded:
         raise EchoAvatarError(
             "sharding is for several processes; start them with torchrun or accelerate launch"
@@ -142,14 +142,14 @@ def processes_here(device: str = "cpu", *, sharded: bool = False) -> Processes:
     return Processes(device)
 
 
-def whole(tensor: Tensor) -> Tensor:
-    """A tensor in one piece; all processes must ask for it."""
+def full_tensor(tensor: Tensor) -> Tensor:
+    """The full tensor without gradient; for a sharded one all processes must call this."""
     full: Tensor = tensor.full_tensor() if isinstance(tensor, DTensor) else tensor
     return full.detach()
 
 
-def as_placed(value: Tensor, like: Tensor) -> Tensor:
-    """A tensor in one piece, laid out and placed as another is."""
+def placed_like(value: Tensor, like: Tensor) -> Tensor:
+    """A full tensor, sharded and placed like another one."""
     if isinstance(like, DTensor):
         placed: Tensor = distribute_tensor(
             value.to(like.device), like.device_mesh, like.placements, src_data_rank=None
@@ -159,10 +159,10 @@ def as_placed(value: Tensor, like: Tensor) -> Tensor:
 
 
 @contextmanager
-def showing_whole(modules: Mapping[str, nn.Module]) -> Iterator[None]:
-    """While it is entered, state dicts hold sharded weights in one piece; all processes must enter it."""
+def full_state_dicts(modules: Mapping[str, nn.Module]) -> Iterator[None]:
+    """Context in which state dicts hold full tensors instead of shards; all processes must enter it."""
     full = {
-        name: {key: whole(p) for key, p in module.named_parameters() if isinstance(p, DTensor)}
+        name: {key: full_tensor(p) for key, p in module.named_parameters() if isinstance(p, DTensor)}
         for name, module in modules.items()
     }
 

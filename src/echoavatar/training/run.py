@@ -1,4 +1,4 @@
-"""A run from its beginning, or from where it was stopped, to its end or to the next stop."""
+"""Runs training from the start, or from the last checkpoint, to the end or to the next interruption."""
 
 import math
 import time
@@ -6,14 +6,14 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from .journal import Journal
 from .loop import Loop
+from .metrics_log import MetricsLog
 from .processes import processes_here
 from .signals import Interrupted, Signals
 from .stage import Stage
 
 Progress = Callable[[int, int], None]
-"""Told (steps done, steps in all) after each step."""
+"""Called with (steps done, total steps) after each step."""
 
 
 def train(
@@ -26,31 +26,31 @@ def train(
     trackers: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> None:
-    """Train, or go on with what `folder` holds, until the schedule's end, or for `minutes` of this call.
+    """Train, or resume the run in `folder`, until the schedule's end, or for `minutes` of this call.
 
-    `folder` gets what the stage saves, `training.safetensors` (to go on) and `metrics.jsonl`.
+    `folder` gets what the task saves, `training.safetensors` (for resuming) and `metrics.jsonl`.
 
     Raises:
-        Interrupted: SIGTERM or SIGINT came; the run is saved and can be gone on with.
+        Interrupted: SIGTERM or SIGINT arrived; the run is saved and can be resumed.
         CheckpointError: the folder holds another run, or a damaged one.
-        EchoAvatarError: the loss is no longer a number, or the batch cannot be shared evenly.
+        EchoAvatarError: the loss is not finite, or the batch cannot be divided evenly.
     """
     processes = processes_here(device, sharded=sharded)
     loop = Loop(stage, processes)
     loop.resume(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    journal = Journal(folder, loop.step, trackers) if processes.is_first else None
+    metrics_log = MetricsLog(folder, loop.step, trackers) if processes.is_first else None
     deadline = math.inf if minutes is None else time.monotonic() + 60 * minutes
     try:
         with Signals() as signals:
-            _run(loop, folder, journal, signals, deadline, progress)
+            _run(loop, folder, metrics_log, signals, deadline, progress)
             loop.save(folder)
     finally:
-        if journal is not None:
-            journal.close()
+        if metrics_log is not None:
+            metrics_log.close()
     if signals.number and loop.done() < 1:
         raise Interrupted(
-            f"stopped at step {loop.step} of {stage.config.steps}, saved in {folder}; call again to go on",
+            f"stopped at step {loop.step} of {stage.config.steps}, saved in {folder}; call again to resume",
             signals.number,
         )
 
@@ -58,7 +58,7 @@ def train(
 def _run(
     loop: Loop[Any],
     folder: Path,
-    journal: Journal | None,
+    metrics_log: MetricsLog | None,
     signals: Signals,
     deadline: float,
     progress: Progress | None,
@@ -67,22 +67,22 @@ def _run(
     agreed = loop.processes.agree
     while loop.done() < 1 and not agreed(bool(signals.number) or time.monotonic() >= deadline):
         began = time.monotonic()
-        is_told = (loop.step + 1) % config.log_every == 0
+        is_logged = (loop.step + 1) % config.log_every == 0
         is_kept = config.save_every > 0 and (loop.step + 1) % config.save_every == 0
-        # a loss that is told and is no number ends the run: such weights must not be kept
-        metrics = loop.advance(is_told=is_told or is_kept)
+        # a checkpoint needs the check that the loss is finite
+        metrics = loop.advance(is_logged=is_logged or is_kept)
         seconds = time.monotonic() - began
-        if config.minutes:  # the clock is part of the schedule, so all must go by one
+        if config.minutes:  # the schedule depends on time, so all processes must use one clock
             seconds = loop.processes.gather_json(seconds)[0]
         loop.seconds += seconds
         is_measured = config.evaluate_every and loop.step % config.evaluate_every == 0 and loop.done() < 1
-        if journal is not None and is_told:
-            journal.write(loop.step, metrics | {"seconds": round(seconds, 4)})
+        if metrics_log is not None and is_logged:
+            metrics_log.write(loop.step, metrics | {"seconds": round(seconds, 4)})
         if is_measured:
             with loop.shown():
-                measured = loop.stage.evaluate() if journal is not None else {}
-            if journal is not None and measured:
-                journal.write(loop.step, measured)
+                measured = loop.stage.evaluate() if metrics_log is not None else {}
+            if metrics_log is not None and measured:
+                metrics_log.write(loop.step, measured)
         is_due = config.save_minutes and time.monotonic() - saved > 60 * config.save_minutes
         if is_kept or agreed(bool(is_due)):
             loop.save(folder)

@@ -1,4 +1,4 @@
-"""SIGTERM and SIGINT end a run after the step in progress, with a checkpoint; a second one ends it at once."""
+"""On SIGTERM or SIGINT a run finishes its step and saves a checkpoint; a second signal ends it at once."""
 
 import signal
 import threading
@@ -8,8 +8,8 @@ from typing import Self
 _ASKED = (signal.SIGTERM, signal.SIGINT)
 
 
-class Interrupted(KeyboardInterrupt):  # noqa: N818  (as KeyboardInterrupt: nothing went wrong)
-    """A run was asked to end, and has saved what it needs to go on. `code` is the shell's exit code for the signal."""
+class Interrupted(KeyboardInterrupt):  # noqa: N818  (like KeyboardInterrupt: not an error)
+    """A run was asked to end and has been saved. `code` is the shell's exit code for the signal."""
 
     def __init__(self, message: str, number: int) -> None:
         super().__init__(message)
@@ -17,9 +17,9 @@ class Interrupted(KeyboardInterrupt):  # noqa: N818  (as KeyboardInterrupt: noth
 
 
 class Signals:
-    """While it is entered, the first signal is noted in `number`; then the old handlers are back.
+    """Context that records the first signal in `number` and then restores the previous handlers.
 
-    Python gives signals to the main thread alone: entered in another thread it notes nothing.
+    Python delivers signals to the main thread only; entered in another thread this does nothing.
     """
 
     def __init__(self) -> None:

@@ -1,7 +1,8 @@
-"""What a stage of training must say, and what it may: the loop does the rest.
+"""The interface of a training task: what it must define, and what it may override.
 
-The contract that makes runs repeat: `draw` makes a step's whole batch with everything random in it, and `loss` is a
-plain function of rows of it. So a batch may be cut into pieces and shared by processes without changing the run.
+Runs are reproducible because of this contract: `draw` makes a step's whole batch with everything random in it, and
+`loss` is a deterministic function of rows of that batch. A batch can therefore be split into pieces and shared by
+processes without changing the run.
 """
 
 from abc import ABC, abstractmethod
@@ -14,110 +15,134 @@ from torch import Tensor, nn
 
 from ..config import Config
 from .config import TrainingConfig
-from .optimisers import adamw
 from .processes import Processes
 
 BatchT = TypeVar("BatchT")
 Gather = Callable[[Tensor], Tensor]
-"""Puts the rows of all pieces and processes together, in the order of the batch."""
+"""Concatenates the rows of all pieces and processes, in the order of the batch."""
 
 
 class Loss(NamedTuple):
-    """The mean loss of the rows given, to be minimised, and what the log keeps of them (means as well)."""
+    """The mean loss of the given rows, and values to log (also means)."""
 
     total: Tensor
-    told: Mapping[str, Tensor | float]
+    metrics: Mapping[str, Tensor | float]
 
 
 class Stage(ABC, Generic[BatchT]):
-    """Config, modules, data, loss. A batch is tensors, rows first, in tuples as deep as wanted."""
+    """Config, modules, data and loss. A batch is a tensor or a (nested) tuple of tensors, rows first."""
 
     has_idle = False
-    """Whether some of what learns gets no gradient in some steps; several processes must know."""
+    """Whether some trained parameters get no gradient in some steps; DDP must know."""
     seconds = 0.0
-    """Time spent in steps up to the checkpoint that is being saved."""
+    """Training time up to the checkpoint that is being saved."""
     processes = Processes()
-    """Those that share the run, set by the loop: `draw` may divide dear work among them, if all end with one batch."""
+    """The processes of the run, set by the loop: `draw` may divide expensive work, if all end with the same batch."""
 
     def __init__(self, config: TrainingConfig, modules: Mapping[str, nn.Module]) -> None:
-        """`modules` are all that learns or remembers, by the name under which it is kept."""
+        """`modules` hold everything that is trained or saved, by the name used in the checkpoint."""
         self.config = config
         self.modules = dict(modules)
 
     @abstractmethod
     def draw(self, step: int) -> BatchT:
-        """The whole batch of a step (from 0), on the CPU; every process draws the same."""
+        """The whole batch of a step (from 0), on the CPU; every process draws the same batch."""
 
     @abstractmethod
     def loss(self, batch: BatchT, step: int) -> Loss:
-        """Of rows of a batch, on the modules' device; the only place through which gradients flow."""
+        """Loss of some rows of a batch, on the modules' device; gradients flow only through this."""
 
     @abstractmethod
     def save(self, folder: Path, step: int) -> None:
-        """Write what others load, after `step` steps; the modules hold the weights to be shown."""
+        """Write the model after `step` steps; the modules hold the weights to save."""
 
     def optimisers(self) -> list[torch.optim.Optimizer]:
-        """AdamW over all that learns; asked for once the modules are where they will be trained.
+        """AdamW over all trained parameters; called when the modules are on their final device.
 
-        A group of parameters with an entry "relative" has so many times the rate of the step.
+        A parameter group with an entry "relative" multiplies the step's learning rate by it.
         """
         return [adamw(self.modules.values(), self.config)]
 
     def identity(self) -> Mapping[str, Config]:
-        """What a run must agree in with the folder it goes on in."""
+        """Configs that must match those of the run being resumed."""
         return {"training": self.config}
 
     def rate(self, step: int, done: float) -> float:
-        """Learning rate of a step; `done` is the share of the run behind it, by steps or by the clock."""
+        """Learning rate of a step; `done` is the share of the run completed, by steps or by time."""
         return self.config.rate_at(step, done)
 
     def clipped(self) -> Iterable[nn.Parameter]:
-        """The parameters whose gradient's norm is told and kept below `config.clip`."""
+        """The parameters whose gradient norm is logged and clipped to `config.clip`."""
         return (parameter for module in self.modules.values() for parameter in module.parameters())
 
     def weight(self, batch: BatchT) -> float:
-        """How much the loss of these rows counts against others: by default how many they are."""
-        return float(rows_of(batch))
+        """Weight of these rows' loss against other rows'; by default their number."""
+        return float(row_count(batch))
 
-    def before(self, batch: BatchT, step: int) -> None:  # noqa: B027  (a hook, not a duty)
+    def before(self, batch: BatchT, step: int) -> None:  # noqa: B027  (an optional hook)
         """Called with the whole batch before a step."""
 
     def after(self, step: int, gather: Gather) -> None:  # noqa: B027
-        """Called after a step: what learns by other means than gradients."""
+        """Called after a step, for what is learned without gradients."""
 
     def evaluate(self) -> Mapping[str, object]:
         """Measurements on held-out data, every `config.evaluate_every` steps."""
         return {}
 
     def state(self) -> Mapping[str, Tensor]:
-        """What else a resumed run must remember."""
+        """Further tensors to save for resuming."""
         return {}
 
     def load_state(self, state: Mapping[str, Tensor]) -> None:  # noqa: B027
-        """Take it back."""
+        """Restore what `state` returned."""
 
 
-def rows_of(batch: Any) -> int:
-    """How many rows a batch has: the length of its first tensor."""
-    found = next(leaves(batch), None)
+def adamw(
+    modules: Iterable[nn.Module],
+    config: TrainingConfig,
+    *,
+    but: Iterable[nn.Parameter] = (),
+    decays_vectors: bool = False,
+) -> torch.optim.AdamW:
+    """AdamW over the trained parameters except `but`; norms and biases have no decay unless `decays_vectors`."""
+    left_out = {id(parameter) for parameter in but}
+    learned = [
+        parameter
+        for module in modules
+        for parameter in module.parameters()
+        if parameter.requires_grad and id(parameter) not in left_out
+    ]
+    decayed = [p for p in learned if p.dim() > 1 or decays_vectors]
+    others = [p for p in learned if not (p.dim() > 1 or decays_vectors)]
+    groups = [
+        {"params": params, "weight_decay": decay}
+        for params, decay in ((decayed, config.weight_decay), (others, 0.0))
+        if params
+    ]
+    return torch.optim.AdamW(groups, lr=config.learning_rate, betas=config.betas, fused=True)
+
+
+def row_count(batch: Any) -> int:
+    """Number of rows in a batch: the length of its first tensor."""
+    found = next(tensors_in(batch), None)
     assert found is not None, "a batch needs a tensor"
     return len(found)
 
 
-def leaves(batch: Any) -> Iterator[Tensor]:
+def tensors_in(batch: Any) -> Iterator[Tensor]:
     """The tensors of a batch."""
     if isinstance(batch, Tensor):
         yield batch
     elif isinstance(batch, tuple):
         for part in batch:
-            yield from leaves(part)
+            yield from tensors_in(part)
 
 
-def cut(batch: Any, rows: slice, device: torch.device) -> Any:
-    """Some rows of every tensor of a batch, on a device; what is no tensor stays as it is."""
+def take_rows(batch: Any, rows: slice, device: torch.device) -> Any:
+    """Some rows of every tensor of a batch, on a device; other values stay as they are."""
     if isinstance(batch, Tensor):
         return batch[rows].to(device, non_blocking=True)
     if isinstance(batch, tuple):
-        parts = [cut(part, rows, device) for part in batch]
+        parts = [take_rows(part, rows, device) for part in batch]
         return type(batch)(*parts) if hasattr(batch, "_fields") else tuple(parts)
     return batch

@@ -1,8 +1,8 @@
-"""Everything a run needs to go on to the same curve, as one safetensors file; written whole or not at all.
+"""The state of a run in one safetensors file, from which it resumes to the same losses; written atomically.
 
-Weights in full precision, averages that codebooks keep beside their state dict, the optimisers' averages, averaged
-weights, torch's random generators, the stage's own, the step. By name, so that one process may go on with what several
-wrote.
+It holds the weights in full precision, the codebooks' running averages, the optimisers' state, averaged weights,
+torch's random generators, the task's own state and the step. Everything is stored by name, so that a run may be resumed
+with another number of processes.
 """
 
 import json
@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from torch.distributed.tensor import DTensor
 
 from ..errors import CheckpointError
-from .processes import as_placed, whole
+from .processes import full_tensor, placed_like
 
 FILE = "training.safetensors"
 _FORMAT = "2"
@@ -25,18 +25,18 @@ _OLDER = "resume.safetensors"
 
 
 @runtime_checkable
-class Remembering(Protocol):
-    """A module with buffers that its state dict leaves out (`quantize.Codebook`)."""
+class HasTrainingState(Protocol):
+    """A module with buffers that its state dict omits (`quantize.Codebook`)."""
 
     def training_state(self) -> dict[str, Tensor]:
-        """What it leaves out."""
+        """The omitted buffers."""
 
 
 def has_state(folder: Path) -> bool:
-    """Whether there is a run to go on with.
+    """Whether the folder holds a run to resume.
 
     Raises:
-        CheckpointError: there is one, of a version that went on in another way.
+        CheckpointError: it holds one of an older version, which cannot be resumed.
     """
     if (folder / FILE).exists():
         return True
@@ -46,7 +46,7 @@ def has_state(folder: Path) -> bool:
 
 
 def write(path: Path, tensors: Mapping[str, Tensor], facts: Mapping[str, object]) -> None:
-    """Write the file; facts are JSON."""
+    """Write the file; `facts` must be JSON."""
     stored = {key: value.detach().cpu().contiguous().clone() for key, value in tensors.items()}
     partial = path.with_name(path.name + ".partial")
     save_file(stored, partial, metadata={"format": _FORMAT, "facts": json.dumps(dict(facts))})
@@ -54,7 +54,7 @@ def write(path: Path, tensors: Mapping[str, Tensor], facts: Mapping[str, object]
 
 
 def read(path: Path) -> tuple[dict[str, Tensor], dict[str, object]]:
-    """Tensors and facts.
+    """Read tensors and facts.
 
     Raises:
         CheckpointError: the file is damaged, or of an older version.
@@ -66,21 +66,21 @@ def read(path: Path) -> tuple[dict[str, Tensor], dict[str, object]]:
                 raise CheckpointError(_refusal(path))
             tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
     except (SafetensorError, OSError) as error:
-        raise CheckpointError(f"{path} is damaged ({error}); delete it to begin again") from error
+        raise CheckpointError(f"{path} is damaged ({error}); delete it to start again") from error
     return tensors, dict(json.loads(metadata["facts"]))
 
 
 def _refusal(path: Path) -> str:
     return (
-        f"{path} was written by an older version, whose runs cannot be gone on with; train into another folder "
-        f"(the model in {path.parent} can be its --start), or delete the file to begin again"
+        f"{path} was written by an older version, whose runs cannot be resumed; train into another folder "
+        f"(the model in {path.parent} can be its --start), or delete the file to start again"
     )
 
 
 def module_state(modules: Mapping[str, nn.Module]) -> dict[str, Tensor]:
-    """Weights and all buffers that count."""
+    """Weights and buffers, including those that state dicts omit."""
     found = {
-        f"model.{name}.{key}": whole(value)
+        f"model.{name}.{key}": full_tensor(value)
         for name, module in modules.items()
         for key, value in module.state_dict().items()
     }
@@ -89,13 +89,13 @@ def module_state(modules: Mapping[str, nn.Module]) -> dict[str, Tensor]:
 
 @torch.no_grad()
 def load_modules(modules: Mapping[str, nn.Module], tensors: Mapping[str, Tensor], origin: str) -> None:
-    """Take weights and buffers back.
+    """Restore weights and buffers.
 
     Raises:
         CheckpointError: names or shapes differ.
     """
     own = {f"{name}.{key}": value for name, m in modules.items() for key, value in m.state_dict().items()}
-    saved = under(tensors, "model.")
+    saved = strip_prefix(tensors, "model.")
     problems = [f"missing {key}" for key in own if key not in saved]
     problems += [f"unknown {key}" for key in saved if key not in own]
     problems += [
@@ -108,10 +108,11 @@ def load_modules(modules: Mapping[str, nn.Module], tensors: Mapping[str, Tensor]
         raise CheckpointError(f"{origin} does not fit this model: {'; '.join(problems[:6])}{more}")
     for name, module in modules.items():
         placed = {
-            key: as_placed(value, own[f"{name}.{key}"]) for key, value in under(saved, f"{name}.").items()
+            key: placed_like(value, own[f"{name}.{key}"])
+            for key, value in strip_prefix(saved, f"{name}.").items()
         }
         module.load_state_dict(placed)
-    beside = under(tensors, "beside.")
+    beside = strip_prefix(tensors, "beside.")
     for key, value in _beside(modules):
         value.copy_(beside[key])
 
@@ -119,9 +120,9 @@ def load_modules(modules: Mapping[str, nn.Module], tensors: Mapping[str, Tensor]
 def optimiser_state(
     modules: Mapping[str, nn.Module], optimisers: Sequence[torch.optim.Optimizer]
 ) -> dict[str, Tensor]:
-    """What the optimisers remember of each parameter, by its name."""
+    """The optimisers' state of each parameter, by its name."""
     return {
-        f"optimiser.{name}.{key}": whole(torch.as_tensor(value))
+        f"optimiser.{name}.{key}": full_tensor(torch.as_tensor(value))
         for name, parameter in _parameters(modules)
         for optimiser in optimisers
         if parameter in optimiser.state
@@ -134,9 +135,9 @@ def load_optimisers(
     optimisers: Sequence[torch.optim.Optimizer],
     tensors: Mapping[str, Tensor],
 ) -> None:
-    """Take it back."""
+    """Restore the optimisers' state."""
     saved: dict[str, dict[str, Tensor]] = {}
-    for key, value in under(tensors, "optimiser.").items():
+    for key, value in strip_prefix(tensors, "optimiser.").items():
         name, which = key.rsplit(".", 1)
         saved.setdefault(name, {})[which] = value
     owners = {
@@ -148,7 +149,7 @@ def load_optimisers(
     for name, parameter in _parameters(modules):
         if name in saved and id(parameter) in owners:
             owners[id(parameter)].state[parameter] = {
-                key: as_placed(value, parameter)
+                key: placed_like(value, parameter)
                 if value.shape == parameter.shape
                 else _scalar(value, parameter)
                 for key, value in saved[name].items()
@@ -156,13 +157,13 @@ def load_optimisers(
 
 
 def _scalar(value: Tensor, parameter: Tensor) -> Tensor:
-    """A step count lies beside its parameter, as fused optimisers want it."""
+    """Move a step count to its parameter's device, as fused optimisers require."""
     device = parameter.to_local().device if isinstance(parameter, DTensor) else parameter.device
     return value.to(device)
 
 
 def random_state(device: torch.device) -> Tensor:
-    """Of torch's global generators: the CPU's, then the device's if it is another."""
+    """State of torch's global generators: the CPU's, then the CUDA device's if there is one."""
     states = [torch.get_rng_state()]
     if device.type == "cuda":
         states.append(torch.cuda.get_rng_state(device))
@@ -170,15 +171,15 @@ def random_state(device: torch.device) -> Tensor:
 
 
 def load_random_state(state: Tensor, device: torch.device) -> None:
-    """Take it back."""
+    """Restore the generators."""
     cpu = len(torch.get_rng_state())
-    torch.set_rng_state(state[:cpu].cpu().clone())  # of its own: torch reads past a view's offset
+    torch.set_rng_state(state[:cpu].cpu().clone())  # a copy, because torch ignores a view's offset
     if device.type == "cuda" and len(state) > cpu:
         torch.cuda.set_rng_state(state[cpu:].cpu().clone(), device)
 
 
-def under(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:
-    """Those whose names begin so, by the rest of the name."""
+def strip_prefix(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:
+    """The entries whose names start with `prefix`, without it."""
     return {key[len(prefix) :]: value for key, value in tensors.items() if key.startswith(prefix)}
 
 
@@ -189,11 +190,11 @@ def _parameters(modules: Mapping[str, nn.Module]) -> Iterator[tuple[str, nn.Para
 
 
 def _beside(modules: Mapping[str, nn.Module]) -> Iterator[tuple[str, Tensor]]:
-    """Buffers beside the state dicts; what holds others that remember speaks for them."""
+    """Buffers that state dicts omit; a module that reports them also reports those of its children."""
     for name, module in modules.items():
         spoken: set[int] = set()
         for path, part in module.named_modules():
-            if id(part) not in spoken and isinstance(part, Remembering):
+            if id(part) not in spoken and isinstance(part, HasTrainingState):
                 assert isinstance(part, nn.Module)
                 spoken.update(id(inner) for inner in part.modules())
                 for key, value in part.training_state().items():

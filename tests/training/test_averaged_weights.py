@@ -1,7 +1,7 @@
 import torch
 from torch import nn
 
-from echoavatar.training.average import Average
+from echoavatar.training.averaged_weights import AveragedWeights
 
 
 def test_the_average_follows_slowly_and_knows_only_what_learns():
@@ -9,7 +9,7 @@ def test_the_average_follows_slowly_and_knows_only_what_learns():
     model = nn.Linear(1, 1)
     model.bias.requires_grad_(False)
     nn.init.zeros_(model.weight)
-    average = Average({"m": model}, 0.99)
+    average = AveragedWeights({"m": model}, 0.99)
     assert list(average.values) == ["m.weight"]
     nn.init.ones_(model.weight)
     average.update(0)
@@ -17,3 +17,12 @@ def test_the_average_follows_slowly_and_knows_only_what_learns():
     nn.init.zeros_(model.weight)
     average.update(10**6)
     torch.testing.assert_close(average.values["m.weight"], torch.tensor([[0.9 * 0.99]]))
+
+
+def test_modules_hold_the_average_inside_the_context_only():
+    model = nn.Linear(2, 2)
+    average, own = AveragedWeights({"m": model}, 0.99), model.weight.detach().clone()
+    average.values["m.weight"] += 1
+    with average.applied():
+        torch.testing.assert_close(model.weight, own + 1)
+    torch.testing.assert_close(model.weight, own)

@@ -6,7 +6,13 @@ import pytest
 
 import echoavatar
 from echoavatar.audio import read_audio
-from echoavatar.evaluation.acting import BEGIN_CHUNKS, _acted, body_points, evaluate_actions, head_turn
+from echoavatar.evaluation.actions import (
+    BEGIN_CHUNKS,
+    _score_action,
+    body_points,
+    evaluate_actions,
+    head_turn,
+)
 from echoavatar.kinematics import Motion
 from echoavatar.pipeline import Pipeline, load_bundle
 from echoavatar.rehearsal.action_clips import SCRIPTS, clip
@@ -32,7 +38,7 @@ def test_who_does_what_the_clip_shows_is_near_it_and_who_stands_is_not() -> None
     wanted = clip(SCRIPTS["raise_left_hand"])
     before = still(wanted, BEGIN_CHUNKS * CHUNK_FRAMES)
     on, off = then(then(before, wanted), still(wanted, 40)), still(wanted, 200)
-    acted = _acted("raise_left_hand", off, on)
+    acted = _score_action("raise_left_hand", off, on)
     assert acted.on_cm < 0.1
     assert acted.off_cm > 50
     assert "leftHand" in acted.points
@@ -53,9 +59,9 @@ def test_who_looks_around_turns_the_head_as_far_as_the_clip_and_who_stands_does_
     wanted = clip(SCRIPTS["look_around"])
     before = still(wanted, BEGIN_CHUNKS * CHUNK_FRAMES)
     on, off = then(then(before, wanted), still(wanted, 40)), still(wanted, 200)
-    acted = _acted("look_around", off, on)
-    assert acted.is_of_the_head
-    assert not _acted("bow", off, off).is_of_the_head
+    acted = _score_action("look_around", off, on)
+    assert acted.is_head_action
+    assert not _score_action("bow", off, off).is_head_action
     assert acted.head_off == pytest.approx((0, 0), abs=1e-3)
     assert acted.head_on.yaw == pytest.approx(acted.head_clip.yaw, abs=1)
     assert acted.head_clip.yaw > 90
@@ -88,7 +94,7 @@ def test_the_shipped_generator_raises_its_hands_when_told(voice: np.ndarray) -> 
 
 @pytest.mark.parametrize("name", ["neutral", "agree"])
 def test_every_clip_has_points_to_judge_by(name: str) -> None:
-    assert _acted(name, still(clip(SCRIPTS[name]), 200), still(clip(SCRIPTS[name]), 200)).points
+    assert _score_action(name, still(clip(SCRIPTS[name]), 200), still(clip(SCRIPTS[name]), 200)).points
 
 
 @pytest.mark.slow

@@ -4,22 +4,24 @@ import pytest
 from tests.align.scenes import yardstick
 from tests.align.tuning import clips
 
-from echoavatar.align.gauge import Gauge, mean_and_error
+from echoavatar.align.decoded_motion import decode_continuations
+from echoavatar.align.motion_metrics import MotionMetrics, mean_and_error
 from echoavatar.align.prompts import PromptBook
-from echoavatar.align.scene import decode_scenes
 from echoavatar.metrics.motion_encoder import load_shipped
 from echoavatar.tokenizer import BodyTokenizer
 
 
-def test_the_truth_is_its_own_measure(tiny_bundle):
+def test_the_truth_costs_nothing_and_stillness_does(tiny_bundle):
     import torch
 
     tokenizer = BodyTokenizer.load(tiny_bundle / "tokenizer")
     prompts = PromptBook(clips(3, chunks=8), past=2, length=4).spread(3)
-    gauge = Gauge(tokenizer, prompts, load_shipped(), yardstick())
-    same = gauge(gauge.truth)
+    motion_metrics = MotionMetrics(tokenizer, prompts, load_shipped(), yardstick())
+    same = motion_metrics(motion_metrics.truth)
     assert same["fid"] == pytest.approx(0, abs=1e-2)
-    still = gauge(decode_scenes(tokenizer, prompts, torch.zeros(3, 8, 3, 2, dtype=torch.int64)))
+    still = motion_metrics(
+        decode_continuations(tokenizer, prompts, torch.zeros(3, 8, 3, 2, dtype=torch.int64))
+    )
     assert still["fid"] > 10 * abs(same["fid"]) + 0.1
     assert still["diversity"] < same["diversity"]
     assert {"beat_alignment", "diversity", "fid"} <= same.keys()

@@ -5,12 +5,12 @@ from types import ModuleType
 import pytest
 
 from echoavatar.errors import DependencyError
-from echoavatar.training.journal import FILE, TRACKERS, Journal
+from echoavatar.training.metrics_log import FILE, TRACKERS, MetricsLog
 
 
 def test_lines_that_will_be_repeated_and_a_torn_one_are_dropped(tmp_path):
     (tmp_path / FILE).write_text('{"step": 1, "loss": 3}\n{"step": 2, "loss": 2}\n{"step": 3, "lo')
-    journal = Journal(tmp_path, 1)
+    journal = MetricsLog(tmp_path, 1)
     journal.write(2, {"loss": 2.5})
     journal.close()
     read = [json.loads(line) for line in (tmp_path / FILE).read_text().splitlines()]
@@ -21,7 +21,7 @@ def test_lines_that_will_be_repeated_and_a_torn_one_are_dropped(tmp_path):
 def test_a_tracker_that_is_not_installed_is_named(tmp_path, monkeypatch, name):
     monkeypatch.setitem(sys.modules, {"tensorboard": "torch.utils.tensorboard"}.get(name, name), None)
     with pytest.raises(DependencyError, match=f"pip install {name}"):
-        Journal(tmp_path, 0, [name])
+        MetricsLog(tmp_path, 0, [name])
 
 
 def test_weights_and_biases_goes_on_with_the_same_run(tmp_path, monkeypatch):
@@ -41,7 +41,7 @@ def test_weights_and_biases_goes_on_with_the_same_run(tmp_path, monkeypatch):
     fake.init = lambda **options: asked.append(options["id"]) or Run()
     monkeypatch.setitem(sys.modules, "wandb", fake)
     for step in (1, 2):
-        journal = Journal(tmp_path, 0, ["wandb"])
+        journal = MetricsLog(tmp_path, 0, ["wandb"])
         journal.write(step, {"loss": 0.5})
         journal.close()
     assert asked == [None, "abc"]
@@ -64,7 +64,7 @@ def test_tensorboard_gets_every_value(tmp_path, monkeypatch):
     fake = ModuleType("torch.utils.tensorboard")
     fake.SummaryWriter = Writer
     monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", fake)
-    journal = Journal(tmp_path, 0, ["tensorboard"])
+    journal = MetricsLog(tmp_path, 0, ["tensorboard"])
     journal.write(3, {"loss": 0.5, "rate": 0.1})
     journal.close()
     assert told == [("loss", 0.5, 3), ("rate", 0.1, 3), "closed"]

@@ -1,10 +1,10 @@
-"""Does an action do what its clip shows? Each one on and off over the same speech with the same seed.
+"""Does an action do what its clip shows? Compares the same speech and seed with and without each action.
 
-Measured in the hips' frame on the points that the reference clip moves (joints, and a nose that shows where the head is
-turned): how far they are from where the clip has them, in centimetres, without the action and with it, over the stretch
-of the clip that makes it what it is. The generated body may lag by up to a third of a second. An action of the head
-hardly moves a point; it is told by how far the head turns meanwhile. Means over a few seeds, as speech may have a hand
-near the clip's by chance. Not in the paper.
+Not in the paper. Measured in the hips' frame on the points that the reference clip moves: joints, and a nose that shows
+where the head is turned. The score is their mean distance from the clip's points in centimetres, without the action and
+with it, over the stretch of the clip that defines the action. The generated body may lag by up to a third of a second.
+Head actions hardly move any point, so for them the rotation range of the head is reported. Everything is averaged over
+a few seeds, because in speech a hand may be close to the clip's by chance.
 """
 
 from collections.abc import Sequence
@@ -22,9 +22,9 @@ from ..pipeline.motion_chunk import join
 from ..rehearsal.action_clips import SCRIPTS, clip
 from ..timing import CHUNK, FRAME_RATE_HZ
 
-BEGIN_CHUNKS = 8  # of speech before the action
-NOSE_M = 0.25  # ahead of the head
-MOVED_M = 0.05  # a point that the clip moves further than this is one that matters
+BEGIN_CHUNKS = 8  # chunks of speech before the action
+NOSE_M = 0.25  # distance of the nose point from the head joint
+MOVED_M = 0.05  # the clip must move a point further than this for it to count
 LATEST_FRAMES = 10
 SEEDS = (0, 1, 2)
 
@@ -32,29 +32,29 @@ Points = Float[np.ndarray, "t p 3"]
 
 
 class HeadTurn(NamedTuple):
-    """How far the head turns: degrees between its extremes, in the hips' frame."""
+    """Range of the head's rotation: degrees between its extremes, in the hips' frame."""
 
     yaw: float
     pitch: float
 
 
-class Acted(NamedTuple):
-    """One action: mean distance of the points that matter from the clip's, and the whole motion with it."""
+class ActionScore(NamedTuple):
+    """One action: mean distance of the counted points from the clip's, without it and with it, and the motion."""
 
     name: str
-    points: tuple[str, ...]  # that the clip moves
+    points: tuple[str, ...]  # points that the clip moves
     off_cm: float
     on_cm: float
-    fastest_deg_s: float  # joint, while it comes, lasts and goes
+    fastest_deg_s: float  # fastest joint, from the start of the action to its end
     motion: Motion
     peak: int  # frame of the motion in the middle of the action's hold
-    head_off: HeadTurn  # while it lasts
+    head_off: HeadTurn  # during the hold
     head_on: HeadTurn
     head_clip: HeadTurn
 
     @property
-    def is_of_the_head(self) -> bool:
-        """Whether its clip is laid on whatever the rest of the body does."""
+    def is_head_action(self) -> bool:
+        """Whether the clip is added on top of whatever the rest of the body does."""
         return SCRIPTS[self.name].is_on_top
 
 
@@ -64,14 +64,16 @@ def evaluate_actions(
     names: Sequence[str] = (),
     *,
     seeds: Sequence[int] = SEEDS,
-) -> list[Acted]:
-    """All actions of the bundle that have a reference clip of ours (or those of `names`), a batch for each seed."""
+) -> list[ActionScore]:
+    """All actions of the bundle with a reference clip of ours (or those in `names`), in one batch for each seed."""
     chosen = list(names) or [name for name in SCRIPTS if name in pipeline.actions]
     runs = [_run(pipeline, audio, chosen, seed) for seed in seeds]
     return [_mean(same) for same in zip(*runs, strict=True)]
 
 
-def _run(pipeline: Pipeline, audio: Float[np.ndarray, " s"], names: Sequence[str], seed: int) -> list[Acted]:
+def _run(
+    pipeline: Pipeline, audio: Float[np.ndarray, " s"], names: Sequence[str], seed: int
+) -> list[ActionScore]:
     longest = max(pipeline.actions[name].chunks for name in names)
     size = pipeline.chunk.samples
     samples = (BEGIN_CHUNKS + longest + 4) * size
@@ -90,11 +92,11 @@ def _run(pipeline: Pipeline, audio: Float[np.ndarray, " s"], names: Sequence[str
             chunks.extend(session)
     off, *on = (_motion(pipeline.skeleton, chunks) for chunks in made)
     begin = BEGIN_CHUNKS * pipeline.chunk.frames
-    return [_acted(name, off, motion, begin) for name, motion in zip(names, on, strict=True)]
+    return [_score_action(name, off, motion, begin) for name, motion in zip(names, on, strict=True)]
 
 
-def _mean(runs: Sequence[Acted]) -> Acted:
-    """One action over seeds; the motion is the first's, the speed the greatest."""
+def _mean(runs: Sequence[ActionScore]) -> ActionScore:
+    """Average one action over seeds; the motion is that of the first seed, the speed the maximum."""
 
     def turn(which: str) -> HeadTurn:
         return HeadTurn(*np.mean([getattr(run, which) for run in runs], 0).tolist())
@@ -108,11 +110,13 @@ def _mean(runs: Sequence[Acted]) -> Acted:
     )
 
 
-def _acted(name: str, off: Motion, on: Motion, begin: int = BEGIN_CHUNKS * CHUNK.frames) -> Acted:
+def _score_action(
+    name: str, off: Motion, on: Motion, begin: int = BEGIN_CHUNKS * CHUNK.frames
+) -> ActionScore:
     script = SCRIPTS[name]
     wanted = body_points(clip(script))
     moved = np.linalg.norm(wanted - wanted[:1], axis=-1).max(0) > MOVED_M
-    if not moved.any():  # to stand at ease concerns all of the body
+    if not moved.any():  # standing at ease concerns the whole body
         moved[:] = True
     first, last = (round(second * FRAME_RATE_HZ) for second in script.hold)
     span = wanted[first:last, moved]
@@ -129,11 +133,11 @@ def _acted(name: str, off: Motion, on: Motion, begin: int = BEGIN_CHUNKS * CHUNK
     points = tuple(names[at] for at in np.flatnonzero(moved))
     peak, lasts = begin + (first + last) // 2, slice(begin + first, begin + last + LATEST_FRAMES)
     heads = head_turn(off, lasts), head_turn(on, lasts), head_turn(clip(script), slice(first, last))
-    return Acted(name, points, distance(off), distance(on), fastest, on, peak, *heads)
+    return ActionScore(name, points, distance(off), distance(on), fastest, on, peak, *heads)
 
 
 def head_turn(motion: Motion, frames: slice) -> HeadTurn:
-    """Of where the head faces; it does not matter where the hips do."""
+    """Rotation range of the head relative to the hips."""
     points = body_points(motion)[frames]
     x, y, z = ((points[:, -1] - points[:, motion.skeleton.index("head")]) / NOSE_M).T
     yaw, pitch = np.unwrap(np.arctan2(x, z)), np.arcsin(np.clip(y, -1, 1))

@@ -6,18 +6,18 @@ import pytest
 import torch
 from tests.align.scenes import dips, scene
 
-from echoavatar.align.degrade import (
+from echoavatar.align.corruption import (
     CLEAN,
     PAPER_CLEAN_FID,
     PAPER_FID,
     RATES,
-    corrupted,
+    corrupted_codes,
+    degraded,
+    degraded_scores,
     level_name,
     paper_scores,
     read_scores,
     scores_from_fid,
-    spoiled,
-    spoiled_scores,
 )
 from echoavatar.errors import CheckpointError
 from echoavatar.kinematics import HUMANOID, to_features
@@ -52,7 +52,7 @@ def test_corruption_grows_with_the_rate():
     codes = torch.randint(8, (4, 30, 3, 2), generator=random)
     for kind in ("uniform", "hierarchical"):
         changed = [
-            (corrupted(codes, kind, rate, codebook=8, generator=random) != codes).float().mean()
+            (corrupted_codes(codes, kind, rate, codebook=8, generator=random) != codes).float().mean()
             for rate in (0.1, 0.9)
         ]
         assert 0 < changed[0] < changed[1]
@@ -66,7 +66,7 @@ def features() -> torch.Tensor:
 @pytest.mark.parametrize("kind", ["jitter", "foot_slide"])
 def test_kinds_that_add(kind):
     clean, travel = features(), travel_slice(HUMANOID)
-    changed = [(spoiled(clean, kind, s, HUMANOID) - clean).abs() for s in (0.0, 0.5, 1.0)]
+    changed = [(degraded(clean, kind, s, HUMANOID) - clean).abs() for s in (0.0, 0.5, 1.0)]
     assert changed[0].max() == 0
     assert changed[1].sum() < changed[2].sum()
     elsewhere = torch.ones(315, dtype=torch.bool)
@@ -77,10 +77,10 @@ def test_kinds_that_add(kind):
 
 def test_time_runs_fast_and_slow_and_limbs_freeze():
     moving = torch.arange(40.0)[None, :, None].expand(1, 40, 315).clone()
-    warped = spoiled(moving, "time_warp", 1.0, HUMANOID)
+    warped = degraded(moving, "time_warp", 1.0, HUMANOID)
     assert (warped - moving).abs().max() <= 6
     assert (warped - moving).abs().max() >= 4
-    frozen = spoiled(moving, "frozen_limbs", 0.5, HUMANOID)
+    frozen = degraded(moving, "frozen_limbs", 0.5, HUMANOID)
     assert (frozen == moving[:, :1]).all(1).float().mean() == pytest.approx(0.5, abs=0.02)
 
 
@@ -95,7 +95,7 @@ def test_files_of_scores(tmp_path):
 
 
 def test_scores_of_motion_made_worse_fall_with_its_severity():
-    found = spoiled_scores(["jitter", "time_warp"])
+    found = degraded_scores(["jitter", "time_warp"])
     assert found["jitter 1.0"] == found["time_warp 1.0"] == pytest.approx(0.40)
     assert found["jitter 0.1"] == pytest.approx(0.91 - 0.051)
     assert len(found) == 12

@@ -1,11 +1,11 @@
-"""What the alignment reward hears with: codes, BEATs or Wav2CLIP, behind one interface.
+"""The audio encoders of the alignment reward: codec tokens, BEATs or Wav2CLIP, behind one interface.
 
-Ears take codes of the codec (75 Hz, two layers) and give states in time. BEATs and Wav2CLIP want a waveform, which
-neither token files nor continuations hold: it is what the codec's decoder makes of the codes, so all ears hear what the
-generator hears. Where many windows are heard again and again, the waveform itself may be handed over (`wave_of`).
+Each takes codec tokens (75 Hz, two layers) and returns states in time. BEATs and Wav2CLIP need a waveform, which
+neither token files nor continuations hold, so the codec's decoder makes one: every encoder gets the audio that the
+generator gets. Training reads the same windows many times and therefore passes decoded waveforms (`decoded_waveform`).
 """
 
-from typing import Literal, Protocol, Self, get_args
+from typing import Literal, Self, get_args
 
 import torch
 import torch.nn.functional as F
@@ -21,55 +21,50 @@ from .bidirectional import FullBlock, sinusoids
 from .fbank import RATE_HZ
 from .wav2clip import Wav2Clip, Wav2ClipConfig
 
-HALF = exact_div(SAMPLES_PER_MOTION_TOKEN, 2 * SAMPLES_PER_AUDIO_TOKEN)  # codes are read at 15 Hz
+TOKENS_PER_STATE = exact_div(
+    SAMPLES_PER_MOTION_TOKEN, 2 * SAMPLES_PER_AUDIO_TOKEN
+)  # 5 audio tokens a state: 15 Hz
 Kind = Literal["codes", "beats", "wav2clip"]
 KINDS: tuple[str, ...] = get_args(Kind)
 SMALL_BEATS = BeatsConfig(layers=2, width=96, heads=4, hidden=192, patch_width=96, reach=32, groups=4)
 SMALL_WAV2CLIP = Wav2ClipConfig(width=16, blocks=1)
 
 
-class EarsConfig(Config):
-    """Which ears: those of codes, unless one of the others is given; these need the codec."""
+class AudioEncoderConfig(Config):
+    """Which encoder: codec tokens unless `beats` or `wav2clip` is given, which also need the codec."""
 
     beats: BeatsConfig | None = Field(default=None, description="sizes of BEATs")
     wav2clip: Wav2ClipConfig | None = Field(default=None, description="sizes of Wav2CLIP's network")
-    codec: CodecConfig | None = Field(default=None, description="whose decoder makes sound of codes")
-    is_frozen: bool = Field(default=False, description="whether published weights are left as they are")
-    channels: int = Field(default=0, ge=0, description="codes: length of a code's vector, both layers summed")
+    codec: CodecConfig | None = Field(default=None, description="codec whose decoder makes the waveform")
+    is_frozen: bool = Field(default=False, description="keep the network's weights fixed")
+    channels: int = Field(default=0, ge=0, description="codes: length of a code vector, codec layers summed")
     layers: int = Field(default=2, gt=0, description="codes: transformer layers")
 
     @model_validator(mode="after")
     def _waves_need_a_codec(self) -> Self:
         if self.beats and self.wav2clip:
-            raise ValueError("ears are BEATs or Wav2CLIP, not both")
+            raise ValueError("the audio encoder is BEATs or Wav2CLIP, not both")
         if bool(self.beats or self.wav2clip) != bool(self.codec):
-            raise ValueError("BEATs and Wav2CLIP need a codec, and codes none")
+            raise ValueError("BEATs and Wav2CLIP need a codec; codes must have none")
         return self
 
     @property
     def kind(self) -> Kind:
-        """Their name."""
+        """The encoder's name."""
         return "beats" if self.beats else "wav2clip" if self.wav2clip else "codes"
 
 
-class Ears(Protocol):
-    """Sound in, states in time out."""
-
-    def __call__(self, sound: Tensor) -> Float[Tensor, "b t c"]:
-        """States of `width` channels, at a rate of their own."""
-
-
-class CodeEars(nn.Module):
-    """Code vectors at 75 Hz, brought to 15 Hz by a convolution, then attention; learnt with the reward."""
+class TokenEncoder(nn.Module):
+    """Code vectors at 75 Hz, strided convolution to 15 Hz, then attention; trained with the reward."""
 
     book: Tensor
 
-    def __init__(self, config: EarsConfig, shape: tuple[int, ...], *, width: int, heads: int) -> None:
+    def __init__(self, config: AudioEncoderConfig, shape: tuple[int, ...], *, width: int, heads: int) -> None:
         """`shape` is (layers, codes) of the codec."""
         super().__init__()
         self.register_buffer("book", torch.zeros(*shape, config.channels))
         self.before = nn.Conv1d(config.channels, width, 3, padding=1)
-        self.down = nn.Conv1d(width, width, HALF, stride=HALF)
+        self.down = nn.Conv1d(width, width, TOKENS_PER_STATE, stride=TOKENS_PER_STATE)
         self.blocks = nn.Sequential(*(FullBlock(width=width, heads=heads) for _ in range(config.layers)))
 
     def forward(self, codes: Int[Tensor, "b f l"]) -> Float[Tensor, "b t c"]:
@@ -81,10 +76,10 @@ class CodeEars(nn.Module):
         return states
 
 
-class WaveEars(nn.Module):
-    """BEATs or Wav2CLIP over the codec's decoder, and a projection; a frozen network stays as it was published."""
+class WaveformEncoder(nn.Module):
+    """BEATs or Wav2CLIP over the codec's decoder, then a linear projection."""
 
-    def __init__(self, config: EarsConfig, *, width: int) -> None:
+    def __init__(self, config: AudioEncoderConfig, *, width: int) -> None:
         super().__init__()
         self.is_frozen = config.is_frozen
         assert config.codec is not None
@@ -100,7 +95,7 @@ class WaveEars(nn.Module):
         self.out = nn.Linear(inputs, width)
 
     def train(self, mode: bool = True) -> Self:
-        """Averages inside a frozen network stay as well."""
+        """A frozen network stays in evaluation mode, so that its running averages do not change."""
         super().train(mode)
         self.codec.eval()
         if self.is_frozen:
@@ -108,8 +103,8 @@ class WaveEars(nn.Module):
         return self
 
     def forward(self, sound: Tensor) -> Float[Tensor, "b t c"]:
-        """Of codes (b, f, l), or of a waveform at 16 kHz (b, s)."""
-        wave = sound if sound.is_floating_point() else wave_of(self.codec, sound)
+        """States of codec tokens (b, f, l), or of a waveform at 16 kHz (b, s)."""
+        wave = sound if sound.is_floating_point() else decoded_waveform(self.codec, sound)
         with torch.set_grad_enabled(torch.is_grad_enabled() and not self.is_frozen):
             states = self.network(wave)
         projected: Tensor = self.out(states)
@@ -117,8 +112,8 @@ class WaveEars(nn.Module):
 
 
 @torch.no_grad()
-def wave_of(codec: AudioCodec, codes: Int[Tensor, "b f l"]) -> Float[Tensor, "b s"]:
-    """Sound at 16 kHz of codes: what is above 8 kHz is cut off in the spectrum."""
+def decoded_waveform(codec: AudioCodec, codes: Int[Tensor, "b f l"]) -> Float[Tensor, "b s"]:
+    """Decode codec tokens to 16 kHz audio; frequencies above 8 kHz are cut off in the spectrum."""
     sound = codec.decode(codes)
     samples = sound.shape[1] * RATE_HZ // SAMPLE_RATE_HZ
     spectrum = torch.fft.rfft(sound.float())[:, : samples // 2 + 1]

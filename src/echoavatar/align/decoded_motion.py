@@ -1,4 +1,4 @@
-"""Scenes: continuations decoded to motion, beside what is heard. What reward functions are functions of."""
+"""Continuations decoded to motion, together with their audio events: the input of reward functions."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Integer
 from scipy.ndimage import gaussian_filter1d
 from torch import Tensor
 
@@ -15,23 +15,23 @@ from ..timing import AUDIO_FRAMES_PER_CHUNK, FRAME_RATE_HZ, FRAMES_PER_MOTION_TO
 from ..tokenizer import BodyTokenizer
 from .prompts import Prompt
 
-LEAD_TOKENS = 2  # motion of the past that a scene begins with, so that speeds at its edge are known
-WARM_TOKENS = 8  # decoded before that and thrown away: what the decoder remembers
+LEAD_TOKENS = 2  # tokens of past motion that are kept, so that speeds are known at the first new frame
+WARM_TOKENS = 8  # tokens decoded before those and discarded: the decoder's receptive field
 
 
 @dataclass(frozen=True)
-class Scene:
-    """One continuation: motion at 30 fps, `lead` frames of past first; times in seconds from the first new frame."""
+class DecodedMotion:
+    """Motion at 30 fps that starts with `lead` frames of the past; times in seconds from the first new frame."""
 
     skeleton: Skeleton
     features: Float[np.ndarray, "t c"]
     positions: Float[np.ndarray, "t j 3"]  # metres, Y up
     lead: int
-    domain: Int[np.ndarray, " t"]  # 0 silence, 1 speech, 2 music
-    beats: Float[np.ndarray, " i"]
-    stresses: Float[np.ndarray, " j"]
+    domain: Integer[np.ndarray, " t"]  # 0 silence, 1 speech, 2 music
+    beats: Float[np.ndarray, " m"]
+    stresses: Float[np.ndarray, " k"]
     audio_codes: Int[np.ndarray, "f l"] = field(default_factory=lambda: np.zeros((0, 2), np.int64))
-    """Of the new frames alone, as below."""
+    """Codec tokens of the new frames; `motion_codes` likewise."""
     motion_codes: Int[np.ndarray, "n p q"] = field(default_factory=lambda: np.zeros((0, 3, 1), np.int64))
 
     @property
@@ -41,22 +41,22 @@ class Scene:
 
     @cached_property
     def local(self) -> Float[np.ndarray, "t j 3"]:
-        """Positions relative to the hips, smoothed by one frame: of movements, not of noise."""
+        """Positions relative to the hips, smoothed over one frame to suppress noise."""
         relative = self.positions - self.positions[:, :1]
         return np.asarray(gaussian_filter1d(relative, 1.0, axis=0, mode="nearest"))
 
     def speed(self, joints: Sequence[int] | None = None) -> Float[np.ndarray, " t"]:
-        """Mean speed (m/s) of some joints relative to the hips, on arriving at each new frame."""
+        """Mean speed (m/s) relative to the hips of some joints (default: all), on arriving at each new frame."""
         chosen = self.local if joints is None else self.local[:, list(joints)]
         steps = np.linalg.norm(np.diff(chosen, axis=0), axis=-1).mean(1) * FRAME_RATE_HZ
         return np.asarray(steps[self.lead - 1 :] if self.lead else np.concatenate([steps[:1], steps]))
 
 
 @torch.no_grad()
-def decode_scenes(
+def decode_continuations(
     tokenizer: BodyTokenizer, prompts: Sequence[Prompt], codes: Int[Tensor, "r n p q"]
-) -> list[Scene]:
-    """Scenes of continuations; r is a multiple of the number of prompts, prompt by prompt."""
+) -> list[DecodedMotion]:
+    """Decode continuations; the rows of one prompt follow each other, the same number for each."""
     group = len(codes) // len(prompts)
     past = torch.from_numpy(np.stack([prompt.past for prompt in prompts]).astype(np.int64))
     context = past[:, -(WARM_TOKENS + LEAD_TOKENS) :].repeat_interleave(group, 0)
@@ -67,12 +67,12 @@ def decode_scenes(
     moved = from_features(tokenizer.skeleton, features)
     positions = forward_kinematics(tokenizer.skeleton, moved.rotations, moved.root).positions.numpy()
     first = past.shape[1] // MOTION_TOKENS_PER_CHUNK * AUDIO_FRAMES_PER_CHUNK
-    scenes = []
+    motions = []
     for row in range(len(codes)):
         prompt = prompts[row // group]
         domain = np.repeat(prompt.domain, FRAMES_PER_MOTION_TOKEN)
-        scenes.append(
-            Scene(
+        motions.append(
+            DecodedMotion(
                 tokenizer.skeleton,
                 features[row].numpy(),
                 positions[row],
@@ -84,10 +84,10 @@ def decode_scenes(
                 codes[row].cpu().numpy(),
             )
         )
-    return scenes
+    return motions
 
 
-def true_scenes(tokenizer: BodyTokenizer, prompts: Sequence[Prompt]) -> list[Scene]:
-    """What the clips themselves do, as their codes decode."""
+def decode_truth(tokenizer: BodyTokenizer, prompts: Sequence[Prompt]) -> list[DecodedMotion]:
+    """The clips' own continuations, decoded from their codes."""
     truth = np.stack([prompt.truth for prompt in prompts]).astype(np.int64)
-    return decode_scenes(tokenizer, prompts, torch.from_numpy(truth))
+    return decode_continuations(tokenizer, prompts, torch.from_numpy(truth))

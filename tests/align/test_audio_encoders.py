@@ -1,4 +1,4 @@
-"""Ears: codes, BEATs and Wav2CLIP give states in time; waveforms are what the codec makes of codes."""
+"""Codec tokens, BEATs and Wav2CLIP give states in time; waveforms are decoded from the codec's tokens."""
 
 import math
 
@@ -6,9 +6,9 @@ import pytest
 import torch
 from pydantic import ValidationError
 
+from echoavatar.align.audio_encoders import AudioEncoderConfig, WaveformEncoder, decoded_waveform
 from echoavatar.align.audio_reward import AudioMotion
 from echoavatar.align.beats import Beats, BeatsConfig
-from echoavatar.align.ears import EarsConfig, WaveEars, wave_of
 from echoavatar.align.wav2clip import Wav2Clip, Wav2ClipConfig
 from echoavatar.audio import AudioCodec, CodecConfig
 from echoavatar.pipeline import load_bundle
@@ -23,57 +23,60 @@ NETWORKS = {
 BOOK = torch.randn(3, 2, 8, 4, generator=torch.Generator().manual_seed(0))
 
 
-def listener(kind: str, *, is_frozen: bool = True) -> AudioMotion:
+def encoder(kind: str, *, is_frozen: bool = True) -> AudioMotion:
     torch.manual_seed(0)
     codec = AudioCodec(CODEC)
     torch.nn.init.normal_(codec.codebooks)
     sizes = {"width": 16, "layers": 1, "heads": 2, "size": 120}
-    return AudioMotion.hearing(NETWORKS[kind](), codec, BOOK, is_frozen=is_frozen, **sizes)
+    return AudioMotion.from_network(NETWORKS[kind](), codec, BOOK, is_frozen=is_frozen, **sizes)
 
 
 @pytest.mark.parametrize("kind", ["beats", "wav2clip"])
-def test_codes_are_heard_as_the_waveform_that_the_codec_makes_of_them(kind, tmp_path):
-    model = listener(kind).eval()
-    assert isinstance(model.ears, WaveEars)
+def test_codes_are_embedded_like_the_waveform_that_the_codec_decodes(kind, tmp_path):
+    model = encoder(kind).eval()
+    assert isinstance(model.audio_encoder, WaveformEncoder)
     codes = torch.randint(16, (2, 300, 2), generator=torch.Generator().manual_seed(1))
-    heard, wave = model.hear(codes), wave_of(model.ears.codec, codes)
+    heard, wave = model.embed_audio(codes), decoded_waveform(model.audio_encoder.codec, codes)
     assert wave.shape == (2, 64_000)
     assert heard.shape == (2, 120)
-    torch.testing.assert_close(model.hear(wave), heard)
-    assert (model.hear(codes.flip(1)) - heard).abs().max() > 1e-4
+    torch.testing.assert_close(model.embed_audio(wave), heard)
+    assert (model.embed_audio(codes.flip(1)) - heard).abs().max() > 1e-4
     model.save(tmp_path, {})
     again = AudioMotion.load(tmp_path)
-    assert again.config.ears.kind == kind
-    torch.testing.assert_close(again.hear(codes), heard)
+    assert again.config.audio_encoder.kind == kind
+    torch.testing.assert_close(again.embed_audio(codes), heard)
 
 
 @pytest.mark.parametrize("kind", ["beats", "wav2clip"])
 def test_published_weights_stay_as_they_are_and_small_ones_learn(kind):
     wave = 0.1 * torch.randn(4, 16_000, generator=torch.Generator().manual_seed(1))
     for is_frozen in (True, False):
-        model = listener(kind, is_frozen=is_frozen).train()
-        before = {name: value.clone() for name, value in model.ears.network.state_dict().items()}
+        model = encoder(kind, is_frozen=is_frozen).train()
+        before = {name: value.clone() for name, value in model.audio_encoder.network.state_dict().items()}
         optimiser = torch.optim.SGD([p for p in model.parameters() if p.requires_grad], lr=1.0)
-        model.hear(wave).square().sum(1).mean().backward()
-        (model.hear(wave)[:, :3].sum()).backward()
+        model.embed_audio(wave).square().sum(1).mean().backward()
+        (model.embed_audio(wave)[:, :3].sum()).backward()
         optimiser.step()
-        after = model.ears.network.state_dict()
+        after = model.audio_encoder.network.state_dict()
         assert all(torch.equal(value, after[name]) for name, value in before.items()) == is_frozen
-        assert model.ears.out.weight.grad is not None
-        assert all(p.grad is None for p in model.ears.codec.parameters())
+        assert model.audio_encoder.out.weight.grad is not None
+        assert all(p.grad is None for p in model.audio_encoder.codec.parameters())
 
 
 def test_resampling_keeps_a_tone(tiny_bundle):
-    """440 Hz stays 440 Hz, 10 kHz is gone: of a codec that gives back what it is told."""
+    """440 Hz stays 440 Hz, 10 kHz is gone; the codec is replaced by one that returns a given waveform."""
     rate, seconds = 24_000, 1
     at = torch.arange(rate * seconds, dtype=torch.float64) / rate
     sound = (0.5 * torch.sin(2 * math.pi * 440 * at) + 0.5 * torch.sin(2 * math.pi * 10_000 * at))[None]
 
-    class Plays:
+    class Plays(AudioCodec):
+        def __init__(self):
+            torch.nn.Module.__init__(self)
+
         def decode(self, codes):
             return sound
 
-    found = wave_of(Plays(), torch.zeros(1, 75, 2, dtype=torch.int64))  # type: ignore[arg-type]
+    found = decoded_waveform(Plays(), torch.zeros(1, 75, 2, dtype=torch.int64))
     wanted = 0.5 * torch.sin(2 * math.pi * 440 * torch.arange(16_000, dtype=torch.float64) / 16_000)
     torch.testing.assert_close(found[0].double(), wanted, atol=1e-5, rtol=0)
     assert load_bundle(tiny_bundle).codec.decode(torch.zeros(1, 75, 2, dtype=torch.int64)).shape == (
@@ -82,8 +85,8 @@ def test_resampling_keeps_a_tone(tiny_bundle):
     )
 
 
-def test_ears_that_make_no_sense_are_refused():
+def test_configs_that_contradict_themselves_are_refused():
     with pytest.raises(ValidationError, match="need a codec"):
-        EarsConfig(beats=BeatsConfig())
+        AudioEncoderConfig(beats=BeatsConfig())
     with pytest.raises(ValidationError, match="not both"):
-        EarsConfig(beats=BeatsConfig(), wav2clip=Wav2ClipConfig(), codec=CODEC)
+        AudioEncoderConfig(beats=BeatsConfig(), wav2clip=Wav2ClipConfig(), codec=CODEC)

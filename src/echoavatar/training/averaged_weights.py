@@ -1,4 +1,4 @@
-"""Averaged weights (EMA): a slow copy of what learns, which is what a checkpoint shows."""
+"""Averaged weights (EMA): a slowly moving copy of the trained parameters, which checkpoints contain."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -6,13 +6,11 @@ from contextlib import contextmanager
 import torch
 from torch import Tensor, nn
 
-_RAMP = (
-    10  # at step n no more than (1 + n) / (10 + n): a young average must not remember its random beginning
-)
+_RAMP = 10  # limits the decay at step n to (1 + n) / (10 + n), so that the random initial weights are soon forgotten
 
 
-class Average:
-    """The moving average of all parameters that learn, by `module.parameter`."""
+class AveragedWeights:
+    """The moving average of all trained parameters, by `module.parameter`."""
 
     def __init__(self, modules: Mapping[str, nn.Module], decay: float) -> None:
         self.decay = decay
@@ -26,14 +24,14 @@ class Average:
 
     @torch.no_grad()
     def update(self, step: int) -> None:
-        """One step towards the weights as they are after `step` steps."""
+        """Move the average towards the weights as they are after `step` steps."""
         share = 1 - min(self.decay, (1 + step) / (_RAMP + step))
         for key, value in self.values.items():
             value.lerp_(self._learned[key].detach().to(value.dtype), share)
 
     @contextmanager
-    def shown(self) -> Iterator[None]:
-        """While it is entered, the modules have the averaged weights."""
+    def applied(self) -> Iterator[None]:
+        """Context in which the modules hold the averaged weights."""
         own = {key: value.detach().clone() for key, value in self._learned.items()}
         self._write(self.values)
         try:

@@ -1,4 +1,4 @@
-"""What a run tells while it goes: `metrics.jsonl` always, one line a step that is told; TensorBoard or W&B if asked."""
+"""Logs a run's metrics: `metrics.jsonl` always, one line for each logged step; TensorBoard or W&B if asked."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -12,17 +12,17 @@ Tracker = Literal["tensorboard", "wandb"]
 TRACKERS: tuple[str, ...] = get_args(Tracker)
 
 
-class _Listener(Protocol):
+class _Output(Protocol):
     def write(self, step: int, values: Mapping[str, object]) -> None: ...
 
     def close(self) -> None: ...
 
 
-class Journal:
-    """Writes to all of them. `step` is the number of optimiser steps done."""
+class MetricsLog:
+    """Writes metrics to all outputs. `step` is the number of optimiser steps done."""
 
     def __init__(self, folder: Path, step: int, trackers: Sequence[str] = ()) -> None:
-        """Lines of steps after `step`, which a run that goes on repeats, are dropped.
+        """Drops lines after `step`, because a resumed run repeats those steps.
 
         Raises:
             DependencyError: a tracker's package is missing.
@@ -31,23 +31,23 @@ class Journal:
         if path.exists():
             kept = [line for line in path.read_text().splitlines() if _step(line) <= step]
             path.write_text("".join(line + "\n" for line in kept))
-        self._listeners: list[_Listener] = [_Lines(path)]
+        self._outputs: list[_Output] = [_Lines(path)]
         openers: dict[str, type[_TensorBoard] | type[_Wandb]] = {"tensorboard": _TensorBoard, "wandb": _Wandb}
-        self._listeners += [openers[name](folder) for name in trackers]
+        self._outputs += [openers[name](folder) for name in trackers]
 
     def write(self, step: int, values: Mapping[str, object]) -> None:
-        """One line."""
-        for listener in self._listeners:
-            listener.write(step, values)
+        """Log one line."""
+        for output in self._outputs:
+            output.write(step, values)
 
     def close(self) -> None:
-        """No more lines."""
-        for listener in self._listeners:
-            listener.close()
+        """Close all outputs."""
+        for output in self._outputs:
+            output.close()
 
 
 def _step(line: str) -> float:
-    """Of a line; one that was cut off by a kill counts as later than all."""
+    """The step of a line; infinity for a line that was cut off when the run was killed."""
     try:
         return float(json.loads(line)["step"])
     except (ValueError, KeyError, TypeError):
@@ -71,7 +71,9 @@ class _TensorBoard:
         try:
             from torch.utils.tensorboard import SummaryWriter
         except ImportError as error:
-            raise DependencyError("--track tensorboard needs it; run: pip install tensorboard") from error
+            raise DependencyError(
+                "--track tensorboard needs TensorBoard; run: pip install tensorboard"
+            ) from error
         self._writer: Any = SummaryWriter(folder / "tensorboard")
 
     def write(self, step: int, values: Mapping[str, object]) -> None:
@@ -88,8 +90,8 @@ class _Wandb:
         try:
             import wandb
         except ImportError as error:
-            raise DependencyError("--track wandb needs it; run: pip install wandb") from error
-        mark = folder / "wandb-run"  # the same run when training goes on
+            raise DependencyError("--track wandb needs W&B; run: pip install wandb") from error
+        mark = folder / "wandb-run"  # a resumed run continues the same W&B run
         name = mark.read_text().strip() if mark.exists() else None
         self._run: Any = wandb.init(
             project="echoavatar", name=folder.name, id=name, resume="allow", dir=folder

@@ -1,4 +1,4 @@
-"""Scenes are the decoded motion at the place where the prompt says."""
+"""Decoded motion is that of the clip at the prompt's position."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -7,18 +7,18 @@ import numpy as np
 import torch
 from tests.align.tuning import clips
 
+from echoavatar.align.decoded_motion import decode_continuations, decode_truth
 from echoavatar.align.prompts import PromptBook
-from echoavatar.align.scene import decode_scenes, true_scenes
 from echoavatar.kinematics import forward_kinematics, from_features
 from echoavatar.tokenizer import BodyTokenizer
 
 
-def test_true_scenes_are_the_clip_decoded_as_a_whole(tiny_bundle: Path):
+def test_the_truth_is_the_clip_decoded_as_a_whole(tiny_bundle: Path):
     """Past of 12 tokens, 10 of them decoded, 2 kept as lead: by then the decoder has forgotten where it began."""
     tokenizer = BodyTokenizer.load(tiny_bundle / "tokenizer")
     clip = clips(1, chunks=9)["clip0"]
     prompt = PromptBook({"clip0": clip}, past=6, length=2).cut("clip0", 1)
-    (made,) = true_scenes(tokenizer, [prompt])
+    (made,) = decode_truth(tokenizer, [prompt])
     whole = from_features(tokenizer.skeleton, tokenizer.decode(torch.from_numpy(clip.motion[None]).long()))
     positions = forward_kinematics(tokenizer.skeleton, whole.rotations, whole.root).positions[0].numpy()
     begin = (1 + 6) * 8
@@ -36,8 +36,8 @@ def test_rows_go_with_their_prompts(tiny_bundle: Path):
     book = PromptBook(clips(), past=2, length=1)
     prompts = [replace(book.cut("clip0", 0), beats=np.array([0.1])), book.cut("clip1", 2)]
     codes = torch.randint(8, (6, 2, 3, 2), generator=torch.Generator().manual_seed(0))
-    scenes = decode_scenes(tokenizer, prompts, codes)
+    scenes = decode_continuations(tokenizer, prompts, codes)
     assert [len(one.beats) for one in scenes[:3]] == [1, 1, 1]
-    (alone,) = decode_scenes(tokenizer, prompts[1:], codes[4:5])
+    (alone,) = decode_continuations(tokenizer, prompts[1:], codes[4:5])
     np.testing.assert_allclose(alone.positions, scenes[4].positions, atol=1e-5)
     assert scenes[0].speed().shape == (8,)
