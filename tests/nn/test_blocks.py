@@ -43,3 +43,18 @@ def test_a_full_block_is_a_causal_one_that_looks_both_ways():
     mixed = x + causal.attn.attend_all(causal.norm1(x), torch.ones(9, 9, dtype=torch.bool))
     torch.testing.assert_close(full(x), mixed + causal.mlp(causal.norm2(mixed)), atol=1e-6, rtol=1e-6)
     torch.testing.assert_close(full(x)[:, -1], causal(x)[:, -1], atol=1e-6, rtol=1e-6)
+
+
+def test_every_frame_sees_every_other():
+    """By gradient: the output at frame 3 depends on all frames, before and after."""
+    torch.manual_seed(0)
+    block, x = FullBlock(width=16, heads=2), torch.randn(1, 7, 16, requires_grad=True)
+    block(x)[0, 3].sum().backward()
+    assert (x.grad.abs().sum((0, 2)) > 1e-6).all()
+
+
+def test_order_matters():
+    torch.manual_seed(0)
+    block, x = FullBlock(width=16, heads=2), torch.randn(1, 7, 16)
+    turned = block(x.flip(1)).flip(1)
+    assert (block(x) - turned).abs().max() > 1e-3

@@ -15,10 +15,11 @@ from torch import Tensor, nn
 
 from ..audio import AudioCodec, CodecConfig
 from ..config import Config
+from ..nn import FullBlock
 from ..timing import SAMPLE_RATE_HZ, SAMPLES_PER_AUDIO_TOKEN, SAMPLES_PER_MOTION_TOKEN, exact_div
 from .beats import Beats, BeatsConfig
-from .bidirectional import FullBlock, sinusoids
 from .fbank import RATE_HZ
+from .positions import sinusoids
 from .wav2clip import Wav2Clip, Wav2ClipConfig
 
 TOKENS_PER_STATE = exact_div(

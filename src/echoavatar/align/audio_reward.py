@@ -23,12 +23,13 @@ from torch import Tensor, nn
 from .. import checkpoint
 from ..audio import AudioCodec
 from ..config import Config
+from ..nn import FullBlock
 from ..timing import SAMPLE_RATE_HZ, SAMPLES_PER_AUDIO_TOKEN, SAMPLES_PER_MOTION_TOKEN, exact_div
 from .audio_encoders import AudioEncoderConfig, TokenEncoder, WaveformEncoder
 from .beats import Beats
-from .bidirectional import FullBlock, sinusoids
 from .decoded_motion import DecodedMotion
 from .fbank import RATE_HZ
+from .positions import sinusoids
 from .wav2clip import Wav2Clip
 from .yardstick import Yardstick
 

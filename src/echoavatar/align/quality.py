@@ -20,9 +20,8 @@ from torch import Tensor, nn
 from .. import checkpoint
 from ..config import Config
 from ..kinematics import FeatureStatistics
-from ..nn import Mlp
+from ..nn import FullBlock, Mlp
 from ..timing import FRAMES_PER_MOTION_TOKEN
-from .bidirectional import FullBlock
 from .decoded_motion import DecodedMotion
 from .yardstick import Yardstick
 

@@ -1,12 +1,8 @@
-"""Transformer blocks that attend to a whole clip, for reward models, which do not stream."""
+"""Sinusoidal position encoding of the reward models."""
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
-
-from ..nn import FullBlock
-
-__all__ = ["FullBlock", "sinusoids"]
 
 
 def sinusoids(length: int, width: int) -> Float[Tensor, "t c"]:
