@@ -12,9 +12,7 @@ from .errors import EchoAvatarError
 CONFIG_BYTES = 16 << 20  # one JSON file: a config, a card, a table
 BVH_BYTES = 1 << 29
 GLB_BYTES = 1 << 29
-ARRAYS_BYTES = (
-    1 << 30
-)  # all arrays of one .npz or .npy, unpacked: an hour of motion and sound takes half of it
+ARRAYS_BYTES = 1 << 30  # all arrays of one .npz, unpacked: an hour of motion and sound takes half
 
 JOINTS = 4096  # of one skeleton
 DEPTH = 512  # joints from the root to a fingertip; also keeps recursive writers within Python's stack
