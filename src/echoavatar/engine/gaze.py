@@ -1,9 +1,9 @@
 """Eye contact: while the user speaks, head and eyes turn to the viewer. Not in the paper.
 
-The viewer stands in front of where the avatar faced at first (+Z), wherever it went: the page's camera goes along with
-it. Neck and head take most of the turn, as far as a neck goes, and keep a little of their own movement; the eyes do
-what is left of it, through the look curves of the face. How far the turn has come is known for each chunk by its
-number, so a session that is taken back goes on from where it was.
+The viewer stands on the avatar's +Z side and moves along with it, as the page's camera does. Neck and head take most
+of the turn, within the range of a neck, and keep a little of their own movement. The eyes take the rest, through the
+look curves of the face. The progress of the turn is stored by chunk number, so a session that goes back continues from
+the progress it had there.
 """
 
 import math
@@ -18,14 +18,12 @@ from ..pipeline.action_overlay import Overlay, laid_on
 from ..timing import CHUNK, FRAME_RATE_HZ, ChunkSize
 
 RISE_S, FALL_S = 0.5, 0.8  # to eye contact, and out of it
-HEAD_SHARE, NECK_SHARE = 0.8, 0.35  # of the turn: by head and neck together, and by the neck alone
-FARTHEST = math.radians(55)  # that head and neck turn for it
-WELCOME, BEHIND = (
-    math.radians(80),
-    math.radians(140),
-)  # who stands further aside is looked at less; behind, not at all
-LOOK = math.radians(30)  # an eye's turn at a look curve of 1, as our character has it; Live Link Face: 34
-GLANCES = 0.3  # of the eyes' own small movements, what is kept
+HEAD_SHARE, NECK_SHARE = 0.8, 0.35  # shares of the turn: head and neck together, and the neck alone
+FARTHEST = math.radians(55)  # the most that head and neck turn
+# A viewer further aside than the first angle is looked at less; one beyond the second, not at all.
+WELCOME, BEHIND = math.radians(80), math.radians(140)
+LOOK = math.radians(30)  # an eye's turn at a look curve of 1, for our character; 34 degrees in Live Link Face
+GLANCES = 0.3  # the share of the eyes' own small movements that stays
 KEPT = 64  # chunks whose end is known
 
 _CHAIN = ("hips", "spine", "chest", "upperChest", "neck", "head")
@@ -37,13 +35,13 @@ Quaternions = Float[np.ndarray, "4 t"]
 
 
 class Gaze:
-    """One session's."""
+    """The eye contact of one session."""
 
     def __init__(self, chunk: ChunkSize = CHUNK) -> None:
         self._frames = chunk.frames
-        self._ends: dict[int, float] = {}  # by chunk: how far the turn had come at its end, 0 to 1
+        self._ends: dict[int, float] = {}  # by chunk: progress of the turn at its end, 0 to 1
 
-    def turned(
+    def apply(
         self,
         chunk: int,
         motion: MotionChunk,
@@ -52,14 +50,14 @@ class Gaze:
         overlay: Overlay | None = None,
         is_wanted: bool,
     ) -> MotionChunk:
-        """A chunk with eye contact where it is wanted, and an action's turns on top: a nod lowers only the head."""
+        """Add eye contact if it is wanted, and an action's clip on top. A nod then lowers the head, not the eyes."""
         shares = self.shares(chunk, is_wanted=is_wanted)
-        motion = head_turned(motion, shares, skeleton)
+        motion = turn_head(motion, shares, skeleton)
         motion = motion if overlay is None else laid_on(motion, overlay, skeleton)
-        return eyes_turned(motion, shares, skeleton)
+        return turn_eyes(motion, shares, skeleton)
 
     def shares(self, chunk: int, *, is_wanted: bool) -> Float[np.ndarray, " t"]:
-        """How far it is turned in each frame of a chunk, smoothly between 0 and 1."""
+        """Progress of the turn in each frame of a chunk, smoothed, 0 to 1."""
         begin = self._ends.get(chunk - 1, 0.0)
         pace = 1 / (RISE_S * FRAME_RATE_HZ) if is_wanted else -1 / (FALL_S * FRAME_RATE_HZ)
         path = np.clip(begin + pace * np.arange(1, self._frames + 1), 0, 1)
@@ -69,8 +67,8 @@ class Gaze:
         return np.asarray(path**3 * (10 - path * (15 - 6 * path)), np.float32)
 
 
-def head_turned(motion: MotionChunk, shares: Float[np.ndarray, " t"], skeleton: Skeleton) -> MotionChunk:
-    """Neck and head turned to the viewer; a rig without them stays."""
+def turn_head(motion: MotionChunk, shares: Float[np.ndarray, " t"], skeleton: Skeleton) -> MotionChunk:
+    """Turn neck and head to the viewer; a rig without them is left as it is."""
     if not shares.any() or not _has_neck(skeleton):
         return motion
     below, neck, head = _chain(motion, skeleton)
@@ -87,13 +85,13 @@ def head_turned(motion: MotionChunk, shares: Float[np.ndarray, " t"], skeleton: 
     return motion._replace(rotations=rotations)
 
 
-def eyes_turned(motion: MotionChunk, shares: Float[np.ndarray, " t"], skeleton: Skeleton) -> MotionChunk:
-    """The eyes on the viewer, from wherever the head is turned to, as far as eyes go."""
+def turn_eyes(motion: MotionChunk, shares: Float[np.ndarray, " t"], skeleton: Skeleton) -> MotionChunk:
+    """Turn the eyes to the viewer from where the head faces, within the range of eyes."""
     if not shares.any() or motion.face is None or not _has_neck(skeleton):
         return motion
     _, neck, head = _chain(motion, skeleton)
     world = lanes.multiply(neck, head)
-    viewer = _rotated(lanes.conjugate(world), np.array([0, 0, 1], np.float32))  # as the head sees it
+    viewer = _rotated(lanes.conjugate(world), np.array([0, 0, 1], np.float32))  # in the head's frame
     is_ahead = np.clip((BEHIND - np.arccos(np.clip(viewer[2], -1, 1))) / (BEHIND - WELCOME), 0, 1)
     yaw = np.clip(np.arctan2(viewer[0], np.maximum(viewer[2], 1e-6)) / LOOK, -1, 1) * is_ahead
     pitch = np.clip(np.arcsin(np.clip(viewer[1], -1, 1)) / LOOK, -1, 1) * is_ahead
@@ -109,7 +107,7 @@ def eyes_turned(motion: MotionChunk, shares: Float[np.ndarray, " t"], skeleton: 
 
 
 def off_viewer(motion: MotionChunk, skeleton: Skeleton) -> Float[np.ndarray, " t"]:
-    """Radians between where the head faces and the viewer."""
+    """Angle between the head's direction and the viewer, in radians."""
     _, neck, head = _chain(motion, skeleton)
     turn = _to_viewer(lanes.multiply(neck, head))
     return np.asarray(np.sqrt(lanes.dot(turn, turn)))
@@ -120,7 +118,7 @@ def _has_neck(skeleton: Skeleton) -> bool:
 
 
 def _chain(motion: MotionChunk, skeleton: Skeleton) -> tuple[Quaternions, Quaternions, Quaternions]:
-    """In the world: what bears the neck, and the neck; and the head relative to the neck."""
+    """World rotations of the neck's parent and the neck; and the head relative to the neck."""
     local = {
         name: np.moveaxis(motion.rotations[:, skeleton.index(name)], -1, 0)
         for name in _CHAIN
@@ -135,7 +133,7 @@ def _chain(motion: MotionChunk, skeleton: Skeleton) -> tuple[Quaternions, Quater
 
 
 def _to_viewer(world: Quaternions) -> Float[np.ndarray, "3 t"]:
-    """The shortest turn, in the world, of what faces along its own +Z to the world's +Z."""
+    """Rotation vector of the shortest turn from the rotated +Z axis to the world's +Z."""
     ahead = _rotated(world, np.array([0, 0, 1], np.float32))
     axis = np.stack([ahead[1], -ahead[0], np.zeros_like(ahead[0])])  # ahead x (0, 0, 1)
     sine = np.sqrt(lanes.dot(axis, axis))
