@@ -77,7 +77,9 @@ class AudioQueue:
         self._next, self._scheduled = 0, 0
         self._chunks: dict[int, Samples] = {}
         self._spans: dict[int, tuple[Span, ...]] = {}
-        self._ends: dict[int, int] = {}  # clock of the last scheduled sample of each unfinished utterance, in order
+        self._ends: dict[
+            int, int
+        ] = {}  # clock of the last scheduled sample of each unfinished utterance, in order
 
     # ---- what waits
 

@@ -1,7 +1,7 @@
 """Barge-in: the user interrupts, and the session goes on as if the unheard sound had never come.
 
-This file owns the decision; the queue, the music player, the playout buffer and the model's row hold data that it moves.
-A barge-in at sample `heard` (`interrupt`) and a change of plan that loses no sound (`replan`) both go back:
+This file decides; the queue, the music player, the playout buffer and the model's row hold the data that it moves. A
+barge-in at sample `heard` (`interrupt`) and a change of plan that loses no sound (`replan`) both go back:
 
     part                 at once, when the session goes back          when the next chunk begins
     AudioQueue           reads again from the chunk of `heard`;

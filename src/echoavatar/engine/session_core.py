@@ -32,7 +32,9 @@ from .undo import Patch
 
 LISTEN_S = 20.0  # a listening posture ends by itself
 MUSIC_AHEAD_S = 0.8  # how far ahead of the player music is made: speech can begin within that time
-REPLAN_AHEAD = 2  # chunks that an action waits at most behind motion made earlier, if the player reports its place
+REPLAN_AHEAD = (
+    2  # chunks that an action waits at most behind motion made earlier, if the player reports its place
+)
 
 
 class Host(Protocol):

@@ -14,7 +14,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 import torch
 
-from ..engine import Engine, EngineThread, Session
+from ..engine import Engine, EngineThread, SessionCore
 from ..pipeline import Pipeline
 from .stream_bench import resident_mb
 
@@ -31,7 +31,7 @@ class Load(NamedTuple):
     sessions: int
     p50_ms: float  # from a chunk's sound being complete to its motion being there
     p99_ms: float
-    busy: float  # share of the lanes' time that they worked
+    busy: float  # share of the workers' time that they worked
     memory_mb: float  # of each session, rewind included
     in_real_time: bool  # p99 within a chunk, and not falling behind
 
@@ -73,7 +73,7 @@ def _serve(pipeline: Pipeline, count: int, seconds: float, last: Manner = "behav
     gc.collect()  # what the load before left behind
     before, each = resident_mb(), pipeline.chunk.seconds
     engine = Engine(pipeline, seats=count, look_ahead=8)
-    guests = [_Guest(engine.open(seed=seat), seat) for seat in range(count)]
+    guests = [_Guest(engine.open_core(seed=seat), seat) for seat in range(count)]
     guests[-1].manner = last
     chunks = max(4, round(seconds / each)) + WARM_UP_CHUNKS
     with EngineThread(engine) as threads:
@@ -88,7 +88,7 @@ def _serve(pipeline: Pipeline, count: int, seconds: float, last: Manner = "behav
         patience = time.perf_counter() + HOPELESS * each * count
         while any(len(guest.waits) < chunks for guest in watched) and time.perf_counter() < patience:
             time.sleep(0.01)
-        busy = engine.busy_seconds / (time.perf_counter() - began) / engine.lanes
+        busy = engine.busy_seconds / (time.perf_counter() - began) / engine.workers
         memory = (resident_mb() - before) / count
     is_behind = any(len(guest.waits) < chunks for guest in watched)
     for guest in guests:
@@ -110,7 +110,7 @@ def _serve(pipeline: Pipeline, count: int, seconds: float, last: Manner = "behav
 class _Guest:
     """A session, when its sound was sent, and how long each chunk's motion took from there."""
 
-    def __init__(self, session: Session, seat: int) -> None:
+    def __init__(self, session: SessionCore, seat: int) -> None:
         self.session, self.manner = session, MANNERS[0]
         self.phase = (seat * GOLDEN) % 1 * self.session.chunk.seconds
         self.waits: list[float] = []

@@ -59,7 +59,7 @@ def bench_stream(
     """Push `seconds` of sound through `sessions` seats at once and time every chunk."""
     pipeline.warm_up()
     first_ms = _first_motion_ms(pipeline)
-    engine = Engine(pipeline, seats=sessions, lanes=0)
+    engine = Engine(pipeline, seats=sessions, workers=0)
     seats = [engine.open(seed=seat) for seat in range(sessions)]
     chunk, laps, chunk_ms, memory = pipeline.chunk, Laps(), [], []
     pipeline.lap = laps

@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import Field
 
 from ..config import Config
-from ..engine import Engine, EngineThread, Session
+from ..engine import Engine, EngineThread, SessionCore
 from ..errors import AudioError, CheckpointError, EchoAvatarError
 from ..pipeline.rig import RigConfig
 from ..reference.untrusted import read_pickled_array
@@ -54,7 +54,7 @@ async def serve_unity(
         CheckpointError: the bundle has no transforms for Unity.
     """
     messages, out = Messages(rig), asyncio.Queue[bytes](QUEUE)
-    session, loop, moved = engine.open(seed=seed), asyncio.get_running_loop(), asyncio.Event()
+    session, loop, moved = engine.open_core(seed=seed), asyncio.get_running_loop(), asyncio.Event()
 
     def wake() -> None:
         loop.call_soon_threadsafe(moved.set)
@@ -91,7 +91,7 @@ async def _listen(
 
 
 def _handler(
-    handle: Callable[[Session, bytes], None], session: Session
+    handle: Callable[[SessionCore, bytes], None], session: SessionCore
 ) -> Callable[[asyncio.StreamReader, asyncio.StreamWriter], object]:
     """Reads framed payloads until the sender leaves; what cannot be used ends the connection, not the session."""
 
@@ -112,7 +112,7 @@ def _handler(
     return serve
 
 
-def _hear(session: Session, payload: bytes) -> None:
+def _hear(session: SessionCore, payload: bytes) -> None:
     """A pickled array of samples, 24 kHz; nothing: the source has ended for now."""
     if not payload:
         session.stall()
@@ -123,7 +123,7 @@ def _hear(session: Session, payload: bytes) -> None:
     session.push(samples, SAMPLE_RATE_HZ)
 
 
-def _obey(session: Session, payload: bytes) -> None:
+def _obey(session: SessionCore, payload: bytes) -> None:
     """The name of an action; others mean none, as published."""
     name = payload.decode("utf-8").strip()
     if name in NO_ACTION or session.act(name, hold_s=STICKY_S).status == "rejected":
@@ -131,27 +131,27 @@ def _obey(session: Session, payload: bytes) -> None:
 
 
 async def _collect(
-    session: Session, messages: Messages, moved: asyncio.Event, out: "asyncio.Queue[bytes]"
+    session: SessionCore, messages: Messages, moved: asyncio.Event, out: "asyncio.Queue[bytes]"
 ) -> None:
     while True:
         await moved.wait()
         moved.clear()
-        while (delivery := session.take_timed()) is not None:
+        while (delivery := session.take()) is not None:
             for message in messages.push(delivery.motion, delivery.audio):
                 if out.full():
                     out.get_nowait()
                 out.put_nowait(message)
 
 
-async def _pace(session: Session) -> None:
+async def _pace(session: SessionCore) -> None:
     """Once there was sound, a chunk of silence whenever the clock has passed what was made."""
     clock = asyncio.get_running_loop().time
     begun: float | None = None
     while True:
         await asyncio.sleep(TICK_S)
-        if begun is None and (session.made or session.waiting):
+        if begun is None and (session.made or session.is_ready):
             begun = clock()
-        if begun is None or session.waiting:
+        if begun is None or session.is_ready:
             continue
         if session.made + session.chunk.samples < (clock() - begun) * SAMPLE_RATE_HZ:
             session.stall()
