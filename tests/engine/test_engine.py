@@ -13,13 +13,13 @@ from echoavatar.pipeline import MotionChunk, Pipeline, load_bundle
 
 def test_seats_are_taken_freed_and_refused() -> None:
     machine = engine(seats=2)
-    first, second = machine.open_core(), machine.open_core()
+    first, second = machine.open(), machine.open_core()
     with pytest.raises(EchoAvatarError, match="all 2 seats are taken"):
-        machine.open_core()
+        machine.open()
     first.close()
     first.close()  # closing twice frees one seat only
     third = machine.open(seed=5)
-    assert third.seat == first.seat != second.seat
+    assert third.core.seat == first.core.seat != second.core.seat
 
 
 def test_a_new_session_does_not_remember_the_last_one_on_its_seat() -> None:

@@ -60,7 +60,7 @@ def bench_stream(
     pipeline.warm_up()
     first_ms = _first_motion_ms(pipeline)
     engine = Engine(pipeline, seats=sessions, workers=0)
-    seats = [engine.open(seed=seat) for seat in range(sessions)]
+    seats = [engine.open_core(seed=seat) for seat in range(sessions)]
     chunk, laps, chunk_ms, memory = pipeline.chunk, Laps(), [], []
     pipeline.lap = laps
     warm_up = FULL_WARM_UP_CHUNKS if pipeline.generator.config.opening else WARM_UP_CHUNKS
