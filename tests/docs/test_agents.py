@@ -87,7 +87,7 @@ def conversation(place: Place) -> Iterator[str]:
     async def greet(part: Part) -> None:
         """One second, when asked and the avatar is there; then the voice hangs up."""
         await part.until("response.create")
-        while not place.house.sessions:  # noqa: ASYNC110
+        while not place.manager.sessions:  # noqa: ASYNC110
             await asyncio.sleep(0.1)
         await asyncio.sleep(1.0)
         await part.say(tone(1.0), pace=1.0)

@@ -13,7 +13,7 @@ from echoavatar.pipeline import MotionChunk, Pipeline, load_bundle
 
 def test_seats_are_taken_freed_and_refused() -> None:
     machine = engine(seats=2)
-    first, second = machine.open(), machine.open_core()
+    first, second = machine.open(), machine.open()
     with pytest.raises(EchoAvatarError, match="all 2 seats are taken"):
         machine.open()
     first.close()

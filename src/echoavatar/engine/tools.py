@@ -153,7 +153,9 @@ def _checked(tool: Tool, arguments: Mapping[str, Any]) -> dict[str, Any]:
     for name, value in given.items():
         kinds = (int, float) if known[name]["type"] == "number" else (str,)
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
-        is_huge = is_number and not abs(value) <= 1e9  # not a number, infinite, or an integer that no float holds
+        is_huge = (
+            is_number and not abs(value) <= 1e9
+        )  # not a number, infinite, or an integer that no float holds
         if not isinstance(value, kinds) or isinstance(value, bool) or is_huge:
             raise EchoAvatarError(
                 f"{tool.name}: {name} is {repr(value)[:20]}; it must be a {known[name]['type']}"

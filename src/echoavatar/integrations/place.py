@@ -115,7 +115,7 @@ class Local:
     async def tools(self) -> list[Schema]:
         """Of the bundle's actions and our music."""
         await self._begin()
-        schemas: list[Schema] = self._app.state.house.toolbox.schemas()
+        schemas: list[Schema] = self._app.state.manager.toolbox.schemas()
         return schemas
 
     def page(self, session: str) -> str:

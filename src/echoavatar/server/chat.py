@@ -12,19 +12,19 @@ from ..companion.talk import MOST_REMEMBERED
 from ..errors import EchoAvatarError
 from ..wire import ProtocolError
 from ..wire.guard import check_origin
-from .house import House
+from .session_manager import SessionManager
 from .tool_routes import asked_session, call_tool, locked, read_json
 
 MOST_LETTERS = 2_000
 MOST_SOUND = 4 << 20  # bytes: 80 s at 24 kHz
 
 
-def chat_routes(house: House) -> list[BaseRoute]:
+def chat_routes(manager: SessionManager) -> list[BaseRoute]:
     """Who talks (GET /v1/chat), what they say to `{"session", "text", "history"}` (POST), and words of a sound."""
     companion = lru_cache(maxsize=1)(from_environment)
 
     async def who(request: Request) -> Response:
-        refusal = locked(house, request)
+        refusal = locked(manager, request)
         if refusal is not None:
             return refusal
         try:
@@ -34,22 +34,22 @@ def chat_routes(house: House) -> list[BaseRoute]:
         return JSONResponse({"name": there.name, "hears": there.hears})
 
     async def talk(request: Request) -> Response:
-        refusal = locked(house, request)
+        refusal = locked(manager, request)
         if refusal is not None:
             return refusal
         try:
-            return JSONResponse(await _talk(house, companion(), request))
+            return JSONResponse(await _talk(manager, companion(), request))
         except ProtocolError as error:
             return JSONResponse({"error": str(error)}, 403 if error.code == "forbidden_origin" else 404)
         except EchoAvatarError as error:
             return JSONResponse({"error": str(error)}, 400)
 
     async def hear(request: Request) -> Response:
-        refusal = locked(house, request)
+        refusal = locked(manager, request)
         if refusal is not None:
             return refusal
         try:
-            return JSONResponse({"text": await companion().transcribe(await _sound(house, request))})
+            return JSONResponse({"text": await companion().transcribe(await _sound(manager, request))})
         except ProtocolError as error:
             return JSONResponse({"error": str(error)}, 403)
         except EchoAvatarError as error:
@@ -62,20 +62,20 @@ def chat_routes(house: House) -> list[BaseRoute]:
     ]
 
 
-async def _talk(house: House, companion: Companion, request: Request) -> dict[str, Any]:
-    message = await read_json(request, house.settings.origins, most=1 << 16)
+async def _talk(manager: SessionManager, companion: Companion, request: Request) -> dict[str, Any]:
+    message = await read_json(request, manager.settings.origins, most=1 << 16)
     text = message.get("text")
     if not isinstance(text, str) or not text.strip() or len(text) > MOST_LETTERS:
         raise EchoAvatarError(f'send {{"text": "..."}} of at most {MOST_LETTERS} letters')
-    live = asked_session(house, request, message)
+    live = asked_session(manager, request, message)
     did: list[dict[str, Any]] = []
 
     async def do(name: str, arguments: dict[str, Any]) -> dict[str, Any]:
-        result = await call_tool(house, live, name, arguments)
+        result = await call_tool(manager, live, name, arguments)
         did.append({"name": name, "arguments": arguments, "status": result.get("status", "done")})
         return result
 
-    doing = Doing(house.toolbox.schemas("openai-chat"), do)
+    doing = Doing(manager.toolbox.schemas("openai-chat"), do)
     return {"say": await companion.reply(text, _history(message.get("history")), doing), "did": did}
 
 
@@ -91,8 +91,8 @@ def _history(given: Any) -> list[Said]:
     ]
 
 
-async def _sound(house: House, request: Request) -> bytes:
-    check_origin(request.headers, house.settings.origins)
+async def _sound(manager: SessionManager, request: Request) -> bytes:
+    check_origin(request.headers, manager.settings.origins)
     if request.headers.get("content-type") != "audio/wav":  # a form on another page cannot say so
         raise EchoAvatarError("send audio/wav")
     body = b""

@@ -12,7 +12,7 @@ from ..wire import MAX_MESSAGE_BYTES
 
 
 class Server(uvicorn.Server):
-    """Drains the house before the connections are closed; a second signal ends it at once."""
+    """Drains the manager before the connections are closed; a second signal ends it at once."""
 
     def __init__(self, app: Starlette, config: uvicorn.Config, on_ready: Callable[[], None]) -> None:
         super().__init__(config)
@@ -26,7 +26,7 @@ class Server(uvicorn.Server):
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Drain, then close."""
-        drain = asyncio.ensure_future(self._app.state.house.drain())
+        drain = asyncio.ensure_future(self._app.state.manager.drain())
         while not drain.done() and not self.force_exit:
             await asyncio.wait([drain], timeout=0.1)
         drain.cancel()

@@ -31,23 +31,23 @@ from ..wire import (
 )
 from ..wire.guard import check_origin, check_token
 from .answers import answer
-from .house import House
-from .live import LiveSession
 from .outbox import Outbox
+from .session import ServerSession
+from .session_manager import SessionManager
 
 STRIKES = 100  # errors that a client may make and stay
 SEND_S = 20.0  # a frame that does not leave in this time never will
 GOODBYES = (1000, 1001)  # close codes of clients that will not come back
 
 
-class Visit:
+class Connection:
     """A connection and its half of the conversation."""
 
-    def __init__(self, websocket: WebSocket, house: House) -> None:
-        self._socket, self._house = websocket, house
+    def __init__(self, websocket: WebSocket, manager: SessionManager) -> None:
+        self._socket, self._manager = websocket, manager
         self._encoding: Encoding = "msgpack"
         self._outbox = Outbox()
-        self._live: LiveSession | None = None
+        self._live: ServerSession | None = None
         self._hello: Hello | None = None
         self._strikes = 0
         self._error: ProtocolError | None = None  # why we end it
@@ -55,20 +55,20 @@ class Visit:
 
     async def run(self) -> None:
         """The whole visit."""
-        house = self._house
-        if house.connections >= house.settings.connections:
-            house.metrics.refused.inc()
+        manager = self._manager
+        if manager.connections >= manager.settings.connections:
+            manager.metrics.refused.inc()
             await self._socket.close(1013)
             return
-        house.connections += 1
-        house.metrics.connections.set(house.connections)
+        manager.connections += 1
+        manager.metrics.connections.set(manager.connections)
         try:
             await self._talk()
         finally:
-            house.connections -= 1
-            house.metrics.connections.set(house.connections)
+            manager.connections -= 1
+            manager.metrics.connections.set(manager.connections)
             if self._live is not None:
-                house.leave(self._live, self._outbox, for_good=self._left in GOODBYES)
+                manager.leave(self._live, self._outbox, for_good=self._left in GOODBYES)
 
     async def _talk(self) -> None:
         agreed = negotiate(self._socket.scope.get("subprotocols", []))
@@ -98,13 +98,13 @@ class Visit:
             scope.cancel()
 
     async def _enter(self) -> None:
-        check_origin(self._socket.headers, self._house.settings.origins)
-        message = await self._next(self._house.settings.hello_seconds, "no hello came")
+        check_origin(self._socket.headers, self._manager.settings.origins)
+        message = await self._next(self._manager.settings.hello_seconds, "no hello came")
         if not isinstance(message, Hello):
             raise ProtocolError("bad_order", "the first message must be a hello")
-        check_token(self._house.settings.token, message.token, self._socket.headers)
+        check_token(self._manager.settings.token, message.token, self._socket.headers)
         self._hello, self._outbox = message, Outbox(message.want)
-        self._live, _ = self._house.enter(message, self._outbox)
+        self._live, _ = self._manager.enter(message, self._outbox)
 
     async def _send(self) -> None:
         while (message := await self._outbox.take()) is not None:
@@ -117,7 +117,7 @@ class Visit:
             raise ProtocolError("too_slow", "the line cannot carry the sound; resume when it can")
 
     async def _receive(self) -> None:
-        patience = 2 * self._house.settings.ping_seconds
+        patience = 2 * self._manager.settings.ping_seconds
         while True:
             message = await self._next(patience, "nothing came for too long; send pings")
             try:
@@ -138,7 +138,7 @@ class Visit:
             case Played():
                 live.played(message, time.monotonic())
             case Interrupt():
-                self._house.metrics.interrupts.inc()
+                self._manager.metrics.interrupts.inc()
                 live.interrupt(message)
             case Action():
                 live.act(message)
@@ -151,8 +151,8 @@ class Visit:
             case Hello():
                 raise ProtocolError("bad_order", "hello was said already")
 
-    async def _play(self, live: LiveSession, message: Music) -> None:
-        tracks = self._house.tracks
+    async def _play(self, live: ServerSession, message: Music) -> None:
+        tracks = self._manager.tracks
         title = message.title or next(iter(tracks.titles), "")
         try:
             title = tracks.find(title)
@@ -173,11 +173,11 @@ class Visit:
             raise WebSocketDisconnect(frame.get("code") or 1005)
         content = frame.get("bytes")
         message = decode_client(frame["text"] if content is None else content, self._encoding)
-        self._house.metrics.messages.labels("in", type(message).__struct_config__.tag).inc()
+        self._manager.metrics.messages.labels("in", type(message).__struct_config__.tag).inc()
         return message
 
     async def _write(self, message: ServerMessage) -> None:
-        self._house.metrics.messages.labels("out", type(message).__struct_config__.tag).inc()
+        self._manager.metrics.messages.labels("out", type(message).__struct_config__.tag).inc()
         content = encode(message, self._encoding)
         if self._encoding == "json":
             await self._socket.send_text(content.decode())
@@ -188,7 +188,7 @@ class Visit:
         self._strikes += 1
         if self._strikes > STRIKES:
             raise ProtocolError(error.code, f"{STRIKES} errors were enough; the last: {error}") from error
-        self._house.metrics.errors.labels(error.code).inc()
+        self._manager.metrics.errors.labels(error.code).inc()
         self._outbox.warn(error)
 
     async def _goodbye(self) -> None:
@@ -198,7 +198,7 @@ class Visit:
             if error is None:
                 await self._socket.close(1000)
                 return
-            self._house.metrics.errors.labels(error.code).inc()
+            self._manager.metrics.errors.labels(error.code).inc()
             if error is not self._outbox.error:
                 await self._write(
                     Error(code=error.code, message=str(error), fatal=True, retry_after=error.retry_after)

@@ -5,10 +5,10 @@ import time
 
 import numpy as np
 import pytest
+from echoavatar.server.session_manager import SessionManager
 from tests.server.fakes import FAST, Body, serving
 
 from echoavatar.engine import Engine
-from echoavatar.server.house import House
 from echoavatar.server.outbox import Outbox
 from echoavatar.wire import Error, Hello, Motion, ProtocolError, Sound
 
@@ -26,7 +26,7 @@ def test_the_oldest_lost_session_makes_room_for_a_newcomer() -> None:
         with place.call(Hello()) as newcomer:
             newcomer.until(Motion)
         stays.until(Motion)
-        assert lost.ready.session not in place.house._live
+        assert lost.ready.session not in place.manager._live
 
 
 def test_a_server_that_stops_lets_the_sentence_end() -> None:
@@ -49,16 +49,16 @@ def test_a_server_that_stops_lets_the_sentence_end() -> None:
 def test_a_failing_engine_is_told_and_not_hidden(caplog: pytest.LogCaptureFixture) -> None:
     with serving() as place, place.call(Hello()) as caller:
         caller.until(Motion)
-        place.house.engine.pipeline.seconds = "not a number of seconds"
+        place.manager.engine.pipeline.seconds = "not a number of seconds"
         assert caller.closing()[0] == 1011
-        assert not place.house.is_well
+        assert not place.manager.is_well
     assert "the engine stopped" in caplog.text
 
 
 def test_a_stopping_house_lets_nobody_in() -> None:
-    house = House(Engine(Body()), FAST)  # type: ignore[arg-type]
-    house.is_draining = True
+    manager = SessionManager(Engine(Body()), FAST)  # type: ignore[arg-type]
+    manager.is_draining = True
     with pytest.raises(ProtocolError) as caught:
-        house.enter(Hello(), Outbox())
+        manager.enter(Hello(), Outbox())
     assert caught.value.code == "shutting_down"
-    assert house.sessions == 0
+    assert manager.sessions == 0
