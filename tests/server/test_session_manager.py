@@ -1,16 +1,20 @@
 """Who comes in, who comes back, and how it ends."""
 
+import contextlib
 import dataclasses
+import gc
 import time
+import weakref
 
 import numpy as np
 import pytest
-from echoavatar.server.session_manager import SessionManager
 from tests.server.fakes import FAST, Body, serving
+from websockets.exceptions import ConnectionClosed
 
 from echoavatar.engine import Engine
 from echoavatar.server.outbox import Outbox
-from echoavatar.wire import Error, Hello, Motion, ProtocolError, Sound
+from echoavatar.server.session_manager import SessionManager
+from echoavatar.wire import Audio, Error, Hello, Motion, ProtocolError, Sound, encode
 
 
 def test_the_oldest_lost_session_makes_room_for_a_newcomer() -> None:
@@ -62,3 +66,45 @@ def test_a_stopping_house_lets_nobody_in() -> None:
         manager.enter(Hello(), Outbox())
     assert caught.value.code == "shutting_down"
     assert manager.sessions == 0
+
+
+def test_a_session_that_is_over_leaves_no_cycle_behind() -> None:
+    """Without the garbage collector: the session, its engine session and its connections go with the last client."""
+    gone: list[weakref.ref[object]] = []
+    with serving(settings=FAST) as place:
+        gc.collect()
+        gc.disable()
+        try:
+            for _ in range(5):
+                with place.call(Hello()) as caller:
+                    caller.speak(1, np.full(48_000, 0.2, np.float32))
+                    caller.until(Motion)
+                    live = next(iter(place.manager._live.values()))
+                    gone += [weakref.ref(live), weakref.ref(live.core), weakref.ref(live.source)]
+                    del live
+            assert place.empties()
+            end = time.monotonic() + 5
+            while any(one() is not None for one in gone) and time.monotonic() < end:
+                time.sleep(0.05)
+            assert [one() for one in gone] == [None] * len(gone)
+        finally:
+            gc.enable()
+
+
+def test_a_flood_of_one_sample_utterances_holds_nobody_up() -> None:
+    """60,000 messages; a neighbour's motion comes on time meanwhile, and the flood is refused in words."""
+    with (
+        serving(settings=FAST) as place,
+        place.call(Hello()) as neighbour,
+        place.call(Hello()) as flood,
+    ):
+        began, at = time.monotonic(), neighbour.until(Motion).at
+        with contextlib.suppress(ConnectionClosed):
+            for seg in range(1, 60_001):
+                flood.line.send(encode(Audio(seg=seg, start=0, pcm=b"\1\0")))
+        last = at
+        while time.monotonic() - began < 4:
+            last = neighbour.until(Motion).at
+        assert (time.monotonic() - began) - (last - at) / 24_000 < 1.0
+        code, error = flood.closing()
+    assert code == 1011 or (error is not None and error.code == "inbox_full")

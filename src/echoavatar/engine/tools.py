@@ -5,7 +5,7 @@ is asked for another one answers "rejected" with the list; it never raises. All 
 anything about the result.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -18,6 +18,7 @@ from .tool_forms import Schema, Style, render
 from .tracks import Tracks
 
 __all__ = ["HIDDEN", "Actor", "Schema", "Style", "Tool", "Toolbox"]
+TrackLoader = Callable[[str], Awaitable[Float[np.ndarray, " s"]]]
 HIDDEN = ("listen", "nod")  # actions that the avatar does by itself
 
 
@@ -90,12 +91,20 @@ class Toolbox:
         )
 
     def play_music(self, session: Actor, title: str | None = None) -> Schema:
-        """Begin a track. Decoding it may take a while, so do not call this on an event loop."""
-        if title is None and not self._tracks.titles:
-            return {"status": "rejected", "reason": "there is no music"}
-        found = self._tracks.find(title or self._tracks.titles[0])
+        """Begin a track, the first one without a title."""
+        found = self.find_track(title)
         session.play(found, self._tracks.load(found))
         return {"status": "accepted", "title": found}
+
+    def find_track(self, title: str | None) -> str:
+        """The exact title that `play_music` plays.
+
+        Raises:
+            EchoAvatarError: there is no such track, or no music at all.
+        """
+        if title is None and not self._tracks.titles:
+            raise EchoAvatarError("there is no music")
+        return self._tracks.find(title or self._tracks.titles[0])
 
     def stop_music(self, session: Actor) -> Schema:
         """Fade the music out."""
@@ -108,14 +117,36 @@ class Toolbox:
         return {"actions": {n: a.about for n, a in self._actions.items() if n not in HIDDEN}}
 
     def call(self, session: Actor, name: str, arguments: Mapping[str, Any]) -> Schema:
-        """Run the tool a model asked for; failure is an answer, not an exception."""
-        tools = {tool.name: tool for tool in self.tools}
-        if name not in tools:
-            return {"status": "rejected", "reason": f"no tool {name!r}; there are: {', '.join(tools)}"}
+        """Run the tool a model asked for; failure is an answer, not an exception.
+
+        `play_music` decodes its track, which may take a while; an event loop awaits `call_async`.
+        """
         try:
-            return tools[name].function(session, **_checked(tools[name], arguments))
+            tool, checked = self._checked(name, arguments)
+            return tool.function(session, **checked)
         except EchoAvatarError as error:
             return {"status": "rejected", "reason": str(error)}
+
+    async def call_async(
+        self, session: Actor, name: str, arguments: Mapping[str, Any], load: TrackLoader
+    ) -> Schema:
+        """As `call`, on the session's event loop; `load` decodes a track elsewhere."""
+        try:
+            tool, checked = self._checked(name, arguments)
+            if name != "play_music":
+                return tool.function(session, **checked)
+            found = self.find_track(checked.get("title"))
+            session.play(found, await load(found))
+            return {"status": "accepted", "title": found}
+        except EchoAvatarError as error:
+            return {"status": "rejected", "reason": str(error)}
+
+    def _checked(self, name: str, arguments: Mapping[str, Any]) -> tuple[Tool, dict[str, Any]]:
+        """A tool by its name, and its arguments, checked against the schema."""
+        tools = {tool.name: tool for tool in self.tools}
+        if name not in tools:
+            raise EchoAvatarError(f"no tool {name!r}; there are: {', '.join(tools)}")
+        return tools[name], _checked(tools[name], arguments)
 
     def schemas(self, style: Style = "plain") -> list[Schema]:
         """Declarations in a framework's form; see `tool_forms`."""

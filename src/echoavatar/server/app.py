@@ -1,10 +1,11 @@
-"""The web application: the WebSocket, the page, and what operators and agents ask for."""
+"""The web application: the WebSocket, the page, and the routes of operators and agents."""
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
 import anyio
 from starlette.applications import Starlette
+from starlette.middleware import Middleware
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import BaseRoute, Route, WebSocketRoute
@@ -19,16 +20,17 @@ from .page import page_routes
 from .session_manager import SessionManager
 from .settings import ServerSettings
 from .tool_routes import locked, tool_routes
+from .transport import OneBodyLength
 from .voice import voice_route
 
 
 def create_app(engine: Engine, settings: ServerSettings | None = None) -> Starlette:
     """An ASGI application that serves an engine; its lifespan owns the engine's thread.
 
-    `app.state.manager` holds the sessions. Wherever it is mounted, the lifespan must run.
+    `app.state.manager` holds the sessions. The lifespan must run, also if the application is mounted in another.
     """
     manager = SessionManager(engine, settings or ServerSettings())
-    app = Starlette(routes=_routes(manager), lifespan=_lifespan)
+    app = Starlette(routes=_routes(manager), lifespan=_lifespan, middleware=[Middleware(OneBodyLength)])
     app.state.manager = manager
     return app
 

@@ -12,6 +12,7 @@ from ..companion.talk import MOST_REMEMBERED
 from ..errors import EchoAvatarError
 from ..wire import ProtocolError
 from ..wire.guard import check_origin
+from .body import read_body
 from .session_manager import SessionManager
 from .tool_routes import asked_session, call_tool, locked, read_json
 
@@ -95,9 +96,4 @@ async def _sound(manager: SessionManager, request: Request) -> bytes:
     check_origin(request.headers, manager.settings.origins)
     if request.headers.get("content-type") != "audio/wav":  # a form on another page cannot say so
         raise EchoAvatarError("send audio/wav")
-    body = b""
-    async for part in request.stream():
-        body += part
-        if len(body) > MOST_SOUND:
-            raise EchoAvatarError("that is too long")
-    return body
+    return await read_body(request, MOST_SOUND)

@@ -1,11 +1,10 @@
-"""One WebSocket: hello, then messages both ways until one side has had enough."""
+"""One WebSocket: hello, then messages both ways until one side closes it."""
 
 import time
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 
 import anyio
-from starlette.concurrency import run_in_threadpool
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from ..errors import EchoAvatarError
@@ -35,57 +34,64 @@ from .outbox import Outbox
 from .session import ServerSession
 from .session_manager import SessionManager
 
-STRIKES = 100  # errors that a client may make and stay
-SEND_S = 20.0  # a frame that does not leave in this time never will
+STRIKES = 100  # errors that are forgiven
+SEND_S = 20.0  # for a frame to leave
 GOODBYES = (1000, 1001)  # close codes of clients that will not come back
 
 
 class Connection:
-    """A connection and its half of the conversation."""
+    """One client's connection."""
 
     def __init__(self, websocket: WebSocket, manager: SessionManager) -> None:
         self._socket, self._manager = websocket, manager
         self._encoding: Encoding = "msgpack"
         self._outbox = Outbox()
         self._live: ServerSession | None = None
-        self._hello: Hello | None = None
         self._strikes = 0
-        self._error: ProtocolError | None = None  # why we end it
-        self._left: int | None = None  # the code with which the client ended it
+        self._error: ProtocolError | None = None  # why the server closes it
+        self._left: int | None = None  # the code with which the client closed it
 
     async def run(self) -> None:
-        """The whole visit."""
-        manager = self._manager
-        if manager.connections >= manager.settings.connections:
+        """Serve the connection until it is closed."""
+        manager, self._silence = self._manager, anyio.CancelScope()
+        client = self._socket.client
+        if not manager.admission.enter(self._silence, client.host if client else ""):
             manager.metrics.refused.inc()
             await self._socket.close(1013)
             return
-        manager.connections += 1
         manager.metrics.connections.set(manager.connections)
         try:
             await self._talk()
         finally:
-            manager.connections -= 1
+            manager.admission.leave(self._silence)
             manager.metrics.connections.set(manager.connections)
             if self._live is not None:
                 manager.leave(self._live, self._outbox, for_good=self._left in GOODBYES)
+            # Errors hold tracebacks that refer back to this connection, so the cycle would keep all of it in memory.
+            self._live = self._error = None
+            del self._outbox
 
     async def _talk(self) -> None:
         agreed = negotiate(self._socket.scope.get("subprotocols", []))
         self._encoding = agreed[0] if agreed else "msgpack"
         await self._socket.accept(subprotocol(*agreed) if agreed else None)
-        await self._guarded(self._enter)
+        with self._silence:
+            await self._guarded(self._enter)
         if self._live is not None:
             async with anyio.create_task_group() as tasks:
                 for half in (self._send, self._receive):
                     tasks.start_soon(self._guarded, half, tasks.cancel_scope)
+        elif self._silence.cancelled_caught:
+            self._error = ProtocolError(
+                "overloaded", "others wait for this place; say hello", retry_after=5.0
+            )
         if self._left is None:
             await self._goodbye()
 
     async def _guarded(
         self, half: Callable[[], Awaitable[None]], scope: anyio.CancelScope | None = None
     ) -> None:
-        """Run until it ends, note why, and end the other half."""
+        """Run one half until it ends, note why, and end the other half."""
         try:
             await half()
         except ProtocolError as error:
@@ -103,8 +109,9 @@ class Connection:
         if not isinstance(message, Hello):
             raise ProtocolError("bad_order", "the first message must be a hello")
         check_token(self._manager.settings.token, message.token, self._socket.headers)
-        self._hello, self._outbox = message, Outbox(message.want)
+        self._outbox = Outbox(message.want)
         self._live, _ = self._manager.enter(message, self._outbox)
+        self._manager.admission.greet(self._silence)
 
     async def _send(self) -> None:
         while (message := await self._outbox.take()) is not None:
@@ -112,9 +119,9 @@ class Connection:
                 with anyio.fail_after(SEND_S):
                     await self._write(message)
             except TimeoutError as error:
-                raise ProtocolError("too_slow", "the line does not take what is sent") from error
+                raise ProtocolError("too_slow", "the connection does not take what is sent") from error
         if self._outbox.is_hopeless:
-            raise ProtocolError("too_slow", "the line cannot carry the sound; resume when it can")
+            raise ProtocolError("too_slow", "the connection cannot carry the sound; resume when it can")
 
     async def _receive(self) -> None:
         patience = 2 * self._manager.settings.ping_seconds
@@ -156,7 +163,7 @@ class Connection:
         title = message.title or next(iter(tracks.titles), "")
         try:
             title = tracks.find(title)
-            live.play(message, title, await run_in_threadpool(tracks.load, title))
+            live.play(message, title, await self._manager.load_track(title))
         except EchoAvatarError as error:
             reason = str(error)
             self._outbox.put(
@@ -192,7 +199,7 @@ class Connection:
         self._outbox.warn(error)
 
     async def _goodbye(self) -> None:
-        """Say why, unless it was said, and close."""
+        """Tell the client why, unless it was told, and close."""
         error = self._error or self._outbox.error
         with anyio.move_on_after(2), suppress(WebSocketDisconnect, OSError, RuntimeError):
             if error is None:

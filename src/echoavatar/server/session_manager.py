@@ -6,6 +6,10 @@ import secrets
 import time
 from collections.abc import Callable
 
+import numpy as np
+from anyio import CapacityLimiter, to_thread
+from jaxtyping import Float
+
 from .. import __version__
 from ..engine import Engine, EngineThread
 from ..engine.tools import HIDDEN, Toolbox
@@ -14,6 +18,7 @@ from ..errors import AdmissionError
 from ..face import ARKIT_NAMES
 from ..timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
 from ..wire import VERSIONS, Hello, Latency, ProtocolError, Ready, Rig
+from .admission import Admission
 from .metrics import Metrics
 from .outbox import Outbox
 from .session import ServerSession
@@ -22,6 +27,7 @@ from .sink_router import SinkRouter
 
 _LOG = logging.getLogger(__name__)
 BEAT_S = 0.02
+MOST_DECODERS = 2  # tracks that are decoded at once
 STATS_S = 1.0
 GOODBYE_S = 3.0  # for the last messages to every client
 
@@ -34,14 +40,20 @@ class SessionManager:
         self.metrics = Metrics()
         self.metrics.seats.set(engine.seats)
         self.tracks = Tracks(settings.music)
-        self.connections = 0
+        self.admission = Admission(settings.connections)
         self.is_draining = False
         self._thread = EngineThread(engine)
         self._live: dict[str, ServerSession] = {}  # by public name
         self._keys: dict[str, ServerSession] = {}
         self.toolbox = Toolbox(engine.actions, self.tracks)
+        self._decoders = CapacityLimiter(MOST_DECODERS)
         self._actions = tuple(name for name in engine.actions if name not in HIDDEN)
         self._sinks = SinkRouter(settings.sinks, self._rig())
+
+    @property
+    def connections(self) -> int:
+        """How many WebSockets are open."""
+        return len(self.admission)
 
     @property
     def sessions(self) -> int:
@@ -60,6 +72,14 @@ class SessionManager:
             ProtocolError: there is no such session.
         """
         return self._known(self._live, name or next(reversed(self._live), ""))
+
+    async def load_track(self, title: str) -> Float[np.ndarray, " s"]:
+        """Decode a track, away from the event loop.
+
+        Raises:
+            EchoAvatarError: no such title, or a file that cannot be read.
+        """
+        return await to_thread.run_sync(self.tracks.load, title, limiter=self._decoders)
 
     @property
     def is_well(self) -> bool:

@@ -1,4 +1,4 @@
-"""Tools over HTTP: their declarations, and doing them in a session, for agents that have no line to it themselves."""
+"""Tools over HTTP, for agents without a connection of their own to a session: declarations and calls."""
 
 import itertools
 import json
@@ -6,7 +6,6 @@ from typing import Any, cast, get_args
 
 import numpy as np
 from jaxtyping import Float
-from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import BaseRoute, Route
@@ -16,6 +15,7 @@ from ..engine.tools import Schema, Style
 from ..errors import EchoAvatarError
 from ..wire import Action, Music, ProtocolError
 from ..wire.guard import check_origin, has_token
+from .body import read_body
 from .session import ServerSession
 from .session_manager import SessionManager
 
@@ -23,8 +23,8 @@ MOST_BYTES = 16_384
 _NUMBERS = itertools.count(1)
 
 
-class Hands:
-    """A session as the tools see it: what they do is told to everyone who watches."""
+class ToolActor:
+    """A session as the tools see it: every client is told what they do."""
 
     def __init__(self, live: ServerSession) -> None:
         self._live = live
@@ -39,27 +39,15 @@ class Hands:
         self._live.play(Music(id=self._id, op="play", title=title), title, track)
 
     def stop_music(self) -> None:
-        """Fade it out."""
+        """Fade the music out."""
         self._live.stop_music(Music(id=self._id, op="stop"))
 
 
 async def call_tool(
     manager: SessionManager, live: ServerSession, name: str, arguments: dict[str, Any]
 ) -> Schema:
-    """Do what a model asked for; on the event loop, but for reading a track, which may take a while."""
-    title = arguments.get("title")
-    if name == "play_music" and (title is None or isinstance(title, str)):
-        await run_in_threadpool(_read, manager, title)
-    return manager.toolbox.call(Hands(live), name, arguments)
-
-
-def _read(manager: SessionManager, title: str | None) -> None:
-    """Have a track ready; what is wrong with it, the tool will say."""
-    try:
-        if title or manager.tracks.titles:
-            manager.tracks.load(title or manager.tracks.titles[0])
-    except EchoAvatarError:
-        return
+    """Run the tool a model asked for, in a session."""
+    return await manager.toolbox.call_async(ToolActor(live), name, arguments, manager.load_track)
 
 
 def tool_routes(manager: SessionManager) -> list[BaseRoute]:
@@ -103,23 +91,23 @@ def tool_routes(manager: SessionManager) -> list[BaseRoute]:
 
 
 def locked(manager: SessionManager, request: Request) -> Response | None:
-    """The refusal, where a token is asked for and not given."""
+    """The refusal of a request without the server's token; None if the request may pass."""
     if has_token(manager.settings.token, request.headers):
         return None
     return JSONResponse({"error": "wrong token; send Authorization: Bearer TOKEN"}, 401)
 
 
 def lists_sessions(manager: SessionManager, request: Request) -> bool:
-    """Whether sessions of others may be known: not on a server of many, nor through a proxy that may be one's door."""
+    """Whether this client may know of sessions of others: not on a shared server, and not through a proxy."""
     is_forwarded = any(name in request.headers for name in ("forwarded", "x-forwarded-for"))
     return manager.settings.lists_sessions and not is_forwarded
 
 
 def asked_session(manager: SessionManager, request: Request, message: dict[str, Any]) -> ServerSession:
-    """The session that is meant: by its name; without one the newest, where that may be known.
+    """The session of a request: by its name; without one the newest, if the client may know it.
 
     Raises:
-        ProtocolError: there is none, or it has to be named.
+        ProtocolError: there is no such session, or it has to be named.
     """
     name = message.get("session") or ""
     if not isinstance(name, str) or not (name or lists_sessions(manager, request)):
@@ -130,20 +118,16 @@ def asked_session(manager: SessionManager, request: Request, message: dict[str, 
 async def read_json(
     request: Request, allowed: tuple[str, ...] = (), *, most: int = MOST_BYTES
 ) -> dict[str, Any]:
-    """An object that an agent, or a page of ours, sent.
+    """The JSON object in a request of an agent, or of our page.
 
     Raises:
         ProtocolError: another page sent it.
-        EchoAvatarError: it is no JSON object, or too large.
+        EchoAvatarError: it is not a JSON object, too large or too late.
     """
     check_origin(request.headers, allowed)
     if "json" not in request.headers.get("content-type", ""):  # a form on another page cannot say so
         raise EchoAvatarError("send application/json")
-    body = b""
-    async for part in request.stream():
-        body += part
-        if len(body) > most:
-            raise EchoAvatarError(f"more than {most} bytes")
+    body = await read_body(request, most)
     try:
         message = json.loads(body)
     except (ValueError, RecursionError) as error:

@@ -15,6 +15,7 @@ from starlette.routing import Route
 
 from ..errors import EchoAvatarError
 from ..wire.guard import has_token
+from .body import read_body
 
 MAX_LETTERS = 600
 _SECONDS = 20.0
@@ -77,11 +78,7 @@ def voice_route(token: str) -> Route:
 
 
 async def _text(request: Request) -> str:
-    body = b""
-    async for part in request.stream():
-        body += part
-        if len(body) > 8 * MAX_LETTERS:
-            raise EchoAvatarError(f"more than {MAX_LETTERS} letters")
+    body = await read_body(request, 8 * MAX_LETTERS)
     try:
         message = json.loads(body)
     except ValueError as error:
