@@ -67,9 +67,10 @@ class Connection:
             manager.metrics.connections.set(manager.connections)
             if self._live is not None:
                 manager.leave(self._live, self._outbox, for_good=self._left in GOODBYES)
-            # Errors hold tracebacks that refer back to this connection, so the cycle would keep all of it in memory.
+            # Tracebacks of errors refer back to this connection. The cycle lives until the garbage collector runs, so
+            # nothing large may hang on it.
             self._live = self._error = None
-            del self._outbox
+            self._outbox.clear()
 
     async def _talk(self) -> None:
         agreed = negotiate(self._socket.scope.get("subprotocols", []))

@@ -213,17 +213,21 @@ class SessionManager:
         with self._thread:
             try:
                 while True:
-                    now, step_s = time.monotonic(), self.engine.step_seconds
-                    due = [self._is_due(live, now, step_s) for live in self._live.values()]
-                    for live in list(self._live.values()):
-                        self._move(live, now, early=any(due), with_stats=beat % round(STATS_S / BEAT_S) == 0)
-                    self._sinks.show(self._live.values(), now)
+                    self._beat(with_stats=beat % round(STATS_S / BEAT_S) == 0)
                     beat += 1
                     await asyncio.sleep(BEAT_S)
             finally:
                 self._sinks.close()
                 for live in list(self._live.values()):
                     self.end(live)
+
+    def _beat(self, *, with_stats: bool) -> None:
+        """Move all sessions by the time since the last beat."""
+        now, step_s = time.monotonic(), self.engine.step_seconds
+        is_due = any([self._is_due(live, now, step_s) for live in self._live.values()])
+        for live in list(self._live.values()):
+            self._move(live, now, early=is_due, with_stats=with_stats)
+        self._sinks.show(self._live.values(), now)
 
     async def drain(self) -> None:
         """Admit no more clients; end all sessions once their speech is played, or after `drain_seconds`."""
