@@ -166,21 +166,22 @@ class AudioQueue:
         """The model takes this chunk again, and all after it."""
         self._next = chunk
 
-    def cut(self, sample: int, last: int | None = None) -> HeardUntil:
+    def cut(self, sample: int, last: int | None = None, *, heard: int = 0) -> HeardUntil:
         """Forget what is scheduled after a sample of the clock, and every waiting utterance up to `last` (None: all).
 
-        Returns the utterance that was cut off there, and how much of it was heard. The clock of a paced queue holds
-        whole chunks, so it goes on with silence to the end of the chunk at least.
+        Returns the utterance that was cut off there, and how much of it was heard; the player may have heard up to
+        `heard`, if that is later. The clock of a paced queue holds whole chunks, so silence completes the last one.
         """
         last = self._newest if last is None else last
         waiting = self._drop(last)
-        lost = self._cut_clock(*divmod(sample, self._size))
+        lost = self._first_after(max(sample, heard))
+        self._cut_clock(*divmod(sample, self._size))
         self._ends = {u: min(end, sample) for u, end in self._ends.items() if u > last}
         if self._is_paced:
             self._lay(with_speech=False)
         return lost if lost.utterance else waiting
 
-    # ---- who speaks where
+    # ---- utterances on the clock
 
     def utterance_at(self, chunk: int) -> int:
         """The utterance at the beginning of a chunk, 0 for none."""
@@ -286,22 +287,29 @@ class AudioQueue:
             self._resampler = None
         return HeardUntil(first.utterance, first.start) if first else HeardUntil(0, 0)
 
-    def _cut_clock(self, chunk: int, offset: int) -> HeardUntil:
+    def _first_after(self, sample: int) -> HeardUntil:
+        """The utterance on the clock at a sample or next after it, and how much of it lies before."""
+        chunk, offset = divmod(sample, self._size)
+        for number in range(chunk, self._scheduled + 1):
+            for span in self._spans.get(number, ()):
+                before = max(0, offset - span.offset) if number == chunk else 0
+                if before < span.length:
+                    return HeardUntil(span.utterance, span.start + before)
+        return HeardUntil(0, 0)
+
+    def _cut_clock(self, chunk: int, offset: int) -> None:
         """Keep `offset` samples of a chunk, and nothing after them."""
-        kept, lost = [], []
-        for span in self._spans.pop(chunk, ()):
-            if span.offset < offset:
-                kept.append(span._replace(length=min(span.length, offset - span.offset)))
-            if span.offset + span.length > offset:
-                lost.append(span._replace(start=span.start + max(0, offset - span.offset)))
+        spans, speech = self._spans.pop(chunk, ()), self._chunks.pop(chunk, None)
         for later in range(chunk + 1, self._scheduled + 1):
-            lost += self._spans.pop(later, ())
+            self._spans.pop(later, None)
             self._chunks.pop(later, None)
-        speech = self._chunks.pop(chunk, None)
         if speech is not None and offset:
-            self._chunks[chunk], self._spans[chunk] = speech[:offset], tuple(kept)
+            self._chunks[chunk] = speech[:offset]
+            kept = [span for span in spans if span.offset < offset]
+            self._spans[chunk] = tuple(
+                span._replace(length=min(span.length, offset - span.offset)) for span in kept
+            )
         self._next, self._scheduled = min(self._next, chunk), chunk
-        return HeardUntil(lost[0].utterance, lost[0].start) if lost else HeardUntil(0, 0)
 
 
 def _joined(spans: list[Span]) -> tuple[Span, ...]:

@@ -111,7 +111,7 @@ class BargeIn:
         """
         end = self._playout.taken if heard is None else min(heard, self._playout.end)
         sample = self._go_back(max(0, end))
-        utterance, count = self._queue.cut(sample, last)
+        utterance, count = self._queue.cut(sample, last, heard=heard or 0)
         return Interruption(first_frame_after(sample) * SAMPLES_PER_FRAME, self.epoch, utterance, count)
 
     def replan(self, most: int) -> None:

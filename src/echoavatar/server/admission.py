@@ -13,7 +13,7 @@ class Waiting(Protocol):
 
 
 class Admission:
-    """Who has a place, and who has not said hello yet; a connection is known by the scope that ends its waiting."""
+    """The places, and the connections that have not said hello. A connection is known by the wait that can be cancelled."""
 
     def __init__(self, limit: int) -> None:
         self._limit = limit

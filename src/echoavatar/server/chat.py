@@ -1,4 +1,4 @@
-"""The companion behind the page's chat box: words in, words out, and what goes with them done in the session."""
+"""The companion behind the page's chat box: text in, text out, and the actions that go with it in the session."""
 
 from functools import lru_cache
 from typing import Any
@@ -21,10 +21,10 @@ MOST_SOUND = 4 << 20  # bytes: 80 s at 24 kHz
 
 
 def chat_routes(manager: SessionManager) -> list[BaseRoute]:
-    """Who talks (GET /v1/chat), what they say to `{"session", "text", "history"}` (POST), and words of a sound."""
+    """The companion's name (GET /v1/chat), its reply to `{"session", "text", "history"}` (POST), and transcription."""
     companion = lru_cache(maxsize=1)(from_environment)
 
-    async def who(request: Request) -> Response:
+    async def name(request: Request) -> Response:
         refusal = locked(manager, request)
         if refusal is not None:
             return refusal
@@ -57,7 +57,7 @@ def chat_routes(manager: SessionManager) -> list[BaseRoute]:
             return JSONResponse({"error": str(error)}, 400)
 
     return [
-        Route("/v1/chat", who),
+        Route("/v1/chat", name),
         Route("/v1/chat", talk, methods=["POST"]),
         Route("/v1/chat/ears", hear, methods=["POST"]),
     ]
@@ -81,7 +81,7 @@ async def _talk(manager: SessionManager, companion: Companion, request: Request)
 
 
 def _history(given: Any) -> list[Said]:
-    """What was said before, of the shape that it must have; the rest is left out."""
+    """The turns of the conversation so far; entries of the wrong shape are left out."""
     rows = given[-MOST_REMEMBERED:] if isinstance(given, list) else []
     return [
         Said(row["role"], row["text"][:MOST_LETTERS])
