@@ -13,7 +13,7 @@ class Waiting(Protocol):
 
 
 class Admission:
-    """The places, and the connections that have not said hello. A connection is known by the wait that can be cancelled."""
+    """The places, and the connections that have not said hello. Each is known by its wait, which can be cancelled."""
 
     def __init__(self, limit: int) -> None:
         self._limit = limit

@@ -28,7 +28,9 @@ class Metrics:
             "echoavatar_messages", "Messages", ["direction", "type"], registry=self.registry
         )
         self.errors = Counter("echoavatar_errors", "Errors told to clients", ["code"], registry=self.registry)
-        self.refused = Counter("echoavatar_refused", "Connections refused before hello", registry=self.registry)
+        self.refused = Counter(
+            "echoavatar_refused", "Connections refused before hello", registry=self.registry
+        )
         self.dropped = Counter(
             "echoavatar_dropped_motion", "Motion not sent to slow lines", registry=self.registry
         )

@@ -224,9 +224,9 @@ class SessionManager:
     def _beat(self, *, with_stats: bool) -> None:
         """Move all sessions by the time since the last beat."""
         now, step_s = time.monotonic(), self.engine.step_seconds
-        is_due = any([self._is_due(live, now, step_s) for live in self._live.values()])
+        due = [self._is_due(live, now, step_s) for live in self._live.values()]
         for live in list(self._live.values()):
-            self._move(live, now, early=is_due, with_stats=with_stats)
+            self._move(live, now, early=any(due), with_stats=with_stats)
         self._sinks.show(self._live.values(), now)
 
     async def drain(self) -> None:

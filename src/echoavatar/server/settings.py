@@ -14,13 +14,15 @@ class ServerSettings:
     token: str = ""  # empty: clients need none
     origins: tuple[str, ...] = ()  # pages of other hosts that may connect, such as https://avatar.example.org
     inbox_seconds: float = 120.0  # speech that may wait
-    ahead_seconds: float = 2.0  # motion ahead of playback, at most; must stay below the 4 s that the engine can take back
+    ahead_seconds: float = 2.0  # motion ahead of playback, at most; the engine can take back 4 s
     resume_seconds: float = 30.0  # how long a session waits for its source
     ping_seconds: float = 30.0  # a client that sends nothing for twice as long is closed
     hello_seconds: float = 10.0  # a client must send hello in this time
     drain_seconds: float = 10.0  # at shutdown, for speech to end
     connections: int = 256  # WebSockets at once, sources and viewers
-    lists_sessions: bool = True  # to clients with the token; where strangers share a server, names are secrets
+    lists_sessions: bool = (
+        True  # to clients with the token; where strangers share a server, names are secrets
+    )
     music: Path | None = None  # folder of further tracks
     sinks: tuple[
         str, ...

@@ -1,4 +1,4 @@
-"""Text to speech by a program of this machine, if it has one. No voice ships with us, and no text leaves the machine."""
+"""Text to speech by a program of this machine, if it has one. No voice ships with us; no text leaves the machine."""
 
 import json
 import shutil
