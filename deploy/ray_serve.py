@@ -35,7 +35,7 @@ class Avatars:
 
     def __init__(self, model: str, seats: int) -> None:
         self._model, self._seats = model, seats
-        self._house: Any = None
+        self._manager: Any = None
 
     def __serve_build_asgi_app__(self) -> ASGIApp:  # noqa: N807
         """The application, once the replica is there."""
@@ -48,12 +48,12 @@ class Avatars:
             connections=self._seats + SPARE,
         )
         app = create_app(load(self._model, seats=self._seats), settings)
-        self._house = app.state.house
+        self._manager = app.state.manager
         return app
 
     def check_health(self) -> None:
         """Ray replaces a replica whose engine has failed."""
-        if self._house is not None and self._house.has_failed:
+        if self._manager is not None and self._manager.has_failed:
             raise RuntimeError("the engine has failed")
 
 

@@ -103,8 +103,8 @@ def test_a_lost_session_is_continued_by_a_new_one(place: Place) -> None:
                     await avatar.played(avatar.received)
                     sounds += message.seg == seg
                     if sounds == 5 and avatar.ready.session == name:
-                        place.house._keys[avatar.ready.resume].key = "lost"
-                        place.house._keys["lost"] = place.house._keys.pop(avatar.ready.resume)
+                        place.manager._keys[avatar.ready.resume].key = "lost"
+                        place.manager._keys["lost"] = place.manager._keys.pop(avatar.ready.resume)
                         _tear(avatar)
                 if recorder.has(seg):
                     break

@@ -33,7 +33,7 @@ class Doubles(Avatars):
 
         name = serve.get_replica_context().replica_id.unique_id
         app = create_app(Engine(Body(0.02), seats=2), ServerSettings(name=name))
-        self._house = app.state.house
+        self._manager = app.state.manager
         return app
 
 

@@ -86,7 +86,7 @@ def conversation(place: Place) -> Iterator[str]:
     async def greet(session: ScriptedSession) -> None:
         """One second, when asked and the avatar is there; then the voice hangs up."""
         await session.until("response.create")
-        while not place.house.sessions:  # noqa: ASYNC110
+        while not place.manager.sessions:  # noqa: ASYNC110
             await asyncio.sleep(0.1)
         await asyncio.sleep(1.0)
         await session.say(tone(1.0), pace=1.0)

@@ -10,7 +10,7 @@ import soundfile
 import torch
 
 import echoavatar
-from echoavatar.engine import Engine, Session
+from echoavatar.engine import Engine, Session, SessionCore
 from echoavatar.engine.gaze import off_viewer
 from echoavatar.face import ARKIT_NAMES
 from echoavatar.kinematics import HUMANOID, forward_kinematics
@@ -39,11 +39,11 @@ def chunks(samples: np.ndarray) -> Iterator[np.ndarray]:
         yield samples[start : start + CHUNK_SAMPLES]
 
 
-def hear(session: Session, sounds: Iterator[np.ndarray] | list[np.ndarray]) -> MotionChunk:
+def hear(session: SessionCore, sounds: Iterator[np.ndarray] | list[np.ndarray]) -> MotionChunk:
     made = []
     for piece in sounds:
         session.push(piece)
-        made += list(session)
+        made += list(Session(session))
     return join(made)
 
 
@@ -65,7 +65,7 @@ def speed(
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_it_looks_at_who_speaks_and_nods_at_their_pauses(pipeline: Pipeline, seed: int) -> None:
     """The user speaks three times for three seconds with half a second between, then no more."""
-    session = Engine(pipeline, rewind=0).open(seed=seed)
+    session = Engine(pipeline, rewind=0).open_core(seed=seed)
     voice = sound("speech")[round(0.6 * SAMPLE_RATE_HZ) :]
     turn = np.concatenate(
         [voice[: 2 * SAMPLE_RATE_HZ], voice[:SAMPLE_RATE_HZ], np.zeros(SAMPLE_RATE_HZ // 2)]
@@ -74,8 +74,12 @@ def test_it_looks_at_who_speaks_and_nods_at_their_pauses(pipeline: Pipeline, see
     made, nods = [], []
     for number, piece in enumerate(chunks(user.astype(np.float32))):
         session.listen(piece)
-        running = session._acts.running(session._next_chunk)
-        if running is not None and running.action.name == "nod" and running.begin == session._next_chunk:
+        running = session._actions.running(session._barge_in.next_chunk)
+        if (
+            running is not None
+            and running.action.name == "nod"
+            and running.begin == session._barge_in.next_chunk
+        ):
             nods.append(number)
         made.append(hear(session, [SILENCE]))
     motion = join(made)
@@ -103,7 +107,7 @@ def test_it_looks_at_who_speaks_and_nods_at_their_pauses(pipeline: Pipeline, see
     assert len(nods) >= 1
     assert min(depths) > 4
     assert not session.is_listening
-    assert session._acts.running(session._next_chunk) is None
+    assert session._actions.running(session._barge_in.next_chunk) is None
 
 
 def positions_of_nose(motion: MotionChunk) -> np.ndarray:
@@ -117,7 +121,7 @@ def positions_of_nose(motion: MotionChunk) -> np.ndarray:
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_it_settles_within_a_second_when_music_breaks_off(pipeline: Pipeline, seed: int) -> None:
     """Nine seconds of music, cut in the middle of a bar; digital silence after it."""
-    session = Engine(pipeline, rewind=0).open(seed=seed)
+    session = Engine(pipeline, rewind=0).open_core(seed=seed)
     music = sound("music")[4 * SAMPLE_RATE_HZ :]
     dance = hear(session, list(chunks(music))[:34])
     after = hear(session, [SILENCE] * 14)
@@ -144,13 +148,13 @@ def test_speech_that_comes_at_once_finds_it_standing() -> None:
     bundle, found = load_bundle("default"), {}
     for lead_in_s in (0.0, 2.0):
         runtime = bundle.runtime.model_copy(update={"lead_in_s": lead_in_s})
-        engine = Engine(Pipeline(replace(bundle, face=None, runtime=runtime)), seats=12, rewind=0, lanes=0)
-        sessions = [engine.open(seed=seed) for seed in range(12)]
+        engine = Engine(Pipeline(replace(bundle, face=None, runtime=runtime)), seats=12, rewind=0, workers=0)
+        sessions = [engine.open_core(seed=seed) for seed in range(12)]
         for session in sessions:
             session.push(sound("speech")[round(0.6 * SAMPLE_RATE_HZ) :][: 3 * SAMPLE_RATE_HZ])
         while engine.tick():
             pass
-        made = [join(list(session)) for session in sessions]
+        made = [join(list(Session(session))) for session in sessions]
         found[lead_in_s] = np.array([speed(motion, ("leftFoot", "rightFoot")).mean() for motion in made])
         assert max(np.abs(motion.root[0, [0, 2]]).max() for motion in made) < 0.005
     _log.info("feet, m/s: cold %s, stood %s", np.round(found[0.0], 3), np.round(found[2.0], 3))
@@ -162,14 +166,14 @@ def test_it_dances_to_music_and_not_to_speech(pipeline: Pipeline) -> None:
     legs = ("hips", "leftLowerLeg", "rightLowerLeg", "leftFoot", "rightFoot")
     found = {}
     for name in ("speech", "music"):
-        session = Engine(pipeline, rewind=0).open(seed=1)
+        session = Engine(pipeline, rewind=0).open_core(seed=1)
         found[name] = speed(hear(session, list(chunks(sound(name)))[4:40]), legs).mean()
     _log.info("hips and legs: %.3f m/s in speech, %.3f in music", found["speech"], found["music"])
     assert found["music"] > 2 * found["speech"]
 
 
 def test_nobody_freezes_in_silence(pipeline: Pipeline) -> None:
-    session = Engine(pipeline, rewind=0).open(seed=1)
+    session = Engine(pipeline, rewind=0).open_core(seed=1)
     motion = hear(session, [SILENCE] * 75)
     place = positions(motion)
     late = slice(5 * FRAME_RATE_HZ, None)

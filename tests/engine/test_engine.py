@@ -1,13 +1,14 @@
 import threading
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 from tests.engine.fakes import FakePipeline, Heard, engine
 
-from echoavatar.engine import Engine
+from echoavatar.engine import Engine, Session
 from echoavatar.errors import EchoAvatarError
-from echoavatar.pipeline import MotionChunk
+from echoavatar.pipeline import MotionChunk, Pipeline, load_bundle
 
 
 def test_seats_are_taken_freed_and_refused() -> None:
@@ -18,7 +19,7 @@ def test_seats_are_taken_freed_and_refused() -> None:
     first.close()
     first.close()  # closing twice frees one seat only
     third = machine.open(seed=5)
-    assert third.seat == first.seat != second.seat
+    assert third.core.seat == first.core.seat != second.core.seat
 
 
 def test_a_new_session_does_not_remember_the_last_one_on_its_seat() -> None:
@@ -33,13 +34,13 @@ def test_a_new_session_does_not_remember_the_last_one_on_its_seat() -> None:
 
 def test_one_tick_moves_every_waiting_session_and_nobody_else() -> None:
     machine = engine(seats=3)
-    sessions = [machine.open() for _ in range(3)]
+    sessions = [machine.open_core() for _ in range(3)]
     sessions[0].push(np.ones(12_800, np.float32))
     sessions[2].push(np.full(6_400, 2, np.float32))
     assert machine.tick() == 2
     assert machine.tick() == 1
     assert machine.tick() == 0
-    totals = [[float(chunk.root[0, 1]) for chunk in session] for session in sessions]
+    totals = [[float(chunk.root[0, 1]) for chunk in Session(session)] for session in sessions]
     assert totals == [[6_400, 12_800], [], [12_800]]
 
 
@@ -61,42 +62,46 @@ class Meeting(FakePipeline):
         return super().step(audio, state, active)
 
 
-def test_two_lanes_step_two_sessions_side_by_side_each_by_itself() -> None:
+def test_two_workers_step_two_sessions_side_by_side_each_by_itself() -> None:
     pipeline = Meeting()
-    machine = Engine(pipeline, seats=3, lanes=2)  # type: ignore[arg-type]
-    sessions = [machine.open(seed=seat) for seat in range(3)]
+    machine = Engine(pipeline, seats=3, workers=2)  # type: ignore[arg-type]
+    sessions = [machine.open_core(seed=seat) for seat in range(3)]
     for session, value in zip(sessions, (1, 0, 3), strict=True):
         if value:
             session.push(np.full(6_400, value, np.float32))
     assert machine.tick() == 2
     assert pipeline.rows == [1, 1]
-    assert [[float(chunk.root[0, 1]) for chunk in session] for session in sessions] == [[6_400], [], [19_202]]
+    assert [[float(chunk.root[0, 1]) for chunk in Session(session)] for session in sessions] == [
+        [6_400],
+        [],
+        [19_202],
+    ]
 
 
-def test_what_fails_in_a_lane_is_told_to_who_ticks() -> None:
+def test_a_failure_in_a_worker_is_raised_by_tick() -> None:
     class Failing(FakePipeline):
         def step(self, audio: torch.Tensor, state: Heard, active: torch.Tensor) -> list[MotionChunk]:
             raise EchoAvatarError("no")
 
-    machine = Engine(Failing(), lanes=2)  # type: ignore[arg-type]
-    machine.open().push(np.ones(6_400, np.float32))
+    machine = Engine(Failing(), workers=2)  # type: ignore[arg-type]
+    machine.open_core().push(np.ones(6_400, np.float32))
     with pytest.raises(EchoAvatarError, match="no"):
         machine.tick()
 
 
-def test_no_lanes_is_one_batch() -> None:
+def test_without_workers_all_sessions_are_one_batch() -> None:
     pipeline = Meeting()
     pipeline.door = threading.Barrier(1)
-    machine = Engine(pipeline, seats=3, lanes=0)  # type: ignore[arg-type]
+    machine = Engine(pipeline, seats=3, workers=0)  # type: ignore[arg-type]
     for _ in range(2):
-        machine.open().push(np.ones(6_400, np.float32))
+        machine.open_core().push(np.ones(6_400, np.float32))
     assert machine.tick() == 2
     assert pipeline.rows == [3]
 
 
-def test_who_is_shortest_of_motion_is_stepped_first() -> None:
+def test_the_session_with_the_least_motion_ahead_is_stepped_first() -> None:
     machine = engine(seats=2)
-    flooding, modest = machine.open(), machine.open()
+    flooding, modest = machine.open_core(), machine.open_core()
     flooding.push(np.ones(64_000, np.float32))
     assert machine.work()
     modest.push(np.ones(6_400, np.float32))
@@ -104,3 +109,36 @@ def test_who_is_shortest_of_motion_is_stepped_first() -> None:
     assert (flooding.made, modest.made) == (6_400, 6_400)
     assert machine.work()
     assert flooding.made == 12_800
+
+
+CHUNKS = 12
+
+
+def sound(seed: int) -> np.ndarray:
+    return (0.1 * np.random.default_rng(seed).standard_normal(CHUNKS * 6_400)).astype(np.float32)
+
+
+def test_neighbours_in_other_workers_change_nothing(tiny_bundle: Path) -> None:
+    """Five sessions that come and wait at odd moments, three workers: the motion is that of each alone, to the bit."""
+    pipeline = Pipeline(load_bundle(tiny_bundle))
+    engine = Engine(pipeline, seats=5, workers=3)
+    sessions = [engine.open_core(seed=seed) for seed in range(5)]
+    sounds = [sound(seed) for seed in range(5)]
+    for chunk in range(CHUNKS):
+        for seat, (session, whole) in enumerate(zip(sessions, sounds, strict=True)):
+            if (chunk + seat) % 3:  # the others get theirs later, two at once
+                session.push(
+                    whole[: (chunk + 1) * 6_400][int(session.made + 24_000 * session.seconds_waiting) :]
+                )
+        engine.tick()
+    for session, whole in zip(sessions, sounds, strict=True):
+        session.push(whole[int(session.made + 24_000 * session.seconds_waiting) :])
+    while engine.tick():
+        pass
+    for seed, (session, whole) in enumerate(zip(sessions, sounds, strict=True)):
+        alone = Engine(pipeline, workers=1).open_core(seed=seed)
+        alone.push(whole)
+        for made, witness in zip(Session(session), Session(alone), strict=True):
+            assert np.array_equal(made.rotations, witness.rotations)
+            assert np.array_equal(made.root, witness.root)
+        assert session.made == alone.made == len(whole)

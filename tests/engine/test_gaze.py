@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from echoavatar.engine.gaze import FALL_S, FARTHEST, LOOK, RISE_S, Gaze, eyes_turned, head_turned, off_viewer
+from echoavatar.engine.gaze import FALL_S, FARTHEST, LOOK, RISE_S, Gaze, off_viewer, turn_eyes, turn_head
 from echoavatar.face import ARKIT_NAMES
 from echoavatar.kinematics import HUMANOID
 from echoavatar.pipeline import MotionChunk
@@ -37,9 +37,9 @@ def look(motion: MotionChunk, way: str) -> float:
 def test_head_and_eyes_meet_the_viewer_between_them(yaw: float, pitch: float) -> None:
     """Of 30 degrees the head turns back 24, the eyes the other 6."""
     before = facing(yaw, pitch)
-    head = head_turned(before, ALL, HUMANOID)
+    head = turn_head(before, ALL, HUMANOID)
     assert degrees_off(head) == pytest.approx(0.2 * degrees_off(before), abs=0.1)
-    eyes = eyes_turned(head, ALL, HUMANOID)
+    eyes = turn_eyes(head, ALL, HUMANOID)
     sideways = look(eyes, "InLeft") - look(eyes, "OutLeft")  # to its right
     assert sideways == pytest.approx(look(eyes, "OutRight") - look(eyes, "InRight"))
     upwards = look(eyes, "UpLeft") - look(eyes, "DownLeft")
@@ -51,7 +51,7 @@ def test_head_and_eyes_meet_the_viewer_between_them(yaw: float, pitch: float) ->
 
 def test_only_neck_head_and_eyes_move() -> None:
     before = facing(40)
-    after = eyes_turned(head_turned(before, ALL, HUMANOID), ALL, HUMANOID)
+    after = turn_eyes(turn_head(before, ALL, HUMANOID), ALL, HUMANOID)
     moved = np.abs(after.rotations - before.rotations).max((0, 2)) > 1e-6
     assert {name for name, has in zip(HUMANOID.names, moved, strict=True) if has} == {"neck", "head"}
     assert after.face is not None
@@ -62,13 +62,13 @@ def test_only_neck_head_and_eyes_move() -> None:
 def test_a_neck_turns_so_far_and_nobody_looks_behind() -> None:
     """At 75 degrees the head turns by its most, at 180 not at all, and nothing jumps on the way there."""
     sides = [
-        degrees_off(facing(yaw)) - degrees_off(head_turned(facing(yaw), ALL, HUMANOID)) for yaw in range(181)
+        degrees_off(facing(yaw)) - degrees_off(turn_head(facing(yaw), ALL, HUMANOID)) for yaw in range(181)
     ]
     assert max(sides) == pytest.approx(np.degrees(FARTHEST), abs=0.5)
     assert sides[75] == pytest.approx(np.degrees(FARTHEST), abs=0.5)
     assert sides[160] == pytest.approx(0, abs=0.01)
     assert np.abs(np.diff(sides)).max() < 2.5
-    behind = eyes_turned(facing(179), ALL, HUMANOID)
+    behind = turn_eyes(facing(179), ALL, HUMANOID)
     assert behind.face is not None
     assert behind.face.max() == pytest.approx(0, abs=1e-6)
 
@@ -90,11 +90,11 @@ def test_a_nod_lowers_the_head_and_not_the_eyes() -> None:
     gaze = Gaze()
     nod = Overlay(("head",), np.tile(np.float32([np.radians(15), 0, 0]), (8, 1, 1)))
     for chunk in range(3):
-        seen = gaze.turned(chunk, facing(0), HUMANOID, overlay=nod, is_wanted=True)
+        seen = gaze.apply(chunk, facing(0), HUMANOID, overlay=nod, is_wanted=True)
     assert degrees_off(seen) == pytest.approx(15, abs=0.1)
     assert look(seen, "UpLeft") == pytest.approx(15, abs=0.5)
 
 
 def test_unwanted_it_changes_nothing() -> None:
     before = facing(20)
-    assert Gaze().turned(0, before, HUMANOID, is_wanted=False) is before
+    assert Gaze().apply(0, before, HUMANOID, is_wanted=False) is before

@@ -14,11 +14,11 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 import soundfile
-from tests.engine.test_rewind import Player
+from tests.engine.test_barge_in import Player
 
 import echoavatar
-from echoavatar.engine import Engine, Session
-from echoavatar.engine.screen import first_frame_after
+from echoavatar.engine import Engine, Session, SessionCore
+from echoavatar.engine.playout import first_frame_after
 from echoavatar.pipeline import Pipeline, load_bundle
 from echoavatar.pipeline.motion_chunk import join
 from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES, FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
@@ -43,7 +43,7 @@ class Talk:
 
     def __init__(self, pipeline: Pipeline, seed: int) -> None:
         self.engine = Engine(pipeline, look_ahead=AHEAD)
-        self.session = self.engine.open(seed=seed)
+        self.session = self.engine.open_core(seed=seed)
         self.player = Player(self.session)
         self.random = np.random.default_rng(seed)
         self.truth = np.zeros(0, np.float32)
@@ -59,7 +59,7 @@ class Talk:
             start += FASTER * BEAT
             self._play(min(BEAT, end - self.at))
         made, before = self.session.made, time.process_time()
-        assert self.session.clear(self.at) == first_frame_after(self.at) * SAMPLES_PER_FRAME
+        assert self.session.interrupt(self.at).at == first_frame_after(self.at) * SAMPLES_PER_FRAME
         while not self.player.read():  # twice, where no frame of the chunk that was cut is left
             self.session.stall()
             self.engine.tick()
@@ -77,8 +77,8 @@ class Talk:
 
     def _play(self, samples: int) -> None:
         self.at += samples
-        self.session.played(self.at)
-        while self.session.waiting:
+        self.session.report_played(self.at)
+        while self.session.is_ready:
             self.engine.tick()
         self.player.read()
 
@@ -87,9 +87,9 @@ class Talk:
 
 
 def witness(pipeline: Pipeline, truth: np.ndarray, seed: int) -> np.ndarray:
-    session: Session = Engine(pipeline, rewind=0).open(seed=seed)
+    session: SessionCore = Engine(pipeline, rewind=0).open_core(seed=seed)
     session.push(truth)
-    return join(list(session)).rotations
+    return join(list(Session(session))).rotations
 
 
 def degrees(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -54,17 +54,17 @@ def test_a_session_listens_but_what_was_asked_for_comes_first() -> None:
     machine.actions = ActionLibrary(
         {name: Action(name, (1, 2, 3, 4), (0, 1)) for name in ("listen", "nod", "wave")}
     )
-    session = machine.open(seed=1)
+    session = machine.open_core(seed=1)
     session.listen(talk(1))
     assert session.is_listening
-    running = session._acts.running(0)
+    running = session._actions.running(0)
     assert running is not None
     assert running.action.name == "listen"
     session.act("wave", hold_s=2.0)
     session.listen(np.concatenate([talk(3), quiet(0.5)]))
-    running = session._acts.running(0)
+    running = session._actions.running(0)
     assert running is not None
     assert running.action.name == "wave"
-    assert [status.name for status in session.statuses()] == ["wave"]
+    assert [status.name for status in session.take_statuses()] == ["wave"]
     session.listen(quiet(2))
     assert not session.is_listening

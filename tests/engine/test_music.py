@@ -42,7 +42,7 @@ def test_going_back_plays_the_same_again_and_keeps_what_was_asked_since() -> Non
     player = MusicPlayer()
     player.play("tune", TRACK)
     player.next_chunk(QUIET)
-    before = player.snapshot()
+    before = player.now
     second = player.next_chunk(LOUD)
     player.next_chunk(QUIET)
     player.rewind(1, before)

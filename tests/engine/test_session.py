@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from tests.engine.fakes import engine
 
-from echoavatar.engine.session import Begun
+from echoavatar.engine import Session, SessionStatus
 from echoavatar.errors import AudioError, EchoAvatarError
 
 
@@ -28,23 +28,23 @@ def test_finish_completes_the_last_chunk_with_silence_and_ends() -> None:
 def test_a_stalled_source_is_heard_as_silence() -> None:
     with engine().open() as session:
         session.push(np.ones(100, np.float32))
-        session.stall()
-        session.stall()  # a second call in the same chunk adds nothing
+        session.core.stall()
+        session.core.stall()  # a second call in the same chunk adds nothing
         assert len(list(session)) == 1
 
 
 def test_clear_forgets_unheard_audio_and_unread_motion_but_not_the_past() -> None:
     with engine().open() as session:
         session.push(np.ones(12_800, np.float32))
-        session._engine.tick()
-        session._engine.tick()
-        assert session.take() is not None
+        session.core._host.tick()
+        session.core._host.tick()
+        assert session.core.take() is not None
         session.push(np.ones(9_000, np.float32))
         assert session.clear() == 6_400
         assert list(session) == []
         session.push(np.full(6_400, 2, np.float32))
         list(session)
-        assert session._engine._state.total.item() == 6_400 + 12_800  # what was taken before stays heard
+        assert session.core._host._state.total.item() == 6_400 + 12_800  # what was taken before stays heard
 
 
 def test_any_rate_is_accepted_and_bad_values_are_named() -> None:
@@ -57,28 +57,19 @@ def test_any_rate_is_accepted_and_bad_values_are_named() -> None:
 
 
 def test_an_inbox_that_overflows_says_what_to_do() -> None:
-    with engine().open() as session, pytest.raises(EchoAvatarError, match="read motion"):
+    with engine().open() as session, pytest.raises(EchoAvatarError, match="600 s of audio are waiting"):
         session.push(np.zeros(24_000 * 601, np.float32))
 
 
-def test_an_interruption_in_the_moment_a_chunk_begins_is_put_back_before_it(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """The lane has claimed the session, and has not yet taken its sound."""
+def test_the_public_face_is_small() -> None:
+    """README: `push`, `clear` and iterate; the rest are requests, one status, and the end."""
+    public = {name for name in dir(Session) if not name.startswith("_")}
+    assert public == {"push", "clear", "finish", "listen", "act", "play", "stop_music", "status", "close"}
+
+
+def test_the_status_tells_how_the_session_is_doing() -> None:
     with engine().open() as session:
-        session.push(np.ones(19_200, np.float32))
-        assert len(list(session)) == 3
-        begin, cuts = session.begin_chunk, [8_000]
-
-        def late(codes: int) -> Begun:
-            while cuts:
-                assert session.clear(cuts.pop()) == 8_000
-            return begin(codes)
-
-        monkeypatch.setattr(session, "begin_chunk", late)
-        session.push(np.full(6_400, 2, np.float32))  # forgotten with what was not heard
-        session._engine.tick()
-        delivery = session.take_timed()
-        assert delivery is not None
-        assert (delivery.start, delivery.epoch) == (8_000, 1)
-        assert session._engine._state.total.item() == 8_000
+        session.push(np.full(9_600, 0.5, np.float32))
+        assert session.status.seconds_waiting == 0.4
+        list(session)
+        assert session.status._replace(seconds_waiting=0.0) == SessionStatus("speech", False, 6_400, 0.0, 0)

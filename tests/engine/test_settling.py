@@ -5,7 +5,7 @@ import pytest
 import torch
 from tests.engine.fakes import FakePipeline, Heard
 
-from echoavatar.engine import Engine
+from echoavatar.engine import Engine, Session
 from echoavatar.engine.settling import DANCING, Settling, leg_speed
 from echoavatar.kinematics import HUMANOID
 from echoavatar.pipeline import MotionChunk
@@ -82,9 +82,9 @@ class Dancer(FakePipeline):
 
 def test_the_engine_makes_the_model_forget() -> None:
     dancer = Dancer()
-    session = Engine(dancer).open()  # type: ignore[arg-type]
+    session = Engine(dancer).open_core()  # type: ignore[arg-type]
     session.push(np.concatenate([LOUD, LOUD]))
-    assert [leg_speed(chunk, HUMANOID) > DANCING for chunk in session] == [True, True]
+    assert [leg_speed(chunk, HUMANOID) > DANCING for chunk in Session(session)] == [True, True]
     session.push(np.concatenate([QUIET, QUIET]))
-    assert [leg_speed(chunk, HUMANOID) > DANCING for chunk in session] == [False, False]
+    assert [leg_speed(chunk, HUMANOID) > DANCING for chunk in Session(session)] == [False, False]
     assert dancer.forgot == 1

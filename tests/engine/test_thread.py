@@ -15,7 +15,7 @@ def test_motion_comes_without_anyone_ticking_and_the_thread_ends_when_told() -> 
     machine = engine()
     with EngineThread(machine) as thread:
         came: list[int] = []
-        session = machine.open()
+        session = machine.open_core()
         session.on_motion = lambda: came.append(1)
         session.push(np.ones(12_800, np.float32))
         until = time.monotonic() + 5
@@ -31,7 +31,7 @@ def test_a_tick_that_fails_is_logged_and_told(caplog: pytest.LogCaptureFixture) 
     machine = engine()
     machine.pipeline.step = None  # type: ignore[assignment]
     with EngineThread(machine) as thread:
-        machine.open().push(np.ones(6_400, np.float32))
+        machine.open_core().push(np.ones(6_400, np.float32))
         until = time.monotonic() + 5
         while thread.is_alive and time.monotonic() < until:
             time.sleep(0.005)
@@ -62,10 +62,10 @@ def soon(condition: Callable[[], bool]) -> bool:
     return False
 
 
-def test_a_free_lane_takes_what_comes_while_the_other_is_busy() -> None:
+def test_a_free_worker_takes_what_comes_while_the_other_is_busy() -> None:
     pipeline = Gated()
-    machine = Engine(pipeline, seats=2, lanes=2)  # type: ignore[arg-type]
-    slow, quick = machine.open(), machine.open()
+    machine = Engine(pipeline, seats=2, workers=2)  # type: ignore[arg-type]
+    slow, quick = machine.open_core(), machine.open_core()
     with EngineThread(machine):
         slow.push(np.full(6_400, 1, np.float32))
         assert soon(lambda: pipeline.inside == [1])
@@ -79,13 +79,13 @@ def test_a_free_lane_takes_what_comes_while_the_other_is_busy() -> None:
 
 def test_a_seat_is_not_stepped_twice_at_once_even_if_it_changes_hands() -> None:
     pipeline = Gated()
-    machine = Engine(pipeline, seats=1, lanes=2)  # type: ignore[arg-type]
-    gone = machine.open()
+    machine = Engine(pipeline, seats=1, workers=2)  # type: ignore[arg-type]
+    gone = machine.open_core()
     with EngineThread(machine):
         gone.push(np.full(6_400, 1, np.float32))
         assert soon(lambda: pipeline.inside == [1])
         gone.close()
-        heir = machine.open()
+        heir = machine.open_core()
         heir.push(np.full(6_400, 2, np.float32))
         pipeline.gates[2.0].set()
         time.sleep(0.1)
@@ -95,4 +95,4 @@ def test_a_seat_is_not_stepped_twice_at_once_even_if_it_changes_hands() -> None:
         assert soon(lambda: heir.made == 6_400)
     chunk = heir.take()
     assert chunk is not None
-    assert float(chunk.root[0, 0]) == 12_800  # from a fresh row
+    assert float(chunk.motion.root[0, 0]) == 12_800  # from a fresh row

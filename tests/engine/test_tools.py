@@ -6,7 +6,7 @@ import pytest
 import soundfile
 from tests.engine.fakes import engine
 
-from echoavatar.engine import Session
+from echoavatar.engine import SessionCore
 from echoavatar.engine.tools import Toolbox
 from echoavatar.engine.tracks import Tracks
 from echoavatar.pipeline import Action, ActionLibrary
@@ -23,16 +23,16 @@ def toolbox(tmp_path: Path) -> Toolbox:
 
 
 @pytest.fixture
-def session() -> Session:
+def session() -> SessionCore:
     machine = engine()
     machine.actions = LIBRARY
-    return machine.open()
+    return machine.open_core()
 
 
-def test_a_model_waves_and_hears_what_became_of_it(toolbox: Toolbox, session: Session) -> None:
+def test_a_model_waves_and_hears_what_became_of_it(toolbox: Toolbox, session: SessionCore) -> None:
     answer = toolbox.call(session, "send_action", {"action": "wave", "intensity": 1.5, "hold": None})
     assert answer["status"] == "accepted"
-    assert [status.name for status in session.statuses()] == ["wave"]
+    assert [status.name for status in session.take_statuses()] == ["wave"]
 
 
 @pytest.mark.parametrize(
@@ -43,36 +43,38 @@ def test_a_model_waves_and_hears_what_became_of_it(toolbox: Toolbox, session: Se
         ("send_action", {"action": "wave", "intensity": "much"}, "must be a number"),
         ("send_action", {"action": "wave", "speed": 2}, "knows no 'speed'"),
         ("send_action", {"action": "wave", "intensity": 5}, "intensity 5"),
+        ("send_action", {"action": "wave", "intensity": 10**400}, "must be a number"),
+        ("send_action", {"action": "wave", "hold": float("nan")}, "must be a number"),
         ("play_music", {"title": "Silence"}, "My Tune"),
         ("fly", {}, "there are: send_action"),
     ],
 )
 def test_what_cannot_be_is_rejected_with_the_reason(
-    toolbox: Toolbox, session: Session, name: str, arguments: dict[str, object], reason: str
+    toolbox: Toolbox, session: SessionCore, name: str, arguments: dict[str, object], reason: str
 ) -> None:
     answer = toolbox.call(session, name, arguments)
     assert answer["status"] == "rejected"
     assert reason in answer["reason"]
 
 
-def test_music_is_heard_by_the_session_and_stops(toolbox: Toolbox, session: Session) -> None:
+def test_music_is_heard_by_the_session_and_stops(toolbox: Toolbox, session: SessionCore) -> None:
     assert toolbox.call(session, "play_music", {"title": "my_tune"}) == {
         "status": "accepted",
         "title": "My Tune",
     }
-    session._engine.tick()
-    delivery = session.take_timed()
+    session._host.tick()
+    delivery = session.take()
     assert delivery is not None
     assert delivery.source == "music"
     np.testing.assert_allclose(delivery.audio, 0.1, atol=1e-3)
     assert toolbox.call(session, "stop_music", {}) == {"status": "done"}
     for _ in range(3):
-        session._engine.tick()
-    assert not session.waiting
+        session._host.tick()
+    assert not session.is_ready
 
 
 def test_only_real_actions_are_offered_and_what_it_does_by_itself_is_not(
-    toolbox: Toolbox, session: Session
+    toolbox: Toolbox, session: SessionCore
 ) -> None:
     offered = toolbox.schemas()[0]["parameters"]["properties"]["action"]["enum"]
     assert offered == ["wave", "bow"]

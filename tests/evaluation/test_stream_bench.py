@@ -12,7 +12,7 @@ def test_stages_add_up_to_the_chunk(tiny_bundle: Path) -> None:
     pipeline = Pipeline(load_bundle(tiny_bundle))
     report = bench_stream(pipeline, seconds=3)
     chunks = round(3 / pipeline.chunk.seconds)
-    stages = [pipeline.lap.stages[stage][-chunks:] for stage in STAGES]
+    stages = [pipeline.on_stage.stages[stage][-chunks:] for stage in STAGES]
     parts, whole = np.median(np.sum(stages, axis=0)), report.stages_ms["whole chunk"][0]
     assert 0.5 * whole < parts <= whole
     assert abs(report.summary["seconds"] - 3) < 0.3

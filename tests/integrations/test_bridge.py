@@ -144,12 +144,12 @@ def test_a_lost_session_is_replaced_and_the_clock_continues() -> None:
         await scene.bridge.say(tone(2.5), 24_000)
         seg = await scene.bridge.end()
         await scene.until(lambda: len(scene.sound) > 12_000)
-        house = scene.bridge.backend._app.state.house  # type: ignore[attr-defined]
+        manager = scene.bridge.backend._app.state.manager  # type: ignore[attr-defined]
         avatar = scene.bridge._session
         avatar._socket._close(1006, "")  # type: ignore[union-attr]
         avatar._socket._in.put_nowait({"type": "websocket.close"})  # type: ignore[union-attr]
-        for live in list(house._live.values()):
-            house.end(live)
+        for live in list(manager._live.values()):
+            manager.end(live)
         await scene.until(lambda: any(said.seg == seg for said in scene.of(UtteranceDone)))
 
     scene = play(script)

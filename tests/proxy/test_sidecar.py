@@ -196,7 +196,7 @@ def test_when_the_avatar_dies_in_mid_sentence_the_voice_goes_on_and_it_may_come_
             await client.listen(is_there)
             await client.say("go")
             await client.listen(lambda c: bool(c.of(FACE)))
-            [live] = place.house._live.values()
+            [live] = place.manager._live.values()
             live.collect = None  # its next step raises, and the server ends the session as failed
             await client.listen(lambda c: any('"response.done"' in text for text in c.passed))
             assert client.passed == upstream.sessions[0].sent

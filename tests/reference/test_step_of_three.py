@@ -61,7 +61,7 @@ def test_a_session_gives_twelve_frames_and_goes_back_exactly(pipeline: Pipeline,
     witness = alone.open(seed=2)
     witness.push(np.concatenate([voice[: 2 * STEP + 2_500], voice[: 3 * STEP]]))
     truth = np.concatenate([chunk.rotations for chunk in witness])[28:]
-    assert session.made == witness.made == 5 * STEP
+    assert session.status.made == witness.status.made == 5 * STEP
     for own, other in zip(row(engine), row(alone), strict=True):
         assert torch.equal(own, other)
     shown = np.concatenate([chunk.rotations for chunk in after])

@@ -62,7 +62,7 @@ def serving(
         thread.start()
         assert begun.wait(10)
         try:
-            yield Place(f"127.0.0.1:{listener.getsockname()[1]}", app.state.house, server, thread)
+            yield Place(f"127.0.0.1:{listener.getsockname()[1]}", app.state.manager, server, thread)
         finally:
             server.should_exit = True
             thread.join(10)
@@ -70,15 +70,15 @@ def serving(
 
 
 class Place:
-    def __init__(self, address: str, house: Any, server: Server, thread: threading.Thread) -> None:
-        self.address, self.house, self.server, self.thread = address, house, server, thread
+    def __init__(self, address: str, manager: Any, server: Server, thread: threading.Thread) -> None:
+        self.address, self.manager, self.server, self.thread = address, manager, server, thread
 
     def empties(self, seconds: float = 15.0) -> bool:
         """Wait until nobody is there."""
         end = time.monotonic() + seconds
-        while self.house.sessions and time.monotonic() < end:
+        while self.manager.sessions and time.monotonic() < end:
             time.sleep(0.05)
-        return not self.house.sessions
+        return not self.manager.sessions
 
     def call(self, hello: Hello | None = None, **options: Any) -> "Caller":
         way = connect(

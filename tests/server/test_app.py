@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import socket
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
@@ -74,7 +75,33 @@ def test_a_wrong_token_is_refused_in_words(place: Place) -> None:
 def test_too_many_connections_are_refused_at_the_door(place: Place) -> None:
     from websockets.exceptions import InvalidStatus
 
-    with place.call(), place.call(), place.call():
-        with pytest.raises(InvalidStatus):
+    hello = Hello(token="secret")
+    with place.call(hello) as source, place.call(hello):
+        viewer = Hello(token="secret", role="viewer", session=source.ready.session)
+        with place.call(viewer), pytest.raises(InvalidStatus):
             place.call()
         assert get(place, "/health")[0] == 200
+
+
+def test_connections_without_hello_give_way_to_newcomers(place: Place) -> None:
+    """Three silent ones take all three places; a client that says hello is served all the same."""
+    assert place.empties()
+    with place.call() as oldest, place.call(), place.call(), place.call(Hello(token="secret")) as newcomer:
+        newcomer.until(Motion)
+        code, error = oldest.closing()
+    assert code == 4429
+    assert error is not None
+    assert error.code == "overloaded"
+
+
+def test_a_body_of_two_lengths_is_refused(place: Place) -> None:
+    """A proxy in front may read the other one."""
+    host, port = place.address.split(":")
+    with socket.create_connection((host, int(port)), 5) as line:
+        line.sendall(
+            f"POST /v1/voice HTTP/1.1\r\nHost: {host}\r\nContent-Length: 5\r\n".encode()
+            + b"Transfer-Encoding: chunked\r\n\r\n0\r\n\r\nGET /health HTTP/1.1\r\n\r\n"
+        )
+        answer = line.makefile("rb").read()
+    assert answer.startswith(b"HTTP/1.1 400")
+    assert answer.count(b"HTTP/1.1") == 1

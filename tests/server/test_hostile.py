@@ -140,10 +140,10 @@ def test_a_crowd_that_connects_harms_nobody(place: Place, neighbour: Caller, con
     made = neighbour.until(Motion).at - at
     assert made / 24_000 > 0.9 * took - 1
     end = time.monotonic() + 20
-    while (place.house.sessions, place.house.connections) != (1, 1) and time.monotonic() < end:
+    while (place.manager.sessions, place.manager.connections) != (1, 1) and time.monotonic() < end:
         time.sleep(0.05)
-    assert (place.house.sessions, place.house.connections) == (1, 1)
-    assert place.house.engine.free == 3
+    assert (place.manager.sessions, place.manager.connections) == (1, 1)
+    assert place.manager.engine.free == 3
     assert len(os.listdir("/proc/self/fd")) <= handles + 8
     with place.call(Hello()) as newcomer:
         newcomer.until(Motion)

@@ -37,4 +37,4 @@ def test_it_says_where_it_is_and_stops_when_told() -> None:
     with pytest.raises(KeyboardInterrupt):
         serve(app, port=0, on_ready=stop)
     assert told[0].startswith("http://127.0.0.1:")
-    assert not app.state.house.is_well
+    assert not app.state.manager.is_well

@@ -1,10 +1,12 @@
 """Tools over HTTP: who may, and what is refused."""
 
 import json
+import threading
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
 
+import numpy as np
 import pytest
 from tests.server.fakes import Place, serving
 
@@ -78,3 +80,27 @@ def test_music_that_is_not_there_is_rejected(place: Place, arguments: dict[str, 
         body = json.dumps({"arguments": arguments}).encode()
         status, answer = post(place, "/v1/tools/play_music", body)
         assert (status, answer["status"]) == (200, "rejected")
+
+
+def test_a_track_is_decoded_away_from_the_event_loop(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Decoding takes seconds when the cache does not hold the track; neighbours must not wait for it."""
+    load, threads = place.manager.tracks.load, []
+
+    def noted(title: str) -> np.ndarray:
+        threads.append(threading.get_ident())
+        return load(title)
+
+    monkeypatch.setattr(place.manager.tracks, "load", noted)
+    with place.call(Hello()):
+        answer = post(place, "/v1/tools/play_music", b"{}")[1]
+    assert answer["status"] == "accepted"
+    assert len(threads) == 1
+    assert place.thread.ident not in threads
+
+
+def test_a_number_that_no_float_holds_is_rejected_in_words(place: Place) -> None:
+    body = b'{"arguments": {"action": "wave", "intensity": 1' + b"0" * 400 + b"}}"
+    with place.call(Hello()):
+        status, answer = post(place, "/v1/tools/send_action", body)
+    assert (status, answer["status"]) == (200, "rejected")
+    assert "must be a number" in answer["reason"]

@@ -89,7 +89,7 @@ def test_motion_goes_out_for_pickled_sound_and_nothing_is_run(tmp_path, monkeypa
         server = await asyncio.start_server(unity, "127.0.0.1", 0)
         ready = asyncio.get_running_loop().create_future()
         settings = UnitySettings(audio_port=0, action_port=0, unity_port=server.sockets[0].getsockname()[1])
-        engine = Engine(pipeline, lanes=1, rewind=0)
+        engine = Engine(pipeline, workers=1, rewind=0)
         job = asyncio.create_task(
             serve_unity(engine, RIG, settings, on_ready=lambda *ports: ready.set_result(ports))
         )

@@ -33,7 +33,7 @@ def test_the_newest_session_is_shown_and_moves(new_page):
             driver.wait("__echo.shown && __echo.shown.state === 'speaking'")
             before = driver.ask("__echo.session.player.pose.root[1]")
             driver.wait(f"__echo.session.player.pose.root[1] !== {before}")
-            assert len(place.house.names) == 1
+            assert len(place.manager.names) == 1
             assert driver.problems == []
         finally:
             over.set()

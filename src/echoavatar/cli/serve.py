@@ -101,7 +101,8 @@ def run(args: argparse.Namespace) -> int:
     if args.threads:
         torch.set_num_threads(args.threads)
     token = os.environ.get(TOKEN, "") if args.token is None else args.token
-    if not token and args.token is None and not is_loopback(args.host):
+    is_made_up = not token and args.token is None and not is_loopback(args.host)
+    if is_made_up:
         token = secrets.token_urlsafe(16)
     settings = ServerSettings(
         token=token,
@@ -116,7 +117,8 @@ def run(args: argparse.Namespace) -> int:
 
     def ready(address: str) -> None:
         page = f"{address}/?token={token}" if token else f"{address}/"
-        print(f"echoavatar is at {page}  ({args.seats} seats; Ctrl-C stops)", flush=True)
+        shown = page if is_made_up else f"{address}/"  # a token of the operator's own belongs in no log
+        print(f"echoavatar is at {shown}  ({args.seats} seats; Ctrl-C stops)", flush=True)
         if args.open:
             webbrowser.open(page)
 

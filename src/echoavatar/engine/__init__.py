@@ -1,10 +1,14 @@
-"""Sessions, seats and ticks: who is served when. May import `pipeline` and below."""
+"""Sessions over one pipeline: audio queues, barge-in, actions, music, and the threads that step them.
 
-from .acts import ActStatus
+May import `pipeline` and below.
+"""
+
+from .action_scheduler import ActStatus
 from .engine import Engine, load
 from .offline import Animation, animate, animate_many, in_blocks
-from .screen import Delivery
-from .session import Session
+from .playout import Delivery
+from .session import Session, SessionStatus
+from .session_core import SessionCore
 from .thread import EngineThread
 
 __all__ = [
@@ -14,6 +18,8 @@ __all__ = [
     "Engine",
     "EngineThread",
     "Session",
+    "SessionCore",
+    "SessionStatus",
     "animate",
     "animate_many",
     "in_blocks",

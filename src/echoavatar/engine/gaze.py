@@ -1,9 +1,9 @@
 """Eye contact: while the user speaks, head and eyes turn to the viewer. Not in the paper.
 
-The viewer stands in front of where the avatar faced at first (+Z), wherever it went: the page's camera goes along with
-it. Neck and head take most of the turn, as far as a neck goes, and keep a little of their own movement; the eyes do
-what is left of it, through the look curves of the face. How far the turn has come is known for each chunk by its
-number, so a session that is taken back goes on from where it was.
+The viewer stands on the avatar's +Z side and moves along with it, as the page's camera does. Neck and head take most
+of the turn, within the range of a neck, and keep a little of their own movement. The eyes take the rest, through the
+look curves of the face. The progress of the turn is stored by chunk number, so a session that goes back continues from
+the progress it had there.
 """
 
 import math
@@ -21,14 +21,12 @@ from ..pipeline.action_overlay import Overlay, laid_on
 from ..timing import CHUNK, FRAME_RATE_HZ, ChunkSize
 
 RISE_S, FALL_S = 0.5, 0.8  # to eye contact, and out of it
-HEAD_SHARE, NECK_SHARE = 0.8, 0.35  # of the turn: by head and neck together, and by the neck alone
-FARTHEST = math.radians(55)  # that head and neck turn for it
-WELCOME, BEHIND = (
-    math.radians(80),
-    math.radians(140),
-)  # who stands further aside is looked at less; behind, not at all
-LOOK = math.radians(30)  # an eye's turn at a look curve of 1, as our character has it; Live Link Face: 34
-GLANCES = 0.3  # of the eyes' own small movements, what is kept
+HEAD_SHARE, NECK_SHARE = 0.8, 0.35  # shares of the turn: head and neck together, and the neck alone
+FARTHEST = math.radians(55)  # the most that head and neck turn
+# A viewer further aside than the first angle is looked at less; one beyond the second, not at all.
+WELCOME, BEHIND = math.radians(80), math.radians(140)
+LOOK = math.radians(30)  # an eye's turn at a look curve of 1, for our character; 34 degrees in Live Link Face
+GLANCES = 0.3  # the share of the eyes' own small movements that stays
 KEPT = 64  # chunks whose end is known
 
 _CHAIN = ("hips", "spine", "chest", "upperChest", "neck", "head")
@@ -38,13 +36,13 @@ _RIGHTWARDS = [ARKIT_NAMES.index(name) for name in ("eyeLookInLeft", "eyeLookOut
 
 
 class Gaze:
-    """One session's."""
+    """The eye contact of one session."""
 
     def __init__(self, chunk: ChunkSize = CHUNK) -> None:
         self._frames = chunk.frames
-        self._ends: dict[int, float] = {}  # by chunk: how far the turn had come at its end, 0 to 1
+        self._ends: dict[int, float] = {}  # by chunk: progress of the turn at its end, 0 to 1
 
-    def turned(
+    def apply(
         self,
         chunk: int,
         motion: MotionChunk,
@@ -53,14 +51,14 @@ class Gaze:
         overlay: Overlay | None = None,
         is_wanted: bool,
     ) -> MotionChunk:
-        """A chunk with eye contact where it is wanted, and an action's turns on top: a nod lowers only the head."""
+        """Add eye contact if it is wanted, and an action's clip on top. A nod then lowers the head, not the eyes."""
         shares = self.shares(chunk, is_wanted=is_wanted)
-        motion = head_turned(motion, shares, skeleton)
+        motion = turn_head(motion, shares, skeleton)
         motion = motion if overlay is None else laid_on(motion, overlay, skeleton)
-        return eyes_turned(motion, shares, skeleton)
+        return turn_eyes(motion, shares, skeleton)
 
     def shares(self, chunk: int, *, is_wanted: bool) -> Float[np.ndarray, " t"]:
-        """How far it is turned in each frame of a chunk, smoothly between 0 and 1."""
+        """Progress of the turn in each frame of a chunk, smoothed, 0 to 1."""
         begin = self._ends.get(chunk - 1, 0.0)
         pace = 1 / (RISE_S * FRAME_RATE_HZ) if is_wanted else -1 / (FALL_S * FRAME_RATE_HZ)
         path = np.clip(begin + pace * np.arange(1, self._frames + 1), 0, 1)
@@ -70,8 +68,8 @@ class Gaze:
         return np.asarray(path**3 * (10 - path * (15 - 6 * path)), np.float32)
 
 
-def head_turned(motion: MotionChunk, shares: Float[np.ndarray, " t"], skeleton: Skeleton) -> MotionChunk:
-    """Neck and head turned to the viewer; a rig without them stays."""
+def turn_head(motion: MotionChunk, shares: Float[np.ndarray, " t"], skeleton: Skeleton) -> MotionChunk:
+    """Turn neck and head to the viewer; a rig without them is left as it is."""
     if not shares.any() or not _has_neck(skeleton):
         return motion
     below, neck, head = _chain(motion, skeleton)
@@ -87,8 +85,8 @@ def head_turned(motion: MotionChunk, shares: Float[np.ndarray, " t"], skeleton: 
     return motion._replace(rotations=rotations)
 
 
-def eyes_turned(motion: MotionChunk, shares: Float[np.ndarray, " t"], skeleton: Skeleton) -> MotionChunk:
-    """The eyes on the viewer, from wherever the head is turned to, as far as eyes go."""
+def turn_eyes(motion: MotionChunk, shares: Float[np.ndarray, " t"], skeleton: Skeleton) -> MotionChunk:
+    """Turn the eyes to the viewer from where the head faces, within the range of eyes."""
     if not shares.any() or motion.face is None or not _has_neck(skeleton):
         return motion
     viewer = _chain(motion, skeleton)[2][:, 2].numpy().T  # the direction of the world's +Z in the head's axes

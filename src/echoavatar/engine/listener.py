@@ -1,8 +1,8 @@
 """Listening: what the avatar does while the user speaks. Not in the paper.
 
-The user's sound never becomes motion by itself (the avatar does not gesture for others). While it lasts the avatar
-takes a listening posture; at the pauses that follow a stretch of speech it nods, sometimes. Decisions are made on the
-user's own sample clock and by the session's seed, so they repeat.
+The user's sound does not drive the motion model: the avatar does not gesture to the words of others. While the user
+speaks it takes a listening posture; at some pauses after a stretch of speech it nods. Decisions depend on the user's
+own sample clock and the session's seed, so they can be repeated.
 """
 
 import hashlib
@@ -14,10 +14,10 @@ from jaxtyping import Float
 from ..timing import SAMPLE_RATE_HZ
 
 FRAME = 480  # samples, 20 ms
-SOUND_DB = -45.0  # below this nobody speaks
+SOUND_DB = -45.0  # quieter sound is not speech
 OVER_FLOOR_DB = 9.0
-PAUSE_S = 0.30  # of silence, after which a nod is in place
-TURN_S = 1.0  # of silence, after which the user has finished
+PAUSE_S = 0.30  # of silence before a nod
+TURN_S = 1.0  # of silence that ends the user's turn
 LEAST_SPEECH_S = 0.9  # before a nod
 LEAST_GAP_S = 2.5  # between nods
 NOD_S = 1.6  # from the pause until the posture is taken again
@@ -27,27 +27,27 @@ Sign = Literal["begins", "pause", "ends"]
 
 
 class Noticed(NamedTuple):
-    """Something to react to, and where it was heard."""
+    """A change in the user's speech, and its place on the user's clock."""
 
     sign: Sign
     sample: int
 
 
 class Listener:
-    """Follows one user's sound, 24 kHz mono."""
+    """Detects speech, pauses and ends in one user's sound, 24 kHz mono."""
 
     def __init__(self, seed: int = 0) -> None:
         self.is_listening = False
         self._seed = seed
         self._rest = np.zeros(0, np.float32)
-        self._at = 0  # samples judged
+        self._at = 0  # samples analysed
         self._floor = -70.0
         self._speech = 0.0  # seconds of it since the last pause
         self._silence = TURN_S
         self._nodded, self._has_nodded = -LEAST_GAP_S, False
 
     def hear(self, sound: Float[np.ndarray, " s"]) -> list[Noticed]:
-        """What there is to notice in the next samples."""
+        """What the next samples tell."""
         sound = np.concatenate([self._rest, sound])
         whole = len(sound) // FRAME * FRAME
         self._rest = sound[whole:]
@@ -76,7 +76,7 @@ class Listener:
         return []
 
     def _is_due_again(self) -> bool:
-        """Whether the posture was given up for a nod that is over."""
+        """Whether a nod has ended, after which the posture is taken again."""
         return self._has_nodded and self._at / SAMPLE_RATE_HZ - self._nodded > NOD_S
 
     def _pause(self) -> list[Noticed]:
@@ -88,6 +88,6 @@ class Listener:
         return [Noticed("pause", self._at)]
 
     def _draw(self) -> float:
-        """A number in 0..1 that depends on the seed and the place alone."""
+        """A random number in 0..1 that depends on the seed and the clock alone."""
         word = hashlib.blake2b(f"{self._seed}:{self._at}".encode(), digest_size=4).digest()
         return int.from_bytes(word) / 2**32

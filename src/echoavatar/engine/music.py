@@ -1,6 +1,6 @@
-"""Music that a session hears and plays: one track at a time, quieter while someone speaks, faded out when stopped.
+"""Music that a session hears and plays: one track at a time, quieter under speech, faded out when stopped.
 
-Everything happens on the sample clock, so that a session that is rewound plays the same music again.
+Everything is counted in samples of the session's clock, so a session that goes back plays the same music again.
 """
 
 from dataclasses import dataclass, replace
@@ -12,41 +12,53 @@ from jaxtyping import Float
 from ..timing import CHUNK, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME, ChunkSize
 
 Samples = Float[np.ndarray, " s"]
-DUCKED = 0.35  # of the level, while someone speaks
-DUCK_S = 0.25  # to get there, and back
+DUCKED = 0.35  # of the level, under speech
+DUCK_S = 0.25  # from full level to ducked, and back
 FADE_S = 0.4
-AUDIBLE = 1e-3  # peak of a frame of speech that counts as someone speaking
+AUDIBLE = 1e-3  # a frame with this peak counts as speech
 HOLD_FRAMES = 12  # 0.4 s: pauses between words do not bring the music back
+
+
+class Heard(NamedTuple):
+    """One chunk of sound as the avatar hears it: speech and music."""
+
+    speech: Samples
+    music: Samples | None  # as it must be played; None if none plays
+
+    @property
+    def audio(self) -> Samples:
+        """The mix."""
+        return self.speech if self.music is None else self.speech + self.music
 
 
 @dataclass(frozen=True)
 class Playing:
-    """Where the player is: a value, so that it can be gone back to."""
+    """The player's state: a value, so that a session can go back to it."""
 
     title: str = ""
     at: int = 0  # samples of the track
     duck: float = 1.0
-    quiet: int = HOLD_FRAMES  # frames since someone spoke
+    quiet: int = HOLD_FRAMES  # frames since the last speech
     fade: float = 1.0
     is_stopping: bool = False
 
 
 class Command(NamedTuple):
-    """Something the player was told: a track to play, or None to stop."""
+    """A request to the player: a track to play, or None to stop."""
 
     title: str
     track: Samples | None
 
 
 class MusicPlayer:
-    """Plays into a session."""
+    """Plays one session's music."""
 
     def __init__(self, chunk: ChunkSize = CHUNK) -> None:
         self.now = Playing()
         self._size = chunk.samples
         self._track: Samples | None = None
         self._tracks: dict[str, Samples] = {}
-        self._told: list[tuple[int, Command]] = []
+        self._commands: list[tuple[int, Command]] = []  # with the chunk at which each was given
         self._chunk = 0
 
     @property
@@ -63,7 +75,7 @@ class MusicPlayer:
         self._obey(Command("", None))
 
     def next_chunk(self, speech: Samples) -> Samples | None:
-        """Music for the next chunk, whose speech is known; None where there is none."""
+        """Music for the next chunk, ducked under its speech; None if none plays."""
         self._chunk += 1
         if self._track is None:
             return None
@@ -80,21 +92,17 @@ class MusicPlayer:
             self.now, self._track = Playing(), None
         return music
 
-    def snapshot(self) -> Playing:
-        """Where it is."""
-        return self.now
-
     def rewind(self, chunk: int, now: Playing) -> None:
-        """Back to before chunk number `chunk` and what it was then; what it was told since is told again."""
-        told = [command for at, command in self._told if at >= chunk]
-        self._told = [(at, command) for at, command in self._told if at < chunk]
+        """Go back to the state before chunk number `chunk`; commands given since then take effect again."""
+        again = [command for at, command in self._commands if at >= chunk]
+        self._commands = [(at, command) for at, command in self._commands if at < chunk]
         self._chunk, self.now = chunk, now
         self._track = self._tracks.get(now.title) if now.title else None
-        for command in told:
+        for command in again:
             self._obey(command)
 
     def _obey(self, command: Command) -> None:
-        self._told = [*self._told[-63:], (self._chunk, command)]
+        self._commands = [*self._commands[-63:], (self._chunk, command)]
         if command.track is None:
             self.now = replace(self.now, is_stopping=True)
             return
@@ -106,7 +114,7 @@ class MusicPlayer:
 
 
 def _ducking(speech: Samples, now: Playing) -> tuple[Float[np.ndarray, " s"], int]:
-    """The level under the speech, sample by sample, and how long nobody has spoken at the end."""
+    """The level of the music, sample by sample, and the frames since the last speech."""
     levels, duck, quiet = [], now.duck, now.quiet
     step = (1 - DUCKED) * SAMPLES_PER_FRAME / (DUCK_S * SAMPLE_RATE_HZ)
     for frame in speech.reshape(-1, SAMPLES_PER_FRAME):

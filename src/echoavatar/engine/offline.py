@@ -1,4 +1,4 @@
-"""A file through the streaming engine: the same code path as live, pushed as fast as it goes."""
+"""Whole files through the streaming engine, by the same code path as live sessions."""
 
 import math
 import time
@@ -43,11 +43,11 @@ def animate(
 ) -> Animation:
     """Motion for a stream of 24 kHz blocks, of exactly the sound's length (rounded up to a frame).
 
-    Frame k is that of second k / `fps`, between the model's 30 fps as on a display of that rate. `progress` is told the
-    seconds of motion made so far.
+    Frame k shows second k / `fps`, interpolated between the model's 30 frames a second. `progress` receives the seconds
+    of motion made so far.
 
     Raises:
-        AudioError: there is no sound at all, or a value is not finite.
+        AudioError: the sound is empty, or a value is not finite.
     """
     chunks: list[MotionChunk] = []
     heard: list[Float[np.ndarray, " s"]] = []
@@ -73,18 +73,17 @@ def animate_many(
     seeds: Sequence[int],
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Animation]:
-    """Motion and face for several sounds (24 kHz) at once, a seat each: the same as one by one, in less time.
+    """Motion and face for several sounds (24 kHz) in one batch: the same as one by one, in less time.
 
-    `progress` is told the chunks done and the chunks there are. The seconds of work are those of all sounds, shared out
-    by length.
+    `progress` receives the chunks done and the chunks in all. The seconds of work are shared out by length of sound.
 
     Raises:
-        AudioError: there is nothing in one of the sounds, or a value is not finite.
+        AudioError: one of the sounds is empty, or a value is not finite.
     """
     if silent := [number for number, sound in enumerate(sounds) if not len(sound)]:
         raise AudioError(f"there is no sound in number {silent[0]}; give at least one sample")
     started = time.perf_counter()
-    engine = Engine(pipeline, seats=max(1, len(sounds)), rewind=0, lanes=0)
+    engine = Engine(pipeline, seats=max(1, len(sounds)), rewind=0, workers=0)
     sessions = [engine.open(seed=seed) for _, seed in zip(sounds, seeds, strict=True)]
     for session, sound in zip(sessions, sounds, strict=True):
         session.push(sound)
@@ -105,14 +104,14 @@ def animate_many(
 def _at_rate(chunks: Sequence[MotionChunk], fps: float) -> MotionChunk:
     if fps == FRAME_RATE_HZ:
         return join(chunks)
-    screen = StreamInterpolator(fps)
-    return join([*(screen.push(chunk) for chunk in chunks), screen.finish()])
+    display = StreamInterpolator(fps)
+    return join([*(display.push(chunk) for chunk in chunks), display.finish()])
 
 
 def _animation(
     pipeline: Pipeline, whole: MotionChunk, audio: Float[np.ndarray, " s"], fps: float, seconds: float
 ) -> Animation:
-    """Cut to the sound's length, and the sound filled up to whole frames."""
+    """Cut the motion to the sound's length, and pad the sound to whole frames."""
     frames = math.ceil(len(audio) * fps / SAMPLE_RATE_HZ)
     motion = Motion(pipeline.skeleton, whole.rotations[:frames], whole.root[:frames], float(fps))
     padded = np.pad(audio, (0, max(0, math.ceil(frames * SAMPLE_RATE_HZ / fps) - len(audio))))
@@ -121,7 +120,7 @@ def _animation(
 
 
 def in_blocks(audio: Float[np.ndarray, " s"], seconds: float = 2.0) -> Iterable[Float[np.ndarray, " s"]]:
-    """Cut an array into blocks, as a file reader would give them."""
+    """Cut an array into blocks, like a file reader's."""
     size = int(seconds * SAMPLE_RATE_HZ)
     return (audio[start : start + size] for start in range(0, len(audio), size))
 

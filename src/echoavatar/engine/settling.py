@@ -1,12 +1,11 @@
-"""When to stop dancing: what the paper leaves open, an abrupt end of the music.
+"""When to stop dancing: an abrupt end of the music, which the paper leaves open.
 
-The model hears its own last seconds of motion, and a dance goes on for want of anything else: up to three seconds, at
-full speed. So when sound breaks off while the legs are in a dance, the model is made to forget (its context, not where
-the body stands): it then goes on as a session begins that has stood through silence, which is to come to rest. Gestures
-come to rest by themselves, and pauses in speech keep what was going on.
+The model continues its own last seconds of motion, so a dance goes on for seconds into silence. When sound breaks off
+while the legs dance, the model's context is cleared; the body's position is kept. The model then goes on like a session
+that has stood through silence, and comes to rest. Gestures come to rest by themselves, and pauses in speech change
+nothing.
 
-Decisions are made on chunks that were heard and motion that was made, so a session that is taken back decides again
-the same.
+Decisions depend on the chunks heard and the motion made, so a session that goes back decides the same again.
 """
 
 from typing import NamedTuple
@@ -19,9 +18,9 @@ from ..pipeline import MotionChunk
 from ..pipeline.pipeline import SILENCE
 from ..timing import CHUNK, FRAME_RATE_HZ, ChunkSize
 
-DANCING = 15.0  # degrees per second, mean over the legs' joints: standing and talking mostly stay under 10
-RECENT_S = 0.8  # before the silence, of which the liveliest chunk counts: dances stand still between moves
-AGAIN_S = 0.8  # of silence after which one that dances on is made to forget once more
+DANCING = 15.0  # degrees per second, mean over the legs' joints; standing and talking stay under 10
+RECENT_S = 0.8  # before the silence; its liveliest chunk counts, because dances pause between moves
+AGAIN_S = 0.8  # of silence after which the context of a dance that goes on is cleared again
 KEPT = 64  # chunks that are remembered
 _LEGS = ("leftUpperLeg", "rightUpperLeg", "leftLowerLeg", "rightLowerLeg")
 
@@ -32,14 +31,14 @@ class _Chunk(NamedTuple):
 
 
 class Settling:
-    """One session's."""
+    """Decides for one session when the model must forget its motion."""
 
     def __init__(self, chunk: ChunkSize = CHUNK) -> None:
         self._recent, self._again = chunk.within(RECENT_S), chunk.within(AGAIN_S)
         self._chunks: dict[int, _Chunk] = {}
 
     def must_forget(self, chunk: int, audio: Float[np.ndarray, " s"]) -> bool:
-        """Before a chunk is made: whether its sound breaks off a dance."""
+        """Whether the sound of the chunk that comes next breaks off a dance."""
         silent = self._silent(chunk, audio)
         recent = range(chunk - (self._recent if silent == 1 else 1), chunk)
         legs = max((self._chunks[past].legs for past in recent if past in self._chunks), default=0.0)
@@ -48,7 +47,7 @@ class Settling:
     def made(
         self, chunk: int, audio: Float[np.ndarray, " s"], motion: MotionChunk, skeleton: Skeleton
     ) -> None:
-        """A chunk was made."""
+        """Note a chunk that was made."""
         self._chunks[chunk] = _Chunk(self._silent(chunk, audio), leg_speed(motion, skeleton))
         self._chunks.pop(chunk - KEPT, None)
 
@@ -60,12 +59,11 @@ class Settling:
 
 
 def leg_speed(motion: MotionChunk, skeleton: Skeleton) -> float:
-    """Mean turn of hip and knee joints, degrees per second."""
+    """Mean rotation speed of hip and knee joints, degrees per second."""
     legs = [skeleton.index(name) for name in _LEGS if name in skeleton.names]
-    turns = motion.rotations[:, legs]
-    if len(turns) < 2 or not legs:
+    rotations = motion.rotations[:, legs]
+    if len(rotations) < 2 or not legs:
         return 0.0
-    half = np.minimum(
-        np.linalg.norm(turns[1:] - turns[:-1], axis=-1), np.linalg.norm(turns[1:] + turns[:-1], axis=-1)
-    )
+    now, then = rotations[1:], rotations[:-1]
+    half = np.minimum(np.linalg.norm(now - then, axis=-1), np.linalg.norm(now + then, axis=-1))
     return float(np.degrees(2 * half).mean() * FRAME_RATE_HZ)

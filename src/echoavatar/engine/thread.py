@@ -1,4 +1,4 @@
-"""The threads that own the model, one a lane: they work while there is work, sleep while there is none."""
+"""The threads that run an engine, one for each worker; they sleep while no session is ready."""
 
 import logging
 import threading
@@ -14,10 +14,9 @@ NAP_S = 0.05
 
 
 class EngineThread:
-    """Runs an engine from `start` to `stop`; a context manager does both.
+    """Runs an engine from `start` to `stop`; as a context manager it does both.
 
-    With several lanes a session whose sound comes while another is stepped need not wait for it. A step that fails is
-    logged once with its trace and ends all threads; `error` holds it.
+    A step that fails is logged once with its traceback and ends all threads; `error` holds it.
     """
 
     def __init__(self, engine: Engine) -> None:
@@ -25,8 +24,8 @@ class EngineThread:
         self.error: BaseException | None = None
         self._stopping = threading.Event()
         self._threads = [
-            threading.Thread(target=self._run, name=f"echoavatar engine {lane}", daemon=True)
-            for lane in range(engine.lanes)
+            threading.Thread(target=self._run, name=f"echoavatar engine {worker}", daemon=True)
+            for worker in range(engine.workers)
         ]
 
     @property
@@ -35,13 +34,13 @@ class EngineThread:
         return all(thread.is_alive() for thread in self._threads)
 
     def start(self) -> Self:
-        """Begin."""
+        """Start all threads."""
         for thread in self._threads:
             thread.start()
         return self
 
     def stop(self) -> None:
-        """Finish the steps in hand and end."""
+        """Let each thread finish the step in hand, and end."""
         self._stopping.set()
         self.engine.wake()
         for thread in self._threads:
@@ -57,7 +56,7 @@ class EngineThread:
         self.stop()
 
     def _run(self) -> None:
-        if self.engine.lanes > 1:
+        if self.engine.workers > 1:
             torch.set_num_threads(1)  # of this thread
         try:
             while not self._stopping.is_set():

@@ -1,8 +1,8 @@
-"""Declarations of the tools in the form that each framework takes; made of the one registry in `tools`.
+"""The tools' declarations in the form that each framework takes, made from the registry in `tools`.
 
-What a framework cannot say is left out (Gemini knows no `additionalProperties`, ElevenLabs no bounds); nothing is added
-but what it demands. All of them are silent: a gesture needs no words about it, so ElevenLabs is told to expect no
-response of those that only do something.
+Fields that a framework does not know are left out (`additionalProperties` for Gemini, bounds for ElevenLabs); only
+fields that it requires are added. A gesture needs no comment by the model, so ElevenLabs is told to expect a response
+from the tools in `TELLING` only.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -20,7 +20,7 @@ Style = Literal[
     "pipecat",
     "livekit",
 ]
-TELLING = ("list_actions",)  # tools whose answer the model needs; the others only do something
+TELLING = ("list_actions",)  # tools whose answer the model needs
 
 
 def render(style: Style, plain: Sequence[Schema]) -> list[Schema]:
@@ -36,7 +36,7 @@ def render(style: Style, plain: Sequence[Schema]) -> list[Schema]:
 
 
 def _gemini(tool: Schema) -> Schema:
-    """No `additionalProperties`, and no parameters at all where there are none."""
+    """Gemini takes no `additionalProperties`, and no empty `parameters`."""
     if not tool["parameters"]["properties"]:
         return {"name": tool["name"], "description": tool["description"]}
     kept = {key: value for key, value in tool["parameters"].items() if key != "additionalProperties"}
@@ -44,7 +44,7 @@ def _gemini(tool: Schema) -> Schema:
 
 
 def _elevenlabs(tool: Schema) -> Schema:
-    """A property has a type, a description and, if it is a string, an enum; no bounds, so they are told in words."""
+    """ElevenLabs takes no bounds, so the description states them."""
     parameters = tool["parameters"]
     config = {
         "type": "client",

@@ -1,11 +1,11 @@
-"""What a language model may do with the avatar: typed functions and their schemas, one place for every framework.
+"""What a language model may do with the avatar: typed functions and their schemas, the same for every framework.
 
-The enums come from the live libraries, so a model is never offered a gesture or a track that is not there; asked for
-one all the same, a tool answers "rejected" with the list, and never raises. All of them are silent: the model need not
-say anything about the result.
+The schemas' enums come from the live libraries, so a model is only offered gestures and tracks that exist. A tool that
+is asked for another one answers "rejected" with the list; it never raises. All tools are silent: the model need not say
+anything about the result.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -13,32 +13,33 @@ from jaxtyping import Float
 
 from ..errors import EchoAvatarError
 from ..pipeline.actions import LONGEST_S, ActionLibrary
-from .acts import STRONGEST, ActStatus
+from .action_scheduler import STRONGEST, ActStatus
 from .tool_forms import Schema, Style, render
 from .tracks import Tracks
 
 __all__ = ["HIDDEN", "Actor", "Schema", "Style", "Tool", "Toolbox"]
+TrackLoader = Callable[[str], Awaitable[Float[np.ndarray, " s"]]]
 HIDDEN = ("listen", "nod")  # actions that the avatar does by itself
 
 
 class Actor(Protocol):
-    """Who does what the tools ask for: a session of an engine, or of a server."""
+    """The session that the tools act on: an engine's, or a server's."""
 
     def act(self, name: str, *, intensity: float = 1.0, hold_s: float | None = None) -> ActStatus:
         """Begin an action."""
         ...
 
     def play(self, title: str, track: Float[np.ndarray, " s"]) -> None:
-        """Play 24 kHz mono."""
+        """Play a track, 24 kHz mono."""
         ...
 
     def stop_music(self) -> None:
-        """Fade it out."""
+        """Fade the music out."""
         ...
 
 
 class Tool(NamedTuple):
-    """A function of a session: its name, what it is for, the JSON Schema of its arguments, and itself."""
+    """A function on a session, with its name, its purpose and the JSON Schema of its arguments."""
 
     name: str
     description: str
@@ -47,14 +48,14 @@ class Tool(NamedTuple):
 
 
 class Toolbox:
-    """The tools over one library of actions and one of music."""
+    """The tools over one action library and one music library."""
 
     def __init__(self, actions: ActionLibrary, tracks: Tracks) -> None:
         self._actions, self._tracks = actions, tracks
 
     @property
     def tools(self) -> tuple[Tool, ...]:
-        """All of them, as the libraries are now."""
+        """All tools, with the enums of the libraries as they are now."""
         names = [name for name in self._actions if name not in HIDDEN]
         meanings = "; ".join(f"{name}: {self._actions[name].about}" for name in names)
         action = {"type": "string", "enum": names, "description": f"What to do. {meanings}"}
@@ -90,35 +91,65 @@ class Toolbox:
         )
 
     def play_music(self, session: Actor, title: str | None = None) -> Schema:
-        """Begin a track. Reading it may take a moment: not for an event loop."""
-        if title is None and not self._tracks.titles:
-            return {"status": "rejected", "reason": "there is no music"}
-        found = self._tracks.find(title or self._tracks.titles[0])
+        """Begin a track, the first one without a title."""
+        found = self.find_track(title)
         session.play(found, self._tracks.load(found))
         return {"status": "accepted", "title": found}
 
+    def find_track(self, title: str | None) -> str:
+        """The exact title that `play_music` plays.
+
+        Raises:
+            EchoAvatarError: there is no such track, or no music at all.
+        """
+        if title is None and not self._tracks.titles:
+            raise EchoAvatarError("there is no music")
+        return self._tracks.find(title or self._tracks.titles[0])
+
     def stop_music(self, session: Actor) -> Schema:
-        """Fade out."""
+        """Fade the music out."""
         session.stop_music()
         return {"status": "done"}
 
     def list_actions(self, session: Actor) -> Schema:
-        """Names and meanings."""
+        """List names and meanings."""
         del session
         return {"actions": {n: a.about for n, a in self._actions.items() if n not in HIDDEN}}
 
     def call(self, session: Actor, name: str, arguments: Mapping[str, Any]) -> Schema:
-        """Do what a model asked for; what cannot be done is told, not raised."""
-        tools = {tool.name: tool for tool in self.tools}
-        if name not in tools:
-            return {"status": "rejected", "reason": f"no tool {name!r}; there are: {', '.join(tools)}"}
+        """Run the tool a model asked for; failure is an answer, not an exception.
+
+        `play_music` decodes its track, which may take a while; an event loop awaits `call_async`.
+        """
         try:
-            return tools[name].function(session, **_checked(tools[name], arguments))
+            tool, checked = self._checked(name, arguments)
+            return tool.function(session, **checked)
         except EchoAvatarError as error:
             return {"status": "rejected", "reason": str(error)}
 
+    async def call_async(
+        self, session: Actor, name: str, arguments: Mapping[str, Any], load: TrackLoader
+    ) -> Schema:
+        """As `call`, on the session's event loop; `load` decodes a track elsewhere."""
+        try:
+            tool, checked = self._checked(name, arguments)
+            if name != "play_music":
+                return tool.function(session, **checked)
+            found = self.find_track(checked.get("title"))
+            session.play(found, await load(found))
+            return {"status": "accepted", "title": found}
+        except EchoAvatarError as error:
+            return {"status": "rejected", "reason": str(error)}
+
+    def _checked(self, name: str, arguments: Mapping[str, Any]) -> tuple[Tool, dict[str, Any]]:
+        """A tool by its name, and its arguments, checked against the schema."""
+        tools = {tool.name: tool for tool in self.tools}
+        if name not in tools:
+            raise EchoAvatarError(f"no tool {name!r}; there are: {', '.join(tools)}")
+        return tools[name], _checked(tools[name], arguments)
+
     def schemas(self, style: Style = "plain") -> list[Schema]:
-        """Declarations in the form of a framework; see `tool_forms`."""
+        """Declarations in a framework's form; see `tool_forms`."""
         return render(
             style,
             [
@@ -142,7 +173,7 @@ def _object(properties: Schema, required: list[str]) -> Schema:
 
 
 def _checked(tool: Tool, arguments: Mapping[str, Any]) -> dict[str, Any]:
-    """The arguments, each of the type that its schema says; null counts as left out."""
+    """The arguments, checked against the types and bounds of the schema; null counts as left out."""
     known, given = tool.parameters["properties"], {k: v for k, v in arguments.items() if v is not None}
     wrong = [name for name in given if name not in known]
     if wrong:
@@ -152,6 +183,12 @@ def _checked(tool: Tool, arguments: Mapping[str, Any]) -> dict[str, Any]:
         raise EchoAvatarError(f"{tool.name} needs {lacking[0]!r}")
     for name, value in given.items():
         kinds = (int, float) if known[name]["type"] == "number" else (str,)
-        if not isinstance(value, kinds) or isinstance(value, bool):
-            raise EchoAvatarError(f"{tool.name}: {name} is {value!r}; it must be a {known[name]['type']}")
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        is_huge = (
+            is_number and not abs(value) <= 1e9
+        )  # not a number, infinite, or an integer that no float holds
+        if not isinstance(value, kinds) or isinstance(value, bool) or is_huge:
+            raise EchoAvatarError(
+                f"{tool.name}: {name} is {repr(value)[:20]}; it must be a {known[name]['type']}"
+            )
     return given

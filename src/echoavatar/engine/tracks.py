@@ -1,4 +1,4 @@
-"""Music that can be asked for by title: what ships, and a folder of the user's."""
+"""The music library: tracks that ship with the package, and a folder of the user's."""
 
 from functools import lru_cache
 from importlib.resources import as_file, files
@@ -14,13 +14,13 @@ KINDS = (".flac", ".m4a", ".mp3", ".ogg", ".opus", ".wav")
 
 
 class Tracks:
-    """Titles and their sound; a title is a file's name without its ending, underscores read as blanks."""
+    """Tracks by title. A title is a file's name without its suffix, with blanks for underscores."""
 
     def __init__(self, folder: Path | None = None) -> None:
-        """`folder` adds to what ships, and wins where titles are the same.
+        """A track in `folder` replaces a shipped one of the same title.
 
         Raises:
-            EchoAvatarError: the folder is not there.
+            EchoAvatarError: the folder does not exist.
         """
         with as_file(files("echoavatar") / "assets" / "music") as shipped:
             self._paths = _found(shipped) if shipped.is_dir() else {}
@@ -31,14 +31,14 @@ class Tracks:
 
     @property
     def titles(self) -> tuple[str, ...]:
-        """What can be played."""
+        """All titles."""
         return tuple(self._paths)
 
     def find(self, title: str) -> str:
-        """The title as it is written; case and underscores do not matter.
+        """The exact title; case and underscores do not matter.
 
         Raises:
-            EchoAvatarError: no such title; the message lists those there are.
+            EchoAvatarError: no such title; the message lists all titles.
         """
         wanted = title.replace("_", " ").strip().lower()
         for own in self._paths:
@@ -47,7 +47,7 @@ class Tracks:
         raise EchoAvatarError(f"no music {title!r}; there is: {', '.join(self._paths) or 'none'}")
 
     def load(self, title: str) -> Float[np.ndarray, " s"]:
-        """A track, 24 kHz mono; takes a while the first time.
+        """A track, 24 kHz mono. Decoding it takes a while, so call this on a thread of its own.
 
         Raises:
             EchoAvatarError: no such title, or a file that cannot be read.

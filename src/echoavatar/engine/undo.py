@@ -1,7 +1,7 @@
-"""Taking a step back: what one step changed in one row of a state, kept so that it can be undone exactly.
+"""Undoing steps of the model: the values that a step overwrote in one row of the state.
 
-A row of the default bundle is 3.2 MB, of which a step writes a tenth; so the old values of what changed are kept, not
-the row. Undoing the last n steps, latest first, gives the state of n steps ago to the bit.
+A step writes about a tenth of a row, so only the overwritten values are kept. Undoing the last n steps, latest first,
+restores the state of n steps ago to the bit.
 """
 
 from typing import NamedTuple
@@ -14,24 +14,24 @@ from torch import Tensor
 from ..nn import StreamState
 
 _WORDS = {1: torch.uint8, 2: torch.int16, 4: torch.int32, 8: torch.int64}  # by size in bytes
-SMALL = 4096  # numbers; a tensor of fewer is kept whole
+SMALL = 4096  # elements; a smaller tensor is kept whole
 
 
 class Patch(NamedTuple):
-    """Old values of one tensor's row: all of them, or those at `where` of the flattened row."""
+    """Overwritten values of one tensor's row: all of it, or those at `where` of the flattened row."""
 
     where: Int[Tensor, " n"] | None
     values: Shaped[Tensor, " n"]
 
 
 def changes(before: list[Tensor], state: StreamState, row: int) -> list[Patch]:
-    """What a step changed in a row; `before` is the state's `snapshot` from before the step."""
+    """The values that a step overwrote in a row; `before` is the state's `snapshot` from before the step."""
     pairs = zip(before, state.tensors(), strict=True)
     return [_patch(old[row : row + 1].reshape(-1), _row(new, row)) for old, new in pairs]
 
 
 def undo(patches: list[Patch], state: StreamState, row: int) -> None:
-    """Put the row back to what it was before the step of these patches."""
+    """Restore the row to what it was before the step that made these patches."""
     for tensor, patch in zip(state.tensors(), patches, strict=True):
         flat = _row(tensor, row)
         if patch.where is None:
@@ -57,5 +57,5 @@ def _patch(old: Tensor, new: Tensor) -> Patch:
 
 
 def _bits(values: Tensor) -> Int[Tensor, " n"]:
-    """Numbers as the whole numbers of their bits: to tell -0.0 from 0.0, and not-a-number from another, in one pass."""
+    """The values' bit patterns as integers, which tell -0.0 from 0.0 and compare NaN."""
     return values.view(_WORDS[values.element_size()])

@@ -78,7 +78,7 @@ def _run(
     size = pipeline.chunk.samples
     samples = (BEGIN_CHUNKS + longest + 4) * size
     sound = np.resize(audio, samples)
-    engine = Engine(pipeline, seats=len(names) + 1, rewind=0, lanes=0)
+    engine = Engine(pipeline, seats=len(names) + 1, rewind=0, workers=0)
     sessions = [engine.open(seed=seed) for _ in range(len(names) + 1)]
     made: list[list[MotionChunk]] = [[] for _ in sessions]
     for number in range(samples // size):

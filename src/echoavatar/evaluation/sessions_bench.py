@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 import torch
 
-from ..engine import Engine, EngineThread, Session
+from ..engine import Engine, EngineThread, SessionCore
 from ..pipeline import Pipeline
 from .stream_bench import resident_mb
 
@@ -30,7 +30,7 @@ class Load(NamedTuple):
     sessions: int
     p50_ms: float  # from the end of a chunk's audio to its motion
     p99_ms: float
-    busy: float  # share of time that the lanes worked
+    busy: float  # share of time that the workers worked
     memory_mb: float  # for each session, including the rewind buffer
     in_real_time: bool  # p99 is within a chunk, and the delay does not grow
 
@@ -72,7 +72,7 @@ def _serve(pipeline: Pipeline, count: int, seconds: float, last: ClientKind = "b
     gc.collect()  # memory of the previous load
     before, chunk_s = resident_mb(), pipeline.chunk.seconds
     engine = Engine(pipeline, seats=count, look_ahead=8)
-    clients = [_Client(engine.open(seed=seat), seat) for seat in range(count)]
+    clients = [_Client(engine.open_core(seed=seat), seat) for seat in range(count)]
     clients[-1].kind = last
     chunks = max(4, round(seconds / chunk_s)) + WARM_UP_CHUNKS
     with EngineThread(engine) as threads:
@@ -89,7 +89,7 @@ def _serve(pipeline: Pipeline, count: int, seconds: float, last: ClientKind = "b
         deadline = time.perf_counter() + GIVE_UP_CHUNKS * chunk_s * count
         while any(len(client.waits) < chunks for client in watched) and time.perf_counter() < deadline:
             time.sleep(0.01)
-        busy = engine.busy_seconds / (time.perf_counter() - began) / engine.lanes
+        busy = engine.busy_seconds / (time.perf_counter() - began) / engine.workers
         memory = (resident_mb() - before) / count
     is_behind = any(len(client.waits) < chunks for client in watched)
     for client in clients:
@@ -111,7 +111,7 @@ def _serve(pipeline: Pipeline, count: int, seconds: float, last: ClientKind = "b
 class _Client:
     """A client session: sends audio on time and records how long the motion of each chunk took."""
 
-    def __init__(self, session: Session, seat: int) -> None:
+    def __init__(self, session: SessionCore, seat: int) -> None:
         self.session, self.kind = session, CLIENT_KINDS[0]
         self.phase = (seat * GOLDEN_RATIO) % 1 * self.session.chunk.seconds
         self.waits: list[float] = []

@@ -59,8 +59,8 @@ def bench_stream(
     """Push `seconds` of audio through `sessions` sessions at once and time every chunk."""
     pipeline.warm_up()
     first_ms = _first_motion_ms(pipeline)
-    engine = Engine(pipeline, seats=sessions, lanes=0)
-    seats = [engine.open(seed=seat) for seat in range(sessions)]
+    engine = Engine(pipeline, seats=sessions, workers=0)
+    seats = [engine.open_core(seed=seat) for seat in range(sessions)]
     chunk, timer, chunk_ms, memory = pipeline.chunk, StageTimer(), [], []
     pipeline.on_stage = timer
     warm_up = FULL_WARM_UP_CHUNKS if pipeline.generator.config.opening else WARM_UP_CHUNKS

@@ -117,7 +117,7 @@ class LocalBackend:
     async def tools(self) -> list[Schema]:
         """The tools for the bundle's actions and the built-in music."""
         await self._start()
-        schemas: list[Schema] = self._app.state.house.toolbox.schemas()
+        schemas: list[Schema] = self._app.state.manager.toolbox.schemas()
         return schemas
 
     def page(self, session: str) -> str:

@@ -1,4 +1,4 @@
-"""Many people, one engine: the server of protocol `echoavatar.v1`. May import `client`, `engine` and below."""
+"""The server of protocol `echoavatar.v1`: many clients, one engine. May import `client`, `engine` and below."""
 
 from .app import create_app
 from .run import serve

@@ -1,4 +1,4 @@
-"""The companion behind the page's chat box: words in, words out, and what goes with them done in the session."""
+"""The companion behind the page's chat box: text in, text out, and the actions that go with it in the session."""
 
 from functools import lru_cache
 from typing import Any
@@ -12,19 +12,20 @@ from ..companion.talk import MOST_REMEMBERED
 from ..errors import EchoAvatarError
 from ..wire import ProtocolError
 from ..wire.guard import check_origin
-from .house import House
+from .body import read_body
+from .session_manager import SessionManager
 from .tool_routes import asked_session, call_tool, locked, read_json
 
 MOST_LETTERS = 2_000
 MOST_SOUND = 4 << 20  # bytes: 80 s at 24 kHz
 
 
-def chat_routes(house: House) -> list[BaseRoute]:
-    """Who talks (GET /v1/chat), what they say to `{"session", "text", "history"}` (POST), and words of a sound."""
+def chat_routes(manager: SessionManager) -> list[BaseRoute]:
+    """The companion's name (GET /v1/chat), its reply to `{"session", "text", "history"}` (POST), and transcription."""
     companion = lru_cache(maxsize=1)(from_environment)
 
-    async def who(request: Request) -> Response:
-        refusal = locked(house, request)
+    async def name(request: Request) -> Response:
+        refusal = locked(manager, request)
         if refusal is not None:
             return refusal
         try:
@@ -34,53 +35,53 @@ def chat_routes(house: House) -> list[BaseRoute]:
         return JSONResponse({"name": there.name, "hears": there.hears})
 
     async def talk(request: Request) -> Response:
-        refusal = locked(house, request)
+        refusal = locked(manager, request)
         if refusal is not None:
             return refusal
         try:
-            return JSONResponse(await _talk(house, companion(), request))
+            return JSONResponse(await _talk(manager, companion(), request))
         except ProtocolError as error:
             return JSONResponse({"error": str(error)}, 403 if error.code == "forbidden_origin" else 404)
         except EchoAvatarError as error:
             return JSONResponse({"error": str(error)}, 400)
 
     async def hear(request: Request) -> Response:
-        refusal = locked(house, request)
+        refusal = locked(manager, request)
         if refusal is not None:
             return refusal
         try:
-            return JSONResponse({"text": await companion().transcribe(await _sound(house, request))})
+            return JSONResponse({"text": await companion().transcribe(await _sound(manager, request))})
         except ProtocolError as error:
             return JSONResponse({"error": str(error)}, 403)
         except EchoAvatarError as error:
             return JSONResponse({"error": str(error)}, 400)
 
     return [
-        Route("/v1/chat", who),
+        Route("/v1/chat", name),
         Route("/v1/chat", talk, methods=["POST"]),
         Route("/v1/chat/ears", hear, methods=["POST"]),
     ]
 
 
-async def _talk(house: House, companion: Companion, request: Request) -> dict[str, Any]:
-    message = await read_json(request, house.settings.origins, most=1 << 16)
+async def _talk(manager: SessionManager, companion: Companion, request: Request) -> dict[str, Any]:
+    message = await read_json(request, manager.settings.origins, most=1 << 16)
     text = message.get("text")
     if not isinstance(text, str) or not text.strip() or len(text) > MOST_LETTERS:
         raise EchoAvatarError(f'send {{"text": "..."}} of at most {MOST_LETTERS} letters')
-    live = asked_session(house, request, message)
+    live = asked_session(manager, request, message)
     did: list[dict[str, Any]] = []
 
     async def do(name: str, arguments: dict[str, Any]) -> dict[str, Any]:
-        result = await call_tool(house, live, name, arguments)
+        result = await call_tool(manager, live, name, arguments)
         did.append({"name": name, "arguments": arguments, "status": result.get("status", "done")})
         return result
 
-    doing = Doing(house.toolbox.schemas("openai-chat"), do)
+    doing = Doing(manager.toolbox.schemas("openai-chat"), do)
     return {"say": await companion.reply(text, _history(message.get("history")), doing), "did": did}
 
 
 def _history(given: Any) -> list[Said]:
-    """What was said before, of the shape that it must have; the rest is left out."""
+    """The turns of the conversation so far; entries of the wrong shape are left out."""
     rows = given[-MOST_REMEMBERED:] if isinstance(given, list) else []
     return [
         Said(row["role"], row["text"][:MOST_LETTERS])
@@ -91,13 +92,8 @@ def _history(given: Any) -> list[Said]:
     ]
 
 
-async def _sound(house: House, request: Request) -> bytes:
-    check_origin(request.headers, house.settings.origins)
+async def _sound(manager: SessionManager, request: Request) -> bytes:
+    check_origin(request.headers, manager.settings.origins)
     if request.headers.get("content-type") != "audio/wav":  # a form on another page cannot say so
         raise EchoAvatarError("send audio/wav")
-    body = b""
-    async for part in request.stream():
-        body += part
-        if len(body) > MOST_SOUND:
-            raise EchoAvatarError("that is too long")
-    return body
+    return await read_body(request, MOST_SOUND)

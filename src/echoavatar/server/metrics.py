@@ -1,4 +1,4 @@
-"""What Prometheus may know."""
+"""Counters and gauges for Prometheus."""
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
 
@@ -9,7 +9,7 @@ _BUCKETS = (0.01, 0.02, 0.05, 0.1, 0.15, 0.2, CHUNK_SECONDS, 0.4, 0.6, 1.0, 2.0)
 
 
 class Metrics:
-    """Counters of one server; a registry of its own, so that tests can have many."""
+    """The metrics of one server, in a registry of its own, so that a process can hold several servers."""
 
     def __init__(self) -> None:
         self.registry = CollectorRegistry()
@@ -28,7 +28,9 @@ class Metrics:
             "echoavatar_messages", "Messages", ["direction", "type"], registry=self.registry
         )
         self.errors = Counter("echoavatar_errors", "Errors told to clients", ["code"], registry=self.registry)
-        self.refused = Counter("echoavatar_refused", "Connections refused unheard", registry=self.registry)
+        self.refused = Counter(
+            "echoavatar_refused", "Connections refused before hello", registry=self.registry
+        )
         self.dropped = Counter(
             "echoavatar_dropped_motion", "Motion not sent to slow lines", registry=self.registry
         )
@@ -36,5 +38,5 @@ class Metrics:
         self.resumed = Counter("echoavatar_resumed", "Sessions that came back", registry=self.registry)
 
     def text(self) -> bytes:
-        """The page."""
+        """The answer to `GET /metrics`."""
         return generate_latest(self.registry)

@@ -1,4 +1,4 @@
-"""What waits to be sent on one line. A slow line loses the oldest motion, never sound; a hopeless one is given up."""
+"""Messages that wait to be sent to one client. If they pile up, motion is dropped, then the connection is closed."""
 
 import asyncio
 from collections import deque
@@ -26,14 +26,14 @@ class Outbox:
 
     @property
     def plays(self) -> bool:
-        """Whether what is sent here is shown or heard."""
+        """Whether the client shows or plays what is sent to it."""
         return bool(self._wants)
 
     def __len__(self) -> int:
         return len(self._queue)
 
     def put(self, message: ServerMessage) -> None:
-        """Queue a message, if it is wanted."""
+        """Queue a message, if the client wants it."""
         if self._closed or self.is_hopeless:
             return
         if isinstance(message, Motion):
@@ -48,7 +48,7 @@ class Outbox:
         self.is_hopeless = sounds > MOST_SOUND or len(self._queue) - sounds > MOST_OTHER
 
     def forget_after(self, at: int) -> None:
-        """Motion and sound from clock `at` on was taken back: what was not sent need not be."""
+        """Drop motion and sound from clock `at` on, which were taken back."""
         self._queue = deque(
             message
             for message in self._queue
@@ -56,7 +56,7 @@ class Outbox:
         )
 
     async def take(self) -> ServerMessage | None:
-        """The next message; None when no more will come."""
+        """The next message; None if no more will come."""
         while not self._queue:
             if self._closed or self.is_hopeless:
                 return None
@@ -65,19 +65,24 @@ class Outbox:
         return self._queue.popleft()
 
     def warn(self, error: ProtocolError) -> None:
-        """Tell of an error."""
+        """Queue an error."""
         self.put(Error(code=error.code, message=str(error), fatal=error.fatal, retry_after=error.retry_after))
 
     def fail(self, error: ProtocolError) -> None:
-        """Tell of an error, and close with its code."""
+        """Queue an error, and close with its code."""
         self.warn(error)
         self.error = self.error or error
         self.close()
 
     def close(self) -> None:
-        """What is queued is the last."""
+        """Send what is queued, and no more."""
         self._closed = True
         self._filled.set()
+
+    def clear(self) -> None:
+        """The client is gone."""
+        self._closed = True
+        self._queue.clear()
 
     def _make_room(self) -> None:
         motions = [message for message in self._queue if isinstance(message, Motion)]

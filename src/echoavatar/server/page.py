@@ -1,4 +1,4 @@
-"""The live page: the built client, our own character, and the bundled sounds. Everything comes from this server."""
+"""The live page: the built client, our character and the bundled sounds, all served from here."""
 
 from collections.abc import Awaitable, Callable
 from functools import lru_cache
@@ -17,7 +17,7 @@ _HEADERS = {
     "content-security-policy": "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
     "img-src 'self' data: blob:; media-src 'self' blob:; connect-src 'self' ws: wss: blob: data:; "
     "worker-src 'self' blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'self'",
-    "cache-control": "no-cache",  # asked for again each time, sent again only when changed
+    "cache-control": "no-cache",  # revalidated each time, sent again only if it changed
     "x-content-type-options": "nosniff",
     "referrer-policy": "no-referrer",
 }
@@ -29,7 +29,7 @@ see <a href="/health">health</a>, <a href="/v1/tools">tools</a>.</p>
 
 
 def page_routes() -> list[BaseRoute]:
-    """Routes of the page; they catch every address, so they come last."""
+    """Routes of the page. They match every address, so they come last."""
     package = Path(str(files("echoavatar")))
     static, assets = package / "server" / "static", package / "assets"
     routes: list[BaseRoute] = [Route("/avatar.glb", _avatar)]
@@ -40,7 +40,7 @@ def page_routes() -> list[BaseRoute]:
 
 
 class _Guarded:
-    """Adds the headers that keep the page to this server."""
+    """Adds headers that let the page load from, connect to and be framed by this server only."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app

@@ -1,6 +1,7 @@
-"""The process: uvicorn with our limits, and an end that lets people finish."""
+"""The process: uvicorn with our limits, and a shutdown that lets speech end."""
 
 import asyncio
+import logging
 import socket
 from collections.abc import Callable
 
@@ -9,24 +10,28 @@ from starlette.applications import Starlette
 
 from ..errors import EchoAvatarError
 from ..wire import MAX_MESSAGE_BYTES
+from .transport import SPARE_FILES, ConnectionGuard, GuardedWebSocket, RepeatFilter, raise_file_limit
+
+HTTP_CONNECTIONS = 4_096  # beside the WebSockets
+NOISY_LOGS = ("asyncio", "uvicorn.error")  # what they log depends on what strangers send
 
 
 class Server(uvicorn.Server):
-    """Drains the house before the connections are closed; a second signal ends it at once."""
+    """Drains the sessions before the connections are closed; a second signal ends it at once."""
 
     def __init__(self, app: Starlette, config: uvicorn.Config, on_ready: Callable[[], None]) -> None:
         super().__init__(config)
         self._app, self._on_ready = app, on_ready
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Begin to listen, and say so."""
+        """Begin to listen, and call `on_ready`."""
         await super().startup(sockets)
         if self.started:
             self._on_ready()
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Drain, then close."""
-        drain = asyncio.ensure_future(self._app.state.house.drain())
+        """Drain the sessions, then close the connections."""
+        drain = asyncio.ensure_future(self._app.state.manager.drain())
         while not drain.done() and not self.force_exit:
             await asyncio.wait([drain], timeout=0.1)
         drain.cancel()
@@ -42,10 +47,10 @@ def serve(
     ssl_certfile: str | None = None,
     ssl_keyfile: str | None = None,
 ) -> None:
-    """Serve until SIGINT or SIGTERM; port 0 takes any free one. `on_ready` is told the address.
+    """Serve until SIGINT or SIGTERM; port 0 takes any free one. `on_ready` receives the address.
 
     Raises:
-        EchoAvatarError: the port is taken, or not ours to take.
+        EchoAvatarError: the port is taken, or may not be used.
     """
     listener = listen(host, port)
     name = f"[{host}]" if ":" in host else host
@@ -58,10 +63,15 @@ def serve(
 def configure(
     app: Starlette, *, ssl_certfile: str | None = None, ssl_keyfile: str | None = None
 ) -> uvicorn.Config:
-    """Our limits."""
+    """Uvicorn's settings for our application, within the limits of this process."""
+    files = raise_file_limit()
+    wanted = app.state.manager.settings.connections + HTTP_CONNECTIONS
+    guard = ConnectionGuard(max(16, min(wanted, files - SPARE_FILES)))
+    _quiet()
     return uvicorn.Config(
         app,
-        ws="websockets-sansio",
+        http=guard.protocol,
+        ws=GuardedWebSocket,
         ws_max_size=MAX_MESSAGE_BYTES,
         ws_per_message_deflate=False,
         ws_ping_interval=None,
@@ -75,14 +85,22 @@ def configure(
     )
 
 
+def _quiet() -> None:
+    for name in NOISY_LOGS:
+        log = logging.getLogger(name)
+        if not any(isinstance(known, RepeatFilter) for known in log.filters):
+            log.addFilter(RepeatFilter())
+
+
 def listen(host: str, port: int) -> socket.socket:
     """A listening socket; port 0 takes any free one.
 
     Raises:
-        EchoAvatarError: the port is taken, or not ours to take.
+        EchoAvatarError: the port is taken, or may not be used.
     """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    listener = socket.socket(family, socket.SOCK_STREAM)
+    # With the protocol named, asyncio sets TCP_NODELAY: small messages leave at once.
+    listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listener.bind((host, port))

@@ -1,4 +1,4 @@
-"""What the owner of a server decides."""
+"""The settings of a server."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,19 +8,21 @@ from ..wire import MAX_MESSAGE_BYTES, Limits
 
 @dataclass(frozen=True)
 class ServerSettings:
-    """Seats are the engine's; everything else about a server."""
+    """Everything that an operator decides, except the number of seats, which is the engine's."""
 
-    name: str = ""  # of this server among several, told in `ready`
-    token: str = ""  # empty: none is asked for
+    name: str = ""  # of this server among several, sent in `ready`
+    token: str = ""  # empty: clients need none
     origins: tuple[str, ...] = ()  # pages of other hosts that may connect, such as https://avatar.example.org
-    inbox_seconds: float = 120.0  # sound that may wait
+    inbox_seconds: float = 120.0  # speech that may wait
     ahead_seconds: float = 2.0  # motion ahead of playback, at most; the engine can take back 4 s
     resume_seconds: float = 30.0  # how long a session waits for its source
-    ping_seconds: float = 30.0  # a client that says nothing for twice as long is gone
-    hello_seconds: float = 10.0
-    drain_seconds: float = 10.0  # at the end, for what is being said
-    connections: int = 256  # at once, whatever they are
-    lists_sessions: bool = True  # to whoever has the token; where strangers share a server, names are secrets
+    ping_seconds: float = 30.0  # a client that sends nothing for twice as long is closed
+    hello_seconds: float = 10.0  # a client must send hello in this time
+    drain_seconds: float = 10.0  # at shutdown, for speech to end
+    connections: int = 256  # WebSockets at once, sources and viewers
+    lists_sessions: bool = (
+        True  # to clients with the token; where strangers share a server, names are secrets
+    )
     music: Path | None = None  # folder of further tracks
     sinks: tuple[
         str, ...
@@ -28,7 +30,7 @@ class ServerSettings:
 
     @property
     def limits(self) -> Limits:
-        """What clients are told of it."""
+        """The limits that `ready` tells clients."""
         return Limits(
             message_bytes=MAX_MESSAGE_BYTES,
             inbox_seconds=self.inbox_seconds,

@@ -1,4 +1,4 @@
-"""Tools over HTTP: their declarations, and doing them in a session, for agents that have no line to it themselves."""
+"""Tools over HTTP, for agents without a connection of their own to a session: declarations and calls."""
 
 import itertools
 import json
@@ -6,7 +6,6 @@ from typing import Any, cast, get_args
 
 import numpy as np
 from jaxtyping import Float
-from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import BaseRoute, Route
@@ -16,17 +15,18 @@ from ..engine.tools import Schema, Style
 from ..errors import EchoAvatarError
 from ..wire import Action, Music, ProtocolError
 from ..wire.guard import check_origin, has_token
-from .house import House
-from .live import LiveSession
+from .body import read_body
+from .session import ServerSession
+from .session_manager import SessionManager
 
 MOST_BYTES = 16_384
 _NUMBERS = itertools.count(1)
 
 
-class Hands:
-    """A session as the tools see it: what they do is told to everyone who watches."""
+class ToolActor:
+    """A session as the tools see it: every client is told what they do."""
 
-    def __init__(self, live: LiveSession) -> None:
+    def __init__(self, live: ServerSession) -> None:
         self._live = live
         self._id = f"tool-{next(_NUMBERS)}"
 
@@ -39,59 +39,49 @@ class Hands:
         self._live.play(Music(id=self._id, op="play", title=title), title, track)
 
     def stop_music(self) -> None:
-        """Fade it out."""
+        """Fade the music out."""
         self._live.stop_music(Music(id=self._id, op="stop"))
 
 
-async def call_tool(house: House, live: LiveSession, name: str, arguments: dict[str, Any]) -> Schema:
-    """Do what a model asked for; on the event loop, but for reading a track, which may take a while."""
-    title = arguments.get("title")
-    if name == "play_music" and (title is None or isinstance(title, str)):
-        await run_in_threadpool(_read, house, title)
-    return house.toolbox.call(Hands(live), name, arguments)
+async def call_tool(
+    manager: SessionManager, live: ServerSession, name: str, arguments: dict[str, Any]
+) -> Schema:
+    """Run the tool a model asked for, in a session."""
+    return await manager.toolbox.call_async(ToolActor(live), name, arguments, manager.load_track)
 
 
-def _read(house: House, title: str | None) -> None:
-    """Have a track ready; what is wrong with it, the tool will say."""
-    try:
-        if title or house.tracks.titles:
-            house.tracks.load(title or house.tracks.titles[0])
-    except EchoAvatarError:
-        return
-
-
-def tool_routes(house: House) -> list[BaseRoute]:
+def tool_routes(manager: SessionManager) -> list[BaseRoute]:
     """GET /v1/tools, GET /v1/sessions, POST /v1/tools/NAME of `{"session": ..., "arguments": {...}}`."""
 
     async def declarations(request: Request) -> Response:
         style = request.query_params.get("style", "plain")
         if style not in get_args(Style):
             return JSONResponse({"error": f"style is one of {', '.join(get_args(Style))}"}, 400)
-        return locked(house, request) or JSONResponse(house.toolbox.schemas(cast(Style, style)))
+        return locked(manager, request) or JSONResponse(manager.toolbox.schemas(cast(Style, style)))
 
     async def sessions(request: Request) -> Response:
-        refusal = locked(house, request)
+        refusal = locked(manager, request)
         if refusal is not None:
             return refusal
-        if not lists_sessions(house, request):
+        if not lists_sessions(manager, request):
             return JSONResponse({"error": "this server does not say who is there; name a session"}, 403)
-        return JSONResponse({"sessions": list(house.names)})
+        return JSONResponse({"sessions": list(manager.names)})
 
     async def call(request: Request) -> Response:
-        refusal = locked(house, request)
+        refusal = locked(manager, request)
         if refusal is not None:
             return refusal
         try:
-            message = await read_json(request, house.settings.origins)
+            message = await read_json(request, manager.settings.origins)
             arguments = message.get("arguments") or {}
             if not isinstance(arguments, dict):
                 raise EchoAvatarError('"arguments" must be an object')
-            live = asked_session(house, request, message)
+            live = asked_session(manager, request, message)
         except ProtocolError as error:
             return JSONResponse({"error": str(error)}, 403 if error.code == "forbidden_origin" else 404)
         except EchoAvatarError as error:
             return JSONResponse({"error": str(error)}, 400)
-        return JSONResponse(await call_tool(house, live, request.path_params["name"], arguments))
+        return JSONResponse(await call_tool(manager, live, request.path_params["name"], arguments))
 
     return [
         Route("/v1/tools", declarations),
@@ -100,48 +90,44 @@ def tool_routes(house: House) -> list[BaseRoute]:
     ]
 
 
-def locked(house: House, request: Request) -> Response | None:
-    """The refusal, where a token is asked for and not given."""
-    if has_token(house.settings.token, request.headers):
+def locked(manager: SessionManager, request: Request) -> Response | None:
+    """The refusal of a request without the server's token; None if the request may pass."""
+    if has_token(manager.settings.token, request.headers):
         return None
     return JSONResponse({"error": "wrong token; send Authorization: Bearer TOKEN"}, 401)
 
 
-def lists_sessions(house: House, request: Request) -> bool:
-    """Whether sessions of others may be known: not on a server of many, nor through a proxy that may be one's door."""
+def lists_sessions(manager: SessionManager, request: Request) -> bool:
+    """Whether this client may know of sessions of others: not on a shared server, and not through a proxy."""
     is_forwarded = any(name in request.headers for name in ("forwarded", "x-forwarded-for"))
-    return house.settings.lists_sessions and not is_forwarded
+    return manager.settings.lists_sessions and not is_forwarded
 
 
-def asked_session(house: House, request: Request, message: dict[str, Any]) -> LiveSession:
-    """The session that is meant: by its name; without one the newest, where that may be known.
+def asked_session(manager: SessionManager, request: Request, message: dict[str, Any]) -> ServerSession:
+    """The session of a request: by its name; without one the newest, if the client may know it.
 
     Raises:
-        ProtocolError: there is none, or it has to be named.
+        ProtocolError: there is no such session, or it has to be named.
     """
     name = message.get("session") or ""
-    if not isinstance(name, str) or not (name or lists_sessions(house, request)):
+    if not isinstance(name, str) or not (name or lists_sessions(manager, request)):
         raise ProtocolError("unknown_session", "name the session: this server does not say who is there")
-    return house.find(name)
+    return manager.find(name)
 
 
 async def read_json(
     request: Request, allowed: tuple[str, ...] = (), *, most: int = MOST_BYTES
 ) -> dict[str, Any]:
-    """An object that an agent, or a page of ours, sent.
+    """The JSON object in a request of an agent, or of our page.
 
     Raises:
         ProtocolError: another page sent it.
-        EchoAvatarError: it is no JSON object, or too large.
+        EchoAvatarError: it is not a JSON object, too large or too late.
     """
     check_origin(request.headers, allowed)
     if "json" not in request.headers.get("content-type", ""):  # a form on another page cannot say so
         raise EchoAvatarError("send application/json")
-    body = b""
-    async for part in request.stream():
-        body += part
-        if len(body) > most:
-            raise EchoAvatarError(f"more than {most} bytes")
+    body = await read_body(request, most)
     try:
         message = json.loads(body)
     except (ValueError, RecursionError) as error:

@@ -1,4 +1,4 @@
-"""Typed text becomes speech by whatever voice this machine has: none ships with us, and no text leaves the machine."""
+"""Text to speech by a program of this machine, if it has one. No voice ships with us; no text leaves the machine."""
 
 import json
 import shutil
@@ -15,11 +15,12 @@ from starlette.routing import Route
 
 from ..errors import EchoAvatarError
 from ..wire.guard import has_token
+from .body import read_body
 
 MAX_LETTERS = 600
 _SECONDS = 20.0
 _AT_ONCE = 2
-# Programs, the most natural first: text and sound go through files, so that no text is ever taken for an option.
+# Programs, the most natural voice first. Text and sound go through files, so no text can be taken for an option.
 _COMMANDS: Mapping[str, tuple[str, ...]] = {
     "say": ("-f", "{text}", "-o", "{wav}", "--data-format=LEI16@22050"),
     "flite": ("-voice", "rms", "-f", "{text}", "-o", "{wav}"),
@@ -29,7 +30,7 @@ _COMMANDS: Mapping[str, tuple[str, ...]] = {
 
 
 def find_voice() -> str:
-    """Name of the program that speaks here; empty when there is none."""
+    """Name of the program that speaks here; empty if there is none."""
     return next((name for name in _COMMANDS if shutil.which(name)), "")
 
 
@@ -37,7 +38,7 @@ def speak(voice: str, text: str) -> bytes:
     """A WAV file of the text.
 
     Raises:
-        EchoAvatarError: nothing or too much to say, or the program failed.
+        EchoAvatarError: the text is empty or too long, or the program failed.
     """
     if not text.strip() or len(text) > MAX_LETTERS:
         raise EchoAvatarError(f"text of {len(text)} letters; say something, in at most {MAX_LETTERS}")
@@ -53,7 +54,7 @@ def speak(voice: str, text: str) -> bytes:
 
 
 def voice_route(token: str) -> Route:
-    """GET says which voice there is, POST of `{"text": ...}` gives a WAV file."""
+    """GET names the voice, POST of `{"text": ...}` returns a WAV file."""
     voice = find_voice()
     limiter = anyio.CapacityLimiter(_AT_ONCE)
 
@@ -77,11 +78,7 @@ def voice_route(token: str) -> Route:
 
 
 async def _text(request: Request) -> str:
-    body = b""
-    async for part in request.stream():
-        body += part
-        if len(body) > 8 * MAX_LETTERS:
-            raise EchoAvatarError(f"more than {MAX_LETTERS} letters")
+    body = await read_body(request, 8 * MAX_LETTERS)
     try:
         message = json.loads(body)
     except ValueError as error:

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field
 
 from ..config import Config
-from ..engine import Engine, EngineThread, Session
+from ..engine import Engine, EngineThread, SessionCore
 from ..errors import AudioError, CheckpointError, EchoAvatarError
 from ..pipeline.rig import RigConfig
 from ..reference.untrusted import read_pickled_array
@@ -53,7 +53,7 @@ async def serve_unity(
         CheckpointError: the bundle has no transforms for Unity.
     """
     messages, out = Messages(rig), asyncio.Queue[bytes](QUEUE)
-    session, loop, has_motion = engine.open(seed=seed), asyncio.get_running_loop(), asyncio.Event()
+    session, loop, has_motion = engine.open_core(seed=seed), asyncio.get_running_loop(), asyncio.Event()
 
     def wake() -> None:
         loop.call_soon_threadsafe(has_motion.set)
@@ -90,7 +90,7 @@ async def _listen(
 
 
 def _make_handler(
-    handle: Callable[[Session, bytes], None], session: Session
+    handle: Callable[[SessionCore, bytes], None], session: SessionCore
 ) -> Callable[[asyncio.StreamReader, asyncio.StreamWriter], object]:
     """Read framed payloads until the sender leaves. An invalid payload ends its connection, not the session."""
 
@@ -111,7 +111,7 @@ def _make_handler(
     return serve
 
 
-def _receive_audio(session: Session, payload: bytes) -> None:
+def _receive_audio(session: SessionCore, payload: bytes) -> None:
     """A pickled array of samples at 24 kHz; an empty payload means that the source has paused."""
     if not payload:
         session.stall()
@@ -122,7 +122,7 @@ def _receive_audio(session: Session, payload: bytes) -> None:
     session.push(samples, SAMPLE_RATE_HZ)
 
 
-def _receive_action(session: Session, payload: bytes) -> None:
+def _receive_action(session: SessionCore, payload: bytes) -> None:
     """The name of an action; any other name ends the present action, as in the published server."""
     name = payload.decode("utf-8").strip()
     if name in NO_ACTION or session.act(name, hold_s=ACTION_HOLD_S).status == "rejected":
@@ -130,27 +130,27 @@ def _receive_action(session: Session, payload: bytes) -> None:
 
 
 async def _pack_motion(
-    session: Session, messages: Messages, has_motion: asyncio.Event, out: "asyncio.Queue[bytes]"
+    session: SessionCore, messages: Messages, has_motion: asyncio.Event, out: "asyncio.Queue[bytes]"
 ) -> None:
     while True:
         await has_motion.wait()
         has_motion.clear()
-        while (delivery := session.take_timed()) is not None:
+        while (delivery := session.take()) is not None:
             for message in messages.push(delivery.motion, delivery.audio):
                 if out.full():
                     out.get_nowait()
                 out.put_nowait(message)
 
 
-async def _fill_silence(session: Session) -> None:
+async def _fill_silence(session: SessionCore) -> None:
     """After the first sound, push a chunk of silence whenever the clock has passed the motion made."""
     clock = asyncio.get_running_loop().time
     begun: float | None = None
     while True:
         await asyncio.sleep(TICK_S)
-        if begun is None and (session.made or session.waiting):
+        if begun is None and (session.made or session.is_ready):
             begun = clock()
-        if begun is None or session.waiting:
+        if begun is None or session.is_ready:
             continue
         if session.made + session.chunk.samples < (clock() - begun) * SAMPLE_RATE_HZ:
             session.stall()

@@ -1,8 +1,8 @@
-"""What a session shows: motion on its way to the reader, and the way out of the pose on screen after a `clear`.
+"""The playout buffer: motion on its way to the reader, and the blend out of the pose on screen after a barge-in.
 
-After motion was taken back the new motion begins at the first frame after the last sample heard, inside its chunk, with
-the old pose and speed on top as an offset that dies away (`pipeline.inertial`). Where one frame of a chunk is left,
-the old motion coasts through it and the blend begins with the next chunk, because a speed needs two frames.
+After a barge-in the new motion begins at the first frame after the last sample heard, inside its chunk. It starts from
+the old pose and speed, as an offset that dies away (`pipeline.inertial`). If only one frame of the chunk is left, the
+old motion coasts through it and the blend begins with the next chunk, because a speed takes two frames.
 """
 
 from collections import deque
@@ -14,9 +14,9 @@ from jaxtyping import Float
 from ..pipeline import MotionChunk
 from ..pipeline.inertial import InertialBlend
 from ..timing import CHUNK, SAMPLES_PER_FRAME, ChunkSize
-from .inbox import Heard
+from .music import Heard
 
-COASTING = 0.5  # of its speed, for the one frame
+COASTING = 0.5  # share of its speed that motion keeps in that one frame
 
 
 class Delivery(NamedTuple):
@@ -24,18 +24,17 @@ class Delivery(NamedTuple):
 
     motion: MotionChunk
     start: int  # sample of its first frame
-    epoch: int  # one more than that of the delivery before: what was delivered from `start` on is void
-    audio: Float[np.ndarray, " s"]  # what the avatar hears under these frames
-    music: Float[np.ndarray, " s"] | None  # the music in it, which nobody else plays
+    epoch: int  # if higher than that of the delivery before, everything delivered from `start` on is void
+    audio: Float[np.ndarray, " s"]  # what the avatar hears during these frames: speech and music
+    music: Float[np.ndarray, " s"] | None  # the music in it
     source: str  # "action", "speech", "music" or "idle"
 
 
-class Screen:
-    """Motion of one session that is not taken yet, and as much of what was shown as can be taken back."""
+class PlayoutBuffer:
+    """Motion of one session that the reader has not taken, and as much of what was shown as can be taken back."""
 
     def __init__(self, chunk: ChunkSize = CHUNK) -> None:
         self._frames = chunk.frames
-        self.epoch = 0
         self.taken = 0  # sample up to which motion was taken
         self.end = 0  # sample up to which there is motion
         self.source = "idle"
@@ -47,19 +46,21 @@ class Screen:
 
     @property
     def untaken(self) -> int:
-        """Pieces of motion that wait for the reader."""
+        """Deliveries that wait for the reader."""
         return len(self._out)
 
     def take(self) -> Delivery | None:
-        """The next piece, or None."""
+        """The next delivery, or None."""
         if not self._out:
             return None
         delivery = self._out.popleft()
         self.taken = delivery.start + len(delivery.motion.root) * SAMPLES_PER_FRAME
         return delivery
 
-    def show(self, chunk: int, motion: MotionChunk, heard: Heard, source: str, *, memory: int) -> None:
-        """New motion for a whole chunk; what was shown of the chunk before it was taken back stays."""
+    def show(
+        self, chunk: int, motion: MotionChunk, heard: Heard, source: str, *, epoch: int, memory: int
+    ) -> None:
+        """Add the motion of a whole chunk; frames of it that were shown before a barge-in stay as they were."""
         skip = max(0, self._fresh - chunk * self._frames)
         new = self._blended(_part(motion, skip, None))
         shown = self._recent.get(chunk)
@@ -73,11 +74,10 @@ class Screen:
         cut = skip * SAMPLES_PER_FRAME
         start = chunk * self._frames * SAMPLES_PER_FRAME + cut
         music = None if heard.music is None else heard.music[cut:]
-        self._out.append(Delivery(new, start, self.epoch, heard.audio[cut:], music, source))
+        self._out.append(Delivery(new, start, epoch, heard.audio[cut:], music, source))
 
     def go_back(self, sample: int) -> None:
-        """Nothing after this sample was seen."""
-        self.epoch += 1
+        """Take back all motion after this sample."""
         self._fresh = first_frame_after(sample)
         self.end, self.taken = sample, min(self.taken, sample)
         for chunk in list(self._recent):
@@ -113,7 +113,7 @@ class Screen:
 
 
 def first_frame_after(sample: int) -> int:
-    """The first frame whose time is not before this sample."""
+    """The first frame that does not begin before this sample."""
     return -(-sample // SAMPLES_PER_FRAME)
 
 
@@ -138,7 +138,7 @@ def _until(delivery: Delivery, frame: int) -> Delivery:
 
 
 def _coasting(shown: MotionChunk, new: MotionChunk) -> MotionChunk:
-    """One frame more of two that were shown, slower."""
+    """One more frame after the two that were shown, at a lower speed."""
     before, last = shown.rotations[-2:-1], shown.rotations[-1:]
     before = np.where((before * last).sum(-1, keepdims=True) < 0, -before, before)
     rotations = last + COASTING * (last - before)

@@ -1,10 +1,10 @@
 import numpy as np
 
-from echoavatar.engine.inbox import Heard
-from echoavatar.engine.screen import Screen, first_frame_after
+from echoavatar.engine.music import Heard
+from echoavatar.engine.playout import PlayoutBuffer, first_frame_after
 from echoavatar.pipeline import MotionChunk
 
-SILENCE = Heard(np.zeros(6_400, np.float32), None, True)
+SILENCE = Heard(np.zeros(6_400, np.float32), None)
 
 
 def turned(degrees: float, speed: float = 0.0) -> MotionChunk:
@@ -25,15 +25,15 @@ def test_the_first_frame_after_a_sample_is_not_before_it() -> None:
 
 def test_new_motion_takes_over_from_the_pose_and_speed_on_screen() -> None:
     """Turning by 2 degrees a frame when cut after frame 3; the new motion stands still at 40 degrees."""
-    screen = Screen()
-    screen.show(0, turned(0, 2), SILENCE, "speech", memory=5)
-    assert screen.take() is not None
-    screen.go_back(4 * 800)
-    screen.show(0, turned(40), SILENCE, "idle", memory=5)
+    buffer = PlayoutBuffer()
+    buffer.show(0, turned(0, 2), SILENCE, "speech", epoch=0, memory=5)
+    assert buffer.take() is not None
+    buffer.go_back(4 * 800)
+    buffer.show(0, turned(40), SILENCE, "idle", epoch=0, memory=5)
     for chunk in (1, 2):
-        screen.show(chunk, turned(40), SILENCE, "idle", memory=5)
+        buffer.show(chunk, turned(40), SILENCE, "idle", epoch=0, memory=5)
     shown = []
-    while (delivery := screen.take()) is not None:
+    while (delivery := buffer.take()) is not None:
         shown.append(delivery)
     assert [delivery.start for delivery in shown] == [3_200, 6_400, 12_800]
     path = np.concatenate([[4, 6], *(angle(delivery.motion) for delivery in shown)])
@@ -43,13 +43,13 @@ def test_new_motion_takes_over_from_the_pose_and_speed_on_screen() -> None:
 
 def test_one_frame_left_coasts_and_none_left_waits() -> None:
     for sample, first in ((5_600, 5_600), (6_000, 6_400)):
-        screen = Screen()
-        screen.show(0, turned(0, 2), SILENCE, "speech", memory=5)
-        screen.take()
-        screen.go_back(sample)
-        screen.show(0, turned(90), SILENCE, "idle", memory=5)
-        screen.show(1, turned(90), SILENCE, "idle", memory=5)
-        delivery = screen.take()
+        buffer = PlayoutBuffer()
+        buffer.show(0, turned(0, 2), SILENCE, "speech", epoch=0, memory=5)
+        buffer.take()
+        buffer.go_back(sample)
+        buffer.show(0, turned(90), SILENCE, "idle", epoch=0, memory=5)
+        buffer.show(1, turned(90), SILENCE, "idle", epoch=0, memory=5)
+        delivery = buffer.take()
         assert delivery is not None
         assert delivery.start == first
         if first == 5_600:
@@ -57,11 +57,11 @@ def test_one_frame_left_coasts_and_none_left_waits() -> None:
 
 
 def test_untaken_motion_before_the_cut_stays_and_the_rest_goes() -> None:
-    screen = Screen()
+    buffer = PlayoutBuffer()
     for chunk in range(2):
-        screen.show(chunk, turned(0), SILENCE, "speech", memory=5)
-    screen.go_back(8_000)
-    kept = [screen.take(), screen.take()]
+        buffer.show(chunk, turned(0), SILENCE, "speech", epoch=0, memory=5)
+    buffer.go_back(8_000)
+    kept = [buffer.take(), buffer.take()]
     assert [len(delivery.motion.root) for delivery in kept if delivery] == [8, 2]
-    assert screen.take() is None
-    assert screen.taken == 8_000
+    assert buffer.take() is None
+    assert buffer.taken == 8_000

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from tests.server.fakes import Body
 
 from echoavatar.engine import Engine, load
-from echoavatar.server.live import LiveSession
 from echoavatar.server.outbox import Outbox
+from echoavatar.server.session import ServerSession
 from echoavatar.server.settings import ServerSettings
 from echoavatar.timing import CHUNK_SAMPLES
 from echoavatar.wire import (
@@ -51,8 +51,8 @@ class Room:
 
     def __init__(self, **settings: float) -> None:
         self.engine = Engine(Body())  # type: ignore[arg-type]
-        self.live = LiveSession(
-            self.engine.open(),
+        self.live = ServerSession(
+            self.engine.open_core(inbox_seconds=settings.get("inbox_seconds", 120.0), is_paced=True),
             name="s",
             key="k",
             hello=Hello(),
@@ -209,26 +209,6 @@ def test_nothing_after_an_interruption_stems_from_unheard_sound(
     assert room.live.playhead.sample >= heard
 
 
-def test_what_was_heard_is_told_exactly_though_the_engine_is_faster(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The chunk that was cut may be made again between its being taken back and our telling of it."""
-    room = Room()
-    room.speak(1, 2.0)
-    room.go(1.0)
-    first = next(sound.at for sound in room.box.of(Sound) if sound.seg == 1)
-    clear = room.live.session.clear
-
-    def clear_and_go_on(heard: int | None = None) -> int:
-        at = clear(heard)
-        room.live.session.stall()
-        room.engine.tick()
-        return at
-
-    monkeypatch.setattr(room.live.session, "clear", clear_and_go_on)
-    room.live.interrupt(Interrupt(heard=first + 7_000))
-    [flush] = room.box.of(Flush)
-    assert (flush.seg, flush.heard) == (1, 7_000)
-
-
 def test_an_interruption_is_answered_before_anything_new_is_needed() -> None:
     room = Room()
     room.speak(1, 5.0)
@@ -335,8 +315,8 @@ def test_what_is_kept_does_not_grow() -> None:
     room = Room()
     room.go(30.0, step=0.1)
     assert len(room.live.sent) < 40
-    assert len(room.live._pushed) < 40
-    assert len(room.live._ledger._chunks) < 80
+    assert len(room.live._scheduled_at) < 40
+    assert len(room.live.core._queue._spans) < 80
 
 
 def test_all_go_when_one_must() -> None:
@@ -360,8 +340,12 @@ def default_room() -> Room:
     """The shipped bundle in the place of the body of twenty lines."""
     room = Room()
     room.engine = load("default")
-    room.live = LiveSession(
-        room.engine.open(seed=1), name="s", key="k", hello=Hello(), settings=ServerSettings()
+    room.live = ServerSession(
+        room.engine.open_core(seed=1, is_paced=True),
+        name="s",
+        key="k",
+        hello=Hello(),
+        settings=ServerSettings(),
     )
     room.live.join(room.box, received=None)
     return room

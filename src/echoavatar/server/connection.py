@@ -1,11 +1,10 @@
-"""One WebSocket: hello, then messages both ways until one side has had enough."""
+"""One WebSocket: hello, then messages both ways until one side closes it."""
 
 import time
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 
 import anyio
-from starlette.concurrency import run_in_threadpool
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from ..errors import EchoAvatarError
@@ -31,61 +30,69 @@ from ..wire import (
 )
 from ..wire.guard import check_origin, check_token
 from .answers import answer
-from .house import House
-from .live import LiveSession
 from .outbox import Outbox
+from .session import ServerSession
+from .session_manager import SessionManager
 
-STRIKES = 100  # errors that a client may make and stay
-SEND_S = 20.0  # a frame that does not leave in this time never will
+STRIKES = 100  # errors that are forgiven
+SEND_S = 20.0  # for a frame to leave
 GOODBYES = (1000, 1001)  # close codes of clients that will not come back
 
 
-class Visit:
-    """A connection and its half of the conversation."""
+class Connection:
+    """One client's connection."""
 
-    def __init__(self, websocket: WebSocket, house: House) -> None:
-        self._socket, self._house = websocket, house
+    def __init__(self, websocket: WebSocket, manager: SessionManager) -> None:
+        self._socket, self._manager = websocket, manager
         self._encoding: Encoding = "msgpack"
         self._outbox = Outbox()
-        self._live: LiveSession | None = None
-        self._hello: Hello | None = None
+        self._live: ServerSession | None = None
         self._strikes = 0
-        self._error: ProtocolError | None = None  # why we end it
-        self._left: int | None = None  # the code with which the client ended it
+        self._error: ProtocolError | None = None  # why the server closes it
+        self._left: int | None = None  # the code with which the client closed it
 
     async def run(self) -> None:
-        """The whole visit."""
-        house = self._house
-        if house.connections >= house.settings.connections:
-            house.metrics.refused.inc()
+        """Serve the connection until it is closed."""
+        manager, self._silence = self._manager, anyio.CancelScope()
+        client = self._socket.client
+        if not manager.admission.enter(self._silence, client.host if client else ""):
+            manager.metrics.refused.inc()
             await self._socket.close(1013)
             return
-        house.connections += 1
-        house.metrics.connections.set(house.connections)
+        manager.metrics.connections.set(manager.connections)
         try:
             await self._talk()
         finally:
-            house.connections -= 1
-            house.metrics.connections.set(house.connections)
+            manager.admission.leave(self._silence)
+            manager.metrics.connections.set(manager.connections)
             if self._live is not None:
-                house.leave(self._live, self._outbox, for_good=self._left in GOODBYES)
+                manager.leave(self._live, self._outbox, for_good=self._left in GOODBYES)
+            # Tracebacks of errors refer back to this connection. The cycle lives until the garbage collector runs, so
+            # nothing large may hang on it.
+            self._live = self._error = None
+            self._outbox.clear()
 
     async def _talk(self) -> None:
         agreed = negotiate(self._socket.scope.get("subprotocols", []))
         self._encoding = agreed[0] if agreed else "msgpack"
         await self._socket.accept(subprotocol(*agreed) if agreed else None)
-        await self._guarded(self._enter)
+        with self._silence:
+            await self._guarded(self._enter)
         if self._live is not None:
             async with anyio.create_task_group() as tasks:
                 for half in (self._send, self._receive):
                     tasks.start_soon(self._guarded, half, tasks.cancel_scope)
+        elif self._silence.cancelled_caught:
+            self._error = ProtocolError(
+                "overloaded", "others wait for this place; say hello", retry_after=5.0
+            )
         if self._left is None:
             await self._goodbye()
 
     async def _guarded(
         self, half: Callable[[], Awaitable[None]], scope: anyio.CancelScope | None = None
     ) -> None:
-        """Run until it ends, note why, and end the other half."""
+        """Run one half until it ends, note why, and end the other half."""
         try:
             await half()
         except ProtocolError as error:
@@ -98,13 +105,14 @@ class Visit:
             scope.cancel()
 
     async def _enter(self) -> None:
-        check_origin(self._socket.headers, self._house.settings.origins)
-        message = await self._next(self._house.settings.hello_seconds, "no hello came")
+        check_origin(self._socket.headers, self._manager.settings.origins)
+        message = await self._next(self._manager.settings.hello_seconds, "no hello came")
         if not isinstance(message, Hello):
             raise ProtocolError("bad_order", "the first message must be a hello")
-        check_token(self._house.settings.token, message.token, self._socket.headers)
-        self._hello, self._outbox = message, Outbox(message.want)
-        self._live, _ = self._house.enter(message, self._outbox)
+        check_token(self._manager.settings.token, message.token, self._socket.headers)
+        self._outbox = Outbox(message.want)
+        self._live, _ = self._manager.enter(message, self._outbox)
+        self._manager.admission.greet(self._silence)
 
     async def _send(self) -> None:
         while (message := await self._outbox.take()) is not None:
@@ -112,12 +120,12 @@ class Visit:
                 with anyio.fail_after(SEND_S):
                     await self._write(message)
             except TimeoutError as error:
-                raise ProtocolError("too_slow", "the line does not take what is sent") from error
+                raise ProtocolError("too_slow", "the connection does not take what is sent") from error
         if self._outbox.is_hopeless:
-            raise ProtocolError("too_slow", "the line cannot carry the sound; resume when it can")
+            raise ProtocolError("too_slow", "the connection cannot carry the sound; resume when it can")
 
     async def _receive(self) -> None:
-        patience = 2 * self._house.settings.ping_seconds
+        patience = 2 * self._manager.settings.ping_seconds
         while True:
             message = await self._next(patience, "nothing came for too long; send pings")
             try:
@@ -138,7 +146,7 @@ class Visit:
             case Played():
                 live.played(message, time.monotonic())
             case Interrupt():
-                self._house.metrics.interrupts.inc()
+                self._manager.metrics.interrupts.inc()
                 live.interrupt(message)
             case Action():
                 live.act(message)
@@ -151,12 +159,12 @@ class Visit:
             case Hello():
                 raise ProtocolError("bad_order", "hello was said already")
 
-    async def _play(self, live: LiveSession, message: Music) -> None:
-        tracks = self._house.tracks
+    async def _play(self, live: ServerSession, message: Music) -> None:
+        tracks = self._manager.tracks
         title = message.title or next(iter(tracks.titles), "")
         try:
             title = tracks.find(title)
-            live.play(message, title, await run_in_threadpool(tracks.load, title))
+            live.play(message, title, await self._manager.load_track(title))
         except EchoAvatarError as error:
             reason = str(error)
             self._outbox.put(
@@ -173,11 +181,11 @@ class Visit:
             raise WebSocketDisconnect(frame.get("code") or 1005)
         content = frame.get("bytes")
         message = decode_client(frame["text"] if content is None else content, self._encoding)
-        self._house.metrics.messages.labels("in", type(message).__struct_config__.tag).inc()
+        self._manager.metrics.messages.labels("in", type(message).__struct_config__.tag).inc()
         return message
 
     async def _write(self, message: ServerMessage) -> None:
-        self._house.metrics.messages.labels("out", type(message).__struct_config__.tag).inc()
+        self._manager.metrics.messages.labels("out", type(message).__struct_config__.tag).inc()
         content = encode(message, self._encoding)
         if self._encoding == "json":
             await self._socket.send_text(content.decode())
@@ -188,17 +196,17 @@ class Visit:
         self._strikes += 1
         if self._strikes > STRIKES:
             raise ProtocolError(error.code, f"{STRIKES} errors were enough; the last: {error}") from error
-        self._house.metrics.errors.labels(error.code).inc()
+        self._manager.metrics.errors.labels(error.code).inc()
         self._outbox.warn(error)
 
     async def _goodbye(self) -> None:
-        """Say why, unless it was said, and close."""
+        """Tell the client why, unless it was told, and close."""
         error = self._error or self._outbox.error
         with anyio.move_on_after(2), suppress(WebSocketDisconnect, OSError, RuntimeError):
             if error is None:
                 await self._socket.close(1000)
                 return
-            self._house.metrics.errors.labels(error.code).inc()
+            self._manager.metrics.errors.labels(error.code).inc()
             if error is not self._outbox.error:
                 await self._write(
                     Error(code=error.code, message=str(error), fatal=True, retry_after=error.retry_after)

@@ -12,8 +12,8 @@ from tests.server.fakes import FAST, serving
 from tests.sinks.receiving import Receiver
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.server import stage
-from echoavatar.server.stage import Stage
+from echoavatar.server import sink_router
+from echoavatar.server.sink_router import SinkRouter
 from echoavatar.wire import Flush, Hello, Interrupt, Motion, Rig, State
 
 
@@ -77,14 +77,14 @@ def test_sinks_that_hang_or_are_gone_change_nothing(kind: str, monkeypatch: pyte
     with Receiver() as receiver:
         gone = f"vmc://127.0.0.1:{receiver.port}"
     if kind == "stuck":
-        monkeypatch.setattr(stage, "make_sink", lambda *_: Stuck())
+        monkeypatch.setattr(sink_router, "make_sink", lambda *_: Stuck())
     settings = dataclasses.replace(FAST, sinks=(gone, gone))
     began = time.monotonic()
     with serving(settings=settings) as place, place.call(Hello()) as caller:
         caller.speak(1, np.full(48_000, 0.2, np.float32))
         motions: list[Any] = [caller.until(Motion) for _ in range(10)]
         assert [motion.at for motion in motions] == [6_400 * k for k in range(10)]
-        assert place.house.is_well
+        assert place.manager.is_well
     assert time.monotonic() - began < 12
     Stuck.let_go.set()
 
@@ -94,7 +94,7 @@ def test_a_lost_source_finds_its_session_where_it_left_it() -> None:
         source: object = object()
 
     live = Lost()
-    box = stage.StageBox((), live)  # type: ignore[arg-type]
+    box = sink_router.SinkOutbox((), live)  # type: ignore[arg-type]
     assert box.plays
     live.source = None
     assert not box.plays
@@ -102,4 +102,4 @@ def test_a_lost_source_finds_its_session_where_it_left_it() -> None:
 
 def test_an_address_that_is_none_is_refused_at_once() -> None:
     with pytest.raises(EchoAvatarError, match="no known kind"):
-        Stage(["ftp://there"], Rig(names=("hips",), parents=(-1,), rest=((0.0, 0.0, 0.0),)))
+        SinkRouter(["ftp://there"], Rig(names=("hips",), parents=(-1,), rest=((0.0, 0.0, 0.0),)))

@@ -1,46 +1,46 @@
-"""Sinks of a server: programs beside the browsers that show one session's avatar, the first that there is.
+"""Sends one session's motion to the server's sinks: other programs that show the avatar beside the browsers.
 
-A stage is one more listener of that session, so it hears of its motion and its flushes; when the session is over
-the next one comes on. Sinks have threads of their own: nothing here waits for them.
+The router shows the oldest session, as one more listener of it, and turns to the next when it is over. Sinks have
+threads of their own; nothing here waits for them.
 """
 
 from collections.abc import Iterable, Sequence
 
 from ..sinks import SinkPlayer, make_sink
 from ..wire import Rig, ServerMessage
-from .live import LiveSession
 from .outbox import Outbox
+from .session import ServerSession
 
 
-class StageBox(Outbox):
-    """Hands what a session says to the players at once; counts as someone who watches."""
+class SinkOutbox(Outbox):
+    """Passes a session's messages to the players at once. The session counts it as a client that plays."""
 
-    def __init__(self, players: Sequence[SinkPlayer], live: LiveSession) -> None:
+    def __init__(self, players: Sequence[SinkPlayer], live: ServerSession) -> None:
         super().__init__(("motion",))
         self._players, self._live = players, live
 
     @property
     def plays(self) -> bool:
-        """While there is a source: one that was lost finds its session where it left it."""
+        """Only while the session has a source: a source that returns finds its session where it left it."""
         return self._live.source is not None
 
     def put(self, message: ServerMessage) -> None:
-        """To all players; nothing is queued."""
+        """Pass a message to all players; nothing is queued."""
         for player in self._players:
             player.take(message)
 
 
-class Stage:
+class SinkRouter:
     """The players, and the session they show."""
 
     def __init__(self, sinks: Iterable[str], rig: Rig) -> None:
-        """Raises EchoAvatarError for an address that is none."""
+        """Raises EchoAvatarError for an invalid address."""
         made = [(text, make_sink(text, rig)) for text in sinks]
         self._players = [SinkPlayer(sink, rig, name=text) for text, sink in made]
-        self._shown: tuple[LiveSession, StageBox] | None = None
+        self._shown: tuple[ServerSession, SinkOutbox] | None = None
 
-    def show(self, sessions: Iterable[LiveSession], now: float) -> None:
-        """Go on with the session that is shown, or take the first; called with the server's beat."""
+    def show(self, sessions: Iterable[ServerSession], now: float) -> None:
+        """Go on with the session that is shown, or turn to the first; called with the server's clock."""
         if not self._players:
             return
         there = list(sessions)
@@ -58,9 +58,9 @@ class Stage:
         for player in self._players:
             player.close()
 
-    def _enter(self, live: LiveSession) -> None:
+    def _enter(self, live: ServerSession) -> None:
         for player in self._players:
             player.begin()
-        box = StageBox(self._players, live)
+        box = SinkOutbox(self._players, live)
         live.join(box, received=None)
         self._shown = live, box

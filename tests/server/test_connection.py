@@ -247,7 +247,7 @@ def test_many_callers_come_and_go(place: Place) -> None:
         at = neighbour.until(Motion).at
         assert neighbour.until(Motion).at > at
     assert place.empties()
-    assert place.house.engine.free == 6
+    assert place.manager.engine.free == 6
     is_unharmed(place)
 
 

@@ -1,0 +1,174 @@
+"""The actions of one session: accepted, started, done; one at a time, each with an end.
+
+Times are chunks of the session's clock. What an action does to a chunk depends on the chunk's number alone, so a
+session that goes back does the same again.
+"""
+
+from collections import deque
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from ..errors import EchoAvatarError
+from ..pipeline.action_overlay import Overlay, joined
+from ..pipeline.actions import Action, ActionLibrary
+from ..timing import CHUNK, ChunkSize
+
+Status = Literal["accepted", "started", "done", "rejected"]
+KEPT = 64  # actions that are remembered
+STRONGEST = 2.0  # intensity
+
+
+class ActStatus(NamedTuple):
+    """A change in the state of an action."""
+
+    id: str
+    name: str
+    status: Status
+    at: int  # sample of the session's clock
+    reason: str = ""  # why it was rejected or ended early
+
+
+@dataclass(frozen=True)
+class ScheduledAction:
+    """An action with its place on the session's clock."""
+
+    id: str
+    action: Action
+    intensity: float
+    begin: int  # chunk
+    length: int  # chunks
+    reason: str = ""  # why it ends early
+    is_own: bool = False  # the avatar's own idea, not a request
+
+    @property
+    def end(self) -> int:
+        """The chunk after its last."""
+        return self.begin + self.length
+
+
+class ActionScheduler:
+    """The actions of one session."""
+
+    def __init__(self, library: ActionLibrary, chunk: ChunkSize = CHUNK) -> None:
+        self._library, self._size = library, chunk.samples
+        self._actions: deque[ScheduledAction] = deque(maxlen=KEPT)
+        self._statuses: deque[ActStatus] = deque(maxlen=4 * KEPT)
+        self._reported: set[tuple[str, Status]] = set()
+        self._quiet: set[str] = set()  # ids of actions that are not reported
+        self._number = 0
+
+    def ask(
+        self,
+        name: str,
+        *,
+        chunk: int,
+        intensity: float = 1.0,
+        hold_s: float | None = None,
+        id: str = "",
+        is_own: bool = False,
+    ) -> ActStatus:
+        """Begin an action with the given chunk, in place of the one that runs. Never raises: it may be rejected.
+
+        Actions that the avatar takes by itself (`is_own`) are not reported.
+        """
+        self._number += 1
+        id = id or f"action-{self._number}"
+        try:
+            action = self._library.find(name)
+            if any(act.id == id for act in self._actions):
+                raise EchoAvatarError(f"action id {id!r} was used already; give each request its own")
+            if not 0 < intensity <= STRONGEST:
+                raise EchoAvatarError(f"intensity {_short(intensity)} is not in 0..{STRONGEST:g}")
+            if hold_s is not None and not 0 <= hold_s < float("inf"):
+                raise EchoAvatarError(f"hold {_short(hold_s)} is not a number of seconds")
+        except EchoAvatarError as error:
+            rejected = ActStatus(id, name, "rejected", chunk * self._size, str(error))
+            if not is_own:
+                self._statuses.append(rejected)
+            return rejected
+        self._end_at(chunk, f"{action.name} was asked for")
+        if is_own:
+            self._quiet.add(id)
+        self._actions.append(
+            ScheduledAction(id, action, intensity, chunk, action.length(hold_s), is_own=is_own)
+        )
+        return self._report(ActStatus(id, action.name, "accepted", chunk * self._size))
+
+    def knows(self, name: str) -> bool:
+        """Whether the library has such an action."""
+        try:
+            return bool(self._library.find(name))
+        except EchoAvatarError:
+            return False
+
+    def stop(self, chunk: int) -> None:
+        """End the running action before the given chunk."""
+        self._end_at(chunk, "stopped")
+
+    def running(self, chunk: int) -> ScheduledAction | None:
+        """The action that runs during a chunk."""
+        return next((act for act in reversed(self._actions) if act.begin <= chunk < act.end), None)
+
+    def members(self, chunk: int, codes: int) -> Float[Tensor, " K"] | None:
+        """The intensity of each motion code that the action asks for in a chunk."""
+        act = self.running(chunk)
+        if act is None:
+            return None
+        edge = 0.7 if chunk in (act.begin, act.end - 1) and act.length > 2 else 1.0
+        return act.action.members(chunk - act.begin, act.length, codes) * torch.tensor(act.intensity * edge)
+
+    def overlay(self, chunk: int) -> Overlay | None:
+        """The clip to lay on a chunk's motion, joined to that of the chunk before."""
+        (before, earlier), (now, place) = self._overlay_at(chunk - 1), self._overlay_at(chunk)
+        return now if place == earlier + 1 else joined(before, now)
+
+    def _overlay_at(self, chunk: int) -> tuple[Overlay | None, int]:
+        """The overlay of a chunk, and a number that goes up by one from chunk to chunk of the same clip."""
+        act = self.running(chunk)
+        if act is None:
+            return None, -1
+        elapsed = chunk - act.begin
+        place = act.action.place(elapsed, act.length) + 1000 * self._actions.index(act)
+        return act.action.turns(elapsed, act.length, act.intensity), place
+
+    def report_made(self, chunk: int) -> None:
+        """A chunk of motion was made: its action has started, and those that end with it are done."""
+        for act in tuple(self._actions):
+            if act.begin <= chunk and act.length > 0:
+                self._report(ActStatus(act.id, act.action.name, "started", act.begin * self._size))
+            if act.end <= chunk + 1:
+                self._report(ActStatus(act.id, act.action.name, "done", act.end * self._size, act.reason))
+
+    def take(self) -> list[ActStatus]:
+        """Statuses since the last call, in order."""
+        statuses = list(self._statuses)
+        self._statuses.clear()
+        return statuses
+
+    def _end_at(self, chunk: int, reason: str) -> None:
+        for place, act in enumerate(self._actions):
+            if act.end > chunk:
+                length = max(0, chunk - act.begin)
+                self._actions[place] = replace(act, length=length, reason=reason)
+                if length == 0:
+                    self._report(ActStatus(act.id, act.action.name, "done", chunk * self._size, reason))
+
+    def _report(self, status: ActStatus) -> ActStatus:
+        """Report each status once, even if a chunk is made again."""
+        if status.id not in self._quiet and (status.id, status.status) not in self._reported:
+            self._reported.add((status.id, status.status))
+            self._statuses.append(status)
+        if len(self._reported) > 16 * KEPT:
+            live = {act.id for act in self._actions}
+            self._reported = {known for known in self._reported if known[0] in live}
+            self._quiet &= live
+        return status
+
+
+def _short(value: float) -> str:
+    """A number for a message; an integer may have hundreds of digits."""
+    return repr(value)[:20]

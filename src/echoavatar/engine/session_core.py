@@ -1,0 +1,383 @@
+"""The inside of a session: what the engine, the server and the benches call. Users call `Session`.
+
+The session's clock counts samples at 24 kHz from its opening. Silence that was made for a late source counts; sound
+that was cut by a barge-in does not. Calls may come from any thread and only change queues and notes; what concerns the
+model happens when the engine makes the session's next chunk.
+"""
+
+import threading
+from collections.abc import Callable
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from jaxtyping import Float
+from torch import Tensor
+
+from ..audio import StreamResampler
+from ..errors import EchoAvatarError
+from ..kinematics import Skeleton
+from ..pipeline import ActionLibrary, MotionChunk
+from ..pipeline.modes import FREE, MotionOptions
+from ..timing import SAMPLE_RATE_HZ, ChunkSize
+from .action_scheduler import ActionScheduler, ActStatus
+from .audio_queue import INBOX_SECONDS, AudioQueue
+from .barge_in import BargeIn, Interruption
+from .gaze import Gaze
+from .life import Life
+from .listener import Listener, Sign
+from .music import AUDIBLE, Heard, MusicPlayer
+from .playout import Delivery, PlayoutBuffer
+from .settling import Settling
+from .undo import Patch
+
+LISTEN_S = 20.0  # a listening posture ends by itself
+MUSIC_AHEAD_S = 0.8  # how far ahead of the player music is made: speech can begin within that time
+REPLAN_AHEAD = (
+    2  # chunks that an action waits at most behind motion made earlier, if the player reports its place
+)
+
+
+class Host(Protocol):
+    """The engine, as its sessions see it."""
+
+    chunk: ChunkSize
+    actions: ActionLibrary
+
+    @property
+    def skeleton(self) -> Skeleton:
+        """The rig of all sessions."""
+        ...
+
+    def wake(self) -> None:
+        """Tell the workers that a chunk may be due."""
+        ...
+
+    def tick(self) -> int:
+        """Make every chunk that is due, in the calling thread."""
+        ...
+
+    def release(self, core: "SessionCore") -> None:
+        """Free the session's seat."""
+        ...
+
+
+class ChunkPlan(NamedTuple):
+    """A chunk that is to be made."""
+
+    audio: Float[np.ndarray, " s"]
+    members: Float[Tensor, " K"] | None  # intensities of the codes that an action asks for
+    forgets: bool  # whether the model must forget what it did
+    undone: list[list[Patch]]  # steps to undo before it, latest first
+
+
+class SessionCore:
+    """One session: sound in, motion out, in order."""
+
+    def __init__(
+        self,
+        host: Host,
+        seat: int,
+        *,
+        seed: int,
+        options: MotionOptions = FREE,
+        look_ahead: int | None = None,
+        rewind: int = 0,
+        inbox_seconds: float = INBOX_SECONDS,
+        is_paced: bool = False,
+    ) -> None:
+        """A paced session makes no chunk of speech before `schedule` has put it on the clock."""
+        self.seat, self.seed, self.options = seat, seed, options
+        self.chunk = host.chunk
+        self.is_new = True  # its row is not reset yet; the engine's note
+        self.is_closed = False
+        self.on_motion: Callable[[], None] | None = None  # called after each chunk, from an engine's thread
+        self.late = 0  # chunks that were made after their time had come
+        self._host, self._look_ahead, self._rewind = host, look_ahead, rewind
+        self._lock = threading.RLock()
+        self._queue = AudioQueue(self.chunk, rewind=rewind, seconds=inbox_seconds, is_paced=is_paced)
+        self._music, self._playout = MusicPlayer(self.chunk), PlayoutBuffer(self.chunk)
+        self._barge_in = BargeIn(self._queue, self._music, self._playout, chunk=self.chunk, rewind=rewind)
+        self._actions = ActionScheduler(host.actions, self.chunk)
+        self._listener = Listener(seed)
+        self._user_resampler: StreamResampler | None = None
+        self._gaze, self._life = Gaze(self.chunk), Life(seed, options, self.chunk)
+        self._settling = Settling(self.chunk)
+        self._making: tuple[int, Heard] | None = None  # the chunk in the making, and its sound
+
+    # ---- sound in
+
+    def push(
+        self, audio: Float[np.ndarray, "..."], rate: int = SAMPLE_RATE_HZ, *, utterance: int = 0
+    ) -> None:
+        """Add speech of the avatar: mono (s,) or (s, channels), float in [-1, 1] or int16, at any sample rate.
+
+        Raises:
+            AudioError: the samples or the rate are invalid.
+            InboxError: too much is waiting.
+            EchoAvatarError: the session is finished or closed.
+        """
+        with self._lock:
+            self._check_open()
+            self._queue.push(audio, rate, utterance)
+        self._host.wake()
+
+    def end_utterance(self, utterance: int) -> None:
+        """The utterance is complete."""
+        with self._lock:
+            self._queue.end_utterance(utterance)
+
+    def schedule(self) -> None:
+        """Put the next chunk of a paced session on the clock: speech that waits, completed with silence."""
+        with self._lock:
+            self._queue.schedule()
+        self._host.wake()
+
+    def stall(self) -> None:
+        """The source is late: complete the chunk in hand with silence, so that idle motion goes on."""
+        with self._lock:
+            self._queue.stall()
+        self._host.wake()
+
+    def finish(self) -> None:
+        """No more speech will come: silence completes the last chunk."""
+        with self._lock:
+            self._queue.finish()
+        self._host.wake()
+
+    def listen(self, audio: Float[np.ndarray, "..."], rate: int = SAMPLE_RATE_HZ) -> None:
+        """Sound of the user: a listening posture and eye contact while it lasts, nods at pauses.
+
+        Raises:
+            AudioError: the samples or the rate are invalid.
+        """
+        with self._lock:
+            if self._user_resampler is None or self._user_resampler.rate != rate:
+                self._user_resampler = StreamResampler(rate)
+            for noticed in self._listener.hear(self._user_resampler.push(audio)):
+                self._react(noticed.sign)
+
+    # ---- requests
+
+    def interrupt(self, heard: int | None = None, last: int | None = None) -> Interruption:
+        """Barge-in after sample `heard`; see `BargeIn.interrupt`."""
+        with self._lock:
+            done = self._barge_in.interrupt(heard, last)
+        self._host.wake()
+        return done
+
+    def report_played(self, sample: int) -> None:
+        """The player shows this sample now; motion is made ahead of it within the engine's bound only."""
+        with self._lock:
+            self._barge_in.played = max(self._barge_in.played or 0, sample)
+        self._host.wake()
+
+    def act(
+        self, name: str, *, intensity: float = 1.0, hold_s: float | None = None, id: str = ""
+    ) -> ActStatus:
+        """Begin an action of the bundle's library with the next chunk. Never raises: it may be rejected.
+
+        Motion that was made far ahead of the player is made again. `take_statuses` reports what becomes of the action.
+        """
+        with self._lock:
+            if self._actions.knows(name):
+                self._barge_in.replan(REPLAN_AHEAD)
+            chunk = self._barge_in.next_chunk
+            asked = self._actions.ask(name, chunk=chunk, intensity=intensity, hold_s=hold_s, id=id)
+        self._host.wake()
+        return asked
+
+    def stop_acting(self) -> None:
+        """End the running action now."""
+        with self._lock:
+            self._barge_in.replan(REPLAN_AHEAD)
+            self._actions.stop(self._barge_in.next_chunk)
+
+    def play(self, title: str, track: Float[np.ndarray, " s"]) -> None:
+        """Play music (24 kHz mono): the session hears it under its speech, and `Delivery.music` holds it."""
+        with self._lock:
+            self._check_open()
+            self._barge_in.replan(REPLAN_AHEAD)
+            self._music.play(title, np.asarray(track, np.float32))
+        self._host.wake()
+
+    def stop_music(self) -> None:
+        """Fade the music out."""
+        with self._lock:
+            self._barge_in.replan(REPLAN_AHEAD)
+            self._music.stop()
+
+    def close(self) -> None:
+        """Free the seat, and the callback that may refer back to this session."""
+        if not self.is_closed:
+            self.is_closed, self.on_motion = True, None
+            self._host.release(self)
+
+    # ---- motion out
+
+    def take(self) -> Delivery | None:
+        """The next motion that is ready, or None. A chunk, or less right after an interruption within one."""
+        with self._lock:
+            delivery = self._playout.take()
+        if delivery is not None:
+            self._host.wake()
+        return delivery
+
+    def take_statuses(self) -> list[ActStatus]:
+        """What became of actions since the last call."""
+        with self._lock:
+            return self._actions.take()
+
+    def take_finished(self, clock: int) -> tuple[int, int] | None:
+        """The newest utterance that ended before `clock` since the last call, and the sample of its end."""
+        with self._lock:
+            return self._queue.take_finished(clock)
+
+    def advance(self) -> None:
+        """Make chunks in the calling thread."""
+        self._host.tick()
+
+    # ---- state
+
+    @property
+    def made(self) -> int:
+        """Sample up to which motion was made."""
+        with self._lock:
+            return self._barge_in.next_chunk * self.chunk.samples
+
+    @property
+    def scheduled(self) -> int:
+        """Sample up to which sound is on the clock, made into motion or not."""
+        with self._lock:
+            return self._queue.end
+
+    @property
+    def waiting(self) -> int:
+        """Samples of speech that wait for their place on the clock."""
+        return self._queue.waiting
+
+    @property
+    def seconds_waiting(self) -> float:
+        """Speech that the model has not heard yet."""
+        with self._lock:
+            return self._queue.seconds
+
+    @property
+    def epoch(self) -> int:
+        """Rises whenever motion that was delivered is taken back."""
+        return self._barge_in.epoch
+
+    @property
+    def source(self) -> str:
+        """What the latest motion stems from: "action", "speech", "music" or "idle"."""
+        return self._playout.source
+
+    @property
+    def is_listening(self) -> bool:
+        """Whether the user speaks, or has just stopped."""
+        return self._listener.is_listening
+
+    def utterance_at(self, sample: int) -> int:
+        """The utterance that begins the chunk of a sample, 0 for none."""
+        with self._lock:
+            return self._queue.utterance_at(sample // self.chunk.samples)
+
+    @property
+    def ahead(self) -> int:
+        """Chunks made ahead of the player if it reports its place, else ahead of the reader."""
+        with self._lock:
+            played = self._barge_in.played
+            if played is None:
+                return self._playout.untaken
+            return -((played - self.made) // self.chunk.samples)
+
+    @property
+    def music_ahead(self) -> int:
+        """Chunks of music that are made ahead of the player."""
+        return self.chunk.within(MUSIC_AHEAD_S)
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether a chunk may be made now: there is sound for it, and it is not too far ahead of the player."""
+        with self._lock:
+            ahead = self.ahead
+            if self._look_ahead is not None and ahead >= self._look_ahead:
+                return False
+            if self._queue.has_chunk:
+                return True
+            return self._music.is_playing and (self._barge_in.played is None or ahead < self.music_ahead)
+
+    # ---- what the engine calls
+
+    def begin_chunk(self, codes: int) -> ChunkPlan:
+        """Take the sound of the next chunk, and what is asked of it.
+
+        All of it under one lock: if the session went back in between, it would hear old sound in a later state.
+        """
+        with self._lock:
+            chunk, undone = self._barge_in.begin()
+            speech = self._queue.take()
+            heard = Heard(speech, self._music.next_chunk(speech))
+            self._making = chunk, heard
+            members = self._actions.members(chunk, codes) if codes else None
+            forgets = self._settling.must_forget(chunk, heard.audio)
+            return ChunkPlan(heard.audio, members, forgets, undone)
+
+    def end_chunk(self, motion: MotionChunk, patches: list[Patch]) -> None:
+        """The chunk is made: add what no sound asks for, and show it unless it was taken back meanwhile."""
+        with self._lock:
+            assert self._making is not None
+            (chunk, heard), self._making = self._making, None
+            if not self._barge_in.end(patches):
+                return
+            source = self._source(chunk, heard)
+            self._settling.made(chunk, heard.audio, motion, self._host.skeleton)
+            motion = self._with_idle_motion(chunk, motion, source)
+            self.late += (self._barge_in.played or 0) > chunk * self.chunk.samples
+            epoch = self._barge_in.epoch
+            self._playout.show(chunk, motion, heard, source, epoch=epoch, memory=self._rewind)
+            self._actions.report_made(chunk)
+            on_motion = self.on_motion
+        if on_motion is not None:
+            on_motion()
+
+    # ---- inside
+
+    def _with_idle_motion(self, chunk: int, motion: MotionChunk, source: str) -> MotionChunk:
+        """Breath and shifts of weight, eye contact, and the clip of an action on top."""
+        skeleton, is_free = self._host.skeleton, self._is_free(chunk)
+        is_idle = source in ("idle", "action") and is_free
+        motion = self._life.alive(chunk, motion, skeleton, is_idle=is_idle)
+        return self._gaze.apply(
+            chunk,
+            motion,
+            skeleton,
+            overlay=self._actions.overlay(chunk),
+            is_wanted=self.is_listening and is_free,
+        )
+
+    def _react(self, sign: Sign) -> None:
+        """Show that the avatar listens, unless a requested action runs."""
+        chunk = self._barge_in.next_chunk
+        if not self._is_free(chunk):
+            return
+        if sign == "ends":
+            self._actions.stop(chunk)
+        else:
+            name, intensity, hold_s = ("nod", 1.0, None) if sign == "pause" else ("listen", 0.8, LISTEN_S)
+            self._actions.ask(name, chunk=chunk, intensity=intensity, hold_s=hold_s, is_own=True)
+
+    def _is_free(self, chunk: int) -> bool:
+        """Whether no requested action runs."""
+        running = self._actions.running(chunk)
+        return running is None or running.is_own
+
+    def _source(self, chunk: int, heard: Heard) -> str:
+        if self._actions.running(chunk) is not None:
+            return "action"
+        if float(np.abs(heard.speech).max(initial=0)) > AUDIBLE:
+            return "speech"
+        return "music" if heard.music is not None else "idle"
+
+    def _check_open(self) -> None:
+        if self.is_closed:
+            raise EchoAvatarError("this session is closed; open a new one to push more audio")

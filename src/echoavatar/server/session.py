@@ -1,0 +1,326 @@
+"""A session as the server sees it: utterances in, one clock, and the clients that watch.
+
+The engine's clock is the protocol's. The engine makes a chunk only after the server has scheduled it: speech up to
+`ahead_seconds` ahead of playback, silence just in time, so that speech is answered soon. All methods are called on the
+event loop and do not block; the model runs elsewhere.
+"""
+
+import time
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ..engine import ActStatus, Delivery, SessionCore
+from ..errors import InboxError
+from ..timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
+from ..wire import (
+    Action,
+    Audio,
+    AvatarState,
+    End,
+    Flush,
+    Hello,
+    Interrupt,
+    Motion,
+    Music,
+    Played,
+    Pose,
+    ProtocolError,
+    ServerMessage,
+    Sound,
+    State,
+    Stats,
+    pack_audio,
+    pack_pose,
+)
+from .answers import TrackWatch, answer
+from .outbox import Outbox
+from .playhead import Playhead
+from .settings import ServerSettings
+from .utterances import UtteranceReader
+
+MARGIN_S = 0.15  # for the network, on top of the engine's own time
+KEPT_S = 8.0  # of what was sent, for clients that join or return
+
+_STATES: dict[str, AvatarState] = {
+    "action": "acting",
+    "speech": "speaking",
+    "music": "dancing",
+    "idle": "idle",
+}
+
+
+class Sent(NamedTuple):
+    """A piece of the clock, as it was sent."""
+
+    motion: Motion
+    sound: Sound
+
+    @property
+    def end(self) -> int:
+        """First sample after it."""
+        return self.motion.at + self.motion.frames * SAMPLES_PER_FRAME
+
+
+class ServerSession:
+    """One avatar: its engine session, its source, its viewers."""
+
+    def __init__(
+        self,
+        core: SessionCore,
+        *,
+        name: str,
+        key: str,
+        hello: Hello,
+        settings: ServerSettings,
+        actions: tuple[str, ...] = (),
+    ) -> None:
+        """`core` must be paced (`Engine.open_core`)."""
+        self.core = core
+        self.name, self.key = name, key
+        self.speech = UtteranceReader(hello.audio)
+        self.playhead = Playhead()
+        self.listeners: list[Outbox] = []
+        self.source: Outbox | None = None
+        self.left_at: float | None = None  # when its source was lost
+        self.epoch = 0
+        self.end = 0  # clock up to which motion was sent
+        self.underruns = 0
+        self.sent: deque[Sent] = deque()
+        self._actions, self._size = actions, core.chunk.samples
+        self._user_speech = UtteranceReader(hello.audio)
+        self._settings = settings
+        self._state = State(state="idle", at=0, seg=0, finished=0)  # as clients know it
+        self._rate = hello.audio.rate
+        self._running: set[str] = set()  # ids of actions that were accepted and are not done
+        self._track = TrackWatch()
+        self._scheduled_at: dict[int, float] = {}  # by chunk: when it was scheduled
+
+    def close(self) -> None:
+        """The session is over: free its seat and end its connections."""
+        self.core.close()
+        for outbox in self.listeners:
+            outbox.close()
+        self.listeners.clear()  # a listener may refer back to this session
+        self.source = None
+
+    # ---- clients
+
+    def first_for(self, received: int | None) -> int:
+        """Clock of the first motion that `join` will send."""
+        return min((sent.motion.at for sent in self._missed(received)), default=self.end)
+
+    def join(self, outbox: Outbox, *, received: int | None) -> None:
+        """A client watches from now on; `received` is the clock up to which it was sent everything before."""
+        for motion, sound in self._missed(received):
+            outbox.put(motion)
+            outbox.put(sound)
+        outbox.put(self._state)
+        self.listeners.append(outbox)
+
+    def _missed(self, received: int | None) -> list[Sent]:
+        start = self.playhead.sample if received is None else received
+        return [sent for sent in self.sent if sent.end > start]
+
+    def leave(self, outbox: Outbox) -> None:
+        """A client is gone."""
+        if outbox in self.listeners:
+            self.listeners.remove(outbox)
+        if self.source is outbox:
+            self.source, self.left_at = None, time.monotonic()
+
+    def tell(self, message: ServerMessage) -> None:
+        """Send to all clients."""
+        for outbox in self.listeners:
+            outbox.put(message)
+
+    # ---- what clients say
+
+    def hear(self, message: Audio) -> None:
+        """Sound of the avatar, or of the user it listens to.
+
+        Raises:
+            ProtocolError: a gap, too much that waits, or invalid samples; none of them fatal.
+        """
+        reader = self.speech if message.speaker == "avatar" else self._user_speech
+        new = reader.read(message)
+        if new is None:
+            return
+        if message.speaker == "user":
+            self.core.listen(new, self._rate)
+        elif len(new) or message.seg > reader.seg:
+            self._push(new, message.seg)
+        reader.accept(message.seg, len(new))
+
+    def _push(self, samples: Float[np.ndarray, " s"], seg: int) -> None:
+        try:
+            self.core.push(samples, self._rate, utterance=seg)
+        except InboxError as error:
+            raise ProtocolError("inbox_full", str(error), fatal=False, retry_after=1.0) from error
+
+    def finish(self, message: End) -> None:
+        """An utterance is complete."""
+        if message.speaker == "user":
+            self._user_speech.end(message.seg)
+        elif self.speech.end(message.seg):
+            self.core.end_utterance(message.seg)
+            self._tell_state(self._state.state, self.end)
+
+    def interrupt(self, message: Interrupt) -> None:
+        """Barge-in: `engine.barge_in` takes back what was not heard, and clients are told with `flush`."""
+        self.collect()
+        heard = min(self.playhead.sample if message.heard is None else message.heard, self.end)
+        last = message.seg or self.speech.seg
+        self.speech.cut(last)
+        done = self.core.interrupt(heard, last)
+        self._flush(Flush(at=done.at, epoch=done.epoch, seg=done.utterance, heard=done.heard))
+        self.playhead.jump(heard)
+
+    def act(self, message: Action) -> ActStatus:
+        """Begin an action; statuses tell what becomes of it."""
+        asked = self.core.act(message.name, intensity=message.intensity, hold_s=message.hold, id=message.id)
+        self._tell_statuses()
+        return asked
+
+    def play(self, message: Music, title: str, track: Float[np.ndarray, " s"]) -> None:
+        """Play a track, in place of the one that plays."""
+        for status in self._track.ask(message.id, title, self.end):
+            self.tell(status)
+        self.core.play(title, track)
+
+    def stop_music(self, message: Music) -> None:
+        """Fade the music out."""
+        self.core.stop_music()
+        self.tell(answer(message.id, "stop", "done", self.end))
+
+    def played(self, message: Played, now: float) -> None:
+        """The player's report of its place; reports from before the last flush are void."""
+        if message.epoch >= self.epoch:
+            self.playhead.report(message.at, now, self.end)
+        self.underruns = max(self.underruns, message.underruns)
+
+    # ---- the server's clock
+
+    def is_due(self, now: float, step_s: float) -> bool:
+        """Advance the clock; returns whether a chunk must be scheduled now. Without a player the clock stands still."""
+        if not self._is_watched:
+            self.playhead.pause()
+            return False
+        self.playhead.advance(now, self.end)
+        self.core.report_played(self.playhead.sample)
+        return self.core.scheduled - self.playhead.sample < self._just_in_time(step_s)
+
+    def pump(self, now: float, step_s: float, *, early: bool = False) -> None:
+        """Schedule as many chunks as playback allows.
+
+        `early` if another session is due: a batch step costs hardly more than one session's, so all go together.
+        """
+        if not self._is_watched:
+            return
+        just_in_time = self._just_in_time(step_s) + early * self._size
+        while True:
+            end, is_speech = self.core.scheduled, self.core.waiting >= self._size
+            bound = self._settings.ahead_seconds * SAMPLE_RATE_HZ if is_speech else just_in_time
+            if end - self.playhead.sample >= bound:
+                return
+            self._scheduled_at[end // self._size] = now
+            self.core.schedule()
+
+    def collect(self) -> list[float]:
+        """Send the motion that is ready; returns how long each chunk took, in seconds."""
+        took, now = [], time.monotonic()
+        while (delivery := self.core.take()) is not None:
+            if delivery.epoch > self.epoch:
+                self._flush(Flush(at=delivery.start, epoch=delivery.epoch, seg=0, heard=0))
+            is_acting = bool(self._running)
+            self._tell_statuses()
+            self._send(delivery, is_acting=is_acting or bool(self._running))
+            scheduled = self._scheduled_at.pop(delivery.start // self._size, None)
+            if scheduled is not None:
+                took.append(now - scheduled)
+        self._tell_statuses()
+        return took
+
+    def stats(self, *, step_s: float, sessions: int, dropped: int) -> Stats:
+        """A `stats` message for one client."""
+        return Stats(
+            at=self.end,
+            queue_ms=1e3 * self.core.waiting / SAMPLE_RATE_HZ,
+            ahead_ms=1e3 * (self.end - self.playhead.sample) / SAMPLE_RATE_HZ,
+            step_ms=1e3 * step_s,
+            rtf=step_s * SAMPLE_RATE_HZ / self._size,
+            dropped=dropped,
+            underruns=self.underruns,
+            sessions=sessions,
+        )
+
+    @property
+    def is_quiet(self) -> bool:
+        """Whether everything that was said has been played."""
+        is_silent = self.core.waiting == 0 and self._state.state != "speaking"
+        return is_silent and (self.playhead.sample >= self._state.at or not self.listeners)
+
+    # ---- inside
+
+    @property
+    def _is_watched(self) -> bool:
+        return any(outbox.plays for outbox in self.listeners)
+
+    def _just_in_time(self, step_s: float) -> float:
+        if self._track.title:  # the engine makes music ahead by itself
+            return self.core.music_ahead * self._size
+        return (MARGIN_S + min(1.0, 2 * step_s)) * SAMPLE_RATE_HZ
+
+    def _send(self, delivery: Delivery, *, is_acting: bool) -> None:
+        state = _STATES[delivery.source]
+        if state == "idle" or (state == "acting" and not is_acting):  # what it does is its own idea
+            state = "listening" if self.core.is_listening else "idle"
+        motion = pack_pose(Pose(*delivery.motion), at=delivery.start, epoch=self.epoch, state=state)
+        sound = Sound(
+            at=delivery.start,
+            epoch=self.epoch,
+            seg=self.core.utterance_at(delivery.start),
+            pcm=pack_audio(delivery.audio),
+        )
+        self.end = delivery.start + len(delivery.audio)
+        self.sent.append(Sent(motion, sound))
+        while self.sent[0].motion.at < self.end - KEPT_S * SAMPLE_RATE_HZ:
+            self.sent.popleft()
+        self.tell(motion)
+        self.tell(sound)
+        for status in self._track.follow(delivery.start, has_music=delivery.music is not None):
+            self.tell(status)
+        self._tell_state(state, delivery.start)
+
+    def _flush(self, flush: Flush) -> None:
+        """Motion from `flush.at` on was taken back: forget what was sent, and tell all clients."""
+        self.epoch = flush.epoch
+        self.end = min(self.end, flush.at)
+        self.sent = deque(sent for sent in self.sent if sent.motion.at < flush.at)
+        for outbox in self.listeners:
+            outbox.forget_after(flush.at)
+            outbox.put(flush)
+
+    def _tell_state(self, state: AvatarState, at: int) -> None:
+        """Tell clients what the avatar does, if that changed since they were told."""
+        finished = self._state.finished
+        if (done := self.core.take_finished(self.end)) is not None:
+            finished, at = done[0], max(at, done[1])
+        seg = self.core.utterance_at(max(0, self.end - 1)) if state == "speaking" else 0
+        if (state, seg, finished) != (self._state.state, self._state.seg, self._state.finished):
+            self._state = State(state=state, at=at, seg=seg, finished=finished)
+            self.tell(self._state)
+
+    def _tell_statuses(self) -> None:
+        for status in self.core.take_statuses():
+            if status.status == "accepted":
+                self._running.add(status.id)
+            elif status.status == "done":
+                self._running.discard(status.id)
+            choices = self._actions if status.status == "rejected" else ()
+            message = answer(
+                status.id, status.name, status.status, status.at, reason=status.reason, choices=choices
+            )
+            self.tell(message)

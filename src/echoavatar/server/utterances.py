@@ -1,0 +1,63 @@
+"""The numbering of one speaker's `audio` messages: what is new is taken, repeats are dropped, gaps are refused."""
+
+import numpy as np
+from jaxtyping import Float
+
+from ..wire import Audio, AudioFormat, ProtocolError, unpack_audio
+
+Samples = Float[np.ndarray, " s"]
+
+
+class UtteranceReader:
+    """Where one speaker is: which utterance, and how much of it was received."""
+
+    def __init__(self, form: AudioFormat) -> None:
+        self.seg = 0  # the newest utterance
+        self.received = 0  # samples of it, at the source's rate
+        self._form = form
+        self._is_ended = True
+        self._cut = 0  # utterances up to this one are ignored
+
+    def read(self, message: Audio) -> Samples | None:
+        """The new samples of a message, at the source's rate; None if its utterance is over. Changes nothing.
+
+        Raises:
+            ProtocolError: a gap, sound after the end of its utterance, or invalid samples; none of them fatal.
+        """
+        if self._is_past(message.seg):
+            return None
+        samples = unpack_audio(message.pcm, self._form)
+        expected = self.received if message.seg == self.seg else 0
+        if message.start > expected:
+            raise ProtocolError(
+                "bad_order",
+                f"audio of utterance {message.seg} starts at {message.start}; expected {expected}: send that first",
+                fatal=False,
+            )
+        new = samples[expected - message.start :]
+        if message.seg == self.seg and len(new) and self._is_ended:
+            raise ProtocolError("bad_order", f"utterance {message.seg} has ended; begin another", fatal=False)
+        return new
+
+    def accept(self, seg: int, count: int) -> None:
+        """So many new samples of an utterance were taken."""
+        if seg > self.seg:
+            self.seg, self.received, self._is_ended = seg, 0, False
+        self.received += count
+
+    def end(self, seg: int) -> bool:
+        """An utterance is complete; returns whether that is news."""
+        if self._is_past(seg):
+            return False
+        self.accept(seg, 0)
+        is_news = seg == self.seg and not self._is_ended
+        self._is_ended = self._is_ended or is_news
+        return is_news
+
+    def cut(self, seg: int) -> None:
+        """Utterances up to this one are not wanted any more; what still arrives of them is ignored."""
+        self._cut = max(self._cut, seg)
+        self._is_ended = self._is_ended or self.seg <= self._cut
+
+    def _is_past(self, seg: int) -> bool:
+        return seg < self.seg or seg <= self._cut

@@ -1,0 +1,43 @@
+from echoavatar.server.admission import Admission
+
+
+class Scope:
+    cancel_called = False
+
+    def cancel(self) -> None:
+        self.cancel_called = True
+
+
+def test_a_silent_connection_gives_way_and_one_that_said_hello_does_not() -> None:
+    admission = Admission(2)
+    first, second, third, fourth = (Scope() for _ in range(4))
+    assert admission.enter(first, "a")
+    assert admission.enter(second, "a")
+    admission.greet(first)
+    assert admission.enter(third, "b")
+    assert (first.cancel_called, second.cancel_called) == (False, True)
+    admission.greet(third)
+    assert not admission.enter(fourth, "c")
+    admission.leave(first)
+    assert admission.enter(fourth, "c")
+    assert len(admission) == 2
+
+
+def test_the_address_with_the_most_silent_connections_gives_way() -> None:
+    admission = Admission(3)
+    alone, crowd = Scope(), [Scope() for _ in range(3)]
+    admission.enter(alone, "alone")
+    for scope in crowd:
+        assert admission.enter(scope, "crowd")
+    assert not alone.cancel_called
+    assert [scope.cancel_called for scope in crowd] == [True, False, False]
+
+
+def test_an_evicted_connection_cannot_keep_its_place_by_a_late_hello() -> None:
+    admission = Admission(1)
+    late, newcomer = Scope(), Scope()
+    admission.enter(late, "a")
+    admission.enter(newcomer, "b")
+    admission.greet(late)
+    admission.leave(late)
+    assert len(admission) == 1

@@ -1,0 +1,120 @@
+"""Who comes in, who comes back, and how it ends."""
+
+import contextlib
+import dataclasses
+import gc
+import threading
+import time
+import weakref
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.server.fakes import FAST, Body, serving
+from websockets.exceptions import ConnectionClosed
+
+from echoavatar.engine import Engine
+from echoavatar.server.outbox import Outbox
+from echoavatar.server.session_manager import SessionManager
+from echoavatar.wire import Audio, Error, Hello, Motion, ProtocolError, Sound, encode
+
+
+def test_the_oldest_lost_session_makes_room_for_a_newcomer() -> None:
+    patient = dataclasses.replace(FAST, resume_seconds=60.0)
+    with (
+        serving(seats=2, settings=patient) as place,
+        place.call(Hello()) as lost,
+        place.call(Hello()) as stays,
+    ):
+        lost.until(Motion)
+        lost.line.socket.close()
+        time.sleep(0.2)
+        with place.call(Hello()) as newcomer:
+            newcomer.until(Motion)
+        stays.until(Motion)
+        assert lost.ready.session not in place.manager._live
+
+
+def test_a_server_that_stops_lets_the_sentence_end() -> None:
+    with (
+        serving(settings=dataclasses.replace(FAST, drain_seconds=8.0)) as place,
+        place.call(Hello()) as caller,
+    ):
+        caller.speak(1, np.full(24_000, 0.2, np.float32))
+        caller.until(Motion)
+        place.server.should_exit = True
+        code, error = caller.closing()
+        told = [message for message in caller.heard if isinstance(message, Error)]
+        sounds = [np.frombuffer(m.pcm, "<i2") for m in caller.heard if isinstance(m, Sound)]
+    assert code == 1012
+    assert error is not None
+    assert [message.fatal for message in told] == [False, True]
+    assert np.count_nonzero(np.concatenate(sounds)) == 24_000
+
+
+def test_a_failing_engine_is_told_and_not_hidden(caplog: pytest.LogCaptureFixture) -> None:
+    with serving() as place, place.call(Hello()) as caller:
+        caller.until(Motion)
+        place.manager.engine.pipeline.seconds = "not a number of seconds"
+        assert caller.closing()[0] == 1011
+        assert not place.manager.is_well
+    assert "the engine stopped" in caplog.text
+
+
+def test_a_stopping_house_lets_nobody_in() -> None:
+    manager = SessionManager(Engine(Body()), FAST)  # type: ignore[arg-type]
+    manager.is_draining = True
+    with pytest.raises(ProtocolError) as caught:
+        manager.enter(Hello(), Outbox())
+    assert caught.value.code == "shutting_down"
+    assert manager.sessions == 0
+
+
+def test_a_session_that_is_over_leaves_no_cycle_behind() -> None:
+    """Without the garbage collector: sessions go with their clients, and so does what waited to be sent."""
+    gone: list[weakref.ref[object]] = []
+    boxes: list[Any] = []
+    with serving(settings=FAST) as place:
+        gc.collect()
+        gc.disable()
+        try:
+            for _ in range(5):
+                with place.call(Hello()) as caller:
+                    caller.speak(1, np.full(48_000, 0.2, np.float32))
+                    caller.until(Motion)
+                    live = next(iter(place.manager._live.values()))
+                    gone += [weakref.ref(live), weakref.ref(live.core)]
+                    boxes.append(live.source)
+                    del live
+            assert place.empties()
+            end = time.monotonic() + 5
+            while any(one() is not None for one in gone) and time.monotonic() < end:
+                time.sleep(0.05)
+            assert [one() for one in gone] == [None] * len(gone)
+            assert [len(box) for box in boxes] == [0] * len(boxes)
+        finally:
+            gc.enable()
+
+
+def test_a_flood_of_one_sample_utterances_holds_nobody_up() -> None:
+    """20,000 messages; a neighbour's motion comes on time meanwhile, and the flood is refused in words."""
+    with (
+        serving(settings=FAST) as place,
+        place.call(Hello()) as neighbour,
+        place.call(Hello()) as flood,
+    ):
+
+        def send() -> None:
+            with contextlib.suppress(ConnectionClosed):
+                for seg in range(1, 20_001):
+                    flood.line.send(encode(Audio(seg=seg, start=0, pcm=b"\1\0")))
+
+        sender = threading.Thread(target=send)
+        sender.start()
+        began, at = time.monotonic(), neighbour.until(Motion).at
+        while sender.is_alive() or time.monotonic() - began < 3:
+            last = neighbour.until(Motion).at
+            assert (time.monotonic() - began) - (last - at) / 24_000 < 1.0
+        _, error = flood.closing()
+    assert error is not None
+    assert error.code == "inbox_full"
