@@ -50,7 +50,7 @@ def test_what_was_made_can_be_scored(
 def test_what_is_wrong_is_named(corpus: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_wav(tmp_path / "c.wav", clicks(70, 0.5))
     for words, complaint in (
-        ([str(corpus), str(tmp_path / "c.wav")], "two sounds are named c"),
+        ([str(corpus), str(tmp_path / "c.wav")], "two audio files are named c"),
         ([str(tmp_path / "none.wav")], "does not exist"),
     ):
         assert main(["baseline", "mean", "--train", str(corpus), *words, "-o", str(tmp_path / "x")]) == 1
