@@ -33,7 +33,7 @@ from echoavatar.pipeline.interpolate import StreamInterpolator
 from echoavatar.pipeline.modes import MotionOptions
 from echoavatar.pipeline.motion_chunk import MotionChunk, in_a_row
 from echoavatar.pipeline.post import SWITCHES, Post
-from echoavatar.pipeline.retime import Retime
+from echoavatar.pipeline.time_warp import TimeWarp
 from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES, FRAME_RATE_HZ, SAMPLE_RATE_HZ
 
 SECONDS = 60.0
@@ -41,7 +41,7 @@ BALLS = list(HUMANOID.config.feet)[1::2]
 
 
 def generate(sounds: list[Path]) -> tuple[torch.Tensor, torch.Tensor]:
-    """Decoded features (b, t, c), before any other stage, and the brake (b, t) that the pulse model heard."""
+    """Decoded features (b, t, c), before any other stage, and the brake (b, t) that the warp model heard."""
     chunks = int(SECONDS * SAMPLE_RATE_HZ / CHUNK_SAMPLES)
     audio = np.stack(
         [np.resize(np.concatenate(list(stream_audio(path))), chunks * CHUNK_SAMPLES) for path in sounds]
@@ -50,9 +50,9 @@ def generate(sounds: list[Path]) -> tuple[torch.Tensor, torch.Tensor]:
     state, active = pipeline.init_state(len(sounds)), torch.ones(len(sounds), dtype=torch.bool)
     for row in range(len(sounds)):
         pipeline.reset(state, torch.arange(len(sounds)) == row, seed=row)
-    assert pipeline.pulse is not None
+    assert pipeline.warp is not None
     features = _tap(pipeline.tokenizer, "decode_step")
-    brake = _tap(pipeline.pulse, "step")
+    brake = _tap(pipeline.warp, "step")
     for step in range(chunks):
         part = audio[:, step * CHUNK_SAMPLES : (step + 1) * CHUNK_SAMPLES]
         pipeline.step(torch.from_numpy(np.ascontiguousarray(part)), state, active)
@@ -79,14 +79,14 @@ def through(
     brake: torch.Tensor | None = None,
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Rotations and roots of every session; with `brake` behind timing too."""
-    post, retime = Post(HUMANOID, stages=stages), Retime(HUMANOID.joints)
+    post, time_warp = Post(HUMANOID, stages=stages), TimeWarp(HUMANOID.joints)
     state, active = post.init_state(len(features)), torch.ones(len(features), dtype=torch.bool)
-    timing = retime.init_state(len(features))
+    timing = time_warp.init_state(len(features))
     state.modes.choose(active, options)
     shown = [post.step(part, state, active) for part in torch.split(features, CHUNK_FRAMES, 1)]
     if brake is not None:
         brakes = torch.split(brake, CHUNK_FRAMES, 1)
-        shown = [retime.step(*both, timing, active) for both in zip(shown, brakes, strict=True)]
+        shown = [time_warp.step(*both, timing, active) for both in zip(shown, brakes, strict=True)]
     rotations, root = in_a_row(shown)
     return torch.from_numpy(rotations), torch.from_numpy(root)
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from echoavatar.align.decoded_motion import DecodedMotion
-from echoavatar.align.yardstick import AFTER, BEFORE, Yardstick
+from echoavatar.align.reference_statistics import AFTER, BEFORE, ReferenceStatistics
 from echoavatar.kinematics import HUMANOID
 
 FRAMES, LEAD = 72, 8
@@ -35,7 +35,7 @@ def dips(
     return level * (1 - depth * np.minimum(dip, 1))
 
 
-def yardstick(**changes) -> Yardstick:
+def reference_statistics(**changes) -> ReferenceStatistics:
     """A dip at beats, a rise at stresses."""
     at = np.arange(-BEFORE, AFTER + 1) / 30
     dip = -np.exp(-(at**2) / (2 * 0.08**2))
@@ -44,9 +44,9 @@ def yardstick(**changes) -> Yardstick:
         "beat": tuple(dip.tolist()), "stress": tuple((-dip).tolist()), "speed": (0.05, 0.3, 0.5), "jerk": 100.0,
         "scenes": 10,
     }  # fmt: skip
-    return Yardstick.model_validate(known | changes)
+    return ReferenceStatistics.model_validate(known | changes)
 
 
-def reach(made: DecodedMotion, own: Yardstick) -> float:
+def reach(made: DecodedMotion, own: ReferenceStatistics) -> float:
     """A reward of one's own, by name: height of the left hand."""
     return float(made.positions[:, made.skeleton.index("leftHand"), 1].mean())

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 from safetensors.torch import load_file, save_file
-from tests.align.scenes import dips, scene, yardstick
+from tests.align.scenes import dips, reference_statistics, scene
 
 from echoavatar.align.audio_encoders import AudioEncoderConfig
 from echoavatar.align.audio_reward import AudioMotion, AudioMotionConfig, info_nce, soft_labels
@@ -15,7 +15,7 @@ from echoavatar.errors import CheckpointError
 
 def model() -> AudioMotion:
     torch.manual_seed(0)
-    return AudioMotion.over(
+    return AudioMotion.from_codebooks(
         torch.randn(2, 16, 6), torch.randn(3, 2, 8, 4), width=16, layers=1, sound_layers=1, heads=2, size=120
     ).eval()
 
@@ -93,7 +93,7 @@ def test_files_and_reward(tmp_path):
     object.__setattr__(made, "audio_codes", heard)
     object.__setattr__(made, "motion_codes", done)
     wanted = (one.embed_audio(torch.from_numpy(heard)[None]) * one.embed_motion(motion)).sum().item()
-    assert one.judge(made, yardstick()) == pytest.approx(wanted, abs=1e-6)
+    assert one.judge(made, reference_statistics()) == pytest.approx(wanted, abs=1e-6)
 
 
 def test_checkpoints_of_earlier_versions_load(tmp_path):

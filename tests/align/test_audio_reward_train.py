@@ -6,9 +6,9 @@ import torch
 
 from echoavatar.align.audio_reward import AudioMotion
 from echoavatar.align.audio_reward_train import (
+    AudioMotionWindows,
     AudioRewardTask,
     AudioRewardTraining,
-    Pairs,
     embed,
     retrieval_table,
     retrieval_tables,
@@ -31,12 +31,12 @@ def told(count: int, seed: int) -> dict[str, TokenClip]:
 
 def test_it_finds_motion_by_sound_and_sound_by_motion_among_windows_it_never_saw(tmp_path):
     torch.manual_seed(0)
-    model = AudioMotion.over(
+    model = AudioMotion.from_codebooks(
         torch.randn(2, 16, 8), torch.randn(3, 2, 8, 4), width=32, layers=1, sound_layers=1, heads=2, size=96
     )
     training = AudioRewardTraining(steps=80, batch=20, each=1, learning_rate=3e-3)
-    model = train_audio_reward(model, Pairs(told(30, 0), chunks=4), tmp_path, training)
-    table = retrieval_table(*embed(model, Pairs(told(12, 1), chunks=4)))
+    model = train_audio_reward(model, AudioMotionWindows(told(30, 0), chunks=4), tmp_path, training)
+    table = retrieval_table(*embed(model, AudioMotionWindows(told(12, 1), chunks=4)))
     assert len(table) == 6  # two ways among all, in a gallery, in batches of 32
     for row in table.values():
         assert row["R@1"] > 8 * row["chance"]["R@1"]
@@ -46,14 +46,14 @@ def test_it_finds_motion_by_sound_and_sound_by_motion_among_windows_it_never_saw
 def test_mirrored_clips_share_their_segments():
     clips = told(2, 0)
     clips["clip0.mirror"] = clips["clip0"]
-    pairs = Pairs(clips, chunks=16)
+    pairs = AudioMotionWindows(clips, chunks=16)
     _, _, segments = pairs.draw(0, 64, 0)
     assert len(set(segments.tolist())) == 2
     assert pairs.grid()[0].shape == (2, 320, 2)  # mirrored windows are not asked for
 
 
 def test_windows_of_one_clip_lie_side_by_side_in_a_batch():
-    pairs = Pairs(told(6, 0), chunks=4)
+    pairs = AudioMotionWindows(told(6, 0), chunks=4)
     segments = pairs.draw(3, 12, 0, each=3).segments
     clip, start = segments // 100_000, segments % 100_000
     for k in range(0, 12, 3):
@@ -69,10 +69,10 @@ def test_retrieval_is_told_within_each_domain_as_well():
     for k in range(4):
         clips[f"clip{k}"].domain[:] = 1
     torch.manual_seed(0)
-    model = AudioMotion.over(
+    model = AudioMotion.from_codebooks(
         torch.randn(2, 16, 8), torch.randn(3, 2, 8, 4), width=16, layers=1, sound_layers=1, heads=2, size=96
     ).eval()
-    pairs = Pairs(clips, chunks=2)
+    pairs = AudioMotionWindows(clips, chunks=2)
     tables = retrieval_tables(model, pairs)
     galleries = {name: table["audio to motion, all"]["gallery"] for name, table in tables.items()}
     assert galleries == {"everything": 80, "speech": 32, "music": 48}
@@ -83,7 +83,7 @@ def test_retrieval_is_told_within_each_domain_as_well():
 def test_a_run_that_was_stopped_goes_on_to_the_same_weights(tmp_path):
     def run(folder, steps):
         torch.manual_seed(0)
-        model = AudioMotion.over(
+        model = AudioMotion.from_codebooks(
             torch.randn(2, 16, 8),
             torch.randn(3, 2, 8, 4),
             width=16,
@@ -93,7 +93,7 @@ def test_a_run_that_was_stopped_goes_on_to_the_same_weights(tmp_path):
             size=96,
         )
         training = AudioRewardTraining(steps=6, batch=8, save_every=1)
-        stage = AudioRewardTask(model, Pairs(told(6, 0), chunks=4), training)
+        stage = AudioRewardTask(model, AudioMotionWindows(told(6, 0), chunks=4), training)
         loop = Loop(stage)
         loop.resume(folder)
         while loop.step < steps:
@@ -109,4 +109,4 @@ def test_a_run_that_was_stopped_goes_on_to_the_same_weights(tmp_path):
 
 def test_clips_that_are_too_short_are_refused():
     with pytest.raises(MotionError, match="no clip is as long as a window of 20 chunks"):
-        Pairs(told(2, 0), chunks=20)
+        AudioMotionWindows(told(2, 0), chunks=20)

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 import torch
-from tests.align.scenes import yardstick
+from tests.align.scenes import reference_statistics
 from tests.align.tuning import clips
 
 from echoavatar.align.compare import compare
-from echoavatar.align.prompts import PromptBook
+from echoavatar.align.prompts import PromptSampler
 from echoavatar.align.rewards import RewardMix
 from echoavatar.errors import CheckpointError
 from echoavatar.generator import Generator
@@ -20,8 +20,8 @@ from echoavatar.pipeline import load_bundle
 @pytest.fixture
 def parts(tiny_bundle: Path):
     bundle = load_bundle(tiny_bundle)
-    prompts = PromptBook(clips(3, chunks=8), past=2, length=4).spread(3)
-    mix = RewardMix({"smoothness": 1.0}, yardstick())
+    prompts = PromptSampler(clips(3, chunks=8), past=2, length=4).spread(3)
+    mix = RewardMix({"smoothness": 1.0}, reference_statistics())
     return bundle, prompts, mix
 
 

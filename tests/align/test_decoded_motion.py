@@ -8,7 +8,7 @@ import torch
 from tests.align.tuning import clips
 
 from echoavatar.align.decoded_motion import decode_continuations, decode_truth
-from echoavatar.align.prompts import PromptBook
+from echoavatar.align.prompts import PromptSampler
 from echoavatar.kinematics import forward_kinematics, from_features
 from echoavatar.tokenizer import BodyTokenizer
 
@@ -17,7 +17,7 @@ def test_the_truth_is_the_clip_decoded_as_a_whole(tiny_bundle: Path):
     """Past of 12 tokens, 10 of them decoded, 2 kept as lead: by then the decoder has forgotten where it began."""
     tokenizer = BodyTokenizer.load(tiny_bundle / "tokenizer")
     clip = clips(1, chunks=9)["clip0"]
-    prompt = PromptBook({"clip0": clip}, past=6, length=2).cut("clip0", 1)
+    prompt = PromptSampler({"clip0": clip}, past=6, length=2).cut("clip0", 1)
     (made,) = decode_truth(tokenizer, [prompt])
     whole = from_features(tokenizer.skeleton, tokenizer.decode(torch.from_numpy(clip.motion[None]).long()))
     positions = forward_kinematics(tokenizer.skeleton, whole.rotations, whole.root).positions[0].numpy()
@@ -33,7 +33,7 @@ def test_the_truth_is_the_clip_decoded_as_a_whole(tiny_bundle: Path):
 
 def test_rows_go_with_their_prompts(tiny_bundle: Path):
     tokenizer = BodyTokenizer.load(tiny_bundle / "tokenizer")
-    book = PromptBook(clips(), past=2, length=1)
+    book = PromptSampler(clips(), past=2, length=1)
     prompts = [replace(book.cut("clip0", 0), beats=np.array([0.1])), book.cut("clip1", 2)]
     codes = torch.randint(8, (6, 2, 3, 2), generator=torch.Generator().manual_seed(0))
     scenes = decode_continuations(tokenizer, prompts, codes)

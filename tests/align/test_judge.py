@@ -2,12 +2,12 @@
 
 import numpy as np
 import torch
-from tests.align.scenes import yardstick
+from tests.align.scenes import reference_statistics
 from tests.align.tuning import clips
 
 from echoavatar.align import judge as room
 from echoavatar.align.judge import DecodingJudge
-from echoavatar.align.prompts import PromptBook
+from echoavatar.align.prompts import PromptSampler
 from echoavatar.align.rewards import RewardMix
 from echoavatar.tokenizer import BodyTokenizer
 
@@ -15,9 +15,9 @@ from echoavatar.tokenizer import BodyTokenizer
 def test_pieces_change_nothing(tiny_bundle, monkeypatch):
     judge = DecodingJudge(
         BodyTokenizer.load(tiny_bundle / "tokenizer"),
-        RewardMix({"beats": 1.0, "smoothness": 1.0}, yardstick()),
+        RewardMix({"beats": 1.0, "smoothness": 1.0}, reference_statistics()),
     )
-    prompts = PromptBook(clips(), past=1, length=3).spread(3)
+    prompts = PromptSampler(clips(), past=1, length=3).spread(3)
     codes = torch.randint(8, (6, 6, 3, 2), generator=torch.Generator().manual_seed(0))
     whole = judge(prompts, codes)
     monkeypatch.setattr(room, "PIECE", 2)

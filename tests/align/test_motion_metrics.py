@@ -1,12 +1,12 @@
 """The true motion costs nothing; motion that stands still costs FID and diversity."""
 
 import pytest
-from tests.align.scenes import yardstick
+from tests.align.scenes import reference_statistics
 from tests.align.tuning import clips
 
 from echoavatar.align.decoded_motion import decode_continuations
 from echoavatar.align.motion_metrics import MotionMetrics, mean_and_error
-from echoavatar.align.prompts import PromptBook
+from echoavatar.align.prompts import PromptSampler
 from echoavatar.metrics.motion_encoder import load_shipped
 from echoavatar.tokenizer import BodyTokenizer
 
@@ -15,8 +15,8 @@ def test_the_truth_costs_nothing_and_stillness_does(tiny_bundle):
     import torch
 
     tokenizer = BodyTokenizer.load(tiny_bundle / "tokenizer")
-    prompts = PromptBook(clips(3, chunks=8), past=2, length=4).spread(3)
-    motion_metrics = MotionMetrics(tokenizer, prompts, load_shipped(), yardstick())
+    prompts = PromptSampler(clips(3, chunks=8), past=2, length=4).spread(3)
+    motion_metrics = MotionMetrics(tokenizer, prompts, load_shipped(), reference_statistics())
     same = motion_metrics(motion_metrics.truth)
     assert same["fid"] == pytest.approx(0, abs=1e-2)
     still = motion_metrics(

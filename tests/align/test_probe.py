@@ -1,7 +1,7 @@
 """Measurements repeat, splitting into pieces changes nothing, and motion metrics are reported with the rewards."""
 
 import pytest
-from tests.align.scenes import yardstick
+from tests.align.scenes import reference_statistics
 from tests.align.tuning import book, clips, policy, wants_threes
 
 from echoavatar.align import probe as room
@@ -9,7 +9,7 @@ from echoavatar.align.judge import DecodingJudge
 from echoavatar.align.motion_metrics import MotionMetrics
 from echoavatar.align.policy import GeneratorPolicy
 from echoavatar.align.probe import Probe
-from echoavatar.align.prompts import PromptBook
+from echoavatar.align.prompts import PromptSampler
 from echoavatar.align.rewards import RewardMix
 from echoavatar.metrics.motion_encoder import load_shipped
 from echoavatar.pipeline import load_bundle
@@ -31,9 +31,9 @@ def test_the_reward_is_that_of_the_continuations_and_pieces_change_nothing(monke
 
 def test_motion_metrics_are_reported_with_the_rewards(tiny_bundle):
     bundle = load_bundle(tiny_bundle)
-    prompts = PromptBook(clips(3, chunks=8), past=2, length=4).spread(3)
-    judge = DecodingJudge(bundle.tokenizer, RewardMix({"smoothness": 1.0}, yardstick()))
-    motion_metrics = MotionMetrics(bundle.tokenizer, prompts, load_shipped(), yardstick())
+    prompts = PromptSampler(clips(3, chunks=8), past=2, length=4).spread(3)
+    judge = DecodingJudge(bundle.tokenizer, RewardMix({"smoothness": 1.0}, reference_statistics()))
+    motion_metrics = MotionMetrics(bundle.tokenizer, prompts, load_shipped(), reference_statistics())
     one = GeneratorPolicy(bundle.generator)
     found = Probe(prompts, judge, group=2, motion_metrics=motion_metrics)(one, one)
     plain = Probe(prompts, judge, group=2)(one, one)

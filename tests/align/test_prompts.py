@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from tests.align.tuning import LAYOUT, clips
 
-from echoavatar.align.prompts import PromptBook, batch_of, cue_times, read_token_clips, true_clips
+from echoavatar.align.prompts import PromptSampler, batch_of, cue_times, read_token_clips, true_clips
 from echoavatar.errors import MotionError
 
 
 def test_a_prompt_holds_the_clip_from_where_it_says():
     mine = clips()
-    book = PromptBook(mine, past=2, length=3)
+    book = PromptSampler(mine, past=2, length=3)
     prompt = book.cut("clip1", 1)
     np.testing.assert_array_equal(prompt.audio, mine["clip1"].audio[20:120])
     np.testing.assert_array_equal(prompt.past, mine["clip1"].motion[2:6])
@@ -23,30 +23,32 @@ def test_events_are_told_in_seconds_from_the_first_new_frame():
     """Cues begin at audio frames 30, 67 and 104; 3 chunks after the clip's beginning are frame 60."""
     mine = clips()
     np.testing.assert_allclose(cue_times(mine["clip0"], 0), np.array([30, 67, 104]) / 75)
-    prompt = PromptBook(mine, past=2, length=3).cut("clip0", 1)
+    prompt = PromptSampler(mine, past=2, length=3).cut("clip0", 1)
     np.testing.assert_allclose(prompt.beats, np.array([7, 44]) / 75)
     assert len(prompt.stresses) == 0
 
 
 def test_only_prompts_with_enough_events_are_drawn():
     mine = clips()
-    assert len(PromptBook(mine, past=1, length=1, fewest_events=1)) < len(PromptBook(mine, past=1, length=1))
-    for prompt in PromptBook(mine, past=1, length=1, fewest_events=1).spread(50):
+    assert len(PromptSampler(mine, past=1, length=1, fewest_events=1)) < len(
+        PromptSampler(mine, past=1, length=1)
+    )
+    for prompt in PromptSampler(mine, past=1, length=1, fewest_events=1).spread(50):
         assert len(prompt.beats) >= 1
     with pytest.raises(
         MotionError, match=r"no clip holds a prompt of 1 \+ 2 chunks with 9 beats or stresses"
     ):
-        PromptBook(mine, past=1, length=2, fewest_events=9)
+        PromptSampler(mine, past=1, length=2, fewest_events=9)
 
 
 def test_draws_depend_on_seed_and_number_alone():
-    book = PromptBook(clips(), past=1, length=1, seed=3)
+    book = PromptSampler(clips(), past=1, length=1, seed=3)
     names = [[(p.clip, p.start) for p in book.draw(number, 5)] for number in (4, 5, 4)]
     assert names[0] == names[2] != names[1]
 
 
 def test_unknown_clips_and_places_are_named():
-    book = PromptBook(clips(), past=2, length=3)
+    book = PromptSampler(clips(), past=2, length=3)
     with pytest.raises(MotionError, match="no clip 'other' among the 3 token files"):
         book.cut("other", 0)
     with pytest.raises(MotionError, match="has 6 chunks: no prompt of 2 \\+ 3 begins at 2"):

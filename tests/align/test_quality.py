@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from tests.align.scenes import dips, scene, yardstick
+from tests.align.scenes import dips, reference_statistics, scene
 
 from echoavatar.align.quality import PACE, QualityConfig, QualityReward, _with_differences
 from echoavatar.errors import CheckpointError
@@ -39,7 +39,7 @@ def test_files(tmp_path):
 
 
 def test_as_a_reward_function():
-    assert 0 < model().judge(scene(dips(())), yardstick()) < 1
+    assert 0 < model().judge(scene(dips(())), reference_statistics()) < 1
 
 
 def test_a_jolt_is_seen_in_the_differences():

@@ -10,7 +10,7 @@ from tests.align.tuning import clips
 from echoavatar.align.corruption import CLEAN, degraded_scores, paper_scores
 from echoavatar.align.quality import QualityConfig
 from echoavatar.align.quality_train import (
-    Levels,
+    CorruptedWindows,
     QualityTask,
     QualityTraining,
     calibrate,
@@ -43,9 +43,12 @@ def tokenizer(tiny_bundle: Path) -> BodyTokenizer:
 def test_it_ranks_corruption_on_held_out_clips(tokenizer, tmp_path):
     training = QualityTraining(steps=120, batch=12, pool=20, learning_rate=3e-3)
     model = train_quality(
-        Levels(tokenizer, calm(4, 0), seed=0), tmp_path, training, config=QualityConfig(width=16, heads=2)
+        CorruptedWindows(tokenizer, calm(4, 0), seed=0),
+        tmp_path,
+        training,
+        config=QualityConfig(width=16, heads=2),
     )
-    found = measure_quality(model, Levels(tokenizer, calm(2, 1), seed=1), paper_scores(), windows=3)
+    found = measure_quality(model, CorruptedWindows(tokenizer, calm(2, 1), seed=1), paper_scores(), windows=3)
     assert found["pearson_levels"] > 0.8
     assert found["levels"]["uniform 1.0"] < found["levels"]["uniform 0.1"] < found["levels"][CLEAN]
     assert set(found["unseen"]) == {"jitter", "time_warp", "foot_slide", "frozen_limbs"}
@@ -55,7 +58,7 @@ def test_it_ranks_corruption_on_held_out_clips(tokenizer, tmp_path):
 
 
 def test_levels_depend_on_seed_and_number_alone_and_rows_mix(tokenizer):
-    levels = Levels(tokenizer, calm(3, 0), seed=0)
+    levels = CorruptedWindows(tokenizer, calm(3, 0), seed=0)
     codes = levels.codes(3, 2)
     torch.testing.assert_close(levels.at(codes, "uniform 0.5", 7), levels.at(codes, "uniform 0.5", 7))
     assert (levels.at(codes, "uniform 0.5", 7) - levels.at(codes, "uniform 0.5", 8)).abs().max() > 0
@@ -65,7 +68,7 @@ def test_levels_depend_on_seed_and_number_alone_and_rows_mix(tokenizer):
 
 
 def test_kinds_that_act_on_motion_may_be_trained_on(tokenizer):
-    levels = Levels(tokenizer, calm(3, 0), seed=0)
+    levels = CorruptedWindows(tokenizer, calm(3, 0), seed=0)
     codes, scores = levels.codes(3, 2), paper_scores() | degraded_scores(["frozen_limbs"])
     mixed = levels.mixed(codes, [CLEAN, "frozen_limbs 1.0"], 5)
     clean = levels.at(codes, CLEAN, 0)
@@ -82,7 +85,7 @@ def test_kinds_that_act_on_motion_may_be_trained_on(tokenizer):
 
 
 def test_a_code_that_is_wrong_stays_wrong_at_higher_rates(tokenizer):
-    levels = Levels(tokenizer, calm(3, 0), seed=0)
+    levels = CorruptedWindows(tokenizer, calm(3, 0), seed=0)
     codes = levels.codes(0, 2)
     for kind in ("uniform", "hierarchical"):
         before = torch.zeros_like(codes, dtype=torch.bool)
@@ -94,7 +97,7 @@ def test_a_code_that_is_wrong_stays_wrong_at_higher_rates(tokenizer):
 
 
 def test_batches_hold_several_levels_of_a_window_and_are_decoded_once(tokenizer):
-    levels = Levels(tokenizer, calm(3, 0), seed=0)
+    levels = CorruptedWindows(tokenizer, calm(3, 0), seed=0)
     training = QualityTraining(steps=4, batch=6, levels=3, pool=2)
     stage = QualityTask(levels, QualityConfig(width=16, heads=2), training, paper_scores())
     first = stage.draw(0)
@@ -105,7 +108,7 @@ def test_batches_hold_several_levels_of_a_window_and_are_decoded_once(tokenizer)
 
 @pytest.mark.slow
 def test_calibration_finds_heavier_corruption_further_off(tokenizer):
-    fid = calibrate(Levels(tokenizer, calm(3, 0), seed=0), load_shipped(), windows=4)
+    fid = calibrate(CorruptedWindows(tokenizer, calm(3, 0), seed=0), load_shipped(), windows=4)
     assert set(fid) == set(paper_levels())
     assert fid["uniform 1.0"] > fid["uniform 0.1"]
     assert fid["uniform 1.0"] > fid[CLEAN]

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from tests.align.scenes import FRAMES, LEAD, dips, scene, yardstick
+from tests.align.scenes import FRAMES, LEAD, dips, reference_statistics, scene
 
 from echoavatar.align.rewards import BUILT_IN, RewardMix, parse_weights
 from echoavatar.errors import EchoAvatarError
@@ -12,7 +12,7 @@ STEADY = dips(())
 
 
 def say(name: str, made, **changes) -> float:
-    return float(np.sum(BUILT_IN[name](made, yardstick(**changes))))
+    return float(np.sum(BUILT_IN[name](made, reference_statistics(**changes))))
 
 
 def test_braking_on_the_beats_pays_and_braking_between_them_does_not():
@@ -63,7 +63,7 @@ def test_moving_hands_cost_in_silence_only():
 
 
 def test_a_mix_adds_up_by_weight_and_keeps_times_apart_from_wholes():
-    mix = RewardMix({"beats": 2.0, "liveliness": 0.5}, yardstick())
+    mix = RewardMix({"beats": 2.0, "liveliness": 0.5}, reference_statistics())
     made = [scene(dips(BEATS), beats=BEATS), scene(dips((), level=0.05))]
     found = mix(made)
     assert found.tokens.shape == (2, FRAMES // 4)
@@ -77,21 +77,21 @@ def high_hands(made, own) -> float:
 
 
 def test_functions_of_ones_own():
-    mix = RewardMix({"high_hands": 1.0}, yardstick(), own={"high_hands": high_hands})
+    mix = RewardMix({"high_hands": 1.0}, reference_statistics(), own={"high_hands": high_hands})
     assert mix([scene(STEADY)]).whole[0] > 1
-    named = RewardMix({"tests.align.scenes:reach": 1.0}, yardstick())
+    named = RewardMix({"tests.align.scenes:reach": 1.0}, reference_statistics())
     assert named([scene(STEADY)]).whole[0] > 1
 
 
 @pytest.mark.parametrize("bad", [float("nan"), float("inf")])
 def test_a_reward_that_is_no_number_is_named(bad):
-    mix = RewardMix({"mine": 1.0}, yardstick(), own={"mine": lambda made, own: bad})
+    mix = RewardMix({"mine": 1.0}, reference_statistics(), own={"mine": lambda made, own: bad})
     with pytest.raises(EchoAvatarError, match="reward 'mine' is (nan|inf) for continuation 0"):
         mix([scene(STEADY)])
 
 
 def test_a_reward_of_the_wrong_length_is_named():
-    mix = RewardMix({"mine": 1.0}, yardstick(), own={"mine": lambda made, own: np.zeros(5)})
+    mix = RewardMix({"mine": 1.0}, reference_statistics(), own={"mine": lambda made, own: np.zeros(5)})
     with pytest.raises(EchoAvatarError, match=r"reward 'mine' has shape \(5,\)"):
         mix([scene(STEADY)])
 
@@ -101,6 +101,6 @@ def test_words():
     with pytest.raises(EchoAvatarError, match="'beats' is not NAME=WEIGHT"):
         parse_weights(["beats"])
     with pytest.raises(EchoAvatarError, match="no reward 'beets'; there are beats"):
-        RewardMix({"beets": 1.0}, yardstick())
+        RewardMix({"beets": 1.0}, reference_statistics())
     with pytest.raises(EchoAvatarError, match="cannot be imported"):
-        RewardMix({"no_such_module:f": 1.0}, yardstick())
+        RewardMix({"no_such_module:f": 1.0}, reference_statistics())

@@ -6,7 +6,7 @@ from tests.align.tuning import grpo, ppo, wants_threes
 
 from echoavatar.align.trainer import RunContext
 from echoavatar.training import Loop
-from echoavatar.training.stage import tensors_in
+from echoavatar.training.task import tensors_in
 
 
 @pytest.mark.parametrize("kind", [grpo, ppo])

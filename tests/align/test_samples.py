@@ -5,7 +5,7 @@ import numpy as np
 from tests.align.tuning import clips
 
 from echoavatar.align.policy import GeneratorPolicy
-from echoavatar.align.prompts import PromptBook
+from echoavatar.align.prompts import PromptSampler
 from echoavatar.align.samples import SampleVideos, can_render_videos
 from echoavatar.pipeline import load_bundle
 
@@ -13,7 +13,7 @@ from echoavatar.pipeline import load_bundle
 def test_videos_of_prompts(tiny_bundle, tmp_path):
     assert can_render_videos()
     bundle = load_bundle(tiny_bundle)
-    prompts = PromptBook(clips(2, chunks=8), past=1, length=1).spread(2)
+    prompts = PromptSampler(clips(2, chunks=8), past=1, length=1).spread(2)
     videos = SampleVideos(bundle.codec, bundle.tokenizer, prompts)
     videos(GeneratorPolicy(bundle.generator), tmp_path / "samples" / "step_000001")
     files = sorted(path.name for path in (tmp_path / "samples").iterdir())

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import av
 import pytest
-from tests.align.scenes import yardstick
+from tests.align.scenes import reference_statistics
 from tests.align.tuning import clips
 
 from echoavatar.align.config import recipe
-from echoavatar.align.start import load_setup, make_pairs, stage_of, tune
+from echoavatar.align.start import load_setup, make_pairs, training_task, tune
 from echoavatar.errors import CheckpointError, MotionError
 from echoavatar.generator import Generator, TokenClip
 
@@ -22,12 +22,12 @@ def tokens(tmp_path: Path) -> Path:
         clip.save(folder / f"{name}.npz")
     object.__setattr__(clip, "split", "test")
     clip.save(folder / f"{name}.npz")
-    yardstick().save(tmp_path / "yardstick.json")
+    reference_statistics().save(tmp_path / "reference_statistics.json")
     return folder
 
 
 def ready(tokens: Path, bundle: Path, **changes):
-    known = {"bundle": bundle, "yardstick": tokens.parent / "yardstick.json"} | changes
+    known = {"bundle": bundle, "reference_statistics": tokens.parent / "reference_statistics.json"} | changes
     return load_setup(tokens, tokens.parent / "run", **known)
 
 
@@ -48,7 +48,7 @@ def test_each_method_leaves_a_generator_with_the_sampling_it_was_tuned_for(token
         }
         assert make_pairs(one, pairs, **sizes) > 0
     given = pairs if method == "dpo" else None
-    tune(stage_of(method, recipe("tiny", method), one, pairs=given, command="echoavatar align"), folder)
+    tune(training_task(method, recipe("tiny", method), one, pairs=given, command="echoavatar align"), folder)
     tuned = Generator.load(folder)
     assert (tuned.config.temperature, tuned.config.top_p) == (0.9, 0.8)
     card = json.loads((folder / "card.json").read_text())
@@ -67,7 +67,7 @@ def test_checkpoints_come_with_videos_of_held_out_prompts(tokens, tiny_bundle):
         tokens.parent / "run",
         recipe("tiny", "grpo").model_copy(update={"steps": 2, "videos": 1}),
     )
-    tune(stage_of("grpo", training, ready(tokens, tiny_bundle)), folder)
+    tune(training_task("grpo", training, ready(tokens, tiny_bundle)), folder)
     with av.open(str(folder / "samples" / "step_000002_0.mp4")) as video:
         assert video.streams.video[0].frames == 16  # a chunk of past and a chunk of its own
         assert video.streams.audio
@@ -75,11 +75,13 @@ def test_checkpoints_come_with_videos_of_held_out_prompts(tokens, tiny_bundle):
 
 def test_what_does_not_fit_is_named(tokens, tiny_bundle, tmp_path):
     with pytest.raises(MotionError, match="dpo needs preference pairs"):
-        stage_of("dpo", recipe("tiny", "dpo"), ready(tokens, tiny_bundle))
+        training_task("dpo", recipe("tiny", "dpo"), ready(tokens, tiny_bundle))
     other = Generator(Generator.load(tiny_bundle / "generator").config.model_copy(update={"patience": 0.3}))
     other.save(tmp_path / "other", {})
     with pytest.raises(CheckpointError, match="has another patience"):
-        stage_of("grpo", recipe("tiny", "grpo"), ready(tokens, tiny_bundle, reference=tmp_path / "other"))
+        training_task(
+            "grpo", recipe("tiny", "grpo"), ready(tokens, tiny_bundle, reference=tmp_path / "other")
+        )
 
 
 def test_comparisons_of_people_need_no_reference_statistics(tokens, tiny_bundle, tmp_path):
@@ -90,5 +92,5 @@ def test_comparisons_of_people_need_no_reference_statistics(tokens, tiny_bundle,
         clip.save(path)
     one = load_setup(tokens, tmp_path / "run", bundle=tiny_bundle, is_compared=True)
     assert one.mix.weights == one.card["rewards"] == {}
-    with pytest.raises(MotionError, match="pass the --yardstick"):
+    with pytest.raises(MotionError, match="pass the --reference-statistics"):
         load_setup(tokens, tmp_path / "run", bundle=tiny_bundle)

@@ -11,7 +11,7 @@ from tests.training.test_processes import launch
 
 from echoavatar.align.grpo import GrpoTask
 from echoavatar.align.probe import Probe
-from echoavatar.align.prompts import PromptBook
+from echoavatar.align.prompts import PromptSampler
 from echoavatar.align.start import tune
 from echoavatar.align.trainer import RunContext
 from echoavatar.errors import CheckpointError
@@ -173,7 +173,7 @@ def test_refusals_name_what_is_wrong(tmp_path):
 
 
 def test_probes_do_not_depend_on_the_step():
-    prompts = PromptBook(clips(), past=1, length=1).spread(4)
+    prompts = PromptSampler(clips(), past=1, length=1).spread(4)
     probe, one = Probe(prompts, wants_threes, group=2), grpo()
     first = probe(one.policy, one.reference)
     one.draw(7)

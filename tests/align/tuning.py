@@ -12,7 +12,7 @@ from echoavatar.align.grpo import GrpoTask
 from echoavatar.align.policy import GeneratorPolicy
 from echoavatar.align.ppo import PpoTask
 from echoavatar.align.preferences import rank_pairs
-from echoavatar.align.prompts import PromptBook
+from echoavatar.align.prompts import PromptSampler
 from echoavatar.align.rewards import Rewards
 from echoavatar.align.trainer import NO_CONTEXT, RunContext
 from echoavatar.generator import TokenClip
@@ -35,8 +35,8 @@ def clips(count: int = 3, chunks: int = 6) -> dict[str, TokenClip]:
     }
 
 
-def book(past: int = 1, length: int = 1) -> PromptBook:
-    return PromptBook(clips(), past=past, length=length)
+def book(past: int = 1, length: int = 1) -> PromptSampler:
+    return PromptSampler(clips(), past=past, length=length)
 
 
 def wants_threes(prompts, codes: torch.Tensor) -> Rewards:

@@ -7,7 +7,7 @@ import torch
 from echoavatar import checkpoint
 from echoavatar.audio import AudioCodec, CodecConfig
 from echoavatar.audio.pool import AudioGroup, AudioPool, to_int16
-from echoavatar.audio.train import CodecStage, CodecTrainingConfig, make_batch, train_codec
+from echoavatar.audio.train import CodecTask, CodecTrainingConfig, make_batch, train_codec
 from echoavatar.errors import CheckpointError
 from echoavatar.training import Loop
 
@@ -42,7 +42,7 @@ def test_batches_depend_on_seed_and_step_alone(pool):
 
 
 def test_training_lowers_the_losses_and_uses_the_codes(pool):
-    loop = Loop(CodecStage(CONFIG, pool))
+    loop = Loop(CodecTask(CONFIG, pool))
     history = [loop.advance() for _ in range(30)]
     early, late = (np.mean([line["probe"] for line in part]) for part in (history[:3], history[-5:]))
     assert late < 0.8 * early
@@ -78,7 +78,7 @@ def test_pieces_share_one_trajectory(pool):
     curves = []
     for pieces in (1, 3):
         config = CONFIG.model_copy(update={"batch": 6, "accumulation": pieces, "unquantized": 2})
-        loop = Loop(CodecStage(config, pool))
+        loop = Loop(CodecTask(config, pool))
         curves.append([[told["loss"], told["log_mel"]] for told in (loop.advance() for _ in range(4))])
     np.testing.assert_allclose(*curves, rtol=1e-4)
 
@@ -97,7 +97,7 @@ def test_the_clock_can_end_a_run(pool, tmp_path):
 
 
 def test_fresh_weights_answer_speech_with_unit_variance(pool):
-    codec = CodecStage(CONFIG, pool).codec
+    codec = CodecTask(CONFIG, pool).codec
     audio = 0.07 * torch.randn(4, 24_000, generator=torch.Generator().manual_seed(1))
     state = codec.init_state(4)
     with torch.no_grad():

@@ -2,7 +2,7 @@
 
 import json
 
-from tests.align.scenes import yardstick
+from tests.align.scenes import reference_statistics
 from tests.align.tuning import clips
 
 from echoavatar.cli import main
@@ -13,12 +13,12 @@ def test_pairs_then_dpo_and_grpo_from_the_command_line(tmp_path, tiny_bundle, ca
     tokens.mkdir()
     for name, clip in clips(3, chunks=8).items():
         clip.save(tokens / f"{name}.npz")
-    yardstick().save(tmp_path / "y.json")
+    reference_statistics().save(tmp_path / "y.json")
     common = [
         str(tokens),
         "--bundle",
         str(tiny_bundle),
-        "--yardstick",
+        "--reference-statistics",
         str(tmp_path / "y.json"),
         "--reward",
         "liveliness=1",

@@ -4,7 +4,7 @@ import json
 import shutil
 from pathlib import Path
 
-from tests.align.scenes import yardstick
+from tests.align.scenes import reference_statistics
 from tests.align.tuning import clips
 
 from echoavatar.align.compare import compare
@@ -18,8 +18,13 @@ def test_generators_side_by_side(tmp_path: Path, tiny_bundle: Path, capsys, monk
         if number == 2:
             object.__setattr__(clip, "split", "test")
         clip.save(folder / f"{name}.npz")
-    yardstick().save(tmp_path / "yardstick.json")
-    words = ["--bundle", str(tiny_bundle), "--yardstick", str(tmp_path / "yardstick.json")]
+    reference_statistics().save(tmp_path / "reference_statistics.json")
+    words = [
+        "--bundle",
+        str(tiny_bundle),
+        "--reference-statistics",
+        str(tmp_path / "reference_statistics.json"),
+    ]
     words += ["--reward", "smoothness=1", "--prompts", "2", "--group", "2", "--past", "2", "--length", "4"]
     again = tmp_path / "again"
     shutil.copytree(tiny_bundle / "generator", again)

@@ -1,9 +1,9 @@
-"""From the command line to a tuned generator, without a motion recording but the yardstick's."""
+"""From the command line to a tuned generator, without a motion recording but the reference_statistics's."""
 
 from pathlib import Path
 
 import pytest
-from tests.align.scenes import yardstick
+from tests.align.scenes import reference_statistics
 from tests.datasets.speech_server import speech_server
 from tests.datasets.test_music_sources import clicks
 
@@ -26,13 +26,13 @@ def test_sounds_become_prompts_and_prompts_a_tuned_generator(
 ) -> None:
     assert main([*words, "--bundle", str(tiny_bundle)]) == 0
     assert "music: 2 recordings, 0.1 minutes, 0 held out" in capsys.readouterr().out
-    tokens, measure = tmp_path / "sounds/tokens", tmp_path / "yardstick.json"
+    tokens, measure = tmp_path / "sounds/tokens", tmp_path / "reference_statistics.json"
     tune = ["align", "grpo", str(tokens), "-o", str(tmp_path / "run"), "--bundle", str(tiny_bundle)]
     tune += ["--recipe", "tiny", "--fewest-events", "0", "--steps", "1"]
     assert main(tune) == 1
-    assert "pass the --yardstick" in capsys.readouterr().err
-    yardstick().save(measure)
-    assert main([*tune, "--yardstick", str(measure)]) == 0
+    assert "pass the --reference-statistics" in capsys.readouterr().err
+    reference_statistics().save(measure)
+    assert main([*tune, "--reference-statistics", str(measure)]) == 0
     assert (tmp_path / "run/model.safetensors").exists()
     parts = ["--codec", str(tiny_bundle / "codec"), "--tokenizer", str(tiny_bundle / "tokenizer")]
     assert main(["train", "generator", str(tokens), "-o", str(tmp_path / "g"), *parts]) == 1

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from echoavatar.companion import PERSONA, ChatModel, Doing, Said
+from echoavatar.companion import PERSONA, ChatModel, ChatTurn, ToolAccess
 from echoavatar.errors import EchoAvatarError
 
 Answer = Callable[[str, Any], tuple[int, Any]]
@@ -54,7 +54,7 @@ def message(content: str | None, *calls: tuple[str, str]) -> dict[str, Any]:
     return {"choices": [{"message": {"role": "assistant", "content": content, "tool_calls": tools}}]}
 
 
-def talk(model: ChatModel, *history: Said) -> tuple[str, list[tuple[str, dict[str, Any]]]]:
+def talk(model: ChatModel, *history: ChatTurn) -> tuple[str, list[tuple[str, dict[str, Any]]]]:
     did: list[tuple[str, dict[str, Any]]] = []
 
     async def do(name: str, arguments: dict[str, Any]) -> dict[str, Any]:
@@ -62,14 +62,14 @@ def talk(model: ChatModel, *history: Said) -> tuple[str, list[tuple[str, dict[st
         return {"status": "accepted"}
 
     tools = [{"type": "function", "function": {"name": "send_action"}}]
-    return asyncio.run(model.reply("hi", history, Doing(tools, do))), did
+    return asyncio.run(model.reply("hi", history, ToolAccess(tools, do))), did
 
 
 def test_it_speaks_acts_and_remembers() -> None:
     said = message(" Watch this! ", ("send_action", '{"action": "wave"}'))
     with endpoint(lambda path, content: (200, said)) as (url, got):
         model = ChatModel(url, model="m", key="sk-1", persona="You are a lamp.")
-        assert talk(model, Said("user", "a"), Said("assistant", "b")) == (
+        assert talk(model, ChatTurn("user", "a"), ChatTurn("assistant", "b")) == (
             "Watch this!",
             [("send_action", {"action": "wave"})],
         )

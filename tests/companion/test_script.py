@@ -3,7 +3,7 @@ from typing import Any
 
 import pytest
 
-from echoavatar.companion import Doing, Said, Scripted
+from echoavatar.companion import ChatTurn, Scripted, ToolAccess
 from echoavatar.companion.script import ACTION_LINES, CUES, FALLBACKS
 from echoavatar.errors import EchoAvatarError
 
@@ -36,8 +36,8 @@ def say(text: str, turns: int = 0) -> tuple[str, list[tuple[str, dict[str, Any]]
         did.append((name, arguments))
         return {"status": "accepted"}
 
-    history = [Said("user", "...")] * (2 * turns)
-    return asyncio.run(Scripted().reply(text, history, Doing(TOOLS, do))), did
+    history = [ChatTurn("user", "...")] * (2 * turns)
+    return asyncio.run(Scripted().reply(text, history, ToolAccess(TOOLS, do))), did
 
 
 @pytest.mark.parametrize(
@@ -80,6 +80,6 @@ def test_without_actions_it_only_talks() -> None:
     async def do(name: str, arguments: dict[str, Any]) -> dict[str, Any]:
         return {"status": "rejected"}
 
-    assert asyncio.run(Scripted().reply("wave", [], Doing([], do)))
+    assert asyncio.run(Scripted().reply("wave", [], ToolAccess([], do)))
     with pytest.raises(EchoAvatarError, match="ECHOAVATAR_CHAT_EARS"):
         asyncio.run(Scripted().transcribe(b""))

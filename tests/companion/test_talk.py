@@ -2,7 +2,7 @@
 
 import pytest
 
-from echoavatar.companion import ChatModel, Companion, Doing, Scripted
+from echoavatar.companion import ChatModel, Companion, Scripted, ToolAccess
 
 
 async def _refuse(name: str, arguments: dict[str, object]) -> dict[str, object]:
@@ -14,7 +14,9 @@ def _tool(name: str, argument: str, **schema: object) -> dict[str, object]:
 
 
 def test_choices_are_the_values_that_a_tool_declares() -> None:
-    doing = Doing([_tool("play_music", "title", enum=["Waltz"]), _tool("send_action", "action")], _refuse)
+    doing = ToolAccess(
+        [_tool("play_music", "title", enum=["Waltz"]), _tool("send_action", "action")], _refuse
+    )
     assert doing.choices("play_music", "title") == ["Waltz"]
     assert doing.choices("send_action", "action") == []
     assert doing.choices("stop_music", "title") == []

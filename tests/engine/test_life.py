@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from echoavatar.engine.life import LEGS, SHIFT_M, SWAY_M, Life, breath, number, shift
+from echoavatar.engine.life import LEGS, SHIFT_M, SWAY_M, IdleMotion, breath, number, shift
 from echoavatar.kinematics import HUMANOID, forward_kinematics
 from echoavatar.kinematics.rotations import matrix_from_quaternion
 from echoavatar.pipeline import MotionChunk
@@ -30,7 +30,7 @@ def positions(motion: MotionChunk) -> dict[str, np.ndarray]:
 
 
 def live(seconds: float, *, is_idle: bool = True, seed: int = 5, **options: bool) -> MotionChunk:
-    life = Life(seed, MotionOptions(**options))
+    life = IdleMotion(seed, MotionOptions(**options))
     return join(
         [life.alive(chunk, standing(), HUMANOID, is_idle=is_idle) for chunk in range(round(seconds * 30 / 8))]
     )
@@ -93,7 +93,7 @@ def test_who_may_not_move_their_hips_does_not(option: str) -> None:
 
 
 def test_a_chunk_that_is_made_again_is_the_same_and_seeds_differ() -> None:
-    life = Life(3)
+    life = IdleMotion(3)
     first = [life.alive(chunk, standing(), HUMANOID, is_idle=chunk != 3) for chunk in range(8)]
     again = [life.alive(chunk, standing(), HUMANOID, is_idle=chunk != 3) for chunk in range(4, 8)]
     for one, other in zip(first[4:], again, strict=True):
@@ -103,7 +103,7 @@ def test_a_chunk_that_is_made_again_is_the_same_and_seeds_differ() -> None:
 
 
 def test_nothing_jumps_when_sound_comes_and_goes() -> None:
-    life = Life(4)
+    life = IdleMotion(4)
     motion = join([life.alive(c, standing(), HUMANOID, is_idle=(c // 6) % 2 == 0) for c in range(120)])
     speed = np.linalg.norm(np.diff(positions(motion)["head"], axis=0), axis=1) * 30
     assert speed.max() < 0.2

@@ -6,7 +6,7 @@ from tests.generator.tiny import config
 from echoavatar.evaluation.reliance import reliance, reliance_table, token_clips
 from echoavatar.generator import TokenClip
 from echoavatar.generator.recipe import GeneratorTraining
-from echoavatar.generator.train import GeneratorStage
+from echoavatar.generator.train import GeneratorTask
 from echoavatar.pipeline import load_bundle
 from echoavatar.rehearsal.corpus import Plan, make_clip
 from echoavatar.training import Loop
@@ -37,7 +37,7 @@ def test_timing_is_worth_something_to_a_model_that_moves_on_what_it_hears_now() 
     settings = GeneratorTraining(
         steps=60, batch=8, chunks=4, learning_rate=5e-3, warmup=5, depth_weights=(1.0, 0.5)
     )
-    loop = Loop(GeneratorStage(config(layers=1), settings, made))
+    loop = Loop(GeneratorTask(config(layers=1), settings, made))
     for _ in range(60):
         loop.advance()
     assert reliance(loop.stage.generator.eval(), made)["timing_gain_speech"] > 0.3

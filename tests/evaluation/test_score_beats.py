@@ -3,7 +3,7 @@ import pytest
 from tests.evaluation.clips import MUSIC, SPEECH, clicks
 from tests.metrics.swings import swing
 
-from echoavatar.evaluation.score_beats import Heard, at_rate, dance_rows, gesture_rows
+from echoavatar.evaluation.score_beats import ClipAudio, at_rate, dance_rows, gesture_rows
 from echoavatar.kinematics import HUMANOID
 from echoavatar.metrics.gesture_alignment import UPPER_BODY
 
@@ -18,8 +18,8 @@ def dancer(period_s: float) -> np.ndarray:
     return ahead[first : first + FRAMES]
 
 
-def heard(every_s: float, kind: int) -> Heard:
-    return Heard(clicks(FRAMES, every_s), np.full(FRAMES, kind, np.uint8))
+def heard(every_s: float, kind: int) -> ClipAudio:
+    return ClipAudio(clicks(FRAMES, every_s), np.full(FRAMES, kind, np.uint8))
 
 
 @pytest.mark.parametrize(("kind", "rows"), [(SPEECH, gesture_rows), (MUSIC, dance_rows)])
@@ -53,14 +53,14 @@ def test_only_forms_of_what_is_heard_are_scored() -> None:
 def test_events_count_only_where_they_fall_on_their_kind() -> None:
     half = np.full(FRAMES, SPEECH, np.uint8)
     half[150:] = MUSIC
-    mixed = Heard(clicks(FRAMES, 0.5), half)
+    mixed = ClipAudio(clicks(FRAMES, 0.5), half)
     assert mixed.onsets(0).max() < 5
     assert mixed.beats().min() >= 5
-    assert len(Heard(clicks(FRAMES, 0.5), np.zeros(FRAMES, np.uint8)).onsets(0)) == 0
+    assert len(ClipAudio(clicks(FRAMES, 0.5), np.zeros(FRAMES, np.uint8)).onsets(0)) == 0
 
 
 def test_a_clip_too_short_to_be_trimmed_is_left_out_of_those_forms_only() -> None:
-    short = Heard(clicks(120, 0.5), np.full(120, SPEECH, np.uint8))
+    short = ClipAudio(clicks(120, 0.5), np.full(120, SPEECH, np.uint8))
     rows = {row.name: row for row in gesture_rows([short], [dancer(1.0)[:120]], [dancer(1.0)[:120]])}
     assert np.isnan(rows["ba_g_emage"].value)
     assert rows["ba_g_paper"].value > 0

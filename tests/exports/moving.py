@@ -8,6 +8,7 @@ from torch import Tensor
 
 from echoavatar.ik import BodyProfile, HandCollisions, body_of_rig
 from echoavatar.kinematics import HUMANOID, Motion, forward_kinematics
+from echoavatar.kinematics.hand_contact import palms
 from echoavatar.kinematics.rigs import bone_map
 from echoavatar.kinematics.rotations import (
     matrix_from_axis_angle,
@@ -15,7 +16,6 @@ from echoavatar.kinematics.rotations import (
     quaternion_from_matrix,
     slerp,
 )
-from echoavatar.kinematics.touching import palms
 from echoavatar.kinematics.two_bone import reach
 
 FPS = 30.0

@@ -10,10 +10,10 @@ from echoavatar.errors import MotionError
 from echoavatar.exports import Rig, Take, read_rig
 from echoavatar.ik import body_of_rig, penetration_depth_m
 from echoavatar.kinematics import HUMANOID, Motion, write_bvh
-from echoavatar.kinematics.footing import foot_contacts
+from echoavatar.kinematics.foot_planting import foot_contacts
+from echoavatar.kinematics.hand_contact import palms
 from echoavatar.kinematics.retarget import retarget
 from echoavatar.kinematics.rigs import bone_map
-from echoavatar.kinematics.touching import palms
 
 KINDS = ("child", "tall", "longarm")
 HIPS = {"child": 0.49, "tall": 1.18, "longarm": 0.83}

@@ -4,14 +4,14 @@ from tests.face.tiny import CONFIG, JAW, clip
 
 from echoavatar.face.losses import FaceReader, draw_noise, flow_loss, lip_error
 from echoavatar.face.recipe import FaceTraining
-from echoavatar.face.train import FaceStage
+from echoavatar.face.train import FaceTask
 
 QUICK = FaceTraining(batch=2, frames=16)
 
 
 def test_silence_and_lost_history_are_dropped_per_window():
     """With all sound dropped the loss does not depend on it; with none dropped it does."""
-    stage = FaceStage(CONFIG, QUICK, [clip()])
+    stage = FaceTask(CONFIG, QUICK, [clip()])
     batch = stage.sampler.batch(0, 4)
     deaf = batch._replace(audio=torch.zeros_like(batch.audio))
 
@@ -36,7 +36,7 @@ def test_lips_that_should_touch_and_do_not_cost_most():
 @torch.no_grad()
 def test_a_reader_that_tells_face_and_touch_pays_nothing_and_any_other_does():
     """Features are the normalised face and a large logit that its lips touch; the readout passes them on."""
-    model = FaceStage(CONFIG, QUICK, [clip()]).model
+    model = FaceTask(CONFIG, QUICK, [clip()]).model
     curves = torch.zeros(1, 4, 52)
     curves[0, 2:, JAW] = 0.4
     touching = torch.tensor([20.0, 20.0, -20.0, -20.0])

@@ -9,7 +9,7 @@ from echoavatar.errors import CheckpointError
 from echoavatar.face import FaceStream
 from echoavatar.face.arkit import ARKIT_NAMES
 from echoavatar.face.recipe import FaceTraining
-from echoavatar.face.train import FaceStage, train_face
+from echoavatar.face.train import FaceTask, train_face
 from echoavatar.training import Loop
 
 JAW = ARKIT_NAMES.index("jawOpen")
@@ -46,13 +46,13 @@ def test_pieces_share_one_trajectory():
     curves = []
     for pieces in (1, 4):
         training = QUICK.model_copy(update={"batch": 4, "accumulation": pieces, "listen": 1})
-        loop = Loop(FaceStage(CONFIG, training, [clip()]))
+        loop = Loop(FaceTask(CONFIG, training, [clip()]))
         curves.append([loop.advance()["loss"] for _ in range(5)])
     assert curves[0] == pytest.approx(curves[1], rel=1e-4)
 
 
 def test_another_schedule_or_size_is_refused(tmp_path):
-    Loop(FaceStage(CONFIG, QUICK, [clip()])).save(tmp_path)
+    Loop(FaceTask(CONFIG, QUICK, [clip()])).save(tmp_path)
     with pytest.raises(CheckpointError, match="another training config: seed"):
         train_face(CONFIG, QUICK.model_copy(update={"seed": 1}), [clip()], tmp_path)
     with pytest.raises(CheckpointError, match="another face config: width"):
@@ -84,7 +84,7 @@ def test_a_new_run_begins_with_another_models_weights(tmp_path):
 def test_at_first_only_the_encoder_learns():
     """Two steps of listening, then one of all; with a rate of its own for either phase."""
     training = QUICK.model_copy(update={"listen": 2, "listening_rate": 1e-2, "warmup": 0})
-    loop = Loop(FaceStage(CONFIG, training, [clip()]))
+    loop = Loop(FaceTask(CONFIG, training, [clip()]))
     before = {key: value.clone() for key, value in loop.stage.model.state_dict().items()}
     assert loop.stage.rate(0, 0.0) == 1e-2
     assert loop.stage.rate(2, 0.5) == training.learning_rate
@@ -103,6 +103,6 @@ def test_at_first_only_the_encoder_learns():
 def test_the_encoder_alone_learns_to_tell_the_jaw():
     """The readout's error falls to a third within 60 steps of a tiny encoder on one clip."""
     training = FaceTraining(steps=60, listen=60, batch=8, frames=32, warmup=5, listening_rate=1e-2)
-    loop = Loop(FaceStage(CONFIG, training, [clip()]))
+    loop = Loop(FaceTask(CONFIG, training, [clip()]))
     errors = [loop.advance()["read"] for _ in range(60)]
     assert np.mean(errors[-5:]) < np.mean(errors[:3]) / 3

@@ -9,7 +9,7 @@ from tests.generator.tiny import audio, config, generator
 
 from echoavatar.errors import CheckpointError
 from echoavatar.generator import Exemplar, Generator, TokenClip, draw_exemplar, open_stream
-from echoavatar.generator.train import GeneratorStage, train_generator
+from echoavatar.generator.train import GeneratorTask, train_generator
 
 EVERYONE = torch.ones(2, dtype=torch.bool)
 
@@ -47,7 +47,7 @@ def test_a_set_is_what_its_span_uses_with_a_tenth_to_a_fifth_left_out(sequence):
 def test_new_control_changes_nothing_and_an_empty_set_never_does():
     """A generator without exemplar control lends its weights; told or not, every logit is its own."""
     plain = generator()
-    stage = GeneratorStage(config(exemplar=True), settings(exemplar=1.0), [TokenClip(*clip_arrays(0))])
+    stage = GeneratorTask(config(exemplar=True), settings(exemplar=1.0), [TokenClip(*clip_arrays(0))])
     stage.begin_with(plain)
     window, exemplar = stage.draw(0).window, stage.draw(0).exemplar
     batch = plain.config.order.build(window.audio, window.motion, window.motion, torch.zeros(2).long())
@@ -123,4 +123,4 @@ def test_control_is_saved_loaded_and_asked_for_by_name(tmp_path):
     generator(exemplar=True).save(tmp_path, {})
     assert Generator.load(tmp_path).exemplar is not None
     with pytest.raises(CheckpointError, match="exemplar"):
-        GeneratorStage(config(), settings(exemplar=0.5), any_clips())
+        GeneratorTask(config(), settings(exemplar=0.5), any_clips())

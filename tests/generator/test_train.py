@@ -10,7 +10,7 @@ from tests.generator.tiny import config, generator
 from echoavatar.errors import CheckpointError
 from echoavatar.generator import Generator, TokenClip, WindowSampler, nll_by_domain
 from echoavatar.generator.recipe import GeneratorTraining
-from echoavatar.generator.train import GeneratorStage, train_generator
+from echoavatar.generator.train import GeneratorTask, train_generator
 from echoavatar.training import Loop
 
 
@@ -69,7 +69,7 @@ def test_pieces_share_one_trajectory(sequence):
     curves = []
     for pieces in (1, 8):
         training = settings(batch=8, accumulation=pieces, exemplar=0.5, blind=0.2, short_windows=0.5)
-        loop = Loop(GeneratorStage(config(sequence=sequence, exemplar=True), training, clips()))
+        loop = Loop(GeneratorTask(config(sequence=sequence, exemplar=True), training, clips()))
         curves.append([(told["loss"], told["gradient"]) for told in (loop.advance() for _ in range(6))])
     torch.testing.assert_close(torch.tensor(curves[0]), torch.tensor(curves[1]), rtol=1e-4, atol=1e-5)
 
@@ -87,7 +87,7 @@ def test_training_learns_to_follow_the_audio(tmp_path):
 
 def lesson(**changes):
     """The first step's windows, the sequences made of them, and the stage that makes them."""
-    stage = GeneratorStage(config(), settings(**changes), clips())
+    stage = GeneratorTask(config(), settings(**changes), clips())
     drawn = stage.draw(0)
     window = WindowSampler(clips(), chunks=4).batch(0, 2)
     assert torch.equal(window.motion, drawn.window.motion)
@@ -142,7 +142,7 @@ def test_other_settings_or_another_model_are_not_resumed(tmp_path):
     with pytest.raises(CheckpointError, match="another generator config: mlp"):
         train_generator(config(mlp=56), settings(steps=1), clips(), tmp_path)
     with pytest.raises(CheckpointError, match="depth_weights"):
-        GeneratorStage(config(), settings(depth_weights=(1.0,)), clips())
+        GeneratorTask(config(), settings(depth_weights=(1.0,)), clips())
 
 
 def test_a_model_of_an_older_run_is_a_start_for_a_new_one(tmp_path):
@@ -162,7 +162,7 @@ def test_a_model_of_an_older_run_is_a_start_for_a_new_one(tmp_path):
 def test_in_stage_one_only_the_embeddings_learn_and_the_streams_get_likelier(tmp_path):
     """Codes that repeat for a chunk are foretold from themselves: likelihoods rise with a body that stays random."""
     training = settings(steps=40, batch=8, objective="streams", learning_rate=2e-2, warmup=2, cue_weight=0.3)
-    stage = GeneratorStage(config(layers=1), training, clips(16))
+    stage = GeneratorTask(config(layers=1), training, clips(16))
     before = {key: value.clone() for key, value in stage.generator.state_dict().items()}
     model = train_generator(config(layers=1), training, clips(16), tmp_path)
     changed = {key for key, value in model.state_dict().items() if not torch.equal(value, before[key])}

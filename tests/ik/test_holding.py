@@ -9,8 +9,8 @@ from tests.exports.moving import TOUCHES, felt, touching
 from echoavatar.ik import body_of_rig
 from echoavatar.ik.holding import keep_hands_on_body
 from echoavatar.kinematics import HUMANOID, Motion, Skeleton
+from echoavatar.kinematics.hand_contact import palms
 from echoavatar.kinematics.retarget import retarget
-from echoavatar.kinematics.touching import palms
 
 LONG = Skeleton(
     HUMANOID.config.model_copy(

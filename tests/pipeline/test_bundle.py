@@ -30,11 +30,11 @@ def test_a_bundle_loads_with_its_parts_fitting(tiny_bundle: Path) -> None:
 
 def test_stages_are_left_out_and_one_that_is_none_is_named() -> None:
     whole = load_bundle()
-    part = whole.without(["face", "smoother", "timing"])
+    part = whole.without(["face", "smoother", "warp"])
     assert part.face is None
     assert Pipeline(part).post.stages == {"ground", "leash", "feet", "hands"}
-    assert Pipeline(part).pulse is None
-    assert Pipeline(whole).pulse is not None
+    assert Pipeline(part).warp is None
+    assert Pipeline(whole).warp is not None
     assert whole.face is not None  # the one it was taken from is as it was
     assert Pipeline(whole.without([])).post.stages == set(SWITCHES)
     with pytest.raises(

@@ -10,7 +10,7 @@ from echoavatar.pipeline.runtime import Runtime
 
 def test_without_the_file_everything_is_as_ours(tmp_path):
     assert Runtime.load(tmp_path) == Runtime()
-    assert Runtime().stages == ("timing", *SWITCHES)
+    assert Runtime().stages == ("warp", *SWITCHES)
 
 
 def test_it_comes_back(tmp_path):

@@ -20,10 +20,10 @@ from echoavatar.generator.recipe import GeneratorTraining
 from echoavatar.kinematics import HUMANOID
 from echoavatar.metrics.motion_encoder import MotionEncoderConfig
 from echoavatar.metrics.motion_encoder_train import MotionEncoderTraining
-from echoavatar.pulse import PulseConfig
-from echoavatar.pulse.recipe import PulseTraining
 from echoavatar.tokenizer.decoding import DecoderTraining
 from echoavatar.tokenizer.recipe import TokenizerTraining
+from echoavatar.warp import WarpConfig
+from echoavatar.warp.recipe import WarpTraining
 
 ROOT = Path(__file__).parents[2]
 RECIPES = sorted((ROOT / "recipes").glob("*/*.yaml"))
@@ -34,7 +34,7 @@ CONFIGS = {
     "generator": (GeneratorConfig, GeneratorTraining),
     "face": (FaceConfig, FaceTraining),
     "fingers": (FingerConfig, FingerTraining),
-    "pulse": (PulseConfig, PulseTraining),
+    "warp": (WarpConfig, WarpTraining),
     "fid-encoder": (MotionEncoderConfig, MotionEncoderTraining),
 }
 
@@ -91,7 +91,7 @@ def test_the_rehearsal_recipes_are_those_of_the_shipped_models(monkeypatch) -> N
         "generator_stage3": bundles / "default" / "generator",
         "face": bundles / "default" / "face",
         "codec": bundles / "default" / "codec",
-        "pulse": bundles / "default" / "pulse",
+        "warp": bundles / "default" / "warp",
         "fingers": bundles / "fingers",
         "fid_encoder": bundles / "fid_encoder",
     }
@@ -132,7 +132,7 @@ def test_the_tiny_recipes_run_from_end_to_end(tmp_path: Path, monkeypatch: pytes
         "generator_offline",
         "face",
         "fingers",
-        "pulse",
+        "warp",
         "fid_encoder",
     ):
         go(stem)

@@ -13,7 +13,7 @@ from echoavatar.errors import CheckpointError
 from echoavatar.kinematics import write_bvh
 from echoavatar.pipeline import Pipeline, load_bundle
 from echoavatar.reference import Release, convert, inspect_release
-from echoavatar.reference.untrusted import read_tensors
+from echoavatar.reference.foreign_files import read_tensors
 from echoavatar.reference.weights import StoredGenerator
 from echoavatar.rehearsal.action_clips import SCRIPTS, clip
 

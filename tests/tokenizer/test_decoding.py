@@ -9,7 +9,7 @@ from echoavatar.checkpoint import read_card
 from echoavatar.errors import MotionError
 from echoavatar.kinematics import HUMANOID, mirror_features
 from echoavatar.tokenizer import BodyTokenizer
-from echoavatar.tokenizer.decoding import DecoderStage, DecoderTraining, train_decoder
+from echoavatar.tokenizer.decoding import DecoderTask, DecoderTraining, train_decoder
 from echoavatar.tokenizer.windows import clip_features
 from echoavatar.training import Loop
 
@@ -40,7 +40,7 @@ def test_the_decoder_learns_and_codes_keep_their_meaning(tmp_path):
 
 
 def test_windows_are_cut_from_codes_of_whole_clips():
-    stage = DecoderStage(small_body(), TRAINING, CLIPS)
+    stage = DecoderTask(small_body(), TRAINING, CLIPS)
     batch = stage.draw(3)
     whole = [clip_features(HUMANOID, clip) for clip in CLIPS]
     whole += [mirror_features(HUMANOID, features) for features in whole]
@@ -56,7 +56,7 @@ def test_windows_are_cut_from_codes_of_whole_clips():
 
 
 def test_what_comes_first_in_a_window_costs_nothing():
-    stage = DecoderStage(small_body(), TRAINING, CLIPS)
+    stage = DecoderTask(small_body(), TRAINING, CLIPS)
     batch = stage.draw(0)
     other = batch.features.clone()
     other[:, :8] += 1.0
@@ -85,7 +85,7 @@ def test_pieces_share_one_trajectory():
     for pieces in (1, 4):
         plain = TRAINING.losses.model_copy(update={"planted": 0.0})
         loop = Loop(
-            DecoderStage(
+            DecoderTask(
                 small_body(), TRAINING.model_copy(update={"accumulation": pieces, "losses": plain}), CLIPS
             )
         )
@@ -95,4 +95,4 @@ def test_pieces_share_one_trajectory():
 
 def test_clips_shorter_than_a_window_are_refused():
     with pytest.raises(MotionError, match="no clip has 8 tokens"):
-        DecoderStage(small_body(), TRAINING, [dance(0, 28)])
+        DecoderTask(small_body(), TRAINING, [dance(0, 28)])

@@ -10,7 +10,7 @@ from echoavatar.kinematics import HUMANOID
 from echoavatar.tokenizer import BodyTokenizer
 from echoavatar.tokenizer.losses import LossWeights
 from echoavatar.tokenizer.recipe import TokenizerTraining, continued
-from echoavatar.tokenizer.train import TokenizerStage, train_tokenizer
+from echoavatar.tokenizer.train import TokenizerTask, train_tokenizer
 from echoavatar.tokenizer.windows import clip_features
 from echoavatar.training import Loop
 
@@ -39,7 +39,7 @@ def test_training_learns_and_leaves_a_usable_checkpoint(tmp_path):
 
 def test_a_start_as_an_auto_encoder_fills_the_codebooks_at_the_switch():
     training = TRAINING.model_copy(update={"quantize_from": 1})
-    loop = Loop(TokenizerStage(small_config(), training, CLIPS))
+    loop = Loop(TokenizerTask(small_config(), training, CLIPS))
     books = loop.stage.tokenizer.tokenizers()["lower"].quantizer.books()
     assert loop.advance()["commitment"] == 0
     assert not books[0].ready
@@ -87,7 +87,7 @@ def test_pieces_share_one_trajectory():
     curves, books = [], []
     for pieces in (1, 4):
         training = TRAINING.model_copy(update={"accumulation": pieces, "losses": LossWeights(travel=0.02)})
-        loop = Loop(TokenizerStage(small_config(), training, CLIPS))
+        loop = Loop(TokenizerTask(small_config(), training, CLIPS))
         curves.append([loop.advance()["loss"] for _ in range(6)])
         books.append(loop.stage.tokenizer.codebooks())
     assert curves[0] == pytest.approx(curves[1], rel=1e-4)
@@ -95,6 +95,6 @@ def test_pieces_share_one_trajectory():
 
 
 def test_a_state_of_other_sizes_is_refused(tmp_path):
-    Loop(TokenizerStage(small_config(), TRAINING, CLIPS)).save(tmp_path)
+    Loop(TokenizerTask(small_config(), TRAINING, CLIPS)).save(tmp_path)
     with pytest.raises(CheckpointError, match="another tokenizer config: parts"):
-        Loop(TokenizerStage(small_config(width=24), TRAINING, CLIPS)).resume(tmp_path)
+        Loop(TokenizerTask(small_config(width=24), TRAINING, CLIPS)).resume(tmp_path)

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from echoavatar import checkpoint
-from echoavatar.training import Gather, Loss, Stage, TrainingConfig
+from echoavatar.training import Gather, Loss, TrainingConfig, TrainingTask
 
 CONFIG = TrainingConfig(steps=12, batch=8, learning_rate=0.05, warmup=2, save_every=3)
 
@@ -22,7 +22,7 @@ class Mean(nn.Module):
         return {"value": self.value}
 
 
-class Line(Stage[tuple[Tensor, Tensor]]):
+class Line(TrainingTask[tuple[Tensor, Tensor]]):
     """Learns y = 2 x + 1 from noisy points; the noise is of torch's global generator, as rollouts would be."""
 
     def __init__(self, config: TrainingConfig = CONFIG, hidden: int = 2) -> None:

@@ -8,16 +8,16 @@ from tests.generator.test_train import clips, config, settings
 
 from echoavatar.face import MelConfig, paper_face
 from echoavatar.face.recipe import FaceTraining
-from echoavatar.face.train import FaceStage
+from echoavatar.face.train import FaceTask
 from echoavatar.generator import train as generator_train
-from echoavatar.generator.train import GeneratorStage
-from echoavatar.training import Stage
-from echoavatar.training.stage import row_count, take_rows
+from echoavatar.generator.train import GeneratorTask
+from echoavatar.training import TrainingTask
+from echoavatar.training.task import row_count, take_rows
 
 META = torch.device("meta")
 
 
-def descend_elsewhere(stage: Stage) -> None:
+def descend_elsewhere(stage: TrainingTask) -> None:
     whole = stage.draw(0)
     batch = take_rows(whole, slice(0, row_count(whole)), META)
     for module in stage.modules.values():
@@ -29,7 +29,7 @@ def descend_elsewhere(stage: Stage) -> None:
 
 @pytest.mark.parametrize("sizes", [FACE, paper_face(encoder=MelConfig())], ids=["ours", "paper"])
 def test_the_face(sizes) -> None:
-    descend_elsewhere(FaceStage(sizes, FaceTraining(batch=2, frames=16, tempo=False), [clip()]))
+    descend_elsewhere(FaceTask(sizes, FaceTraining(batch=2, frames=16, tempo=False), [clip()]))
 
 
 @pytest.mark.parametrize("sequence", ["interleaved", "prefix"])
@@ -38,4 +38,4 @@ def test_the_generator(sequence: str, objective: str, monkeypatch: pytest.Monkey
     """Less its summary for the log, which needs numbers."""
     monkeypatch.setattr(generator_train, "summary", lambda *args: {})
     lesson = settings(objective=objective, exemplar=0.5, cue_weight=0.1)
-    descend_elsewhere(GeneratorStage(config(sequence=sequence, exemplar=True), lesson, clips()))
+    descend_elsewhere(GeneratorTask(config(sequence=sequence, exemplar=True), lesson, clips()))

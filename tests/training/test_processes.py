@@ -11,7 +11,7 @@ from tests.training.line import CONFIG, Line
 
 from echoavatar.checkpoint import read_weights
 from echoavatar.errors import DependencyError, EchoAvatarError
-from echoavatar.training import Loop, Stage
+from echoavatar.training import Loop, TrainingTask
 from echoavatar.training.processes import Processes, processes_here
 
 ROOT = Path(__file__).parents[2]
@@ -91,19 +91,19 @@ def curve(loop: Loop, steps: int) -> list[list[float]]:
     return [[told["loss"], told["gradient"]] for told in (loop.advance() for _ in range(steps))]
 
 
-def real_stages(pieces: int) -> dict[str, Stage]:
+def real_stages(pieces: int) -> dict[str, TrainingTask]:
     """A generator that is told cues and sets, and a tokenizer with noise on its codes."""
     from tests.generator.test_train import clips, config, settings
     from tests.tokenizer.test_train import CLIPS, TRAINING, small_config
 
-    from echoavatar.generator.train import GeneratorStage
-    from echoavatar.tokenizer.train import TokenizerStage
+    from echoavatar.generator.train import GeneratorTask
+    from echoavatar.tokenizer.train import TokenizerTask
 
     lesson = settings(batch=8, accumulation=pieces, exemplar=0.5, cue_weight=0.1, optimiser="adamw")
     motion = TRAINING.model_copy(update={"accumulation": pieces})
     return {
-        "generator": GeneratorStage(config(exemplar=True), lesson, clips()),
-        "tokenizer": TokenizerStage(small_config(), motion, CLIPS),
+        "generator": GeneratorTask(config(exemplar=True), lesson, clips()),
+        "tokenizer": TokenizerTask(small_config(), motion, CLIPS),
     }
 
 

@@ -15,15 +15,20 @@ from typing import NamedTuple
 import torch
 
 from echoavatar.align.audio_reward import AudioMotion
-from echoavatar.align.audio_reward_train import WINDOW_CHUNKS, AudioRewardTraining, Pairs, train_audio_reward
+from echoavatar.align.audio_reward_train import (
+    WINDOW_CHUNKS,
+    AudioMotionWindows,
+    AudioRewardTraining,
+    train_audio_reward,
+)
 from echoavatar.align.config import AlignTraining, Method, recipe
 from echoavatar.align.prompts import read_token_clips
 from echoavatar.align.quality import QualityConfig, QualityReward
-from echoavatar.align.quality_train import Levels, QualityTraining, train_quality
+from echoavatar.align.quality_train import CorruptedWindows, QualityTraining, train_quality
+from echoavatar.align.reference_statistics import ReferenceStatistics
 from echoavatar.align.rewards import RewardMix
-from echoavatar.align.start import Setting, make_pairs, stage_of, tune
+from echoavatar.align.start import AlignmentSetup, make_pairs, training_task, tune
 from echoavatar.align.trainer import fingerprint
-from echoavatar.align.yardstick import Yardstick
 from echoavatar.data import Clip
 from echoavatar.evaluation.scale import ScaleName
 from echoavatar.generator import Generator, TokenClip
@@ -55,7 +60,7 @@ LINES: dict[Method, tuple[str, tuple[float, ...]]] = {
     "grpo": ("Ours (GRPO)", (24.13, 20.89, 8.239, 2.618)),
     "ppo": ("Ours (PPO)", (24.97,)),
 }
-NO_STATISTICS = Yardstick(beat=(0.0,), stress=(0.0,), speed=(0.0, 0.0, 0.0), jerk=1.0, scenes=1)
+NO_STATISTICS = ReferenceStatistics(beat=(0.0,), stress=(0.0,), speed=(0.0, 0.0, 0.0), jerk=1.0, scenes=1)
 """Learned rewards need no reference statistics."""
 
 
@@ -123,7 +128,7 @@ def tuned(experiment: Experiment, method: Method) -> Outcome:
             pairs = folder / "pairs.jsonl"
             if not pairs.exists():
                 _rank(experiment, ready, pairs, training)
-        stage = stage_of(method, training, ready, pairs=pairs, command="echoavatar reproduce alignment")
+        stage = training_task(method, training, ready, pairs=pairs, command="echoavatar reproduce alignment")
         tune(stage, folder, device=experiment.device, progress=experiment.progress)
 
     make_once(folder, settings, work)
@@ -156,7 +161,7 @@ def _training(experiment: Experiment, method: Method) -> AlignTraining:
     return recipe(experiment.scale.name, method).model_copy(update={"seed": experiment.seed})
 
 
-def _setting(experiment: Experiment) -> Setting:
+def _setting(experiment: Experiment) -> AlignmentSetup:
     choice = GeneratorChoice(OURS.name)
     generator = experiment.generator(choice)
     train_clips, test_clips = _clips(experiment)
@@ -166,7 +171,7 @@ def _setting(experiment: Experiment) -> Setting:
     }
     mix = RewardMix(dict.fromkeys(REWARDS, 1.0), NO_STATISTICS, own)
     card: dict[str, object] = {"data": experiment.corpus.folder.name, "begun_from": OURS.name}
-    return Setting(
+    return AlignmentSetup(
         experiment.tokenizer(OURS),
         generator,
         copy.deepcopy(generator),
@@ -190,7 +195,7 @@ def _quality(experiment: Experiment, clips: dict[str, TokenClip]) -> QualityRewa
     folder, budget = experiment.folder / "rewards" / "quality", BUDGETS[experiment.scale.name]
     training = QualityTraining(steps=budget.quality_steps, seed=experiment.seed)
     tokenizer = experiment.tokenizer(OURS)
-    levels = Levels(tokenizer, list(clips.values()), seed=experiment.seed, chunks=_window(clips))
+    levels = CorruptedWindows(tokenizer, list(clips.values()), seed=experiment.seed, chunks=_window(clips))
     settings = {"training": training.model_dump(mode="json"), "width": budget.width}
     config = QualityConfig(features=tokenizer.mean.numel(), width=budget.width)
     make_once(folder, settings, lambda: train_quality(levels, folder, training, config=config))
@@ -201,13 +206,13 @@ def _alignment(experiment: Experiment, clips: dict[str, TokenClip]) -> AudioMoti
     folder, budget = experiment.folder / "rewards" / "alignment", BUDGETS[experiment.scale.name]
     training = AudioRewardTraining(steps=budget.alignment_steps, seed=experiment.seed)
     books = experiment.codec.codebooks.detach(), experiment.tokenizer(OURS).codebooks().detach()
-    pairs = Pairs(clips, chunks=_window(clips))
+    pairs = AudioMotionWindows(clips, chunks=_window(clips))
     settings = {"training": training.model_dump(mode="json"), "width": budget.width}
 
     def work() -> None:
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(experiment.seed)
-            model = AudioMotion.over(*books, width=budget.width)
+            model = AudioMotion.from_codebooks(*books, width=budget.width)
         train_audio_reward(model, pairs, folder, training)
 
     make_once(folder, settings, work)
@@ -219,7 +224,7 @@ def _window(clips: dict[str, TokenClip]) -> int:
     return min(WINDOW_CHUNKS, *(clip.chunks for clip in clips.values()))
 
 
-def _rank(experiment: Experiment, ready: Setting, path: Path, training: AlignTraining) -> None:
+def _rank(experiment: Experiment, ready: AlignmentSetup, path: Path, training: AlignTraining) -> None:
     make_pairs(
         ready,
         path,

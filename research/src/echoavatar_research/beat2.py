@@ -13,7 +13,7 @@ import torch
 from echoavatar.evaluation.baselines import Baselines, Kind
 from echoavatar.evaluation.behaviour import SPEECH
 from echoavatar.evaluation.score import fid_row
-from echoavatar.evaluation.score_beats import Heard, gesture_rows
+from echoavatar.evaluation.score_beats import ClipAudio, gesture_rows
 from echoavatar.evaluation.score_row import Row, row_of_means
 from echoavatar.kinematics import Motion
 from echoavatar.metrics.diversity import l1_deviation
@@ -86,7 +86,7 @@ def scored(experiment: Beat2Experiment, motions: Sequence[Motion]) -> list[Row]:
         [experiment.positions(motion).numpy().astype(np.float64) for motion in side] for side in (made, true)
     )
     latents, aims = ([_latents(experiment, motion) for motion in side] for side in (made, true))
-    heard = [Heard(clip.audio, np.full(clip.frames, SPEECH)) for clip in clips]  # all of BEAT2 is speech
+    heard = [ClipAudio(clip.audio, np.full(clip.frames, SPEECH)) for clip in clips]  # all of BEAT2 is speech
     lengths = np.array([clip.frames for clip in clips], float)
     spread = np.array([l1_deviation(place) for place in places])
     return [

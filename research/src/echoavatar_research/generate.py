@@ -31,11 +31,11 @@ def live_motion(
     from echoavatar.engine import animate_many
     from echoavatar.pipeline import Pipeline
     from echoavatar.pipeline.bundle import Bundle
-    from echoavatar.pipeline.foresight import ForesightPipeline
+    from echoavatar.pipeline.lookahead import LookaheadPipeline
 
     bundle = Bundle(name, codec, tokenizer, generator.eval(), {})
     hears_ahead = generator.config.ahead_chunks > 0
-    pipeline = ForesightPipeline(bundle, sounds) if hears_ahead else Pipeline(bundle)
+    pipeline = LookaheadPipeline(bundle, sounds) if hears_ahead else Pipeline(bundle)
     done = animate_many(pipeline, list(sounds.values()), seeds=list(sounds), progress=progress)
     return [each.motion for each in done]
 

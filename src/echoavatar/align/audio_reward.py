@@ -30,8 +30,8 @@ from .beats import Beats
 from .decoded_motion import DecodedMotion
 from .fbank import RATE_HZ
 from .positions import sinusoids
+from .reference_statistics import ReferenceStatistics
 from .wav2clip import Wav2Clip
-from .yardstick import Yardstick
 
 FRAMES_PER_TOKEN = exact_div(
     SAMPLES_PER_MOTION_TOKEN, SAMPLES_PER_AUDIO_TOKEN
@@ -95,7 +95,7 @@ class AudioMotion(nn.Module):
         self.log_temperature = nn.Parameter(torch.tensor(FIRST_TEMPERATURE).log())
 
     @classmethod
-    def over(
+    def from_codebooks(
         cls,
         sound_book: Float[Tensor, "l A a"],
         motion_book: Float[Tensor, "p q K c"],
@@ -175,7 +175,7 @@ class AudioMotion(nn.Module):
         return F.normalize(pooled.flatten(1), dim=-1)
 
     @torch.no_grad()
-    def judge(self, motion: DecodedMotion, yardstick: Yardstick) -> float:
+    def judge(self, motion: DecodedMotion, reference_statistics: ReferenceStatistics) -> float:
         """The reward function: cosine of the audio's and the motion's embedding (paper, Reward Computation)."""
         heard = self.embed_audio(torch.from_numpy(motion.audio_codes)[None])
         seen = self.embed_motion(torch.from_numpy(motion.motion_codes)[None])

@@ -16,7 +16,7 @@ from ..errors import MotionError
 from ..generator import TokenClip
 from ..metrics.retrieval import PAPER_GALLERY, Retrieval, batched, chance, gallery, retrieval, similarity
 from ..timing import AUDIO_FRAMES_PER_CHUNK, CHUNK_SECONDS, MOTION_TOKENS_PER_CHUNK, exact_div
-from ..training import Loss, Progress, Stage, TrainingConfig, train
+from ..training import Loss, Progress, TrainingConfig, TrainingTask, train
 from .audio_encoders import decoded_waveform
 from .audio_reward import WINDOW_TOKENS, AudioMotion, info_nce
 from .fbank import RATE_HZ
@@ -48,7 +48,7 @@ class Windows(NamedTuple):
     segments: Int[Tensor, " b"]
 
 
-class Pairs:
+class AudioMotionWindows:
     """Windows of audio and motion cut from clips; windows of one segment, mirrored ones too, share a number."""
 
     def __init__(
@@ -134,7 +134,7 @@ def decoded_waveforms(
     return waves
 
 
-class AudioRewardTask(Stage[Windows]):
+class AudioRewardTask(TrainingTask[Windows]):
     """The training task of the alignment reward."""
 
     config: AudioRewardTraining
@@ -142,7 +142,7 @@ class AudioRewardTask(Stage[Windows]):
     def __init__(
         self,
         model: AudioMotion,
-        pairs: Pairs,
+        pairs: AudioMotionWindows,
         training: AudioRewardTraining,
         card: Mapping[str, object] | None = None,
     ) -> None:
@@ -154,11 +154,11 @@ class AudioRewardTask(Stage[Windows]):
         return {"reward": self.model.config, "training": self.config}
 
     def draw(self, step: int) -> Windows:
-        """See `Stage.draw`."""
+        """See `TrainingTask.draw`."""
         return self._pairs.draw(step, self.config.batch, self.config.seed, each=self.config.each)
 
     def loss(self, batch: Windows, step: int) -> Loss:
-        """See `Stage.loss`."""
+        """See `TrainingTask.loss`."""
         model = self.model
         found = info_nce(
             model.embed_audio(batch.sound),
@@ -176,7 +176,7 @@ class AudioRewardTask(Stage[Windows]):
 
 def train_audio_reward(
     model: AudioMotion,
-    pairs: Pairs,
+    pairs: AudioMotionWindows,
     folder: Path,
     training: AudioRewardTraining,
     *,
@@ -190,7 +190,7 @@ def train_audio_reward(
 
 @torch.no_grad()
 def embed(
-    model: AudioMotion, pairs: Pairs, sound: int | None = None
+    model: AudioMotion, pairs: AudioMotionWindows, sound: int | None = None
 ) -> tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "n d"]]:
     """Embeddings of all non-overlapping windows, or only those mostly of domain `sound`."""
     asked = pairs.grid(sound)
@@ -199,7 +199,9 @@ def embed(
     return heard.numpy(), seen.numpy()
 
 
-def retrieval_tables(model: AudioMotion, pairs: Pairs) -> dict[str, dict[str, dict[str, object]]]:
+def retrieval_tables(
+    model: AudioMotion, pairs: AudioMotionWindows
+) -> dict[str, dict[str, dict[str, object]]]:
     """A `retrieval_table` of all windows and one for each domain, where telling domains apart does not help."""
     tables = {"everything": retrieval_table(*embed(model, pairs))}
     for at, name in enumerate(DOMAINS):

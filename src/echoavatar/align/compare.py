@@ -39,8 +39,8 @@ def compare(
     first = next(iter(generators.values()))
     for name, generator in generators.items():
         check_reference(generator, first, name=name)
-    assert mix.yardstick is not None, "a comparison needs the reference statistics"
-    motion_metrics = MotionMetrics(tokenizer, prompts, extractor, mix.yardstick)
+    assert mix.reference_statistics is not None, "a comparison needs the reference statistics"
+    motion_metrics = MotionMetrics(tokenizer, prompts, extractor, mix.reference_statistics)
     probe = Probe(
         prompts, DecodingJudge(tokenizer, mix), group=group, motion_metrics=motion_metrics, seed=seed
     )

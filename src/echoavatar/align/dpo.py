@@ -12,7 +12,7 @@ from torch import Tensor
 from ..training import Loss
 from .losses import dpo_loss
 from .policy import GeneratorPolicy
-from .preferences import Pair, codes_of
+from .preferences import PreferencePair, codes_of
 from .prompts import Prompt, PromptBatch, batch_of
 from .trainer import PolicyTask
 
@@ -31,7 +31,7 @@ class DpoTask(PolicyTask[PairBatch]):
     A pair may come from another model. A code outside this policy's nucleus would have log-probability -inf.
     """
 
-    def __init__(self, *args: Any, pairs: Sequence[tuple[Prompt, Pair]], **kwargs: Any) -> None:
+    def __init__(self, *args: Any, pairs: Sequence[tuple[Prompt, PreferencePair]], **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         self._pairs = list(pairs)
 
@@ -47,7 +47,7 @@ class DpoTask(PolicyTask[PairBatch]):
         return PairBatch(prompts, codes_of(pairs, "chosen"), codes_of(pairs, "rejected"))
 
     def loss(self, batch: PairBatch, step: int) -> Loss:
-        """See `Stage.loss`."""
+        """See `TrainingTask.loss`."""
         own = [self.policy.score(batch.prompts, part, uses_nucleus=False) for part in batch[1:]]
         with torch.no_grad():
             other = [_sums(self.reference, batch.prompts, part) for part in batch[1:]]

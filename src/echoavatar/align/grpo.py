@@ -21,7 +21,7 @@ class GrpoTask(RolloutTask):
         return timed_advantages(tokens, whole, training.discount).flatten(0, 1), None
 
     def loss(self, batch: RolloutBatch, step: int) -> Loss:
-        """See `Stage.loss`."""
+        """See `TrainingTask.loss`."""
         scores = self.policy.score(batch.prompts, batch.codes, batch.support)
         kl = self.divergence(scores, batch.prompts, batch.codes)
         found = grpo_loss(

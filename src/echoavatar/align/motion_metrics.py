@@ -19,8 +19,8 @@ from ..metrics.motion_features import motion_features
 from ..tokenizer import BodyTokenizer
 from .decoded_motion import DecodedMotion, decode_truth
 from .prompts import Prompt
+from .reference_statistics import ReferenceStatistics
 from .rewards import beat_alignment, stress_alignment
-from .yardstick import Yardstick
 
 TOGETHER = 8  # prompts decoded at once
 Measurements = dict[str, object]
@@ -34,14 +34,14 @@ class MotionMetrics:
         tokenizer: BodyTokenizer,
         prompts: Sequence[Prompt],
         extractor: MotionEncoder,
-        yardstick: Yardstick,
+        reference_statistics: ReferenceStatistics,
     ) -> None:
         self.truth = [
             motion
             for at in range(0, len(prompts), TOGETHER)
             for motion in decode_truth(tokenizer, prompts[at : at + TOGETHER])
         ]
-        self._extractor, self._yardstick = extractor, yardstick
+        self._extractor, self._yardstick = extractor, reference_statistics
         self._wanted = self._latents(self.truth)
 
     def __call__(self, motions: Sequence[DecodedMotion]) -> Measurements:

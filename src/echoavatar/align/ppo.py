@@ -65,7 +65,7 @@ class PpoTask(RolloutTask):
         return (advantages - advantages.mean()) / (advantages.std() + 1e-8), returns
 
     def loss(self, batch: RolloutBatch, step: int) -> Loss:
-        """See `Stage.loss`."""
+        """See `TrainingTask.loss`."""
         assert batch.old is not None
         assert batch.values is not None
         assert batch.returns is not None

@@ -19,12 +19,12 @@ from ..timing import MOTION_TOKENS_PER_CHUNK
 from ..tokens import TokenLayout
 from .judge import Judge
 from .policy import GeneratorPolicy
-from .prompts import Prompt, PromptBook, batch_of
+from .prompts import Prompt, PromptSampler, batch_of
 
 Codes = tuple[tuple[tuple[int, ...], ...], ...]
 
 
-class Pair(Config):
+class PreferencePair(Config):
     """One comparison."""
 
     clip: str = Field(description="name of the token file, without .npz")
@@ -39,7 +39,7 @@ class Pair(Config):
     seeds: tuple[int, ...] = Field(default=(), description="seeds of chosen and rejected")
 
 
-def write_pairs(path: Path, pairs: Iterable[Pair]) -> int:
+def write_pairs(path: Path, pairs: Iterable[PreferencePair]) -> int:
     """Write a file of pairs; returns how many there are."""
     lines = [pair.model_dump_json() for pair in pairs]
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -48,8 +48,8 @@ def write_pairs(path: Path, pairs: Iterable[Pair]) -> int:
 
 
 def read_pairs(
-    path: Path, book: PromptBook, layout: TokenLayout, *, margin: float = 0.0
-) -> list[tuple[Prompt, Pair]]:
+    path: Path, book: PromptSampler, layout: TokenLayout, *, margin: float = 0.0
+) -> list[tuple[Prompt, PreferencePair]]:
     """Pairs with their prompts; pairs with a margin below `margin` are skipped.
 
     Raises:
@@ -64,7 +64,7 @@ def read_pairs(
     found = []
     for number, line in enumerate(lines, start=1):
         try:
-            pair = Pair.model_validate(json.loads(line))
+            pair = PreferencePair.model_validate(json.loads(line))
         except (ValueError, ValidationError) as error:
             first = error.errors()[0]["msg"] if isinstance(error, ValidationError) else error
             raise MotionError(f"{path}, line {number}: not a pair ({first})") from error
@@ -87,7 +87,7 @@ def read_pairs(
     return found
 
 
-def _check(pair: Pair, prompt: Prompt, layout: TokenLayout) -> None:
+def _check(pair: PreferencePair, prompt: Prompt, layout: TokenLayout) -> None:
     wanted = (len(prompt.truth), layout.parts, layout.motion_layers)
     for name in ("chosen", "rejected"):
         try:
@@ -109,7 +109,7 @@ def _nested(codes: Int[torch.Tensor, "n p q"]) -> Codes:
     return tuple(tuple(tuple(int(code) for code in part) for part in step) for step in codes)
 
 
-def codes_of(pairs: Sequence[Pair], name: str) -> Int[torch.Tensor, "b n p q"]:
+def codes_of(pairs: Sequence[PreferencePair], name: str) -> Int[torch.Tensor, "b n p q"]:
     """The `chosen` or `rejected` codes of pairs as a tensor."""
     return torch.tensor([getattr(pair, name) for pair in pairs])
 
@@ -123,7 +123,7 @@ def rank_pairs(
     group: int = 8,
     margin: float = 0.0,
     seed: int = 0,
-) -> list[Pair]:
+) -> list[PreferencePair]:
     """Best and worst of `group` continuations by reward; a prompt whose two differ by less than `margin` is skipped."""
     random = torch.Generator().manual_seed(seed)
     seeds = torch.randint(2**62, (len(prompts) * group,), generator=random)
@@ -136,7 +136,7 @@ def rank_pairs(
         if gap >= margin and best != worst:
             chosen, rejected = (_nested(codes[row * group + at]) for at in (best, worst))
             pairs.append(
-                Pair(
+                PreferencePair(
                     clip=prompt.clip,
                     start=prompt.start,
                     past=past,

@@ -106,7 +106,7 @@ def true_clips(clips: Mapping[str, TokenClip], folder: Path) -> dict[str, TokenC
     return found
 
 
-class PromptBook:
+class PromptSampler:
     """All prompts of some clips; a draw depends only on the seed and its number."""
 
     def __init__(

@@ -23,7 +23,7 @@ from ..kinematics import FeatureStatistics
 from ..nn import FullBlock, Mlp
 from ..timing import FRAMES_PER_MOTION_TOKEN
 from .decoded_motion import DecodedMotion
-from .yardstick import Yardstick
+from .reference_statistics import ReferenceStatistics
 
 PACE = 5.0  # scales the differences so that those of true motion are about as large as the features
 LEVELS = FRAMES_PER_MOTION_TOKEN.bit_length()
@@ -98,7 +98,7 @@ class QualityReward(nn.Module):
         return model.eval()
 
     @torch.no_grad()
-    def judge(self, motion: DecodedMotion, yardstick: Yardstick) -> float:
+    def judge(self, motion: DecodedMotion, reference_statistics: ReferenceStatistics) -> float:
         """The score as a reward function."""
         return float(self(torch.from_numpy(motion.features)[None].float())[0])
 

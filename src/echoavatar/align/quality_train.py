@@ -22,7 +22,7 @@ from ..generator import TokenClip, WindowSampler
 from ..metrics.frechet import Moments, frechet_between, pooled
 from ..metrics.motion_encoder import MotionEncoder
 from ..tokenizer import BodyTokenizer
-from ..training import Loss, Progress, Stage, TrainingConfig, train
+from ..training import Loss, Progress, TrainingConfig, TrainingTask, train
 from .corruption import (
     CLEAN,
     RATES,
@@ -53,7 +53,7 @@ class QualityTraining(TrainingConfig):
     save_every: int = Field(default=100, ge=0, description="steps between checkpoints")
 
 
-class Levels:
+class CorruptedWindows:
     """Decoded windows at any level of corruption."""
 
     def __init__(
@@ -115,7 +115,7 @@ def paper_levels() -> list[str]:
     return [CLEAN, *(level_name(kind, rate) for kind in get_args(Corruption) for rate in RATES)]
 
 
-def calibrate(levels: Levels, encoder: MotionEncoder, *, windows: int = 64) -> dict[str, float]:
+def calibrate(levels: CorruptedWindows, encoder: MotionEncoder, *, windows: int = 64) -> dict[str, float]:
     """FID of each level against other clean windows, so that the clean level's own FID is not zero."""
     skeleton = levels.tokenizer.skeleton
 
@@ -137,14 +137,14 @@ class ScoredWindows(NamedTuple):
     scores: Float[Tensor, " b"]
 
 
-class QualityTask(Stage[ScoredWindows]):
+class QualityTask(TrainingTask[ScoredWindows]):
     """The training task of the quality reward."""
 
     config: QualityTraining
 
     def __init__(
         self,
-        levels: Levels,
+        levels: CorruptedWindows,
         config: QualityConfig,
         training: QualityTraining,
         scores: Mapping[str, float],
@@ -163,7 +163,7 @@ class QualityTask(Stage[ScoredWindows]):
         return {"reward": self.model.config, "training": self.config}
 
     def draw(self, step: int) -> ScoredWindows:
-        """See `Stage.draw`; each batch is decoded once."""
+        """See `TrainingTask.draw`; each batch is decoded once."""
         number = step % self.config.pool
         if number not in self._pool:
             made = self._decoded_batch(number)
@@ -195,7 +195,7 @@ class QualityTask(Stage[ScoredWindows]):
 
 
 def train_quality(
-    levels: Levels,
+    levels: CorruptedWindows,
     folder: Path,
     training: QualityTraining,
     *,
@@ -213,7 +213,7 @@ def train_quality(
 
 @torch.no_grad()
 def measure_quality(
-    model: QualityReward, levels: Levels, scores: Mapping[str, float], *, windows: int = 32
+    model: QualityReward, levels: CorruptedWindows, scores: Mapping[str, float], *, windows: int = 32
 ) -> dict[str, object]:
     """Correlation with the assigned scores on held-out windows, means by level, rank order on unseen degradations.
 

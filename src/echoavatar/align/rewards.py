@@ -1,13 +1,13 @@
 """Reward functions: plain functions of a motion, selected by name and combined by weight.
 
-A function takes a `DecodedMotion` and the `Yardstick` and returns one number, or one for each new frame. Values by
-frame can be credited to the codes that made the frame; their sum is the reward of the motion. The built-in rewards are
-about 1 for motion like the truth and fall below 0 far from it. You can write your own:
+A function takes a `DecodedMotion` and the `ReferenceStatistics` and returns one number, or one for each new frame.
+Values by frame can be credited to the codes that made the frame; their sum is the reward of the motion. The built-in
+rewards are about 1 for motion like the truth and fall below 0 far from it. You can write your own:
 
-    def high_hands(motion, yardstick):
+    def high_hands(motion, reference_statistics):
         return motion.positions[motion.lead :, motion.skeleton.index("leftHand"), 1].mean()
 
-    rewards = RewardMix({"beats": 1.0, "high_hands": 0.5}, yardstick, own={"high_hands": high_hands})
+    rewards = RewardMix({"beats": 1.0, "high_hands": 0.5}, reference_statistics, own={"high_hands": high_hands})
 """
 
 import importlib
@@ -24,68 +24,68 @@ from ..metrics.dance_alignment import dance_beats
 from ..metrics.gesture_alignment import ARM_JOINTS, STROKE_DELAY_S, gesture_beats
 from ..timing import FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN
 from .decoded_motion import DecodedMotion
-from .yardstick import Yardstick, response
+from .reference_statistics import ReferenceStatistics, response
 
-Reward = Callable[[DecodedMotion, Yardstick], float | Float[np.ndarray, " t"]]
+Reward = Callable[[DecodedMotion, ReferenceStatistics], float | Float[np.ndarray, " t"]]
 
 SHIFTS_S = tuple(float(shift) for shift in np.arange(0.1, 1.0, 0.1))
 FREE_JERK, MOST_JERK = 2.0, 4.0  # multiples of the truth's mean jerk; strokes briefly reach twice the mean
 FREE_RATIO = 1.5  # factor by which speed may differ from the truth's without cost
 
 
-def beats(motion: DecodedMotion, yardstick: Yardstick) -> Float[np.ndarray, " t"]:
+def beats(motion: DecodedMotion, reference_statistics: ReferenceStatistics) -> Float[np.ndarray, " t"]:
     """Does the body brake on the beats like the truth? 1 like the truth, 0 by chance; one value for each frame."""
-    return response(motion, "beat", yardstick)
+    return response(motion, "beat", reference_statistics)
 
 
-def stresses(motion: DecodedMotion, yardstick: Yardstick) -> Float[np.ndarray, " t"]:
+def stresses(motion: DecodedMotion, reference_statistics: ReferenceStatistics) -> Float[np.ndarray, " t"]:
     """Do strokes start on stressed syllables like the truth's? 1 like the truth, 0 by chance; one for each frame."""
-    return response(motion, "stress", yardstick)
+    return response(motion, "stress", reference_statistics)
 
 
-def beat_alignment(motion: DecodedMotion, yardstick: Yardstick) -> float:
+def beat_alignment(motion: DecodedMotion, reference_statistics: ReferenceStatistics) -> float:
     """BA_D (`sharp`) minus chance, which is the mean score with beats shifted by 0.1 to 0.9 s, wrapping around."""
     return _excess(motion, [dance_beats(motion.positions)], motion.beats)
 
 
-def stress_alignment(motion: DecodedMotion, yardstick: Yardstick) -> float:
+def stress_alignment(motion: DecodedMotion, reference_statistics: ReferenceStatistics) -> float:
     """BA_G (`sharp`) of the arms on stressed syllables minus chance, as above; strokes end 0.18 s later."""
     arms = motion.skeleton.indices(ARM_JOINTS)
     return _excess(motion, gesture_beats(motion.positions[:, arms]), motion.stresses + STROKE_DELAY_S)
 
 
-def smoothness(motion: DecodedMotion, yardstick: Yardstick) -> Float[np.ndarray, " t"]:
+def smoothness(motion: DecodedMotion, reference_statistics: ReferenceStatistics) -> Float[np.ndarray, " t"]:
     """0 while jerk is at most twice the truth's mean, otherwise minus the excess, at most 4; divided by the frames.
 
     By frame, because a jolt comes only from the codes right before it.
     """
     jerk = np.linalg.norm(np.diff(motion.positions - motion.positions[:, :1], n=3, axis=0), axis=-1).mean(1)
-    excess = np.clip(jerk * FRAME_RATE_HZ**3 / yardstick.jerk - FREE_JERK, 0, MOST_JERK)
+    excess = np.clip(jerk * FRAME_RATE_HZ**3 / reference_statistics.jerk - FREE_JERK, 0, MOST_JERK)
     late = excess[max(0, motion.lead - 3) :]
     return np.asarray(-np.concatenate([np.zeros(motion.frames - len(late)), late]) / motion.frames)
 
 
-def planted_feet(motion: DecodedMotion, yardstick: Yardstick) -> float:
+def planted_feet(motion: DecodedMotion, reference_statistics: ReferenceStatistics) -> float:
     """Minus the sliding speed of the planted balls of the feet in dm/s, at least -3 (before the pipeline's leg IK)."""
     balls = list(motion.skeleton.config.feet)[1::2]
     standing = motion.skeleton.rest_positions[balls, 1].numpy()
     return max(-3.0, -0.1 * skate(motion.positions[:, balls], FRAME_RATE_HZ, standing_height=standing))
 
 
-def liveliness(motion: DecodedMotion, yardstick: Yardstick) -> float:
+def liveliness(motion: DecodedMotion, reference_statistics: ReferenceStatistics) -> float:
     """0 while the mean speed is within a factor 1.5 of the truth's for this domain, otherwise minus the log excess."""
     domain, speed = motion.domain[motion.lead :], motion.speed()
     heard = int(np.bincount(domain, minlength=3).argmax())
-    wanted = yardstick.speed[heard]
+    wanted = reference_statistics.speed[heard]
     if heard == 0 or wanted <= 0:
         return 0.0
     return -max(0.0, abs(float(np.log((speed.mean() + 1e-3) / wanted))) - float(np.log(FREE_RATIO)))
 
 
-def stillness(motion: DecodedMotion, yardstick: Yardstick) -> Float[np.ndarray, " t"]:
+def stillness(motion: DecodedMotion, reference_statistics: ReferenceStatistics) -> Float[np.ndarray, " t"]:
     """Minus the hands' speed over their speed in speech, in silent frames; 0 elsewhere. Divided by the frames."""
     hands = motion.skeleton.indices(("leftHand", "rightHand"))
-    speed = motion.speed(hands) / max(yardstick.speed[1], 1e-3)
+    speed = motion.speed(hands) / max(reference_statistics.speed[1], 1e-3)
     silent = motion.domain[motion.lead :] == 0
     return np.asarray(np.where(silent, -np.minimum(speed, 3.0), 0.0) / motion.frames)
 
@@ -131,12 +131,12 @@ class RewardMix:
     def __init__(
         self,
         weights: Mapping[str, float],
-        yardstick: Yardstick | None,
+        reference_statistics: ReferenceStatistics | None,
         own: Mapping[str, Reward] | None = None,
     ) -> None:
-        """`yardstick` may be None if there are no weights."""
+        """`reference_statistics` may be None if there are no weights."""
         known = BUILT_IN | dict(own or {})
-        self.weights, self.yardstick = dict(weights), yardstick
+        self.weights, self.reference_statistics = dict(weights), reference_statistics
         self._functions = {name: known[name] if name in known else _imported(name, known) for name in weights}
 
     def __call__(self, motions: Sequence[DecodedMotion]) -> Rewards:
@@ -161,8 +161,8 @@ class RewardMix:
     def _checked(
         self, name: str, function: Reward, motion: DecodedMotion, row: int
     ) -> Float[np.ndarray, "*n"]:
-        assert self.yardstick is not None
-        value = np.asarray(function(motion, self.yardstick), np.float64)
+        assert self.reference_statistics is not None
+        value = np.asarray(function(motion, self.reference_statistics), np.float64)
         if not np.isfinite(value).all():
             raise EchoAvatarError(
                 f"reward {name!r} is {value[~np.isfinite(value)].flat[0] if value.ndim else value} for continuation"

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from .policy import Scores
-from .prompts import PromptBatch, PromptBook, batch_of
+from .prompts import PromptBatch, PromptSampler, batch_of
 from .trainer import PolicyTask, rollout_seeds, share_of_process
 
 
@@ -42,7 +42,7 @@ class RolloutTask(PolicyTask[RolloutBatch]):
     is_scored = False
     """Whether to score continuations right after sampling; with one epoch and no critic the step itself does that."""
 
-    def __init__(self, *args: Any, book: PromptBook, **kwargs: Any) -> None:
+    def __init__(self, *args: Any, book: PromptSampler, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         self._book = book
         self._rollout = (
@@ -125,7 +125,7 @@ class RolloutTask(PolicyTask[RolloutBatch]):
         return tensors | columns | {"number": torch.tensor(self._kept[0])}
 
     def load_state(self, state: Mapping[str, Tensor]) -> None:
-        """See `Stage.load_state`."""
+        """See `TrainingTask.load_state`."""
         self._kept = None
         if not state:
             return

@@ -27,12 +27,12 @@ from .policy import GeneratorPolicy
 from .ppo import PpoTask
 from .preferences import rank_pairs, read_pairs, write_pairs
 from .probe import Probe
-from .prompts import PromptBook, read_token_clips
+from .prompts import PromptSampler, read_token_clips
 from .quality import QualityReward
+from .reference_statistics import ReferenceStatistics, measure_reference_statistics
 from .rewards import Reward, RewardMix, imported, parse_weights
 from .samples import SampleVideos, can_render_videos
 from .trainer import DivergedError, PolicyTask, RunContext
-from .yardstick import Yardstick, measure_yardstick
 
 DEFAULT_REWARDS = (
     "beats=1",
@@ -42,13 +42,13 @@ DEFAULT_REWARDS = (
     "planted_feet=0.1",
     "stillness=0.5",
 )
-YARDSTICK_PROMPTS = 160
-YARDSTICK_PAST, YARDSTICK_LENGTH = 3, 9
+STATISTICS_PROMPTS = 160
+STATISTICS_PAST, STATISTICS_LENGTH = 3, 9
 TOGETHER = 8  # prompts sampled at once
 
 
 @dataclass(frozen=True)
-class Setting:
+class AlignmentSetup:
     """What all methods need."""
 
     tokenizer: BodyTokenizer
@@ -70,12 +70,12 @@ def load_setup(
     generator: Path | None = None,
     reference: Path | None = None,
     rewards: Sequence[str] | None = None,
-    yardstick: Path | None = None,
+    reference_statistics: Path | None = None,
     sampling: Mapping[str, float | None] | None = None,
     quality: Path | None = None,
     alignment: Path | None = None,
     is_compared: bool = False,
-) -> Setting:
+) -> AlignmentSetup:
     """Load everything. Reference statistics that are not given are measured on the train clips and kept in `folder`.
 
     With `is_compared` (DPO) rewards only measure progress on held-out clips. If there is neither true motion nor a file
@@ -99,9 +99,9 @@ def load_setup(
     test = {name: clip for name, clip in clips.items() if clip.split != "train"}
     if not train:
         raise MotionError(f"{tokens} holds no clip of split train, so there are no prompts")
-    has_yardstick = yardstick is not None or (folder / "yardstick.json").exists()
+    has_statistics = reference_statistics is not None or (folder / "reference_statistics.json").exists()
     is_unmeasured = (
-        is_compared and not rewards and not has_yardstick and not any(c.has_truth for c in train.values())
+        is_compared and not rewards and not has_statistics and not any(c.has_truth for c in train.values())
     )
     weights = {} if is_unmeasured else parse_weights(rewards or DEFAULT_REWARDS)
     own: dict[str, Reward] = {}
@@ -109,7 +109,7 @@ def load_setup(
         own["quality"] = QualityReward.load(quality).judge
     if alignment:
         own["alignment"] = AudioMotion.load(alignment).judge
-    rule = None if is_unmeasured else load_or_measure(parts.tokenizer, train, yardstick, folder)
+    rule = None if is_unmeasured else load_or_measure(parts.tokenizer, train, reference_statistics, folder)
     mix = RewardMix(weights, rule, own)
     begun = read_card(generator) if generator else parts.card
     card = {
@@ -119,25 +119,25 @@ def load_setup(
         "rewards": weights,
     }
     name = str(reference or generator or bundle)
-    return Setting(parts.tokenizer, policy, kept_near, name, train, test, mix, card, parts.codec)
+    return AlignmentSetup(parts.tokenizer, policy, kept_near, name, train, test, mix, card, parts.codec)
 
 
 def load_or_measure(
     tokenizer: BodyTokenizer, clips: Mapping[str, TokenClip], given: Path | None, folder: Path
-) -> Yardstick:
+) -> ReferenceStatistics:
     """The reference statistics in `given` or in `folder`, or measured on evenly chosen true motion and saved there."""
-    own = folder / "yardstick.json"
+    own = folder / "reference_statistics.json"
     if given or own.exists():
-        return Yardstick.load(given or own)
+        return ReferenceStatistics.load(given or own)
     clips = {name: clip for name, clip in clips.items() if clip.has_truth}
     if not clips:
         raise MotionError(
             "rewards are measured against true motion, and these token files hold only motion that a generator made;"
-            " pass the --yardstick that a run on a folder of `echoavatar train tokens` has left"
+            " pass the --reference-statistics that a run on a folder of `echoavatar train tokens` has left"
         )
-    book = PromptBook(clips, past=YARDSTICK_PAST, length=YARDSTICK_LENGTH)
-    prompts = book.spread(YARDSTICK_PROMPTS)
-    found = measure_yardstick(
+    book = PromptSampler(clips, past=STATISTICS_PAST, length=STATISTICS_LENGTH)
+    prompts = book.spread(STATISTICS_PROMPTS)
+    found = measure_reference_statistics(
         [
             motion
             for at in range(0, len(prompts), 24)
@@ -149,10 +149,10 @@ def load_or_measure(
     return found
 
 
-def stage_of(
+def training_task(
     method: Method,
     training: AlignTraining,
-    ready: Setting,
+    ready: AlignmentSetup,
     *,
     pairs: Path | None = None,
     margin: float = 0.0,
@@ -161,8 +161,8 @@ def stage_of(
 ) -> PolicyTask[Any]:
     """A training task of the method; `rollouts` names a backend as module:function (docs/alignment.md)."""
 
-    def book(clips: Mapping[str, TokenClip]) -> PromptBook:
-        return PromptBook(
+    def book(clips: Mapping[str, TokenClip]) -> PromptSampler:
+        return PromptSampler(
             clips,
             past=training.past,
             length=training.length,
@@ -197,16 +197,18 @@ def stage_of(
                 raise MotionError(
                     "dpo needs preference pairs: pass --pairs, made by `echoavatar align rollouts`"
                 )
-            everything = PromptBook(ready.train | ready.test, past=training.past, length=training.length)
+            everything = PromptSampler(ready.train | ready.test, past=training.past, length=training.length)
             compared = read_pairs(pairs, everything, ready.generator.config.layout, margin=margin)
             return DpoTask(*parts, pairs=compared)
 
 
-def _motion_metrics(ready: Setting, prompts: Sequence[Any]) -> MotionMetrics | None:
+def _motion_metrics(ready: AlignmentSetup, prompts: Sequence[Any]) -> MotionMetrics | None:
     """None if the prompts have no true motion to measure against."""
-    if ready.mix.yardstick is None or not all(ready.test[prompt.clip].has_truth for prompt in prompts):
+    if ready.mix.reference_statistics is None or not all(
+        ready.test[prompt.clip].has_truth for prompt in prompts
+    ):
         return None
-    return MotionMetrics(ready.tokenizer, prompts, load_shipped(), ready.mix.yardstick)
+    return MotionMetrics(ready.tokenizer, prompts, load_shipped(), ready.mix.reference_statistics)
 
 
 def tune(
@@ -264,7 +266,7 @@ def _is_told(folder: Path, step: int) -> bool:
 
 
 def make_pairs(
-    ready: Setting,
+    ready: AlignmentSetup,
     path: Path,
     *,
     prompts: int,
@@ -277,7 +279,7 @@ def make_pairs(
     progress: Callable[[int, int], None] | None = None,
 ) -> int:
     """Write best and worst continuation by reward of prompts from the train clips as a file of pairs."""
-    book = PromptBook(ready.train, past=past, length=length, seed=seed, fewest_events=fewest_events)
+    book = PromptSampler(ready.train, past=past, length=length, seed=seed, fewest_events=fewest_events)
     policy, judge = GeneratorPolicy(ready.generator), DecodingJudge(ready.tokenizer, ready.mix)
     pairs = []
     for first in range(0, prompts, TOGETHER):

@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from ..config import Config
 from ..errors import EchoAvatarError
 from ..generator import Generator
-from ..training import Gather, Loss, Stage, adamw
+from ..training import Gather, Loss, TrainingTask, adamw
 from .config import AlignTraining
 from .judge import Judge
 from .losses import exact_kl
@@ -56,7 +56,7 @@ class RunContext(NamedTuple):
 NO_CONTEXT = RunContext()
 
 
-class PolicyTask(Stage[BatchT]):
+class PolicyTask(TrainingTask[BatchT]):
     """A policy that learns, and the reference that it must stay close to."""
 
     config: AlignTraining
@@ -129,7 +129,7 @@ class PolicyTask(Stage[BatchT]):
 
     @abstractmethod
     def draw(self, step: int) -> BatchT:
-        """See `Stage.draw`."""
+        """See `TrainingTask.draw`."""
 
     def logged(
         self, values: Mapping[str, Tensor], kl: Float[Tensor, "b n k"], scores: Scores
@@ -141,7 +141,7 @@ class PolicyTask(Stage[BatchT]):
 
     @abstractmethod
     def loss(self, batch: BatchT, step: int) -> Loss:
-        """See `Stage.loss`."""
+        """See `TrainingTask.loss`."""
 
     def after(self, step: int, gather: Gather) -> None:
         """Stop a run that diverges.

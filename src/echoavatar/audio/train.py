@@ -18,7 +18,7 @@ from torch import Tensor, nn
 from .. import checkpoint
 from ..quantize import ResidualVectorQuantizer, Share, code_usage
 from ..timing import SAMPLES_PER_AUDIO_TOKEN
-from ..training import Gather, Loss, Progress, Stage, TrainingConfig, adamw, train
+from ..training import Gather, Loss, Progress, TrainingConfig, TrainingTask, adamw, train
 from .augment import augment, source_samples
 from .codec import AudioCodec
 from .config import CODE_LAYERS, CodecConfig
@@ -60,7 +60,7 @@ class Sounds(NamedTuple):
     row: Int[Tensor, " b"]
 
 
-class CodecStage(Stage[Sounds]):
+class CodecTask(TrainingTask[Sounds]):
     """The networks that are trained, and their data."""
 
     config: CodecTrainingConfig
@@ -93,7 +93,7 @@ class CodecStage(Stage[Sounds]):
         return [adamw([self.codec, self.probe], self.config, decays_vectors=True)]
 
     def draw(self, step: int) -> Sounds:
-        """See `Stage.draw`."""
+        """See `TrainingTask.draw`."""
         return make_batch(self.config, self.pool, step)
 
     @torch.no_grad()
@@ -108,7 +108,7 @@ class CodecStage(Stage[Sounds]):
         self.quantizer.initialise(torch.cat(vectors), torch.Generator().manual_seed(self.config.seed))
 
     def loss(self, batch: Sounds, step: int) -> Loss:
-        """See `Stage.loss`. Only the first rows of a batch are decoded."""
+        """See `TrainingTask.loss`. Only the first rows of a batch are decoded."""
         config, rows = self.config, len(batch.row)
         latents = self._latents(batch.heard)
         terms: dict[str, Tensor] = {}
@@ -204,6 +204,6 @@ def train_codec(
     Raises:
         CheckpointError: the folder holds a run of other sizes.
     """
-    stage = CodecStage(config, pool, card=card)
+    stage = CodecTask(config, pool, card=card)
     train(stage, folder, device=device, trackers=trackers, progress=progress)
     return stage.codec.eval()

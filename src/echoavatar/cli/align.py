@@ -13,7 +13,7 @@ from . import align_compare, align_rewards
 
 if TYPE_CHECKING:
     from ..align.config import AlignTraining
-    from ..align.start import Setting
+    from ..align.start import AlignmentSetup
 
 EXAMPLES = """examples:
   echoavatar align grpo TOKENS -o runs/grpo                        tune the default bundle's generator to the audio
@@ -155,7 +155,9 @@ def _add_common(child: argparse.ArgumentParser) -> None:
         "liveliness=0.3 smoothness=0.1 planted_feet=0.1 stillness=0.5)",
     )
     child.add_argument(
-        "--yardstick", type=Path, help="reference statistics of true motion (default: measured now)"
+        "--reference-statistics",
+        type=Path,
+        help="reference statistics of true motion (default: measured now)",
     )
     child.add_argument("--quality", type=Path, help="trained quality reward, for --reward quality=1")
     child.add_argument("--alignment", type=Path, help="trained alignment reward, for --reward alignment=1")
@@ -184,7 +186,7 @@ def run(args: argparse.Namespace) -> int:
             generator=args.generator,
             reference=args.reference,
             rewards=args.reward,
-            yardstick=args.yardstick,
+            reference_statistics=args.reference_statistics,
             quality=args.quality,
             alignment=args.alignment,
             sampling={key: getattr(args, key) for key in ("temperature", "cooling", "top_p")},
@@ -204,7 +206,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _rollouts(args: argparse.Namespace, ready: "Setting", progress: Callable[[int, int], None]) -> int:
+def _rollouts(args: argparse.Namespace, ready: "AlignmentSetup", progress: Callable[[int, int], None]) -> int:
     from ..align.start import make_pairs
 
     names = ("prompts", "past", "length", "group", "margin", "fewest_events", "seed")
@@ -221,16 +223,16 @@ def _draw(folder: Path) -> None:
     draw_run(folder / "metrics.jsonl", folder / "metrics.png")
 
 
-def _train(args: argparse.Namespace, ready: "Setting", progress: Callable[[int, int], None]) -> str:
+def _train(args: argparse.Namespace, ready: "AlignmentSetup", progress: Callable[[int, int], None]) -> str:
     from ..align.samples import can_render_videos
-    from ..align.start import stage_of, tune
+    from ..align.start import training_task, tune
 
     training = _training(args)
     if training.videos and not can_render_videos():
         sys.stderr.write("no videos at checkpoints: they need pip install 'echoavatar[render]'\n")
     names = ("pairs", "margin") if args.kind == "dpo" else ("rollouts",)
     given = {name: getattr(args, name) for name in names}
-    stage = stage_of(args.kind, training, ready, command=align_rewards.command_line(args), **given)
+    stage = training_task(args.kind, training, ready, command=align_rewards.command_line(args), **given)
     how = {"device": args.device, "minutes": args.minutes, "trackers": args.track, "progress": progress}
     stopped = tune(stage, args.output, **how)
     _draw(args.output)

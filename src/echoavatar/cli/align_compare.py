@@ -29,7 +29,7 @@ def add_arguments(child: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Measure and print."""
     from ..align.compare import compare
-    from ..align.prompts import PromptBook
+    from ..align.prompts import PromptSampler
     from ..align.seeds import as_markdown, over_seeds
     from ..align.start import load_setup
     from ..errors import MotionError
@@ -42,14 +42,14 @@ def run(args: argparse.Namespace) -> int:
         bundle=args.bundle,
         generator=args.generator,
         rewards=args.reward,
-        yardstick=args.yardstick,
+        reference_statistics=args.reference_statistics,
         quality=args.quality,
         alignment=args.alignment,
         sampling={key: getattr(args, key) for key in ("temperature", "cooling", "top_p")},
     )
     if not ready.test:
         raise MotionError(f"{args.source} holds no clip of split test, so there is nothing to measure on")
-    prompts = PromptBook(ready.test, past=args.past, length=args.length).spread(args.prompts)
+    prompts = PromptSampler(ready.test, past=args.past, length=args.length).spread(args.prompts)
     generators = {"untuned": ready.generator} | {
         str(folder): Generator.load(folder) for folders in args.beside for folder in folders
     }

@@ -111,10 +111,10 @@ def _calibrate(
     args: argparse.Namespace, bundle: "Bundle", train: Clips, test: Clips, progress: Progress
 ) -> dict[str, Any]:
     from ..align.corruption import scores_from_fid
-    from ..align.quality_train import Levels, calibrate
+    from ..align.quality_train import CorruptedWindows, calibrate
     from ..metrics.motion_encoder import load_shipped
 
-    levels = Levels(bundle.tokenizer, list(train.values()), seed=args.seed)
+    levels = CorruptedWindows(bundle.tokenizer, list(train.values()), seed=args.seed)
     fid = calibrate(levels, load_shipped(), windows=args.windows)
     found = {"fid": fid, "scores": scores_from_fid(fid)}
     args.output.parent.mkdir(parents=True, exist_ok=True)
@@ -127,12 +127,18 @@ def _quality(
 ) -> dict[str, Any]:
     from ..align.corruption import degraded_scores, paper_scores, read_scores
     from ..align.quality import QualityConfig
-    from ..align.quality_train import Levels, QualityTraining, draw_quality, measure_quality, train_quality
+    from ..align.quality_train import (
+        CorruptedWindows,
+        QualityTraining,
+        draw_quality,
+        measure_quality,
+        train_quality,
+    )
 
     scores = read_scores(args.scores) if args.scores else paper_scores()
     scores |= degraded_scores(args.kinds)
     model = train_quality(
-        Levels(bundle.tokenizer, list(train.values()), seed=args.seed),
+        CorruptedWindows(bundle.tokenizer, list(train.values()), seed=args.seed),
         args.output,
         QualityTraining(steps=args.steps, seed=args.seed, minutes=args.minutes or 0, autocast=args.autocast),
         config=QualityConfig(features=bundle.tokenizer.mean.numel(), width=args.width),
@@ -140,7 +146,7 @@ def _quality(
         card=_card(args),
         progress=progress,
     )
-    held_out = Levels(bundle.tokenizer, list(test.values()), seed=args.seed + 1)
+    held_out = CorruptedWindows(bundle.tokenizer, list(test.values()), seed=args.seed + 1)
     found = measure_quality(model, held_out, scores, windows=args.windows)
     (args.output / "held_out.json").write_text(json.dumps(found, indent=1) + "\n")
     draw_quality(found, scores, args.output / "held_out.png")
@@ -151,8 +157,8 @@ def _alignment(
     args: argparse.Namespace, bundle: "Bundle", train: Clips, test: Clips, progress: Progress
 ) -> dict[str, Any]:
     from ..align.audio_reward_train import (
+        AudioMotionWindows,
         AudioRewardTraining,
-        Pairs,
         decoded_waveforms,
         retrieval_tables,
         train_audio_reward,
@@ -163,9 +169,9 @@ def _alignment(
     asked = read_token_clips(args.held_out, layout, needs_truth=True) if args.held_out else test
     model = _listener(args, bundle)
 
-    def pairs(clips: Clips) -> Pairs:
+    def pairs(clips: Clips) -> AudioMotionWindows:
         waves = None if args.encoder == "codes" else decoded_waveforms(bundle.codec, clips, progress)
-        return Pairs(clips, waves=waves)
+        return AudioMotionWindows(clips, waves=waves)
 
     training = AudioRewardTraining(
         steps=args.steps,
@@ -190,7 +196,7 @@ def _listener(args: argparse.Namespace, bundle: "Bundle") -> "AudioMotion":
     from ..align.audio_reward import AudioMotion
     from ..align.beats import Beats
     from ..align.wav2clip import Wav2Clip
-    from ..reference.untrusted import read_tensors
+    from ..reference.foreign_files import read_tensors
 
     if args.encoder_weights and args.encoder == "codes":
         raise EchoAvatarError("--encoder-weights need --encoder beats or wav2clip; name one of them")
@@ -198,7 +204,7 @@ def _listener(args: argparse.Namespace, bundle: "Bundle") -> "AudioMotion":
         torch.manual_seed(args.seed)
         motion_book = bundle.tokenizer.codebooks().detach()
         if args.encoder == "codes":
-            return AudioMotion.over(bundle.codec.codebooks.detach(), motion_book, width=args.width)
+            return AudioMotion.from_codebooks(bundle.codec.codebooks.detach(), motion_book, width=args.width)
         network: Beats | Wav2Clip
         if args.encoder == "beats":
             network = Beats(SMALL_BEATS)

@@ -18,7 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "source",
-        help="folder with codec/, tokenizer/, generator/ and optionally face/ and pulse/; or a bundle",
+        help="folder with codec/, tokenizer/, generator/ and optionally face/ and warp/; or a bundle",
     )
     parser.add_argument(
         "-o", "--output", type=Path, help="folder of the new bundle; without it the bundle's card is shown"
@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
 def assemble(source: Path, output: Path) -> None:
     """Copy the checkpoints without their training state, with weights in half precision.
 
-    A face model (`face/`) and a pulse model (`pulse/`) are copied where they exist. Without an `actions.json`, our own
+    A face model (`face/`) and a warp model (`warp/`) are copied where they exist. Without an `actions.json`, our own
     actions are made.
 
     Raises:
@@ -55,8 +55,8 @@ def assemble(source: Path, output: Path) -> None:
     from ..checkpoint import read_card
     from ..face import FaceModel
     from ..generator import Generator
-    from ..pulse import PulseModel
     from ..tokenizer import BodyTokenizer
+    from ..warp import WarpModel
 
     for part in ("codec", "tokenizer", "generator"):
         missing = [name for name in FILES if not (source / part / name).exists()]
@@ -82,10 +82,8 @@ def assemble(source: Path, output: Path) -> None:
         own_actions(BodyTokenizer.load(output / "tokenizer").eval()).save(output)
     if (source / "face").is_dir():
         FaceModel.load(source / "face").save(output / "face", read_card(source / "face"), dtype=torch.float16)
-    if (source / "pulse").is_dir():
-        PulseModel.load(source / "pulse").save(
-            output / "pulse", read_card(source / "pulse"), dtype=torch.float16
-        )
+    if (source / "warp").is_dir():
+        WarpModel.load(source / "warp").save(output / "warp", read_card(source / "warp"), dtype=torch.float16)
     if not (output / "card.json").exists():
         parts = {part.name: read_card(part) for part in sorted(output.iterdir()) if part.is_dir()}
         (output / "card.json").write_text(

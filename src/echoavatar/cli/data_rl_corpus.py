@@ -18,8 +18,8 @@ EXAMPLES = """examples:
   ELEVENLABS_API_KEY=... echoavatar data rl-corpus -o sounds --tts elevenlabs --voice ID --voice ID
   echoavatar data rl-corpus -o sounds --tts openai --tts-url http://localhost:8880/v1 --tts-model kokoro --voice af_sky
   echoavatar data rl-corpus -o sounds --music my_music --music-licence "CC BY 4.0, see my_music/README"
-then, with a yardstick from a run on true motion:
-  echoavatar align grpo sounds/tokens -o runs/grpo --yardstick runs/first/yardstick.json
+then, with a reference_statistics from a run on true motion:
+  echoavatar align grpo sounds/tokens -o runs/grpo --reference-statistics runs/first/reference_statistics.json
 
 Scripts are plain text: one turn per line, optionally with `Name: ` before it, and a blank line between scripts. After
 the last one, shipped and generated scripts fill the hours. Keys are read from the environment and never written. The

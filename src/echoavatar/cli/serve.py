@@ -16,7 +16,7 @@ SINK_HELP = (
 )
 
 DEVICE_HELP = "processor for the models: cpu, cuda, cuda:1, or auto for a GPU if there is one (default: cpu)"
-WITHOUT_HELP = "leave out a stage: face, smoother, ground, leash, feet, hands or timing; may be repeated"
+WITHOUT_HELP = "leave out a stage: face, smoother, ground, leash, feet, hands or warp; may be repeated"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

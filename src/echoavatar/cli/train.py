@@ -1,4 +1,4 @@
-"""`echoavatar train`: codec, tokenizer, generator, face, pulse in this order; fingers, FID extractor. Each resumes."""
+"""`echoavatar train`: codec, tokenizer, generator, face, warp in this order; fingers, FID extractor. Each resumes."""
 
 import argparse
 import os
@@ -16,8 +16,8 @@ from . import (
     train_fid_encoder,
     train_fingers,
     train_generator,
-    train_pulse,
     train_tokenizer,
+    train_warp,
 )
 from .recipe import Options, Settings
 
@@ -30,7 +30,7 @@ ORDER = """all commands from nothing to a bundle:
   echoavatar train generator runs/tokens -o runs/generator --codec runs/codec --tokenizer runs/tokenizer
   echoavatar data face --rehearse 1.1 -o faces
   echoavatar train face faces -o runs/face
-  echoavatar train pulse corpus -o runs/pulse
+  echoavatar train warp corpus -o runs/warp
   echoavatar bundle runs -o my-bundle
 
 Calling a command again resumes its run, also after SIGTERM. Sizes are those of the default bundle; recipes/ has the
@@ -85,8 +85,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "face", "the face model, on pairs of audio and ARKit curves", "folder of face clips (`data face`)"
     )
     train_face.add_arguments(face, options, SEED)
-    pulse, options = stage("pulse", "the model that times motion to stresses and beats", corpus)
-    train_pulse.add_arguments(pulse, options, SEED)
+    warp, options = stage("warp", "the model that times motion to stresses and beats", corpus)
+    train_warp.add_arguments(warp, options, SEED)
     takes = "corpus folder (`data rehearse`), or folder of BVH clips"
     train_fingers.add_arguments(
         *stage("fingers", "the model behind `refine-fingers`, on motion with good fingers", takes)
@@ -141,7 +141,7 @@ def _train(args: argparse.Namespace, progress: Progress) -> None:
         "tokenizer": train_tokenizer.train,
         "decoder": train_decoder.train,
         "face": train_face.train,
-        "pulse": train_pulse.train,
+        "warp": train_warp.train,
         "fingers": train_fingers.train,
         "fid-encoder": train_fid_encoder.train,
     }

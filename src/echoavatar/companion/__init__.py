@@ -7,6 +7,6 @@
 from .environment import from_environment
 from .model import PERSONA, ChatModel
 from .script import Scripted
-from .talk import Companion, Doing, Said
+from .talk import ChatTurn, Companion, ToolAccess
 
-__all__ = ["PERSONA", "ChatModel", "Companion", "Doing", "Said", "Scripted", "from_environment"]
+__all__ = ["PERSONA", "ChatModel", "Companion", "ToolAccess", "ChatTurn", "Scripted", "from_environment"]

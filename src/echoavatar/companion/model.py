@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ..errors import EchoAvatarError
-from .talk import MOST_REMEMBERED, Doing, Said
+from .talk import MAX_HISTORY_TURNS, ChatTurn, ToolAccess
 
 TIMEOUT_S = 60.0
 MAX_TOOL_ROUNDS = 3  # rounds of tool calls before the model must answer in words
@@ -53,10 +53,10 @@ class ChatModel:
         self.name, self.hears = model, bool(ears)
         self._url, self._key, self._transcriber, self._persona = url.rstrip("/"), key, ears, persona
 
-    async def reply(self, said: str, history: Sequence[Said], doing: Doing) -> str:
+    async def reply(self, said: str, history: Sequence[ChatTurn], doing: ToolAccess) -> str:
         """The model's answer; its tool calls are carried out on the way."""
         messages: list[dict[str, Any]] = [{"role": "system", "content": self._persona}]
-        messages += [{"role": past.role, "content": past.text} for past in history[-MOST_REMEMBERED:]]
+        messages += [{"role": past.role, "content": past.text} for past in history[-MAX_HISTORY_TURNS:]]
         messages.append({"role": "user", "content": said})
         for turn in range(MAX_TOOL_ROUNDS + 1):
             request = {"model": self.name, "messages": messages, "max_tokens": MAX_TOKENS}
@@ -102,7 +102,7 @@ class ChatModel:
             raise EchoAvatarError(f"{self.name} did not answer in the form of Chat Completions") from error
         return message
 
-    async def _call(self, call: dict[str, Any], doing: Doing) -> dict[str, Any]:
+    async def _call(self, call: dict[str, Any], doing: ToolAccess) -> dict[str, Any]:
         function = call.get("function") or {}
         try:
             arguments = json.loads(function.get("arguments") or "{}")

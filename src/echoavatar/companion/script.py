@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from ..errors import EchoAvatarError
-from .talk import Doing, Said
+from .talk import ChatTurn, ToolAccess
 
 
 class Cue(NamedTuple):
@@ -118,7 +118,7 @@ class Scripted:
     name = "script"
     hears = False
 
-    async def reply(self, said: str, history: Sequence[Said], doing: Doing) -> str:
+    async def reply(self, said: str, history: Sequence[ChatTurn], doing: ToolAccess) -> str:
         """A line for what was said; starts the action or music that goes with it."""
         text, turn = said.lower(), len(history)
         named = _find_action(text, doing.choices("send_action", "action"))

@@ -4,17 +4,17 @@ from collections.abc import Awaitable, Callable, Mapping, Sequence
 from typing import Any, NamedTuple, Protocol
 
 Do = Callable[[str, dict[str, Any]], Awaitable[dict[str, Any]]]
-MOST_REMEMBERED = 24  # turns, of both sides together
+MAX_HISTORY_TURNS = 24  # turns, of both sides together
 
 
-class Said(NamedTuple):
+class ChatTurn(NamedTuple):
     """A turn of the conversation."""
 
     role: str  # user or assistant
     text: str
 
 
-class Doing(NamedTuple):
+class ToolAccess(NamedTuple):
     """The avatar's tools: their declarations for Chat Completions, and a function that carries out a call."""
 
     tools: Sequence[Mapping[str, Any]]
@@ -35,7 +35,7 @@ class Companion(Protocol):
     name: str
     hears: bool  # whether `transcribe` works
 
-    async def reply(self, said: str, history: Sequence[Said], doing: Doing) -> str:
+    async def reply(self, said: str, history: Sequence[ChatTurn], doing: ToolAccess) -> str:
         """The answer to say; actions that go with it have been started.
 
         Raises:

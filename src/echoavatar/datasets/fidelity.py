@@ -8,7 +8,7 @@ import torch
 
 from ..kinematics import Motion
 from ..kinematics.contact import skate
-from ..kinematics.footing import foot_contacts
+from ..kinematics.foot_planting import foot_contacts
 from ..kinematics.rigs import bone_map
 from .hand_contact import NEAR_ARMS, arm_length
 

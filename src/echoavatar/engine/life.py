@@ -1,4 +1,4 @@
-"""Life of the body that no sound drives: breath, shifts of weight, small turns of the head. Not in the paper.
+"""IdleMotion of the body that no sound drives: breath, shifts of weight, small turns of the head. Not in the paper.
 
 In silence the model's codes come to rest, and so would the body. Breath goes on always; weight and head move only while
 nothing else does, and fade where sound or an action takes over. When what happens follows from the session's seed and
@@ -142,7 +142,7 @@ def enliven(rotations, root, offsets, upper, legs, shares, first, seed, may_shif
             shift(rotations[t], root[t], offsets, legs, share * (weight * SHIFT_M + sway / 2 * SWAY_M))
 
 
-class Life:
+class IdleMotion:
     """One session's."""
 
     def __init__(self, seed: int, options: MotionOptions = FREE, chunk: ChunkSize = CHUNK) -> None:
@@ -176,7 +176,9 @@ def warm_up(skeleton: Skeleton) -> None:
     """Compile the loop, once on a machine."""
     still = np.zeros((CHUNK.frames, skeleton.joints, 4), np.float32)
     still[..., 0] = 1
-    Life(0).alive(0, MotionChunk(still, np.zeros((CHUNK.frames, 3), np.float32)), skeleton, is_idle=True)
+    IdleMotion(0).alive(
+        0, MotionChunk(still, np.zeros((CHUNK.frames, 3), np.float32)), skeleton, is_idle=True
+    )
 
 
 def _place(skeleton: Skeleton, name: str) -> int:

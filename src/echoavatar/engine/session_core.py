@@ -23,7 +23,7 @@ from .action_scheduler import ActionScheduler, ActStatus
 from .audio_queue import INBOX_SECONDS, AudioQueue
 from .barge_in import BargeIn, Interruption
 from .gaze import Gaze
-from .life import Life
+from .life import IdleMotion
 from .listener import Listener, Sign
 from .music import AUDIBLE, Heard, MusicPlayer
 from .playout import Delivery, PlayoutBuffer
@@ -100,7 +100,7 @@ class SessionCore:
         self._actions = ActionScheduler(host.actions, self.chunk)
         self._listener = Listener(seed)
         self._user_resampler: StreamResampler | None = None
-        self._gaze, self._life = Gaze(self.chunk), Life(seed, options, self.chunk)
+        self._gaze, self._life = Gaze(self.chunk), IdleMotion(seed, options, self.chunk)
         self._settling = Settling(self.chunk)
         self._making: tuple[int, Heard] | None = None  # the chunk in the making, and its sound
 

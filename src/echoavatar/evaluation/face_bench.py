@@ -14,7 +14,7 @@ import torch
 
 from ..face import FaceConfig, FaceModel, FaceStream
 from ..timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
-from .between import other_models
+from .cache_pressure import evict_caches
 
 WARM_UP = 3
 _TURNS = 10  # chunks of one session to one of the batch
@@ -63,7 +63,7 @@ def _chunks(stream: FaceStream, rows: int) -> Iterator[tuple[float, float]]:
     sound = 0.1 * torch.randn(
         rows, stream.model.config.step * SAMPLES_PER_FRAME, generator=torch.Generator().manual_seed(1)
     )
-    between = other_models()
+    between = evict_caches()
     while True:
         between()
         began, began_wall = time.process_time(), time.perf_counter()

@@ -19,7 +19,7 @@ from ..kinematics import HUMANOID, to_features
 from ..kinematics.rotations import matrix_from_axis_angle
 from ..pipeline.post import POST_STAGES, Post
 from ..timing import CHUNK_FRAMES, FRAME_RATE_HZ
-from .between import other_models
+from .cache_pressure import evict_caches
 
 WARM_UP = 10
 CLIP_CHUNKS = 60
@@ -59,7 +59,7 @@ def bench_post(
 
 def _stages_ms(clip: Float[Tensor, "t c"], sessions: int, chunks: int) -> dict[str, float]:
     """Median milliseconds of each stage and of all, per session."""
-    between, post = other_models(), Post(HUMANOID)
+    between, post = evict_caches(), Post(HUMANOID)
     state, active = post.init_state(sessions), torch.ones(sessions, dtype=torch.bool)
     pieces: tuple[Tensor, ...] = clip.tensor_split(len(clip) // CHUNK_FRAMES)
     times = []

@@ -20,7 +20,7 @@ from ..metrics.physical import floor_depth_cm, foot_contact_score, jerk_m_s3
 from ..timing import FRAME_RATE_HZ
 from .motion_folder import Pair
 from .reconstruction import Reconstruction, reconstruction
-from .score_beats import Heard, dance_rows, gesture_rows
+from .score_beats import ClipAudio, dance_rows, gesture_rows
 from .score_row import Row, row_of_means
 
 FID_SAMPLES = 300
@@ -81,7 +81,7 @@ def score(
     latents = [[clip.latents for clip in side if clip.latents] for side in (made, true)]
     rows = [fid_row(*latents, seed=seed)] if extractor else []
     if all(pair.audio is not None for pair in pairs):
-        heard = [Heard(pair.audio, pair.domain) for pair in pairs if pair.audio is not None]
+        heard = [ClipAudio(pair.audio, pair.domain) for pair in pairs if pair.audio is not None]
         places, truths = [clip.positions for clip in made], [clip.positions for clip in true]
         rows += gesture_rows(heard, places, truths, seed=seed) + dance_rows(heard, places, truths, seed=seed)
     weights = np.array([pair.made.frames for pair in pairs], float)

@@ -38,7 +38,7 @@ _Scores = Float[np.ndarray, " n"]
 
 
 @dataclass(frozen=True)
-class Heard:
+class ClipAudio:
     """A clip's audio, and the domain of each frame."""
 
     audio: Float[np.ndarray, " s"]
@@ -72,7 +72,7 @@ class Heard:
 
 
 def gesture_rows(
-    heard: Sequence[Heard],
+    heard: Sequence[ClipAudio],
     made: Sequence[Float[np.ndarray, "_ j 3"]],
     true: Sequence[Float[np.ndarray, "_ j 3"]],
     *,
@@ -117,7 +117,7 @@ def gesture_rows(
 
 
 def dance_rows(
-    heard: Sequence[Heard],
+    heard: Sequence[ClipAudio],
     made: Sequence[Float[np.ndarray, "_ j 3"]],
     true: Sequence[Float[np.ndarray, "_ j 3"]],
     *,

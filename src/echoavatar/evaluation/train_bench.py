@@ -19,13 +19,13 @@ from ..data.corpus import ClipMotion
 from ..errors import EchoAvatarError
 from ..generator import Generator, GeneratorConfig, TokenClip
 from ..generator.recipe import GeneratorTraining
-from ..generator.train import GeneratorStage
+from ..generator.train import GeneratorTask
 from ..kinematics import HUMANOID
 from ..timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
 from ..tokenizer import BodyTokenizerConfig
 from ..tokenizer.recipe import TokenizerTraining
-from ..tokenizer.train import TokenizerStage
-from ..training import Loop, Stage
+from ..tokenizer.train import TokenizerTask
+from ..training import Loop, TrainingTask
 from ..training.processes import Processes
 
 SIZES = {"cuda": 8192, "cpu": 1024}  # side of the square matrices
@@ -64,7 +64,7 @@ def bench_generator(
         )
         for _ in range(CLIPS)
     ]
-    stage = GeneratorStage(config, training, clips)
+    stage = GeneratorTask(config, training, clips)
     ids = training.batch * stage.chunks * config.order.ids_per_chunk
     flop = step_flop(stage.generator, ids, config.order.lookback or stage.chunks * config.order.ids_per_chunk)
     return _timed("generator", stage, device=device, steps=steps, flop=flop)
@@ -82,7 +82,7 @@ def bench_tokenizer(
         turns /= np.linalg.norm(turns, axis=-1, keepdims=True)
         root = HUMANOID.offsets[0].numpy() + random.normal(0, 0.01, (frames, 3))
         clips.append(ClipMotion(turns.astype(np.float32), root.astype(np.float32)))
-    return _timed("tokenizer", TokenizerStage(config, training, clips), device=device, steps=steps)
+    return _timed("tokenizer", TokenizerTask(config, training, clips), device=device, steps=steps)
 
 
 def step_flop(generator: Generator, ids: int, seen: int) -> float:
@@ -107,7 +107,7 @@ def matrix_rate(device: str, dtype: torch.dtype) -> float:
 
 
 def _timed(
-    name: str, stage: Stage[Any], *, device: str, steps: int, flop: float | None = None
+    name: str, stage: TrainingTask[Any], *, device: str, steps: int, flop: float | None = None
 ) -> TrainReport:
     if device.startswith("cuda") and not torch.cuda.is_available():
         raise EchoAvatarError("there is no CUDA device here; --device cpu times the same steps")

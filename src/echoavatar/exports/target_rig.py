@@ -16,10 +16,10 @@ from ..ik.gltf_rig import GltfRig, read_gltf_rig
 from ..ik.holding import keep_hands_on_body
 from ..ik.skinned import skinned
 from ..kinematics import Motion, Skeleton, read_bvh
+from ..kinematics.hand_contact import keep_hands_together
 from ..kinematics.retarget import retarget
 from ..kinematics.rigs import bone_map
 from ..kinematics.rotations import quaternion_from_matrix
-from ..kinematics.touching import keep_hands_together
 from .take import Take
 
 GLTF, BVH = (".vrm", ".glb"), ".bvh"

@@ -14,7 +14,7 @@ import numpy as np
 import torch
 
 from .. import checkpoint
-from ..training import Loss, Progress, Stage, has_state, train
+from ..training import Loss, Progress, TrainingTask, has_state, train
 from .clip import FaceClip
 from .config import FaceConfig
 from .losses import FaceReader, FlowNoise, draw_noise, flow_loss
@@ -31,7 +31,7 @@ class FaceLesson(NamedTuple):
     noise: FlowNoise
 
 
-class FaceStage(Stage[FaceLesson]):
+class FaceTask(TrainingTask[FaceLesson]):
     """A face model and the clips of split "train"."""
 
     config: FaceTraining
@@ -77,12 +77,12 @@ class FaceStage(Stage[FaceLesson]):
         return peak * warm * training.decayed(min(1.0, at / max(1, steps)))
 
     def draw(self, step: int) -> FaceLesson:
-        """See `Stage.draw`."""
+        """See `TrainingTask.draw`."""
         windows = self.sampler.batch(step, self.config.batch)
         return FaceLesson(windows, draw_noise(windows.curves, self.config, self.config.noise(step)))
 
     def loss(self, batch: FaceLesson, step: int) -> Loss:
-        """See `Stage.loss`."""
+        """See `TrainingTask.loss`."""
         training, windows = self.config, batch.windows
         features = self.model.encoder(windows.audio)
         read = self.reader.loss(self.model, features, windows.curves)
@@ -115,7 +115,7 @@ def train_face(
     A new run begins with the weights of `start`, where given, under a schedule of its own.
     Stops after the schedule's steps, or after `minutes` of this call.
     """
-    stage = FaceStage(config, training, clips, card=card)
+    stage = FaceTask(config, training, clips, card=card)
     if start is not None and not has_state(folder):
         checkpoint.load_into(stage.model, start.state_dict(), origin="the face model to start from")
     train(stage, folder, minutes=minutes, device=device, trackers=trackers, progress=progress)

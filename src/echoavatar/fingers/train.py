@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from ..errors import MotionError
-from ..training import Loss, Progress, Stage, train
+from ..training import Loss, Progress, TrainingTask, train
 from .body_features import mirror_body
 from .clips import FingerClip
 from .config import FingerConfig
@@ -31,7 +31,7 @@ class NoisyFingerBatch(NamedTuple):
     noise: FingerNoise
 
 
-class FingerTask(Stage[NoisyFingerBatch]):
+class FingerTask(TrainingTask[NoisyFingerBatch]):
     """A finger model and the clips with moving fingers that it is trained on."""
 
     config: FingerTraining
@@ -65,7 +65,7 @@ class FingerTask(Stage[NoisyFingerBatch]):
         return {"fingers": self.model.config, "training": self.config}
 
     def draw(self, step: int) -> NoisyFingerBatch:
-        """See `Stage.draw`; windows are normalised by the model's fixed statistics."""
+        """See `TrainingTask.draw`; windows are normalised by the model's fixed statistics."""
         windows = self.sampler.batch(step, self.config.batch)
         return NoisyFingerBatch(
             windows, draw_noise(windows, self.config.noise(step, _NOISE * self.config.seed))
@@ -76,7 +76,7 @@ class FingerTask(Stage[NoisyFingerBatch]):
         return count_learned_hands(batch.windows, self.config, batch.noise)
 
     def loss(self, batch: NoisyFingerBatch, step: int) -> Loss:
-        """See `Stage.loss`."""
+        """See `TrainingTask.loss`."""
         return Loss(denoising_loss(self.model, batch.windows, self.config, batch.noise), {})
 
     def save(self, folder: Path, step: int) -> None:

@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from .. import checkpoint
 from ..errors import CheckpointError
 from ..tokens import corrupt_hierarchically, corrupt_uniformly
-from ..training import Loss, Progress, Stage, adamw, has_state, train
+from ..training import Loss, Progress, TrainingTask, adamw, has_state, train
 from .config import GeneratorConfig
 from .cues import CueReader
 from .exemplar import Exemplar, draw_exemplar
@@ -38,7 +38,7 @@ class Lesson(NamedTuple):
     exemplar: Exemplar | None
 
 
-class GeneratorStage(Stage[Lesson]):
+class GeneratorTask(TrainingTask[Lesson]):
     """A generator and the clips of split "train"."""
 
     config: GeneratorTraining
@@ -128,7 +128,7 @@ class GeneratorStage(Stage[Lesson]):
         return float((self.chunks - batch.missing).sum())
 
     def loss(self, batch: Lesson, step: int) -> Loss:
-        """See `Stage.loss`."""
+        """See `TrainingTask.loss`."""
         training, window = self.config, batch.window
         if training.objective == "streams":
             streams = stream_nll(self.generator, window)
@@ -184,7 +184,7 @@ def train_generator(
     A new run begins with the weights of `start`, or with the body of the Qwen2 checkpoint in `qwen`, where given,
     under a schedule of its own. Stops after the schedule's steps, or after `minutes` of this call.
     """
-    stage = GeneratorStage(
+    stage = GeneratorTask(
         config, training, clips, audio_codebooks=audio_codebooks, motion_codebooks=motion_codebooks
     )
     if not has_state(folder):

@@ -13,9 +13,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from ..kinematics import Motion, Pose, Skeleton, forward_kinematics
+from ..kinematics.hand_contact import carried, falling, find_arm
 from ..kinematics.rigs import bone_map
 from ..kinematics.rotations import quaternion_from_matrix
-from ..kinematics.touching import carried, falling, find_arm
 from .hand import hand_points
 from .profile import BodyProfile, RoundedPart
 

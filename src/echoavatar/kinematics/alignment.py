@@ -52,7 +52,7 @@ def align(
             found[bone] = (
                 base
                 if not is_limb or ours is None or theirs is None
-                else least_turn(base @ ours, theirs) @ base
+                else least_rotation(base @ ours, theirs) @ base
             )
         else:
             mean = _mean_without_twist(rotations, pose, source_map, found, above)
@@ -63,11 +63,11 @@ def align(
             elif bone.endswith(_HINGES):
                 found[bone] = _from_hinge(pose, source_map, bone, ours, theirs)
             else:
-                found[bone] = least_turn(mean @ ours, theirs) @ mean
+                found[bone] = least_rotation(mean @ ours, theirs) @ mean
     return found
 
 
-def least_turn(start: Float[Tensor, "*n 3"], end: Float[Tensor, "*n 3"]) -> Float[Tensor, "*n 3 3"]:
+def least_rotation(start: Float[Tensor, "*n 3"], end: Float[Tensor, "*n 3"]) -> Float[Tensor, "*n 3 3"]:
     """The smallest rotation from one direction to another; opposite directions take any perpendicular axis."""
     a, b = _unit(start), _unit(end)
     axis, cosine = torch.linalg.cross(a, b), (a * b).sum(-1, keepdim=True)
@@ -164,7 +164,7 @@ def _facing(source: Skeleton, a: Mapping[str, int], target: Skeleton, b: Mapping
         for skeleton, bones in ((target, b), (source, a))
     ]
     flat = [vector.double() * torch.tensor([1.0, 0, 1.0]).double() for vector in across]
-    return least_turn(flat[0], flat[1])
+    return least_rotation(flat[0], flat[1])
 
 
 def _flat(pose: Pose, bones: Mapping[str, int], bone: str) -> Tensor:

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from .alignment import align
-from .footing import foot_contacts, settle_feet
+from .foot_planting import foot_contacts, settle_feet
 from .forward import Pose, forward_kinematics
 from .motion import Motion
 from .rigs import bone_map

@@ -4,7 +4,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from .alignment import least_turn
+from .alignment import least_rotation
 from .rotations import matrix_from_axis_angle
 
 REACH = 0.9995  # of the stretched length
@@ -39,5 +39,5 @@ def reach(
     turn = torch.remainder(straight + bend + torch.pi, 2 * torch.pi) - torch.pi  # flexed side
     fold = matrix_from_axis_angle(hinge * turn[..., None])
     reached = upper + (fold @ lower[..., None]).squeeze(-1)
-    point = least_turn(reached, target - hip)
+    point = least_rotation(reached, target - hip)
     return point, point @ fold

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from ..errors import MotionError
 from ..kinematics import HUMANOID
-from ..training import Loss, Progress, Stage, TrainingConfig, adamw, train
+from ..training import Loss, Progress, TrainingConfig, TrainingTask, adamw, train
 from .motion_encoder import MotionEncoder, MotionEncoderConfig
 from .motion_features import TRAVEL
 
@@ -50,7 +50,7 @@ class Motion(NamedTuple):
     noise: Float[Tensor, "b t c"]
 
 
-class MotionEncoderTask(Stage[Motion]):
+class MotionEncoderTask(TrainingTask[Motion]):
     """The training task of the extractor."""
 
     config: MotionEncoderTraining
@@ -85,7 +85,7 @@ class MotionEncoderTask(Stage[Motion]):
         return [adamw([self.model], self.config, decays_vectors=True)]
 
     def draw(self, step: int) -> Motion:
-        """See `Stage.draw`."""
+        """See `TrainingTask.draw`."""
         random = self.config.noise(step, _NOISE * self.config.seed)
         windows = self._windows(random)
         return Motion(windows, torch.randn(windows.shape, generator=random) * self.config.noise_spread)

@@ -14,7 +14,7 @@ from pydantic import Field
 from torch import Tensor
 
 from ..errors import MotionError
-from ..training import Loss, Progress, Stage, TrainingConfig, train
+from ..training import Loss, Progress, TrainingConfig, TrainingTask, train
 from .skeleton_convolution import CLIP_MULTIPLE, SkeletonConvolution, SkeletonConvolutionConfig
 
 
@@ -31,7 +31,7 @@ class SkeletonConvolutionTraining(TrainingConfig):
     speed_weight: float = Field(default=1.0, ge=0, description="weight of the error in frame differences")
 
 
-class SkeletonConvolutionTask(Stage[Tensor]):
+class SkeletonConvolutionTask(TrainingTask[Tensor]):
     """The training task of the extractor."""
 
     config: SkeletonConvolutionTraining
@@ -61,7 +61,7 @@ class SkeletonConvolutionTask(Stage[Tensor]):
         return {"extractor": self.model.config, "training": self.config}
 
     def draw(self, step: int) -> Float[Tensor, "b t c"]:
-        """See `Stage.draw`: windows, uniform over all positions in the data."""
+        """See `TrainingTask.draw`: windows, uniform over all positions in the data."""
         random, frames = self.config.noise(step), self.config.frames
         starts = torch.tensor([len(clip) - frames + 1 for clip in self.clips]).double()
         chosen = torch.multinomial(starts, self.config.batch, replacement=True, generator=random)

@@ -1,6 +1,6 @@
 """A bundle: the trained parts that belong together, in one folder.
 
-`codec/`, `tokenizer/`, `generator/` and, where there are such, `face/` and `pulse/` are checkpoints of their own;
+`codec/`, `tokenizer/`, `generator/` and, where there are such, `face/` and `warp/` are checkpoints of their own;
 `card.json` beside them says what the whole is.
 """
 
@@ -18,22 +18,22 @@ from ..errors import CheckpointError
 from ..face import ARKIT_NAMES, FaceModel
 from ..generator import Generator, qwen_half_billion
 from ..kinematics import Skeleton
-from ..pulse import PulseModel
 from ..timing import CHUNK_SECONDS, ChunkSize
 from ..tokenizer import BodyTokenizer
+from ..warp import WarpModel
 from .actions import ActionLibrary
 from .post import SWITCHES, refuse_unknown
-from .retime import TIMING
 from .runtime import Runtime
+from .time_warp import WARP
 
 PARTS = ("codec", "tokenizer", "generator")
 FACE = "face"
-OPTIONAL_STAGES = (FACE, *SWITCHES, TIMING)
+OPTIONAL_STAGES = (FACE, *SWITCHES, WARP)
 
 
 @dataclass(frozen=True)
 class Bundle:
-    """Codec, motion tokenizer, generator, perhaps face and pulse models, loaded and checked against each other."""
+    """Codec, motion tokenizer, generator, perhaps face and warp models, loaded and checked against each other."""
 
     name: str
     codec: AudioCodec
@@ -43,7 +43,7 @@ class Bundle:
     actions: ActionLibrary = field(default_factory=ActionLibrary)
     face: FaceModel | None = None
     runtime: Runtime = field(default_factory=Runtime)
-    pulse: PulseModel | None = None
+    warp: WarpModel | None = None
 
     @property
     def skeleton(self) -> Skeleton:
@@ -59,7 +59,7 @@ class Bundle:
     def parameters(self) -> int:
         """How many weights there are in all."""
         parts: tuple[nn.Module | None, ...]
-        parts = (self.codec, self.tokenizer, self.generator, self.face, self.pulse)
+        parts = (self.codec, self.tokenizer, self.generator, self.face, self.warp)
         modules = [part for part in parts if part is not None]
         return sum(weight.numel() for module in modules for weight in module.parameters())
 
@@ -94,10 +94,10 @@ def load_bundle(name: str | Path = "default") -> Bundle:
         chunk = ChunkSize(generator.config.step)
         actions = ActionLibrary.load(folder, width, chunk)
         face = FaceModel.load(folder / "face") if (folder / "face").is_dir() else None
-        pulse = PulseModel.load(folder / "pulse") if (folder / "pulse").is_dir() else None
+        warp = WarpModel.load(folder / "warp") if (folder / "warp").is_dir() else None
         runtime = Runtime.load(folder)
         bundle = Bundle(
-            str(name), codec, tokenizer, generator, read_card(folder), actions, face, runtime, pulse
+            str(name), codec, tokenizer, generator, read_card(folder), actions, face, runtime, warp
         )
     _check(bundle)
     return bundle

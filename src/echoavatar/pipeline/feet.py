@@ -5,7 +5,7 @@ other, that the decoded foot floats or sinks by millimetres, and whatever `leash
 by the height of its ball and by how fast it rises; one that sinks stays. While it is, its ball is held where it was
 shown when it came to stand. A foot that is let go rises before it goes: the less it is off the floor, the less of its
 way it makes in that frame, and the correction fades as fast as it was off the floor in the frame before. So it does not
-slide, however slowly it is played (`retime`). A foot that is held too far from where it was decoded is let go, and
+slide, however slowly it is played (`time_warp`). A foot that is held too far from where it was decoded is let go, and
 steps there. A foot that travels without lifting, as a shuffle decodes, is lifted, so that it steps instead of sliding.
 Not in the paper.
 """

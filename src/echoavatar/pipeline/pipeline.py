@@ -1,7 +1,7 @@
 """One chunk of audio in, one chunk of motion out, for many sessions at once (paper, Real-time Deployment).
 
-    level control -> codec -> generator -> tokenizer decoder -> rig -> post (`Post`: smoother to hands) -> timing
-                  -> pulse, where the bundle has a pulse model ----------------------------------------------^
+    level control -> codec -> generator -> tokenizer decoder -> rig -> post (`Post`: smoother to hands) -> warp
+                  -> warp, where the bundle has a warp model ----------------------------------------------^
                   -> face, where the bundle has a face model
 
 Offline and live are the same: a file is a session that is pushed faster. Nothing here depends on the wall clock.
@@ -27,19 +27,19 @@ from ..generator.stream import GeneratorStream, HistoryState, RingState
 from ..ik import BodyProfile
 from ..kinematics.features import part_sizes
 from ..nn import StreamState, write_rows
-from ..pulse import PulseState
 from ..timing import CHUNK_FRAMES, SAMPLE_RATE_HZ
 from ..tokenizer.body import BodyState
 from ..tokenizer.model import DecoderState
+from ..warp import WarpModelState
 from .actions import Directive
-from .beginning import Beginning, begin
 from .bundle import Bundle, foresight_refusal
 from .device import find_device
 from .modes import FREE, MotionOptions
 from .motion_chunk import MotionChunk, in_a_row
 from .post import POST_STAGES, Post, PostState
-from .retime import TIMING, Retime, RetimeState
 from .rig import Output, RigAdapter, RigState
+from .time_warp import WARP, TimeWarp, TimeWarpState
+from .warm_start import WarmStart, begin
 
 _LOG = logging.getLogger(__name__)
 OnStage = Callable[[str], None]
@@ -51,15 +51,15 @@ STILL = (
 PATIENCE = 6  # chunks of stillness, 1.6 s, after which codes are drawn at a higher temperature
 SILENCE = 0.003  # root mean square of a chunk behind the level control, -50 dBFS, below which nobody is heard
 # in silence a share of the temperature: at full heat one draw in a hundred leaves the rest, and hands never settle
-STAGES = ("level", "face", "codec", "generator", "decoder", "rig", *POST_STAGES, TIMING)
+STAGES = ("level", "face", "codec", "generator", "decoder", "rig", *POST_STAGES, WARP)
 
 
 @dataclass
-class TimingState(StreamState):
-    """What hears the pulse and what follows it."""
+class WarpState(StreamState):
+    """What the warp model heard, and how far the body is shown behind the motion made."""
 
-    pulse: PulseState
-    retime: RetimeState
+    model: WarpModelState
+    stage: TimeWarpState
 
 
 @dataclass
@@ -73,7 +73,7 @@ class PipelineState(StreamState):
     post: PostState
     rig: list[RigState]  # one where the tokenizer speaks of another rig
     face: list[FaceState]  # one, or none without a face model
-    timing: list[TimingState]  # one, or none without a pulse model
+    time_warp: list[WarpState]  # one, or none without a warp model
     seeds: Int[Tensor, " b"]
     still: Int[
         Tensor, " b"
@@ -119,9 +119,9 @@ class Pipeline:
         )
         self.tokenizer = bundle.tokenizer.to(self.device)
         chosen = set(runtime.stages if stages is None else stages)
-        self.pulse = bundle.pulse if TIMING in chosen else None
-        self.retime = Retime(self.skeleton.joints) if self.pulse else None
-        self.post = Post(self.skeleton, stages=chosen - {TIMING}, body=body)
+        self.warp = bundle.warp if WARP in chosen else None
+        self.time_warp = TimeWarp(self.skeleton.joints) if self.warp else None
+        self.post = Post(self.skeleton, stages=chosen - {WARP}, body=body)
         self.face = FaceStream(bundle.face) if bundle.face else None
         self.actions = bundle.actions
         config = bundle.generator.config
@@ -136,7 +136,7 @@ class Pipeline:
         self._bias = own_bias if config.example_bias is None else config.example_bias
         self.on_stage: OnStage = _ignore
         self._lead_in = math.ceil(runtime.lead_in_s * SAMPLE_RATE_HZ / self.chunk.samples)
-        self.beginning = Beginning(self._stand)
+        self.beginning = WarmStart(self._stand)
 
     @property
     def chunk_samples(self) -> int:
@@ -158,15 +158,15 @@ class Pipeline:
             self.post.init_state(rows),
             [self.rig.init_state(rows)] if self.rig else [],
             [self.face.init_state(rows)] if self.face else [],
-            self._init_timing(rows),
+            self._init_warp(rows),
             torch.zeros(rows, dtype=torch.int64),
             torch.zeros(rows, dtype=torch.int64),
         )
 
-    def _init_timing(self, rows: int) -> list[TimingState]:
-        if not (self.pulse and self.retime):
+    def _init_warp(self, rows: int) -> list[WarpState]:
+        if not (self.warp and self.time_warp):
             return []
-        return [TimingState(self.pulse.init_state(rows), self.retime.init_state(rows))]
+        return [WarpState(self.warp.init_state(rows), self.time_warp.init_state(rows))]
 
     def reset(
         self,
@@ -186,7 +186,7 @@ class Pipeline:
         state, everyone = self.init_state(1), torch.ones(1, dtype=torch.bool)
         for _ in range(self._lead_in):
             self.step(torch.zeros(1, self.chunk_samples), state, everyone)
-        for shown in (state.post, *(timing.retime for timing in state.timing)):
+        for shown in (state.post, *(warp.stage for warp in state.time_warp)):
             shown.reset(everyone)
         return state
 
@@ -287,10 +287,10 @@ class Pipeline:
         self.on_stage("rig")
         pieces: tuple[Tensor, ...] = torch.split(features, CHUNK_FRAMES, 1)
         motion = in_a_row([self.post.step(piece, state.post, active, self.on_stage) for piece in pieces])
-        if self.pulse and self.retime:
-            brake = self.pulse.step(level, state.timing[0].pulse, active)
-            motion = self.retime.step(motion, brake, state.timing[0].retime, active)
-        self.on_stage(TIMING)
+        if self.warp and self.time_warp:
+            brake = self.warp.step(level, state.time_warp[0].model, active)
+            motion = self.time_warp.step(motion, brake, state.time_warp[0].stage, active)
+        self.on_stage(WARP)
         return motion.parted(face)
 
 

@@ -11,8 +11,8 @@ from ..config import Config
 from ..errors import CheckpointError
 from ..limits import CONFIG_BYTES, check_file
 from .post import SWITCHES
-from .retime import TIMING
 from .rig import RigConfig
+from .time_warp import WARP
 
 FILE = "runtime.json"
 
@@ -36,7 +36,7 @@ class Runtime(Config):
         description="seconds of silence that a session begins as if it had heard (rounded up to chunks; paper: 0)",
     )
     stages: tuple[str, ...] = Field(
-        default=(TIMING, *SWITCHES), description="stages behind the decoder, unless asked for"
+        default=(WARP, *SWITCHES), description="stages behind the decoder, unless asked for"
     )
     rig: RigConfig | None = Field(
         default=None, description="how its features differ from ours; None: not at all"

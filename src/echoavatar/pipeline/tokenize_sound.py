@@ -1,8 +1,8 @@
 """Sound without motion as prompts: its codes, and the motion that the generator to be tuned makes to it.
 
 A prompt of reinforcement learning needs a past. Where nobody ever moved to a sound, the past is the generator's own, as
-it is in a live session. Such token files say `has_truth` false: no yardstick, reward model or generator is trained on
-them.
+it is in a live session. Such token files say `has_truth` false: no reference statistics, reward
+model or generator is made of them.
 """
 
 from collections.abc import Callable

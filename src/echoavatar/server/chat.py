@@ -7,8 +7,8 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import BaseRoute, Route
 
-from ..companion import Companion, Doing, Said, from_environment
-from ..companion.talk import MOST_REMEMBERED
+from ..companion import ChatTurn, Companion, ToolAccess, from_environment
+from ..companion.talk import MAX_HISTORY_TURNS
 from ..errors import EchoAvatarError
 from ..wire import ProtocolError
 from ..wire.guard import check_origin
@@ -76,15 +76,15 @@ async def _talk(manager: SessionManager, companion: Companion, request: Request)
         did.append({"name": name, "arguments": arguments, "status": result.get("status", "done")})
         return result
 
-    doing = Doing(manager.toolbox.schemas("openai-chat"), do)
+    doing = ToolAccess(manager.toolbox.schemas("openai-chat"), do)
     return {"say": await companion.reply(text, _history(message.get("history")), doing), "did": did}
 
 
-def _history(given: Any) -> list[Said]:
+def _history(given: Any) -> list[ChatTurn]:
     """The turns of the conversation so far; entries of the wrong shape are left out."""
-    rows = given[-MOST_REMEMBERED:] if isinstance(given, list) else []
+    rows = given[-MAX_HISTORY_TURNS:] if isinstance(given, list) else []
     return [
-        Said(row["role"], row["text"][:MOST_LETTERS])
+        ChatTurn(row["role"], row["text"][:MOST_LETTERS])
         for row in rows
         if isinstance(row, dict)
         and row.get("role") in ("user", "assistant")

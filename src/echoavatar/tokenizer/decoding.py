@@ -21,7 +21,7 @@ from ..config import Config
 from ..errors import MotionError
 from ..kinematics import mirror_features
 from ..timing import FRAMES_PER_MOTION_TOKEN
-from ..training import Loss, Progress, Stage, TrainingConfig, adamw, train
+from ..training import Loss, Progress, TrainingConfig, TrainingTask, adamw, train
 from .body import BodyTokenizer
 from .losses import LossWeights, MotionLoss, total
 from .measure import measure
@@ -62,7 +62,7 @@ class Pairs(NamedTuple):
     codes: Int[Tensor, "b n p q"]
 
 
-class DecoderStage(Stage[Pairs]):
+class DecoderTask(TrainingTask[Pairs]):
     """A trained tokenizer whose decoder is trained further."""
 
     config: DecoderTraining
@@ -111,7 +111,7 @@ class DecoderStage(Stage[Pairs]):
         return (parameter for module in self._learning() for parameter in module.parameters())
 
     def draw(self, step: int) -> Pairs:
-        """See `Stage.draw`."""
+        """See `TrainingTask.draw`."""
         noise, rows = self.config.noise(step), self.config.batch
         drawn = torch.randint(int(self._ends[-1]), (rows,), generator=noise)
         flips = torch.rand(rows, generator=noise) < (0.5 if self.config.is_mirrored else 0.0)
@@ -119,7 +119,7 @@ class DecoderStage(Stage[Pairs]):
         return Pairs(*(torch.stack(part) for part in zip(*windows, strict=True)))
 
     def loss(self, batch: Pairs, step: int) -> Loss:
-        """See `Stage.loss`."""
+        """See `TrainingTask.loss`."""
         statistics, skipped = self.tokenizer.statistics, self.config.unheard * FRAMES_PER_MOTION_TOKEN
         truth = statistics.normalize(batch.features)[:, skipped:]
         parts = [part.decode(batch.codes[:, :, p]) for p, part in enumerate(self._parts())]
@@ -203,6 +203,6 @@ def train_decoder(
         CheckpointError: the folder holds a training state of other sizes.
     """
     tokenizer = copy.deepcopy(start).eval()  # codes come from `start`, whatever the folder holds
-    stage = DecoderStage(tokenizer, training, clips, tests=tests, card=card, progress=progress)
+    stage = DecoderTask(tokenizer, training, clips, tests=tests, card=card, progress=progress)
     train(stage, folder, minutes=minutes, device=device, trackers=trackers, progress=progress)
     return tokenizer

@@ -18,7 +18,7 @@ from .. import checkpoint
 from ..config import Config
 from ..kinematics import split_parts
 from ..quantize import Share
-from ..training import Gather, Loss, Progress, Stage, adamw, has_state, train
+from ..training import Gather, Loss, Progress, TrainingTask, adamw, has_state, train
 from .body import BodyTokenizer, BodyTokenizerConfig
 from .losses import MotionLoss, total
 from .measure import measure
@@ -40,7 +40,7 @@ class Windows(NamedTuple):
     row: Int[Tensor, " b"]
 
 
-class TokenizerStage(Stage[Windows]):
+class TokenizerTask(TrainingTask[Windows]):
     """A body tokenizer and its training motion."""
 
     config: TokenizerTraining
@@ -81,7 +81,7 @@ class TokenizerStage(Stage[Windows]):
         return [adamw([self.tokenizer], self.config, decays_vectors=True)]
 
     def draw(self, step: int) -> Windows:
-        """See `Stage.draw`."""
+        """See `TrainingTask.draw`."""
         rows = self.config.batch
         return Windows(self.sampler.draw(rows, self.config.noise(step)), torch.arange(rows))
 
@@ -102,7 +102,7 @@ class TokenizerStage(Stage[Windows]):
             part.quantizer.initialise(torch.cat(latents[name]), noise)
 
     def loss(self, batch: Windows, step: int) -> Loss:
-        """See `Stage.loss`."""
+        """See `TrainingTask.loss`."""
         tokenizer, statistics = self.tokenizer, self.tokenizer.statistics
         truth = statistics.normalize(batch.features)
         sizes = [part.features for part in tokenizer.config.parts.values()]
@@ -194,7 +194,7 @@ def train_tokenizer(
         MotionError: no clip is as long as a window.
         CheckpointError: the folder holds a training state of other sizes, or `start` is of other sizes.
     """
-    stage = TokenizerStage(config, training, clips, tests=tests, card=card)
+    stage = TokenizerTask(config, training, clips, tests=tests, card=card)
     if start is not None and not has_state(folder):
         checkpoint.load_into(stage.tokenizer, start.state_dict(), origin="the tokenizer to start from")
     train(stage, folder, minutes=minutes, device=device, trackers=trackers, progress=progress)

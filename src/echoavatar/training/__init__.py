@@ -1,7 +1,7 @@
 """Training: one loop for every task, exactly resumable, in one process or several.
 
-A task (`Stage`) consists of a config, modules, data and a loss. The loop (`train`, or `Loop` step by step) does the
-rest: schedule, accumulation, clipping, bfloat16, averaged weights, checkpoints, signals, metrics, processes.
+A task (`TrainingTask`) consists of a config, modules, data and a loss. The loop (`train`, or `Loop` step by step) does
+the rest: schedule, accumulation, clipping, bfloat16, averaged weights, checkpoints, signals, metrics, processes.
 
     class Line(Stage[Tensor]):
         def __init__(self, config: TrainingConfig) -> None:
@@ -20,7 +20,7 @@ rest: schedule, accumulation, clipping, bfloat16, averaged weights, checkpoints,
     train(Line(TrainingConfig(steps=100)), Path("runs/line"))
 
 A task whose batches depend on its own weights (rollouts) may use the weights in `draw`. It may also use torch's global
-generator, whose state is saved, and save further state through `state` and `load_state`. See `stage` for all hooks.
+generator, whose state is saved, and save further state through `state` and `load_state`. See `task` for all hooks.
 
 The live pipeline does not import this room. May import `checkpoint`, `config` and `errors`.
 """
@@ -29,8 +29,8 @@ from .config import Schedule, TrainingConfig
 from .loop import Loop
 from .run import Progress, train
 from .signals import Interrupted
-from .stage import Gather, Loss, Stage, adamw
 from .state import has_state
+from .task import Gather, Loss, TrainingTask, adamw
 
 __all__ = [
     "Gather",
@@ -39,7 +39,7 @@ __all__ = [
     "Loss",
     "Progress",
     "Schedule",
-    "Stage",
+    "TrainingTask",
     "TrainingConfig",
     "adamw",
     "has_state",

@@ -15,13 +15,13 @@ from ..errors import CheckpointError, EchoAvatarError
 from . import state
 from .averaged_weights import AveragedWeights
 from .processes import Processes, full_state_dicts, full_tensor, placed_like
-from .stage import BatchT, Loss, Stage, row_count, take_rows
+from .task import BatchT, Loss, TrainingTask, row_count, take_rows
 
 
 class _LossModule(nn.Module):
     """All modules of a task as one module whose forward pass is the loss, as DDP and FSDP require."""
 
-    def __init__(self, stage: Stage[Any]) -> None:
+    def __init__(self, stage: TrainingTask[Any]) -> None:
         super().__init__()
         self.parts = nn.ModuleDict(stage.modules)
         self._loss = stage.loss
@@ -33,7 +33,7 @@ class _LossModule(nn.Module):
 class Loop(Generic[BatchT]):
     """A task, its optimisers, and its progress. `train` runs it to the end."""
 
-    def __init__(self, stage: Stage[BatchT], processes: Processes | None = None) -> None:
+    def __init__(self, stage: TrainingTask[BatchT], processes: Processes | None = None) -> None:
         """Raises EchoAvatarError if the batch cannot be divided evenly."""
         self.stage, self.processes = stage, processes or Processes()
         stage.processes = self.processes

@@ -10,14 +10,14 @@ from .loop import Loop
 from .metrics_log import MetricsLog
 from .processes import processes_here
 from .signals import Interrupted, Signals
-from .stage import Stage
+from .task import TrainingTask
 
 Progress = Callable[[int, int], None]
 """Called with (steps done, total steps) after each step."""
 
 
 def train(
-    stage: Stage[Any],
+    stage: TrainingTask[Any],
     folder: Path,
     *,
     minutes: float | None = None,

@@ -1,7 +1,7 @@
 """A server laid out like the published one: audio and actions arrive on two ports, motion goes to the Unity host.
 
 It serves one session. The authors' sender writes audio as a pickled array. The published server unpickles whatever
-arrives; here `reference.untrusted` reads arrays and nothing else. When the sound stalls, the avatar continues in
+arrives; here `reference.foreign_files` reads arrays and nothing else. When the sound stalls, the avatar continues in
 silence at the pace of the clock. While Unity is not reachable, the server retries every second and drops motion.
 """
 
@@ -17,7 +17,7 @@ from ..config import Config
 from ..engine import Engine, EngineThread, SessionCore
 from ..errors import AudioError, CheckpointError, EchoAvatarError
 from ..pipeline.rig import RigConfig
-from ..reference.untrusted import read_pickled_array
+from ..reference.foreign_files import read_pickled_array
 from ..timing import SAMPLE_RATE_HZ
 from .message import HEADER, LARGEST, Messages
 

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Int
 from torch import Tensor
 
 from echoavatar.align.policy import GeneratorPolicy
-from echoavatar.align.prompts import PromptBook, batch_of
+from echoavatar.align.prompts import PromptSampler, batch_of
 from echoavatar.data import DOMAINS
 from echoavatar.errors import AudioError
 from echoavatar.generator import TokenClip
@@ -91,7 +91,7 @@ def candidates(
 ) -> list[Candidate]:
     """`settings.candidates` continuations of the prompt at `start`, each with the seed that reproduces it."""
     name = token_name(cut)
-    prompt = PromptBook({name: clip}, past=settings.past, length=settings.length).cut(name, start)
+    prompt = PromptSampler({name: clip}, past=settings.past, length=settings.length).cut(name, start)
     random = np.random.default_rng([settings.seed, crc32(name.encode()), start])
     seeds = [int(seed) for seed in random.integers(2**53, size=settings.candidates)]
     batch = batch_of([prompt])

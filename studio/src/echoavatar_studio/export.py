@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 from sqlalchemy import select
 
-from echoavatar.align.preferences import Pair
+from echoavatar.align.preferences import PreferencePair
 
 from .answers import answer_records, counted
 from .audit import iso
@@ -67,7 +67,7 @@ def export(store: Store, media: Path, public: str, name: str) -> bytes:
     return draw_means(found.rows, settings.questions) if name == "means.svg" else draw_ranking(found.ranking)
 
 
-def pairs(store: Store, public: str) -> list[Pair]:
+def pairs(store: Store, public: str) -> list[PreferencePair]:
     """The pairs of a preference study that are distinct enough. `margin` is a share of raters, as `by` says.
 
     Raises:
@@ -86,7 +86,7 @@ def pairs(store: Store, public: str) -> list[Pair]:
             better, worse = (clips[trial.clips[place]] for place in (told.chosen, told.rejected))
             prompt = {name: sound.prompt[name] for name in ("clip", "start", "past")}
             found.append(
-                Pair.model_validate(
+                PreferencePair.model_validate(
                     prompt
                     | {
                         "chosen": better.codes,
