@@ -6,7 +6,7 @@
 Every replica is a whole server with its engine. A session stays with its replica, because a WebSocket does. Ray hands a
 newcomer to a replica with a free seat and starts more replicas as seats fill up; when all are taken, it refuses at the
 door. When a replica dies, its clients come back by themselves: another replica does not know their session and says so,
-and they begin a new one there with what was not played yet (`echoavatar.client` and the page both do), while what
+and they begin a new one there with what was not played yet (`echoavatar.agents.client` and the page do), while what
 they have buffered plays on.
 """
 

@@ -3,7 +3,7 @@
     python scripts/make_demo_sound.py            (Debian: apt install flite libflite1)
 
 Writes src/echoavatar/assets/speech.ogg and music.ogg, mono 24 kHz Vorbis. Both are ours to give away: flite's voices
-put no condition on what they say, and the piece is composed and played by `echoavatar.rehearsal`.
+put no condition on what they say, and the piece is composed and played by `echoavatar.corpora.rehearsal`.
 """
 
 from pathlib import Path
@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 import soundfile
 
-from echoavatar.rehearsal.augment import fill_band, set_loudness
-from echoavatar.rehearsal.instruments import render
-from echoavatar.rehearsal.music import compose_piece
-from echoavatar.rehearsal.prosody import Delivery
-from echoavatar.rehearsal.script import Sentence, parse_words
-from echoavatar.rehearsal.sound import whole_frames
-from echoavatar.rehearsal.speech import speak
+from echoavatar.corpora.rehearsal.augment import fill_band, set_loudness
+from echoavatar.corpora.rehearsal.instruments import render
+from echoavatar.corpora.rehearsal.music import compose_piece
+from echoavatar.corpora.rehearsal.prosody import Delivery
+from echoavatar.corpora.rehearsal.script import Sentence, parse_words
+from echoavatar.corpora.rehearsal.sound import whole_frames
+from echoavatar.corpora.rehearsal.speech import speak
 
 ASSETS = Path(__file__).parents[1] / "src" / "echoavatar" / "assets"
 TEXT = (

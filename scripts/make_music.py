@@ -3,7 +3,7 @@
     python scripts/make_music.py
 
 Writes src/echoavatar/assets/music/*.ogg, mono 24 kHz Vorbis: composed by rule and played by our own synthesiser
-(`echoavatar.rehearsal`), so they are ours to give away under the project's licence. No samples, no soundfont.
+(`echoavatar.corpora.rehearsal`), so they are ours to give away under the project's licence. No samples, no soundfont.
 """
 
 from pathlib import Path
@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import soundfile
 
-from echoavatar.rehearsal.augment import set_loudness
-from echoavatar.rehearsal.instruments import render
-from echoavatar.rehearsal.music import compose_piece
-from echoavatar.rehearsal.sound import whole_frames
+from echoavatar.corpora.rehearsal.augment import set_loudness
+from echoavatar.corpora.rehearsal.instruments import render
+from echoavatar.corpora.rehearsal.music import compose_piece
+from echoavatar.corpora.rehearsal.sound import whole_frames
 
 FOLDER = Path(__file__).parents[1] / "src" / "echoavatar" / "assets" / "music"
 SECONDS = 42.0

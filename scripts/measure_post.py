@@ -17,24 +17,29 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from echoavatar.audio.io import stream_audio
-from echoavatar.ik import penetration_depth_m
-from echoavatar.kinematics import HUMANOID, forward_kinematics
-from echoavatar.kinematics.contact import skate
-from echoavatar.kinematics.rotations import (
+from echoavatar.engine.pipeline import Pipeline, load_bundle
+from echoavatar.engine.pipeline.time_warp import TimeWarp
+from echoavatar.models.audio.io import stream_audio
+from echoavatar.motion.ik import penetration_depth_m
+from echoavatar.motion.interpolate import StreamInterpolator
+from echoavatar.motion.kinematics import HUMANOID, forward_kinematics
+from echoavatar.motion.kinematics.contact import skate
+from echoavatar.motion.kinematics.rotations import (
     angle_between,
     axis_angle_from_quaternion,
     matrix_from_quaternion,
     quaternion_conjugate,
     quaternion_multiply,
 )
-from echoavatar.pipeline import Pipeline, load_bundle
-from echoavatar.pipeline.interpolate import StreamInterpolator
-from echoavatar.pipeline.modes import MotionOptions
-from echoavatar.pipeline.motion_chunk import MotionChunk, in_a_row
-from echoavatar.pipeline.post import SWITCHES, Post
-from echoavatar.pipeline.time_warp import TimeWarp
-from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES, FRAME_RATE_HZ, SAMPLE_RATE_HZ
+from echoavatar.motion.motion_chunk import MotionChunk, in_a_row
+from echoavatar.motion.stages.modes import MotionOptions
+from echoavatar.motion.stages.post import SWITCHES, Post
+from echoavatar.timing import (
+    CHUNK_FRAMES,
+    CHUNK_SAMPLES,
+    FRAME_RATE_HZ,
+    SAMPLE_RATE_HZ,
+)
 
 SECONDS = 60.0
 BALLS = list(HUMANOID.config.feet)[1::2]

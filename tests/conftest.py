@@ -7,13 +7,13 @@ import pytest
 import torch
 
 from echoavatar import checkpoint
-from echoavatar.audio import AudioCodec, CodecConfig
-from echoavatar.generator import Generator, GeneratorConfig
-from echoavatar.kinematics import HUMANOID, to_features
-from echoavatar.kinematics.rotations import matrix_from_axis_angle
-from echoavatar.tokenizer import BodyTokenizer, MotionTokenizerConfig
-from echoavatar.tokenizer.body import body_config
-from echoavatar.tokens import TokenLayout
+from echoavatar.models.audio import AudioCodec, CodecConfig
+from echoavatar.models.generator import Generator, GeneratorConfig
+from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizerConfig
+from echoavatar.models.tokenizer.body import body_config
+from echoavatar.models.tokens import TokenLayout
+from echoavatar.motion.kinematics import HUMANOID, to_features
+from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle
 
 CARD: dict[str, object] = {
     "data": "none, random weights",

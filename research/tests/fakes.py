@@ -5,9 +5,9 @@ from dataclasses import replace
 import torch
 from tests.evaluation.clips import MUSIC, SPEECH, clip
 
+from echoavatar.evaluation.metrics.bootstrap import Interval
 from echoavatar.evaluation.scale import TINY
 from echoavatar.evaluation.score_row import Row
-from echoavatar.metrics.bootstrap import Interval
 from echoavatar_research.experiment import motion_of
 
 

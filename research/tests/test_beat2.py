@@ -7,7 +7,7 @@ import torch
 from research.tests.fakes import FakeExperiment
 
 from echoavatar.data import Clip
-from echoavatar.kinematics import HUMANOID
+from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_research import beat2
 from echoavatar_research.experiment import Sources, motion_of
 

@@ -4,12 +4,12 @@ import numpy as np
 import torch
 from tests.evaluation.clips import clip, folder
 
-from echoavatar.audio import read_audio
+from echoavatar.corpora.datasets import survey_of
 from echoavatar.data import Corpus
-from echoavatar.datasets import survey_of
-from echoavatar.datasets.smplx import read_smplx
-from echoavatar.kinematics import HUMANOID
-from echoavatar.kinematics.rotations import matrix_from_quaternion
+from echoavatar.files.smplx_reader import read_smplx
+from echoavatar.models.audio import read_audio
+from echoavatar.motion.kinematics import HUMANOID
+from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar_research.beat2_sample import write_sample
 
 

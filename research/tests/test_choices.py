@@ -1,6 +1,6 @@
 from echoavatar.evaluation.scale import TINY, GeneratorSizes
-from echoavatar.generator.recipe import GeneratorTraining
-from echoavatar.tokenizer import MotionTokenizerConfig
+from echoavatar.models.generator.recipe import GeneratorTraining
+from echoavatar.models.tokenizer import MotionTokenizerConfig
 from echoavatar_research import dataset_composition, layouts, main, tokenizer_ablation
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.evaluation.scale import PAPER
-from echoavatar.generator import TokenClip
+from echoavatar.models.generator import TokenClip
 from echoavatar_research.experiment import Experiment, is_mostly
 
 

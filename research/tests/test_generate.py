@@ -4,8 +4,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from echoavatar.generator import Generator
-from echoavatar.pipeline import load_bundle
+from echoavatar.engine.pipeline import load_bundle
+from echoavatar.models.generator import Generator
 from echoavatar_research.generate import decoded_motion, live_motion
 
 

@@ -2,8 +2,8 @@ import pytest
 import torch
 from research.tests.fakes import FakeExperiment, FakeExtractor
 
-from echoavatar.kinematics import HUMANOID
-from echoavatar.tokenizer import as_one_part
+from echoavatar.models.tokenizer import as_one_part
+from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_research.experiment import motion_of
 from echoavatar_research.scores import generation_scores, reconstruction_scores
 

@@ -2,8 +2,8 @@ import math
 
 import pytest
 
+from echoavatar.evaluation.metrics.bootstrap import Interval
 from echoavatar.evaluation.score_row import Row
-from echoavatar.metrics.bootstrap import Interval
 from echoavatar_research.table import Cell, Column, Line, Table, Wanted, cells, orderings
 
 

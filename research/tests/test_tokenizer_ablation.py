@@ -2,9 +2,9 @@ import pytest
 import torch
 from research.tests.fakes import FakeExperiment, counted
 
-from echoavatar.kinematics import HUMANOID
-from echoavatar.tokenizer import as_one_part
-from echoavatar.tokenizer.losses import MotionLoss
+from echoavatar.models.tokenizer import as_one_part
+from echoavatar.models.tokenizer.losses import MotionLoss
+from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_research import tokenizer_ablation
 from echoavatar_research.tokenizer_ablation import NO_AUXILIARY, VARIANTS
 

@@ -11,14 +11,20 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .engine import Animation, Engine, Session, animate, load
+    from .engine import (
+        Animation,
+        Engine,
+        Session,
+        animate,
+        load,
+    )
     from .errors import EchoAvatarError
-    from .kinematics import Motion
+    from .motion.kinematics import Motion
 
 __version__ = "0.1.0"
 __all__ = ["Animation", "EchoAvatarError", "Engine", "Motion", "Session", "animate", "load"]
 
-_HOMES = {"EchoAvatarError": ".errors", "Motion": ".kinematics"}
+_HOMES = {"EchoAvatarError": ".errors", "Motion": ".motion.kinematics"}
 
 
 def __getattr__(name: str) -> object:

@@ -13,10 +13,10 @@ from studio.tests.people import RaterPerson, app_of, tokens
 
 from echoavatar.cli import main
 from echoavatar.engine import animate, in_blocks
+from echoavatar.engine.pipeline import Pipeline, load_bundle
+from echoavatar.engine.pipeline.tokenize import audio_codes
 from echoavatar.errors import AudioError
-from echoavatar.generator import TokenClip
-from echoavatar.pipeline import Pipeline, load_bundle
-from echoavatar.pipeline.tokenize import audio_codes
+from echoavatar.models.generator import TokenClip
 from echoavatar_studio.candidates import candidates, decode, starts, token_file
 from echoavatar_studio.clips import save_sound
 from echoavatar_studio.export import export

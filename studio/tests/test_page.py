@@ -5,8 +5,8 @@ import json
 from starlette.applications import Starlette
 from starlette.testclient import TestClient
 
-from echoavatar.face import ARKIT_NAMES
-from echoavatar.kinematics import HUMANOID
+from echoavatar.motion.arkit import ARKIT_NAMES
+from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_studio.page import page_routes, scene
 
 

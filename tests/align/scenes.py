@@ -4,7 +4,7 @@ import numpy as np
 
 from echoavatar.align.decoded_motion import DecodedMotion
 from echoavatar.align.reference_statistics import AFTER, BEFORE, ReferenceStatistics
-from echoavatar.kinematics import HUMANOID
+from echoavatar.motion.kinematics import HUMANOID
 
 FRAMES, LEAD = 72, 8
 

@@ -10,8 +10,8 @@ from echoavatar.align.audio_encoders import AudioEncoderConfig, WaveformEncoder,
 from echoavatar.align.audio_reward import AudioMotion
 from echoavatar.align.beats import Beats, BeatsConfig
 from echoavatar.align.wav2clip import Wav2Clip, Wav2ClipConfig
-from echoavatar.audio import AudioCodec, CodecConfig
-from echoavatar.pipeline import load_bundle
+from echoavatar.engine.pipeline import load_bundle
+from echoavatar.models.audio import AudioCodec, CodecConfig
 
 CODEC = CodecConfig(filters=4, width=8, codes=16, lstm_layers=1)
 NETWORKS = {

@@ -15,7 +15,7 @@ from echoavatar.align.audio_reward_train import (
     train_audio_reward,
 )
 from echoavatar.errors import MotionError
-from echoavatar.generator import TokenClip
+from echoavatar.models.generator import TokenClip
 from echoavatar.training import Loop
 
 

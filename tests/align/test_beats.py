@@ -4,7 +4,13 @@ import pytest
 import torch
 import torch.nn.functional as F
 
-from echoavatar.align.beats import Beats, BeatsConfig, GatedAttention, PositionConv, _relative_buckets
+from echoavatar.align.beats import (
+    Beats,
+    BeatsConfig,
+    GatedAttention,
+    PositionConv,
+    _relative_buckets,
+)
 from echoavatar.errors import CheckpointError
 
 SMALL = BeatsConfig(

@@ -11,10 +11,10 @@ from tests.align.tuning import clips
 from echoavatar.align.compare import compare
 from echoavatar.align.prompts import PromptSampler
 from echoavatar.align.rewards import RewardMix
+from echoavatar.engine.pipeline import load_bundle
 from echoavatar.errors import CheckpointError
-from echoavatar.generator import Generator
-from echoavatar.metrics.motion_encoder import load_shipped
-from echoavatar.pipeline import load_bundle
+from echoavatar.evaluation.metrics.motion_encoder import load_shipped
+from echoavatar.models.generator import Generator
 
 
 @pytest.fixture

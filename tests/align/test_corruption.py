@@ -20,8 +20,8 @@ from echoavatar.align.corruption import (
     scores_from_fid,
 )
 from echoavatar.errors import CheckpointError
-from echoavatar.kinematics import HUMANOID, to_features
-from echoavatar.kinematics.features import travel_slice
+from echoavatar.motion.kinematics import HUMANOID, to_features
+from echoavatar.motion.kinematics.features import travel_slice
 
 
 def test_the_papers_table():

@@ -9,8 +9,8 @@ from tests.align.tuning import clips
 
 from echoavatar.align.decoded_motion import decode_continuations, decode_truth
 from echoavatar.align.prompts import PromptSampler
-from echoavatar.kinematics import forward_kinematics, from_features
-from echoavatar.tokenizer import BodyTokenizer
+from echoavatar.models.tokenizer import BodyTokenizer
+from echoavatar.motion.kinematics import forward_kinematics, from_features
 
 
 def test_the_truth_is_the_clip_decoded_as_a_whole(tiny_bundle: Path):

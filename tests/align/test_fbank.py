@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from echoavatar.align.fbank import MEAN, STD, fbank, frames_of
+from echoavatar.align.fbank import (
+    MEAN,
+    STD,
+    fbank,
+    frames_of,
+)
 
 KALDI = {
     (0, 0): 14.94371509552002,

@@ -9,7 +9,7 @@ from echoavatar.align import judge as room
 from echoavatar.align.judge import DecodingJudge
 from echoavatar.align.prompts import PromptSampler
 from echoavatar.align.rewards import RewardMix
-from echoavatar.tokenizer import BodyTokenizer
+from echoavatar.models.tokenizer import BodyTokenizer
 
 
 def test_pieces_change_nothing(tiny_bundle, monkeypatch):

@@ -7,8 +7,8 @@ from tests.align.tuning import clips
 from echoavatar.align.decoded_motion import decode_continuations
 from echoavatar.align.motion_metrics import MotionMetrics, mean_and_error
 from echoavatar.align.prompts import PromptSampler
-from echoavatar.metrics.motion_encoder import load_shipped
-from echoavatar.tokenizer import BodyTokenizer
+from echoavatar.evaluation.metrics.motion_encoder import load_shipped
+from echoavatar.models.tokenizer import BodyTokenizer
 
 
 def test_the_truth_costs_nothing_and_stillness_does(tiny_bundle):

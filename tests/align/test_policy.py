@@ -2,13 +2,18 @@
 
 import pytest
 import torch
-from tests.generator.tiny import audio, generator
+from tests.models.generator.tiny import audio, generator
 
-from echoavatar.align.policy import GeneratorPolicy, Sampling, check_reference, mean_by_layer
+from echoavatar.align.policy import (
+    GeneratorPolicy,
+    Sampling,
+    check_reference,
+    mean_by_layer,
+)
 from echoavatar.align.prompts import PromptBatch
 from echoavatar.errors import CheckpointError
-from echoavatar.generator import GeneratorConfig
-from echoavatar.tokens import TokenLayout
+from echoavatar.models.generator import GeneratorConfig
+from echoavatar.models.tokens import TokenLayout
 
 WARM = Sampling(temperature=0.9, cooling=0.7, top_p=0.8)
 

@@ -5,7 +5,12 @@ import pytest
 from tests.align.tuning import LAYOUT, book, policy, wants_threes
 
 from echoavatar.align.policy import GeneratorPolicy
-from echoavatar.align.preferences import codes_of, rank_pairs, read_pairs, write_pairs
+from echoavatar.align.preferences import (
+    codes_of,
+    rank_pairs,
+    read_pairs,
+    write_pairs,
+)
 from echoavatar.errors import MotionError
 
 

@@ -11,8 +11,8 @@ from echoavatar.align.policy import GeneratorPolicy
 from echoavatar.align.probe import Probe
 from echoavatar.align.prompts import PromptSampler
 from echoavatar.align.rewards import RewardMix
-from echoavatar.metrics.motion_encoder import load_shipped
-from echoavatar.pipeline import load_bundle
+from echoavatar.engine.pipeline import load_bundle
+from echoavatar.evaluation.metrics.motion_encoder import load_shipped
 
 
 def test_the_reward_is_that_of_the_continuations_and_pieces_change_nothing(monkeypatch):

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 from tests.align.tuning import LAYOUT, clips
 
-from echoavatar.align.prompts import PromptSampler, batch_of, cue_times, read_token_clips, true_clips
+from echoavatar.align.prompts import (
+    PromptSampler,
+    batch_of,
+    cue_times,
+    read_token_clips,
+    true_clips,
+)
 from echoavatar.errors import MotionError
 
 

@@ -4,9 +4,14 @@ import pytest
 import torch
 from tests.align.scenes import dips, reference_statistics, scene
 
-from echoavatar.align.quality import PACE, QualityConfig, QualityReward, _with_differences
+from echoavatar.align.quality import (
+    PACE,
+    QualityConfig,
+    QualityReward,
+    _with_differences,
+)
 from echoavatar.errors import CheckpointError
-from echoavatar.kinematics import FeatureStatistics
+from echoavatar.motion.kinematics import FeatureStatistics
 
 
 def model() -> QualityReward:

@@ -19,9 +19,9 @@ from echoavatar.align.quality_train import (
     paper_levels,
     train_quality,
 )
-from echoavatar.generator import TokenClip
-from echoavatar.metrics.motion_encoder import load_shipped
-from echoavatar.tokenizer import BodyTokenizer
+from echoavatar.evaluation.metrics.motion_encoder import load_shipped
+from echoavatar.models.generator import TokenClip
+from echoavatar.models.tokenizer import BodyTokenizer
 
 
 def calm(count: int, seed: int) -> list[TokenClip]:

@@ -7,7 +7,7 @@ from tests.align.tuning import clips
 from echoavatar.align.policy import GeneratorPolicy
 from echoavatar.align.prompts import PromptSampler
 from echoavatar.align.samples import SampleVideos, can_render_videos
-from echoavatar.pipeline import load_bundle
+from echoavatar.engine.pipeline import load_bundle
 
 
 def test_videos_of_prompts(tiny_bundle, tmp_path):

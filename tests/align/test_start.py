@@ -9,9 +9,14 @@ from tests.align.scenes import reference_statistics
 from tests.align.tuning import clips
 
 from echoavatar.align.config import recipe
-from echoavatar.align.start import load_setup, make_pairs, training_task, tune
+from echoavatar.align.start import (
+    load_setup,
+    make_pairs,
+    training_task,
+    tune,
+)
 from echoavatar.errors import CheckpointError, MotionError
-from echoavatar.generator import Generator, TokenClip
+from echoavatar.models.generator import Generator, TokenClip
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import torch
 from tests.align.tuning import book, clips, dpo, grpo, policy, ppo, training, wants_threes
-from tests.generator.tiny import generator
+from tests.models.generator.tiny import generator
 from tests.training.test_processes import launch
 
 from echoavatar.align.grpo import GrpoTask
@@ -15,7 +15,7 @@ from echoavatar.align.prompts import PromptSampler
 from echoavatar.align.start import tune
 from echoavatar.align.trainer import RunContext
 from echoavatar.errors import CheckpointError
-from echoavatar.generator import Generator
+from echoavatar.models.generator import Generator
 from echoavatar.training import Loop
 
 

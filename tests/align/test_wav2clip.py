@@ -5,7 +5,12 @@ import math
 import pytest
 import torch
 
-from echoavatar.align.wav2clip import QUIET, Wav2Clip, Wav2ClipConfig, spectrogram
+from echoavatar.align.wav2clip import (
+    QUIET,
+    Wav2Clip,
+    Wav2ClipConfig,
+    spectrogram,
+)
 from echoavatar.errors import CheckpointError
 
 

@@ -4,7 +4,7 @@ import copy
 
 import numpy as np
 import torch
-from tests.generator.tiny import LAYOUT, generator
+from tests.models.generator.tiny import LAYOUT, generator
 
 from echoavatar.align.config import AlignTraining
 from echoavatar.align.dpo import DpoTask
@@ -15,7 +15,7 @@ from echoavatar.align.preferences import rank_pairs
 from echoavatar.align.prompts import PromptSampler
 from echoavatar.align.rewards import Rewards
 from echoavatar.align.trainer import NO_CONTEXT, RunContext
-from echoavatar.generator import TokenClip
+from echoavatar.models.generator import TokenClip
 
 WANTED = 3
 

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from echoavatar.face import FaceConfig, FaceModel, MelConfig
+from echoavatar.models.face import FaceConfig, FaceModel, MelConfig
 
 
 @pytest.fixture(scope="module")

@@ -4,9 +4,9 @@ from pathlib import Path
 import pytest
 
 from echoavatar.cli import main
-from echoavatar.kinematics import write_bvh
-from echoavatar.pipeline import Action, ActionLibrary
-from echoavatar.rehearsal.action_clips import SCRIPTS, clip
+from echoavatar.corpora.rehearsal.action_clips import SCRIPTS, clip
+from echoavatar.engine.pipeline import Action, ActionLibrary
+from echoavatar.motion.kinematics import write_bvh
 
 
 @pytest.fixture

@@ -6,10 +6,10 @@ import pytest
 import soundfile
 
 from echoavatar.cli import main
-from echoavatar.face import ARKIT_NAMES
-from echoavatar.face.livelink import read_live_link
-from echoavatar.kinematics import read_bvh
-from echoavatar.kinematics.tables import read_npz
+from echoavatar.models.face.livelink import read_live_link
+from echoavatar.motion.arkit import ARKIT_NAMES
+from echoavatar.motion.kinematics import read_bvh
+from echoavatar.motion.kinematics.tables import read_npz
 
 
 @pytest.fixture

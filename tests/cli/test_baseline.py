@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from tests.evaluation.clips import MUSIC, clicks, clip, folder
 
-from echoavatar.audio import write_wav
 from echoavatar.cli import main
 from echoavatar.data import Clip
+from echoavatar.models.audio import write_wav
 
 
 @pytest.fixture

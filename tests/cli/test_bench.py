@@ -4,8 +4,8 @@ from pathlib import Path
 import pytest
 
 from echoavatar.cli import main
-from echoavatar.ik import HandCollisions
-from echoavatar.pipeline.feet import Feet
+from echoavatar.motion.ik import HandCollisions
+from echoavatar.motion.stages.feet import Feet
 
 
 def test_the_last_line_is_json_with_the_promised_keys(

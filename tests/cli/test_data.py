@@ -3,8 +3,8 @@ from pathlib import Path
 import pytest
 
 from echoavatar.cli import main
+from echoavatar.corpora.rehearsal.corpus import Plan, rehearse
 from echoavatar.data import Corpus
-from echoavatar.rehearsal.corpus import Plan, rehearse
 
 
 def test_a_corpus_is_made_and_completed(tmp_path: Path) -> None:

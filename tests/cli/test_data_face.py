@@ -5,8 +5,8 @@ import pytest
 import soundfile
 
 from echoavatar.cli import main
-from echoavatar.face.arkit import LIVE_LINK_NAMES
-from echoavatar.face.clip import load_clips
+from echoavatar.models.face.clip import load_clips
+from echoavatar.motion.arkit import LIVE_LINK_NAMES
 
 
 def take(folder: Path, name: str, frames: int = 60, columns: tuple[str, ...] = LIVE_LINK_NAMES) -> Path:

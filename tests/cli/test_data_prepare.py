@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from tests.datasets.samples import SHARED, write_beat2, write_pair
+from tests.corpora.datasets.samples import SHARED, write_beat2, write_pair
 
 from echoavatar.cli import main
 from echoavatar.data import Corpus

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 from tests.align.scenes import reference_statistics
-from tests.datasets.speech_server import speech_server
-from tests.datasets.test_music_sources import clicks
+from tests.corpora.datasets.speech_server import speech_server
+from tests.corpora.datasets.test_music_sources import clicks
 
-from echoavatar.audio.io import write_wav
 from echoavatar.cli import main
 from echoavatar.data import SoundSet
+from echoavatar.models.audio.io import write_wav
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ def test_the_doctor_finds_what_is_needed_working(capsys: pytest.CaptureFixture[s
 def test_a_broken_bundle_is_reported_with_its_remedy(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from echoavatar import pipeline
+    from echoavatar.engine import pipeline
 
     def broken(name: str) -> None:
         raise CheckpointError(f"{name} is damaged; download it again")
@@ -45,16 +45,19 @@ def test_an_environment_in_which_animate_crashes_is_not_called_well(monkeypatch:
 
 
 def test_a_module_that_does_not_load_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "echoavatar.exports.usd", None)
+    monkeypatch.setitem(sys.modules, "echoavatar.files.exports.usd", None)
     faults = [finding for finding in doctor._modules() if finding[0] == doctor.BROKEN]
     assert [what for _, what, _ in faults] == ["exports"]
-    assert "echoavatar.exports.usd does not load" in faults[0][2]
+    assert "echoavatar.files.exports.usd does not load" in faults[0][2]
 
 
 def test_only_packages_of_an_extra_may_be_absent() -> None:
     absent = doctor._failure("echoavatar.server.run", ModuleNotFoundError(name="starlette.routing"))
     assert absent == (doctor.OPTIONAL, "server", "needs starlette; pip install 'echoavatar[serve]'")
-    assert doctor._failure("echoavatar.audio.stream", ModuleNotFoundError(name="soxr"))[0] == doctor.BROKEN
-    assert doctor._failure("echoavatar.mcp.server", DependencyError("x"))[0] == doctor.OPTIONAL
+    assert (
+        doctor._failure("echoavatar.models.audio.stream", ModuleNotFoundError(name="soxr"))[0]
+        == doctor.BROKEN
+    )
+    assert doctor._failure("echoavatar.agents.mcp.server", DependencyError("x"))[0] == doctor.OPTIONAL
     project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
     assert set(doctor.EXTRA_OF.values()) <= set(project["optional-dependencies"])

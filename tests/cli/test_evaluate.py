@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from echoavatar.cli import main
-from echoavatar.rehearsal.corpus import Plan, rehearse
+from echoavatar.corpora.rehearsal.corpus import Plan, rehearse
 
 pytest.importorskip("librosa", reason="the evaluate extra is not installed")
 

@@ -2,11 +2,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.exports.bodies import make_rigs
+from tests.files.exports.bodies import make_rigs
 
 from echoavatar.cli import main
-from echoavatar.kinematics import HUMANOID, Motion, read_bvh
-from echoavatar.kinematics.tables import write_npz
+from echoavatar.motion.kinematics import HUMANOID, Motion, read_bvh
+from echoavatar.motion.kinematics.tables import write_npz
 
 
 @pytest.fixture

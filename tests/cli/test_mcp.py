@@ -19,7 +19,7 @@ def test_without_the_package_it_says_what_to_install(
 
     import sys
 
-    for known in [name for name in sys.modules if name.startswith("echoavatar.mcp")]:
+    for known in [name for name in sys.modules if name.startswith("echoavatar.agents.mcp")]:
         monkeypatch.delitem(sys.modules, known)
     monkeypatch.setattr(builtins, "__import__", lacking)
     assert main(["mcp"]) == 1

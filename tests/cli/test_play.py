@@ -2,11 +2,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.sinks.receiving import Receiver
+from tests.server.sinks.receiving import Receiver
 
 from echoavatar.cli import main
-from echoavatar.kinematics import HUMANOID, Motion
-from echoavatar.kinematics.tables import write_npz
+from echoavatar.motion.kinematics import HUMANOID, Motion
+from echoavatar.motion.kinematics.tables import write_npz
 
 
 @pytest.fixture

@@ -9,10 +9,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from tests.proxy.places import silent
+from tests.agents.proxy.places import silent
 
+from echoavatar.agents.proxy.scripted import ScriptedUpstream
 from echoavatar.cli import main
-from echoavatar.proxy.scripted import ScriptedUpstream
 
 
 def test_mistakes_are_one_line(capsys: pytest.CaptureFixture[str]) -> None:

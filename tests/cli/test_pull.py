@@ -4,7 +4,7 @@ from pathlib import Path
 
 from echoavatar.cli import main
 from echoavatar.errors import EchoAvatarError
-from echoavatar.reference import pull
+from echoavatar.files.reference import pull
 
 
 def test_what_came_is_said(monkeypatch, capsys, tmp_path):

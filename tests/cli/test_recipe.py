@@ -5,8 +5,8 @@ import pytest
 
 from echoavatar.cli.recipe import Options, read_recipe
 from echoavatar.errors import EchoAvatarError
-from echoavatar.fingers import FingerConfig
-from echoavatar.fingers.recipe import FingerTraining
+from echoavatar.models.fingers import FingerConfig
+from echoavatar.models.fingers.recipe import FingerTraining
 
 
 def parsed(*words: str):

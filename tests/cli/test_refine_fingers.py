@@ -2,11 +2,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.fingers.moving import TINY, waving, without
+from tests.models.fingers.moving import TINY, waving, without
 
 from echoavatar.cli import main
-from echoavatar.fingers import FingerModel
-from echoavatar.kinematics import read_bvh, write_bvh
+from echoavatar.models.fingers import FingerModel
+from echoavatar.motion.kinematics import read_bvh, write_bvh
 
 
 @pytest.fixture(scope="module")

@@ -2,10 +2,10 @@ from pathlib import Path
 
 import pytest
 
-from echoavatar.avatar import load_character
-from echoavatar.avatar.gltf import pack_glb
 from echoavatar.cli import main
-from echoavatar.ik import BodyProfile
+from echoavatar.files.avatar import load_character
+from echoavatar.files.avatar.gltf import pack_glb
+from echoavatar.motion.ik import BodyProfile
 
 
 def test_a_character_is_measured_and_the_profile_can_be_loaded(

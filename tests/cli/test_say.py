@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import soundfile
 from tests.server.fakes import serving
-from tests.sinks.receiving import Receiver
+from tests.server.sinks.receiving import Receiver
 
 from echoavatar.cli import main
 

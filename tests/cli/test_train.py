@@ -3,8 +3,8 @@ from pathlib import Path
 import pytest
 
 from echoavatar.cli import main
-from echoavatar.pipeline import load_bundle
-from echoavatar.rehearsal.corpus import Plan, rehearse
+from echoavatar.corpora.rehearsal.corpus import Plan, rehearse
+from echoavatar.engine.pipeline import load_bundle
 
 
 @pytest.mark.slow

@@ -2,13 +2,13 @@
 
 import numpy as np
 import torch
-from tests.tokenizer.fixtures import dance, small_body
+from tests.models.tokenizer.fixtures import dance, small_body
 
 from echoavatar.checkpoint import read_card
 from echoavatar.cli import main
 from echoavatar.data import Clip
 from echoavatar.data.corpus import clip_path, write_manifest
-from echoavatar.tokenizer import BodyTokenizer
+from echoavatar.models.tokenizer import BodyTokenizer
 
 RECIPE = "training: {batch: 2, tokens: 8, unheard: 1, log_every: 1}\n"
 

@@ -1,11 +1,11 @@
 from pathlib import Path
 
 import pytest
-from tests.face.tiny import clip
+from tests.models.face.tiny import clip
 
 from echoavatar.checkpoint import read_card
 from echoavatar.cli import main
-from echoavatar.face import FaceModel
+from echoavatar.models.face import FaceModel
 
 RECIPE = """
 model:

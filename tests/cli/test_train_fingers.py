@@ -1,13 +1,13 @@
 from pathlib import Path
 
 import pytest
-from tests.fingers.moving import waving
+from tests.models.fingers.moving import waving
 
 from echoavatar.checkpoint import read_card
 from echoavatar.cli import main
 from echoavatar.data import Clip, write_manifest
 from echoavatar.data.corpus import clip_path
-from echoavatar.kinematics import write_bvh
+from echoavatar.motion.kinematics import write_bvh
 
 SMALL = ["--steps", "3", "--batch", "2", "--width", "16", "--layers", "1"]
 

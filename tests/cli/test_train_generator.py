@@ -3,11 +3,11 @@ import signal
 from pathlib import Path
 
 import pytest
-from tests.generator.test_train import clips
+from tests.models.generator.test_train import clips
 
 from echoavatar.checkpoint import read_card
 from echoavatar.cli import main
-from echoavatar.generator import Generator
+from echoavatar.models.generator import Generator
 from echoavatar.training.signals import Signals
 
 RECIPE = "model: {width: 16, layers: 1, window_chunks: 3}\ntraining: {steps: 4, batch: 2, warmup: 1}\n"

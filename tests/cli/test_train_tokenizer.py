@@ -5,7 +5,7 @@ import pytest
 from echoavatar.cli.recipe import Options
 from echoavatar.cli.train_tokenizer import add_arguments, body_sizes
 from echoavatar.errors import EchoAvatarError
-from echoavatar.kinematics import HUMANOID
+from echoavatar.motion.kinematics import HUMANOID
 
 
 def settings(model: dict[str, object]):

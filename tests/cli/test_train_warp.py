@@ -1,12 +1,12 @@
 from pathlib import Path
 
 import pytest
-from tests.warp.tiny import clicks
+from tests.models.warp.tiny import clicks
 
 from echoavatar.checkpoint import read_card
 from echoavatar.cli import main
 from echoavatar.data.corpus import ClipEntry, Manifest
-from echoavatar.warp import WarpModel
+from echoavatar.models.warp import WarpModel
 
 RECIPE = """
 model: {encoder: {kind: mel, bands: 8, windows: 2, width: 8, blocks: 1, past: 2}}

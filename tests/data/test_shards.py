@@ -1,7 +1,13 @@
 import numpy as np
 import pytest
 
-from echoavatar.data.shards import Shard, ShardEntry, checksum, shard_path, write_shard
+from echoavatar.data.shards import (
+    Shard,
+    ShardEntry,
+    checksum,
+    shard_path,
+    write_shard,
+)
 from echoavatar.errors import MotionError
 
 

@@ -3,11 +3,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from echoavatar.audio.io import write_wav
 from echoavatar.data import Sound, SoundSet
 from echoavatar.data.shards import checksum
 from echoavatar.data.sounds import runs, save_sounds
 from echoavatar.errors import AudioError
+from echoavatar.models.audio.io import write_wav
 
 
 @pytest.fixture

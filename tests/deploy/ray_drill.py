@@ -14,7 +14,7 @@ import ray
 from deploy.ray_serve import Avatars, Options, deployment
 from ray import serve
 
-from echoavatar.client import Recorder, connect
+from echoavatar.agents.client import Recorder, connect
 from echoavatar.wire import Sound
 
 ROOT = Path(__file__).parents[2]

@@ -16,12 +16,12 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from tests.proxy.places import proxied, stage, tone
+from tests.agents.proxy.places import proxied, stage, tone
 from tests.server.fakes import Place, serving
 
+from echoavatar.agents.proxy import avatar_events, events
+from echoavatar.agents.proxy.scripted import ScriptedSession
 from echoavatar.cli import COMMANDS, command_module
-from echoavatar.proxy import avatar_events, events
-from echoavatar.proxy.scripted import ScriptedSession
 from echoavatar.wire import ActionStatus, Hello
 
 ROOT = Path(__file__).parents[2]
@@ -63,7 +63,7 @@ def test_every_event_that_is_added_is_on_the_page() -> None:
 
 
 def test_every_variable_of_the_companion_is_on_its_page() -> None:
-    source = (ROOT / "src/echoavatar/companion/environment.py").read_text()
+    source = (ROOT / "src/echoavatar/server/companion/environment.py").read_text()
     names = set(re.findall(r'"(ECHOAVATAR_\w+)"', source))
     assert len(names) == 5
     assert [name for name in names if name not in PAGES["local_agent"]] == []

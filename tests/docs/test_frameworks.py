@@ -150,7 +150,7 @@ def test_talking_with_elevenlabs_is_a_conversation(monkeypatch: pytest.MonkeyPat
     from elevenlabs import ElevenLabs
     from tests.integrations import test_elevenlabs as scene
 
-    from echoavatar.integrations.elevenlabs import AvatarAudioInterface
+    from echoavatar.agents.integrations.elevenlabs import AvatarAudioInterface
 
     spec = importlib.util.spec_from_file_location("talk", ROOT / "integrations/elevenlabs/examples/talk.py")
     assert spec is not None

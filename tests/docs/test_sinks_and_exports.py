@@ -7,15 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.exports.bodies import make_rigs
-from tests.exports.moving import clapping
-from tests.sinks.receiving import Receiver
+from tests.files.exports.bodies import make_rigs
+from tests.files.exports.moving import clapping
+from tests.server.sinks.receiving import Receiver
 
 from echoavatar.cli import COMMANDS, command_module, main
-from echoavatar.face import ARKIT_NAMES
-from echoavatar.kinematics import write_bvh
-from echoavatar.kinematics.tables import write_npz
-from echoavatar.sinks import check_address, parse_address
+from echoavatar.motion.arkit import ARKIT_NAMES
+from echoavatar.motion.kinematics import write_bvh
+from echoavatar.motion.kinematics.tables import write_npz
+from echoavatar.server.sinks import check_address, parse_address
 
 ROOT = Path(__file__).parents[2]
 NAMES = ("vmc", "live_link", "exports", "unity", "unreal", "blender")

@@ -6,9 +6,9 @@ import numpy as np
 import torch
 
 from echoavatar.engine import Engine
-from echoavatar.kinematics import HUMANOID
+from echoavatar.motion.kinematics import HUMANOID
+from echoavatar.motion.motion_chunk import MotionChunk
 from echoavatar.nn import StreamState
-from echoavatar.pipeline import MotionChunk
 from echoavatar.timing import CHUNK, ChunkSize
 
 

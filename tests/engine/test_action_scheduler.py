@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from echoavatar.engine.action_scheduler import ActionScheduler
-from echoavatar.pipeline import Action, ActionLibrary
-from echoavatar.pipeline.action_overlay import Overlay
+from echoavatar.engine.pipeline import Action, ActionLibrary
+from echoavatar.motion.action_overlay import Overlay
 
 WAVE, BOW = Action("wave", (1, 1, 2, 2, 3, 3, 4, 4), (1, 3)), Action("bow", (5, 6, 7, 5), (0, 1))
 

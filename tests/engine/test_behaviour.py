@@ -11,13 +11,18 @@ import torch
 
 import echoavatar
 from echoavatar.engine import Engine, Session, SessionCore
-from echoavatar.engine.gaze import off_viewer
-from echoavatar.face import ARKIT_NAMES
-from echoavatar.kinematics import HUMANOID, forward_kinematics
-from echoavatar.kinematics.rotations import matrix_from_quaternion
-from echoavatar.pipeline import MotionChunk, Pipeline, load_bundle
-from echoavatar.pipeline.motion_chunk import join
-from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES, FRAME_RATE_HZ, SAMPLE_RATE_HZ
+from echoavatar.engine.pipeline import Pipeline, load_bundle
+from echoavatar.motion.arkit import ARKIT_NAMES
+from echoavatar.motion.gaze import off_viewer
+from echoavatar.motion.kinematics import HUMANOID, forward_kinematics
+from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
+from echoavatar.motion.motion_chunk import MotionChunk, join
+from echoavatar.timing import (
+    CHUNK_FRAMES,
+    CHUNK_SAMPLES,
+    FRAME_RATE_HZ,
+    SAMPLE_RATE_HZ,
+)
 
 _log = logging.getLogger(__name__)
 pytestmark = pytest.mark.slow

@@ -7,8 +7,9 @@ import torch
 from tests.engine.fakes import FakePipeline, Heard, engine
 
 from echoavatar.engine import Engine, Session
+from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.errors import EchoAvatarError
-from echoavatar.pipeline import MotionChunk, Pipeline, load_bundle
+from echoavatar.motion.motion_chunk import MotionChunk
 
 
 def test_seats_are_taken_freed_and_refused() -> None:

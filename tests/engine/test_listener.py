@@ -2,7 +2,7 @@ import numpy as np
 from tests.engine.fakes import engine
 
 from echoavatar.engine.listener import Listener
-from echoavatar.pipeline import Action, ActionLibrary
+from echoavatar.engine.pipeline import Action, ActionLibrary
 
 RATE = 24_000
 

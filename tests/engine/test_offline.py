@@ -3,11 +3,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.face.tiny import make
+from tests.models.face.tiny import make
 
 from echoavatar.engine import animate, animate_many, in_blocks
+from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.errors import AudioError
-from echoavatar.pipeline import Pipeline, load_bundle
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,7 @@ import numpy as np
 
 from echoavatar.engine.music import Heard
 from echoavatar.engine.playout import PlayoutBuffer, first_frame_after
-from echoavatar.pipeline import MotionChunk
+from echoavatar.motion.motion_chunk import MotionChunk
 
 SILENCE = Heard(np.zeros(6_400, np.float32), None)
 

@@ -7,8 +7,8 @@ from tests.engine.fakes import FakePipeline, Heard
 
 from echoavatar.engine import Engine, Session
 from echoavatar.engine.settling import DANCING, Settling, leg_speed
-from echoavatar.kinematics import HUMANOID
-from echoavatar.pipeline import MotionChunk
+from echoavatar.motion.kinematics import HUMANOID
+from echoavatar.motion.motion_chunk import MotionChunk
 from echoavatar.timing import CHUNK_SAMPLES
 
 LOUD, QUIET = np.full(CHUNK_SAMPLES, 0.1, np.float32), np.zeros(CHUNK_SAMPLES, np.float32)

@@ -8,7 +8,7 @@ import torch
 from tests.engine.fakes import FakePipeline, Heard, engine
 
 from echoavatar.engine import Engine, EngineThread
-from echoavatar.pipeline import MotionChunk
+from echoavatar.motion.motion_chunk import MotionChunk
 
 
 def test_motion_comes_without_anyone_ticking_and_the_thread_ends_when_told() -> None:

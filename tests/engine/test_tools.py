@@ -7,9 +7,9 @@ import soundfile
 from tests.engine.fakes import engine
 
 from echoavatar.engine import SessionCore
+from echoavatar.engine.pipeline import Action, ActionLibrary
 from echoavatar.engine.tools import Toolbox
 from echoavatar.engine.tracks import Tracks
-from echoavatar.pipeline import Action, ActionLibrary
 
 LIBRARY = ActionLibrary(
     {name: Action(name, (1, 2, 3, 4), (0, 1), f"to {name}") for name in ("wave", "bow", "listen")}

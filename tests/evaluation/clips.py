@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import numpy as np
-from tests.kinematics.samples import swaying
+from tests.motion.kinematics.samples import swaying
 
 from echoavatar.data import Clip, write_manifest
 from echoavatar.data.corpus import clip_path

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 import echoavatar
-from echoavatar.audio import read_audio
+from echoavatar.corpora.rehearsal.action_clips import SCRIPTS, clip
+from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.evaluation.actions import (
     BEGIN_CHUNKS,
     _score_action,
@@ -13,9 +14,8 @@ from echoavatar.evaluation.actions import (
     evaluate_actions,
     head_turn,
 )
-from echoavatar.kinematics import Motion
-from echoavatar.pipeline import Pipeline, load_bundle
-from echoavatar.rehearsal.action_clips import SCRIPTS, clip
+from echoavatar.models.audio import read_audio
+from echoavatar.motion.kinematics import Motion
 from echoavatar.timing import CHUNK_FRAMES
 
 _log = logging.getLogger(__name__)

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
-from tests.metrics.swings import swing
+from tests.evaluation.metrics.swings import swing
 
 from echoavatar.evaluation import beats
-from echoavatar.metrics.gesture_alignment import gesture_beats
+from echoavatar.evaluation.metrics.gesture_alignment import gesture_beats
 
 
 def test_chance_is_below_the_score_of_aligned_motion() -> None:

@@ -3,8 +3,8 @@ import pytest
 import torch
 
 from echoavatar.evaluation import behaviour
-from echoavatar.kinematics import HUMANOID
-from echoavatar.kinematics.rotations import quaternion_from_axis_angle
+from echoavatar.motion.kinematics import HUMANOID
+from echoavatar.motion.kinematics.rotations import quaternion_from_axis_angle
 
 
 def clip(frames: int = 90, *, turn_per_frame: float = 0.0) -> behaviour.Track:

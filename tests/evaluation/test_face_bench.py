@@ -1,7 +1,7 @@
 import pytest
 
 from echoavatar.evaluation.face_bench import bench_face
-from echoavatar.face import FaceConfig, FaceModel, MelConfig
+from echoavatar.models.face import FaceConfig, FaceModel, MelConfig
 
 TINY = FaceConfig(
     encoder=MelConfig(bands=8, windows=1, width=8, blocks=1),

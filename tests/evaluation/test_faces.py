@@ -1,13 +1,14 @@
 import numpy as np
 import pytest
 
+from echoavatar.corpora.rehearsal.lips import lip_curves
+from echoavatar.corpora.rehearsal.track import compose_track
+from echoavatar.engine.pipeline import Bundle
 from echoavatar.errors import EchoAvatarError
 from echoavatar.evaluation import faces
 from echoavatar.evaluation.faces import evaluate_face
-from echoavatar.face import ARKIT_NAMES, FaceConfig, FaceModel, MelConfig
-from echoavatar.pipeline import Bundle
-from echoavatar.rehearsal.lips import lip_curves
-from echoavatar.rehearsal.track import compose_track
+from echoavatar.models.face import FaceConfig, FaceModel, MelConfig
+from echoavatar.motion.arkit import ARKIT_NAMES
 
 
 class Fake(Bundle):

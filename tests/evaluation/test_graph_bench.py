@@ -3,12 +3,12 @@
 import pytest
 import torch
 from scripts.synthetic_release import make
-from tests.reference.conftest import bundle_of
+from tests.files.reference.conftest import bundle_of
 
 from echoavatar.cli import main
+from echoavatar.engine.pipeline import load_bundle
 from echoavatar.errors import EchoAvatarError
 from echoavatar.evaluation.graph_bench import bench_graphs
-from echoavatar.pipeline import load_bundle
 
 
 def test_every_stage_is_timed(tmp_path, capsys):

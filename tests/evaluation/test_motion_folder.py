@@ -3,13 +3,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.evaluation.clips import MUSIC, SPEECH, clicks, clip, folder
-from tests.kinematics.samples import swaying
+from tests.motion.kinematics.samples import swaying
 
-from echoavatar.audio import write_wav
 from echoavatar.errors import EchoAvatarError
-from echoavatar.evaluation.motion_folder import ReadOptions, motion_files, read_motion_file, read_pairs
-from echoavatar.kinematics import HUMANOID, write_bvh
-from echoavatar.kinematics.tables import write_npz
+from echoavatar.evaluation.motion_folder import (
+    ReadOptions,
+    motion_files,
+    read_motion_file,
+    read_pairs,
+)
+from echoavatar.models.audio import write_wav
+from echoavatar.motion.kinematics import HUMANOID, write_bvh
+from echoavatar.motion.kinematics.tables import write_npz
 
 
 def refused(*words: str):

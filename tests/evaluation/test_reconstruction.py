@@ -2,8 +2,8 @@ import pytest
 import torch
 
 from echoavatar.evaluation.reconstruction import codebook_use, reconstruction
-from echoavatar.kinematics import HUMANOID
-from echoavatar.kinematics.rotations import matrix_from_axis_angle
+from echoavatar.motion.kinematics import HUMANOID
+from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle
 
 
 def still(frames: int = 4) -> torch.Tensor:

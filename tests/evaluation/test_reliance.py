@@ -1,14 +1,14 @@
 from pathlib import Path
 
 import numpy as np
-from tests.generator.tiny import config
+from tests.models.generator.tiny import config
 
+from echoavatar.corpora.rehearsal.corpus import Plan, make_clip
+from echoavatar.engine.pipeline import load_bundle
 from echoavatar.evaluation.reliance import reliance, reliance_table, token_clips
-from echoavatar.generator import TokenClip
-from echoavatar.generator.recipe import GeneratorTraining
-from echoavatar.generator.train import GeneratorTask
-from echoavatar.pipeline import load_bundle
-from echoavatar.rehearsal.corpus import Plan, make_clip
+from echoavatar.models.generator import TokenClip
+from echoavatar.models.generator.recipe import GeneratorTraining
+from echoavatar.models.generator.train import GeneratorTask
 from echoavatar.training import Loop
 
 

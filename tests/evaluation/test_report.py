@@ -3,10 +3,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from echoavatar.corpora.rehearsal.corpus import Plan, make_clip
+from echoavatar.engine.pipeline import load_bundle
 from echoavatar.evaluation.behaviour import MUSIC, SPEECH
 from echoavatar.evaluation.report import Recording, evaluate
-from echoavatar.pipeline import load_bundle
-from echoavatar.rehearsal.corpus import Plan, make_clip
 from echoavatar.timing import CHUNK_SAMPLES
 
 pytest.importorskip("librosa", reason="the evaluate extra is not installed")

@@ -3,13 +3,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.evaluation.clips import MUSIC, clip, folder
-from tests.kinematics.samples import swaying
+from tests.motion.kinematics.samples import swaying
 
 from echoavatar.errors import MotionError
+from echoavatar.evaluation.metrics.motion_encoder import load_shipped
 from echoavatar.evaluation.motion_folder import Pair, ReadOptions, read_pairs
 from echoavatar.evaluation.score import UNITS, measure_clip, score
-from echoavatar.kinematics import HUMANOID, Motion
-from echoavatar.metrics.motion_encoder import load_shipped
+from echoavatar.motion.kinematics import HUMANOID, Motion
 
 
 def pairs(tmp_path: Path, made_size: float) -> list[Pair]:

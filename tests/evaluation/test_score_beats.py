@@ -1,11 +1,16 @@
 import numpy as np
 import pytest
 from tests.evaluation.clips import MUSIC, SPEECH, clicks
-from tests.metrics.swings import swing
+from tests.evaluation.metrics.swings import swing
 
-from echoavatar.evaluation.score_beats import ClipAudio, at_rate, dance_rows, gesture_rows
-from echoavatar.kinematics import HUMANOID
-from echoavatar.metrics.gesture_alignment import UPPER_BODY
+from echoavatar.evaluation.metrics.gesture_alignment import UPPER_BODY
+from echoavatar.evaluation.score_beats import (
+    ClipAudio,
+    at_rate,
+    dance_rows,
+    gesture_rows,
+)
+from echoavatar.motion.kinematics import HUMANOID
 
 pytest.importorskip("librosa", reason="the evaluate extra is not installed")
 FRAMES = 300

@@ -3,9 +3,9 @@ from pathlib import Path
 import pytest
 
 from echoavatar.errors import DependencyError, EchoAvatarError
+from echoavatar.evaluation.metrics.bootstrap import Interval
 from echoavatar.evaluation.score_picture import draw
 from echoavatar.evaluation.score_row import Row
-from echoavatar.metrics.bootstrap import Interval
 
 pytest.importorskip("matplotlib", reason="the evaluate extra is not installed")
 ROWS = [

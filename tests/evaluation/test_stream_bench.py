@@ -2,9 +2,9 @@ from pathlib import Path
 
 import numpy as np
 
+from echoavatar.engine.pipeline import Pipeline, load_bundle
+from echoavatar.engine.pipeline.pipeline import STAGES
 from echoavatar.evaluation.stream_bench import bench_stream, resident_mb
-from echoavatar.pipeline import Pipeline, load_bundle
-from echoavatar.pipeline.pipeline import STAGES
 
 
 def test_stages_add_up_to_the_chunk(tiny_bundle: Path) -> None:

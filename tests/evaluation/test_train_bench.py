@@ -6,9 +6,9 @@ import torch
 from echoavatar.cli import main
 from echoavatar.errors import EchoAvatarError
 from echoavatar.evaluation.train_bench import bench_generator, matrix_rate, step_flop
-from echoavatar.generator import Generator, GeneratorConfig
-from echoavatar.generator.recipe import GeneratorTraining
-from echoavatar.tokens import TokenLayout
+from echoavatar.models.generator import Generator, GeneratorConfig
+from echoavatar.models.generator.recipe import GeneratorTraining
+from echoavatar.models.tokens import TokenLayout
 
 LAYOUT = TokenLayout.compact(audio_codes=16, motion_layers=2, motion_codes=8)
 

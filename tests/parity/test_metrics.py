@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from echoavatar.metrics import (
+from echoavatar.evaluation.metrics import (
     beat_alignment,
     dance_alignment,
     diversity,
@@ -19,8 +19,8 @@ from echoavatar.metrics import (
     physical,
     retrieval,
 )
-from echoavatar.metrics.audio_events import EMAGE_RATE_HZ, music_beats, speech_onsets
-from echoavatar.metrics.gesture_alignment import (
+from echoavatar.evaluation.metrics.audio_events import EMAGE_RATE_HZ, music_beats, speech_onsets
+from echoavatar.evaluation.metrics.gesture_alignment import (
     GESTURE_RULES,
     SMPLX_UPPER_BODY,
     TRIMMED_FRAMES,

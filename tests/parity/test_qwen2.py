@@ -4,8 +4,8 @@ import pytest
 import torch
 
 from echoavatar.errors import CheckpointError
-from echoavatar.generator import Generator, GeneratorConfig, init_from_qwen
-from echoavatar.tokens import TokenLayout
+from echoavatar.models.generator import Generator, GeneratorConfig, init_from_qwen
+from echoavatar.models.tokens import TokenLayout
 
 transformers = pytest.importorskip("transformers")
 LAYOUT = TokenLayout.compact(audio_codes=11, motion_layers=2, motion_codes=7)

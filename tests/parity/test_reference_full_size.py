@@ -10,9 +10,9 @@ import torch
 from tests.parity.test_reference_tokenizer import procedural
 
 from echoavatar.checkpoint import load_into
-from echoavatar.metrics.attention_encoder import AttentionAutoencoder
-from echoavatar.quantize.usage import code_usage
-from echoavatar.tokenizer import MotionTokenizer, MotionTokenizerConfig
+from echoavatar.evaluation.metrics.attention_encoder import AttentionAutoencoder
+from echoavatar.models.quantize.usage import code_usage
+from echoavatar.models.tokenizer import MotionTokenizer, MotionTokenizerConfig
 
 FOLDER = Path(__file__).parents[2] / "../shared/golden/reference_release"
 pytestmark = pytest.mark.skipif(not FOLDER.exists(), reason="the reference fixtures (../shared) are not here")

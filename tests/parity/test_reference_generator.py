@@ -5,11 +5,11 @@ from pathlib import Path
 import pytest
 import torch
 from scripts.synthetic_release import make
-from tests.reference.conftest import bundle_of
+from tests.files.reference.conftest import bundle_of
 
-from echoavatar.generator import open_stream
-from echoavatar.pipeline import load_bundle
-from echoavatar.tokens import REFERENCE_LAYOUT
+from echoavatar.engine.pipeline import load_bundle
+from echoavatar.models.generator import open_stream
+from echoavatar.models.tokens import REFERENCE_LAYOUT
 
 transformers = pytest.importorskip("transformers")
 

@@ -8,18 +8,18 @@ import pytest
 import torch
 from tests.parity.test_reference_tokenizer import procedural
 
-from echoavatar.metrics.audio_events import EMAGE_RATE_HZ, speech_onsets
-from echoavatar.metrics.beat_alignment import hit_rate
-from echoavatar.metrics.diversity import l1_diversity
-from echoavatar.metrics.frechet import frechet_distance
-from echoavatar.metrics.gesture_alignment import (
+from echoavatar.evaluation.metrics.audio_events import EMAGE_RATE_HZ, speech_onsets
+from echoavatar.evaluation.metrics.beat_alignment import hit_rate
+from echoavatar.evaluation.metrics.diversity import l1_diversity
+from echoavatar.evaluation.metrics.frechet import frechet_distance
+from echoavatar.evaluation.metrics.gesture_alignment import (
     GESTURE_RULES,
     SMPLX_UPPER_BODY,
     gesture_alignment,
     gesture_beat_frames,
 )
-from echoavatar.metrics.skeleton_convolution import SkeletonConvolution, SkeletonConvolutionConfig
-from echoavatar.metrics.skeleton_edges import SMPLX_PARENTS, merged, skeleton_edges
+from echoavatar.evaluation.metrics.skeleton_convolution import SkeletonConvolution, SkeletonConvolutionConfig
+from echoavatar.evaluation.metrics.skeleton_edges import SMPLX_PARENTS, merged, skeleton_edges
 
 FOLDER = Path(__file__).parents[2] / "../shared/golden/reference_release"
 pytestmark = pytest.mark.skipif(not FOLDER.exists(), reason="the reference fixtures (../shared) are not here")

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 import torch
-from tests.generator.tiny import generator
+from tests.models.generator.tiny import generator
 
-from echoavatar.generator import GeneratorConfig, open_stream
-from echoavatar.generator.config import Opening
-from echoavatar.tokens import REFERENCE_LAYOUT, TokenLayout
+from echoavatar.models.generator import GeneratorConfig, open_stream
+from echoavatar.models.generator.config import Opening
+from echoavatar.models.tokens import REFERENCE_LAYOUT, TokenLayout
 
 GOLDEN = Path(__file__).parents[2] / "../shared/golden/reference_release/actions.json"
 START, END, LINE = 151_644, 151_645, 198

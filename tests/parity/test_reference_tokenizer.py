@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from echoavatar.checkpoint import load_into
+from echoavatar.models.tokenizer import MotionTokenizer, MotionTokenizerConfig
 from echoavatar.nn import lookback_mask
-from echoavatar.tokenizer import MotionTokenizer, MotionTokenizerConfig
 
 FOLDER = Path(__file__).parents[2] / "../shared/golden/reference_release"
 pytestmark = pytest.mark.skipif(not FOLDER.exists(), reason="the reference fixtures (../shared) are not here")

@@ -7,23 +7,23 @@ from pathlib import Path
 
 import pytest
 
-from echoavatar.audio import CodecConfig
-from echoavatar.audio.train import CodecTrainingConfig
 from echoavatar.cli import main, train
 from echoavatar.cli.train_tokenizer import body_sizes
-from echoavatar.face import FaceConfig
-from echoavatar.face.recipe import FaceTraining
-from echoavatar.fingers import FingerConfig
-from echoavatar.fingers.recipe import FingerTraining
-from echoavatar.generator import GeneratorConfig
-from echoavatar.generator.recipe import GeneratorTraining
-from echoavatar.kinematics import HUMANOID
-from echoavatar.metrics.motion_encoder import MotionEncoderConfig
-from echoavatar.metrics.motion_encoder_train import MotionEncoderTraining
-from echoavatar.tokenizer.decoding import DecoderTraining
-from echoavatar.tokenizer.recipe import TokenizerTraining
-from echoavatar.warp import WarpConfig
-from echoavatar.warp.recipe import WarpTraining
+from echoavatar.evaluation.metrics.motion_encoder import MotionEncoderConfig
+from echoavatar.evaluation.metrics.motion_encoder_train import MotionEncoderTraining
+from echoavatar.models.audio import CodecConfig
+from echoavatar.models.audio.train import CodecTrainingConfig
+from echoavatar.models.face import FaceConfig
+from echoavatar.models.face.recipe import FaceTraining
+from echoavatar.models.fingers import FingerConfig
+from echoavatar.models.fingers.recipe import FingerTraining
+from echoavatar.models.generator import GeneratorConfig
+from echoavatar.models.generator.recipe import GeneratorTraining
+from echoavatar.models.tokenizer.decoding import DecoderTraining
+from echoavatar.models.tokenizer.recipe import TokenizerTraining
+from echoavatar.models.warp import WarpConfig
+from echoavatar.models.warp.recipe import WarpTraining
+from echoavatar.motion.kinematics import HUMANOID
 
 ROOT = Path(__file__).parents[2]
 RECIPES = sorted((ROOT / "recipes").glob("*/*.yaml"))

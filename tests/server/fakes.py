@@ -13,8 +13,8 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 from echoavatar.engine import Engine
-from echoavatar.kinematics import HUMANOID
-from echoavatar.pipeline.actions import Action, ActionLibrary
+from echoavatar.engine.pipeline.actions import Action, ActionLibrary
+from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.server import ServerSettings, create_app
 from echoavatar.server.run import Server, configure, listen
 from echoavatar.timing import CHUNK, ChunkSize

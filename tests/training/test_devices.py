@@ -2,15 +2,15 @@
 
 import pytest
 import torch
-from tests.face.tiny import CONFIG as FACE
-from tests.face.tiny import clip
-from tests.generator.test_train import clips, config, settings
+from tests.models.face.tiny import CONFIG as FACE
+from tests.models.face.tiny import clip
+from tests.models.generator.test_train import clips, config, settings
 
-from echoavatar.face import MelConfig, paper_face
-from echoavatar.face.recipe import FaceTraining
-from echoavatar.face.train import FaceTask
-from echoavatar.generator import train as generator_train
-from echoavatar.generator.train import GeneratorTask
+from echoavatar.models.face import MelConfig, paper_face
+from echoavatar.models.face.recipe import FaceTraining
+from echoavatar.models.face.train import FaceTask
+from echoavatar.models.generator import train as generator_train
+from echoavatar.models.generator.train import GeneratorTask
 from echoavatar.training import TrainingTask
 from echoavatar.training.task import row_count, take_rows
 

@@ -93,11 +93,11 @@ def curve(loop: Loop, steps: int) -> list[list[float]]:
 
 def real_stages(pieces: int) -> dict[str, TrainingTask]:
     """A generator that is told cues and sets, and a tokenizer with noise on its codes."""
-    from tests.generator.test_train import clips, config, settings
-    from tests.tokenizer.test_train import CLIPS, TRAINING, small_config
+    from tests.models.generator.test_train import clips, config, settings
+    from tests.models.tokenizer.test_train import CLIPS, TRAINING, small_config
 
-    from echoavatar.generator.train import GeneratorTask
-    from echoavatar.tokenizer.train import TokenizerTask
+    from echoavatar.models.generator.train import GeneratorTask
+    from echoavatar.models.tokenizer.train import TokenizerTask
 
     lesson = settings(batch=8, accumulation=pieces, exemplar=0.5, cue_weight=0.1, optimiser="adamw")
     motion = TRAINING.model_copy(update={"accumulation": pieces})

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from echoavatar.kinematics import HUMANOID
+from echoavatar.motion.kinematics import HUMANOID
 
 SCALE = 0.8
 SHAPES = {

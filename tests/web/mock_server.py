@@ -20,10 +20,15 @@ from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from echoavatar.face import ARKIT_NAMES
-from echoavatar.kinematics import HUMANOID
+from echoavatar.motion.arkit import ARKIT_NAMES
+from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.server.voice import voice_route
-from echoavatar.timing import CHUNK_SAMPLES, FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
+from echoavatar.timing import (
+    CHUNK_SAMPLES,
+    FRAME_RATE_HZ,
+    SAMPLE_RATE_HZ,
+    SAMPLES_PER_FRAME,
+)
 from echoavatar.wire import (
     Action,
     ActionStatus,
@@ -236,8 +241,8 @@ async def _ears(request: Request) -> Response:
 
 def make_app(recorded: Mapping[str, np.ndarray], *, tell_clock: bool) -> Starlette:
     """Page, sounds, character and stream, under the addresses of the real server."""
-    from echoavatar.avatar import load_character
-    from echoavatar.avatar.gltf import pack_glb
+    from echoavatar.files.avatar import load_character
+    from echoavatar.files.avatar.gltf import pack_glb
 
     glb = pack_glb(load_character(), [])
 

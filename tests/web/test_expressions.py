@@ -5,8 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from echoavatar.face import ARKIT_NAMES
-from echoavatar.face.arkit import to_vrm
+from echoavatar.motion.arkit import ARKIT_NAMES, to_vrm
 
 
 def test_the_file_that_the_client_is_held_to_is_what_we_do():

@@ -7,8 +7,8 @@ import pytest
 from tests.web.make_vrm import make_vrm
 from tests.web.test_page_in_browser import record_motion
 
-from echoavatar.face import ARKIT_NAMES
-from echoavatar.kinematics import HUMANOID, read_bvh
+from echoavatar.motion.arkit import ARKIT_NAMES
+from echoavatar.motion.kinematics import HUMANOID, read_bvh
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 PATIENCE = 120  # seconds; the machine that runs this may be busy

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tests.web.make_vrm import make_vrm
 
-from echoavatar.kinematics import HUMANOID, read_bvh
+from echoavatar.motion.kinematics import HUMANOID, read_bvh
 from echoavatar.server.voice import find_voice
 
 pytestmark = pytest.mark.browser

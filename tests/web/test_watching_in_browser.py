@@ -4,7 +4,7 @@ import asyncio
 import threading
 
 import pytest
-from tests.proxy.places import listening, proxied, stage, tone
+from tests.agents.proxy.places import listening, proxied, stage, tone
 
 pytestmark = pytest.mark.browser
 

@@ -12,7 +12,7 @@ from elevenlabs import ElevenLabs
 from elevenlabs.conversational_ai.conversation import ClientTools, Conversation
 from elevenlabs.conversational_ai.default_audio_interface import DefaultAudioInterface
 
-from echoavatar.integrations.elevenlabs import AvatarAudioInterface
+from echoavatar.agents.integrations.elevenlabs import AvatarAudioInterface
 
 
 def main() -> None:

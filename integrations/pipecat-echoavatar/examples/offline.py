@@ -21,7 +21,7 @@ from pipecat.services.tts_service import TTSService
 from pipecat.workers.runner import WorkerRunner
 from pipecat_echoavatar import EchoAvatarProcessor, NullTransport
 
-from echoavatar.integrations import AvatarTools
+from echoavatar.agents.integrations import AvatarTools
 from echoavatar.server.voice import find_voice, speak
 
 

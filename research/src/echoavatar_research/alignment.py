@@ -27,12 +27,17 @@ from echoavatar.align.quality import QualityConfig, QualityReward
 from echoavatar.align.quality_train import CorruptedWindows, QualityTraining, train_quality
 from echoavatar.align.reference_statistics import ReferenceStatistics
 from echoavatar.align.rewards import RewardMix
-from echoavatar.align.start import AlignmentSetup, make_pairs, training_task, tune
+from echoavatar.align.start import (
+    AlignmentSetup,
+    make_pairs,
+    training_task,
+    tune,
+)
 from echoavatar.align.trainer import fingerprint
 from echoavatar.data import Clip
 from echoavatar.evaluation.scale import ScaleName
-from echoavatar.generator import Generator, TokenClip
-from echoavatar.kinematics import Motion
+from echoavatar.models.generator import Generator, TokenClip
+from echoavatar.motion.kinematics import Motion
 
 from .choices import OURS, GeneratorChoice
 from .experiment import BATCH, Experiment, motion_of
@@ -242,8 +247,8 @@ def _rank(experiment: Experiment, ready: AlignmentSetup, path: Path, training: A
 def _generate(experiment: Experiment, folder: Path) -> None:
     """Generate motion for the test clips with the tuned generator in a folder."""
     from echoavatar.engine import animate_many
-    from echoavatar.pipeline import Pipeline
-    from echoavatar.pipeline.bundle import Bundle
+    from echoavatar.engine.pipeline import Pipeline
+    from echoavatar.engine.pipeline.bundle import Bundle
 
     generator = Generator.load(folder).eval()
     pipeline = Pipeline(Bundle(folder.name, experiment.codec, experiment.tokenizer(OURS), generator, {}))

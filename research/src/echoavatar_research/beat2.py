@@ -12,14 +12,14 @@ import torch
 
 from echoavatar.evaluation.baselines import Baselines, Kind
 from echoavatar.evaluation.behaviour import SPEECH
+from echoavatar.evaluation.metrics.diversity import l1_deviation
+from echoavatar.evaluation.metrics.frechet import Moments, moments
+from echoavatar.evaluation.metrics.gesture_alignment import SMPLX_UPPER_BODY
+from echoavatar.evaluation.metrics.skeleton_convolution import extractor_input
 from echoavatar.evaluation.score import fid_row
 from echoavatar.evaluation.score_beats import ClipAudio, gesture_rows
 from echoavatar.evaluation.score_row import Row, row_of_means
-from echoavatar.kinematics import Motion
-from echoavatar.metrics.diversity import l1_deviation
-from echoavatar.metrics.frechet import Moments, moments
-from echoavatar.metrics.gesture_alignment import SMPLX_UPPER_BODY
-from echoavatar.metrics.skeleton_convolution import extractor_input
+from echoavatar.motion.kinematics import Motion
 
 from .beat2_experiment import Beat2Experiment
 from .choices import OURS, GeneratorChoice

@@ -7,24 +7,24 @@ from typing import Self
 import torch
 from jaxtyping import Float
 
+from echoavatar.corpora.datasets import Options, prepare, survey_of
 from echoavatar.data import Clip, Corpus
-from echoavatar.datasets import Options, prepare, survey_of
-from echoavatar.datasets.smplx import skeleton
 from echoavatar.errors import EchoAvatarError
-from echoavatar.evaluation.scale import ScaleName
-from echoavatar.generator import Generator
-from echoavatar.kinematics import Motion
-from echoavatar.metrics.skeleton_convolution import (
+from echoavatar.evaluation.metrics.skeleton_convolution import (
     SkeletonConvolution,
     SkeletonConvolutionConfig,
     extractor_input,
 )
-from echoavatar.metrics.skeleton_convolution_train import (
+from echoavatar.evaluation.metrics.skeleton_convolution_train import (
     SkeletonConvolutionTraining,
     train_skeleton_convolution,
 )
+from echoavatar.evaluation.scale import ScaleName
+from echoavatar.files.smplx_reader import skeleton
+from echoavatar.models.generator import Generator
+from echoavatar.models.tokenizer import BodyTokenizer
+from echoavatar.motion.kinematics import Motion
 from echoavatar.timing import FRAME_RATE_HZ
-from echoavatar.tokenizer import BodyTokenizer
 
 from .beat2_sample import write_sample
 from .experiment import Experiment
@@ -135,7 +135,7 @@ class Beat2Experiment(Experiment):
 
     def _sample(self) -> Path:
         """Make a synthetic copy of the dataset."""
-        from echoavatar.rehearsal.corpus import Plan, rehearse
+        from echoavatar.corpora.rehearsal.corpus import Plan, rehearse
 
         if not self.scale.hours:
             raise EchoAvatarError(

@@ -12,12 +12,12 @@ import numpy as np
 import soxr
 import torch
 
-from echoavatar.audio import write_wav
+from echoavatar.corpora.datasets.beat2 import SPLIT
 from echoavatar.data import Clip, Corpus
-from echoavatar.datasets.beat2 import SPLIT
-from echoavatar.datasets.smplx import skeleton
-from echoavatar.kinematics import HUMANOID
-from echoavatar.kinematics.rotations import axis_angle_from_quaternion
+from echoavatar.files.smplx_reader import skeleton
+from echoavatar.models.audio import write_wav
+from echoavatar.motion.kinematics import HUMANOID
+from echoavatar.motion.kinematics.rotations import axis_angle_from_quaternion
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
 
 RATE_HZ = 16_000

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from echoavatar.tokenizer import LossWeights
+from echoavatar.models.tokenizer import LossWeights
 
 
 @dataclass(frozen=True)

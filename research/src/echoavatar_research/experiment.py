@@ -12,18 +12,23 @@ from typing import Any
 
 import numpy as np
 
-from echoavatar.audio import AudioCodec
 from echoavatar.data import Clip, Corpus
 from echoavatar.errors import EchoAvatarError
+from echoavatar.evaluation.metrics.motion_encoder import MotionEncoder, load_shipped
 from echoavatar.evaluation.scale import Scale
 from echoavatar.evaluation.score import Extractor
-from echoavatar.generator import Generator, GeneratorConfig, TokenClip
-from echoavatar.generator.recipe import GeneratorTraining
-from echoavatar.kinematics import HUMANOID, Motion
-from echoavatar.metrics.motion_encoder import MotionEncoder, load_shipped
+from echoavatar.models.audio import AudioCodec
+from echoavatar.models.generator import Generator, GeneratorConfig, TokenClip
+from echoavatar.models.generator.recipe import GeneratorTraining
+from echoavatar.models.tokenizer import (
+    BodyTokenizer,
+    MotionTokenizerConfig,
+    as_one_part,
+    body_config,
+)
+from echoavatar.models.tokens import TokenLayout
+from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.timing import FRAME_RATE_HZ
-from echoavatar.tokenizer import BodyTokenizer, MotionTokenizerConfig, as_one_part, body_config
-from echoavatar.tokens import TokenLayout
 from echoavatar.training import Progress
 
 from .choices import GeneratorChoice, TokenizerChoice
@@ -92,7 +97,7 @@ class Experiment:
         """The audio codec of all generators."""
         if self.sources.codec is not None:
             return AudioCodec.load(self.sources.codec).eval()
-        from echoavatar.pipeline import load_bundle
+        from echoavatar.engine.pipeline import load_bundle
 
         return load_bundle("default").codec
 
@@ -115,7 +120,7 @@ class Experiment:
 
     def tokenizer(self, choice: TokenizerChoice) -> BodyTokenizer:
         """Train the tokenizer, or load it if it is finished."""
-        from echoavatar.tokenizer.train import train_tokenizer
+        from echoavatar.models.tokenizer.train import train_tokenizer
 
         folder, settings = self.folder / "tokenizers" / choice.name, self._tokenizer_settings(choice)
         sizes = MotionTokenizerConfig.model_validate(settings["sizes"])
@@ -147,7 +152,7 @@ class Experiment:
 
     def codes(self, choice: TokenizerChoice) -> list[TokenClip]:
         """The corpus as codes of a tokenizer."""
-        from echoavatar.pipeline.tokenize import tokenize_corpus
+        from echoavatar.engine.pipeline.tokenize import tokenize_corpus
 
         folder = self.folder / "tokens" / choice.name
 
@@ -167,7 +172,7 @@ class Experiment:
 
     def generator(self, choice: GeneratorChoice) -> Generator:
         """Train the generator, or load it if it is finished."""
-        from echoavatar.generator.train import train_generator
+        from echoavatar.models.generator.train import train_generator
 
         folder = self.folder / "generators" / choice.name
 
@@ -268,7 +273,7 @@ class Experiment:
         return hashlib.sha256((self.corpus.folder / "manifest.json").read_bytes()).hexdigest()[:16]
 
     def _rehearse(self) -> Path:
-        from echoavatar.rehearsal.corpus import Plan, rehearse
+        from echoavatar.corpora.rehearsal.corpus import Plan, rehearse
 
         if not self.scale.hours:
             raise EchoAvatarError(

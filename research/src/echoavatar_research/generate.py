@@ -6,12 +6,12 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from echoavatar.audio import AudioCodec
-from echoavatar.generator import Generator
-from echoavatar.kinematics import Motion, from_features
-from echoavatar.kinematics.rotations import quaternion_from_matrix
+from echoavatar.models.audio import AudioCodec
+from echoavatar.models.generator import Generator
+from echoavatar.models.tokenizer import BodyTokenizer
+from echoavatar.motion.kinematics import Motion, from_features
+from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
 from echoavatar.timing import CHUNK_SAMPLES, FRAME_RATE_HZ, SAMPLES_PER_FRAME
-from echoavatar.tokenizer import BodyTokenizer
 from echoavatar.training import Progress
 
 Sounds = Mapping[int, Float[np.ndarray, " s"]]
@@ -29,9 +29,9 @@ def live_motion(
 ) -> list[Motion]:
     """Run one engine session per sound. A generator with lookahead is given the whole sounds beforehand."""
     from echoavatar.engine import animate_many
-    from echoavatar.pipeline import Pipeline
-    from echoavatar.pipeline.bundle import Bundle
-    from echoavatar.pipeline.lookahead import LookaheadPipeline
+    from echoavatar.engine.pipeline import Pipeline
+    from echoavatar.engine.pipeline.bundle import Bundle
+    from echoavatar.engine.pipeline.lookahead import LookaheadPipeline
 
     bundle = Bundle(name, codec, tokenizer, generator.eval(), {})
     hears_ahead = generator.config.ahead_chunks > 0
@@ -51,8 +51,8 @@ def decoded_motion(
     progress: Progress | None = None,
 ) -> list[Motion]:
     """Sample and decode codes on the tokenizer's rig, without the stages behind the decoder: published tables do so."""
-    from echoavatar.generator import open_stream
-    from echoavatar.pipeline.tokenize import audio_codes
+    from echoavatar.engine.pipeline.tokenize import audio_codes
+    from echoavatar.models.generator import open_stream
 
     stream, motions = open_stream(generator.eval().to(device)), []
     one = torch.ones(1, dtype=torch.bool, device=device)

@@ -6,9 +6,9 @@ generator of the paper's size with random weights; the time does not depend on t
 
 from collections.abc import Mapping
 
+from echoavatar.engine.pipeline import Pipeline, load_bundle
+from echoavatar.engine.pipeline.bundle import with_random_generator
 from echoavatar.evaluation.stream_bench import StreamReport, bench_stream
-from echoavatar.pipeline import Pipeline, load_bundle
-from echoavatar.pipeline.bundle import with_random_generator
 
 from .experiment import Experiment
 from .table import Cell, Column, Line, Table

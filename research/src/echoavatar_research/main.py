@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from echoavatar.evaluation.baselines import Baselines, Kind
 from echoavatar.evaluation.scale import Scale
-from echoavatar.kinematics import Motion
+from echoavatar.motion.kinematics import Motion
 
 from .choices import OURS, GeneratorChoice
 from .experiment import EXTRA_CHUNKS, Experiment, motion_of

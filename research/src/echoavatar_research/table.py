@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
+from echoavatar.evaluation.metrics.bootstrap import UNKNOWN
 from echoavatar.evaluation.score_row import Row
-from echoavatar.metrics.bootstrap import UNKNOWN
 
 NAN = float("nan")
 

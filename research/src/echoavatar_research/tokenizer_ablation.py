@@ -12,7 +12,7 @@ of the codes; "w/ bodypart" is the full model. We read the names as follows:
 
 from typing import NamedTuple
 
-from echoavatar.tokenizer import LossWeights
+from echoavatar.models.tokenizer import LossWeights
 
 from .choices import OURS, GeneratorChoice, TokenizerChoice
 from .experiment import Experiment, motion_of

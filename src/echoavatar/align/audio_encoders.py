@@ -13,10 +13,16 @@ from jaxtyping import Float, Int
 from pydantic import Field, model_validator
 from torch import Tensor, nn
 
-from ..audio import AudioCodec, CodecConfig
-from ..config import Config
-from ..nn import FullBlock
-from ..timing import SAMPLE_RATE_HZ, SAMPLES_PER_AUDIO_TOKEN, SAMPLES_PER_MOTION_TOKEN, exact_div
+from echoavatar.config import Config
+from echoavatar.models.audio import AudioCodec, CodecConfig
+from echoavatar.nn import FullBlock
+from echoavatar.timing import (
+    SAMPLE_RATE_HZ,
+    SAMPLES_PER_AUDIO_TOKEN,
+    SAMPLES_PER_MOTION_TOKEN,
+    exact_div,
+)
+
 from .beats import Beats, BeatsConfig
 from .fbank import RATE_HZ
 from .positions import sinusoids

@@ -20,11 +20,17 @@ from jaxtyping import Float, Int
 from pydantic import AliasChoices, Field, model_validator
 from torch import Tensor, nn
 
-from .. import checkpoint
-from ..audio import AudioCodec
-from ..config import Config
-from ..nn import FullBlock
-from ..timing import SAMPLE_RATE_HZ, SAMPLES_PER_AUDIO_TOKEN, SAMPLES_PER_MOTION_TOKEN, exact_div
+from echoavatar import checkpoint
+from echoavatar.config import Config
+from echoavatar.models.audio import AudioCodec
+from echoavatar.nn import FullBlock
+from echoavatar.timing import (
+    SAMPLE_RATE_HZ,
+    SAMPLES_PER_AUDIO_TOKEN,
+    SAMPLES_PER_MOTION_TOKEN,
+    exact_div,
+)
+
 from .audio_encoders import AudioEncoderConfig, TokenEncoder, WaveformEncoder
 from .beats import Beats
 from .decoded_motion import DecodedMotion

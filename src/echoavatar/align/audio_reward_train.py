@@ -10,13 +10,33 @@ from jaxtyping import Float, Int
 from pydantic import Field
 from torch import Tensor
 
-from ..audio import AudioCodec
-from ..config import Config
-from ..errors import MotionError
-from ..generator import TokenClip
-from ..metrics.retrieval import PAPER_GALLERY, Retrieval, batched, chance, gallery, retrieval, similarity
-from ..timing import AUDIO_FRAMES_PER_CHUNK, CHUNK_SECONDS, MOTION_TOKENS_PER_CHUNK, exact_div
-from ..training import Loss, Progress, TrainingConfig, TrainingTask, train
+from echoavatar.config import Config
+from echoavatar.errors import MotionError
+from echoavatar.evaluation.metrics.retrieval import (
+    PAPER_GALLERY,
+    Retrieval,
+    batched,
+    chance,
+    gallery,
+    retrieval,
+    similarity,
+)
+from echoavatar.models.audio import AudioCodec
+from echoavatar.models.generator import TokenClip
+from echoavatar.timing import (
+    AUDIO_FRAMES_PER_CHUNK,
+    CHUNK_SECONDS,
+    MOTION_TOKENS_PER_CHUNK,
+    exact_div,
+)
+from echoavatar.training import (
+    Loss,
+    Progress,
+    TrainingConfig,
+    TrainingTask,
+    train,
+)
+
 from .audio_encoders import decoded_waveform
 from .audio_reward import WINDOW_TOKENS, AudioMotion, info_nce
 from .fbank import RATE_HZ

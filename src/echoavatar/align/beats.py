@@ -14,8 +14,9 @@ from jaxtyping import Float, Int
 from pydantic import Field
 from torch import Tensor, nn
 
-from ..config import Config
-from ..errors import CheckpointError
+from echoavatar.config import Config
+from echoavatar.errors import CheckpointError
+
 from .fbank import BANDS, fbank
 
 PATCH = 16

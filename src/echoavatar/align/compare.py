@@ -7,9 +7,10 @@ reported: FID against the prompts' true motion, diversity, beat alignment minus 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from ..generator import Generator
-from ..metrics.motion_encoder import MotionEncoder
-from ..tokenizer import BodyTokenizer
+from echoavatar.evaluation.metrics.motion_encoder import MotionEncoder
+from echoavatar.models.generator import Generator
+from echoavatar.models.tokenizer import BodyTokenizer
+
 from .judge import DecodingJudge
 from .motion_metrics import Measurements, MotionMetrics, mean_and_error
 from .plots import gain

@@ -4,7 +4,8 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from ..training import Schedule, TrainingConfig
+from echoavatar.training import Schedule, TrainingConfig
+
 from .prompts import Events
 
 Method = Literal["grpo", "dpo", "ppo"]

@@ -16,10 +16,10 @@ from jaxtyping import Float, Int
 from scipy.interpolate import PchipInterpolator
 from torch import Tensor
 
-from ..errors import CheckpointError
-from ..kinematics import Skeleton
-from ..kinematics.features import travel_slice
-from ..tokens import corrupt_hierarchically, corrupt_uniformly
+from echoavatar.errors import CheckpointError
+from echoavatar.models.tokens import corrupt_hierarchically, corrupt_uniformly
+from echoavatar.motion.kinematics import Skeleton
+from echoavatar.motion.kinematics.features import travel_slice
 
 Corruption = Literal["hierarchical", "uniform"]
 Degradation = Literal["jitter", "time_warp", "foot_slide", "frozen_limbs"]

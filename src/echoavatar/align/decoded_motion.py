@@ -10,9 +10,15 @@ from jaxtyping import Float, Int, Integer
 from scipy.ndimage import gaussian_filter1d
 from torch import Tensor
 
-from ..kinematics import Skeleton, forward_kinematics, from_features
-from ..timing import AUDIO_FRAMES_PER_CHUNK, FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN, MOTION_TOKENS_PER_CHUNK
-from ..tokenizer import BodyTokenizer
+from echoavatar.models.tokenizer import BodyTokenizer
+from echoavatar.motion.kinematics import Skeleton, forward_kinematics, from_features
+from echoavatar.timing import (
+    AUDIO_FRAMES_PER_CHUNK,
+    FRAME_RATE_HZ,
+    FRAMES_PER_MOTION_TOKEN,
+    MOTION_TOKENS_PER_CHUNK,
+)
+
 from .prompts import Prompt
 
 LEAD_TOKENS = 2  # tokens of past motion that are kept, so that speeds are known at the first new frame

@@ -9,7 +9,8 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from ..training import Loss
+from echoavatar.training import Loss
+
 from .losses import dpo_loss
 from .policy import GeneratorPolicy
 from .preferences import PreferencePair, codes_of

@@ -2,7 +2,8 @@
 
 from torch import Tensor
 
-from ..training import Loss
+from echoavatar.training import Loss
+
 from .losses import group_advantages, grpo_loss, timed_advantages
 from .rollouts import JudgedRollouts, RolloutBatch, RolloutTask
 

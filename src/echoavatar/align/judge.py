@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Int
 from torch import Tensor
 
-from ..tokenizer import BodyTokenizer
+from echoavatar.models.tokenizer import BodyTokenizer
+
 from .decoded_motion import DecodedMotion, decode_continuations
 from .prompts import Prompt
 from .rewards import RewardMix, Rewards

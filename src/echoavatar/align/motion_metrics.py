@@ -10,13 +10,19 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from ..kinematics import Skeleton, from_features
-from ..kinematics.rotations import quaternion_from_matrix
-from ..metrics.diversity import l1_deviation
-from ..metrics.frechet import Moments, frechet_between, moments, pooled
-from ..metrics.motion_encoder import MotionEncoder
-from ..metrics.motion_features import motion_features
-from ..tokenizer import BodyTokenizer
+from echoavatar.evaluation.metrics.diversity import l1_deviation
+from echoavatar.evaluation.metrics.frechet import (
+    Moments,
+    frechet_between,
+    moments,
+    pooled,
+)
+from echoavatar.evaluation.metrics.motion_encoder import MotionEncoder
+from echoavatar.evaluation.metrics.motion_features import motion_features
+from echoavatar.models.tokenizer import BodyTokenizer
+from echoavatar.motion.kinematics import Skeleton, from_features
+from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
+
 from .decoded_motion import DecodedMotion, decode_truth
 from .prompts import Prompt
 from .reference_statistics import ReferenceStatistics

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import CheckpointError
+from echoavatar.errors import CheckpointError
 
 
 def gain(first: Mapping[str, Any], later: Mapping[str, Any]) -> tuple[float, float]:

@@ -18,12 +18,13 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from ..config import Config
-from ..errors import CheckpointError
-from ..generator import Generator, open_stream
-from ..generator.sampling import nucleus
-from ..timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
-from ..tokens import TokenLayout
+from echoavatar.config import Config
+from echoavatar.errors import CheckpointError
+from echoavatar.models.generator import Generator, open_stream
+from echoavatar.models.generator.sampling import nucleus
+from echoavatar.models.tokens import TokenLayout
+from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
+
 from .prompts import PromptBatch
 
 

@@ -6,8 +6,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from ..generator import Generator
-from ..training import Loss, adamw
+from echoavatar.models.generator import Generator
+from echoavatar.training import Loss, adamw
+
 from .config import AlignTraining
 from .losses import generalised_advantages, ppo_loss
 from .policy import Scores

@@ -13,10 +13,11 @@ import torch
 from jaxtyping import Int
 from pydantic import Field, ValidationError
 
-from ..config import Config
-from ..errors import MotionError
-from ..timing import MOTION_TOKENS_PER_CHUNK
-from ..tokens import TokenLayout
+from echoavatar.config import Config
+from echoavatar.errors import MotionError
+from echoavatar.models.tokens import TokenLayout
+from echoavatar.timing import MOTION_TOKENS_PER_CHUNK
+
 from .judge import Judge
 from .policy import GeneratorPolicy
 from .prompts import Prompt, PromptSampler, batch_of

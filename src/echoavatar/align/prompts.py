@@ -14,15 +14,15 @@ import torch
 from jaxtyping import Float, Int, Integer
 from torch import Tensor
 
-from ..errors import MotionError
-from ..generator import TokenClip
-from ..timing import (
+from echoavatar.errors import MotionError
+from echoavatar.models.generator import TokenClip
+from echoavatar.models.tokens import TokenLayout
+from echoavatar.timing import (
     AUDIO_FRAMES_PER_CHUNK,
     AUDIO_TOKEN_RATE_HZ,
     CHUNK_SECONDS,
     MOTION_TOKENS_PER_CHUNK,
 )
-from ..tokens import TokenLayout
 
 Events = Literal["any", "beat", "stress"]
 

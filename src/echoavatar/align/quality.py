@@ -17,11 +17,12 @@ from jaxtyping import Float
 from pydantic import Field
 from torch import Tensor, nn
 
-from .. import checkpoint
-from ..config import Config
-from ..kinematics import FeatureStatistics
-from ..nn import FullBlock, Mlp
-from ..timing import FRAMES_PER_MOTION_TOKEN
+from echoavatar import checkpoint
+from echoavatar.config import Config
+from echoavatar.motion.kinematics import FeatureStatistics
+from echoavatar.nn import FullBlock, Mlp
+from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
+
 from .decoded_motion import DecodedMotion
 from .reference_statistics import ReferenceStatistics
 

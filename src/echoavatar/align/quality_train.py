@@ -17,12 +17,19 @@ from pydantic import Field
 from scipy.stats import pearsonr, spearmanr
 from torch import Tensor
 
-from ..config import Config
-from ..generator import TokenClip, WindowSampler
-from ..metrics.frechet import Moments, frechet_between, pooled
-from ..metrics.motion_encoder import MotionEncoder
-from ..tokenizer import BodyTokenizer
-from ..training import Loss, Progress, TrainingConfig, TrainingTask, train
+from echoavatar.config import Config
+from echoavatar.evaluation.metrics.frechet import Moments, frechet_between, pooled
+from echoavatar.evaluation.metrics.motion_encoder import MotionEncoder
+from echoavatar.models.generator import TokenClip, WindowSampler
+from echoavatar.models.tokenizer import BodyTokenizer
+from echoavatar.training import (
+    Loss,
+    Progress,
+    TrainingConfig,
+    TrainingTask,
+    train,
+)
+
 from .corruption import (
     CLEAN,
     RATES,

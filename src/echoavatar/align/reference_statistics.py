@@ -19,11 +19,12 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import Field, ValidationError
 
-from ..config import Config
-from ..errors import CheckpointError, MotionError
-from ..metrics.gesture_alignment import ARM_JOINTS
-from ..metrics.physical import jerk_m_s3
-from ..timing import FRAME_RATE_HZ
+from echoavatar.config import Config
+from echoavatar.errors import CheckpointError, MotionError
+from echoavatar.evaluation.metrics.gesture_alignment import ARM_JOINTS
+from echoavatar.evaluation.metrics.physical import jerk_m_s3
+from echoavatar.timing import FRAME_RATE_HZ
+
 from .decoded_motion import DecodedMotion
 
 BEFORE, AFTER = 8, 12  # frames of the profile before and after an event

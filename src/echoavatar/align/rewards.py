@@ -17,12 +17,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..errors import EchoAvatarError
-from ..kinematics.contact import skate
-from ..metrics.beat_alignment import SHARP_SIGMA_S, mean_hit_rate
-from ..metrics.dance_alignment import dance_beats
-from ..metrics.gesture_alignment import ARM_JOINTS, STROKE_DELAY_S, gesture_beats
-from ..timing import FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN
+from echoavatar.errors import EchoAvatarError
+from echoavatar.evaluation.metrics.beat_alignment import SHARP_SIGMA_S, mean_hit_rate
+from echoavatar.evaluation.metrics.dance_alignment import dance_beats
+from echoavatar.evaluation.metrics.gesture_alignment import ARM_JOINTS, STROKE_DELAY_S, gesture_beats
+from echoavatar.motion.kinematics.contact import skate
+from echoavatar.timing import FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN
+
 from .decoded_motion import DecodedMotion
 from .reference_statistics import ReferenceStatistics, response
 

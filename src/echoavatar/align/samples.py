@@ -10,12 +10,13 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from ..audio import AudioCodec
-from ..avatar.video import write_mp4
-from ..kinematics import Motion, from_features
-from ..kinematics.rotations import quaternion_from_matrix
-from ..timing import FRAME_RATE_HZ
-from ..tokenizer import BodyTokenizer
+from echoavatar.files.avatar.video import write_mp4
+from echoavatar.models.audio import AudioCodec
+from echoavatar.models.tokenizer import BodyTokenizer
+from echoavatar.motion.kinematics import Motion, from_features
+from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
+from echoavatar.timing import FRAME_RATE_HZ
+
 from .policy import GeneratorPolicy
 from .prompts import Prompt, batch_of
 

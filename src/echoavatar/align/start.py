@@ -7,15 +7,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..audio import AudioCodec
-from ..checkpoint import read_card
-from ..errors import CheckpointError, MotionError
-from ..generator import Generator, TokenClip
-from ..metrics.motion_encoder import load_shipped
-from ..pipeline import load_bundle
-from ..tokenizer import BodyTokenizer
-from ..training import Progress, has_state, train
-from ..training.metrics_log import FILE
+from echoavatar.checkpoint import read_card
+from echoavatar.engine.pipeline import load_bundle
+from echoavatar.errors import CheckpointError, MotionError
+from echoavatar.evaluation.metrics.motion_encoder import load_shipped
+from echoavatar.models.audio import AudioCodec
+from echoavatar.models.generator import Generator, TokenClip
+from echoavatar.models.tokenizer import BodyTokenizer
+from echoavatar.training import Progress, has_state, train
+from echoavatar.training.metrics_log import FILE
+
 from .audio_reward import AudioMotion
 from .config import AlignTraining, Method
 from .decoded_motion import decode_truth
@@ -30,7 +31,12 @@ from .probe import Probe
 from .prompts import PromptSampler, read_token_clips
 from .quality import QualityReward
 from .reference_statistics import ReferenceStatistics, measure_reference_statistics
-from .rewards import Reward, RewardMix, imported, parse_weights
+from .rewards import (
+    Reward,
+    RewardMix,
+    imported,
+    parse_weights,
+)
 from .samples import SampleVideos, can_render_videos
 from .trainer import DivergedError, PolicyTask, RunContext
 

@@ -14,14 +14,26 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
-from ..config import Config
-from ..errors import EchoAvatarError
-from ..generator import Generator
-from ..training import Gather, Loss, TrainingTask, adamw
+from echoavatar.config import Config
+from echoavatar.errors import EchoAvatarError
+from echoavatar.models.generator import Generator
+from echoavatar.training import (
+    Gather,
+    Loss,
+    TrainingTask,
+    adamw,
+)
+
 from .config import AlignTraining
 from .judge import Judge
 from .losses import exact_kl
-from .policy import GeneratorPolicy, Rollout, Scores, check_reference, mean_by_layer
+from .policy import (
+    GeneratorPolicy,
+    Rollout,
+    Scores,
+    check_reference,
+    mean_by_layer,
+)
 from .probe import Probe
 from .prompts import Prompt, PromptBatch
 

@@ -14,8 +14,8 @@ from jaxtyping import Float
 from pydantic import Field
 from torch import Tensor, nn
 
-from ..config import Config
-from ..errors import CheckpointError
+from echoavatar.config import Config
+from echoavatar.errors import CheckpointError
 
 SPECTRUM, STEP = 512, 353  # samples of a frame, and from one to the next
 QUIET = 1e-7

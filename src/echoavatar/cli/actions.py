@@ -4,11 +4,11 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import EchoAvatarError
+from echoavatar.errors import EchoAvatarError
 
 if TYPE_CHECKING:
-    from ..pipeline.actions import ActionLibrary
-    from ..timing import ChunkSize
+    from echoavatar.engine.pipeline.actions import ActionLibrary
+    from echoavatar.timing import ChunkSize
 
 EXAMPLES = """examples:
   echoavatar actions list
@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _list(bundle: str) -> int:
-    from ..pipeline import load_bundle
+    from echoavatar.engine.pipeline import load_bundle
 
     library = load_bundle(bundle).actions
     width = max((len(name) for name in library), default=0)
@@ -71,10 +71,10 @@ def _list(bundle: str) -> int:
 
 
 def _add(args: argparse.Namespace, folder: Path) -> None:
-    from ..kinematics import read_bvh
-    from ..pipeline.action_making import action_from_motion, set_from_motion
-    from ..pipeline.runtime import Runtime
-    from ..tokenizer import BodyTokenizer
+    from echoavatar.corpora.rehearsal.action_making import action_from_motion, set_from_motion
+    from echoavatar.engine.pipeline.runtime import Runtime
+    from echoavatar.models.tokenizer import BodyTokenizer
+    from echoavatar.motion.kinematics import read_bvh
 
     library, chunk = _library(folder)
     tokenizer, rig = BodyTokenizer.load(folder / "tokenizer").eval(), Runtime.load(folder).rig
@@ -91,7 +91,7 @@ def _add(args: argparse.Namespace, folder: Path) -> None:
 
 
 def _remove(args: argparse.Namespace, folder: Path) -> None:
-    from ..pipeline.actions import ActionLibrary
+    from echoavatar.engine.pipeline.actions import ActionLibrary
 
     library, _ = _library(folder)
     gone = library.find(args.name)
@@ -100,9 +100,9 @@ def _remove(args: argparse.Namespace, folder: Path) -> None:
 
 
 def _build(args: argparse.Namespace, folder: Path) -> None:
-    from ..pipeline.action_making import own_actions
-    from ..pipeline.runtime import Runtime
-    from ..tokenizer import BodyTokenizer
+    from echoavatar.corpora.rehearsal.action_making import own_actions
+    from echoavatar.engine.pipeline.runtime import Runtime
+    from echoavatar.models.tokenizer import BodyTokenizer
 
     if Runtime.load(folder).rig is not None:
         raise EchoAvatarError(
@@ -116,10 +116,10 @@ def _build(args: argparse.Namespace, folder: Path) -> None:
 
 def _library(folder: Path) -> "tuple[ActionLibrary, ChunkSize]":
     """A bundle's actions and its chunk size, without loading its generator."""
-    from ..checkpoint import read_config
-    from ..generator import GeneratorConfig
-    from ..pipeline.actions import ActionLibrary
-    from ..timing import ChunkSize
+    from echoavatar.checkpoint import read_config
+    from echoavatar.engine.pipeline.actions import ActionLibrary
+    from echoavatar.models.generator import GeneratorConfig
+    from echoavatar.timing import ChunkSize
 
     config = read_config(folder / "generator", GeneratorConfig)
     chunk = ChunkSize(config.step)

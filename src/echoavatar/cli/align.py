@@ -12,8 +12,8 @@ from tqdm import tqdm
 from . import align_compare, align_rewards
 
 if TYPE_CHECKING:
-    from ..align.config import AlignTraining
-    from ..align.start import AlignmentSetup
+    from echoavatar.align.config import AlignTraining
+    from echoavatar.align.start import AlignmentSetup
 
 EXAMPLES = """examples:
   echoavatar align grpo TOKENS -o runs/grpo                        tune the default bundle's generator to the audio
@@ -175,7 +175,7 @@ def run(args: argparse.Namespace) -> int:
         return align_rewards.run(args)
     if args.kind == "compare":
         return align_compare.run(args)
-    from ..align.start import load_setup
+    from echoavatar.align.start import load_setup
 
     is_first = os.environ.get("RANK", "0") == "0"
     with tqdm(unit="step", smoothing=0.05, disable=not is_first) as bar:
@@ -207,14 +207,14 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _rollouts(args: argparse.Namespace, ready: "AlignmentSetup", progress: Callable[[int, int], None]) -> int:
-    from ..align.start import make_pairs
+    from echoavatar.align.start import make_pairs
 
     names = ("prompts", "past", "length", "group", "margin", "fewest_events", "seed")
     return make_pairs(ready, args.output, **{name: getattr(args, name) for name in names}, progress=progress)
 
 
 def _draw(folder: Path) -> None:
-    from ..align.plots import draw_run
+    from echoavatar.align.plots import draw_run
 
     try:
         import matplotlib  # noqa: F401
@@ -224,8 +224,8 @@ def _draw(folder: Path) -> None:
 
 
 def _train(args: argparse.Namespace, ready: "AlignmentSetup", progress: Callable[[int, int], None]) -> str:
-    from ..align.samples import can_render_videos
-    from ..align.start import training_task, tune
+    from echoavatar.align.samples import can_render_videos
+    from echoavatar.align.start import training_task, tune
 
     training = _training(args)
     if training.videos and not can_render_videos():
@@ -244,7 +244,7 @@ def _train(args: argparse.Namespace, ready: "AlignmentSetup", progress: Callable
 
 
 def _training(args: argparse.Namespace) -> "AlignTraining":
-    from ..align.config import AlignTraining, recipe
+    from echoavatar.align.config import AlignTraining, recipe
 
     base = recipe(args.recipe, args.kind)
     names = [*(name.replace("-", "_") for name in SETTINGS), "credit", "events"]

@@ -28,13 +28,13 @@ def add_arguments(child: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Measure and print."""
-    from ..align.compare import compare
-    from ..align.prompts import PromptSampler
-    from ..align.seeds import as_markdown, over_seeds
-    from ..align.start import load_setup
-    from ..errors import MotionError
-    from ..generator import Generator
-    from ..metrics.motion_encoder import load_shipped
+    from echoavatar.align.compare import compare
+    from echoavatar.align.prompts import PromptSampler
+    from echoavatar.align.seeds import as_markdown, over_seeds
+    from echoavatar.align.start import load_setup
+    from echoavatar.errors import MotionError
+    from echoavatar.evaluation.metrics.motion_encoder import load_shipped
+    from echoavatar.models.generator import Generator
 
     ready = load_setup(
         args.source,

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 from tqdm import tqdm
 
-from ..errors import EchoAvatarError
+from echoavatar.errors import EchoAvatarError
 
 if TYPE_CHECKING:
-    from ..align.audio_reward import AudioMotion
-    from ..generator import TokenClip
-    from ..pipeline import Bundle
+    from echoavatar.align.audio_reward import AudioMotion
+    from echoavatar.engine.pipeline import Bundle
+    from echoavatar.models.generator import TokenClip
 
 KINDS = ("calibrate", "reward-quality", "reward-alignment")
 
@@ -80,8 +80,8 @@ def add_arguments(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") 
 
 def run(args: argparse.Namespace) -> int:
     """Run one of the sub-commands."""
-    from ..align.prompts import read_token_clips
-    from ..pipeline import load_bundle
+    from echoavatar.align.prompts import read_token_clips
+    from echoavatar.engine.pipeline import load_bundle
 
     bundle = load_bundle(args.bundle)
     clips = read_token_clips(args.source, bundle.generator.config.layout, needs_truth=True)
@@ -110,9 +110,9 @@ Progress = Callable[[int, int], None]
 def _calibrate(
     args: argparse.Namespace, bundle: "Bundle", train: Clips, test: Clips, progress: Progress
 ) -> dict[str, Any]:
-    from ..align.corruption import scores_from_fid
-    from ..align.quality_train import CorruptedWindows, calibrate
-    from ..metrics.motion_encoder import load_shipped
+    from echoavatar.align.corruption import scores_from_fid
+    from echoavatar.align.quality_train import CorruptedWindows, calibrate
+    from echoavatar.evaluation.metrics.motion_encoder import load_shipped
 
     levels = CorruptedWindows(bundle.tokenizer, list(train.values()), seed=args.seed)
     fid = calibrate(levels, load_shipped(), windows=args.windows)
@@ -125,9 +125,9 @@ def _calibrate(
 def _quality(
     args: argparse.Namespace, bundle: "Bundle", train: Clips, test: Clips, progress: Progress
 ) -> dict[str, Any]:
-    from ..align.corruption import degraded_scores, paper_scores, read_scores
-    from ..align.quality import QualityConfig
-    from ..align.quality_train import (
+    from echoavatar.align.corruption import degraded_scores, paper_scores, read_scores
+    from echoavatar.align.quality import QualityConfig
+    from echoavatar.align.quality_train import (
         CorruptedWindows,
         QualityTraining,
         draw_quality,
@@ -156,14 +156,14 @@ def _quality(
 def _alignment(
     args: argparse.Namespace, bundle: "Bundle", train: Clips, test: Clips, progress: Progress
 ) -> dict[str, Any]:
-    from ..align.audio_reward_train import (
+    from echoavatar.align.audio_reward_train import (
         AudioMotionWindows,
         AudioRewardTraining,
         decoded_waveforms,
         retrieval_tables,
         train_audio_reward,
     )
-    from ..align.prompts import read_token_clips
+    from echoavatar.align.prompts import read_token_clips
 
     layout = bundle.generator.config.layout
     asked = read_token_clips(args.held_out, layout, needs_truth=True) if args.held_out else test
@@ -192,11 +192,11 @@ def _listener(args: argparse.Namespace, bundle: "Bundle") -> "AudioMotion":
     """The untrained reward; published weights are read by a reader that constructs tensors only."""
     import torch
 
-    from ..align.audio_encoders import SMALL_BEATS, SMALL_WAV2CLIP
-    from ..align.audio_reward import AudioMotion
-    from ..align.beats import Beats
-    from ..align.wav2clip import Wav2Clip
-    from ..reference.foreign_files import read_tensors
+    from echoavatar.align.audio_encoders import SMALL_BEATS, SMALL_WAV2CLIP
+    from echoavatar.align.audio_reward import AudioMotion
+    from echoavatar.align.beats import Beats
+    from echoavatar.align.wav2clip import Wav2Clip
+    from echoavatar.files.reference.foreign_files import read_tensors
 
     if args.encoder_weights and args.encoder == "codes":
         raise EchoAvatarError("--encoder-weights need --encoder beats or wav2clip; name one of them")

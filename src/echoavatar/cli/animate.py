@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from tqdm import tqdm
 
-from ..errors import EchoAvatarError
+from echoavatar.errors import EchoAvatarError
+
 from .serve import DEVICE_HELP, WITHOUT_HELP
 
 if TYPE_CHECKING:
-    from ..exports import Take
+    from echoavatar.files.exports import Take
 
 FORMATS = ".bvh, .glb, .vrma, .usda, .usdc, .usdz, .fbx, .npz, .csv, .mp4; .vrm with --rig"
 RIG_HELP = "retarget the motion to this character or skeleton: .vrm, .glb or .bvh"
@@ -54,14 +55,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Animate the sound, write the motion, print the real-time factor."""
-    from ..exports import Take, read_rig, writer
+    from echoavatar.files.exports import Take, read_rig, writer
 
     write = writer(args.output, has_rig=args.rig is not None)
     rig = None if args.rig is None else read_rig(args.rig)
-    from ..audio import stream_audio
-    from ..engine import animate
-    from ..pipeline import Pipeline, load_bundle
-    from ..pipeline.modes import MotionOptions
+    from echoavatar.engine import animate
+    from echoavatar.engine.pipeline import Pipeline, load_bundle
+    from echoavatar.models.audio import stream_audio
+    from echoavatar.motion.stages.modes import MotionOptions
 
     if args.in_place and "leash" in args.without:
         raise EchoAvatarError(
@@ -93,7 +94,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _film(path: Path, take: "Take", *, is_close: bool) -> None:
-    from ..avatar.video import write_mp4
+    from echoavatar.files.avatar.video import write_mp4
 
     audio = np.zeros(0, np.float32) if take.audio is None else take.audio
 

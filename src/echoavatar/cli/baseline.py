@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from tqdm import tqdm
 
-from ..errors import EchoAvatarError
+from echoavatar.errors import EchoAvatarError
 
 if TYPE_CHECKING:
-    from ..data import Clip
+    from echoavatar.data import Clip
 
 EXAMPLES = """examples:
   echoavatar baseline nearest --train corpus talk.wav song.mp3 -o made    motion whose audio was most similar
@@ -44,8 +44,8 @@ def run(args: argparse.Namespace) -> int:
     """Write one clip for each audio."""
     from dataclasses import replace
 
-    from ..data import Corpus
-    from ..evaluation.baselines import Baselines
+    from echoavatar.data import Corpus
+    from echoavatar.evaluation.baselines import Baselines
 
     paths = [found for given in args.audio for found in _sounds(given)]
     names = [path.stem for path in paths]
@@ -69,7 +69,7 @@ def _sounds(given: Path) -> list[Path]:
     """The file itself, or the test clips of a corpus."""
     if not given.is_dir():
         return [given]
-    from ..data import Corpus
+    from echoavatar.data import Corpus
 
     corpus = Corpus(given)
     if not (names := corpus.names("test")):
@@ -79,11 +79,11 @@ def _sounds(given: Path) -> list[Path]:
 
 def _heard(path: Path) -> "Clip":
     """A clip with this audio and no motion yet; labelled as known, otherwise by the file's name."""
-    from ..audio import read_audio
-    from ..data import Clip
-    from ..evaluation.behaviour import MUSIC, SPEECH
-    from ..kinematics import HUMANOID
-    from ..timing import SAMPLES_PER_FRAME
+    from echoavatar.data import Clip
+    from echoavatar.evaluation.behaviour import MUSIC, SPEECH
+    from echoavatar.models.audio import read_audio
+    from echoavatar.motion.kinematics import HUMANOID
+    from echoavatar.timing import SAMPLES_PER_FRAME
 
     if path.suffix.lower() == ".npz":
         return Clip.load(path)

@@ -11,8 +11,8 @@ from tqdm import tqdm
 from .serve import DEVICE_HELP, WITHOUT_HELP
 
 if TYPE_CHECKING:
-    from ..generator.linear import Precision
-    from ..pipeline import Pipeline
+    from echoavatar.engine.pipeline import Pipeline
+    from echoavatar.models.generator.linear import Precision
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -137,8 +137,8 @@ def _pipeline(
     """The pipeline that the arguments of `_models` ask for."""
     import torch
 
-    from ..pipeline import Pipeline, load_bundle
-    from ..pipeline.bundle import with_random_generator
+    from echoavatar.engine.pipeline import Pipeline, load_bundle
+    from echoavatar.engine.pipeline.bundle import with_random_generator
 
     if args.threads:
         torch.set_num_threads(args.threads)
@@ -155,7 +155,7 @@ def _counts(text: str) -> tuple[int, ...]:
 
 
 def _sessions(args: argparse.Namespace) -> int:
-    from ..evaluation.sessions_bench import bench_neighbour, bench_sessions, summary
+    from echoavatar.evaluation.sessions_bench import bench_neighbour, bench_sessions, summary
 
     pipeline = _pipeline(args)
     with tqdm(total=len(args.counts), unit="load", leave=False) as bar:
@@ -176,7 +176,7 @@ def _sessions(args: argparse.Namespace) -> int:
 def _post(args: argparse.Namespace) -> int:
     import torch
 
-    from ..evaluation.post_bench import bench_post
+    from echoavatar.evaluation.post_bench import bench_post
 
     torch.set_num_threads(1)  # the stages use no more
     report = bench_post(chunks=args.chunks, sessions=args.sessions)
@@ -188,8 +188,8 @@ def _post(args: argparse.Namespace) -> int:
 
 
 def _graphs(args: argparse.Namespace) -> int:
-    from ..evaluation.graph_bench import GOALS_MS, PAPER_MS, bench_graphs
-    from ..pipeline import load_bundle
+    from echoavatar.engine.pipeline import load_bundle
+    from echoavatar.evaluation.graph_bench import GOALS_MS, PAPER_MS, bench_graphs
 
     report = bench_graphs(load_bundle(args.model), device=args.device, chunks=args.chunks)
     print(f"{'stage':<12}{'p50 ms':>10}{'p95 ms':>10}{'goal ms':>10}{'paper ms':>10}")
@@ -204,7 +204,8 @@ def _graphs(args: argparse.Namespace) -> int:
 def _proxy(args: argparse.Namespace) -> int:
     from contextlib import ExitStack
 
-    from ..proxy.bench import bench_proxy
+    from echoavatar.agents.proxy.bench import bench_proxy
+
     from .proxy import own_server
 
     with ExitStack() as stack:
@@ -224,8 +225,8 @@ def _proxy(args: argparse.Namespace) -> int:
 def _face(args: argparse.Namespace) -> int:
     import torch
 
-    from ..evaluation.face_bench import bench_face
-    from ..pipeline import load_bundle
+    from echoavatar.engine.pipeline import load_bundle
+    from echoavatar.evaluation.face_bench import bench_face
 
     torch.set_num_threads(args.threads or torch.get_num_threads())
     report = bench_face(load_bundle(args.model).face, chunks=args.chunks, sessions=args.sessions)
@@ -236,12 +237,12 @@ def _face(args: argparse.Namespace) -> int:
 
 
 def _train(args: argparse.Namespace) -> int:
-    from ..evaluation.scale import SCALES
-    from ..evaluation.train_bench import bench_generator, bench_tokenizer
-    from ..generator import GeneratorConfig
-    from ..kinematics import HUMANOID
-    from ..tokenizer import body_config
-    from ..tokens import TokenLayout
+    from echoavatar.evaluation.scale import SCALES
+    from echoavatar.evaluation.train_bench import bench_generator, bench_tokenizer
+    from echoavatar.models.generator import GeneratorConfig
+    from echoavatar.models.tokenizer import body_config
+    from echoavatar.models.tokens import TokenLayout
+    from echoavatar.motion.kinematics import HUMANOID
 
     scale = SCALES[args.scale]
     pieces = {"batch": args.batch, "accumulation": args.accumulation}
@@ -280,7 +281,7 @@ def run(args: argparse.Namespace) -> int:
         return _sessions(args)
     if args.kind == "proxy":
         return _proxy(args)
-    from ..evaluation.stream_bench import bench_stream
+    from echoavatar.evaluation.stream_bench import bench_stream
 
     pipeline = _pipeline(args, args.precision, args.without)
     with tqdm(unit="chunk", disable=not sys.stderr.isatty()) as bar:

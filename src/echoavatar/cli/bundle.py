@@ -5,7 +5,7 @@ import json
 import shutil
 from pathlib import Path
 
-from ..errors import EchoAvatarError
+from echoavatar.errors import EchoAvatarError
 
 FILES = ("config.json", "model.safetensors", "card.json")
 
@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Assemble a bundle, or show one."""
-    from ..pipeline import load_bundle
+    from echoavatar.engine.pipeline import load_bundle
 
     if args.output is None:
         bundle = load_bundle(args.source)
@@ -51,12 +51,12 @@ def assemble(source: Path, output: Path) -> None:
     Raises:
         EchoAvatarError: a part is missing or damaged.
     """
-    from ..audio import AudioCodec
-    from ..checkpoint import read_card
-    from ..face import FaceModel
-    from ..generator import Generator
-    from ..tokenizer import BodyTokenizer
-    from ..warp import WarpModel
+    from echoavatar.checkpoint import read_card
+    from echoavatar.models.audio import AudioCodec
+    from echoavatar.models.face import FaceModel
+    from echoavatar.models.generator import Generator
+    from echoavatar.models.tokenizer import BodyTokenizer
+    from echoavatar.models.warp import WarpModel
 
     for part in ("codec", "tokenizer", "generator"):
         missing = [name for name in FILES if not (source / part / name).exists()]
@@ -77,7 +77,7 @@ def assemble(source: Path, output: Path) -> None:
     for name in FILES:
         shutil.copyfile(source / "codec" / name, output / "codec" / name)
     if not (output / "actions.json").exists():
-        from ..pipeline.action_making import own_actions
+        from echoavatar.corpora.rehearsal.action_making import own_actions
 
         own_actions(BodyTokenizer.load(output / "tokenizer").eval()).save(output)
     if (source / "face").is_dir():

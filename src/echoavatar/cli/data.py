@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING
 
 from tqdm import tqdm
 
-from ..errors import EchoAvatarError
+from echoavatar.errors import EchoAvatarError
+
 from . import data_face, data_prepare, data_rl_corpus
 
 if TYPE_CHECKING:
-    from ..data import Clip
-    from ..kinematics import Motion, Skeleton
+    from echoavatar.data import Clip
+    from echoavatar.motion.kinematics import Motion, Skeleton
 
 ROWS = (
     "wrist_speed_mean_m_s",
@@ -113,7 +114,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _rehearse(args: argparse.Namespace) -> int:
-    from ..rehearsal.corpus import Plan, rehearse
+    from echoavatar.corpora.rehearsal.corpus import Plan, rehearse
 
     plan = Plan(
         args.hours,
@@ -131,12 +132,12 @@ def _rehearse(args: argparse.Namespace) -> int:
 
 
 def _preview(args: argparse.Namespace) -> int:
-    from ..avatar.sheet import contact_sheet, save_picture
-    from ..avatar.video import write_mp4
-    from ..data import Corpus
-    from ..kinematics import HUMANOID
-    from ..kinematics.retarget import retarget
-    from ..timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
+    from echoavatar.data import Corpus
+    from echoavatar.files.avatar.sheet import contact_sheet, save_picture
+    from echoavatar.files.avatar.video import write_mp4
+    from echoavatar.motion.kinematics import HUMANOID
+    from echoavatar.motion.kinematics.retarget import retarget
+    from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
 
     try:
         args.output.mkdir(parents=True, exist_ok=True)
@@ -159,9 +160,9 @@ def _preview(args: argparse.Namespace) -> int:
 
 
 def _describe(args: argparse.Namespace) -> int:
-    from ..data import DOMAINS, Corpus
-    from ..kinematics import read_bvh
-    from ..kinematics.retarget import retarget
+    from echoavatar.data import DOMAINS, Corpus
+    from echoavatar.motion.kinematics import read_bvh
+    from echoavatar.motion.kinematics.retarget import retarget
 
     corpus = Corpus(args.corpus)
     clips = [corpus.load(name) for name in corpus.names(has_mirrored=False)[: args.clips]]
@@ -193,7 +194,7 @@ def _stretches(clips: "list[Clip]", domain: int, skeleton: "Skeleton") -> "list[
 
 
 def _mean_over(motions: "list[Motion]") -> dict[str, float]:
-    from ..kinematics.statistics import describe
+    from echoavatar.motion.kinematics.statistics import describe
 
     rows = [(describe(motion), motion.frames) for motion in motions]
     total = sum(frames for _, frames in rows)
@@ -208,7 +209,7 @@ def _mean_over(motions: "list[Motion]") -> dict[str, float]:
 
 
 def _motion(clip: "Clip", skeleton: "Skeleton") -> "Motion":
-    from ..kinematics import Motion
-    from ..timing import FRAME_RATE_HZ
+    from echoavatar.motion.kinematics import Motion
+    from echoavatar.timing import FRAME_RATE_HZ
 
     return Motion(skeleton, clip.rotations, clip.root, float(FRAME_RATE_HZ))

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from ..errors import EchoAvatarError
+from echoavatar.errors import EchoAvatarError
 
 SOUNDS = (".wav", ".flac", ".mp3", ".ogg", ".m4a", ".mov", ".mp4")
 
@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _rehearse(args: argparse.Namespace) -> int:
-    from ..face.rehearse import rehearse_faces
+    from echoavatar.corpora.rehearsal.faces import rehearse_faces
 
     with tqdm(unit="clip") as bar:
 
@@ -69,8 +69,8 @@ def _rehearse(args: argparse.Namespace) -> int:
 
 def _read(args: argparse.Namespace) -> int:
     """Read all takes; name those that fail, which makes the exit code 1."""
-    from ..audio import read_audio
-    from ..face.livelink import pair_with_audio, read_live_link
+    from echoavatar.models.audio import read_audio
+    from echoavatar.models.face.livelink import pair_with_audio, read_live_link
 
     paths = sorted({csv for path in args.takes for csv in (path.rglob("*.csv") if path.is_dir() else [path])})
     if not paths:

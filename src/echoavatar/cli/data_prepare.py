@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 from tqdm import tqdm
 
-from ..errors import DependencyError, EchoAvatarError
+from echoavatar.errors import DependencyError, EchoAvatarError
 
 if TYPE_CHECKING:
-    from ..datasets import Options, Outcome, Survey
+    from echoavatar.corpora.datasets import Options, Outcome, Survey
 
 EXAMPLES = """SRC, in your own copy of the dataset:
   zeroeggs   the unpacked Zeggs_data (clean/*.bvh + *.wav, info.csv)
@@ -134,7 +134,7 @@ def run(args: argparse.Namespace) -> int:
     """Survey, prepare, report."""
     if (args.codec is None) != (args.tokenizer is None):
         raise EchoAvatarError("tokens need both --codec and --tokenizer")
-    from ..datasets import Options, survey_of
+    from echoavatar.corpora.datasets import Options, survey_of
 
     survey = survey_of(
         args.layout, args.source, only=args.only, speakers=args.speakers, has_additional=args.additional
@@ -165,7 +165,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _prepare(args: argparse.Namespace, survey: "Survey", options: "Options") -> "Outcome":
-    from ..datasets import prepare
+    from echoavatar.corpora.datasets import prepare
 
     try:
         with tqdm(total=len(survey.recordings), unit="clip", smoothing=0.05) as bar:
@@ -195,8 +195,8 @@ def _print_survey(survey: "Survey", layout: str) -> None:
 
 
 def _print_forecast(survey: "Survey", options: "Options", args: argparse.Namespace) -> int:
-    from ..datasets.forecast import forecast
-    from ..datasets.prepare_dataset import split_source
+    from echoavatar.corpora.datasets.forecast import forecast
+    from echoavatar.corpora.datasets.prepare_dataset import split_source
 
     found = forecast(survey.recordings, options)
     for split, count in sorted(found.clips.items()):
@@ -254,10 +254,10 @@ def _print_failures(failures: "tuple[tuple[str, str], ...]", word: str = "failed
 
 
 def _write_tokens(args: argparse.Namespace) -> None:
-    from ..audio import AudioCodec
-    from ..data import Corpus
-    from ..pipeline.tokenize import tokenize_corpus
-    from ..tokenizer import BodyTokenizer
+    from echoavatar.data import Corpus
+    from echoavatar.engine.pipeline.tokenize import tokenize_corpus
+    from echoavatar.models.audio import AudioCodec
+    from echoavatar.models.tokenizer import BodyTokenizer
 
     codec = AudioCodec.load(args.codec).eval()
     tokenizer = BodyTokenizer.load(args.tokenizer).eval()
@@ -276,7 +276,7 @@ def _write_tokens(args: argparse.Namespace) -> None:
 
 def _draw_pictures(outcome: "Outcome", args: argparse.Namespace) -> None:
     """Draw the overview; a missing package is only reported."""
-    from ..datasets.overview import draw_overview
+    from echoavatar.corpora.datasets.overview import draw_overview
 
     try:
         written = draw_overview(outcome.corpus, args.output / "overview", sheets=args.sheets)

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 from tqdm import tqdm
 
-from ..errors import EchoAvatarError
+from echoavatar.errors import EchoAvatarError
 
 if TYPE_CHECKING:
-    from ..datasets.rl_corpus import Kind, RlCorpusResult, SoundPlan
+    from echoavatar.corpora.datasets.rl_corpus import Kind, RlCorpusResult, SoundPlan
 
 EXAMPLES = """examples:
   echoavatar data rl-corpus -o sounds                                   local voices, composed music
@@ -89,8 +89,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Make the sounds, report, tokenise."""
-    from ..datasets.rl_corpus import SoundPlan
-    from ..datasets.text_to_speech import text_to_speech
+    from echoavatar.corpora.datasets.rl_corpus import SoundPlan
+    from echoavatar.corpora.datasets.text_to_speech import text_to_speech
 
     plan = SoundPlan(
         folder=args.output,
@@ -115,7 +115,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _make(plan: "SoundPlan") -> "RlCorpusResult":
-    from ..datasets.rl_corpus import make_rl_corpus
+    from echoavatar.corpora.datasets.rl_corpus import make_rl_corpus
 
     with (
         tqdm(desc="speech", unit="min", disable=not plan.hours) as speech,
@@ -150,9 +150,9 @@ def _print_result(found: "RlCorpusResult", args: argparse.Namespace) -> None:
 
 
 def _write_tokens(args: argparse.Namespace) -> None:
-    from ..data import SoundSet
-    from ..pipeline import load_bundle
-    from ..pipeline.tokenize_sound import tokenize_sounds
+    from echoavatar.data import SoundSet
+    from echoavatar.engine.pipeline import load_bundle
+    from echoavatar.engine.pipeline.tokenize_sound import tokenize_sounds
 
     bundle, sounds = load_bundle(args.bundle), SoundSet(args.output)
     with tqdm(total=len(sounds.sounds), desc="tokens", unit="sound") as bar:

@@ -11,7 +11,8 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from ..errors import EchoAvatarError
+from echoavatar.errors import EchoAvatarError
+
 from . import serve
 
 CLIPS = (("speech", "Speech"), ("music", "Music"))
@@ -62,13 +63,13 @@ def _live(args: argparse.Namespace) -> int:
 
 
 def _files(args: argparse.Namespace) -> int:
-    from ..audio import read_audio
-    from ..avatar import load_character
-    from ..avatar.gltf import Animation, pack_glb, write_glb
-    from ..avatar.page import PageClip, write_page
-    from ..avatar.video import write_mp4
-    from ..engine import animate, in_blocks
-    from ..pipeline import Pipeline, load_bundle
+    from echoavatar.engine import animate, in_blocks
+    from echoavatar.engine.pipeline import Pipeline, load_bundle
+    from echoavatar.files.avatar import load_character
+    from echoavatar.files.avatar.gltf import Animation, pack_glb, write_glb
+    from echoavatar.files.avatar.page import PageClip, write_page
+    from echoavatar.files.avatar.video import write_mp4
+    from echoavatar.models.audio import read_audio
 
     try:
         args.output.mkdir(parents=True, exist_ok=True)

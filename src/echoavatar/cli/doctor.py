@@ -18,10 +18,10 @@ from ctypes.util import find_library
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import DependencyError, EchoAvatarError
+from echoavatar.errors import DependencyError, EchoAvatarError
 
 if TYPE_CHECKING:
-    from ..exports import Take
+    from echoavatar.files.exports import Take
 
 OK, OPTIONAL, BROKEN = "ok", "--", "!!"
 Finding = tuple[str, str, str]  # mark, what, remark
@@ -164,10 +164,10 @@ def _motion() -> list[Finding]:
 
     what = "default bundle"
     try:
-        from ..engine import animate
-        from ..exports import Take, writer
-        from ..pipeline import Pipeline, load_bundle
-        from ..timing import SAMPLE_RATE_HZ
+        from echoavatar.engine import animate
+        from echoavatar.engine.pipeline import Pipeline, load_bundle
+        from echoavatar.files.exports import Take, writer
+        from echoavatar.timing import SAMPLE_RATE_HZ
 
         bundle = load_bundle("default")
         found = [(OK, what, f"loads; {bundle.parameters / 1e6:.1f} M parameters")]
@@ -189,7 +189,7 @@ def _motion() -> list[Finding]:
 
 
 def _film(path: Path, take: "Take") -> None:
-    from ..avatar.video import write_mp4
+    from echoavatar.files.avatar.video import write_mp4
 
     assert take.audio is not None
     write_mp4(path, take.motion, take.audio, size=(160, 90), samples=1)

@@ -6,7 +6,7 @@ import json
 import os
 from pathlib import Path
 
-from ..errors import EchoAvatarError
+from echoavatar.errors import EchoAvatarError
 
 EXAMPLES = """examples:
   echoavatar elevenlabs setup --dry-run                     (print the requests; needs no key and no network)
@@ -64,8 +64,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Create or update the agent."""
-    from ..integrations.elevenlabs_setup import BASE_URL, carry_out, make_plan
-    from ..integrations.persona import persona
+    from echoavatar.agents.integrations.elevenlabs_setup import BASE_URL, carry_out, make_plan
+    from echoavatar.agents.integrations.persona import persona
 
     key = os.environ.get("ELEVENLABS_API_KEY", "")
     if not key and not args.dry_run:
@@ -90,12 +90,12 @@ def run(args: argparse.Namespace) -> int:
 
 def _schemas(args: argparse.Namespace) -> list[dict[str, object]]:
     if args.server:
-        from ..integrations import find_backend
+        from echoavatar.agents.integrations import find_backend
 
         return asyncio.run(find_backend(args.server, token=args.token).tools())
-    from ..engine.tools import Toolbox
-    from ..engine.tracks import Tracks
-    from ..pipeline import load_bundle
+    from echoavatar.engine.pipeline import load_bundle
+    from echoavatar.engine.tools import Toolbox
+    from echoavatar.engine.tracks import Tracks
 
     return Toolbox(load_bundle(args.bundle).actions, Tracks()).schemas()
 

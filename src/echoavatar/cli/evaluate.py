@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from tqdm import tqdm
 
-from ..errors import EchoAvatarError
+from echoavatar.errors import EchoAvatarError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from ..evaluation.actions import ActionScore
-    from ..pipeline import Bundle
+    from echoavatar.engine.pipeline import Bundle
+    from echoavatar.evaluation.actions import ActionScore
 
 TURNS = ("yaw", "pitch")
 
@@ -79,8 +79,8 @@ def _times(text: str) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Score and print a table, then one line of JSON."""
-    from ..evaluation.report import evaluate
-    from ..pipeline import load_bundle
+    from echoavatar.engine.pipeline import load_bundle
+    from echoavatar.evaluation.report import evaluate
 
     bundle = load_bundle(args.model)
     if args.face:
@@ -89,8 +89,8 @@ def run(args: argparse.Namespace) -> int:
         return _actions(args, bundle)
     clips = _clips(args)
     if args.beside:
-        from ..evaluation.reliance import reliance_table, token_clips
-        from ..generator import Generator
+        from echoavatar.evaluation.reliance import reliance_table, token_clips
+        from echoavatar.models.generator import Generator
 
         generators = {"model": bundle.generator} | {path.name: Generator.load(path) for path in args.beside}
         print(reliance_table(generators, token_clips(bundle, clips)))
@@ -113,8 +113,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _face(args: argparse.Namespace, bundle: "Bundle") -> int:
-    from ..evaluation.behaviour import SPEECH
-    from ..evaluation.faces import evaluate_face, held_out_tracks
+    from echoavatar.evaluation.behaviour import SPEECH
+    from echoavatar.evaluation.faces import evaluate_face, held_out_tracks
 
     found = _recordings(args.recordings, args.seconds) if args.recordings else []
     speech = [recording.audio for recording in found if recording.kind == SPEECH]
@@ -135,9 +135,9 @@ def _face(args: argparse.Namespace, bundle: "Bundle") -> int:
 def _actions(args: argparse.Namespace, bundle: "Bundle") -> int:
     from importlib.resources import as_file, files
 
-    from ..audio import read_audio
-    from ..evaluation.actions import SEEDS, evaluate_actions
-    from ..pipeline import Pipeline
+    from echoavatar.engine.pipeline import Pipeline
+    from echoavatar.evaluation.actions import SEEDS, evaluate_actions
+    from echoavatar.models.audio import read_audio
 
     with as_file(files("echoavatar") / "assets" / "speech.ogg") as source:
         speech = read_audio(source)
@@ -172,8 +172,8 @@ def _head_turns(acted: "Sequence[ActionScore]") -> dict[str, dict[str, list[floa
 
 
 def _picture(path: Path, acted: "Sequence[ActionScore]") -> None:
-    from ..avatar.sheet import contact_sheet, save_picture
-    from ..kinematics import Motion
+    from echoavatar.files.avatar.sheet import contact_sheet, save_picture
+    from echoavatar.motion.kinematics import Motion
 
     rotations, root = (
         np.stack([getattr(one.motion, part)[one.peak] for one in acted]) for part in ("rotations", "root")
@@ -187,24 +187,24 @@ def _picture(path: Path, acted: "Sequence[ActionScore]") -> None:
 def _clips(args: argparse.Namespace) -> list:  # type: ignore[type-arg]
     """Held-out clips: of a corpus, or generated from words, pieces and voices that training never uses."""
     if args.corpus:
-        from ..data import Corpus
+        from echoavatar.data import Corpus
 
         corpus = Corpus(args.corpus)
         names = corpus.names("test", has_mirrored=False)[: args.clips]
         if not names:
             raise EchoAvatarError(f"{args.corpus} has no test clips; make a longer corpus")
         return [corpus.load(name) for name in names]
-    from ..rehearsal.corpus import TEST_EVERY, Plan, make_clip
+    from echoavatar.corpora.rehearsal.corpus import TEST_EVERY, Plan, make_clip
 
     plan = Plan(hours=1.0, seed=987_654, folder=Path("unused"))
     return [make_clip(plan, TEST_EVERY * index + TEST_EVERY - 1) for index in range(args.clips)]
 
 
 def _recordings(folder: Path, seconds: float) -> list:  # type: ignore[type-arg]
-    from ..audio import read_audio
-    from ..evaluation.behaviour import MUSIC, SPEECH
-    from ..evaluation.report import Recording
-    from ..rehearsal.corpus import AUDIO_SUFFIXES
+    from echoavatar.corpora.rehearsal.corpus import AUDIO_SUFFIXES
+    from echoavatar.evaluation.behaviour import MUSIC, SPEECH
+    from echoavatar.evaluation.report import Recording
+    from echoavatar.models.audio import read_audio
 
     paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in AUDIO_SUFFIXES)
     if not paths:

@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Read the recording, retarget it, write it."""
-    from ..exports import read_rig, read_take, writer
+    from echoavatar.files.exports import read_rig, read_take, writer
 
     write = writer(args.output, has_rig=args.rig is not None)
     rig = None if args.rig is None else read_rig(args.rig)

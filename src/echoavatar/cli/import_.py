@@ -5,10 +5,10 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import CheckpointError, EchoAvatarError
+from echoavatar.errors import CheckpointError, EchoAvatarError
 
 if TYPE_CHECKING:
-    from ..pipeline import ActionLibrary
+    from echoavatar.engine.pipeline import ActionLibrary
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -69,8 +69,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Check, print or convert."""
-    from ..audio import AudioCodec
-    from ..reference import Release, convert, inspect_release
+    from echoavatar.files.reference import Release, convert, inspect_release
+    from echoavatar.models.audio import AudioCodec
 
     if args.output.exists() and (not args.output.is_dir() or any(args.output.iterdir())):
         raise EchoAvatarError(f"{args.output} exists and is not empty; choose another -o or remove it")
@@ -94,16 +94,16 @@ def run(args: argparse.Namespace) -> int:
     codec = AudioCodec.from_pretrained_encodec(args.codec)
     command = f"echoavatar import reference --step {args.step} --face-order {args.face_order}"
     convert(found, codec, args.output, actions=actions, face_order=args.face_order, command=command)
-    from ..reference.convert import WARNING
+    from echoavatar.files.reference.convert import WARNING
 
     print(f"{args.output}: {len(found.lines)} tensors and tables, {len(actions)} actions\nlicence: {WARNING}")
     return 0
 
 
 def _actions(args: argparse.Namespace) -> "ActionLibrary":
-    from ..pipeline import ActionLibrary
-    from ..reference.actions import find_table, library, read_table
-    from ..timing import ChunkSize
+    from echoavatar.engine.pipeline import ActionLibrary
+    from echoavatar.files.reference.actions import find_table, library, read_table
+    from echoavatar.timing import ChunkSize
 
     path = args.actions or find_table(args.stats)
     if path is None:

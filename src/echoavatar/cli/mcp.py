@@ -5,7 +5,7 @@ import asyncio
 import os
 import sys
 
-from ..errors import DependencyError
+from echoavatar.errors import DependencyError
 
 TOKEN = "ECHOAVATAR_TOKEN"
 
@@ -41,10 +41,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Serve until stopped."""
     try:
-        from ..mcp import serve_http, serve_stdio
+        from echoavatar.agents.mcp import serve_http, serve_stdio
     except ModuleNotFoundError as error:
         raise DependencyError(f"this needs {error.name}: pip install 'echoavatar[mcp]'") from error
-    from ..client import RemoteTools
+    from echoavatar.agents.client import RemoteTools
 
     tools = RemoteTools(args.server, token=args.token, session=args.session)
     if args.http:

@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from ..errors import EchoAvatarError
+from echoavatar.errors import EchoAvatarError
 
 SINK_HELP = (
     "show the motion at vmc://HOST[:PORT], livelink://HOST[:PORT] or json://HOST[:PORT]; repeat for more"
@@ -28,11 +28,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Play the recording."""
-    from ..exports import read_take
-    from ..kinematics import HUMANOID
-    from ..sinks import SinkGroup
-    from ..timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
-    from ..wire import Pose, Rig
+    from echoavatar.files.exports import read_take
+    from echoavatar.motion.kinematics import HUMANOID
+    from echoavatar.server.sinks import SinkGroup
+    from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
+    from echoavatar.wire import Pose, Rig
 
     take = read_take(args.recording).on_humanoid()
     motion = take.motion

@@ -19,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Draw the curves and print the last values."""
-    from ..training.curves import draw, read_curves
+    from echoavatar.training.curves import draw, read_curves
 
     runs = {name: read_curves(path) for name, path in zip(_names(args.runs), args.runs, strict=True)}
     draw(runs, args.output, metrics=args.metrics)

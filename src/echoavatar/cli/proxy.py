@@ -9,7 +9,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 
-from ..errors import DependencyError, EchoAvatarError
+from echoavatar.errors import DependencyError, EchoAvatarError
 
 TOKEN = "ECHOAVATAR_TOKEN"
 
@@ -60,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the proxy until stopped."""
     try:
-        from ..proxy import ProxySettings
+        from echoavatar.agents.proxy import ProxySettings
     except ModuleNotFoundError as error:
         raise DependencyError(f"the proxy needs {error.name}: pip install 'echoavatar[serve]'") from error
     settings = ProxySettings(
@@ -81,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
 async def _proxy(settings: object, avatar: str, host: str, port: int) -> None:
     from dataclasses import replace
 
-    from ..proxy import ProxySettings, Relay
+    from echoavatar.agents.proxy import ProxySettings, Relay
 
     assert isinstance(settings, ProxySettings)
     relay = Relay(replace(settings, avatar=avatar))

@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Fetch and check."""
-    from ..reference.pull import pull
+    from echoavatar.files.reference.pull import pull
 
     done = pull(args.name, args.output, revision=args.revision, only=args.only)
     print(

@@ -18,8 +18,8 @@ from typing import Any, NamedTuple, TypeVar
 import yaml
 from pydantic import ValidationError
 
-from ..config import Config
-from ..errors import EchoAvatarError
+from echoavatar.config import Config
+from echoavatar.errors import EchoAvatarError
 
 SECTIONS = ("model", "training")
 ConfigT = TypeVar("ConfigT", bound=Config)

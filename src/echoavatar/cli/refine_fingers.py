@@ -5,7 +5,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from ..errors import EchoAvatarError
+from echoavatar.errors import EchoAvatarError
 
 EXAMPLES = """examples:
   echoavatar refine-fingers take.bvh take_fingers.bvh                  both hands, to match the arms
@@ -45,8 +45,13 @@ def run(args: argparse.Namespace) -> int:
     """Read, refine, write; print what changed."""
     if args.output.suffix.lower() != ".bvh":
         raise EchoAvatarError(f"cannot write {args.output}: the output must be BVH; name it OUT.bvh")
-    from ..fingers import FingerModel, frozen_hands, load_shipped, refine_fingers
-    from ..kinematics import read_bvh, write_bvh
+    from echoavatar.models.fingers import (
+        FingerModel,
+        frozen_hands,
+        load_shipped,
+        refine_fingers,
+    )
+    from echoavatar.motion.kinematics import read_bvh, write_bvh
 
     motion = read_bvh(args.motion)
     frozen = frozen_hands(motion)

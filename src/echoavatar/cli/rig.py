@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from ..errors import EchoAvatarError
+from echoavatar.errors import EchoAvatarError
 
 EXAMPLES = """examples:
   echoavatar rig avatar.vrm -o avatar.json     measure a VRM character
@@ -27,8 +27,8 @@ def run(args: argparse.Namespace) -> int:
         raise EchoAvatarError(
             f"cannot write {args.output}: {args.output.parent} is not a folder; make it first"
         )
-    from ..ik import measure_body
-    from ..ik.skinned import read_skinned
+    from echoavatar.motion.ik import measure_body
+    from echoavatar.motion.ik.skinned import read_skinned
 
     skeleton, vertices, weights = read_skinned(args.character)
     profile = measure_body(skeleton, vertices, weights)

@@ -11,7 +11,8 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from ..errors import DependencyError, EchoAvatarError
+from echoavatar.errors import DependencyError, EchoAvatarError
+
 from .play import SINK_HELP
 
 TOKEN = "ECHOAVATAR_TOKEN"
@@ -46,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Send the file."""
     try:
-        from .. import client  # noqa: F401
+        from echoavatar.agents import client  # noqa: F401
     except ModuleNotFoundError as error:
         raise DependencyError(f"the client needs {error.name}: pip install 'echoavatar[serve]'") from error
     if args.output and not args.output.parent.is_dir():
@@ -56,9 +57,14 @@ def run(args: argparse.Namespace) -> int:
 
 
 async def _say(args: argparse.Namespace) -> dict[str, float]:
-    from ..client import Recorder, connect, read_sound
-    from ..sinks import SinkGroup
-    from ..wire import ActionStatus, Error, Motion, Sound
+    from echoavatar.agents.client import Recorder, connect, read_sound
+    from echoavatar.server.sinks import SinkGroup
+    from echoavatar.wire import (
+        ActionStatus,
+        Error,
+        Motion,
+        Sound,
+    )
 
     is_live = args.live or bool(args.sink)
     samples, rate = read_sound(args.audio)

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 from tqdm import tqdm
 
-from ..errors import EchoAvatarError
+from echoavatar.errors import EchoAvatarError
 
 if TYPE_CHECKING:
-    from ..evaluation.score import Extractor
+    from echoavatar.evaluation.score import Extractor
 
 EXAMPLES = """examples:
   echoavatar score made true                              folders of .npz or .bvh with the same file names
@@ -55,17 +55,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Score, print a table, then one line of JSON."""
-    from ..evaluation.score_row import as_json, as_text
+    from echoavatar.evaluation.score_row import as_json, as_text
 
     if (args.made is None) != (args.true is None) or (args.made is None and not args.embeddings):
         raise EchoAvatarError("give two folders, MADE and TRUE; `echoavatar score --help` has examples")
     rows = _motion_rows(args) if args.made else []
     if args.embeddings:
-        from ..evaluation.score_retrieval import read_embeddings, retrieval_rows
+        from echoavatar.evaluation.score_retrieval import read_embeddings, retrieval_rows
 
         rows += retrieval_rows(*read_embeddings(args.embeddings), seed=args.seed)
     if args.picture:
-        from ..evaluation.score_picture import draw
+        from echoavatar.evaluation.score_picture import draw
 
         draw(rows, args.picture, title=f"{args.made or args.embeddings} against {args.true or 'chance'}")
     if not args.json:
@@ -75,9 +75,9 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _motion_rows(args: argparse.Namespace) -> list:  # type: ignore[type-arg]
-    from ..evaluation.behaviour import MUSIC, SPEECH
-    from ..evaluation.motion_folder import ReadOptions, read_pairs
-    from ..evaluation.score import score
+    from echoavatar.evaluation.behaviour import MUSIC, SPEECH
+    from echoavatar.evaluation.motion_folder import ReadOptions, read_pairs
+    from echoavatar.evaluation.score import score
 
     extractor = _extractor(args.extractor)
     how = ReadOptions(
@@ -101,7 +101,7 @@ def _motion_rows(args: argparse.Namespace) -> list:  # type: ignore[type-arg]
 
 
 def _extractor(name: str) -> "Extractor | None":
-    from ..metrics.motion_encoder import MotionEncoder, load_shipped
+    from echoavatar.evaluation.metrics.motion_encoder import MotionEncoder, load_shipped
 
     if name == "none":
         return None

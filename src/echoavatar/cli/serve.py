@@ -7,7 +7,7 @@ import sys
 import webbrowser
 from pathlib import Path
 
-from ..errors import DependencyError, EchoAvatarError
+from echoavatar.errors import DependencyError, EchoAvatarError
 
 TOKEN = "ECHOAVATAR_TOKEN"
 SINK_HELP = (
@@ -89,13 +89,13 @@ def run(args: argparse.Namespace) -> int:
             raise EchoAvatarError(f"--sink {legacy[0]} excludes other sinks; leave them out")
         return _unity(args, legacy[0])
     try:
-        from ..server import ServerSettings, create_app, serve
-        from ..wire.guard import is_loopback
+        from echoavatar.server import ServerSettings, create_app, serve
+        from echoavatar.wire.guard import is_loopback
     except ModuleNotFoundError as error:
         raise DependencyError(f"the server needs {error.name}: pip install 'echoavatar[serve]'") from error
     import torch
 
-    from ..engine import load
+    from echoavatar.engine import load
 
     _check(args)
     if args.threads:
@@ -141,10 +141,10 @@ def _unity(args: argparse.Namespace, sink: str) -> int:
 
     import torch
 
-    from ..engine import Engine
-    from ..pipeline import Pipeline, load_bundle
-    from ..sinks import parse_address
-    from ..unity import UnitySettings, serve_unity
+    from echoavatar.engine import Engine
+    from echoavatar.engine.pipeline import Pipeline, load_bundle
+    from echoavatar.server.sinks import parse_address
+    from echoavatar.server.unity import UnitySettings, serve_unity
 
     address = parse_address(sink)
     if args.threads:
@@ -178,7 +178,7 @@ def _unity(args: argparse.Namespace, sink: str) -> int:
 
 
 def _check(args: argparse.Namespace) -> None:
-    from ..sinks import check_address
+    from echoavatar.server.sinks import check_address
 
     for text in args.sink:
         check_address(text)

@@ -8,7 +8,8 @@ from typing import Any
 
 from tqdm import tqdm
 
-from ..errors import EchoAvatarError
+from echoavatar.errors import EchoAvatarError
+
 from . import (
     train_codec,
     train_decoder,
@@ -165,17 +166,17 @@ def _card(args: argparse.Namespace) -> dict[str, object]:
 
 def _licence(source: Path) -> str:
     """Licence of weights trained on a folder; a prepared data set names the terms that bind them."""
-    from ..data import Corpus
+    from echoavatar.data import Corpus
 
     bound = Corpus(source).manifest.info.get("licence") if (source / "manifest.json").exists() else None
     return f"as its data: {bound}" if bound else "Apache-2.0"
 
 
 def _tokens(args: argparse.Namespace, progress: Progress) -> None:
-    from ..audio import AudioCodec
-    from ..data import Corpus
-    from ..pipeline.tokenize import tokenize_corpus
-    from ..tokenizer import BodyTokenizer
+    from echoavatar.data import Corpus
+    from echoavatar.engine.pipeline.tokenize import tokenize_corpus
+    from echoavatar.models.audio import AudioCodec
+    from echoavatar.models.tokenizer import BodyTokenizer
 
     codec = AudioCodec.load(args.codec).eval()
     tokenizer = BodyTokenizer.load(args.tokenizer).eval()

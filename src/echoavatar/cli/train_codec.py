@@ -20,10 +20,10 @@ BASE = {"training": {"steps": 100_000, "unquantized": 300, "learning_rate": 1.5e
 
 def train(args: argparse.Namespace, settings: Settings, card: dict[str, object], how: dict[str, Any]) -> None:
     """Train on all audio of the corpus."""
-    from ..audio import CodecConfig
-    from ..audio.pool import AudioGroup, AudioPool, read_group
-    from ..audio.train import CodecTrainingConfig, train_codec
-    from ..data import Corpus
+    from echoavatar.data import Corpus
+    from echoavatar.models.audio import CodecConfig
+    from echoavatar.models.audio.pool import AudioGroup, AudioPool, read_group
+    from echoavatar.models.audio.train import CodecTrainingConfig, train_codec
 
     codec = settings.checked(CodecConfig, "model")
     config = settings.checked(CodecTrainingConfig, "training", codec=codec)

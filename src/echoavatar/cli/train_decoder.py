@@ -19,9 +19,9 @@ def add_arguments(parser: argparse.ArgumentParser, options: Options) -> None:
 
 def train(args: argparse.Namespace, settings: Settings, card: dict[str, object], how: dict[str, Any]) -> None:
     """Train on the training clips, measure on the test clips."""
-    from ..data import Corpus
-    from ..tokenizer import BodyTokenizer
-    from ..tokenizer.decoding import DecoderTraining, train_decoder
+    from echoavatar.data import Corpus
+    from echoavatar.models.tokenizer import BodyTokenizer
+    from echoavatar.models.tokenizer.decoding import DecoderTraining, train_decoder
 
     corpus = Corpus(args.source)
     training = settings.checked(DecoderTraining, "training")

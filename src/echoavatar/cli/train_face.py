@@ -34,10 +34,15 @@ def add_arguments(parser: argparse.ArgumentParser, options: Options, seed: str) 
 
 def train(args: argparse.Namespace, settings: Settings, card: dict[str, object], how: dict[str, Any]) -> None:
     """Train on the face clips."""
-    from ..face import FaceConfig, FaceModel, MelConfig, paper_face
-    from ..face.clip import load_clips
-    from ..face.recipe import FaceTraining
-    from ..face.train import train_face
+    from echoavatar.models.face import (
+        FaceConfig,
+        FaceModel,
+        MelConfig,
+        paper_face,
+    )
+    from echoavatar.models.face.clip import load_clips
+    from echoavatar.models.face.recipe import FaceTraining
+    from echoavatar.models.face.train import train_face
 
     if args.paper:
         settings = args.options.settings(args, {"model": paper_face(encoder=MelConfig()).model_dump()})

@@ -5,13 +5,14 @@ from typing import TYPE_CHECKING, Any
 
 from tqdm import tqdm
 
-from ..errors import EchoAvatarError
+from echoavatar.errors import EchoAvatarError
+
 from .recipe import Options, Settings
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from ..data import Corpus
+    from echoavatar.data import Corpus
 
 EXAMPLES = """examples:
   echoavatar train fid-encoder corpus -o runs/fid                 some minutes on one core
@@ -32,10 +33,14 @@ def add_arguments(parser: argparse.ArgumentParser, options: Options) -> None:
 
 def train(args: argparse.Namespace, settings: Settings, card: dict[str, object], how: dict[str, Any]) -> None:
     """Train on the corpus's training clips, then measure how much variance of its test clips the latents preserve."""
-    from .. import checkpoint
-    from ..data import Corpus
-    from ..metrics.motion_encoder import MotionEncoderConfig
-    from ..metrics.motion_encoder_train import MotionEncoderTraining, explained_variance, train_motion_encoder
+    from echoavatar import checkpoint
+    from echoavatar.data import Corpus
+    from echoavatar.evaluation.metrics.motion_encoder import MotionEncoderConfig
+    from echoavatar.evaluation.metrics.motion_encoder_train import (
+        MotionEncoderTraining,
+        explained_variance,
+        train_motion_encoder,
+    )
 
     config = settings.checked(MotionEncoderConfig, "model")
     training = settings.checked(MotionEncoderTraining, "training")
@@ -53,7 +58,7 @@ def train(args: argparse.Namespace, settings: Settings, card: dict[str, object],
 def _features(corpus: "Corpus", split: str) -> "list[Tensor]":
     import torch
 
-    from ..metrics.motion_features import motion_features
+    from echoavatar.evaluation.metrics.motion_features import motion_features
 
     motions = (
         corpus.motion(name) for name in tqdm(corpus.names(split), desc="reading", unit="clip", leave=False)

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 from tqdm import tqdm
 
-from ..errors import EchoAvatarError, MotionError
+from echoavatar.errors import EchoAvatarError, MotionError
+
 from .recipe import Options, Settings
 
 if TYPE_CHECKING:
-    from ..fingers.clips import FingerClip
+    from echoavatar.models.fingers.clips import FingerClip
 
 EXAMPLES = """SOURCE: a corpus (`echoavatar data rehearse`) or a folder of BVH; frozen fingers are ignored.
 examples:
@@ -41,11 +42,11 @@ def add_arguments(parser: argparse.ArgumentParser, options: Options) -> None:
 
 def train(args: argparse.Namespace, settings: Settings, card: dict[str, object], how: dict[str, Any]) -> None:
     """Train, then score the model on the corpus's test clips."""
-    from .. import checkpoint
-    from ..fingers.config import FingerConfig
-    from ..fingers.measure import measure_fingers
-    from ..fingers.recipe import FingerTraining
-    from ..fingers.train import train_fingers
+    from echoavatar import checkpoint
+    from echoavatar.evaluation.fingers import measure_fingers
+    from echoavatar.models.fingers.config import FingerConfig
+    from echoavatar.models.fingers.recipe import FingerTraining
+    from echoavatar.models.fingers.train import train_fingers
 
     config = settings.checked(FingerConfig, "model")
     training = settings.checked(FingerTraining, "training")
@@ -65,10 +66,10 @@ def _clips(source: Path, split: str, frames: int) -> "Iterator[FingerClip]":
     if not (source / "manifest.json").is_file():
         yield from _recordings(source, frames) if split == "train" else ()
         return
-    from ..data import Corpus
-    from ..fingers.clips import finger_clip
-    from ..kinematics import Motion
-    from ..timing import FRAME_RATE_HZ
+    from echoavatar.data import Corpus
+    from echoavatar.models.fingers.clips import finger_clip
+    from echoavatar.motion.kinematics import Motion
+    from echoavatar.timing import FRAME_RATE_HZ
 
     corpus = Corpus(source)
     for name in tqdm(corpus.names(split, has_mirrored=False), desc="reading", unit="clip", leave=False):
@@ -79,8 +80,8 @@ def _clips(source: Path, split: str, frames: int) -> "Iterator[FingerClip]":
 
 def _recordings(folder: Path, frames: int) -> "Iterator[FingerClip]":
     """Every BVH below a folder whose rig is known; the log names the others."""
-    from ..fingers.clips import finger_clip
-    from ..kinematics import read_bvh
+    from echoavatar.models.fingers.clips import finger_clip
+    from echoavatar.motion.kinematics import read_bvh
 
     paths = sorted(folder.rglob("*.bvh"))
     if not paths:

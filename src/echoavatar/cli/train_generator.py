@@ -81,13 +81,18 @@ def add_arguments(parser: argparse.ArgumentParser, options: Options, seed: str) 
 
 def train(args: argparse.Namespace, settings: Settings, how: dict[str, Any]) -> None:
     """Train on the token files."""
-    from ..audio import AudioCodec
-    from ..errors import MotionError
-    from ..generator import Generator, GeneratorConfig, TokenClip, patience_of
-    from ..generator.recipe import GeneratorTraining
-    from ..generator.train import train_generator
-    from ..tokenizer import BodyTokenizer
-    from ..tokens import TokenLayout
+    from echoavatar.errors import MotionError
+    from echoavatar.models.audio import AudioCodec
+    from echoavatar.models.generator import (
+        Generator,
+        GeneratorConfig,
+        TokenClip,
+        patience_of,
+    )
+    from echoavatar.models.generator.recipe import GeneratorTraining
+    from echoavatar.models.generator.train import train_generator
+    from echoavatar.models.tokenizer import BodyTokenizer
+    from echoavatar.models.tokens import TokenLayout
 
     codec, tokenizer = AudioCodec.load(args.codec), BodyTokenizer.load(args.tokenizer)
     found = [TokenClip.load(path) for path in sorted(args.source.glob("*.npz"))]

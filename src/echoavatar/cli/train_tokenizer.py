@@ -4,12 +4,13 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import EchoAvatarError
+from echoavatar.errors import EchoAvatarError
+
 from .recipe import Options, Settings
 
 if TYPE_CHECKING:
-    from ..kinematics import Skeleton
-    from ..tokenizer import BodyTokenizerConfig
+    from echoavatar.models.tokenizer import BodyTokenizerConfig
+    from echoavatar.motion.kinematics import Skeleton
 
 
 def add_arguments(parser: argparse.ArgumentParser, options: Options) -> None:
@@ -21,10 +22,15 @@ def add_arguments(parser: argparse.ArgumentParser, options: Options) -> None:
 
 def train(args: argparse.Namespace, settings: Settings, card: dict[str, object], how: dict[str, Any]) -> None:
     """Train on the training clips, measure on the test clips."""
-    from ..data import Corpus
-    from ..tokenizer import BodyTokenizer
-    from ..tokenizer.recipe import BUNDLE_SIZES, TokenizerTraining, bundle_recipe, continued
-    from ..tokenizer.train import train_tokenizer
+    from echoavatar.data import Corpus
+    from echoavatar.models.tokenizer import BodyTokenizer
+    from echoavatar.models.tokenizer.recipe import (
+        BUNDLE_SIZES,
+        TokenizerTraining,
+        bundle_recipe,
+        continued,
+    )
+    from echoavatar.models.tokenizer.train import train_tokenizer
 
     corpus = Corpus(args.source)
     _, bundle = bundle_recipe(corpus.skeleton, int(settings.training["steps"]))
@@ -49,8 +55,8 @@ def body_sizes(settings: Settings, skeleton: "Skeleton") -> "BodyTokenizerConfig
 
     With `model.is_whole` the body is a single part.
     """
-    from ..kinematics import part_sizes
-    from ..tokenizer import BodyTokenizerConfig, MotionTokenizerConfig, as_one_part
+    from echoavatar.models.tokenizer import BodyTokenizerConfig, MotionTokenizerConfig, as_one_part
+    from echoavatar.motion.kinematics import part_sizes
 
     common = dict(settings.model)
     if common.pop("is_whole", False):

@@ -17,10 +17,10 @@ def add_arguments(parser: argparse.ArgumentParser, options: Options, seed: str) 
 
 def train(args: argparse.Namespace, settings: Settings, card: dict[str, object], how: dict[str, Any]) -> None:
     """Train on the clips of split "train" without mirrored ones, which have the same audio."""
-    from ..data import Corpus
-    from ..warp import WarpConfig
-    from ..warp.recipe import WarpTraining
-    from ..warp.train import train_warp
+    from echoavatar.data import Corpus
+    from echoavatar.models.warp import WarpConfig
+    from echoavatar.models.warp.recipe import WarpTraining
+    from echoavatar.models.warp.train import train_warp
 
     corpus = Corpus(args.source)
     train_warp(

@@ -1,7 +1,13 @@
 """Clips of sound and motion, and the folders that hold them. May import `kinematics` and below."""
 
 from .clip import DOMAINS, Clip
-from .corpus import ClipEntry, Corpus, Manifest, save_manifest, write_manifest
+from .corpus import (
+    ClipEntry,
+    Corpus,
+    Manifest,
+    save_manifest,
+    write_manifest,
+)
 from .sounds import Sound, SoundSet
 
 __all__ = [

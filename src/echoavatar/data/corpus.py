@@ -18,11 +18,16 @@ from pydantic import Field, ValidationError
 
 from echoavatar.config import Config
 from echoavatar.errors import MotionError
-from echoavatar.kinematics import HUMANOID, Skeleton, SkeletonConfig
-from echoavatar.kinematics.mirror import is_symmetric, mirror_positions, mirror_quaternions
+from echoavatar.motion.kinematics import HUMANOID, Skeleton, SkeletonConfig
+from echoavatar.motion.kinematics.mirror import is_symmetric, mirror_positions, mirror_quaternions
 from echoavatar.timing import SAMPLES_PER_FRAME
 
-from .clip import DOMAINS, PCM, Clip, open_clip
+from .clip import (
+    DOMAINS,
+    PCM,
+    Clip,
+    open_clip,
+)
 from .shards import Shard, ShardEntry, checksum
 
 MIRROR = ".mirror"  # suffix of a mirror image's name

@@ -12,10 +12,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from ..errors import EchoAvatarError
-from ..pipeline.action_overlay import Overlay, joined
-from ..pipeline.actions import Action, ActionLibrary
-from ..timing import CHUNK, ChunkSize
+from echoavatar.errors import EchoAvatarError
+from echoavatar.motion.action_overlay import Overlay, joined
+from echoavatar.timing import CHUNK, ChunkSize
+
+from .pipeline.actions import Action, ActionLibrary
 
 Status = Literal["accepted", "started", "done", "rejected"]
 KEPT = 64  # actions that are remembered

@@ -18,9 +18,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..audio import StreamResampler
-from ..errors import EchoAvatarError, InboxError
-from ..timing import CHUNK, SAMPLE_RATE_HZ, ChunkSize
+from echoavatar.errors import EchoAvatarError, InboxError
+from echoavatar.models.audio import StreamResampler
+from echoavatar.timing import CHUNK, SAMPLE_RATE_HZ, ChunkSize
 
 Samples = Float[np.ndarray, " s"]
 INBOX_SECONDS = 600.0  # agents deliver speech faster than it is spoken, so the bound is generous

@@ -32,7 +32,8 @@ values of `Interruption`, drops queued messages after it and moves its playback 
 from collections import deque
 from typing import NamedTuple
 
-from ..timing import SAMPLES_PER_FRAME, ChunkSize
+from echoavatar.timing import SAMPLES_PER_FRAME, ChunkSize
+
 from .audio_queue import AudioQueue
 from .music import MusicPlayer, Playing
 from .playout import PlayoutBuffer, first_frame_after

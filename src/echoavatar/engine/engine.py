@@ -12,14 +12,15 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from ..errors import AdmissionError, EchoAvatarError
-from ..generator.linear import Precision
-from ..kinematics import Skeleton
-from ..pipeline import ActionLibrary, Pipeline, load_bundle
-from ..pipeline.modes import FREE, MotionOptions
-from ..timing import CHUNK, ChunkSize
+from echoavatar.errors import AdmissionError, EchoAvatarError
+from echoavatar.models.generator.linear import Precision
+from echoavatar.motion.idle_motion import warm_up
+from echoavatar.motion.kinematics import Skeleton
+from echoavatar.motion.stages.modes import FREE, MotionOptions
+from echoavatar.timing import CHUNK, ChunkSize
+
 from .audio_queue import INBOX_SECONDS
-from .life import warm_up
+from .pipeline import ActionLibrary, Pipeline, load_bundle
 from .session import Session
 from .session_core import SessionCore
 from .undo import changes, undo

@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..timing import SAMPLE_RATE_HZ
+from echoavatar.timing import SAMPLE_RATE_HZ
 
 FRAME = 480  # samples, 20 ms
 SOUND_DB = -45.0  # quieter sound is not speech

@@ -8,14 +8,15 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..errors import AudioError
-from ..kinematics import Motion
-from ..pipeline import MotionChunk, Pipeline
-from ..pipeline.interpolate import StreamInterpolator
-from ..pipeline.modes import FREE, MotionOptions
-from ..pipeline.motion_chunk import join
-from ..timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
+from echoavatar.errors import AudioError
+from echoavatar.motion.interpolate import StreamInterpolator
+from echoavatar.motion.kinematics import Motion
+from echoavatar.motion.motion_chunk import MotionChunk, join
+from echoavatar.motion.stages.modes import FREE, MotionOptions
+from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
+
 from .engine import Engine
+from .pipeline import Pipeline
 
 
 class Animation(NamedTuple):

@@ -11,9 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..pipeline import MotionChunk
-from ..pipeline.inertial import InertialBlend
-from ..timing import CHUNK, SAMPLES_PER_FRAME, ChunkSize
+from echoavatar.motion.inertial import InertialBlend
+from echoavatar.motion.motion_chunk import MotionChunk
+from echoavatar.timing import CHUNK, SAMPLES_PER_FRAME, ChunkSize
+
 from .music import Heard
 
 COASTING = 0.5  # share of its speed that motion keeps in that one frame

@@ -7,8 +7,9 @@ from typing import NamedTuple, Self
 import numpy as np
 from jaxtyping import Float
 
-from ..pipeline import MotionChunk
-from ..timing import SAMPLE_RATE_HZ
+from echoavatar.motion.motion_chunk import MotionChunk
+from echoavatar.timing import SAMPLE_RATE_HZ
+
 from .action_scheduler import ActStatus
 from .session_core import SessionCore
 

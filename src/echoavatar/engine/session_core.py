@@ -13,19 +13,21 @@ import numpy as np
 from jaxtyping import Float
 from torch import Tensor
 
-from ..audio import StreamResampler
-from ..errors import EchoAvatarError
-from ..kinematics import Skeleton
-from ..pipeline import ActionLibrary, MotionChunk
-from ..pipeline.modes import FREE, MotionOptions
-from ..timing import SAMPLE_RATE_HZ, ChunkSize
+from echoavatar.errors import EchoAvatarError
+from echoavatar.models.audio import StreamResampler
+from echoavatar.motion.gaze import Gaze
+from echoavatar.motion.idle_motion import IdleMotion
+from echoavatar.motion.kinematics import Skeleton
+from echoavatar.motion.motion_chunk import MotionChunk
+from echoavatar.motion.stages.modes import FREE, MotionOptions
+from echoavatar.timing import SAMPLE_RATE_HZ, ChunkSize
+
 from .action_scheduler import ActionScheduler, ActStatus
 from .audio_queue import INBOX_SECONDS, AudioQueue
 from .barge_in import BargeIn, Interruption
-from .gaze import Gaze
-from .life import IdleMotion
 from .listener import Listener, Sign
 from .music import AUDIBLE, Heard, MusicPlayer
+from .pipeline import ActionLibrary
 from .playout import Delivery, PlayoutBuffer
 from .settling import Settling
 from .undo import Patch

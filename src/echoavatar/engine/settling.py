@@ -13,10 +13,11 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..kinematics import Skeleton
-from ..pipeline import MotionChunk
-from ..pipeline.pipeline import SILENCE
-from ..timing import CHUNK, FRAME_RATE_HZ, ChunkSize
+from echoavatar.motion.kinematics import Skeleton
+from echoavatar.motion.motion_chunk import MotionChunk
+from echoavatar.timing import CHUNK, FRAME_RATE_HZ, ChunkSize
+
+from .pipeline.pipeline import SILENCE
 
 DANCING = 15.0  # degrees per second, mean over the legs' joints; standing and talking stay under 10
 RECENT_S = 0.8  # before the silence; its liveliest chunk counts, because dances pause between moves

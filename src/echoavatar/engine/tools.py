@@ -11,9 +11,10 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from jaxtyping import Float
 
-from ..errors import EchoAvatarError
-from ..pipeline.actions import LONGEST_S, ActionLibrary
+from echoavatar.errors import EchoAvatarError
+
 from .action_scheduler import STRONGEST, ActStatus
+from .pipeline.actions import LONGEST_S, ActionLibrary
 from .tool_forms import Schema, Style, render
 from .tracks import Tracks
 

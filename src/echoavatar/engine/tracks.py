@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from ..audio import read_audio
-from ..errors import EchoAvatarError
+from echoavatar.errors import EchoAvatarError
+from echoavatar.models.audio import read_audio
 
 KINDS = (".flac", ".m4a", ".mp3", ".ogg", ".opus", ".wav")
 

@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Int, Shaped
 from torch import Tensor
 
-from ..nn import StreamState
+from echoavatar.nn import StreamState
 
 _WORDS = {1: torch.uint8, 2: torch.int16, 4: torch.int32, 8: torch.int64}  # by size in bytes
 SMALL = 4096  # elements; a smaller tensor is kept whole

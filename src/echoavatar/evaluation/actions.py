@@ -14,13 +14,13 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from ..engine import Engine
-from ..kinematics import Motion, Skeleton
-from ..kinematics.rotations import matrix_from_quaternion
-from ..pipeline import MotionChunk, Pipeline
-from ..pipeline.motion_chunk import join
-from ..rehearsal.action_clips import SCRIPTS, clip
-from ..timing import CHUNK, FRAME_RATE_HZ
+from echoavatar.corpora.rehearsal.action_clips import SCRIPTS, clip
+from echoavatar.engine import Engine
+from echoavatar.engine.pipeline import Pipeline
+from echoavatar.motion.kinematics import Motion, Skeleton
+from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
+from echoavatar.motion.motion_chunk import MotionChunk, join
+from echoavatar.timing import CHUNK, FRAME_RATE_HZ
 
 BEGIN_CHUNKS = 8  # chunks of speech before the action
 NOSE_M = 0.25  # distance of the nose point from the head joint

@@ -17,13 +17,18 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from ..audio.mel import log_mel
-from ..data import Clip
-from ..errors import AudioError, MotionError
-from ..kinematics import HUMANOID, Motion, Skeleton
-from ..kinematics.rotations import matrix_from_quaternion, quaternion_from_axis_angle, quaternion_multiply
-from ..metrics.position_error import heading, turn_about_up
-from ..timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
+from echoavatar.data import Clip
+from echoavatar.errors import AudioError, MotionError
+from echoavatar.models.audio.mel import log_mel
+from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton
+from echoavatar.motion.kinematics.rotations import (
+    matrix_from_quaternion,
+    quaternion_from_axis_angle,
+    quaternion_multiply,
+)
+from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
+
+from .metrics.position_error import heading, turn_about_up
 
 Kind = Literal["mean", "random", "nearest"]
 STRETCH_FRAMES = 64

@@ -8,10 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from ..metrics.beat_alignment import SHARP_SIGMA_S, mean_hit_rate, overlapping
-from ..metrics.chance import mean_of_known, shuffled_scores
-from ..metrics.gesture_alignment import step_speed
-from ..timing import FRAME_RATE_HZ
+from echoavatar.timing import FRAME_RATE_HZ
+
+from .metrics.beat_alignment import SHARP_SIGMA_S, mean_hit_rate, overlapping
+from .metrics.chance import mean_of_known, shuffled_scores
+from .metrics.gesture_alignment import step_speed
 
 
 def alignment_and_chance(

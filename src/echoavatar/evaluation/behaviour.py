@@ -10,9 +10,9 @@ import numpy as np
 import torch
 from jaxtyping import Float, Integer
 
-from ..kinematics import Skeleton, forward_kinematics
-from ..kinematics.rotations import angle_between, matrix_from_quaternion
-from ..timing import CHUNK, FRAME_RATE_HZ, ChunkSize
+from echoavatar.motion.kinematics import Skeleton, forward_kinematics
+from echoavatar.motion.kinematics.rotations import angle_between, matrix_from_quaternion
+from echoavatar.timing import CHUNK, FRAME_RATE_HZ, ChunkSize
 
 SILENCE, SPEECH, MUSIC = 0, 1, 2
 SETTLE_FRAMES = 30  # frames at the start of a silence that do not count yet

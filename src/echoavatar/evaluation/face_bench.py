@@ -12,8 +12,9 @@ from collections.abc import Iterator
 import numpy as np
 import torch
 
-from ..face import FaceConfig, FaceModel, FaceStream
-from ..timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
+from echoavatar.models.face import FaceConfig, FaceModel, FaceStream
+from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
+
 from .cache_pressure import evict_caches
 
 WARM_UP = 3

@@ -18,16 +18,16 @@ import torch
 from jaxtyping import Bool, Float
 from scipy.ndimage import gaussian_filter1d
 
-from ..audio import LevelControl
-from ..errors import EchoAvatarError
-from ..face import ARKIT_NAMES, FaceStream
-from ..face.arkit import index_of
-from ..face.idle import frame_loudness
-from ..pipeline import Bundle
-from ..rehearsal.lips import lip_curves
-from ..rehearsal.sound import SoundTrack
-from ..rehearsal.track import compose_track
-from ..timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
+from echoavatar.corpora.rehearsal.lips import lip_curves
+from echoavatar.corpora.rehearsal.sound import SoundTrack
+from echoavatar.corpora.rehearsal.track import compose_track
+from echoavatar.engine.pipeline import Bundle
+from echoavatar.errors import EchoAvatarError
+from echoavatar.models.audio import LevelControl
+from echoavatar.models.face import FaceStream
+from echoavatar.models.face.idle import frame_loudness
+from echoavatar.motion.arkit import ARKIT_NAMES, index_of
+from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
 
 CLOSED = 0.05  # share of the jaw's full opening at which lips touch
 CLOSING_PHONES = ("p", "b", "m", "em")

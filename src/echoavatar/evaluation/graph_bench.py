@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from ..errors import EchoAvatarError
-from ..pipeline import Bundle, Pipeline
-from ..timing import SAMPLE_RATE_HZ
+from echoavatar.engine.pipeline import Bundle, Pipeline
+from echoavatar.errors import EchoAvatarError
+from echoavatar.timing import SAMPLE_RATE_HZ
 
 GOALS_MS = {"encoder": 3.0, "generator": 30.0, "decoder": 1.0, "rig": 5.0, "total": 40.0}
 PAPER_MS = {"encoder": 51.0, "generator": 102.0, "decoder": 1.5, "rig": 14.0, "total": 177.0}

@@ -12,13 +12,14 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Integer
 
-from ..audio import read_audio
-from ..data import Clip
-from ..errors import AudioError, EchoAvatarError, MotionError
-from ..fingers.clips import on_our_rig
-from ..kinematics import HUMANOID, Motion, read_bvh
-from ..kinematics.tables import read_npz
-from ..timing import CHUNK_FRAMES, FRAME_RATE_HZ, SAMPLE_RATE_HZ
+from echoavatar.data import Clip
+from echoavatar.errors import AudioError, EchoAvatarError, MotionError
+from echoavatar.models.audio import read_audio
+from echoavatar.models.fingers.clips import on_our_rig
+from echoavatar.motion.kinematics import HUMANOID, Motion, read_bvh
+from echoavatar.motion.kinematics.tables import read_npz
+from echoavatar.timing import CHUNK_FRAMES, FRAME_RATE_HZ, SAMPLE_RATE_HZ
+
 from .behaviour import MUSIC, SPEECH
 
 MOTION_SUFFIXES = (".npz", ".bvh")

@@ -15,10 +15,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from ..kinematics import HUMANOID, to_features
-from ..kinematics.rotations import matrix_from_axis_angle
-from ..pipeline.post import POST_STAGES, Post
-from ..timing import CHUNK_FRAMES, FRAME_RATE_HZ
+from echoavatar.motion.kinematics import HUMANOID, to_features
+from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle
+from echoavatar.motion.stages.post import POST_STAGES, Post
+from echoavatar.timing import CHUNK_FRAMES, FRAME_RATE_HZ
+
 from .cache_pressure import evict_caches
 
 WARM_UP = 10

@@ -9,8 +9,9 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from ..kinematics import Skeleton, forward_kinematics
-from ..metrics.position_error import mean_joint_error, trans_loss, without_heading
+from echoavatar.motion.kinematics import Skeleton, forward_kinematics
+
+from .metrics.position_error import mean_joint_error, trans_loss, without_heading
 
 
 class Reconstruction(NamedTuple):

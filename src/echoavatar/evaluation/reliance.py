@@ -10,11 +10,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..data import Clip
-from ..generator import Generator, TokenClip, nll_by_domain
-from ..pipeline import Bundle
-from ..pipeline.tokenize import audio_codes, motion_codes
-from ..timing import AUDIO_FRAMES_PER_CHUNK, FRAMES_PER_MOTION_TOKEN
+from echoavatar.data import Clip
+from echoavatar.engine.pipeline import Bundle
+from echoavatar.engine.pipeline.tokenize import audio_codes, motion_codes
+from echoavatar.models.generator import Generator, TokenClip, nll_by_domain
+from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, FRAMES_PER_MOTION_TOKEN
 
 HEARD = ("silence", "speech", "music", "all")
 LATE_CHUNKS = 3  # 0.8 s: other syllables and beats, but the same voice and piece

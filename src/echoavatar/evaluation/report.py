@@ -10,19 +10,25 @@ from functools import partial
 import numpy as np
 import torch
 
-from ..data import Clip
-from ..engine import animate_many
-from ..kinematics.contact import planted, skate
-from ..kinematics.features import from_features, travel_slice
-from ..metrics.audio_events import music_beats, speech_onsets
-from ..metrics.dance_alignment import dance_beats
-from ..metrics.gesture_alignment import ARM_JOINTS, STROKE_DELAY_S, gesture_beats
-from ..metrics.physical import jerk_m_s3
-from ..pipeline import Bundle, Pipeline
-from ..pipeline.tokenize import clip_features
-from ..timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
+from echoavatar.data import Clip
+from echoavatar.engine import animate_many
+from echoavatar.engine.pipeline import Bundle, Pipeline
+from echoavatar.engine.pipeline.tokenize import clip_features
+from echoavatar.motion.kinematics.contact import planted, skate
+from echoavatar.motion.kinematics.features import from_features, travel_slice
+from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
+
 from . import beats, behaviour
-from .behaviour import MUSIC, SILENCE, SPEECH, Track
+from .behaviour import (
+    MUSIC,
+    SILENCE,
+    SPEECH,
+    Track,
+)
+from .metrics.audio_events import music_beats, speech_onsets
+from .metrics.dance_alignment import dance_beats
+from .metrics.gesture_alignment import ARM_JOINTS, STROKE_DELAY_S, gesture_beats
+from .metrics.physical import jerk_m_s3
 from .reconstruction import codebook_use, reconstruction
 from .reliance import reliance, token_clips
 

@@ -10,10 +10,10 @@ from typing import Literal
 
 from pydantic import Field
 
-from ..config import Config
-from ..generator.recipe import GeneratorTraining
-from ..tokenizer import MotionTokenizerConfig
-from ..tokenizer.recipe import TokenizerTraining
+from echoavatar.config import Config
+from echoavatar.models.generator.recipe import GeneratorTraining
+from echoavatar.models.tokenizer import MotionTokenizerConfig
+from echoavatar.models.tokenizer.recipe import TokenizerTraining
 
 ScaleName = Literal["tiny", "rehearsal", "paper"]
 

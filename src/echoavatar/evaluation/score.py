@@ -8,16 +8,22 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from ..errors import MotionError
-from ..ik.measure import penetration_depth_m
-from ..kinematics import HUMANOID, Motion
-from ..kinematics.contact import planted, skate
-from ..metrics.bootstrap import Interval, interval
-from ..metrics.diversity import l1_deviation
-from ..metrics.frechet import Moments, frechet_between, moments, pooled
-from ..metrics.motion_features import motion_features
-from ..metrics.physical import floor_depth_cm, foot_contact_score, jerk_m_s3
-from ..timing import FRAME_RATE_HZ
+from echoavatar.errors import MotionError
+from echoavatar.motion.ik.measure import penetration_depth_m
+from echoavatar.motion.kinematics import HUMANOID, Motion
+from echoavatar.motion.kinematics.contact import planted, skate
+from echoavatar.timing import FRAME_RATE_HZ
+
+from .metrics.bootstrap import Interval, interval
+from .metrics.diversity import l1_deviation
+from .metrics.frechet import (
+    Moments,
+    frechet_between,
+    moments,
+    pooled,
+)
+from .metrics.motion_features import motion_features
+from .metrics.physical import floor_depth_cm, foot_contact_score, jerk_m_s3
 from .motion_folder import Pair
 from .reconstruction import Reconstruction, reconstruction
 from .score_beats import ClipAudio, dance_rows, gesture_rows

@@ -14,12 +14,20 @@ import soxr
 from jaxtyping import Float, Integer
 from scipy.interpolate import CubicSpline
 
-from ..kinematics import HUMANOID
-from ..metrics.audio_events import EMAGE_RATE_HZ, music_beats, speech_onsets
-from ..metrics.beat_alignment import overlapping
-from ..metrics.chance import Score, chance_per_clip, shuffled_scores
-from ..metrics.dance_alignment import DANCE_RULES, DanceForm, dance_alignment, dance_beats
-from ..metrics.gesture_alignment import (
+from echoavatar.motion.kinematics import HUMANOID
+from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
+
+from .behaviour import MUSIC, SPEECH
+from .metrics.audio_events import EMAGE_RATE_HZ, music_beats, speech_onsets
+from .metrics.beat_alignment import overlapping
+from .metrics.chance import Score, chance_per_clip, shuffled_scores
+from .metrics.dance_alignment import (
+    DANCE_RULES,
+    DanceForm,
+    dance_alignment,
+    dance_beats,
+)
+from .metrics.gesture_alignment import (
     GESTURE_RULES,
     UPPER_BODY,
     GestureForm,
@@ -27,8 +35,6 @@ from ..metrics.gesture_alignment import (
     gesture_beats,
     mean_speeds,
 )
-from ..timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
-from .behaviour import MUSIC, SPEECH
 from .score_row import Row, row_of_means
 
 PARTNERS = 20

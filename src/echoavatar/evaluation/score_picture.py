@@ -4,7 +4,8 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..errors import DependencyError, EchoAvatarError
+from echoavatar.errors import DependencyError, EchoAvatarError
+
 from .score_row import Row
 
 _MADE, _TRUTH, _CHANCE = "#1f5fa8", "#2e2e2e", "#b5432a"

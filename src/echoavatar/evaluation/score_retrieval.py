@@ -7,9 +7,15 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..errors import EchoAvatarError
-from ..metrics.bootstrap import Interval, interval, mean_interval
-from ..metrics.retrieval import PAPER_GALLERY, chance, ranks, similarity
+from echoavatar.errors import EchoAvatarError
+
+from .metrics.bootstrap import Interval, interval, mean_interval
+from .metrics.retrieval import (
+    PAPER_GALLERY,
+    chance,
+    ranks,
+    similarity,
+)
 from .score_row import Row
 
 SHOWN_KS = (1, 5, 10)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..metrics.bootstrap import UNKNOWN, Interval, mean_interval
+from .metrics.bootstrap import UNKNOWN, Interval, mean_interval
 
 NAN = float("nan")
 

@@ -13,8 +13,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 import torch
 
-from ..engine import Engine, EngineThread, SessionCore
-from ..pipeline import Pipeline
+from echoavatar.engine import Engine, EngineThread, SessionCore
+from echoavatar.engine.pipeline import Pipeline
+
 from .stream_bench import resident_mb
 
 ClientKind = Literal["behaves", "floods", "stalls", "vanishes"]

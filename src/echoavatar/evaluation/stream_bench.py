@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from ..engine import Engine
-from ..pipeline import Pipeline
-from ..pipeline.pipeline import STAGES
-from ..timing import SAMPLE_RATE_HZ, ChunkSize
+from echoavatar.engine import Engine
+from echoavatar.engine.pipeline import Pipeline
+from echoavatar.engine.pipeline.pipeline import STAGES
+from echoavatar.timing import SAMPLE_RATE_HZ, ChunkSize
 
 WARM_UP_CHUNKS = 20  # longer than the attention window, so that the ring buffer is full when timing starts
 FULL_WARM_UP_CHUNKS = 2  # with an opening the window is full from the start

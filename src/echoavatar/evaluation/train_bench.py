@@ -15,18 +15,18 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
-from ..data.corpus import ClipMotion
-from ..errors import EchoAvatarError
-from ..generator import Generator, GeneratorConfig, TokenClip
-from ..generator.recipe import GeneratorTraining
-from ..generator.train import GeneratorTask
-from ..kinematics import HUMANOID
-from ..timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
-from ..tokenizer import BodyTokenizerConfig
-from ..tokenizer.recipe import TokenizerTraining
-from ..tokenizer.train import TokenizerTask
-from ..training import Loop, TrainingTask
-from ..training.processes import Processes
+from echoavatar.data.corpus import ClipMotion
+from echoavatar.errors import EchoAvatarError
+from echoavatar.models.generator import Generator, GeneratorConfig, TokenClip
+from echoavatar.models.generator.recipe import GeneratorTraining
+from echoavatar.models.generator.train import GeneratorTask
+from echoavatar.models.tokenizer import BodyTokenizerConfig
+from echoavatar.models.tokenizer.recipe import TokenizerTraining
+from echoavatar.models.tokenizer.train import TokenizerTask
+from echoavatar.motion.kinematics import HUMANOID
+from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
+from echoavatar.training import Loop, TrainingTask
+from echoavatar.training.processes import Processes
 
 SIZES = {"cuda": 8192, "cpu": 1024}  # side of the square matrices
 PRODUCTS = 20

@@ -7,8 +7,8 @@ from typing import Any, ClassVar, Self
 import torch
 from torch import nn
 
-from .. import checkpoint
-from ..config import Config
+from echoavatar import checkpoint
+from echoavatar.config import Config
 
 
 class Checkpointed(nn.Module):

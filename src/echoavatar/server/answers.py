@@ -1,6 +1,6 @@
 """`action_status` messages for actions and music."""
 
-from ..wire import ActionState, ActionStatus
+from echoavatar.wire import ActionState, ActionStatus
 
 
 def answer(

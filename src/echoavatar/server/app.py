@@ -11,8 +11,9 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
-from .. import __version__
-from ..engine import Engine
+from echoavatar import __version__
+from echoavatar.engine import Engine
+
 from .chat import chat_routes
 from .connection import Connection
 from .metrics import CONTENT_TYPE

@@ -3,7 +3,7 @@
 import anyio
 from starlette.requests import ClientDisconnect, Request
 
-from ..errors import EchoAvatarError
+from echoavatar.errors import EchoAvatarError
 
 SECONDS = 15.0
 

@@ -7,8 +7,8 @@ from contextlib import suppress
 import anyio
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from ..errors import EchoAvatarError
-from ..wire import (
+from echoavatar.errors import EchoAvatarError
+from echoavatar.wire import (
     Action,
     Audio,
     ClientMessage,
@@ -28,7 +28,8 @@ from ..wire import (
     negotiate,
     subprotocol,
 )
-from ..wire.guard import check_origin, check_token
+from echoavatar.wire.guard import check_origin, check_token
+
 from .answers import answer
 from .outbox import Outbox
 from .session import ServerSession

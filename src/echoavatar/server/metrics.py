@@ -2,7 +2,7 @@
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
 
-from ..timing import CHUNK_SECONDS
+from echoavatar.timing import CHUNK_SECONDS
 
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 _BUCKETS = (0.01, 0.02, 0.05, 0.1, 0.15, 0.2, CHUNK_SECONDS, 0.4, 0.6, 1.0, 2.0)

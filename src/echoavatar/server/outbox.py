@@ -4,8 +4,14 @@ import asyncio
 from collections import deque
 from collections.abc import Iterable
 
-from ..wire import Error, Motion, ProtocolError, ServerMessage, Sound
-from ..wire.messages import Stream
+from echoavatar.wire import (
+    Error,
+    Motion,
+    ProtocolError,
+    ServerMessage,
+    Sound,
+)
+from echoavatar.wire.messages import Stream
 
 MOST_MOTION = 16  # messages, 4 s
 MOST_SOUND = 128  # messages, 34 s

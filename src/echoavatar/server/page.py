@@ -70,8 +70,8 @@ async def _avatar(_: Request) -> Response:
 
 @lru_cache(maxsize=1)
 def _character() -> bytes:
-    from ..avatar import load_character
-    from ..avatar.gltf import pack_glb
+    from echoavatar.files.avatar import load_character
+    from echoavatar.files.avatar.gltf import pack_glb
 
     return pack_glb(load_character(), [])
 

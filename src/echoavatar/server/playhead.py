@@ -1,6 +1,6 @@
 """An estimate of the player's place: its last report, and the wall clock since."""
 
-from ..timing import SAMPLE_RATE_HZ
+from echoavatar.timing import SAMPLE_RATE_HZ
 
 PATIENCE_S = 1.0  # after a report; a player that is silent for longer is not assumed to play on
 

@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..engine import ActStatus, Delivery, SessionCore
-from ..errors import InboxError
-from ..timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
-from ..wire import (
+from echoavatar.engine import ActStatus, Delivery, SessionCore
+from echoavatar.errors import InboxError
+from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
+from echoavatar.wire import (
     Action,
     Audio,
     AvatarState,
@@ -35,6 +35,7 @@ from ..wire import (
     pack_audio,
     pack_pose,
 )
+
 from .answers import TrackWatch, answer
 from .outbox import Outbox
 from .playhead import Playhead

@@ -10,14 +10,22 @@ import numpy as np
 from anyio import CapacityLimiter, to_thread
 from jaxtyping import Float
 
-from .. import __version__
-from ..engine import Engine, EngineThread
-from ..engine.tools import HIDDEN, Toolbox
-from ..engine.tracks import Tracks
-from ..errors import AdmissionError
-from ..face import ARKIT_NAMES
-from ..timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
-from ..wire import VERSIONS, Hello, Latency, ProtocolError, Ready, Rig
+from echoavatar import __version__
+from echoavatar.engine import Engine, EngineThread
+from echoavatar.engine.tools import HIDDEN, Toolbox
+from echoavatar.engine.tracks import Tracks
+from echoavatar.errors import AdmissionError
+from echoavatar.motion.arkit import ARKIT_NAMES
+from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
+from echoavatar.wire import (
+    VERSIONS,
+    Hello,
+    Latency,
+    ProtocolError,
+    Ready,
+    Rig,
+)
+
 from .admission import Admission
 from .metrics import Metrics
 from .outbox import Outbox

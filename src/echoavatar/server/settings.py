@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..wire import MAX_MESSAGE_BYTES, Limits
+from echoavatar.wire import MAX_MESSAGE_BYTES, Limits
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,11 @@ threads of their own; nothing here waits for them.
 
 from collections.abc import Iterable, Sequence
 
-from ..sinks import SinkPlayer, make_sink
-from ..wire import Rig, ServerMessage
+from echoavatar.wire import Rig, ServerMessage
+
 from .outbox import Outbox
 from .session import ServerSession
+from .sinks import SinkPlayer, make_sink
 
 
 class SinkOutbox(Outbox):

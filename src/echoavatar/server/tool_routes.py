@@ -10,11 +10,12 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import BaseRoute, Route
 
-from ..engine import ActStatus
-from ..engine.tools import Schema, Style
-from ..errors import EchoAvatarError
-from ..wire import Action, Music, ProtocolError
-from ..wire.guard import check_origin, has_token
+from echoavatar.engine import ActStatus
+from echoavatar.engine.tools import Schema, Style
+from echoavatar.errors import EchoAvatarError
+from echoavatar.wire import Action, Music, ProtocolError
+from echoavatar.wire.guard import check_origin, has_token
+
 from .body import read_body
 from .session import ServerSession
 from .session_manager import SessionManager

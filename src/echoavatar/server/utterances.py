@@ -3,7 +3,12 @@
 import numpy as np
 from jaxtyping import Float
 
-from ..wire import Audio, AudioFormat, ProtocolError, unpack_audio
+from echoavatar.wire import (
+    Audio,
+    AudioFormat,
+    ProtocolError,
+    unpack_audio,
+)
 
 Samples = Float[np.ndarray, " s"]
 

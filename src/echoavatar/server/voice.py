@@ -13,8 +13,9 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
-from ..errors import EchoAvatarError
-from ..wire.guard import has_token
+from echoavatar.errors import EchoAvatarError
+from echoavatar.wire.guard import has_token
+
 from .body import read_body
 
 MAX_LETTERS = 600

@@ -6,7 +6,7 @@ from typing import Literal
 import torch
 from pydantic import Field
 
-from ..config import Config
+from echoavatar.config import Config
 
 Schedule = Literal["constant", "cosine", "step"]
 

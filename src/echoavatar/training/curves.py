@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..errors import DependencyError, EchoAvatarError
+from echoavatar.errors import DependencyError, EchoAvatarError
+
 from .metrics_log import FILE
 
 COLOURS = ("#1f5fa8", "#c8553d", "#3a8f5c", "#8d5fb0", "#b8860b", "#4d4d4d")

@@ -10,12 +10,24 @@ import torch
 from torch import Tensor, nn
 from torch.distributed.tensor import DTensor
 
-from ..config import Config
-from ..errors import CheckpointError, EchoAvatarError
+from echoavatar.config import Config
+from echoavatar.errors import CheckpointError, EchoAvatarError
+
 from . import state
 from .averaged_weights import AveragedWeights
-from .processes import Processes, full_state_dicts, full_tensor, placed_like
-from .task import BatchT, Loss, TrainingTask, row_count, take_rows
+from .processes import (
+    Processes,
+    full_state_dicts,
+    full_tensor,
+    placed_like,
+)
+from .task import (
+    BatchT,
+    Loss,
+    TrainingTask,
+    row_count,
+    take_rows,
+)
 
 
 class _LossModule(nn.Module):

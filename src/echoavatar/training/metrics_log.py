@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, Protocol, get_args
 
-from ..errors import DependencyError
+from echoavatar.errors import DependencyError
 
 FILE = "metrics.jsonl"
 Tracker = Literal["tensorboard", "wandb"]

@@ -16,7 +16,8 @@ from safetensors.torch import save_file
 from torch import Tensor, nn
 from torch.distributed.tensor import DTensor
 
-from ..errors import CheckpointError
+from echoavatar.errors import CheckpointError
+
 from .processes import full_tensor, placed_like
 
 FILE = "training.safetensors"

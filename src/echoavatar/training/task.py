@@ -13,7 +13,8 @@ from typing import Any, Generic, NamedTuple, TypeVar
 import torch
 from torch import Tensor, nn
 
-from ..config import Config
+from echoavatar.config import Config
+
 from .config import TrainingConfig
 from .processes import Processes
 

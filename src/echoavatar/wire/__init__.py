@@ -4,7 +4,13 @@
 and `schema` describes them as JSON Schema and TypeScript. `docs/protocol.md` explains the protocol.
 """
 
-from .blobs import Pose, pack_audio, pack_pose, unpack_audio, unpack_pose
+from .blobs import (
+    Pose,
+    pack_audio,
+    pack_pose,
+    unpack_audio,
+    unpack_pose,
+)
 from .codec import (
     ProtocolError,
     decode_client,

@@ -5,7 +5,8 @@ from typing import cast, get_args
 
 import msgspec
 
-from ..errors import EchoAvatarError
+from echoavatar.errors import EchoAvatarError
+
 from .messages import (
     CLOSE_CODES,
     ENCODINGS,

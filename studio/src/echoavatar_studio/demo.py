@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from echoavatar.audio import read_audio
 from echoavatar.engine import Animation, animate, in_blocks
-from echoavatar.kinematics import Motion
-from echoavatar.kinematics.rotations import slerp
-from echoavatar.kinematics.tables import write_npz
-from echoavatar.pipeline import Pipeline, load_bundle
+from echoavatar.engine.pipeline import Pipeline, load_bundle
+from echoavatar.models.audio import read_audio
+from echoavatar.motion.kinematics import Motion
+from echoavatar.motion.kinematics.rotations import slerp
+from echoavatar.motion.kinematics.tables import write_npz
 from echoavatar.timing import SAMPLE_RATE_HZ
 
 from .clips import Progress, save_sound

@@ -12,8 +12,8 @@ import yaml
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.errors import EchoAvatarError
-from echoavatar.pipeline import Pipeline, load_bundle
 from echoavatar.timing import CHUNK_SAMPLES, CHUNK_SECONDS, SAMPLE_RATE_HZ
 
 from .audit import note

@@ -6,8 +6,8 @@ import msgspec
 from starlette.responses import Response
 from starlette.routing import BaseRoute
 
+from echoavatar.engine.pipeline import shipped
 from echoavatar.errors import EchoAvatarError
-from echoavatar.pipeline import shipped
 
 from .accounts import log_in, owner_of
 from .audit import note, read_audit

@@ -13,10 +13,10 @@ from starlette.responses import FileResponse, HTMLResponse, Response
 from starlette.routing import BaseRoute, Mount, Route
 from starlette.staticfiles import StaticFiles
 
-from echoavatar.avatar import load_character
-from echoavatar.avatar.gltf import pack_glb
-from echoavatar.face import ARKIT_NAMES
-from echoavatar.kinematics import HUMANOID
+from echoavatar.files.avatar import load_character
+from echoavatar.files.avatar.gltf import pack_glb
+from echoavatar.motion.arkit import ARKIT_NAMES
+from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.timing import FRAME_RATE_HZ
 
 from .errors import not_found

@@ -7,15 +7,15 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from echoavatar.audio import read_audio
 from echoavatar.data import Clip
 from echoavatar.engine import animate, in_blocks
+from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.errors import AudioError, EchoAvatarError, MotionError
-from echoavatar.face import ARKIT_NAMES
-from echoavatar.fingers.clips import on_our_rig
-from echoavatar.kinematics import HUMANOID, Motion, read_bvh
-from echoavatar.kinematics.tables import read_npz
-from echoavatar.pipeline import Pipeline, load_bundle
+from echoavatar.models.audio import read_audio
+from echoavatar.models.fingers.clips import on_our_rig
+from echoavatar.motion.arkit import ARKIT_NAMES
+from echoavatar.motion.kinematics import HUMANOID, Motion, read_bvh
+from echoavatar.motion.kinematics.tables import read_npz
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
 
 from .clips import Performance, fit

@@ -19,12 +19,17 @@ from livekit.agents.voice.avatar import DataStreamAudioOutput, QueueAudioOutput
 from livekit.plugins.echoavatar import AvatarSession, AvatarWorker, Performer, RemoteAvatarSession
 from livekit.plugins.echoavatar.motion import MOTION_TOPIC, TOPIC, MotionChannel
 from livekit.plugins.echoavatar.tools import ask_for_tools
-from tests.integrations.fakes import engine, tone
+from tests.agents.integrations.fakes import engine, tone
 from tests.integrations.livekit.rooms import Room, Speaker, pair
 
+from echoavatar.agents.integrations import AvatarBridge, find_backend
 from echoavatar.engine.tracks import Tracks
-from echoavatar.integrations import AvatarBridge, find_backend
-from echoavatar.wire import Flush, Motion, Ready, decode_server
+from echoavatar.wire import (
+    Flush,
+    Motion,
+    Ready,
+    decode_server,
+)
 
 BLOCK = 2_400
 

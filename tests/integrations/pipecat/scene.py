@@ -21,8 +21,8 @@ from pipecat.pipeline.pipeline import Pipeline
 from pipecat.pipeline.worker import PipelineParams, PipelineWorker
 from pipecat.workers.runner import WorkerRunner
 from pipecat_echoavatar import EchoAvatarProcessor, NullTransport
-from tests.integrations.fakes import engine
-from tests.integrations.fakes import tone as samples
+from tests.agents.integrations.fakes import engine
+from tests.agents.integrations.fakes import tone as samples
 
 logger.remove()  # it would log thousands of lines per test
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from echoavatar.avatar import load_character
-from echoavatar.face import ARKIT_NAMES
+from echoavatar.files.avatar import load_character
+from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar_character.face_points import FacePoints
 from echoavatar_character.face_shapes import FACE_NAMES, displacement, turned_normals
 

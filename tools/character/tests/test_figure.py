@@ -1,6 +1,6 @@
 import numpy as np
 
-from echoavatar.avatar.character import MATERIALS
+from echoavatar.files.avatar.character import MATERIALS
 from echoavatar_character.figure import PIECES, piece_colours
 
 

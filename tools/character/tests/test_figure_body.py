@@ -1,6 +1,6 @@
 import numpy as np
 
-from echoavatar.kinematics import HUMANOID
+from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_character import figure_body as body
 
 

@@ -1,6 +1,6 @@
 import pytest
 
-from echoavatar.kinematics import HUMANOID
+from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_character.figure_hands import hands, nail_mask
 
 FINGERS = ("Thumb", "Index", "Middle", "Ring", "Little")

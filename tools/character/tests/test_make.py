@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from echoavatar.avatar import load_character
+from echoavatar.files.avatar import load_character
 from echoavatar_character.figure import PIECES
 from echoavatar_character.make import SHIPPED, build, inside_box, without_buried
 from echoavatar_character.sculpt import Mesh

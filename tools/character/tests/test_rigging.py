@@ -1,6 +1,6 @@
 import numpy as np
 
-from echoavatar.kinematics import HUMANOID
+from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_character.rigging import smooth, strongest, weigh
 
 REST = HUMANOID.rest_positions.numpy().astype(float)

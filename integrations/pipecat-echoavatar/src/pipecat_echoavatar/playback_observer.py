@@ -6,7 +6,7 @@ from pipecat.observers.base_observer import BaseObserver, FramePushed
 from pipecat.processors.frame_processor import FrameDirection
 from pipecat.transports.base_output import BaseOutputTransport
 
-from echoavatar.integrations import AvatarBridge
+from echoavatar.agents.integrations import AvatarBridge
 
 from .frames import AvatarMusicFrame, AvatarSpeechFrame
 

@@ -31,7 +31,7 @@ from pipecat.processors.frame_processor import FrameDirection, FrameProcessor, F
 from pipecat.processors.frameworks.rtvi import RTVIClientMessageFrame
 
 from echoavatar import EchoAvatarError, Engine
-from echoavatar.integrations import (
+from echoavatar.agents.integrations import (
     AvatarBridge,
     AvatarChunk,
     AvatarTools,

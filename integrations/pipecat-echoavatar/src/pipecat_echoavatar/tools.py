@@ -7,7 +7,7 @@ from pipecat.adapters.llm.schemas.function_schema import FunctionSchema
 from pipecat.frames.frames import FunctionCallResultProperties
 from pipecat.services.llm_service import FunctionCallParams
 
-from echoavatar.integrations import AvatarTools
+from echoavatar.agents.integrations import AvatarTools
 
 DirectFunction = Callable[..., Awaitable[None]]
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from echoavatar.avatar.morphs import Morphs
+from echoavatar.files.avatar.morphs import Morphs
 
 from . import figure_mouth as mouth
 from .face_points import FacePoints, Shares

@@ -1,6 +1,6 @@
 """The 52 ARKit blendshapes of our character: displacements and turned normals of its neutral face.
 
-The names and their order are data of the character; they equal `echoavatar.face.ARKIT_NAMES`.
+The names and their order are data of the character; they equal `echoavatar.models.face.ARKIT_NAMES`.
 Left is the character's left, +X.
 """
 

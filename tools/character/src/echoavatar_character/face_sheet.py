@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import UInt8
 
-from echoavatar.avatar import load_character
-from echoavatar.avatar.render import Renderer, Surface
-from echoavatar.avatar.sheet import save_picture
-from echoavatar.avatar.video import HEAD, close_up, linear
+from echoavatar.files.avatar import load_character
+from echoavatar.files.avatar.render import Renderer, Surface
+from echoavatar.files.avatar.sheet import save_picture
+from echoavatar.files.avatar.video import HEAD, close_up, linear
 
 SHIPPED = Path(__file__).parents[4] / "docs" / "img" / "face_shapes.jpg"
 

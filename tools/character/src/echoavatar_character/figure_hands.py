@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from echoavatar.kinematics import HUMANOID
+from echoavatar.motion.kinematics import HUMANOID
 
 from .rigging import REST
 from .sdf import Distances, Points, ellipsoid, mirrored, rounded_cone, smooth_min, tube, union

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from echoavatar.avatar.character import MATERIALS, Character
+from echoavatar.files.avatar.character import MATERIALS, Character
 
 from .face_bake import face_morphs, neutral
 from .figure import PIECES, Piece, piece_colours, piece_mesh

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float, Int
 
-from echoavatar.kinematics import HUMANOID
+from echoavatar.motion.kinematics import HUMANOID
 
 from .sdf import Points, rise, rounded_cone, union
 

@@ -13,7 +13,7 @@ from livekit.agents.voice.avatar import AvatarSession as BaseAvatarSession
 from livekit.agents.voice.avatar import DataStreamAudioOutput, QueueAudioOutput
 
 from echoavatar import Engine
-from echoavatar.integrations import AvatarBridge, AvatarTools, find_backend
+from echoavatar.agents.integrations import AvatarBridge, AvatarTools, find_backend
 from echoavatar.timing import SAMPLE_RATE_HZ
 
 from .motion import MotionChannel

@@ -12,7 +12,7 @@ from livekit import rtc
 from livekit.agents.voice.avatar import AudioReceiver, DataStreamAudioReceiver
 
 from echoavatar import Engine
-from echoavatar.integrations import AvatarBridge, AvatarTools, find_backend
+from echoavatar.agents.integrations import AvatarBridge, AvatarTools, find_backend
 
 from .avatar import SAMPLES, publish_sound
 from .log import logger

@@ -1,0 +1,30 @@
+"""Speak to a server from Python, without torch. May import `wire`, `timing` and `errors` only.
+
+>>> async with connect("http://127.0.0.1:8765") as avatar:
+...     await avatar.speak(samples, rate=24_000)
+...     async for message in avatar:
+...         ...
+"""
+
+from .connection import (
+    Avatar,
+    ConnectionLostError,
+    MessageSocket,
+    connect,
+    stream_url,
+)
+from .recording import Recorder, Recording
+from .sound import read_sound
+from .tools import RemoteTools
+
+__all__ = [
+    "Avatar",
+    "ConnectionLostError",
+    "MessageSocket",
+    "Recorder",
+    "Recording",
+    "RemoteTools",
+    "connect",
+    "read_sound",
+    "stream_url",
+]

@@ -1,0 +1,301 @@
+"""A client session: it says hello, sends speech, receives motion, and reconnects when the connection breaks."""
+
+import asyncio
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager, suppress
+from typing import Any, Protocol
+from urllib.parse import urlsplit, urlunsplit
+
+import msgspec
+import numpy as np
+from websockets.asyncio.client import connect as connect_websocket
+from websockets.exceptions import ConnectionClosed, InvalidHandshake
+
+from echoavatar.errors import EchoAvatarError
+from echoavatar.wire import (
+    CLOSE_CODES,
+    MAX_MESSAGE_BYTES,
+    Action,
+    AudioFormat,
+    ClientMessage,
+    Error,
+    Flush,
+    Hello,
+    Interrupt,
+    Music,
+    Ping,
+    Played,
+    ProtocolError,
+    Ready,
+    ServerMessage,
+    Sound,
+    decode_server,
+    encode,
+    subprotocol,
+)
+
+from .utterances import UtteranceQueue
+
+TIMEOUT_S = 10.0
+RECONNECT_ATTEMPTS = 6  # reconnecting; the pauses between attempts grow to one second
+_RECONNECT_CODES = (
+    1006,
+    1011,
+    1012,
+    CLOSE_CODES["too_slow"],
+)  # close codes after which reconnecting makes sense
+
+
+class ConnectionLostError(EchoAvatarError):
+    """No server answers, or the connection to it was lost for good."""
+
+
+class MessageSocket(Protocol):
+    """What carries the messages: a WebSocket, or anything with these three methods."""
+
+    async def send(self, message: bytes) -> None:
+        """Send one frame; raises `ConnectionClosed` once the connection is broken."""
+
+    async def recv(self, *, decode: bool | None = None) -> bytes | str:
+        """Receive the next frame; raises `ConnectionClosed` once the connection is broken."""
+
+    async def close(self) -> None:
+        """Close the connection in an orderly way."""
+
+
+Dial = Callable[[], Awaitable[MessageSocket]]
+
+
+class Avatar:
+    """One session as its source; open it with `connect`. Iterate over it to receive messages: they must be read.
+
+    While you iterate, a broken connection is reopened and another `Ready` arrives. If that one is not `resumed`, the
+    old session was lost: a new one, perhaps at another server, continues with the speech that was not played yet, and
+    its clock starts at `ready.at`.
+    """
+
+    def __init__(self, url: str, hello: Hello, dial: Dial | None = None) -> None:
+        """`dial` opens the connection where a WebSocket to `url` is not wanted."""
+        self.ready: Ready
+        self.epoch = 0
+        self._url, self._hello = url, hello
+        self._dial = dial or self._dial_websocket
+        self._socket: MessageSocket | None = None
+        self._utterances = UtteranceQueue(hello.audio)
+        self._requests = 0
+
+    @property
+    def received(self) -> int:
+        """The clock up to which sound has been received."""
+        return self._utterances.received
+
+    # ---- sending
+
+    async def speak(self, samples: np.ndarray, *, end: bool = True) -> int:
+        """Say samples: mono, at the rate given to `connect`, floats in -1..1 or int16. Returns the utterance's number.
+
+        With `end=False` the next call continues the same utterance.
+        """
+        seg = self._utterances.add(_pcm(samples), end=end)
+        await self._send_due()
+        return seg
+
+    async def interrupt(self, heard: int | None = None) -> None:
+        """Stop speaking; `heard` is the clock of the first sample that the listener did not hear."""
+        self._utterances.interrupt()
+        await self.send(Interrupt(heard=heard, seg=self._utterances.seg))
+
+    async def act(self, name: str, *, intensity: float = 1.0, hold: float | None = None) -> str:
+        """Request an action; its id comes back in `ActionStatus` messages."""
+        await self.send(Action(id=self._next_id(), name=name, intensity=intensity, hold=hold))
+        return f"py-{self._requests}"
+
+    async def play_music(self, title: str = "") -> str:
+        """Play one of `ready.tracks`."""
+        await self.send(Music(id=self._next_id(), op="play", title=title))
+        return f"py-{self._requests}"
+
+    async def stop_music(self) -> None:
+        """Fade the music out."""
+        await self.send(Music(id=self._next_id(), op="stop"))
+
+    async def played(self, at: int) -> None:
+        """Report how far playback is; without reports the server goes by the wall clock."""
+        await self.send(Played(at=at, epoch=self.epoch))
+
+    async def send(self, message: ClientMessage) -> None:
+        """Send any message. While the connection is broken messages are lost; sound is sent again later."""
+        if self._socket is not None:
+            with suppress(ConnectionClosed):
+                await self._socket.send(encode(message))
+
+    # ---- receiving
+
+    def __aiter__(self) -> AsyncIterator[ServerMessage]:
+        return self._messages()
+
+    async def _messages(self) -> AsyncIterator[ServerMessage]:
+        while True:
+            try:
+                message = await self.receive()
+            except ConnectionClosed as closed:
+                if not await self._reconnect(closed):
+                    return
+                yield self.ready
+                continue
+            await self._send_due()
+            if message is not None:
+                yield message
+
+    async def receive(self) -> ServerMessage | None:
+        """Receive the next message; None for a type that this version does not know.
+
+        Raises:
+            ConnectionClosed: the connection is broken; iterating over the session reconnects by itself.
+            ProtocolError: the server refused the session, or sent a message that is not valid.
+        """
+        assert self._socket is not None
+        message = decode_server(await self._socket.recv(decode=False))
+        match message:
+            case Error(fatal=True) if CLOSE_CODES[message.code] not in _RECONNECT_CODES:
+                raise ProtocolError(message.code, message.message, retry_after=message.retry_after)
+            case Sound():
+                self._utterances.hear(message)
+            case Flush():
+                self.epoch = message.epoch
+                self._utterances.flush(message)
+        return message
+
+    # ---- connection
+
+    async def open(self) -> None:
+        """Connect and say hello; no connection is left open if that fails.
+
+        Raises:
+            ConnectionLostError: no server answers there.
+            ProtocolError: the server refused the session.
+        """
+        try:
+            await self._handshake()
+        except BaseException:
+            await self.close()
+            raise
+
+    async def _handshake(self) -> None:
+        try:
+            self._socket = await self._dial()
+            await self._socket.send(encode(self._hello))
+            ready = await asyncio.wait_for(self.receive(), TIMEOUT_S)
+        except (OSError, TimeoutError, InvalidHandshake, ConnectionClosed) as error:
+            raise ConnectionLostError(
+                f"no server answers at {self._url} ({type(error).__name__}); start one with `echoavatar serve`"
+            ) from error
+        if not isinstance(ready, Ready):
+            raise ProtocolError("bad_order", "the server's first message was not `ready`")
+        self.ready, self.epoch = ready, ready.epoch
+
+    async def _dial_websocket(self) -> MessageSocket:
+        return await connect_websocket(
+            self._url,
+            subprotocols=[subprotocol("msgpack")],  # type: ignore[list-item]
+            compression=None,
+            max_size=MAX_MESSAGE_BYTES,
+            open_timeout=TIMEOUT_S,
+        )
+
+    async def close(self) -> None:
+        """Close the connection; the session ends."""
+        if self._socket is not None:
+            await self._socket.close()
+
+    async def keep_alive(self) -> None:
+        """Ping as often as the server asks for, until cancelled."""
+        while True:
+            await asyncio.sleep(self.ready.limits.ping_seconds / 2)
+            await self.send(Ping())
+
+    async def _reconnect(self, closed: ConnectionClosed) -> bool:
+        """Reconnect and resume the session; false when the server closed it in an orderly way."""
+        code = closed.rcvd.code if closed.rcvd else 1006
+        if code not in _RECONNECT_CODES:
+            return False
+        changes: dict[str, Any] = {"resume": self.ready.resume, "played": self.received}
+        for attempt in range(RECONNECT_ATTEMPTS):
+            self._hello = msgspec.structs.replace(self._hello, **changes)
+            try:
+                await self.open()
+                break
+            except ConnectionLostError:
+                if attempt == RECONNECT_ATTEMPTS - 1:
+                    raise
+            except ProtocolError as error:
+                if error.code == "unknown_session":
+                    changes = {"resume": "", "played": 0}
+                elif error.code != "overloaded" or attempt == RECONNECT_ATTEMPTS - 1:
+                    raise
+            await asyncio.sleep(min(1.0, 0.1 * 2**attempt))
+        if self.ready.resumed:
+            self._utterances.go_on(self.ready)
+        else:
+            self._utterances.begin_anew(self.ready)
+        await self._send_due()
+        return True
+
+    async def _send_due(self) -> None:
+        for message in self._utterances.due():
+            await self.send(message)
+
+    def _next_id(self) -> str:
+        self._requests += 1
+        return f"py-{self._requests}"
+
+
+@asynccontextmanager
+async def connect(
+    url: str,
+    *,
+    token: str = "",
+    rate: int = 24_000,
+    seed: int = 0,
+) -> AsyncIterator[Avatar]:
+    """Open a session at a server such as `http://127.0.0.1:8765`.
+
+    Raises:
+        ConnectionLostError: no server answers there.
+        ProtocolError: the server refused the session: wrong token, or no free seat.
+    """
+    hello = Hello(token=token, audio=AudioFormat(rate=rate), seed=seed)
+    avatar = Avatar(stream_url(url), hello)
+    await avatar.open()
+    alive = asyncio.create_task(avatar.keep_alive())
+    try:
+        yield avatar
+    finally:
+        alive.cancel()
+        await avatar.close()
+
+
+def stream_url(url: str) -> str:
+    """The WebSocket URL of a server's address, which may be given with http, with ws, or without a scheme.
+
+    Raises:
+        EchoAvatarError: the address is not valid.
+    """
+    parts = urlsplit(url if "://" in url else f"http://{url}")
+    schemes = {"http": "ws", "https": "wss", "ws": "ws", "wss": "wss"}
+    if parts.scheme not in schemes or not parts.netloc:
+        raise EchoAvatarError(f"{url!r} is not a server address; give one such as http://127.0.0.1:8765")
+    path = parts.path if parts.path.strip("/") else "/v1/stream"
+    return urlunsplit((schemes[parts.scheme], parts.netloc, path, "", ""))
+
+
+def _pcm(samples: np.ndarray) -> bytes:
+    if samples.ndim != 1:
+        raise EchoAvatarError(f"samples of shape {samples.shape}; give one channel, (samples,)")
+    if samples.dtype.kind == "f":
+        if not np.isfinite(samples).all():
+            raise EchoAvatarError("the samples are not all finite; replace NaN and infinity by 0")
+        return bytes(np.rint(np.clip(samples, -1, 1) * 32_767).astype("<i2").data)
+    if samples.dtype == np.int16:
+        return bytes(samples.astype("<i2").data)
+    raise EchoAvatarError(f"samples of type {samples.dtype}; give floats in -1..1 or int16")

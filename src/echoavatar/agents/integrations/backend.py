@@ -1,0 +1,180 @@
+"""Where an avatar runs: on a server, or on an engine in this process. Both speak the same protocol."""
+
+import asyncio
+import contextlib
+import json
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Protocol
+from urllib.parse import urlsplit, urlunsplit
+
+import msgspec
+
+from echoavatar.engine import Engine, load
+from echoavatar.errors import EchoAvatarError
+from echoavatar.server import ServerSettings, create_app
+from echoavatar.server.run import Server, configure, listen
+from echoavatar.wire import Hello
+
+from ..client import Avatar, MessageSocket, stream_url
+from ..client.connection import ConnectionLostError
+from .in_process_socket import InProcessSocket
+
+Schema = dict[str, Any]
+TIMEOUT_S = 10.0
+
+
+class AvatarBackend(Protocol):
+    """Opens avatar sessions."""
+
+    async def open(self, hello: Hello) -> Avatar:
+        """Open a session.
+
+        Raises:
+            ConnectionLostError: no server answers there.
+            ProtocolError: the token is wrong, or no seat is free.
+        """
+
+    async def tools(self) -> list[Schema]:
+        """The tools that a language model may call there: name, description and parameters of each."""
+
+    def page(self, session: str) -> str:
+        """Address of the page that shows a session; empty if the backend has none."""
+
+    async def close(self) -> None:
+        """Release the backend; no more sessions are opened."""
+
+
+def find_backend(where: "str | Path | Engine", *, token: str = "", port: int | None = None) -> AvatarBackend:
+    """The backend at `where`: a server's address such as `http://127.0.0.1:8765`, or an engine, bundle name or folder.
+
+    An engine or bundle runs in this process. `port` then serves its page, on this machine only; 0 takes any free port.
+    """
+    if isinstance(where, str) and "://" in where:
+        return RemoteBackend(where, token)
+    return LocalBackend(where, port=port)
+
+
+class RemoteBackend:
+    """A server."""
+
+    def __init__(self, url: str, token: str) -> None:
+        self._url, self._token = stream_url(url), token
+
+    async def open(self, hello: Hello) -> Avatar:
+        """Open a session there."""
+        avatar = Avatar(self._url, msgspec.structs.replace(hello, token=self._token))
+        await avatar.open()
+        return avatar
+
+    async def tools(self) -> list[Schema]:
+        """The tools that the server declares.
+
+        Raises:
+            ConnectionLostError: the server does not answer, or refuses the request.
+        """
+        request = urllib.request.Request(self._http("/v1/tools"))
+        if self._token:
+            request.add_header("Authorization", f"Bearer {self._token}")
+        try:
+            found: list[Schema] = json.loads(await asyncio.to_thread(_read, request))
+        except (OSError, ValueError) as error:
+            raise ConnectionLostError(
+                f"{request.full_url} does not list its tools ({error}); is the token right?"
+            ) from error
+        return found
+
+    def page(self, session: str) -> str:
+        """Address of the server's page."""
+        key = f"#token={self._token}" if self._token else ""
+        return f"{self._http('/')}?watch={session}{key}"
+
+    async def close(self) -> None:
+        """Nothing to release: the server is not ours."""
+
+    def _http(self, path: str) -> str:
+        parts = urlsplit(self._url)
+        return urlunsplit(({"ws": "http", "wss": "https"}[parts.scheme], parts.netloc, path, "", ""))
+
+
+class LocalBackend:
+    """An engine in this process, behind the same application that a server runs. It starts with the first session."""
+
+    def __init__(self, where: "str | Path | Engine", *, port: int | None = None) -> None:
+        self._where, self._port = where, port
+        self._app: Any = None
+        self._address = ""
+        self._running: asyncio.Task[None] | None = None
+        self._started, self._stopped = asyncio.Event(), asyncio.Event()
+
+    async def open(self, hello: Hello) -> Avatar:
+        """Open a session here; the first one loads the model, which takes a while."""
+        await self._start()
+        avatar = Avatar("this process", hello, self._dial)
+        await avatar.open()
+        return avatar
+
+    async def tools(self) -> list[Schema]:
+        """The tools for the bundle's actions and the built-in music."""
+        await self._start()
+        schemas: list[Schema] = self._app.state.manager.toolbox.schemas()
+        return schemas
+
+    def page(self, session: str) -> str:
+        """Address of the page if a port was given, else empty."""
+        return f"{self._address}/?watch={session}" if self._address else ""
+
+    async def close(self) -> None:
+        """Stop the engine."""
+        self._stopped.set()
+        if self._running is not None:
+            await asyncio.wait([self._running])
+
+    async def _dial(self) -> MessageSocket:
+        return InProcessSocket(self._app)
+
+    async def _start(self) -> None:
+        if self._running is None:
+            self._running = asyncio.ensure_future(self._run())
+        waiting = asyncio.ensure_future(self._started.wait())
+        await asyncio.wait([waiting, self._running], return_when=asyncio.FIRST_COMPLETED)
+        waiting.cancel()
+        if self._running.done():
+            self._running.result()  # raises what went wrong
+            raise EchoAvatarError("this engine was closed; open another")
+
+    async def _run(self) -> None:
+        """Run the application in one task, because a task group must end in the task that began it."""
+        engine = (
+            self._where if isinstance(self._where, Engine) else await asyncio.to_thread(load, self._where)
+        )
+        self._app = create_app(engine, ServerSettings(resume_seconds=1.0))
+        async with self._app.router.lifespan_context(self._app):
+            if self._port is None:
+                self._started.set()
+                await self._stopped.wait()
+                return
+            with listen("127.0.0.1", self._port) as listener:
+                self._address = f"http://127.0.0.1:{listener.getsockname()[1]}"
+                config = configure(self._app)
+                config.lifespan = "off"  # the lifespan is already running
+                page_server = _PageServer(self._app, config, self._started.set)
+                serving = asyncio.ensure_future(page_server.serve(sockets=[listener]))
+                await self._stopped.wait()
+                page_server.should_exit = page_server.force_exit = True
+                await serving
+
+
+class _PageServer(Server):
+    """Serves the page of an engine in the user's program, so it leaves signals to that program."""
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        yield
+
+
+def _read(request: urllib.request.Request) -> bytes:
+    with urllib.request.urlopen(request, timeout=TIMEOUT_S) as answer:  # the scheme is http or https
+        content: bytes = answer.read()
+        return content

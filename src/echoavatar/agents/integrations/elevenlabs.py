@@ -1,0 +1,263 @@
+"""ElevenLabs agents with a body: audio interfaces that put an avatar between the agent and the loudspeaker.
+
+The SDK hands bytes to an audio interface without their rate, which is a setting of the agent. So the caller states it
+(`sample_rate`), and bytes that cannot be 16-bit samples are refused. The SDK does not report the end of an utterance
+either; a pause in the bytes marks it.
+"""
+
+import asyncio
+import inspect
+import json
+import threading
+from collections.abc import Awaitable, Callable, Coroutine
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import soxr
+
+from echoavatar.engine import Engine
+from echoavatar.errors import AudioError, DependencyError, EchoAvatarError
+from echoavatar.timing import SAMPLE_RATE_HZ
+
+from .backend import find_backend
+from .bridge import AvatarBridge
+from .output import AvatarChunk, Event
+from .tools import AvatarTools
+
+try:
+    from elevenlabs.conversational_ai.conversation import AsyncAudioInterface, AudioInterface, ClientTools
+except ModuleNotFoundError as error:
+    raise DependencyError("the ElevenLabs SDK is missing: pip install 'elevenlabs>=2.40,<3'") from error
+
+DEVICE_RATE = 16_000  # rate of the SDK's own interfaces, in both directions
+PAUSE_S = 0.3  # without new bytes for this long, the utterance is over
+RATES = (8_000, 16_000, 22_050, 24_000, 44_100, 48_000)
+_Result = TypeVar("_Result")
+
+
+class AsyncAvatarAudioInterface(AsyncAudioInterface):  # type: ignore[misc]
+    """For `AsyncConversation`. Plays through `device`, or without one through the avatar's page."""
+
+    def __init__(
+        self,
+        where: str | Path | Engine = "default",
+        *,
+        sample_rate: int,
+        device: Any = None,
+        on_event: Callable[[Event], None] | None = None,
+        token: str = "",
+        seed: int = 0,
+        page_port: int | None = None,
+    ) -> None:
+        """Create the interface; `sample_rate` is that of the agent's output format, such as 16000 for `pcm_16000`.
+
+        `where` is a server's address, or a bundle's name or folder, or an engine, which then runs here; `page_port`
+        serves its page. `device` is the microphone and loudspeaker: an audio interface of the SDK's kind, sync or
+        async, at 16 kHz. `on_event` receives everything the avatar does, in order, motion included.
+
+        Raises:
+            AudioError: ElevenLabs has no such rate.
+        """
+        if sample_rate not in RATES:
+            raise AudioError(
+                f"sample_rate {sample_rate} is not supported; give one of {', '.join(map(str, RATES))}"
+            )
+        self.bridge = AvatarBridge(find_backend(where, token=token, port=page_port), seed=seed)
+        self._rate, self._device, self._on_event = sample_rate, device, on_event
+        self._down: Any = soxr.ResampleStream(SAMPLE_RATE_HZ, DEVICE_RATE, 1, dtype="int16")
+        self._bytes: asyncio.Queue[bytes] = asyncio.Queue()
+        self._tasks: list[asyncio.Task[None]] = []
+        self._tools: AvatarTools | None = None
+        self._has_failed = False
+
+    @property
+    def page(self) -> str:
+        """Address of a page that shows the avatar; empty if there is none."""
+        return self.bridge.page
+
+    async def prepare(self) -> AvatarTools:
+        """Open the session; returns the avatar's tools."""
+        await self.bridge.start()
+        if self._tools is None:
+            self._tools = AvatarTools(self.bridge, await self.bridge.backend.tools())
+        return self._tools
+
+    async def register(self, client_tools: ClientTools) -> tuple[str, ...]:
+        """Register the avatar's tools with the agent's client tools; returns their names."""
+        return register_tools(client_tools, await self.prepare(), asyncio.get_running_loop())
+
+    # ---- called by the SDK
+
+    async def start(self, input_callback: Callable[[bytes], Awaitable[None]]) -> None:
+        """Start the conversation."""
+        await self.prepare()
+        self._tasks = [asyncio.ensure_future(self._speak()), asyncio.ensure_future(self._perform())]
+        if self._device is not None:
+            loop = asyncio.get_running_loop()
+
+            async def hear(audio: bytes) -> None:
+                await input_callback(audio)
+                await self._listen(audio)
+
+            def hear_in_thread(audio: bytes) -> None:
+                asyncio.run_coroutine_threadsafe(hear(audio), loop)
+
+            is_async = inspect.iscoroutinefunction(self._device.start)
+            await _maybe(self._device.start(hear if is_async else hear_in_thread))
+
+    async def stop(self) -> None:
+        """End the conversation."""
+        if self._device is not None:
+            await _maybe(self._device.stop())
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await self.bridge.close()
+
+    async def output(self, audio: bytes) -> None:
+        """Take speech of the agent; returns at once.
+
+        Raises:
+            AudioError: the bytes end in half a sample, so they are not 16-bit PCM.
+        """
+        if len(audio) % 2:
+            raise AudioError(
+                f"{len(audio)} bytes are not whole 16-bit samples; set the agent's output format to pcm_{self._rate}"
+            )
+        self._bytes.put_nowait(audio)
+
+    async def interrupt(self) -> None:
+        """Stop speaking at once: the user spoke."""
+        while not self._bytes.empty():
+            self._bytes.get_nowait()
+        if self._device is not None:
+            await _maybe(self._device.interrupt())
+            self._down.clear()
+        if self._has_failed or not self.bridge.is_busy:
+            return
+        try:
+            await self.bridge.interrupt()
+        except EchoAvatarError:
+            self._has_failed = True
+
+    # ---- internals
+
+    async def _speak(self) -> None:
+        while True:
+            try:
+                async with asyncio.timeout(PAUSE_S):
+                    audio = await self._bytes.get()
+            except TimeoutError:
+                if not self._has_failed:
+                    await self._try(self.bridge.end())
+                audio = await self._bytes.get()
+            pcm = np.frombuffer(audio, "<i2")
+            if self._has_failed or not await self._try(self.bridge.say(pcm, self._rate)):
+                await self._play(pcm, self._rate)  # the voice continues without the avatar
+
+    async def _perform(self) -> None:
+        try:
+            async for event in self.bridge:
+                if self._on_event is not None:
+                    self._on_event(event)
+                if isinstance(event, AvatarChunk) and event.pcm:
+                    await self._play(np.frombuffer(event.pcm, "<i2"), SAMPLE_RATE_HZ)
+        except EchoAvatarError:
+            self._has_failed = True
+
+    async def _play(self, pcm: np.ndarray[Any, Any], rate: int) -> None:
+        if self._device is None:
+            return
+        if rate == SAMPLE_RATE_HZ:
+            pcm = self._down.resample_chunk(pcm)
+        elif rate != DEVICE_RATE:
+            pcm = soxr.resample(pcm, rate, DEVICE_RATE)
+        await _maybe(self._device.output(pcm.astype("<i2").tobytes()))
+
+    async def _listen(self, audio: bytes) -> None:
+        if not self._has_failed:
+            await self._try(self.bridge.hear_user(np.frombuffer(audio, "<i2"), DEVICE_RATE))
+
+    async def _try(self, work: Awaitable[object]) -> bool:
+        try:
+            await work
+        except EchoAvatarError:
+            self._has_failed = True
+        return not self._has_failed
+
+
+class AvatarAudioInterface(AudioInterface):  # type: ignore[misc]
+    """For `Conversation`, which calls back from threads: the same interface on an event loop of its own."""
+
+    def __init__(self, where: str | Path | Engine = "default", **options: Any) -> None:
+        """As `AsyncAvatarAudioInterface`; `device` may be `DefaultAudioInterface()`."""
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever, name="echoavatar audio", daemon=True)
+        self._thread.start()
+        self.avatar = self._run(self._make(where, options))
+
+    @property
+    def page(self) -> str:
+        """Address of a page that shows the avatar, once `prepare` was called."""
+        return self.avatar.page
+
+    def prepare(self) -> AvatarTools:
+        """Open the session; returns the avatar's tools."""
+        return self._run(self.avatar.prepare())
+
+    def register(self, client_tools: ClientTools) -> tuple[str, ...]:
+        """Register the avatar's tools with the agent's client tools; returns their names."""
+        return self._run(self.avatar.register(client_tools))
+
+    def start(self, input_callback: Callable[[bytes], None]) -> None:
+        """Start the conversation."""
+
+        async def hear(audio: bytes) -> None:
+            await asyncio.to_thread(input_callback, audio)  # the callback writes to a socket
+
+        self._run(self.avatar.start(hear))
+
+    def stop(self) -> None:
+        """End the conversation."""
+        self._run(self.avatar.stop())
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join()
+        self._loop.close()
+
+    def output(self, audio: bytes) -> None:
+        """Take speech of the agent."""
+        self._run(self.avatar.output(audio))
+
+    def interrupt(self) -> None:
+        """Stop speaking at once: the user spoke."""
+        self._run(self.avatar.interrupt())
+
+    async def _make(self, where: str | Path | Engine, options: dict[str, Any]) -> AsyncAvatarAudioInterface:
+        return AsyncAvatarAudioInterface(where, **options)
+
+    def _run(self, work: Coroutine[Any, Any, _Result]) -> _Result:
+        return asyncio.run_coroutine_threadsafe(work, self._loop).result()
+
+
+def register_tools(
+    client_tools: ClientTools, tools: AvatarTools, loop: asyncio.AbstractEventLoop
+) -> tuple[str, ...]:
+    """Register the avatar's tools; `loop` is the bridge's and may differ from that of `client_tools`."""
+
+    def handler(name: str) -> Callable[[dict[str, Any]], Awaitable[str]]:
+        async def handle(parameters: dict[str, Any]) -> str:
+            arguments = {key: value for key, value in parameters.items() if key != "tool_call_id"}
+            calling = asyncio.run_coroutine_threadsafe(tools.call(name, arguments), loop)
+            return json.dumps(await asyncio.wrap_future(calling))
+
+        return handle
+
+    for name in tools.names:
+        client_tools.register(name, handler(name), is_async=True)
+    return tools.names
+
+
+async def _maybe(result: object) -> None:
+    if inspect.isawaitable(result):
+        await result

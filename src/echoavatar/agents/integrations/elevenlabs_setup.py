@@ -1,0 +1,152 @@
+"""Create what an ElevenLabs agent needs to move an avatar - tools, prompt, sound format - through their HTTP API.
+
+Running it again changes nothing: tools and agent are found by name and updated. It does not need their SDK.
+"""
+
+import json
+import urllib.error
+import urllib.request
+from collections.abc import Iterable, Iterator
+from typing import Any, NamedTuple
+from urllib.parse import quote, urlencode
+
+from echoavatar.errors import EchoAvatarError
+
+Payload = dict[str, Any]
+BASE_URL = "https://api.elevenlabs.io"
+FORMATS = ("pcm_8000", "pcm_16000", "pcm_22050", "pcm_24000", "pcm_44100", "pcm_48000")
+TOOLS_WITH_ANSWERS = ("list_actions",)  # tools whose result the model waits for; all others are silent
+TIMEOUT_S = 30.0
+
+
+class Plan(NamedTuple):
+    """The requests to send."""
+
+    tools: list[Payload]
+    agent: Payload  # without the ids of its tools, which are known once the tools exist
+
+
+def make_plan(
+    schemas: list[Payload],
+    prompt: str,
+    *,
+    name: str,
+    first_message: str = "",
+    output_format: str = "pcm_16000",
+) -> Plan:
+    """Build the requests for the avatar's tools and for an agent that uses them.
+
+    Raises:
+        EchoAvatarError: the sound format is not supported.
+    """
+    if output_format not in FORMATS:
+        raise EchoAvatarError(
+            f"output format {output_format!r} is not supported; give one of {', '.join(FORMATS)}"
+        )
+    agent: Payload = {"prompt": {"prompt": prompt}, "language": "en"}
+    if first_message:
+        agent["first_message"] = first_message
+    config = {"agent": agent, "tts": {"agent_output_audio_format": output_format}}
+    return Plan([_tool(schema) for schema in schemas], {"name": name, "conversation_config": config})
+
+
+def carry_out(
+    plan: Plan, *, api_key: str, agent_id: str = "", base_url: str = BASE_URL
+) -> tuple[str, list[str]]:
+    """Create or update tools and agent; returns the agent's id and one line for each thing done.
+
+    Raises:
+        EchoAvatarError: the service refused a request, or cannot be reached.
+    """
+    service = _Service(base_url, api_key)
+    known = {tool["tool_config"]["name"]: tool["id"] for tool in service.all("/v1/convai/tools", "tools")}
+    ids, done = [], []
+    for tool in plan.tools:
+        name = tool["tool_config"]["name"]
+        if name in known:
+            service.call("PATCH", f"/v1/convai/tools/{quote(known[name])}", tool)
+            ids.append(known[name])
+        else:
+            ids.append(service.call("POST", "/v1/convai/tools", tool)["id"])
+        done.append(f"{'updated' if name in known else 'created'} tool {name} ({ids[-1]})")
+    agent = json.loads(json.dumps(plan.agent))
+    agent["conversation_config"]["agent"]["prompt"]["tool_ids"] = ids
+    if not agent_id:
+        found = service.all("/v1/convai/agents", "agents", search=agent["name"])
+        agent_id = next((one["agent_id"] for one in found if one["name"] == agent["name"]), "")
+    if agent_id:
+        service.call("PATCH", f"/v1/convai/agents/{quote(agent_id)}", agent)
+        done.append(f"updated agent {agent['name']} ({agent_id})")
+    else:
+        agent_id = service.call("POST", "/v1/convai/agents/create", agent)["agent_id"]
+        done.append(f"created agent {agent['name']} ({agent_id})")
+    return agent_id, done
+
+
+def _tool(schema: Payload) -> Payload:
+    """A client tool. Their schemas have no numeric bounds, so the descriptions state them."""
+    name = schema["name"]
+    config: Payload = {
+        "type": "client",
+        "name": name,
+        "description": schema["description"],
+        "expects_response": name in TOOLS_WITH_ANSWERS,
+    }
+    properties = schema["parameters"].get("properties", {})
+    if properties:
+        config["parameters"] = {
+            "type": "object",
+            "required": list(schema["parameters"].get("required", ())),
+            "properties": {key: _property(value) for key, value in properties.items()},
+        }
+    return {"tool_config": config}
+
+
+def _property(schema: Payload) -> Payload:
+    words = {"minimum": "at least", "maximum": "at most"}
+    bounds = [f"{word} {schema[key]}" for key, word in words.items() if key in schema]
+    description = schema.get("description", "") + (f" ({', '.join(bounds)})" if bounds else "")
+    result: Payload = {"type": schema["type"], "description": description}
+    if "enum" in schema:
+        result["enum"] = list(schema["enum"])
+    return result
+
+
+class _Service:
+    def __init__(self, base_url: str, api_key: str) -> None:
+        if not base_url.startswith(("http://", "https://")):
+            raise EchoAvatarError(f"{base_url!r} is not an address; give one that begins with https://")
+        self._base, self._key = base_url.rstrip("/"), api_key
+
+    def call(self, method: str, path: str, body: Payload | None = None) -> Payload:
+        """Send one request."""
+        request = urllib.request.Request(self._base + path, method=method)
+        request.add_header("xi-api-key", self._key)
+        if body is not None:
+            request.add_header("content-type", "application/json")
+            request.data = json.dumps(body).encode()
+        try:
+            with urllib.request.urlopen(request, timeout=TIMEOUT_S) as answer:
+                result: Payload = json.loads(answer.read() or b"{}")
+        except urllib.error.HTTPError as error:
+            reason = error.read().decode(errors="replace")[:300]
+            hint = "; is the API key right?" if error.code in (401, 403) else ""
+            raise EchoAvatarError(f"{method} {path}: {error.code} {reason}{hint}") from error
+        except (OSError, ValueError) as error:
+            raise EchoAvatarError(f"{self._base} does not answer: {error}") from error
+        return result
+
+    def all(self, path: str, key: str, **query: str) -> Iterator[Payload]:
+        """Every item of a list, page by page."""
+        while True:
+            result = self.call("GET", f"{path}?{urlencode({**query, 'page_size': 100})}")
+            yield from _dicts(result.get(key, ()))
+            if not result.get("has_more") or not result.get("next_cursor"):
+                return
+            query["cursor"] = result["next_cursor"]
+
+
+def _dicts(items: Iterable[Any]) -> Iterator[Payload]:
+    for item in items:
+        if isinstance(item, dict):
+            yield item

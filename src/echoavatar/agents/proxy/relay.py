@@ -1,0 +1,216 @@
+"""Forward a Realtime connection both ways, byte for byte and in order; the avatar only listens in.
+
+An event is forwarded first and shown to the avatar's sidecar afterwards, which takes it without waiting and cannot
+raise. Two kinds of event are not forwarded unchanged: with `--tools`, a `session.update` that sets tools gets the
+avatar's tools added, and client events whose type begins with `echoavatar.` end at the proxy.
+"""
+
+import asyncio
+import json
+import logging
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from http import HTTPStatus
+
+from websockets.asyncio.client import ClientConnection
+from websockets.asyncio.connection import Connection
+from websockets.asyncio.server import Server, ServerConnection, serve
+from websockets.datastructures import Headers
+from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidStatus
+from websockets.http11 import Request, Response
+from websockets.typing import Subprotocol
+
+from echoavatar.errors import EchoAvatarError
+from echoavatar.wire import ProtocolError
+from echoavatar.wire.guard import check_origin
+
+from .settings import ProxySettings
+from .sidecar import AvatarSidecar
+from .upstream import (
+    HANDSHAKE_TIMEOUT_S,
+    MAX_BYTES,
+    PING_S,
+    PONG_S,
+    dial,
+    quiet_logger,
+    refusal_headers,
+    upstream_url,
+)
+
+_LOG = logging.getLogger(__name__)
+_UNSENDABLE = (1005, 1006, 1015)  # codes that mean "no close code was sent"
+DROPPED = 1011
+CANCEL_AGAIN_S = 0.5
+
+
+class Relay:
+    """Listens for clients; each client gets its own upstream connection and its own avatar."""
+
+    def __init__(self, settings: ProxySettings) -> None:
+        self._settings = settings
+        self._upstreams: dict[ServerConnection, ClientConnection] = {}
+        self._closing: set[asyncio.Task[None]] = set()
+        self._server: Server | None = None
+
+    @property
+    def clients(self) -> int:
+        """The number of connected clients."""
+        return len(self._upstreams)
+
+    async def start(self, host: str = "127.0.0.1", port: int = 8766) -> int:
+        """Start to listen and return the port; port 0 takes any free one.
+
+        Raises:
+            EchoAvatarError: the port is taken or not permitted.
+        """
+        try:
+            self._server = await serve(
+                self._serve_client,
+                host,
+                port,
+                process_request=self._process_request,
+                select_subprotocol=self._subprotocol,
+                compression=None,
+                max_size=MAX_BYTES,
+                open_timeout=HANDSHAKE_TIMEOUT_S,
+                ping_interval=PING_S,
+                ping_timeout=PONG_S,
+                server_header=None,
+                logger=quiet_logger(),
+            )
+        except OSError as error:
+            raise EchoAvatarError(
+                f"cannot listen on {host} port {port}: {error.strerror}; choose another --host or --port"
+            ) from error
+        return int(next(iter(self._server.sockets)).getsockname()[1])
+
+    async def stop(self) -> None:
+        """Stop listening and close all connections."""
+        if self._server is not None:
+            self._server.close(code=1001, reason="the proxy is stopping")
+            await self._server.wait_closed()
+
+    # ---- the handshake
+
+    async def _process_request(self, client: ServerConnection, request: Request) -> Response | None:
+        """Connect upstream before accepting the client, so that the client sees the upstream's own refusal."""
+        if request.path == "/health":
+            return _http_response(
+                HTTPStatus.OK, json.dumps({"status": "ready", "clients": self.clients}), "application/json"
+            )
+        if "websocket" not in request.headers.get("Upgrade", "").lower():
+            return None  # the websockets library answers it
+        try:
+            check_origin(
+                {key.lower(): value for key, value in request.headers.raw_items()}, self._settings.origins
+            )
+            url = upstream_url(self._settings.upstream, request.path)
+            offered = [
+                name.strip()
+                for line in request.headers.get_all("Sec-WebSocket-Protocol")
+                for name in line.split(",")
+            ]
+            self._upstreams[client] = await dial(url, request.headers.raw_items(), offered)
+        except ProtocolError as error:
+            return _http_response(HTTPStatus.FORBIDDEN, str(error))
+        except InvalidStatus as refused:
+            return _refusal(refused.response)
+        except TimeoutError as error:
+            _LOG.warning("%s", error)
+            return _http_response(HTTPStatus.GATEWAY_TIMEOUT, str(error))
+        except (OSError, InvalidHandshake) as error:
+            _LOG.warning("the upstream cannot be reached: %s", type(error).__name__)
+            return _http_response(
+                HTTPStatus.BAD_GATEWAY, f"the upstream cannot be reached: {type(error).__name__}"
+            )
+        closing = asyncio.create_task(self._close_upstream(client))
+        self._closing.add(closing)
+        closing.add_done_callback(self._closing.discard)
+        return None
+
+    def _subprotocol(self, client: ServerConnection, offered: Sequence[Subprotocol]) -> Subprotocol | None:
+        """The subprotocol that the upstream chose."""
+        del offered
+        upstream = self._upstreams.get(client)
+        return upstream.subprotocol if upstream is not None else None
+
+    async def _close_upstream(self, client: ServerConnection) -> None:
+        """Close the upstream connection when the client's ends, for whatever reason."""
+        await client.wait_closed()
+        upstream = self._upstreams.pop(client, None)
+        if upstream is not None:
+            await upstream.close(*_close_reason(client))
+
+    # ---- the conversation
+
+    async def _serve_client(self, client: ServerConnection) -> None:
+        upstream = self._upstreams[client]
+        sidecar = AvatarSidecar(self._settings, client=client, upstream=upstream)
+        avatar = asyncio.create_task(sidecar.run())
+        try:
+            down = asyncio.create_task(_forward(upstream, client, sidecar.observe_server))
+            up = asyncio.create_task(_forward(client, upstream, sidecar.observe_client, sidecar.rewrite))
+            await asyncio.wait((down, up), return_when=asyncio.FIRST_COMPLETED)
+            if down.done():  # everything that arrived from upstream before it closed has been sent
+                await client.close(*_close_reason(upstream))
+            else:
+                await upstream.close(*_close_reason(client))
+            await _cancel(down, up)
+        finally:
+            await _cancel(avatar)
+
+
+async def _cancel(*tasks: asyncio.Task[None]) -> None:
+    """Cancel until all are done: `asyncio.wait_for` before 3.12 may swallow a cancellation."""
+    while running := [task for task in tasks if not task.done()]:
+        for task in running:
+            task.cancel()
+        await asyncio.wait(running, timeout=CANCEL_AGAIN_S)
+    for task in tasks:
+        if not task.cancelled():
+            task.result()  # raise what went wrong
+
+
+async def _forward(
+    source: Connection,
+    sink: Connection,
+    tap: Callable[[str | bytes], None],
+    rewrite: Callable[[str | bytes], str | bytes | None] | None = None,
+) -> None:
+    """Forward all messages in order until either connection closes."""
+    with suppress(ConnectionClosed):
+        while True:
+            message = await source.recv()
+            sent = message if rewrite is None else rewrite(message)
+            if sent is not None:
+                await sink.send(sent)
+            tap(message)
+
+
+def _close_reason(connection: Connection) -> tuple[int, str]:
+    """The code and reason with which one side closed, for the other side; DROPPED if it closed without any."""
+    code = connection.close_code
+    if code is None or code in _UNSENDABLE:
+        return (1000, "") if code == 1005 else (DROPPED, "the other side dropped the connection")
+    return code, connection.close_reason or ""
+
+
+def _refusal(answer: Response) -> Response:
+    """The upstream's refusal for the client: the same status, reason, headers and body."""
+    if answer.status_code < 200 or 300 <= answer.status_code < 400:
+        return _http_response(
+            HTTPStatus.BAD_GATEWAY,
+            f"the upstream answered with status {answer.status_code}; the proxy follows no redirects",
+        )
+    content = bytes(answer.body or b"")
+    headers = refusal_headers(answer.headers.raw_items())
+    return _response(answer.status_code, answer.reason_phrase, headers, content)
+
+
+def _http_response(status: HTTPStatus, text: str, kind: str = "text/plain; charset=utf-8") -> Response:
+    return _response(status.value, status.phrase, [("Content-Type", kind)], text.encode())
+
+
+def _response(status: int, reason: str, headers: list[tuple[str, str]], content: bytes) -> Response:
+    length = [] if status == HTTPStatus.NO_CONTENT else [("Content-Length", str(len(content)))]
+    return Response(status, reason, Headers([*headers, *length, ("Connection", "close")]), content)

@@ -1,0 +1,96 @@
+"""The connection to the voice agent: the upstream's address with the client's own credentials and query.
+
+Headers are forwarded and never logged: the websockets library, which could log them, gets a logger that is silent.
+"""
+
+import logging
+from collections.abc import Iterable
+from urllib.parse import parse_qsl, urlencode, urlsplit, urlunsplit
+
+from websockets.asyncio.client import ClientConnection, connect
+
+MAX_BYTES = 1 << 26  # of one event; vendors allow up to 15 MiB
+TIMEOUT_S = 15.0
+HANDSHAKE_TIMEOUT_S = TIMEOUT_S + 5.0  # of a client's handshake, which waits for the upstream's
+PING_S, PONG_S = 30.0, 120.0  # generous, because a slow reader answers pings late
+_CONNECTION_HEADERS = {
+    "connection",
+    "content-length",
+    "cookie",  # belongs to the proxy's host, not to the upstream
+    "host",
+    "keep-alive",
+    "origin",
+    "proxy-authorization",
+    "proxy-connection",
+    "te",
+    "trailer",
+    "transfer-encoding",
+    "upgrade",
+}
+_HOST_HEADERS = {"alt-svc", "set-cookie", "strict-transport-security"}  # statements about the upstream's host
+
+
+def quiet_logger() -> logging.Logger:
+    """A logger that never shows a request; the library would log headers at DEBUG."""
+    logger = logging.getLogger("echoavatar.agents.proxy.websocket")
+    logger.setLevel(logging.ERROR)
+    return logger
+
+
+def upstream_url(upstream: str, path: str) -> str:
+    """The upstream's URL with the query of the client's request; parameters of the client win."""
+    parts = urlsplit(upstream)
+    asked = parse_qsl(urlsplit(path).query, keep_blank_values=True)
+    named = {key for key, _ in asked}
+    own = [pair for pair in parse_qsl(parts.query, keep_blank_values=True) if pair[0] not in named]
+    return urlunsplit((parts.scheme, parts.netloc, parts.path, urlencode(own + asked), ""))
+
+
+def forwarded_headers(headers: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
+    """The client's headers without those that belong to its own connection."""
+    return [
+        (name, value)
+        for name, value in headers
+        if name.lower() not in _CONNECTION_HEADERS and not name.lower().startswith("sec-websocket-")
+    ]
+
+
+def refusal_headers(headers: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
+    """The headers of an upstream's refusal without those about its connection or its host."""
+    return [pair for pair in headers if pair[0].lower() not in _CONNECTION_HEADERS | _HOST_HEADERS]
+
+
+class _Connect(connect):
+    """Follows no redirects: the library would send the client's keys to the other host."""
+
+    def process_redirect(self, exc: Exception) -> Exception:
+        return exc
+
+
+async def dial(
+    url: str, headers: Iterable[tuple[str, str]], subprotocols: Iterable[str] = ()
+) -> ClientConnection:
+    """Connect to the upstream.
+
+    Raises:
+        InvalidStatus: the upstream refused or redirects; the exception has its response.
+        TimeoutError: the upstream does not answer.
+        OSError, InvalidHandshake: no server answers there, or it is not a WebSocket server.
+    """
+    offered = list(subprotocols)
+    connecting = _Connect(
+        url,
+        additional_headers=forwarded_headers(headers),
+        user_agent_header=None,
+        subprotocols=offered or None,  # type: ignore[arg-type]
+        compression=None,  # it would add delay to every event
+        max_size=MAX_BYTES,
+        open_timeout=TIMEOUT_S,
+        ping_interval=PING_S,
+        ping_timeout=PONG_S,
+        logger=quiet_logger(),
+    )
+    try:
+        return await connecting
+    except TimeoutError as error:
+        raise TimeoutError(f"the upstream did not answer within {TIMEOUT_S:g} s") from error

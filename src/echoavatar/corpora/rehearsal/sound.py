@@ -1,0 +1,170 @@
+"""Sound with its labels, which the choreography reads, and musical scores.
+
+All times are seconds on the 24 kHz sample clock. Audio is mono float32 and always a whole number of motion frames
+(800 samples) long. Not in the paper, which trains on recorded corpora.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
+
+FloatArray = np.ndarray
+TimeArray = np.ndarray
+
+
+@dataclass(frozen=True)
+class Syllable:
+    """One spoken syllable; `vowel` is the centre of its vowel, `prominence` 0..1 (from 0.85 on it is nuclear)."""
+
+    start: float
+    end: float
+    vowel: float
+    prominence: float
+    word: str
+    meaning: str  # "" or size, deixis, negation, count, contrast, question, greeting
+
+
+@dataclass(frozen=True)
+class Section:
+    """A stretch of music of constant energy, 0..1."""
+
+    start: float
+    end: float
+    energy: float
+
+
+@dataclass(frozen=True)
+class Span:
+    """The louder sound in a stretch of time: kind is "silence", "speech" or "music"."""
+
+    start: float
+    end: float
+    kind: str
+
+
+def _no_times() -> TimeArray:
+    return np.zeros(0)
+
+
+@dataclass(frozen=True)
+class SoundTrack:
+    """Audio (s,) with all its labels."""
+
+    audio: FloatArray
+    spans: tuple[Span, ...] = ()
+    syllables: tuple[Syllable, ...] = ()
+    phrases: tuple[tuple[float, float], ...] = ()
+    phones: tuple[tuple[float, float, str], ...] = ()
+    beats: TimeArray = field(default_factory=_no_times)
+    downbeats: TimeArray = field(default_factory=_no_times)
+    sections: tuple[Section, ...] = ()
+    style: str = ""
+    bpm: float = 0.0
+
+    @property
+    def seconds(self) -> float:
+        """Length of the audio."""
+        return len(self.audio) / SAMPLE_RATE_HZ
+
+
+@dataclass(frozen=True)
+class Note:
+    """One note: seconds, pitch (MIDI number; 0 for drums), velocity 0..1, and its instrument."""
+
+    start: float
+    duration: float
+    pitch: int
+    velocity: float
+    instrument: str
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A score with its true times in seconds."""
+
+    notes: tuple[Note, ...]
+    beats: TimeArray
+    downbeats: TimeArray
+    sections: tuple[Section, ...]
+    style: str
+    bpm: float
+    seconds: float  # where the music stops, without decaying tails
+    is_cut: bool  # stops abruptly instead of on a final chord
+
+
+def whole_frames(audio: FloatArray) -> FloatArray:
+    """Pad with zeros at the end to a whole number of motion frames, as float32."""
+    missing = -len(audio) % SAMPLES_PER_FRAME
+    return np.concatenate([audio, np.zeros(missing)]).astype(np.float32)
+
+
+def shift(track: SoundTrack, seconds: float) -> SoundTrack:
+    """Move all labels later by `seconds`; the audio stays as it is."""
+    return replace(
+        track,
+        spans=tuple(replace(s, start=s.start + seconds, end=s.end + seconds) for s in track.spans),
+        syllables=tuple(
+            replace(s, start=s.start + seconds, end=s.end + seconds, vowel=s.vowel + seconds)
+            for s in track.syllables
+        ),
+        phrases=tuple((a + seconds, b + seconds) for a, b in track.phrases),
+        phones=tuple((a + seconds, b + seconds, name) for a, b, name in track.phones),
+        beats=track.beats + seconds,
+        downbeats=track.downbeats + seconds,
+        sections=tuple(replace(s, start=s.start + seconds, end=s.end + seconds) for s in track.sections),
+    )
+
+
+def concatenate(tracks: Sequence[SoundTrack]) -> SoundTrack:
+    """Join tracks one after another; adjacent spans of one kind merge, style and bpm are those of the longest music."""
+    if not tracks:
+        return SoundTrack(np.zeros(0, np.float32))
+    starts = np.cumsum([0] + [len(track.audio) for track in tracks[:-1]]) / SAMPLE_RATE_HZ
+    moved = [shift(track, float(start)) for track, start in zip(tracks, starts, strict=True)]
+    longest = max(tracks, key=lambda track: len(track.audio) if track.style else -1)
+    return SoundTrack(
+        audio=np.concatenate([track.audio for track in tracks]).astype(np.float32),
+        spans=merge_spans([span for track in moved for span in track.spans]),
+        syllables=tuple(s for track in moved for s in track.syllables),
+        phrases=tuple(p for track in moved for p in track.phrases),
+        phones=tuple(p for track in moved for p in track.phones),
+        beats=np.concatenate([track.beats for track in moved]),
+        downbeats=np.concatenate([track.downbeats for track in moved]),
+        sections=tuple(s for track in moved for s in track.sections),
+        style=longest.style,
+        bpm=longest.bpm,
+    )
+
+
+def merge_spans(spans: Sequence[Span]) -> tuple[Span, ...]:
+    """Merge adjacent spans of the same kind and drop empty ones."""
+    merged: list[Span] = []
+    for span in spans:
+        if span.end <= span.start:
+            continue
+        if merged and merged[-1].kind == span.kind:
+            merged[-1] = replace(merged[-1], end=span.end)
+        else:
+            merged.append(span)
+    return tuple(merged)
+
+
+def cut(track: SoundTrack, seconds: float) -> SoundTrack:
+    """The first `seconds` of a track, rounded to whole frames; labels after the cut are dropped."""
+    frames = max(1, round(seconds * SAMPLE_RATE_HZ / SAMPLES_PER_FRAME))
+    audio = track.audio[: frames * SAMPLES_PER_FRAME]
+    end = len(audio) / SAMPLE_RATE_HZ
+    return replace(
+        track,
+        audio=audio,
+        spans=tuple(replace(s, end=min(s.end, end)) for s in track.spans if s.start < end),
+        syllables=tuple(s for s in track.syllables if s.end <= end),
+        phrases=tuple((a, min(b, end)) for a, b in track.phrases if a < end),
+        phones=tuple((a, min(b, end), name) for a, b, name in track.phones if a < end),
+        beats=track.beats[track.beats < end],
+        downbeats=track.downbeats[track.downbeats < end],
+        sections=tuple(replace(s, end=min(s.end, end)) for s in track.sections if s.start < end),
+    )

@@ -1,0 +1,167 @@
+"""A bundle: the trained parts that belong together, in one folder.
+
+`codec/`, `tokenizer/`, `generator/` and, where there are such, `face/` and `warp/` are checkpoints of their own;
+`card.json` beside them says what the whole is.
+"""
+
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from importlib.resources import as_file, files
+from pathlib import Path
+
+from torch import nn
+
+from echoavatar.checkpoint import read_card
+from echoavatar.errors import CheckpointError
+from echoavatar.models.audio import AudioCodec
+from echoavatar.models.face import FaceModel
+from echoavatar.models.generator import Generator, qwen_half_billion
+from echoavatar.models.tokenizer import BodyTokenizer
+from echoavatar.models.warp import WarpModel
+from echoavatar.motion.arkit import ARKIT_NAMES
+from echoavatar.motion.kinematics import Skeleton
+from echoavatar.motion.stages.post import SWITCHES, refuse_unknown
+from echoavatar.timing import CHUNK_SECONDS, ChunkSize
+
+from .actions import ActionLibrary
+from .runtime import Runtime
+from .time_warp import WARP
+
+PARTS = ("codec", "tokenizer", "generator")
+FACE = "face"
+OPTIONAL_STAGES = (FACE, *SWITCHES, WARP)
+
+
+@dataclass(frozen=True)
+class Bundle:
+    """Codec, motion tokenizer, generator, perhaps face and warp models, loaded and checked against each other."""
+
+    name: str
+    codec: AudioCodec
+    tokenizer: BodyTokenizer
+    generator: Generator
+    card: dict[str, object]
+    actions: ActionLibrary = field(default_factory=ActionLibrary)
+    face: FaceModel | None = None
+    runtime: Runtime = field(default_factory=Runtime)
+    warp: WarpModel | None = None
+
+    @property
+    def skeleton(self) -> Skeleton:
+        """The rig that the tokenizer knows; `Pipeline.skeleton` is the one that motion comes out on."""
+        return self.tokenizer.skeleton
+
+    @property
+    def chunk(self) -> ChunkSize:
+        """What a step takes and gives."""
+        return ChunkSize(self.generator.config.step)
+
+    @property
+    def parameters(self) -> int:
+        """How many weights there are in all."""
+        parts: tuple[nn.Module | None, ...]
+        parts = (self.codec, self.tokenizer, self.generator, self.face, self.warp)
+        modules = [part for part in parts if part is not None]
+        return sum(weight.numel() for module in modules for weight in module.parameters())
+
+    def without(self, stages: Collection[str]) -> "Bundle":
+        """The same bundle with stages left out: the face, or some of what follows the decoder.
+
+        Raises:
+            EchoAvatarError: there is no stage of that name.
+        """
+        refuse_unknown(stages, OPTIONAL_STAGES)
+        kept = tuple(stage for stage in self.runtime.stages if stage not in stages)
+        runtime = self.runtime.model_copy(update={"stages": kept})
+        return replace(self, face=None if FACE in stages else self.face, runtime=runtime)
+
+
+def load_bundle(name: str | Path = "default") -> Bundle:
+    """Load a bundle by the name of a shipped one, or from a folder.
+
+    Raises:
+        CheckpointError: no such bundle, a part is missing or damaged, or the parts do not fit together.
+    """
+    with _folder(name) as folder:
+        missing = [part for part in PARTS if not (folder / part).is_dir()]
+        if missing:
+            raise CheckpointError(
+                f"{folder} is not a bundle: {', '.join(missing)} missing; see `echoavatar bundle`"
+            )
+        codec = AudioCodec.load(folder / "codec").eval()
+        tokenizer = BodyTokenizer.load(folder / "tokenizer").eval()
+        generator = Generator.load(folder / "generator").eval()
+        width = len(generator.config.directed) * generator.config.layout.motion_codes
+        chunk = ChunkSize(generator.config.step)
+        actions = ActionLibrary.load(folder, width, chunk)
+        face = FaceModel.load(folder / "face") if (folder / "face").is_dir() else None
+        warp = WarpModel.load(folder / "warp") if (folder / "warp").is_dir() else None
+        runtime = Runtime.load(folder)
+        bundle = Bundle(
+            str(name), codec, tokenizer, generator, read_card(folder), actions, face, runtime, warp
+        )
+    _check(bundle)
+    return bundle
+
+
+def shipped() -> list[str]:
+    """Names of the bundles inside the package."""
+    root = files("echoavatar") / "bundles"
+    return sorted(e.name for e in root.iterdir() if (e / "generator").is_dir()) if root.is_dir() else []
+
+
+@contextmanager
+def _folder(name: str | Path) -> Iterator[Path]:
+    if str(name) in shipped():
+        with as_file(files("echoavatar") / "bundles" / str(name)) as folder:
+            yield folder
+        return
+    folder = Path(name)
+    if not folder.is_dir():
+        known = ", ".join(shipped()) or "none"
+        raise CheckpointError(f"no bundle {str(name)!r}: not a folder and not shipped (shipped: {known})")
+    yield folder
+
+
+def foresight_refusal(bundle: Bundle) -> str:
+    """Why a generator that hears ahead cannot run live."""
+    chunks = bundle.generator.config.ahead_chunks
+    return (
+        f"bundle {bundle.name}: its generator hears the sound {chunks} chunks ({chunks * CHUNK_SECONDS:.2f} s)"
+        " before it is due, so it is an offline reference and cannot stream; train one with ahead_chunks 0"
+        " (`echoavatar reproduce main` runs such a reference on whole files)"
+    )
+
+
+def _check(bundle: Bundle) -> None:
+    if bundle.generator.config.ahead_chunks:
+        raise CheckpointError(foresight_refusal(bundle))
+    layout, tokenizer = bundle.generator.config.layout, bundle.tokenizer.config
+    pairs = [
+        ("audio codes", layout.audio_codes, bundle.codec.config.codes),
+        ("motion layers", layout.motion_layers, tokenizer.layers),
+        ("motion codes", layout.motion_codes, tokenizer.codes),
+        ("body parts", layout.parts, len(tokenizer.parts)),
+    ]
+    for what, wanted, has in pairs:
+        if wanted != has:
+            raise CheckpointError(
+                f"bundle {bundle.name}: the generator speaks {wanted} {what}, the other part {has}"
+            )
+    if bundle.face and bundle.face.config.channels != len(ARKIT_NAMES):
+        raise CheckpointError(
+            f"bundle {bundle.name}: its face has {bundle.face.config.channels} channels, not the 52 of ARKit"
+        )
+
+
+def with_random_generator(bundle: Bundle) -> Bundle:
+    """The same bundle with a generator of the paper's size and random weights: to time it, not to look at.
+
+    It does not stand in silence, so nobody need wait until it does.
+    """
+    layout = bundle.generator.config.layout
+    generator = Generator(qwen_half_billion(layout, "interleaved")).eval()
+    runtime = bundle.runtime.model_copy(update={"lead_in_s": 0.0})
+    name = f"{bundle.name}, 0.5B random generator"
+    return replace(bundle, name=name, generator=generator, runtime=runtime)

@@ -1,0 +1,68 @@
+"""Whole files through a generator that hears ahead: the offline, non-causal upper reference of the research bench.
+
+Such a generator was trained on sound that runs `ahead_chunks` before the motion beside it (`TokenClip.heard_ahead`). A
+stream cannot give it that; here the sounds are known from the start and only the generator is told of them early.
+Level control, silence, settling and all behind the decoder keep to the sound that is due, as live. Not in the paper.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, CHUNK_SAMPLES
+
+from .bundle import Bundle
+from .pipeline import Pipeline, PipelineState
+from .tokenize import audio_codes
+
+
+@dataclass
+class LookaheadState(PipelineState):
+    """And how many chunks each row has had."""
+
+    chunks: Int[Tensor, " b"]
+
+
+class LookaheadPipeline(Pipeline):
+    """A pipeline of sessions whose whole sound is known; with `ahead_chunks` 0 it does what `Pipeline` does."""
+
+    has_foresight: ClassVar[bool] = True
+
+    def __init__(self, bundle: Bundle, sounds: Mapping[int, Float[np.ndarray, " s"]]) -> None:
+        """`sounds` (24 kHz) by the seed of the session that will hear them; behind its end each goes on in silence."""
+        super().__init__(bundle)
+        self._ahead = bundle.generator.config.ahead_chunks
+        self._codes = {
+            0: self._codes_of(np.zeros(CHUNK_SAMPLES, np.float32))
+        }  # who only stands hears silence
+        self.beginning.state()
+        self._codes = {seed: self._codes_of(sound) for seed, sound in sounds.items()}
+
+    def _codes_of(self, sound: Float[np.ndarray, " s"]) -> Int[Tensor, "f l"]:
+        """What the generator is told from the beginning of the silence before a sound on."""
+        padding = self._lead_in * CHUNK_SAMPLES, self._ahead * CHUNK_SAMPLES + -len(sound) % CHUNK_SAMPLES
+        codes = torch.from_numpy(audio_codes(self.codec, np.pad(sound, padding))).long()
+        return codes[self._ahead * AUDIO_FRAMES_PER_CHUNK :]
+
+    def init_state(self, rows: int) -> LookaheadState:
+        """Sessions that have heard nothing."""
+        return LookaheadState(**vars(super().init_state(rows)), chunks=torch.zeros(rows, dtype=torch.int64))
+
+    def hear(
+        self, level: Float[Tensor, "b 6400"], state: PipelineState, active: Bool[Tensor, " b"]
+    ) -> Int[Tensor, "b f l"]:
+        """Codes of what each row's sound will be; the sound that is pushed is not listened to."""
+        assert isinstance(state, LookaheadState)
+        told = torch.zeros(
+            len(level), AUDIO_FRAMES_PER_CHUNK, self.codec.codebooks.shape[0], dtype=torch.int64
+        )
+        for row in torch.nonzero(active).flatten().tolist():
+            first = int(state.chunks[row]) * AUDIO_FRAMES_PER_CHUNK
+            told[row] = self._codes[int(state.seeds[row])][first : first + AUDIO_FRAMES_PER_CHUNK]
+            state.chunks[row] += 1
+        return told

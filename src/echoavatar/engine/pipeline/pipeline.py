@@ -1,0 +1,299 @@
+"""One chunk of audio in, one chunk of motion out, for many sessions at once (paper, Real-time Deployment).
+
+    level control -> codec -> generator -> tokenizer decoder -> rig -> post (`Post`: smoother to hands) -> warp
+                  -> warp, where the bundle has a warp model ----------------------------------------------^
+                  -> face, where the bundle has a face model
+
+Offline and live are the same: a file is a session that is pushed faster. Nothing here depends on the wall clock.
+"""
+
+import logging
+import math
+import threading
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+from echoavatar.errors import CheckpointError
+from echoavatar.models.audio import LevelControl, LevelState, NetworkState
+from echoavatar.models.face import FaceState, FaceStream
+from echoavatar.models.generator import open_stream
+from echoavatar.models.generator.linear import Precision
+from echoavatar.models.generator.stream import GeneratorStream, HistoryState, RingState
+from echoavatar.models.tokenizer.body import BodyState
+from echoavatar.models.tokenizer.model import DecoderState
+from echoavatar.models.warp import WarpModelState
+from echoavatar.motion.ik import BodyProfile
+from echoavatar.motion.kinematics.features import part_sizes
+from echoavatar.motion.motion_chunk import MotionChunk, in_a_row
+from echoavatar.motion.stages.modes import FREE, MotionOptions
+from echoavatar.motion.stages.post import POST_STAGES, Post, PostState
+from echoavatar.nn import StreamState, write_rows
+from echoavatar.timing import CHUNK_FRAMES, SAMPLE_RATE_HZ
+
+from .actions import Directive
+from .bundle import Bundle, foresight_refusal
+from .device import find_device
+from .rig import Output, RigAdapter, RigState
+from .time_warp import WARP, TimeWarp, TimeWarpState
+from .warm_start import WarmStart, begin
+
+_LOG = logging.getLogger(__name__)
+OnStage = Callable[[str], None]
+BIAS = 14.0  # nats that an action of intensity 1 adds to the logits of its codes
+LEARNED_BIAS = 12.0  # the same, beside what a generator trained with exemplars does by itself
+STILL = (
+    0.0125  # a frame's largest change of an upper-body feature, mean over a chunk, below which nothing moves
+)
+PATIENCE = 6  # chunks of stillness, 1.6 s, after which codes are drawn at a higher temperature
+SILENCE = 0.003  # root mean square of a chunk behind the level control, -50 dBFS, below which nobody is heard
+# in silence a share of the temperature: at full heat one draw in a hundred leaves the rest, and hands never settle
+STAGES = ("level", "face", "codec", "generator", "decoder", "rig", *POST_STAGES, WARP)
+
+
+@dataclass
+class WarpState(StreamState):
+    """What the warp model heard, and how far the body is shown behind the motion made."""
+
+    model: WarpModelState
+    stage: TimeWarpState
+
+
+@dataclass
+class PipelineState(StreamState):
+    """What every stage remembers, and each row's seed."""
+
+    level: LevelState
+    codec: NetworkState
+    generator: RingState | HistoryState
+    decoder: BodyState[DecoderState]
+    post: PostState
+    rig: list[RigState]  # one where the tokenizer speaks of another rig
+    face: list[FaceState]  # one, or none without a face model
+    time_warp: list[WarpState]  # one, or none without a warp model
+    seeds: Int[Tensor, " b"]
+    still: Int[
+        Tensor, " b"
+    ]  # chunks in a row of which the body stood still though there was something to hear
+
+
+class Pipeline:
+    """The trained parts of a bundle as one streaming machine."""
+
+    has_foresight: ClassVar[bool] = False  # whether sound is known before it is due, see `foresight`
+
+    def __init__(
+        self,
+        bundle: Bundle,
+        *,
+        precision: Precision | None = None,
+        stages: Collection[str] | None = None,
+        body: BodyProfile | None = None,
+        output: Output = "humanoid",
+        device: str = "cpu",
+    ) -> None:
+        """`stages` behind the decoder to run (None: the bundle's choice), `body` the character's thickness: see `Post`.
+
+        `output` matters where the bundle is for another rig than ours: `native` keeps its own bones. `device` (see
+        `find_device`) takes the bundle's codec, generator and tokenizer; the face, and what follows the decoder, are
+        compiled loops on the host. `precision` of the generator's weights: int8 on a CPU, bfloat16 elsewhere.
+
+        Raises:
+            CheckpointError: the generator hears ahead of time, which no stream can give it.
+            EchoAvatarError: there is no such device.
+        """
+        if bundle.generator.config.ahead_chunks and not self.has_foresight:
+            raise CheckpointError(foresight_refusal(bundle))
+        runtime = bundle.runtime
+        self.rig = RigAdapter(runtime.rig, bundle.skeleton, output) if runtime.rig else None
+        self.skeleton = self.rig.skeleton if self.rig else bundle.skeleton
+        self.level = LevelControl() if runtime.level_control else None
+        self.device = find_device(device)
+        self.codec = bundle.codec.to(self.device)
+        own_precision: Precision = "int8" if self.device.type == "cpu" else "bfloat16"
+        self.generator: GeneratorStream[Any] = open_stream(
+            bundle.generator.to(self.device), precision or own_precision
+        )
+        self.tokenizer = bundle.tokenizer.to(self.device)
+        chosen = set(runtime.stages if stages is None else stages)
+        self.warp = bundle.warp if WARP in chosen else None
+        self.time_warp = TimeWarp(self.skeleton.joints) if self.warp else None
+        self.post = Post(self.skeleton, stages=chosen - {WARP}, body=body)
+        self.face = FaceStream(bundle.face) if bundle.face else None
+        self.actions = bundle.actions
+        config = bundle.generator.config
+        self.chunk = bundle.chunk
+        self.directive_codes = len(config.directed) * config.layout.motion_codes
+        self._silent, self._restless = runtime.silent_temperature, runtime.restless_temperature
+        sizes = {} if runtime.rig else part_sizes(bundle.skeleton)
+        before = list(sizes).index("upper") if "upper" in sizes else 0
+        start = sum(list(sizes.values())[:before])
+        self._upper = slice(start, start + sizes.get("upper", 0))  # features by which stillness is told
+        own_bias = LEARNED_BIAS if config.exemplar else BIAS
+        self._bias = own_bias if config.example_bias is None else config.example_bias
+        self.on_stage: OnStage = _ignore
+        self._lead_in = math.ceil(runtime.lead_in_s * SAMPLE_RATE_HZ / self.chunk.samples)
+        self.beginning = WarmStart(self._stand)
+
+    @property
+    def chunk_samples(self) -> int:
+        """Sound that one step takes, 24 kHz."""
+        return self.chunk.samples
+
+    @property
+    def chunk_frames(self) -> int:
+        """Motion that one step gives, 30 fps."""
+        return self.chunk.frames
+
+    def init_state(self, rows: int) -> PipelineState:
+        """Sessions that have heard nothing."""
+        return PipelineState(
+            LevelControl().init_state(rows),
+            self.codec.init_state(rows),
+            self.generator.init_state(rows),
+            self.tokenizer.init_decoder(rows),
+            self.post.init_state(rows),
+            [self.rig.init_state(rows)] if self.rig else [],
+            [self.face.init_state(rows)] if self.face else [],
+            self._init_warp(rows),
+            torch.zeros(rows, dtype=torch.int64),
+            torch.zeros(rows, dtype=torch.int64),
+        )
+
+    def _init_warp(self, rows: int) -> list[WarpState]:
+        if not (self.warp and self.time_warp):
+            return []
+        return [WarpState(self.warp.init_state(rows), self.time_warp.init_state(rows))]
+
+    def reset(
+        self,
+        state: PipelineState,
+        rows: Bool[Tensor, " b"],
+        *,
+        seed: int,
+        options: MotionOptions = FREE,
+    ) -> None:
+        """Begin new sessions in these rows: at the origin, as after the silence of `Runtime.lead_in_s`."""
+        begin(state, rows, self.beginning.state())
+        state.seeds[rows] = seed
+        state.post.modes.choose(rows, options)
+
+    def _stand(self) -> PipelineState:
+        """One row that has heard silence; what it showed meanwhile is forgotten, and with it where it stands."""
+        state, everyone = self.init_state(1), torch.ones(1, dtype=torch.bool)
+        for _ in range(self._lead_in):
+            self.step(torch.zeros(1, self.chunk_samples), state, everyone)
+        for shown in (state.post, *(warp.stage for warp in state.time_warp)):
+            shown.reset(everyone)
+        return state
+
+    def forget(self, state: PipelineState, rows: Bool[Tensor, " b"]) -> None:
+        """These rows' generator has heard and done what a new session's has; the body stays where it is."""
+        begin(state.generator, rows, self.beginning.state().generator)
+
+    def warm_up(self) -> None:
+        """Run a step without a session, and make what sessions begin with.
+
+        The first on a machine compiles the loops, which is said if it takes long.
+        """
+        everyone, state = torch.ones(1, dtype=torch.bool), self.init_state(1)
+        state.post.modes.choose(everyone, MotionOptions(leash_m=1.0))  # so that the leash is compiled, too
+        patience = threading.Timer(3.0, _LOG.warning, ["compiling for this processor, once; up to a minute"])
+        patience.start()
+        try:
+            self.step(torch.zeros(1, self.chunk_samples), state, ~everyone)
+            self.beginning.state()
+        finally:
+            patience.cancel()
+
+    def _temperature(self, is_silent: Bool[Tensor, " b"], state: PipelineState) -> Float[Tensor, " b"]:
+        """How freely each row's codes are drawn."""
+        full = torch.full(is_silent.shape, self.generator.config.temperature)
+        full = torch.where(state.still >= PATIENCE, self._restless * full, full)
+        return torch.where(is_silent, self._silent * full, full)
+
+    def _watch(
+        self,
+        features: Float[Tensor, "b t c"],
+        is_free: Bool[Tensor, " b"],
+        state: PipelineState,
+        active: Tensor,
+    ) -> None:
+        """Count the chunks in which a row that was free to move, and had something to hear, did not.
+
+        A generator can fall into a pose that foretells itself, and stand in it for many seconds of speech.
+        """
+        upper = features[..., self._upper]
+        if not upper.shape[2]:
+            return
+        moved = upper.diff(dim=1).abs().amax(2).mean(1).cpu()
+        write_rows(state.still, torch.where(is_free & (moved < STILL), state.still + 1, 0), active)
+
+    def hear(
+        self, level: Float[Tensor, "b 6400"], state: PipelineState, active: Bool[Tensor, " b"]
+    ) -> Int[Tensor, "b f l"]:
+        """Codes of the sound that the generator is told in this step."""
+        return self.codec.step(level.to(self.device), state.codec, active.to(self.device))
+
+    def directive(self, members: Float[Tensor, "b K"]) -> Directive:
+        """What to ask of a step for sets of codes, each with its intensity."""
+        return Directive(members, self._bias * members)
+
+    @torch.inference_mode()
+    def step(
+        self,
+        audio: Float[Tensor, "b s"],
+        state: PipelineState,
+        active: Bool[Tensor, " b"],
+        *,
+        directive: Directive | None = None,
+    ) -> list[MotionChunk]:
+        """Advance the active rows by one chunk; rows that are not active return what must be ignored.
+
+        A chunk is `chunk_samples` (ours and the paper's: 6,400) and gives `chunk_frames` (8). The smoother is made for
+        eight frames at a time, so a longer chunk goes through the stages behind the decoder in pieces.
+
+        `directive` says what actions ask for, row by row.
+        After each stage `on_stage(stage)` is called, so that a benchmark can time them.
+        """
+        level = self.level.step(audio, state.level, active) if self.level else audio
+        self.on_stage("level")
+        face = self.face.step(level, state.face[0], active, state.seeds).numpy() if self.face else None
+        self.on_stage("face")
+        sounds = self.hear(level, state, active)
+        self.on_stage("codec")
+        there = self.device
+        is_silent = level.square().mean(1).sqrt() < SILENCE
+        exemplar, bias = (None, None) if directive is None else (part.to(there) for part in directive)
+        codes = self.generator.step(
+            sounds.to(there),
+            state.generator,
+            active.to(there),
+            seeds=state.seeds.to(there),
+            temperature=self._temperature(is_silent, state).to(there),
+            exemplar=exemplar,
+            bias=bias,
+        )
+        self.on_stage("generator")
+        features = self.tokenizer.decode_step(codes, state.decoder, active.to(there)).cpu()
+        is_free = ~is_silent if directive is None else ~is_silent & ~(directive.exemplar > 0).any(1).cpu()
+        self._watch(features, is_free, state, active)
+        self.on_stage("decoder")
+        if self.rig is not None:
+            features = self.rig.step(features, state.rig[0], active)
+        self.on_stage("rig")
+        pieces: tuple[Tensor, ...] = torch.split(features, CHUNK_FRAMES, 1)
+        motion = in_a_row([self.post.step(piece, state.post, active, self.on_stage) for piece in pieces])
+        if self.warp and self.time_warp:
+            brake = self.warp.step(level, state.time_warp[0].model, active)
+            motion = self.time_warp.step(motion, brake, state.time_warp[0].stage, active)
+        self.on_stage(WARP)
+        return motion.parted(face)
+
+
+def _ignore(stage: str) -> None:
+    del stage

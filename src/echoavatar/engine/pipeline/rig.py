@@ -1,0 +1,125 @@
+"""Bundles whose tokenizer speaks of another rig: its features become ours, on its own bones or on the VRM humanoid.
+
+The conventions of the features (axes, unit, which axis is up) and the rig's own rule for hands are data in the bundle
+(`runtime.json`); the skeleton itself travels with the tokenizer, in metres and our axes. What comes out are features
+as everything behind the decoder expects them, so nothing there knows of other rigs.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import torch
+from jaxtyping import Bool, Float
+from pydantic import Field
+from torch import Tensor
+
+from echoavatar.config import Config
+from echoavatar.motion.ik import SwingConfig, swing_clear
+from echoavatar.motion.kinematics import Motion, Skeleton, to_features
+from echoavatar.motion.kinematics.features import FeatureConvention, from_features
+from echoavatar.motion.kinematics.live_retarget import LiveRetarget
+from echoavatar.nn import StreamState, write_rows
+
+Row = tuple[float, float, float]
+Matrix = tuple[Row, Row, Row]
+Output = Literal["humanoid", "native"]
+
+
+class RigConfig(Config):
+    """How a tokenizer's features differ from ours."""
+
+    axes: Matrix = Field(description="rotation that takes its axes to ours (Y up, facing +Z, left +X)")
+    metres_per_unit: float = Field(gt=0, description="of its lengths")
+    up: int = Field(ge=0, le=2, description="its axis that points up")
+    swing: SwingConfig | None = Field(
+        default=None,
+        description="how its arms are kept off the trunk, in metres and our axes; None: not here",
+    )
+    arms: tuple[tuple[int, int], ...] = Field(
+        default=(), description="(upper arm, wrist) joints of that rule"
+    )
+    unity: tuple[Matrix, ...] = Field(
+        default=(),
+        description="per joint M: Unity's local rotation is M R M^-1 of the rotation R in its own axes",
+    )
+
+
+@dataclass
+class RigState(StreamState):
+    """Where the humanoid's root last lay from the source's, on the ground, and whether anything was seen."""
+
+    offset: Float[Tensor, "b 2"]
+    seen: Float[Tensor, " b"]
+
+
+class RigAdapter:
+    """Decoded features of a foreign rig to our features, streaming."""
+
+    def __init__(self, config: RigConfig, source: Skeleton, output: Output = "humanoid") -> None:
+        """`output` says on which bones: `humanoid` retargets to the VRM set, `native` keeps the rig's own."""
+        self.config, self.source = config, source
+        self._convention = FeatureConvention(up=config.up)
+        self._axes = torch.tensor(config.axes)
+        self._retarget = LiveRetarget(source) if output == "humanoid" else None
+        self.skeleton = source if self._retarget is None else self._retarget.target
+
+    def init_state(self, rows: int) -> RigState:
+        """Nothing seen yet."""
+        return RigState(torch.zeros(rows, 2), torch.zeros(rows))
+
+    def step(
+        self, features: Float[Tensor, "b t c"], state: RigState, active: Bool[Tensor, " b"]
+    ) -> Float[Tensor, "b t d"]:
+        """Features of the next frames."""
+        rotations, travel = self.canonical(features)
+        if self._retarget is None:
+            return self._features(rotations, travel)
+        rows, frames = features.shape[:2]
+        moved = self._retarget(rotations.flatten(0, 1))
+        offset = moved.offset.view(rows, frames, 3)
+        is_new = (state.seen == 0)[:, None]
+        before = torch.where(is_new, offset[:, 0, [0, 2]], state.offset)
+        steps = torch.cat([before[:, None], offset[:, :, [0, 2]]], 1).diff(dim=1)
+        travel = self._retarget.scale * travel
+        travel = torch.stack(
+            [travel[..., 0] + steps[..., 0], travel[..., 1] + offset[..., 1], travel[..., 2] + steps[..., 1]],
+            -1,
+        )
+        write_rows(state.offset, offset[:, -1, [0, 2]], active)
+        write_rows(state.seen, torch.ones_like(state.seen), active)
+        return self._features(moved.rotations.view(rows, frames, -1, 3, 3), travel)
+
+    def canonical(
+        self, features: Float[Tensor, "b t c"]
+    ) -> tuple[Float[Tensor, "b t j 3 3"], Float[Tensor, "b t 3"]]:
+        """Rotations in our axes with the arms clear, and per frame: metres to the left, height, metres ahead."""
+        config = self.config
+        frames = from_features(self.source, features, convention=self._convention)
+        ground = list(self._convention.ground)
+        speed = frames.root.diff(dim=1, prepend=torch.zeros_like(frames.root[:, :1]))
+        travel = frames.root.clone()
+        travel[..., ground] = speed[..., ground]
+        travel = travel @ self._axes.T * config.metres_per_unit
+        rotations = self._axes @ frames.rotations @ self._axes.T
+        if config.swing is not None:
+            rotations = swing_clear(self.source, rotations, config.swing, config.arms)
+        return rotations, travel
+
+    def features_of(self, motion: Motion) -> Float[Tensor, "t c"]:
+        """Features as the tokenizer knows them, of a clip on the source's bones: `canonical` undone.
+
+        Height counts from the first frame, which stands at the rest pose's: so the published data have it.
+        """
+        turn, rest = self._axes, self.source.offsets[:1]
+        root = torch.from_numpy(motion.root)
+        placed = (rest + root - root[:1]) @ turn / self.config.metres_per_unit
+        rotations = turn.T @ motion.matrices() @ turn
+        return to_features(self.source, rotations, placed, convention=self._convention)
+
+    def _features(
+        self, rotations: Float[Tensor, "b t j 3 3"], travel: Float[Tensor, "b t 3"]
+    ) -> Float[Tensor, "b t d"]:
+        root = travel.cumsum(1)
+        root[..., 1] = travel[..., 1]
+        start = root.new_zeros(len(root), 2)
+        return to_features(self.skeleton, rotations, root, previous_ground=start)

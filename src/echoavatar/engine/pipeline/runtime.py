@@ -1,0 +1,70 @@
+"""What a bundle asks of the pipeline around its models: data beside the checkpoints, in `runtime.json`.
+
+A bundle without the file runs as our own do.
+"""
+
+from pathlib import Path
+
+from pydantic import Field, ValidationError
+
+from echoavatar.config import Config
+from echoavatar.errors import CheckpointError
+from echoavatar.limits import CONFIG_BYTES, check_file
+from echoavatar.motion.stages.post import SWITCHES
+
+from .rig import RigConfig
+from .time_warp import WARP
+
+FILE = "runtime.json"
+
+
+class Runtime(Config):
+    """How a bundle's models want to be run."""
+
+    level_control: bool = Field(default=True, description="whether sound is brought to one loudness first")
+    silent_temperature: float = Field(
+        default=0.3, ge=0, description="of the temperature while nobody is heard (ours: 0.3, paper: 1)"
+    )
+    restless_temperature: float = Field(
+        default=1.5,
+        gt=0,
+        description="of the temperature once the body has stood still for 1.6 s of sound (paper: 1)",
+    )
+    lead_in_s: float = Field(
+        default=2.0,
+        ge=0,
+        le=60,
+        description="seconds of silence that a session begins as if it had heard (rounded up to chunks; paper: 0)",
+    )
+    stages: tuple[str, ...] = Field(
+        default=(WARP, *SWITCHES), description="stages behind the decoder, unless asked for"
+    )
+    rig: RigConfig | None = Field(
+        default=None, description="how its features differ from ours; None: not at all"
+    )
+
+    def save(self, folder: Path) -> None:
+        """Write `runtime.json`."""
+        partial = folder / f"{FILE}.partial"
+        partial.write_text(self.model_dump_json(indent=1) + "\n")
+        partial.replace(folder / FILE)
+
+    @classmethod
+    def load(cls, folder: Path) -> "Runtime":
+        """Read `runtime.json`, where the folder has one.
+
+        Raises:
+            CheckpointError: the file is damaged.
+        """
+        path = folder / FILE
+        if not path.exists():
+            return cls()
+        check_file(path, CONFIG_BYTES, CheckpointError)
+        try:
+            return cls.model_validate_json(path.read_bytes())
+        except ValidationError as error:
+            first = error.errors()[0]
+            field = ".".join(str(part) for part in first["loc"]) or "the whole file"
+            raise CheckpointError(
+                f"{path}: {field}: {first['msg']}; import or copy the bundle again"
+            ) from error

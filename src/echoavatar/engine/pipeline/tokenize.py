@@ -1,0 +1,113 @@
+"""A corpus as codes: what the generator is trained on.
+
+Every clip is encoded continuously from its first sample, exactly as a stream would hear it (level control, then the
+codec), and once more mirrored: the same sound, left and right exchanged.
+"""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int, UInt8
+from torch import Tensor
+
+from echoavatar.data import Clip, Corpus
+from echoavatar.errors import MotionError
+from echoavatar.models.audio import AudioCodec, LevelControl
+from echoavatar.models.generator import TokenClip
+from echoavatar.models.tokenizer import BodyTokenizer
+from echoavatar.motion.kinematics import mirror_features, to_features
+from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
+from echoavatar.timing import AUDIO_TOKEN_RATE_HZ, FRAMES_PER_MOTION_TOKEN, SAMPLES_PER_AUDIO_TOKEN
+
+CUE_FRAMES = 3
+
+
+def tokenize_corpus(
+    corpus: Corpus,
+    codec: AudioCodec,
+    tokenizer: BodyTokenizer,
+    folder: Path,
+    *,
+    is_mirrored_too: bool = True,
+    patience: float = 0.0,
+    progress: Callable[[int, int], None] | None = None,
+) -> int:
+    """Write a token file for each clip (and its mirror image); clips that have one are kept. Returns the number.
+
+    With `patience` the codes of motion are steady ones (`quantize.steady`): fewer flips for a generator to foretell.
+    Clips without sound are passed over: the generator would learn to dance to silence.
+
+    Raises:
+        MotionError: no clip has sound, or the tokenizer is for another rig.
+    """
+    names = [entry.name for entry in corpus.entries(has_mirrored=False) if entry.has_sound]
+    if not names:
+        raise MotionError(
+            f"no clip of {corpus.folder} has sound; the generator learns from pairs of sound and motion"
+        )
+    if corpus.skeleton.names != tokenizer.skeleton.names:
+        raise MotionError(
+            f"{corpus.folder} is on a rig of {corpus.skeleton.joints} joints, the tokenizer on one of"
+            f" {tokenizer.skeleton.joints}; train a tokenizer on this set, or prepare it with --rig unified"
+        )
+    folder.mkdir(parents=True, exist_ok=True)
+    for done, name in enumerate(names, start=1):
+        targets = [(folder / f"{name}.npz", False)]
+        if is_mirrored_too:
+            targets.append((folder / f"{name}.mirror.npz", True))
+        if not all(path.exists() for path, _ in targets):
+            clip = corpus.load(name)
+            sound = audio_codes(codec, clip.audio)
+            for path, is_mirrored in targets:
+                codes = motion_codes(tokenizer, clip, is_mirrored=is_mirrored, patience=patience)
+                domain = clip.domain[: len(codes) * FRAMES_PER_MOTION_TOKEN : FRAMES_PER_MOTION_TOKEN]
+                cues = heard_cues(clip, len(sound))
+                TokenClip(sound, codes, domain, clip.split, cues, patience).save(path)
+        if progress:
+            progress(done, len(names))
+    return len(list(folder.glob("*.npz")))
+
+
+@torch.inference_mode()
+def audio_codes(codec: AudioCodec, audio: Float[np.ndarray, " s"]) -> Int[np.ndarray, "f 2"]:
+    """Codes of a whole clip of 24 kHz audio, as the stream hears it."""
+    level = LevelControl()
+    one = torch.ones(1, dtype=torch.bool)
+    usable = len(audio) // SAMPLES_PER_AUDIO_TOKEN * SAMPLES_PER_AUDIO_TOKEN
+    heard = level.step(torch.from_numpy(audio[None, :usable].copy()), level.init_state(1), one)
+    return codec.encode(heard)[0].numpy().astype(np.int16)
+
+
+def heard_cues(clip: Clip, frames: int) -> UInt8[np.ndarray, "f 2"]:
+    """`cues_at` of a clip's events."""
+    return cues_at(clip.events, frames)
+
+
+def cues_at(events: Mapping[str, Float[np.ndarray, " n"]], frames: int) -> UInt8[np.ndarray, "f 2"]:
+    """1 in the three audio frames (40 ms) from each beat and from each stressed syllable's vowel on (seconds)."""
+    cues = np.zeros((frames, 2), np.uint8)
+    for column, name in enumerate(("beats", "stress")):
+        first = np.asarray(events.get(name, np.zeros(0)) * AUDIO_TOKEN_RATE_HZ).astype(int)
+        for later in range(CUE_FRAMES):
+            at = first + later
+            cues[at[(at >= 0) & (at < frames)], column] = 1
+    return cues
+
+
+@torch.inference_mode()
+def motion_codes(
+    tokenizer: BodyTokenizer, clip: Clip, *, is_mirrored: bool = False, patience: float = 0.0
+) -> Int[np.ndarray, "n 3 q"]:
+    """Codes of a whole clip of motion."""
+    features = clip_features(tokenizer, clip, is_mirrored=is_mirrored)
+    return tokenizer.encode(features[None], patience)[0].numpy().astype(np.int16)
+
+
+def clip_features(tokenizer: BodyTokenizer, clip: Clip, *, is_mirrored: bool = False) -> Float[Tensor, "t c"]:
+    """Motion features of a clip, cut to whole motion tokens."""
+    frames = clip.frames // FRAMES_PER_MOTION_TOKEN * FRAMES_PER_MOTION_TOKEN
+    rotations = matrix_from_quaternion(torch.from_numpy(clip.rotations[:frames]))
+    features = to_features(tokenizer.skeleton, rotations, torch.from_numpy(clip.root[:frames]))
+    return mirror_features(tokenizer.skeleton, features) if is_mirrored else features

@@ -1,0 +1,70 @@
+"""Sound without motion as prompts: its codes, and the motion that the generator to be tuned makes to it.
+
+A prompt of reinforcement learning needs a past. Where nobody ever moved to a sound, the past is the generator's own, as
+it is in a live session. Such token files say `has_truth` false: no reference statistics, reward
+model or generator is made of them.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from zlib import crc32
+
+import numpy as np
+import torch
+from jaxtyping import Int
+
+from echoavatar.data import Sound, SoundSet
+from echoavatar.models.audio import AudioCodec
+from echoavatar.models.generator import Generator, TokenClip, open_stream
+from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
+
+from .tokenize import audio_codes, cues_at
+
+
+def tokenize_sounds(
+    sounds: SoundSet,
+    codec: AudioCodec,
+    generator: Generator,
+    folder: Path,
+    *,
+    seed: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> int:
+    """Write a token file for each sound; those that have one are kept. Returns how many there are.
+
+    Raises:
+        AudioError: a sound's file is missing or damaged.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    for done, sound in enumerate(sounds.sounds, start=1):
+        path = folder / f"{sound.name}.npz"
+        if not path.exists():
+            _clip(sounds, sound, codec, generator, seed).save(path)
+        if progress:
+            progress(done, len(sounds.sounds))
+    return len(sounds.sounds)
+
+
+def _clip(sounds: SoundSet, sound: Sound, codec: AudioCodec, generator: Generator, seed: int) -> TokenClip:
+    audio = audio_codes(codec, sounds.load(sound))
+    events = {kind: np.array(times) for kind, times in sound.events.items()}
+    return TokenClip(
+        audio,
+        own_motion(generator, audio, seed=seed ^ crc32(sound.name.encode())),
+        sound.domain[::FRAMES_PER_MOTION_TOKEN],
+        sound.split,
+        cues_at(events, len(audio)),
+        generator.config.patience,
+        has_truth=False,
+    )
+
+
+@torch.inference_mode()
+def own_motion(generator: Generator, audio: Int[np.ndarray, "f l"], *, seed: int) -> Int[np.ndarray, "n p q"]:
+    """What a generator moves to a whole recording, from a fresh state, at its own temperature."""
+    stream = open_stream(generator)
+    usable = len(audio) // generator.config.audio_frames * generator.config.audio_frames
+    heard = torch.from_numpy(audio[None, :usable].astype(np.int64))
+    one, seeds = torch.ones(1, dtype=torch.bool), torch.tensor([seed])
+    codes = stream.step(heard, stream.init_state(1), one, seeds=seeds)  # type: ignore[arg-type]
+    return codes[0].numpy().astype(np.int16)

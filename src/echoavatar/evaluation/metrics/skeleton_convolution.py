@@ -1,0 +1,194 @@
+"""EMAGE's autoencoder with convolutions along a skeleton's bones; EMAGE, MECo and the paper compute FID on its latents.
+
+The input is 6D rotations of SMPL-X's 55 joints at 30 fps, (t, 330). Every layer halves the frame rate and mixes each
+bone with those at most two bones away; the first two layers merge bones in pairs (55, 35, 20). Latents are (t / 16,
+240). Module names are those of the released weights without their `module.` prefix, so that a user's own copy loads
+from safetensors; we may not ship them. Clips are cut to a multiple of 32 frames and encoded whole. Features are the
+encoder's output, before the variational heads. MECo replaces jaw and eyes by the true ones first.
+"""
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from pydantic import Field
+from torch import Tensor, nn
+
+from echoavatar import checkpoint
+from echoavatar.config import Config
+from echoavatar.errors import MotionError
+from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
+
+from .skeleton_edges import (
+    SMPLX_PARENTS,
+    Edge,
+    averaging,
+    merged,
+    neighbours,
+    skeleton_edges,
+)
+
+CLIP_MULTIPLE = 32
+_PREFIX = "module."
+
+
+class SkeletonConvolutionConfig(Config):
+    """Model sizes; the defaults are EMAGE's."""
+
+    parents: tuple[int, ...] = Field(
+        default=SMPLX_PARENTS, description="parent of each joint, -1 for the root"
+    )
+    channels: tuple[int, ...] = Field(
+        default=(6, 6, 6, 12, 12), description="channels of a bone before and after each layer"
+    )
+    reach: int = Field(default=2, ge=0, description="distance between bones that are mixed")
+    groups: int = Field(default=10, gt=0, description="groups of the normalisation")
+
+
+def extractor_input(rotations: Float[Tensor, "t j 4"]) -> Float[Tensor, "t c"]:
+    """The extractor's input: the first two rows of each rotation matrix (our own features use columns)."""
+    return matrix_from_quaternion(rotations.float())[..., :2, :].flatten(1)
+
+
+class _MaskedConv(nn.Conv1d):
+    """Convolution whose weights are zero between bones that are not neighbours."""
+
+    def __init__(self, mask: Tensor, *, size: int, stride: int, padding: int) -> None:
+        super().__init__(mask.shape[1], mask.shape[0], size, stride, padding)
+        self.mask = nn.Parameter(mask[:, :, None].repeat(1, 1, size), requires_grad=False)
+
+    def forward(self, x: Float[Tensor, "b c t"]) -> Float[Tensor, "b d n"]:
+        return F.conv1d(x, self.weight * self.mask, self.bias, self.stride, self.padding)
+
+
+class _Merge(nn.Module):
+    """Replaces the bones of a group by their mean."""
+
+    def __init__(self, matrix: Tensor) -> None:
+        super().__init__()
+        self.weight = nn.Parameter(matrix, requires_grad=False)
+
+    def forward(self, x: Float[Tensor, "b c t"]) -> Float[Tensor, "b d t"]:
+        return self.weight @ x
+
+
+class _Layer(nn.Module):
+    """Masked convolution with a masked shortcut, then merging and tanh; halves the frame rate."""
+
+    def __init__(
+        self, edges: Sequence[Edge], before: int, after: int, config: SkeletonConvolutionConfig
+    ) -> None:
+        super().__init__()
+        near = torch.from_numpy(neighbours(edges, config.reach)).float()
+        mask = torch.kron(near, torch.ones(after, before))
+        self.residual = nn.Sequential(
+            _MaskedConv(mask, size=4, stride=2, padding=1), nn.GroupNorm(config.groups, after * len(edges))
+        )
+        self.shortcut = _MaskedConv(mask, size=1, stride=2, padding=0)
+        groups, self.edges = merged(edges)
+        is_merging = len(groups) < len(edges)
+        matrix = torch.from_numpy(averaging(groups, len(edges), after))
+        self.common = nn.Sequential(*([_Merge(matrix)] if is_merging else []), nn.Tanh())
+
+    def forward(self, x: Float[Tensor, "b c t"]) -> Float[Tensor, "b d n"]:
+        y: Tensor = self.common(self.residual(x) + self.shortcut(x))
+        return y
+
+
+class _Residual(nn.Module):
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.model = nn.Sequential(
+            nn.Conv1d(width, width, 3, 1, 1), nn.LeakyReLU(0.2), nn.Conv1d(width, width, 3, 1, 1)
+        )
+
+    def forward(self, x: Float[Tensor, "b c t"]) -> Float[Tensor, "b c t"]:
+        y: Tensor = self.model(x) + x
+        return y
+
+
+class SkeletonConvolution(nn.Module):
+    """Variational autoencoder; FID uses the encoder's output, the variational heads are unused."""
+
+    def __init__(self, config: SkeletonConvolutionConfig) -> None:
+        super().__init__()
+        self.config = config
+        edges, layers = skeleton_edges(config.parents), []
+        for before, after in pairwise(config.channels):
+            layers.append(nn.Sequential(_Layer(edges, before, after, config)))
+            edges = merged(edges)[1]
+        self.encoder = nn.Module()
+        self.encoder.layers = nn.ModuleList(layers)
+        width, features = config.channels[-1] * len(edges), config.channels[0] * len(config.parents)
+        self.fc_mu, self.fc_logvar = nn.Linear(width, width), nn.Linear(width, width)
+        self.decoder = nn.Module()
+        self.decoder.main = nn.Sequential(*_decoder(width, features, depth=len(layers)))
+
+    @property
+    def frames_per_latent(self) -> int:
+        """Frames for one latent."""
+        return int(2 ** len(self.config.channels[1:]))
+
+    def encode(self, rotations: Float[Tensor, "b t c"]) -> Float[Tensor, "b n d"]:
+        """Latents of whole clips of 6D rotations.
+
+        Raises:
+            MotionError: the number of frames is not a multiple of `frames_per_latent`, or the joints are others.
+        """
+        frames, size = rotations.shape[1:]
+        wanted = self.config.channels[0] * len(self.config.parents)
+        if size != wanted or frames % self.frames_per_latent or not frames:
+            raise MotionError(
+                f"the extractor reads {wanted} values a frame and a multiple of {self.frames_per_latent} frames;"
+                f" got {frames} frames of {size}; cut the clip"
+            )
+        x = rotations.transpose(1, 2)
+        for layer in self.encoder.layers:  # type: ignore[union-attr]
+            x = layer(x)
+        return x.transpose(1, 2)
+
+    def decode(self, latents: Float[Tensor, "b n d"]) -> Float[Tensor, "b t c"]:
+        """6D rotations decoded from latents."""
+        y: Tensor = self.decoder.main(latents.transpose(1, 2))  # type: ignore[operator]
+        return y.transpose(1, 2)
+
+    @torch.no_grad()
+    def features(self, rotations: Float[Tensor, "t c"]) -> Float[Tensor, "n d"]:
+        """Latents of one clip for FID; frames after the last multiple of 32 are cut off, as in EMAGE."""
+        whole = len(rotations) - len(rotations) % CLIP_MULTIPLE
+        return self.encode(rotations[None, :whole])[0]
+
+    def save(self, folder: Path, card: Mapping[str, object]) -> None:
+        """Write config, weights and card."""
+        checkpoint.save(folder, config=self.config, weights=self.state_dict(), card=card)
+
+    @classmethod
+    def load(cls, folder: Path) -> "SkeletonConvolution":
+        """Read `config.json` and `model.safetensors`; names may have the released files' prefix `module.`."""
+        config = checkpoint.read_config(folder, SkeletonConvolutionConfig)
+        return cls.from_weights(checkpoint.read_weights(folder), config, origin=str(folder))
+
+    @classmethod
+    def from_weights(
+        cls,
+        weights: Mapping[str, Tensor],
+        config: SkeletonConvolutionConfig | None = None,
+        *,
+        origin: str = "the weights",
+    ) -> "SkeletonConvolution":
+        """Build from tensors by name."""
+        model = cls(config or SkeletonConvolutionConfig())
+        plain = {key.removeprefix(_PREFIX): value for key, value in weights.items()}
+        checkpoint.load_into(model, plain, origin=origin)
+        return model.eval()
+
+
+def _decoder(width: int, features: int, *, depth: int) -> list[nn.Module]:
+    parts: list[nn.Module] = [_Residual(width), _Residual(width)]
+    for layer in range(depth):
+        out = features if layer == depth - 1 else width
+        parts += [nn.Upsample(scale_factor=2), nn.Conv1d(width, out, 3, 1, 1), nn.LeakyReLU(0.2)]
+    return [*parts, nn.Conv1d(features, features, 3, 1, 1)]

@@ -1,0 +1,146 @@
+"""Write binary glTF 2.0: our skinned character with one or more animations.
+
+Nodes have the names of the VRM 1.0 humanoid bones, morph targets those of the ARKit curves. The mesh nodes are outside
+the joint hierarchy, inverse bind matrices are column-major, and COLOR_0 is linear.
+"""
+
+import json
+import struct
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import ArrayLike
+
+from echoavatar.errors import MotionError
+from echoavatar.motion.kinematics import HUMANOID
+from echoavatar.motion.kinematics.resample import align_signs
+from echoavatar.motion.kinematics.tables import write_whole
+
+from .character import Character
+from .gltf_buffer import Buffer, Tracks
+from .gltf_mesh import materials, meshes
+from .morphs import checked_face
+
+BODY_NODE = HUMANOID.joints
+FACE_NODE = HUMANOID.joints + 1
+
+
+class Animation(NamedTuple):
+    """Motion to embed: parent-relative quaternions `wxyz`, the world position of the hips, and the face."""
+
+    name: str
+    rotations: Float[np.ndarray, "t j 4"]
+    root: Float[np.ndarray, "t 3"]
+    fps: float = 30.0
+    face: Float[np.ndarray, "t n"] | None = None  # blendshape weights 0..1
+
+
+def write_glb(
+    path: str | Path,
+    character: Character,
+    rotations: Float[np.ndarray, "t j 4"],
+    root: Float[np.ndarray, "t 3"],
+    fps: float = 30.0,
+    name: str = "motion",
+    face: Float[np.ndarray, "t n"] | None = None,
+) -> None:
+    """Write the character with one animation; raises MotionError where the motion is not finite or of another rig."""
+    curves = None if face is None else np.asarray(face)
+    animation = Animation(name, np.asarray(rotations), np.asarray(root), fps, curves)
+    write_whole(Path(path), pack_glb(character, [animation]))
+
+
+def pack_glb(character: Character, animations: Sequence[Animation], *, compact: bool = False) -> bytes:
+    """The GLB's bytes; `compact` stores rotations as 16-bit integers (error below 0.01 degrees)."""
+    buffer = Buffer()
+    document: dict[str, Any] = {
+        "asset": {"version": "2.0", "generator": "EchoAvatar"},
+        "scene": 0,
+        "scenes": [{"name": "EchoAvatar", "nodes": [0, BODY_NODE, FACE_NODE]}],
+        "nodes": [
+            *_joint_nodes(),
+            {"name": "body", "mesh": 0, "skin": 0},
+            {"name": "face", "mesh": 1, "skin": 0},
+        ],
+        "materials": materials(),
+        "meshes": meshes(buffer, character),
+        "skins": [_skin(buffer)],
+    }  # fmt: skip
+    if animations:
+        document["animations"] = [_animation(buffer, animation, compact=compact) for animation in animations]
+    document |= {
+        "accessors": buffer.accessors,
+        "bufferViews": buffer.views,
+        "buffers": [{"byteLength": len(buffer.data)}],
+    }
+    return container(document, bytes(buffer.data))
+
+
+def _joint_nodes() -> list[dict[str, Any]]:
+    nodes: list[dict[str, Any]] = [
+        {"name": name, "translation": [round(float(x), 6) for x in offset]}
+        for name, offset in zip(HUMANOID.names, HUMANOID.config.offsets, strict=True)
+    ]
+    for joint, parent in enumerate(HUMANOID.parents):
+        if parent >= 0:
+            nodes[parent].setdefault("children", []).append(joint)
+    return nodes
+
+
+def _skin(buffer: Buffer) -> dict[str, Any]:
+    """The skin. The rest pose has no rotations, so each inverse bind matrix (column-major) undoes one translation."""
+    matrices = np.tile(np.eye(4, dtype=np.float32), (HUMANOID.joints, 1, 1))
+    matrices[:, 3, :3] = -HUMANOID.rest_positions.numpy()
+    joints = list(range(HUMANOID.joints))
+    return {"name": "humanoid", "inverseBindMatrices": buffer.add(matrices), "joints": joints, "skeleton": 0}
+
+
+def _animation(buffer: Buffer, animation: Animation, *, compact: bool) -> dict[str, Any]:
+    """Tracks of the animation: a rotation per joint, the translation of the hips, the face's weights."""
+    rotations, root = checked(animation.rotations, animation.root)
+    tracks = Tracks(buffer, len(root), animation.fps)
+    tracks.add(0, "translation", root)
+    xyzw = align_signs(rotations)[..., [1, 2, 3, 0]]
+    for joint in range(HUMANOID.joints):
+        track = xyzw[:, joint]
+        tracks.add(joint, "rotation", np.round(track * 32767).astype(np.int16) if compact else track)
+    if animation.face is not None:
+        weights = checked_face(animation.face, len(root)).reshape(-1)
+        tracks.add(FACE_NODE, "weights", np.round(weights * 255).astype(np.uint8) if compact else weights)
+    return {"name": animation.name, "samplers": tracks.samplers, "channels": tracks.channels}
+
+
+def checked(
+    rotations: ArrayLike, root: ArrayLike
+) -> tuple[Float[np.ndarray, "t j 4"], Float[np.ndarray, "t 3"]]:
+    """Unit quaternions and root as float64; raises MotionError where they do not fit our rig."""
+    q, p = np.asarray(rotations, np.float64), np.asarray(root, np.float64)
+    if q.ndim != 3 or q.shape[1:] != (HUMANOID.joints, 4) or p.shape != (len(q), 3) or not len(q):
+        raise MotionError(
+            f"motion has shapes {q.shape} and {p.shape}; the character takes (t, {HUMANOID.joints}, 4) "
+            "and (t, 3): retarget it first"
+        )
+    length = np.linalg.norm(q, axis=-1, keepdims=True)
+    if not (np.isfinite(q).all() and np.isfinite(p).all() and (length > 1e-6).all()):
+        raise MotionError(
+            "motion holds values that are not finite or quaternions of length 0; repair it before export"
+        )
+    return q / length, p
+
+
+def container(document: dict[str, Any], binary: bytes) -> bytes:
+    """The bytes of a GLB with this JSON and this buffer, whose length is a multiple of four."""
+    text = json.dumps(document, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 4)
+    total = 12 + 8 + len(text) + 8 + len(binary)
+    head = struct.pack("<4sII", b"glTF", 2, total)
+    return (
+        head
+        + struct.pack("<I4s", len(text), b"JSON")
+        + text
+        + struct.pack("<I4s", len(binary), b"BIN\0")
+        + binary
+    )

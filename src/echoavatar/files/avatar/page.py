@@ -1,0 +1,59 @@
+"""Write one self-contained HTML file that plays the avatar with its sound, without a network or a server."""
+
+import base64
+import html
+import json
+from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import NamedTuple
+
+from echoavatar.errors import MotionError
+
+MIME_TYPES = {
+    ".ogg": "audio/ogg",
+    ".opus": "audio/ogg",
+    ".mp3": "audio/mpeg",
+    ".wav": "audio/wav",
+    ".m4a": "audio/mp4",
+    ".webm": "audio/webm",
+}
+
+
+class PageClip(NamedTuple):
+    """One entry of the page: a title, the name of an animation in the GLB, and encoded sound."""
+
+    title: str
+    animation: str
+    audio: bytes
+    suffix: str = ".ogg"  # a key of MIME_TYPES
+    note: str = ""
+
+
+def write_page(
+    path: str | Path, glb: bytes, clips: Sequence[PageClip], *, title: str = "EchoAvatar", note: str = ""
+) -> None:
+    """Write the page. All clips share the mesh in `glb` (`gltf.pack_glb`) and name one of its animations."""
+    assets = files("echoavatar") / "assets"
+    data = {"glb": base64.b64encode(glb).decode(), "clips": [_entry(clip, glb) for clip in clips]}
+    viewer = (assets / "viewer.js").read_text("utf-8").replace("</script", "<\\/script")
+    filled = (assets / "page.html").read_text("utf-8")
+    for mark, text in (("@TITLE@", html.escape(title)), ("@NOTE@", html.escape(note))):
+        filled = filled.replace(mark, text)
+    start, rest = filled.split("@DATA@")
+    middle, end = rest.split("@VIEWER@")
+    filled = start + json.dumps(data).replace("<", "\\u003c") + middle + viewer + end
+    Path(path).write_text(filled, "utf-8")
+
+
+def _entry(clip: PageClip, glb: bytes) -> dict[str, str]:
+    if json.dumps(clip.animation).encode() not in glb:
+        raise MotionError(
+            f"clip {clip.title!r} names the animation {clip.animation!r}, which is not in the GLB; name one that is"
+        )
+    if clip.suffix not in MIME_TYPES:
+        raise MotionError(
+            f"clip {clip.title!r} has sound of type {clip.suffix!r}; use one of {', '.join(MIME_TYPES)}"
+        )
+    sound = f"data:{MIME_TYPES[clip.suffix]};base64,{base64.b64encode(clip.audio).decode()}"
+    return {"title": clip.title, "animation": clip.animation, "audio": sound, "note": clip.note}

@@ -1,0 +1,45 @@
+"""Contact sheets: a motion as rows of small pictures, to judge at a glance what numbers do not show."""
+
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from echoavatar.errors import DependencyError
+from echoavatar.motion.kinematics import Motion
+
+from .video import film
+
+
+def contact_sheet(
+    motion: Motion,
+    *,
+    columns: int = 10,
+    rows: int = 4,
+    every: int | None = None,
+    size: tuple[int, int] = (180, 260),
+    face: Float[np.ndarray, "t n"] | None = None,
+    is_close: bool = False,
+) -> UInt8[np.ndarray, "h w 3"]:
+    """A grid of pictures, one in `every` frames (None spreads them over the whole motion), row by row.
+
+    `face` holds blendshape weights beside the motion; `is_close` shows the face alone.
+    """
+    count = columns * rows
+    step = every or max(1, motion.frames // count)
+    at = np.minimum(np.arange(count) * step, motion.frames - 1)
+    picked = Motion(motion.skeleton, motion.rotations[at], motion.root[at], motion.fps)
+    curves = None if face is None else face[at]
+    pictures = np.stack(list(film(picked, face=curves, size=size, samples=2, is_close=is_close)))
+    width, height = size
+    grid = pictures.reshape(rows, columns, height, width, 3)
+    return grid.transpose(0, 2, 1, 3, 4).reshape(rows * height, columns * width, 3)
+
+
+def save_picture(path: Path, picture: UInt8[np.ndarray, "h w 3"]) -> None:
+    """Write a PNG or JPEG, chosen by the suffix; raises DependencyError without pillow."""
+    try:
+        from PIL import Image
+    except ImportError as error:
+        raise DependencyError("pictures need pillow; run: pip install 'echoavatar[render]'") from error
+    Image.fromarray(picture).save(path)

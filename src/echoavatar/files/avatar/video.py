@@ -1,0 +1,144 @@
+"""Film motion and its sound as an MP4 of the shaded character (H.264 and AAC through PyAV)."""
+
+from collections.abc import Callable, Generator
+from contextlib import closing
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from echoavatar.errors import MotionError
+from echoavatar.motion.kinematics import HUMANOID, Motion
+from echoavatar.timing import SAMPLE_RATE_HZ
+
+from .character import Character, load_character
+from .morphs import checked_face
+from .render import Camera, Renderer, Surface
+from .skinning import skin
+
+SOUND_RATE_HZ = 48_000
+FOLLOW_SECONDS = 0.7  # standard deviation of the window that smooths the camera's path
+HEAD = HUMANOID.index("head")
+
+
+def write_mp4(
+    path: Path,
+    motion: Motion,
+    audio: Float[np.ndarray, " s"],
+    *,
+    face: Float[np.ndarray, "t n"] | None = None,
+    character: Character | None = None,
+    size: tuple[int, int] = (1280, 720),
+    samples: int = 2,
+    is_close: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> None:
+    """Film the character from the front, or its face alone. `audio` is mono at 24 kHz and starts with the first frame.
+
+    `face` holds blendshape weights beside the motion; None is a still face.
+
+    Raises:
+        MotionError: the file cannot be written, or the face does not fit the motion.
+    """
+    curves = None if face is None else checked_face(face, motion.frames)
+    frames = film(motion, face=curves, character=character, size=size, samples=samples, is_close=is_close)
+    partial = path.with_name(path.name + ".partial")
+    try:
+        with av.open(str(partial), "w", format="mp4") as container:
+            _encode(container, frames, motion, audio, size, progress)
+        partial.replace(path)
+    except (OSError, av.error.FFmpegError) as error:
+        raise MotionError(f"cannot write {path} ({error}); choose another place") from error
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def film(
+    motion: Motion,
+    *,
+    face: Float[np.ndarray, "t n"] | None = None,
+    character: Character | None = None,
+    size: tuple[int, int] = (1280, 720),
+    samples: int = 2,
+    camera: Camera | None = None,
+    is_close: bool = False,
+) -> Generator[UInt8[np.ndarray, "h w 3"], None, None]:
+    """The pictures of a motion, frame by frame.
+
+    Without `camera` the camera smoothly follows the hips, or the head in a close-up.
+    """
+    character = character or load_character()
+    renderer = Renderer(*size, camera=camera, samples=samples)
+    colours = linear(character.colours)
+    pose = motion.pose()
+    rotations, positions = pose.rotations.numpy(), pose.positions.numpy()
+    followed = _smoothed(positions[:, HEAD if is_close else 0], motion.fps)
+    curves = [None] * motion.frames if face is None else list(face)
+    for turned, placed, middle, weights in zip(rotations, positions, followed, curves, strict=True):
+        if camera is None:
+            renderer.camera = close_up(middle) if is_close else _following(middle)
+        points, normals = skin(character, turned, placed, weights)
+        yield renderer.draw(Surface(points, normals, colours, character.triangles))
+
+
+def close_up(head: Float[np.ndarray, " 3"], *, side: float = 0.10) -> Camera:
+    """A camera on the face, placed by the head joint; `side` is its distance to the character's left in metres."""
+    x, y, z = (float(value) for value in head)
+    return Camera(position=(x + side, y + 0.09, z + 0.78), target=(x, y + 0.075, z), field_of_view=0.33)
+
+
+def linear(colours: UInt8[np.ndarray, "v 3"]) -> Float[np.ndarray, "v 3"]:
+    """SRGB bytes as linear light in [0, 1]."""
+    c = colours.astype(np.float32) / 255
+    return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4).astype(np.float32)
+
+
+def _following(middle: Float[np.ndarray, " 3"]) -> Camera:
+    x, z = float(middle[0]), float(middle[2])
+    return Camera(position=(x + 0.55, 1.35, z + 3.9), target=(x, 0.93, z))
+
+
+def _smoothed(hips: Float[np.ndarray, "t 3"], fps: float) -> Float[np.ndarray, "t 3"]:
+    from scipy.ndimage import gaussian_filter1d
+
+    return np.asarray(gaussian_filter1d(hips, FOLLOW_SECONDS * fps, axis=0, mode="nearest"))
+
+
+def _encode(
+    container: "av.container.OutputContainer",
+    frames: Generator[UInt8[np.ndarray, "h w 3"], None, None],
+    motion: Motion,
+    audio: Float[np.ndarray, " s"],
+    size: tuple[int, int],
+    progress: Callable[[int, int], None] | None,
+) -> None:
+    rate = Fraction(motion.fps).limit_denominator(1001)
+    video = container.add_stream("libx264", rate=rate)
+    video.width, video.height, video.pix_fmt = *size, "yuv420p"
+    video.options = {"preset": "veryfast", "crf": "20"}
+    sound = container.add_stream("aac", rate=SOUND_RATE_HZ, layout="mono")
+    with closing(frames):
+        for index, picture in enumerate(frames):
+            frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
+            frame.pts = index
+            frame.time_base = 1 / rate
+            container.mux(video.encode(frame))
+            if progress:
+                progress(index + 1, motion.frames)
+    container.mux(video.encode(None))
+    _encode_sound(container, sound, audio)
+
+
+def _encode_sound(
+    container: "av.container.OutputContainer", stream: "av.AudioStream", audio: Float[np.ndarray, " s"]
+) -> None:
+    import soxr
+
+    samples = soxr.resample(np.asarray(audio, np.float32), SAMPLE_RATE_HZ, SOUND_RATE_HZ)
+    for start in range(0, len(samples), 1024):
+        frame = av.AudioFrame.from_ndarray(samples[None, start : start + 1024], format="fltp", layout="mono")
+        frame.sample_rate, frame.pts, frame.time_base = SOUND_RATE_HZ, start, Fraction(1, SOUND_RATE_HZ)
+        container.mux(stream.encode(frame))
+    container.mux(stream.encode(None))

@@ -1,0 +1,85 @@
+"""Write FBX through the user's own Blender, which converts a GLB in a separate process.
+
+FBX has no open specification, so a program that knows the format writes it. As Blender runs separately, its licence
+does not extend to this package.
+"""
+
+import os
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+
+from echoavatar.errors import DependencyError, MotionError
+
+PROGRAM = "BLENDER"  # environment variable with the path of the program
+TIMEOUT_S = 600.0
+_SCRIPT = """
+import sys, bpy, numpy
+if not hasattr(numpy, "bool"):  # Blender 3 asks for it, NumPy 1.24 (Debian 12) has dropped it
+    numpy.bool = bool
+source, target = sys.argv[sys.argv.index("--") + 1:]
+bpy.ops.wm.read_factory_settings(use_empty=True)
+bpy.context.scene.render.fps = FPS
+bpy.ops.import_scene.gltf(filepath=source)
+actions = [a for a in bpy.data.actions if any("pose.bones" in c.data_path for c in a.fcurves)]
+if actions:
+    bpy.context.scene.frame_start = int(min(a.frame_range[0] for a in actions))
+    bpy.context.scene.frame_end = int(max(a.frame_range[1] for a in actions))
+bpy.ops.export_scene.fbx(filepath=target, add_leaf_bones=False, bake_anim=True,
+    bake_anim_use_all_actions=False, bake_anim_use_nla_strips=False, bake_anim_simplify_factor=0.0)
+"""
+
+
+def find_blender() -> str:
+    """The path of Blender: $BLENDER, or the one on the search path.
+
+    Raises:
+        DependencyError: there is no Blender.
+    """
+    named = os.environ.get(PROGRAM, "")
+    found = shutil.which(named or "blender")
+    if found is None:
+        raise DependencyError(
+            f"FBX needs Blender, and there is no {named or 'blender'!r}: install it"
+            f" (https://www.blender.org, or apt-get install blender), or set ${PROGRAM} to its path"
+        )
+    return found
+
+
+def write_fbx(path: Path, glb: bytes, fps: float) -> None:
+    """Write a GLB with one animation as FBX.
+
+    Raises:
+        DependencyError: there is no Blender.
+        MotionError: Blender failed; the message ends with its last lines.
+    """
+    program = find_blender()
+    with tempfile.TemporaryDirectory() as folder:
+        source, target, script = (Path(folder) / name for name in ("in.glb", "out.fbx", "convert.py"))
+        source.write_bytes(glb)
+        script.write_text(_SCRIPT.replace("FPS", str(round(fps))))
+        words = [
+            program,
+            "--background",
+            "--factory-startup",
+            "--python-exit-code",
+            "1",
+            "--python",
+            str(script),
+        ]
+        try:
+            done = subprocess.run(
+                [*words, "--", str(source), str(target)], capture_output=True, text=True, timeout=TIMEOUT_S
+            )
+        except (OSError, subprocess.TimeoutExpired) as error:
+            raise MotionError(
+                f"{program} did not write {path} ({error}); write .glb and convert it by hand"
+            ) from error
+        if done.returncode or not target.exists():
+            last = (done.stderr or done.stdout).strip().splitlines()[-3:]
+            raise MotionError(f"{program} did not write {path}: {' / '.join(last)}; try a newer Blender")
+        try:
+            shutil.copyfile(target, path)
+        except OSError as error:
+            raise MotionError(f"cannot write {path} ({error.strerror}); choose another place") from error

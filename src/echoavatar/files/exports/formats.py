@@ -1,0 +1,160 @@
+"""Choose the writer of a file by the suffix of its name."""
+
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from echoavatar.errors import EchoAvatarError, MotionError
+from echoavatar.motion.arkit import ARKIT_NAMES
+
+from .blender import find_blender, write_fbx
+from .smplx import write_smplx
+from .take import Take
+from .target_rig import Rig
+from .usd import SUFFIXES as USD
+
+FORMATS = (".bvh", ".glb", ".vrm", ".vrma", *USD, ".fbx", ".npz", ".csv", ".mp4")
+Writer = Callable[[Path, Take, Rig | None], None]
+
+
+def writer(output: Path, *, has_rig: bool) -> Writer:
+    """The function that writes this file. Everything that can be refused is refused here, before any work is done.
+
+    Raises:
+        EchoAvatarError: the suffix is unknown, `--rig` does not fit the format, or the file cannot be written there.
+        DependencyError: the format needs a program that is missing.
+    """
+    name, suffix = output.name.lower(), output.suffix.lower()
+    if suffix not in FORMATS:
+        raise EchoAvatarError(f"cannot write {output.name!r}: use one of {', '.join(FORMATS)}")
+    if not output.parent.is_dir():
+        raise EchoAvatarError(f"cannot write {output}: {output.parent} is not a folder; make it first")
+    if not os.access(output.parent, os.W_OK) or output.is_dir():
+        raise EchoAvatarError(
+            f"cannot write {output}: no permission or a folder of that name; choose another -o"
+        )
+    special = next((end for end in _SPECIAL if name.endswith(end)), None)
+    if has_rig and (special or suffix in (*USD, ".mp4")):
+        raise EchoAvatarError(f"cannot write {output.name!r} with --rig: leave --rig out, or write .glb")
+    if suffix == ".vrm" and not has_rig:
+        raise EchoAvatarError(
+            "a .vrm is written into your own character: name it with --rig, or write .glb or .vrma"
+        )
+    if suffix == ".fbx":
+        find_blender()
+    return _SPECIAL[special] if special else _WRITERS[suffix]
+
+
+def _bvh(path: Path, take: Take, rig: Rig | None) -> None:
+    from echoavatar.motion.kinematics import write_bvh
+
+    motion, scale = take.motion, 100.0 if rig is None else rig.units_per_metre
+    write_bvh(path, motion.skeleton, motion.rotations, motion.root, motion.fps, scale=scale)
+
+
+def _glb(path: Path, take: Take, rig: Rig | None) -> None:
+    from echoavatar.motion.kinematics.tables import write_whole
+
+    write_whole(path, _packed(path, take, rig))
+
+
+def _packed(path: Path, take: Take, rig: Rig | None) -> bytes:
+    """The bytes of a GLB: the user's character where a rig is given, else ours."""
+    if rig is not None:
+        from .gltf_rig import pack_on_rig
+
+        if rig.gltf is None:
+            raise MotionError(
+                f"{rig.path} has no mesh for {path.name!r}: write .bvh, or give a .glb as --rig"
+            )
+        return pack_on_rig(rig.gltf, take)
+    from ..avatar import load_character
+    from ..avatar.gltf import Animation, pack_glb
+
+    take = take.on_humanoid()
+    motion = take.motion
+    animation = Animation("motion", motion.rotations, motion.root, motion.fps, take.face)
+    return pack_glb(load_character(), [animation])
+
+
+def _vrma(path: Path, take: Take, rig: Rig | None) -> None:
+    from .vrma import write_vrma
+
+    write_vrma(path, take if rig is not None else take.on_humanoid())
+
+
+def _usd(path: Path, take: Take, _: Rig | None) -> None:
+    from ..avatar import load_character
+    from .usd import write_usd
+
+    write_usd(path, load_character(), take)
+
+
+def _fbx(path: Path, take: Take, rig: Rig | None) -> None:
+    write_fbx(path, _packed(path, take, rig), take.motion.fps)
+
+
+def _npz(path: Path, take: Take, _: Rig | None) -> None:
+    from echoavatar.motion.kinematics.tables import write_npz
+
+    if take.face is None:
+        write_npz(path, take.motion)
+    else:
+        write_npz(path, take.motion, face=take.face, face_names=np.array(ARKIT_NAMES))
+
+
+def _csv(path: Path, take: Take, rig: Rig | None) -> None:
+    from echoavatar.motion.kinematics.tables import write_csv
+
+    write_csv(path, take.motion)
+    if take.face is not None:
+        _face_csv(path.with_suffix(FACE_CSV), take, rig)
+
+
+def _face_csv(path: Path, take: Take, _: Rig | None) -> None:
+    from echoavatar.models.face.export import write_live_link
+
+    write_live_link(path, _face(path, take), take.motion.fps)
+
+
+def _face47_csv(path: Path, take: Take, _: Rig | None) -> None:
+    from ..unity_frames import write_face47
+
+    write_face47(path, _face(path, take), take.motion.fps)
+
+
+def _face(path: Path, take: Take) -> np.ndarray:
+    if take.face is None:
+        raise EchoAvatarError(
+            f"cannot write {path.name!r}: the motion has no face; use a bundle with a face model"
+        )
+    return take.face
+
+
+def _smplx(path: Path, take: Take, _: Rig | None) -> None:
+    write_smplx(path, take)
+
+
+def _mp4(path: Path, take: Take, _: Rig | None) -> None:
+    from ..avatar.video import write_mp4
+
+    take = take.on_humanoid()
+    audio = np.zeros(0, np.float32) if take.audio is None else take.audio
+    write_mp4(path, take.motion, audio, face=take.face)
+
+
+FACE_CSV, FACE47_CSV = ".face.csv", ".face47.csv"
+_SPECIAL: Mapping[str, Writer] = {FACE_CSV: _face_csv, FACE47_CSV: _face47_csv, ".smplx.npz": _smplx}
+_WRITERS: Mapping[str, Writer] = {
+    ".bvh": _bvh,
+    ".glb": _glb,
+    ".vrm": _glb,
+    ".vrma": _vrma,
+    **dict.fromkeys(USD, _usd),
+    ".fbx": _fbx,
+    ".npz": _npz,
+    ".csv": _csv,
+    ".mp4": _mp4,
+}

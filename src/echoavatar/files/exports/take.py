@@ -1,0 +1,76 @@
+"""A take: motion with its face and sound, made by `animate` or read from a recording."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from echoavatar.errors import MotionError
+from echoavatar.motion.arkit import ARKIT_NAMES, reorder
+from echoavatar.motion.kinematics import HUMANOID, Motion, read_bvh
+from echoavatar.motion.kinematics.retarget import retarget
+from echoavatar.motion.kinematics.tables import NPZ_ERRORS, arrays_of, motion_of
+from echoavatar.timing import SAMPLE_RATE_HZ
+
+
+@dataclass(frozen=True)
+class Take:
+    """Motion on any rig, with the face and sound that belong to it. Most writers need our rig (`on_humanoid`)."""
+
+    motion: Motion
+    face: Float[np.ndarray, "t 52"] | None = None  # ARKit curves 0..1, canonical order; None without a face
+    audio: Float[np.ndarray, " s"] | None = None  # 24 kHz mono
+
+    def on_humanoid(self) -> "Take":
+        """The take on our rig, retargeted where its own rig is another."""
+        if self.motion.skeleton.names == HUMANOID.names:
+            return self
+        return Take(retarget(self.motion), self.face, self.audio)
+
+
+def read_take(path: Path) -> Take:
+    """A recording: NPZ from `animate` or `say`, or any BVH whose bones are known.
+
+    Raises:
+        MotionError: the file is missing, damaged, or of another kind.
+    """
+    if path.suffix.lower() == ".bvh":
+        return Take(read_bvh(path))
+    if path.suffix.lower() != ".npz":
+        raise MotionError(f"{path} is neither .npz nor .bvh; give what `animate` or `say` wrote")
+    try:
+        stored = arrays_of(path, MotionError)
+        motion = _recorded(path, stored) if "names" in stored else motion_of(stored)
+        face = _face(stored) if "face" in stored else None
+        audio = None
+        if "audio" in stored and int(stored["sample_rate"]) == SAMPLE_RATE_HZ:
+            audio = np.asarray(stored["audio"], np.float32)
+            if audio.ndim != 1 or not np.isfinite(audio).all():
+                raise ValueError(f"sound of shape {audio.shape}, or with values that are not finite")
+    except FileNotFoundError as error:
+        raise MotionError(f"{path} does not exist; check the name") from error
+    except NPZ_ERRORS as error:
+        raise MotionError(
+            f"{path} is no motion of `animate` or `say`, or damaged ({error}); write it again"
+        ) from error
+    if face is not None and len(face) != motion.frames:
+        raise MotionError(
+            f"{path}: {len(face)} frames of face beside {motion.frames} of motion; write it again"
+        )
+    return Take(motion, face, audio)
+
+
+def _recorded(path: Path, stored: Mapping[str, np.ndarray]) -> Motion:
+    """The motion of a `client.Recording`, whose bones are known by name."""
+    names = tuple(str(name) for name in stored["names"])
+    if names != HUMANOID.names:
+        raise MotionError(f"{path} was recorded on another rig ({', '.join(names[:3])}, ...); record it anew")
+    rotations, root = (np.asarray(stored[key], np.float32) for key in ("rotations", "root"))
+    return Motion(HUMANOID, rotations, root, float(stored["frame_rate"]))
+
+
+def _face(stored: Mapping[str, np.ndarray]) -> Float[np.ndarray, "t 52"] | None:
+    curves, names = np.asarray(stored["face"], np.float32), [str(name) for name in stored["face_names"]]
+    return reorder(curves, names, ARKIT_NAMES) if curves.shape[1] else None

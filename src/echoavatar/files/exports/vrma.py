@@ -1,0 +1,140 @@
+"""Write VRM Animation 1.0 (`.vrma`): body, face and gaze for any VRM avatar.
+
+The skeleton in the file stands in T-pose with the character's own proportions, so that a player can scale the path of
+the hips to the avatar. Only the hips are translated. As the format prescribes, an expression's weight is the X
+translation of a node, and the gaze is the rotation of another node. Vowels and blinks work with every avatar; the 52
+ARKit shapes work with avatars that have them.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from echoavatar.errors import MotionError
+from echoavatar.motion.arkit import (
+    ARKIT_NAMES,
+    LIVE_LINK_NAMES,
+    VRM_NAMES,
+    to_live_link,
+    to_vrm,
+)
+from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton
+from echoavatar.motion.kinematics.resample import align_signs
+from echoavatar.motion.kinematics.retarget import retarget
+from echoavatar.motion.kinematics.rigs import bone_map
+from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
+from echoavatar.motion.kinematics.tables import write_whole
+
+from ..avatar.gltf import container
+from ..avatar.gltf_buffer import Buffer, Tracks
+from .take import Take
+
+PRESETS = VRM_NAMES[:8]  # vowels and blinks; the gaze is `lookAt`
+_LEFT_EYE = LIVE_LINK_NAMES.index("leftEyeYaw")
+_RIGHT_EYE = LIVE_LINK_NAMES.index("rightEyeYaw")
+REQUIRED = ("hips", "spine", "head")
+
+
+def write_vrma(path: Path, take: Take) -> None:
+    """Write a take on our rig, or on any rig whose bones are known.
+
+    Raises:
+        MotionError: a bone that the format requires is missing, or the file cannot be written.
+    """
+    write_whole(path, pack_vrma(take))
+
+
+def pack_vrma(take: Take) -> bytes:
+    """The file's bytes."""
+    motion = take.motion if take.motion.skeleton is HUMANOID else in_t_pose(take.motion)
+    skeleton, bones = motion.skeleton, bone_map(motion.skeleton)
+    if missing := [bone for bone in REQUIRED if bone not in bones]:
+        raise MotionError(f"a VRM animation needs the bone {missing[0]}; choose a rig that has it")
+    nodes = [
+        {"name": name, "translation": [float(x) for x in offset]}
+        for name, offset in zip(skeleton.names, skeleton.config.offsets, strict=True)
+    ]
+    for joint, parent in enumerate(skeleton.parents):
+        if parent >= 0:
+            nodes[parent].setdefault("children", []).append(joint)  # type: ignore[attr-defined]
+    tracks, rotations = Tracks(Buffer(), motion.frames, motion.fps), align_signs(motion.rotations)
+    for joint in range(skeleton.joints):
+        tracks.add(joint, "rotation", _xyzw(rotations[:, joint].astype(np.float64)))
+    tracks.add(0, "translation", motion.root)
+    extension: dict[str, Any] = {
+        "specVersion": "1.0",
+        "humanoid": {"humanBones": {bone: {"node": joint} for bone, joint in sorted(bones.items())}},
+    }
+    if take.face is not None:
+        extension |= _face(take.face, nodes, tracks, bones)
+    document = {
+        "asset": {"version": "2.0", "generator": "EchoAvatar"},
+        "extensionsUsed": ["VRMC_vrm_animation"],
+        "scene": 0,
+        "scenes": [{"nodes": [0, *range(skeleton.joints, len(nodes))]}],
+        "nodes": nodes,
+        "animations": [{"name": "take", "samplers": tracks.samplers, "channels": tracks.channels}],
+        "extensions": {"VRMC_vrm_animation": extension},
+        "accessors": tracks.buffer.accessors,
+        "bufferViews": tracks.buffer.views,
+        "buffers": [{"byteLength": len(tracks.buffer.data)}],
+    }
+    return container(document, bytes(tracks.buffer.data))
+
+
+def in_t_pose(motion: Motion) -> Motion:
+    """The same motion on a skeleton of the same body that rests in T-pose, which the format requires."""
+    skeleton = motion.skeleton
+    still = np.zeros((1, HUMANOID.joints, 4), np.float32)
+    still[..., 0] = 1
+    ours = Motion(HUMANOID, still, HUMANOID.offsets[:1].numpy(), motion.fps)
+    stands = retarget(ours, skeleton, has_footing=False).pose()
+    places, turns = stands.positions[0].numpy(), stands.rotations[0].double()
+    parents = np.array(skeleton.parents)
+    offsets = places - np.where(parents[:, None] < 0, 0, places[parents])
+    rest = skeleton.config.model_copy(update={"offsets": tuple(map(tuple, offsets.tolist())), "tips": {}})
+    world = motion.pose().rotations.double() @ turns.transpose(-1, -2)
+    local = world.clone()
+    local[:, 1:] = world[:, parents[1:]].transpose(-1, -2) @ world[:, 1:]
+    rotations = quaternion_from_matrix(local).numpy().astype(np.float32)
+    return Motion(Skeleton(rest), rotations, motion.root, motion.fps)
+
+
+def _xyzw(wxyz: Float[np.ndarray, "t 4"]) -> Float[np.ndarray, "t 4"]:
+    unit: np.ndarray = wxyz / np.linalg.norm(wxyz, axis=-1, keepdims=True)
+    return unit[:, [1, 2, 3, 0]]
+
+
+def _face(
+    curves: Float[np.ndarray, "t 52"], nodes: list[Any], tracks: Tracks, bones: dict[str, int]
+) -> dict[str, Any]:
+    """The extension's expressions and gaze, each driven by a node that is added to `nodes`."""
+
+    def node(name: str) -> int:
+        nodes.append({"name": name})
+        return len(nodes) - 1
+
+    def express(name: str, weights: Float[np.ndarray, " t"]) -> dict[str, int]:
+        at = node(name)
+        tracks.add(at, "translation", np.stack([weights, 0 * weights, 0 * weights], 1))
+        return {"node": at}
+
+    preset = {name: express(name, weights) for name, weights in zip(PRESETS, to_vrm(curves).T, strict=False)}
+    custom = {name: express(name, weights) for name, weights in zip(ARKIT_NAMES, curves.T, strict=True)}
+    look = node("lookAt")
+    nodes[look]["translation"] = [0.0, 0.0, 0.0]
+    tracks.add(look, "rotation", _xyzw(_gaze(curves)))
+    return {
+        "expressions": {"preset": preset, "custom": custom},
+        "lookAt": {"node": look, "offsetFromHeadBone": [0.0, 0.06, 0.0]},
+    }
+
+
+def _gaze(curves: Float[np.ndarray, "t 52"]) -> Float[np.ndarray, "t 4"]:
+    """The mean direction of both eyes: a rotation about Y looks left, one about X looks down."""
+    columns = to_live_link(curves)
+    yaw, pitch = ((columns[:, _LEFT_EYE + k] + columns[:, _RIGHT_EYE + k]) / 2 for k in (0, 1))
+    (cy, sy), (cp, sp) = ((np.cos(angle / 2), np.sin(angle / 2)) for angle in (-yaw, pitch))
+    return np.stack([cy * cp, cy * sp, sy * cp, -sy * sp], 1)

@@ -1,0 +1,250 @@
+"""Arrays of numbers out of a pickle, read without running it.
+
+Python's unpickler calls what the file names, sets attributes on it, and makes objects as large as the file asks. This
+reader is a small machine of its own. It knows the instructions that NumPy's pickles consist of, holds numbers, texts,
+bytes, tuples, lists and dictionaries, and builds arrays itself from bytes whose number fits. Every other instruction
+ends it, and so do more steps or bytes than `limits` allows.
+"""
+
+import io
+import math
+import pickletools
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from echoavatar.limits import PICKLED_STEPS
+
+_NUMBERS = ("<f4", "<f8", "<i4", "<i8", "f4", "f8", "i4", "i8")
+_MOST_AXES = 32
+_SLACK_BYTES = 1 << 16  # what a pickle of any size may allocate
+_RECONSTRUCT = ("numpy.core.multiarray _reconstruct", "numpy._core.multiarray _reconstruct")
+_FROM_BUFFER = ("numpy.core.numeric _frombuffer", "numpy._core.numeric _frombuffer")
+_ENCODE, _DTYPE, _NDARRAY = "_codecs encode", "numpy dtype", "numpy ndarray"
+_KNOWN = (*_RECONSTRUCT, *_FROM_BUFFER, _ENCODE, _DTYPE, _NDARRAY)
+
+
+class RefusedError(Exception):
+    """The pickle asks for something that is no array."""
+
+
+@dataclass
+class PickledArray:
+    """An array of the pickle: numbers, or the list of objects that an object array holds."""
+
+    content: "np.ndarray | list[Any] | None" = None
+
+
+@dataclass
+class _Name:
+    """A module's attribute that the pickle names."""
+
+    name: str
+
+
+@dataclass
+class _Kind:
+    """What the pickle says about an array's data type."""
+
+    name: str
+
+
+class _Mark:
+    """Where a tuple, list or dictionary begins on the stack."""
+
+
+def unpickle_arrays(data: bytes) -> Any:
+    """What a pickle holds, with a `PickledArray` for each array.
+
+    Raises:
+        RefusedError: the pickle names anything but an array, or asks for more than it brings.
+        Exception: the pickle is damaged.
+    """
+    return _Machine(data).run()
+
+
+class _Machine:
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+        self._stack: list[Any] = []
+        self._memo: dict[int, Any] = {}
+        self._allowance = 2 * len(data) + _SLACK_BYTES  # bytes that arrays and encoded texts may take
+        self._verbs: dict[str, Callable[[], None]] = {
+            "MARK": lambda: self._stack.append(_Mark()),
+            "POP": lambda: self._drop(),
+            "POP_MARK": lambda: self._drop_to_mark(),
+            "DUP": lambda: self._stack.append(self._stack[-1]),
+            "NONE": lambda: self._stack.append(None),
+            "NEWTRUE": lambda: self._stack.append(True),
+            "NEWFALSE": lambda: self._stack.append(False),
+            "EMPTY_TUPLE": lambda: self._stack.append(()),
+            "EMPTY_LIST": lambda: self._stack.append([]),
+            "EMPTY_DICT": lambda: self._stack.append({}),
+            "TUPLE": lambda: self._stack.append(tuple(self._to_mark())),
+            "TUPLE1": lambda: self._tuple(1),
+            "TUPLE2": lambda: self._tuple(2),
+            "TUPLE3": lambda: self._tuple(3),
+            "LIST": lambda: self._stack.append(self._to_mark()),
+            "DICT": lambda: self._stack.append(_pairs(self._to_mark())),
+            "APPEND": lambda: self._list_below(1).extend(self._take(1)),
+            "APPENDS": self._appends,
+            "SETITEM": self._set_item,
+            "SETITEMS": self._set_items,
+            "MEMOIZE": lambda: self._memo.update({len(self._memo): self._stack[-1]}),
+            "STACK_GLOBAL": self._stack_global,
+            "REDUCE": self._reduce,
+            "BUILD": self._build,
+        }
+
+    def run(self) -> Any:
+        for step, (opcode, argument, _) in enumerate(pickletools.genops(io.BytesIO(self._data))):
+            if step >= PICKLED_STEPS:
+                raise RefusedError(f"it has more than {PICKLED_STEPS:,} instructions")
+            if opcode.name == "STOP":
+                return self._stack[-1]
+            self._step(opcode.name, argument)
+        raise RefusedError("it has no end")
+
+    def _step(self, name: str, argument: Any) -> None:
+        if name in ("PROTO", "FRAME"):
+            return
+        if name in self._verbs:
+            self._verbs[name]()
+        elif name in ("PUT", "BINPUT", "LONG_BINPUT"):
+            self._memo[argument] = self._stack[-1]
+        elif name in ("GET", "BINGET", "LONG_BINGET"):
+            self._stack.append(self._memo[argument])
+        elif name == "GLOBAL":
+            self._stack.append(_known(str(argument)))
+        elif name in ("NEWOBJ", "NEWOBJ_EX", "INST", "OBJ", "EXT1", "EXT2", "EXT4", "PERSID", "BINPERSID"):
+            raise RefusedError(f"it makes an object ({name}), which arrays never need")
+        elif isinstance(argument, int | float | str | bytes | bytearray) and "STRING" not in name:
+            self._stack.append(bytes(argument) if isinstance(argument, bytearray) else argument)
+        else:
+            raise RefusedError(f"it holds the instruction {name}, which arrays never need")
+
+    def _take(self, count: int) -> list[Any]:
+        if len(self._stack) < count:
+            raise RefusedError("its stack runs out")
+        taken = self._stack[len(self._stack) - count :]
+        del self._stack[len(self._stack) - count :]
+        return taken
+
+    def _drop(self) -> None:
+        self._take(1)
+
+    def _drop_to_mark(self) -> None:
+        self._to_mark()
+
+    def _to_mark(self) -> list[Any]:
+        for place in range(len(self._stack) - 1, -1, -1):
+            if isinstance(self._stack[place], _Mark):
+                taken = self._stack[place + 1 :]
+                del self._stack[place:]
+                return taken
+        raise RefusedError("its stack has no mark")
+
+    def _tuple(self, count: int) -> None:
+        self._stack.append(tuple(self._take(count)))
+
+    def _list_below(self, above: int) -> list[Any]:
+        found = self._stack[-1 - above]
+        if not isinstance(found, list):
+            raise RefusedError("it appends to something that is no list")
+        return found
+
+    def _appends(self) -> None:
+        items = self._to_mark()
+        self._list_below(0).extend(items)
+
+    def _set_item(self) -> None:
+        pair = self._take(2)
+        self._dict().update(_pairs(pair))
+
+    def _set_items(self) -> None:
+        items = self._to_mark()
+        self._dict().update(_pairs(items))
+
+    def _dict(self) -> dict[str, Any]:
+        found = self._stack[-1]
+        if not isinstance(found, dict):
+            raise RefusedError("it sets an entry of something that is no dictionary")
+        return found
+
+    def _stack_global(self) -> None:
+        module, name = self._take(2)
+        if not isinstance(module, str) or not isinstance(name, str):
+            raise RefusedError("it names something that is no text")
+        self._stack.append(_known(f"{module} {name}"))
+
+    def _reduce(self) -> None:
+        called, arguments = self._take(2)
+        if not isinstance(called, _Name) or not isinstance(arguments, tuple):
+            raise RefusedError("it calls something that is no function")
+        if called.name in _RECONSTRUCT:
+            self._stack.append(PickledArray())
+        elif called.name in _FROM_BUFFER and len(arguments) == 4:
+            raw, kind, shape, order = arguments
+            self._stack.append(PickledArray(self._numbers(raw, kind, shape, is_fortran=order == "F")))
+        elif called.name == _DTYPE and arguments and isinstance(arguments[0], str):
+            self._stack.append(_Kind(arguments[0]))
+        elif called.name == _ENCODE and len(arguments) == 2 and isinstance(arguments[0], str):
+            if arguments[1] != "latin1":
+                raise RefusedError("it asks for another encoding than latin1")
+            self._spend(len(arguments[0]))
+            self._stack.append(arguments[0].encode("latin1"))
+        else:
+            raise RefusedError(f"it calls {called.name} with other arguments than arrays do")
+
+    def _build(self) -> None:
+        target, state = self._take(2)
+        if not isinstance(state, tuple):
+            raise RefusedError("it sets a state that is no tuple")
+        if isinstance(target, _Kind):
+            if len(state) > 1 and state[1] == ">":
+                raise RefusedError("it holds numbers of the other byte order (big-endian)")
+        elif isinstance(target, PickledArray) and len(state) >= 4:
+            *_, shape, kind, is_fortran, raw = state
+            if isinstance(kind, _Kind) and kind.name in ("O8", "|O", "O") and isinstance(raw, list):
+                target.content = raw
+            else:
+                target.content = self._numbers(raw, kind, shape, is_fortran=is_fortran is True)
+        else:
+            raise RefusedError("it sets the state of something that is no array")
+        self._stack.append(target)
+
+    def _numbers(self, raw: Any, kind: Any, shape: Any, *, is_fortran: bool) -> np.ndarray:
+        if not isinstance(kind, _Kind) or kind.name not in _NUMBERS:
+            raise RefusedError(
+                f"it holds an array of {kind.name[:40] if isinstance(kind, _Kind) else 'objects'!r}"
+            )
+        if not isinstance(raw, bytes):
+            raise RefusedError("it holds an array that is not made of bytes")
+        is_shape = isinstance(shape, tuple) and len(shape) <= _MOST_AXES
+        if not is_shape or not all(type(axis) is int and axis >= 0 for axis in shape):
+            raise RefusedError("it holds an array without a shape")
+        dtype = np.dtype(kind.name)
+        if math.prod(shape) * dtype.itemsize != len(raw):
+            raise RefusedError(f"it holds {len(raw):,} bytes for an array of another size")
+        self._spend(len(raw))
+        return np.frombuffer(raw, dtype).reshape(shape, order="F" if is_fortran else "C").copy()
+
+    def _spend(self, size: int) -> None:
+        self._allowance -= size
+        if self._allowance < 0:
+            raise RefusedError("it asks for more memory than its own size explains")
+
+
+def _known(name: str) -> _Name:
+    if name not in _KNOWN:
+        raise RefusedError(f"it would run {name.replace(' ', '.')[:80]} when read, which arrays never need")
+    return _Name(name)
+
+
+def _pairs(items: list[Any]) -> dict[str, Any]:
+    """Keys and values by turns; keys must be texts, whose hash costs no more than their length."""
+    if len(items) % 2 or not all(isinstance(key, str) for key in items[::2]):
+        raise RefusedError("it holds a dictionary whose keys are not all texts")
+    return dict(zip(items[::2], items[1::2], strict=True))

@@ -1,0 +1,117 @@
+"""Sound files in and out: whatever ffmpeg's libraries read (PyAV) becomes 24 kHz mono float32.
+
+May import `resample`, `timing` and `errors`.
+"""
+
+import logging
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import av
+import numpy as np
+import soundfile
+from jaxtyping import Float
+
+from echoavatar.errors import AudioError
+from echoavatar.timing import SAMPLE_RATE_HZ
+
+from .resample import StreamResampler
+
+_LOG = logging.getLogger(__name__)
+
+Mono = Float[np.ndarray, " s"]
+
+
+def read_audio(path: Path | str) -> Mono:
+    """A whole file as 24 kHz mono, about -1..1.
+
+    Raises:
+        AudioError: missing, empty, not sound, or nothing in it can be decoded.
+    """
+    return np.concatenate(list(stream_audio(path)))
+
+
+def stream_audio(path: Path | str) -> Iterator[Mono]:
+    """The same in pieces as they are decoded (tens of milliseconds each): for files of any length.
+
+    A file that breaks off is read as far as it goes, and the log says so.
+
+    Raises:
+        AudioError: as `read_audio`; at the first piece where the file cannot be opened.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise AudioError(f"{path} does not exist; check the path")
+    if path.is_dir():
+        raise AudioError(f"{path} is a folder; name a sound file in it")
+    if path.stat().st_size == 0:
+        raise AudioError(f"{path} is empty (0 bytes); copy or record it again")
+    resampler: StreamResampler | None = None
+    given = 0
+    for piece, rate in _decoded(path):
+        resampler = resampler or StreamResampler(rate)
+        given += len(piece)
+        try:
+            yield resampler.push(piece)
+        except AudioError as error:
+            raise AudioError(f"{path}: {error}") from error
+    if resampler is None or not given:
+        raise AudioError(f"{path} holds no sound that can be decoded; convert it to WAV first")
+    yield resampler.flush()
+
+
+def write_wav(path: Path | str, audio: Mono, *, rate: int = SAMPLE_RATE_HZ) -> None:
+    """Write mono 16-bit WAV, whole or not at all.
+
+    Raises:
+        AudioError: the place cannot be written.
+    """
+    path = Path(path)
+    partial = path.with_name(path.name + ".partial")
+    try:
+        soundfile.write(partial, np.clip(audio, -1, 1), rate, subtype="PCM_16", format="WAV")
+        partial.replace(path)
+    except (OSError, soundfile.SoundFileError) as error:
+        partial.unlink(missing_ok=True)
+        raise AudioError(
+            f"cannot write {path} ({error}); choose a folder that exists and can be written"
+        ) from error
+
+
+def _decoded(path: Path) -> Iterator[tuple[Float[np.ndarray, "s c"], int]]:
+    """Float pieces (samples, channels) at the file's own rate."""
+    try:
+        with av.open(str(path), metadata_errors="ignore") as container:
+            if not container.streams.audio:
+                raise AudioError(f"{path} has no sound track; choose a file with sound")
+            yield from _frames(container, path)
+    except av.FFmpegError as error:
+        raise AudioError(
+            f"{path} is not a sound file that ffmpeg's libraries can read ({error.strerror})"
+        ) from error
+
+
+def _frames(container: Any, path: Path) -> Iterator[tuple[Float[np.ndarray, "s c"], int]]:
+    stream = container.streams.audio[0]
+    converter: av.AudioResampler | None = None
+    packets, broken = container.demux(stream), 0
+    while True:
+        try:
+            packet = next(packets, None)
+            frames = [] if packet is None else packet.decode()
+        except av.FFmpegError as error:
+            broken += 1
+            if broken == 1:
+                _LOG.warning("%s is damaged (%s); decoding what is there", path, error.strerror)
+            if broken > 100:
+                return
+            continue
+        if packet is None:
+            return
+        for frame in frames:
+            converter = converter or av.AudioResampler(
+                format="fltp", layout=frame.layout, rate=frame.sample_rate
+            )
+            for converted in converter.resample(frame):
+                yield converted.to_ndarray().T, converted.sample_rate

@@ -1,0 +1,151 @@
+"""Audio encoders of the face model: the interface, and our small encoder, which streams exactly.
+
+Paper: multilingual HuBERT (`hubert`), which costs more than real time on a CPU. Ours (not in the paper): log-mel
+windows that end with their frame, and convolutions over frames. A kernel sees some past frames, and the later frames
+of the same chunk of 8, which have arrived anyway; so lips close in time for a p without added delay.
+"""
+
+from abc import abstractmethod
+from dataclasses import dataclass
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Bool, Float
+from torch import Tensor, nn
+
+from echoavatar.nn import (
+    Mlp,
+    StateT,
+    StreamingModule,
+    StreamState,
+    write_rows,
+)
+from echoavatar.timing import (
+    CHUNK_FRAMES,
+    CHUNK_SAMPLES,
+    SAMPLES_PER_FRAME,
+    exact_div,
+)
+
+from ..audio.mel import mel_matrix
+from .config import MelConfig
+
+_FLOOR = 1e-4  # of mel magnitudes
+_WINDOW_HOPS = 4  # a window is so many hops long
+_NEAR = 8  # sessions at a time, so that windows and spectra stay in the cache
+
+
+class AudioEncoder(StreamingModule[StateT]):
+    """Features of the frames of 24 kHz sound."""
+
+    @abstractmethod
+    def step(
+        self, x: Float[Tensor, "b s"], state: StateT, active: Bool[Tensor, " b"]
+    ) -> Float[Tensor, "b n c"]:
+        """Features of the next chunks (6,400 samples each); the last 8 rows are the last chunk's 8 frames.
+
+        An encoder that reads a whole window anew returns features of earlier frames too, in front.
+        """
+
+
+@dataclass
+class Past(StreamState):
+    """The last inputs of one convolution."""
+
+    frames: Float[Tensor, "b p c"]
+
+
+@dataclass
+class MelState(StreamState):
+    """All zero: silence before the start."""
+
+    samples: Float[Tensor, "b s"]
+    inputs: list[Past]
+
+
+class ChunkConvolution(nn.Module):
+    """x + MLP(convolution(norm(x))); the kernel covers past frames and, inside the chunk, later ones."""
+
+    def __init__(self, *, width: int, past: int, ahead: int) -> None:
+        super().__init__()
+        self.past, self.ahead = past, ahead
+        self.norm = nn.LayerNorm(width)
+        self.mix = nn.Conv1d(width, width, past + 1 + ahead, groups=width)
+        self.mlp = Mlp(inputs=width, hidden=2 * width, outputs=width)
+
+    def step(
+        self, x: Float[Tensor, "b t c"], state: Past, active: Bool[Tensor, " b"]
+    ) -> Float[Tensor, "b t c"]:
+        """The next chunks."""
+        known = torch.cat([state.frames, self.norm(x)], 1)
+        starts = torch.arange(0, x.shape[1], CHUNK_FRAMES, device=x.device)
+        reach = torch.arange(self.past + CHUNK_FRAMES, device=x.device)
+        windows = known.index_select(1, (starts[:, None] + reach).flatten()).view(-1, len(reach), x.shape[2])
+        mixed = torch.bmm(windows.permute(2, 0, 1).contiguous(), self._kernels()).permute(1, 2, 0)
+        write_rows(state.frames, known[:, known.shape[1] - self.past :], active)
+        bias: Tensor = self.get_parameter("mix.bias")
+        y: Tensor = x + self.mlp(mixed.reshape(x.shape) + bias)
+        return y
+
+    def _kernels(self) -> Float[Tensor, "c w 8"]:
+        """Each channel's kernel as a matrix from a window to its chunk: a product is faster than a convolution."""
+        before = CHUNK_FRAMES - 1  # the tap of place j for frame t is j - t
+        taps = F.pad(self.mix.weight[:, 0], (before, before - self.ahead))
+        return taps.unfold(1, CHUNK_FRAMES, 1).flip(-1)
+
+
+class MelEncoder(AudioEncoder[MelState]):
+    """Log-mel and `ChunkConvolution`s. `forward` is one step from a fresh state, differentiable."""
+
+    window: Tensor
+    bands: Tensor
+
+    def __init__(self, config: MelConfig) -> None:
+        super().__init__()
+        self.config = config
+        self.hop = exact_div(SAMPLES_PER_FRAME, config.windows)
+        size = _WINDOW_HOPS * self.hop
+        self.register_buffer("window", torch.hann_window(size), persistent=False)
+        self.register_buffer("bands", mel_matrix(size, config.bands), persistent=False)
+        self.inputs = nn.Linear(config.windows * config.bands, config.width)
+        self.blocks = nn.ModuleList(
+            ChunkConvolution(width=config.width, past=config.past, ahead=config.ahead)
+            for _ in range(config.blocks)
+        )
+        self.output_norm = nn.LayerNorm(config.width)
+
+    def init_state(self, rows: int) -> MelState:
+        """Silence."""
+        weight = self.inputs.weight.detach()
+        samples = weight.new_zeros(rows, (_WINDOW_HOPS - 1) * self.hop)
+        past = [Past(weight.new_zeros(rows, self.config.past, self.config.width)) for _ in self.blocks]
+        return MelState(samples, past)
+
+    def step(
+        self, x: Float[Tensor, "b s"], state: MelState, active: Bool[Tensor, " b"]
+    ) -> Float[Tensor, "b n c"]:
+        """Features of the next chunks."""
+        if x.shape[1] % CHUNK_SAMPLES or not x.shape[1]:
+            raise ValueError(f"a step takes a multiple of {CHUNK_SAMPLES} samples, got {x.shape[1]}")
+        known = torch.cat([state.samples, x.to(state.samples)], 1)
+        write_rows(state.samples, known[:, known.shape[1] - state.samples.shape[1] :], active)
+        y: Tensor = self.inputs(self.log_mel(known).reshape(len(x), -1, self.inputs.in_features))
+        for block, past in zip(self.blocks, state.inputs, strict=True):
+            assert isinstance(block, ChunkConvolution)
+            y = block.step(y, past, active)
+        normed: Tensor = self.output_norm(y)
+        return normed
+
+    def forward(self, x: Float[Tensor, "b s"]) -> Float[Tensor, "b n c"]:
+        """A whole clip of whole chunks."""
+        return self.step(x, self.init_state(len(x)), x.new_ones(len(x), dtype=torch.bool))
+
+    def log_mel(self, known: Float[Tensor, "b s"]) -> Float[Tensor, "b k m"]:
+        """About -1 (silence) to 2 (loud) per window and band; windows end every `hop` samples."""
+        return torch.cat([self._log_mel(rows) for rows in torch.split(known, _NEAR)])
+
+    def _log_mel(self, known: Float[Tensor, "b s"]) -> Float[Tensor, "b k m"]:
+        frames = known.unfold(1, len(self.window), self.hop) * self.window
+        spectrum = torch.fft.rfft(frames)
+        magnitude = torch.sqrt(spectrum.real.square() + spectrum.imag.square()) * (2 / len(self.window))
+        return (torch.log(magnitude @ self.bands + _FLOOR) + 6.5) / 2.5

@@ -1,0 +1,191 @@
+"""The causal backbone: motion so far and sound in, a condition for the next frame out.
+
+Paper, Face Animation Generator: "causal GPT backbone with 4 transformer decoder blocks (hidden size 256, 8 attention
+heads, MLP ratio 4) that autoregressively processes motion history conditioned on audio features". There is no
+cross-attention: sound is added, index by index. Input k is frame k and the sound of frame k + 1.
+
+Two forms. `window` is the release's: two attentions per block with positions from the start of the window, so the
+history is read anew for every chunk. `ring` is ours: one attention by distance, keys and values kept between chunks.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import cast
+
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor, nn
+
+from echoavatar.nn import Mlp, StreamState, write_rows
+
+from .attention import (
+    Attention,
+    RingAttention,
+    RotaryVectorAttention,
+    SinusoidAttention,
+)
+from .config import FaceConfig
+
+BRANCHES = 2  # without sound, with sound: both guidance branches of a session ride in one batch
+
+
+@dataclass
+class GptState(StreamState):
+    """`motion` ends with the last frame (normalised); zeros are the mean face.
+
+    `ring` holds the keys and values (in this order) of the ring form, per layer and guidance branch. Frame k of a
+    session lies in slot k mod n and is written once.
+    """
+
+    ring: Float[Tensor, "b l 2 2 w n"]  # without layers in the window form
+    motion: Float[Tensor, "b m c"]
+    sound: Float[Tensor, "b p a"]  # features of the past inputs; none in the ring form
+    seen: Int[Tensor, " b"]  # frames generated
+
+
+@dataclass
+class Run:
+    """The caches of one chunk in the window form: rows are sessions x branches."""
+
+    caches: list[list[Tensor]]  # per block and attention (r n d)
+    at: int
+
+
+class WindowBlock(nn.Module):
+    """Attention, sound, attention, MLP; each over a norm."""
+
+    def __init__(self, *, width: int, heads: int) -> None:
+        super().__init__()
+        self.norm1, self.norm2 = nn.LayerNorm(width), nn.LayerNorm(width)
+        self.norm3, self.norm4 = nn.LayerNorm(width), nn.LayerNorm(width)
+        self.attn1 = RotaryVectorAttention(width=width, heads=heads)
+        self.attn2 = SinusoidAttention(width=width, heads=heads)
+        self.mlp = Mlp(inputs=width, hidden=4 * width, outputs=width)
+
+    def forward(self, x: Float[Tensor, "b t c"], sound: Float[Tensor, "b t c"]) -> Float[Tensor, "b t c"]:
+        """A whole window."""
+        x = x + self.attn1(self.norm1(x))
+        x = x + self.norm2(x) + sound
+        x = x + self.attn2(self.norm3(x))
+        return x + cast(Tensor, self.mlp(self.norm4(x)))
+
+    def attentions(self) -> list[Attention]:
+        """Those that need a cache."""
+        return [self.attn1, self.attn2]
+
+    def extend(self, x: Tensor, sound: Tensor, run: Run, block: int) -> Float[Tensor, "r t c"]:
+        """The next positions."""
+        x = x + self.attn1.extend(self.norm1(x), run.caches[block][0], run.at)
+        x = x + self.norm2(x) + sound
+        x = x + self.attn2.extend(self.norm3(x), run.caches[block][1], run.at)
+        return x + cast(Tensor, self.mlp(self.norm4(x)))
+
+
+class RingBlock(nn.Module):
+    """Sound, attention, MLP."""
+
+    def __init__(self, *, width: int, heads: int, lookback: int) -> None:
+        super().__init__()
+        self.norm1, self.norm2 = nn.LayerNorm(width), nn.LayerNorm(width)
+        self.attn = RingAttention(width=width, heads=heads, lookback=lookback)
+        self.mlp = Mlp(inputs=width, hidden=4 * width, outputs=width)
+
+    def forward(self, x: Float[Tensor, "b t c"], sound: Float[Tensor, "b t c"]) -> Float[Tensor, "b t c"]:
+        """A whole window."""
+        x = x + sound
+        x = x + self.attn(self.norm1(x))
+        return x + cast(Tensor, self.mlp(self.norm2(x)))
+
+    def attentions(self) -> list[Attention]:
+        """Those that need a cache."""
+        return [self.attn]
+
+
+class FaceGpt(nn.Module):
+    """Embedding, blocks, norm, projection."""
+
+    def __init__(self, config: FaceConfig) -> None:
+        super().__init__()
+        self.config = config
+        width, heads = config.width, config.heads
+        self.sound_proj = nn.Linear(config.encoder.outputs, width)
+        self.embed = nn.Linear(config.channels, width)
+        self.blocks = nn.ModuleList(
+            WindowBlock(width=width, heads=heads)
+            if config.memory == "window"
+            else RingBlock(width=width, heads=heads, lookback=config.context - 1)
+            for _ in range(config.layers)
+        )
+        self.output_norm = nn.LayerNorm(width)
+        self.output_proj = nn.Linear(width, config.condition)
+
+    def forward(
+        self, motion: Float[Tensor, "b t c"], sound: Float[Tensor, "b t w"]
+    ) -> Float[Tensor, "b t d"]:
+        """Conditions of the frames that follow each of `motion`; `sound` went through `sound_proj`."""
+        x = self.embed(motion)
+        for block in self.blocks:
+            x = block(x, sound)
+        return self._condition(x)
+
+    def init_state(self, rows: int) -> GptState:
+        """Nothing seen yet: the mean face, no sound."""
+        config, weight = self.config, self.embed.weight.detach()
+        past = config.context - 1
+        is_ring = config.memory == "ring"
+        layers = config.layers if is_ring else 0
+        shape = (rows, layers, BRANCHES, 2, config.width, config.context)
+        ring = torch.zeros(shape, dtype=torch.float32, device=weight.device)
+        motion = weight.new_zeros(rows, 1 if is_ring else config.context, config.channels)
+        sound = weight.new_zeros(rows, 0 if is_ring else past, config.encoder.outputs)
+        return GptState(ring, motion, sound, torch.zeros(rows, dtype=torch.int64, device=weight.device))
+
+    def begin(self, state: GptState, sound: Float[Tensor, "b n w"]) -> Run:
+        """Window form: caches of the past. `sound` (through `sound_proj`) is that of all inputs: n = past + step."""
+        past, width = self.config.context - 1, self.config.width
+        shape = (BRANCHES * len(sound), past + self.config.step, 2 * width)
+        run = Run([[sound.new_empty(shape) for _ in block.attentions()] for block in self._blocks()], 0)
+        self._advance(run, state.motion[:, :-1], sound[:, :past])
+        return run
+
+    def next(
+        self, run: Run, last: Float[Tensor, "b c"], sound: Float[Tensor, "b w"]
+    ) -> Float[Tensor, "b 2 d"]:
+        """The condition of the frame after `last`, without and with sound."""
+        x: Tensor = self._advance(run, last[:, None], sound[:, None])
+        return by_branch(self._condition(x[:, 0]))
+
+    def commit(self, state: GptState, frames: Tensor, features: Tensor, active: Bool[Tensor, " b"]) -> None:
+        """Move the state on by the frames (b 8 c) generated; `features` (b n a) are those of all inputs.
+
+        The ring was written while they were generated.
+        """
+        count, past = frames.shape[1], self.config.context - 1
+        history = torch.cat([state.motion, frames], 1)[:, -state.motion.shape[1] :]
+        write_rows(state.motion, history, active)
+        if state.sound.shape[1]:
+            write_rows(state.sound, features[:, -past:], active)
+        write_rows(state.seen, state.seen + count, active)
+
+    def _advance(self, run: Run, motion: Tensor, sound: Tensor) -> Float[Tensor, "r t c"]:
+        """Motion goes to both branches, sound to the second (window form; `FrameDecoder` runs the ring)."""
+        sound = torch.stack([torch.zeros_like(sound), sound], 1).flatten(0, 1)
+        x: Tensor = self.embed(motion).repeat_interleave(BRANCHES, 0)
+        for index, block in enumerate(self._blocks()):
+            assert isinstance(block, WindowBlock)
+            x = block.extend(x, sound, run, index)
+        run.at += motion.shape[1]
+        return x
+
+    def _blocks(self) -> Sequence[WindowBlock | RingBlock]:
+        return cast(Sequence[WindowBlock | RingBlock], list(self.blocks))
+
+    def _condition(self, x: Tensor) -> Tensor:
+        y: Tensor = self.output_proj(self.output_norm(x))
+        return y
+
+
+def by_branch(x: Float[Tensor, "r ..."]) -> Float[Tensor, "b 2 ..."]:
+    """Rows apart into sessions and guidance branches."""
+    rows: Tensor = x.view(-1, BRANCHES, *x.shape[1:])
+    return rows

@@ -1,0 +1,73 @@
+"""The face model whole: encoder, GPT, head, and the statistics of the curves it was trained on.
+
+Paper, appendix Face Animation Generator: 52 ARKit coefficients from streaming audio, normalised per channel.
+"""
+
+from typing import Any
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from echoavatar.nn import Checkpointed
+
+from .config import FaceConfig, MelConfig
+from .encoder import AudioEncoder, MelEncoder
+from .flow import FlowHead
+from .gpt import FaceGpt
+
+_TINY = 1e-8
+STILL = 1e-3  # channels that deviate less (standard deviation) are held at their mean
+
+
+class FaceModel(Checkpointed):
+    """Encoder, backbone, head and the statistics of the curves; `FaceStream` runs it."""
+
+    config_type = FaceConfig
+    config: FaceConfig
+    mean: Tensor
+    std: Tensor
+
+    def __init__(self, config: FaceConfig) -> None:
+        super().__init__()
+        self.config = config
+        self.encoder: AudioEncoder[Any] = make_encoder(config)
+        self.gpt = FaceGpt(config)
+        self.head = FlowHead(
+            channels=config.channels,
+            condition=config.condition,
+            width=config.head_width,
+            blocks=config.head_blocks,
+            split=config.head_split,
+        )
+        self.register_buffer("mean", torch.zeros(config.channels))
+        self.register_buffer("std", torch.ones(config.channels))
+
+    def measure(self, curves: Float[Tensor, "t c"]) -> None:
+        """Take the statistics of normalisation from curves."""
+        self.mean.copy_(curves.mean(0))
+        self.std.copy_(curves.std(0))
+
+    def normalize(self, curves: Float[Tensor, "*b c"]) -> Float[Tensor, "*b c"]:
+        """Zero mean, unit variance; still channels become 0."""
+        return (curves - self.mean) / self._scale() * self.moving()
+
+    def denormalize(self, normal: Float[Tensor, "*b c"]) -> Float[Tensor, "*b c"]:
+        """Back to curves; not clamped."""
+        return normal * self._scale() * self.moving() + self.mean
+
+    def moving(self) -> Tensor:
+        """1 for the channels that this model moves, 0 for the others (c)."""
+        return (self.std > STILL).to(self.std)
+
+    def _scale(self) -> Tensor:
+        return self.std.clamp_min(max(self.config.least_std, _TINY))
+
+
+def make_encoder(config: FaceConfig) -> AudioEncoder[Any]:
+    """The encoder of this config."""
+    if isinstance(config.encoder, MelConfig):
+        return MelEncoder(config.encoder)
+    from .hubert import HubertEncoder
+
+    return HubertEncoder(config.encoder)

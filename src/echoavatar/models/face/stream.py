@@ -1,0 +1,128 @@
+"""Sound in, 52 curves out, 8 frames per step, many sessions in one batch.
+
+Paper, Face Animation Generator, Inference: 8 frames per step from 63 frames of sound and 56 of motion, 3-step flow
+matching, guidance 2.0. A session's face depends on its own sound and seed only.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+from echoavatar.motion.arkit import APPLE_NAMES, ARKIT_NAMES
+from echoavatar.nn import StreamState
+from echoavatar.timing import SAMPLES_PER_FRAME
+
+from .decoder import FrameDecoder
+from .flow import Schedule
+from .gpt import GptState
+from .idle import IdleFace, IdleState, frame_loudness
+from .model import FaceModel
+from .noise import face_noise
+
+
+@dataclass
+class FaceState(StreamState):
+    """All zero: the mean face, nothing heard yet."""
+
+    encoder: StreamState
+    gpt: GptState
+    idle: IdleState
+
+
+class FaceStream:
+    """A running face model, with idle motion (`idle`) on the channels that it does not move."""
+
+    def __init__(self, model: FaceModel) -> None:
+        self.model = model.eval()
+        names = APPLE_NAMES if model.config.order == "apple" else ARKIT_NAMES
+        self._order = torch.tensor([names.index(name) for name in ARKIT_NAMES])
+        moving = model.moving().cpu()[self._order]
+        self.idle = IdleFace(moving if model.config.idle else torch.ones_like(moving))
+        self._decoder = FrameDecoder(model) if model.config.memory == "ring" else None
+
+    def init_state(self, rows: int) -> FaceState:
+        """A fresh state."""
+        model = self.model
+        states = model.encoder.init_state(rows), model.gpt.init_state(rows), self.idle.init_state(rows)
+        return FaceState(*states)
+
+    @torch.no_grad()
+    def step(
+        self,
+        audio: Float[Tensor, "b s"],
+        state: FaceState,
+        active: Bool[Tensor, " b"],
+        seeds: Int[Tensor, " b"],
+    ) -> Float[Tensor, "b t 52"]:
+        """Curves (0 to 1) of the next steps, 6,400 samples or the config's; the curves of inactive rows mean nothing.
+
+        Raises:
+            ValueError: the samples are not whole steps.
+        """
+        samples = self.model.config.step * SAMPLES_PER_FRAME
+        if audio.shape[1] % samples or not audio.shape[1]:
+            raise ValueError(f"a step takes a multiple of {samples} samples, got {audio.shape[1]}")
+
+        with _one_thread():
+            faces = self._faces(audio, state, active, seeds)
+            return self.idle.step(faces, frame_loudness(audio), state.idle, active, seeds)
+
+    def _faces(
+        self, audio: Tensor, state: FaceState, active: Tensor, seeds: Tensor
+    ) -> Float[Tensor, "b t 52"]:
+        """The model's curves, without idle motion."""
+        schedule = self.model.head.schedule(self.model.config.sampling_steps)
+        faces = []
+        for chunk in torch.split(audio, self.model.config.step * SAMPLES_PER_FRAME, dim=1):
+            features = self.model.encoder.step(chunk, state.encoder, active)
+            noise = self._noise(state.gpt.seen, seeds)
+            normal = self.generate(features, state.gpt, active, noise, schedule)
+            faces.append(self.model.denormalize(normal).clamp(0, 1)[..., self._order])
+        return torch.cat(faces, 1)
+
+    @torch.no_grad()
+    def generate(
+        self,
+        features: Float[Tensor, "b n a"],
+        state: GptState,
+        active: Bool[Tensor, " b"],
+        noise: Float[Tensor, "b n c"],
+        schedule: Schedule | None = None,
+    ) -> Float[Tensor, "b n c"]:
+        """Normalised frames of one step, from the features of its frames (and, in front, of earlier ones)."""
+        gpt, head, config = self.model.gpt, self.model.head, self.model.config
+        schedule = schedule or head.schedule(config.sampling_steps)
+        wanted = state.sound.shape[1] + config.step
+        features = torch.cat([state.sound, features], 1)[:, -wanted:]
+        sound = gpt.sound_proj(features)
+        if self._decoder is not None:
+            generated = torch.from_numpy(self._decoder.run(state, sound, active, noise, schedule)).to(noise)
+        else:
+            run, last, frames = gpt.begin(state, sound), state.motion[:, -1], []
+            for i in range(config.step):
+                condition = gpt.next(run, last, sound[:, i - config.step])
+                last = head.sample(condition, noise[:, i], schedule, guidance=config.guidance)
+                frames.append(last)
+            generated = torch.stack(frames, 1)
+        gpt.commit(state, generated, features, active)
+        return generated
+
+    def _noise(self, frame: Int[Tensor, " b"], seeds: Int[Tensor, " b"]) -> Float[Tensor, "b n c"]:
+        config = self.model.config
+        noise = face_noise(seeds, frame, count=config.step, channels=config.channels, hold=config.noise_hold)
+        return noise.to(self.model.mean)
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Operations as small as these take longer when torch shares them out, above all on a busy machine."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)

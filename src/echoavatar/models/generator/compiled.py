@@ -1,0 +1,279 @@
+"""The decoder's inner loop on a CPU, compiled: codes are drawn one after another, and each is read back at once.
+
+One code takes a few million multiplications, which is less work than calling the two hundred operations of torch that
+describe it. Each weight is read once for all rows. A row's sums run in the same order whatever its neighbours are.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from torch import Tensor
+
+from echoavatar.nn.kernel_math import (
+    HALF,
+    ONE,
+    ZERO,
+    F,
+    attend,
+    exponential,
+    silu,
+)
+from echoavatar.nn.kernels import kernel
+
+from .linear import StoredWeight
+
+BISECTIONS = 40
+
+
+class Matrices(NamedTuple):
+    """One kind of linear map in every layer: y = (W x) scale + bias."""
+
+    weight: np.ndarray  # (l, o, i) float32 or int8
+    scale: np.ndarray  # (l, o)
+    bias: np.ndarray  # (l, o)
+
+
+class Weights(NamedTuple):
+    """A frozen generator; norm scales are folded into the products that follow them."""
+
+    embedding: np.ndarray  # (v, c)
+    qkv: Matrices
+    out: Matrices
+    gate_up: Matrices
+    down: Matrices
+    heads: Matrices  # (segments, K, c)
+    starts: np.ndarray  # (segments,) the id of each segment's first code
+    eps: np.float32  # c times the norm's epsilon
+
+
+class Positions(NamedTuple):
+    """The positions of the drawn codes: their rotary phases, their slots in the ring, and which slots they see."""
+
+    rotations: np.ndarray  # (b, t, half) complex64, of length 1
+    slots: np.ndarray  # (b, t)
+    bias: np.ndarray  # (b, t, s) 0 where a slot is seen, -inf where not
+
+
+class Draws(NamedTuple):
+    """How codes are drawn."""
+
+    noise: np.ndarray  # (b, n, K)
+    sharpness: np.ndarray  # (b, layers of the RVQ)
+    top_p: np.ndarray  # (b,)
+
+
+class Steering(NamedTuple):
+    """The effect of a directive; see `exemplar.Steer`."""
+
+    segments: np.ndarray  # (s,) the segments it raises; negative without a directive
+    hint: np.ndarray  # (b, c)
+    members: np.ndarray  # (b, s K)
+    bias: np.ndarray  # (b, s K)
+    gate: np.ndarray  # (c,)
+    gate_bias: np.float32
+
+
+@kernel(reorders=True)
+def _product(x, matrices, layer, y):  # type: ignore[no-untyped-def]
+    """Rows times W, four outputs a pass; of x only as many columns as W has are read."""
+    weight, scale, bias = matrices.weight[layer], matrices.scale[layer], matrices.bias[layer]
+    outputs = weight.shape[0]
+    for o in range(0, outputs - 3, 4):
+        for row in range(x.shape[0]):
+            a, b, c, d = ZERO, ZERO, ZERO, ZERO
+            for i in range(weight.shape[1]):
+                v = x[row, i]
+                a += F(weight[o, i]) * v
+                b += F(weight[o + 1, i]) * v
+                c += F(weight[o + 2, i]) * v
+                d += F(weight[o + 3, i]) * v
+            y[row, o] = a * scale[o] + bias[o]
+            y[row, o + 1] = b * scale[o + 1] + bias[o + 1]
+            y[row, o + 2] = c * scale[o + 2] + bias[o + 2]
+            y[row, o + 3] = d * scale[o + 3] + bias[o + 3]
+    for o in range(outputs - outputs % 4, outputs):
+        for row in range(x.shape[0]):
+            total = ZERO
+            for i in range(weight.shape[1]):
+                total += F(weight[o, i]) * x[row, i]
+            y[row, o] = total * scale[o] + bias[o]
+
+
+@kernel(reorders=True)
+def _normalise(x, eps, y):  # type: ignore[no-untyped-def]
+    for row in range(x.shape[0]):
+        total = ZERO
+        for i in range(x.shape[1]):
+            total += x[row, i] * x[row, i]
+        scale = ONE / F(math.sqrt(total + eps))
+        for i in range(x.shape[1]):
+            y[row, i] = x[row, i] * scale
+
+
+@kernel(reorders=True)
+def _rotate(qkv, rotation, count):  # type: ignore[no-untyped-def]
+    """Rotary positions of the first `count` channels: each head's pairs, as complex numbers, times the rotation."""
+    half = rotation.shape[0]
+    for start in range(0, count, 2 * half):
+        for i in range(half):
+            first, second = qkv[start + 2 * i], qkv[start + 2 * i + 1]
+            qkv[start + 2 * i] = first * rotation[i].real - second * rotation[i].imag
+            qkv[start + 2 * i + 1] = first * rotation[i].imag + second * rotation[i].real
+
+
+@kernel(reorders=True)
+def _attend(qkv, keys, values, slot, bias, scores, y):  # type: ignore[no-untyped-def]
+    """Write k and v into the ring, and what every head sees into y."""
+    kv_heads, width, _ = keys.shape
+    group = y.shape[0] // width // kv_heads
+    for kv in range(kv_heads):
+        k = y.shape[0] + kv * width
+        v = k + kv_heads * width
+        for i in range(width):
+            keys[kv, i, slot] = qkv[k + i]
+            values[kv, i, slot] = qkv[v + i]
+        for start in range(kv * group * width, (kv + 1) * group * width, width):
+            head = slice(start, start + width)
+            attend(qkv[head], keys[kv], 0, values[kv], 0, 0, bias, scores, y[head])
+
+
+@kernel(reorders=True)
+def _steer(logits, hidden, steering, at):  # type: ignore[no-untyped-def]
+    for row in range(logits.shape[0]):
+        gate = steering.gate_bias
+        for i in range(hidden.shape[1]):
+            gate += hidden[row, i] * steering.gate[i]
+        for code in range(logits.shape[1]):
+            logits[row, code] += gate * steering.members[row, at + code] + steering.bias[row, at + code]
+
+
+@kernel(reorders=True)
+def _least_share(shares, wanted):  # type: ignore[no-untyped-def]
+    """The largest bound above which the mass is still `wanted`, by bisection, which is faster than sorting."""
+    low, high = ZERO, F(1.5)
+    for _ in range(BISECTIONS):
+        middle = HALF * (low + high)
+        mass = ZERO
+        for code in range(shares.shape[0]):
+            mass += shares[code] if shares[code] >= middle else ZERO
+        if mass >= wanted:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@kernel(reorders=True)
+def _draw(logits, noise, sharpness, top_p, shares):  # type: ignore[no-untyped-def]
+    """The code with the largest logit plus noise within the nucleus (`sampling.nucleus`); `shares` (K) is scratch."""
+    highest = F(-np.inf)
+    for code in range(logits.shape[0]):
+        logits[code] *= sharpness
+        highest = max(highest, logits[code])
+    total = ZERO
+    for code in range(logits.shape[0]):
+        shares[code] = exponential(logits[code] - highest)
+        total += shares[code]
+    least = _least_share(shares, top_p * total) if top_p < ONE else ZERO
+    best, code_of_best = F(-np.inf), 0
+    for code in range(logits.shape[0]):
+        if shares[code] >= least and logits[code] + noise[code] > best:
+            best, code_of_best = logits[code] + noise[code], code
+    return code_of_best
+
+
+@kernel(reorders=True)
+def _draw_codes(weights, hidden, keys, values, at, draws, steering, codes):  # type: ignore[no-untyped-def]
+    rows, width = hidden.shape
+    segments, count = weights.heads.weight.shape[0], codes.shape[1]
+    x, y = np.empty((rows, width), F), np.empty((rows, width), F)
+    qkv = np.empty((rows, weights.qkv.weight.shape[1]), F)
+    gates = np.empty((rows, weights.gate_up.weight.shape[1]), F)
+    inner = gates.shape[1] // 2
+    logits, shares = np.empty((rows, draws.noise.shape[2]), F), np.empty(draws.noise.shape[2], F)
+    scores = np.empty(at.bias.shape[2], F)
+    for index in range(count):
+        segment = index % segments
+        _product(hidden, weights.heads, segment, logits)
+        for place in range(steering.segments.shape[0]):
+            if segment == steering.segments[place]:
+                _steer(logits, hidden, steering, place * logits.shape[1])
+        for row in range(rows):
+            sharpness = draws.sharpness[row, index % draws.sharpness.shape[1]]
+            codes[row, index] = _draw(
+                logits[row], draws.noise[row, index], sharpness, draws.top_p[row], shares
+            )
+        if index == count - 1:
+            return
+        for row in range(rows):
+            chosen = weights.embedding[weights.starts[segment] + codes[row, index]]
+            for i in range(width):
+                x[row, i] = chosen[i] + steering.hint[row, i]
+        for layer in range(weights.qkv.weight.shape[0]):
+            _normalise(x, weights.eps, hidden)
+            _product(hidden, weights.qkv, layer, qkv)
+            for row in range(rows):
+                rotation, slot, bias = at.rotations[row, index], at.slots[row, index], at.bias[row, index]
+                _rotate(qkv[row], rotation, qkv.shape[1] - keys[layer].shape[1] * keys[layer].shape[2])
+                _attend(qkv[row], keys[layer][row], values[layer][row], slot, bias, scores, y[row])
+            _product(y, weights.out, layer, hidden)
+            for row in range(rows):
+                for i in range(width):
+                    x[row, i] += hidden[row, i]
+            _normalise(x, weights.eps, hidden)
+            _product(hidden, weights.gate_up, layer, gates)
+            for row in range(rows):
+                for i in range(inner):
+                    gates[row, i] = silu(gates[row, i]) * gates[row, inner + i]
+            _product(gates, weights.down, layer, hidden)
+            for row in range(rows):
+                for i in range(width):
+                    x[row, i] += hidden[row, i]
+        _normalise(x, weights.eps, hidden)
+
+
+def draw_codes(
+    weights: Weights,
+    hidden: np.ndarray,
+    keys: Sequence[np.ndarray],
+    values: Sequence[np.ndarray],
+    at: Positions,
+    draws: Draws,
+    steering: Steering,
+) -> np.ndarray:
+    """Codes (b, n) from the hidden state (b, c) of the position that predicts the first.
+
+    Keys and values (b, kv, d, s) of each layer are written in place; the last code is not read back.
+    """
+    codes = np.zeros(draws.noise.shape[:2], np.int64)
+    _draw_codes(
+        weights,
+        hidden.copy(),
+        _padded(keys),
+        _padded(values),
+        Positions(*map(np.ascontiguousarray, at)),  # one memory layout, so one compilation
+        Draws(*map(np.ascontiguousarray, draws)),
+        steering,
+        codes,
+    )
+    return codes
+
+
+def _padded(rings: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
+    """Padded to a multiple of eight, because numba compiles anew for every length of a tuple."""
+    return (*rings, *[rings[-1]] * (-len(rings) % 8))
+
+
+def stacked(maps: Sequence[StoredWeight]) -> Matrices:
+    """The same linear map of several layers in one array."""
+    weight = np.ascontiguousarray(np.stack([one.weight.numpy() for one in maps]))
+
+    def vectors(found: Sequence[Tensor | None], missing: float) -> np.ndarray:
+        rows = [np.full(weight.shape[1], missing, F) if v is None else v.float().numpy() for v in found]
+        return np.ascontiguousarray(np.stack(rows), F)
+
+    return Matrices(
+        weight, vectors([one.scale for one in maps], 1.0), vectors([one.bias for one in maps], 0.0)
+    )

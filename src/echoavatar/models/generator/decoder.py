@@ -1,0 +1,338 @@
+"""The generator rearranged for decoding: fused projections, folded norms, keys and values in preallocated rings.
+
+A prompt is read in one pass (`run`); then codes are drawn one by one (`draw`), on a CPU by the compiled loop. On CUDA
+both together (`generate`) are one captured graph. Computes what `Generator.forward` computes, with few operations per
+token: norm scales are folded into the next projection, q, k and v are one product, gate and up are one product, and
+rotary positions are one complex product, for which the channels of each q and k head are reordered into pairs.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from jaxtyping import Bool, Complex, Float, Int
+from torch import Tensor
+
+from echoavatar.nn.graphs import GraphCache
+from echoavatar.nn.rotary import rotary_phases
+from echoavatar.nn.stream import StreamState
+
+from . import compiled
+from .exemplar import Steer, member_rows
+from .linear import (
+    FloatLinear,
+    FrozenLinear,
+    Precision,
+    frozen_linear,
+)
+from .model import DecoderLayer, Generator
+from .sampling import Sampler
+
+
+@dataclass
+class KeyValueRing(StreamState):
+    """Keys (already rotated) and values of one layer, slots last, so that sums over slots run through memory.
+
+    The last slot takes the writes of rows that must not change.
+    """
+
+    keys: Float[Tensor, "b h d s"]
+    values: Float[Tensor, "b h d s"]
+
+
+class Places(NamedTuple):
+    """The positions of one step: their rotary phases, the slots they are written to, and which slots they see."""
+
+    rotations: Complex[Tensor, "b t 1 half"]  # of length 1
+    slots: Int[Tensor, "b t"]
+    bias: Float[Tensor, "b 1 1 t s"]  # 0 where a slot is seen, -inf where not
+
+    def part(self, start: int, stop: int | None = None) -> "Places":
+        """The positions from `start` to `stop` of the step."""
+        rotations, slots, bias = self
+        return Places(rotations[:, start:stop], slots[:, start:stop], bias[:, :, :, start:stop])
+
+
+class Decoder:
+    """Frozen weights of a generator, on its device."""
+
+    def __init__(self, generator: Generator, precision: Precision) -> None:
+        config = self.config = generator.config
+        width = config.width
+        self._embedding = generator.model.embed_tokens.weight.detach().float()
+        self._layers = [
+            _FrozenLayer(layer, config.head_width, precision)
+            for layer in generator.model.layers
+            if isinstance(layer, DecoderLayer)
+        ]
+        scale = generator.model.norm.weight.detach().float() * width**0.5
+        self._heads = [
+            frozen_linear(precision, segment * scale) for segment in generator.segment_head().detach()
+        ]
+        self._control = generator.exemplar
+        if self._control is not None:
+            self._gate = (
+                (self._control.gate_proj.weight * scale).detach().float(),
+                self._control.gate_proj.bias,
+            )
+        self._directed = config.directed
+        self._members = member_rows(self._embedding, config.layout)
+        self._root_eps = torch.full((1, 1), (width * config.norm_eps) ** 0.5, device=self.device)
+        self._compiled = self._compile() if self.device.type == "cpu" and precision != "bfloat16" else None
+        self._graphs = GraphCache[Sequence[KeyValueRing]](self._generate, _tensors)
+
+    @property
+    def device(self) -> torch.device:
+        """Where the weights are."""
+        return self._embedding.device
+
+    def rings(self, rows: int, slots: int) -> list[KeyValueRing]:
+        """Empty rings of `slots` positions and the spare slot."""
+        config = self.config
+        shape = (rows, config.kv_heads, config.head_width, slots + 1)
+        return [
+            KeyValueRing(torch.zeros(shape, device=self.device), torch.zeros(shape, device=self.device))
+            for _ in range(config.layers)
+        ]
+
+    def places(
+        self,
+        positions: Int[Tensor, "b t"],
+        slots: Int[Tensor, "b t"],
+        seen: Bool[Tensor, "b t s"],
+        active: Bool[Tensor, " b"],
+    ) -> Places:
+        """Places of a step's positions; rows that are not active write to the spare slot."""
+        config, spare = self.config, seen.shape[2] - 1
+        phases = rotary_phases(positions, width=config.head_width, base=config.rope_theta)
+        rotations = torch.polar(torch.ones_like(phases), phases).to(torch.complex64)
+        slots = torch.where(active[:, None], slots, spare)
+        bias = torch.zeros(seen.shape, device=positions.device).masked_fill_(~seen, -torch.inf)
+        return Places(rotations[:, :, None], slots, bias[:, None, None])
+
+    def steer(self, exemplar: Float[Tensor, "b K"] | None, bias: Float[Tensor, "b K"] | None) -> Steer | None:
+        """The effect of a set of codes and of a bias on their logits; without exemplar control the set has none."""
+        if self._control is None and not self.config.layout.before_example:
+            exemplar = None
+        if exemplar is None:
+            if bias is None:
+                return None
+            return Steer(bias.new_zeros(len(bias), self.config.width), torch.zeros_like(bias), bias)
+        if self._control is None:  # the prompt shows the set, if anything does
+            hint = exemplar.new_zeros(len(exemplar), self.config.width)
+        else:
+            hint = self._control.hint(exemplar, self._members)
+        return Steer(hint, exemplar, torch.zeros_like(exemplar) if bias is None else bias)
+
+    def generate(
+        self,
+        prompt: Int[Tensor, "b t"],
+        places: Places,
+        rings: Sequence[KeyValueRing],
+        sampler: Sampler,
+        steer: Steer | None,
+        *,
+        hinted: int = 1,
+        captured: bool = True,
+    ) -> Int[Tensor, "b n"]:
+        """Read the prompt, then draw one code for each position of the sampler; the last code is not read back.
+
+        `places` are those of the prompt and of all codes. Without rings, keys and values are kept for this call only.
+        The last `hinted` ids of the prompt predict motion codes. A prompt whose length is rare should not be
+        `captured` as a CUDA graph, which costs several times what a plain call does.
+        """
+        run = self._graphs if captured else self._generate
+        return run(rings, hinted, prompt, *places, *sampler, *(steer or ()))
+
+    def _generate(
+        self, rings: Sequence[KeyValueRing], hinted: int, prompt: Tensor, *inputs: Tensor
+    ) -> Int[Tensor, "b n"]:
+        """See `generate`, whose arguments come as plain tensors."""
+        places, sampler = Places(*inputs[:3]), Sampler(*inputs[3:6])
+        steer = Steer(*inputs[6:]) if len(inputs) > 6 else None
+        (rows, length), slots = prompt.shape, places.bias.shape[4] - 1
+        rings, hint = rings or self.rings(rows, slots), None if steer is None else steer.hint
+        hidden = self.run(prompt, places.part(0, length), rings, hint, hinted)
+        return self.draw(hidden, places.part(length), rings, sampler, steer)
+
+    def run(
+        self,
+        ids: Int[Tensor, "b t"],
+        places: Places,
+        rings: Sequence[KeyValueRing],
+        hint: Float[Tensor, "b c"] | None = None,
+        hinted: int = 1,
+    ) -> Float[Tensor, "b c"]:
+        """Read ids, write their keys and values, return the normed hidden state of the last position.
+
+        `hint` is added to the embeddings of the last `hinted` ids.
+        """
+        rows, length = ids.shape
+        x = self._embedding[ids.flatten()]
+        if hint is not None:
+            x.view(rows, length, -1)[:, -hinted:] += hint[:, None]
+        for layer, ring in zip(self._layers, rings, strict=True):
+            qkv = layer.qkv(self._norm(x, layer.dtype)).float()
+            x = x + layer.out(self._attend(qkv, places, ring).to(layer.dtype))
+            gate, up = layer.gate_up(self._norm(x, layer.dtype)).chunk(2, dim=1)
+            x = x + layer.down((F.silu(gate) * up).to(layer.dtype))
+        last = x if length == 1 else x.view(rows, length, -1)[:, -1]
+        return self._norm(last, self._heads[0].dtype)
+
+    def logits(
+        self, hidden: Float[Tensor, "b c"], segment: int, steer: Steer | None = None
+    ) -> Float[Tensor, "b K"]:
+        """The K logits of one segment, under a directive where one is given."""
+        logits = self._heads[segment](hidden).float()
+        if steer is None or segment not in self._directed:
+            return logits
+        at = self._directed.index(segment) * logits.shape[1]
+        part = slice(at, at + logits.shape[1])
+        if self._control is not None:
+            logits = logits + F.linear(hidden.float(), *self._gate) * steer.members[:, part]
+        return logits + steer.bias[:, part]
+
+    def draw(
+        self,
+        hidden: Float[Tensor, "b c"],
+        places: Places,
+        rings: Sequence[KeyValueRing],
+        sampler: Sampler,
+        steer: Steer | None,
+    ) -> Int[Tensor, "b n"]:
+        """The codes of a chunk, from the hidden state that predicts the first; the last one is not read back.
+
+        `places` are those of the codes.
+        """
+        if self._compiled is not None:
+            return torch.from_numpy(
+                self._draw_compiled(self._compiled, hidden, places, rings, sampler, steer)
+            )
+        layout, hint = self.config.layout, None if steer is None else steer.hint
+        codes, count = [], sampler.noise.shape[1]
+        for index in range(count):
+            segment = index % layout.segments
+            codes.append(sampler.draw(self.logits(hidden, segment, steer), index))
+            if index < count - 1:
+                ids = codes[-1][:, None] + layout.segment_start(segment)
+                hidden = self.run(ids, places.part(index, index + 1), rings, hint)
+        return torch.stack(codes, dim=1)
+
+    def _compile(self) -> compiled.Weights:
+        """The weights in the layout of the compiled loop."""
+        config, layers = self.config, self._layers
+        assert all(isinstance(head, FloatLinear) for head in self._heads)
+
+        def stacked(*maps: FrozenLinear) -> compiled.Matrices:
+            return compiled.stacked([one.stored() for one in maps if isinstance(one, FloatLinear)])
+
+        starts = [config.layout.segment_start(segment) for segment in range(config.layout.segments)]
+        return compiled.Weights(
+            self._embedding.numpy(),
+            stacked(*(layer.qkv for layer in layers)),
+            stacked(*(layer.out for layer in layers)),
+            stacked(*(layer.gate_up for layer in layers)),
+            stacked(*(layer.down for layer in layers)),
+            stacked(*self._heads),
+            np.array(starts),
+            np.float32(config.width * config.norm_eps),
+        )
+
+    def _draw_compiled(
+        self,
+        weights: compiled.Weights,
+        hidden: Float[Tensor, "b c"],
+        places: Places,
+        rings: Sequence[KeyValueRing],
+        sampler: Sampler,
+        steer: Steer | None,
+    ) -> Int[np.ndarray, "b n"]:
+        at = compiled.Positions(
+            places.rotations[:, :, 0].numpy(), places.slots.numpy(), places.bias[:, 0, 0].numpy()
+        )
+        draws = compiled.Draws(sampler.noise.numpy(), sampler.sharpness.numpy(), sampler.top_p.numpy())
+        return compiled.draw_codes(
+            weights,
+            hidden.numpy(),
+            [ring.keys.numpy() for ring in rings],
+            [ring.values.numpy() for ring in rings],
+            at,
+            draws,
+            self._steering(steer, len(hidden)),
+        )
+
+    def _steering(self, steer: Steer | None, rows: int) -> compiled.Steering:
+        width, codes = self.config.width, self.config.layout.motion_codes
+        directed = np.array(self._directed)
+        gate, gate_bias = np.zeros(width, np.float32), np.float32(0)
+        if steer is None:
+            hint, (members, bias) = (
+                np.zeros((rows, width), np.float32),
+                np.zeros((2, rows, codes * len(directed)), np.float32),
+            )
+            return compiled.Steering(directed - len(self._heads), hint, members, bias, gate, gate_bias)
+        if self._control is not None:
+            gate, gate_bias = self._gate[0][0].numpy(), np.float32(self._gate[1].item())
+        hint, members, bias = (np.ascontiguousarray(part.numpy()) for part in steer)
+        return compiled.Steering(directed, hint, members, bias, gate, gate_bias)
+
+    def _norm(self, x: Float[Tensor, "n c"], dtype: torch.dtype) -> Float[Tensor, "n c"]:
+        """Bring to unit length, x / sqrt(|x|^2 + c eps); the missing sqrt(c) is folded into the weights."""
+        length = torch.linalg.vector_norm(x, dim=1, keepdim=True)
+        return (x / torch.hypot(length, self._root_eps)).to(dtype)
+
+    def _attend(
+        self, qkv: Float[Tensor, "n qkv"], places: Places, ring: KeyValueRing
+    ) -> Float[Tensor, "n c"]:
+        heads, kv, width = self.config.heads, self.config.kv_heads, self.config.head_width
+        (rows, length), group, slots = places.slots.shape, heads // kv, ring.keys.shape[3]
+        split = qkv.view(rows, length, heads + 2 * kv, width)
+        pairs = torch.view_as_complex(split.view(rows, length, -1, width // 2, 2))
+        rotated = torch.view_as_real(pairs[:, :, : heads + kv] * places.rotations).flatten(3)
+        where = places.slots[:, None, None].expand(rows, kv, width, length)
+        ring.keys.scatter_(3, where, rotated[:, :, heads:].permute(0, 2, 3, 1))
+        ring.values.scatter_(3, where, split[:, :, heads + kv :].permute(0, 2, 3, 1))
+        q = rotated[:, :, :heads].reshape(rows, length, kv, group, width).permute(0, 2, 3, 1, 4)
+        q = q.reshape(rows * kv, group * length, width)
+        scores = torch.bmm(q, ring.keys.view(rows * kv, width, slots))
+        weights = torch.softmax(scores.view(rows, kv, group, length, slots).add_(places.bias), dim=-1)
+        values = ring.values.view(rows * kv, width, slots).transpose(1, 2)
+        y = torch.bmm(weights.view(rows * kv, group * length, slots), values)
+        return y.view(rows, heads, length, width).transpose(1, 2).reshape(rows * length, heads * width)
+
+
+class _FrozenLayer:
+    """Four fused products of a layer; the scores' 1 / sqrt(d) is folded into the q projection."""
+
+    def __init__(self, layer: DecoderLayer, head_width: int, precision: Precision) -> None:
+        attention, mlp = layer.self_attn, layer.mlp
+        scale = head_width**-0.5
+        q = _pair(attention.q_proj.weight * scale, attention.q_proj.bias * scale, head_width)
+        k = _pair(attention.k_proj.weight, attention.k_proj.bias, head_width)
+        weight = torch.cat([q[0], k[0], attention.v_proj.weight])
+        bias = torch.cat([q[1], k[1], attention.v_proj.bias])
+        root = weight.shape[1] ** 0.5
+        before = layer.input_layernorm.weight * root
+        between = layer.post_attention_layernorm.weight * root
+        gate_up = torch.cat([mlp.gate_proj.weight, mlp.up_proj.weight])
+        self.qkv: FrozenLinear = frozen_linear(precision, weight * before, bias)
+        self.out: FrozenLinear = frozen_linear(precision, attention.o_proj.weight)
+        self.gate_up: FrozenLinear = frozen_linear(precision, gate_up * between)
+        self.down: FrozenLinear = frozen_linear(precision, mlp.down_proj.weight)
+        self.dtype = self.qkv.dtype
+
+
+def _tensors(rings: Sequence[KeyValueRing]) -> list[Tensor]:
+    return [tensor for ring in rings for tensor in ring.tensors()]
+
+
+def _pair(
+    weight: Float[Tensor, "o i"], bias: Float[Tensor, " o"], head_width: int
+) -> tuple[Float[Tensor, "o i"], Float[Tensor, " o"]]:
+    """Reorder the outputs of each head from (all firsts, all seconds) to (first, second) pairs."""
+    order = torch.arange(weight.shape[0], device=weight.device)
+    order = order.view(-1, 2, head_width // 2).transpose(1, 2).flatten()
+    return weight[order], bias[order]

@@ -1,0 +1,123 @@
+"""Exemplar-driven control: a set of first-layer upper-body codes asks the generator for a motion.
+
+Paper, Exemplar-Driven Control (after MECo): the first RVQ layer carries the meaning, so the codes that a reference clip
+uses there, without order, are the directive; stage 3 trains it with 10 to 20 % of the set dropped.
+
+Departs from the paper, which writes the set as a system prompt in front of a window that is re-read every step: ours
+costs no context and may change at every chunk border. While a set holds, one vector (the set's embeddings summed over
+the root of its size, mapped) is added to the input of every position that predicts a motion code, and where the first
+layer of the upper body is predicted, the set's logits are raised by a learned gate. Both maps begin at zero, so a
+generator trained without exemplars goes on unchanged.
+"""
+
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor, nn
+
+from echoavatar.timing import MOTION_TOKENS_PER_CHUNK
+
+from ..tokens import PARTS, Sequences, TokenLayout
+
+UPPER = 1  # the part whose first layer is the directive
+DROPPED = (0.1, 0.2)  # share of a set that is left out in training (paper)
+SHORTEST_CHUNKS = 3  # a set is drawn from at least 0.8 s
+
+
+class Exemplar(NamedTuple):
+    """Directives of a batch of training windows."""
+
+    members: Float[Tensor, "b K"]  # the intensity of each code of the set; 0 where not in it
+    holds: Bool[Tensor, "b n"]  # motion time steps during which the directive is given
+
+
+class Steer(NamedTuple):
+    """The effect of a directive during one step of a stream."""
+
+    hint: Float[Tensor, "b c"]  # added to the input of the positions that predict motion codes
+    members: Float[Tensor, "b K"]  # times the gate, added to the logits of the segments directed; K for each
+    bias: Float[Tensor, "b K"]  # added there as it is
+
+
+class ExemplarControl(nn.Module):
+    """Learned effect of a set: `hint` enters the input, `gate` of the hidden state raises the set's logits."""
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.hint_proj = nn.Linear(width, width, bias=False)
+        self.gate_proj = nn.Linear(width, 1)
+        self.clear()
+
+    def clear(self) -> None:
+        """Reset to no effect."""
+        for parameter in self.parameters():
+            nn.init.zeros_(parameter)
+
+    def hint(self, members: Float[Tensor, "b K"], embeddings: Float[Tensor, "K c"]) -> Float[Tensor, "b c"]:
+        """The vector to add to the input; zero for an empty set."""
+        size = (members != 0).sum(dim=1, keepdim=True).clamp(min=1)
+        mapped: Tensor = self.hint_proj(members @ embeddings * size**-0.5)
+        return mapped
+
+    def gate(self, hidden: Float[Tensor, "... c"]) -> Float[Tensor, "... 1"]:
+        """By how much the logits of the set are raised."""
+        raised: Tensor = self.gate_proj(hidden)
+        return raised
+
+
+def segment_of(layout: TokenLayout) -> int:
+    """The segment whose codes the set holds: the first layer of the upper body, or of the whole body."""
+    return min(UPPER, layout.parts - 1) * layout.motion_layers
+
+
+def member_rows(weight: Float[Tensor, "v c"], layout: TokenLayout) -> Float[Tensor, "K c"]:
+    """The embeddings of the codes that a set may hold, a view."""
+    start = layout.segment_start(segment_of(layout))
+    return weight[start : start + layout.motion_codes]
+
+
+def spread_hints(hint: Float[Tensor, "b c"], exemplar: Exemplar, batch: Sequences) -> Float[Tensor, "b t c"]:
+    """What to add to the input embeddings: the hint at each position that predicts a code while the set holds."""
+    there = torch.zeros(batch.ids.shape, dtype=hint.dtype, device=hint.device)
+    for predictors in batch.predictors:
+        there[:, predictors] = exemplar.holds.to(hint)
+    return there[..., None] * hint[:, None]
+
+
+def raise_logits(
+    control: ExemplarControl,
+    logits: Float[Tensor, "k b n K"],
+    hidden: Float[Tensor, "b t c"],
+    exemplar: Exemplar,
+    batch: Sequences,
+) -> Float[Tensor, "k b n K"]:
+    """Logits by segment, those of the set raised where it holds."""
+    segment = batch.predictors.shape[0] // PARTS * UPPER
+    gate = control.gate(hidden[:, batch.predictors[segment]]) * exemplar.holds[..., None]
+    raised = logits[segment] + (gate * exemplar.members[:, None]).to(logits)
+    return torch.cat([logits[:segment], raised[None], logits[segment + 1 :]])
+
+
+def draw_exemplar(
+    motion: Int[Tensor, "b n p q"], share: float, *, codes: int, whole: bool, generator: torch.Generator
+) -> Exemplar:
+    """Directives for training windows: the codes that a span of each window uses, 10 to 20 % of them dropped.
+
+    A `share` of the windows gets one, over a random span of whole chunks (over the `whole` window in the prefix order).
+    """
+    rows, steps = motion.shape[:2]
+    chunks = steps // MOTION_TOKENS_PER_CHUNK
+    length = torch.randint(min(SHORTEST_CHUNKS, chunks), chunks + 1, (rows, 1), generator=generator)
+    start = (torch.rand(rows, 1, generator=generator) * (chunks - length + 1)).long()
+    given = torch.rand(rows, 1, generator=generator) < share
+    low, high = DROPPED
+    dropped = low + (high - low) * torch.rand(rows, 1, generator=generator)
+    kept = torch.rand(rows, codes, generator=generator) >= dropped
+    if whole:
+        start, length = torch.zeros_like(start), torch.full_like(length, chunks)
+    chunk = torch.arange(steps) // MOTION_TOKENS_PER_CHUNK
+    holds = (chunk >= start) & (chunk < start + length) & given
+    used = torch.zeros(rows, codes + 1)  # the last column takes the codes outside the span
+    used.scatter_(1, torch.where(holds, motion[:, :, UPPER, 0], codes), 1.0)
+    return Exemplar(used[:, :codes] * kept, holds)

@@ -1,0 +1,318 @@
+"""Streaming generation: each chunk of audio codes in, two time steps of motion codes out (or the config's number).
+
+`InterleavedStream` keeps a ring of keys and values of constant size: a step reads the previous id and 40 audio ids
+in one pass, then decodes 6 Q ids one by one. `PrefixStream` is the paper's sliding window: its state is the code
+history and every step reads the whole window again. Callers cannot tell which.
+"""
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import TypeVar
+
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+from echoavatar.nn.stream import StreamingModule, StreamState, write_rows
+
+from ..tokens import Interleaved, Prefix
+from .config import AUDIO_FRAMES_PER_TOKEN
+from .decoder import Decoder, KeyValueRing, Places
+from .exemplar import Steer
+from .linear import Precision
+from .model import Generator
+from .sampling import Sampler, gumbel_noise, make_sampler
+
+StateT = TypeVar("StateT", bound=StreamState)
+
+
+class GeneratorStream(StreamingModule[StateT]):
+    """The common part of both sequence orders, built from a generator's present weights, on its device."""
+
+    def __init__(self, generator: Generator, precision: Precision = "float32") -> None:
+        super().__init__()
+        self.config, self.layout = generator.config, generator.config.layout
+        with torch.no_grad():
+            self._decoder = Decoder(generator, precision)
+
+    @abstractmethod
+    def init_state(self, rows: int) -> StateT:
+        """A fresh state."""
+
+    @torch.no_grad()
+    def step(
+        self,
+        x: Int[Tensor, "b f l"],
+        state: StateT,
+        active: Bool[Tensor, " b"],
+        *,
+        seeds: Int[Tensor, " b"] | None = None,
+        temperature: Float[Tensor, " b"] | None = None,
+        top_p: Float[Tensor, " b"] | None = None,
+        exemplar: Float[Tensor, "b K"] | None = None,
+        bias: Float[Tensor, "b K"] | None = None,
+    ) -> Int[Tensor, "b n p q"]:
+        """Hear the audio codes of whole steps (b, 20 each, 2), return their motion codes (b, 2 each, 3, Q).
+
+        `seeds` (default 0) key the noise of each row; `temperature` and `top_p` default to the config's. `exemplar` is
+        each row's directive: the intensity of every code in its set of first-layer upper-body codes, 0 elsewhere (a
+        generator trained without ignores it); `bias` is added to that layer's logits as it is. Where the config steers
+        other segments both have K numbers for each of them.
+        """
+        rows, device = x.shape[0], self._decoder.device
+        seeds = torch.zeros(rows, dtype=torch.int64, device=device) if seeds is None else seeds
+        if temperature is None:
+            temperature = torch.full((rows,), self.config.temperature, device=device)
+        top_p = torch.full((rows,), self.config.top_p, device=device) if top_p is None else top_p
+        count, codes = self.config.step * self.layout.segments, self.layout.motion_codes
+        steer = self._decoder.steer(exemplar, bias)
+        parts = []
+        for chunk in torch.split(x, self.config.audio_frames, dim=1):
+            noise = gumbel_noise(seeds, self._heard(state) * count, count=count, codes=codes)
+            parts.append(
+                self._generate(chunk, state, active, self._sampler(noise, temperature, top_p), steer)
+            )
+        return torch.cat(parts, dim=1)
+
+    @abstractmethod
+    def prime(
+        self,
+        x: Int[Tensor, "b f l"],
+        motion: Int[Tensor, "b n p q"],
+        state: StateT,
+        active: Bool[Tensor, " b"],
+    ) -> None:
+        """Take whole chunks of audio codes and their known motion as the past, for a prompt that begins with one."""
+
+    def forward(self, x: Int[Tensor, "b f l"]) -> Int[Tensor, "b n p q"]:
+        """A whole clip: one step from a fresh state, seed 0."""
+        rows = x.shape[0]
+        everyone = torch.ones(rows, dtype=torch.bool, device=self._decoder.device)
+        return self.step(x, self.init_state(rows), everyone)
+
+    def _sampler(self, noise: Tensor, temperature: Tensor, top_p: Tensor) -> Sampler:
+        layers, cooling = self.layout.motion_layers, self.config.cooling
+        return make_sampler(noise, temperature, top_p, layers=layers, cooling=cooling)
+
+    @abstractmethod
+    def _heard(self, state: StateT) -> Int[Tensor, " b"]:
+        """Steps each row has heard."""
+
+    @abstractmethod
+    def _generate(
+        self,
+        x: Int[Tensor, "b f l"],
+        state: StateT,
+        active: Bool[Tensor, " b"],
+        sampler: Sampler,
+        steer: Steer | None,
+    ) -> Int[Tensor, "b n p q"]: ...
+
+
+@dataclass
+class RingState(StreamState):
+    """Keys and values of the window, the id not yet read, and how many chunks were heard."""
+
+    rings: list[KeyValueRing]
+    last: Int[Tensor, " b"]  # id relative to the start id, so that zero is a fresh row
+    chunks: Int[Tensor, " b"]
+
+
+class InterleavedStream(GeneratorStream[RingState]):
+    """Bounded memory, no re-reading: a step costs 41 ids in one pass and 6 Q - 1 single ones."""
+
+    def __init__(self, generator: Generator, precision: Precision = "float32") -> None:
+        super().__init__(generator, precision)
+        assert isinstance(generator.config.order, Interleaved)
+        self._order = generator.config.order
+        self._slots = self._order.lookback + self._order.audio_per_chunk
+
+    def init_state(self, rows: int) -> RingState:
+        """A fresh state."""
+        zero = torch.zeros(rows, dtype=torch.int64, device=self._decoder.device)
+        return RingState(self._decoder.rings(rows, self._slots), zero, zero.clone())
+
+    def _heard(self, state: RingState) -> Int[Tensor, " b"]:
+        return state.chunks
+
+    def _generate(
+        self,
+        x: Int[Tensor, "b f l"],
+        state: RingState,
+        active: Bool[Tensor, " b"],
+        sampler: Sampler,
+        steer: Steer | None,
+    ) -> Int[Tensor, "b n p q"]:
+        last = state.last[:, None] + self.layout.start_id
+        prompt = torch.cat([last, self.layout.audio_ids(x)], dim=1)
+        places = self._places(state, active)
+        flat = self._decoder.generate(prompt, places, state.rings, sampler, steer)
+        codes = self.layout.unflatten(flat)
+        self._advance(state, self.layout.motion_ids(codes)[:, -1], active)
+        return codes
+
+    @torch.no_grad()
+    def prime(
+        self,
+        x: Int[Tensor, "b f l"],
+        motion: Int[Tensor, "b n p q"],
+        state: RingState,
+        active: Bool[Tensor, " b"],
+    ) -> None:
+        """See `GeneratorStream.prime`. Two passes a chunk, because the ring has no room to write it all at once."""
+        sound, moves = (
+            ids.view(len(ids), -1, each)
+            for ids, each in (
+                (self.layout.audio_ids(x), self._order.audio_per_chunk),
+                (self.layout.motion_ids(motion), self._order.motion_per_chunk),
+            )
+        )
+        for chunk in range(sound.shape[1]):
+            last, places = state.last[:, None] + self.layout.start_id, self._places(state, active)
+            heard = torch.cat([last, sound[:, chunk]], dim=1)
+            self._decoder.run(heard, places.part(0, heard.shape[1]), state.rings)
+            self._decoder.run(moves[:, chunk, :-1], places.part(heard.shape[1]), state.rings)
+            self._advance(state, moves[:, chunk, -1], active)
+
+    def _advance(self, state: RingState, last: Int[Tensor, " b"], active: Bool[Tensor, " b"]) -> None:
+        for ring in state.rings:
+            ring.keys[..., -1] = 0
+            ring.values[..., -1] = 0
+        write_rows(state.last, last - self.layout.start_id, active)
+        write_rows(state.chunks, state.chunks + 1, active)
+
+    def _places(self, state: RingState, active: Bool[Tensor, " b"]) -> Places:
+        """Absolute positions of the chunk's ids, their slots, and which slots each one sees."""
+        device, each = state.chunks.device, self._order.ids_per_chunk
+        positions = state.chunks[:, None] * each + torch.arange(each, device=device)
+        slots = positions % self._slots
+        age = slots[..., None] - torch.arange(self._slots + 1, device=device)
+        age = torch.where(age < 0, age + self._slots, age)  # of what the slot holds, seen from the position
+        seen = (age < self._order.lookback) & (age <= positions[..., None])
+        seen[..., -1] = False
+        return self._decoder.places(positions, slots, seen, active)
+
+
+@dataclass
+class HistoryState(StreamState):
+    """The codes of the window, newest last, and how many steps were heard."""
+
+    audio: Int[Tensor, "b f l"]
+    motion: Int[Tensor, "b n p q"]
+    chunks: Int[Tensor, " b"]
+
+
+class PrefixStream(GeneratorStream[HistoryState]):
+    """The paper's window: every step reads up to 4 s of audio and the motion before the new step, then decodes.
+
+    Where the config has an `opening`, it fills the part of the window that was not heard yet; else the window grows.
+    """
+
+    def __init__(self, generator: Generator, precision: Precision = "float32") -> None:
+        super().__init__(generator, precision)
+        assert isinstance(generator.config.order, Prefix)
+        self._order = generator.config.order
+
+    def init_state(self, rows: int) -> HistoryState:
+        """A fresh state."""
+        device, tokens, layout = self._decoder.device, self.config.window_tokens, self.layout
+
+        def zeros(*shape: int) -> Tensor:
+            return torch.zeros(rows, *shape, dtype=torch.int64, device=device)
+
+        audio = zeros(tokens * AUDIO_FRAMES_PER_TOKEN, layout.audio_layers)
+        motion = zeros(tokens, layout.parts, layout.motion_layers)
+        return HistoryState(audio, motion, zeros())
+
+    def _heard(self, state: HistoryState) -> Int[Tensor, " b"]:
+        return state.chunks
+
+    def _generate(
+        self,
+        x: Int[Tensor, "b f l"],
+        state: HistoryState,
+        active: Bool[Tensor, " b"],
+        sampler: Sampler,
+        steer: Steer | None,
+    ) -> Int[Tensor, "b n p q"]:
+        audio = torch.cat([state.audio, x.long()], dim=1)[:, self.config.audio_frames :]
+        context = state.motion[:, self.config.step :]
+        example = self._example(steer)
+        prompt, valid = self._prompt(audio, context, state.chunks, example)
+        flat = self._decoder.generate(
+            prompt,
+            self._places(valid),
+            [],
+            sampler,
+            steer,
+            hinted=context[0].numel() + 1,  # the directive enters at the whole window, as in training
+            captured=example is None,  # each example makes the prompt longer by its own size
+        )
+        codes = self.layout.unflatten(flat)
+        write_rows(state.audio, audio, active)
+        write_rows(state.motion, torch.cat([context, codes], dim=1), active)
+        write_rows(state.chunks, state.chunks + 1, active)
+        return codes
+
+    @torch.no_grad()
+    def prime(
+        self,
+        x: Int[Tensor, "b f l"],
+        motion: Int[Tensor, "b n p q"],
+        state: HistoryState,
+        active: Bool[Tensor, " b"],
+    ) -> None:
+        """See `GeneratorStream.prime`."""
+        for past, new in ((state.audio, x), (state.motion, motion)):
+            write_rows(past, torch.cat([past, new.long()], dim=1)[:, new.shape[1] :], active)
+        write_rows(state.chunks, state.chunks + x.shape[1] // self.config.audio_frames, active)
+
+    def _prompt(
+        self,
+        audio: Int[Tensor, "b f l"],
+        context: Int[Tensor, "b n p q"],
+        heard: Int[Tensor, " b"],
+        example: Int[Tensor, "b m"] | None,
+    ) -> tuple[Int[Tensor, "b t"], Bool[Tensor, "b t"]]:
+        """Ids of the window and which of them count."""
+        config = self.config
+        missing = (config.window_tokens // config.step - 1 - heard).clamp(min=0)
+        if config.opening is None:
+            return self._order.prompt(audio, context, missing, example)
+        tokens, frames = (torch.arange(part.shape[1], device=audio.device) for part in (context, audio))
+        is_before = tokens < (missing * config.step)[:, None]
+        was_silent = frames < (missing * config.audio_frames)[:, None]
+        silence = torch.tensor(config.opening.silence, device=audio.device)
+        context = torch.where(is_before[..., None, None], config.opening.motion, context)
+        audio = torch.where(was_silent[..., None], silence, audio)
+        return self._order.prompt(audio, context, torch.zeros_like(missing), example)
+
+    def _example(self, steer: Steer | None) -> Int[Tensor, "b m"] | None:
+        """Ids of each row's set in the order of its codes, -1 behind the last; None where no prompt shows any."""
+        if steer is None or not self.layout.before_example or not bool((steer.members > 0).any()):
+            return None
+        starts = torch.tensor([self.layout.segment_start(segment) for segment in self.config.directed])
+        codes = torch.arange(self.layout.motion_codes)
+        ids = (starts[:, None] + codes).flatten().to(steer.members.device)
+        is_in = steer.members > 0
+        order = is_in.int().argsort(dim=1, descending=True, stable=True)[:, : int(is_in.sum(1).max())]
+        return torch.where(is_in.gather(1, order), ids[order], -1)
+
+    def _places(self, valid: Bool[Tensor, "b t"]) -> Places:
+        rows, device = valid.shape[0], valid.device
+        new = torch.ones(rows, self.config.step * self.layout.segments, dtype=torch.bool, device=device)
+        valid = torch.cat([valid, new], dim=1)
+        length = valid.shape[1]
+        at = torch.arange(length, device=device)
+        earlier = at[:, None] >= at
+        seen = earlier & valid[:, None] | torch.eye(length, dtype=torch.bool, device=device)
+        seen = torch.cat([seen, torch.zeros(rows, length, 1, dtype=torch.bool, device=device)], dim=2)
+        positions = (valid.long().cumsum(1) - 1).clamp(min=0)
+        everyone = torch.ones(rows, dtype=torch.bool, device=device)
+        return self._decoder.places(positions, at.expand(rows, -1), seen, everyone)
+
+
+def open_stream(generator: Generator, precision: Precision = "float32") -> InterleavedStream | PrefixStream:
+    """The stream of this generator's sequence order."""
+    kind = InterleavedStream if generator.config.sequence == "interleaved" else PrefixStream
+    return kind(generator, precision)

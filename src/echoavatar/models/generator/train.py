@@ -1,0 +1,224 @@
+"""Training on tokenised clips: hierarchical loss scaling, Hierarchical Token Corruption, control by example.
+
+Paper, Audio Driven Motion Generation. Everything random in a step depends on the seed and the step's number, and is
+in its batch (see `training`).
+"""
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor, nn
+
+from echoavatar import checkpoint
+from echoavatar.errors import CheckpointError
+from echoavatar.training import (
+    Loss,
+    Progress,
+    TrainingTask,
+    adamw,
+    has_state,
+    train,
+)
+
+from ..tokens import corrupt_hierarchically, corrupt_uniformly
+from .config import GeneratorConfig
+from .cues import CueReader
+from .exemplar import Exemplar, draw_exemplar
+from .initial import align_embeddings, init_from_qwen
+from .loss import code_nll, hierarchical_loss, summary
+from .model import Generator
+from .recipe import GeneratorTraining
+from .streams import freeze_body, stream_loss, stream_nll
+from .windows import TokenClip, Window, WindowSampler
+
+_EXEMPLARS = 500_009  # salt of the other random numbers of a step
+
+
+class Lesson(NamedTuple):
+    """A batch: windows, and their motion as the generator sees it."""
+
+    window: Window
+    context: Int[Tensor, "b n p q"]  # motion codes, corrupted
+    missing: Int[Tensor, " b"]  # leading chunks that count as not there
+    exemplar: Exemplar | None
+
+
+class GeneratorTask(TrainingTask[Lesson]):
+    """A generator and the clips of split "train"."""
+
+    config: GeneratorTraining
+
+    def __init__(
+        self,
+        config: GeneratorConfig,
+        training: GeneratorTraining,
+        clips: Sequence[TokenClip],
+        *,
+        audio_codebooks: Float[Tensor, "l A a"] | None = None,
+        motion_codebooks: Float[Tensor, "p q K c"] | None = None,
+    ) -> None:
+        """Raises CheckpointError when config and training do not fit, MotionError when no clip is long enough."""
+        if len(training.depth_weights) != config.layout.motion_layers:
+            raise CheckpointError(
+                f"depth_weights has {len(training.depth_weights)} values for {config.layout.motion_layers} RVQ layers"
+            )
+        if training.exemplar and not config.exemplar:
+            raise CheckpointError("training exemplar > 0 needs a generator config with exemplar true")
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(training.seed)
+            self.generator = Generator(config)
+            self.cues = CueReader(self.generator)
+        align_embeddings(self.generator, audio_codebooks=audio_codebooks, motion_codebooks=motion_codebooks)
+        is_reading = training.cue_weight > 0 and training.objective == "motion"
+        super().__init__(
+            training, {"generator": self.generator} | ({"cues": self.cues} if is_reading else {})
+        )
+        if training.objective == "streams":
+            freeze_body(self.generator)
+        self.has_idle = config.exemplar and not training.exemplar and training.objective == "motion"
+        self.chunks = training.chunks if config.sequence == "interleaved" else config.window_chunks
+        chosen = [clip.heard_ahead(config.ahead_chunks) for clip in clips if clip.split == "train"]
+        self.sampler = WindowSampler(chosen, chunks=self.chunks, seed=training.seed)
+
+    def begin_with(self, start: Generator) -> None:
+        """Take the weights of a trained generator, which may lack exemplar control."""
+        weights = start.state_dict()
+        if start.exemplar is None:
+            own = self.generator.state_dict()
+            weights |= {key: own[key] for key in own if key.startswith("exemplar.")}
+        checkpoint.load_into(self.generator, weights, origin="the generator to start from")
+
+    def identity(self) -> dict[str, GeneratorConfig | GeneratorTraining]:
+        """Sizes and schedule."""
+        return {"generator": self.generator.config, "training": self.config}
+
+    def optimisers(self) -> list[torch.optim.Optimizer]:
+        """AdamW over everything; or Muon over the layers' matrices and AdamW over embeddings, heads, norms, biases."""
+        rate, decay = self.config.learning_rate, self.config.weight_decay
+        layers = [p for p in self.generator.model.layers.parameters() if p.dim() == 2 and p.requires_grad]
+        inner = layers if self.config.optimiser == "muon" else []
+        found: list[torch.optim.Optimizer] = [adamw(self.modules.values(), self.config, but=inner)]
+        if inner:  # matched to AdamW's step size, one rate serves both
+            found.append(torch.optim.Muon(inner, lr=rate, weight_decay=decay, adjust_lr_fn="match_rms_adamw"))
+        return found
+
+    def clipped(self) -> Iterable[nn.Parameter]:
+        """The generator's parameters; gradients of the cue readers are not clipped."""
+        return self.generator.parameters()
+
+    def draw(self, step: int) -> Lesson:
+        """Windows of the step; context corrupted, targets clean."""
+        training, config = self.config, self.generator.config
+        window, random = self.sampler.batch(step, training.batch), training.noise(step)
+        rows, context, codebook = training.batch, window.motion, config.layout.motion_codes
+        if training.out_of_step:
+            context = _out_of_step(context, training.out_of_step, random)
+        low, high = training.corruption_low, training.corruption_high
+        rates = low + (high - low) * torch.rand(rows, generator=random)
+        if training.corruption == "hierarchical":
+            context = corrupt_hierarchically(context, rates, codebook=codebook, generator=random)
+        elif training.corruption == "uniform":
+            context = corrupt_uniformly(context, rates, codebook=codebook, generator=random)
+        if training.blind:
+            blind = (torch.rand(rows, generator=random) < training.blind).float()
+            context = corrupt_uniformly(context, blind, codebook=codebook, generator=random)
+        missing = torch.zeros(rows, dtype=torch.int64)
+        if config.sequence == "prefix":
+            cut = torch.rand(rows, generator=random) < training.short_windows
+            missing = torch.randint(self.chunks, (rows,), generator=random) * cut
+        return Lesson(window, context, missing, self._exemplar(window, step))
+
+    def weight(self, batch: Lesson) -> float:
+        """Chunks that carry loss."""
+        return float((self.chunks - batch.missing).sum())
+
+    def loss(self, batch: Lesson, step: int) -> Loss:
+        """See `TrainingTask.loss`."""
+        training, window = self.config, batch.window
+        if training.objective == "streams":
+            streams = stream_nll(self.generator, window)
+            means = {"nll_audio": streams.audio.mean(), "nll_motion": streams.motion.mean()}
+            return Loss(stream_loss(streams, training.depth_weights), means)
+        order = self.generator.config.order
+        sequences = order.build(window.audio, batch.context, window.motion, batch.missing)
+        hidden = self.generator.read(sequences, batch.exemplar)
+        nll = code_nll(self.generator, sequences, hidden, batch.exemplar)
+        codes = hierarchical_loss(nll, sequences, training.depth_weights)
+        told = {"codes": codes} | summary(nll.detach(), sequences, window, batch.exemplar)
+        if not training.cue_weight:
+            return Loss(codes, told)
+        cues = self.cues.loss(window.cues, sequences.predictors)
+        return Loss(codes + training.cue_weight * cues, told | {"cues": cues})
+
+    def save(self, folder: Path, step: int) -> None:
+        """The generator."""
+        self.generator.save(folder, {"kind": "generator", "step": step, "training": self.config.model_dump()})
+
+    def _exemplar(self, window: Window, step: int) -> Exemplar | None:
+        """The step's directives, where the generator takes them."""
+        if not self.config.exemplar:
+            return None
+        config = self.generator.config
+        return draw_exemplar(
+            window.motion,
+            self.config.exemplar,
+            codes=config.layout.motion_codes,
+            whole=config.sequence == "prefix",
+            generator=self.config.noise(step, _EXEMPLARS),
+        )
+
+
+def train_generator(
+    config: GeneratorConfig,
+    training: GeneratorTraining,
+    clips: Sequence[TokenClip],
+    folder: Path,
+    *,
+    minutes: float | None = None,
+    device: str = "cpu",
+    sharded: bool = False,
+    audio_codebooks: Float[Tensor, "l A a"] | None = None,
+    motion_codebooks: Float[Tensor, "p q K c"] | None = None,
+    start: Generator | None = None,
+    qwen: Path | None = None,
+    trackers: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> Generator:
+    """Train on the clips of split "train", checkpointing into `folder`; continues what is there.
+
+    A new run begins with the weights of `start`, or with the body of the Qwen2 checkpoint in `qwen`, where given,
+    under a schedule of its own. Stops after the schedule's steps, or after `minutes` of this call.
+    """
+    stage = GeneratorTask(
+        config, training, clips, audio_codebooks=audio_codebooks, motion_codebooks=motion_codebooks
+    )
+    if not has_state(folder):
+        if qwen is not None:
+            init_from_qwen(stage.generator, qwen)
+        if start is not None:
+            stage.begin_with(start)
+    train(
+        stage,
+        folder,
+        minutes=minutes,
+        device=device,
+        sharded=sharded,
+        trackers=trackers,
+        progress=progress,
+    )
+    return stage.generator.eval()
+
+
+def _out_of_step(
+    motion: Int[Tensor, "b n p q"], share: float, random: torch.Generator
+) -> Int[Tensor, "b n p q"]:
+    """A share of the rows, shifted by 1 or 2 tokens in time, so that only the sound tells the phase."""
+    chosen = torch.rand(len(motion), generator=random) < share
+    by = torch.tensor([-2, -1, 1, 2])[torch.randint(4, (len(motion),), generator=random)]
+    rows = [
+        row.roll(int(step), 0) if moves else row for row, step, moves in zip(motion, by, chosen, strict=True)
+    ]
+    return torch.stack(rows)

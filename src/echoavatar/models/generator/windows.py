@@ -1,0 +1,170 @@
+"""Training windows: whole chunks cut from clips that were encoded as one stream, as in a live session.
+
+A token file is one clip: an npz with `audio_codes` (f, 2) int16 at 75 Hz, `motion_codes` (n, 3, Q) int16 at 7.5 Hz,
+`domain` (n,) uint8 (0 silence, 1 speech, 2 music) and `split` ("train" or "test"); optionally `cues` (f, 2) uint8, 1
+where a beat or a stressed syllable is heard, `patience`, how steady the codes of motion are, and `has_truth`, false
+where the sound has no recorded motion and the codes are a generator's own (prompts for reinforcement learning).
+"""
+
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple, Self
+
+import numpy as np
+import torch
+from jaxtyping import Int, UInt8
+from torch import Tensor
+
+from echoavatar.errors import MotionError
+from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
+
+DOMAINS = ("silence", "speech", "music")
+CUES = ("beat", "stress")
+
+
+@dataclass(frozen=True)
+class TokenClip:
+    """One clip as codes, cut to whole chunks."""
+
+    audio: Int[np.ndarray, "f layers"]
+    motion: Int[np.ndarray, "n p q"]
+    domain: UInt8[np.ndarray, " labels"]
+    split: str = "train"
+    cues: UInt8[np.ndarray, "f 2"] | None = None  # not known where None
+    patience: float = 0.0  # how steady the codes of motion are (`quantize.steady`)
+    has_truth: bool = True  # whether the motion is true, or a generator's own
+
+    def __post_init__(self) -> None:
+        chunks = min(len(self.audio) // AUDIO_FRAMES_PER_CHUNK, len(self.motion) // MOTION_TOKENS_PER_CHUNK)
+        cues = np.zeros((len(self.audio), len(CUES)), np.uint8) if self.cues is None else self.cues
+        object.__setattr__(self, "cues", cues[: chunks * AUDIO_FRAMES_PER_CHUNK])
+        object.__setattr__(self, "audio", self.audio[: chunks * AUDIO_FRAMES_PER_CHUNK])
+        object.__setattr__(self, "motion", self.motion[: chunks * MOTION_TOKENS_PER_CHUNK])
+        object.__setattr__(self, "domain", self.domain[: chunks * MOTION_TOKENS_PER_CHUNK])
+
+    @property
+    def chunks(self) -> int:
+        """Whole chunks of 8 frames."""
+        return len(self.motion) // MOTION_TOKENS_PER_CHUNK
+
+    def heard_ahead(self, chunks: int) -> Self:
+        """The clip with its sound this many chunks early: a motion token lies beside later sound and cues.
+
+        The last `chunks` chunks of motion are dropped, because their sound would lie behind the end.
+        """
+        first = chunks * AUDIO_FRAMES_PER_CHUNK
+        cues = None if self.cues is None else self.cues[first:]
+        return replace(self, audio=self.audio[first:], cues=cues)
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Read a token file.
+
+        Raises:
+            MotionError: the file is missing, damaged or lacks an array.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                cues, patience = file.get("cues"), float(file.get("patience", 0.0))
+                codes, has_truth = (
+                    (file["audio_codes"], file["motion_codes"]),
+                    bool(file.get("has_truth", True)),
+                )
+                return cls(*codes, file["domain"], str(file["split"]), cues, patience, has_truth)
+        except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
+            raise MotionError(f"{path} is not a token file ({error}); tokenize the corpus again") from error
+
+    def save(self, path: Path) -> None:
+        """Write a token file, whole or not at all."""
+        partial = path.with_name(path.name + ".part")
+        with partial.open("wb") as file:
+            np.savez_compressed(
+                file,
+                audio_codes=self.audio.astype(np.int16),
+                motion_codes=self.motion.astype(np.int16),
+                domain=self.domain.astype(np.uint8),
+                split=np.array(self.split),
+                cues=np.asarray(self.cues),
+                patience=np.array(self.patience),
+                has_truth=np.array(self.has_truth),
+            )
+        partial.replace(path)
+
+
+def patience_of(clips: Sequence[TokenClip]) -> float:
+    """The `patience` that all clips share; 0 without clips.
+
+    Raises:
+        MotionError: the clips differ in patience.
+    """
+    found = sorted({clip.patience for clip in clips})
+    if len(found) > 1:
+        raise MotionError(f"the token files have codes of patience {found}; make all with one `--patience`")
+    return found[0] if found else 0.0
+
+
+class Window(NamedTuple):
+    """A batch of windows of codes."""
+
+    audio: Int[Tensor, "b f l"]
+    motion: Int[Tensor, "b n p q"]
+    domain: Int[Tensor, "b n"]
+    cues: Int[Tensor, "b f 2"]
+
+
+class WindowSampler:
+    """Draws windows of `chunks` chunks at chunk borders; a batch depends on the seed and its number alone."""
+
+    def __init__(self, clips: Sequence[TokenClip], *, chunks: int, seed: int = 0) -> None:
+        self._clips = [clip for clip in clips if clip.chunks >= chunks]
+        if not self._clips:
+            raise MotionError(
+                f"no clip is as long as a training window of {chunks} chunks; use longer clips or shorter windows"
+            )
+        self._chunks, self._seed = chunks, seed
+        starts = np.array([clip.chunks - chunks + 1 for clip in self._clips])
+        self._ends = starts.cumsum()
+
+    def __len__(self) -> int:
+        """How many different windows there are."""
+        return int(self._ends[-1])
+
+    @property
+    def most_per_clip(self) -> int:
+        """Most windows that `grid` takes from one clip."""
+        return max(clip.chunks // self._chunks for clip in self._clips)
+
+    def batch(self, number: int, size: int) -> Window:
+        """Batch `number` of `size` windows, uniform over all windows."""
+        rng = np.random.default_rng([self._seed, number])
+        return self._gather([self._locate(int(at)) for at in rng.integers(len(self), size=size)])
+
+    def grid(self, size: int) -> list[Window]:
+        """All windows without overlap, in order, in batches of up to `size`."""
+        spots = [
+            (clip, start)
+            for clip in range(len(self._clips))
+            for start in range(0, self._clips[clip].chunks - self._chunks + 1, self._chunks)
+        ]
+        return [self._gather(spots[at : at + size]) for at in range(0, len(spots), size)]
+
+    def _locate(self, at: int) -> tuple[int, int]:
+        clip = int(np.searchsorted(self._ends, at, side="right"))
+        return clip, at - (int(self._ends[clip - 1]) if clip else 0)
+
+    def _gather(self, spots: Sequence[tuple[int, int]]) -> Window:
+        def cut(name: str, each: int) -> Tensor:
+            parts = [
+                getattr(self._clips[clip], name)[start * each : (start + self._chunks) * each]
+                for clip, start in spots
+            ]
+            return torch.from_numpy(np.stack(parts).astype(np.int64))
+
+        return Window(
+            cut("audio", AUDIO_FRAMES_PER_CHUNK),
+            cut("motion", MOTION_TOKENS_PER_CHUNK),
+            cut("domain", MOTION_TOKENS_PER_CHUNK),
+            cut("cues", AUDIO_FRAMES_PER_CHUNK),
+        )

@@ -1,0 +1,21 @@
+"""Sizes of the warp model, and the shape of its curve; how it is trained is in `recipe`."""
+
+from pydantic import Field
+
+from echoavatar.config import Config
+
+from ..face import MelConfig
+
+
+class WarpConfig(Config):
+    """The face's mel encoder with two seconds of past, because a beat is predicted from those before it."""
+
+    encoder: MelConfig = Field(default=MelConfig(width=96, past=15), description="audio encoder")
+    sharpness: float = Field(
+        default=1.5,
+        gt=0,
+        description="factor of the logits when used: half a dip at the right time helps little",
+    )
+    eagerness: float = Field(
+        default=0.5, description="added to the logits when used: a dip too many costs little"
+    )

@@ -1,0 +1,176 @@
+"""The 52 ARKit blendshapes: their names once, their orders, and maps to the schemas of other avatars.
+
+Paper, Facial Animation: "industry-standard Apple ARKit blendshape schema". The canonical order here is that of Live
+Link Face (with which the paper's data was captured): there the right side of jaw and mouth comes before the left.
+Apple's headers, the alphabet and MediaPipe order them otherwise, so curves are always stored with their names.
+
+All maps take curves (t, 52) in canonical order, 0 (rest) to 1 (full).
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from echoavatar.errors import MotionError
+
+ARKIT_NAMES: tuple[str, ...] = (
+    "eyeBlinkLeft", "eyeLookDownLeft", "eyeLookInLeft", "eyeLookOutLeft", "eyeLookUpLeft", "eyeSquintLeft",
+    "eyeWideLeft", "eyeBlinkRight", "eyeLookDownRight", "eyeLookInRight", "eyeLookOutRight", "eyeLookUpRight",
+    "eyeSquintRight", "eyeWideRight", "jawForward", "jawRight", "jawLeft", "jawOpen", "mouthClose", "mouthFunnel",
+    "mouthPucker", "mouthRight", "mouthLeft", "mouthSmileLeft", "mouthSmileRight", "mouthFrownLeft",
+    "mouthFrownRight", "mouthDimpleLeft", "mouthDimpleRight", "mouthStretchLeft", "mouthStretchRight",
+    "mouthRollLower", "mouthRollUpper", "mouthShrugLower", "mouthShrugUpper", "mouthPressLeft", "mouthPressRight",
+    "mouthLowerDownLeft", "mouthLowerDownRight", "mouthUpperUpLeft", "mouthUpperUpRight", "browDownLeft",
+    "browDownRight", "browInnerUp", "browOuterUpLeft", "browOuterUpRight", "cheekPuff", "cheekSquintLeft",
+    "cheekSquintRight", "noseSneerLeft", "noseSneerRight", "tongueOut",
+)  # fmt: skip
+HEAD_AND_EYES: tuple[str, ...] = (
+    "headYaw", "headPitch", "headRoll", "leftEyeYaw", "leftEyePitch", "leftEyeRoll",
+    "rightEyeYaw", "rightEyePitch", "rightEyeRoll",
+)  # fmt: skip
+LIVE_LINK_NAMES = ARKIT_NAMES + HEAD_AND_EYES  # the 61 columns of a Live Link Face take
+ALPHABETICAL_NAMES = tuple(sorted(ARKIT_NAMES))
+MEDIAPIPE_NAMES = ("_neutral", *(name for name in ALPHABETICAL_NAMES if name != "tongueOut"))
+_SWAPPED = {
+    "jawRight": "jawLeft",
+    "jawLeft": "jawRight",
+    "mouthRight": "mouthLeft",
+    "mouthLeft": "mouthRight",
+}
+APPLE_NAMES = tuple(_SWAPPED.get(name, name) for name in ARKIT_NAMES)  # also the released model's 52 channels
+
+VRM_NAMES = (
+    "aa", "ih", "ou", "ee", "oh", "blink", "blinkLeft", "blinkRight", "lookUp", "lookDown", "lookLeft", "lookRight",
+)  # fmt: skip
+OCULUS_NAMES = (
+    "sil", "PP", "FF", "TH", "DD", "kk", "CH", "SS", "nn", "RR", "aa", "E", "ih", "oh", "ou",
+)  # fmt: skip
+
+Curves = Float[np.ndarray, "t 52"]
+_INDEX = {name: index for index, name in enumerate(ARKIT_NAMES)}
+_EYE_RADIANS = 0.6  # rotation of an eye at a curve of 1, measured on takes of Live Link Face
+
+# (jaw opening less closure, funnel, pucker, width, lower lip up or rolled, tongue or teeth showing)
+_OCULUS_MOUTHS: dict[str, tuple[float, float, float, float, float]] = {
+    "sil": (0.00, 0.00, 0.00, 0.00, 0.00), "PP": (0.00, 0.00, 0.05, 0.00, 0.60), "FF": (0.05, 0.00, 0.00, 0.10, 0.30),
+    "TH": (0.16, 0.00, 0.00, 0.10, 0.00), "DD": (0.14, 0.00, 0.00, 0.20, 0.00), "kk": (0.20, 0.00, 0.00, 0.10, 0.00),
+    "CH": (0.10, 0.50, 0.20, 0.00, 0.00), "SS": (0.06, 0.00, 0.00, 0.35, 0.00), "nn": (0.11, 0.00, 0.00, 0.12, 0.00),
+    "RR": (0.12, 0.30, 0.25, 0.00, 0.00), "aa": (0.55, 0.00, 0.00, 0.10, 0.00), "E": (0.35, 0.00, 0.00, 0.30, 0.00),
+    "ih": (0.20, 0.00, 0.00, 0.40, 0.00), "oh": (0.35, 0.40, 0.25, 0.00, 0.00), "ou": (0.15, 0.25, 0.70, 0.00, 0.00),
+}  # fmt: skip
+
+
+def index_of(name: str) -> int:
+    """Place of a blendshape in the canonical order.
+
+    Raises:
+        MotionError: there is no such blendshape.
+    """
+    try:
+        return _INDEX[name]
+    except KeyError as error:
+        raise MotionError(f"{name!r} is not an ARKit blendshape; one of {', '.join(ARKIT_NAMES)}") from error
+
+
+def assemble(channels: Mapping[str, Float[np.ndarray, " t"]], frames: int) -> Curves:
+    """Named channels (t,) as curves; the others are 0."""
+    curves = np.zeros((frames, len(ARKIT_NAMES)), np.float32)
+    for name, values in channels.items():
+        curves[:, index_of(name)] = values
+    return curves
+
+
+def reorder(
+    curves: Float[np.ndarray, "t n"], names: Sequence[str], wanted: Sequence[str] = ARKIT_NAMES
+) -> Float[np.ndarray, "t m"]:
+    """Reorder columns; names without a source are 0.
+
+    Raises:
+        MotionError: the numbers of names and columns differ, or a name comes twice.
+    """
+    if len(names) != curves.shape[1] or len(set(names)) != len(names):
+        raise MotionError(
+            f"{curves.shape[1]} columns but {len(set(names))} different names; give one name for each"
+        )
+    source = {name: column for column, name in enumerate(names)}
+    out = np.zeros((len(curves), len(wanted)), np.float32)
+    for place, name in enumerate(wanted):
+        if name in source:
+            out[:, place] = curves[:, source[name]]
+    return out
+
+
+def to_live_link(curves: Curves, head: Float[np.ndarray, "t 3"] | None = None) -> Float[np.ndarray, "t 61"]:
+    """The 61 columns of Live Link Face. Eyes follow the look curves; `head` is yaw, pitch, roll (rad)."""
+    head = np.zeros((len(curves), 3), np.float32) if head is None else head
+    parts = [curves, head]
+    for side in ("Left", "Right"):
+        get = {name: curves[:, _INDEX[f"eyeLook{name}{side}"]] for name in ("Up", "Down", "In", "Out")}
+        yaw = (get["Out"] - get["In"]) * (-1 if side == "Left" else 1) * _EYE_RADIANS
+        pitch = (get["Down"] - get["Up"]) * _EYE_RADIANS
+        parts.append(np.stack([yaw, pitch, np.zeros_like(yaw)], axis=1))
+    return np.concatenate(parts, axis=1).astype(np.float32)
+
+
+def to_vrm(curves: Curves) -> Float[np.ndarray, "t 12"]:
+    """The VRM expressions `VRM_NAMES`: five vowels for avatars without more, blinks, directions of gaze; 0 to 1.
+
+    An open mouth is shared out between aa, oh and ou by its roundness, and between aa, ee and ih by its width; the
+    sum of the vowels is at most 1, because blended vowel shapes would otherwise break the mesh.
+    """
+    opening, funnel, pucker, width, _ = _mouth(curves).T
+    round_ = np.clip(funnel + pucker, 0, 1)
+    wide = np.clip(2 * width, 0, 1) * (1 - round_)
+    vowels = np.stack(
+        [
+            1.6 * opening * (1 - round_) * (1 - 0.6 * wide),
+            1.2 * opening * (1 - round_) * 0.4 * wide + 0.25 * wide * np.minimum(1, 6 * opening),
+            np.clip(pucker, 0, 1) * (1 - 0.5 * opening),
+            1.2 * opening * wide + 0.3 * wide * np.minimum(1, 6 * opening),
+            1.4 * opening * round_ + 0.5 * funnel * (1 - np.clip(pucker, 0, 1)),
+        ]
+    )
+    vowels = vowels / np.maximum(1, vowels.sum(0))
+    left, right = (np.clip(curves[:, _INDEX[f"eyeBlink{side}"]], 0, 1) for side in ("Left", "Right"))
+    both = np.minimum(left, right)
+    look = {
+        name: np.mean([curves[:, _INDEX[column]] for column in columns], axis=0)
+        for name, columns in {
+            "up": ("eyeLookUpLeft", "eyeLookUpRight"),
+            "down": ("eyeLookDownLeft", "eyeLookDownRight"),
+            "left": ("eyeLookOutLeft", "eyeLookInRight"),
+            "right": ("eyeLookInLeft", "eyeLookOutRight"),
+        }.items()
+    }
+    eyes = np.stack([both, left - both, right - both, look["up"], look["down"], look["left"], look["right"]])
+    return np.asarray(np.clip(np.concatenate([vowels, eyes]).T, 0, 1), np.float32)
+
+
+def to_oculus(curves: Curves) -> Float[np.ndarray, "t 15"]:
+    """Weights of the Oculus visemes `OCULUS_NAMES`, at least 0, of sum 1, by similarity of the mouth shape."""
+    mouths = np.array(list(_OCULUS_MOUTHS.values()), np.float32)
+    distance = np.square(_mouth(curves)[:, None] - mouths).sum(-1)
+    weight = np.exp(-distance / 0.015 + distance.min(axis=1, keepdims=True) / 0.015)
+    return np.asarray(weight / weight.sum(axis=1, keepdims=True), np.float32)
+
+
+def mouth_opening(curves: Curves) -> Float[np.ndarray, " t"]:
+    """The gap between the lips: `jawOpen` less `mouthClose`."""
+    apart = curves[:, _INDEX["jawOpen"]] - curves[:, _INDEX["mouthClose"]]
+    return np.asarray(np.clip(apart, 0, 1))
+
+
+def _mouth(curves: Curves) -> Float[np.ndarray, "t 5"]:
+    """Opening, funnel, pucker, width, and lips rolled or pressed."""
+
+    def mean(*names: str) -> Float[np.ndarray, " t"]:
+        return np.asarray(np.mean([curves[:, _INDEX[name]] for name in names], axis=0))
+
+    def pair(name: str) -> Float[np.ndarray, " t"]:
+        return mean(f"{name}Left", f"{name}Right")
+
+    width = np.maximum(np.maximum(pair("mouthStretch"), pair("mouthSmile")), pair("mouthDimple"))
+    lips = np.maximum(mean("mouthRollLower", "mouthRollUpper"), pair("mouthPress"))
+    parts = [mouth_opening(curves), mean("mouthFunnel"), mean("mouthPucker"), width, lips]
+    return np.stack(parts, axis=1)

@@ -1,0 +1,49 @@
+"""How deep hands are inside a body, frame by frame: the measure of what `hand_collisions` leaves."""
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from echoavatar.errors import MotionError
+
+from ..kinematics import Skeleton, forward_kinematics
+from ..kinematics.rigs import bone_map
+from .body import Body
+from .hand import hand_points
+from .profile import BodyProfile, body_of_rig
+
+
+def penetration_depth_m(
+    skeleton: Skeleton, rotations: Float[Tensor, "t j 3 3"], profile: BodyProfile | None = None
+) -> Float[Tensor, "t 2"]:
+    """Depth in metres of the deepest point of the left and of the right hand below the skin of torso, neck or head.
+
+    All joints and tips of all fingers are looked at, each with its thickness; the distance to an ellipsoid is exact at
+    its skin and to first order below it. 0 where the hand is outside.
+
+    Raises:
+        MotionError: the rig has no hands that are known, or a rotation is not finite.
+    """
+    if not torch.isfinite(rotations).all():
+        raise MotionError("the motion holds rotations that are not finite; leave out these frames")
+    bones, profile = bone_map(skeleton), profile or body_of_rig(skeleton)
+    body = Body(skeleton, profile)
+    still = torch.zeros(len(rotations), 3)
+    pose = forward_kinematics(skeleton, rotations.detach().cpu().float(), still)
+    turns, places = pose.rotations.numpy(), pose.positions.numpy()
+    depths = []
+    for side in ("left", "right"):
+        hand = hand_points(skeleton, bones, side, is_full=True)
+        joints, offsets = (
+            [point.joint for point in hand],
+            np.array([point.offset for point in hand], np.float32),
+        )
+        points = np.einsum("tpij,pj->tpi", turns[:, joints], offsets) + places[:, joints]
+        thick = np.array([profile.palm if point.is_palm else profile.finger for point in hand], np.float32)
+        seen = body.to_unit(turns[:, body.joints], places[:, body.joints], points)
+        far = np.sqrt((seen**2).sum(-1))
+        steep = np.sqrt(((seen / body.radii[:, None]) ** 2).sum(-1))
+        below = far * (1 - far) / np.maximum(steep, 1e-6) + thick
+        depths.append(np.maximum(below.max((1, 2)), 0))
+    return torch.from_numpy(np.stack(depths, -1))

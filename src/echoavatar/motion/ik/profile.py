@@ -1,0 +1,116 @@
+"""How thick a character is: rounded bodies on the bones of spine and head, and the thickness of a hand.
+
+The paper sets the radii around the spine by hand for one model; here they are data, measured from a mesh
+(`measure_body`), scaled from bone lengths (`body_of_rig`), or read from a JSON file that anybody may edit.
+"""
+
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field, ValidationError
+
+from echoavatar.config import Config
+from echoavatar.errors import MotionError
+
+from ..kinematics import HUMANOID, Skeleton
+from ..kinematics.rigs import bone_map
+
+COLUMN = ("hips", "spine", "chest", "upperChest", "neck", "head")
+Vector = tuple[float, float, float]
+
+
+class RoundedPart(Config):
+    """An ellipsoid that moves with a bone; its axes are those of the bone (rest: x left, y up, z ahead)."""
+
+    bone: Literal["hips", "spine", "chest", "upperChest", "neck", "head"] = Field(
+        description="VRM bone that carries it"
+    )
+    centre: Vector = Field(description="from the bone's joint, in its frame, metres")
+    radii: Vector = Field(description="half axes: half width, half height, half depth, metres")
+
+
+class BodyProfile(Config):
+    """What hands must not enter, and how thick they are. Metres."""
+
+    parts: tuple[RoundedPart, ...] = Field(min_length=1, description="torso, neck and head, from below")
+    palm: float = Field(0.020, ge=0, description="half the thickness of wrist and palm")
+    finger: float = Field(0.010, ge=0, description="half the thickness of a finger")
+
+    def save(self, path: Path) -> None:
+        """Write it as JSON."""
+        path.write_text(self.model_dump_json(indent=1) + "\n", encoding="utf-8")
+
+    @classmethod
+    def load(cls, path: Path) -> "BodyProfile":
+        """Read what `save` wrote. Raises MotionError for a file that is missing or is no profile."""
+        try:
+            return cls.model_validate_json(path.read_text(encoding="utf-8"))
+        except (OSError, UnicodeDecodeError) as error:
+            raise MotionError(f"the body profile {path} cannot be read; check the name") from error
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(str(part) for part in first["loc"]) or "the file"
+            raise MotionError(
+                f"{path} is no body profile: {where}: {first['msg']}; measure the character anew"
+            ) from error
+
+
+def body_of_rig(skeleton: Skeleton) -> BodyProfile:
+    """A profile for a rig without a mesh: our character's, scaled to the rig's trunk, neck and shoulder breadth.
+
+    Raises MotionError when the rig's bones are not known.
+    """
+    bones, ours = bone_map(skeleton), bone_map(HUMANOID)
+    broad = _breadth(skeleton, bones) / _breadth(HUMANOID, ours)
+    tall = _trunk(skeleton, bones) / _trunk(HUMANOID, ours)
+    thick = min(broad, 1.25 * tall)
+    hand = _forearm(skeleton, bones) / _forearm(HUMANOID, ours)
+    parts = []
+    for part in _OURS.parts:
+        if part.bone not in bones:
+            continue
+        middle = HUMANOID.rest_positions[ours[part.bone], 1].item() + part.centre[1]
+        hips = HUMANOID.rest_positions[ours["hips"], 1].item()
+        height = skeleton.rest_positions[bones["hips"], 1].item() + tall * (middle - hips)
+        up = height - skeleton.rest_positions[bones[part.bone], 1].item()
+        x, y, z = part.radii
+        parts.append(
+            RoundedPart(
+                bone=part.bone,
+                centre=(part.centre[0], up, part.centre[2] * thick),
+                radii=(x * thick, y * tall, z * thick),
+            )
+        )
+    return BodyProfile(parts=tuple(parts), palm=_OURS.palm * hand, finger=_OURS.finger * hand)
+
+
+def _breadth(skeleton: Skeleton, bones: dict[str, int]) -> float:
+    rest = skeleton.rest_positions
+    return float((rest[bones["leftUpperArm"]] - rest[bones["rightUpperArm"]]).norm())
+
+
+def _trunk(skeleton: Skeleton, bones: dict[str, int]) -> float:
+    rest = skeleton.rest_positions
+    return float((rest[bones["head"]] - rest[bones["hips"]]).norm())
+
+
+def _forearm(skeleton: Skeleton, bones: dict[str, int]) -> float:
+    rest = skeleton.rest_positions
+    return float((rest[bones["leftHand"]] - rest[bones["leftLowerArm"]]).norm())
+
+
+def _ours() -> BodyProfile:
+    """The character that ships, as `measure_body` finds it."""
+    rows: tuple[tuple[str, Vector, Vector], ...] = (
+        ("hips", (0.0, -0.0062, -0.0103), (0.2065, 0.1784, 0.1427)),
+        ("spine", (0.0, 0.0568, 0.0024), (0.2018, 0.1248, 0.1420)),
+        ("chest", (0.0, 0.0633, 0.0107), (0.1927, 0.1355, 0.1325)),
+        ("upperChest", (0.0, 0.0825, 0.0055), (0.2118, 0.1400, 0.1468)),
+        ("neck", (0.0, 0.0475, 0.0173), (0.1266, 0.0712, 0.0937)),
+        ("head", (0.0, 0.0770, 0.0066), (0.1208, 0.1387, 0.1240)),
+    )
+    parts = [{"bone": bone, "centre": centre, "radii": radii} for bone, centre, radii in rows]
+    return BodyProfile.model_validate({"parts": parts, "palm": 0.0198, "finger": 0.0086})
+
+
+_OURS = _ours()

@@ -1,0 +1,158 @@
+"""From the pose on screen into new motion without a pop: the difference is kept as an offset and dies away.
+
+When a stream is cut (`clear()`, a mode switched, a clip started) the new motion is shown at once, with on top of it
+what the old pose and speed differ from it. The offset begins with that difference and that speed and has ended, speed
+and acceleration with it, after 150 to 250 ms (Bollo's inertialisation, with a quintic in vector form). No cross-fade,
+so no two motions run at once, and nothing of the new motion is late. Not in the paper.
+
+    blend = InertialBlend()
+    blend.begin(shown)             # the last frames on screen, two or more (MotionChunk or any slice of one)
+    chunk = blend.step(chunk)      # every chunk from then on; the first one needs two frames
+"""
+
+import math
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torch.nn.functional import normalize
+
+from echoavatar.errors import MotionError
+from echoavatar.timing import FRAME_RATE_HZ
+
+from .kinematics.rotations import (
+    axis_angle_from_quaternion,
+    quaternion_conjugate,
+    quaternion_from_axis_angle,
+    quaternion_multiply,
+    standardize,
+)
+from .motion_chunk import MotionChunk
+
+Array = np.ndarray
+SHORTEST_S, LONGEST_S = 0.150, 0.250
+FASTEST = math.radians(800)  # per second: a joint whose offset would turn faster takes longer than LONGEST_S
+GREATEST_START = math.radians(600)  # per second: of the difference of the two speeds, what is kept
+ROOT_FASTEST = 2.0  # metres per second
+FACE_SECONDS = 0.120
+_STEEPEST = 1.875  # greatest slope of the decay, per duration
+
+
+class InertialBlend:
+    """One session's offset: nothing until `begin`, nothing again when it has died away."""
+
+    def __init__(self, fps: float = FRAME_RATE_HZ) -> None:
+        self._fps = fps
+        self._shown: MotionChunk | None = None
+        self._offset: _Offset | None = None
+
+    @property
+    def is_running(self) -> bool:
+        """Whether the next chunk will be changed."""
+        return self._shown is not None or self._offset is not None
+
+    def begin(self, shown: MotionChunk) -> None:
+        """A cut comes: `shown` ends with the frame on screen; its last two frames say pose and speed.
+
+        May be called again before an offset has died away: pass what was shown, offset included.
+
+        Raises:
+            MotionError: fewer than two frames.
+        """
+        if len(shown.root) < 2:
+            raise MotionError(
+                "a blend needs the last two frames on screen to know their speed; pass at least 2"
+            )
+        face = None if shown.face is None else shown.face[-1:]
+        self._shown, self._offset = MotionChunk(shown.rotations[-2:], shown.root[-2:], face), None
+
+    def step(self, chunk: MotionChunk) -> MotionChunk:
+        """The next frames, offset on top: the first one is shown one frame after the last one before `begin`.
+
+        Raises:
+            MotionError: the first chunk after `begin` has fewer than two frames.
+        """
+        if self._shown is not None:
+            if len(chunk.root) < 2:
+                raise MotionError("the first chunk after a cut needs two frames, to know its speed")
+            self._offset, self._shown = _Offset(self._shown, chunk, self._fps), None
+        if self._offset is None:
+            return chunk
+        blended = self._offset.on(chunk)
+        if self._offset.is_over:
+            self._offset = None
+        return blended
+
+
+class _Offset:
+    """What the old motion differed from the new one one frame before the new one's first."""
+
+    def __init__(self, old: MotionChunk, new: MotionChunk, fps: float) -> None:
+        self._fps, self._frame = fps, 0
+        (before, last), (first, second) = _doubles(old.rotations), _doubles(new.rotations[:2])
+        turning, to_turn = _turn(before, last), _turn(first, second)
+        back = quaternion_multiply(
+            quaternion_from_axis_angle(-to_turn), first
+        )  # one frame before the new motion
+        self._turn = _turn(back, last).numpy()
+        self._spin = _at_most((turning - to_turn).numpy() * fps, GREATEST_START)
+        size = np.linalg.norm(self._turn, axis=-1)
+        self._seconds = np.maximum(
+            np.clip(size / math.pi * 2 * LONGEST_S, SHORTEST_S, LONGEST_S), _STEEPEST * size / FASTEST
+        )
+        old_root, new_root = old.root.astype(np.float64), new.root[:2].astype(np.float64)
+        self._shift = old_root[1] - (2 * new_root[0] - new_root[1])
+        speed = ((old_root[1] - old_root[0]) - (new_root[1] - new_root[0])) * fps
+        self._drift = _at_most(speed, ROOT_FASTEST)
+        far = float(np.linalg.norm(self._shift))
+        self._root_seconds = max(LONGEST_S, _STEEPEST * far / ROOT_FASTEST)
+        has_face = old.face is not None and new.face is not None
+        self._face = old.face[-1] - new.face[0] if has_face else None  # type: ignore[index]
+        self._longest = max(float(self._seconds.max(initial=0)), self._root_seconds)
+
+    @property
+    def is_over(self) -> bool:
+        return self._frame / self._fps >= self._longest
+
+    def on(self, chunk: MotionChunk) -> MotionChunk:
+        """The chunk with the offset of its frames."""
+        frames = len(chunk.root)
+        time = (np.arange(self._frame, self._frame + frames) + 1) / self._fps
+        self._frame += frames
+        value, slope = _decay(time[:, None] / self._seconds)
+        turn = self._turn * value[..., None] + self._spin * (slope * self._seconds)[..., None]
+        turned = quaternion_multiply(
+            quaternion_from_axis_angle(torch.from_numpy(turn)), _doubles(chunk.rotations)
+        )
+        value, slope = _decay(time[:, None] / self._root_seconds)
+        root = chunk.root + self._shift * value + self._drift * slope * self._root_seconds
+        face = chunk.face
+        if face is not None and self._face is not None:
+            share = _decay(time[:, None] / FACE_SECONDS)[0]
+            face = np.clip(face + self._face * share, 0, 1).astype(np.float32)
+        rotations = standardize(normalize(turned, dim=-1)).float().numpy()
+        return MotionChunk(rotations, root.astype(np.float32), face)
+
+
+def _decay(share: Float[Array, "*n"]) -> tuple[Float[Array, "*n"], Float[Array, "*n"]]:
+    """Offsets over time (0 to 1, then over) of a unit difference and of a unit speed, quintics that end at rest."""
+    s = np.minimum(share, 1)
+    return 1 - s**3 * (10 - s * (15 - 6 * s)), s * (1 - s) ** 3 * (1 + 3 * s)
+
+
+def _doubles(rotations: Float[Array, "t j 4"]) -> Float[Tensor, "t j 4"]:
+    return torch.tensor(rotations, dtype=torch.float64)
+
+
+def _turn(a: Float[Tensor, "j 4"], b: Float[Tensor, "j 4"]) -> Float[Tensor, "j 3"]:
+    """Rotation vector, in the parent's axes, that takes a to b."""
+    unit = quaternion_conjugate(normalize(a, dim=-1))
+    return axis_angle_from_quaternion(quaternion_multiply(normalize(b, dim=-1), unit))
+
+
+def _at_most(vector: Float[Array, "... 3"], size: float) -> Float[Array, "... 3"]:
+    """The same direction, at most this long."""
+    length = np.linalg.norm(vector, axis=-1, keepdims=True)
+    shorter: Array = vector * np.minimum(1, size / np.maximum(length, 1e-9))
+    return shorter

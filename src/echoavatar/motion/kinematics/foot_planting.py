@@ -1,0 +1,259 @@
+"""Put planted feet on the floor and keep them still by leg IK, without a jerk before or after.
+
+While a foot is planted, its toe joint is held in one place at standing height. While the heel is down too, the foot is
+held level, with one heading. The correction fades in and out over the frames around, so that the foot's path stays
+smooth. The hips are lowered a little where a leg would not reach.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from .contact import planted
+from .forward import forward_kinematics
+from .motion import Motion
+from .rigs import bone_map
+from .rotations import axis_angle_from_quaternion, matrix_from_axis_angle, quaternion_from_matrix
+from .skeleton import Skeleton
+from .two_bone import REACH, reach
+
+FADE_SECONDS = 0.25
+MAX_SLIDE_SPEED = 0.35  # metres per second; a faster foot steps, or is dragged on purpose
+STEP_SECONDS = 0.27  # least time between two stances of one foot
+STEP_HEIGHT_M = 0.045  # least height of a step that replaces a slide
+LONGEST_STEP_SECONDS = 0.8  # a longer slide is taken to be on purpose
+SOFT_FLOOR_M = 0.006
+MAX_DRIFT_M = 0.06  # a planted foot that drifts further begins a new stance
+_Array = np.ndarray
+
+
+class Stance(NamedTuple):
+    """Frames `start` to `stop` (not included) during which a foot stays in its place."""
+
+    start: int
+    stop: int
+
+
+def settle_feet(motion: Motion, contacts: NDArray[np.bool_] | None = None) -> Motion:
+    """The same motion with its feet on the floor (y = 0 of the rig's rest pose) and planted feet still.
+
+    Args:
+        motion: a rig with legs of two bones and toes, in metres.
+        contacts: (t, 2, 2) left and right, heel and toe, True where they touch the floor; None measures them.
+    """
+    skeleton, bones = motion.skeleton, bone_map(motion.skeleton)
+    rest = skeleton.rest_positions.double()
+    rotations, root = motion.matrices().double(), torch.from_numpy(motion.root).double()
+    legs = [_Leg(skeleton, bones, side, rest) for side in ("left", "right")]
+    contacts = foot_contacts(motion) if contacts is None else contacts
+    pose = forward_kinematics(skeleton, rotations, root)
+    goals = [
+        leg.goal(pose.rotations, pose.positions, contacts[:, i], motion.fps) for i, leg in enumerate(legs)
+    ]
+    root = root - _lowering(legs, goals, pose.positions, motion.fps)
+    pose = forward_kinematics(skeleton, rotations, root)
+    for leg, goal in zip(legs, goals, strict=True):
+        rotations = leg.bring(rotations, pose.rotations, pose.positions, goal)
+    quaternions = quaternion_from_matrix(rotations).numpy().astype(np.float32)
+    return replace(motion, rotations=quaternions, root=root.numpy().astype(np.float32))
+
+
+def foot_contacts(motion: Motion, *, stands_on_rest: bool = False, size: float = 1.0) -> NDArray[np.bool_]:
+    """Floor contacts (t, 2, 2): left and right, heel and toe. Feet that slide slowly count, fast ones do not.
+
+    Standing heights are measured on the clip, or taken from the rest pose with `stands_on_rest`. `size` is the body's
+    size relative to an adult's, because the steps of a small body are lower and slower.
+    """
+    bones = bone_map(motion.skeleton)
+    names = ("leftFoot", "leftToes", "rightFoot", "rightToes")
+    joints = [bones[name] if name in bones else bones[name.replace("Toes", "Foot")] for name in names]
+    places = motion.pose().positions[:, joints].numpy().astype(np.float64) / size
+    heights = motion.skeleton.rest_positions[joints, 1].numpy() / size if stands_on_rest else None
+    is_low = planted(places, motion.fps, standing_height=heights)
+    speed = np.zeros(places.shape[:2])
+    if len(places) > 1:
+        speed = np.linalg.norm(np.gradient(places[..., [0, 2]], axis=0), axis=-1) * motion.fps
+    both = (is_low & (_smooth(speed, 3) < MAX_SLIDE_SPEED)).reshape(-1, 2, 2)
+    both[:, :, 1] |= both[:, :, 0]  # a heel on the floor means a toe on the floor
+    return both
+
+
+def stances(is_planted: NDArray[np.bool_], paths: _Array, fps: float) -> list[Stance]:
+    """The stances of a foot, with time for a step between any two.
+
+    A stance ends where one of the foot's points (t, k, 3) has drifted 6 cm. Two stances in nearly the same place, with
+    less than a step's time between them, become one.
+    """
+    step, shortest = max(2, round(STEP_SECONDS * fps)), max(2, round(0.1 * fps))
+    pieces: list[Stance] = []
+    start = -1
+    for t in range(len(is_planted) + 1):
+        is_on = t < len(is_planted) and bool(is_planted[t])
+        if start >= 0 and (not is_on or _spread(paths[start : t + 1]) > MAX_DRIFT_M):
+            pieces.append(Stance(start, t))
+            start = -1
+        if is_on and start < 0:
+            start = t
+    found: list[Stance] = []
+    for stance in pieces:
+        last = found[-1] if found else None
+        gap = stance.start - last.stop if last else step
+        if last and gap < step and _spread(paths[last.start : stance.stop]) <= MAX_DRIFT_M:
+            found[-1] = Stance(last.start, stance.stop)
+            continue
+        if last and gap < step:
+            missing = step - gap
+            found[-1] = Stance(last.start, last.stop - missing // 2)
+            stance = Stance(stance.start + missing - missing // 2, stance.stop)
+            if found[-1].stop - found[-1].start < shortest:
+                found.pop()
+        if stance.stop - stance.start >= shortest:
+            found.append(stance)
+    return found
+
+
+def _spread(paths: _Array) -> float:
+    return float(np.ptp(paths[..., [0, 2]], axis=0).max())
+
+
+class _Leg:
+    """Joints and measures of one leg."""
+
+    def __init__(self, skeleton: Skeleton, bones: dict[str, int], side: str, rest: Tensor) -> None:
+        self.hip, self.knee, self.ankle = (bones[side + name] for name in ("UpperLeg", "LowerLeg", "Foot"))
+        self.toes = bones.get(f"{side}Toes", self.ankle)
+        self.above = [skeleton.parents[joint] for joint in (self.hip, self.knee, self.ankle)]
+        floor = float(rest[:, 1].min()) if self.toes == self.ankle else 0.0
+        self.toe_height = float(rest[self.toes, 1]) - floor
+        self.toe_offset = rest[self.toes] - rest[self.ankle]
+        self.length = float(
+            (rest[self.knee] - rest[self.hip]).norm() + (rest[self.ankle] - rest[self.knee]).norm()
+        )
+
+    def goal(
+        self, rotations: Tensor, places: Tensor, contact: NDArray[np.bool_], fps: float
+    ) -> tuple[Tensor, Tensor]:
+        """Corrected world rotation of the foot and position of the ankle."""
+        foot, ankle = rotations[:, self.ankle], places[:, self.ankle].numpy()
+        points = places[:, [self.ankle, self.toes]].numpy()
+        fade = max(1, round(FADE_SECONDS * fps))
+        change, is_held = np.zeros_like(ankle), np.zeros(len(ankle), np.bool_)
+        for stance in stances(contact[:, 0], points, fps):
+            span = slice(stance.start, stance.stop)
+            level = _level_mean(foot[span]) @ foot[span].transpose(-1, -2)
+            change[span] = axis_angle_from_quaternion(quaternion_from_matrix(level)).numpy()
+            is_held[span] = True
+        foot = matrix_from_axis_angle(torch.from_numpy(_faded(change, is_held, fade))) @ foot
+        carried = (foot @ self.toe_offset[:, None]).squeeze(-1).numpy()
+        path = ankle + carried
+        shift, is_held = np.zeros_like(path), np.zeros(len(path), np.bool_)
+        found = stances(contact[:, 1], path[:, None], fps)
+        for stance in found:
+            span = slice(stance.start, stance.stop)
+            spot = np.append(path[span].mean(0)[[0, 2]], self.toe_height)[[0, 2, 1]]
+            shift[span] = spot - path[span]
+            is_held[span] = True
+        path = path + _faded(shift, is_held, fade)
+        path[:, 1] = _soft_floor(path[:, 1] + _lifts(found, path, self.toe_height, fps), self.toe_height)
+        return foot, torch.from_numpy(path - carried)
+
+    def bring(self, rotations: Tensor, world: Tensor, places: Tensor, goal: tuple[Tensor, Tensor]) -> Tensor:
+        """Local rotations with this leg bent so that ankle and foot reach the goal."""
+        foot, ankle = goal
+        hinge = world[:, self.knee][:, :, 0]
+        first, second = reach(
+            hip=places[:, self.hip],
+            knee=places[:, self.knee],
+            ankle=places[:, self.ankle],
+            hinge=hinge,
+            target=ankle,
+        )
+        thigh, shin = first @ world[:, self.hip], second @ world[:, self.knee]
+        rotations = rotations.clone()
+        over_hip, over_knee, over_ankle = (
+            world[:, joint] for joint in self.above
+        )  # a rig may have extra joints in a leg
+        rotations[:, self.hip] = over_hip.transpose(-1, -2) @ thigh
+        rotations[:, self.knee] = (first @ over_knee).transpose(-1, -2) @ shin
+        rotations[:, self.ankle] = (second @ over_ankle).transpose(-1, -2) @ foot
+        return rotations
+
+
+def _level_mean(foot: Tensor) -> Tensor:
+    """The upright rotation with the mean heading of a foot."""
+    ahead = foot[:, :, 2].mean(0)
+    angle = torch.atan2(ahead[0], ahead[2])
+    return matrix_from_axis_angle(torch.stack([torch.zeros_like(angle), angle, torch.zeros_like(angle)]))
+
+
+def _lowering(legs: list[_Leg], goals: list[tuple[Tensor, Tensor]], places: Tensor, fps: float) -> Tensor:
+    """How far the hips must be lowered (t, 3) for both legs to reach their ankles, smoothed."""
+    need = np.zeros(len(places))
+    for leg, (_, ankle) in zip(legs, goals, strict=True):
+        hip = places[:, leg.hip].numpy()
+        gap = ankle.numpy() - hip
+        flat = np.linalg.norm(gap[:, [0, 2]], axis=1)
+        depth = np.sqrt(np.maximum((REACH * leg.length * 0.998) ** 2 - flat**2, 0.0))
+        need = np.maximum(need, -gap[:, 1] - depth)
+    half = max(1, round(0.2 * fps))
+    padded = np.pad(np.maximum(need, 0.0), half, mode="edge")
+    peak = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1).max(-1)
+    drop = torch.zeros(len(places), 3, dtype=torch.double)
+    drop[:, 1] = torch.from_numpy(_smooth(peak, half))
+    return drop
+
+
+def _lifts(found: list[Stance], path: _Array, floor: float, fps: float) -> _Array:
+    """Height added between two stances in different places if the foot hardly left the floor: a step."""
+    lift = np.zeros(len(path))
+    for before, after in zip(found, found[1:], strict=False):
+        gap = slice(before.stop, after.start)
+        missing = STEP_HEIGHT_M - float(path[gap, 1].max() - floor)
+        travel = np.linalg.norm((path[after.start] - path[before.stop - 1])[[0, 2]])
+        if missing > 0 and travel > 0.01 and after.start - before.stop <= LONGEST_STEP_SECONDS * fps:
+            share = np.arange(1, after.start - before.stop + 1) / (after.start - before.stop + 1)
+            lift[gap] = missing * np.sin(np.pi * share) ** 2
+    return lift
+
+
+def _soft_floor(height: _Array, floor: float) -> _Array:
+    """Heights kept above the floor without a kink, at most 3 mm below it."""
+    over = height - floor
+    return floor + (over + np.hypot(over, SOFT_FLOOR_M) - SOFT_FLOOR_M) / 2
+
+
+def _faded(change: _Array, is_held: NDArray[np.bool_], fade: int) -> _Array:
+    """The change of held frames, blended smoothly between them, and faded to zero far from any."""
+    held = np.flatnonzero(is_held)
+    if not held.size:
+        return np.zeros_like(change)
+    t = np.arange(len(change))
+    after = np.searchsorted(held, t)
+    right, left = held[np.minimum(after, held.size - 1)], held[np.maximum(after - 1, 0)]
+    to_left, to_right = np.abs(t - left), np.abs(right - t)
+    weight_left, weight_right = (_ease(1 - gap / fade) for gap in (to_left, to_right))
+    total = np.maximum(weight_left + weight_right, 1.0)[:, None]
+    blend: _Array = (weight_left[:, None] * change[left] + weight_right[:, None] * change[right]) / total
+    return np.where(is_held[:, None], change, blend)
+
+
+def _ease(share: _Array) -> _Array:
+    clipped = np.clip(share, 0.0, 1.0)
+    eased: _Array = clipped**3 * (10 - 15 * clipped + 6 * clipped**2)
+    return eased
+
+
+def _smooth(values: _Array, half: int) -> _Array:
+    """Mean over a Hann window of 2 half + 1 frames along time."""
+    window = np.hanning(2 * half + 3)[1:-1]
+    window /= window.sum()
+    padded = np.pad(
+        np.asarray(values, np.float64), [(half, half)] + [(0, 0)] * (np.ndim(values) - 1), mode="edge"
+    )
+    view = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1, axis=0)
+    smooth: _Array = view @ window
+    return smooth

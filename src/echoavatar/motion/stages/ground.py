@@ -1,0 +1,102 @@
+"""Feet on the floor: the root travels so that the planted foot stays where it is.
+
+The decoded root velocity carries the tokenizer's quantisation error, which shows as sliding feet. While a foot is
+planted the legs already say how the pelvis moves over it, so we integrate that instead and fall back to the decoded
+velocity as the feet leave the floor. Not in the paper; its foot losses (appendix) act in training only.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from echoavatar.nn import StreamState
+from echoavatar.nn.kernels import kernel
+
+from ..ik.chains import ChainPose, Chains
+from ..kinematics import Skeleton
+from ..kinematics.quaternions import (
+    read_quaternion,
+    read_vector,
+    rotate,
+    write_vector,
+)
+from .pose import Array, Pose
+
+RELEASE_HEIGHT = 0.035  # metres above its rest height at which a point no longer counts as planted
+
+
+@dataclass
+class GroundState(StreamState):
+    """Where the root is, and where the feet were in the last frame."""
+
+    seen: Bool[Tensor, " b"]
+    place: Float[Tensor, "b 2"]  # metres along x and z
+    points: Float[
+        Tensor, "b p 3"
+    ]  # ankles and toes: x and z relative to the root, and how firmly planted, 0 to 1
+
+
+class Ground:
+    """Integrates the root over planted feet, streaming; a rig whose feet are not known travels as decoded."""
+
+    def __init__(self, skeleton: Skeleton, chains: Chains, *, is_holding: bool = True) -> None:
+        """`chains` must hold `skeleton.config.feet`. Not holding, the root travels as decoded, whatever they do."""
+        feet = list(skeleton.config.feet) if is_holding else []
+        self._slots = np.array([chains.slot[joint] for joint in feet], np.int64)
+        rest = skeleton.rest_positions.numpy()
+        self._rest = rest[feet, 1].astype(np.float32)  # the sole is at 0
+
+    def init_state(self, rows: int) -> GroundState:
+        """Standing at the origin, nothing seen yet."""
+        points = torch.zeros(rows, len(self._slots), 3)
+        return GroundState(torch.zeros(rows, dtype=torch.bool), torch.zeros(rows, 2), points)
+
+    def step(self, pose: Pose, chains: ChainPose, state: GroundState, active: Bool[Array, " b"]) -> None:
+        """Turn the decoded travel of `pose.root` into world positions; `chains` are those of the pose."""
+        memory = state.seen.numpy(), state.place.numpy(), state.points.numpy()
+        travel(self._slots, self._rest, chains, pose.rotations, pose.root, memory, active)
+
+
+@kernel()
+def planted(clearance):  # type: ignore[no-untyped-def]
+    """How firmly a point stands that is this far off the floor: 1 on it, 0 from `RELEASE_HEIGHT` on."""
+    share = min(max(clearance / RELEASE_HEIGHT, 0.0), 1.0)
+    return 1.0 - share * share * (3.0 - 2.0 * share)
+
+
+@kernel()
+def travel(slots, rest, chains, rotations, root, memory, active):  # type: ignore[no-untyped-def]
+    """Active rows: ankles and toes relative to the root, along the world's axes, say how the root moves over them."""
+    seen, places, all_points = memory
+    for row in range(len(rotations)):
+        if not active[row]:
+            continue
+        place, points = places[row], all_points[row]
+        for frame in range(rotations.shape[1]):
+            is_first = frame == 0 and not seen[row]
+            hips, height = read_quaternion(rotations[row, frame, 0]), root[row, frame, 1]
+            held_x = held_z = total = strongest = sinking = pressing = firmest = 0.0
+            for point in range(len(slots)):
+                x, y, z = rotate(hips, read_vector(chains.places[row, frame, slots[point]]))
+                clearance = height + y - rest[point]
+                weight = planted(clearance)
+                if is_first:
+                    write_vector(points[point], (x, z, weight))
+                last_x, last_z, last_weight = read_vector(points[point])
+                both = min(weight, last_weight)
+                lead = both**4  # the more firmly planted point leads
+                held_x, held_z = held_x + lead * (last_x - x), held_z + lead * (last_z - z)
+                total, strongest = total + lead, max(strongest, both)
+                sinking, pressing = sinking + weight**4 * clearance, pressing + weight**4
+                firmest = max(firmest, weight)
+                write_vector(points[point], (x, z, weight))
+            if not is_first:
+                x, z = root[row, frame, 0], root[row, frame, 2]
+                place[0] += x + (held_x / max(total, 1e-6) - x) * strongest
+                place[1] += z + (held_z / max(total, 1e-6) - z) * strongest
+            height -= firmest * sinking / max(pressing, 1e-6)
+            write_vector(root[row, frame], (place[0], height, place[1]))
+        seen[row] = True

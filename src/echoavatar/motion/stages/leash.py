@@ -1,0 +1,103 @@
+"""The root kept near where it started, without sliding feet.
+
+A character that dances for an hour must not leave the picture. Beyond `NEAR` of its leash the root is drawn back, and
+the farther out, the less it moves outwards; it is never beyond. The feet do not notice: `feet` holds planted ones where
+they stand and they find their new place with the next step. So the pull rests while a foot is already held `LEAN` from
+where it was decoded, and goes on when that foot has stepped. Pinned rows (`in_place`) do not move at all. Streaming by
+the chunk. Not in the paper.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from echoavatar.nn import StreamState
+from echoavatar.nn.kernels import kernel
+
+from .pose import Array, Pose
+
+NEAR, EDGE = 0.4, 0.7  # of the leash: from here on the root is drawn back; from here on it is slowed outwards
+PULL_SPEED = 0.25  # metres per second at the leash's end
+LEAN = 0.05  # metres a held foot may be off before the pull rests
+
+
+@dataclass
+class LeashState(StreamState):
+    """What is known of the root in the last frame, along x and z."""
+
+    seen: Bool[Tensor, " b"]
+    decoded: Float[Tensor, "b 2"]  # metres, before the leash
+    place: Float[Tensor, "b 2"]  # metres, behind the leash
+    pull: Float[Tensor, "b 2"]  # metres per frame
+    slowness: Float[Tensor, " b"]  # share of the way outwards that is taken away
+
+
+class Leash:
+    """Soft bound on the way of the root from the origin, where a session starts."""
+
+    def init_state(self, rows: int) -> LeashState:
+        """At the start."""
+        decoded, place, pull = (torch.zeros(rows, 2) for _ in range(3))
+        return LeashState(torch.zeros(rows, dtype=torch.bool), decoded, place, pull, torch.zeros(rows))
+
+    def step(
+        self,
+        pose: Pose,
+        state: LeashState,
+        active: Bool[Array, " b"],
+        *,
+        radius: Float[Array, " b"],
+        is_pinned: Bool[Array, " b"],
+        lean: Float[Array, " b"],
+    ) -> None:
+        """Move `pose.root` in place. Rows with radius 0 are free; `lean` is how far off held feet are now, metres."""
+        memory, radii = tuple(tensor.numpy() for tensor in state.tensors()), np.ascontiguousarray(radius)
+        chosen = active & ((radius > 0) | is_pinned)
+        hold(pose.root, memory, chosen, radii, is_pinned, lean, PULL_SPEED / pose.fps)
+
+
+@kernel()
+def eased(share):  # type: ignore[no-untyped-def]
+    """From 0 to 1 without a step in speed."""
+    share = min(max(share, 0.0), 1.0)
+    return share * share * (3.0 - 2.0 * share)
+
+
+@kernel()
+def hold(root, memory, chosen, radii, is_pinned, lean, pull_speed):  # type: ignore[no-untyped-def]
+    """The chosen rows on their leash, frame by frame; `pull_speed` is in metres per frame."""
+    seen, decoded, places, pulls, slowness = memory
+    frames = root.shape[1]
+    for row in range(len(root)):
+        if not chosen[row]:
+            continue
+        if not seen[row]:
+            decoded[row, 0], decoded[row, 1] = root[row, 0, 0], root[row, 0, 2]
+            places[row, 0], places[row, 1] = root[row, 0, 0], root[row, 0, 2]
+        seen[row] = True
+        last_x, last_z, x, z = decoded[row, 0], decoded[row, 1], places[row, 0], places[row, 1]
+        radius = radii[row] if radii[row] > 0.0 else math.inf
+        far = math.hypot(x, z)
+        out_x, out_z = x / max(far, 1e-6), z / max(far, 1e-6)
+        rest = 1.0 - min(lean[row] / LEAN, 1.0) ** 2
+        pull = eased((far / radius - NEAR) / (1.0 - NEAR)) * rest * pull_speed
+        slow = eased((far / radius - EDGE) / (1.0 - EDGE))
+        for frame in range(frames):
+            share = (frame + 1) / frames
+            way_x, way_z = root[row, frame, 0] - last_x, root[row, frame, 2] - last_z
+            last_x, last_z = root[row, frame, 0], root[row, frame, 2]
+            outwards = max(way_x * out_x + way_z * out_z, 0.0)
+            outwards *= slowness[row] + share * (slow - slowness[row])
+            x += way_x + pulls[row, 0] + share * (-out_x * pull - pulls[row, 0]) - out_x * outwards
+            z += way_z + pulls[row, 1] + share * (-out_z * pull - pulls[row, 1]) - out_z * outwards
+            if is_pinned[row]:
+                x = z = 0.0
+            beyond = max(math.hypot(x, z) / radius, 1.0)
+            root[row, frame, 0], root[row, frame, 2] = x / beyond, z / beyond
+        decoded[row, 0], decoded[row, 1] = last_x, last_z
+        places[row, 0], places[row, 1] = root[row, frames - 1, 0], root[row, frames - 1, 2]
+        pulls[row, 0], pulls[row, 1], slowness[row] = -out_x * pull, -out_z * pull, slow

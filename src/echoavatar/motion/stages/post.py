@@ -1,0 +1,162 @@
+"""From decoded features to a pose that holds together (paper, Post-Processing).
+
+Each stage is one compiled loop over sessions, joints and frames (`nn.kernels`). One forward kinematics in the root's
+frame serves all stages. Every stage but the first can be left out by name. Rotations that are not finite, or from
+which no rotation can be made, are repaired (`repair`), reported by `repaired` and in the log.
+"""
+
+import logging
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from echoavatar.errors import EchoAvatarError
+from echoavatar.nn import StreamState
+from echoavatar.timing import CHUNK_FRAMES, FRAME_RATE_HZ
+
+from ..ik import BodyProfile, HandCollisions
+from ..ik.chains import Chains
+from ..kinematics import Motion, Skeleton, to_features
+from ..motion_chunk import MotionBatch, in_a_row
+from .feet import LARGEST, Feet, FeetState
+from .ground import Ground, GroundState
+from .leash import Leash, LeashState
+from .modes import (
+    FREE,
+    IdleLegs,
+    ModesState,
+    MotionOptions,
+)
+from .pose import Pose
+from .repair import repair
+from .smoother import Smoother, SmootherState
+from .unpack import Unpacking
+
+OnStage = Callable[[str], None]
+POST_STAGES = ("pose", "smoother", "ground", "leash", "feet", "hands")
+SWITCHES = POST_STAGES[1:]
+LARGEST_ON_LEASH = 0.30  # metres a foot may be held from where it was decoded, in rows whose root is held too
+_log = logging.getLogger(__name__)
+
+
+@dataclass
+class PostState(StreamState):
+    """What the stages remember."""
+
+    modes: ModesState
+    smoother: SmootherState
+    ground: GroundState
+    leash: LeashState
+    feet: FeetState
+
+
+class Post:
+    """The stages between the tokenizer's decoder and the session, in a row."""
+
+    def __init__(
+        self,
+        skeleton: Skeleton,
+        *,
+        stages: Collection[str] = SWITCHES,
+        body: BodyProfile | None = None,
+    ) -> None:
+        """`stages` are those to run; `body` is the character's thickness (`echoavatar rig`), our own by default.
+
+        Raises:
+            EchoAvatarError: there is no stage of that name.
+        """
+        refuse_unknown(stages, SWITCHES)
+        self.skeleton, self.stages, self.repaired = skeleton, frozenset(stages), 0
+        self._hands = HandCollisions(skeleton, body)
+        self._chains = Chains(skeleton, [0, *self._hands.joints, *skeleton.config.feet])
+        self._hands.stand_on(self._chains)
+        self._unpacking = Unpacking(skeleton)
+        self._smoother = Smoother(skeleton.joints)
+        self._idle_legs = IdleLegs(skeleton)
+        self._ground = Ground(skeleton, self._chains, is_holding="ground" in stages)
+        self._leash = Leash()
+        self._feet = Feet(skeleton, self._chains)
+
+    def init_state(self, rows: int) -> PostState:
+        """Nothing shown yet, free rows."""
+        return PostState(
+            self._idle_legs.init_state(rows),
+            self._smoother.init_state(rows),
+            self._ground.init_state(rows),
+            self._leash.init_state(rows),
+            self._feet.init_state(rows),
+        )
+
+    def step(
+        self,
+        features: Float[Tensor, "b t c"],
+        state: PostState,
+        active: Bool[Tensor, " b"],
+        on_stage: OnStage | None = None,
+    ) -> MotionBatch:
+        """Motion of a chunk; after each stage `on_stage(stage)` is called, also after those left out."""
+        on, report = active.numpy(), on_stage or _ignore
+        radius, in_place, upper_body = state.modes.options.numpy().T
+        is_pinned, is_idle = in_place > 0, upper_body > 0
+        is_led = (radius > 0) | is_pinned
+        pose = self.pose_of(features, state)
+        report("pose")
+        if "smoother" in self.stages:
+            self._smoother.step(pose, state.smoother, on)
+        report("smoother")
+        self._idle_legs.stand(pose, is_idle)
+        chains = self._chains.pose(pose.rotations)
+        self._ground.step(pose, chains, state.ground, on)
+        self._idle_legs.sway(pose, is_idle, state.modes, on)
+        report("ground")
+        decoded_root, largest = pose.root, np.full(len(on), LARGEST)
+        if "leash" in self.stages and is_led.any():
+            decoded_root, lean = pose.root.copy(), state.feet.lean()
+            self._leash.step(pose, state.leash, on, radius=radius, is_pinned=is_pinned, lean=lean)
+            largest[is_led] = LARGEST_ON_LEASH
+        report("leash")
+        if "feet" in self.stages:
+            self._feet.step(pose, chains, state.feet, on, decoded_root=decoded_root, largest=largest)
+        report("feet")
+        if "hands" in self.stages:
+            self._hands.resolve(pose.rotations, chains)
+        np.negative(pose.rotations, out=pose.rotations, where=pose.rotations[..., :1] < 0)
+        report("hands")
+        return MotionBatch(pose.rotations, pose.root)
+
+    def replay(self, motion: Motion, options: MotionOptions = FREE) -> Motion:
+        """A finished motion through the stages, chunk by chunk, as a session of its own."""
+        features = to_features(self.skeleton, motion.matrices(), torch.from_numpy(motion.root))
+        state = self.init_state(1)
+        everyone = torch.ones(1, dtype=torch.bool)
+        state.modes.choose(everyone, options)
+        padded = torch.cat([features, features[-1:].expand(-len(features) % CHUNK_FRAMES, -1)])
+        pieces: tuple[Tensor, ...] = padded[None].tensor_split(len(padded) // CHUNK_FRAMES, 1)
+        shown = in_a_row([self.step(piece, state, everyone) for piece in pieces])
+        rotations, root = shown.rotations[0], shown.root[0]
+        root[:, [0, 2]] += motion.root[0, [0, 2]]
+        return replace(motion, rotations=rotations[: motion.frames], root=root[: motion.frames])
+
+    def pose_of(self, features: Float[Tensor, "b t c"], state: PostState) -> Pose:
+        """Rotations, and travel as decoded; what cannot be a rotation is repaired and counted in `repaired`."""
+        pose, is_good = self._unpacking.pose_of(features.numpy(), FRAME_RATE_HZ)
+        if not is_good:
+            standing = float(self.skeleton.rest_positions[0, 1])
+            count = repair(pose, state.smoother.rotations.numpy()[:, -1], standing)
+            self.repaired += count
+            _log.warning("%d rotations or root positions of a chunk were not usable and were held", count)
+        return pose
+
+
+def refuse_unknown(stages: Collection[str], known: Sequence[str]) -> None:
+    """Raise EchoAvatarError where `stages` names one that is not in `known`."""
+    if unknown := sorted(set(stages).difference(known)):
+        raise EchoAvatarError(f"no stage {unknown[0]!r} to switch on or off; there are {', '.join(known)}")
+
+
+def _ignore(stage: str) -> None:
+    del stage

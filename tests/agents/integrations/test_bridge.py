@@ -1,0 +1,181 @@
+"""A bridge over a minimal pipeline: what it releases, in which order, and how interruptions cut it."""
+
+import asyncio
+import time
+from collections.abc import Awaitable, Callable
+
+import numpy as np
+import pytest
+from tests.agents.integrations.fakes import engine, tone
+
+from echoavatar.agents.client import ConnectionLostError
+from echoavatar.agents.integrations import (
+    AvatarBridge,
+    AvatarChunk,
+    Flushed,
+    UtteranceDone,
+)
+from echoavatar.agents.integrations.backend import LocalBackend
+from echoavatar.agents.integrations.output import Event
+from echoavatar.errors import EchoAvatarError
+from echoavatar.wire import ActionStatus, Ready, State
+
+
+class Scene:
+    def __init__(self) -> None:
+        self.bridge = AvatarBridge(LocalBackend(engine()))
+        self.events: list[tuple[float, Event]] = []
+
+    def of(self, kind: type) -> list:  # type: ignore[type-arg]
+        return [event for _, event in self.events if isinstance(event, kind)]
+
+    @property
+    def sound(self) -> np.ndarray:
+        parts = [np.frombuffer(chunk.pcm, "<i2") for chunk in self.of(AvatarChunk)]
+        return np.concatenate([np.zeros(0, np.int16), *parts])
+
+    async def until(self, what: Callable[[], bool], seconds: float = 15.0) -> None:
+        async with asyncio.timeout(seconds):
+            while not what():  # noqa: ASYNC110
+                await asyncio.sleep(0.01)
+
+    async def watch(self) -> None:
+        async for event in self.bridge:
+            self.events.append((time.monotonic(), event))
+
+
+def play(script: Callable[[Scene], Awaitable[None]]) -> Scene:
+    async def run() -> Scene:
+        scene = Scene()
+        await scene.bridge.start()
+        watching = asyncio.ensure_future(scene.watch())
+        try:
+            await script(scene)
+        finally:
+            await scene.bridge.close()
+            await asyncio.wait([watching], timeout=5)
+        return scene
+
+    return asyncio.run(run())
+
+
+def test_hops_leave_in_order_shortly_before_they_are_due() -> None:
+    async def script(scene: Scene) -> None:
+        await scene.bridge.say(tone(2.0), 24_000)
+        seg = await scene.bridge.end()
+        await scene.until(lambda: any(said.seg == seg for said in scene.of(UtteranceDone)))
+
+    scene = play(script)
+    np.testing.assert_allclose(scene.sound[:48_000], tone(2.0), atol=1)
+    chunks = [(when, chunk) for when, chunk in scene.events if isinstance(chunk, AvatarChunk)]
+    assert [chunk.at for _, chunk in chunks] == list(range(0, 6_400 * len(chunks), 6_400))
+    spoken = [(when, chunk) for when, chunk in chunks if chunk.seg]
+    took = spoken[-1][0] - spoken[0][0]
+    assert took > (spoken[-1][1].at - spoken[0][1].at) / 24_000 - 0.4, "it ran ahead of playback"
+    said = scene.of(UtteranceDone)[-1]
+    assert said.at == spoken[0][1].at + 48_000
+    assert isinstance(scene.events[0][1], Ready)
+
+
+def test_speech_at_any_rate_in_any_blocks_comes_out_whole() -> None:
+    async def script(scene: Scene) -> None:
+        samples = tone(1.0, 44_100)
+        for block in np.array_split(samples, 7):
+            await scene.bridge.say(block, 44_100)
+        seg = await scene.bridge.end()
+        await scene.until(lambda: any(said.seg == seg for said in scene.of(UtteranceDone)))
+
+    scene = play(script)
+    np.testing.assert_allclose(scene.sound[1_000:23_000], tone(1.0)[1_000:23_000].astype(float), atol=60)
+
+
+def test_an_interruption_is_exact_and_two_at_once_are_one() -> None:
+    async def script(scene: Scene) -> None:
+        await scene.bridge.say(tone(4.0), 24_000)
+        await scene.until(lambda: len(scene.sound) > 24_000)
+        first = next(chunk.at for chunk in scene.of(AvatarChunk) if chunk.seg)
+        heard = scene.bridge.playback.position(time.monotonic())
+        one, other = await asyncio.gather(scene.bridge.interrupt(), scene.bridge.interrupt())
+        assert one is not None
+        assert one == other
+        assert one.heard == pytest.approx(heard - first, abs=200)
+        assert not scene.bridge.is_busy
+        await scene.bridge.interrupt()  # with nothing to interrupt it does nothing
+        await asyncio.sleep(0.6)
+
+    scene = play(script)
+    cut = scene.events.index(
+        next((when, event) for when, event in scene.events if isinstance(event, Flushed))
+    )
+    after = [event for _, event in scene.events[cut:] if isinstance(event, AvatarChunk)]
+    assert after
+    assert not any(chunk.pcm for chunk in after)
+    assert after[0].at == scene.of(Flushed)[0].flush.at
+
+
+def test_actions_are_answered_and_made_again_motion_overtakes() -> None:
+    async def script(scene: Scene) -> None:
+        await scene.bridge.say(tone(3.0), 24_000)
+        await scene.until(lambda: len(scene.sound) > 12_000)
+        assert (await scene.bridge.act("wave")).status == "accepted"
+        refused = await scene.bridge.act("fly")
+        assert (refused.status, refused.choices) == ("rejected", ("wave", "bow"))
+        seg = await scene.bridge.end()
+        await scene.until(lambda: any(said.seg == seg for said in scene.of(UtteranceDone)))
+
+    scene = play(script)
+    np.testing.assert_allclose(scene.sound[:72_000], tone(3.0), atol=1)
+    assert {status.status for status in scene.of(ActionStatus)} >= {"accepted", "started", "rejected"}
+    assert not any(cut.is_interruption for cut in scene.of(Flushed))
+
+
+def test_music_needs_no_speech_and_ends() -> None:
+    async def script(scene: Scene) -> None:
+        assert (await scene.bridge.play_music("no such song")).status == "rejected"
+        assert (await scene.bridge.play_music()).status == "accepted"
+        await scene.until(lambda: len(scene.sound) > 24_000)
+        await scene.bridge.stop_music()
+        await scene.until(lambda: scene.of(State)[-1].state == "idle")
+
+    scene = play(script)
+    assert "dancing" in {state.state for state in scene.of(State)}
+    assert {chunk.seg for chunk in scene.of(AvatarChunk)} == {0}
+
+
+def test_a_lost_session_is_replaced_and_the_clock_continues() -> None:
+    """The server loses the session: speech that was not released is sent again, and the clock never runs backwards."""
+
+    async def script(scene: Scene) -> None:
+        await scene.bridge.say(tone(2.5), 24_000)
+        seg = await scene.bridge.end()
+        await scene.until(lambda: len(scene.sound) > 12_000)
+        manager = scene.bridge.backend._app.state.manager  # type: ignore[attr-defined]
+        avatar = scene.bridge._session
+        avatar._socket._close(1006, "")  # type: ignore[union-attr]
+        avatar._socket._in.put_nowait({"type": "websocket.close"})  # type: ignore[union-attr]
+        for live in list(manager._live.values()):
+            manager.end(live)
+        await scene.until(lambda: any(said.seg == seg for said in scene.of(UtteranceDone)))
+
+    scene = play(script)
+    assert len(scene.of(Ready)) == 2
+    at = [chunk.at for chunk in scene.of(AvatarChunk)]
+    assert at == sorted(at)
+    assert np.count_nonzero(scene.sound) > 0.9 * 60_000
+
+
+def test_a_session_that_ended_raises() -> None:
+    async def run() -> None:
+        bridge = AvatarBridge(LocalBackend(engine()))
+        with pytest.raises(EchoAvatarError, match="start"):
+            await bridge.say(tone(0.1), 24_000)
+        await bridge.start()
+        await bridge._session.close()
+        with pytest.raises(EchoAvatarError, match="gone"):
+            async for _ in bridge:
+                pass
+        await bridge.close()
+        await bridge.close()
+
+    asyncio.run(run())
+    assert issubclass(ConnectionLostError, EchoAvatarError)

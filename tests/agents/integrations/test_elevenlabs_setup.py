@@ -1,0 +1,144 @@
+"""The setup, run twice against a service that keeps state: created, then updated, never duplicated."""
+
+import json
+import threading
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
+
+import pytest
+
+from echoavatar.agents.integrations.elevenlabs_setup import carry_out, make_plan
+from echoavatar.engine.pipeline.actions import Action, ActionLibrary
+from echoavatar.engine.tools import Toolbox
+from echoavatar.engine.tracks import Tracks
+from echoavatar.errors import EchoAvatarError
+
+
+class Service(BaseHTTPRequestHandler):
+    """ElevenLabs' API of tools and agents."""
+
+    tools: dict[str, Any]
+    agents: dict[str, Any]
+
+    def _answer(self, told: Any, code: int = 200) -> None:
+        body = json.dumps(told).encode()
+        self.send_response(code)
+        self.send_header("content-length", str(len(body)))
+        self.end_headers()
+        self.wfile.write(body)
+
+    def _body(self) -> Any:
+        return json.loads(self.rfile.read(int(self.headers["content-length"])))
+
+    def do_GET(self) -> None:
+        if self.headers["xi-api-key"] != "secret":
+            return self._answer({"detail": "no such key"}, 401)
+        if self.path.startswith("/v1/convai/tools"):
+            items = [{"id": id, **tool} for id, tool in self.tools.items()]
+            at = 2 if "cursor=2" in self.path else 0
+            page = items[at : at + 2]
+            more = len(items) > at + 2
+            return self._answer({"tools": page, "has_more": more, "next_cursor": "2" if more else None})
+        items = [{"agent_id": id, "name": agent["name"]} for id, agent in self.agents.items()]
+        return self._answer({"agents": items, "has_more": False})
+
+    def do_POST(self) -> None:
+        if self.path == "/v1/convai/tools":
+            id = f"tool_{len(self.tools)}"
+            self.tools[id] = self._body()
+            return self._answer({"id": id})
+        assert self.path == "/v1/convai/agents/create"
+        id = f"agent_{len(self.agents)}"
+        self.agents[id] = self._body()
+        return self._answer({"agent_id": id})
+
+    def do_PATCH(self) -> None:
+        kind, id = self.path.split("/")[-2:]
+        known = {"tools": self.tools, "agents": self.agents}[kind]
+        assert id in known
+        known[id] = self._body()
+        self._answer({})
+
+    def log_message(self, *_: object) -> None:
+        pass
+
+
+@pytest.fixture
+def service() -> Iterator[tuple[str, type[Service]]]:
+    kind = type("Fresh", (Service,), {"tools": {}, "agents": {}})
+    with ThreadingHTTPServer(("127.0.0.1", 0), kind) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield f"http://127.0.0.1:{server.server_port}", kind
+        server.shutdown()
+        thread.join()
+
+
+def schemas(*names: str) -> list[dict[str, Any]]:
+    actions = ActionLibrary({name: Action(name, (0,) * 8, (1, 2)) for name in names})
+    return Toolbox(actions, Tracks()).schemas()
+
+
+def test_setting_up_twice_updates_instead_of_duplicating(service: tuple[str, type[Service]]) -> None:
+    url, there = service
+    plan = make_plan(schemas("wave"), "You are Echo.", name="idol", first_message="Hi!")
+    agent_id, done = carry_out(plan, api_key="secret", base_url=url)
+    assert agent_id == "agent_0"
+    assert len(done) == 5
+    assert all(line.startswith("created") for line in done)
+    agent = there.agents["agent_0"]["conversation_config"]
+    assert agent["agent"]["prompt"] == {"prompt": "You are Echo.", "tool_ids": list(there.tools)}
+    assert agent["tts"] == {"agent_output_audio_format": "pcm_16000"}
+
+    plan = make_plan(schemas("wave", "bow"), "You are another.", name="idol")
+    again, done = carry_out(plan, api_key="secret", base_url=url)
+    assert again == agent_id
+    assert all(line.startswith("updated") for line in done)
+    assert (len(there.tools), len(there.agents)) == (4, 1)
+    action = there.tools["tool_0"]["tool_config"]["parameters"]["properties"]["action"]
+    assert action["enum"] == ["wave", "bow"]
+
+
+def test_an_agent_can_be_named_by_its_id(service: tuple[str, type[Service]]) -> None:
+    url, there = service
+    there.agents["agent_7"] = {"name": "mine"}
+    plan = make_plan(schemas("wave"), "Prompt.", name="another name")
+    assert carry_out(plan, api_key="secret", agent_id="agent_7", base_url=url)[0] == "agent_7"
+    assert list(there.agents) == ["agent_7"]
+
+
+def test_only_tools_with_answers_make_the_model_wait() -> None:
+    plan = make_plan(schemas("wave"), "", name="n")
+    tools = {tool["tool_config"]["name"]: tool["tool_config"] for tool in plan.tools}
+    assert [name for name, tool in tools.items() if tool["expects_response"]] == ["list_actions"]
+    assert "parameters" not in tools["stop_music"]
+    intensity = tools["send_action"]["parameters"]["properties"]["intensity"]
+    assert set(intensity) == {"type", "description"}, "their schemas know no bounds"
+    assert "at most 2" in intensity["description"]
+
+
+def test_failures_are_explained(service: tuple[str, type[Service]]) -> None:
+    plan = make_plan(schemas("wave"), "Prompt.", name="n")
+    with pytest.raises(EchoAvatarError, match="API key"):
+        carry_out(plan, api_key="wrong", base_url=service[0])
+    with pytest.raises(EchoAvatarError, match="does not answer"):
+        carry_out(plan, api_key="secret", base_url="http://127.0.0.1:9")
+    with pytest.raises(EchoAvatarError, match="pcm_24000"):
+        make_plan(schemas("wave"), "Prompt.", name="n", output_format="mp3")
+
+
+def test_the_sdk_takes_the_same_requests(service: tuple[str, type[Service]]) -> None:
+    """Their models accept every payload, and their client sends it to the same addresses as ours."""
+    elevenlabs = pytest.importorskip("elevenlabs", reason="pip install 'echoavatar[elevenlabs]'")
+    url, there = service
+    plan = make_plan(schemas("wave"), "Prompt.", name="idol")
+    client = elevenlabs.ElevenLabs(api_key="secret", base_url=url)
+    for tool in plan.tools:
+        config = elevenlabs.ToolRequestModelToolConfig_Client(**tool["tool_config"])
+        client.conversational_ai.tools.create(request=elevenlabs.ToolRequestModel(tool_config=config))
+    theirs = [tool["tool_config"] for tool in there.tools.values()]
+    assert theirs == [tool["tool_config"] for tool in plan.tools]
+    config = elevenlabs.ConversationalConfig(**plan.agent["conversation_config"])
+    client.conversational_ai.agents.create(conversation_config=config, name="idol")
+    assert there.agents["agent_0"] == plan.agent

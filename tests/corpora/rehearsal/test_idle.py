@@ -1,0 +1,46 @@
+import numpy as np
+import pytest
+
+from echoavatar.corpora.rehearsal.idle import (
+    breathing,
+    draw_manner,
+    hands_of,
+    idle,
+    resting_hands,
+    with_hands,
+)
+from echoavatar.corpora.rehearsal.sound import SoundTrack, Span
+
+FRAMES = 900
+QUIET = SoundTrack(np.zeros(FRAMES * 800, np.float32), spans=(Span(0.0, 30.0, "silence"),))
+
+
+def test_the_same_seed_is_the_same_person():
+    np.testing.assert_array_equal(idle(QUIET, 4).packed(), idle(QUIET, 4).packed())
+    assert draw_manner(4) == draw_manner(4)
+    assert draw_manner(4) != draw_manner(5)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_everything_moves_and_nothing_hurries(seed: int):
+    controls = idle(QUIET, seed)
+    wrist = np.linalg.norm(np.diff(controls.wrist, axis=0), axis=-1) * 30
+    assert 0 < wrist.mean() < 0.03
+    assert wrist.max() < 0.08
+    assert np.ptp(controls.fingers[..., :5], axis=0).min() > 0.005
+    assert np.ptp(controls.spine[:, 1]) > 0.015
+    assert np.abs(np.diff(controls.head, axis=0)).max() * 30 < 1.0
+
+
+def test_breath_has_the_given_rate():
+    """0.25 Hz over 120 s crosses zero upwards about 30 times."""
+    breath = breathing(3600, 0.25, np.random.default_rng(0))
+    upwards = int(((breath[:-1] < 0) & (breath[1:] >= 0)).sum())
+    assert 25 <= upwards <= 35
+    assert np.abs(breath).max() <= 1
+
+
+def test_with_hands_inverts_hands_of():
+    controls = idle(QUIET, 1)
+    np.testing.assert_array_equal(with_hands(controls, hands_of(controls)).packed(), controls.packed())
+    assert not np.array_equal(resting_hands("sides"), resting_hands("clasped"))

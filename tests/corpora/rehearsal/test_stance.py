@@ -1,0 +1,47 @@
+import numpy as np
+import pytest
+
+from echoavatar.corpora.rehearsal.controls import ANKLE_HEIGHT, STANDING_FEET
+from echoavatar.corpora.rehearsal.stance import (
+    Shift,
+    Step,
+    air,
+    walked,
+    weight_curve,
+    weight_shifts,
+)
+
+
+def test_a_step_moves_one_foot_and_only_during_the_step():
+    feet = walked(90, [Step(1.0, 1.5, 0, 0.2, 0.1, 0.3)])
+    np.testing.assert_array_equal(
+        feet.position[:31, 0], np.tile(STANDING_FEET[0], (31, 1)).astype(np.float32)
+    )
+    np.testing.assert_allclose(feet.position[45:, 0], [[0.2, ANKLE_HEIGHT, 0.1]] * 45, atol=1e-6)
+    assert np.ptp(feet.position[:, 1], axis=0).max() == 0
+    assert feet.position[:, 0, 1].max() == pytest.approx(ANKLE_HEIGHT + 0.045, abs=2e-3)
+    assert feet.pitch[-1, 0] == 0
+
+
+def test_flight_starts_and_lands_softly():
+    flight = air(np.linspace(0, 1, 101))
+    assert flight[0] == flight[-1] == 0
+    assert flight[50] == pytest.approx(1.0)
+    assert abs(flight[1]) < 1e-4
+
+
+def test_weight_arrives_with_each_shift():
+    weight = weight_curve(120, [Shift(1.0, 2.0, 1.0), Shift(2.5, 3.0, -0.5)], start=-1.0)
+    assert weight[0] == weight[29] == -1
+    assert weight[65] == pytest.approx(1.0)
+    assert weight[-1] == pytest.approx(-0.5)
+
+
+def test_a_stepping_foot_never_carries_the_weight():
+    rng = np.random.default_rng(5)
+    steps, shifts = weight_shifts(600.0, [], rng, pace=6.0, step_every=25.0)
+    assert 15 < len(steps) < 25  # 600 s with one step in about 30 s
+    weight = weight_curve(18_000, shifts, 0.5)
+    for step in steps:
+        middle = weight[round((step.begin + step.end) / 2 * 30)]
+        assert middle * (-1 if step.side == 0 else 1) > 0.4

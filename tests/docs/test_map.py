@@ -1,0 +1,15 @@
+"""The picture in docs/architecture.md shows the rooms as they are."""
+
+import importlib.util
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_the_map_is_drawn_from_the_present_code() -> None:
+    spec = importlib.util.spec_from_file_location("make_map", ROOT / "scripts" / "make_map.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    assert module.SHIPPED.read_text() == module.drawing(), "run python scripts/make_map.py"

@@ -1,0 +1,111 @@
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from echoavatar.engine.pipeline import Pipeline, load_bundle
+from echoavatar.engine.pipeline.pipeline import STAGES
+from echoavatar.motion.motion_chunk import MotionBatch, MotionChunk
+
+
+@pytest.fixture(scope="module")
+def pipeline(tiny_bundle: Path) -> Pipeline:
+    return Pipeline(load_bundle(tiny_bundle), precision="float32")
+
+
+def stream(
+    pipeline: Pipeline, rows: list[tuple[np.ndarray, int]], active: list[list[bool]]
+) -> list[list[MotionChunk]]:
+    """Chunks of each row; `active` says per step which rows get their next chunk of sound."""
+    state = pipeline.init_state(len(rows))
+    for row, (_, seed) in enumerate(rows):
+        pipeline.reset(state, torch.arange(len(rows)) == row, seed=seed)
+    at, out = [0] * len(rows), [[] for _ in rows]
+    for on in active:
+        audio = np.zeros((len(rows), 6400), np.float32)
+        for row in np.flatnonzero(on):
+            audio[row] = rows[row][0][at[row] * 6400 : (at[row] + 1) * 6400]
+            at[row] += 1
+        chunks = pipeline.step(torch.from_numpy(audio), state, torch.tensor(on))
+        for row in np.flatnonzero(on):
+            out[row].append(chunks[row])
+    return out
+
+
+def same(a: list[MotionChunk], b: list[MotionChunk]) -> bool:
+    return all(
+        np.allclose(x.rotations, y.rotations, atol=1e-5) and np.allclose(x.root, y.root, atol=1e-5)
+        for x, y in zip(a, b, strict=True)
+    )
+
+
+def test_frames_are_unit_quaternions_on_the_rig(pipeline: Pipeline, voice: np.ndarray) -> None:
+    [chunks] = stream(pipeline, [(voice, 0)], [[True]] * 7)
+    assert chunks[0].rotations.shape == (8, 52, 4)
+    norms = np.linalg.norm(np.concatenate([chunk.rotations for chunk in chunks]), axis=-1)
+    np.testing.assert_allclose(norms, 1, atol=1e-5)
+
+
+def test_the_same_seed_repeats_and_another_differs(pipeline: Pipeline, voice: np.ndarray) -> None:
+    first, again, other = (stream(pipeline, [(voice, seed)], [[True]] * 6)[0] for seed in (3, 3, 4))
+    assert same(first, again)
+    assert not same(first, other)
+
+
+def test_a_neighbour_that_comes_late_and_pauses_changes_nothing(
+    pipeline: Pipeline, voice: np.ndarray
+) -> None:
+    noise = np.random.default_rng(0).standard_normal(48_000).astype(np.float32) * 0.2
+    steps = [[True, False], [True, True], [True, False], [True, True], [True, True]]
+    both = stream(pipeline, [(voice, 3), (noise, 9)], steps)
+    assert same(both[0], stream(pipeline, [(voice, 3)], [[True]] * 5)[0])
+    assert same(both[1], stream(pipeline, [(noise, 9)], [[True]] * 3)[0])
+
+
+def test_what_is_heard_later_does_not_change_what_was_shown(pipeline: Pipeline, voice: np.ndarray) -> None:
+    louder = voice.copy()
+    louder[3 * 6400 :] = 0.9
+    before, after = (stream(pipeline, [(sound, 0)], [[True]] * 6)[0] for sound in (voice, louder))
+    assert same(before[:3], after[:3])
+
+
+def test_every_stage_reports_its_end_in_order(pipeline: Pipeline, voice: np.ndarray) -> None:
+    stages: list[str] = []
+    pipeline.warm_up()
+    pipeline.on_stage = stages.append
+    stream(pipeline, [(voice, 0)], [[True]])
+    assert tuple(stages) == STAGES
+
+
+def test_a_body_that_stands_still_while_it_hears_something_is_drawn_more_freely(
+    pipeline: Pipeline, voice: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Still for six chunks of sound: hotter from the seventh on; never in silence; and an action may hold a pose."""
+    heats, draw, codes = [], pipeline.generator.step, []
+
+    def step(*args: Any, **options: Any) -> torch.Tensor:
+        heats.append(options["temperature"].clone())
+        codes[:] = codes or [draw(*args, **options)]
+        return codes[0]
+
+    still = torch.zeros(3, 8, 315)
+    monkeypatch.setattr(pipeline.generator, "step", step)
+    monkeypatch.setattr(pipeline.tokenizer, "decode_step", lambda codes, state, active: still.clone())
+    shown = MotionBatch(np.zeros((3, 8, 52, 4)), np.zeros((3, 8, 3)))
+    stages = SimpleNamespace(step=lambda *rest: shown, init_state=pipeline.post.init_state)
+    monkeypatch.setattr(pipeline, "post", stages)
+    members = torch.zeros(3, pipeline.directive_codes)
+    members[2, 0] = 1
+    state, sound = pipeline.init_state(3), torch.from_numpy(voice[:6400])
+    audio = torch.stack([sound, torch.zeros(6400), sound])
+    for _ in range(8):
+        pipeline.step(audio, state, torch.ones(3, dtype=torch.bool), directive=pipeline.directive(members))
+    told = torch.stack(heats)
+    full = pipeline.generator.config.temperature
+    torch.testing.assert_close(told[:, 0], torch.tensor([full] * 6 + [1.5 * full] * 2))
+    torch.testing.assert_close(told[:, 1], torch.full((8,), 0.3 * full))
+    torch.testing.assert_close(told[:, 2], torch.full((8,), full))
+    assert state.still.tolist() == [8, 0, 0]

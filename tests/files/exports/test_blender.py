@@ -1,0 +1,76 @@
+"""What Blender makes of our files. It starts slowly: the round trips are marked slow, and skip where there is none."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.files.exports.readers import blender
+
+from echoavatar.errors import DependencyError, MotionError
+from echoavatar.files.exports import Take, read_rig, writer
+from echoavatar.files.exports.blender import find_blender, write_fbx
+from echoavatar.motion.kinematics import Motion
+
+
+def test_without_blender_the_remedy_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("BLENDER", str(tmp_path / "no-blender"))
+    with pytest.raises(DependencyError, match="no-blender"):
+        find_blender()
+    with pytest.raises(DependencyError, match="apt-get install blender"):
+        writer(tmp_path / "a.fbx", has_rig=False)
+
+
+def test_a_blender_that_fails_is_quoted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    broken = tmp_path / "blender"
+    broken.write_text("#!/bin/sh\necho Segmentation fault >&2\nexit 11\n")
+    broken.chmod(0o755)
+    monkeypatch.setenv("BLENDER", str(broken))
+    with pytest.raises(MotionError, match="Segmentation fault"):
+        write_fbx(tmp_path / "a.fbx", b"", 30)
+    assert not (tmp_path / "a.fbx").exists()
+
+
+def compare(found: dict, motion: Motion, *, offset: int, tolerance: float) -> None:  # type: ignore[type-arg]
+    """Bones by name in every frame that was told."""
+    places = motion.pose().positions.numpy()
+    assert len(found["frames"]) >= 4
+    for frame, heads in found["frames"].items():
+        at = min(int(frame) - offset, motion.frames - 1)
+        for joint, name in enumerate(motion.skeleton.names):
+            np.testing.assert_allclose(
+                heads[name], places[at, joint], atol=tolerance, err_msg=f"{name} {frame}"
+            )
+
+
+@pytest.mark.slow
+def test_blender_sees_the_bvh(rigs, short: Take, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    rig = read_rig(rigs["tall"])
+    moved = rig.retarget(short)
+    writer(tmp_path / "a.bvh", has_rig=True)(tmp_path / "a.bvh", moved, rig)
+    found = blender(tmp_path / "a.bvh", picture=tmp_path / "a.png", frames=(1, 13))
+    compare(found, moved.motion, offset=1, tolerance=2e-3)
+    assert (tmp_path / "a-13.png").stat().st_size > 10_000
+
+
+@pytest.mark.slow
+def test_blender_sees_the_users_character_in_a_glb(rigs, short: Take, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    rig = read_rig(rigs["longarm"])
+    moved = rig.retarget(short)
+    writer(tmp_path / "a.glb", has_rig=True)(tmp_path / "a.glb", moved, rig)
+    found = blender(tmp_path / "a.glb", picture=tmp_path / "a.png", frames=(12,))
+    compare(found, moved.motion, offset=0, tolerance=2e-3)
+    assert found["keys"] == ["Basis", "jawOpen"]
+    assert (tmp_path / "a-12.png").stat().st_size > 10_000
+
+
+@pytest.mark.slow
+def test_an_fbx_by_blender_comes_back_into_blender(rigs, short: Take, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    try:
+        find_blender()
+    except DependencyError:
+        pytest.skip("needs Blender")
+    rig = read_rig(rigs["longarm"])
+    moved = rig.retarget(short)
+    writer(tmp_path / "a.fbx", has_rig=True)(tmp_path / "a.fbx", moved, rig)
+    found = blender(tmp_path / "a.fbx")
+    compare(found, moved.motion, offset=found["first"], tolerance=5e-3)

@@ -1,0 +1,108 @@
+import pytest
+import torch
+from safetensors.torch import load_file
+from tests.models.audio.small_codec import ours, reference
+
+from echoavatar import checkpoint
+from echoavatar.errors import CheckpointError
+from echoavatar.models.audio import AudioCodec, CodecConfig, nearest_codes
+
+
+@pytest.fixture(scope="module", params=["reflect", "constant"])
+def pair(request, tmp_path_factory):
+    model = reference(pad_mode=request.param)
+    return ours(model, tmp_path_factory.mktemp("encodec")).double(), model.double()
+
+
+def test_codes_and_sound_equal_those_of_transformers(pair):
+    """The outside witness: EncodecModel.encode and decode, in float64, on 60 frames."""
+    codec, model = pair
+    audio = torch.randn(2, 320 * 60, dtype=torch.double) * 0.1
+    with torch.no_grad():
+        wanted = model.encode(audio[:, None], bandwidth=0.9).audio_codes[0]
+        sound = model.decode(wanted[None], [None]).audio_values[:, 0]
+    assert torch.equal(codec.encode(audio), wanted.transpose(1, 2))
+    torch.testing.assert_close(codec.decode(wanted.transpose(1, 2)), sound, atol=1e-6, rtol=0)
+
+
+def test_chunks_give_the_offline_codes(pair):
+    codec, _ = pair
+    audio = torch.randn(3, 320 * 47, dtype=torch.double) * 0.1
+    state, active = codec.init_state(3), torch.ones(3, dtype=torch.bool)
+    parts = audio.split([320 * n for n in (7, 1, 20, 2, 9, 8)], dim=1)
+    assert torch.equal(torch.cat([codec.step(part, state, active) for part in parts], 1), codec.encode(audio))
+
+
+def test_long_clips_are_encoded_in_blocks_without_a_seam(pair, monkeypatch):
+    codec, _ = pair
+    audio = torch.randn(1, 320 * 60, dtype=torch.double) * 0.1
+    whole = codec.encode(audio)
+    monkeypatch.setattr("echoavatar.models.audio.codec._BLOCK_SAMPLES", 320 * 25)
+    assert torch.equal(codec.encode(audio), whole)
+
+
+def test_a_ragged_end_is_filled_with_silence_and_nothing_gives_nothing(pair):
+    codec, _ = pair
+    audio = torch.randn(1, 3_000, dtype=torch.double)
+    filled = torch.nn.functional.pad(audio, (0, 200))
+    assert torch.equal(codec.encode(audio), codec.encode(filled))
+    assert codec.encode(audio).shape == (1, 10, 2)
+    assert codec.encode(audio[:, :0]).shape == (1, 0, 2)
+    assert codec.decode(codec.encode(audio[:, :0])).shape == (1, 0)
+
+
+def test_ten_milliseconds_of_sound_can_be_encoded(pair):
+    codec, model = pair
+    audio = torch.randn(1, 320, dtype=torch.double)
+    with torch.no_grad():
+        wanted = model.encode(audio[:, None], bandwidth=0.9).audio_codes[0].transpose(1, 2)
+    assert torch.equal(codec.encode(audio), wanted)
+
+
+def test_steps_that_cannot_be_exact_are_refused(pair):
+    codec, _ = pair
+    state, active = codec.init_state(1), torch.ones(1, dtype=torch.bool)
+    with pytest.raises(ValueError, match="multiple of 320 samples, got 6401"):
+        codec.step(torch.zeros(1, 6_401), state, active)
+    if codec.config.padding == "reflect":
+        with pytest.raises(ValueError, match="needs 7 frames, got 6"):
+            codec.step(torch.zeros(1, 1_920), state, active)
+
+
+def test_nearest_code_stands_up_to_a_large_common_part():
+    """Rows 1e-3 apart at a distance of 1e3: |x|^2 - 2xe + |e|^2 uncentred is off by about 0.1 in float32."""
+    generator = torch.Generator().manual_seed(1)
+    book = 1_000 + 1e-3 * torch.randn(64, 8, generator=generator)
+    vectors = book[None, torch.randperm(64, generator=generator)]
+    truth = (vectors[0, :, None].double() - book.double()).square().sum(-1).argmin(-1)
+    assert torch.equal(nearest_codes(vectors, book)[0], truth)
+    naive = (book.square().sum(-1) - 2 * vectors[0] @ book.T).argmin(-1)
+    assert not torch.equal(naive, truth)
+
+
+def test_checkpoint_round_trip(tmp_path):
+    codec = AudioCodec(CodecConfig(filters=2, width=8, codes=16)).eval()
+    codec.codebooks.normal_()
+    checkpoint.save(tmp_path, config=codec.config, weights=codec.state_dict(), card={})
+    audio = torch.randn(1, 6_400)
+    assert torch.equal(AudioCodec.load(tmp_path).encode(audio), codec.encode(audio))
+    assert not [name for name in load_file(tmp_path / "model.safetensors") if "parametrizations" in name]
+
+
+def test_missing_encodec_is_one_clear_line(tmp_path):
+    with pytest.raises(CheckpointError, match="neither a folder with an EnCodec model nor in the local"):
+        AudioCodec.from_pretrained_encodec(tmp_path / "nowhere")
+
+
+@pytest.mark.parametrize(
+    ("fields", "reason"),
+    [
+        ({"use_causal_conv": False}, "not the causal"),
+        ({"sampling_rate": 48_000}, "24 kHz"),
+        ({"normalize": True}, "normalises over time"),
+    ],
+)
+def test_models_that_cannot_stream_are_refused(tmp_path, fields, reason):
+    reference(**fields).save_pretrained(tmp_path)
+    with pytest.raises(CheckpointError, match=reason):
+        AudioCodec.from_pretrained_encodec(str(tmp_path))

@@ -1,0 +1,55 @@
+import numpy as np
+import pytest
+import torch
+from tests.laws.streaming import hold
+from tests.models.face.tiny import EAR, sound
+
+from echoavatar.models.face.encoder import MelEncoder
+from echoavatar.timing import CHUNK_SAMPLES, SAMPLES_PER_FRAME
+
+
+def make(**changes: object) -> MelEncoder:
+    torch.manual_seed(0)
+    return MelEncoder(EAR.model_copy(update=changes)).double().eval()
+
+
+@torch.no_grad()
+def test_the_laws_hold():
+    hold(make(), sound, unit=CHUNK_SAMPLES, cuts=((1, 1, 1, 1), (3, 1, 4)))
+
+
+def seen_by(encoder: MelEncoder, frame: int) -> list[int]:
+    """Which frames of sound a feature depends on."""
+    audio = sound(1, 3 * CHUNK_SAMPLES, torch.Generator().manual_seed(0)).requires_grad_()
+    encoder(audio)[0, frame].square().sum().backward()
+    touched = audio.grad[0].unflatten(0, (-1, SAMPLES_PER_FRAME)).abs().sum(1)
+    return touched.nonzero().flatten().tolist()
+
+
+def test_a_frame_hears_its_own_chunk_and_a_bounded_past():
+    """Two kernels reach 3 frames back each, a window starts 3 hops (1.5 frames) earlier; ahead to the chunk's end."""
+    assert seen_by(make(), 16) == list(range(8, 24))
+    assert seen_by(make(), 23)[-1] == 23
+
+
+def test_without_looking_ahead_no_frame_hears_the_next():
+    assert seen_by(make(ahead=0), 17) == list(range(9, 18))
+
+
+@torch.no_grad()
+def test_log_mel_is_that_of_a_plain_loop():
+    encoder = make()
+    audio = sound(1, CHUNK_SAMPLES, torch.Generator().manual_seed(1))
+    padded = np.concatenate([np.zeros(1200), audio[0].numpy()])
+    spectra = [
+        np.abs(np.fft.rfft(padded[i : i + 1600] * encoder.window.numpy())) / 800 for i in range(0, 6400, 400)
+    ]
+    wanted = (np.log(np.array(spectra) @ encoder.bands.numpy() + 1e-4) + 6.5) / 2.5
+    known = torch.nn.functional.pad(audio, (1200, 0))
+    np.testing.assert_allclose(encoder.log_mel(known)[0].numpy(), wanted, atol=1e-6)
+
+
+def test_pieces_that_are_no_chunks_are_refused():
+    encoder = make()
+    with pytest.raises(ValueError, match="6400"):
+        encoder(torch.zeros(1, 6401).double())

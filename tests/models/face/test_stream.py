@@ -1,0 +1,78 @@
+import pytest
+import torch
+from tests.laws.streaming import hold
+from tests.models.face.tiny import CONFIG, Seeded, make, sound
+
+from echoavatar.models.face import FaceStream
+from echoavatar.timing import CHUNK_SAMPLES
+
+ALL = torch.ones(1, dtype=torch.bool)
+CUTS = ((3, 1, 4),)
+
+
+@pytest.mark.parametrize("memory", ["ring", "window"])
+def test_the_laws_hold(memory):
+    model = make(CONFIG.model_copy(update={"memory": memory}))
+    hold(Seeded(model), sound, unit=CHUNK_SAMPLES, cuts=CUTS)
+
+
+def test_eight_frames_of_52_curves_between_0_and_1_per_chunk():
+    curves = Seeded(make())(sound(2, 2 * CHUNK_SAMPLES, torch.Generator().manual_seed(1)))
+    assert curves.shape == (2, 16, 52)
+    assert curves.min() >= 0
+    assert curves.max() <= 1
+    assert curves.std() > 0.01
+
+
+def test_pieces_that_are_no_chunks_are_refused():
+    stream = FaceStream(make())
+    with pytest.raises(ValueError, match="6400"):
+        stream.step(torch.zeros(1, 800), stream.init_state(1), ALL, torch.zeros(1, dtype=torch.int64))
+
+
+@torch.no_grad()
+@pytest.mark.parametrize("memory", ["ring", "window"])
+def test_a_naive_loop_gives_the_same_frames(memory):
+    """Without any cache: both guidance branches apart, the whole past anew for every frame."""
+    model = make(CONFIG.model_copy(update={"memory": memory}))
+    config, gpt, head = model.config, model.gpt, model.head
+    audio = sound(1, 4 * CHUNK_SAMPLES, torch.Generator().manual_seed(2))
+    seeds = torch.tensor([7])
+    stream = FaceStream(model)
+    state = stream.init_state(1)
+    ours = torch.cat([stream.step(part, state, ALL, seeds) for part in audio.split(CHUNK_SAMPLES, 1)], 1)
+
+    features = model.encoder(audio)
+    noise = torch.cat([stream._noise(torch.tensor([8 * i]), seeds) for i in range(4)], 1)
+    silence = torch.zeros(1, config.context - 1, config.encoder.outputs).double()
+    past = 0 if memory == "ring" else config.context - 1
+    motion = torch.zeros(1, 1 + past, 52).double()
+    known = features if memory == "ring" else torch.cat([silence, features], 1)
+    for frame in range(32):
+        first = 0 if memory == "ring" else frame // 8 * 8
+        heard = gpt.sound_proj(known[:, first : past + frame + 1])
+        blank = gpt(motion[:, first:], torch.zeros_like(heard))[:, -1]
+        full = gpt(motion[:, first:], heard)[:, -1]
+        x = noise[:, frame]
+        for time, level, following in ((1000, 1.0, 0.5005), (500, 0.5005, 0.001), (1, 0.001, 0.0)):
+            without, with_sound = (head(x, torch.tensor([time]), c) for c in (blank, full))
+            face = without + config.guidance * (with_sound - without)
+            x = x + (following - level) * (x - face) / level
+        motion = torch.cat([motion, x[:, None]], 1)
+    wanted = model.denormalize(motion[:, past + 1 :]).clamp(0, 1)
+    torch.testing.assert_close(ours, wanted, atol=1e-5, rtol=0)  # time tables and the ring are float32
+
+
+def test_another_seed_is_another_face_and_guidance_reaches_the_result():
+    model = make()
+    audio = sound(1, CHUNK_SAMPLES, torch.Generator().manual_seed(3))
+
+    def run(seed: int) -> torch.Tensor:
+        stream = FaceStream(model)
+        return stream.step(audio, stream.init_state(1), ALL, torch.tensor([seed]))
+
+    assert torch.equal(run(1), run(1))
+    assert not torch.allclose(run(1), run(2))
+    before = run(1)
+    model.config = model.config.model_copy(update={"guidance": 1.0})
+    assert not torch.allclose(run(1), before)

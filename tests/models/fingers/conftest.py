@@ -1,0 +1,36 @@
+"""A tiny finger model, trained for some seconds."""
+
+from pathlib import Path
+
+import pytest
+from tests.models.fingers.moving import TINY, waving
+
+from echoavatar.models.fingers import FingerModel
+from echoavatar.models.fingers.clips import finger_clip
+from echoavatar.models.fingers.recipe import FingerTraining
+from echoavatar.models.fingers.train import train_fingers
+
+
+@pytest.fixture(scope="session")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of a model that has learned that hands close as arms rise."""
+    folder = tmp_path_factory.mktemp("fingers")
+    clips = [finger_clip(waving(seed=seed)) for seed in range(8)]
+    training = FingerTraining(
+        steps=200,
+        batch=8,
+        warmup=10,
+        learning_rate=5e-3,
+        save_every=1000,
+        recorded=0.0,
+        body_noise=0.02,
+        body_offset=0.0,
+    )
+    train_fingers(TINY, training, clips, folder, card={"data": "waving bodies"})
+    return folder
+
+
+@pytest.fixture(scope="session")
+def model(trained: Path) -> FingerModel:
+    """The trained model."""
+    return FingerModel.load(trained)

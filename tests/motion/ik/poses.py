@@ -1,0 +1,48 @@
+"""Poses for the tests of this room: arms bent to given wrist places, and a clip whose arms are pushed inwards."""
+
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from echoavatar.corpora.rehearsal.corpus import Plan, make_clip
+from echoavatar.motion.kinematics import HUMANOID, forward_kinematics
+from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle, matrix_from_quaternion
+from echoavatar.motion.kinematics.two_bone import reach
+
+ARM = [HUMANOID.index(name) for name in ("leftShoulder", "leftUpperArm", "leftLowerArm", "leftHand")]
+
+
+def left_wrist_at(places: torch.Tensor) -> torch.Tensor:
+    """Rotations (t, j, 3, 3) of an upright body whose left wrist is at `places` (t, 3) in the root's frame."""
+    t = len(places)
+    turns = torch.zeros(t, HUMANOID.joints, 3)
+    turns[:, ARM[1], 2], turns[:, ARM[2], 1] = -0.9, -1.2
+    turns[:, HUMANOID.index("rightUpperArm"), 2] = 1.2
+    rotations = matrix_from_axis_angle(turns)
+    pose = forward_kinematics(HUMANOID, rotations, torch.zeros(t, 3))
+    hip, knee, ankle = (pose.positions[:, joint] for joint in ARM[1:])
+    hinge = -pose.rotations[:, ARM[1], :, 1]
+    upper, lower = reach(hip=hip, knee=knee, ankle=ankle, hinge=hinge, target=places)
+    world = pose.rotations
+    raised, bent = upper @ world[:, ARM[1]], lower @ world[:, ARM[2]]
+    rotations[:, ARM[1]] = world[:, ARM[0]].mT @ raised
+    rotations[:, ARM[2]] = raised.mT @ bent
+    return rotations
+
+
+def wrists(rotations: torch.Tensor) -> torch.Tensor:
+    """Places of the left and the right wrist in the root's frame, (t, 2, 3)."""
+    upright = rotations.clone()
+    upright[:, 0] = torch.eye(3)
+    hands = HUMANOID.indices(["leftHand", "rightHand"])
+    return forward_kinematics(HUMANOID, upright, torch.zeros(len(rotations), 3)).positions[:, hands]
+
+
+def pushed_inwards(seconds: float = 12.0) -> torch.Tensor:
+    """Gestures of the rehearsal choreographer with both upper arms turned towards the body."""
+    clip = make_clip(Plan(hours=seconds / 3600, seed=3, folder=Path(), clip_seconds=seconds), 0)
+    turns = torch.zeros(HUMANOID.joints, 3)
+    turns[HUMANOID.index("leftUpperArm")] = torch.tensor([0.0, -0.6, -0.1])
+    turns[HUMANOID.index("rightUpperArm")] = torch.tensor([0.0, 0.6, 0.1])
+    return matrix_from_axis_angle(turns) @ matrix_from_quaternion(torch.from_numpy(np.array(clip.rotations)))

@@ -1,0 +1,152 @@
+"""Motion features: layout, exact return, any cutting, statistics, and the reference release's own features."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from echoavatar.motion.kinematics import (
+    HUMANOID,
+    Skeleton,
+    feature_size,
+    forward_kinematics,
+    from_features,
+    join_parts,
+    measure_features,
+    part_sizes,
+    read_bvh,
+    split_parts,
+    to_features,
+)
+from echoavatar.motion.kinematics.features import REFERENCE
+from echoavatar.motion.kinematics.rotations import matrix_from_quaternion, matrix_to_6d
+
+GOLDEN = Path(__file__).parents[3] / "../shared/golden/reference_release"
+
+
+def random_clip(*shape: int, seed: int = 0) -> tuple[torch.Tensor, torch.Tensor]:
+    generator = torch.Generator().manual_seed(seed)
+    rotations = matrix_from_quaternion(torch.randn(*shape, 52, 4, generator=generator).double())
+    return rotations, torch.randn(*shape, 3, generator=generator).double()
+
+
+def test_sizes_are_the_agreed_ones():
+    assert part_sizes(HUMANOID) == {"lower": 57, "upper": 78, "hands": 180}
+    assert feature_size(HUMANOID) == 315
+
+
+def test_layout_is_six_numbers_per_joint_and_travel_after_the_lower_body():
+    rotations, root = random_clip(5)
+    features = to_features(HUMANOID, rotations, root)
+    six = matrix_to_6d(rotations)
+    lower, upper = HUMANOID.config.parts["lower"], HUMANOID.config.parts["upper"]
+    assert features[3, 6:12].tolist() == six[3, lower[1]].tolist()
+    assert features[3, 57 : 57 + 6].tolist() == six[3, upper[0]].tolist()
+    assert features[0, 54:56].tolist() == [0, 0]
+    torch.testing.assert_close(features[3, 54:56], root[3, [0, 2]] - root[2, [0, 2]])
+    assert features[3, 56] == root[3, 1]
+
+
+def test_motion_comes_back():
+    rotations, root = random_clip(2, 7)
+    back = from_features(HUMANOID, to_features(HUMANOID, rotations, root), root[:, 0, [0, 2]])
+    torch.testing.assert_close(back.rotations, rotations)
+    torch.testing.assert_close(back.root, root)
+
+
+@settings(max_examples=20, deadline=None)
+@given(cuts=st.lists(st.integers(1, 5), min_size=1, max_size=5))
+def test_any_cutting_gives_the_whole(cuts):
+    rotations, root = random_clip(sum(cuts))
+    whole = to_features(HUMANOID, rotations, root)
+    back = from_features(HUMANOID, whole, root[0, [0, 2]])
+    ground, place, start = None, root[0, [0, 2]], 0
+    for cut in cuts:
+        piece = slice(start, start + cut)
+        part = to_features(HUMANOID, rotations[piece], root[piece], previous_ground=ground)
+        torch.testing.assert_close(part, whole[piece])
+        moved = from_features(HUMANOID, part, place)
+        torch.testing.assert_close(moved.root, back.root[piece])
+        ground, place, start = root[piece][-1, [0, 2]], moved.root[-1, [0, 2]], start + cut
+
+
+def test_parts_join_to_the_whole():
+    features = torch.randn(4, 315)
+    parts = split_parts(HUMANOID, features)
+    assert list(parts) == ["lower", "upper", "hands"]
+    assert torch.equal(join_parts(HUMANOID, parts), features)
+
+
+def test_a_rig_without_parts_is_refused():
+    bare = Skeleton(HUMANOID.config.model_copy(update={"parts": {}}))
+    with pytest.raises(ValueError, match="no body parts"):
+        feature_size(bare)
+
+
+def test_statistics_over_pieces_are_those_of_the_whole():
+    generator = torch.Generator().manual_seed(3)
+    features = torch.randn(100, 6, generator=generator) * 5 + 3
+    features[:, 2] = 7.0
+    found = measure_features([features[:10], features[10:11], features[11:]])
+    torch.testing.assert_close(found.mean, features.mean(0))
+    torch.testing.assert_close(found.std, features.std(0, correction=0), atol=1e-5, rtol=1e-5)
+    assert found.varies.tolist() == [True, True, False, True, True, True]
+
+
+def test_constant_features_do_not_blow_up():
+    generator = torch.Generator().manual_seed(4)
+    features = torch.randn(50, 3, generator=generator)
+    features[:, 1] = 0.5
+    found = measure_features([features])
+    noisy = features + torch.tensor([0.0, 1e-3, 0.0])
+    assert found.normalize(noisy)[:, 1].abs().max() == 0
+    torch.testing.assert_close(found.denormalize(found.normalize(noisy)), features)
+
+
+def test_nothing_to_measure_is_said():
+    with pytest.raises(ValueError, match="no clip"):
+        measure_features([])
+
+
+@pytest.fixture(scope="module")
+def reference():
+    """The reference's sample in centimetres, its features, and a skeleton with its parts."""
+    if not GOLDEN.exists():
+        pytest.skip("the reference release's fixtures are not beside the repository")
+    motion = read_bvh(GOLDEN / "sample_60fps.bvh", metres_per_unit=1.0)
+    with np.load(GOLDEN / "bvh_features.npz") as stored, np.load(GOLDEN / "parts.npz") as parts:
+        golden = {key: torch.from_numpy(stored[key]) for key in stored.files}
+        joints = {part: tuple(parts[f"{part}_joints"].tolist()) for part in ("lower", "upper", "hands")}
+    skeleton = Skeleton(motion.skeleton.config.model_copy(update={"parts": joints}))
+    return skeleton, motion, golden
+
+
+def in_reference_order(skeleton, features):
+    """All joints ascending, then travel."""
+    out = features.new_empty(features.shape)
+    lower = len(skeleton.config.parts["lower"])
+    six = torch.cat([features[:, : 6 * lower], features[:, 6 * lower + 3 :]], -1)
+    for place, joint in enumerate(skeleton.feature_joints):
+        out[:, 6 * joint : 6 * joint + 6] = six[:, 6 * place : 6 * place + 6]
+    out[:, -3:] = features[:, 6 * lower : 6 * lower + 3]
+    return out
+
+
+@pytest.mark.parametrize(("key", "stride"), [("feat60", 1), ("feat30", 2)])
+def test_the_reference_features_of_its_sample(reference, key, stride):
+    skeleton, motion, golden = reference
+    rotations, root = motion.matrices()[::stride], torch.from_numpy(motion.root)[::stride]
+    features = to_features(skeleton, rotations, root, convention=REFERENCE)
+    ours = in_reference_order(skeleton, features)
+    torch.testing.assert_close(ours[:, :-3], golden[key][:, :-3], atol=2e-5, rtol=0)
+    torch.testing.assert_close(ours[:, -3:], golden[key][:, -3:], atol=1e-4, rtol=0)
+
+
+def test_the_reference_positions_of_its_sample(reference):
+    """Its kinematics leave the root at its rest offset (paper, appendix); centimetres."""
+    skeleton, motion, golden = reference
+    pose = forward_kinematics(skeleton, motion.matrices(), skeleton.offsets[0].expand(motion.frames, 3))
+    torch.testing.assert_close(pose.positions, golden["fk_pos"], atol=1e-4, rtol=0)

@@ -1,0 +1,134 @@
+"""Retargeting: a rig to itself, to a taller one, and the recorded rigs to ours."""
+
+import numpy as np
+import pytest
+import torch
+from tests.motion.kinematics.samples import chain, recorded, swaying
+from tests.motion.kinematics.test_footing import FEET, REST, standing
+from tests.motion.stages.test_modes import walking
+
+from echoavatar.errors import MotionError
+from echoavatar.motion.kinematics import (
+    HUMANOID,
+    Motion,
+    Skeleton,
+    read_bvh,
+)
+from echoavatar.motion.kinematics.contact import planted, skate
+from echoavatar.motion.kinematics.retarget import leg_length, retarget
+from echoavatar.motion.kinematics.rigs import bone_map
+
+LIMBS = [
+    (f"{side}{a}", f"{side}{b}")
+    for side in ("left", "right")
+    for a, b in (
+        ("UpperArm", "LowerArm"),
+        ("LowerArm", "Hand"),
+        ("UpperLeg", "LowerLeg"),
+        ("LowerLeg", "Foot"),
+    )
+]
+RECORDED = {
+    "talk": "motion_permissive/hifi_apache2/talk.bvh",
+    "rocketbox": "motion_permissive/movebox_rocketbox_mit/rb_idle_neutral.bvh",
+    "mesh2motion": "motion_permissive/mesh2motion_cc0/reject.bvh",
+    "zeroeggs": "motion_eval_only/zeroeggs_cc_by_nc_nd/067_Speech_2_x_1_0.bvh",
+    "bandai": "motion_eval_only/bandai_namco_cc_by_nc/dataset-1/dataset-1_dance-short_normal_001.bvh",
+}
+
+
+def directions(motion: Motion, bones: dict[str, int]) -> torch.Tensor:
+    places = motion.pose().positions
+    pairs = [(bones[a], bones[b]) for a, b in LIMBS]
+    return torch.nn.functional.normalize(
+        torch.stack([places[:, b] - places[:, a] for a, b in pairs], 1), dim=-1
+    )
+
+
+def test_a_rig_to_itself_changes_nothing():
+    motion = standing(10)
+    back = retarget(motion, has_footing=False)
+    torch.testing.assert_close(back.matrices(), motion.matrices(), atol=1e-5, rtol=0)
+    np.testing.assert_allclose(back.root, motion.root, atol=2e-3)
+
+
+def test_a_taller_rig_travels_further():
+    offsets = tuple((1.2 * x, 1.2 * y, 1.2 * z) for x, y, z in HUMANOID.config.offsets)
+    tall = Skeleton(HUMANOID.config.model_copy(update={"offsets": offsets}))
+    motion = swaying(20, size=0.0)
+    moved = retarget(motion, tall, has_footing=False)
+    assert leg_length(tall, tall.config.vrm) == pytest.approx(1.2 * leg_length(HUMANOID, HUMANOID.config.vrm))
+    np.testing.assert_allclose(np.diff(moved.root, axis=0), 1.2 * np.diff(motion.root, axis=0), atol=1e-5)
+    torch.testing.assert_close(moved.matrices(), motion.matrices(), atol=1e-5, rtol=0)
+
+
+@pytest.mark.parametrize("name", RECORDED)
+def test_limbs_of_recorded_rigs_point_where_they_pointed(name):
+    """Mean angle between the bones' directions, before footing, in degrees."""
+    motion = read_bvh(recorded(RECORDED[name]))
+    motion = motion.cut(0, min(motion.frames, 300))
+    moved = retarget(motion, has_footing=False)
+    ours = directions(moved, bone_map(HUMANOID))
+    theirs = directions(motion, bone_map(motion.skeleton))
+    angles = torch.rad2deg((ours * theirs).sum(-1).clamp(-1, 1).acos())
+    assert float(angles.mean()) < 0.5
+
+
+@pytest.mark.parametrize("name", ["talk", "rocketbox", "mesh2motion"])
+def test_standing_feet_stand_on_the_floor_and_still(name):
+    motion = read_bvh(recorded(RECORDED[name]))
+    feet = retarget(motion).pose().positions[:, FEET].numpy()
+    assert skate(feet, 30, standing_height=REST) < 0.1
+    np.testing.assert_allclose(feet[..., 1], np.tile(REST, (motion.frames, 1)), atol=5e-3)
+
+
+def test_bones_nobody_drives_stay_or_share():
+    """Bandai-Namco has no fingers and one spine bone less: fingers rest, the chest turns half-way."""
+    motion = read_bvh(recorded(RECORDED["bandai"])).cut(0, 60)
+    moved = retarget(motion, has_footing=False)
+    fingers = moved.rotations[:, list(HUMANOID.config.parts["hands"])]
+    np.testing.assert_allclose(np.abs(fingers[..., 0]), 1.0, atol=1e-5)
+    chest, upper = (moved.rotations[:, HUMANOID.index(name)] for name in ("chest", "upperChest"))
+    np.testing.assert_allclose(np.abs((chest * upper).sum(-1)), 1.0, atol=1e-4)
+
+
+def test_an_unknown_rig_is_explained():
+    motion = swaying(4, skeleton=chain((0, 1, 0), (0, 1, 0)))
+    with pytest.raises(MotionError, match="VRM map"):
+        retarget(motion)
+
+
+def rig(*, leg: float, arm: float, trunk: float) -> Skeleton:
+    """Our rig with other proportions, its balls 2 cm over the floor as ours are."""
+    scale = {"LowerLeg": leg, "Foot": leg, "LowerArm": arm, "Hand": arm}
+    offsets = []
+    for name, offset in zip(HUMANOID.names, HUMANOID.config.offsets, strict=True):
+        bone = name.removeprefix("left").removeprefix("right")
+        offsets.append([c * scale.get(bone, 1.0 if "Toes" in name else trunk) for c in offset])
+    built = Skeleton(HUMANOID.config.model_copy(update={"offsets": tuple(map(tuple, offsets))}))
+    offsets[0][1] += 0.02 - float(built.rest_positions[FEET, 1].min())
+    return Skeleton(HUMANOID.config.model_copy(update={"offsets": tuple(map(tuple, offsets))}))
+
+
+@pytest.mark.parametrize(
+    "proportions",
+    [
+        pytest.param({"leg": 0.55, "arm": 0.6, "trunk": 0.7}, id="child"),
+        pytest.param({"leg": 1.25, "arm": 1.1, "trunk": 1.05}, id="tall"),
+        pytest.param({"leg": 0.8, "arm": 1.5, "trunk": 1.0}, id="long-armed"),
+    ],
+)
+def test_walkers_of_other_proportions_stand_on_the_floor(proportions):
+    """Steps of our rig on three others: planted balls within 5 mm of the floor, none below it, none sliding."""
+    motion, other = walking(3.0), rig(**proportions)
+    balls = list(other.config.feet)[1::2]
+    standing_height = other.rest_positions[balls, 1].numpy()
+    places = retarget(motion, other).pose().positions[:, balls].numpy()
+    is_planted = planted(places, 30, standing_height=standing_height)
+    over = places[..., 1] - standing_height
+    assert is_planted.mean() > 0.3
+    assert (
+        np.percentile(np.abs(over[is_planted]), 95) < 0.005
+    )  # the last frame before a foot lifts may be higher
+    assert over.min() > -0.005
+    assert skate(places, 30, standing_height=standing_height) < 0.3

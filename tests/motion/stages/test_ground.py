@@ -1,0 +1,110 @@
+import math
+
+import numpy as np
+import pytest
+import torch
+from tests.engine.pipeline.poses import everyone, in_pieces, pose_of, root_of
+
+from echoavatar.motion.ik.chains import Chains
+from echoavatar.motion.kinematics import HUMANOID, forward_kinematics
+from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle
+from echoavatar.motion.stages.ground import RELEASE_HEIGHT, Ground, GroundState
+
+CHAINS = Chains(HUMANOID, list(HUMANOID.config.feet))
+
+
+def walk(frames: int = 48) -> tuple[torch.Tensor, torch.Tensor]:
+    """A pendulum of stiff legs: the pelvis rocks over planted feet, with wrong root velocities on top."""
+    angle = 0.12 * torch.sin(torch.arange(frames) * 2 * math.pi / 24)
+    turns = torch.zeros(1, frames, HUMANOID.joints, 3)
+    for side in ("left", "right"):
+        turns[:, :, HUMANOID.index(f"{side}UpperLeg"), 0] = angle
+        turns[:, :, HUMANOID.index(f"{side}Foot"), 0] = -angle
+    travel = torch.zeros(1, frames, 3)
+    travel[..., 0] = 0.004  # the decoded velocity says: drift 4 mm a frame
+    travel[..., 2] = 0.95 - 0.83 * (1 - angle.cos())
+    return matrix_from_axis_angle(turns), travel
+
+
+def step(
+    ground: Ground,
+    rotations: torch.Tensor,
+    travel: torch.Tensor,
+    state: GroundState,
+    active: np.ndarray | None = None,
+    sizes: list[int] | None = None,
+) -> torch.Tensor:
+    """World positions of the root; `travel` is [vx, vz, height]."""
+    on = everyone(len(rotations)) if active is None else active
+
+    def chunk(turns: torch.Tensor, way: torch.Tensor) -> torch.Tensor:
+        pose = pose_of(turns, way[..., [0, 2, 1]])
+        ground.step(pose, CHAINS.pose(pose.rotations), state, on)
+        return root_of(pose)
+
+    return in_pieces(chunk, rotations, travel, sizes=sizes)
+
+
+def foot_path(rotations: torch.Tensor, root: torch.Tensor) -> torch.Tensor:
+    return forward_kinematics(HUMANOID, rotations, root).positions[:, :, list(HUMANOID.config.feet)]
+
+
+def test_planted_feet_stay_where_they_are() -> None:
+    rotations, travel = walk()
+    ground = Ground(HUMANOID, CHAINS)
+    root = step(ground, rotations, travel, ground.init_state(1))
+    feet = foot_path(rotations, root)
+    assert (feet[:, 1:, :, [0, 2]] - feet[:, :-1, :, [0, 2]]).norm(dim=-1).max() < 1e-4
+    assert (
+        feet[..., 1] - HUMANOID.rest_positions[list(HUMANOID.config.feet), 1]
+    ).abs().max() < 0.002  # and neither float nor sink
+
+
+def test_in_the_air_the_decoded_velocity_counts() -> None:
+    rotations, travel = walk()
+    travel[..., 2] += 0.3
+    ground = Ground(HUMANOID, CHAINS)
+    root = step(ground, rotations, travel, ground.init_state(1))
+    torch.testing.assert_close(root[:, 1:, 0] - root[:, :-1, 0], travel[:, 1:, 0])
+    torch.testing.assert_close(root[..., 1], travel[..., 2])
+
+
+@pytest.mark.parametrize("sizes", [[8] * 6, [1, 7, 8, 3, 5, 8, 8, 8], [1] * 48])
+def test_any_chunking_gives_the_whole(sizes: list[int]) -> None:
+    """Outside witness: `rolled`, frame by frame in double precision."""
+    rotations, travel = walk()
+    travel[:, 20:30, 2] += 0.02  # off the floor by less than where it lets go
+    ground = Ground(HUMANOID, CHAINS)
+    shown = step(ground, rotations, travel, ground.init_state(1), sizes=sizes)[0]
+    points = foot_path(rotations, torch.zeros_like(travel))[0].double().numpy()
+    np.testing.assert_allclose(shown.numpy(), rolled(points, travel[0].double().numpy()), atol=2e-6)
+
+
+def rolled(points: np.ndarray, travel: np.ndarray) -> np.ndarray:
+    """Roots (t, 3) over points (t, p, 3) that are relative to them; travel is [vx, vz, height]."""
+    rest = HUMANOID.rest_positions[list(HUMANOID.config.feet), 1].double().numpy()
+    place, roots, before, last = np.zeros(2), [], points[0], None
+    for now, (vx, vz, height) in zip(points, travel, strict=True):
+        over = now[:, 1] + height - rest
+        share = np.clip(over / RELEASE_HEIGHT, 0, 1)
+        weight = 1 - share**2 * (3 - 2 * share)
+        both = np.minimum(weight, weight if last is None else last)
+        held = ((both**4)[:, None] * (before - now)[:, ::2]).sum(0) / max((both**4).sum(), 1e-6)
+        decoded = np.array([vx, vz])
+        if last is not None:
+            place = place + decoded + both.max() * (held - decoded)
+        sinking = (weight**4 * over).sum() / max((weight**4).sum(), 1e-6)
+        roots.append([place[0], height - weight.max() * sinking, place[1]])
+        before, last = now, weight
+    return np.array(roots)
+
+
+def test_idle_rows_do_not_move_and_neighbours_do_not_matter() -> None:
+    rotations, travel = walk()
+    ground = Ground(HUMANOID, CHAINS)
+    state = ground.init_state(2)
+    both = (rotations.expand(2, -1, -1, -1, -1), travel.expand(2, -1, -1))
+    first = step(ground, *both, state, np.array([True, False]))
+    assert all(not tensor[1].any() for tensor in state.tensors())
+    alone = step(ground, rotations, travel, ground.init_state(1))
+    assert torch.equal(first[:1], alone)

@@ -1,0 +1,99 @@
+import math
+
+import numpy as np
+import pytest
+import torch
+from pydantic import ValidationError
+
+from echoavatar.motion.kinematics import HUMANOID, Motion
+from echoavatar.motion.kinematics.contact import skate
+from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle, quaternion_from_matrix
+from echoavatar.motion.stages.modes import MotionOptions
+from echoavatar.motion.stages.post import Post
+
+BALLS = list(HUMANOID.config.feet)[1::2]
+STANDING = HUMANOID.rest_positions[BALLS, 1].numpy()
+
+
+def walking(seconds: float = 8.0, pace: float = 0.35) -> Motion:
+    """Steps to the left and further to the left: each foot lifts in turn, the pelvis goes on over the other one."""
+    frames = round(seconds * 30)
+    time = np.arange(frames) / 30
+    turns = torch.zeros(frames, HUMANOID.joints, 3)
+    for side, shift in (("left", 0.0), ("right", 0.5)):
+        phase = (time + shift) % 1.0
+        lift = np.where(phase < 0.4, np.sin(np.pi * phase / 0.4) ** 2, 0.0)
+        # stance: the foot goes from ahead to behind of the pelvis; swing: back
+        swing = np.where(phase < 0.4, -np.cos(np.pi * phase / 0.4), 1 - 2 * (phase - 0.4) / 0.6)
+        across = torch.from_numpy(np.arcsin(swing * pace * 0.3 / 0.85).astype(np.float32))
+        knee = torch.from_numpy((0.25 + 0.7 * lift).astype(np.float32))
+        turns[:, HUMANOID.index(f"{side}UpperLeg"), 0] = -knee
+        turns[:, HUMANOID.index(f"{side}LowerLeg"), 0] = 2 * knee
+        turns[:, HUMANOID.index(f"{side}Foot"), 0] = -knee
+        turns[:, HUMANOID.index(f"{side}UpperLeg"), 2] = across
+    turns[:, HUMANOID.index("leftUpperArm"), 2] = torch.from_numpy(
+        np.sin(2 * math.pi * time).astype(np.float32)
+    )
+    matrices = matrix_from_axis_angle(turns)
+    root = np.zeros((frames, 3), np.float32)
+    root[:, 1] = 0.925
+    root[:, 0] = pace * time
+    quaternions = quaternion_from_matrix(matrices).numpy()
+    free = Motion(HUMANOID, quaternions, root, 30.0)
+    return Post(HUMANOID, stages=("ground", "feet")).replay(free)
+
+
+@pytest.fixture(scope="module")
+def walk() -> Motion:
+    return walking()
+
+
+def with_options(motion: Motion, options: MotionOptions) -> Motion:
+    return Post(HUMANOID, stages=("leash", "feet")).replay(motion, options)
+
+
+def balls(motion: Motion) -> np.ndarray:
+    return motion.pose().positions[:, BALLS].numpy()
+
+
+def test_the_walk_walks(walk: Motion) -> None:
+    assert np.ptp(walk.root[:, 0]) > 1.5
+
+
+def test_in_place_stays_over_the_start_and_feet_step_without_sliding(walk: Motion) -> None:
+    still = with_options(walk, MotionOptions(in_place=True))
+    assert np.abs(still.root[:, [0, 2]] - walk.root[0, [0, 2]]).max() < 1e-5
+    assert skate(balls(still)[30:], 30, standing_height=STANDING) < 0.3
+    assert (balls(still)[30:, :, 1] - STANDING).max(0).min() > 0.03  # both feet still lift
+    kept = [*HUMANOID.config.parts["upper"], *HUMANOID.config.parts["hands"]]
+    dots = np.abs((still.rotations[:, kept] * walk.rotations[:, kept]).sum(-1))
+    assert dots.min() > 1 - 1e-5
+
+
+def test_upper_body_stands_and_keeps_arms_and_fingers(walk: Motion) -> None:
+    still = with_options(walk, MotionOptions(upper_body=True))
+    feet = balls(still)[15:]
+    assert np.ptp(feet, axis=0).max() < 1e-3
+    np.testing.assert_allclose(feet[..., 1], np.broadcast_to(STANDING, feet.shape[:2]), atol=2e-3)
+    assert 0.005 < np.ptp(still.root[:, 0]) < 0.03  # sways
+    kept = [*HUMANOID.config.parts["upper"], *HUMANOID.config.parts["hands"]]
+    dots = np.abs((still.rotations[:, kept] * walk.rotations[:, kept]).sum(-1))
+    assert dots.min() > 1 - 1e-5
+
+
+def test_a_leash_holds_a_walker_without_sliding_feet(walk: Motion) -> None:
+    led = with_options(walk, MotionOptions(leash_m=0.6))
+    away = np.linalg.norm((led.root - walk.root[0])[:, [0, 2]], axis=1)
+    assert away.max() <= 0.6
+    assert skate(balls(led), 30, standing_height=STANDING) < 0.3
+    assert np.abs(np.diff(led.root[:, 0], n=2)).max() < 0.03  # no jerk where the leash ends
+
+
+def test_free_is_as_it_was(walk: Motion) -> None:
+    again = with_options(walk, MotionOptions())
+    np.testing.assert_allclose(again.root, walk.root, atol=5e-3)
+
+
+def test_a_leash_has_a_length() -> None:
+    with pytest.raises(ValidationError):
+        MotionOptions(leash_m=-1)

@@ -1,0 +1,138 @@
+"""The stages behind the decoder together: against plain torch, and the laws of streaming."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from tests.laws import streaming
+
+from echoavatar.motion.kinematics import (
+    HUMANOID,
+    Skeleton,
+    forward_kinematics,
+    to_features,
+)
+from echoavatar.motion.kinematics.features import from_features
+from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle, matrix_from_quaternion
+from echoavatar.motion.motion_chunk import MotionBatch
+from echoavatar.motion.stages.post import POST_STAGES, Post, PostState
+
+
+def gestures(rows: int, frames: int, generator: torch.Generator) -> torch.Tensor:
+    """Features of bodies that sway, step and wave, with noise as sampled codes leave it."""
+    time = torch.arange(frames) / 30
+    turns = torch.zeros(rows, frames, HUMANOID.joints, 3)
+    phase = 6 * torch.rand(rows, 1, generator=generator)
+    wave = torch.sin(2 * math.pi * 0.9 * time + phase)
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        turns[..., HUMANOID.index(f"{side}UpperArm"), 2] = -sign * (1.0 + 0.2 * wave)
+        turns[..., HUMANOID.index(f"{side}LowerArm"), 1] = -sign * (1.4 + 0.5 * wave)
+        knee = (sign * wave).clamp_min(0) * 0.5
+        turns[..., HUMANOID.index(f"{side}UpperLeg"), 0] = -knee
+        turns[..., HUMANOID.index(f"{side}LowerLeg"), 0] = 2 * knee
+        turns[..., HUMANOID.index(f"{side}Foot"), 0] = -knee
+    turns += 0.03 * torch.randn(turns.shape, generator=generator)
+    root = torch.zeros(rows, frames, 3)
+    root[..., 0] = 0.05 * wave
+    root[..., 1] = 0.94
+    return to_features(HUMANOID, matrix_from_axis_angle(turns), root)
+
+
+def run(
+    post: Post, features: torch.Tensor, state: PostState | None = None, active: torch.Tensor | None = None
+) -> torch.Tensor:
+    """(b, t, 52 x 4 + 3): rotations and root of any number of chunks."""
+    rows = len(features)
+    state = state or post.init_state(rows)
+    active = torch.ones(rows, dtype=torch.bool) if active is None else active
+    parts = []
+    for part in features.split(8, 1):
+        parts.append(torch.from_numpy(flat(post.step(part, state, active))))
+    return torch.cat(parts, 1)
+
+
+def flat(motion: MotionBatch) -> np.ndarray:
+    return np.concatenate([motion.rotations.reshape(*motion.root.shape[:2], -1), motion.root], 2)
+
+
+class AsStream:
+    """A whole clip, or pieces of whole chunks, as the laws ask for."""
+
+    def __init__(self, post: Post) -> None:
+        self._post = post
+
+    def init_state(self, rows: int) -> PostState:
+        return self._post.init_state(rows)
+
+    def step(self, x: torch.Tensor, state: PostState, active: torch.Tensor) -> torch.Tensor:
+        return run(self._post, x, state, active)
+
+    def __call__(self, x: torch.Tensor) -> torch.Tensor:
+        return run(self._post, x)
+
+
+def test_the_laws_of_streaming_hold() -> None:
+    streaming.hold(AsStream(Post(HUMANOID)), gestures, unit=8, cuts=((3, 1, 4), (1, 1, 2)), atol=1e-5)
+
+
+def test_without_smoothing_upper_body_rotations_are_what_was_decoded() -> None:
+    """Outside witness of unpacking: spine, head and fingers go through no other stage."""
+    post = Post(HUMANOID)
+    post._smoother._stiffness = 0.0
+    features = gestures(2, 8, torch.Generator().manual_seed(0))
+    shown = run(post, features)[..., : 52 * 4].unflatten(-1, (52, 4))
+    decoded = from_features(HUMANOID, features).rotations
+    untouched = HUMANOID.indices(["hips", "spine", "chest", "neck", "head", "leftIndexProximal"])
+    torch.testing.assert_close(
+        matrix_from_quaternion(shown)[:, :, untouched], decoded[:, :, untouched], atol=1e-5, rtol=0
+    )
+    assert (shown[..., 0] >= 0).all()
+
+
+def test_one_session_is_not_changed_by_its_neighbours() -> None:
+    """To the last bit, wherever it sits."""
+    features = gestures(9, 24, torch.Generator().manual_seed(2))
+    together = run(Post(HUMANOID), features)
+    for row in (0, 4, 8):
+        assert torch.equal(run(Post(HUMANOID), features[row : row + 1])[0], together[row])
+
+
+def test_planted_feet_stand() -> None:
+    """Bodies whose feet never leave the floor: after half a second no ball moves by over 0.1 mm a frame."""
+    features = gestures(1, 96, torch.Generator().manual_seed(1))
+    legs = HUMANOID.indices([s + b for s in ("left", "right") for b in ("UpperLeg", "LowerLeg", "Foot")])
+    frames = from_features(HUMANOID, features)
+    rotations = frames.rotations.clone()
+    rotations[:, :, legs] = matrix_from_axis_angle(
+        torch.tensor([-0.2, 0.4, -0.2] * 2)[:, None] * torch.tensor([1.0, 0.0, 0.0])
+    )
+    rotations[:, :, 0] = torch.eye(3)
+    features = to_features(HUMANOID, rotations, frames.root)
+    shown = run(Post(HUMANOID), features)[0]
+    matrices = matrix_from_quaternion(shown[:, : 52 * 4].unflatten(-1, (52, 4)))
+    places = forward_kinematics(HUMANOID, matrices, shown[:, -3:]).positions
+    balls = places[:, list(HUMANOID.config.feet)[1::2]]
+    assert (balls[16:] - balls[15:-1]).norm(dim=-1).max() < 1e-4
+
+
+def test_stages_report_in_order() -> None:
+    post, stages = Post(HUMANOID), []
+    features = gestures(1, 8, torch.Generator().manual_seed(0))
+    post.step(features, post.init_state(1), torch.ones(1, dtype=torch.bool), stages.append)
+    assert tuple(stages) == POST_STAGES
+
+
+@pytest.mark.parametrize("missing", ["fingers", "toes and arms"])
+def test_rigs_that_lack_bones_are_carried_through(missing: str) -> None:
+    """No fingers: hands are still kept off. No foot joints and no arms known: smoothing and travel alone."""
+    config = HUMANOID.config
+    if missing == "fingers":
+        vrm = {n: j for n, j in config.vrm.items() if not n.endswith(("imal", "iate", "istal", "pal"))}
+        rig = Skeleton(config.model_copy(update={"vrm": vrm}))
+    else:
+        vrm = {n: j for n, j in config.vrm.items() if "Arm" not in n}
+        rig = Skeleton(config.model_copy(update={"vrm": vrm, "feet": ()}))
+    shown = run(Post(rig), gestures(1, 16, torch.Generator().manual_seed(0)))
+    assert torch.isfinite(shown).all()
+    assert shown.shape == (1, 16, 52 * 4 + 3)

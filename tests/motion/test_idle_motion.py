@@ -1,0 +1,134 @@
+"""A body that stands: it breathes, shifts its weight over planted feet, looks about a little, and repeats exactly."""
+
+import numpy as np
+import pytest
+import torch
+
+from echoavatar.motion.idle_motion import (
+    LEGS,
+    SHIFT_M,
+    SWAY_M,
+    IdleMotion,
+    breath,
+    number,
+    shift,
+)
+from echoavatar.motion.kinematics import HUMANOID, forward_kinematics
+from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
+from echoavatar.motion.motion_chunk import MotionChunk, join
+from echoavatar.motion.stages.modes import MotionOptions
+
+
+def standing(frames: int = 8, **turns: tuple[float, float, float]) -> MotionChunk:
+    """The rest pose, with joints turned about x, y or z by degrees (one axis each)."""
+    rotations = np.zeros((frames, HUMANOID.joints, 4), np.float32)
+    rotations[..., 0] = 1
+    for name, turn in turns.items():
+        half = np.radians(np.array(turn)) / 2
+        rotations[:, HUMANOID.index(name)] = [np.cos(np.linalg.norm(half)), *np.sin(half)]
+    root = np.tile(HUMANOID.offsets[0].numpy(), (frames, 1)).astype(np.float32)
+    return MotionChunk(rotations, root)
+
+
+def positions(motion: MotionChunk) -> dict[str, np.ndarray]:
+    turns = matrix_from_quaternion(torch.from_numpy(motion.rotations))
+    pose = forward_kinematics(HUMANOID, turns, torch.from_numpy(motion.root))
+    return {name: pose.positions[:, at].numpy() for at, name in enumerate(HUMANOID.names)}
+
+
+def live(seconds: float, *, is_idle: bool = True, seed: int = 5, **options: bool) -> MotionChunk:
+    life = IdleMotion(seed, MotionOptions(**options))
+    return join(
+        [life.alive(chunk, standing(), HUMANOID, is_idle=is_idle) for chunk in range(round(seconds * 30 / 8))]
+    )
+
+
+@pytest.mark.parametrize(
+    "turns",
+    [
+        {},
+        {"hips": (0, 70, 0)},
+        {"leftUpperLeg": (-25, 0, 0), "leftLowerLeg": (40, 0, 0), "rightUpperLeg": (10, 0, 0)},
+    ],
+    ids=["straight", "turned", "with a bent knee"],
+)
+def test_the_hips_go_to_the_left_and_the_feet_stay(turns: dict[str, tuple[float, float, float]]) -> None:
+    before = standing(**turns)
+    after = MotionChunk(before.rotations.copy(), before.root.astype(np.float64))
+    legs = np.array([HUMANOID.index(name) for name in ("hips", *LEGS)])
+    for rotations, root in zip(after.rotations, after.root, strict=True):
+        shift(rotations, root, HUMANOID.offsets.numpy(), legs, 0.02)
+    after = after._replace(root=after.root.astype(np.float32))
+    was, now = positions(before), positions(after)
+    left = was["leftUpperLeg"][0] - was["rightUpperLeg"][0]
+    went = (now["hips"] - was["hips"])[0]
+    assert went @ (left / np.linalg.norm(left)) == pytest.approx(0.02, abs=0.002)
+    for foot in ("leftFoot", "rightFoot", "leftToes", "rightToes"):
+        assert np.linalg.norm(now[foot] - was[foot], axis=1).max() < 0.002
+
+
+def test_who_stands_for_a_minute_is_alive_and_stays_where_they_are() -> None:
+    """Hips go to and fro by centimetres, hands follow, the head turns by degrees; feet slide by less than a millimetre
+    a second, and nothing is fast."""
+    place = positions(live(60))
+    hips = place["hips"] - place["hips"][0]
+    assert 0.015 < np.ptp(hips[:, 0]) < 2 * (SHIFT_M + SWAY_M)
+    assert np.ptp(place["leftHand"][:, 0]) > 0.015
+    assert np.abs(hips[:, 2]).max() < 0.005
+    for foot in ("leftFoot", "rightFoot"):
+        assert np.linalg.norm(place[foot] - place[foot][0], axis=1).max() < 0.001
+    fastest = max(np.linalg.norm(np.diff(place[name], axis=0), axis=1).max() * 30 for name in place)
+    assert fastest < 0.15
+    chest = place["upperChest"] - place["hips"]
+    assert 0.001 < np.ptp(chest[:, 2]) < 0.02
+
+
+def test_only_breath_goes_on_beside_speech_and_dance() -> None:
+    motion = live(20, is_idle=False)
+    place = positions(motion)
+    late = slice(60, None)
+    assert np.ptp(place["hips"][late], axis=0).max() < 1e-6
+    turned = np.abs(motion.rotations[late] - motion.rotations[60]).max((0, 2)) > 1e-6
+    moved = {name for name, has in zip(HUMANOID.names, turned, strict=True) if has}
+    assert moved == {"spine", "chest", "upperChest", "neck", "head", "leftShoulder", "rightShoulder"}
+    assert np.degrees(4 * np.abs(motion.rotations[:, HUMANOID.index("head"), 1:]).max()) < 2
+
+
+@pytest.mark.parametrize("option", ["in_place", "upper_body"])
+def test_who_may_not_move_their_hips_does_not(option: str) -> None:
+    assert np.ptp(live(30, **{option: True}).root, axis=0).max() == 0
+
+
+def test_a_chunk_that_is_made_again_is_the_same_and_seeds_differ() -> None:
+    life = IdleMotion(3)
+    first = [life.alive(chunk, standing(), HUMANOID, is_idle=chunk != 3) for chunk in range(8)]
+    again = [life.alive(chunk, standing(), HUMANOID, is_idle=chunk != 3) for chunk in range(4, 8)]
+    for one, other in zip(first[4:], again, strict=True):
+        np.testing.assert_array_equal(one.rotations, other.rotations)
+        np.testing.assert_array_equal(one.root, other.root)
+    assert np.abs(live(20, seed=1).root - live(20, seed=2).root).max() > 0.003
+
+
+def test_nothing_jumps_when_sound_comes_and_goes() -> None:
+    life = IdleMotion(4)
+    motion = join([life.alive(c, standing(), HUMANOID, is_idle=(c // 6) % 2 == 0) for c in range(120)])
+    speed = np.linalg.norm(np.diff(positions(motion)["head"], axis=0), axis=1) * 30
+    assert speed.max() < 0.2
+    jump = np.abs(np.diff(motion.root, n=2, axis=0)).max()
+    assert jump < 0.0015
+
+
+def test_breath_goes_in_quicker_than_out() -> None:
+    full = np.array([breath(frame / 30, np.uint64(0)) for frame in range(126)])
+    assert full.min() == 0
+    assert full.max() == pytest.approx(1, abs=0.01)
+    rising = (np.diff(full) > 0).mean()
+    assert 0.3 < rising < 0.5
+
+
+def test_numbers_are_spread_evenly_and_do_not_repeat() -> None:
+    drawn = np.array([number(np.uint64(seed), 1, place) for seed in range(20) for place in range(100)])
+    assert abs(drawn.mean() - 0.5) < 0.03
+    assert np.histogram(drawn, 10, (0, 1))[0].min() > 140
+    assert len(np.unique(drawn)) == len(drawn)
+    assert abs(np.corrcoef(drawn[1:], drawn[:-1])[0, 1]) < 0.07
