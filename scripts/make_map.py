@@ -47,11 +47,7 @@ def purpose(room: str) -> str:
 def inside(room: str) -> str:
     """The chapters of a room."""
     folder = SOURCE / room
-    return (
-        ", ".join(sorted(path.parent.name for path in folder.glob("*/__init__.py")))
-        if folder.is_dir()
-        else ""
-    )
+    return ", ".join(sorted(path.parent.name for path in folder.glob("*/__init__.py"))) if folder.is_dir() else ""
 
 
 def box(x: float, y: float, width: float, height: float, fill: str) -> str:
@@ -89,14 +85,14 @@ def drawing() -> str:
             out.append(words(x + 10, y + 34, shown, size=11, fill="#4a5a70"))
     step = (height - 90) / len(CHUNK)
     for index, (name, what) in enumerate(CHUNK):
-        y = 50 + step * index
-        out.append(box(RIGHT, y, WIDTH - RIGHT - 20, step - 26, "#eaf4ea"))
-        out.append(words(RIGHT + 10, y + 22, name, size=14, bold=True))
-        out.append(words(RIGHT + 10, y + 40, what, size=11, fill="#4a5a70"))
+        top = 50 + step * index
+        out.append(box(RIGHT, top, WIDTH - RIGHT - 20, step - 26, "#eaf4ea"))
+        out.append(words(RIGHT + 10, top + 22, name, size=14, bold=True))
+        out.append(words(RIGHT + 10, top + 40, what, size=11, fill="#4a5a70"))
         if index + 1 < len(CHUNK):
-            x = (RIGHT + WIDTH - 20) / 2
+            middle = (RIGHT + WIDTH - 20) / 2
             out.append(
-                f'<line x1="{x}" y1="{y + step - 26}" x2="{x}" y2="{y + step - 5}" '
+                f'<line x1="{middle}" y1="{top + step - 26}" x2="{middle}" y2="{top + step - 5}" '
                 'stroke="#4a5a70" stroke-width="1.5" marker-end="url(#tip)"/>'
             )
     return "\n".join([*out, "</svg>", ""])

@@ -125,8 +125,7 @@ def examples() -> dict[str, ClientMessage | ServerMessage]:
 def files() -> dict[Path, bytes]:
     """What is to be committed, by path from the repository's root."""
     made = {
-        Path(f"docs/protocol.v{VERSIONS[-1]}.schema.json"): json.dumps(json_schema(), indent=1).encode()
-        + b"\n",
+        Path(f"docs/protocol.v{VERSIONS[-1]}.schema.json"): json.dumps(json_schema(), indent=1).encode() + b"\n",
         Path("web/packages/client/src/protocol.generated.ts"): typescript().encode(),
     }
     fixtures = Path("tests/fixtures/wire")

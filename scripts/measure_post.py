@@ -48,9 +48,7 @@ BALLS = list(HUMANOID.config.feet)[1::2]
 def generate(sounds: list[Path]) -> tuple[torch.Tensor, torch.Tensor]:
     """Decoded features (b, t, c), before any other stage, and the brake (b, t) that the warp model heard."""
     chunks = int(SECONDS * SAMPLE_RATE_HZ / CHUNK_SAMPLES)
-    audio = np.stack(
-        [np.resize(np.concatenate(list(stream_audio(path))), chunks * CHUNK_SAMPLES) for path in sounds]
-    )
+    audio = np.stack([np.resize(np.concatenate(list(stream_audio(path))), chunks * CHUNK_SAMPLES) for path in sounds])
     pipeline = Pipeline(load_bundle())
     state, active = pipeline.init_state(len(sounds)), torch.ones(len(sounds), dtype=torch.bool)
     for row in range(len(sounds)):

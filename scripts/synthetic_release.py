@@ -31,13 +31,9 @@ from echoavatar.motion.kinematics import HUMANOID
 
 FEATURES = {"lower": 117, "upper": 162, "hands": 252}
 STEPS = {"lower": 65_000, "upper": 54_000, "hands": 60_000}
-LOSSES = (
-    "commit-0.5_loss-pos-l1-0.02_loss-pos-vel-l1-0.2_loss-pos-acc-l1-0.2_loss-trans-vel-l1_smooth-10_depth-3"
-)
+LOSSES = "commit-0.5_loss-pos-l1-0.02_loss-pos-vel-l1-0.2_loss-pos-acc-l1-0.2_loss-trans-vel-l1_smooth-10_depth-3"
 TOKENIZER = (
-    "RVQVAE_PoolingMLP_bp_{part}_nb-code_512_"
-    + LOSSES
-    + "_loss-foot-contact-label-l1-0.3_loss-foot-pos-l1-0.05"
+    "RVQVAE_PoolingMLP_bp_{part}_nb-code_512_" + LOSSES + "_loss-foot-contact-label-l1-0.3_loss-foot-pos-l1-0.05"
     "_dropout-0_num_quantizers-6_lookback-15/net_{step}.pth"
 )
 FACE = (
@@ -57,15 +53,11 @@ class Size(NamedTuple):
 
 
 SIZES = {
-    "full": Size(
-        512, {"width": 896, "layers": 24, "heads": 14, "kv_heads": 2, "mlp": 4864}, HubertConfig(), {}
-    ),
+    "full": Size(512, {"width": 896, "layers": 24, "heads": 14, "kv_heads": 2, "mlp": 4864}, HubertConfig(), {}),
     "small": Size(
         16,
         {"width": 16, "layers": 2, "heads": 2, "kv_heads": 1, "mlp": 32},
-        HubertConfig(
-            width=64, layers=1, heads=1, mlp=32, convolutions=(8,) * 7, position_kernel=8, position_groups=4
-        ),
+        HubertConfig(width=64, layers=1, heads=1, mlp=32, convolutions=(8,) * 7, position_kernel=8, position_groups=4),
         {"num_filters": 2, "hidden_size": 8},
     ),
 }
@@ -213,9 +205,7 @@ def _write_stats(folder: Path, random: torch.Generator) -> None:
     body[1] = 0.05
     body[1, -3:] = (0.7, 0.7, 2.0)
     for joint, name in enumerate(names):
-        if name.endswith(("4_R", "4_L", "jnt")) or name.startswith(
-            ("Cup", "Heel", "ToesEnd", "Head_angleFix")
-        ):
+        if name.endswith(("4_R", "4_L", "jnt")) or name.startswith(("Cup", "Heel", "ToesEnd", "Head_angleFix")):
             body[1, 6 * joint : 6 * joint + 6] = 3e-6 if joint % 2 else 0.0
     np.save(folder / "body_mean_std_30fps.npy", body)
     mean = 0.2 * torch.rand(52, generator=random).numpy()
@@ -252,9 +242,7 @@ def _write_codec(folder: Path, size: Size, random: torch.Generator) -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path)
     parser.add_argument("--size", choices=tuple(SIZES), default="full")
     chosen = parser.parse_args()

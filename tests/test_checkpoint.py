@@ -39,9 +39,7 @@ def test_half_precision_storage_loads_as_float32(tmp_path: Path) -> None:
 
 def test_every_mismatch_is_named() -> None:
     weights = {"weight": torch.zeros(3, 5), "extra": torch.zeros(1)}
-    with pytest.raises(
-        CheckpointError, match=r"missing bias; unknown extra; weight is \(3, 5\), wanted \(3, 4\)"
-    ):
+    with pytest.raises(CheckpointError, match=r"missing bias; unknown extra; weight is \(3, 5\), wanted \(3, 4\)"):
         checkpoint.load_into(nn.Linear(4, 3), weights, origin="the file")
 
 
@@ -79,9 +77,7 @@ def test_a_module_is_loaded_with_its_weights(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("asked", [{"layers": 10**9}, {"width": 10**5}, {"width": 10**9}, {"width": -1}])
-def test_a_config_that_asks_for_more_than_there_is_is_refused_at_once(
-    tmp_path: Path, asked: dict[str, int]
-) -> None:
+def test_a_config_that_asks_for_more_than_there_is_is_refused_at_once(tmp_path: Path, asked: dict[str, int]) -> None:
     with pytest.raises(CheckpointError, match=r"config\.json describes no model of these weights"):
         checkpoint.load(stored(tmp_path, **asked), Stack, stack)
 
@@ -90,9 +86,7 @@ def test_a_config_that_asks_for_more_than_there_is_is_refused_at_once(
 def test_a_pipe_in_place_of_a_file_is_refused_before_it_is_opened(tmp_path: Path, name: str) -> None:
     (stored(tmp_path) / name).unlink()
     os.mkfifo(tmp_path / name)
-    read = (
-        checkpoint.read_card if name == "card.json" else lambda folder: checkpoint.load(folder, Stack, stack)
-    )
+    read = checkpoint.read_card if name == "card.json" else lambda folder: checkpoint.load(folder, Stack, stack)
     with pytest.raises(CheckpointError, match="not a regular file"):
         read(tmp_path)
 

@@ -34,8 +34,7 @@ class FakeExperiment:
         self.asked: list[str] = []
         kinds = (SPEECH, MUSIC, SPEECH, MUSIC)
         self.test_clips = [
-            clip(f"c{n}", 96, size=0.2 + 0.1 * n, every_s=0.4 + 0.05 * n, kind=kind)
-            for n, kind in enumerate(kinds)
+            clip(f"c{n}", 96, size=0.2 + 0.1 * n, every_s=0.4 + 0.05 * n, kind=kind) for n, kind in enumerate(kinds)
         ]
         self.train_clips = [replace(one, split="train") for one in self.test_clips]
 

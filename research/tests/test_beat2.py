@@ -17,9 +17,7 @@ pytest.importorskip("librosa", reason="the evaluate extra is not installed")
 def thrice(clip: Clip) -> Clip:
     """Long enough for EMAGE's cuts at both ends."""
     rotations, root = np.tile(clip.rotations, (3, 1, 1)), np.tile(clip.root, (3, 1))
-    return replace(
-        clip, audio=np.tile(clip.audio, 3), rotations=rotations, root=root, domain=np.tile(clip.domain, 3)
-    )
+    return replace(clip, audio=np.tile(clip.audio, 3), rotations=rotations, root=root, domain=np.tile(clip.domain, 3))
 
 
 class FakeBeat2(FakeExperiment):
@@ -73,9 +71,7 @@ def test_each_clip_of_motion_counts_by_its_length() -> None:
     experiment = FakeBeat2()
     long, short = experiment.test_clips[0], replace(experiment.test_clips[0])
     frames = long.frames // 3
-    short = Clip(
-        "short", long.audio[: frames * 800], long.rotations[:frames], long.root[:frames], long.domain[:frames]
-    )
+    short = Clip("short", long.audio[: frames * 800], long.rotations[:frames], long.root[:frames], long.domain[:frames])
     experiment.test_clips = [long, short]
     still = motion_of(replace(short, rotations=np.tile(short.rotations[:1], (frames, 1, 1))))
     alone = {row.name: row.value for row in beat2.scored(experiment, [motion_of(long), motion_of(short)])}

@@ -54,7 +54,5 @@ def test_the_trade_off_from_nothing_and_again(tmp_path: Path, capsys: pytest.Cap
     ours = [column for column, head in enumerate(rows[0]) if head.endswith("ours")]
     found = {row[0]: [row[column] for column in ours] for row in rows[2:]}
     assert list(found) == ["GT", "Ours (no RL)", "Ours (DPO)", "Ours (GRPO)", "Ours (PPO)"]
-    assert (
-        len(ours) >= 7
-    )  # FID, diversity, BA_G and over chance, both rewards, KL; BA_D where a test clip is music
+    assert len(ours) >= 7  # FID, diversity, BA_G and over chance, both rewards, KL; BA_D where a test clip is music
     assert all("-" not in cells for name, cells in found.items() if name != "GT")

@@ -30,9 +30,9 @@ def test_a_slide_of_a_millimetre_is_ten_of_the_papers_units(skeleton) -> None:
     assert found["trans"].value == pytest.approx(10, rel=1e-3)
     assert found["trans"].low == pytest.approx(10, rel=1e-3)
     assert found["mpjpe"].value == pytest.approx(0, abs=1e-2)  # seen from the body, nothing moved
-    assert reconstruction_scores(Sliding(skeleton, 0.0), clips, FakeExtractor())[
-        "fid"
-    ].value == pytest.approx(0, abs=1e-4)
+    assert reconstruction_scores(Sliding(skeleton, 0.0), clips, FakeExtractor())["fid"].value == pytest.approx(
+        0, abs=1e-4
+    )
 
 
 def test_truth_against_itself_is_no_distance() -> None:

@@ -20,10 +20,7 @@ def test_what_could_not_be_measured_is_left_out() -> None:
 
 def test_orderings_count_pairs_the_right_way_round() -> None:
     """Paper a < b < c; ours a < c < b: two of three pairs agree; the truth is at 0 by definition."""
-    lines = [
-        Line(n, {"f": p}, {"f": Cell(o)})
-        for n, p, o in (("t", 0, 0), ("a", 1, 10), ("b", 2, 30), ("c", 3, 20))
-    ]
+    lines = [Line(n, {"f": p}, {"f": Cell(o)}) for n, p, o in (("t", 0, 0), ("a", 1, 10), ("b", 2, 30), ("c", 3, 20))]
     table = Table("t", "T", [Column("f", "FID"), Column("g", "G")], lines)
     assert orderings(table) == ["FID: 2 of 3 pairs of lines are in the paper's order."]
 

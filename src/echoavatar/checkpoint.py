@@ -86,9 +86,7 @@ def load(folder: Path, kind: type[ConfigT], build: Callable[[ConfigT], ModuleT])
             module = build(config)
     except (ArithmeticError, MemoryError, RuntimeError, ValueError) as error:
         reason = str(error).split("\n")[0][:160]
-        raise CheckpointError(
-            f"{folder}/config.json describes no model of these weights: {reason}"
-        ) from error
+        raise CheckpointError(f"{folder}/config.json describes no model of these weights: {reason}") from error
     load_into(module, weights, origin=str(folder))
     return module
 
@@ -151,10 +149,7 @@ def save(
     """Write a checkpoint folder whole or not at all; `dtype` stores floating weights in that precision."""
     folder.mkdir(parents=True, exist_ok=True)
     stored = {
-        key: (value.to(dtype) if dtype is not None and value.is_floating_point() else value)
-        .detach()
-        .cpu()
-        .contiguous()
+        key: (value.to(dtype) if dtype is not None and value.is_floating_point() else value).detach().cpu().contiguous()
         for key, value in weights.items()
     }
     partial = folder / "model.safetensors.partial"

@@ -43,6 +43,4 @@ def check_file(path: Path, largest: int, error: type[EchoAvatarError] = EchoAvat
     if not stat.S_ISREG(found.st_mode):
         raise error(f"{path} is not a regular file; give the name of a file")
     if found.st_size > largest:
-        raise error(
-            f"{path} has {found.st_size:,} bytes, and at most {largest:,} are read; give a smaller file"
-        )
+        raise error(f"{path} has {found.st_size:,} bytes, and at most {largest:,} are read; give a smaller file")

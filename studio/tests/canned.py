@@ -138,9 +138,7 @@ def make_preference(maker: Maker, *, seconds: float = 1.0, prompts: int = 3, **c
         save_clip(folder / f"{number:03d}-x.motion", corrupt(shown, number))
         prompt = {"clip": f"clip{number}", "start": 0, "past": settings.past}
         sound, kind = f"{number:03d}.flac", ("dance", "gesture")[number % 2]
-        rows.append(
-            Material(f"sound {number}", kind, sound, seconds, tuple(clips), f"{number:03d}-x.motion", prompt)
-        )
+        rows.append(Material(f"sound {number}", kind, sound, seconds, tuple(clips), f"{number:03d}-x.motion", prompt))
     with maker.store.write() as session:
         maker.write(session, public, settings, rows)
     return public
@@ -177,9 +175,7 @@ def studio(folder: Path, url: str | None = None) -> Maker:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description="serve canned studies; owner anna, password 'a long password'"
-    )
+    parser = argparse.ArgumentParser(description="serve canned studies; owner anna, password 'a long password'")
     parser.add_argument("--folder", type=Path, required=True)
     parser.add_argument("--store")
     parser.add_argument("--port", type=int, default=8766)

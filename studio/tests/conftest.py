@@ -33,9 +33,7 @@ def postgres() -> Iterator[str]:
     folder = Path(tempfile.mkdtemp(prefix="studio-pg-"))  # short: a socket's path has 107 bytes at most
     who: dict[str, object] = {}
     if os.geteuid() == 0:  # the server refuses to run as root
-        name = next(
-            name for name in ("postgres", "nobody") if any(entry.pw_name == name for entry in pwd.getpwall())
-        )
+        name = next(name for name in ("postgres", "nobody") if any(entry.pw_name == name for entry in pwd.getpwall()))
         account = pwd.getpwnam(name)
         os.chown(folder, account.pw_uid, account.pw_gid)
         who = {"user": account.pw_uid, "group": account.pw_gid, "extra_groups": []}

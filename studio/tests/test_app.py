@@ -40,9 +40,7 @@ def test_a_pairwise_study_from_link_to_table(either: Maker, library):
         answer = owner.get(f"/api/owner/studies/{study}/export/{name}")
         assert answer.status_code == 200, name
         assert answer.content
-    rows = list(
-        csv.DictReader(io.StringIO(owner.get(f"/api/owner/studies/{study}/export/judgements.csv").text))
-    )
+    rows = list(csv.DictReader(io.StringIO(owner.get(f"/api/owner/studies/{study}/export/judgements.csv").text)))
     assert len(rows) == 18
     # everybody said 2 for the clip on the right: towards the first system that is 2 where it was swapped, else -2
     assert {(row["is_swapped"], row["overall_preference"]) for row in rows} == {("1", "2"), ("0", "-2")}
@@ -50,9 +48,7 @@ def test_a_pairwise_study_from_link_to_table(either: Maker, library):
     assert [(row["done"], row["of"], row["straight"]) for row in raters] == [(9, 9, 1.0)] * 2
     actions = [event["action"] for event in owner.get(f"/api/owner/audit?study={study}").json()["events"]]
     assert actions.count("judged") == 18
-    assert {"study begun", "study opened", "invited", "joined", "came", "consented", "exported"} & set(
-        actions
-    )
+    assert {"study begun", "study opened", "invited", "joined", "came", "consented", "exported"} & set(actions)
 
 
 def test_a_preference_study_from_link_to_pairs(either: Maker):
@@ -69,9 +65,7 @@ def test_a_preference_study_from_link_to_pairs(either: Maker):
     owner = OwnerPerson(app)
     owner.log_in()
     results = owner.get(f"/api/owner/studies/{study}/results").json()
-    told = [
-        (row["chosen"], row["rejected"], row["agreement"], row["is_kept"]) for row in results["preferences"]
-    ]
+    told = [(row["chosen"], row["rejected"], row["agreement"], row["is_kept"]) for row in results["preferences"]]
     assert told == [(2, 5, 1.0, True)] * 3
     lines = owner.get(f"/api/owner/studies/{study}/export/pairs.jsonl").text.splitlines()
     pairs = [json.loads(line) for line in lines]

@@ -42,8 +42,7 @@ def test_every_change_and_every_way_in_and_out_leaves_its_line(maker: Maker, lib
 
     def invite() -> None:
         links.extend(
-            link["url"].split("#")[1]
-            for link in owner.post(f"{path}/invitations", {"count": 2}).json()["links"]
+            link["url"].split("#")[1] for link in owner.post(f"{path}/invitations", {"count": 2}).json()["links"]
         )
 
     steps: list[tuple[Callable[[], object], str]] = [

@@ -43,9 +43,7 @@ def test_a_prompt_is_continued_in_as_many_ways_as_asked_each_with_its_seed(bundl
     pipeline, study = Pipeline(bundle), settings()
     clip = token_file(tmp_path, bundle, cut(), 0)
     found, again = (candidates(pipeline, bundle, cut(), clip, 2, study) for _ in range(2))
-    assert [np.array(one.codes).shape for one in found] == [
-        (4, 3, 2)
-    ] * 3  # two chunks, three parts, two layers
+    assert [np.array(one.codes).shape for one in found] == [(4, 3, 2)] * 3  # two chunks, three parts, two layers
     assert len({one.seed for one in found}) == 3
     assert [one.shown.motion.frames for one in found] == [16] * 3
     assert [one.codes for one in found] == [one.codes for one in again]
@@ -139,7 +137,5 @@ def test_from_sounds_over_raters_to_a_step_of_dpo(tiny_bundle, maker: Maker, tmp
     assert main(words) == 0, capsys.readouterr().err
     told = [json.loads(line) for line in (tmp_path / "run" / "metrics.jsonl").read_text().splitlines()]
     assert [line["step"] for line in told] == [1]
-    assert told[0]["loss"] == pytest.approx(
-        np.log(2), abs=1e-3
-    )  # policy and reference are the same before the step
+    assert told[0]["loss"] == pytest.approx(np.log(2), abs=1e-3)  # policy and reference are the same before the step
     assert (tmp_path / "run" / "model.safetensors").exists()

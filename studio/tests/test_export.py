@@ -19,9 +19,7 @@ def test_every_file_has_a_type():
 
 def test_names_that_spreadsheets_would_run_are_quoted(maker: Maker, library):
     systems = [{"name": "=1+1", "clips": "Alpha"}, {"name": "Beta", "clips": "Beta"}]
-    study = canned.make_pairwise(
-        maker, library, systems=systems, training=0, checks={"identical": 0, "corrupted": 0}
-    )
+    study = canned.make_pairwise(maker, library, systems=systems, training=0, checks={"identical": 0, "corrupted": 0})
     rater = RaterPerson(app_of(maker)).begin(tokens(maker, study, 1)[0])
     rater.answer(rater.task())
     data = export(maker.store, maker.media, study, "judgements.csv").decode()

@@ -59,11 +59,7 @@ def every(app: Starlette, prefix: str, study: str) -> list[tuple[str, str]]:
     }
     found = []
     for route in app.routes:
-        if (
-            isinstance(route, Route)
-            and route.path.startswith(prefix)
-            and not route.path.endswith(("join", "login"))
-        ):
+        if isinstance(route, Route) and route.path.startswith(prefix) and not route.path.endswith(("join", "login")):
             path = route.path
             for name, value in filled.items():
                 path = path.replace(name, value)
@@ -113,10 +109,7 @@ def test_forged_forms_are_refused(scene):
     good.csrf = csrf
     foreign = good.post(path, usual(task), idempotency_key="key-12345", origin="https://evil.example")
     assert foreign.json()["code"] == "bad_origin"
-    assert (
-        good.post(path, usual(task), idempotency_key="key-12345", origin="null").json()["code"]
-        == "bad_origin"
-    )
+    assert good.post(path, usual(task), idempotency_key="key-12345", origin="null").json()["code"] == "bad_origin"
     form = good.post(path, usual(task), idempotency_key="key-12345", content_type="text/plain")
     assert form.json()["code"] == "bad_request"
     own = good.post(path, usual(task), idempotency_key="key-12345", origin="http://studio.test")

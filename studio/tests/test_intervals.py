@@ -11,9 +11,7 @@ def test_four_ratings_by_hand():
     found = mean_of([2, 1, 0, 1], [1, 1, 2, 2])
     assert found.mean == 1
     assert found.half == pytest.approx(3.182446 * 0.8164966 / 2, rel=1e-6)
-    assert found.half_raters == pytest.approx(
-        12.706205 * 0.7071068 / 2**0.5, rel=1e-6
-    )  # raters' means 1.5 and 0.5
+    assert found.half_raters == pytest.approx(12.706205 * 0.7071068 / 2**0.5, rel=1e-6)  # raters' means 1.5 and 0.5
     assert found.count == 4
 
 

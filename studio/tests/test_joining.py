@@ -90,9 +90,7 @@ def test_withdrawing_deletes_everything_and_frees_the_place(either: Maker, libra
     owner = OwnerPerson(app)
     owner.log_in()
     events = owner.get(f"/api/owner/audit?study={study}").json()["events"]
-    assert [event["detail"] for event in events if event["action"] == "rater deleted"] == [
-        "rater 1: withdrew"
-    ]
+    assert [event["detail"] for event in events if event["action"] == "rater deleted"] == ["rater 1: withdrew"]
 
 
 def test_leaving_ends_the_session_and_the_link_opens_it_again(maker: Maker, library):

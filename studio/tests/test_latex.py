@@ -11,9 +11,7 @@ from echoavatar_studio.wire_owner import Mean, ResultRow
 
 
 def row(system: str, group: str, category: str, *means: float) -> ResultRow:
-    scores = {
-        q: Mean(mean=m, half=0.1234, half_raters=None, count=9) for q, m in zip(QUESTIONS, means, strict=True)
-    }
+    scores = {q: Mean(mean=m, half=0.1234, half_raters=None, count=9) for q, m in zip(QUESTIONS, means, strict=True)}
     return ResultRow(system=system, group=group, category=category, scores=scores)
 
 

@@ -15,9 +15,7 @@ def test_a_pairwise_study_has_a_clip_of_each_system_for_each_sound(maker: Maker,
     with maker.store.read() as session:
         study = session.query(Study).one()
         assert (study.public, study.state) == (public, "open")
-        assert [system.name for system in session.query(System).order_by(System.place)] == list(
-            canned.SYSTEMS
-        )
+        assert [system.name for system in session.query(System).order_by(System.place)] == list(canned.SYSTEMS)
         sounds = session.query(Sound).all()
         assert sorted(sound.category for sound in sounds) == ["dance", "dance", "gesture", "gesture"]
         assert session.query(Clip).filter(Clip.system_id.is_not(None)).count() == 12

@@ -44,18 +44,14 @@ def test_links_are_told_once_and_revoked(maker: Maker, library, owner: OwnerPers
     assert owner.get(path).json()["invitations"][0]["is_revoked"] is True
     assert owner.post(path, {"count": 0}).json()["code"] == "bad_request"
     other = canned.make_pairwise(maker, library)
-    assert (
-        owner.delete(f"/api/owner/studies/{other}/invitations/{links[1]['id']}").json()["code"] == "not_found"
-    )
+    assert owner.delete(f"/api/owner/studies/{other}/invitations/{links[1]['id']}").json()["code"] == "not_found"
 
 
 def wanted(owner: OwnerPerson) -> int:
     return int(owner.get("/api/owner/studies").json()["studies"][0]["raters_wanted"])
 
 
-def test_leaving_out_twice_gives_out_once_and_taking_in_takes_it_back(
-    maker: Maker, library, owner: OwnerPerson
-):
+def test_leaving_out_twice_gives_out_once_and_taking_in_takes_it_back(maker: Maker, library, owner: OwnerPerson):
     study = canned.make_pairwise(maker, library)
     one, two = tokens(maker, study, 2)
     RaterPerson(owner.http.app).begin(one)

@@ -10,11 +10,7 @@ from echoavatar_studio.tables import Block, Clip, Task, Trial
 
 def plan_of(maker: Maker):
     with maker.store.read() as session:
-        rows = (
-            session.query(Task, Trial)
-            .join(Trial, Task.trial_id == Trial.id)
-            .order_by(Task.block_id, Task.position)
-        )
+        rows = session.query(Task, Trial).join(Trial, Task.trial_id == Trial.id).order_by(Task.block_id, Task.position)
         blocks: dict[int, list[tuple[Task, Trial]]] = {}
         for task, trial in rows:
             blocks.setdefault(task.block_id, []).append((task, trial))
@@ -50,9 +46,7 @@ def test_corrupted_clips_have_the_last_place_and_identical_ones_are_identical(ma
         corrupted = {clip.id for clip in session.query(Clip).filter(Clip.system_id.is_(None))}
         for trial in session.query(Trial):
             if trial.role in ("corrupted", "training"):
-                assert [clip in corrupted for clip in trial.clips] == [False] * (len(trial.clips) - 1) + [
-                    True
-                ]
+                assert [clip in corrupted for clip in trial.clips] == [False] * (len(trial.clips) - 1) + [True]
             elif trial.role == "identical":
                 assert len(set(trial.clips)) == 1
             else:

@@ -15,12 +15,7 @@ TWO = [{"name": name, "clips": name, "group": "Two"} for name in ("Alpha", "Beta
 def judge_all(maker: Maker, study: str, ratings: list[int]) -> None:
     """Each rater gives Alpha against Beta the same rating everywhere."""
     with maker.store.read() as session:
-        alpha = {
-            c
-            for (c,) in session.query(Clip.id)
-            .join(System, Clip.system_id == System.id)
-            .filter_by(name="Alpha")
-        }
+        alpha = {c for (c,) in session.query(Clip.id).join(System, Clip.system_id == System.id).filter_by(name="Alpha")}
         sides = {}
         for task, trial in session.query(Task, Trial).join(Trial, Task.trial_id == Trial.id):
             shown = [trial.clips[place] in alpha for place in task.order]

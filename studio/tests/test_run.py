@@ -54,9 +54,7 @@ def test_the_studio_answers_over_a_socket(maker, monkeypatch):
         ready.set()
 
     app = create_app(maker, rates=canned.EASY)
-    thread = threading.Thread(
-        target=run.serve, args=(app,), kwargs={"host": "127.0.0.1", "port": 0, "on_ready": told}
-    )
+    thread = threading.Thread(target=run.serve, args=(app,), kwargs={"host": "127.0.0.1", "port": 0, "on_ready": told})
     thread.start()
     try:
         assert ready.wait(30)

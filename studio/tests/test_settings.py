@@ -34,9 +34,7 @@ def test_what_is_wrong_is_named(changes, message):
         parse_study(canned.pairwise_text(**changes))
 
 
-@pytest.mark.parametrize(
-    "text", ["", "- 1", "a: [", "!!python/object/apply:os.system ['true']", "kind: pairwise"]
-)
+@pytest.mark.parametrize("text", ["", "- 1", "a: [", "!!python/object/apply:os.system ['true']", "kind: pairwise"])
 def test_no_study_at_all(text):
     with pytest.raises(EchoAvatarError, match=r"study\.yaml"):
         parse_study(text)

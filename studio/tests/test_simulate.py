@@ -71,10 +71,7 @@ def test_careless_raters_fail_checks_and_leave_the_results_when_excluded(maker: 
         actions.exclude(study, row.id, is_excluded=True, reason="checks failed")
     after = results(maker.store, study)
     assert (before.judgements, after.judgements, after.excluded) == (144, 72, 6)
-    alpha = [
-        next(r.alpha for r in told.agreement if r.question == "overall_preference")
-        for told in (before, after)
-    ]
+    alpha = [next(r.alpha for r in told.agreement if r.question == "overall_preference") for told in (before, after)]
     assert alpha[1] > alpha[0] + 0.2
     assert actions.row(study).raters_wanted == 18  # their tasks are given out once more
 

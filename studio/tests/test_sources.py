@@ -17,9 +17,7 @@ def place(tmp_path):
     for number, name in enumerate(("one", "two")):
         save_sound(tmp_path / "sounds" / f"{name}.flac", canned.hum(2.0, 200 + 50 * number))
     (tmp_path / "clips").mkdir()
-    write_npz(
-        tmp_path / "clips" / "one.npz", canned.moving(2.0, 1.0), face=np.full((60, 52), 0.5, np.float32)
-    )
+    write_npz(tmp_path / "clips" / "one.npz", canned.moving(2.0, 1.0), face=np.full((60, 52), 0.5, np.float32))
     motion = canned.moving(2.0, 1.5)
     write_bvh(tmp_path / "clips" / "two.bvh", motion.skeleton, motion.rotations, motion.root, motion.fps)
     return tmp_path

@@ -131,9 +131,7 @@ def test_kill_9_amid_a_thousand_submissions_loses_nothing_and_doubles_nothing(ur
     assert len(second.told) == second.under_way == 1000
     known = {public for public, is_repeated in second.told.items() if is_repeated}
     assert set(kept) <= known  # what was on disk, acknowledged or not, is known by its key
-    assert (
-        not maker.store.is_sqlite or set(kept) == known
-    )  # PostgreSQL may end a commit after the studio has died
+    assert not maker.store.is_sqlite or set(kept) == known  # PostgreSQL may end a commit after the studio has died
     assert sorted(answered(maker.store)) == sorted(post.public for post in posts)
     maker.store.close()
     logging.getLogger(__name__).warning(

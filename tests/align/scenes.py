@@ -26,9 +26,7 @@ def scene(
     )  # fmt: skip
 
 
-def dips(
-    events, *, frames: int = FRAMES, lead: int = LEAD, depth: float = 0.8, level: float = 0.5
-) -> np.ndarray:
+def dips(events, *, frames: int = FRAMES, lead: int = LEAD, depth: float = 0.8, level: float = 0.5) -> np.ndarray:
     """A speed that dips at the events (seconds from the first new frame)."""
     time = (np.arange(frames + lead) - lead) / 30
     dip = sum((np.exp(-((time - event) ** 2) / (2 * 0.08**2)) for event in events), np.zeros(frames + lead))

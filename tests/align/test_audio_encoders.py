@@ -15,9 +15,7 @@ from echoavatar.models.audio import AudioCodec, CodecConfig
 
 CODEC = CodecConfig(filters=4, width=8, codes=16, lstm_layers=1)
 NETWORKS = {
-    "beats": lambda: Beats(
-        BeatsConfig(layers=1, width=16, heads=2, hidden=24, patch_width=8, reach=4, groups=2)
-    ),
+    "beats": lambda: Beats(BeatsConfig(layers=1, width=16, heads=2, hidden=24, patch_width=8, reach=4, groups=2)),
     "wav2clip": lambda: Wav2Clip(Wav2ClipConfig(width=4, blocks=1)),
 }
 BOOK = torch.randn(3, 2, 8, 4, generator=torch.Generator().manual_seed(0))

@@ -36,9 +36,7 @@ def test_info_nce_by_hand():
     loss = info_nce(eye, eye, torch.tensor(1.0), torch.tensor([0, 1]))
     assert loss.item() == pytest.approx(-math.log(math.e / (math.e + 1)))
     same = info_nce(eye, eye, torch.tensor(1.0), torch.tensor([0, 0]))
-    assert same.item() == pytest.approx(
-        -0.5 * math.log(math.e / (math.e + 1)) - 0.5 * math.log(1 / (math.e + 1))
-    )
+    assert same.item() == pytest.approx(-0.5 * math.log(math.e / (math.e + 1)) - 0.5 * math.log(1 / (math.e + 1)))
 
 
 def test_info_nce_averages_both_directions():

@@ -13,9 +13,7 @@ from echoavatar.align.beats import (
 )
 from echoavatar.errors import CheckpointError
 
-SMALL = BeatsConfig(
-    layers=2, width=24, heads=3, hidden=40, patch_width=10, buckets=16, farthest=800, reach=6, groups=4
-)
+SMALL = BeatsConfig(layers=2, width=24, heads=3, hidden=40, patch_width=10, buckets=16, farthest=800, reach=6, groups=4)
 
 
 def small() -> Beats:
@@ -91,10 +89,7 @@ def test_attention_by_hand():
     heads = []
     for h in range(3):
         rows = slice(8 * h, 8 * h + 8)
-        q, k, v = (
-            F.linear(x[0], part.weight[rows], part.bias[rows])
-            for part in (one.q_proj, one.k_proj, one.v_proj)
-        )
+        q, k, v = (F.linear(x[0], part.weight[rows], part.bias[rows]) for part in (one.q_proj, one.k_proj, one.v_proj))
         raw = F.linear(q, one.grep_linear.weight, one.grep_linear.bias)
         a, b = torch.sigmoid(raw[:, :4].sum(1)), torch.sigmoid(raw[:, 4:].sum(1))
         gate = a * (b * one.grep_a[0, h, 0, 0] - 1) + 2

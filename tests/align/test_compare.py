@@ -66,6 +66,4 @@ def test_another_vocabulary_is_refused(parts):
     layout = bundle.generator.config.layout.model_copy(update={"audio_codes": 7})
     foreign = Generator(bundle.generator.config.model_copy(update={"layout": layout}))
     with pytest.raises(CheckpointError, match="another vocabulary"):
-        compare(
-            {"a": bundle.generator, "b": foreign}, bundle.tokenizer, prompts, mix, load_shipped(), group=2
-        )
+        compare({"a": bundle.generator, "b": foreign}, bundle.tokenizer, prompts, mix, load_shipped(), group=2)

@@ -162,9 +162,7 @@ def test_on_policy_the_gradient_of_grpo_is_that_of_reinforce():
 
 def test_dpo_by_hand():
     """Chosen rises by 2 over the reference, rejected by -1: margin 0.1 x 3, loss -ln sigmoid(0.3) = 0.5544."""
-    told = dpo_loss(
-        chosen=t(-8.0), rejected=t(-11.0), reference_chosen=t(-10.0), reference_rejected=t(-10.0), beta=0.1
-    )
+    told = dpo_loss(chosen=t(-8.0), rejected=t(-11.0), reference_chosen=t(-10.0), reference_rejected=t(-10.0), beta=0.1)
     assert told.loss.item() == pytest.approx(-math.log(1 / (1 + math.exp(-0.3))))
     assert told.loss.item() == pytest.approx(0.5544, abs=1e-4)
     assert told.margin.item() == pytest.approx(0.3)

@@ -19,9 +19,7 @@ def test_the_truth_costs_nothing_and_stillness_does(tiny_bundle):
     motion_metrics = MotionMetrics(tokenizer, prompts, load_shipped(), reference_statistics())
     same = motion_metrics(motion_metrics.truth)
     assert same["fid"] == pytest.approx(0, abs=1e-2)
-    still = motion_metrics(
-        decode_continuations(tokenizer, prompts, torch.zeros(3, 8, 3, 2, dtype=torch.int64))
-    )
+    still = motion_metrics(decode_continuations(tokenizer, prompts, torch.zeros(3, 8, 3, 2, dtype=torch.int64)))
     assert still["fid"] > 10 * abs(same["fid"]) + 0.1
     assert still["diversity"] < same["diversity"]
     assert {"beat_alignment", "diversity", "fid"} <= same.keys()

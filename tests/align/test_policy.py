@@ -82,10 +82,7 @@ def test_a_continuation_does_not_depend_on_its_group(sequence):
     """Sharing the prompt's state between continuations is only thrift."""
     policy, many = GeneratorPolicy(generator(sequence=sequence), WARM), seeds(6)
     together = policy.rollout(prompts(2, length=2), 3, many)
-    alone = [
-        policy.rollout(prompts(2, length=2).rows(slice(k // 3, k // 3 + 1)), 1, many[k : k + 1])
-        for k in range(6)
-    ]
+    alone = [policy.rollout(prompts(2, length=2).rows(slice(k // 3, k // 3 + 1)), 1, many[k : k + 1]) for k in range(6)]
     assert torch.equal(together, torch.cat(alone))
     assert len({tuple(row.flatten().tolist()) for row in together}) > 3
 

@@ -27,8 +27,6 @@ def test_the_critic_has_a_rate_of_its_own():
     one = ppo(learning_rate=1e-2, critic_rate=1e-3, warmup=0)
     loop = Loop(one)
     loop.advance()
-    assert [
-        group["lr"] for optimiser in loop.optimisers for group in optimiser.param_groups
-    ] == pytest.approx(
+    assert [group["lr"] for optimiser in loop.optimisers for group in optimiser.param_groups] == pytest.approx(
         [1e-2] * (len(loop.optimisers[0].param_groups)) + [1e-3] * len(loop.optimisers[1].param_groups)
     )

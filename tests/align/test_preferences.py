@@ -15,9 +15,7 @@ from echoavatar.errors import MotionError
 
 
 def ranked(margin: float = 0.0):
-    return rank_pairs(
-        GeneratorPolicy(policy()), book().draw(0, 6), wants_threes, past=1, group=8, margin=margin
-    )
+    return rank_pairs(GeneratorPolicy(policy()), book().draw(0, 6), wants_threes, past=1, group=8, margin=margin)
 
 
 def test_the_best_is_chosen_over_the_worst_and_small_differences_are_left_out():

@@ -36,14 +36,10 @@ def test_events_are_told_in_seconds_from_the_first_new_frame():
 
 def test_only_prompts_with_enough_events_are_drawn():
     mine = clips()
-    assert len(PromptSampler(mine, past=1, length=1, fewest_events=1)) < len(
-        PromptSampler(mine, past=1, length=1)
-    )
+    assert len(PromptSampler(mine, past=1, length=1, fewest_events=1)) < len(PromptSampler(mine, past=1, length=1))
     for prompt in PromptSampler(mine, past=1, length=1, fewest_events=1).spread(50):
         assert len(prompt.beats) >= 1
-    with pytest.raises(
-        MotionError, match=r"no clip holds a prompt of 1 \+ 2 chunks with 9 beats or stresses"
-    ):
+    with pytest.raises(MotionError, match=r"no clip holds a prompt of 1 \+ 2 chunks with 9 beats or stresses"):
         PromptSampler(mine, past=1, length=2, fewest_events=9)
 
 

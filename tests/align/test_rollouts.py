@@ -20,11 +20,7 @@ def test_a_batch_is_drawn_once_for_all_its_epochs_and_survives_a_checkpoint_betw
     other.load_state(kept)
     for own, theirs in zip(tensors_in(first), tensors_in(other.draw(5)), strict=True):
         assert torch.equal(own, theirs)
-    assert (
-        other.logged_means(first).keys()
-        == one.logged_means(first).keys()
-        == {"reward", "rewards.threes", "spread"}
-    )
+    assert other.logged_means(first).keys() == one.logged_means(first).keys() == {"reward", "rewards.threes", "spread"}
 
 
 def test_continuations_may_come_from_a_backend():

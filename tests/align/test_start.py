@@ -84,9 +84,7 @@ def test_what_does_not_fit_is_named(tokens, tiny_bundle, tmp_path):
     other = Generator(Generator.load(tiny_bundle / "generator").config.model_copy(update={"patience": 0.3}))
     other.save(tmp_path / "other", {})
     with pytest.raises(CheckpointError, match="has another patience"):
-        training_task(
-            "grpo", recipe("tiny", "grpo"), ready(tokens, tiny_bundle, reference=tmp_path / "other")
-        )
+        training_task("grpo", recipe("tiny", "grpo"), ready(tokens, tiny_bundle, reference=tmp_path / "other"))
 
 
 def test_comparisons_of_people_need_no_reference_statistics(tokens, tiny_bundle, tmp_path):

@@ -118,9 +118,7 @@ def test_a_divergence_that_runs_away_stops_the_run_at_the_last_checkpoint(tmp_pa
     kept = Generator.load(tmp_path).state_dict()
     assert "over kl_stop 0.05" in tune(grpo(steps=60, save_every=1, kl_stop=0.05), tmp_path)  # does not go on
     assert told(tmp_path)[-1] == lines[-1]
-    assert all(
-        torch.equal(value, kept[name]) for name, value in Generator.load(tmp_path).state_dict().items()
-    )
+    assert all(torch.equal(value, kept[name]) for name, value in Generator.load(tmp_path).state_dict().items())
     with pytest.raises(CheckpointError, match="before the first checkpoint; use a smaller learning rate"):
         tune(grpo(steps=60, kl_stop=0.05), tmp_path / "never")
 
@@ -128,9 +126,7 @@ def test_a_divergence_that_runs_away_stops_the_run_at_the_last_checkpoint(tmp_pa
 @pytest.mark.slow
 def test_the_divergence_holds_the_policy_back():
     """The same steps with a heavy price on divergence end nearer to the reference."""
-    far, near = (
-        [Loop.advance(loop) for _ in range(12)][-1] for loop in (Loop(grpo()), Loop(grpo(kl_weight=5.0)))
-    )
+    far, near = ([Loop.advance(loop) for _ in range(12)][-1] for loop in (Loop(grpo()), Loop(grpo(kl_weight=5.0))))
     assert near["kl"] < 0.5 * far["kl"]
     assert far["kl"] > 0.02
 
@@ -165,9 +161,7 @@ def test_refusals_name_what_is_wrong(tmp_path):
     with pytest.raises(CheckpointError, match="another origin config: rewards was"):
         tune(grpo(steps=1), tmp_path)
     rewards = RunContext(rewards={"threes": 1.0})
-    differs = GrpoTask(
-        policy(), generator(seed=5), training("grpo", steps=1), wants_threes, rewards, book=book()
-    )
+    differs = GrpoTask(policy(), generator(seed=5), training("grpo", steps=1), wants_threes, rewards, book=book())
     with pytest.raises(CheckpointError, match="another origin config: reference was"):
         tune(differs, tmp_path)
 

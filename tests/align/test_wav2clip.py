@@ -67,10 +67,7 @@ def test_the_spectrogram_by_hand():
     assert found.std().item() == pytest.approx(1, abs=1e-3)
     frame = wave[0, 20 * 353 - 256 : 20 * 353 + 256] * torch.hann_window(512)
     powers = torch.tensor(
-        [
-            (frame * torch.exp(-2j * math.pi * k * torch.arange(512) / 512)).sum().abs().item() ** 2
-            for k in range(257)
-        ]
+        [(frame * torch.exp(-2j * math.pi * k * torch.arange(512) / 512)).sum().abs().item() ** 2 for k in range(257)]
     )
     logs = (powers + QUIET).log()
     rise = found[0, 32, 20] - found[0, 34, 20], logs[32] - logs[34]

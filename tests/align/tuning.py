@@ -73,9 +73,7 @@ def ppo(context: RunContext = NO_CONTEXT, **changes) -> PpoTask:
 def dpo(context: RunContext = NO_CONTEXT, model=None, prompts: int = 12, **changes) -> DpoTask:
     model = model or policy()
     settings = training("dpo", **changes)
-    return DpoTask(
-        model, copy.deepcopy(model), settings, wants_threes, context, pairs=ranked_pairs(prompts, model)
-    )
+    return DpoTask(model, copy.deepcopy(model), settings, wants_threes, context, pairs=ranked_pairs(prompts, model))
 
 
 def ranked_pairs(prompts: int, model):

@@ -16,9 +16,7 @@ def bundle(tiny_bundle: Path, tmp_path: Path) -> Path:
     return tmp_path / "mine"
 
 
-def test_a_clip_is_added_listed_and_removed(
-    bundle: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_clip_is_added_listed_and_removed(bundle: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     nod = clip(SCRIPTS["agree"])
     write_bvh(tmp_path / "nod.bvh", nod.skeleton, nod.rotations, nod.root, fps=nod.fps)
     words = [

@@ -33,7 +33,5 @@ def test_pairs_then_dpo_and_grpo_from_the_command_line(tmp_path, tiny_bundle, ca
     card = json.loads((tmp_path / "grpo" / "card.json").read_text())
     assert card["alignment"]["kl_weight"] == 0.5
     assert card["command"].startswith("echoavatar align grpo")
-    assert (
-        main(["align", "grpo", *common, "-o", str(tmp_path / "bad"), "--reward", "nonsense=1", *small]) == 1
-    )
+    assert main(["align", "grpo", *common, "-o", str(tmp_path / "bad"), "--reward", "nonsense=1", *small]) == 1
     assert "no reward 'nonsense'" in capsys.readouterr().err

@@ -24,12 +24,7 @@ def test_each_reward_is_trained_measured_and_written(tmp_path, tiny_bundle, caps
     scores, quality, alignment = (str(tmp_path / name) for name in ("scores.json", "quality", "alignment"))
     assert main(["align", "calibrate", *common, "-o", scores, "--windows", "2"]) == 0
     small = ["--steps", "2", "--width", "16"]
-    assert (
-        main(
-            ["align", "reward-quality", *common, "-o", quality, "--scores", scores, "--windows", "2", *small]
-        )
-        == 0
-    )
+    assert main(["align", "reward-quality", *common, "-o", quality, "--scores", scores, "--windows", "2", *small]) == 0
     found = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert np.isfinite(found["pearson_levels"])
     assert main(["align", "reward-alignment", *common, "-o", alignment, *small]) == 0
@@ -50,9 +45,7 @@ def two_clips(tmp_path):
     return tokens
 
 
-def test_beats_and_wav2clip_hear_with_published_weights_which_are_left_as_they_are(
-    tmp_path, tiny_bundle, capsys
-):
+def test_beats_and_wav2clip_hear_with_published_weights_which_are_left_as_they_are(tmp_path, tiny_bundle, capsys):
     """Random weights in the published files' layout, at a small size."""
     beats = Beats(BeatsConfig(layers=1, width=16, heads=2, hidden=24, patch_width=8, reach=4, groups=2))
     wav2clip = Wav2Clip(Wav2ClipConfig(width=4, blocks=1))

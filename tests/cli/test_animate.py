@@ -28,9 +28,7 @@ def test_every_format_is_written(wav: Path, tmp_path: Path, tiny_bundle: Path, s
     path = tmp_path / f"out{suffix}"
     assert run(wav, path, tiny_bundle) == 0
     assert path.stat().st_size > 10_000
-    assert sorted(p.name for p in tmp_path.iterdir()) == sorted(
-        ["voice.wav", path.name]
-    )  # nothing half-written
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted(["voice.wav", path.name])  # nothing half-written
 
 
 def test_the_mp4_shows_and_sounds(wav: Path, tmp_path: Path, tiny_bundle: Path, voice: np.ndarray) -> None:

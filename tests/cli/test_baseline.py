@@ -37,9 +37,7 @@ def test_clips_for_a_corpus_and_for_sound_files(kind: str, corpus: Path, tmp_pat
     assert np.ptp(held_out.rotations, axis=0).max() == 0 if kind == "mean" else True
 
 
-def test_what_was_made_can_be_scored(
-    corpus: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_was_made_can_be_scored(corpus: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("librosa", reason="the evaluate extra is not installed")
     made = str(tmp_path / "made")
     assert main(["baseline", "random", "--train", str(corpus), str(corpus), "-o", made]) == 0

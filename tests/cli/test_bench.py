@@ -8,9 +8,7 @@ from echoavatar.motion.ik import HandCollisions
 from echoavatar.motion.stages.feet import Feet
 
 
-def test_the_last_line_is_json_with_the_promised_keys(
-    tiny_bundle: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_last_line_is_json_with_the_promised_keys(tiny_bundle: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bench", "stream", "--model", str(tiny_bundle), "--seconds", "2"]) == 0
     said = capsys.readouterr().out.strip().splitlines()
     result = json.loads(said[-1])

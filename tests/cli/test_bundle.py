@@ -15,8 +15,6 @@ def test_parts_become_a_bundle_that_loads(
     assert json.loads((tmp_path / "mine" / "card.json").read_text())["licence"] == "Apache-2.0"
 
 
-def test_an_untrained_part_is_named(
-    tiny_bundle: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_untrained_part_is_named(tiny_bundle: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bundle", str(tiny_bundle.parent), "-o", str(tmp_path / "mine")]) == 1
     assert "train it first" in capsys.readouterr().err

@@ -24,9 +24,7 @@ def sound(folder: Path, name: str, seconds: float = 1.0) -> None:
     soundfile.write(folder / f"{name}.wav", 0.1 * np.ones(int(24_000 * seconds), np.float32), 24_000)
 
 
-def test_takes_of_a_folder_become_clips_and_bad_ones_are_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_takes_of_a_folder_become_clips_and_bad_ones_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     take(tmp_path, "good")
     sound(tmp_path, "good")
     take(tmp_path, "mute")

@@ -28,9 +28,7 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path, capsys: pytest.Ca
 
 def test_without_a_folder_a_live_page_is_served_until_stopped(tiny_bundle: Path) -> None:
     words = ["demo", "--no-browser", "--port", "0", "--model", str(tiny_bundle)]
-    with subprocess.Popen(
-        [sys.executable, "-m", "echoavatar", *words], stdout=subprocess.PIPE, text=True
-    ) as process:
+    with subprocess.Popen([sys.executable, "-m", "echoavatar", *words], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         told = process.stdout.readline()
         address = re.search(r"http://127\.0\.0\.1:\d+/", told)

@@ -17,9 +17,7 @@ def test_a_dry_run_prints_what_would_be_sent(capsys: pytest.CaptureFixture[str])
     assert "raise_both_hands" in prompt
 
 
-def test_a_servers_own_actions_and_a_prompt_of_ones_own(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_servers_own_actions_and_a_prompt_of_ones_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     prompt = tmp_path / "prompt.txt"
     prompt.write_text("You are a pirate.")
     with serving() as there:

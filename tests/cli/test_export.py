@@ -18,9 +18,7 @@ def recording(tmp_path: Path) -> Path:
     return tmp_path / "take.npz"
 
 
-def test_a_recording_becomes_a_file(
-    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_recording_becomes_a_file(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["export", str(recording), "-o", str(tmp_path / "a.vrma")]) == 0
     assert "12 frames at 30 fps" in capsys.readouterr().out
     assert (tmp_path / "a.vrma").read_bytes()[:4] == b"glTF"

@@ -32,9 +32,7 @@ def test_fingers_are_made_by_the_shipped_model_and_the_body_stays(
         if np.abs(after.rotations[:, joint] - before.rotations[:, joint]).max() > 1e-4
     ]
     assert len(changed) == 30
-    assert all(
-        any(digit in name for digit in ("Thumb", "Index", "Middle", "Ring", "Little")) for name in changed
-    )
+    assert all(any(digit in name for digit in ("Thumb", "Index", "Middle", "Ring", "Little")) for name in changed)
     np.testing.assert_allclose(after.root, before.root, atol=1e-5)
 
 

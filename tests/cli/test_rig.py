@@ -18,9 +18,7 @@ def test_a_character_is_measured_and_the_profile_can_be_loaded(
     assert "6 parts" in capsys.readouterr().out
 
 
-def test_what_cannot_be_read_or_written_is_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_cannot_be_read_or_written_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["rig", str(tmp_path / "none.glb"), "-o", str(tmp_path / "x.json")]) == 1
     assert "check the name" in capsys.readouterr().err
     assert main(["rig", str(tmp_path / "none.glb"), "-o", str(tmp_path / "no" / "x.json")]) == 1

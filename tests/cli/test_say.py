@@ -20,12 +20,7 @@ def talk(tmp_path: Path) -> Path:
 
 def test_a_file_becomes_motion(talk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with serving() as place:
-        assert (
-            main(
-                ["say", str(talk), "--server", place.address, "-o", str(tmp_path / "a.npz"), "--act", "wave"]
-            )
-            == 0
-        )
+        assert main(["say", str(talk), "--server", place.address, "-o", str(tmp_path / "a.npz"), "--act", "wave"]) == 0
         report = json.loads(capsys.readouterr().out.splitlines()[-1])
         assert report["seconds"] == pytest.approx(1.0, abs=0.3)
         with np.load(tmp_path / "a.npz") as saved:
@@ -46,14 +41,9 @@ def test_mistakes_are_one_line(talk: Path, tmp_path: Path, capsys: pytest.Captur
         assert capsys.readouterr().err.count("\n") == 1
 
 
-def test_what_is_said_is_shown_in_sinks_at_the_pace_of_playback(
-    talk: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_said_is_shown_in_sinks_at_the_pace_of_playback(talk: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with serving() as place, Receiver() as receiver:
-        assert (
-            main(["say", str(talk), "--server", place.address, "--sink", f"json://127.0.0.1:{receiver.port}"])
-            == 0
-        )
+        assert main(["say", str(talk), "--server", place.address, "--sink", f"json://127.0.0.1:{receiver.port}"]) == 0
         poses = [json.loads(packet) for _, packet in receiver.packets(20)]
     report = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert report["work_seconds"] > 0.9

@@ -15,9 +15,7 @@ def folders(tmp_path: Path) -> list[str]:
     return [str(made), str(truth)]
 
 
-def test_a_table_then_one_line_of_json(
-    folders: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_table_then_one_line_of_json(folders: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("librosa", reason="the evaluate extra is not installed")
     pytest.importorskip("matplotlib", reason="the evaluate extra is not installed")
     assert main(["score", *folders, "--picture", str(tmp_path / "a.png")]) == 0
@@ -29,9 +27,7 @@ def test_a_table_then_one_line_of_json(
     assert (tmp_path / "a.png").stat().st_size > 10_000
 
 
-def test_json_alone_without_sound_and_extractor(
-    folders: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_json_alone_without_sound_and_extractor(folders: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["score", *folders, "--no-audio", "--extractor", "none", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert "skate" in told
@@ -45,9 +41,7 @@ def test_retrieval_of_embeddings(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert json.loads(capsys.readouterr().out)["a2m_medr_all"]["value"] == 1
 
 
-def test_what_is_wrong_is_one_line(
-    folders: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_wrong_is_one_line(folders: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for words, complaint in (
         (["score"], "give two folders"),
         (["score", folders[0]], "give two folders"),

@@ -10,9 +10,7 @@ from echoavatar.cli import main
 SMALL = ["--steps", "4", "--width", "8", "--latent", "4"]
 
 
-def test_a_corpus_trains_an_extractor_that_score_takes(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_corpus_trains_an_extractor_that_score_takes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     corpus = folder(
         tmp_path / "corpus", [clip("a", 100, split="train"), clip("b", 100), clip("c", 120)], is_corpus=True
     )
@@ -22,9 +20,7 @@ def test_a_corpus_trains_an_extractor_that_score_takes(
     assert str(card["command"]).startswith("echoavatar train fid-encoder")
     assert card["step"] == 4
     assert {"explained_train", "explained_test"} == set(card["scores"])  # type: ignore[call-overload]
-    assert (
-        main(["train", "fid-encoder", str(corpus), "-o", str(run), *SMALL]) == 0
-    )  # done already: nothing to do
+    assert main(["train", "fid-encoder", str(corpus), "-o", str(run), *SMALL]) == 0  # done already: nothing to do
     capsys.readouterr()
     words = ["score", str(corpus), str(corpus), "--no-audio", "--extractor", str(run), "--json"]
     assert main(words) == 0

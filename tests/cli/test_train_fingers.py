@@ -38,9 +38,7 @@ def takes(folder: Path, capsys: pytest.CaptureFixture[str]) -> Path:
     return folder
 
 
-def test_a_corpus_and_takes_train_a_model_with_scores(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_corpus_and_takes_train_a_model_with_scores(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source, more = corpus(tmp_path / "corpus"), takes(tmp_path / "takes", capsys)
     words = [str(source), "-o", str(tmp_path / "run"), "--recordings", str(more), *SMALL]
     assert main(["train", "fingers", *words]) == 0

@@ -12,9 +12,7 @@ def settings(model: dict[str, object]):
     parser = argparse.ArgumentParser()
     options = Options(parser)
     add_arguments(parser, options)
-    return options.settings(
-        parser.parse_args([]), {"model": {"width": 32, "heads": 2, "lookback": 15} | model}
-    )
+    return options.settings(parser.parse_args([]), {"model": {"width": 32, "heads": 2, "lookback": 15} | model})
 
 
 def test_parts_have_the_same_sizes_but_for_what_is_said_of_one() -> None:
@@ -32,6 +30,4 @@ def test_a_part_that_there_is_not_and_a_size_that_must_be_shared_are_refused() -
 
 def test_a_body_may_be_one_part() -> None:
     found = body_sizes(settings({"is_whole": True, "blocks": "convolution"}), HUMANOID)
-    assert {name: (part.features, part.blocks) for name, part in found.parts.items()} == {
-        "body": (315, "convolution")
-    }
+    assert {name: (part.features, part.blocks) for name, part in found.parts.items()} == {"body": (315, "convolution")}

@@ -73,9 +73,7 @@ def test_only_named_clips_are_listed_on_request(corpus):
 @pytest.fixture
 def sharded(tmp_path) -> Corpus:
     """Two clips end to end in one shard, the first also as a mirror image; a third without sound in another."""
-    made = {
-        name: clip(frames, name, "train", seed=frames) for name, frames in (("a", 4), ("b", 6), ("mute", 5))
-    }
+    made = {name: clip(frames, name, "train", seed=frames) for name, frames in (("a", 4), ("b", 6), ("mute", 5))}
     shards = [
         write_shard(
             tmp_path,
@@ -95,9 +93,7 @@ def sharded(tmp_path) -> Corpus:
         ClipEntry(name="b", frames=6, shard=0, start=4, **known),
         ClipEntry(name="mute", frames=5, shard=1, has_sound=False, **known),
     ]
-    return save_manifest(
-        tmp_path, Manifest(format=2, clips=tuple(clips), shards=tuple(shards), info={"seed": 1})
-    )
+    return save_manifest(tmp_path, Manifest(format=2, clips=tuple(clips), shards=tuple(shards), info={"seed": 1}))
 
 
 def pcm(one) -> np.ndarray:

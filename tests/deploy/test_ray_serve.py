@@ -31,9 +31,7 @@ def test_a_killed_replica_moves_its_sessions_and_nobody_hears_it() -> None:
         check=False,
     )
     assert done.returncode == 0, done.stderr[-2000:]
-    (line,) = [
-        line for line in done.stdout.splitlines() if line.startswith("{")
-    ]  # Ray too has things to say there
+    (line,) = [line for line in done.stdout.splitlines() if line.startswith("{")]  # Ray too has things to say there
     report = json.loads(line)
     assert report["victim"]["moved"] == 1
     for person in (report["victim"], report["other"]):

@@ -30,9 +30,7 @@ PAGES = {name: (ROOT / f"docs/integrations/{name}.md").read_text() for name in N
 
 
 def commands() -> list[str]:
-    return [
-        line.strip() for text in PAGES.values() for line in re.findall(r"^    (echoavatar .*)$", text, re.M)
-    ]
+    return [line.strip() for text in PAGES.values() for line in re.findall(r"^    (echoavatar .*)$", text, re.M)]
 
 
 @pytest.mark.parametrize("line", commands())

@@ -20,9 +20,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-PAGES = {
-    name: (ROOT / f"docs/integrations/{name}.md").read_text() for name in ("pipecat", "livekit", "elevenlabs")
-}
+PAGES = {name: (ROOT / f"docs/integrations/{name}.md").read_text() for name in ("pipecat", "livekit", "elevenlabs")}
 NOBODY = "ws://127.0.0.1:9"  # a port where nothing answers
 KEYS = {
     "OPENAI_API_KEY": "none",
@@ -46,9 +44,7 @@ def commands(start: str) -> list[str]:
 
 def says(words: list[str], wanted: str, *, seconds: float = 100, **keys: str) -> str:
     """What a program prints until it says something or ends; it is stopped then."""
-    kept = {
-        name: value for name, value in os.environ.items() if not name.endswith(("_KEY", "_SECRET", "_URL"))
-    }
+    kept = {name: value for name, value in os.environ.items() if not name.endswith(("_KEY", "_SECRET", "_URL"))}
     process = subprocess.Popen(
         [sys.executable, *words],
         cwd=ROOT,

@@ -14,9 +14,7 @@ TEXT = (ROOT / "docs/research.md").read_text()
 
 
 def commands() -> list[str]:
-    lines = [
-        line for block in re.findall(r"```sh\n(.*?)```", TEXT, re.S) for line in block.strip().splitlines()
-    ]
+    lines = [line for block in re.findall(r"```sh\n(.*?)```", TEXT, re.S) for line in block.strip().splitlines()]
     return [re.sub(r"^accelerate launch --num_processes \d+ -m ", "", line) for line in lines]
 
 

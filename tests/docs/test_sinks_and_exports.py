@@ -48,9 +48,7 @@ def test_every_command_exists_with_its_options(line: str) -> None:
 
 def runnable() -> list[str]:
     slow = (".fbx", ".mp4")
-    return [
-        line for line in commands() if line.split()[1] in ("export",) and not any(end in line for end in slow)
-    ]
+    return [line for line in commands() if line.split()[1] in ("export",) and not any(end in line for end in slow)]
 
 
 def test_every_export_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -76,9 +74,7 @@ def test_a_played_recording_arrives(tmp_path: Path) -> None:
     motion = clapping(0.4)
     write_npz(tmp_path / "talk.npz", motion)
     with Receiver() as receiver:
-        assert (
-            main(["play", str(tmp_path / "talk.npz"), "--sink", f"livelink://127.0.0.1:{receiver.port}"]) == 0
-        )
+        assert main(["play", str(tmp_path / "talk.npz"), "--sink", f"livelink://127.0.0.1:{receiver.port}"]) == 0
         assert len(receiver.packets(5)) == 5
 
 

@@ -33,9 +33,7 @@ class FakePipeline:
         state.total += torch.where(active, audio.sum(1), torch.zeros(1))
         frames = audio.shape[1] // 800
         return [
-            MotionChunk(
-                np.tile(np.float32([1, 0, 0, 0]), (frames, 52, 1)), np.full((frames, 3), float(total))
-            )
+            MotionChunk(np.tile(np.float32([1, 0, 0, 0]), (frames, 52, 1)), np.full((frames, 3), float(total)))
             for total in state.total + state.seed
         ]
 

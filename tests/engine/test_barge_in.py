@@ -146,9 +146,7 @@ def test_after_the_blend_the_motion_is_that_of_a_session_that_never_heard_it(pip
     assert np.abs(shown[0] - going).max() < np.abs(truth[cut] - going).max()
 
 
-@pytest.mark.parametrize(
-    ("chunks", "more"), [(0, 0), (0, 1), (0, 800), (1, -1), (1, 0), (1, -799), (1, -399), (2, 0)]
-)
+@pytest.mark.parametrize(("chunks", "more"), [(0, 0), (0, 1), (0, 800), (1, -1), (1, 0), (1, -799), (1, -399), (2, 0)])
 def test_every_frame_after_the_cut_comes_once(pipeline: Pipeline, chunks: int, more: int) -> None:
     """At the border, one sample off, and where one frame or none of the chunk is left."""
     engine, size = Engine(pipeline), pipeline.chunk.samples

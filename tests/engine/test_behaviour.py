@@ -58,9 +58,7 @@ def positions(motion: MotionChunk) -> dict[str, np.ndarray]:
     return {name: pose.positions[:, at].numpy() for at, name in enumerate(HUMANOID.names)}
 
 
-def speed(
-    motion: MotionChunk, names: tuple[str, ...] = ("leftHand", "rightHand", "hips", "head")
-) -> np.ndarray:
+def speed(motion: MotionChunk, names: tuple[str, ...] = ("leftHand", "rightHand", "hips", "head")) -> np.ndarray:
     """Mean of these points, metres per second, frame by frame."""
     place = positions(motion)
     steps = [np.linalg.norm(np.diff(place[name], axis=0), axis=1) for name in names]
@@ -72,19 +70,13 @@ def test_it_looks_at_who_speaks_and_nods_at_their_pauses(pipeline: Pipeline, see
     """The user speaks three times for three seconds with half a second between, then no more."""
     session = Engine(pipeline, rewind=0).open_core(seed=seed)
     voice = sound("speech")[round(0.6 * SAMPLE_RATE_HZ) :]
-    turn = np.concatenate(
-        [voice[: 2 * SAMPLE_RATE_HZ], voice[:SAMPLE_RATE_HZ], np.zeros(SAMPLE_RATE_HZ // 2)]
-    )
+    turn = np.concatenate([voice[: 2 * SAMPLE_RATE_HZ], voice[:SAMPLE_RATE_HZ], np.zeros(SAMPLE_RATE_HZ // 2)])
     user = np.concatenate([np.zeros(8 * CHUNK_SAMPLES), *[turn] * 3, np.zeros(12 * CHUNK_SAMPLES)])
     made, nods = [], []
     for number, piece in enumerate(chunks(user.astype(np.float32))):
         session.listen(piece)
         running = session._actions.running(session._barge_in.next_chunk)
-        if (
-            running is not None
-            and running.action.name == "nod"
-            and running.begin == session._barge_in.next_chunk
-        ):
+        if running is not None and running.action.name == "nod" and running.begin == session._barge_in.next_chunk:
             nods.append(number)
         made.append(hear(session, [SILENCE]))
     motion = join(made)
@@ -92,9 +84,7 @@ def test_it_looks_at_who_speaks_and_nods_at_their_pauses(pipeline: Pipeline, see
     begin, end = 8 * CHUNK_FRAMES, 8 * CHUNK_FRAMES + round(10.5 * FRAME_RATE_HZ)
     listening = off[begin + 30 : end]
     eyes = [
-        ARKIT_NAMES.index(f"eyeLook{way}{side}")
-        for way in ("Up", "Down", "In", "Out")
-        for side in ("Left", "Right")
+        ARKIT_NAMES.index(f"eyeLook{way}{side}") for way in ("Up", "Down", "In", "Out") for side in ("Left", "Right")
     ]
     assert motion.face is not None
     turned = np.degrees(positions_of_nose(motion))
@@ -185,9 +175,6 @@ def test_nobody_freezes_in_silence(pipeline: Pipeline) -> None:
     assert np.ptp(place["hips"][late, 0]) > 0.008
     assert np.ptp(np.degrees(off_viewer(motion, HUMANOID))[late]) > 2
     assert speed(motion)[150:].max() < 0.12
-    feet = [
-        np.linalg.norm(place[foot][late] - place[foot][150], axis=1).max()
-        for foot in ("leftFoot", "rightFoot")
-    ]
+    feet = [np.linalg.norm(place[foot][late] - place[foot][150], axis=1).max() for foot in ("leftFoot", "rightFoot")]
     _log.info("silence: hips %.3f m, feet slide %.4f m", np.ptp(place["hips"][late, 0]), max(feet))
     assert max(feet) < 0.01

@@ -128,9 +128,7 @@ def test_neighbours_in_other_workers_change_nothing(tiny_bundle: Path) -> None:
     for chunk in range(CHUNKS):
         for seat, (session, whole) in enumerate(zip(sessions, sounds, strict=True)):
             if (chunk + seat) % 3:  # the others get theirs later, two at once
-                session.push(
-                    whole[: (chunk + 1) * 6_400][int(session.made + 24_000 * session.seconds_waiting) :]
-                )
+                session.push(whole[: (chunk + 1) * 6_400][int(session.made + 24_000 * session.seconds_waiting) :])
         engine.tick()
     for session, whole in zip(sessions, sounds, strict=True):
         session.push(whole[int(session.made + 24_000 * session.seconds_waiting) :])

@@ -51,9 +51,7 @@ def test_silence_and_steady_noise_are_nobody() -> None:
 def test_a_session_listens_but_what_was_asked_for_comes_first() -> None:
     """Chunk by chunk: silence for the avatar while the user speaks; of its own posture nothing is told."""
     machine = engine()
-    machine.actions = ActionLibrary(
-        {name: Action(name, (1, 2, 3, 4), (0, 1)) for name in ("listen", "nod", "wave")}
-    )
+    machine.actions = ActionLibrary({name: Action(name, (1, 2, 3, 4), (0, 1)) for name in ("listen", "nod", "wave")})
     session = machine.open_core(seed=1)
     session.listen(talk(1))
     assert session.is_listening

@@ -11,9 +11,7 @@ from echoavatar.engine.pipeline import Action, ActionLibrary
 from echoavatar.engine.tools import Toolbox
 from echoavatar.engine.tracks import Tracks
 
-LIBRARY = ActionLibrary(
-    {name: Action(name, (1, 2, 3, 4), (0, 1), f"to {name}") for name in ("wave", "bow", "listen")}
-)
+LIBRARY = ActionLibrary({name: Action(name, (1, 2, 3, 4), (0, 1), f"to {name}") for name in ("wave", "bow", "listen")})
 
 
 @pytest.fixture

@@ -22,9 +22,7 @@ _log = logging.getLogger(__name__)
 
 
 def then(first: Motion, second: Motion) -> Motion:
-    rotations, root = (
-        np.concatenate([getattr(m, part) for m in (first, second)]) for part in ("rotations", "root")
-    )
+    rotations, root = (np.concatenate([getattr(m, part) for m in (first, second)]) for part in ("rotations", "root"))
     return Motion(first.skeleton, rotations, root, first.fps)
 
 

@@ -42,9 +42,7 @@ def test_a_random_clip_is_one_and_follows_the_seed() -> None:
     assert not np.array_equal(made[0].rotations, made[2].rotations)
     joint = made[0].rotations[:, 5]
     assert any(
-        np.array_equal(joint, one.rotations[s : s + 150, 5])
-        for one in clips
-        for s in range(len(one.root) - 149)
+        np.array_equal(joint, one.rotations[s : s + 150, 5]) for one in clips for s in range(len(one.root) - 149)
     )
 
 

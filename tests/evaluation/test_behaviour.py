@@ -11,9 +11,7 @@ def clip(frames: int = 90, *, turn_per_frame: float = 0.0) -> behaviour.Track:
     angles = torch.zeros(frames, HUMANOID.joints, 3)
     angles[:, HUMANOID.index("leftUpperArm"), 2] = torch.arange(frames) * turn_per_frame
     root = np.tile(HUMANOID.rest_positions[0].numpy(), (frames, 1))
-    return behaviour.track(
-        HUMANOID, quaternion_from_axis_angle(angles).numpy(), root, np.zeros(frames, np.uint8)
-    )
+    return behaviour.track(HUMANOID, quaternion_from_axis_angle(angles).numpy(), root, np.zeros(frames, np.uint8))
 
 
 def test_angular_speed_is_in_degrees_per_second() -> None:

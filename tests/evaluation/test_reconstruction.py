@@ -30,9 +30,7 @@ def test_a_turned_wrist_moves_no_body_joint_and_counts_for_the_fingers() -> None
 def test_velocity_error_is_the_length_of_the_difference() -> None:
     """(3, 4) mm a frame off is 5 mm."""
     off = torch.tensor([[0.003, 0.004]]).expand(4, 2)
-    assert reconstruction(
-        HUMANOID, still(), still(), torch.zeros(4, 2), off
-    ).root_velocity_mm == pytest.approx(5)
+    assert reconstruction(HUMANOID, still(), still(), torch.zeros(4, 2), off).root_velocity_mm == pytest.approx(5)
 
 
 def test_use_counts_distinct_codes() -> None:

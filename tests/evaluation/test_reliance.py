@@ -34,9 +34,7 @@ def test_timing_is_worth_something_to_a_model_that_moves_on_what_it_hears_now() 
         motion = np.repeat(key, 2)[:, None, None] * np.ones((1, 3, 2), int)
         audio = np.repeat(key, 20)[:, None].repeat(2, 1)
         made.append(TokenClip(audio, motion, np.ones(32, np.uint8)))
-    settings = GeneratorTraining(
-        steps=60, batch=8, chunks=4, learning_rate=5e-3, warmup=5, depth_weights=(1.0, 0.5)
-    )
+    settings = GeneratorTraining(steps=60, batch=8, chunks=4, learning_rate=5e-3, warmup=5, depth_weights=(1.0, 0.5))
     loop = Loop(GeneratorTask(config(layers=1), settings, made))
     for _ in range(60):
         loop.advance()

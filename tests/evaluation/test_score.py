@@ -23,9 +23,7 @@ def pairs(tmp_path: Path, made_size: float) -> list[Pair]:
 def test_the_truth_has_no_errors_and_scores_as_itself(tmp_path: Path) -> None:
     pytest.importorskip("librosa", reason="the evaluate extra is not installed")
     told: list[int] = []
-    rows = {
-        r.name: r for r in score(pairs(tmp_path, 0.3), load_shipped(), progress=lambda n, _: told.append(n))
-    }
+    rows = {r.name: r for r in score(pairs(tmp_path, 0.3), load_shipped(), progress=lambda n, _: told.append(n))}
     assert told == [1, 2, 3]
     assert rows["fid"].value == pytest.approx(0, abs=1e-3)
     for name in ("mpjpe_body", "mpjpe_hands", "trans_loss"):
@@ -52,13 +50,9 @@ def test_sinking_is_measured_from_where_a_foot_stands() -> None:
     still = np.zeros((30, HUMANOID.joints, 4), np.float32)
     still[..., 0] = 1
     root = np.tile(HUMANOID.rest_positions[0].numpy(), (30, 1)).astype(np.float32)
-    assert measure_clip(Motion(HUMANOID, still, root, 30.0)).numbers["floor_depth"] == pytest.approx(
-        0, abs=1e-3
-    )
+    assert measure_clip(Motion(HUMANOID, still, root, 30.0)).numbers["floor_depth"] == pytest.approx(0, abs=1e-3)
     root[:, 1] -= 0.03
-    assert measure_clip(Motion(HUMANOID, still, root, 30.0)).numbers["floor_depth"] == pytest.approx(
-        3, abs=1e-3
-    )
+    assert measure_clip(Motion(HUMANOID, still, root, 30.0)).numbers["floor_depth"] == pytest.approx(3, abs=1e-3)
 
 
 def test_nothing_and_too_little_are_named() -> None:

@@ -14,9 +14,7 @@ LAYOUT = TokenLayout.compact(audio_codes=16, motion_layers=2, motion_codes=8)
 
 
 def sizes(**changes) -> GeneratorConfig:
-    return GeneratorConfig(
-        layout=LAYOUT, width=16, layers=2, heads=2, kv_heads=1, mlp=32, window_chunks=3, **changes
-    )
+    return GeneratorConfig(layout=LAYOUT, width=16, layers=2, heads=2, kv_heads=1, mlp=32, window_chunks=3, **changes)
 
 
 def test_work_is_counted_by_the_formula() -> None:

@@ -32,9 +32,7 @@ def test_the_skeleton_has_the_55_joints_in_their_order():
         "right_index1",
         "right_thumb3",
     ]
-    assert [rig.names[rig.parents[j]] for j in (25, 28, 31, 34, 37, 52)] == ["left_wrist"] * 5 + [
-        "right_wrist"
-    ]
+    assert [rig.names[rig.parents[j]] for j in (25, 28, 31, 34, 37, 52)] == ["left_wrist"] * 5 + ["right_wrist"]
     assert set(rig.config.vrm) == set(HUMANOID.names)
 
 
@@ -53,9 +51,7 @@ def test_the_floor_is_under_the_feet(tmp_path):
     places = read_smplx(write_beat2(tmp_path, "1_a_0")).pose().positions
     rig = skeleton()
     ankles = rig.indices(("left_ankle", "right_ankle"))
-    assert float(places[:, ankles, 1].mean()) == pytest.approx(
-        float(rig.rest_positions[ankles, 1].mean()), abs=2e-3
-    )
+    assert float(places[:, ankles, 1].mean()) == pytest.approx(float(rig.rest_positions[ankles, 1].mean()), abs=2e-3)
 
 
 def body_model(path, **changes):

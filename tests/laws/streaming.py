@@ -21,15 +21,11 @@ def hold(
     """Assert all five laws. `make(rows, frames, generator)` draws input; `unit` frames are the smallest step."""
     generator = torch.Generator().manual_seed(0)
     for parts in cuts:
-        any_chunking_gives_the_offline_answer(
-            stream, make(3, unit * sum(parts), generator), unit, parts, atol
-        )
+        any_chunking_gives_the_offline_answer(stream, make(3, unit * sum(parts), generator), unit, parts, atol)
     future_does_not_leak(stream, make(2, unit * 12, generator), make(2, unit * 12, generator), unit, atol)
     idle_rows_are_bit_identical(stream, make(3, unit * 6, generator), unit)
     reset_rows_equal_new_ones(stream, make(3, unit * 6, generator), unit, atol)
-    a_neighbour_changes_nothing(
-        stream, make(2, unit * 6, generator), make(2, unit * 6, generator), unit, atol
-    )
+    a_neighbour_changes_nothing(stream, make(2, unit * 6, generator), make(2, unit * 6, generator), unit, atol)
 
 
 def run(
@@ -75,9 +71,7 @@ def reset_rows_equal_new_ones(stream: Any, x: torch.Tensor, unit: int, atol: flo
     assert not torch.equal(again[0], fresh[0])
 
 
-def a_neighbour_changes_nothing(
-    stream: Any, x: torch.Tensor, other: torch.Tensor, unit: int, atol: float
-) -> None:
+def a_neighbour_changes_nothing(stream: Any, x: torch.Tensor, other: torch.Tensor, unit: int, atol: float) -> None:
     both = torch.cat([x[:1], other[1:]])
     one = run(stream, x, stream.init_state(2), [unit] * 6)
     two = run(stream, both, stream.init_state(2), [unit] * 6)

@@ -22,9 +22,7 @@ def test_turns_are_added_to_the_joint_and_to_no_other() -> None:
     still = np.tile(np.float32([1, 0, 0, 0]), (8, 52, 1))
     shown = laid_on(MotionChunk(still, np.zeros((8, 3), np.float32)), nod(0.4).chunk(1).scaled(0.5), HUMANOID)
     head = HUMANOID.index("head")
-    np.testing.assert_allclose(
-        2 * np.arcsin(shown.rotations[:, head, 1]), np.linspace(0.1125, 0.2, 8), rtol=1e-5
-    )
+    np.testing.assert_allclose(2 * np.arcsin(shown.rotations[:, head, 1]), np.linspace(0.1125, 0.2, 8), rtol=1e-5)
     np.testing.assert_array_equal(np.delete(shown.rotations, head, 1), np.delete(still, head, 1))
 
 

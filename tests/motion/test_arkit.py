@@ -57,9 +57,7 @@ def test_reordering_goes_by_name_and_back():
 
 def test_live_link_eyes_follow_the_look_curves():
     """Both eyes turn to the character's left: the left one outwards, the right one inwards, by equal angles."""
-    columns = dict(
-        zip(LIVE_LINK_NAMES, to_live_link(face(eyeLookOutLeft=0.5, eyeLookInRight=0.5)).T, strict=True)
-    )
+    columns = dict(zip(LIVE_LINK_NAMES, to_live_link(face(eyeLookOutLeft=0.5, eyeLookInRight=0.5)).T, strict=True))
     np.testing.assert_allclose(columns["leftEyeYaw"], -0.3, rtol=1e-6)
     np.testing.assert_allclose(columns["rightEyeYaw"], -0.3, rtol=1e-6)
     assert columns["headYaw"].max() == 0

@@ -70,9 +70,7 @@ def test_only_neck_head_and_eyes_move() -> None:
 
 def test_a_neck_turns_so_far_and_nobody_looks_behind() -> None:
     """At 75 degrees the head turns by its most, at 180 not at all, and nothing jumps on the way there."""
-    sides = [
-        degrees_off(facing(yaw)) - degrees_off(turn_head(facing(yaw), ALL, HUMANOID)) for yaw in range(181)
-    ]
+    sides = [degrees_off(facing(yaw)) - degrees_off(turn_head(facing(yaw), ALL, HUMANOID)) for yaw in range(181)]
     assert max(sides) == pytest.approx(np.degrees(FARTHEST), abs=0.5)
     assert sides[75] == pytest.approx(np.degrees(FARTHEST), abs=0.5)
     assert sides[160] == pytest.approx(0, abs=0.01)

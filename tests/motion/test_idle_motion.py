@@ -38,9 +38,7 @@ def positions(motion: MotionChunk) -> dict[str, np.ndarray]:
 
 def live(seconds: float, *, is_idle: bool = True, seed: int = 5, **options: bool) -> MotionChunk:
     life = IdleMotion(seed, MotionOptions(**options))
-    return join(
-        [life.alive(chunk, standing(), HUMANOID, is_idle=is_idle) for chunk in range(round(seconds * 30 / 8))]
-    )
+    return join([life.alive(chunk, standing(), HUMANOID, is_idle=is_idle) for chunk in range(round(seconds * 30 / 8))])
 
 
 @pytest.mark.parametrize(

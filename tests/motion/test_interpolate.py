@@ -95,18 +95,14 @@ def test_halfway_it_follows_the_wave() -> None:
     whole = joined(streamed(waving(), [8] * 6, 60))
     vectors = axis_angle_from_quaternion(torch.from_numpy(whole.rotations).double())
     angle = np.linalg.norm(vectors.numpy(), axis=-1)
-    np.testing.assert_allclose(
-        angle[2:-2, 0], np.abs(1.2 * np.sin(2 * math.pi * 1.5 * time))[2:-2], atol=0.006
-    )
+    np.testing.assert_allclose(angle[2:-2, 0], np.abs(1.2 * np.sin(2 * math.pi * 1.5 * time))[2:-2], atol=0.006)
 
 
 def test_a_whole_motion_keeps_its_length() -> None:
     motion = swaying(31)
     for fps in (24, 60, 59.94, 120):
         stream = StreamInterpolator(fps)
-        frames = sum(
-            len(c.root) for c in (stream.push(MotionChunk(motion.rotations, motion.root)), stream.finish())
-        )
+        frames = sum(len(c.root) for c in (stream.push(MotionChunk(motion.rotations, motion.root)), stream.finish()))
         assert frames == resample(motion, fps).frames
 
 

@@ -19,9 +19,7 @@ class Outer(StreamState):
 
 
 def filled() -> Outer:
-    return Outer(
-        Inner(torch.ones(3, 2)), [Inner(torch.full((3,), 2.0)), Inner(torch.full((3,), 3.0))], torch.ones(3)
-    )
+    return Outer(Inner(torch.ones(3, 2)), [Inner(torch.full((3,), 2.0)), Inner(torch.full((3,), 3.0))], torch.ones(3))
 
 
 def test_reset_zeroes_the_chosen_rows_of_every_tensor_nested_ones_included() -> None:

@@ -116,9 +116,7 @@ def test_ba_g_of_motion_that_l1_diversity_overwrote() -> None:
     near(score("emage", rectified, expected()["onsets"]["echo_cut_60f_s"]), theirs)
 
 
-@pytest.mark.parametrize(
-    ("form", "entry"), [("emage", "bc_echo_meco_emage2024"), ("evaltools", "bc_emage_evaltools")]
-)
+@pytest.mark.parametrize(("form", "entry"), [("emage", "bc_echo_meco_emage2024"), ("evaltools", "bc_emage_evaltools")])
 def test_ba_g_of_a_statue_is_zero(form: str, entry: str) -> None:
     statue = np.repeat(inputs()["motion_a"][:1], 600, 0)
     assert score(form, statue, expected()["onsets"]["echo_cut_60f_s"]) == expected()[entry]["static_motion"]
@@ -195,9 +193,7 @@ def test_fid_of_features_scaled_by_the_truth() -> None:
 
 
 def test_mean_pairwise_distance_of_bailando() -> None:
-    near(
-        diversity.mean_pairwise_distance(inputs()["feat_r_small"]), expected()["bailando_div_avg_pairwise_l2"]
-    )
+    near(diversity.mean_pairwise_distance(inputs()["feat_r_small"]), expected()["bailando_div_avg_pairwise_l2"])
 
 
 def test_kinetic_features_of_bailando() -> None:

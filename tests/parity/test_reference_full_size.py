@@ -83,9 +83,7 @@ def test_the_small_weights_by_their_hash() -> None:
     stored = load_file(FOLDER / "tok_small_lower.safetensors")
     assert digest(stored) == told()["tok_small_lower.weights"]["sha256"]
     face = load_file(FOLDER / "face_core.safetensors")
-    own = {
-        key: value for key, value in face.items() if not key.endswith((".cos_angles", ".sin_angles", ".pe"))
-    }
+    own = {key: value for key, value in face.items() if not key.endswith((".cos_angles", ".sin_angles", ".pe"))}
     shapes = {key: tuple(value.shape) for key, value in own.items()}
     weights = procedural(shapes, told()["face_core.weights"]["procedural_seed"])
     assert digest(weights) == told()["face_core.weights"]["sha256"]
@@ -95,9 +93,7 @@ def test_the_small_weights_by_their_hash() -> None:
 @torch.no_grad()
 def test_what_else_is_stored_of_the_small_tokenizer() -> None:
     """Blocks behind each level, the vectors of every layer, and the perplexity of its codes."""
-    golden = {
-        name: torch.from_numpy(value) for name, value in np.load(FOLDER / "tok_small_lower.npz").items()
-    }
+    golden = {name: torch.from_numpy(value) for name, value in np.load(FOLDER / "tok_small_lower.npz").items()}
     model = MotionTokenizer(MotionTokenizerConfig(features=117, width=64, heads=8, layers=6, codes=32)).eval()
     load_into(model, drawn(model, 1001), origin="procedural weights")
     seen: dict[str, torch.Tensor] = {}
@@ -108,9 +104,7 @@ def test_what_else_is_stored_of_the_small_tokenizer() -> None:
     assert len(seen) == 6
     for name, value in seen.items():
         torch.testing.assert_close(value, golden[name], atol=2e-5, rtol=0)
-    vectors = torch.stack(
-        [book.lookup(golden["codes"][..., q]) for q, book in enumerate(model.quantizer.books())]
-    )
+    vectors = torch.stack([book.lookup(golden["codes"][..., q]) for q, book in enumerate(model.quantizer.books())])
     torch.testing.assert_close(vectors, golden["codes_from_indices"], atol=1e-6, rtol=0)
     torch.testing.assert_close(vectors.transpose(2, 3), golden["all_codes"], atol=1e-6, rtol=0)
     perplexity = code_usage(golden["codes"], 32).perplexity.mean()

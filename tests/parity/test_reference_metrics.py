@@ -51,9 +51,7 @@ def test_bones_and_how_they_merge() -> None:
 
 def test_names_shapes_and_masks_of_the_extractor() -> None:
     weights = SkeletonConvolution(SkeletonConvolutionConfig()).state_dict()
-    assert {key: list(value.shape) for key, value in weights.items()} == told("fid_vaeskconv_keys.json")[
-        "keys"
-    ]
+    assert {key: list(value.shape) for key, value in weights.items()} == told("fid_vaeskconv_keys.json")["keys"]
     masks = told("fid_vaeskconv_topology.json")["mask_sum"]
     assert {key: int(weights[key].sum()) for key in masks} == masks
 
@@ -78,9 +76,7 @@ def test_ba_g(stretch: str) -> None:
     golden = stored("metrics_ba_div.npz")
     off = int(golden["align_mask_frames"]) if stretch == "windowed" else 0
     joints = golden["joints"].reshape(-1, 55, 3)
-    found = gesture_beat_frames(
-        joints, GESTURE_RULES["emage"], golden["avg_vel"], window=(off, len(joints) - off)
-    )
+    found = gesture_beat_frames(joints, GESTURE_RULES["emage"], golden["avg_vel"], window=(off, len(joints) - off))
     assert [len(own) for own in found] == golden[f"beats_{stretch}_len"].tolist()
     assert np.array_equal(np.concatenate(found), golden[f"beats_{stretch}"])
     upper = [found[joint] / 30 for joint in SMPLX_UPPER_BODY]

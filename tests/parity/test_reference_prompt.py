@@ -53,9 +53,7 @@ def test_examples_and_biased_ids_are_those_of_the_release() -> None:
     """The golden table writes lower-body codes of the first layer as code - 6 x 512."""
     golden = json.loads(GOLDEN.read_text())
     for name, codes in golden["state_dict"].items():
-        own = [
-            REFERENCE_LAYOUT.segment_start(6 if c >= 0 else 0) + (c if c >= 0 else c + 3072) for c in codes
-        ]
+        own = [REFERENCE_LAYOUT.segment_start(6 if c >= 0 else 0) + (c if c >= 0 else c + 3072) for c in codes]
         assert own == golden["prompt"][name]["bias_ids"]
         text = "".join(f"<|motion_{token - 156_690:04d}|>" for token in own)
         assert text == golden["prompt"][name]["system_text"]
@@ -75,9 +73,7 @@ def test_the_likeliest_codes_under_a_directive_through_a_sliding_window(step: in
     for precision in ("float32", "bfloat16"):  # compiled, and by torch's own operations
         stream = open_stream(model, precision)
         state, everyone = stream.init_state(rows), torch.ones(rows, dtype=torch.bool)
-        codes = stream.step(
-            x, state, everyone, temperature=torch.zeros(rows), exemplar=members, bias=20 * members
-        )
+        codes = stream.step(x, state, everyone, temperature=torch.zeros(rows), exemplar=members, bias=20 * members)
         assert codes.shape == (rows, steps * step, 3, 2)
         agreed = (codes == exact).float().mean()
         assert agreed == 1 if precision == "float32" else agreed > 0.5
@@ -93,9 +89,7 @@ def likeliest(model, x: torch.Tensor, members: torch.Tensor, bias: torch.Tensor)
     for row in range(len(x)):
         sound = [[3, 4]] * (6 * 10) + x[row].tolist()
         moves = [[5] * 6] * 6
-        told = [
-            layout.segment_start((2, 0)[c // 8]) + c % 8 for c in members[row].nonzero().flatten().tolist()
-        ]
+        told = [layout.segment_start((2, 0)[c // 8]) + c % 8 for c in members[row].nonzero().flatten().tolist()]
         for end in range(frames, x.shape[1] + 1, frames):
             window = sound[end : end + 60]
             kept = moves[-(6 - config.step) :]

@@ -60,9 +60,7 @@ def test_what_is_asked_for_happens_in_the_session_that_asks(place: Place) -> Non
         (b'{"text": "hi"}', {"origin": "https://evil.example"}, 403),
     ],
 )
-def test_strangers_and_nonsense_are_refused(
-    place: Place, body: bytes, headers: dict[str, str], status: int
-) -> None:
+def test_strangers_and_nonsense_are_refused(place: Place, body: bytes, headers: dict[str, str], status: int) -> None:
     assert place.empties()
     assert ask(place, "/v1/chat", body, **headers)[0] == status
 
@@ -71,7 +69,4 @@ def test_a_script_has_no_ears(place: Place) -> None:
     status, answer = ask(place, "/v1/chat/ears", b"RIFF", content_type="audio/wav")
     assert (status, "ECHOAVATAR_CHAT_EARS" in answer["error"]) == (400, True)
     assert ask(place, "/v1/chat/ears", b"RIFF", content_type="text/plain")[0] == 400
-    assert (
-        ask(place, "/v1/chat/ears", b"RIFF", content_type="audio/wav", origin="https://evil.example")[0]
-        == 403
-    )
+    assert ask(place, "/v1/chat/ears", b"RIFF", content_type="audio/wav", origin="https://evil.example")[0] == 403

@@ -161,11 +161,7 @@ frames = st.one_of(
     st.binary(max_size=200),
     st.text(max_size=100),
     st.recursive(
-        st.none()
-        | st.integers(-(2**63), 2**64 - 1)
-        | st.floats()
-        | st.text(max_size=8)
-        | st.binary(max_size=8),
+        st.none() | st.integers(-(2**63), 2**64 - 1) | st.floats() | st.text(max_size=8) | st.binary(max_size=8),
         lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=6), inner, max_size=4),
         max_leaves=8,
     ).map(msgspec.msgpack.encode),
@@ -176,9 +172,7 @@ frames = st.one_of(
 
 
 @pytest.mark.parametrize("is_inside", [False, True], ids=["before the hello", "after it"])
-def test_any_bytes_end_in_a_typed_error_and_a_close_code(
-    place: Place, neighbour: Caller, is_inside: bool
-) -> None:
+def test_any_bytes_end_in_a_typed_error_and_a_close_code(place: Place, neighbour: Caller, is_inside: bool) -> None:
     @settings(max_examples=40, deadline=None)
     @given(frame=frames)
     @example(frame=b"")

@@ -44,9 +44,7 @@ def post(place: Place, path: str, body: bytes, **headers: str) -> tuple[int, dic
         (b"[" * 9_000, {}, 400),
     ],
 )
-def test_strangers_and_nonsense_are_refused(
-    place: Place, body: bytes, headers: dict[str, str], status: int
-) -> None:
+def test_strangers_and_nonsense_are_refused(place: Place, body: bytes, headers: dict[str, str], status: int) -> None:
     with place.call(Hello()):
         assert post(place, "/v1/tools/stop_music", body, **headers)[0] == status
 

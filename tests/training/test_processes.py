@@ -121,9 +121,7 @@ def test_two_processes_share_the_trajectory_of_one(tmp_path, how):
     for out in launch(RUN, how, str(tmp_path)):
         for name, found in json.loads(out).items():
             values, wanted = torch.tensor(found), torch.tensor(expected[name])
-            torch.testing.assert_close(
-                values, wanted, rtol=1e-5, atol=1e-5, msg=lambda m, n=name: f"{n}: {m}"
-            )
+            torch.testing.assert_close(values, wanted, rtol=1e-5, atol=1e-5, msg=lambda m, n=name: f"{n}: {m}")
     one = Loop(Line(CONFIG.model_copy(update={"average": 0.9})))
     assert one.resume(tmp_path)
     saved = read_weights(tmp_path)

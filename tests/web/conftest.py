@@ -113,9 +113,7 @@ def mock_url() -> Iterator[str]:
 def live_url() -> Iterator[str]:
     """The real server with the default bundle."""
     port = _free_port()
-    yield from _serving(
-        [sys.executable, "-m", "echoavatar", "serve", "--port", str(port), "--seats", "2"], port
-    )
+    yield from _serving([sys.executable, "-m", "echoavatar", "serve", "--port", str(port), "--seats", "2"], port)
 
 
 def _serving(command: list[str], port: int) -> Iterator[str]:

@@ -88,9 +88,7 @@ def make_vrm() -> bytes:
 def _body(binary: _Binary, offsets: np.ndarray) -> dict[str, Any]:
     """A box from each joint to its parent, and a head, in one skinned mesh."""
     places = HUMANOID.rest_positions.numpy() * SCALE
-    boxes: list[Box] = [
-        (HUMANOID.names.index("head"), np.array([0, 0.09, 0.02]), np.array([0.16, 0.2, 0.18]))
-    ]
+    boxes: list[Box] = [(HUMANOID.names.index("head"), np.array([0, 0.09, 0.02]), np.array([0.16, 0.2, 0.18]))]
     for joint, parent in enumerate(HUMANOID.parents):
         if parent >= 0:
             offset = offsets[joint]
@@ -122,8 +120,7 @@ def _mouth(binary: _Binary) -> dict[str, Any]:
         "indices": binary.add(_TRIANGLES.astype(np.uint16)),
         "material": 1,
         "targets": [
-            {"POSITION": binary.add((_CORNERS * [wide, tall, 0]).astype(np.float32))}
-            for wide, tall in stretches
+            {"POSITION": binary.add((_CORNERS * [wide, tall, 0]).astype(np.float32))} for wide, tall in stretches
         ],
     }
     return {"primitives": [primitive]}

@@ -268,9 +268,7 @@ def make_app(recorded: Mapping[str, np.ndarray], *, tell_clock: bool) -> Starlet
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--port", type=int, default=8790)
-    parser.add_argument(
-        "--recorded", type=Path, help="folder with speech.npz and music.npz (echoavatar animate)"
-    )
+    parser.add_argument("--recorded", type=Path, help="folder with speech.npz and music.npz (echoavatar animate)")
     parser.add_argument("--tell-clock", action="store_true")
     args = parser.parse_args()
     recorded: dict[str, np.ndarray] = {}

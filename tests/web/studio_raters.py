@@ -112,11 +112,7 @@ class Studio:
 
     def raters(self, study: str) -> int:
         with self.maker.store.read() as session:
-            wanted = (
-                select(func.count(Rater.id))
-                .join(Study, Rater.study_id == Study.id)
-                .where(Study.public == study)
-            )
+            wanted = select(func.count(Rater.id)).join(Study, Rater.study_id == Study.id).where(Study.public == study)
             return session.scalar(wanted) or 0
 
 

@@ -14,9 +14,7 @@ pytestmark = [pytest.mark.browser, pytest.mark.slow]
 PATIENCE = 120  # seconds; the machine that runs this may be busy
 POSE = "[...__echo.session.player.pose.rotations]"
 FACE = "[...__echo.session.player.pose.face]"
-HANDS = [
-    at for at, name in enumerate(HUMANOID.names) if "Index" in name or "Middle" in name or "Thumb" in name
-]
+HANDS = [at for at, name in enumerate(HUMANOID.names) if "Index" in name or "Middle" in name or "Thumb" in name]
 ARMS = [HUMANOID.index(f"{side}{part}") for side in ("left", "right") for part in ("UpperArm", "LowerArm")]
 
 

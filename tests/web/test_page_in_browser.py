@@ -98,9 +98,7 @@ def test_the_character_is_recorded_with_its_motion(new_page, mock_url, tmp_path)
     data = path.read_bytes()
     document = json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])
     (animation,) = document["animations"]
-    assert (
-        sum(channel["target"]["path"] == "rotation" for channel in animation["channels"]) == HUMANOID.joints
-    )
+    assert sum(channel["target"]["path"] == "rotation" for channel in animation["channels"]) == HUMANOID.joints
     assert any(channel["target"]["path"] == "weights" for channel in animation["channels"])
     assert driver.problems == []
 
@@ -132,9 +130,7 @@ def test_picture_and_sound_are_recorded(page, tmp_path):
 def test_a_broken_line_comes_back_by_itself(page):
     page.page.evaluate("__echo.session.connection.socket.close()")
     page.wait("document.getElementById('line').textContent.includes('trying again')", seconds=5)
-    page.wait(
-        "document.getElementById('line').textContent === '' && __echo.session.player.ahead > 0", seconds=20
-    )
+    page.wait("document.getElementById('line').textContent === '' && __echo.session.player.ahead > 0", seconds=20)
 
 
 @pytest.mark.parametrize(("width", "height"), [(390, 780), (480, 420), (844, 390), (1280, 720)])

@@ -38,9 +38,7 @@ def test_all_that_a_page_names_is_there_and_ours(page):
         assert name.startswith("./assets/")
         assert (STATIC / name).is_file()
     assert "<style" not in text
-    assert not re.search(r"<script(?![^>]*\bsrc=)", text), (
-        "the content security policy forbids scripts in the page"
-    )
+    assert not re.search(r"<script(?![^>]*\bsrc=)", text), "the content security policy forbids scripts in the page"
 
 
 def test_nothing_is_left_over_from_other_builds():

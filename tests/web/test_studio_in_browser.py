@@ -27,9 +27,7 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module", params=STORES)
 def studio(request: pytest.FixtureRequest, library: Path, tmp_path_factory: Any) -> Iterator[Studio]:
     """One studio on SQLite, then one on PostgreSQL: every test below runs on both."""
-    with Studio(
-        canned.studio(tmp_path_factory.mktemp("studio"), store_of(request)), library
-    ).serving() as served:
+    with Studio(canned.studio(tmp_path_factory.mktemp("studio"), store_of(request)), library).serving() as served:
         yield served
 
 
@@ -181,9 +179,7 @@ def test_a_double_click_answers_one_task(studio, tab):
     rater.watch()
     rater.choose()
     before = rater.task
-    rater.page.evaluate(
-        "() => { const button = document.querySelector('.submit'); button.click(); button.click(); }"
-    )
+    rater.page.evaluate("() => { const button = document.querySelector('.submit'); button.click(); button.click(); }")
     rater.passed(before)
     rater.page.keyboard.press("Enter")
     assert rater.number.startswith("2 ")
@@ -327,9 +323,7 @@ def test_a_rater_is_told_nothing_of_the_design(studio, tab):
     rater.begin(studio.links(study)[0])
     rater.judge()
     text = (
-        " ".join(told)
-        + rater.page.content()
-        + rater.page.evaluate("JSON.stringify(__studio.flow.page.setting.next)")
+        " ".join(told) + rater.page.content() + rater.page.evaluate("JSON.stringify(__studio.flow.page.setting.next)")
     )
     for secret in (*canned.SYSTEMS, study, "candidate", "corrupted", "identical", ".motion"):
         assert secret not in text
@@ -367,9 +361,7 @@ def test_a_page_speaks_the_language_of_the_study(studio, tab):
     """As far as the owner's file of words goes; the rest is said in English."""
     words = studio.maker.media.parent / "words"
     words.mkdir(exist_ok=True)
-    (words / "de.json").write_text(
-        '{"rate_agree": "Einverstanden, los geht es", "play_both": "Beide abspielen"}'
-    )
+    (words / "de.json").write_text('{"rate_agree": "Einverstanden, los geht es", "play_both": "Beide abspielen"}')
     study = studio.pairwise(presentation="side_by_side", language="de-AT")
     rater = tab()
     rater.page.goto(studio.links(study)[0])
@@ -408,9 +400,7 @@ def test_a_busy_studio_is_waited_for(studio, tab):
         ("preference", 1280, 800, "light"),
     ],
 )
-def test_nothing_is_cut_off_or_pale_and_everything_has_a_name(
-    studio, tab, kind, width, height, colours, tmp_path
-):
+def test_nothing_is_cut_off_or_pale_and_everything_has_a_name(studio, tab, kind, width, height, colours, tmp_path):
     study = studio.pairwise() if kind == "pairwise" else studio.preference()
     rater = tab(width, height, color_scheme=colours)
     rater.page.goto(studio.links(study)[0])

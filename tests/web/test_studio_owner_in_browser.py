@@ -33,9 +33,7 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module", params=STORES)
 def studio(request: pytest.FixtureRequest, library: Path, tmp_path_factory: Any) -> Iterator[Studio]:
     """One studio on SQLite, then one on PostgreSQL: every test below runs on both."""
-    with Studio(
-        canned.studio(tmp_path_factory.mktemp("studio"), store_of(request)), library
-    ).serving() as served:
+    with Studio(canned.studio(tmp_path_factory.mktemp("studio"), store_of(request)), library).serving() as served:
         yield served
 
 
@@ -223,9 +221,7 @@ def test_signing_out_ends_the_session(studio, owner):
 
 
 @pytest.mark.parametrize(("width", "height", "colours"), [(360, 640, "dark"), (1280, 800, "light")])
-def test_nothing_is_cut_off_or_pale_and_everything_has_a_name(
-    judged, owner, width, height, colours, tmp_path
-):
+def test_nothing_is_cut_off_or_pale_and_everything_has_a_name(judged, owner, width, height, colours, tmp_path):
     owner.page.set_viewport_size({"width": width, "height": height})
     owner.page.emulate_media(color_scheme=colours)
     tabs = ("overview", "invite", "raters", "results", "settings")

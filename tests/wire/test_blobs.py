@@ -21,9 +21,7 @@ def random_pose(seed: int, frames: int = 8) -> Pose:
     draw = np.random.default_rng(seed)
     turns = draw.normal(size=(frames, 52, 4)).astype(np.float32)
     turns /= np.linalg.norm(turns, axis=-1, keepdims=True)
-    return Pose(
-        turns, draw.normal(size=(frames, 3)).astype(np.float32), draw.random((frames, 52), np.float32)
-    )
+    return Pose(turns, draw.normal(size=(frames, 3)).astype(np.float32), draw.random((frames, 52), np.float32))
 
 
 @given(seed=st.integers(0, 1000))

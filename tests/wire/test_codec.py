@@ -34,9 +34,7 @@ segments = st.integers(1, 2**31 - 1)
 names = st.text(st.characters(exclude_categories=("Cs",)), min_size=1, max_size=128)
 messages = st.one_of(
     st.builds(Hello, token=names, seed=st.integers(0, 2**31 - 1), played=samples),
-    st.builds(
-        Audio, seg=segments, start=samples, pcm=st.binary(), speaker=st.sampled_from(["avatar", "user"])
-    ),
+    st.builds(Audio, seg=segments, start=samples, pcm=st.binary(), speaker=st.sampled_from(["avatar", "user"])),
     st.builds(End, seg=segments),
     st.builds(Interrupt, heard=st.none() | samples, seg=st.integers(0, 2**31 - 1)),
     st.builds(Action, id=names, name=names, intensity=st.floats(0, 2), hold=st.none() | st.floats(0, 60)),
@@ -66,9 +64,7 @@ def test_garbage_is_a_protocol_error_and_nothing_else(content: bytes) -> None:
 
 @given(message=messages, cut=st.floats(0, 0.999), flip=st.integers(0, 255))
 @settings(max_examples=300)
-def test_truncated_and_damaged_messages_are_refused_or_valid(
-    message: ClientMessage, cut: float, flip: int
-) -> None:
+def test_truncated_and_damaged_messages_are_refused_or_valid(message: ClientMessage, cut: float, flip: int) -> None:
     content = encode(message)
     with pytest.raises(ProtocolError):
         decode_client(content[: int(len(content) * cut)])

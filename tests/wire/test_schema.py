@@ -29,9 +29,7 @@ def test_committed_schema_types_and_fixtures_match_the_messages(maker: ModuleTyp
     made = maker.files()
     stale = [str(path) for path, content in made.items() if (ROOT / path).read_bytes() != content]
     assert not stale, f"run python scripts/make_protocol.py; stale: {stale}"
-    assert {path.name for path in made if path.parent.name == "wire"} == {
-        path.name for path in FIXTURES.iterdir()
-    }
+    assert {path.name for path in made if path.parent.name == "wire"} == {path.name for path in FIXTURES.iterdir()}
 
 
 def test_every_fixture_reads_as_the_message_it_is(maker: ModuleType) -> None:

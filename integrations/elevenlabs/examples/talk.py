@@ -21,9 +21,7 @@ def main() -> None:
         raise SystemExit(
             "usage: ELEVENLABS_API_KEY=... python talk.py AGENT_ID\n`echoavatar elevenlabs setup` prints the id"
         )
-    audio = AvatarAudioInterface(
-        "default", sample_rate=16_000, device=DefaultAudioInterface(), page_port=8770
-    )
+    audio = AvatarAudioInterface("default", sample_rate=16_000, device=DefaultAudioInterface(), page_port=8770)
     tools = ClientTools()
     audio.register(tools)
     print("see it:", audio.page)

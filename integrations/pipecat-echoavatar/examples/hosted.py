@@ -34,9 +34,7 @@ async def build(source: FrameProcessor, sink: FrameProcessor, avatar: EchoAvatar
     await avatar.prepare()
     ready = avatar.bridge.ready
     prompt = persona(ready.actions, ready.tracks)
-    context = LLMContext(
-        [{"role": "system", "content": prompt}], tools=ToolsSchema(standard_tools=avatar.tools)
-    )
+    context = LLMContext([{"role": "system", "content": prompt}], tools=ToolsSchema(standard_tools=avatar.tools))
     user, assistant = LLMContextAggregatorPair(
         context, user_params=LLMUserAggregatorParams(vad_analyzer=SileroVADAnalyzer())
     )

@@ -65,9 +65,7 @@ async def obey(line: str, tools: AvatarTools) -> str:
 
 async def main() -> None:
     """Talk until the input ends."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--avatar", default="default", help="a bundle, or the address of a running server")
     parser.add_argument("--port", type=int, default=8770, help="of the page (default: %(default)s)")
     args = parser.parse_args()

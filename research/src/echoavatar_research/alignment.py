@@ -112,9 +112,7 @@ def make(experiment: Experiment) -> Table:
         "The paper's DPO learns from people, ours from continuations ranked by the same rewards.",
         f"Tuned for {_training(experiment, 'grpo').steps} steps with the recipe of the scale.",
     )
-    return Table(
-        NAME, "Alignment against fidelity (paper, RL Strategy Analysis and PPO)", COLUMNS, lines, notes
-    )
+    return Table(NAME, "Alignment against fidelity (paper, RL Strategy Analysis and PPO)", COLUMNS, lines, notes)
 
 
 def tuned(experiment: Experiment, method: Method) -> Outcome:
@@ -154,10 +152,7 @@ def rewards_of(folder: Path, *, is_first: bool = False) -> dict[str, Cell]:
     lines = [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
     probe = [line["held_out"] for line in lines if "held_out" in line][0 if is_first else -1]
     found = {name: probe["rewards"][name] for name in REWARDS}
-    made = {
-        name: Cell(mean, mean - NORMAL * error, mean + NORMAL * error)
-        for name, (mean, error) in found.items()
-    }
+    made = {name: Cell(mean, mean - NORMAL * error, mean + NORMAL * error) for name, (mean, error) in found.items()}
     return made | {"kl": Cell(probe["kl"])}
 
 
@@ -255,9 +250,7 @@ def _generate(experiment: Experiment, folder: Path) -> None:
     for first in range(0, len(experiment.test_clips), BATCH):
         clips = experiment.test_clips[first : first + BATCH]
         seeds = list(range(experiment.seed + first, experiment.seed + first + len(clips)))
-        done = animate_many(
-            pipeline, [clip.audio for clip in clips], seeds=seeds, progress=experiment.progress
-        )
+        done = animate_many(pipeline, [clip.audio for clip in clips], seeds=seeds, progress=experiment.progress)
         for clip, one in zip(clips, done, strict=True):
             moved = replace(clip, rotations=one.motion.rotations, root=one.motion.root)
             moved.save(folder / "made" / f"{clip.name}.npz")

@@ -72,9 +72,7 @@ def make(experiment: Beat2Experiment) -> Table:
         lines.append(line(name, [baselines.make(kind, clip.audio, seed=seed) for seed, clip in sounds]))
     choice = GeneratorChoice(OURS.name)
     lines.append(line("Ours", experiment.generated_motions(choice), dict(zip(keys, PAPER, strict=True))))
-    return Table(
-        NAME, "BEAT2 (paper, Comparison with the state of the art)", COLUMNS, lines, _notes(experiment)
-    )
+    return Table(NAME, "BEAT2 (paper, Comparison with the state of the art)", COLUMNS, lines, _notes(experiment))
 
 
 def scored(experiment: Beat2Experiment, motions: Sequence[Motion]) -> list[Row]:

@@ -68,9 +68,7 @@ class Beat2Experiment(Experiment):
         """
         given = self.sources.corpus
         is_prepared = given is not None and (given / "manifest.json").is_file()
-        corpus = Corpus(
-            given if given is not None and is_prepared else self._prepared(given or self._sample())
-        )
+        corpus = Corpus(given if given is not None and is_prepared else self._prepared(given or self._sample()))
         if corpus.skeleton.names != skeleton().names:
             raise EchoAvatarError(
                 f"{corpus.folder} is not on SMPL-X's joints; prepare it with"
@@ -114,12 +112,8 @@ class Beat2Experiment(Experiment):
         at_origin = Motion(motion.skeleton, motion.rotations, motion.root * 0, motion.fps).pose().positions
         return at_origin - at_origin[:, :1]
 
-    def _generate(
-        self, name: str, tokenizer: BodyTokenizer, generator: Generator, sounds: Sounds
-    ) -> list[Motion]:
-        return decoded_motion(
-            self.codec, tokenizer, generator, sounds, device=self.device, progress=self.progress
-        )
+    def _generate(self, name: str, tokenizer: BodyTokenizer, generator: Generator, sounds: Sounds) -> list[Motion]:
+        return decoded_motion(self.codec, tokenizer, generator, sounds, device=self.device, progress=self.progress)
 
     def _prepared(self, copy: Path) -> Path:
         folder = self.folder / "set"

@@ -35,16 +35,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--corpus", type=Path, help="prepared set (default: a rehearsal corpus is made)")
     parser.add_argument("--codec", type=Path, help="trained audio codec (default: the default bundle's)")
     parser.add_argument("--extractor", type=Path, help="trained FID extractor (default: the shipped one)")
-    parser.add_argument(
-        "--qwen", type=Path, metavar="FOLDER", help="Qwen2.5-0.5B-Instruct, to begin generators with"
-    )
+    parser.add_argument("--qwen", type=Path, metavar="FOLDER", help="Qwen2.5-0.5B-Instruct, to begin generators with")
     parser.add_argument("--device", default="cpu", help="where to train (default: %(default)s)")
-    parser.add_argument(
-        "--workers", type=int, default=1, help="processes that make a corpus (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--seed", type=int, default=0, help="seed of everything random (default: %(default)s)"
-    )
+    parser.add_argument("--workers", type=int, default=1, help="processes that make a corpus (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of everything random (default: %(default)s)")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -36,9 +36,7 @@ from .generate import Sounds, live_motion
 from .make_once import make_once
 
 BATCH = 16  # sounds per batch
-EXTRA_CHUNKS = (
-    6  # chunks by which training windows exceed what a position sees, so that the steady stream is trained
-)
+EXTRA_CHUNKS = 6  # chunks by which training windows exceed what a position sees, so that the steady stream is trained
 
 
 @dataclass(frozen=True)
@@ -180,9 +178,7 @@ class Experiment:
             tokenizer = self.tokenizer(choice.tokenizer)
             clips = [clip for clip in self.codes(choice.tokenizer) if is_mostly(clip, choice.only)]
             if not any(clip.split == "train" for clip in clips):
-                raise EchoAvatarError(
-                    f"no training clip is mostly {choice.only}; give a corpus with some (--corpus)"
-                )
+                raise EchoAvatarError(f"no training clip is mostly {choice.only}; give a corpus with some (--corpus)")
             layers = tokenizer.config.layers
             layout = TokenLayout.compact(
                 audio_codes=self.codec.config.codes,
@@ -238,9 +234,7 @@ class Experiment:
         """The motion of a clip on the rig of this experiment."""
         return motion_of(clip)
 
-    def _generate(
-        self, name: str, tokenizer: BodyTokenizer, generator: Generator, sounds: Sounds
-    ) -> list[Motion]:
+    def _generate(self, name: str, tokenizer: BodyTokenizer, generator: Generator, sounds: Sounds) -> list[Motion]:
         return live_motion(name, self.codec, tokenizer, generator, sounds, progress=self.progress)
 
     def _tokenizer_settings(self, choice: TokenizerChoice) -> dict[str, Any]:
@@ -282,9 +276,7 @@ class Experiment:
         folder = self.folder / "corpus"
         plan = Plan(self.scale.hours, self.seed + 1, folder, clip_seconds=self.scale.clip_seconds)
         settings = {"hours": plan.hours, "seed": plan.seed, "clip_seconds": plan.clip_seconds}
-        self._make_once(
-            folder, settings, lambda: rehearse(plan, workers=self.workers, progress=self.progress)
-        )
+        self._make_once(folder, settings, lambda: rehearse(plan, workers=self.workers, progress=self.progress))
         return folder
 
     def _card(self, part: str) -> dict[str, object]:

@@ -43,9 +43,7 @@ def make(experiment: Experiment) -> Table:
     pipeline = Pipeline(bundle)
     pipeline.warm_up()
     report = bench_stream(pipeline, seconds=experiment.scale.seconds)
-    lines = [
-        Line(name, {"h200": h200, "rtx4090": rtx}, _ours(report, name)) for name, (h200, rtx) in PAPER.items()
-    ]
+    lines = [Line(name, {"h200": h200, "rtx4090": rtx}, _ours(report, name)) for name, (h200, rtx) in PAPER.items()]
     lines.append(Line("Face (not in the paper's sum)", {}, _summed(report, ("face",))))
     notes = (
         f"{bundle.name}: {bundle.parameters / 1e6:.1f} M parameters, one session,"

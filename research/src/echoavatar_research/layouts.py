@@ -35,7 +35,5 @@ def make(experiment: Experiment) -> Table:
             seed=experiment.seed,
         )
         lines.append(Line(name, {}, cells(rows, GENERATION)))
-    notes = (
-        "The paper has no such table; both lines are ours, trained on the same codes for as many steps.",
-    )
+    notes = ("The paper has no such table; both lines are ours, trained on the same codes for as many steps.",)
     return Table(NAME, "Order of sound and motion in the sequence", COLUMNS, lines, notes)

@@ -65,9 +65,7 @@ def offline(scale: Scale) -> GeneratorChoice:
     """The upper reference: ours with a lookahead of half its window, trained on as much sound per window."""
     window = scale.generator.window_chunks
     ahead = window // 2
-    return GeneratorChoice(
-        "offline", sizes={"ahead_chunks": ahead}, training={"chunks": window + EXTRA_CHUNKS - ahead}
-    )
+    return GeneratorChoice("offline", sizes={"ahead_chunks": ahead}, training={"chunks": window + EXTRA_CHUNKS - ahead})
 
 
 def make(experiment: Experiment) -> Table:

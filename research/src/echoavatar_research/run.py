@@ -23,9 +23,7 @@ TABLES: dict[str, Callable[[Any], Table]] = {
     latency.NAME: latency.make,
     alignment.NAME: alignment.make,
 }
-NOTHING_LEARNED = (
-    "Scale tiny: a few steps of small models. It shows that every part runs; no number means anything."
-)
+NOTHING_LEARNED = "Scale tiny: a few steps of small models. It shows that every part runs; no number means anything."
 FOREIGN = "Numbers of the paper are the paper's, not comparable: other data and extractor. Only order can be compared."
 CHANCE = "Over chance: less what the same motion scores with the sound of other clips."
 INTERVALS = "In brackets: 95 % intervals, resampling test clips; of training runs there is one seed."

@@ -41,9 +41,7 @@ VARIANTS = (
     Variant(
         "CausalConv-RVQ",
         (9.208, 525.6, 12.94, 18.06),
-        TokenizerChoice(
-            "causal-conv", sizes={"blocks": "convolution", "resampling": "strided"}, is_whole=True
-        ),
+        TokenizerChoice("causal-conv", sizes={"blocks": "convolution", "resampling": "strided"}, is_whole=True),
     ),
     Variant("Attn", (4.183, 411.6, 12.53, 12.25), TokenizerChoice("attention", is_whole=True)),
     Variant(
@@ -73,9 +71,7 @@ def make(experiment: Experiment) -> Table:
     for name, paper, choice in VARIANTS:
         experiment.say(f"line: {name}")
         tokenizer = experiment.tokenizer(choice)
-        ours = reconstruction_scores(
-            tokenizer, experiment.test_clips, experiment.extractor, seed=experiment.seed
-        )
+        ours = reconstruction_scores(tokenizer, experiment.test_clips, experiment.extractor, seed=experiment.seed)
         generator = GeneratorChoice(choice.name, tokenizer=choice)
         rows = generation_scores(
             experiment.generated_motions(generator),

@@ -28,9 +28,7 @@ from .fbank import RATE_HZ
 from .positions import sinusoids
 from .wav2clip import Wav2Clip, Wav2ClipConfig
 
-TOKENS_PER_STATE = exact_div(
-    SAMPLES_PER_MOTION_TOKEN, 2 * SAMPLES_PER_AUDIO_TOKEN
-)  # 5 audio tokens a state: 15 Hz
+TOKENS_PER_STATE = exact_div(SAMPLES_PER_MOTION_TOKEN, 2 * SAMPLES_PER_AUDIO_TOKEN)  # 5 audio tokens a state: 15 Hz
 Kind = Literal["codes", "beats", "wav2clip"]
 KINDS: tuple[str, ...] = get_args(Kind)
 SMALL_BEATS = BeatsConfig(layers=2, width=96, heads=4, hidden=192, patch_width=96, reach=32, groups=4)

@@ -39,9 +39,7 @@ from .positions import sinusoids
 from .reference_statistics import ReferenceStatistics
 from .wav2clip import Wav2Clip
 
-FRAMES_PER_TOKEN = exact_div(
-    SAMPLES_PER_MOTION_TOKEN, SAMPLES_PER_AUDIO_TOKEN
-)  # 10 audio frames a motion token
+FRAMES_PER_TOKEN = exact_div(SAMPLES_PER_MOTION_TOKEN, SAMPLES_PER_AUDIO_TOKEN)  # 10 audio frames a motion token
 WINDOW_TOKENS = 30  # 4 s, what the reward is trained on
 FIRST_TEMPERATURE = 1 / 0.07
 LARGEST_TEMPERATURE = 100.0
@@ -81,20 +79,14 @@ class AudioMotion(nn.Module):
         super().__init__()
         self.config = config
         width = config.width
-        self.register_buffer(
-            "motion_book", torch.zeros(*motion_shape, config.motion_channels // motion_shape[0])
-        )
+        self.register_buffer("motion_book", torch.zeros(*motion_shape, config.motion_channels // motion_shape[0]))
         self.audio_encoder: TokenEncoder | WaveformEncoder
         if config.audio_encoder.kind == "codes":
-            self.audio_encoder = TokenEncoder(
-                config.audio_encoder, sound_shape, width=width, heads=config.heads
-            )
+            self.audio_encoder = TokenEncoder(config.audio_encoder, sound_shape, width=width, heads=config.heads)
         else:
             self.audio_encoder = WaveformEncoder(config.audio_encoder, width=width)
         self.motion_in = nn.Linear(config.motion_channels, width)
-        self.motion = nn.Sequential(
-            *(FullBlock(width=width, heads=config.heads) for _ in range(config.layers))
-        )
+        self.motion = nn.Sequential(*(FullBlock(width=width, heads=config.heads) for _ in range(config.layers)))
         each = config.size // config.slices
         self.sound_out = nn.Sequential(nn.LayerNorm(width), nn.Linear(width, each))
         self.motion_out = nn.Sequential(nn.LayerNorm(width), nn.Linear(width, each))
@@ -128,9 +120,7 @@ class AudioMotion(nn.Module):
     ) -> Self:
         """An untrained model over BEATs or Wav2CLIP; its weights are copied, and kept fixed if `is_frozen`."""
         kinds = {"beats": network.config} if isinstance(network, Beats) else {"wav2clip": network.config}
-        audio_encoder = AudioEncoderConfig.model_validate(
-            {"codec": codec.config, "is_frozen": is_frozen} | kinds
-        )
+        audio_encoder = AudioEncoderConfig.model_validate({"codec": codec.config, "is_frozen": is_frozen} | kinds)
         model = cls._build(audio_encoder, motion_book, (), sizes)
         assert isinstance(model.audio_encoder, WaveformEncoder)
         model.audio_encoder.network.load_state_dict(network.state_dict())
@@ -200,9 +190,7 @@ class AudioMotion(nn.Module):
         """
         config = checkpoint.read_config(folder, AudioMotionConfig)
         weights = {
-            f"audio_encoder.{name.removeprefix(f'{OLD_NAME}.')}"
-            if name.startswith(f"{OLD_NAME}.")
-            else name: value
+            f"audio_encoder.{name.removeprefix(f'{OLD_NAME}.')}" if name.startswith(f"{OLD_NAME}.") else name: value
             for name, value in checkpoint.read_weights(folder).items()
         }
         sound, motion = (

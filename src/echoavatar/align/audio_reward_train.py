@@ -119,8 +119,7 @@ class AudioMotionWindows:
     def _cut(self, spots: Sequence[tuple[str, int]]) -> Windows:
         def stacked(field: str, each: int) -> Tensor:
             parts = [
-                getattr(self._clips[name], field)[start * each : (start + self._chunks) * each]
-                for name, start in spots
+                getattr(self._clips[name], field)[start * each : (start + self._chunks) * each] for name, start in spots
             ]
             return torch.from_numpy(np.stack(parts).astype(np.int64))
 
@@ -219,9 +218,7 @@ def embed(
     return heard.numpy(), seen.numpy()
 
 
-def retrieval_tables(
-    model: AudioMotion, pairs: AudioMotionWindows
-) -> dict[str, dict[str, dict[str, object]]]:
+def retrieval_tables(model: AudioMotion, pairs: AudioMotionWindows) -> dict[str, dict[str, dict[str, object]]]:
     """A `retrieval_table` of all windows and one for each domain, where telling domains apart does not help."""
     tables = {"everything": retrieval_table(*embed(model, pairs))}
     for at, name in enumerate(DOMAINS):

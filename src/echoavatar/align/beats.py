@@ -69,8 +69,7 @@ class GatedAttention(nn.Module):
     def forward(self, x: Float[Tensor, "b n c"], bias: Float[Tensor, "h n n"]) -> Float[Tensor, "b n c"]:
         """Every patch attends to every patch."""
         q, k, v = (
-            part(x).unflatten(-1, (self.heads, -1)).transpose(1, 2)
-            for part in (self.q_proj, self.k_proj, self.v_proj)
+            part(x).unflatten(-1, (self.heads, -1)).transpose(1, 2) for part in (self.q_proj, self.k_proj, self.v_proj)
         )
         gates = self.grep_linear(q).unflatten(-1, (2, GATES // 2)).sum(-1).sigmoid()
         gate = gates[..., :1] * (gates[..., 1:] * self.grep_a - 1) + 2
@@ -184,8 +183,6 @@ def _relative_buckets(length: int, buckets: int, farthest: int) -> Int[Tensor, "
     half = buckets // 2
     exact = half // 2
     far = ahead.abs()
-    grown = exact + (
-        torch.log(far.clamp(min=1) / exact) / torch.log(torch.tensor(farthest / exact)) * (half - exact)
-    )
+    grown = exact + (torch.log(far.clamp(min=1) / exact) / torch.log(torch.tensor(farthest / exact)) * (half - exact))
     found = torch.where(far < exact, far, grown.long().clamp(max=half - 1))
     return found + half * (ahead > 0)

@@ -42,9 +42,7 @@ def compare(
         check_reference(generator, first, name=name)
     assert mix.reference_statistics is not None, "a comparison needs the reference statistics"
     motion_metrics = MotionMetrics(tokenizer, prompts, extractor, mix.reference_statistics)
-    probe = Probe(
-        prompts, DecodingJudge(tokenizer, mix), group=group, motion_metrics=motion_metrics, seed=seed
-    )
+    probe = Probe(prompts, DecodingJudge(tokenizer, mix), group=group, motion_metrics=motion_metrics, seed=seed)
     true = mix(motion_metrics.truth)
     told: dict[str, Measurements] = {
         "truth": {

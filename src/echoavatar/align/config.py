@@ -23,17 +23,13 @@ class AlignTraining(TrainingConfig):
     accumulation: int = Field(
         default=1, gt=0, description="pieces that a batch is split into; changes memory, not the result"
     )
-    group: int = Field(
-        default=8, gt=0, description="continuations of each prompt (paper: 30 for GRPO, 1 for PPO)"
-    )
+    group: int = Field(default=8, gt=0, description="continuations of each prompt (paper: 30 for GRPO, 1 for PPO)")
     past: int = Field(default=3, ge=0, description="chunks of true motion and audio before a continuation")
     length: int = Field(default=9, gt=0, description="chunks of a continuation (paper: 15, 4 s)")
     fewest_events: int = Field(
         default=2, ge=0, description="beats or stressed syllables that a prompt's audio must contain"
     )
-    events: Events = Field(
-        default="any", description="which events count: any, beat (music) or stress (speech)"
-    )
+    events: Events = Field(default="any", description="which events count: any, beat (music) or stress (speech)")
     learning_rate: float = Field(default=1e-4, gt=0, description="AdamW (paper: 6e-5 at 0.5B)")
     schedule: Schedule = Field(
         default="constant", description="learning rate schedule; a constant one lets a run be extended"
@@ -45,18 +41,14 @@ class AlignTraining(TrainingConfig):
         default="to_go",
         description="sequence: one advantage for a whole continuation (paper); to_go: one for each motion token",
     )
-    discount: float = Field(
-        default=0.8, gt=0, le=1, description="to_go, ppo: discount a motion token (133 ms)"
-    )
+    discount: float = Field(default=0.8, gt=0, le=1, description="to_go, ppo: discount a motion token (133 ms)")
     kl_weight: float = Field(
         default=0.01, ge=0, description="weight of the KL divergence from the reference (paper: 0.01)"
     )
     kl_stop: float = Field(default=0.5, gt=0, description="mean KL in nats a code at which the run stops")
     ratio_clip: float = Field(default=0.2, gt=0, description="clipping range of the probability ratio")
     beta: float = Field(default=0.1, gt=0, description="dpo: strength of the preference (paper: 0.1)")
-    critic_rate: float = Field(
-        default=1e-5, gt=0, description="ppo: learning rate of the value head (paper: 1e-5)"
-    )
+    critic_rate: float = Field(default=1e-5, gt=0, description="ppo: learning rate of the value head (paper: 1e-5)")
     gae: float = Field(default=0.95, ge=0, le=1, description="ppo: lambda of generalised advantages")
     probe: int = Field(default=24, gt=0, description="held-out prompts that progress is measured on")
     probe_group: int = Field(default=2, gt=0, description="continuations of each held-out prompt")

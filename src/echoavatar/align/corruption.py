@@ -59,9 +59,7 @@ def degraded_scores(kinds: Sequence[Degradation]) -> dict[str, float]:
     These are ours and set by hand, because FID hardly sees frozen limbs or warped time.
     """
     worst = PAPER_SCORES["hierarchical"][-1]
-    return {
-        level_name(kind, s): PAPER_CLEAN + (worst - PAPER_CLEAN) * s for kind in kinds for s in STRENGTHS if s
-    }
+    return {level_name(kind, s): PAPER_CLEAN + (worst - PAPER_CLEAN) * s for kind in kinds for s in STRENGTHS if s}
 
 
 def scores_from_fid(fid: Mapping[str, float]) -> dict[str, float]:
@@ -131,12 +129,8 @@ def read_scores(path: Path) -> dict[str, float]:
     try:
         scores = {str(name): float(score) for name, score in json.loads(path.read_text())["scores"].items()}
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise CheckpointError(
-            f"{path} holds no scores ({error}); make it with `echoavatar align calibrate`"
-        ) from error
+        raise CheckpointError(f"{path} holds no scores ({error}); make it with `echoavatar align calibrate`") from error
     missing = [name for name in paper_scores() if name not in scores]
     if missing:
-        raise CheckpointError(
-            f"{path} lacks the score of {missing[0]!r}; make it with `echoavatar align calibrate`"
-        )
+        raise CheckpointError(f"{path} lacks the score of {missing[0]!r}; make it with `echoavatar align calibrate`")
     return scores

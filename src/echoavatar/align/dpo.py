@@ -74,7 +74,5 @@ class DpoTask(PolicyTask[PairBatch]):
         return [int(orders[int(k // count)][k % count]) for k in at]
 
 
-def _sums(
-    policy: GeneratorPolicy, prompts: PromptBatch, codes: Int[Tensor, "b n p q"]
-) -> Float[Tensor, " b"]:
+def _sums(policy: GeneratorPolicy, prompts: PromptBatch, codes: Int[Tensor, "b n p q"]) -> Float[Tensor, " b"]:
     return policy.score(prompts, codes, uses_nucleus=False).log_probs.sum((1, 2))

@@ -33,6 +33,4 @@ class GrpoTask(RolloutTask):
             clip=self.config.ratio_clip,
             kl_weight=self.config.kl_weight,
         )
-        return Loss(
-            found.loss, self.logged(self.logged_means(batch) | {"clipped": found.clipped}, kl, scores)
-        )
+        return Loss(found.loss, self.logged(self.logged_means(batch) | {"clipped": found.clipped}, kl, scores))

@@ -68,9 +68,7 @@ class MotionMetrics:
         return pooled(feature_moments(self._extractor, motions[0].skeleton, features))
 
 
-def feature_moments(
-    extractor: MotionEncoder, skeleton: Skeleton, features: Float[Tensor, "b t c"]
-) -> list[Moments]:
+def feature_moments(extractor: MotionEncoder, skeleton: Skeleton, features: Float[Tensor, "b t c"]) -> list[Moments]:
     """Moments of the extractor's latents of each decoded clip."""
     moved = from_features(skeleton, features)
     rotations = quaternion_from_matrix(moved.rotations)

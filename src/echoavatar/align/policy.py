@@ -117,24 +117,16 @@ class GeneratorPolicy:
         chosen = codes.long().flatten(2)[..., None]
         if support is None:
             support = (
-                self._nucleus(logits.detach(), chosen)
-                if uses_nucleus
-                else torch.ones_like(logits, dtype=torch.bool)
+                self._nucleus(logits.detach(), chosen) if uses_nucleus else torch.ones_like(logits, dtype=torch.bool)
             )
         log_probs = torch.log_softmax(logits.masked_fill(~support, -torch.inf), -1)
         return Scores(log_probs.gather(-1, chosen)[..., 0], log_probs, support, hidden)
 
-    def _nucleus(
-        self, logits: Float[Tensor, "b n k K"], chosen: Int[Tensor, "b n k 1"]
-    ) -> Bool[Tensor, "b n k K"]:
+    def _nucleus(self, logits: Float[Tensor, "b n k K"], chosen: Int[Tensor, "b n k 1"]) -> Bool[Tensor, "b n k K"]:
         """The codes that may be sampled; the sampled code is always included, even where rounding would exclude it."""
         flat = logits.flatten(0, 2)
         top_p = torch.full((len(flat),), self.sampling.top_p, device=flat.device)
-        kept = (
-            nucleus(flat, top_p).isfinite()
-            if self.sampling.top_p < 1
-            else torch.ones_like(flat, dtype=torch.bool)
-        )
+        kept = nucleus(flat, top_p).isfinite() if self.sampling.top_p < 1 else torch.ones_like(flat, dtype=torch.bool)
         return kept.view(logits.shape).scatter(-1, chosen, True)
 
     def _logits(
@@ -162,9 +154,7 @@ class GeneratorPolicy:
         parts = []
         for codes, each in ((audio, AUDIO_FRAMES_PER_CHUNK), (motion, MOTION_TOKENS_PER_CHUNK)):
             seen = codes[:, max(0, chunks - window) * each : chunks * each]
-            pad = torch.zeros(
-                len(codes), missing * each, *codes.shape[2:], dtype=codes.dtype, device=codes.device
-            )
+            pad = torch.zeros(len(codes), missing * each, *codes.shape[2:], dtype=codes.dtype, device=codes.device)
             parts.append(torch.cat([pad, seen], 1))
         return parts[0], parts[1], torch.full((len(audio),), missing, device=audio.device)
 

@@ -82,9 +82,7 @@ def read_pairs(
         if pair.margin >= margin:
             found.append((prompt, pair))
     if not found:
-        raise MotionError(
-            f"{path} holds no pair with a margin of at least {margin}; make more, or lower --margin"
-        )
+        raise MotionError(f"{path} holds no pair with a margin of at least {margin}; make more, or lower --margin")
     return found
 
 
@@ -97,13 +95,9 @@ def _check(pair: PreferencePair, prompt: Prompt, layout: TokenLayout) -> None:
             codes = np.zeros(0)
         if codes.shape != wanted:
             chunks = wanted[0] // MOTION_TOKENS_PER_CHUNK
-            raise MotionError(
-                f"{name} has shape {codes.shape}, expected {wanted} ({chunks} chunks; see --length)"
-            )
+            raise MotionError(f"{name} has shape {codes.shape}, expected {wanted} ({chunks} chunks; see --length)")
         if codes.min() < 0 or codes.max() >= layout.motion_codes:
-            raise MotionError(
-                f"{name} holds codes outside 0..{layout.motion_codes - 1}: another tokenizer made it"
-            )
+            raise MotionError(f"{name} holds codes outside 0..{layout.motion_codes - 1}: another tokenizer made it")
 
 
 def _nested(codes: Int[torch.Tensor, "n p q"]) -> Codes:

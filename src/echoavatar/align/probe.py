@@ -54,8 +54,7 @@ class Probe:
             entropy.append(own.entropy)
         rewards, cost = self._judged(torch.cat(codes))
         by_prompt = {
-            name: values.reshape(-1, group).mean(1)
-            for name, values in {"": rewards.total, **rewards.parts}.items()
+            name: values.reshape(-1, group).mean(1) for name, values in {"": rewards.total, **rewards.parts}.items()
         }
         return {
             "reward": mean_and_error(by_prompt[""]),

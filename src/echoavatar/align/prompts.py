@@ -134,13 +134,9 @@ class PromptSampler:
                 f"no clip holds a prompt of {past} + {length} chunks{wanted}; use longer clips or shorter prompts"
             )
 
-    def _events_ahead(
-        self, times: Float[np.ndarray, " e"], starts: Int[np.ndarray, " s"]
-    ) -> Int[np.ndarray, " s"]:
+    def _events_ahead(self, times: Float[np.ndarray, " e"], starts: Int[np.ndarray, " s"]) -> Int[np.ndarray, " s"]:
         begin = (starts + self._past) * CHUNK_SECONDS
-        return np.asarray(
-            np.searchsorted(times, begin + self._length * CHUNK_SECONDS) - np.searchsorted(times, begin)
-        )
+        return np.asarray(np.searchsorted(times, begin + self._length * CHUNK_SECONDS) - np.searchsorted(times, begin))
 
     @property
     def past(self) -> int:
@@ -169,9 +165,7 @@ class PromptSampler:
         """
         clip = self._clips.get(name)
         if clip is None:
-            raise MotionError(
-                f"no clip {name!r} among the {len(self._clips)} token files; use the folder it came from"
-            )
+            raise MotionError(f"no clip {name!r} among the {len(self._clips)} token files; use the folder it came from")
         if not 0 <= start <= clip.chunks - self._past - self._length:
             raise MotionError(
                 f"clip {name!r} has {clip.chunks} chunks: no prompt of {self._past} + {self._length} begins at {start}"

@@ -55,12 +55,8 @@ class QualityReward(nn.Module):
             nn.Sequential(*(FullBlock(width=width, heads=config.heads) for _ in range(config.blocks)))
             for _ in range(LEVELS)
         )
-        self.down = nn.ModuleList(
-            Mlp(inputs=2 * width, hidden=4 * width, outputs=width) for _ in range(LEVELS - 1)
-        )
-        self.head = nn.Sequential(
-            nn.LayerNorm(width), nn.Linear(width, width), nn.GELU(), nn.Linear(width, 1)
-        )
+        self.down = nn.ModuleList(Mlp(inputs=2 * width, hidden=4 * width, outputs=width) for _ in range(LEVELS - 1))
+        self.head = nn.Sequential(nn.LayerNorm(width), nn.Linear(width, width), nn.GELU(), nn.Linear(width, 1))
         self.register_buffer("mean", torch.zeros(config.features))
         self.register_buffer("std", torch.ones(config.features))
         self.register_buffer("varies", torch.ones(config.features, dtype=torch.bool))
@@ -73,9 +69,7 @@ class QualityReward(nn.Module):
 
     def forward(self, features: Float[Tensor, "b t c"]) -> Float[Tensor, " b"]:
         """Scores of clips whose length is a multiple of four frames; features are not normalised yet."""
-        x = self.input(
-            _with_differences(FeatureStatistics(self.mean, self.std, self.varies).normalize(features))
-        )
+        x = self.input(_with_differences(FeatureStatistics(self.mean, self.std, self.varies).normalize(features)))
         for level, blocks in enumerate(self.levels):
             x = blocks(x)
             if level < LEVELS - 1:

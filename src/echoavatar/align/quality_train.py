@@ -87,9 +87,7 @@ class CorruptedWindows:
         return self._degraded(self.tokenizer.decode(self._corrupted(codes, name, number)), name, number)
 
     @torch.no_grad()
-    def mixed(
-        self, codes: Int[Tensor, "b n p q"], names: Sequence[str], number: int
-    ) -> Float[Tensor, "b t c"]:
+    def mixed(self, codes: Int[Tensor, "b n p q"], names: Sequence[str], number: int) -> Float[Tensor, "b t c"]:
         """The same, with a level for each row."""
         numbers = [number * 64 + k for k in range(len(names))]
         rows = [self._corrupted(codes[k : k + 1], name, numbers[k]) for k, name in enumerate(names)]
@@ -102,9 +100,7 @@ class CorruptedWindows:
         if kind not in get_args(Degradation):
             return features
         seed = self._seed * 1_000_003 + number
-        return degraded(
-            features, cast(Degradation, kind), float(name.split()[1]), self.tokenizer.skeleton, seed=seed
-        )
+        return degraded(features, cast(Degradation, kind), float(name.split()[1]), self.tokenizer.skeleton, seed=seed)
 
     def _corrupted(self, codes: Int[Tensor, "b n p q"], name: str, number: int) -> Int[Tensor, "b n p q"]:
         if name == CLEAN or name.split()[0] in get_args(Degradation):
@@ -183,9 +179,9 @@ class QualityTask(TrainingTask[ScoredWindows]):
         random = np.random.default_rng([training.seed, number])
         windows = math.ceil(training.batch / training.levels)
         codes = self._levels.codes(number, windows).repeat_interleave(training.levels, 0)[: training.batch]
-        asked = [
-            names[int(k)] for _ in range(windows) for k in random.permutation(len(names))[: training.levels]
-        ][: training.batch]
+        asked = [names[int(k)] for _ in range(windows) for k in random.permutation(len(names))[: training.levels]][
+            : training.batch
+        ]
         features = self._levels.mixed(codes, asked, number)
         return ScoredWindows(features, torch.tensor([self._scores[name] for name in asked]))
 

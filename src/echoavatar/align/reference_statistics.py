@@ -113,9 +113,7 @@ def _around(motion: DecodedMotion, kind: Literal["beat", "stress"] | str) -> lis
     return [u[k - BEFORE : k + AFTER + 1] for k in event_frames(motion, which)]
 
 
-def response(
-    motion: DecodedMotion, kind: Kind, reference_statistics: ReferenceStatistics
-) -> Float[np.ndarray, " t"]:
+def response(motion: DecodedMotion, kind: Kind, reference_statistics: ReferenceStatistics) -> Float[np.ndarray, " t"]:
     """Response to all events, distributed over the frames that caused it; the sum is the mean over events."""
     profile = np.array(reference_statistics.beat if kind == "beat" else reference_statistics.stress)
     out, frames = np.zeros(motion.frames), event_frames(motion, kind)

@@ -149,9 +149,7 @@ class RewardMix:
         tokens = np.zeros((len(motions), motions[0].frames // FRAMES_PER_MOTION_TOKEN))
         whole, parts = np.zeros(len(motions)), {}
         for name, function in self._functions.items():
-            values = np.stack(
-                [self._checked(name, function, motion, row) for row, motion in enumerate(motions)]
-            )
+            values = np.stack([self._checked(name, function, motion, row) for row, motion in enumerate(motions)])
             parts[name] = values if values.ndim == 1 else values.sum(1)
             if values.ndim == 1:
                 whole += self.weights[name] * values
@@ -159,9 +157,7 @@ class RewardMix:
                 tokens += self.weights[name] * values
         return Rewards(tokens, whole, parts)
 
-    def _checked(
-        self, name: str, function: Reward, motion: DecodedMotion, row: int
-    ) -> Float[np.ndarray, "*n"]:
+    def _checked(self, name: str, function: Reward, motion: DecodedMotion, row: int) -> Float[np.ndarray, "*n"]:
         assert self.reference_statistics is not None
         value = np.asarray(function(motion, self.reference_statistics), np.float64)
         if not np.isfinite(value).all():
@@ -199,9 +195,7 @@ def parse_weights(words: Sequence[str]) -> dict[str, float]:
 
 def _imported(name: str, known: Mapping[str, Reward]) -> Reward:
     if ":" not in name:
-        raise EchoAvatarError(
-            f"no reward {name!r}; there are {', '.join(known)}, or name your own as module:function"
-        )
+        raise EchoAvatarError(f"no reward {name!r}; there are {', '.join(known)}, or name your own as module:function")
     function: Reward = imported(name, "reward")
     return function
 
@@ -216,6 +210,4 @@ def imported(name: str, what: str) -> Any:
     try:
         return getattr(importlib.import_module(module), attribute)
     except (ImportError, AttributeError, ValueError) as error:
-        raise EchoAvatarError(
-            f"{what} {name!r} cannot be imported ({error}); is its module on PYTHONPATH?"
-        ) from error
+        raise EchoAvatarError(f"{what} {name!r} cannot be imported ({error}); is its module on PYTHONPATH?") from error

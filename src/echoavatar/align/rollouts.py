@@ -45,9 +45,7 @@ class RolloutTask(PolicyTask[RolloutBatch]):
     def __init__(self, *args: Any, book: PromptSampler, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         self._book = book
-        self._rollout = (
-            self.policy.rollout if self.context.rollouts is None else self.context.rollouts(self.policy)
-        )
+        self._rollout = self.policy.rollout if self.context.rollouts is None else self.context.rollouts(self.policy)
         self._kept: tuple[int, RolloutBatch] | None = None
         self._names: tuple[str, ...] = ()
         self._step = 0
@@ -60,9 +58,7 @@ class RolloutTask(PolicyTask[RolloutBatch]):
         return self._kept[1]
 
     @abstractmethod
-    def advantages_and_returns(
-        self, judged: JudgedRollouts, made: RolloutBatch
-    ) -> tuple[Tensor, Tensor | None]:
+    def advantages_and_returns(self, judged: JudgedRollouts, made: RolloutBatch) -> tuple[Tensor, Tensor | None]:
         """Advantages of a whole batch, and returns if there is a critic."""
 
     def predicted_values(self, scores: Scores) -> Float[Tensor, "r n"] | None:
@@ -118,9 +114,7 @@ class RolloutTask(PolicyTask[RolloutBatch]):
             return {}
         made = self._kept[1]
         parts = made._asdict() | {"audio": made.prompts.audio, "past": made.prompts.past}
-        tensors = {
-            name: value for name, value in parts.items() if isinstance(value, Tensor) and name != "logged"
-        }
+        tensors = {name: value for name, value in parts.items() if isinstance(value, Tensor) and name != "logged"}
         columns = {f"told.{at}.{name}": made.logged[:, at] for at, name in enumerate(self._names)}
         return tensors | columns | {"number": torch.tensor(self._kept[0])}
 

@@ -106,9 +106,7 @@ def load_setup(
     if not train:
         raise MotionError(f"{tokens} holds no clip of split train, so there are no prompts")
     has_statistics = reference_statistics is not None or (folder / "reference_statistics.json").exists()
-    is_unmeasured = (
-        is_compared and not rewards and not has_statistics and not any(c.has_truth for c in train.values())
-    )
+    is_unmeasured = is_compared and not rewards and not has_statistics and not any(c.has_truth for c in train.values())
     weights = {} if is_unmeasured else parse_weights(rewards or DEFAULT_REWARDS)
     own: dict[str, Reward] = {}
     if quality:
@@ -144,11 +142,7 @@ def load_or_measure(
     book = PromptSampler(clips, past=STATISTICS_PAST, length=STATISTICS_LENGTH)
     prompts = book.spread(STATISTICS_PROMPTS)
     found = measure_reference_statistics(
-        [
-            motion
-            for at in range(0, len(prompts), 24)
-            for motion in decode_truth(tokenizer, prompts[at : at + 24])
-        ]
+        [motion for at in range(0, len(prompts), 24) for motion in decode_truth(tokenizer, prompts[at : at + 24])]
     )
     folder.mkdir(parents=True, exist_ok=True)
     found.save(own)
@@ -200,9 +194,7 @@ def training_task(
             return PpoTask(*parts, book=book(ready.train))
         case "dpo":
             if pairs is None:
-                raise MotionError(
-                    "dpo needs preference pairs: pass --pairs, made by `echoavatar align rollouts`"
-                )
+                raise MotionError("dpo needs preference pairs: pass --pairs, made by `echoavatar align rollouts`")
             everything = PromptSampler(ready.train | ready.test, past=training.past, length=training.length)
             compared = read_pairs(pairs, everything, ready.generator.config.layout, margin=margin)
             return DpoTask(*parts, pairs=compared)
@@ -210,9 +202,7 @@ def training_task(
 
 def _motion_metrics(ready: AlignmentSetup, prompts: Sequence[Any]) -> MotionMetrics | None:
     """None if the prompts have no true motion to measure against."""
-    if ready.mix.reference_statistics is None or not all(
-        ready.test[prompt.clip].has_truth for prompt in prompts
-    ):
+    if ready.mix.reference_statistics is None or not all(ready.test[prompt.clip].has_truth for prompt in prompts):
         return None
     return MotionMetrics(ready.tokenizer, prompts, load_shipped(), ready.mix.reference_statistics)
 
@@ -291,9 +281,7 @@ def make_pairs(
     for first in range(0, prompts, TOGETHER):
         some = min(TOGETHER, prompts - first)
         drawn = book.draw(first // TOGETHER, TOGETHER)[:some]
-        pairs += rank_pairs(
-            policy, drawn, judge, past=past, group=group, margin=margin, seed=seed * 1_000_003 + first
-        )
+        pairs += rank_pairs(policy, drawn, judge, past=past, group=group, margin=margin, seed=seed * 1_000_003 + first)
         if progress is not None:
             progress(first + some, prompts)
     return write_pairs(path, pairs)

@@ -94,9 +94,7 @@ class PolicyTask(TrainingTask[BatchT]):
         self.policy = GeneratorPolicy(generator)
         self.reference = GeneratorPolicy(reference.eval().requires_grad_(False), self.policy.sampling)
         self.judge, self.context = judge, context
-        self._divergence = torch.zeros(
-            2
-        )  # sum of the KL over this process's rows in a step, and their number
+        self._divergence = torch.zeros(2)  # sum of the KL over this process's rows in a step, and their number
 
     @property
     def generator(self) -> Generator:
@@ -131,9 +129,7 @@ class PolicyTask(TrainingTask[BatchT]):
         """The policy's parameters; the critic's gradient is not clipped."""
         return list(self.generator.parameters())
 
-    def divergence(
-        self, scores: Scores, prompts: PromptBatch, codes: Int[Tensor, "b n p q"]
-    ) -> Float[Tensor, "b n k"]:
+    def divergence(self, scores: Scores, prompts: PromptBatch, codes: Int[Tensor, "b n p q"]) -> Float[Tensor, "b n k"]:
         """Exact KL of the policy from the reference, over the support that codes were sampled from."""
         with torch.no_grad():
             other = self.reference.score(prompts, codes, scores.support)

@@ -26,9 +26,7 @@ PREFIX = "audio_encoder."
 class Wav2ClipConfig(Config):
     """Model sizes; the defaults are the published model's."""
 
-    width: int = Field(
-        default=64, gt=0, description="channels of the first stage; each further stage doubles them"
-    )
+    width: int = Field(default=64, gt=0, description="channels of the first stage; each further stage doubles them")
     blocks: int = Field(default=2, gt=0, description="residual blocks a stage")
 
 
@@ -43,9 +41,7 @@ class Block(nn.Module):
         self.bn2 = nn.BatchNorm2d(outputs)
         self.downsample: nn.Module = nn.Identity()
         if stride != 1 or inputs != outputs:
-            self.downsample = nn.Sequential(
-                nn.Conv2d(inputs, outputs, 1, stride, bias=False), nn.BatchNorm2d(outputs)
-            )
+            self.downsample = nn.Sequential(nn.Conv2d(inputs, outputs, 1, stride, bias=False), nn.BatchNorm2d(outputs))
 
     def forward(self, x: Float[Tensor, "b c f t"]) -> Float[Tensor, "b d g u"]:
         """Output of one block."""
@@ -102,9 +98,7 @@ class Wav2Clip(nn.Module):
             model.load_state_dict(kept)
         except (KeyError, ValueError, RuntimeError) as error:
             reason = str(error).split("\n")[-1].strip()[:160]
-            raise CheckpointError(
-                f"these are not Wav2CLIP weights ({reason}); use its ResNet_CX.ckpt"
-            ) from error
+            raise CheckpointError(f"these are not Wav2CLIP weights ({reason}); use its ResNet_CX.ckpt") from error
         return model.eval()
 
 

@@ -85,9 +85,7 @@ def _add(args: argparse.Namespace, folder: Path) -> None:
     else:
         action = set_from_motion(tokenizer, rig, args.name, clip, chunk=chunk, hold_s=hold, about=about)
     library.with_action(action).save(folder)
-    print(
-        f"{action.name}: {action.seconds:.1f} s, {len(set(action.codes))} codes, in {folder / 'actions.json'}"
-    )
+    print(f"{action.name}: {action.seconds:.1f} s, {len(set(action.codes))} codes, in {folder / 'actions.json'}")
 
 
 def _remove(args: argparse.Namespace, folder: Path) -> None:

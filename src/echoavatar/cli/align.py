@@ -59,9 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     grpo = kinds.add_parser("grpo", help="compare the continuations of a prompt with each other")
     dpo = kinds.add_parser("dpo", help="learn from preferred and rejected continuations")
     ppo = kinds.add_parser("ppo", help="learn with a value head that predicts the reward")
-    dpo.add_argument(
-        "--pairs", type=Path, required=True, help="JSONL of pairs (`align rollouts`, the studio)"
-    )
+    dpo.add_argument("--pairs", type=Path, required=True, help="JSONL of pairs (`align rollouts`, the studio)")
     dpo.add_argument(
         "--margin",
         type=float,
@@ -74,18 +72,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             metavar="MODULE:FUNCTION",
             help="backend that draws continuations instead of the generator itself (docs/alignment.md)",
         )
-    _add_rollouts(
-        kinds.add_parser("rollouts", help="best and worst continuation by reward, as pairs for DPO")
-    )
+    _add_rollouts(kinds.add_parser("rollouts", help="best and worst continuation by reward, as pairs for DPO"))
     beside = kinds.add_parser("compare", help="compare generators on held-out prompts")
     _add_common(beside)
     align_compare.add_arguments(beside)
     align_rewards.add_arguments(kinds)
     for child in (grpo, dpo, ppo):
         _add_common(child)
-        child.add_argument(
-            "-o", "--output", type=Path, required=True, help="folder to train in, or to resume"
-        )
+        child.add_argument("-o", "--output", type=Path, required=True, help="folder to train in, or to resume")
         child.add_argument(
             "--recipe",
             choices=("tiny", "rehearsal", "paper"),
@@ -108,9 +102,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             choices=("tensorboard", "wandb"),
             help="log metrics there as well as in metrics.jsonl; may be given twice",
         )
-        child.add_argument(
-            "--minutes", type=float, help="stop this call after so many minutes; call again to resume"
-        )
+        child.add_argument("--minutes", type=float, help="stop this call after so many minutes; call again to resume")
 
 
 def _add_rollouts(child: argparse.ArgumentParser) -> None:
@@ -124,9 +116,7 @@ def _add_rollouts(child: argparse.ArgumentParser) -> None:
         default=3,
         help="chunks of true motion before a continuation (default: %(default)s)",
     )
-    child.add_argument(
-        "--length", type=int, default=9, help="chunks in a continuation (default: %(default)s)"
-    )
+    child.add_argument("--length", type=int, default=9, help="chunks in a continuation (default: %(default)s)")
     child.add_argument(
         "--margin",
         type=float,
@@ -163,9 +153,7 @@ def _add_common(child: argparse.ArgumentParser) -> None:
     child.add_argument("--alignment", type=Path, help="trained alignment reward, for --reward alignment=1")
     words = {"temperature": "sampling temperature", "cooling": "cooling by RVQ layer", "top-p": "nucleus"}
     for name, text in words.items():
-        child.add_argument(
-            f"--{name}", type=float, help=f"{text} to tune for; saved (default: the generator's)"
-        )
+        child.add_argument(f"--{name}", type=float, help=f"{text} to tune for; saved (default: the generator's)")
     child.add_argument("--device", default="cpu", help="(default: %(default)s)")
 
 

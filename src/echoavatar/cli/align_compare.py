@@ -19,9 +19,7 @@ def add_arguments(child: argparse.ArgumentParser) -> None:
     child.add_argument("--prompts", type=int, default=48, help="held-out prompts (default: %(default)s)")
     child.add_argument("--group", type=int, default=4, help="continuations of each (default: %(default)s)")
     child.add_argument("--past", type=int, default=3, help="chunks of past (default: %(default)s)")
-    child.add_argument(
-        "--length", type=int, default=9, help="chunks in a continuation (default: %(default)s)"
-    )
+    child.add_argument("--length", type=int, default=9, help="chunks in a continuation (default: %(default)s)")
     child.add_argument("--seed", type=int, default=0, help="seed of sampling (default: %(default)s)")
     child.add_argument("-o", "--output", type=Path, required=True, metavar="JSON", help="file to write")
 

@@ -25,17 +25,11 @@ def add_arguments(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") 
     alignment = kinds.add_parser("reward-alignment", help="train the audio-motion alignment reward")
     for child in (calibrate, quality, alignment):
         child.add_argument("source", type=Path, metavar="TOKENS", help="folder of codes (`train tokens`)")
-        child.add_argument(
-            "-o", "--output", type=Path, required=True, help="folder (calibrate: file) to write"
-        )
-        child.add_argument(
-            "--bundle", default="default", help="bundle with codec and tokenizer (default: %(default)s)"
-        )
+        child.add_argument("-o", "--output", type=Path, required=True, help="folder (calibrate: file) to write")
+        child.add_argument("--bundle", default="default", help="bundle with codec and tokenizer (default: %(default)s)")
         child.add_argument("--seed", type=int, default=0, help="(default: %(default)s)")
     calibrate.add_argument("--windows", type=int, default=64, help="windows per level (default: %(default)s)")
-    quality.add_argument(
-        "--scores", type=Path, help="scores from `align calibrate` (default: the paper's table)"
-    )
+    quality.add_argument("--scores", type=Path, help="scores from `align calibrate` (default: the paper's table)")
     quality.add_argument(
         "--kinds",
         nargs="+",
@@ -43,12 +37,8 @@ def add_arguments(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") 
         choices=("jitter", "time_warp", "foot_slide", "frozen_limbs"),
         help="degradations to train on as well; by default they only test whether the reward generalises",
     )
-    quality.add_argument(
-        "--windows", type=int, default=32, help="held-out windows per level (default: %(default)s)"
-    )
-    alignment.add_argument(
-        "--held-out", type=Path, help="token files to retrieve from instead of the split test"
-    )
+    quality.add_argument("--windows", type=int, default=32, help="held-out windows per level (default: %(default)s)")
+    alignment.add_argument("--held-out", type=Path, help="token files to retrieve from instead of the split test")
     alignment.add_argument(
         "--encoder",
         choices=("codes", "beats", "wav2clip"),
@@ -72,9 +62,7 @@ def add_arguments(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") 
         )
     for child, steps, width in ((quality, 1200, 96), (alignment, 1000, 128)):
         child.add_argument("--steps", type=int, default=steps, help="optimiser steps (default: %(default)s)")
-        child.add_argument(
-            "--width", type=int, default=width, help="channels (default: %(default)s; paper: 512)"
-        )
+        child.add_argument("--width", type=int, default=width, help="channels (default: %(default)s; paper: 512)")
         child.add_argument("--minutes", type=float, help="training time, the schedule fitted to it")
 
 
@@ -88,9 +76,7 @@ def run(args: argparse.Namespace) -> int:
     train = {name: clip for name, clip in clips.items() if clip.split == "train"}
     test = {name: clip for name, clip in clips.items() if clip.split != "train"}
     if not train or not test:
-        raise EchoAvatarError(
-            f"{args.source} holds {len(train)} train and {len(test)} test clips; both are needed"
-        )
+        raise EchoAvatarError(f"{args.source} holds {len(train)} train and {len(test)} test clips; both are needed")
     with tqdm(unit="step", smoothing=0.05) as bar:
 
         def progress(done: int, total: int) -> None:
@@ -180,9 +166,7 @@ def _alignment(
         minutes=args.minutes or 0,
         autocast=args.autocast,
     )
-    model = train_audio_reward(
-        model, pairs(train), args.output, training, card=_card(args), progress=progress
-    )
+    model = train_audio_reward(model, pairs(train), args.output, training, card=_card(args), progress=progress)
     found = retrieval_tables(model, pairs(asked))
     (args.output / "held_out.json").write_text(json.dumps(found, indent=1) + "\n")
     return found
@@ -215,9 +199,7 @@ def _listener(args: argparse.Namespace, bundle: "Bundle") -> "AudioMotion":
             if args.encoder_weights:
                 network = Wav2Clip.from_published(read_tensors(args.encoder_weights, "state_dict"))
         is_frozen = args.encoder_weights is not None
-        return AudioMotion.from_network(
-            network, bundle.codec, motion_book, is_frozen=is_frozen, width=args.width
-        )
+        return AudioMotion.from_network(network, bundle.codec, motion_book, is_frozen=is_frozen, width=args.width)
 
 
 def command_line(args: argparse.Namespace) -> str:

@@ -36,16 +36,12 @@ anything that FFmpeg reads, at any rate and with any number of channels. More: d
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.epilog = EXAMPLES
-    parser.add_argument(
-        "audio", type=Path, metavar="AUDIO", help="sound file: wav, mp3, ogg, flac, m4a, mp4, ..."
-    )
+    parser.add_argument("audio", type=Path, metavar="AUDIO", help="sound file: wav, mp3, ogg, flac, m4a, mp4, ...")
     parser.add_argument("-o", "--output", type=Path, required=True, help=f"where to write; {FORMATS}")
     parser.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
     parser.add_argument("--device", default="cpu", help=DEVICE_HELP)
     parser.add_argument("--seed", type=int, default=0, help="same seed, same motion (default: %(default)s)")
-    parser.add_argument(
-        "--fps", type=int, choices=(30, 60), default=30, help="frame rate (default: %(default)s)"
-    )
+    parser.add_argument("--fps", type=int, choices=(30, 60), default=30, help="frame rate (default: %(default)s)")
     parser.add_argument("--in-place", action="store_true", help="stay in one spot: remove the root's travel")
     parser.add_argument("--rig", type=Path, metavar="FILE", help=RIG_HELP)
     parser.add_argument("--upper-body", action="store_true", help="keep everything below the hips still")

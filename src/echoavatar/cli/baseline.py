@@ -28,16 +28,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.epilog = EXAMPLES
     parser.add_argument("kind", choices=("mean", "random", "nearest"), help="which baseline")
-    parser.add_argument(
-        "audio", nargs="+", type=Path, metavar="AUDIO", help="audio files, clips, or a corpus"
-    )
-    parser.add_argument(
-        "--train", type=Path, required=True, metavar="CORPUS", help="corpus that motion is taken from"
-    )
+    parser.add_argument("audio", nargs="+", type=Path, metavar="AUDIO", help="audio files, clips, or a corpus")
+    parser.add_argument("--train", type=Path, required=True, metavar="CORPUS", help="corpus that motion is taken from")
     parser.add_argument("-o", "--output", type=Path, required=True, help="folder to write clips to")
-    parser.add_argument(
-        "--seed", type=int, default=0, help="seed of the random choice (default: %(default)s)"
-    )
+    parser.add_argument("--seed", type=int, default=0, help="seed of the random choice (default: %(default)s)")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -53,9 +47,7 @@ def run(args: argparse.Namespace) -> int:
         raise EchoAvatarError(f"two audio files are named {twice}; rename one of them")
     corpus = Corpus(args.train)
     show = not sys.stderr.isatty()
-    training = [
-        corpus.load(name) for name in tqdm(corpus.names("train"), "reading", unit="clip", disable=show)
-    ]
+    training = [corpus.load(name) for name in tqdm(corpus.names("train"), "reading", unit="clip", disable=show)]
     baselines = Baselines(training)
     for number, path in enumerate(tqdm(paths, "making", unit="clip", disable=show)):
         heard = _heard(path)

@@ -25,12 +25,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         epilog="example: echoavatar bench stream --seconds 3600   (a simulated hour: does memory stay constant?)",
     )
     _models(stream)
-    stream.add_argument(
-        "--seconds", type=float, default=60.0, help="length of the audio (default: %(default)s)"
-    )
-    stream.add_argument(
-        "--sessions", type=int, default=1, help="sessions in the batch (default: %(default)s)"
-    )
+    stream.add_argument("--seconds", type=float, default=60.0, help="length of the audio (default: %(default)s)")
+    stream.add_argument("--sessions", type=int, default=1, help="sessions in the batch (default: %(default)s)")
     stream.add_argument("--threads", type=int, help="torch threads (default: torch's own choice)")
     stream.add_argument(
         "--precision",
@@ -65,9 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=(1, 2, 3, 4),
         help="numbers of sessions to try, such as 1,2,4 (default: 1,2,3,4)",
     )
-    many.add_argument(
-        "--seconds", type=float, default=20.0, help="length of each session (default: %(default)s)"
-    )
+    many.add_argument("--seconds", type=float, default=20.0, help="length of each session (default: %(default)s)")
     many.add_argument("--threads", type=int, help="torch threads (default: torch's own choice)")
     many.add_argument(
         "--neighbours", action="store_true", help="also next to a session that floods, stalls or vanishes"
@@ -78,9 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="latency that an avatar adds to a voice agent",
         description="Time events sent directly, through a plain relay and through the proxy, in one run.",
     )
-    proxy.add_argument(
-        "--seconds", type=float, default=60.0, help="length of the speech (default: %(default)s)"
-    )
+    proxy.add_argument("--seconds", type=float, default=60.0, help="length of the speech (default: %(default)s)")
     proxy.add_argument("--model", default="default", help="bundle of the avatar (default: %(default)s)")
     proxy.add_argument("--avatar", metavar="URL", help="a running server instead of a new one")
 
@@ -105,9 +97,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ),
         epilog="example: echoavatar bench train --scale paper --device cuda   (the 0.5B generator, stage 2)",
     )
-    train.add_argument(
-        "--stage", choices=("generator", "tokenizer"), default="generator", help="default: %(default)s"
-    )
+    train.add_argument("--stage", choices=("generator", "tokenizer"), default="generator", help="default: %(default)s")
     train.add_argument(
         "--scale",
         choices=("tiny", "rehearsal", "paper"),
@@ -295,8 +285,6 @@ def run(args: argparse.Namespace) -> int:
     for stage, values in report.stages_ms.items():
         print(f"{stage:<14}" + "".join(f"{value:>10.2f}" for value in values))
     verdict = "" if report.summary["rtf"] < 1 else " (not real time)"
-    print(
-        f"real-time factor {report.summary['rtf']:.3f} with {report.summary['threads']:.0f} threads{verdict}"
-    )
+    print(f"real-time factor {report.summary['rtf']:.3f} with {report.summary['threads']:.0f} threads{verdict}")
     print(json.dumps(report.summary))
     return 0

@@ -36,9 +36,7 @@ def run(args: argparse.Namespace) -> int:
         return 0
     assemble(Path(args.source), args.output)
     bundle = load_bundle(args.output)
-    print(
-        f"{args.output}: {bundle.parameters / 1e6:.1f} M parameters; try `echoavatar evaluate {args.output}`"
-    )
+    print(f"{args.output}: {bundle.parameters / 1e6:.1f} M parameters; try `echoavatar evaluate {args.output}`")
     return 0
 
 
@@ -61,9 +59,7 @@ def assemble(source: Path, output: Path) -> None:
     for part in ("codec", "tokenizer", "generator"):
         missing = [name for name in FILES if not (source / part / name).exists()]
         if missing:
-            raise EchoAvatarError(
-                f"{source / part} lacks {', '.join(missing)}; train it first (`echoavatar train`)"
-            )
+            raise EchoAvatarError(f"{source / part} lacks {', '.join(missing)}; train it first (`echoavatar train`)")
     output.mkdir(parents=True, exist_ok=True)
     BodyTokenizer.load(source / "tokenizer").save(output / "tokenizer", read_card(source / "tokenizer"))
     import torch
@@ -86,6 +82,4 @@ def assemble(source: Path, output: Path) -> None:
         WarpModel.load(source / "warp").save(output / "warp", read_card(source / "warp"), dtype=torch.float16)
     if not (output / "card.json").exists():
         parts = {part.name: read_card(part) for part in sorted(output.iterdir()) if part.is_dir()}
-        (output / "card.json").write_text(
-            json.dumps({"licence": "Apache-2.0", "parts": parts}, indent=2) + "\n"
-        )
+        (output / "card.json").write_text(json.dumps({"licence": "Apache-2.0", "parts": parts}, indent=2) + "\n")

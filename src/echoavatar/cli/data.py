@@ -41,15 +41,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "same speech engines; an interrupted run continues where it stopped.",
         epilog="example: echoavatar data rehearse --hours 0.2 --seed 1 -o corpus --workers 2",
     )
-    rehearse.add_argument(
-        "--hours", type=float, default=0.2, help="length of the corpus (default: %(default)s)"
-    )
-    rehearse.add_argument(
-        "--seed", type=int, default=0, help="random seed of the corpus (default: %(default)s)"
-    )
-    rehearse.add_argument(
-        "-o", "--output", type=Path, default=Path("corpus"), help="folder (default: %(default)s)"
-    )
+    rehearse.add_argument("--hours", type=float, default=0.2, help="length of the corpus (default: %(default)s)")
+    rehearse.add_argument("--seed", type=int, default=0, help="random seed of the corpus (default: %(default)s)")
+    rehearse.add_argument("-o", "--output", type=Path, default=Path("corpus"), help="folder (default: %(default)s)")
     rehearse.add_argument("--library", type=Path, help="folder of recorded BVH clips to blend in")
     rehearse.add_argument(
         "--refine-fingers",
@@ -61,30 +55,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         help="folder of recorded audio; paths with 'music' are danced to, others are speech",
     )
-    rehearse.add_argument(
-        "--soundfont", type=Path, help="SF2 file with which fluidsynth plays half of the music"
-    )
+    rehearse.add_argument("--soundfont", type=Path, help="SF2 file with which fluidsynth plays half of the music")
     rehearse.add_argument("--workers", type=int, default=2, help="processes (default: %(default)s)")
     preview = kinds.add_parser("preview", help="view a corpus: contact sheets and short MP4s with sound")
     preview.add_argument("corpus", type=Path, help="corpus folder")
-    preview.add_argument(
-        "-o", "--output", type=Path, default=Path("preview"), help="folder (default: %(default)s)"
-    )
+    preview.add_argument("-o", "--output", type=Path, default=Path("preview"), help="folder (default: %(default)s)")
     preview.add_argument("--clips", type=int, default=2, help="number of clips (default: %(default)s)")
-    preview.add_argument(
-        "--seconds", type=float, default=16.0, help="length shown of each clip (default: %(default)s)"
-    )
-    describe = kinds.add_parser(
-        "describe", help="statistics of a corpus by kind of sound, next to recorded clips"
-    )
+    preview.add_argument("--seconds", type=float, default=16.0, help="length shown of each clip (default: %(default)s)")
+    describe = kinds.add_parser("describe", help="statistics of a corpus by kind of sound, next to recorded clips")
     describe.add_argument("corpus", type=Path, help="corpus folder")
     describe.add_argument("--clips", type=int, default=12, help="number of clips (default: %(default)s)")
     describe.add_argument(
         "--beside", type=Path, action="append", default=[], help="a BVH clip to compare with; may be repeated"
     )
-    faces = kinds.add_parser(
-        "face", help="sound and ARKit curves: takes of Live Link Face, or synthetic clips"
-    )
+    faces = kinds.add_parser("face", help="sound and ARKit curves: takes of Live Link Face, or synthetic clips")
     data_face.add_arguments(faces)
     prepare = kinds.add_parser(
         "prepare",
@@ -142,16 +126,12 @@ def _preview(args: argparse.Namespace) -> int:
     try:
         args.output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise EchoAvatarError(
-            f"cannot write to {args.output}: {error.strerror}; choose another -o"
-        ) from error
+        raise EchoAvatarError(f"cannot write to {args.output}: {error.strerror}; choose another -o") from error
     corpus = Corpus(args.corpus)
     for name in tqdm(corpus.names(has_mirrored=False)[: args.clips], unit="clip"):
         clip = corpus.load(name)
         motion = _motion(clip, corpus.skeleton_of(name)).cut(0, round(args.seconds * FRAME_RATE_HZ))
-        motion = (
-            motion if motion.skeleton.names == HUMANOID.names else retarget(motion)
-        )  # the character's rig
+        motion = motion if motion.skeleton.names == HUMANOID.names else retarget(motion)  # the character's rig
         save_picture(args.output / f"{name}.png", contact_sheet(motion))
         sound = clip.audio[: motion.frames * SAMPLES_PER_FRAME]
         write_mp4(args.output / f"{name}.mp4", motion, sound, size=(640, 480))
@@ -166,16 +146,12 @@ def _describe(args: argparse.Namespace) -> int:
 
     corpus = Corpus(args.corpus)
     clips = [corpus.load(name) for name in corpus.names(has_mirrored=False)[: args.clips]]
-    columns = {
-        DOMAINS[domain]: _mean_over([*_stretches(clips, domain, corpus.skeleton)]) for domain in (1, 2, 0)
-    }
+    columns = {DOMAINS[domain]: _mean_over([*_stretches(clips, domain, corpus.skeleton)]) for domain in (1, 2, 0)}
     for path in args.beside:
         columns[path.stem] = _mean_over([retarget(read_bvh(path))])
     print(f"{'':<26}" + "".join(f"{name[:18]:>20}" for name in columns))
     for row in ROWS:
-        print(
-            f"{row:<26}" + "".join(f"{values.get(row, float('nan')):>20.3f}" for values in columns.values())
-        )
+        print(f"{row:<26}" + "".join(f"{values.get(row, float('nan')):>20.3f}" for values in columns.values()))
     return 0
 
 

@@ -39,9 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=10,
         help="hold out every n-th take for testing (default: %(default)s)",
     )
-    parser.add_argument(
-        "-o", "--output", type=Path, default=Path("faces"), help="folder (default: %(default)s)"
-    )
+    parser.add_argument("-o", "--output", type=Path, default=Path("faces"), help="folder (default: %(default)s)")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -74,9 +72,7 @@ def _read(args: argparse.Namespace) -> int:
 
     paths = sorted({csv for path in args.takes for csv in (path.rglob("*.csv") if path.is_dir() else [path])})
     if not paths:
-        raise EchoAvatarError(
-            f"no .csv in {', '.join(map(str, args.takes))}; export takes from Live Link Face"
-        )
+        raise EchoAvatarError(f"no .csv in {', '.join(map(str, args.takes))}; export takes from Live Link Face")
     failures: list[str] = []
     seconds = 0.0
     for number, path in enumerate(tqdm(paths, unit="take")):

@@ -101,9 +101,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="auto",
         help="hands that get new fingers: auto (static and erratic ones), keep (none), all (default: %(default)s)",
     )
-    made.add_argument(
-        "--no-mirror", action="store_true", help="do not list mirror images of the training clips"
-    )
+    made.add_argument("--no-mirror", action="store_true", help="do not list mirror images of the training clips")
     made.add_argument("--seed", type=int, default=0, help="seed of new fingers (default: %(default)s)")
     made.add_argument(
         "--body-model",
@@ -136,9 +134,7 @@ def run(args: argparse.Namespace) -> int:
         raise EchoAvatarError("tokens need both --codec and --tokenizer")
     from echoavatar.corpora.datasets import Options, survey_of
 
-    survey = survey_of(
-        args.layout, args.source, only=args.only, speakers=args.speakers, has_additional=args.additional
-    )
+    survey = survey_of(args.layout, args.source, only=args.only, speakers=args.speakers, has_additional=args.additional)
     options = Options(
         rig=args.rig,
         fingers=args.fingers,
@@ -209,18 +205,12 @@ def _print_forecast(survey: "Survey", options: "Options", args: argparse.Namespa
 
 def _print_outcome(outcome: "Outcome") -> None:
     info = outcome.corpus.manifest.info["statistics"]
-    splits = ", ".join(
-        f"{split} {count} ({info['minutes'][split]:.1f} min)" for split, count in info["clips"].items()
-    )
+    splits = ", ".join(f"{split} {count} ({info['minutes'][split]:.1f} min)" for split, count in info["clips"].items())
     print(
         f"{len(outcome.made)} prepared, {len(outcome.kept)} kept from before, {len(outcome.failures)} failed,"
         f" in {outcome.seconds:.0f} s; the set: {splits}, {info['mirror_images']} mirror images"
     )
-    if (
-        not info["mirror_images"]
-        and outcome.corpus.manifest.info["options"]["mirror"]
-        and "train" in info["clips"]
-    ):
+    if not info["mirror_images"] and outcome.corpus.manifest.info["options"]["mirror"] and "train" in info["clips"]:
         print("no mirror images: left and right of this rig differ; --rig unified makes them")
     mended = [name for name, one in outcome.receipts.items() if one.mended]
     if mended:
@@ -268,9 +258,7 @@ def _write_tokens(args: argparse.Namespace) -> None:
             bar.update(done - bar.n)
 
         corpus, folder = Corpus(args.output), args.output / "tokens"
-        count = tokenize_corpus(
-            corpus, codec, tokenizer, folder, is_mirrored_too=corpus.can_mirror, progress=progress
-        )
+        count = tokenize_corpus(corpus, codec, tokenizer, folder, is_mirrored_too=corpus.can_mirror, progress=progress)
     print(f"{count} token files in {folder}")
 
 

@@ -39,9 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="seed of generated scripts, voices and music (default: %(default)s)",
     )
     speech = parser.add_argument_group("speech")
-    speech.add_argument(
-        "--hours", type=float, default=1.0, help="hours of speech; 0 for none (default: %(default)s)"
-    )
+    speech.add_argument("--hours", type=float, default=1.0, help="hours of speech; 0 for none (default: %(default)s)")
     speech.add_argument("--scripts", type=Path, metavar="FILE", help="scripts to speak first, UTF-8 text")
     speech.add_argument(
         "--scripts-licence",
@@ -56,17 +54,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="flite, own (the built-in synthesiser), auto (flite if installed, else own), or a service with its key in"
         " OPENAI_API_KEY or ELEVENLABS_API_KEY (default: %(default)s)",
     )
-    speech.add_argument(
-        "--tts-url", metavar="URL", help="another server with the same protocol, including /v1"
-    )
+    speech.add_argument("--tts-url", metavar="URL", help="another server with the same protocol, including /v1")
     speech.add_argument("--tts-model", metavar="NAME", help="model of the service (default: its usual one)")
     speech.add_argument(
         "--voice", action="append", default=[], metavar="NAME", help="voice of the service; may be repeated"
     )
     music = parser.add_argument_group("music")
-    music.add_argument(
-        "--pieces", type=int, default=100, help="pieces of music; 0 for none (default: %(default)s)"
-    )
+    music.add_argument("--pieces", type=int, default=100, help="pieces of music; 0 for none (default: %(default)s)")
     music.add_argument(
         "--music",
         type=Path,
@@ -139,9 +133,7 @@ def _print_result(found: "RlCorpusResult", args: argparse.Namespace) -> None:
     for kind in kinds:
         sounds = found.sounds(kind)
         held_out = sum(sound.split == "test" for sound in sounds)
-        print(
-            f"{kind}: {len(sounds)} recordings, {found.seconds(kind) / 60:.1f} minutes, {held_out} held out"
-        )
+        print(f"{kind}: {len(sounds)} recordings, {found.seconds(kind) / 60:.1f} minutes, {held_out} held out")
     if args.music and len(found.sounds("music")) < args.pieces:
         print(f"{args.music} has fewer than the {args.pieces} pieces asked for")
     print(

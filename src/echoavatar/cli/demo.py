@@ -26,9 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "  echoavatar demo --sink vmc://127.0.0.1   the same, and the avatar moves in a VMC program too\n"
         "  echoavatar demo -o demo     write speech.mp4, music.mp4, speech.glb, music.glb and index.html\n"
     )
-    parser.add_argument(
-        "-o", "--output", type=Path, metavar="FOLDER", help="write files there instead of serving"
-    )
+    parser.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="write files there instead of serving")
     parser.add_argument(
         "--port",
         type=int,
@@ -38,15 +36,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--sink", action="append", default=[], metavar="URL", help=serve.SINK_HELP)
     parser.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
     parser.add_argument("--device", default="cpu", help=serve.DEVICE_HELP)
-    parser.add_argument(
-        "--seed", type=int, default=0, help="seed of the motion in the files (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--no-video", action="store_true", help="do not write the MP4s, which take the most time"
-    )
-    parser.add_argument(
-        "--no-browser", action="store_true", help="print the address of the page without opening it"
-    )
+    parser.add_argument("--seed", type=int, default=0, help="seed of the motion in the files (default: %(default)s)")
+    parser.add_argument("--no-video", action="store_true", help="do not write the MP4s, which take the most time")
+    parser.add_argument("--no-browser", action="store_true", help="print the address of the page without opening it")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -74,9 +66,7 @@ def _files(args: argparse.Namespace) -> int:
     try:
         args.output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise EchoAvatarError(
-            f"cannot write to {args.output}: {error.strerror}; choose another -o"
-        ) from error
+        raise EchoAvatarError(f"cannot write to {args.output}: {error.strerror}; choose another -o") from error
     pipeline, character = Pipeline(load_bundle(args.model), device=args.device), load_character()
     pipeline.warm_up()
     clips, animations = [], []

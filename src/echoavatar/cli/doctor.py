@@ -84,11 +84,7 @@ def _torch() -> list[Finding]:
         torch = importlib.import_module("torch")
     except (ImportError, OSError) as error:
         return [(BROKEN, "torch", f"does not load ({error}); pip install torch==2.13.0")]
-    gpu = (
-        torch.cuda.get_device_name()
-        if torch.cuda.is_available()
-        else "none; the default bundle runs on the CPU"
-    )
+    gpu = torch.cuda.get_device_name() if torch.cuda.is_available() else "none; the default bundle runs on the CPU"
     return [(OK, "torch", torch.__version__), (OK if torch.cuda.is_available() else OPTIONAL, "gpu", gpu)]
 
 

@@ -20,9 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = EXAMPLES
     kinds = parser.add_subparsers(dest="kind", metavar="WHAT", required=True)
     setup = kinds.add_parser("setup", help="create or update the tools and an agent that uses them")
-    setup.add_argument(
-        "--agent", default="", metavar="ID", help="update this agent (default: the one of --name)"
-    )
+    setup.add_argument("--agent", default="", metavar="ID", help="update this agent (default: the one of --name)")
     setup.add_argument("--name", default="EchoAvatar", help="the agent's name (default: %(default)s)")
     setup.add_argument(
         "--persona",
@@ -37,9 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="for the prompt: a description of where the avatar stands",
     )
     setup.add_argument("--prompt", type=Path, metavar="FILE", help="use this prompt instead")
-    setup.add_argument(
-        "--first-message", default="", metavar="TEXT", help="the agent's first words (default: none)"
-    )
+    setup.add_argument("--first-message", default="", metavar="TEXT", help="the agent's first words (default: none)")
     setup.add_argument(
         "--output-format",
         default="pcm_16000",
@@ -47,19 +43,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="pcm_ and a sample rate, which the audio interface must be given too (default: %(default)s)",
     )
     where = setup.add_mutually_exclusive_group()
-    where.add_argument(
-        "--bundle", default="default", help="bundle whose actions are offered (default: %(default)s)"
-    )
-    where.add_argument(
-        "--server", metavar="URL", help="offer the actions and music of a running server instead"
-    )
+    where.add_argument("--bundle", default="default", help="bundle whose actions are offered (default: %(default)s)")
+    where.add_argument("--server", metavar="URL", help="offer the actions and music of a running server instead")
     setup.add_argument("--token", default=os.environ.get("ECHOAVATAR_TOKEN", ""), help="the server's token")
     setup.add_argument(
         "--base-url", default="", metavar="URL", help="address of their API, for other regions and tests"
     )
-    setup.add_argument(
-        "--dry-run", action="store_true", help="print the requests as JSON without sending them"
-    )
+    setup.add_argument("--dry-run", action="store_true", help="print the requests as JSON without sending them")
 
 
 def run(args: argparse.Namespace) -> int:

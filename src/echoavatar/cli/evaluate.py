@@ -24,15 +24,9 @@ TURNS = ("yaw", "pitch")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.epilog = "example: echoavatar evaluate default --recordings folder/of/speech/and/music"
-    parser.add_argument(
-        "model", nargs="?", default="default", help="bundle name or folder (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--corpus", type=Path, help="use the test clips of this corpus instead of generating some"
-    )
-    parser.add_argument(
-        "--clips", type=int, default=10, help="number of held-out clips (default: %(default)s)"
-    )
+    parser.add_argument("model", nargs="?", default="default", help="bundle name or folder (default: %(default)s)")
+    parser.add_argument("--corpus", type=Path, help="use the test clips of this corpus instead of generating some")
+    parser.add_argument("--clips", type=int, default=10, help="number of held-out clips (default: %(default)s)")
     parser.add_argument(
         "--recordings", type=Path, help="folder of recorded audio; paths with 'music' in them are music"
     )
@@ -159,9 +153,7 @@ def _actions(args: argparse.Namespace, bundle: "Bundle") -> int:
 def _head_turns(acted: "Sequence[ActionScore]") -> dict[str, dict[str, list[float]]]:
     """Print the head actions and return them by name: rotation without the action, with it, and in the clip."""
     found: dict[str, dict[str, list[float]]] = {}
-    print(
-        f"{'head turns, degrees':<20}" + "".join(f"{way + ' off':>11}{'on':>7}{'clip':>7}" for way in TURNS)
-    )
+    print(f"{'head turns, degrees':<20}" + "".join(f"{way + ' off':>11}{'on':>7}{'clip':>7}" for way in TURNS))
     for one in acted:
         if one.is_head_action:
             heads = one.head_off, one.head_on, one.head_clip
@@ -208,9 +200,7 @@ def _recordings(folder: Path, seconds: float) -> list:  # type: ignore[type-arg]
 
     paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in AUDIO_SUFFIXES)
     if not paths:
-        raise EchoAvatarError(
-            f"{folder} holds no audio ({', '.join(AUDIO_SUFFIXES)}); give another --recordings"
-        )
+        raise EchoAvatarError(f"{folder} holds no audio ({', '.join(AUDIO_SUFFIXES)}); give another --recordings")
     found = []
     for path in paths:
         audio = read_audio(path)

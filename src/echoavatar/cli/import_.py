@@ -27,12 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    reference.add_argument(
-        "--ckpts", type=Path, required=True, help="folder with body_rvqvae, face, body_g_d"
-    )
-    reference.add_argument(
-        "--stats", type=Path, required=True, help="folder 'stats' of the authors' repository"
-    )
+    reference.add_argument("--ckpts", type=Path, required=True, help="folder with body_rvqvae, face, body_g_d")
+    reference.add_argument("--stats", type=Path, required=True, help="folder 'stats' of the authors' repository")
     reference.add_argument("-o", "--output", type=Path, required=True, help="folder of the new bundle")
     reference.add_argument(
         "--generator",
@@ -62,9 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="apple",
         help="order of the face's channels; try the other if jaw and mouth go to the wrong side (default: %(default)s)",
     )
-    reference.add_argument(
-        "--dry-run", action="store_true", help="print where each tensor would go; write nothing"
-    )
+    reference.add_argument("--dry-run", action="store_true", help="print where each tensor would go; write nothing")
 
 
 def run(args: argparse.Namespace) -> int:

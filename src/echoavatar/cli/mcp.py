@@ -24,9 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="URL",
         help="the avatar's server (default: %(default)s)",
     )
-    parser.add_argument(
-        "--token", default=os.environ.get(TOKEN, ""), help=f"the server's token; default ${TOKEN}"
-    )
+    parser.add_argument("--token", default=os.environ.get(TOKEN, ""), help=f"the server's token; default ${TOKEN}")
     parser.add_argument(
         "--session",
         default="",

@@ -5,9 +5,7 @@ from pathlib import Path
 
 from echoavatar.errors import EchoAvatarError
 
-SINK_HELP = (
-    "show the motion at vmc://HOST[:PORT], livelink://HOST[:PORT] or json://HOST[:PORT]; repeat for more"
-)
+SINK_HELP = "show the motion at vmc://HOST[:PORT], livelink://HOST[:PORT] or json://HOST[:PORT]; repeat for more"
 EXAMPLES = """examples:
   echoavatar animate talk.wav -o talk.npz
   echoavatar play talk.npz --sink vmc://127.0.0.1              VSeeFace, Warudo, Unity, Unreal, Blender
@@ -19,9 +17,7 @@ EXAMPLES = """examples:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.epilog = EXAMPLES
-    parser.add_argument(
-        "recording", type=Path, metavar="RECORDING", help=".npz written by `animate` or `say`, or .bvh"
-    )
+    parser.add_argument("recording", type=Path, metavar="RECORDING", help=".npz written by `animate` or `say`, or .bvh")
     parser.add_argument("--sink", action="append", required=True, metavar="URL", help=SINK_HELP)
     parser.add_argument("--loop", action="store_true", help="repeat until Ctrl-C")
 

@@ -26,9 +26,7 @@ def run(args: argparse.Namespace) -> int:
     for name, curves in runs.items():
         last = {key: curve.values[-1] for key, curve in curves.items() if key in ("loss", "gradient")}
         told = ", ".join(f"{key} {value:.4g}" for key, value in last.items())
-        print(
-            f"{name}: step {max(curve.steps[-1] for curve in curves.values()):.0f}{', ' + told if told else ''}"
-        )
+        print(f"{name}: step {max(curve.steps[-1] for curve in curves.values()):.0f}{', ' + told if told else ''}")
     print(f"curves in {args.output}")
     return 0
 

@@ -115,9 +115,7 @@ def own_server(model: str, seats: int, token: str) -> Iterator[str]:
         assert process.stdout is not None
         told = process.stdout.readline().split()
         if "at" not in told:
-            raise EchoAvatarError(
-                f"the avatar's server did not start; try `echoavatar serve --model {model}`"
-            )
+            raise EchoAvatarError(f"the avatar's server did not start; try `echoavatar serve --model {model}`")
         yield told[told.index("at") + 1].split("?")[0].rstrip("/")
     finally:
         process.terminate()

@@ -59,9 +59,7 @@ class Options:
             "--minutes", type=float, help="stop this call after so many minutes; call again to resume"
         )
 
-    def settings(
-        self, args: argparse.Namespace, base: Mapping[str, Mapping[str, Any]] | None = None
-    ) -> "Settings":
+    def settings(self, args: argparse.Namespace, base: Mapping[str, Mapping[str, Any]] | None = None) -> "Settings":
         """Merge the settings; priority: command line, recipe, the options' defaults, `base`."""
         values: dict[str, dict[str, Any]] = {section: {} for section in SECTIONS}
         for section, found in (base or {}).items():
@@ -109,9 +107,7 @@ class Settings(NamedTuple):
             if first["type"] == "extra_forbidden":
                 near = difflib.get_close_matches(str(first["loc"][-1]), list(kind.model_fields), 1)
                 meant = f"; did you mean {near[0]}?" if near else ""
-                raise EchoAvatarError(
-                    f"{self.origin}: {place} is not a setting of this stage{meant}"
-                ) from error
+                raise EchoAvatarError(f"{self.origin}: {place} is not a setting of this stage{meant}") from error
             raise EchoAvatarError(f"{self.origin}: {place}: {first['msg']}") from error
 
 
@@ -129,9 +125,7 @@ def read_recipe(path: Path) -> dict[str, dict[str, Any]]:
         raise EchoAvatarError(f"{path} is not YAML: {error}") from error
     found = {} if found is None else found
     if not isinstance(found, dict) or not all(isinstance(value, dict) for value in found.values()):
-        raise EchoAvatarError(
-            f"{path}: a recipe has the sections {' and '.join(SECTIONS)}, each with settings"
-        )
+        raise EchoAvatarError(f"{path}: a recipe has the sections {' and '.join(SECTIONS)}, each with settings")
     unknown = [key for key in found if key not in SECTIONS]
     if unknown:
         raise EchoAvatarError(f"{path}: unknown section {unknown[0]}; there are {' and '.join(SECTIONS)}")

@@ -24,9 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = EXAMPLES
     parser.add_argument("motion", type=Path, metavar="IN.bvh", help="motion with missing or bad fingers")
     parser.add_argument("output", type=Path, metavar="OUT.bvh", help="output with new fingers")
-    parser.add_argument(
-        "--model", type=Path, help="folder of a trained finger model (default: the shipped one)"
-    )
+    parser.add_argument("--model", type=Path, help="folder of a trained finger model (default: the shipped one)")
     parser.add_argument(
         "--hands",
         choices=("both", "left", "right", "frozen"),

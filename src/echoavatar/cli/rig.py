@@ -24,9 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Read the character, measure it, write the profile and print its parts."""
     if not args.output.parent.is_dir():
-        raise EchoAvatarError(
-            f"cannot write {args.output}: {args.output.parent} is not a folder; make it first"
-        )
+        raise EchoAvatarError(f"cannot write {args.output}: {args.output.parent} is not a folder; make it first")
     from echoavatar.motion.ik import measure_body
     from echoavatar.motion.ik.skinned import read_skinned
 

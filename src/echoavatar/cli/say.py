@@ -30,12 +30,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--server", default="http://127.0.0.1:8765", metavar="URL", help="the server (default: %(default)s)"
     )
-    parser.add_argument(
-        "--token", default=os.environ.get(TOKEN, ""), help=f"the server's token; default ${TOKEN}"
-    )
-    parser.add_argument(
-        "-o", "--output", type=Path, metavar="NPZ", help="write motion, face and sound to this file"
-    )
+    parser.add_argument("--token", default=os.environ.get(TOKEN, ""), help=f"the server's token; default ${TOKEN}")
+    parser.add_argument("-o", "--output", type=Path, metavar="NPZ", help="write motion, face and sound to this file")
     parser.add_argument("--act", metavar="NAME", help="an action to perform at the beginning")
     parser.add_argument("--seed", type=int, default=0, help="seed of the motion (default: %(default)s)")
     parser.add_argument("--sink", action="append", default=[], metavar="URL", help=SINK_HELP)
@@ -70,9 +66,7 @@ async def _say(args: argparse.Namespace) -> dict[str, float]:
     samples, rate = read_sound(args.audio)
     began, first, size = time.perf_counter(), 0.0, 0
     async with AsyncExitStack() as stack:
-        avatar = await stack.enter_async_context(
-            connect(args.server, token=args.token, rate=rate, seed=args.seed)
-        )
+        avatar = await stack.enter_async_context(connect(args.server, token=args.token, rate=rate, seed=args.seed))
         recorder = Recorder(avatar.ready)
         shown = stack.enter_context(SinkGroup(args.sink, avatar.ready.rig, curves=len(avatar.ready.face)))
         if args.act:

@@ -29,9 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = EXAMPLES
     parser.add_argument("made", nargs="?", type=Path, metavar="MADE", help="folder of generated motion")
     parser.add_argument("true", nargs="?", type=Path, metavar="TRUE", help="folder of true motion")
-    parser.add_argument(
-        "--audio", type=Path, help="folder of audio files (default: in the clips, or next to them)"
-    )
+    parser.add_argument("--audio", type=Path, help="folder of audio files (default: in the clips, or next to them)")
     parser.add_argument("--no-audio", action="store_true", help="leave out scores that need audio")
     parser.add_argument(
         "--kind",
@@ -46,9 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="folder of a trained extractor, or 'none' for no FID (default: %(default)s)",
     )
     parser.add_argument("--embeddings", type=Path, metavar="NPZ", help="also score retrieval of these pairs")
-    parser.add_argument(
-        "--seed", type=int, default=0, help="seed of resampling and shuffling (default: %(default)s)"
-    )
+    parser.add_argument("--seed", type=int, default=0, help="seed of resampling and shuffling (default: %(default)s)")
     parser.add_argument("--json", action="store_true", help="print only the JSON line")
     parser.add_argument("--picture", type=Path, metavar="PNG", help="draw the table")
 

@@ -183,9 +183,7 @@ def _check(args: argparse.Namespace) -> None:
     for text in args.sink:
         check_address(text)
     if not 0.3 <= args.ahead <= 3.5:
-        raise EchoAvatarError(
-            f"--ahead {args.ahead:g} is not between 0.3 and 3.5; the engine can take back 4 s"
-        )
+        raise EchoAvatarError(f"--ahead {args.ahead:g} is not between 0.3 and 3.5; the engine can take back 4 s")
     if bool(args.certificate) != bool(args.key):
         raise EchoAvatarError("--certificate and --key go together; give both or neither")
     for path in (args.certificate, args.key):

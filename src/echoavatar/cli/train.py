@@ -78,9 +78,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="cost of changing a code, which keeps codes steady, so that the generator need not predict changes without"
         " meaning; 0 takes the nearest code (default: %(default)s)",
     )
-    generator, options = stage(
-        "generator", "the generator, on a folder of codes", "folder of codes (`train tokens`)"
-    )
+    generator, options = stage("generator", "the generator, on a folder of codes", "folder of codes (`train tokens`)")
     train_generator.add_arguments(generator, options, SEED)
     face, options = stage(
         "face", "the face model, on pairs of audio and ARKit curves", "folder of face clips (`data face`)"

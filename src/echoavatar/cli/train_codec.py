@@ -10,9 +10,7 @@ from .recipe import Options, Settings
 def add_arguments(parser: argparse.ArgumentParser, options: Options) -> None:
     """Declare the arguments that only the codec has."""
     parser.add_argument("--recordings", type=Path, help="folder of recorded audio to train on as well")
-    options.add(
-        "--minutes", "training.minutes", 40.0, type=float, help="training time, the schedule fitted to it"
-    )
+    options.add("--minutes", "training.minutes", 40.0, type=float, help="training time, the schedule fitted to it")
 
 
 BASE = {"training": {"steps": 100_000, "unquantized": 300, "learning_rate": 1.5e-3}}

@@ -60,7 +60,5 @@ def _features(corpus: "Corpus", split: str) -> "list[Tensor]":
 
     from echoavatar.evaluation.metrics.motion_features import motion_features
 
-    motions = (
-        corpus.motion(name) for name in tqdm(corpus.names(split), desc="reading", unit="clip", leave=False)
-    )
+    motions = (corpus.motion(name) for name in tqdm(corpus.names(split), desc="reading", unit="clip", leave=False))
     return [motion_features(torch.from_numpy(m.rotations), torch.from_numpy(m.root)) for m in motions]

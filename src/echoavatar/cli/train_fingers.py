@@ -35,9 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser, options: Options) -> None:
     options.add("--rate", "training.learning_rate", 1e-3, type=float, help="peak learning rate")
     options.add("--width", "model.width", 128, type=int, help="channels")
     options.add("--layers", "model.layers", 3, type=int, help="transformer blocks")
-    parser.add_argument(
-        "--minutes", type=float, help="stop this call after so many minutes; call again to continue"
-    )
+    parser.add_argument("--minutes", type=float, help="stop this call after so many minutes; call again to continue")
 
 
 def train(args: argparse.Namespace, settings: Settings, card: dict[str, object], how: dict[str, Any]) -> None:

@@ -39,15 +39,11 @@ def train(args: argparse.Namespace, settings: Settings, card: dict[str, object],
     config = body_sizes(settings, corpus.skeleton)
     training = settings.checked(TokenizerTraining, "training")
     training = training.model_copy(update={"is_mirrored": training.is_mirrored and corpus.can_mirror})
-    clips = [
-        corpus.motion(name) for name in corpus.names("train", has_mirrored=False)
-    ]  # mirrored window by window
+    clips = [corpus.motion(name) for name in corpus.names("train", has_mirrored=False)]  # mirrored window by window
     tests = [corpus.motion(name) for name in corpus.names("test", has_mirrored=False)]
     start = BodyTokenizer.load(args.start) if args.start else None
     training = continued(training) if start else training
-    train_tokenizer(
-        config, training, clips, tests, args.output, card=card, start=start, minutes=args.minutes, **how
-    )
+    train_tokenizer(config, training, clips, tests, args.output, card=card, start=start, minutes=args.minutes, **how)
 
 
 def body_sizes(settings: Settings, skeleton: "Skeleton") -> "BodyTokenizerConfig":

@@ -219,9 +219,7 @@ def write_manifest(
         if names is None
         else [clip_path(folder, name) for name in sorted(names)]
     )
-    return save_manifest(
-        folder, Manifest(format=1, clips=tuple(_entry(path) for path in paths), info=dict(info or {}))
-    )
+    return save_manifest(folder, Manifest(format=1, clips=tuple(_entry(path) for path in paths), info=dict(info or {})))
 
 
 def save_manifest(folder: Path | str, manifest: Manifest) -> Corpus:

@@ -97,9 +97,7 @@ class Shard:
         return values
 
 
-def write_shard(
-    folder: Path, name: str, arrays: Mapping[str, NDArray[Any]], *, skeleton: int = 0
-) -> ShardEntry:
+def write_shard(folder: Path, name: str, arrays: Mapping[str, NDArray[Any]], *, skeleton: int = 0) -> ShardEntry:
     """Write the arrays of a shard, each file completely or not at all.
 
     Raises:

@@ -91,9 +91,7 @@ class SoundSet:
         try:
             samples, rate = soundfile.read(path, dtype="float32")
         except (OSError, soundfile.SoundFileError) as error:
-            raise AudioError(
-                f"{path} cannot be read ({error}); run the same `data rl-corpus` again"
-            ) from error
+            raise AudioError(f"{path} cannot be read ({error}); run the same `data rl-corpus` again") from error
         if rate != SAMPLE_RATE_HZ or samples.shape != (sound.frames * SAMPLES_PER_FRAME,):
             raise AudioError(
                 f"{path} holds {samples.shape} samples at {rate} Hz, {MANIFEST} says"
@@ -110,9 +108,7 @@ class SoundSet:
         """Raise AudioError for the first file that is missing or has changed."""
         for sound in self.sounds:
             if not self.is_intact(sound):
-                raise AudioError(
-                    f"{self.path(sound)} is missing or changed; run the same `data rl-corpus` again"
-                )
+                raise AudioError(f"{self.path(sound)} is missing or changed; run the same `data rl-corpus` again")
 
 
 def save_sounds(folder: Path, sounds: Iterable[Sound], info: Mapping[str, Any]) -> SoundSet:
@@ -127,6 +123,4 @@ def save_sounds(folder: Path, sounds: Iterable[Sound], info: Mapping[str, Any]) 
 def runs(domain: NDArray[np.uint8]) -> tuple[tuple[int, int], ...]:
     """Run-length encoding of a domain array: pairs of (kind, frames)."""
     edges = np.concatenate([[0], np.flatnonzero(np.diff(domain)) + 1, [len(domain)]])
-    return tuple(
-        (int(domain[start]), int(stop - start)) for start, stop in zip(edges, edges[1:], strict=False)
-    )
+    return tuple((int(domain[start]), int(stop - start)) for start, stop in zip(edges, edges[1:], strict=False))

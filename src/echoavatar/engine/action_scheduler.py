@@ -94,9 +94,7 @@ class ActionScheduler:
         self._end_at(chunk, f"{action.name} was asked for")
         if is_own:
             self._quiet.add(id)
-        self._actions.append(
-            ScheduledAction(id, action, intensity, chunk, action.length(hold_s), is_own=is_own)
-        )
+        self._actions.append(ScheduledAction(id, action, intensity, chunk, action.length(hold_s), is_own=is_own))
         return self._report(ActStatus(id, action.name, "accepted", chunk * self._size))
 
     def knows(self, name: str) -> bool:

@@ -77,9 +77,7 @@ class AudioQueue:
         self._next, self._scheduled = 0, 0
         self._chunks: dict[int, Samples] = {}
         self._spans: dict[int, tuple[Span, ...]] = {}
-        self._ends: dict[
-            int, int
-        ] = {}  # clock of the last scheduled sample of each unfinished utterance, in order
+        self._ends: dict[int, int] = {}  # clock of the last scheduled sample of each unfinished utterance, in order
 
     # ---- what waits
 
@@ -306,9 +304,7 @@ class AudioQueue:
         if speech is not None and offset:
             self._chunks[chunk] = speech[:offset]
             kept = [span for span in spans if span.offset < offset]
-            self._spans[chunk] = tuple(
-                span._replace(length=min(span.length, offset - span.offset)) for span in kept
-            )
+            self._spans[chunk] = tuple(span._replace(length=min(span.length, offset - span.offset)) for span in kept)
         self._next, self._scheduled = min(self._next, chunk), chunk
 
 

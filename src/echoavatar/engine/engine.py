@@ -66,9 +66,7 @@ class Engine:
         self._seats, self._look_ahead, self._rewind = seats, look_ahead, rewind
         is_on_host = getattr(pipeline, "device", _HOST).type == _HOST.type
         self._workers = (torch.get_num_threads() if is_on_host else 0) if workers is None else workers
-        self._pool = (
-            ThreadPoolExecutor(self._workers, "worker", _in_one_thread) if self._workers > 1 else None
-        )
+        self._pool = ThreadPoolExecutor(self._workers, "worker", _in_one_thread) if self._workers > 1 else None
         self._lock, self._awake = threading.RLock(), threading.Event()
 
     @property
@@ -162,9 +160,7 @@ class Engine:
         """Claim sessions that are ready and that no thread works on, those with the least motion ahead first."""
         with self._lock:
             idle = [session for seat, session in self._sessions.items() if seat not in self._claimed]
-            ready = sorted(
-                (session for session in idle if session.is_ready), key=lambda session: session.ahead
-            )[:most]
+            ready = sorted((session for session in idle if session.is_ready), key=lambda session: session.ahead)[:most]
             for session in ready:
                 self._claimed.add(session.seat)
                 self._sessions[session.seat] = self._sessions.pop(session.seat)  # last among equals next time

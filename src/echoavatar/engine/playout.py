@@ -58,9 +58,7 @@ class PlayoutBuffer:
         self.taken = delivery.start + len(delivery.motion.root) * SAMPLES_PER_FRAME
         return delivery
 
-    def show(
-        self, chunk: int, motion: MotionChunk, heard: Heard, source: str, *, epoch: int, memory: int
-    ) -> None:
+    def show(self, chunk: int, motion: MotionChunk, heard: Heard, source: str, *, epoch: int, memory: int) -> None:
         """Add the motion of a whole chunk; frames of it that were shown before a barge-in stay as they were."""
         skip = max(0, self._fresh - chunk * self._frames)
         new = self._blended(_part(motion, skip, None))
@@ -133,9 +131,7 @@ def _until(delivery: Delivery, frame: int) -> Delivery:
     left = max(0, frame - delivery.start // SAMPLES_PER_FRAME)
     samples = left * SAMPLES_PER_FRAME
     music = None if delivery.music is None else delivery.music[:samples]
-    return delivery._replace(
-        motion=_part(delivery.motion, 0, left), audio=delivery.audio[:samples], music=music
-    )
+    return delivery._replace(motion=_part(delivery.motion, 0, left), audio=delivery.audio[:samples], music=music)
 
 
 def _coasting(shown: MotionChunk, new: MotionChunk) -> MotionChunk:

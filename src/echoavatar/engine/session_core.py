@@ -34,9 +34,7 @@ from .undo import Patch
 
 LISTEN_S = 20.0  # a listening posture ends by itself
 MUSIC_AHEAD_S = 0.8  # how far ahead of the player music is made: speech can begin within that time
-REPLAN_AHEAD = (
-    2  # chunks that an action waits at most behind motion made earlier, if the player reports its place
-)
+REPLAN_AHEAD = 2  # chunks that an action waits at most behind motion made earlier, if the player reports its place
 
 
 class Host(Protocol):
@@ -108,9 +106,7 @@ class SessionCore:
 
     # ---- sound in
 
-    def push(
-        self, audio: Float[np.ndarray, "..."], rate: int = SAMPLE_RATE_HZ, *, utterance: int = 0
-    ) -> None:
+    def push(self, audio: Float[np.ndarray, "..."], rate: int = SAMPLE_RATE_HZ, *, utterance: int = 0) -> None:
         """Add speech of the avatar: mono (s,) or (s, channels), float in [-1, 1] or int16, at any sample rate.
 
         Raises:
@@ -173,9 +169,7 @@ class SessionCore:
             self._barge_in.played = max(self._barge_in.played or 0, sample)
         self._host.wake()
 
-    def act(
-        self, name: str, *, intensity: float = 1.0, hold_s: float | None = None, id: str = ""
-    ) -> ActStatus:
+    def act(self, name: str, *, intensity: float = 1.0, hold_s: float | None = None, id: str = "") -> ActStatus:
         """Begin an action of the bundle's library with the next chunk. Never raises: it may be rejected.
 
         Motion that was made far ahead of the player is made again. `take_statuses` reports what becomes of the action.

@@ -45,9 +45,7 @@ class Settling:
         legs = max((self._chunks[past].legs for past in recent if past in self._chunks), default=0.0)
         return silent % self._again == 1 and legs > DANCING
 
-    def made(
-        self, chunk: int, audio: Float[np.ndarray, " s"], motion: MotionChunk, skeleton: Skeleton
-    ) -> None:
+    def made(self, chunk: int, audio: Float[np.ndarray, " s"], motion: MotionChunk, skeleton: Skeleton) -> None:
         """Note a chunk that was made."""
         self._chunks[chunk] = _Chunk(self._silent(chunk, audio), leg_speed(motion, skeleton))
         self._chunks.pop(chunk - KEPT, None)

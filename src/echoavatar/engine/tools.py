@@ -82,9 +82,7 @@ class Toolbox:
             Tool("list_actions", "Name the gestures the avatar can do.", _object({}, []), self.list_actions),
         )
 
-    def send_action(
-        self, session: Actor, action: str, intensity: float = 1.0, hold: float | None = None
-    ) -> Schema:
+    def send_action(self, session: Actor, action: str, intensity: float = 1.0, hold: float | None = None) -> Schema:
         """Begin an action."""
         asked = session.act(action, intensity=intensity, hold_s=hold)
         return {"status": asked.status, "id": asked.id, "action": asked.name} | (
@@ -128,9 +126,7 @@ class Toolbox:
         except EchoAvatarError as error:
             return {"status": "rejected", "reason": str(error)}
 
-    async def call_async(
-        self, session: Actor, name: str, arguments: Mapping[str, Any], load: TrackLoader
-    ) -> Schema:
+    async def call_async(self, session: Actor, name: str, arguments: Mapping[str, Any], load: TrackLoader) -> Schema:
         """As `call`, on the session's event loop; `load` decodes a track elsewhere."""
         try:
             tool, checked = self._checked(name, arguments)
@@ -185,11 +181,7 @@ def _checked(tool: Tool, arguments: Mapping[str, Any]) -> dict[str, Any]:
     for name, value in given.items():
         kinds = (int, float) if known[name]["type"] == "number" else (str,)
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
-        is_huge = (
-            is_number and not abs(value) <= 1e9
-        )  # not a number, infinite, or an integer that no float holds
+        is_huge = is_number and not abs(value) <= 1e9  # not a number, infinite, or an integer that no float holds
         if not isinstance(value, kinds) or isinstance(value, bool) or is_huge:
-            raise EchoAvatarError(
-                f"{tool.name}: {name} is {repr(value)[:20]}; it must be a {known[name]['type']}"
-            )
+            raise EchoAvatarError(f"{tool.name}: {name} is {repr(value)[:20]}; it must be a {known[name]['type']}")
     return given

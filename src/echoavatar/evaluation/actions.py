@@ -71,9 +71,7 @@ def evaluate_actions(
     return [_mean(same) for same in zip(*runs, strict=True)]
 
 
-def _run(
-    pipeline: Pipeline, audio: Float[np.ndarray, " s"], names: Sequence[str], seed: int
-) -> list[ActionScore]:
+def _run(pipeline: Pipeline, audio: Float[np.ndarray, " s"], names: Sequence[str], seed: int) -> list[ActionScore]:
     longest = max(pipeline.actions[name].chunks for name in names)
     size = pipeline.chunk.samples
     samples = (BEGIN_CHUNKS + longest + 4) * size
@@ -110,9 +108,7 @@ def _mean(runs: Sequence[ActionScore]) -> ActionScore:
     )
 
 
-def _score_action(
-    name: str, off: Motion, on: Motion, begin: int = BEGIN_CHUNKS * CHUNK.frames
-) -> ActionScore:
+def _score_action(name: str, off: Motion, on: Motion, begin: int = BEGIN_CHUNKS * CHUNK.frames) -> ActionScore:
     script = SCRIPTS[name]
     wanted = body_points(clip(script))
     moved = np.linalg.norm(wanted - wanted[:1], axis=-1).max(0) > MOVED_M

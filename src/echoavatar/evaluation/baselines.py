@@ -83,9 +83,7 @@ class Baselines:
             turned = torch.from_numpy(facing(clip.rotations, clip.root)[0])
             total += torch.einsum("tjx,tjy->jxy", turned, turned)
             heights.append(clip.root[:, 1])
-        mean = torch.linalg.eigh(total.double())[1][
-            ..., -1
-        ].float()  # principal axis: ignores quaternion signs
+        mean = torch.linalg.eigh(total.double())[1][..., -1].float()  # principal axis: ignores quaternion signs
         root = np.array([0.0, np.concatenate(heights).mean(), 0.0], np.float32)
         rotations = (mean * torch.where(mean[:, :1] < 0, -1.0, 1.0)).numpy()
         return Motion(
@@ -157,9 +155,7 @@ def facing(
     matrices = matrix_from_quaternion(torch.from_numpy(rotations[:, 0]).float())
     own = heading(matrices)
     turn = -own if yaw is None else (yaw - own[:1]).expand(len(own))
-    about = quaternion_from_axis_angle(
-        torch.stack([torch.zeros_like(turn), turn, torch.zeros_like(turn)], -1)
-    )
+    about = quaternion_from_axis_angle(torch.stack([torch.zeros_like(turn), turn, torch.zeros_like(turn)], -1))
     turned = rotations.copy()
     turned[:, 0] = quaternion_multiply(about, torch.from_numpy(rotations[:, 0]).float()).numpy()
     moved = (turn_about_up(-turn) @ torch.from_numpy(root).float()[..., None])[..., 0]

@@ -36,9 +36,7 @@ def track(
 ) -> Track:
     """World positions and joint speeds of a clip of quaternions `wxyz` and root positions."""
     matrices = matrix_from_quaternion(torch.from_numpy(np.ascontiguousarray(rotations)).float())
-    positions = forward_kinematics(
-        skeleton, matrices, torch.from_numpy(np.ascontiguousarray(root)).float()
-    ).positions
+    positions = forward_kinematics(skeleton, matrices, torch.from_numpy(np.ascontiguousarray(root)).float()).positions
     turn = torch.rad2deg(angle_between(matrices[:-1], matrices[1:])) * FRAME_RATE_HZ
     return Track(positions.numpy(), turn.numpy(), domain)
 

@@ -77,18 +77,14 @@ def evaluate_face(
             progress(number + 1, total)
     spoken = [_spoken(track, len(truth)) for track, truth in zip(tracks, truths, strict=True)]
     still = [_silent(track, len(truth)) for track, truth in zip(tracks, truths, strict=True)]
-    pearsons = [
-        _shifted_pearson(made, truths, spoken, lag) for lag in range(-MOST_LAG_FRAMES, MOST_LAG_FRAMES + 1)
-    ]
+    pearsons = [_shifted_pearson(made, truths, spoken, lag) for lag in range(-MOST_LAG_FRAMES, MOST_LAG_FRAMES + 1)]
     closing = [_closing(track, len(truth)) for track, truth in zip(tracks, truths, strict=True)]
     return FaceScores(
         mouth_pearson=pearsons[MOST_LAG_FRAMES],
         lip_lag_frames=int(np.argmax(pearsons)) - MOST_LAG_FRAMES,
         closed_on_pbm=_share_closed(made, closing),
         closed_on_pbm_truth=_share_closed(truths, closing),
-        closed_elsewhere=_share_closed(
-            made, [_moved(spans, len(m)) for spans, m in zip(closing, made, strict=True)]
-        ),
+        closed_elsewhere=_share_closed(made, [_moved(spans, len(m)) for spans, m in zip(closing, made, strict=True)]),
         silent_motion=_motion(made, still) / _motion(made, spoken),
         envelope_pearson=float(np.mean(envelopes)) if envelopes else float("nan"),
     )
@@ -100,9 +96,7 @@ def held_out_tracks(count: int, seconds: float = 30.0, seed: int = 4_711) -> lis
 
 
 @torch.inference_mode()
-def animate_face(
-    stream: FaceStream, audio: Float[np.ndarray, " s"], *, seed: int
-) -> Float[np.ndarray, "t 52"]:
+def animate_face(stream: FaceStream, audio: Float[np.ndarray, " s"], *, seed: int) -> Float[np.ndarray, "t 52"]:
     """Face curves for a whole recording (24 kHz mono), with level control as in the pipeline."""
     step = stream.model.config.step * SAMPLES_PER_FRAME
     padded = np.pad(audio, (0, -len(audio) % step)).astype(np.float32)

@@ -27,9 +27,7 @@ from echoavatar.timing import FRAME_RATE_HZ
 
 from .metrics.frechet import frechet_distance
 
-_TIPS = {
-    HUMANOID.index(name): tip for name, tip in HUMANOID.config.tips.items() if HUMANOID.index(name) in FINGERS
-}
+_TIPS = {HUMANOID.index(name): tip for name, tip in HUMANOID.config.tips.items() if HUMANOID.index(name) in FINGERS}
 _HANDS = HUMANOID.indices(("leftHand", "rightHand"))
 
 

@@ -39,9 +39,7 @@ def bench_graphs(bundle: Bundle, *, device: str = "cuda", chunks: int = 100) -> 
     """
     is_cuda = device.startswith("cuda")
     if is_cuda and not torch.cuda.is_available():
-        raise EchoAvatarError(
-            "there is no CUDA device here; --device cpu runs the same steps without capture"
-        )
+        raise EchoAvatarError("there is no CUDA device here; --device cpu runs the same steps without capture")
     pipeline = Pipeline(bundle, device=device)
     state, everyone = pipeline.init_state(1), torch.ones(1, dtype=torch.bool)
     random, chunk_times = torch.Generator().manual_seed(0), list[dict[str, float]]()

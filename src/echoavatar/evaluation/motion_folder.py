@@ -79,9 +79,7 @@ def read_pairs(
         _want_same(made, ours, true, theirs)
         _want_same(true, theirs, made, ours)
     if not names:
-        raise MotionError(
-            f"{made} and {true} have no file name in common; name generated clips like the true ones"
-        )
+        raise MotionError(f"{made} and {true} have no file name in common; name generated clips like the true ones")
     sounds = _audio_files(how.audio) if how.audio else {}
     pairs = []
     for done, name in enumerate(names, 1):
@@ -171,13 +169,7 @@ def _pair(name: str, made: Path, true: Path, sounds: dict[str, Path], how: ReadO
                 f"clip {name}: the audio lasts {heard:.2f} s and the motion {moved:.2f} s;"
                 " check the motion's frame rate and which audio it belongs to"
             )
-    kind = (
-        how.kind
-        if how.kind is not None
-        else MUSIC
-        if "music" in f"{true.parent.name}/{name}".lower()
-        else SPEECH
-    )
+    kind = how.kind if how.kind is not None else MUSIC if "music" in f"{true.parent.name}/{name}".lower() else SPEECH
     known = theirs.domain if theirs.domain is not None else ours.domain
     domain = np.full(frames, kind, np.uint8) if known is None or how.kind is not None else known[:frames]
     return Pair(name, ours.motion.cut(0, frames), theirs.motion.cut(0, frames), audio, domain)

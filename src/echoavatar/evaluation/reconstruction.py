@@ -47,9 +47,7 @@ def reconstruction(
 def codebook_use(codes: Int[Tensor, "n p q"], size: int) -> Float[Tensor, "p q"]:
     """Share of each codebook's entries that occur."""
     parts, layers = codes.shape[1:]
-    return torch.tensor(
-        [[len(torch.unique(codes[:, p, q])) / size for q in range(layers)] for p in range(parts)]
-    )
+    return torch.tensor([[len(torch.unique(codes[:, p, q])) / size for q in range(layers)] for p in range(parts)])
 
 
 def _centred(skeleton: Skeleton, rotations: Float[Tensor, "t j 3 3"]) -> Float[Tensor, "t j 3"]:

@@ -40,10 +40,7 @@ def reliance(generator: Generator, tokens: Sequence[TokenClip]) -> dict[str, flo
     shuffled = nll_by_domain(generator, tokens, shuffled_audio=True)
     late = nll_by_domain(
         generator,
-        [
-            replace(clip, audio=np.roll(clip.audio, LATE_CHUNKS * AUDIO_FRAMES_PER_CHUNK, axis=0))
-            for clip in tokens
-        ],
+        [replace(clip, audio=np.roll(clip.audio, LATE_CHUNKS * AUDIO_FRAMES_PER_CHUNK, axis=0)) for clip in tokens],
     )
     scores: dict[str, float] = {}
     for name in HEARD:

@@ -121,9 +121,7 @@ def _behaviour(bundle: Bundle, clips: Sequence[Track]) -> dict[str, float]:
     hands = [names.index("leftHand"), names.index("rightHand")]
     energy = [behaviour.leg_energy(clip, legs) for clip in clips]
     speed = [behaviour.hand_speed_m_s(clip, hands) for clip in clips]
-    balls = list(bundle.skeleton.config.feet)[
-        1::2
-    ]  # the ankle may swing over a planted ball; the ball must not move
+    balls = list(bundle.skeleton.config.feet)[1::2]  # the ankle may swing over a planted ball; the ball must not move
     standing = bundle.skeleton.rest_positions[balls, 1].numpy()
     sliding, weight = [], []
     for clip in clips:

@@ -46,9 +46,7 @@ class Scale(Config):
     tokenizer: MotionTokenizerConfig = Field(description="sizes; features are replaced")
     tokenizer_training: TokenizerTraining = Field(description="schedule")
     generator: GeneratorSizes = Field(description="sizes")
-    generator_training: GeneratorTraining = Field(
-        description="schedule; weights by depth and window are filled in"
-    )
+    generator_training: GeneratorTraining = Field(description="schedule; weights by depth and window are filled in")
 
 
 TINY = Scale(

@@ -77,9 +77,7 @@ def score(
     made, true = [], []
     for done, pair in enumerate(pairs, 1):
         if pair.made.frames < MIN_FRAMES:
-            raise MotionError(
-                f"clip {pair.name} has {pair.made.frames} frames, scores need {MIN_FRAMES}; leave it out"
-            )
+            raise MotionError(f"clip {pair.name} has {pair.made.frames} frames, scores need {MIN_FRAMES}; leave it out")
         made.append(measure_clip(pair.made, extractor))
         true.append(measure_clip(pair.true, extractor))
         if progress is not None:
@@ -134,9 +132,7 @@ def fid_row(ours: Sequence[Moments], theirs: Sequence[Moments], *, seed: int = 0
         return frechet_between(pooled([ours[k] for k in clips]), pooled([theirs[k] for k in clips]))
 
     ends = interval(distance, len(ours), is_centred=True, samples=FID_SAMPLES, seed=seed)
-    ends = (
-        Interval(max(ends.low, 0.0), ends.high) if ends.low < 0 else ends
-    )  # centring can shift it below zero
+    ends = Interval(max(ends.low, 0.0), ends.high) if ends.low < 0 else ends  # centring can shift it below zero
     row = Row("fid", "", distance(range(len(ours))), ends)
     if len(theirs) < 2:
         return row
@@ -145,7 +141,6 @@ def fid_row(ours: Sequence[Moments], theirs: Sequence[Moments], *, seed: int = 0
 
 def _errors(pair: Pair) -> Reconstruction:
     steps = [
-        torch.from_numpy(np.diff(m.root[:, [0, 2]], axis=0, prepend=m.root[:1, [0, 2]]))
-        for m in (pair.true, pair.made)
+        torch.from_numpy(np.diff(m.root[:, [0, 2]], axis=0, prepend=m.root[:1, [0, 2]])) for m in (pair.true, pair.made)
     ]
     return reconstruction(HUMANOID, pair.true.matrices(), pair.made.matrices(), *steps)

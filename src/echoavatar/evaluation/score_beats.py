@@ -100,9 +100,7 @@ def gesture_rows(
     def row(form: GestureForm) -> Row:
         trimmed = GESTURE_RULES[form].trimmed_frames
         looked_at = lengths - 2 * trimmed
-        onsets = [
-            listen(k, trimmed) if left > FRAME_RATE_HZ else np.zeros(0) for k, left in enumerate(looked_at)
-        ]
+        onsets = [listen(k, trimmed) if left > FRAME_RATE_HZ else np.zeros(0) for k, left in enumerate(looked_at)]
 
         def scored(clips: Sequence[Float[np.ndarray, "_ j 3"]]) -> tuple[_Scores, _Scores]:
             beats = [

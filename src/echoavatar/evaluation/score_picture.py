@@ -39,9 +39,7 @@ def draw(rows: Sequence[Row], path: Path, *, title: str) -> None:
     try:
         figure.savefig(path, dpi=130)
     except (OSError, ValueError) as error:
-        raise EchoAvatarError(
-            f"cannot write {path} ({error}); name a .png in a folder that exists"
-        ) from error
+        raise EchoAvatarError(f"cannot write {path} ({error}); name a .png in a folder that exists") from error
 
 
 def _line(axis, row: Row) -> None:  # type: ignore[no-untyped-def]
@@ -51,9 +49,7 @@ def _line(axis, row: Row) -> None:  # type: ignore[no-untyped-def]
     for side in ("top", "right", "left"):
         axis.spines[side].set_visible(False)
     axis.tick_params(labelsize=7, length=2)
-    shown = [
-        x for x in (row.value, *row.interval, row.truth, row.chance, row.truth_chance) if math.isfinite(x)
-    ]
+    shown = [x for x in (row.value, *row.interval, row.truth, row.chance, row.truth_chance) if math.isfinite(x)]
     if not shown:
         axis.set_xticks([])
         return

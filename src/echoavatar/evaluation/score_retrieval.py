@@ -34,9 +34,7 @@ def read_embeddings(path: Path) -> tuple[Float[np.ndarray, "n d"], Float[np.ndar
     except FileNotFoundError as error:
         raise EchoAvatarError(f"{path} does not exist; check the name") from error
     except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
-        raise EchoAvatarError(
-            f"{path} holds no arrays `audio` and `motion`; write them with np.savez"
-        ) from error
+        raise EchoAvatarError(f"{path} holds no arrays `audio` and `motion`; write them with np.savez") from error
     if audio.shape != motion.shape or audio.ndim != 2 or len(audio) < 2:
         raise EchoAvatarError(
             f"{path}: audio {audio.shape} and motion {motion.shape} must both be (pairs, size), two pairs or more"
@@ -46,9 +44,7 @@ def read_embeddings(path: Path) -> tuple[Float[np.ndarray, "n d"], Float[np.ndar
     return audio, motion
 
 
-def retrieval_rows(
-    audio: Float[np.ndarray, "n d"], motion: Float[np.ndarray, "n d"], *, seed: int = 0
-) -> list[Row]:
+def retrieval_rows(audio: Float[np.ndarray, "n d"], motion: Float[np.ndarray, "n d"], *, seed: int = 0) -> list[Row]:
     """R@K and MRR in percent, MedR in ranks; `a2m` queries motion with audio. Intervals are over queries."""
     every = similarity(audio, motion)
     rows = _rows(every, "all", seed)
@@ -66,9 +62,7 @@ def _rows(matrix: Float[np.ndarray, "n n"], gallery: str, seed: int) -> list[Row
             rows.append(_mean_row(f"{way}_r{k}_{gallery}", (rank < k) * 100.0, guess.recall[k], seed))
         middle = _median_rank(rank, np.arange(len(rank)))
         ends = interval(partial(_median_rank, rank), len(rank), samples=_SAMPLES, seed=seed)
-        rows.append(
-            Row(f"{way}_medr_{gallery}", "rank", middle, ends, guess.median_rank, middle - guess.median_rank)
-        )
+        rows.append(Row(f"{way}_medr_{gallery}", "rank", middle, ends, guess.median_rank, middle - guess.median_rank))
         rows.append(_mean_row(f"{way}_mrr_{gallery}", 100 / (rank + 1), guess.reciprocal_rank, seed))
     return rows
 

@@ -127,9 +127,7 @@ def _mean(values: Float[np.ndarray, " n"], weights: Float[np.ndarray, " n"] | No
     if not known.any():
         return NAN
     chosen = None if weights is None else weights[known]
-    return float(
-        np.average(values[known], weights=chosen if chosen is not None and chosen.sum() > 0 else None)
-    )
+    return float(np.average(values[known], weights=chosen if chosen is not None and chosen.sum() > 0 else None))
 
 
 def _plain(value: float) -> float | None:

@@ -78,9 +78,7 @@ def _serve(pipeline: Pipeline, count: int, seconds: float, last: ClientKind = "b
     chunks = max(4, round(seconds / chunk_s)) + WARM_UP_CHUNKS
     with EngineThread(engine) as threads:
         began = time.perf_counter()
-        due = [
-            (began + client.phase + chunk * chunk_s, client) for client in clients for chunk in range(chunks)
-        ]
+        due = [(began + client.phase + chunk * chunk_s, client) for client in clients for chunk in range(chunks)]
         for moment, client in sorted(due, key=lambda item: item[0]):
             time.sleep(max(0.0, moment - time.perf_counter()))
             client.send(moment - began)

@@ -47,9 +47,7 @@ class TrainReport(NamedTuple):
     share: float | None  # share of the matrix rate
 
 
-def bench_generator(
-    config: GeneratorConfig, training: GeneratorTraining, *, device: str, steps: int
-) -> TrainReport:
+def bench_generator(config: GeneratorConfig, training: GeneratorTraining, *, device: str, steps: int) -> TrainReport:
     """Time steps of the generator on random codes."""
     random = np.random.default_rng(0)
     layout, chunks = config.layout, max(CLIP_CHUNKS, training.chunks + config.ahead_chunks)
@@ -106,9 +104,7 @@ def matrix_rate(device: str, dtype: torch.dtype) -> float:
     return PRODUCTS * 2.0 * size**3 / (time.perf_counter() - began)
 
 
-def _timed(
-    name: str, stage: TrainingTask[Any], *, device: str, steps: int, flop: float | None = None
-) -> TrainReport:
+def _timed(name: str, stage: TrainingTask[Any], *, device: str, steps: int, flop: float | None = None) -> TrainReport:
     if device.startswith("cuda") and not torch.cuda.is_available():
         raise EchoAvatarError("there is no CUDA device here; --device cpu times the same steps")
     dtype = torch.bfloat16 if stage.config.autocast else torch.float32

@@ -100,9 +100,7 @@ def skeleton(rest: Float[np.ndarray, "55 3"] | None = None) -> Skeleton:
 def _our_rest(rows: list[tuple[str, int, str]]) -> Float[np.ndarray, "55 3"]:
     rest = HUMANOID.rest_positions.numpy()
     head = rest[HUMANOID.index("head")]
-    return np.stack(
-        [rest[HUMANOID.index(bone)] if bone else head + np.array(_FACE[name]) for name, _, bone in rows]
-    )
+    return np.stack([rest[HUMANOID.index(bone)] if bone else head + np.array(_FACE[name]) for name, _, bone in rows])
 
 
 def _tips(rows: list[tuple[str, int, str]]) -> dict[str, tuple[float, float, float]]:
@@ -191,9 +189,7 @@ def _body(path: Path) -> tuple[_Numbers, _Numbers, _Numbers]:
     """Template, shape directions and joint regressor; pickled arrays of the file are not read."""
     try:
         with np.load(path, allow_pickle=False) as stored:
-            arrays = [
-                np.asarray(stored[key], np.float64) for key in ("v_template", "shapedirs", "J_regressor")
-            ]
+            arrays = [np.asarray(stored[key], np.float64) for key in ("v_template", "shapedirs", "J_regressor")]
     except (*_FOREIGN, KeyError, TypeError) as error:
         raise MotionError(
             f"{path} is not an SMPL-X body model ({error}); pass --body-model SMPLX_NEUTRAL_2020.npz, or leave it out"

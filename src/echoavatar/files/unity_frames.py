@@ -56,9 +56,7 @@ class UnityAxes:
     def __init__(self, rig: RigConfig) -> None:
         """Raises CheckpointError if the bundle has no transforms for Unity."""
         if not rig.unity:
-            raise CheckpointError(
-                "this bundle has no transforms for Unity; import it from the authors' release"
-            )
+            raise CheckpointError("this bundle has no transforms for Unity; import it from the authors' release")
         self._axes = torch.tensor(rig.axes, dtype=torch.double)
         self._matrices = torch.tensor(rig.unity, dtype=torch.double)
         self._inverse = torch.linalg.inv(self._matrices)
@@ -100,9 +98,7 @@ def write_face47(path: Path, curves: Float[np.ndarray, "t 52"], fps: float) -> N
         raise MotionError(f"{path} cannot be written ({error.strerror}); choose another path") from error
 
 
-def smoothed(
-    block: Float[np.ndarray, "t c"], last: Float[np.ndarray, " c"] | None
-) -> Float[np.ndarray, "t c"]:
+def smoothed(block: Float[np.ndarray, "t c"], last: Float[np.ndarray, " c"] | None) -> Float[np.ndarray, "t c"]:
     """Smooth a block, and blend its first frames with the last frame of the previous smoothed block."""
     smooth = savgol_filter(block, _WINDOW, _DEGREE, axis=0)
     return smooth if last is None else _blended(smooth, last[None])

@@ -30,11 +30,7 @@ class Overlay:
     turns: Float[np.ndarray, "t j 3"]  # radians
 
     def __eq__(self, other: object) -> bool:
-        return (
-            isinstance(other, Overlay)
-            and self.joints == other.joints
-            and np.array_equal(self.turns, other.turns)
-        )
+        return isinstance(other, Overlay) and self.joints == other.joints and np.array_equal(self.turns, other.turns)
 
     def chunk(self, place: int, size: ChunkSize = CHUNK) -> "Overlay":
         """One chunk of it."""

@@ -90,9 +90,7 @@ def reorder(
         MotionError: the numbers of names and columns differ, or a name comes twice.
     """
     if len(names) != curves.shape[1] or len(set(names)) != len(names):
-        raise MotionError(
-            f"{curves.shape[1]} columns but {len(set(names))} different names; give one name for each"
-        )
+        raise MotionError(f"{curves.shape[1]} columns but {len(set(names))} different names; give one name for each")
     source = {name: column for column, name in enumerate(names)}
     out = np.zeros((len(curves), len(wanted)), np.float32)
     for place, name in enumerate(wanted):

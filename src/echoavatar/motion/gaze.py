@@ -120,9 +120,7 @@ def _chain(
     """Rotations in the world: of what carries the neck, of the neck and of the head."""
     joints = skeleton.indices([name for name in _CHAIN if name in skeleton.names])
     world = [torch.eye(3).expand(len(motion.rotations), 3, 3)]
-    for local in matrix_from_quaternion(
-        torch.tensor(motion.rotations[:, joints], dtype=torch.float32)
-    ).unbind(1):
+    for local in matrix_from_quaternion(torch.tensor(motion.rotations[:, joints], dtype=torch.float32)).unbind(1):
         world.append(world[-1] @ local)
     return world[-3], world[-2], world[-1]
 

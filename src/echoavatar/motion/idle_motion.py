@@ -177,9 +177,7 @@ def warm_up(skeleton: Skeleton) -> None:
     """Compile the loop, once on a machine."""
     still = np.zeros((CHUNK.frames, skeleton.joints, 4), np.float32)
     still[..., 0] = 1
-    IdleMotion(0).alive(
-        0, MotionChunk(still, np.zeros((CHUNK.frames, 3), np.float32)), skeleton, is_idle=True
-    )
+    IdleMotion(0).alive(0, MotionChunk(still, np.zeros((CHUNK.frames, 3), np.float32)), skeleton, is_idle=True)
 
 
 def _place(skeleton: Skeleton, name: str) -> int:

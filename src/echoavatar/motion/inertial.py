@@ -61,9 +61,7 @@ class InertialBlend:
             MotionError: fewer than two frames.
         """
         if len(shown.root) < 2:
-            raise MotionError(
-                "a blend needs the last two frames on screen to know their speed; pass at least 2"
-            )
+            raise MotionError("a blend needs the last two frames on screen to know their speed; pass at least 2")
         face = None if shown.face is None else shown.face[-1:]
         self._shown, self._offset = MotionChunk(shown.rotations[-2:], shown.root[-2:], face), None
 
@@ -92,9 +90,7 @@ class _Offset:
         self._fps, self._frame = fps, 0
         (before, last), (first, second) = _doubles(old.rotations), _doubles(new.rotations[:2])
         turning, to_turn = _turn(before, last), _turn(first, second)
-        back = quaternion_multiply(
-            quaternion_from_axis_angle(-to_turn), first
-        )  # one frame before the new motion
+        back = quaternion_multiply(quaternion_from_axis_angle(-to_turn), first)  # one frame before the new motion
         self._turn = _turn(back, last).numpy()
         self._spin = _at_most((turning - to_turn).numpy() * fps, GREATEST_START)
         size = np.linalg.norm(self._turn, axis=-1)
@@ -122,9 +118,7 @@ class _Offset:
         self._frame += frames
         value, slope = _decay(time[:, None] / self._seconds)
         turn = self._turn * value[..., None] + self._spin * (slope * self._seconds)[..., None]
-        turned = quaternion_multiply(
-            quaternion_from_axis_angle(torch.from_numpy(turn)), _doubles(chunk.rotations)
-        )
+        turned = quaternion_multiply(quaternion_from_axis_angle(torch.from_numpy(turn)), _doubles(chunk.rotations))
         value, slope = _decay(time[:, None] / self._root_seconds)
         root = chunk.root + self._shift * value + self._drift * slope * self._root_seconds
         face = chunk.face

@@ -79,9 +79,7 @@ class StreamInterpolator:
         is_source, source = share == 0, known.rotations[np.minimum(index - self._first, len(known.root) - 1)]
         signed = np.where(rotations[..., :1] < 0, -rotations, rotations).astype(np.float32)
         rotations = np.where(is_source[:, None, None], source, signed)
-        return MotionChunk(
-            rotations, root.astype(np.float32), None if face is None else face.astype(np.float32)
-        )
+        return MotionChunk(rotations, root.astype(np.float32), None if face is None else face.astype(np.float32))
 
 
 def frame_ratio(source_fps: float, fps: float) -> Fraction:

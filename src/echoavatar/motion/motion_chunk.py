@@ -13,9 +13,7 @@ class MotionChunk(NamedTuple):
 
     rotations: Float[np.ndarray, "t j 4"]  # quaternions wxyz
     root: Float[np.ndarray, "t 3"]  # metres
-    face: Float[np.ndarray, "t 52"] | None = (
-        None  # ARKit curves 0..1 (`face.ARKIT_NAMES`); None without a model
-    )
+    face: Float[np.ndarray, "t 52"] | None = None  # ARKit curves 0..1 (`face.ARKIT_NAMES`); None without a model
 
 
 def join(chunks: Sequence[MotionChunk]) -> MotionChunk:

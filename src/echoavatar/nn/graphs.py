@@ -74,9 +74,7 @@ class GraphCache(Generic[StateT]):
             buffer.copy_(value, non_blocking=True)
         return graph.replay().clone()
 
-    def _captured(
-        self, capture: Capture, state: StateT, fixed: Hashable, inputs: Sequence[Tensor]
-    ) -> "_Graph[StateT]":
+    def _captured(self, capture: Capture, state: StateT, fixed: Hashable, inputs: Sequence[Tensor]) -> "_Graph[StateT]":
         """Capture over input buffers of its own, then put the state back to what it was."""
         tensors, buffers = self._tensors_of(state), [value.clone() for value in inputs]
         before = [tensor.clone() for tensor in tensors]

@@ -6,9 +6,7 @@ from .kernels import kernel
 
 F = np.float32
 ZERO, HALF, ONE = F(0.0), F(0.5), F(1.0)
-NOTHING = F(
-    1e-30
-)  # smaller shares become 0: products with them would be denormal numbers, which are very slow
+NOTHING = F(1e-30)  # smaller shares become 0: products with them would be denormal numbers, which are very slow
 
 
 @kernel(reorders=True)
@@ -33,10 +31,7 @@ def gelu(x):  # type: ignore[no-untyped-def]
     """X times the normal distribution function of x; the error function is Abramowitz and Stegun 7.1.26 (to 2e-7)."""
     z = abs(x) * F(0.7071067812)
     t = ONE / (ONE + F(0.3275911) * z)
-    p = t * (
-        F(0.254829592)
-        + t * (F(-0.284496736) + t * (F(1.421413741) + t * (F(-1.453152027) + t * F(1.061405429))))
-    )
+    p = t * (F(0.254829592) + t * (F(-0.284496736) + t * (F(1.421413741) + t * (F(-1.453152027) + t * F(1.061405429)))))
     return max(x, ZERO) - HALF * abs(x) * p * max(exponential(-z * z) - NOTHING, ZERO)
 
 

@@ -85,9 +85,7 @@ def cache_folder() -> Path:
     beside = PACKAGE / "__pycache__"
     if os.access(beside if beside.exists() else PACKAGE, os.W_OK):
         return beside / "kernels"
-    base = os.environ.get("XDG_CACHE_HOME") or (
-        "~/Library/Caches" if sys.platform == "darwin" else "~/.cache"
-    )
+    base = os.environ.get("XDG_CACHE_HOME") or ("~/Library/Caches" if sys.platform == "darwin" else "~/.cache")
     return Path(base).expanduser() / "echoavatar" / "kernels"
 
 
@@ -105,6 +103,4 @@ def _content(name: str, value: object) -> str:
         return f"{value.dtype} {value.shape} {hashlib.sha256(value.tobytes()).hexdigest()}"
     if isinstance(value, (bool, int, float, str, tuple, np.generic, type)):
         return repr(value)
-    raise TypeError(
-        f"a kernel uses {name}, a {type(value).__name__}; it may use kernels, numbers, arrays and tuples"
-    )
+    raise TypeError(f"a kernel uses {name}, a {type(value).__name__}; it may use kernels, numbers, arrays and tuples")

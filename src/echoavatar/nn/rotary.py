@@ -12,9 +12,7 @@ from torch import Tensor
 ROPE_BASE = 10_000.0
 
 
-def rotary_phases(
-    positions: Int[Tensor, "*b t"], *, width: int, base: float = ROPE_BASE
-) -> Float[Tensor, "*b t half"]:
+def rotary_phases(positions: Int[Tensor, "*b t"], *, width: int, base: float = ROPE_BASE) -> Float[Tensor, "*b t half"]:
     """Phase of pair i, position * base^(-2i / width), in radians within one rotation, double precision."""
     exponent = torch.arange(0, width, 2, dtype=torch.float64, device=positions.device) / width
     return (positions.double()[..., None] * base**-exponent) % (2 * math.pi)

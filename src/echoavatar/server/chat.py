@@ -97,9 +97,7 @@ def _history(given: Any) -> list[ChatTurn]:
     return [
         ChatTurn(row["role"], row["text"][:MOST_LETTERS])
         for row in rows
-        if isinstance(row, dict)
-        and row.get("role") in ("user", "assistant")
-        and isinstance(row.get("text"), str)
+        if isinstance(row, dict) and row.get("role") in ("user", "assistant") and isinstance(row.get("text"), str)
     ]
 
 

@@ -84,15 +84,11 @@ class Connection:
                 for half in (self._send, self._receive):
                     tasks.start_soon(self._guarded, half, tasks.cancel_scope)
         elif self._silence.cancelled_caught:
-            self._error = ProtocolError(
-                "overloaded", "others wait for this place; say hello", retry_after=5.0
-            )
+            self._error = ProtocolError("overloaded", "others wait for this place; say hello", retry_after=5.0)
         if self._left is None:
             await self._goodbye()
 
-    async def _guarded(
-        self, half: Callable[[], Awaitable[None]], scope: anyio.CancelScope | None = None
-    ) -> None:
+    async def _guarded(self, half: Callable[[], Awaitable[None]], scope: anyio.CancelScope | None = None) -> None:
         """Run one half until it ends, note why, and end the other half."""
         try:
             await half()
@@ -168,9 +164,7 @@ class Connection:
             live.play(message, title, await self._manager.load_track(title))
         except EchoAvatarError as error:
             reason = str(error)
-            self._outbox.put(
-                answer(message.id, title, "rejected", live.end, reason=reason, choices=tracks.titles)
-            )
+            self._outbox.put(answer(message.id, title, "rejected", live.end, reason=reason, choices=tracks.titles))
 
     async def _next(self, seconds: float, what: str) -> ClientMessage:
         try:
@@ -209,7 +203,5 @@ class Connection:
                 return
             self._manager.metrics.errors.labels(error.code).inc()
             if error is not self._outbox.error:
-                await self._write(
-                    Error(code=error.code, message=str(error), fatal=True, retry_after=error.retry_after)
-                )
+                await self._write(Error(code=error.code, message=str(error), fatal=True, retry_after=error.retry_after))
             await self._socket.close(error.close_code, str(error).encode()[:120].decode(errors="ignore"))

@@ -24,16 +24,10 @@ class Metrics:
             registry=self.registry,
         )
         self.step = Gauge("echoavatar_step_seconds", "The engine's last step", registry=self.registry)
-        self.messages = Counter(
-            "echoavatar_messages", "Messages", ["direction", "type"], registry=self.registry
-        )
+        self.messages = Counter("echoavatar_messages", "Messages", ["direction", "type"], registry=self.registry)
         self.errors = Counter("echoavatar_errors", "Errors told to clients", ["code"], registry=self.registry)
-        self.refused = Counter(
-            "echoavatar_refused", "Connections refused before hello", registry=self.registry
-        )
-        self.dropped = Counter(
-            "echoavatar_dropped_motion", "Motion not sent to slow lines", registry=self.registry
-        )
+        self.refused = Counter("echoavatar_refused", "Connections refused before hello", registry=self.registry)
+        self.dropped = Counter("echoavatar_dropped_motion", "Motion not sent to slow lines", registry=self.registry)
         self.interrupts = Counter("echoavatar_interrupts", "Barge-ins", registry=self.registry)
         self.resumed = Counter("echoavatar_resumed", "Sessions that came back", registry=self.registry)
 

@@ -56,9 +56,7 @@ class Outbox:
     def forget_after(self, at: int) -> None:
         """Drop motion and sound from clock `at` on, which were taken back."""
         self._queue = deque(
-            message
-            for message in self._queue
-            if not (isinstance(message, Motion | Sound) and message.at >= at)
+            message for message in self._queue if not (isinstance(message, Motion | Sound) and message.at >= at)
         )
 
     async def take(self) -> ServerMessage | None:

@@ -67,9 +67,7 @@ def serve(
         Server(app, config, lambda: on_ready(address) if on_ready else None).run(sockets=[listener])
 
 
-def configure(
-    app: Starlette, *, ssl_certfile: str | None = None, ssl_keyfile: str | None = None
-) -> uvicorn.Config:
+def configure(app: Starlette, *, ssl_certfile: str | None = None, ssl_keyfile: str | None = None) -> uvicorn.Config:
     """Uvicorn's settings for our application, within the limits of this process."""
     files = raise_file_limit()
     wanted = app.state.manager.settings.connections + HTTP_CONNECTIONS

@@ -321,7 +321,5 @@ class ServerSession:
             elif status.status == "done":
                 self._running.discard(status.id)
             choices = self._actions if status.status == "rejected" else ()
-            message = answer(
-                status.id, status.name, status.status, status.at, reason=status.reason, choices=choices
-            )
+            message = answer(status.id, status.name, status.status, status.at, reason=status.reason, choices=choices)
             self.tell(message)

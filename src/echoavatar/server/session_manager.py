@@ -152,13 +152,9 @@ class SessionManager:
             if lost:
                 self.end(min(lost, key=lambda live: live.left_at or 0.0))
         try:
-            core = self.engine.open_core(
-                seed=hello.seed, inbox_seconds=self.settings.inbox_seconds, is_paced=True
-            )
+            core = self.engine.open_core(seed=hello.seed, inbox_seconds=self.settings.inbox_seconds, is_paced=True)
         except AdmissionError as error:
-            raise ProtocolError(
-                "overloaded", f"all {self.engine.seats} seats are taken", retry_after=5.0
-            ) from error
+            raise ProtocolError("overloaded", f"all {self.engine.seats} seats are taken", retry_after=5.0) from error
         live = ServerSession(
             core,
             name=secrets.token_urlsafe(12),
@@ -203,9 +199,7 @@ class SessionManager:
             face=tuple(ARKIT_NAMES) if getattr(self.engine.pipeline, "face", None) is not None else (),
             actions=self._actions,
             tracks=self.tracks.titles,
-            latency=Latency(
-                algorithm=1e3 * self.engine.chunk.seconds, compute=1e3 * self.engine.step_seconds
-            ),
+            latency=Latency(algorithm=1e3 * self.engine.chunk.seconds, compute=1e3 * self.engine.step_seconds),
             limits=self.settings.limits,
         )
 
@@ -280,11 +274,7 @@ class SessionManager:
             self.end(live)
         elif with_stats:
             for outbox in live.listeners:
-                outbox.put(
-                    live.stats(
-                        step_s=self.engine.step_seconds, sessions=self.sessions, dropped=outbox.dropped
-                    )
-                )
+                outbox.put(live.stats(step_s=self.engine.step_seconds, sessions=self.sessions, dropped=outbox.dropped))
             self.metrics.step.set(self.engine.step_seconds)
 
     def _collect(self, live: ServerSession) -> None:

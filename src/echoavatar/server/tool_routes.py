@@ -44,9 +44,7 @@ class ToolActor:
         self._live.stop_music(Music(id=self._id, op="stop"))
 
 
-async def call_tool(
-    manager: SessionManager, live: ServerSession, name: str, arguments: dict[str, Any]
-) -> Schema:
+async def call_tool(manager: SessionManager, live: ServerSession, name: str, arguments: dict[str, Any]) -> Schema:
     """Run the tool a model asked for, in a session."""
     return await manager.toolbox.call_async(ToolActor(live), name, arguments, manager.load_track)
 
@@ -116,9 +114,7 @@ def asked_session(manager: SessionManager, request: Request, message: dict[str, 
     return manager.find(name)
 
 
-async def read_json(
-    request: Request, allowed: tuple[str, ...] = (), *, most: int = MOST_BYTES
-) -> dict[str, Any]:
+async def read_json(request: Request, allowed: tuple[str, ...] = (), *, most: int = MOST_BYTES) -> dict[str, Any]:
     """The JSON object in a request of an agent, or of our page.
 
     Raises:

@@ -15,9 +15,7 @@ class TrainingConfig(Config):
     """How to train. `batch` is the size of one optimiser step, however many processes and pieces share it."""
 
     steps: int = Field(default=1000, gt=0, description="optimiser steps of the whole schedule")
-    minutes: float = Field(
-        default=0.0, ge=0, description="training time, the schedule fitted to it; 0: no limit"
-    )
+    minutes: float = Field(default=0.0, ge=0, description="training time, the schedule fitted to it; 0: no limit")
     batch: int = Field(default=8, gt=0, description="rows per optimiser step, of all processes together")
     accumulation: int = Field(
         default=1,
@@ -40,18 +38,12 @@ class TrainingConfig(Config):
     average: float = Field(
         default=0.0, ge=0, lt=1, description="decay of the averaged weights that are saved; 0: no averaging"
     )
-    autocast: bool = Field(
-        default=False, description="multiply in bfloat16; faster on processors that support it"
-    )
+    autocast: bool = Field(default=False, description="multiply in bfloat16; faster on processors that support it")
     seed: int = Field(default=0, description="seed of weights and of everything random in a step")
     log_every: int = Field(default=1, gt=0, description="steps between lines of metrics.jsonl")
-    evaluate_every: int = Field(
-        default=0, ge=0, description="steps between evaluations; 0: none during the run"
-    )
+    evaluate_every: int = Field(default=0, ge=0, description="steps between evaluations; 0: none during the run")
     save_every: int = Field(default=200, ge=0, description="steps between checkpoints; 0: by time only")
-    save_minutes: float = Field(
-        default=0.0, ge=0, description="minutes between checkpoints; 0: by steps only"
-    )
+    save_minutes: float = Field(default=0.0, ge=0, description="minutes between checkpoints; 0: by steps only")
 
     def noise(self, step: int, salt: int = 0) -> torch.Generator:
         """A generator for everything random in a step; it depends only on seed, step and salt."""

@@ -47,9 +47,7 @@ def read_curves(folder: Path) -> dict[str, Curve]:
             continue
         for name, value in _flat(told):
             found.setdefault(name, []).append((step, value))
-    curves = {
-        name: Curve(*np.array(points, float).T) for name, points in found.items() if name not in LEFT_OUT
-    }
+    curves = {name: Curve(*np.array(points, float).T) for name, points in found.items() if name not in LEFT_OUT}
     if not curves:
         raise EchoAvatarError(f"{path} holds no metrics yet; let the run take a few steps")
     return curves
@@ -106,15 +104,11 @@ def draw(runs: Mapping[str, Mapping[str, Curve]], path: Path, *, metrics: Sequen
     for axis, name in zip(axes.flat, shown, strict=False):
         _plot(axis, name, {run: curves[name] for run, curves in runs.items() if name in curves}, list(runs))
     lines = [axes[0, 0].plot([], [], color=_colour(at), lw=2)[0] for at in range(len(runs))]
-    figure.legend(
-        lines, list(runs), loc="outside upper left", ncols=min(len(runs), 4), fontsize=8, frameon=False
-    )
+    figure.legend(lines, list(runs), loc="outside upper left", ncols=min(len(runs), 4), fontsize=8, frameon=False)
     try:
         figure.savefig(path, dpi=120)
     except (OSError, ValueError) as error:
-        raise EchoAvatarError(
-            f"cannot write {path} ({error}); name a .png in a folder that exists"
-        ) from error
+        raise EchoAvatarError(f"cannot write {path} ({error}); name a .png in a folder that exists") from error
 
 
 def _plot(axis: Any, name: str, curves: Mapping[str, Curve], runs: Sequence[str]) -> None:
@@ -131,9 +125,7 @@ def _plot(axis: Any, name: str, curves: Mapping[str, Curve], runs: Sequence[str]
             ms=3,
         )
         if not few:
-            axis.plot(
-                curve.steps, smoothed(curve.values, max(5, len(curve.values) // 30)), color=colour, lw=1.6
-            )
+            axis.plot(curve.steps, smoothed(curve.values, max(5, len(curve.values) // 30)), color=colour, lw=1.6)
     if is_wide(list(curves.values())):
         axis.set_yscale("log")
     axis.set_title(name, fontsize=9, loc="left")

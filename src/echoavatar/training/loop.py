@@ -178,9 +178,7 @@ class Loop(Generic[BatchT]):
         configs = self.stage.identity()
         for name, ours in self._identity().items():
             theirs = _unsaid(configs[name]) | saved.get(name, {})
-            differing = [
-                key for key in sorted(ours.keys() | theirs.keys()) if ours.get(key) != theirs.get(key)
-            ]
+            differing = [key for key in sorted(ours.keys() | theirs.keys()) if ours.get(key) != theirs.get(key)]
             differing = [key for key in differing if key not in _FREE]
             if differing:
                 key = differing[0]

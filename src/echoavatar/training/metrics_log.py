@@ -71,9 +71,7 @@ class _TensorBoard:
         try:
             from torch.utils.tensorboard import SummaryWriter
         except ImportError as error:
-            raise DependencyError(
-                "--track tensorboard needs TensorBoard; run: pip install tensorboard"
-            ) from error
+            raise DependencyError("--track tensorboard needs TensorBoard; run: pip install tensorboard") from error
         self._writer: Any = SummaryWriter(folder / "tensorboard")
 
     def write(self, step: int, values: Mapping[str, object]) -> None:
@@ -93,9 +91,7 @@ class _Wandb:
             raise DependencyError("--track wandb needs W&B; run: pip install wandb") from error
         mark = folder / "wandb-run"  # a resumed run continues the same W&B run
         name = mark.read_text().strip() if mark.exists() else None
-        self._run: Any = wandb.init(
-            project="echoavatar", name=folder.name, id=name, resume="allow", dir=folder
-        )
+        self._run: Any = wandb.init(project="echoavatar", name=folder.name, id=name, resume="allow", dir=folder)
         mark.write_text(f"{self._run.id}\n")
 
     def write(self, step: int, values: Mapping[str, object]) -> None:

@@ -136,9 +136,7 @@ def processes_here(device: str = "cpu", *, sharded: bool = False) -> Processes:
     if int(os.environ.get("WORLD_SIZE", "1")) > 1:
         return DistributedProcesses(device, sharded=sharded)
     if sharded:
-        raise EchoAvatarError(
-            "sharding is for several processes; start them with torchrun or accelerate launch"
-        )
+        raise EchoAvatarError("sharding is for several processes; start them with torchrun or accelerate launch")
     return Processes(device)
 
 
@@ -151,9 +149,7 @@ def full_tensor(tensor: Tensor) -> Tensor:
 def placed_like(value: Tensor, like: Tensor) -> Tensor:
     """A full tensor, sharded and placed like another one."""
     if isinstance(like, DTensor):
-        placed: Tensor = distribute_tensor(
-            value.to(like.device), like.device_mesh, like.placements, src_data_rank=None
-        )
+        placed: Tensor = distribute_tensor(value.to(like.device), like.device_mesh, like.placements, src_data_rank=None)
         return placed
     return value.to(like.device)
 

@@ -109,8 +109,7 @@ def load_modules(modules: Mapping[str, nn.Module], tensors: Mapping[str, Tensor]
         raise CheckpointError(f"{origin} does not fit this model: {'; '.join(problems[:6])}{more}")
     for name, module in modules.items():
         placed = {
-            key: placed_like(value, own[f"{name}.{key}"])
-            for key, value in strip_prefix(saved, f"{name}.").items()
+            key: placed_like(value, own[f"{name}.{key}"]) for key, value in strip_prefix(saved, f"{name}.").items()
         }
         module.load_state_dict(placed)
     beside = strip_prefix(tensors, "beside.")
@@ -118,9 +117,7 @@ def load_modules(modules: Mapping[str, nn.Module], tensors: Mapping[str, Tensor]
         value.copy_(beside[key])
 
 
-def optimiser_state(
-    modules: Mapping[str, nn.Module], optimisers: Sequence[torch.optim.Optimizer]
-) -> dict[str, Tensor]:
+def optimiser_state(modules: Mapping[str, nn.Module], optimisers: Sequence[torch.optim.Optimizer]) -> dict[str, Tensor]:
     """The optimisers' state of each parameter, by its name."""
     return {
         f"optimiser.{name}.{key}": full_tensor(torch.as_tensor(value))
@@ -150,9 +147,7 @@ def load_optimisers(
     for name, parameter in _parameters(modules):
         if name in saved and id(parameter) in owners:
             owners[id(parameter)].state[parameter] = {
-                key: placed_like(value, parameter)
-                if value.shape == parameter.shape
-                else _scalar(value, parameter)
+                key: placed_like(value, parameter) if value.shape == parameter.shape else _scalar(value, parameter)
                 for key, value in saved[name].items()
             }
 

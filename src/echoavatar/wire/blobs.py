@@ -51,9 +51,7 @@ def unpack_pose(motion: Motion, *, joints: int = 52, curves: int = 52) -> Pose:
     frames = motion.frames
     sizes = (len(motion.rotations), len(motion.root), len(motion.face))
     if frames < 1 or sizes[:2] != (frames * joints * 8, frames * 12) or sizes[2] not in (0, frames * curves):
-        raise ProtocolError(
-            "bad_message", f"motion of {frames} frames with {sizes} bytes of rotations, root and face"
-        )
+        raise ProtocolError("bad_message", f"motion of {frames} frames with {sizes} bytes of rotations, root and face")
     xyzw = np.frombuffer(motion.rotations, "<i2").reshape(frames, joints, 4).astype(np.float32)
     xyzw /= np.maximum(np.linalg.norm(xyzw, axis=-1, keepdims=True), 1)
     root = np.frombuffer(motion.root, "<f4").reshape(frames, 3).astype(np.float32)

@@ -23,9 +23,7 @@ from .messages import (
 class ProtocolError(EchoAvatarError):
     """The peer sent something invalid; `code` is returned to it in an `error` message."""
 
-    def __init__(
-        self, code: ErrorCode, message: str, *, fatal: bool = True, retry_after: float = 0.0
-    ) -> None:
+    def __init__(self, code: ErrorCode, message: str, *, fatal: bool = True, retry_after: float = 0.0) -> None:
         super().__init__(message)
         self.code: ErrorCode = code
         self.fatal = fatal
@@ -49,9 +47,7 @@ def subprotocol(encoding: Encoding, version: int = VERSIONS[-1]) -> str:
 
 def negotiate(offered: Iterable[str]) -> tuple[Encoding, int] | None:
     """Encoding and version of the first offered subprotocol that is known, in the client's order."""
-    known = {
-        subprotocol(encoding, version): (encoding, version) for version in VERSIONS for encoding in ENCODINGS
-    }
+    known = {subprotocol(encoding, version): (encoding, version) for version in VERSIONS for encoding in ENCODINGS}
     return next((known[name] for name in offered if name in known), None)
 
 
@@ -103,9 +99,7 @@ def _check(frame: bytes | str, encoding: Encoding) -> int:
         kind = "text" if isinstance(frame, str) else "binary"
         raise ProtocolError("bad_message", f"a {kind} frame, but {subprotocol(encoding)} was agreed on")
     if len(frame) > MAX_MESSAGE_BYTES:
-        raise ProtocolError(
-            "too_large", f"a message of {len(frame)} bytes; at most {MAX_MESSAGE_BYTES} are accepted"
-        )
+        raise ProtocolError("too_large", f"a message of {len(frame)} bytes; at most {MAX_MESSAGE_BYTES} are accepted")
     return ENCODINGS.index(encoding)
 
 

@@ -17,9 +17,7 @@ MAX_MESSAGE_BYTES = 1 << 20
 
 Samples = Annotated[int, Meta(ge=0, le=2**53 - 1, description="a sample index or a count of samples")]
 Segment = Annotated[int, Meta(ge=0, le=2**31 - 1, description="number of an utterance, growing; 0 is none")]
-Utterance = Annotated[
-    int, Meta(ge=1, le=2**31 - 1, description="number of an utterance, growing, counted per speaker")
-]
+Utterance = Annotated[int, Meta(ge=1, le=2**31 - 1, description="number of an utterance, growing, counted per speaker")]
 Name = Annotated[str, Meta(max_length=128)]
 Secret = Annotated[str, Meta(max_length=512)]
 
@@ -93,9 +91,7 @@ class Hello(_Message, frozen=True, kw_only=True, tag="hello"):
         "audio",
     )
     session: Annotated[Name, Meta(description="viewer: the session to watch")] = ""
-    resume: Annotated[
-        Secret, Meta(description="the key of `ready`, to resume after the connection broke")
-    ] = ""
+    resume: Annotated[Secret, Meta(description="the key of `ready`, to resume after the connection broke")] = ""
     played: Annotated[
         Samples, Meta(description="resuming: everything before it was received; the rest is sent again")
     ] = 0
@@ -108,9 +104,7 @@ class Audio(_Message, frozen=True, kw_only=True, tag="audio"):
     seg: Utterance
     start: Annotated[Samples, Meta(description="samples (per channel, own rate) of `seg` sent before these")]
     pcm: bytes
-    speaker: Annotated[Speaker, Meta(description="user: the avatar listens to it; it is not played")] = (
-        "avatar"
-    )
+    speaker: Annotated[Speaker, Meta(description="user: the avatar listens to it; it is not played")] = "avatar"
 
 
 class End(_Message, frozen=True, kw_only=True, tag="end"):
@@ -135,9 +129,7 @@ class Action(_Message, frozen=True, kw_only=True, tag="action"):
     id: Annotated[Name, Meta(min_length=1)]
     name: Name
     intensity: Annotated[float, Meta(ge=0, le=2, description="1: as in its clip")] = 1.0
-    hold: (
-        Annotated[float, Meta(ge=0, le=60, description="seconds; absent: the action's own length")] | None
-    ) = None
+    hold: Annotated[float, Meta(ge=0, le=60, description="seconds; absent: the action's own length")] | None = None
 
 
 class Music(_Message, frozen=True, kw_only=True, tag="music"):
@@ -189,9 +181,7 @@ class Limits(Struct, frozen=True, kw_only=True):
     message_bytes: int = MAX_MESSAGE_BYTES
     inbox_seconds: Annotated[float, Meta(description="sound that may wait to become motion")] = 600.0
     ahead_seconds: Annotated[float, Meta(description="motion is never sent further ahead of playback")] = 2.0
-    resume_seconds: Annotated[
-        float, Meta(description="how long a session waits for its source to return")
-    ] = 30.0
+    resume_seconds: Annotated[float, Meta(description="how long a session waits for its source to return")] = 30.0
     ping_seconds: Annotated[float, Meta(description="send something at least this often")] = 30.0
 
 

@@ -37,9 +37,7 @@ def typescript() -> str:
     _, parts = msgspec.json.schema_components([ClientMessage, ServerMessage])
     sent = {kind.__name__ for kind in get_args(ServerMessage)} | {"Rig", "Latency", "Limits"}
     blocks = [_HEADER, _constants()]
-    blocks += [
-        interface(name, schema, complete=name in sent, named=_named) for name, schema in sorted(parts.items())
-    ]
+    blocks += [interface(name, schema, complete=name in sent, named=_named) for name, schema in sorted(parts.items())]
     for name, union in (("ClientMessage", ClientMessage), ("ServerMessage", ServerMessage)):
         kinds = " | ".join(_named(kind.__name__) for kind in get_args(union))
         blocks.append(f"export type {name} = {kinds};")
@@ -64,9 +62,7 @@ def _constants() -> str:
 
 def _literal(value: object) -> str:
     constant = not isinstance(value, int)
-    return json.dumps(value, indent=2 if isinstance(value, dict) else None) + (
-        " as const" if constant else ""
-    )
+    return json.dumps(value, indent=2 if isinstance(value, dict) else None) + (" as const" if constant else "")
 
 
 def _named(name: str) -> str:

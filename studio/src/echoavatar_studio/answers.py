@@ -37,9 +37,7 @@ def answer_records(session: Session, study: Study) -> list[AnswerRecord]:
     """All judgements, oldest first."""
     names: dict[int, str] = dict(
         session.execute(
-            select(Clip.id, System.name)
-            .join(System, Clip.system_id == System.id)
-            .where(Clip.study_id == study.id)
+            select(Clip.id, System.name).join(System, Clip.system_id == System.id).where(Clip.study_id == study.id)
         ).all()
     )
     rows = session.execute(

@@ -38,9 +38,7 @@ def back_up(store: Store, media: Path, path: Path) -> dict[str, int]:
                         for row in session.execute(select(table)).mappings():
                             counts[table.name] = counts.get(table.name, 0) + 1
                             out.write(json.dumps({"table": table.name, "row": dict(row)}).encode() + b"\n")
-            files = [
-                file for name in sorted(kept) for file in sorted((media / name).rglob("*")) if file.is_file()
-            ]
+            files = [file for name in sorted(kept) for file in sorted((media / name).rglob("*")) if file.is_file()]
             for file in files:
                 whole.write(file, f"media/{file.relative_to(media).as_posix()}", zipfile.ZIP_STORED)
         partial.replace(path)

@@ -134,8 +134,7 @@ def decode(pipeline: Pipeline, sound: np.ndarray, codes: Int[Tensor, "b n p q"])
         pipeline.generator = generator
     whole = [join(list(row)) for row in zip(*steps, strict=True)]
     return [
-        Performance(Motion(pipeline.skeleton, row.rotations, row.root, float(FRAME_RATE_HZ)), row.face)
-        for row in whole
+        Performance(Motion(pipeline.skeleton, row.rotations, row.root, float(FRAME_RATE_HZ)), row.face) for row in whole
     ]
 
 
@@ -145,9 +144,7 @@ class ScriptedGenerator:
     def __init__(self, like: GeneratorStream[Any], codes: Int[Tensor, "b n p q"]) -> None:
         self.config, self._parts = like.config, iter(torch.split(codes, MOTION_TOKENS_PER_CHUNK, 1))
 
-    def step(
-        self, x: Tensor, state: object, active: Bool[Tensor, " b"], **how: object
-    ) -> Int[Tensor, "b n p q"]:
+    def step(self, x: Tensor, state: object, active: Bool[Tensor, " b"], **how: object) -> Int[Tensor, "b n p q"]:
         """The codes of the next chunk."""
         del x, state, active, how
         codes: Tensor = next(self._parts)

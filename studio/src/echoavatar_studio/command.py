@@ -42,12 +42,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="(default: serve)",
         metavar="|".join(ACTIONS),
     )
-    parser.add_argument(
-        "--study", type=Path, action="append", default=[], metavar="YAML", help="make this study first"
-    )
-    parser.add_argument(
-        "--folder", type=Path, help="folder of clips and data (default: studio; demo: studio-demo)"
-    )
+    parser.add_argument("--study", type=Path, action="append", default=[], metavar="YAML", help="make this study first")
+    parser.add_argument("--folder", type=Path, help="folder of clips and data (default: studio; demo: studio-demo)")
     parser.add_argument(
         "--store",
         metavar="URL",
@@ -116,9 +112,7 @@ def _serve(store: "Store", maker: "Maker", folder: Path, args: argparse.Namespac
                 maker.make(public, settings, path.parent, progress=bar.show)
         print(f"{settings.title}: study {public}", flush=True)
     password = first_owner(store)
-    app = create_app(
-        maker, library=folder / "library", origins=tuple(origin.rstrip("/") for origin in args.origin)
-    )
+    app = create_app(maker, library=folder / "library", origins=tuple(origin.rstrip("/") for origin in args.origin))
 
     def ready(address: str) -> None:
         print(f"the studio is at {address}/  (Ctrl-C stops)", flush=True)
@@ -160,9 +154,7 @@ def _export(store: "Store", media: Path, args: argparse.Namespace) -> int:
     studies = OwnerActions(Maker(store, media), "studio").studies().studies
     chosen = [study for study in studies if args.id in (None, study.id)]
     if not chosen:
-        raise EchoAvatarError(
-            f"there is no study {args.id or ''}; known: {', '.join(s.id for s in studies) or 'none'}"
-        )
+        raise EchoAvatarError(f"there is no study {args.id or ''}; known: {', '.join(s.id for s in studies) or 'none'}")
     output, public = args.output or Path(f"study-{chosen[0].id}"), chosen[0].id
     output.mkdir(parents=True, exist_ok=True)
     found = results(store, public)

@@ -78,9 +78,7 @@ def make_library(library: Path, model: str, progress: Progress) -> tuple[SoundCh
             (library / folder).mkdir(parents=True, exist_ok=True)
             beside = {} if face is None else {"face": face}
             write_npz(library / folder / f"{name}.npz", motion, **beside)
-    return tuple(
-        SoundChoice(path=f"sounds/{name}.flac", category=category) for name, _, category, _ in SOUNDS
-    )
+    return tuple(SoundChoice(path=f"sounds/{name}.flac", category=category) for name, _, category, _ in SOUNDS)
 
 
 def half_size(motion: Motion) -> Motion:

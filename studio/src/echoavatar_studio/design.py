@@ -75,9 +75,7 @@ def _exchange(
     for row, block in enumerate(found):
         inside[row, block] = 1
     names = sorted({mark for marks in groups for mark in marks})
-    has = np.array([[mark in marks for mark in names] for marks in groups], int).reshape(
-        len(groups), len(names)
-    )
+    has = np.array([[mark in marks for mark in names] for marks in groups], int).reshape(len(groups), len(names))
     alike = has @ has.T
     for _ in range(min(_TRIES, _TRIES_PER_BLOCK * len(found))):
         one, other = random.integers(len(found), size=2)
@@ -110,9 +108,7 @@ class Sides:
         ways = [(flip, first) for flip in (0, 1) for first in (0, 1)]
         counts, left = self._of_trial[trial], self._left[rater]
         totals = Counter({flip: counts[flip, 0] + counts[flip, 1] for flip in (0, 1)})
-        flip, first = min(
-            ways, key=lambda way: (totals[way[0]], counts[way], left[way[0]], self._random.random())
-        )
+        flip, first = min(ways, key=lambda way: (totals[way[0]], counts[way], left[way[0]], self._random.random()))
         counts[flip, first] += 1
         left[flip] += 1
         return Shown(trial, (flip, 1 - flip), first)

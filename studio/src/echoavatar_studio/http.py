@@ -95,13 +95,9 @@ class Gate:
             StudioError: too many of them.
         """
         if wait := self.limiter.wait(key, rate):
-            raise StudioError(
-                "too_many_requests", "too many requests; wait a little", retry_after=round(wait, 1)
-            )
+            raise StudioError("too_many_requests", "too many requests; wait a little", retry_after=round(wait, 1))
 
-    async def _answer(
-        self, request: Request, work: Work, who: Who, signed: bool, rate: Rate | None
-    ) -> Response:
+    async def _answer(self, request: Request, work: Work, who: Who, signed: bool, rate: Rate | None) -> Response:
         visitor: Visitor | None = None
         try:
             call = await self._admit(request, who, signed, rate)

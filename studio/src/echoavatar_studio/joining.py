@@ -29,9 +29,7 @@ def join(store: Store, token: str, current: Visitor | None, *, page: str) -> tup
         rater = session.scalar(select(Rater).where(Rater.token_hash == hashed))
         resume, action = "", "came"
         if rater is None:
-            invitation = session.scalar(
-                select(Invitation).where(Invitation.token_hash == hashed).with_for_update()
-            )
+            invitation = session.scalar(select(Invitation).where(Invitation.token_hash == hashed).with_for_update())
             if invitation is None or invitation.is_revoked:
                 raise StudioError("bad_invitation", "this link is not valid any more; ask who invited you")
             rater = _known(session, invitation, current)
@@ -89,9 +87,7 @@ def delete_rater(session: Session, rater: Rater, *, actor: str, why: str) -> Non
     else:
         invitation.is_revoked = True
     own = Block.rater_id == rater.id
-    session.execute(
-        delete(Block).where(own) if rater.is_excluded else update(Block).where(own).values(rater_id=None)
-    )
+    session.execute(delete(Block).where(own) if rater.is_excluded else update(Block).where(own).values(rater_id=None))
     note(session, actor, "rater deleted", study=study.public, detail=f"rater {rater.number}: {why}")
     session.delete(rater)
 

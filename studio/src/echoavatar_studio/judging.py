@@ -67,15 +67,11 @@ def judge(store: Store, visitor: Visitor, name: str, key: str, answer: Answer) -
     """
     digest = hashlib.sha256(name.encode() + b"\0" + msgspec.json.encode(answer, order="sorted")).hexdigest()
     with store.write() as session:
-        rater = session.get_one(
-            Rater, visitor.rater_id, with_for_update=True
-        )  # one answer of a rater at a time
+        rater = session.get_one(Rater, visitor.rater_id, with_for_update=True)  # one answer of a rater at a time
         before = session.scalar(select(Judgement).where(Judgement.rater_id == rater.id, Judgement.key == key))
         if before is not None:
             if before.digest != digest:
-                raise StudioError(
-                    "key_reused", "this idempotency key belongs to another answer; make a new one"
-                )
+                raise StudioError("key_reused", "this idempotency key belongs to another answer; make a new one")
             return Saved(is_repeated=True, progress=progress_of(session, rater))
         _consenting(session, visitor)
         study = session.get_one(Study, rater.study_id)
@@ -90,9 +86,7 @@ def judge(store: Store, visitor: Visitor, name: str, key: str, answer: Answer) -
         row.task_id, row.rater_id, row.key, row.digest = task.id, rater.id, key, digest
         session.add(row)
         rater.seen = row.at
-        note(
-            session, f"rater {rater.number}", "judged", study=study.public, detail=f"task {task.position + 1}"
-        )
+        note(session, f"rater {rater.number}", "judged", study=study.public, detail=f"task {task.position + 1}")
         session.flush()
         saved = Saved(is_repeated=False, progress=progress_of(session, rater))
     return saved  # the transaction has ended: the answer is on disk
@@ -104,24 +98,18 @@ def _row(answer: Answer, task: Task, study: Study) -> Judgement:
         raise StudioError("bad_request", f"plays has {len(answer.plays)} numbers, the task {clips} clips")
     is_broken = isinstance(answer, SkipAnswer) and answer.reason == "cannot_play"
     if not is_broken and min(answer.plays) < settings.min_plays:
-        raise StudioError(
-            "bad_request", f"every clip must be played {settings.min_plays} times before an answer"
-        )
+        raise StudioError("bad_request", f"every clip must be played {settings.min_plays} times before an answer")
     row = Judgement(seconds=answer.seconds, plays=_by_place(answer.plays, task), at=time.time())
     match answer:
         case PairwiseAnswer() if settings.kind == "pairwise":
             if set(answer.ratings) != set(settings.questions):
-                raise StudioError(
-                    "bad_request", f"ratings must answer {', '.join(settings.questions)}, each once"
-                )
+                raise StudioError("bad_request", f"ratings must answer {', '.join(settings.questions)}, each once")
             towards_first = 1 if task.order[0] == 1 else -1  # a rating is towards slot 1
             for question, rating in answer.ratings.items():
                 setattr(row, question, towards_first * rating)
         case PreferenceAnswer() if settings.kind == "preference":
             if max(answer.best, answer.worst) >= clips or answer.best == answer.worst:
-                raise StudioError(
-                    "bad_request", f"best and worst must be two different ones of {clips} clips"
-                )
+                raise StudioError("bad_request", f"best and worst must be two different ones of {clips} clips")
             row.best, row.worst = task.order[answer.best], task.order[answer.worst]
         case SkipAnswer() if settings.kind == "preference" or answer.reason == "cannot_play":
             row.skipped = answer.reason

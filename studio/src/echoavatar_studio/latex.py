@@ -23,9 +23,7 @@ def latex_table(rows: Sequence[ResultRow], questions: Sequence[Question], *, cap
     width = len(questions)
     found = {(row.group, row.system, row.category): row.scores for row in rows}
     systems = list(dict.fromkeys((row.group, row.system) for row in rows))
-    heads = " & & ".join(
-        rf"\multicolumn{{{width}}}{{c}}{{{category.capitalize()}}}" for category in CATEGORIES
-    )
+    heads = " & & ".join(rf"\multicolumn{{{width}}}{{c}}{{{category.capitalize()}}}" for category in CATEGORIES)
     rules = " ".join(rf"\cmidrule(lr){{{first}-{first + width - 1}}}" for first in (3, 4 + width))
     titles = " & & ".join(" & ".join(TITLES[question] for question in questions) for _ in CATEGORIES)
     lines = [
@@ -46,9 +44,7 @@ def latex_table(rows: Sequence[ResultRow], questions: Sequence[Question], *, cap
         for place, name in enumerate(names):
             label = rf"\multirow{{{len(names)}}}{{*}}{{{escaped(group)}}}" if place == 0 else ""
             cells = " & & ".join(
-                " & ".join(
-                    _cell(found.get((group, name, category), {}).get(question)) for question in questions
-                )
+                " & ".join(_cell(found.get((group, name, category), {}).get(question)) for question in questions)
                 for category in CATEGORIES
             )
             lines.append(rf"{label} & {escaped(name)} & {cells} \\")

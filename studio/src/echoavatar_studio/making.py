@@ -42,9 +42,7 @@ class Material:
     category: str
     sound: str
     seconds: float
-    clips: tuple[
-        tuple[str, str, int | None, list[list[list[int]]] | None], ...
-    ]  # system or number, file, seed, codes
+    clips: tuple[tuple[str, str, int | None, list[list[list[int]]] | None], ...]  # system or number, file, seed, codes
     corrupted: str
     prompt: dict[str, object] | None = None
 
@@ -107,19 +105,13 @@ class Maker:
             with self.store.write() as session:
                 self.write(session, public, settings, rows)
         except Exception as error:
-            why = (
-                str(error)
-                if isinstance(error, EchoAvatarError)
-                else "an error of the studio; see the server's log"
-            )
+            why = str(error) if isinstance(error, EchoAvatarError) else "an error of the studio; see the server's log"
             self._fail(public, why)
             raise
         finally:
             self.making.pop(public, None)
 
-    def make_later(
-        self, public: str, settings: PairwiseStudy | PreferenceStudy, base: Path
-    ) -> threading.Thread:
+    def make_later(self, public: str, settings: PairwiseStudy | PreferenceStudy, base: Path) -> threading.Thread:
         """Run `make` in a thread; an error is stored with the study."""
 
         def work() -> None:
@@ -152,9 +144,7 @@ class Maker:
         study = _study(session, public)
         systems: dict[str, int] = {}
         for place, choice in enumerate(_systems(settings)):
-            system = System(
-                study_id=study.id, name=choice.name, source=choice.model or choice.clips or "", place=place
-            )
+            system = System(study_id=study.id, name=choice.name, source=choice.model or choice.clips or "", place=place)
             session.add(system)
             session.flush()
             systems[choice.name] = system.id
@@ -169,9 +159,7 @@ class Maker:
             detail=f"{len(rows)} sounds, {count} judgements wanted",
         )
 
-    def _item(
-        self, session: Session, study: Study, public: str, row: Material, systems: dict[str, int]
-    ) -> Item:
+    def _item(self, session: Session, study: Study, public: str, row: Material, systems: dict[str, int]) -> Item:
         sound = Sound(
             study_id=study.id,
             name=row.name,
@@ -193,9 +181,7 @@ class Maker:
                 seed=seed,
                 codes=codes,
             )
-        corrupted = Clip(
-            study_id=study.id, sound_id=sound.id, system_id=None, path=f"{public}/{row.corrupted}"
-        )
+        corrupted = Clip(study_id=study.id, sound_id=sound.id, system_id=None, path=f"{public}/{row.corrupted}")
         session.add_all([*whole.values(), corrupted])
         session.flush()
         return Item(sound.id, row.name, {key: clip.id for key, clip in whole.items()}, corrupted.id)
@@ -225,9 +211,7 @@ def make_pairwise(settings: PairwiseStudy, base: Path, folder: Path, progress: P
     ]
 
 
-def make_preference(
-    settings: PreferenceStudy, base: Path, folder: Path, progress: Progress
-) -> list[Material]:
+def make_preference(settings: PreferenceStudy, base: Path, folder: Path, progress: Progress) -> list[Material]:
     """Make the candidates for every prompt, and the token files that `align dpo` reads."""
     cuts = read_sounds(settings.sounds, base, seconds=None)
     inside = base / settings.model

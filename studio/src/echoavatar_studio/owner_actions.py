@@ -255,9 +255,7 @@ def _cells(session: Session, study: Study) -> tuple[CellRow, ...]:
     for category in CATEGORIES:
         here = (Trial.study_id == study.id, Trial.role == "real", Sound.category == category)
         tasks = (
-            select(func.count(Task.id))
-            .join(Trial, Task.trial_id == Trial.id)
-            .join(Sound, Trial.sound_id == Sound.id)
+            select(func.count(Task.id)).join(Trial, Task.trial_id == Trial.id).join(Sound, Trial.sound_id == Sound.id)
         )
         of = session.scalar(tasks.where(*here)) or 0
         done = session.scalar(tasks.join(Judgement, Judgement.task_id == Task.id).where(*here)) or 0

@@ -77,9 +77,7 @@ class _Owner:
     def set_up(self, _: Call) -> SetUp:
         folders = sorted(path for path in self._library.glob("*") if path.is_dir())
         sounds = [path for path in self._library.glob("*") if path.suffix.lower() in AUDIO_SUFFIXES]
-        sounds += [
-            path for path in folders if any(e.suffix.lower() in AUDIO_SUFFIXES for e in path.iterdir())
-        ]
+        sounds += [path for path in folders if any(e.suffix.lower() in AUDIO_SUFFIXES for e in path.iterdir())]
         models = [path.name for path in folders if (path / "generator").is_dir()]
         moving = [path.name for path in folders if any(e.suffix in (".npz", ".bvh") for e in path.iterdir())]
         templates = (
@@ -170,9 +168,7 @@ class _Owner:
 
 def _paths(settings: PairwiseStudy | PreferenceStudy) -> list[str]:
     paths = [sound.path for sound in settings.sounds]
-    models = (
-        [settings.model] if settings.kind == "preference" else [system.model for system in settings.systems]
-    )
+    models = [settings.model] if settings.kind == "preference" else [system.model for system in settings.systems]
     paths += [model for model in models if model is not None and model not in shipped()]
     if settings.kind == "pairwise":
         paths += [system.clips for system in settings.systems if system.clips is not None]

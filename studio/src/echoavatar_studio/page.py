@@ -72,9 +72,7 @@ async def _words(folders: Sequence[Path], request: Request) -> Response:
     found = await anyio.to_thread.run_sync(read_words, folders, request.path_params["language"])
     if found is None:
         return refused(not_found())
-    return Response(
-        msgspec.json.encode(found), media_type="application/json", headers={"cache-control": "no-cache"}
-    )
+    return Response(msgspec.json.encode(found), media_type="application/json", headers={"cache-control": "no-cache"})
 
 
 def read_words(folders: Sequence[Path], language: str) -> dict[str, str] | None:

@@ -22,9 +22,7 @@ class Item(NamedTuple):
     corrupted: int
 
 
-def plan(
-    session: Session, study: Study, settings: PairwiseStudy | PreferenceStudy, items: Sequence[Item]
-) -> int:
+def plan(session: Session, study: Study, settings: PairwiseStudy | PreferenceStudy, items: Sequence[Item]) -> int:
     """Write trials, blocks and tasks; return the number of tasks that count."""
     trials = _Trials(session, study, settings)
     real, groups = _real(trials, settings, items)
@@ -48,11 +46,7 @@ def plan(
         session.add(block)
         session.flush()
         for position, trial in enumerate(everything):
-            shown = (
-                sides.pair(trial.id, number)
-                if len(trial.clips) == 2
-                else sides.many(trial.id, len(trial.clips))
-            )
+            shown = sides.pair(trial.id, number) if len(trial.clips) == 2 else sides.many(trial.id, len(trial.clips))
             session.add(
                 Task(
                     public=new_name(),

@@ -33,9 +33,7 @@ def draw_means(rows: Sequence[ResultRow], questions: Sequence[Question]) -> byte
                 markersize=5,
             )
         axes.axvline(0, color="#888", linewidth=0.8)
-        axes.set(
-            title=TITLES[question], xlim=(-2.1, 2.1), ylim=(max(len(systems), 1) - 0.5, -0.5), xlabel="rating"
-        )
+        axes.set(title=TITLES[question], xlim=(-2.1, 2.1), ylim=(max(len(systems), 1) - 0.5, -0.5), xlabel="rating")
         axes.set_yticks(range(len(systems)), systems if number == 0 else [""] * len(systems))
         axes.spines[["top", "right"]].set_visible(False)
     shown = [category for category in _COLOURS if any(row.category == category for row in rows)]

@@ -42,8 +42,7 @@ def rater_rows(store: Store, public: str) -> Raters:
         by_rater[answer.rater].append(answer)
     return Raters(
         raters=tuple(
-            _row(rater, label, by_rater[rater.number], sizes.get(rater.id, 0), means)
-            for rater, label in people
+            _row(rater, label, by_rater[rater.number], sizes.get(rater.id, 0), means) for rater, label in people
         )
     )
 

@@ -94,6 +94,4 @@ def _forget(store: Store, visitor: Visitor, why: str) -> None:
 def set_cookie(answer: Response, call: Call, name: str, token: str, path: str, seconds: float) -> None:
     """A cookie that scripts cannot read and other sites cannot send."""
     is_secure = call.request.url.scheme == "https"
-    answer.set_cookie(
-        name, token, max_age=int(seconds), path=path, httponly=True, samesite="strict", secure=is_secure
-    )
+    answer.set_cookie(name, token, max_age=int(seconds), path=path, httponly=True, samesite="strict", secure=is_secure)

@@ -48,9 +48,7 @@ def results_of(session: Session, study: Study) -> Results:
         rows=tuple(system_rows(settings, answers)) if settings.kind == "pairwise" else (),
         pairs=tuple(pair_rows(settings, answers)) if settings.kind == "pairwise" else (),
         ranking=tuple(ranking(settings, answers)) if settings.kind == "pairwise" else (),
-        agreement=tuple(
-            _pairwise_alpha(settings, answers) if settings.kind == "pairwise" else _best_alpha(answers)
-        ),
+        agreement=tuple(_pairwise_alpha(settings, answers) if settings.kind == "pairwise" else _best_alpha(answers)),
         preferences=tuple(_preference(row) for row in verdicts(session, study, settings, answers))
         if settings.kind == "preference"
         else (),
@@ -64,14 +62,10 @@ def system_rows(settings: PairwiseStudy, answers: Sequence[AnswerRecord]) -> lis
     rows = []
     for system in settings.systems:
         for category in _categories(answers):
-            own = [
-                answer for answer in answers if answer.category == category and system.name in answer.systems
-            ]
+            own = [answer for answer in answers if answer.category == category and system.name in answer.systems]
             scores = _scores(settings.questions, ((answer, _towards(answer, system.name)) for answer in own))
             if scores:
-                rows.append(
-                    ResultRow(system=system.name, group=system.group, category=category, scores=scores)
-                )
+                rows.append(ResultRow(system=system.name, group=system.group, category=category, scores=scores))
     return rows
 
 
@@ -137,9 +131,7 @@ def verdicts(
         .where(Trial.study_id == study.id, Trial.role == "real")
         .order_by(Trial.id)
     )
-    return [
-        (trial, sound, verdict(votes[trial.id], len(trial.clips), settings.keep)) for trial, sound in real
-    ]
+    return [(trial, sound, verdict(votes[trial.id], len(trial.clips), settings.keep)) for trial, sound in real]
 
 
 def _preference(row: tuple[Trial, Sound, Verdict]) -> PreferenceRow:

@@ -25,9 +25,7 @@ def open_store(folder: Path, url: str | None) -> Store:
         for name in ("media", "library"):
             (folder / name).mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise EchoAvatarError(
-            f"cannot write to {folder}: {error.strerror}; choose another --folder"
-        ) from error
+        raise EchoAvatarError(f"cannot write to {folder}: {error.strerror}; choose another --folder") from error
     return Store(url or sqlite_url(folder / "studio.db"))
 
 

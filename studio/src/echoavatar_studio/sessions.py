@@ -30,16 +30,12 @@ class Visitor:
         return (self.rater_id if who == "rater" else self.owner_id) is not None
 
 
-def sign_in(
-    session: Session, *, owner_id: int | None = None, rater_id: int | None = None
-) -> tuple[str, Visitor]:
+def sign_in(session: Session, *, owner_id: int | None = None, rater_id: int | None = None) -> tuple[str, Visitor]:
     """Open a session; return the token for the cookie, and the visitor."""
     token, csrf, now = new_token(), new_token(), time.time()
     session.execute(delete(Login).where(Login.expires < now))
     expires = now + (OWNER_SECONDS if owner_id is not None else RATER_SECONDS)
-    row = Login(
-        token_hash=hash_token(token), csrf=csrf, owner_id=owner_id, rater_id=rater_id, expires=expires
-    )
+    row = Login(token_hash=hash_token(token), csrf=csrf, owner_id=owner_id, rater_id=rater_id, expires=expires)
     session.add(row)
     session.flush()
     return token, Visitor(row.id, csrf, owner_id, rater_id)
@@ -50,9 +46,7 @@ def find_visitor(store: Store, token: str) -> Visitor | None:
     if not token:
         return None
     with store.read() as session:
-        row = session.scalar(
-            select(Login).where(Login.token_hash == hash_token(token), Login.expires > time.time())
-        )
+        row = session.scalar(select(Login).where(Login.token_hash == hash_token(token), Login.expires > time.time()))
         return None if row is None else Visitor(row.id, row.csrf, row.owner_id, row.rater_id)
 
 

@@ -38,9 +38,7 @@ class SystemChoice(Config):
 
     name: str = Field(min_length=1, max_length=80, description="its name in the table")
     model: str | None = Field(default=None, description="name or folder of a bundle")
-    clips: str | None = Field(
-        default=None, description="folder of .npz or .bvh motion named after the sound files"
-    )
+    clips: str | None = Field(default=None, description="folder of .npz or .bvh motion named after the sound files")
     seed: int = Field(default=0, ge=0, description="seed of the model")
     group: str = Field(
         default="",
@@ -69,9 +67,7 @@ class _Study(Config):
     consent: str = Field(default=CONSENT, min_length=1, max_length=8000)
     sounds: tuple[SoundChoice, ...] = Field(min_length=1)
     raters: int = Field(ge=1, le=2000, description="raters wanted")
-    tasks_per_rater: int = Field(
-        default=20, ge=1, le=500, description="tasks that count; at most all there are"
-    )
+    tasks_per_rater: int = Field(default=20, ge=1, le=500, description="tasks that count; at most all there are")
     training: int = Field(default=1, ge=0, le=10, description="practice tasks before the first")
     checks: Checks = Checks()
     min_plays: int = Field(default=1, ge=0, le=10, description="times that each clip must be played")
@@ -121,12 +117,8 @@ class PreferenceStudy(_Study):
     kind: Literal["preference"]
     model: str = Field(default="default", description="name or folder of a bundle")
     candidates: int = Field(default=8, ge=2, le=MAX_CLIPS - 1)
-    past: int = Field(
-        default=3, ge=0, le=40, description="chunks of motion before the candidates begin to differ"
-    )
-    length: int = Field(
-        default=20, ge=1, le=80, description=f"chunks of a candidate, {CHUNK_SECONDS:.3f} s each"
-    )
+    past: int = Field(default=3, ge=0, le=40, description="chunks of motion before the candidates begin to differ")
+    length: int = Field(default=20, ge=1, le=80, description=f"chunks of a candidate, {CHUNK_SECONDS:.3f} s each")
     prompts_per_sound: int = Field(
         default=1, ge=1, le=50, description="stretches of each sound that are used, evenly spread"
     )
@@ -153,9 +145,7 @@ def parse_study(text: str, *, name: str = "study.yaml") -> PairwiseStudy | Prefe
         return _ADAPTER.validate_python(stored)
     except ValidationError as error:
         first = error.errors()[0]
-        place = (
-            ".".join(str(part) for part in first["loc"] if part not in ("pairwise", "preference")) or "kind"
-        )
+        place = ".".join(str(part) for part in first["loc"] if part not in ("pairwise", "preference")) or "kind"
         raise EchoAvatarError(f"{name}: {place}: {first['msg']}") from error
 
 

@@ -58,9 +58,7 @@ class SimulatedRaters:
         self._names = names
         # candidates of one model differ, too: each has a worth of its own, the same for all raters
         own = np.random.default_rng([seed, 8])
-        self._worth = {
-            clip: preferences.worth.get(name, 0.0) + own.normal(0, 0.3) for clip, name in names.items()
-        }
+        self._worth = {clip: preferences.worth.get(name, 0.0) + own.normal(0, 0.3) for clip, name in names.items()}
         self._is_pairwise = row.kind == "pairwise"
 
     def work(self, visitor: Visitor, questions: tuple[Question, ...], *, tasks: int | None = None) -> int:
@@ -86,9 +84,7 @@ class SimulatedRaters:
             return SkipAnswer(reason="no_difference", seconds=seconds, plays=plays)
         worth = np.array([self._worth.get(clip, CORRUPTED) for clip in clips])
         seen = (0 if is_careless else worth) + random.normal(0, preferences.noise * 0.4, len(clips))
-        return PreferenceAnswer(
-            best=int(seen.argmax()), worst=int(seen.argmin()), seconds=seconds, plays=plays
-        )
+        return PreferenceAnswer(best=int(seen.argmax()), worst=int(seen.argmin()), seconds=seconds, plays=plays)
 
     def _by_lot(self, questions: tuple[Question, ...]) -> dict[Question, int]:
         return {question: int(self._random.integers(-2, 3)) for question in questions}

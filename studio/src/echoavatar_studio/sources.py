@@ -175,6 +175,4 @@ def inside(base: Path, paths: Sequence[str]) -> None:
     root = base.resolve()
     for path in paths:
         if not (root / path).resolve().is_relative_to(root):
-            raise EchoAvatarError(
-                f"{path!r} is not in the studio's library; put it there, or start with --study"
-            )
+            raise EchoAvatarError(f"{path!r} is not in the studio's library; put it there, or start with --study")

@@ -82,9 +82,7 @@ def migrate(engine: Engine) -> None:
         if connection.dialect.name == "postgresql":
             connection.exec_driver_sql("SELECT pg_advisory_xact_lock(727274)")
         config = AlembicConfig()
-        config.set_main_option(
-            "script_location", str(Path(__file__).parent / "migrations").replace("%", "%%")
-        )
+        config.set_main_option("script_location", str(Path(__file__).parent / "migrations").replace("%", "%%"))
         config.attributes["connection"] = connection
         command.upgrade(config, "head")
 
@@ -100,9 +98,7 @@ def _checked(url: str) -> URL:
     if name == "postgresql" and "+" not in parsed.drivername:
         parsed = parsed.set(drivername="postgresql+psycopg")
     elif name not in ("sqlite", "postgresql"):
-        raise EchoAvatarError(
-            f"the studio keeps its data in SQLite or PostgreSQL, not in {name}; change --store"
-        )
+        raise EchoAvatarError(f"the studio keeps its data in SQLite or PostgreSQL, not in {name}; change --store")
     return parsed
 
 
@@ -110,15 +106,11 @@ def _engine(url: URL, *, is_sqlite: bool) -> Engine:
     if not is_sqlite:
         return create_engine(url, pool_size=20, max_overflow=30, pool_pre_ping=True, hide_parameters=True)
     if not url.database or url.database == ":memory:":
-        raise EchoAvatarError(
-            "a store in memory would lose every judgement; name a file: sqlite:///studio.db"
-        )
+        raise EchoAvatarError("a store in memory would lose every judgement; name a file: sqlite:///studio.db")
     try:
         Path(url.database).parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise EchoAvatarError(
-            f"the store cannot be in {url.database} ({error.strerror}); choose another"
-        ) from error
+        raise EchoAvatarError(f"the store cannot be in {url.database} ({error.strerror}); choose another") from error
     engine = create_engine(url, pool_size=20, max_overflow=30, hide_parameters=True)
     event.listen(engine, "connect", _prepare_sqlite)
     event.listen(engine, "begin", _begin_sqlite)

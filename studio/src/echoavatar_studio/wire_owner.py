@@ -79,9 +79,7 @@ class StudyDetail(Reply, frozen=True, kw_only=True):
     settings: Annotated[str, Meta(description="study.yaml as it was taken")]
     systems: tuple[SystemRow, ...]
     progress: tuple[CellRow, ...]
-    per_hour: Annotated[
-        tuple[int, ...], Meta(description="judgements in each of the last 24 hours, oldest first")
-    ]
+    per_hour: Annotated[tuple[int, ...], Meta(description="judgements in each of the last 24 hours, oldest first")]
 
 
 class NewStudy(Request, frozen=True, kw_only=True):
@@ -167,9 +165,7 @@ class RaterRow(Reply, frozen=True, kw_only=True):
     median_seconds: float
     too_fast: Annotated[int, Meta(description="answers given before the clips could have been seen")]
     straight: Annotated[float, Meta(description="share of the commonest answer; 1: always the same")]
-    agreement: Annotated[
-        float | None, Meta(description="correlation with the others' mean; null: too little")
-    ]
+    agreement: Annotated[float | None, Meta(description="correlation with the others' mean; null: too little")]
     is_excluded: Annotated[bool, Meta(description="left out of results and export")]
     reason: str
 
@@ -192,9 +188,7 @@ class Mean(Reply, frozen=True, kw_only=True):
 
     mean: float
     half: Annotated[float | None, Meta(description="over judgements, as in the paper")]
-    half_raters: Annotated[
-        float | None, Meta(description="over raters' own means: mind it where raters differ")
-    ]
+    half_raters: Annotated[float | None, Meta(description="over raters' own means: mind it where raters differ")]
     count: int
 
 

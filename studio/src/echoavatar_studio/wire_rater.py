@@ -55,9 +55,7 @@ class Joined(Reply, frozen=True, kw_only=True):
     progress: Progress
     resume: Annotated[
         str,
-        Meta(
-            description="link to go on with elsewhere; only when an open invitation was just taken, else empty"
-        ),
+        Meta(description="link to go on with elsewhere; only when an open invitation was just taken, else empty"),
     ] = ""
 
 
@@ -75,9 +73,7 @@ class RaterTask(Reply, frozen=True, kw_only=True):
     number: Annotated[int, Meta(description="1 is the first task")]
     seconds: Annotated[float, Meta(description="length of sound and of every clip")]
     audio: Annotated[str, Meta(description="address of the sound, audio/flac")]
-    clips: Annotated[
-        tuple[str, ...], Meta(description="addresses of the motion: 2 (pairwise) or N (preference)")
-    ]
+    clips: Annotated[tuple[str, ...], Meta(description="addresses of the motion: 2 (pairwise) or N (preference)")]
     first: Annotated[int, Meta(description="sequential: which of the two clips is played first")]
 
 
@@ -141,9 +137,7 @@ class RigInfo(Reply, frozen=True, kw_only=True):
 
     names: tuple[str, ...]
     parents: tuple[int, ...]
-    rest: Annotated[
-        tuple[tuple[float, float, float], ...], Meta(description="offset from the parent, metres")
-    ]
+    rest: Annotated[tuple[tuple[float, float, float], ...], Meta(description="offset from the parent, metres")]
 
 
 class Scene(Reply, frozen=True, kw_only=True):

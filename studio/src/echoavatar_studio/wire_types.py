@@ -25,9 +25,7 @@ def typescript() -> str:
         "CATEGORIES": CATEGORIES,
         "MAX_CLIPS": MAX_CLIPS,
     }
-    values = "\n".join(
-        f"export const {name} = {json.dumps(value)} as const;" for name, value in constants.items()
-    )
+    values = "\n".join(f"export const {name} = {json.dumps(value)} as const;" for name, value in constants.items())
     blocks = [_HEADER, values]
     blocks += [interface(name, part, complete=name not in asked) for name, part in sorted(parts.items())]
     blocks.append("export type Answer = PairwiseAnswer | PreferenceAnswer | SkipAnswer;")

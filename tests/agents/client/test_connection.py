@@ -28,9 +28,7 @@ def place() -> Iterator[Place]:
 
 
 def test_it_needs_no_torch() -> None:
-    code = (
-        "import sys, echoavatar.agents.client; sys.exit('torch' in sys.modules or 'pydantic' in sys.modules)"
-    )
+    code = "import sys, echoavatar.agents.client; sys.exit('torch' in sys.modules or 'pydantic' in sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True)
 
 

@@ -30,9 +30,7 @@ READY = Ready(
 def motion(at: int, height: float) -> Motion:
     turns = np.zeros((8, 2, 4), np.float32)
     turns[..., 0] = 1
-    return pack_pose(
-        Pose(turns, np.full((8, 3), height, np.float32), np.full((8, 1), 0.5, np.float32)), at=at
-    )
+    return pack_pose(Pose(turns, np.full((8, 3), height, np.float32), np.full((8, 1), 0.5, np.float32)), at=at)
 
 
 def sound(at: int, level: float, seg: int = 0) -> Sound:

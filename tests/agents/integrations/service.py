@@ -76,9 +76,7 @@ def service(script: Callable[[Talk], None]) -> Iterator[str]:
         if "get-signed-url" not in request.path:
             return None
         port = line.socket.getsockname()[1]
-        return line.respond(
-            200, json.dumps({"signed_url": f"ws://127.0.0.1:{port}/v1/convai/conversation?signed=1"})
-        )
+        return line.respond(200, json.dumps({"signed_url": f"ws://127.0.0.1:{port}/v1/convai/conversation?signed=1"}))
 
     with serve(answer, "127.0.0.1", 0, process_request=sign) as server:
         thread = threading.Thread(target=server.serve_forever, daemon=True)

@@ -104,9 +104,7 @@ def test_an_interruption_is_exact_and_two_at_once_are_one() -> None:
         await asyncio.sleep(0.6)
 
     scene = play(script)
-    cut = scene.events.index(
-        next((when, event) for when, event in scene.events if isinstance(event, Flushed))
-    )
+    cut = scene.events.index(next((when, event) for when, event in scene.events if isinstance(event, Flushed)))
     after = [event for _, event in scene.events[cut:] if isinstance(event, AvatarChunk)]
     assert after
     assert not any(chunk.pcm for chunk in after)

@@ -37,9 +37,7 @@ def test_a_pause_within_speech_is_sound_and_silence_around_speech_is_not() -> No
     assert make_chunk(MOTION, SILENCE, released_to=0, cut_seg=0).pcm == SILENCE.pcm
     idle = msgspec.structs.replace(SILENCE, seg=0)
     assert make_chunk(MOTION, idle, released_to=0, cut_seg=0).pcm == b""
-    assert make_chunk(MOTION, SILENCE, released_to=0, cut_seg=2).pcm == b"", (
-        "the rest of a chunk that was cut"
-    )
+    assert make_chunk(MOTION, SILENCE, released_to=0, cut_seg=2).pcm == b"", "the rest of a chunk that was cut"
 
 
 def test_music_after_a_cut_is_no_speech() -> None:

@@ -25,8 +25,7 @@ class FacedBody(Body):
 
     def step(self, *given: Any) -> Any:
         return [
-            chunk._replace(face=np.clip(np.tile(chunk.root[:, 1:2], (1, 52)), 0, 1))
-            for chunk in super().step(*given)
+            chunk._replace(face=np.clip(np.tile(chunk.root[:, 1:2], (1, 52)), 0, 1)) for chunk in super().step(*given)
         ]
 
 
@@ -61,9 +60,7 @@ class Listener:
         self.added: list[dict[str, Any]] = []
         self.code: int | None = None
 
-    async def listen(
-        self, until: Callable[["Listener"], bool] = lambda _: False, seconds: float = 15
-    ) -> None:
+    async def listen(self, until: Callable[["Listener"], bool] = lambda _: False, seconds: float = 15) -> None:
         from websockets.exceptions import ConnectionClosed
 
         async with asyncio.timeout(seconds):

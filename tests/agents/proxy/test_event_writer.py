@@ -22,9 +22,7 @@ def scene() -> tuple[Conversation, EventWriter, SpeechItem]:
     return conversation, EventWriter(conversation, FACED, idle=True), voice
 
 
-def kinds(
-    conversation: Conversation, writer: EventWriter, sound: Sound, *, with_motion: bool = True
-) -> list[str]:
+def kinds(conversation: Conversation, writer: EventWriter, sound: Sound, *, with_motion: bool = True) -> list[str]:
     events = list(writer.events_for(motion(sound.at))) if with_motion else []
     conversation.on_avatar_sound(sound)
     return [event["type"] for event in [*events, *writer.events_for(sound)]]
@@ -48,9 +46,7 @@ def test_motion_waits_for_the_sound_that_names_its_item() -> None:
 def test_a_slow_connection_may_lose_motion_but_not_the_frame_count() -> None:
     conversation, writer, voice = scene()
     voice.add(np.zeros(6_400, "<i2").tobytes())
-    assert (
-        kinds(conversation, writer, Sound(at=6_400, epoch=0, seg=1, pcm=pcm(1_000)), with_motion=False) == []
-    )
+    assert kinds(conversation, writer, Sound(at=6_400, epoch=0, seg=1, pcm=pcm(1_000)), with_motion=False) == []
     list(writer.events_for(motion(12_800)))
     conversation.on_avatar_sound(Sound(at=12_800, epoch=0, seg=1, pcm=pcm(0)))
     events = list(writer.events_for(Sound(at=12_800, epoch=0, seg=1, pcm=pcm(0))))

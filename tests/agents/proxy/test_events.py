@@ -12,9 +12,7 @@ from echoavatar.agents.proxy.events import (
 )
 
 
-@pytest.mark.parametrize(
-    "text", ["", "[", '"a"', "{}", '{"type": 3}', '{"type":"a","item_id":4}', "[" * 9_000]
-)
+@pytest.mark.parametrize("text", ["", "[", '"a"', "{}", '{"type": 3}', '{"type":"a","item_id":4}', "[" * 9_000])
 def test_malformed_events_are_none(text: str) -> None:
     assert read(text) is None
 
@@ -26,9 +24,7 @@ def test_fields_of_no_concern_do_not_disturb() -> None:
     assert sound(event.delta) == b""
 
 
-@pytest.mark.parametrize(
-    ("field", "data"), [("AAE=", b"\0\1"), ("***", b""), (None, b""), ("AAE", b""), (7, b"")]
-)
+@pytest.mark.parametrize(("field", "data"), [("AAE=", b"\0\1"), ("***", b""), (None, b""), ("AAE", b""), (7, b"")])
 def test_broken_sound_is_no_sound(field: object, data: bytes) -> None:
     assert sound(field) == data
 

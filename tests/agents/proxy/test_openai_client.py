@@ -41,9 +41,7 @@ def test_a_conversation_with_interruption_and_gesture() -> None:
         frames: dict[str, set[int]] = {}
         with stage() as place:
             async with proxied(talk, place.address, settings=settings) as (url, upstream, _):
-                client = openai.AsyncOpenAI(
-                    api_key="sk-test", websocket_base_url=url.removesuffix("/realtime")
-                )
+                client = openai.AsyncOpenAI(api_key="sk-test", websocket_base_url=url.removesuffix("/realtime"))
                 async with client, client.realtime.connect(model="gpt-realtime") as connection:
                     async for event in connection:
                         kinds.append(event.type)
@@ -56,9 +54,7 @@ def test_a_conversation_with_interruption_and_gesture() -> None:
                                 assert len(event.rig["names"]) == 52
                                 await connection.response.create()
                             case "response.output_audio.delta":
-                                heard[event.item_id] = heard.get(event.item_id, 0) + len(
-                                    base64.b64decode(event.delta)
-                                )
+                                heard[event.item_id] = heard.get(event.item_id, 0) + len(base64.b64decode(event.delta))
                             case "response.animation_blendshapes.delta":
                                 assert len(event.frames[0]) == 52
                                 frames.setdefault(event.item_id, set()).add(event.frame_index)

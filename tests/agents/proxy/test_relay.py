@@ -179,9 +179,7 @@ async def refusal(upstream_port: int, **options: Any) -> Response:
     return refused.value.response
 
 
-@pytest.mark.parametrize(
-    ("status", "reason"), [(200, "OK"), (429, "Slow down, please"), (499, ""), (520, "Unknown")]
-)
+@pytest.mark.parametrize(("status", "reason"), [(200, "OK"), (429, "Slow down, please"), (499, ""), (520, "Unknown")])
 def test_any_status_is_passed_on_with_its_reason_headers_and_body(status: int, reason: str) -> None:
     raw = (
         f"HTTP/1.1 {status} {reason}\r\nContent-Type: text/x-own\r\nRetry-After: 7\r\nSet-Cookie: a=b\r\n"
@@ -209,9 +207,7 @@ def test_redirects_are_refused_so_that_no_key_reaches_another_host(status: int) 
 
     async def conversation() -> None:
         async with answering(b"HTTP/1.1 401 No\r\nContent-Length: 0\r\n\r\n") as (other, requests):
-            raw = (
-                f"HTTP/1.1 {status} Moved\r\nLocation: ws://127.0.0.1:{other}/x\r\nContent-Length: 0\r\n\r\n"
-            )
+            raw = f"HTTP/1.1 {status} Moved\r\nLocation: ws://127.0.0.1:{other}/x\r\nContent-Length: 0\r\n\r\n"
             async with answering(raw.encode()) as (port, _):
                 told = await refusal(
                     port,
@@ -239,9 +235,7 @@ def test_redirects_are_refused_so_that_no_key_reaches_another_host(status: int) 
     ],
     ids=lambda raw: raw[:30].decode(),
 )
-def test_an_upstream_that_does_not_speak_http_is_a_bad_gateway(
-    raw: bytes, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_an_upstream_that_does_not_speak_http_is_a_bad_gateway(raw: bytes, caplog: pytest.LogCaptureFixture) -> None:
     async def conversation() -> None:
         async with answering(raw) as (port, _):
             told = await refusal(port)

@@ -27,9 +27,7 @@ def heights(event: dict[str, Any]) -> float:
     import base64
 
     blobs = {key: base64.b64decode(event[key]) for key in ("rotations", "root")}
-    pose = unpack_pose(
-        Motion(at=0, epoch=0, frames=event["frames"], face=b"", state="idle", **blobs), curves=52
-    )
+    pose = unpack_pose(Motion(at=0, epoch=0, frames=event["frames"], face=b"", state="idle", **blobs), curves=52)
     return float(pose.root[-1, 1]) / 1e-5 / LEVEL / 24_000
 
 
@@ -124,9 +122,7 @@ def test_speech_that_was_not_heard_leaves_no_trace_in_the_body(heard_ms: int) ->
             await asyncio.sleep(0.7)
             await client.say("user")
             await client.listen(lambda c: any("speech_started" in text for text in c.passed))
-            await client.say(
-                "conversation.item.truncate", item_id="item_1", content_index=0, audio_end_ms=heard_ms
-            )
+            await client.say("conversation.item.truncate", item_id="item_1", content_index=0, audio_end_ms=heard_ms)
             await client.listen(lambda c: any(e["item_id"] == "item_2" for e in c.of(DONE)))
             [session] = upstream.sessions
             assert client.passed == session.sent
@@ -136,9 +132,7 @@ def test_speech_that_was_not_heard_leaves_no_trace_in_the_body(heard_ms: int) ->
             flushes = client.of(FLUSH)
             assert flushes
             assert flushes[0]["item_id"] == "item_1"
-            place_of = {
-                event["frame_index"]: event["at"] for event in client.of(BODY) if event["item_id"] == "item_1"
-            }
+            place_of = {event["frame_index"]: event["at"] for event in client.of(BODY) if event["item_id"] == "item_1"}
             start = place_of[0]
             assert [flush["at"] - start for flush in flushes] == [pytest.approx(heard_ms * 24, abs=801)]
 
@@ -173,9 +167,7 @@ def test_interrupted_twice_in_a_row() -> None:
                 item = f"item_{turn}"
                 await client.listen(lambda c, item=item: sum(e["item_id"] == item for e in c.of(FACE)) >= 3)
                 await client.say(f"user_{turn}")
-                await client.say(
-                    "conversation.item.truncate", item_id=item, content_index=0, audio_end_ms=400
-                )
+                await client.say("conversation.item.truncate", item_id=item, content_index=0, audio_end_ms=400)
             await client.listen(lambda c: any(e["item_id"] == "item_3" for e in c.of(DONE)))
             last = [event for event in client.of(BODY) if event["item_id"] == "item_3"][-1]
             assert heights(last) == pytest.approx(0.4 + 0.4 + 0.8, abs=0.02)
@@ -292,9 +284,7 @@ def test_the_users_voice_makes_the_avatar_listen() -> None:
         async with talking(silent) as (client, _, _):
             await client.listen(is_there)
             time = np.arange(24_000) / 24_000
-            voice = (6_000 * np.sin(2 * np.pi * 150 * time) * (1 + np.sin(2 * np.pi * 4 * time))).astype(
-                "<i2"
-            )
+            voice = (6_000 * np.sin(2 * np.pi * 150 * time) * (1 + np.sin(2 * np.pi * 4 * time))).astype("<i2")
             for part in np.array_split(voice, 10):
                 await client.say("input_audio_buffer.append", audio=base64.b64encode(part.tobytes()).decode())
             await client.listen(lambda c: any(e["state"] == "listening" for e in c.of(BODY)))

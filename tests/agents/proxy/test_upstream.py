@@ -3,9 +3,7 @@ from echoavatar.agents.proxy.upstream import forwarded_headers, quiet_logger, up
 
 def test_the_query_is_both_and_the_client_decides() -> None:
     base = "wss://x.example/v1/realtime?model=a&api-version=1"
-    assert upstream_url(base, "/v1/realtime?model=b%20c") == (
-        "wss://x.example/v1/realtime?api-version=1&model=b+c"
-    )
+    assert upstream_url(base, "/v1/realtime?model=b%20c") == ("wss://x.example/v1/realtime?api-version=1&model=b+c")
     assert upstream_url("ws://h:1/x", "/anything") == "ws://h:1/x"
 
 

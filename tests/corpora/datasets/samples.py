@@ -121,9 +121,7 @@ def write_beat2(folder: Path, name: str, seconds: float = 3.0, *, is_z_up: bool 
     poses = axis_angle_from_quaternion(quaternions).reshape(motion.frames, 165).numpy()
     path = folder / "smplxflame_30" / f"{name}.npz"
     path.parent.mkdir(parents=True, exist_ok=True)
-    np.savez(
-        path, poses=poses, trans=trans, betas=np.zeros(300), mocap_frame_rate=30, gender=np.array("neutral")
-    )
+    np.savez(path, poses=poses, trans=trans, betas=np.zeros(300), mocap_frame_rate=30, gender=np.array("neutral"))
     (folder / "wave16k").mkdir(exist_ok=True)
     write_wav(folder / "wave16k" / f"{name}.wav", speech(seconds, 16_000), rate=16_000)
     return path

@@ -31,9 +31,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_POST(self) -> None:
         content = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
-        self.server.asked.append(
-            (self.path, {name.lower(): value for name, value in self.headers.items()}, content)
-        )
+        self.server.asked.append((self.path, {name.lower(): value for name, value in self.headers.items()}, content))
         status = self.server.answers.pop(0) if self.server.answers else 200
         text = content.get("input") or content.get("text")
         body = _tone(0.05 * len(text)) if self.server.is_sound else b"not a sound"

@@ -9,9 +9,7 @@ from echoavatar.errors import EchoAvatarError
 
 def test_scripts_come_from_the_file_then_shipped_then_generated(tmp_path: Path) -> None:
     file = tmp_path / "talk.txt"
-    file.write_text(
-        "# a comment\nAnna: Hello there; who is it?\nBo: Me!\nAnna: Oh.\n\n\nAlone: one\nplain line\n"
-    )
+    file.write_text("# a comment\nAnna: Hello there; who is it?\nBo: Me!\nAnna: Oh.\n\n\nAlone: one\nplain line\n")
     found = list(islice(conversations(0, file), 14))
     assert [script.source for script in found[:3]] == ["talk.txt", "talk.txt", OWN]
     assert found[-1].source == RULE
@@ -29,9 +27,7 @@ def test_shipped_scripts_can_be_spoken_and_one_in_ten_is_held_out() -> None:
     found = list(islice(conversations(0), 40))
     assert len({script.name for script in found}) == 40
     assert all(turn.sentences for script in found for turn in script.turns)
-    assert all(
-        word.text for script in found for turn in script.turns for s in turn.sentences for word in s.words
-    )
+    assert all(word.text for script in found for turn in script.turns for s in turn.sentences for word in s.words)
     assert sum(script.split == "test" for script in found) == 4
 
 

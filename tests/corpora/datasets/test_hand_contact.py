@@ -38,9 +38,7 @@ def narrow(motion: Motion, by: float = 0.04) -> Motion:
     for side, sign in (("left", 1), ("right", -1)):
         x, y, z = offsets[HUMANOID.index(f"{side}UpperArm")]
         offsets[HUMANOID.index(f"{side}UpperArm")] = (x - sign * by, y, z)
-    return replace(
-        motion, skeleton=Skeleton(motion.skeleton.config.model_copy(update={"offsets": tuple(offsets)}))
-    )
+    return replace(motion, skeleton=Skeleton(motion.skeleton.config.model_copy(update={"offsets": tuple(offsets)})))
 
 
 def apart(motion: Motion) -> torch.Tensor:

@@ -9,11 +9,7 @@ from echoavatar.corpora.datasets.hand_quality import hand_scores, hand_states, m
 from echoavatar.motion.kinematics import HUMANOID, Motion, read_bvh
 from echoavatar.motion.kinematics.rotations import quaternion_from_axis_angle, quaternion_multiply
 
-LEFT = [
-    j
-    for j, name in enumerate(HUMANOID.names)
-    if j in HUMANOID.config.parts["hands"] and name.startswith("left")
-]
+LEFT = [j for j, name in enumerate(HUMANOID.names) if j in HUMANOID.config.parts["hands"] and name.startswith("left")]
 
 
 def trembling(motion: Motion, degrees: float) -> Motion:
@@ -21,9 +17,7 @@ def trembling(motion: Motion, degrees: float) -> Motion:
     noise = torch.randn(motion.frames, len(LEFT), 3, generator=torch.Generator().manual_seed(0))
     rotations = motion.rotations.copy()
     own = torch.from_numpy(rotations[:, LEFT])
-    rotations[:, LEFT] = quaternion_multiply(
-        own, quaternion_from_axis_angle(noise * np.radians(degrees))
-    ).numpy()
+    rotations[:, LEFT] = quaternion_multiply(own, quaternion_from_axis_angle(noise * np.radians(degrees))).numpy()
     return replace(motion, rotations=rotations)
 
 

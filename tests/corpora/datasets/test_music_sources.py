@@ -24,9 +24,7 @@ def test_composed_pieces_know_their_beats_and_go_through_the_styles(monkeypatch:
     assert take.notes["style"] != second.make().notes["style"]
     assert take.licence == "Apache-2.0"
     assert len(take.audio) == 800 * len(take.domain)
-    np.testing.assert_allclose(
-        np.median(np.diff(take.events["beats"])), 60 / float(take.notes["bpm"]), rtol=0.06
-    )
+    np.testing.assert_allclose(np.median(np.diff(take.events["beats"])), 60 / float(take.notes["bpm"]), rtol=0.06)
     assert [job.split for job in islice(composed_music(1), 10)].count("test") == 1
 
 

@@ -154,8 +154,7 @@ def test_a_place_that_cannot_be_written_is_named(takes, tmp_path):
 def test_the_same_recordings_give_the_same_set_on_any_number_of_workers(takes, tmp_path):
     """New fingers follow from seed and name, so the number of workers does not matter; neither for failures."""
     one, two = (
-        prepare("bvh", survey_of("bvh", takes), tmp_path / f"set{n}", Options(fingers="all"), workers=n)
-        for n in (1, 2)
+        prepare("bvh", survey_of("bvh", takes), tmp_path / f"set{n}", Options(fingers="all"), workers=n) for n in (1, 2)
     )
     assert one.corpus.manifest.shards[0].sha256 == two.corpus.manifest.shards[0].sha256
     assert [failure.name for failure in one.failures] == [failure.name for failure in two.failures]

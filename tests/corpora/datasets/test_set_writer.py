@@ -21,9 +21,7 @@ OPTIONS = Options(fingers="keep")
 def made(folder, name: str, split: str = "train", seconds: float = 1.0, options: Options = OPTIONS):
     """The receipt of a part."""
     path = write_pair(folder / f"{name}.bvh", seconds)
-    return prepare_recording(
-        Recording(name, path, path.with_suffix(".wav"), split=split), options, folder / "set"
-    )
+    return prepare_recording(Recording(name, path, path.with_suffix(".wav"), split=split), options, folder / "set")
 
 
 def writer(folder, options: Options = OPTIONS) -> SetWriter:
@@ -139,9 +137,7 @@ def test_clips_without_sound_have_a_shard_of_their_own(tmp_path):
     dataset.add(made(tmp_path, "a", options=any_sound))
     path = write_motion(tmp_path / "mute.bvh", gesture(1.0))
     dataset.add(
-        prepare_recording(
-            Recording("mute", path, tmp_path / "gone.wav", split="train"), any_sound, tmp_path / "set"
-        )
+        prepare_recording(Recording("mute", path, tmp_path / "gone.wav", split="train"), any_sound, tmp_path / "set")
     )
     corpus = dataset.finish("")
     assert [("audio" in shard.sha256) for shard in corpus.manifest.shards] == [True, False]
@@ -155,11 +151,7 @@ def test_each_rig_has_its_own_shard(tmp_path):
     dataset.add(made(tmp_path, "a", options=native))
     own = write_motion(tmp_path / "own.bvh", renamed(gesture(1.0), motorica_names()))
     write_wav(tmp_path / "own.wav", speech(1.0))
-    dataset.add(
-        prepare_recording(
-            Recording("own", own, tmp_path / "own.wav", split="train"), native, tmp_path / "set"
-        )
-    )
+    dataset.add(prepare_recording(Recording("own", own, tmp_path / "own.wav", split="train"), native, tmp_path / "set"))
     corpus = dataset.finish("")
     assert corpus.skeleton_of("own").index("LeftForeArm")
     assert corpus.skeleton_of("a").index("leftLowerArm")

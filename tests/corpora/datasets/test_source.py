@@ -41,9 +41,7 @@ def test_speakers_are_chosen_by_number_or_name(tmp_path):
     for name in ("1_wayne_0_1_1", "2_scott_0_1_1", "12_zhao_0_1_1"):
         write_beat2(tmp_path, name, 0.5)
     for who in ("2", "scott"):
-        assert [one.name for one in survey_of("beat2", tmp_path, speakers=[who]).recordings] == [
-            "2_scott_0_1_1"
-        ]
+        assert [one.name for one in survey_of("beat2", tmp_path, speakers=[who]).recordings] == ["2_scott_0_1_1"]
 
 
 def test_a_folder_without_recordings_is_refused(tmp_path):

@@ -24,7 +24,6 @@ def test_a_clip_begins_and_ends_at_ease_and_moves_no_joint_too_fast(name: str) -
 def test_left_and_right_are_mirror_images() -> None:
     left, right = clip(SCRIPTS["raise_left_hand"]), clip(SCRIPTS["raise_right_hand"])
     own, other = (
-        motion.rotations[:, HUMANOID.index(f"{side}UpperArm")]
-        for motion, side in ((left, "left"), (right, "right"))
+        motion.rotations[:, HUMANOID.index(f"{side}UpperArm")] for motion, side in ((left, "left"), (right, "right"))
     )
     np.testing.assert_allclose(own * [1, 1, -1, -1], other, atol=1e-4)

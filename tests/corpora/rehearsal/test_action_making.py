@@ -16,9 +16,7 @@ def tokenizer(tiny_bundle: Path) -> BodyTokenizer:
     return BodyTokenizer.load(tiny_bundle / "tokenizer")
 
 
-def test_a_clip_becomes_codes_by_the_chunk_and_what_they_leave_out(
-    tokenizer: BodyTokenizer, tmp_path: Path
-) -> None:
+def test_a_clip_becomes_codes_by_the_chunk_and_what_they_leave_out(tokenizer: BodyTokenizer, tmp_path: Path) -> None:
     """A nod of 3 s is 12 chunks; a tokenizer of random weights says nothing of it, so the head's turn is kept."""
     nod = clip(SCRIPTS["agree"])
     action = action_from_motion(tokenizer, "Nod Twice", nod, hold_s=(0.5, 1.2))
@@ -32,9 +30,7 @@ def test_a_clip_becomes_codes_by_the_chunk_and_what_they_leave_out(
 
 
 @pytest.mark.parametrize(("frames", "name", "complaint"), [(9, "jump", "0.3 s"), (60, "a/b", "cannot name")])
-def test_what_cannot_be_an_action_is_refused(
-    tokenizer: BodyTokenizer, frames: int, name: str, complaint: str
-) -> None:
+def test_what_cannot_be_an_action_is_refused(tokenizer: BodyTokenizer, frames: int, name: str, complaint: str) -> None:
     still = np.tile(np.float32([1, 0, 0, 0]), (frames, 52, 1))
     motion = Motion(HUMANOID, still, np.zeros((frames, 3), np.float32), 30.0)
     with pytest.raises(MotionError, match=complaint):

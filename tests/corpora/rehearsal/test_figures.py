@@ -19,9 +19,7 @@ def test_only_one_foot_is_in_the_air(figure: Figure) -> None:
 
 @pytest.mark.parametrize("figure", FIGURES, ids=lambda figure: figure.name)
 def test_places_stay_near(figure: Figure) -> None:
-    assert all(
-        abs(step.x) < 0.5 and abs(step.z) < 0.65 and 0.04 <= step.lift <= 0.15 for step in figure.steps
-    )
+    assert all(abs(step.x) < 0.5 and abs(step.z) < 0.65 and 0.04 <= step.lift <= 0.15 for step in figure.steps)
 
 
 @pytest.mark.parametrize("energy", [0.0, 0.5, 1.0])

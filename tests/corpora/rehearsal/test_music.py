@@ -30,9 +30,7 @@ def test_nearly_every_beat_is_played(style):
 
 def test_sections_follow_each_other_and_differ_in_energy():
     piece = compose_piece(np.random.default_rng(2), 60.0, "house")
-    assert all(
-        a.end == pytest.approx(b.start) for a, b in zip(piece.sections, piece.sections[1:], strict=False)
-    )
+    assert all(a.end == pytest.approx(b.start) for a, b in zip(piece.sections, piece.sections[1:], strict=False))
     energies = [section.energy for section in piece.sections]
     assert max(energies) - min(energies) > 0.3
     assert min(energies) > 0

@@ -22,9 +22,7 @@ def test_spelling_rules(word, phones):
 
 def test_every_word_of_the_scripts_can_be_pronounced():
     words = {w for group in WORDS.values() for w in group}
-    words |= {
-        w.strip("*,.?!") for s in ("train", "test") for t in templates(s) for w in t.split() if w.isalpha()
-    }
+    words |= {w.strip("*,.?!") for s in ("train", "test") for t in templates(s) for w in t.split() if w.isalpha()}
     known = set(_CONSONANTS) | set(_VOWEL_FORMANTS)
     for word in sorted(words):
         phones = pronounce(word)

@@ -52,9 +52,7 @@ def test_pitch_rises_on_a_prominent_vowel_and_stays_zero_where_unvoiced():
 
 def test_a_question_ends_high():
     f0 = np.full(100, 100, np.float32)
-    shaped = shape_pitch(
-        f0, frame_s=0.005, syllables=(syllable(0.3, 0),), delivery=Delivery(), is_question=True
-    )
+    shaped = shape_pitch(f0, frame_s=0.005, syllables=(syllable(0.3, 0),), delivery=Delivery(), is_question=True)
     assert shaped[-1] > 1.3 * shaped[0]
 
 

@@ -36,9 +36,7 @@ def test_no_markup_is_left_in_the_words(split):
 
 def test_focus_and_every_meaning_occur():
     words = [w for split in ("train", "test") for s in sentences(split) for w in s.words]
-    assert {"size", "deixis", "negation", "count", "contrast", "question", "greeting"} <= {
-        w.meaning for w in words
-    }
+    assert {"size", "deixis", "negation", "count", "contrast", "question", "greeting"} <= {w.meaning for w in words}
     assert 0.02 < np.mean([w.is_focus for w in words]) < 0.3
     assert any(w.pause for w in words)
 

@@ -13,9 +13,7 @@ from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 
 def posed(controls: Controls) -> Pose:
     quaternions, root = solve(controls)
-    return forward_kinematics(
-        HUMANOID, matrix_from_quaternion(torch.from_numpy(quaternions)), torch.from_numpy(root)
-    )
+    return forward_kinematics(HUMANOID, matrix_from_quaternion(torch.from_numpy(quaternions)), torch.from_numpy(root))
 
 
 def place(pose: Pose, name: str) -> np.ndarray:
@@ -23,9 +21,7 @@ def place(pose: Pose, name: str) -> np.ndarray:
 
 
 def test_wrists_arrive_where_they_were_sent():
-    aims = np.array(
-        [(0.05, -0.25, 0.30), (-0.12, -0.20, 0.30), (0.30, 0.25, 0.10), (0.0, 0.05, 0.25)], np.float32
-    )
+    aims = np.array([(0.05, -0.25, 0.30), (-0.12, -0.20, 0.30), (0.30, 0.25, 0.10), (0.0, 0.05, 0.25)], np.float32)
     controls = replace(neutral(4), wrist=np.stack([aims, aims], axis=1), spine=np.zeros((4, 3), np.float32))
     pose = posed(controls)
     reach = place(pose, "leftHand") - place(pose, "leftUpperArm")
@@ -71,9 +67,7 @@ def test_palms_turn_the_way_their_names_say():
     controls.wrist[:] = (0.0, -0.22, 0.30)
     controls.palm[:] = 0
     controls.palm[1, :, 2], controls.palm[2, :, 2] = 1.3, -1.3
-    normal = (
-        -posed(controls).rotations[:, HUMANOID.index("leftHand"), :, 1].numpy()
-    )  # the palm looks along -y
+    normal = -posed(controls).rotations[:, HUMANOID.index("leftHand"), :, 1].numpy()  # the palm looks along -y
     assert normal[0, 0] < -0.5  # handshake: towards the middle
     assert normal[1, 1] < -0.7  # pronated: down
     assert normal[2, 1] > 0.5  # supinated: up

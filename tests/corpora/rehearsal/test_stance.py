@@ -14,9 +14,7 @@ from echoavatar.corpora.rehearsal.stance import (
 
 def test_a_step_moves_one_foot_and_only_during_the_step():
     feet = walked(90, [Step(1.0, 1.5, 0, 0.2, 0.1, 0.3)])
-    np.testing.assert_array_equal(
-        feet.position[:31, 0], np.tile(STANDING_FEET[0], (31, 1)).astype(np.float32)
-    )
+    np.testing.assert_array_equal(feet.position[:31, 0], np.tile(STANDING_FEET[0], (31, 1)).astype(np.float32))
     np.testing.assert_allclose(feet.position[45:, 0], [[0.2, ANKLE_HEIGHT, 0.1]] * 45, atol=1e-6)
     assert np.ptp(feet.position[:, 1], axis=0).max() == 0
     assert feet.position[:, 0, 1].max() == pytest.approx(ANKLE_HEIGHT + 0.045, abs=2e-3)

@@ -21,9 +21,7 @@ def test_pairs() -> None:
 
 
 def test_a_mirror_image_starts_on_the_other_foot_and_twice_is_the_same() -> None:
-    figure = Figure(
-        "f", 4, parse_steps("1 R x.1; 0 L x.2 y.1 air:-.5/.1/.2/.3"), twist=((0, 0.1),), shift=((1, 0.7),)
-    )
+    figure = Figure("f", 4, parse_steps("1 R x.1; 0 L x.2 y.1 air:-.5/.1/.2/.3"), twist=((0, 0.1),), shift=((1, 0.7),))
     other = mirrored(figure)
     assert (first_foot(figure), first_foot(other)) == (LEFT, RIGHT)
     assert other.steps[1].x == -0.2

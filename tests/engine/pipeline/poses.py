@@ -38,9 +38,7 @@ def in_pieces(
 ) -> torch.Tensor:
     """What `step` makes of the clips (b, t, ...) cut into pieces of these sizes, by default of 8 frames."""
     cut = 8 if sizes is None else list(sizes)
-    return torch.cat(
-        [step(*pieces) for pieces in zip(*(clip.split(cut, 1) for clip in clips), strict=True)], 1
-    )
+    return torch.cat([step(*pieces) for pieces in zip(*(clip.split(cut, 1) for clip in clips), strict=True)], 1)
 
 
 def everyone(rows: int) -> np.ndarray:

@@ -37,9 +37,7 @@ def test_stages_are_left_out_and_one_that_is_none_is_named() -> None:
     assert Pipeline(whole).warp is not None
     assert whole.face is not None  # the one it was taken from is as it was
     assert Pipeline(whole.without([])).post.stages == set(SWITCHES)
-    with pytest.raises(
-        EchoAvatarError, match="no stage 'toes' to switch on or off; there are face, smoother"
-    ):
+    with pytest.raises(EchoAvatarError, match="no stage 'toes' to switch on or off; there are face, smoother"):
         whole.without(["smoother", "toes"])
 
 
@@ -102,9 +100,7 @@ def test_a_generator_that_hears_ahead_is_refused_by_name(tiny_bundle: Path, tmp_
     shipped = load_bundle(tiny_bundle)
     config = shipped.generator.config.model_copy(update={"ahead_chunks": 2})
     Generator(config).save(folder / "generator", {})
-    with pytest.raises(
-        CheckpointError, match=r"early: its generator hears the sound 2 chunks \(0\.53 s\) before"
-    ):
+    with pytest.raises(CheckpointError, match=r"early: its generator hears the sound 2 chunks \(0\.53 s\) before"):
         load_bundle(folder)
     with pytest.raises(CheckpointError, match="cannot stream"):
         Pipeline(replace(shipped, generator=Generator(config)))

@@ -47,9 +47,7 @@ class PretendedGpu(TorchFunctionMode):
         here = [tuple(leaf.shape) for leaf in tensors if not isinstance(leaf, There) and leaf.dim()]
         assert not (there and here) or func in MAY_MIX, f"{func.__name__}: {here} is on the host"
         out = func(*tree_map(_plain, args), **tree_map(_plain, kwargs))
-        if not (
-            _goes_there(func, args, kwargs) if func in (Tensor.to, Tensor.cpu) else there or _names(kwargs)
-        ):
+        if not (_goes_there(func, args, kwargs) if func in (Tensor.to, Tensor.cpu) else there or _names(kwargs)):
             return out
         return tree_map(lambda leaf: leaf.as_subclass(There) if isinstance(leaf, Tensor) else leaf, out)
 
@@ -58,9 +56,7 @@ def _goes_there(func: Any, args: Any, kwargs: Any) -> bool:
     """Whether the copy of the first argument lies on the GPU."""
     if func is Tensor.cpu:
         return False
-    named = [
-        leaf for leaf in (*args[1:], kwargs.get("device")) if isinstance(leaf, torch.device | Tensor | str)
-    ]
+    named = [leaf for leaf in (*args[1:], kwargs.get("device")) if isinstance(leaf, torch.device | Tensor | str)]
     target = named[-1] if named else args[0]
     return isinstance(target, There) if isinstance(target, Tensor) else torch.device(target).type == "cuda"
 

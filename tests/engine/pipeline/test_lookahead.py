@@ -22,9 +22,7 @@ def bundle(tiny_bundle: Path, voice: np.ndarray) -> Bundle:
     codec, random = bundle.codec, torch.Generator().manual_seed(0)
     noise = 0.3 * torch.randn(1, 48_000, generator=random)
     with torch.no_grad():
-        latents = torch.cat([codec.encoder(x[:, None]) for x in (torch.from_numpy(voice)[None], noise)], 2)[
-            0
-        ].T
+        latents = torch.cat([codec.encoder(x[:, None]) for x in (torch.from_numpy(voice)[None], noise)], 2)[0].T
         codec.codebooks[0] = latents[torch.randperm(len(latents), generator=random)[:16]]
     return bundle
 
@@ -46,9 +44,7 @@ def heard(bundle: Bundle, sound: np.ndarray) -> list[torch.Tensor]:
     return told
 
 
-def test_the_generator_is_told_codes_of_later_and_silence_behind_the_end(
-    bundle: Bundle, voice: np.ndarray
-) -> None:
+def test_the_generator_is_told_codes_of_later_and_silence_behind_the_end(bundle: Bundle, voice: np.ndarray) -> None:
     now, later = (heard(early(bundle, chunks), voice) for chunks in (0, 2))
     assert all(torch.equal(a, b) for a, b in zip(now[2:7], later[:5], strict=True))
     assert not any(torch.equal(a, b) for a, b in zip(now[:5], now[2:7], strict=True))

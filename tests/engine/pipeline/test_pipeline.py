@@ -16,9 +16,7 @@ def pipeline(tiny_bundle: Path) -> Pipeline:
     return Pipeline(load_bundle(tiny_bundle), precision="float32")
 
 
-def stream(
-    pipeline: Pipeline, rows: list[tuple[np.ndarray, int]], active: list[list[bool]]
-) -> list[list[MotionChunk]]:
+def stream(pipeline: Pipeline, rows: list[tuple[np.ndarray, int]], active: list[list[bool]]) -> list[list[MotionChunk]]:
     """Chunks of each row; `active` says per step which rows get their next chunk of sound."""
     state = pipeline.init_state(len(rows))
     for row, (_, seed) in enumerate(rows):
@@ -55,9 +53,7 @@ def test_the_same_seed_repeats_and_another_differs(pipeline: Pipeline, voice: np
     assert not same(first, other)
 
 
-def test_a_neighbour_that_comes_late_and_pauses_changes_nothing(
-    pipeline: Pipeline, voice: np.ndarray
-) -> None:
+def test_a_neighbour_that_comes_late_and_pauses_changes_nothing(pipeline: Pipeline, voice: np.ndarray) -> None:
     noise = np.random.default_rng(0).standard_normal(48_000).astype(np.float32) * 0.2
     steps = [[True, False], [True, True], [True, False], [True, True], [True, True]]
     both = stream(pipeline, [(voice, 3), (noise, 9)], steps)

@@ -45,9 +45,7 @@ def config(own: Skeleton):
     return rig_config(own.config, np.stack([np.eye(3)] * 88), np.stack([np.eye(3)] * 88))
 
 
-def clip(
-    own: Skeleton, rows: int, frames: int, seed: int = 0
-) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+def clip(own: Skeleton, rows: int, frames: int, seed: int = 0) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     """Rotations (their axes), root (cm), and their features; joints in the middle of a bone do not bend it."""
     random = torch.Generator().manual_seed(seed)
     turns = matrix_from_axis_angle(0.1 * torch.randn(rows, frames, 88, 3, generator=random))
@@ -160,10 +158,7 @@ def test_the_mean_of_the_published_statistics_is_somebody_who_stands() -> None:
     features = adapter.step(mean.expand(1, 8, -1), adapter.init_state(1), torch.ones(1, dtype=torch.bool))
     moved = from_features(HUMANOID, features[0, -1:])
     places = forward_kinematics(HUMANOID, moved.rotations, moved.root).positions[0]
-    at = {
-        name: places[joint] - places[0] * torch.tensor([1, 0, 1])
-        for name, joint in HUMANOID.config.vrm.items()
-    }
+    at = {name: places[joint] - places[0] * torch.tensor([1, 0, 1]) for name, joint in HUMANOID.config.vrm.items()}
     for side, sign in (("left", 1), ("right", -1)):
         assert 0.05 < at[f"{side}Foot"][1] < 0.15
         assert 0.8 < at[f"{side}Hand"][1] < 1.2

@@ -24,9 +24,7 @@ def test_every_clip_gets_codes_and_its_mirror_image_shares_the_sound(
 ) -> None:
     """96 frames are 12 chunks: 240 audio frames, 24 motion steps."""
     bundle = load_bundle(tiny_bundle)
-    made = tokenize_corpus(
-        corpus(tmp_path, swaying, voice), bundle.codec, bundle.tokenizer, tmp_path / "tokens"
-    )
+    made = tokenize_corpus(corpus(tmp_path, swaying, voice), bundle.codec, bundle.tokenizer, tmp_path / "tokens")
     assert made == 2
     own, mirror = (
         TokenClip.load(tmp_path / "tokens/one.npz"),

@@ -130,9 +130,7 @@ def test_without_a_lead_in_it_has_heard_nothing(tiny_bundle: Path) -> None:
     assert all(torch.equal(a, b) for a, b in zip(state.tensors(), fresh.tensors(), strict=True))
 
 
-def test_one_that_forgets_goes_on_from_there_and_stays_where_it_is(
-    pipeline: Pipeline, voice: np.ndarray
-) -> None:
+def test_one_that_forgets_goes_on_from_there_and_stays_where_it_is(pipeline: Pipeline, voice: np.ndarray) -> None:
     state, fresh = opened(pipeline, 4), opened(pipeline, 4)
     heard(pipeline, state, voice)
     body = [tensor.clone() for tensor in state.post.tensors()]

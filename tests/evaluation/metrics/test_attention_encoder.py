@@ -13,9 +13,7 @@ from echoavatar.checkpoint import load_into
 from echoavatar.evaluation.metrics.attention_encoder import AttentionAutoencoder, within
 
 FOLDER = Path(__file__).parents[3] / "../shared/golden/reference_release"
-needs_golden = pytest.mark.skipif(
-    not FOLDER.exists(), reason="the reference fixtures (../shared) are not here"
-)
+needs_golden = pytest.mark.skipif(not FOLDER.exists(), reason="the reference fixtures (../shared) are not here")
 
 
 @needs_golden
@@ -24,9 +22,7 @@ def test_it_gives_the_released_numbers() -> None:
     golden = {name: torch.from_numpy(array) for name, array in np.load(FOLDER / "ae_small.npz").items()}
     model = AttentionAutoencoder(features=531, width=64).eval()
     weights = procedural({key: tuple(value.shape) for key, value in model.state_dict().items()}, 3001)
-    digest = hashlib.sha256(
-        b"".join(key.encode() + weights[key].numpy().tobytes() for key in sorted(weights))
-    )
+    digest = hashlib.sha256(b"".join(key.encode() + weights[key].numpy().tobytes() for key in sorted(weights)))
     assert digest.hexdigest() == json.loads((FOLDER / "meta.json").read_text())["ae_small.weights"]["sha256"]
     load_into(model, weights, origin="procedural weights")
     torch.testing.assert_close(model.encode(golden["x"]), golden["latent"], atol=5e-5, rtol=0)

@@ -51,9 +51,7 @@ def test_a_clip_that_does_not_fit_is_refused(shape: tuple[int, int]) -> None:
 def test_the_shipped_one_tells_a_livelier_body_apart() -> None:
     """Distance to a body that sways more grows with how much more."""
     model = load_shipped()
-    own, same, more, wild = (
-        model.features(clip(240, size)).double().numpy() for size in (0.1, 0.1, 0.15, 0.3)
-    )
+    own, same, more, wild = (model.features(clip(240, size)).double().numpy() for size in (0.1, 0.1, 0.15, 0.3))
     near, far = frechet_distance(more, own), frechet_distance(wild, own)
     assert frechet_distance(same, own) < 0.01 * near
     assert near < far

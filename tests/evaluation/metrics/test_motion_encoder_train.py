@@ -31,9 +31,7 @@ def clips() -> list[torch.Tensor]:
 
 def test_it_learns_what_is_there_to_learn(tmp_path: Path) -> None:
     told: list[int] = []
-    model = train_motion_encoder(
-        CONFIG, TRAINING, clips(), tmp_path, progress=lambda done, total: told.append(done)
-    )
+    model = train_motion_encoder(CONFIG, TRAINING, clips(), tmp_path, progress=lambda done, total: told.append(done))
     assert explained_variance(model, clips()) > 0.6
     assert told == list(range(1, 61))
     assert {path.name for path in tmp_path.iterdir()} >= {"config.json", "model.safetensors", "card.json"}

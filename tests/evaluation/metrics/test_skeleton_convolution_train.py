@@ -40,11 +40,7 @@ def test_masks_between_strangers_and_unused_heads_stay_as_they_are() -> None:
     before = {name: value.clone() for name, value in stage.model.state_dict().items()}
     Loop(stage).advance()
     after = stage.model.state_dict()
-    kept = {
-        name
-        for name in after
-        if name.endswith("mask") or name.startswith(("fc_", "encoder.layers.0.0.common"))
-    }
+    kept = {name for name in after if name.endswith("mask") or name.startswith(("fc_", "encoder.layers.0.0.common"))}
     assert kept
     assert all(torch.equal(before[name], after[name]) for name in kept)
     assert not torch.equal(

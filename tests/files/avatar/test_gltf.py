@@ -79,9 +79,7 @@ def test_the_skeleton_has_the_52_vrm_bones_and_undoes_its_rest_pose(
             world[child] = world[parent] + document["nodes"][child]["translation"]
         if parent == 0:
             root = np.asarray(node["translation"])
-    np.testing.assert_allclose(
-        binds[:, 3, :3], -(world + root), atol=1e-5
-    )  # column-major: translation in the last row
+    np.testing.assert_allclose(binds[:, 3, :3], -(world + root), atol=1e-5)  # column-major: translation in the last row
     mesh_nodes = [i for i, node in enumerate(document["nodes"]) if "mesh" in node]
     assert mesh_nodes == [52, 53]  # outside the joints: body, face
 
@@ -127,9 +125,7 @@ def test_the_face_has_the_shapes_by_name_on_every_primitive(file: tuple[dict[str
 @pytest.mark.parametrize(("compact", "tolerance"), [(False, 1e-6), (True, 3e-3)])
 def test_the_face_is_animated_by_one_track(compact: bool, tolerance: float, wave: Wave) -> None:
     face = np.random.default_rng(0).random((30, 52)).astype(np.float32)
-    document, binary = parse(
-        pack_glb(load_character(), [Animation("talk", *wave(30), face=face)], compact=compact)
-    )
+    document, binary = parse(pack_glb(load_character(), [Animation("talk", *wave(30), face=face)], compact=compact))
     animation = document["animations"][0]
     (channel,) = [c for c in animation["channels"] if c["target"]["path"] == "weights"]
     assert document["nodes"][channel["target"]["node"]]["mesh"] == 1
@@ -150,16 +146,12 @@ def test_a_face_of_another_length_or_with_nan_is_refused(wave: Wave) -> None:
 def test_the_animation_reads_back(compact: bool, tolerance: float, wave: Wave) -> None:
     rotations, root = wave(30)
     rotations[15:] *= -1  # the same rotations with the other sign: the file must not jump
-    document, binary = parse(
-        pack_glb(load_character(), [Animation("wave", rotations, root)], compact=compact)
-    )
+    document, binary = parse(pack_glb(load_character(), [Animation("wave", rotations, root)], compact=compact))
     animation = document["animations"][0]
     assert len(animation["channels"]) == 53
     for channel in animation["channels"]:
         sampler = animation["samplers"][channel["sampler"]]
-        np.testing.assert_allclose(
-            array(document, binary, sampler["input"])[:, 0], np.arange(30) / 30, atol=1e-6
-        )
+        np.testing.assert_allclose(array(document, binary, sampler["input"])[:, 0], np.arange(30) / 30, atol=1e-6)
         values = array(document, binary, sampler["output"]).astype(float)
         joint = channel["target"]["node"]
         if channel["target"]["path"] == "translation":

@@ -34,9 +34,7 @@ def make_page(path: Path, wave: Wave) -> None:
         PageClip("Speech <1>", "speech", tone(4), ".wav", note="</script><b>"),
         PageClip("Music", "music", tone(3), ".wav"),
     ]
-    write_page(
-        path, pack_glb(load_character(), animations, compact=True), clips, title="Echo & co", note="look"
-    )
+    write_page(path, pack_glb(load_character(), animations, compact=True), clips, title="Echo & co", note="look")
 
 
 def test_the_page_stands_alone(tmp_path: Path, wave: Wave) -> None:

@@ -5,9 +5,7 @@ raster = pytest.importorskip("echoavatar.files.avatar.raster", reason="the rende
 
 
 def test_a_triangle_covers_half_its_box_and_nearer_ones_win() -> None:
-    screen = np.array(
-        [[0, 0, 0.5], [0, 20, 0.5], [20, 0, 0.5], [0, 0, 0.9], [0, 4, 0.9], [4, 0, 0.9]], np.float32
-    )
+    screen = np.array([[0, 0, 0.5], [0, 20, 0.5], [20, 0, 0.5], [0, 0, 0.9], [0, 4, 0.9], [4, 0, 0.9]], np.float32)
     depth, ids = np.zeros((20, 20), np.float32), np.zeros((20, 20), np.int32)
     raster.visible(screen, np.array([[0, 1, 2], [3, 4, 5]], np.int32), depth, ids)
     assert abs((ids >= 0).sum() - 200) <= 20

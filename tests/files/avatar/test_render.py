@@ -3,9 +3,7 @@ import numpy as np
 from echoavatar.files.avatar.render import Camera, Renderer, Surface
 
 
-def square(
-    z: float = 0.0, *, colour: tuple[float, float, float] = (1.0, 0.0, 0.0), flip: bool = False
-) -> Surface:
+def square(z: float = 0.0, *, colour: tuple[float, float, float] = (1.0, 0.0, 0.0), flip: bool = False) -> Surface:
     """A square metre one metre above the floor, facing +Z (or away)."""
     points = np.array([[-0.5, 0.6, z], [0.5, 0.6, z], [0.5, 1.6, z], [-0.5, 1.6, z]])
     triangles = np.array([[0, 1, 2], [0, 2, 3]])
@@ -62,7 +60,5 @@ def test_a_body_casts_a_shadow_on_the_floor() -> None:
 def test_supersampling_smooths_edges() -> None:
     """A hard edge has two tones; a smoothed one has tones in between."""
     hard = Renderer(96, 96, camera=CAMERA, samples=1).draw(square())[48, :, 0]
-    soft = Renderer(96, 96, camera=Camera((0.05, 1.1, 4.0), (0.05, 1.1, 0.0), 0.6), samples=3).draw(square())[
-        48, :, 0
-    ]
+    soft = Renderer(96, 96, camera=Camera((0.05, 1.1, 4.0), (0.05, 1.1, 0.0), 0.6), samples=3).draw(square())[48, :, 0]
     assert len(np.unique(soft)) >= len(np.unique(hard))

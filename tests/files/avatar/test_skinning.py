@@ -22,9 +22,7 @@ def test_the_rest_pose_returns_the_mesh() -> None:
 def test_skinning_equals_a_naive_loop_over_influences(wave: Wave) -> None:
     character = load_character()
     rotations, root = wave(40)
-    pose = forward_kinematics(
-        HUMANOID, matrix_from_quaternion(torch.tensor(rotations[37])), torch.tensor(root[37])
-    )
+    pose = forward_kinematics(HUMANOID, matrix_from_quaternion(torch.tensor(rotations[37])), torch.tensor(root[37]))
     turns, places = pose.rotations.numpy(), pose.positions.numpy()
     vertices, _ = skin(character, turns, places)
     rest = HUMANOID.rest_positions.numpy()

@@ -41,8 +41,7 @@ def test_a_close_up_shows_the_face_and_what_it_does() -> None:
     shut, wide = np.zeros((1, 52), np.float32), np.zeros((1, 52), np.float32)
     wide[0, 17] = 1
     one, other = (
-        next(film(standing(1), face=face, size=(96, 96), samples=1, is_close=True)).astype(int)
-        for face in (shut, wide)
+        next(film(standing(1), face=face, size=(96, 96), samples=1, is_close=True)).astype(int) for face in (shut, wide)
     )
     changed = np.abs(one - other).sum(2) > 30
     assert changed[48:].sum() > 100
@@ -63,9 +62,7 @@ def test_a_face_of_another_length_is_refused(tmp_path: Path) -> None:
 
 def test_an_unwritable_place_is_named_and_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(MotionError, match="cannot write"):
-        write_mp4(
-            tmp_path / "no" / "clip.mp4", standing(2), np.zeros(1600, np.float32), size=(32, 32), samples=1
-        )
+        write_mp4(tmp_path / "no" / "clip.mp4", standing(2), np.zeros(1600, np.float32), size=(32, 32), samples=1)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -15,9 +15,7 @@ from mathutils import Vector
 if not hasattr(numpy, "bool"):  # Blender 3 asks for it, NumPy 1.24 (Debian 12) has dropped it
     numpy.bool = bool
 plain_open = builtins.open  # its BVH reader asks for the mode "rU", which Python 3.11 has dropped
-builtins.open = lambda name, mode="r", *more, **others: plain_open(
-    name, mode.replace("U", ""), *more, **others
-)
+builtins.open = lambda name, mode="r", *more, **others: plain_open(name, mode.replace("U", ""), *more, **others)
 
 words = sys.argv[sys.argv.index("--") + 1 :]
 source, told, pictures, frames = words[0], words[1], words[2:3], [int(word) for word in words[3:]]
@@ -26,9 +24,7 @@ scene = bpy.context.scene
 scene.render.fps = 30
 kind = source.rsplit(".", 1)[1]
 if kind == "bvh":
-    bpy.ops.import_anim.bvh(
-        filepath=source, global_scale=0.01, use_fps_scale=False, update_scene_duration=True
-    )
+    bpy.ops.import_anim.bvh(filepath=source, global_scale=0.01, use_fps_scale=False, update_scene_duration=True)
 elif kind == "fbx":
     bpy.ops.import_scene.fbx(filepath=source)
 else:

@@ -89,9 +89,7 @@ def child() -> bytes:
     worlds[:, :3, 3] = _places(CHILD) * [-1, 1, -1]
     document, buffer = _character([f"bone_{name}" for name in NAMES], worlds, None, head=1.5)
     mouth = len(document["nodes"]) - 1
-    stretched = [
-        CORNERS * [0.05, 0.006, 0.01] * 0 + CORNERS * [wide, tall, 0] for wide, tall in VOWELS.values()
-    ]
+    stretched = [CORNERS * [0.05, 0.006, 0.01] * 0 + CORNERS * [wide, tall, 0] for wide, tall in VOWELS.values()]
     document["meshes"][1]["primitives"][0]["targets"] = [
         {"POSITION": buffer.add(shape.astype(np.float32), bounds=True)} for shape in stretched
     ]
@@ -131,9 +129,7 @@ def long_armed() -> bytes:
     config = HUMANOID.config.model_copy(update={"offsets": tuple(map(tuple, LONG_ARMED.tolist()))})
     turns = torch.eye(3).repeat(1, len(NAMES), 1, 1)
     for side, sign in (("left", -1.0), ("right", 1.0)):
-        turns[0, NAMES.index(f"{side}UpperArm")] = matrix_from_axis_angle(
-            torch.tensor([0.0, 0.0, sign * 0.8])
-        )
+        turns[0, NAMES.index(f"{side}UpperArm")] = matrix_from_axis_angle(torch.tensor([0.0, 0.0, sign * 0.8]))
     rest = forward_kinematics(Skeleton(config), turns, torch.tensor(LONG_ARMED[:1], dtype=torch.float32))
     twists = torch.randn(len(NAMES), 3, generator=torch.Generator().manual_seed(1))
     frames = (rest.rotations[0] @ matrix_from_axis_angle(twists)).double().numpy()
@@ -229,9 +225,7 @@ def _body(buffer: Buffer, places: np.ndarray, ahead: float, head: float) -> dict
     for bone, wide in (("hips", 1.5), ("spine", 1.25), ("chest", 1.4), ("upperChest", 1.6)):
         joint = NAMES.index(bone)
         tall = 1.6 * (places[joint + 1] - places[joint])[1]
-        box(
-            joint, ROUND * [2 * wide * broad, 2 * tall, 1.5 * wide * broad] + places[joint] + [0, tall / 2, 0]
-        )
+        box(joint, ROUND * [2 * wide * broad, 2 * tall, 1.5 * wide * broad] + places[joint] + [0, tall / 2, 0])
     for side in ("left", "right"):
         ankle, toes = (NAMES.index(f"{side}{part}") for part in ("Foot", "Toes"))
         middle = (places[ankle] + places[toes]) / 2

@@ -133,9 +133,7 @@ def _foot(time: Tensor, sign: float) -> Tensor:
         share = ((phase - start) / 0.4).clamp(0, 1)
         lift = lift + 0.07 * torch.sin(torch.pi * share) ** 2
     rest = HUMANOID.rest_positions[HUMANOID.index("leftFoot")]
-    return torch.stack(
-        [sign * (float(rest[0]) + 0.12 * out), float(rest[1]) + lift, float(rest[2]) + 0 * lift], 1
-    )
+    return torch.stack([sign * (float(rest[0]) + 0.12 * out), float(rest[1]) + lift, float(rest[2]) + 0 * lift], 1)
 
 
 def _eased(share: Tensor) -> Tensor:
@@ -157,15 +155,11 @@ def _hand(time: Tensor, sign: float, root: Tensor) -> tuple[Tensor, Tensor]:
 
 def _wrist(sign: float, palm: Tensor, hand: Tensor) -> tuple[Tensor, Tensor]:
     """The place of the wrist whose palm is there."""
-    offset = (
-        0.8 * HUMANOID.offsets[HUMANOID.index("leftMiddleProximal")].double() * torch.tensor([sign, 1, 1])
-    )
+    offset = 0.8 * HUMANOID.offsets[HUMANOID.index("leftMiddleProximal")].double() * torch.tensor([sign, 1, 1])
     return palm - hand @ offset, hand
 
 
-def _limb(
-    turns: Tensor, root: Tensor, side: str, kind: str, end: str, target: Tensor, last: Tensor
-) -> Tensor:
+def _limb(turns: Tensor, root: Tensor, side: str, kind: str, end: str, target: Tensor, last: Tensor) -> Tensor:
     """Bring the end of a limb to a place, with its last bone turned so."""
     upper, lower, tip = (HUMANOID.index(side + name) for name in (f"Upper{kind}", f"Lower{kind}", end))
     pose = forward_kinematics(HUMANOID, turns, root)

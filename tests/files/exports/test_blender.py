@@ -37,9 +37,7 @@ def compare(found: dict, motion: Motion, *, offset: int, tolerance: float) -> No
     for frame, heads in found["frames"].items():
         at = min(int(frame) - offset, motion.frames - 1)
         for joint, name in enumerate(motion.skeleton.names):
-            np.testing.assert_allclose(
-                heads[name], places[at, joint], atol=tolerance, err_msg=f"{name} {frame}"
-            )
+            np.testing.assert_allclose(heads[name], places[at, joint], atol=tolerance, err_msg=f"{name} {frame}")
 
 
 @pytest.mark.slow

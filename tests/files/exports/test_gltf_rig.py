@@ -22,9 +22,7 @@ BONES = ("hips", "head", "leftHand", "rightMiddleDistal", "leftToes", "rightFoot
 
 
 @pytest.mark.parametrize("kind", ["child", "longarm"])
-def test_three_plays_it_and_every_joint_is_where_we_put_it(
-    rigs, short: Take, tmp_path: Path, kind: str
-) -> None:  # type: ignore[no-untyped-def]
+def test_three_plays_it_and_every_joint_is_where_we_put_it(rigs, short: Take, tmp_path: Path, kind: str) -> None:  # type: ignore[no-untyped-def]
     """Rest rotations, an armature scaled by 0.01 and a character that faces -Z are all respected."""
     rig = read_rig(rigs[kind])
     assert rig.gltf is not None
@@ -50,9 +48,7 @@ def test_it_is_still_the_same_character(rigs, short: Take, tmp_path: Path) -> No
     again = read_gltf_rig(tmp_path / "a.vrm")
     assert again.document["meshes"] == rig.gltf.document["meshes"]
     assert again.document["extensions"] == rig.gltf.document["extensions"]
-    np.testing.assert_allclose(
-        again.skeleton.rest_positions, read_gltf_rig(rigs["child"]).skeleton.rest_positions
-    )
+    np.testing.assert_allclose(again.skeleton.rest_positions, read_gltf_rig(rigs["child"]).skeleton.rest_positions)
     assert [animation["name"] for animation in again.document["animations"]] == ["take"]
 
 
@@ -102,9 +98,7 @@ def test_a_character_in_several_files_is_refused(rigs, short: Take) -> None:  # 
 
 def places(value: Any) -> Iterator[tuple[Any, Any]]:
     """Every container of a JSON document with each of its keys."""
-    for key in (
-        list(value) if isinstance(value, dict) else range(len(value)) if isinstance(value, list) else ()
-    ):
+    for key in list(value) if isinstance(value, dict) else range(len(value)) if isinstance(value, list) else ():
         yield value, key
         yield from places(value[key])
 

@@ -87,10 +87,7 @@ def test_motion_stays_smooth(put: tuple[Rig, Motion], take: Take) -> None:
     _, motion = put
     fastest = [
         np.degrees(
-            2
-            * np.arccos(
-                np.clip(np.abs((m.rotations[1:] * m.rotations[:-1]).sum(-1)), 0, 1).astype(np.float64)
-            )
+            2 * np.arccos(np.clip(np.abs((m.rotations[1:] * m.rotations[:-1]).sum(-1)), 0, 1).astype(np.float64))
         ).max()
         for m in (take.motion, motion)
     ]
@@ -114,9 +111,7 @@ def test_what_is_no_rig_is_named(tmp_path: Path) -> None:
         read_rig(tmp_path / "a.fbx")
     with pytest.raises(MotionError, match="cannot be read"):
         read_rig(tmp_path / "none.vrm")
-    lying = HUMANOID.config.model_copy(
-        update={"offsets": tuple((x, z, y) for x, y, z in HUMANOID.config.offsets)}
-    )
+    lying = HUMANOID.config.model_copy(update={"offsets": tuple((x, z, y) for x, y, z in HUMANOID.config.offsets)})
     still = np.zeros((1, HUMANOID.joints, 4), np.float32)
     still[..., 0] = 1
     write_bvh(tmp_path / "lying.bvh", type(HUMANOID)(lying), still, np.zeros((1, 3), np.float32), 30)

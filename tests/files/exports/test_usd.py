@@ -68,9 +68,7 @@ def test_skinned_points_and_shapes_are_those_of_the_character(short: Take, tmp_p
     assert np.abs(offsets).max() == pytest.approx(np.abs(moves).max(), abs=1e-6)
 
 
-def test_without_usd_core_the_remedy_is_named(
-    short: Take, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_usd_core_the_remedy_is_named(short: Take, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "pxr", None)
     with pytest.raises(DependencyError, match=r"echoavatar\[usd\]"):
         room.write_usd(tmp_path / "a.usdc", load_character(), short)

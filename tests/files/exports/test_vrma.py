@@ -35,9 +35,7 @@ def test_the_file_is_what_the_format_asks_for(short: Take) -> None:
     assert extension["specVersion"] == "1.0"
     assert len(extension["humanoid"]["humanBones"]) == 52
     paths = [(c["target"]["node"], c["target"]["path"]) for c in made["animations"][0]["channels"]]
-    assert [node for node, path in paths if path == "translation" and node < 52] == [
-        0
-    ]  # only the hips travel
+    assert [node for node, path in paths if path == "translation" and node < 52] == [0]  # only the hips travel
     assert not any(path == "scale" for _, path in paths)
     assert not any("rotation" in entry for entry in made["nodes"][:52])  # a T-pose
 
@@ -79,10 +77,7 @@ def test_a_rig_at_rest_in_another_pose_is_written_in_t_pose(rigs, short: Take) -
     rest = posed.skeleton.rest_positions.numpy()
     arm = rest[bones["leftHand"]] - rest[bones["leftUpperArm"]]
     assert arm[0] > 0.99 * np.linalg.norm(arm)
-    assert (
-        rest[bones["leftHand"], 1]
-        > read_rig(rigs["longarm"]).skeleton.rest_positions[bones["leftHand"], 1] + 0.2
-    )
+    assert rest[bones["leftHand"], 1] > read_rig(rigs["longarm"]).skeleton.rest_positions[bones["leftHand"], 1] + 0.2
 
 
 def test_a_rig_without_a_spine_is_refused(short: Take) -> None:

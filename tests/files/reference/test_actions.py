@@ -45,9 +45,7 @@ def test_a_table_as_json_is_read_and_others_are_refused(tmp_path):
         library({"idle": [600 + 512]}, 512, origin="x")
 
 
-@pytest.mark.parametrize(
-    ("name", "text"), [("a.json", "[" * 100_000), ("a.py", "x = {'a': [" + "1+" * 50_000 + "1]}")]
-)
+@pytest.mark.parametrize(("name", "text"), [("a.json", "[" * 100_000), ("a.py", "x = {'a': [" + "1+" * 50_000 + "1]}")])
 def test_a_table_that_is_nested_too_deep_is_none(tmp_path, name, text):
     (tmp_path / name).write_text(text)
     with pytest.raises(CheckpointError, match="no table of actions"):

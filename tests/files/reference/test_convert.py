@@ -102,9 +102,7 @@ def test_a_clip_on_any_rig_becomes_one_of_its_actions(imported, tmp_path, voice,
         session.push(voice[:12_800])
         list(session)
     assert set(torch.cat(drawn)[..., 1, 0].flatten().tolist()) <= set(added.codes)
-    assert (
-        main(["actions", "remove", "stand", "--bundle", str(folder)]) == 0
-    )  # code 495 of the lower body is one
+    assert main(["actions", "remove", "stand", "--bundle", str(folder)]) == 0  # code 495 of the lower body is one
     capsys.readouterr()
     assert main(["actions", "list", "--bundle", str(folder)]) == 0
     assert "3 actions" in capsys.readouterr().out

@@ -15,9 +15,7 @@ from echoavatar.models.face import HubertConfig
 from echoavatar.models.tokenizer import MotionTokenizerConfig
 
 FOLDER = Path(__file__).parents[3] / "../shared/golden/reference_release"
-needs_golden = pytest.mark.skipif(
-    not FOLDER.exists(), reason="the reference fixtures (../shared) are not here"
-)
+needs_golden = pytest.mark.skipif(not FOLDER.exists(), reason="the reference fixtures (../shared) are not here")
 HUBERT = HubertConfig(
     width=48, layers=2, heads=4, mlp=96, convolutions=(24,) * 7, position_kernel=16, position_groups=4
 )
@@ -27,9 +25,7 @@ HUBERT = HubertConfig(
 def test_the_face_has_the_152_recorded_tensors_beside_its_ear():
     recorded = json.loads((FOLDER / "face_state_keys.json").read_text())
     own = {
-        key: list(shape)
-        for key, shape in face_shapes(64, 52, HUBERT).items()
-        if not key.startswith("audio_encoder")
+        key: list(shape) for key, shape in face_shapes(64, 52, HUBERT).items() if not key.startswith("audio_encoder")
     }
     assert own == {key: shape for key, (shape, _, _) in recorded.items()}
     assert len(own) == 152

@@ -120,9 +120,7 @@ def test_tables_arrays_and_matrices_say_what_is_wrong(tmp_path):
     np.savez(tmp_path / "a.npz", names=np.array(["x"]))
     with pytest.raises(CheckpointError, match="offsets"):
         read_arrays(tmp_path / "a.npz", ("names", "offsets"))
-    (tmp_path / "m.json").write_text(
-        '{"a": [[1,0,0,5],[0,1,0,5],[0,0,1,5],[0,0,0,1]], "b": [[1,0,0],[0,1,0],[0,0,1]]}'
-    )
+    (tmp_path / "m.json").write_text('{"a": [[1,0,0,5],[0,1,0,5],[0,0,1,5],[0,0,0,1]], "b": [[1,0,0],[0,1,0],[0,0,1]]}')
     assert np.array_equal(read_matrices(tmp_path / "m.json", ("b", "a")), np.stack([np.eye(3)] * 2))
     with pytest.raises(CheckpointError, match="no matrix for c"):
         read_matrices(tmp_path / "m.json", ("a", "c"))
@@ -152,9 +150,7 @@ def test_a_checkpoint_that_asks_for_memory_is_refused(tmp_path, body):
     with zipfile.ZipFile(tmp_path / "net.pth", "w") as archive:
         for name, data in entries.items():
             archive.writestr(name, data)
-    with pytest.raises(
-        CheckpointError, match=r"net\.pth is refused: it would run (builtins\.bytearray|torch\.Tensor)"
-    ):
+    with pytest.raises(CheckpointError, match=r"net\.pth is refused: it would run (builtins\.bytearray|torch\.Tensor)"):
         read_tensors(tmp_path / "net.pth", "net")
 
 

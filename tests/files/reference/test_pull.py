@@ -65,9 +65,7 @@ def test_without_network_it_says_what_to_do(tmp_path, monkeypatch):
         pass
 
     hub(monkeypatch, error=RefusedError("no route"))
-    with pytest.raises(
-        EchoAvatarError, match="cannot be reached.*run the same command again.*hf download owner/name"
-    ):
+    with pytest.raises(EchoAvatarError, match="cannot be reached.*run the same command again.*hf download owner/name"):
         pull("owner/name", tmp_path)
     hub(monkeypatch, error=HFValidationError("bad"))
     with pytest.raises(EchoAvatarError, match="write OWNER/NAME"):

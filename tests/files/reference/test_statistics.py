@@ -12,9 +12,7 @@ from echoavatar.files.reference.statistics import body_statistics, feature_order
 from echoavatar.motion.kinematics import Skeleton
 
 FOLDER = Path(__file__).parents[3] / "../shared/golden/reference_release"
-needs_golden = pytest.mark.skipif(
-    not FOLDER.exists(), reason="the reference fixtures (../shared) are not here"
-)
+needs_golden = pytest.mark.skipif(not FOLDER.exists(), reason="the reference fixtures (../shared) are not here")
 
 
 def rig() -> Skeleton:
@@ -42,9 +40,7 @@ def test_154_published_deviations_are_held_and_features_come_back():
     assert normal.abs().max() < 1000  # divided by the published deviations it is millions
     theirs = torch.from_numpy(stored["std"] * 0 + stored["mean"])[order]
     back = statistics.denormalize(normal)
-    torch.testing.assert_close(
-        back[:, statistics.varies], features[:, statistics.varies], atol=1e-4, rtol=1e-5
-    )
+    torch.testing.assert_close(back[:, statistics.varies], features[:, statistics.varies], atol=1e-4, rtol=1e-5)
     torch.testing.assert_close(back[:, ~statistics.varies], theirs[~statistics.varies].expand(12, -1))
 
 

@@ -87,9 +87,7 @@ def test_what_is_asked_of_a_body_holds_for_longer_chunks_too(
 
 
 @pytest.mark.parametrize("kind", ["glb", "bvh"])
-def test_files_are_as_long_as_their_sound(
-    in_threes: Path, voice: np.ndarray, tmp_path: Path, kind: str
-) -> None:
+def test_files_are_as_long_as_their_sound(in_threes: Path, voice: np.ndarray, tmp_path: Path, kind: str) -> None:
     soundfile.write(tmp_path / "talk.wav", voice[:40_000], 24_000)
     out = tmp_path / f"talk.{kind}"
     assert main(["animate", str(tmp_path / "talk.wav"), "-o", str(out), "--model", str(in_threes)]) == 0
@@ -103,9 +101,7 @@ def test_files_are_as_long_as_their_sound(
         assert times["count"] == 50
 
 
-def test_the_server_says_how_long_its_chunks_are_and_sends_them(
-    pipeline: Pipeline, voice: np.ndarray
-) -> None:
+def test_the_server_says_how_long_its_chunks_are_and_sends_them(pipeline: Pipeline, voice: np.ndarray) -> None:
     """Motion without gaps in chunks of 12 frames; after an interruption from the first frame that was not heard on."""
     with serving(seats=1, pipeline=pipeline) as place, place.call(Hello()) as caller:
         assert caller.ready.chunk_samples == STEP
@@ -145,9 +141,7 @@ def test_unity_is_sent_whole_messages(in_threes: Path, voice: np.ndarray) -> Non
         engine = Engine(Pipeline(bundle, output="native", stages=()), rewind=0)
         rig = bundle.runtime.rig
         assert rig is not None
-        job = asyncio.create_task(
-            serve_unity(engine, rig, settings, on_ready=lambda *own: ports.set_result(own))
-        )
+        job = asyncio.create_task(serve_unity(engine, rig, settings, on_ready=lambda *own: ports.set_result(own)))
         audio_port, _ = await asyncio.wait_for(ports, 10)
         _, audio = await asyncio.open_connection("127.0.0.1", audio_port)
         for at in range(0, 24_000, 1_000):

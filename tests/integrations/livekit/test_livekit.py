@@ -9,9 +9,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip("livekit.agents", reason="pip install ./integrations/livekit-plugins-echoavatar")
-pytest.importorskip(
-    "livekit.plugins.echoavatar", reason="pip install ./integrations/livekit-plugins-echoavatar"
-)
+pytest.importorskip("livekit.plugins.echoavatar", reason="pip install ./integrations/livekit-plugins-echoavatar")
 
 from livekit import api, rtc
 from livekit.agents import AgentSession
@@ -191,9 +189,7 @@ def test_interrupted_twice_in_a_row_and_it_speaks_again() -> None:
             scene.sink.clear_buffer()
             event = await asyncio.wait_for(scene.sink.wait_for_playout(), 5)
             assert event.interrupted
-            assert event.playback_position == pytest.approx(
-                (len(scene.speaker.heard) - before) / 24_000, abs=0.03
-            )
+            assert event.playback_position == pytest.approx((len(scene.speaker.heard) - before) / 24_000, abs=0.03)
         await speak(scene.sink, tone(0.6))
         event = await asyncio.wait_for(scene.sink.wait_for_playout(), 20)
         assert (event.interrupted, round(event.playback_position, 2)) == (False, 0.6)

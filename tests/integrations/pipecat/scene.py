@@ -43,9 +43,7 @@ class RecordingTransport(NullTransport):
             self.seen.append((time.monotonic(), type(frame).__name__, frame.audio))
         return await super().write_audio_frame(frame)
 
-    async def send_message(
-        self, frame: OutputTransportMessageFrame | OutputTransportMessageUrgentFrame
-    ) -> None:
+    async def send_message(self, frame: OutputTransportMessageFrame | OutputTransportMessageUrgentFrame) -> None:
         if frame.message.get("type") != "server-message":
             return  # Pipecat's own
         data = frame.message["data"]
@@ -66,9 +64,7 @@ class RecordingTransport(NullTransport):
 class Scene:
     """What a test's script works with."""
 
-    def __init__(
-        self, avatar: EchoAvatarProcessor, transport: RecordingTransport, worker: PipelineWorker
-    ) -> None:
+    def __init__(self, avatar: EchoAvatarProcessor, transport: RecordingTransport, worker: PipelineWorker) -> None:
         self.avatar, self.transport, self._worker = avatar, transport, worker
 
     async def push(self, *frames: Frame) -> None:
@@ -81,9 +77,7 @@ class Scene:
         size = len(pcm) // blocks // 2 * 2
         await self.push(TTSStartedFrame())
         for start in range(0, len(pcm), size):
-            await self.push(
-                TTSAudioRawFrame(audio=pcm[start : start + size], sample_rate=24_000, num_channels=1)
-            )
+            await self.push(TTSAudioRawFrame(audio=pcm[start : start + size], sample_rate=24_000, num_channels=1))
         if stop:
             await self.push(TTSStoppedFrame())
 
@@ -100,9 +94,7 @@ def play(script: Callable[[Scene], Awaitable[None]], where: object = None) -> Re
     async def run() -> RecordingTransport:
         avatar = EchoAvatarProcessor(where or engine())  # type: ignore[arg-type]
         transport = RecordingTransport()
-        worker = PipelineWorker(
-            Pipeline([avatar, transport]), params=PipelineParams(), cancel_on_idle_timeout=False
-        )
+        worker = PipelineWorker(Pipeline([avatar, transport]), params=PipelineParams(), cancel_on_idle_timeout=False)
         begun = asyncio.Event()
 
         @worker.event_handler("on_pipeline_started")

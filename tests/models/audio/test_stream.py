@@ -14,9 +14,7 @@ ALL = torch.ones(3, dtype=torch.bool)
 
 def make(padding: str = "constant") -> AudioCodec:
     torch.manual_seed(3)
-    config = CodecConfig(
-        filters=2, width=8, codes=32, padding=padding, residual_blocks=1, has_conv_shortcut=True
-    )
+    config = CodecConfig(filters=2, width=8, codes=32, padding=padding, residual_blocks=1, has_conv_shortcut=True)
     codec = AudioCodec(config).eval()
     balance(codec, seed=3)  # fresh weights alone give nearly constant latents
     codec.codebooks.normal_()
@@ -50,9 +48,7 @@ def test_idle_rows_stay_bit_identical(padding):
     codec, state = CODECS[padding], CODECS[padding].init_state(3)
     codec.step(torch.randn(3, 6_400, dtype=torch.double), state, ALL)
     before = state.snapshot()
-    codec.step(
-        torch.full((3, 6_400), torch.nan, dtype=torch.double), state, torch.tensor([False, True, False])
-    )
+    codec.step(torch.full((3, 6_400), torch.nan, dtype=torch.double), state, torch.tensor([False, True, False]))
     for now, then in zip(state.tensors(), before, strict=True):
         assert torch.equal(now[[0, 2]], then[[0, 2]])
     assert state.seen.tolist() == [6_400, 12_800, 6_400]
@@ -80,9 +76,7 @@ def test_the_decoder_streams_by_the_same_code():
     codec, latents = CODECS["constant"], torch.randn(3, 9, 8, dtype=torch.double)
     state = init_network_state(codec.decoder, 3)
     with torch.no_grad():
-        parts = [
-            advance(codec.decoder, x, state, ALL, padding="constant") for x in latents.split([2, 1, 6], 1)
-        ]
+        parts = [advance(codec.decoder, x, state, ALL, padding="constant") for x in latents.split([2, 1, 6], 1)]
         wanted = codec.decoder(latents.transpose(1, 2))[:, 0]
     torch.testing.assert_close(torch.cat(parts, 1)[..., 0], wanted, atol=1e-12, rtol=0)
 

@@ -33,9 +33,7 @@ CONFIG = CodecTrainingConfig(
 def pool() -> AudioPool:
     rng = np.random.default_rng(0)
     time = np.arange(48_000) / 24_000
-    tones = [
-        np.sin(2 * np.pi * rng.uniform(100, 2_000) * time) * (np.sin(9 * time) > 0) * 0.2 for _ in range(4)
-    ]
+    tones = [np.sin(2 * np.pi * rng.uniform(100, 2_000) * time) * (np.sin(9 * time) > 0) * 0.2 for _ in range(4)]
     return AudioPool([AudioGroup("tones", tuple(to_int16(tone) for tone in tones))])
 
 

@@ -13,9 +13,7 @@ def test_a_head_that_knows_the_face_arrives_there():
     """If every prediction is the face, Euler steps end at it exactly, whatever the noise."""
     head, face = make(), torch.randn(3, 5).double()
     head.clean = lambda noisy, steering: face[:, None].expand(-1, 2, -1)
-    out = head.sample(
-        torch.randn(3, 2, 6).double(), torch.randn(3, 5).double(), head.schedule(3), guidance=2.0
-    )
+    out = head.sample(torch.randn(3, 2, 6).double(), torch.randn(3, 5).double(), head.schedule(3), guidance=2.0)
     torch.testing.assert_close(out, face)
 
 

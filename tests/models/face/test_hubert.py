@@ -6,9 +6,7 @@ from echoavatar.models.face import HubertConfig
 from echoavatar.models.face.hubert import HubertEncoder, normalize_window, pad_window
 from echoavatar.timing import CHUNK_SAMPLES
 
-EAR = HubertConfig(
-    width=16, layers=1, heads=2, mlp=16, convolutions=(4,) * 7, position_kernel=4, position_groups=2
-)
+EAR = HubertConfig(width=16, layers=1, heads=2, mlp=16, convolutions=(4,) * 7, position_kernel=4, position_groups=2)
 
 
 @torch.no_grad()

@@ -11,9 +11,7 @@ REAL = Path(__file__).parents[3] / "../shared/data/face_permissive/livelinkface_
 JAW = ARKIT_NAMES.index("jawOpen")
 
 
-def write(
-    path: Path, *, rate: int = 60, frames: int = 120, names=LIVE_LINK_NAMES, edit=lambda rows: rows
-) -> Path:
+def write(path: Path, *, rate: int = 60, frames: int = 120, names=LIVE_LINK_NAMES, edit=lambda rows: rows) -> Path:
     """A take whose jaw opens steadily from 0 to 1; frames of the timecode count 1/60 s."""
     rows = []
     for i in range(frames):

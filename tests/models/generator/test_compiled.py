@@ -19,9 +19,7 @@ def test_the_same_codes_as_operation_by_operation(precision, is_steered):
     assert streams[0]._decoder._compiled is not None
     streams[1]._decoder._compiled = None
     drawn = [
-        stream.step(
-            x, stream.init_state(2), torch.ones(2, dtype=torch.bool), seeds=torch.tensor([3, 4]), **told
-        )
+        stream.step(x, stream.init_state(2), torch.ones(2, dtype=torch.bool), seeds=torch.tensor([3, 4]), **told)
         for stream in streams
     ]
     assert torch.equal(*drawn)

@@ -25,9 +25,7 @@ def test_reading_in_any_parts_gives_the_logits_of_the_model(cuts):
             start += part
         expected = model.segment_logits(model(ids), torch.full((6, 1), 8))
     for segment in range(6):
-        torch.testing.assert_close(
-            decoder.logits(hidden, segment), expected[segment, :, 0], atol=1e-4, rtol=1e-4
-        )
+        torch.testing.assert_close(decoder.logits(hidden, segment), expected[segment, :, 0], atol=1e-4, rtol=1e-4)
 
 
 @pytest.mark.parametrize("sequence", ["interleaved", "prefix"])

@@ -63,8 +63,7 @@ def test_new_control_changes_nothing_and_an_empty_set_never_does():
     assert torch.equal(told, plain.code_logits(batch, plain.read(batch)))
     strong, x = open_stream(generator(exemplar=True)), audio(2, 60)
     off, empty = (
-        strong.step(x, strong.init_state(2), EVERYONE, exemplar=exemplar)
-        for exemplar in (None, torch.zeros(2, 8))
+        strong.step(x, strong.init_state(2), EVERYONE, exemplar=exemplar) for exemplar in (None, torch.zeros(2, 8))
     )
     assert torch.equal(off, empty)
 

@@ -12,9 +12,7 @@ def clips():
     rng = np.random.default_rng(0)
     lengths = (7, 4, 6, 5)
     return [
-        TokenClip(
-            np.full((20 * n, 2), i), rng.integers(8, size=(2 * n, 3, 2)), np.full(2 * n, i % 3, np.uint8)
-        )
+        TokenClip(np.full((20 * n, 2), i), rng.integers(8, size=(2 * n, 3, 2)), np.full(2 * n, i % 3, np.uint8))
         for i, n in enumerate(lengths)
     ]
 
@@ -37,7 +35,5 @@ def test_domains_are_counted_apart_and_together():
 
 def test_corruption_of_the_context_changes_the_score_but_repeats():
     model = generator()
-    clean, one, two = (
-        nll_by_domain(model, clips(), chunks=2, corruption=rate)["all"] for rate in (0.0, 0.8, 0.8)
-    )
+    clean, one, two = (nll_by_domain(model, clips(), chunks=2, corruption=rate)["all"] for rate in (0.0, 0.8, 0.8))
     assert one == two != clean

@@ -60,9 +60,7 @@ def test_the_nucleus_keeps_the_fewest_codes_that_reach_its_mass():
     logits = torch.tensor([[0.1, 0.2, 0.7], [0.1, 0.2, 0.7], [0.1, 0.2, 0.7]]).log()
     kept = nucleus(logits, torch.tensor([0.6, 0.8, 1.0])).isfinite()
     assert kept.tolist() == [[False, False, True], [False, True, True], [True, True, True]]
-    torch.testing.assert_close(
-        draws(logits[0], top_p=0.8), torch.tensor([0, 2 / 9, 7 / 9]), atol=0.015, rtol=0
-    )
+    torch.testing.assert_close(draws(logits[0], top_p=0.8), torch.tensor([0, 2 / 9, 7 / 9]), atol=0.015, rtol=0)
 
 
 def test_finer_layers_are_drawn_cooler() -> None:

@@ -54,9 +54,7 @@ def test_rows_that_started_at_different_times_do_not_disturb_each_other():
     both = stream.step(x[:, 40:], state, torch.tensor([True, True]), seeds=seeds)
     for row, hours in ((0, torch.cat([first, both], 1)[:1]), (1, both[1:])):
         heard = x[row : row + 1] if row == 0 else x[1:, 40:]
-        alone = stream.step(
-            heard, stream.init_state(1), torch.ones(1, dtype=torch.bool), seeds=seeds[row : row + 1]
-        )
+        alone = stream.step(heard, stream.init_state(1), torch.ones(1, dtype=torch.bool), seeds=seeds[row : row + 1])
         assert torch.equal(alone, hours)
 
 

@@ -102,18 +102,14 @@ def lesson(**changes):
 
 def test_targets_stay_clean_and_context_is_corrupted():
     window, damaged, stage = lesson(corruption_low=1.0, corruption_high=1.0)
-    clean = stage.generator.config.order.build(
-        window.audio, window.motion, window.motion, torch.zeros(2).long()
-    )
+    clean = stage.generator.config.order.build(window.audio, window.motion, window.motion, torch.zeros(2).long())
     assert torch.equal(damaged.targets, clean.targets)
     assert 0.3 < (damaged.ids != clean.ids).float().sum() / (2 * 8 * 6) < 0.9
 
 
 def test_a_blind_window_has_noise_for_context_and_clean_targets():
     window, made, stage = lesson(corruption="none", blind=1.0)
-    clean = stage.generator.config.order.build(
-        window.audio, window.motion, window.motion, torch.zeros(2).long()
-    )
+    clean = stage.generator.config.order.build(window.audio, window.motion, window.motion, torch.zeros(2).long())
     assert torch.equal(made.targets, clean.targets)
     assert (made.ids != clean.ids).sum() > 0.75 * 2 * 8 * 6  # 7 of 8 random codes differ
 
@@ -124,8 +120,7 @@ def test_a_window_out_of_step_has_late_or_early_context_and_targets_in_time():
     assert torch.equal(made.targets, order.build(window.audio, window.motion, window.motion, none).targets)
     for row in range(2):
         moved = [
-            order.build(window.audio, window.motion.roll(by, 1), window.motion, none).ids[row]
-            for by in (-2, -1, 1, 2)
+            order.build(window.audio, window.motion.roll(by, 1), window.motion, none).ids[row] for by in (-2, -1, 1, 2)
         ]
         assert sum(torch.equal(made.ids[row], ids) for ids in moved) == 1
 

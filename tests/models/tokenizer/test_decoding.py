@@ -85,9 +85,7 @@ def test_pieces_share_one_trajectory():
     for pieces in (1, 4):
         plain = TRAINING.losses.model_copy(update={"planted": 0.0})
         loop = Loop(
-            DecoderTask(
-                small_body(), TRAINING.model_copy(update={"accumulation": pieces, "losses": plain}), CLIPS
-            )
+            DecoderTask(small_body(), TRAINING.model_copy(update={"accumulation": pieces, "losses": plain}), CLIPS)
         )
         lossy.append([loop.advance()["loss"] for _ in range(4)])
     assert lossy[0] == pytest.approx(lossy[1], rel=1e-4)

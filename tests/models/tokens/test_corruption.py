@@ -55,7 +55,6 @@ def test_uniform_corruption_hits_every_layer_at_its_rate_with_every_code():
 def test_the_same_seed_corrupts_the_same_codes():
     codes = torch.arange(240).view(1, 20, 3, 4)
     one, two = (
-        corrupt_hierarchically(codes, 0.5, codebook=9, generator=torch.Generator().manual_seed(5))
-        for _ in range(2)
+        corrupt_hierarchically(codes, 0.5, codebook=9, generator=torch.Generator().manual_seed(5)) for _ in range(2)
     )
     assert torch.equal(one, two)

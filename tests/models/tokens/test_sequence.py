@@ -9,9 +9,7 @@ from echoavatar.models.tokens import (
     sequence_order,
 )
 
-LAYOUT = TokenLayout.compact(
-    audio_codes=7, motion_layers=2, motion_codes=5
-)  # 6 segments, 12 motion ids a chunk
+LAYOUT = TokenLayout.compact(audio_codes=7, motion_layers=2, motion_codes=5)  # 6 segments, 12 motion ids a chunk
 NONE = torch.zeros(1, dtype=torch.int64)
 
 

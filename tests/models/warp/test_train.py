@@ -14,9 +14,7 @@ QUICK = WarpTraining(steps=60, batch=8, frames=64, warmup=5, learning_rate=5e-3,
 
 
 def test_it_learns_to_brake_behind_clicks_that_it_never_heard(tmp_path: Path) -> None:
-    model = train_warp(
-        CONFIG, QUICK, [clicks(480, seed) for seed in range(3)], tmp_path, card={"data": "clicks"}
-    )
+    model = train_warp(CONFIG, QUICK, [clicks(480, seed) for seed in range(3)], tmp_path, card={"data": "clicks"})
     clip = clicks(240, seed=77)
     with torch.no_grad():
         heard = model(LevelControl()(torch.from_numpy(clip.audio)[None]))[0].numpy()

@@ -18,9 +18,7 @@ def test_points_reach_from_the_wrist_to_the_fingertips() -> None:
     np.testing.assert_allclose(found[0], wrist, atol=1e-6)
     assert 0.03 < found[1, 0] - wrist[0] < 0.06
     assert np.isclose(found[:, 0].max() - wrist[0], 0.090 + 0.044 + 0.027 + 0.023, atol=1e-6)
-    assert (
-        len(places(True, bone_map(HUMANOID))) == 2 + 14 + 5
-    )  # the root of the thumb moves little and is left out
+    assert len(places(True, bone_map(HUMANOID))) == 2 + 14 + 5  # the root of the thumb moves little and is left out
 
 
 def test_a_hand_without_fingers_still_has_length() -> None:

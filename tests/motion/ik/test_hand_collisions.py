@@ -80,9 +80,7 @@ def test_the_skin_itself_says_so(collisions: HandCollisions) -> None:
     """Outside witness: the shipped character's skinned hands against its skinned torso and head, by nearest normal."""
     character = load_character()
     owner = character.dense_weights.argmax(1)
-    hands = np.isin(
-        owner, [i for i, n in enumerate(HUMANOID.names) if n.startswith("left") and i in range(9, 25)]
-    )
+    hands = np.isin(owner, [i for i, n in enumerate(HUMANOID.names) if n.startswith("left") and i in range(9, 25)])
     trunk = np.isin(owner, HUMANOID.indices(["hips", "spine", "chest", "upperChest", "neck", "head"]))
 
     def depth(rotations: torch.Tensor) -> float:
@@ -152,9 +150,7 @@ def test_a_neighbour_changes_nothing(collisions: HandCollisions, inwards: torch.
     assert not torch.equal(a[1], b[1])
 
 
-def test_where_the_body_stands_and_faces_does_not_matter(
-    collisions: HandCollisions, inwards: torch.Tensor
-) -> None:
+def test_where_the_body_stands_and_faces_does_not_matter(collisions: HandCollisions, inwards: torch.Tensor) -> None:
     turned = inwards[None, :64].clone()
     turned[:, :, 0] = matrix_from_axis_angle(torch.tensor([0.3, 2.0, 0.1])) @ turned[:, :, 0]
     assert torch.equal(collisions.step(turned)[:, :, 1:], collisions.step(inwards[None, :64])[:, :, 1:])

@@ -10,9 +10,7 @@ from echoavatar.motion.ik.hand_shift import SHELL
 from echoavatar.motion.kinematics import HUMANOID, forward_kinematics
 from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
 
-PLACES = torch.tensor(
-    [[0.10, 0.10, 0.10], [0.05, 0.30, 0.12], [0.14, 0.0, 0.12], [0.2, 0.2, 0.16], [0.5, 0.2, 0.2]]
-)
+PLACES = torch.tensor([[0.10, 0.10, 0.10], [0.05, 0.30, 0.12], [0.14, 0.0, 0.12], [0.2, 0.2, 0.16], [0.5, 0.2, 0.2]])
 
 
 def moved_as_the_text_says(rotations: torch.Tensor) -> np.ndarray:
@@ -21,9 +19,7 @@ def moved_as_the_text_says(rotations: torch.Tensor) -> np.ndarray:
     pose = forward_kinematics(HUMANOID, rotations.double(), torch.zeros(len(rotations), 3).double())
     turns, joints = pose.rotations.numpy(), pose.positions.numpy()
     hand = collisions._hands[0]
-    thick = np.array(
-        [collisions.profile.palm if point.is_palm else collisions.profile.finger for point in hand]
-    )
+    thick = np.array([collisions.profile.palm if point.is_palm else collisions.profile.finger for point in hand])
     moves = []
     for turn, joint in zip(turns, joints, strict=True):
         points = [joint[p.joint] + turn[p.joint] @ p.offset for p in hand]

@@ -13,9 +13,7 @@ from echoavatar.motion.kinematics.hand_contact import palms
 from echoavatar.motion.kinematics.retarget import retarget
 
 LONG = Skeleton(
-    HUMANOID.config.model_copy(
-        update={"offsets": tuple(map(tuple, offsets_of(body=1.0, legs=1.0, arms=1.4).tolist()))}
-    )
+    HUMANOID.config.model_copy(update={"offsets": tuple(map(tuple, offsets_of(body=1.0, legs=1.0, arms=1.4).tolist()))})
 )
 OURS, THEIRS = body_of_rig(LONG), body_of_rig(HUMANOID)
 
@@ -29,9 +27,7 @@ def test_palms_lie_where_they_lay_and_hands_keep_their_orientation() -> None:
     source = touching()
     plain, kept = put(source)
     for touch in TOUCHES:
-        places = [
-            felt(motion, body, touch) for motion, body in ((source, THEIRS), (plain, OURS), (kept, OURS))
-        ]
+        places = [felt(motion, body, touch) for motion, body in ((source, THEIRS), (plain, OURS), (kept, OURS))]
         off = [np.linalg.norm((place - places[0][0]) * radii, axis=-1).max() for place, radii in places]
         assert off[2] < 0.02
         assert off[1] > 0.04  # by rotations alone a long arm goes past
@@ -45,17 +41,13 @@ def test_arms_that_hang_or_are_far_from_the_body_are_left_alone() -> None:
     hanging[..., 0] = 1
     for side, sign in (("left", -1.0), ("right", 1.0)):
         half = sign * np.array([1.5, 1.5, 0.0]) / 2  # beside the hip, beside the hip, aside
-        hanging[:, HUMANOID.index(f"{side}UpperArm")] = np.stack(
-            [np.cos(half), 0 * half, 0 * half, np.sin(half)], 1
-        )
+        hanging[:, HUMANOID.index(f"{side}UpperArm")] = np.stack([np.cos(half), 0 * half, 0 * half, np.sin(half)], 1)
     plain, kept = put(Motion(HUMANOID, hanging, np.tile([0, 0.95, 0], (3, 1)).astype(np.float32), 30.0))
     np.testing.assert_allclose(palms(kept), palms(plain), atol=1e-6)
 
 
 def test_a_source_that_lies_at_rest_has_no_known_body() -> None:
-    lying = HUMANOID.config.model_copy(
-        update={"offsets": tuple((x, z, y) for x, y, z in HUMANOID.config.offsets)}
-    )
+    lying = HUMANOID.config.model_copy(update={"offsets": tuple((x, z, y) for x, y, z in HUMANOID.config.offsets)})
     source = touching(1.0)
     moved = retarget(source, LONG)
     assert keep_hands_on_body(replace(source, skeleton=Skeleton(lying)), moved, THEIRS, OURS) is moved

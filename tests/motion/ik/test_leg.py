@@ -23,15 +23,9 @@ def bent(frames: int = 20) -> torch.Tensor:
     """Root-relative poses with bent legs, (t, j, 3, 3)."""
     generator = torch.Generator().manual_seed(0)
     turns = torch.zeros(frames, HUMANOID.joints, 3)
-    turns[:, HUMANOID.indices(["leftUpperLeg", "rightUpperLeg"])] = 0.3 * torch.randn(
-        frames, 2, 3, generator=generator
-    )
-    turns[:, HUMANOID.indices(["leftLowerLeg", "rightLowerLeg"]), 0] = 0.4 + torch.rand(
-        frames, 2, generator=generator
-    )
-    turns[:, HUMANOID.indices(["leftFoot", "rightFoot"])] = 0.2 * torch.randn(
-        frames, 2, 3, generator=generator
-    )
+    turns[:, HUMANOID.indices(["leftUpperLeg", "rightUpperLeg"])] = 0.3 * torch.randn(frames, 2, 3, generator=generator)
+    turns[:, HUMANOID.indices(["leftLowerLeg", "rightLowerLeg"]), 0] = 0.4 + torch.rand(frames, 2, generator=generator)
+    turns[:, HUMANOID.indices(["leftFoot", "rightFoot"])] = 0.2 * torch.randn(frames, 2, 3, generator=generator)
     return matrix_from_axis_angle(turns)
 
 
@@ -133,9 +127,7 @@ def test_thighs_may_hang_from_a_bone_under_the_root() -> None:
     aside = np.full((3, 2, 6), 0.04, np.float32)
     out = moved(rig, poses, aside)
     (_, start), (_, end) = world(rig, poses), world(rig, out)
-    torch.testing.assert_close(
-        end[:, [4, 8]] - start[:, [4, 8]], torch.full((6, 2, 3), 0.04), atol=2e-5, rtol=0
-    )
+    torch.testing.assert_close(end[:, [4, 8]] - start[:, [4, 8]], torch.full((6, 2, 3), 0.04), atol=2e-5, rtol=0)
 
 
 @pytest.mark.parametrize("feet", [(), (0, 0, 0, 0)])

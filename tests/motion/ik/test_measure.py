@@ -26,9 +26,7 @@ def test_depth_is_the_way_to_the_skin() -> None:
     assert deep[0, 1] == 0
     assert (deep[1] == 0).all()
     thick = ball(0.06).model_copy(update={"palm": 0.01, "finger": 0.01})
-    assert penetration_depth_m(HUMANOID, pose, thick)[0, 0] == pytest.approx(
-        deep[0, 0].item() + 0.01, abs=1e-5
-    )
+    assert penetration_depth_m(HUMANOID, pose, thick)[0, 0] == pytest.approx(deep[0, 0].item() + 0.01, abs=1e-5)
 
 
 def test_a_hand_beside_the_ball_is_outside() -> None:

@@ -93,8 +93,6 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize("name", HOSTILE)
-def test_a_mesh_that_breaks_the_rules_is_one_error_that_names_the_file(
-    glb: Path, tmp_path: Path, name: str
-) -> None:
+def test_a_mesh_that_breaks_the_rules_is_one_error_that_names_the_file(glb: Path, tmp_path: Path, name: str) -> None:
     with pytest.raises(MotionError, match=r"bad\.glb"):
         read_skinned(spoilt(tmp_path / "bad.glb", glb.read_bytes(), HOSTILE[name]))

@@ -30,12 +30,8 @@ def swaying(frames: int = 60, fps: float = 30.0, size: float = 0.3, skeleton: Sk
     t = np.arange(frames)[:, None, None] / fps
     joint = np.arange(skeleton.joints)[None, :, None]
     axis = np.sin(joint * np.array([1.0, 2.0, 3.0]) + 1)
-    turns = quaternion_from_axis_angle(
-        torch.from_numpy(size * np.sin(2 * np.pi * (0.5 * t + 0.1 * joint)) * axis)
-    )
-    root = skeleton.offsets[0].numpy() + np.concatenate(
-        [0.1 * t[:, 0], 0.01 * np.sin(t[:, 0]), 0.2 * t[:, 0]], 1
-    )
+    turns = quaternion_from_axis_angle(torch.from_numpy(size * np.sin(2 * np.pi * (0.5 * t + 0.1 * joint)) * axis))
+    root = skeleton.offsets[0].numpy() + np.concatenate([0.1 * t[:, 0], 0.01 * np.sin(t[:, 0]), 0.2 * t[:, 0]], 1)
     return Motion(skeleton, turns.numpy().astype(np.float32), root.astype(np.float32), fps)
 
 

@@ -12,9 +12,7 @@ def test_least_turn_lays_one_direction_on_the_other():
     generator = torch.Generator().manual_seed(0)
     a, b = torch.randn(2, 100, 3, generator=generator).double()
     turned = (least_rotation(a, b) @ a[..., None]).squeeze(-1)
-    torch.testing.assert_close(
-        torch.nn.functional.normalize(turned, dim=-1), torch.nn.functional.normalize(b, dim=-1)
-    )
+    torch.testing.assert_close(torch.nn.functional.normalize(turned, dim=-1), torch.nn.functional.normalize(b, dim=-1))
 
 
 def test_least_turn_of_opposites_is_a_half_turn():

@@ -28,9 +28,7 @@ def test_one_of_two_feet_sliding_is_half():
 
 
 def test_a_lifted_foot_may_move():
-    height = np.concatenate(
-        [np.full(20, 0.08), 0.08 + 0.12 * np.sin(np.linspace(0, np.pi, 12)), np.full(20, 0.08)]
-    )
+    height = np.concatenate([np.full(20, 0.08), 0.08 + 0.12 * np.sin(np.linspace(0, np.pi, 12)), np.full(20, 0.08)])
     x = np.concatenate([np.zeros(22), np.linspace(0, 0.4, 8), np.full(22, 0.4)])
     place = feet(height, x)
     is_planted = planted(place, 30, standing_height=0.08)[:, 0]

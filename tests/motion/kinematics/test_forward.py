@@ -56,9 +56,7 @@ def test_rest_pose_is_the_rest_pose():
 
 def test_gradients_are_the_true_ones():
     rotations, root = random_pose(1)
-    chain = [
-        HUMANOID.index(name) for name in ("hips", "leftUpperLeg", "leftLowerLeg", "leftFoot", "leftToes")
-    ]
+    chain = [HUMANOID.index(name) for name in ("hips", "leftUpperLeg", "leftLowerLeg", "leftFoot", "leftToes")]
     small = Skeleton(
         SkeletonConfig(
             names=tuple("abcde"),

@@ -27,9 +27,7 @@ def taller() -> Skeleton:
     turn = matrix_from_axis_angle(torch.tensor([[0.0, 0.0, -0.7], [0.0, 0.0, 0.7]]))
     for joint, name in enumerate(config.names):
         for side, own in zip(("left", "right"), turn, strict=True):
-            is_arm = name.startswith(side) and any(
-                part in name for part in ("LowerArm", "Hand", "Thumb", "Index")
-            )
+            is_arm = name.startswith(side) and any(part in name for part in ("LowerArm", "Hand", "Thumb", "Index"))
             is_arm |= name.startswith(side) and any(part in name for part in ("Middle", "Ring", "Little"))
             if is_arm:
                 offsets[joint] = own @ offsets[joint]
@@ -64,9 +62,7 @@ def test_bones_point_where_the_sources_do_and_the_rest_pose_stands_on_the_floor(
         one, other = (pose.positions[:, b] - pose.positions[:, a] for pose in (theirs, ours))
         assert torch.nn.functional.cosine_similarity(one, other).min() > 0.9999
     standing = ours.positions[0, [HUMANOID.index("leftFoot"), HUMANOID.index("rightFoot")], 1]
-    torch.testing.assert_close(
-        standing, torch.full((2,), HUMANOID.rest_positions[HUMANOID.index("leftFoot"), 1])
-    )
+    torch.testing.assert_close(standing, torch.full((2,), HUMANOID.rest_positions[HUMANOID.index("leftFoot"), 1]))
     assert live.scale == pytest.approx(0.8)
 
 
@@ -75,9 +71,7 @@ def test_a_clip_retargeted_at_once_agrees(swaying: tuple[np.ndarray, np.ndarray]
     rotations, _ = swaying
     source = taller()
     turns = torch.from_numpy(rotations[:20])
-    clip = Motion(
-        source, quaternion_from_matrix(turns).numpy(), np.tile(source.offsets[0].numpy(), (20, 1)), 30.0
-    )
+    clip = Motion(source, quaternion_from_matrix(turns).numpy(), np.tile(source.offsets[0].numpy(), (20, 1)), 30.0)
     whole = retarget(clip, has_footing=False).matrices()
     live = LiveRetarget(source)
     moved = torch.cat([live(frame[None]).rotations for frame in turns])

@@ -23,9 +23,7 @@ def test_mirrored_pose_is_the_mirror_image_of_the_pose():
     quaternions, root = random_clip()
     rotations = matrix_from_quaternion(quaternions)
     plain = forward_kinematics(HUMANOID, rotations, root).positions
-    other = forward_kinematics(
-        HUMANOID, mirror_rotations(HUMANOID, rotations), mirror_positions(root)
-    ).positions
+    other = forward_kinematics(HUMANOID, mirror_rotations(HUMANOID, rotations), mirror_positions(root)).positions
     torch.testing.assert_close(other, mirror_positions(plain)[:, list(HUMANOID.config.mirror)])
 
 
@@ -58,6 +56,4 @@ def test_our_rig_mirrors_and_a_lopsided_one_is_told():
 
 def test_a_rig_without_pairs_is_refused():
     with pytest.raises(ValueError, match="mirror pairs"):
-        mirror_rotations(
-            Skeleton(HUMANOID.config.model_copy(update={"mirror": ()})), torch.eye(3).expand(52, 3, 3)
-        )
+        mirror_rotations(Skeleton(HUMANOID.config.model_copy(update={"mirror": ()})), torch.eye(3).expand(52, 3, 3))

@@ -40,9 +40,7 @@ RECORDED = {
 def directions(motion: Motion, bones: dict[str, int]) -> torch.Tensor:
     places = motion.pose().positions
     pairs = [(bones[a], bones[b]) for a, b in LIMBS]
-    return torch.nn.functional.normalize(
-        torch.stack([places[:, b] - places[:, a] for a, b in pairs], 1), dim=-1
-    )
+    return torch.nn.functional.normalize(torch.stack([places[:, b] - places[:, a] for a, b in pairs], 1), dim=-1)
 
 
 def test_a_rig_to_itself_changes_nothing():
@@ -127,8 +125,6 @@ def test_walkers_of_other_proportions_stand_on_the_floor(proportions):
     is_planted = planted(places, 30, standing_height=standing_height)
     over = places[..., 1] - standing_height
     assert is_planted.mean() > 0.3
-    assert (
-        np.percentile(np.abs(over[is_planted]), 95) < 0.005
-    )  # the last frame before a foot lifts may be higher
+    assert np.percentile(np.abs(over[is_planted]), 95) < 0.005  # the last frame before a foot lifts may be higher
     assert over.min() > -0.005
     assert skate(places, 30, standing_height=standing_height) < 0.3

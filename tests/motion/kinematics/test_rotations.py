@@ -16,9 +16,7 @@ ORDERS = ("xyz", "xzy", "yxz", "yzx", "zxy", "zyx")
 
 def random_quaternions(count: int, seed: int = 0) -> torch.Tensor:
     generator = torch.Generator().manual_seed(seed)
-    return r.standardize(
-        torch.nn.functional.normalize(torch.randn(count, 4, generator=generator).double(), dim=-1)
-    )
+    return r.standardize(torch.nn.functional.normalize(torch.randn(count, 4, generator=generator).double(), dim=-1))
 
 
 @pytest.fixture(scope="module")
@@ -35,9 +33,7 @@ def test_six_numbers_are_the_reference_convention(golden):
 
 
 def test_quaternions_are_the_reference_convention(golden):
-    torch.testing.assert_close(
-        r.matrix_from_quaternion(golden["quat_wxyz"]), golden["mat_of_quat"], atol=1e-6, rtol=0
-    )
+    torch.testing.assert_close(r.matrix_from_quaternion(golden["quat_wxyz"]), golden["mat_of_quat"], atol=1e-6, rtol=0)
     ours, theirs = r.quaternion_from_matrix(golden["mat"]), golden["quat_wxyz"]
     torch.testing.assert_close((ours * theirs).sum(-1).abs(), torch.ones(64), atol=1e-6, rtol=0)
 
@@ -45,9 +41,7 @@ def test_quaternions_are_the_reference_convention(golden):
 def test_euler_angles_are_the_reference_convention(golden):
     matrices = r.matrix_from_euler(golden["euler_zyx_rad"], "zyx")
     torch.testing.assert_close(matrices, golden["mat_of_euler"], atol=1e-6, rtol=0)
-    torch.testing.assert_close(
-        r.euler_from_matrix(matrices, "zyx"), golden["euler_of_quat"], atol=1e-6, rtol=0
-    )
+    torch.testing.assert_close(r.euler_from_matrix(matrices, "zyx"), golden["euler_of_quat"], atol=1e-6, rtol=0)
 
 
 @pytest.mark.parametrize("order", ORDERS)
@@ -101,9 +95,7 @@ def test_slerp_turns_at_even_speed(share):
         r.quaternion_from_axis_angle(torch.tensor([0, 2.0, 0]).double()),
     )
     turned = r.axis_angle_from_quaternion(r.slerp(start, end, share))
-    torch.testing.assert_close(
-        turned, torch.tensor([0, 2.0 * share, 0], dtype=torch.double), atol=1e-9, rtol=0
-    )
+    torch.testing.assert_close(turned, torch.tensor([0, 2.0 * share, 0], dtype=torch.double), atol=1e-9, rtol=0)
 
 
 def test_angle_between_is_right_for_tiny_turns():

@@ -58,10 +58,7 @@ def sliding(frames: int = 60, lift: tuple[int, int] | None = None) -> tuple[torc
         turns[:, lift[0] : lift[1], HUMANOID.index("leftUpperLeg"), 0] -= rise
         turns[:, lift[0] : lift[1], HUMANOID.index("leftLowerLeg"), 0] += rise
     for side in ("left", "right"):
-        legs = (
-            turns[..., HUMANOID.index(f"{side}UpperLeg"), 0]
-            + turns[..., HUMANOID.index(f"{side}LowerLeg"), 0]
-        )
+        legs = turns[..., HUMANOID.index(f"{side}UpperLeg"), 0] + turns[..., HUMANOID.index(f"{side}LowerLeg"), 0]
         turns[..., HUMANOID.index(f"{side}Foot"), 0] = -legs
     rotations = matrix_from_axis_angle(turns)
     root = torch.zeros(1, frames, 3)
@@ -83,8 +80,7 @@ def test_feet_that_slid_stand_and_keep_their_direction() -> None:
     assert (before[1:] - before[:-1]).norm(dim=-1).mean() > 9e-4
     assert (after[1:] - after[:-1]).norm(dim=-1).max() < 1e-4
     world = [
-        forward_kinematics(HUMANOID, r, root).rotations[0, :, HUMANOID.index("leftFoot")]
-        for r in (rotations, held)
+        forward_kinematics(HUMANOID, r, root).rotations[0, :, HUMANOID.index("leftFoot")] for r in (rotations, held)
     ]
     assert angle_between(*world).max() < 1e-3
 

@@ -31,9 +31,7 @@ def walking(seconds: float = 8.0, pace: float = 0.35) -> Motion:
         turns[:, HUMANOID.index(f"{side}LowerLeg"), 0] = 2 * knee
         turns[:, HUMANOID.index(f"{side}Foot"), 0] = -knee
         turns[:, HUMANOID.index(f"{side}UpperLeg"), 2] = across
-    turns[:, HUMANOID.index("leftUpperArm"), 2] = torch.from_numpy(
-        np.sin(2 * math.pi * time).astype(np.float32)
-    )
+    turns[:, HUMANOID.index("leftUpperArm"), 2] = torch.from_numpy(np.sin(2 * math.pi * time).astype(np.float32))
     matrices = matrix_from_axis_angle(turns)
     root = np.zeros((frames, 3), np.float32)
     root[:, 1] = 0.925

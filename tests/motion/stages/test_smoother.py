@@ -57,9 +57,7 @@ def test_steps_between_latents_become_a_smooth_path() -> None:
 def test_a_chunk_is_the_minimum_that_the_formula_asks_for(frames: int) -> None:
     """Outside witness: least squares in double precision, every chunk on top of the last three frames shown."""
     torch.manual_seed(1)
-    decoded = torch.nn.functional.normalize(
-        torch.tensor([1.0, 0.3, 0.2, 0.1]) + 0.03 * torch.randn(24, 4), dim=-1
-    )
+    decoded = torch.nn.functional.normalize(torch.tensor([1.0, 0.3, 0.2, 0.1]) + 0.03 * torch.randn(24, 4), dim=-1)
     travel = torch.randn(24, 3)
     smoother = Smoother(1)
     state, path, way = (

@@ -73,9 +73,7 @@ def test_no_joint_of_a_small_rig_is_lost(joints: int, frames: int) -> None:
     rig = chain(joints, {"lower": tuple(range(joints))})
     turns = torch.randn(2, frames, joints, 3, generator=torch.Generator().manual_seed(joints))
     rotations = matrix_from_axis_angle(turns)
-    pose, is_good = Unpacking(rig).pose_of(
-        to_features(rig, rotations, torch.zeros(2, frames, 3)).numpy(), 30.0
-    )
+    pose, is_good = Unpacking(rig).pose_of(to_features(rig, rotations, torch.zeros(2, frames, 3)).numpy(), 30.0)
     shown = pose.rotations
     assert is_good
     assert angle_between(matrix_from_quaternion(torch.from_numpy(shown)), rotations).max() < 2e-3

@@ -69,9 +69,7 @@ def test_it_says_what_it_is() -> None:
 
 
 def test_lines_fit_a_voice_and_are_spoken_english() -> None:
-    lines = (
-        [line for cue in CUES for line in cue.lines] + list(ACTION_LINES) + [line for line, _ in FALLBACKS]
-    )
+    lines = [line for cue in CUES for line in cue.lines] + list(ACTION_LINES) + [line for line, _ in FALLBACKS]
     assert all(0 < len(line) <= 600 for line in lines)
     assert all(line.isascii() and line[-1] in ".!?" for line in lines)
 

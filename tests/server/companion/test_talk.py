@@ -19,9 +19,7 @@ def _tool(name: str, argument: str, **schema: object) -> dict[str, object]:
 
 
 def test_choices_are_the_values_that_a_tool_declares() -> None:
-    doing = ToolAccess(
-        [_tool("play_music", "title", enum=["Waltz"]), _tool("send_action", "action")], _refuse
-    )
+    doing = ToolAccess([_tool("play_music", "title", enum=["Waltz"]), _tool("send_action", "action")], _refuse)
     assert doing.choices("play_music", "title") == ["Waltz"]
     assert doing.choices("send_action", "action") == []
     assert doing.choices("stop_music", "title") == []

@@ -29,9 +29,7 @@ def test_an_independent_reader_finds_every_message_with_its_numbers() -> None:
     assert [message.address for message in found] == [message.address for message in MESSAGES]
     floats = [x for message in found for x in message.params if isinstance(x, float)]
     np.testing.assert_allclose(floats, values, rtol=1e-6)
-    firsts = [
-        message.params[0] for message in found if message.params and not isinstance(message.params[0], float)
-    ]
+    firsts = [message.params[0] for message in found if message.params and not isinstance(message.params[0], float)]
     assert firsts == [message.first for message in MESSAGES if message.first is not None]
 
 

@@ -77,9 +77,7 @@ def test_messages_of_a_session_are_enough_and_a_flush_is_obeyed() -> None:
     played(player, 0.3, start=8_000)
     player.close()
     for frame in sink.frames:
-        is_blend = (
-            7_200 <= frame.at <= 8_000
-        )  # between the last frame before the flush and the first one after it
+        is_blend = 7_200 <= frame.at <= 8_000  # between the last frame before the flush and the first one after it
         if not is_blend:
             beyond = 100 if frame.at > 8_000 else 0
             ahead = (frame.at - (8_000 if beyond else 0)) / 24_000

@@ -91,9 +91,7 @@ def test_motion_goes_out_for_pickled_sound_and_nothing_is_run(tmp_path, monkeypa
         ready = asyncio.get_running_loop().create_future()
         settings = UnitySettings(audio_port=0, action_port=0, unity_port=server.sockets[0].getsockname()[1])
         engine = Engine(pipeline, workers=1, rewind=0)
-        job = asyncio.create_task(
-            serve_unity(engine, RIG, settings, on_ready=lambda *ports: ready.set_result(ports))
-        )
+        job = asyncio.create_task(serve_unity(engine, RIG, settings, on_ready=lambda *ports: ready.set_result(ports)))
         audio_port, action_port = await asyncio.wait_for(ready, 10)
         _, hostile = await asyncio.open_connection("127.0.0.1", audio_port)
         hostile.write(framed(pickle.dumps(Bomb())))

@@ -33,9 +33,7 @@ def test_lips_that_stay_closed_do_not_cross(shape) -> None:  # type: ignore[no-u
     np.testing.assert_allclose(shape(seam(1.0))[:, 1], shape(seam(-1.0))[:, 1], atol=2e-4)
 
 
-@pytest.mark.parametrize(
-    "shape", [mouth.funnel, mouth.lower_down, mouth.upper_up, mouth.tongue_out, mouth.jaw_open]
-)
+@pytest.mark.parametrize("shape", [mouth.funnel, mouth.lower_down, mouth.upper_up, mouth.tongue_out, mouth.jaw_open])
 def test_lips_that_part_do_so_the_right_way(shape) -> None:  # type: ignore[no-untyped-def]
     gap = shape(seam(1.0))[:, 1] - shape(seam(-1.0))[:, 1]
     assert gap.min() > -1e-6

@@ -25,9 +25,7 @@ def test_the_jacket_is_open_in_front_and_closed_behind() -> None:
 
 def test_soles_stand_on_the_floor() -> None:
     """The lowest point of the shoes is within a millimetre of y = 0."""
-    x, y, z = np.meshgrid(
-        np.linspace(0.05, 0.13, 20), np.linspace(-0.003, 0.006, 10), np.linspace(-0.05, 0.1, 20)
-    )
+    x, y, z = np.meshgrid(np.linspace(0.05, 0.13, 20), np.linspace(-0.003, 0.006, 10), np.linspace(-0.05, 0.1, 20))
     p = np.stack([x, y, z], -1).reshape(-1, 3)
     lowest = p[body.soles(p) <= 0][:, 1].min()
     assert -0.0005 <= lowest <= 0.0015

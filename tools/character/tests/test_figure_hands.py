@@ -9,9 +9,7 @@ FINGERS = ("Thumb", "Index", "Middle", "Ring", "Little")
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_every_hand_has_five_separate_fingers(side: str) -> None:
     """Each finger's last joint is inside flesh; half way to the neighbour's there is air."""
-    tips = HUMANOID.rest_positions.numpy()[HUMANOID.indices([f"{side}{f}Distal" for f in FINGERS])].astype(
-        float
-    )
+    tips = HUMANOID.rest_positions.numpy()[HUMANOID.indices([f"{side}{f}Distal" for f in FINGERS])].astype(float)
     assert (hands(tips) < -0.004).all()
     between = (tips[1:-1] + tips[2:]) / 2
     assert (hands(between) > 0.0005).all()

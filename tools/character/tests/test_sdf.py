@@ -17,9 +17,7 @@ def test_sphere_and_cone_are_exact_distances() -> None:
 
 def test_ellipsoid_with_equal_radii_is_a_sphere() -> None:
     p = points()
-    np.testing.assert_allclose(
-        sdf.ellipsoid(p, (0, 0, 0), (0.4, 0.4, 0.4)), sdf.sphere(p, (0, 0, 0), 0.4), atol=1e-9
-    )
+    np.testing.assert_allclose(sdf.ellipsoid(p, (0, 0, 0), (0.4, 0.4, 0.4)), sdf.sphere(p, (0, 0, 0), 0.4), atol=1e-9)
 
 
 def test_smooth_min_lies_below_both_and_is_sharp_far_from_the_seam() -> None:

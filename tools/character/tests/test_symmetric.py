@@ -25,9 +25,7 @@ def test_both_halves_are_alike_welded_and_closed() -> None:
     np.testing.assert_allclose(np.linalg.norm(p, axis=1), 0.1, atol=1e-4)
     gap = np.linalg.norm(p[:, None] - (p * [-1, 1, 1])[None], axis=2).min(0)
     assert gap.max() < 1e-7
-    edges = np.sort(
-        np.concatenate([mesh.triangles[:, [0, 1]], mesh.triangles[:, [1, 2]], mesh.triangles[:, [2, 0]]])
-    )
+    edges = np.sort(np.concatenate([mesh.triangles[:, [0, 1]], mesh.triangles[:, [1, 2]], mesh.triangles[:, [2, 0]]]))
     assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).mean() > 0.995
     a, b, c = (p[mesh.triangles[:, i]] for i in range(3))
     assert (np.einsum("fi,fi->f", np.cross(b - a, c - a), a + b + c) > 0).all()

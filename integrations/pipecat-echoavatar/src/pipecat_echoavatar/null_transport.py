@@ -37,7 +37,5 @@ class NullTransport(BaseOutputTransport):
         await asyncio.sleep(max(0.0, self._due - now))
         return True
 
-    async def send_message(
-        self, frame: OutputTransportMessageFrame | OutputTransportMessageUrgentFrame
-    ) -> None:
+    async def send_message(self, frame: OutputTransportMessageFrame | OutputTransportMessageUrgentFrame) -> None:
         """Discard the message."""

@@ -72,9 +72,7 @@ def _handler(tools: AvatarTools) -> Callable[[FunctionCallParams], Awaitable[Non
     async def handle(params: FunctionCallParams) -> None:
         await _answer(params, await tools.call(params.function_name, params.arguments))
 
-    handler: Callable[[FunctionCallParams], Awaitable[None]] = tool_options(
-        handle, cancel_on_interruption=False
-    )
+    handler: Callable[[FunctionCallParams], Awaitable[None]] = tool_options(handle, cancel_on_interruption=False)
     return handler
 
 

@@ -89,9 +89,7 @@ class Recorder:
                     self._began.setdefault(message.seg, message.at)
             case Flush():
                 self._frames = {at: frame for at, frame in self._frames.items() if at < message.at}
-                self._sound = {
-                    at: part[: message.at - at] for at, part in self._sound.items() if at < message.at
-                }
+                self._sound = {at: part[: message.at - at] for at, part in self._sound.items() if at < message.at}
                 self.end = min(self.end, message.at)
             case State(finished=seg, at=at) if seg:
                 self._finished.setdefault(seg, at)

@@ -146,9 +146,7 @@ class LocalBackend:
 
     async def _run(self) -> None:
         """Run the application in one task, because a task group must end in the task that began it."""
-        engine = (
-            self._where if isinstance(self._where, Engine) else await asyncio.to_thread(load, self._where)
-        )
+        engine = self._where if isinstance(self._where, Engine) else await asyncio.to_thread(load, self._where)
         self._app = create_app(engine, ServerSettings(resume_seconds=1.0))
         async with self._app.router.lifespan_context(self._app):
             if self._port is None:

@@ -145,9 +145,7 @@ class AvatarBridge:
             heard = self.playback.position(time.monotonic())
             self._pending_flush = asyncio.get_running_loop().create_future()
             self._motion, self._cut_seg = None, self._seg
-            self._events = deque(
-                event for event in self._events if not isinstance(event, AvatarChunk | UtteranceDone)
-            )
+            self._events = deque(event for event in self._events if not isinstance(event, AvatarChunk | UtteranceDone))
             self.playback.jump(heard, time.monotonic())
             await self._session.interrupt(max(0, heard - self._clock_offset))
         with suppress(TimeoutError):
@@ -301,6 +299,4 @@ class AvatarBridge:
             return await asyncio.wait_for(waiting, REPLY_TIMEOUT_S)
         except TimeoutError:
             self._pending_actions.pop(id, None)
-            return ActionStatus(
-                id=id, name="", status="rejected", at=0, reason="the avatar did not answer", choices=()
-            )
+            return ActionStatus(id=id, name="", status="rejected", at=0, reason="the avatar did not answer", choices=())

@@ -60,9 +60,7 @@ class AsyncAvatarAudioInterface(AsyncAudioInterface):  # type: ignore[misc]
             AudioError: ElevenLabs has no such rate.
         """
         if sample_rate not in RATES:
-            raise AudioError(
-                f"sample_rate {sample_rate} is not supported; give one of {', '.join(map(str, RATES))}"
-            )
+            raise AudioError(f"sample_rate {sample_rate} is not supported; give one of {', '.join(map(str, RATES))}")
         self.bridge = AvatarBridge(find_backend(where, token=token, port=page_port), seed=seed)
         self._rate, self._device, self._on_event = sample_rate, device, on_event
         self._down: Any = soxr.ResampleStream(SAMPLE_RATE_HZ, DEVICE_RATE, 1, dtype="int16")
@@ -240,9 +238,7 @@ class AvatarAudioInterface(AudioInterface):  # type: ignore[misc]
         return asyncio.run_coroutine_threadsafe(work, self._loop).result()
 
 
-def register_tools(
-    client_tools: ClientTools, tools: AvatarTools, loop: asyncio.AbstractEventLoop
-) -> tuple[str, ...]:
+def register_tools(client_tools: ClientTools, tools: AvatarTools, loop: asyncio.AbstractEventLoop) -> tuple[str, ...]:
     """Register the avatar's tools; `loop` is the bridge's and may differ from that of `client_tools`."""
 
     def handler(name: str) -> Callable[[dict[str, Any]], Awaitable[str]]:

@@ -40,9 +40,7 @@ def make_plan(
         EchoAvatarError: the sound format is not supported.
     """
     if output_format not in FORMATS:
-        raise EchoAvatarError(
-            f"output format {output_format!r} is not supported; give one of {', '.join(FORMATS)}"
-        )
+        raise EchoAvatarError(f"output format {output_format!r} is not supported; give one of {', '.join(FORMATS)}")
     agent: Payload = {"prompt": {"prompt": prompt}, "language": "en"}
     if first_message:
         agent["first_message"] = first_message
@@ -50,9 +48,7 @@ def make_plan(
     return Plan([_tool(schema) for schema in schemas], {"name": name, "conversation_config": config})
 
 
-def carry_out(
-    plan: Plan, *, api_key: str, agent_id: str = "", base_url: str = BASE_URL
-) -> tuple[str, list[str]]:
+def carry_out(plan: Plan, *, api_key: str, agent_id: str = "", base_url: str = BASE_URL) -> tuple[str, list[str]]:
     """Create or update tools and agent; returns the agent's id and one line for each thing done.
 
     Raises:

@@ -22,9 +22,7 @@ class AvatarChunk(NamedTuple):
     pcm: bytes  # s16le mono, 24 kHz; empty if there is nothing to hear, or if the sound was released before
     at: int  # its clock
     seg: int  # utterance that speaks here; 0: none
-    is_revision: bool = (
-        False  # replaces motion released before, so it must overtake what a framework has queued
-    )
+    is_revision: bool = False  # replaces motion released before, so it must overtake what a framework has queued
 
 
 class Flushed(NamedTuple):
@@ -52,9 +50,7 @@ def make_chunk(motion: Motion | None, sound: Sound, *, released_to: int, cut_seg
     """
     if motion is None or motion.at != sound.at:
         frames = len(sound.pcm) // _FRAME_BYTES
-        motion = Motion(
-            at=sound.at, epoch=sound.epoch, frames=frames, rotations=b"", root=b"", face=b"", state="idle"
-        )
+        motion = Motion(at=sound.at, epoch=sound.epoch, frames=frames, rotations=b"", root=b"", face=b"", state="idle")
     seg = sound.seg if sound.seg > cut_seg else 0
     pcm = sound.pcm if seg or any(sound.pcm) else b""
     is_revision = sound.at < released_to

@@ -32,9 +32,7 @@ A gesture needs no comment: go on talking while it happens.
 """
 
 
-def persona(
-    actions: Iterable[str], tracks: Iterable[str], *, name: str = "Echo", surroundings: str = ""
-) -> str:
+def persona(actions: Iterable[str], tracks: Iterable[str], *, name: str = "Echo", surroundings: str = "") -> str:
     """The prompt for an avatar with these actions and tracks; `surroundings` describes where it stands."""
     told = f"\n{surroundings.strip()}" if surroundings.strip() else ""
     return PERSONA.format(

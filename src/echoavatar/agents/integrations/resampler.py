@@ -21,9 +21,7 @@ class SpeechResampler:
         if rate != self._rate:
             self._rate = rate
             self._stream = (
-                None
-                if rate == SAMPLE_RATE_HZ
-                else soxr.ResampleStream(rate, SAMPLE_RATE_HZ, 1, dtype="int16")
+                None if rate == SAMPLE_RATE_HZ else soxr.ResampleStream(rate, SAMPLE_RATE_HZ, 1, dtype="int16")
             )
         return pcm if self._stream is None else self._stream.resample_chunk(pcm)
 

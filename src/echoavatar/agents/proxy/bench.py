@@ -60,9 +60,7 @@ class ProxyReport(NamedTuple):
     def summary(self) -> dict[str, float]:
         """The numbers for one line of JSON."""
         facts = {
-            f"{name}_{key}_ms": round(getattr(way, key), 3)
-            for name, way in self.ways.items()
-            for key in ("p50", "p99")
+            f"{name}_{key}_ms": round(getattr(way, key), 3) for name, way in self.ways.items() for key in ("p50", "p99")
         }
         return facts | {
             "added_p50_ms": round(self.ways["proxy"].p50 - self.ways["relay"].p50, 3),

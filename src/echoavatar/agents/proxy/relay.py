@@ -101,14 +101,10 @@ class Relay:
         if "websocket" not in request.headers.get("Upgrade", "").lower():
             return None  # the websockets library answers it
         try:
-            check_origin(
-                {key.lower(): value for key, value in request.headers.raw_items()}, self._settings.origins
-            )
+            check_origin({key.lower(): value for key, value in request.headers.raw_items()}, self._settings.origins)
             url = upstream_url(self._settings.upstream, request.path)
             offered = [
-                name.strip()
-                for line in request.headers.get_all("Sec-WebSocket-Protocol")
-                for name in line.split(",")
+                name.strip() for line in request.headers.get_all("Sec-WebSocket-Protocol") for name in line.split(",")
             ]
             self._upstreams[client] = await dial(url, request.headers.raw_items(), offered)
         except ProtocolError as error:
@@ -120,9 +116,7 @@ class Relay:
             return _http_response(HTTPStatus.GATEWAY_TIMEOUT, str(error))
         except (OSError, InvalidHandshake) as error:
             _LOG.warning("the upstream cannot be reached: %s", type(error).__name__)
-            return _http_response(
-                HTTPStatus.BAD_GATEWAY, f"the upstream cannot be reached: {type(error).__name__}"
-            )
+            return _http_response(HTTPStatus.BAD_GATEWAY, f"the upstream cannot be reached: {type(error).__name__}")
         closing = asyncio.create_task(self._close_upstream(client))
         self._closing.add(closing)
         closing.add_done_callback(self._closing.discard)

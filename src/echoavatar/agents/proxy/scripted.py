@@ -92,9 +92,7 @@ class ScriptedSession:
         done = {"id": response, "status": status, "output": [message]}
         await self.send("response.done", response=done)
 
-    async def call(
-        self, name: str, arguments: str, *, call: str = "call_1", response: str = "resp_1"
-    ) -> None:
+    async def call(self, name: str, arguments: str, *, call: str = "call_1", response: str = "resp_1") -> None:
         """Send a response that consists of one function call."""
         item = {"id": f"item_{call}", "type": "function_call", "name": name, "call_id": call}
         whole = {**item, "arguments": arguments, "status": "completed"}

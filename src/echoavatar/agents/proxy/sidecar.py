@@ -42,9 +42,7 @@ MIN_RETRY_S, MAX_RETRY_S = 0.5, 15.0
 class AvatarSidecar:
     """The avatar of one conversation; `run` it until the conversation ends."""
 
-    def __init__(
-        self, settings: ProxySettings, *, client: ServerConnection, upstream: ClientConnection
-    ) -> None:
+    def __init__(self, settings: ProxySettings, *, client: ServerConnection, upstream: ClientConnection) -> None:
         self._settings, self._client, self._upstream = settings, client, upstream
         self._queue: deque[tuple[bool, str | bytes]] = deque()
         self._queued_bytes = 0

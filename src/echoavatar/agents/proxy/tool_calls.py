@@ -23,9 +23,7 @@ class ToolCalls:
     """The tool calls of one Realtime session."""
 
     def __init__(self, send: Send, do: Do) -> None:
-        self.declared: list[
-            dict[str, Any]
-        ] = []  # the avatar's tools in the Realtime form; empty: none are offered
+        self.declared: list[dict[str, Any]] = []  # the avatar's tools in the Realtime form; empty: none are offered
         self._send, self._do = send, do
         self._client_tools: list[Any] = []  # the client's
         self._client_names: set[str] = set()  # and their names

@@ -67,9 +67,7 @@ class _Connect(connect):
         return exc
 
 
-async def dial(
-    url: str, headers: Iterable[tuple[str, str]], subprotocols: Iterable[str] = ()
-) -> ClientConnection:
+async def dial(url: str, headers: Iterable[tuple[str, str]], subprotocols: Iterable[str] = ()) -> ClientConnection:
     """Connect to the upstream.
 
     Raises:

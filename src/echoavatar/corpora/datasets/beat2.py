@@ -49,9 +49,7 @@ def survey(folder: Path, *, has_additional: bool = False) -> Survey:
         official = _table(place / SPLIT)
         if not official:
             missing.append(f"{place.name}/{SPLIT}: no official split")
-        there = {
-            path.stem: path for path in files_below(place, ".npz") if path.parent.name == "smplxflame_30"
-        }
+        there = {path.stem: path for path in files_below(place, ".npz") if path.parent.name == "smplxflame_30"}
         gone = [name for name, kind in official.items() if name not in there and kind != "additional"]
         if gone:
             missing.append(
@@ -81,9 +79,7 @@ def _table(path: Path) -> Mapping[str, str]:
     if not path.is_file():
         return {}
     with path.open(newline="", encoding="utf-8-sig") as file:
-        rows = [
-            (row.get("id") or "", (row.get("type") or "").strip().lower()) for row in csv.DictReader(file)
-        ]
+        rows = [(row.get("id") or "", (row.get("type") or "").strip().lower()) for row in csv.DictReader(file)]
     strange = sorted({kind for _, kind in rows} - {"train", "val", "test", "additional"})
     if strange or not rows:
         raise EchoAvatarError(

@@ -76,16 +76,12 @@ def _blocks(file: Path) -> list[list[str]]:
     try:
         text = file.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        raise EchoAvatarError(
-            f"scripts {file} cannot be read as UTF-8 text ({error}); check the file"
-        ) from error
+        raise EchoAvatarError(f"scripts {file} cannot be read as UTF-8 text ({error}); check the file") from error
     kept = "\n".join(line.strip() for line in text.splitlines() if not line.lstrip().startswith("#"))
     blocks = [block.splitlines() for block in re.split(r"\n{2,}", kept) if block.strip()]
     blocks = [[line for line in block if line] for block in blocks]
     if not blocks:
-        raise EchoAvatarError(
-            f"scripts {file} holds no text; write one turn per line and a blank line between scripts"
-        )
+        raise EchoAvatarError(f"scripts {file} holds no text; write one turn per line and a blank line between scripts")
     return blocks
 
 

@@ -36,9 +36,7 @@ def survey(folder: Path) -> Survey:
         name = re.sub(r"[^\w.+-]+", "_", "__".join(relative.parts))
         recordings.append(Recording(name, path, _sound_of(path), domain, split))
     has_split = any(recording.split for recording in recordings)
-    return Survey(
-        TERMS, recordings, (), (), "folders named train, val, test" if has_split else "every tenth by name"
-    )
+    return Survey(TERMS, recordings, (), (), "folders named train, val, test" if has_split else "every tenth by name")
 
 
 def _sound_of(path: Path) -> Path:

@@ -48,11 +48,7 @@ def forecast(recordings: Sequence[Recording], options: Options) -> Forecast:
 def _seconds(recording: Recording, options: Options) -> tuple[float, bool]:
     frames, fps = motion_header(recording.motion)
     moves = frames / fps
-    if (
-        recording.sound is None
-        or options.sound == "none"
-        or (options.sound == "any" and not recording.sound.is_file())
-    ):
+    if recording.sound is None or options.sound == "none" or (options.sound == "any" and not recording.sound.is_file()):
         return moves, False
     sounds = sound_seconds(recording.sound)
     if abs(moves - sounds) > options.length_tolerance * max(moves, sounds):

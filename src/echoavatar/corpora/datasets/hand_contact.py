@@ -48,9 +48,7 @@ def keep_hand_contact(motion: Motion, source: Motion) -> Motion:
     local = motion.matrices().double().clone()
     for side, sign in (("left", 1.0), ("right", -1.0)):
         arm = _Arm(bones[f"{side}UpperArm"], bones[f"{side}LowerArm"], bones[f"{side}Hand"], -sign)
-        _bring(
-            local, arm, motion.skeleton.parents, (places, world_rotations), places[:, arm.hand] + sign * step
-        )
+        _bring(local, arm, motion.skeleton.parents, (places, world_rotations), places[:, arm.hand] + sign * step)
     is_moved = weight > 0
     rotations = motion.rotations.copy()
     for side in ("left", "right"):

@@ -57,9 +57,7 @@ def hand_states(motion: Motion) -> dict[str, State]:
 def hand_scores(rotations: Float[Tensor, "t j 3 3"], fps: float) -> HandScores:
     """Scores of the finger bones of one hand."""
     bend = torch.rad2deg(angle_between(rotations, torch.eye(3).expand_as(rotations)))
-    step = axis_angle_from_quaternion(
-        quaternion_from_matrix(rotations[:-1].transpose(-1, -2) @ rotations[1:])
-    )
+    step = axis_angle_from_quaternion(quaternion_from_matrix(rotations[:-1].transpose(-1, -2) @ rotations[1:]))
     speed, change = step.norm(dim=-1), (step[1:] - step[:-1]).norm(dim=-1)
     both = (speed[1:] + speed[:-1]).sum() if len(speed) > 1 else torch.zeros(())
     return HandScores(
@@ -69,9 +67,7 @@ def hand_scores(rotations: Float[Tensor, "t j 3 3"], fps: float) -> HandScores:
     )
 
 
-def mend_hands(
-    motion: Motion, states: dict[str, State], seed: int, *, is_all: bool
-) -> tuple[Motion, list[str]]:
+def mend_hands(motion: Motion, states: dict[str, State], seed: int, *, is_all: bool) -> tuple[Motion, list[str]]:
     """Give new fingers to static and erratic hands, or to all; return the motion and the sides that changed."""
     sides = [side for side, state in states.items() if state != "none" and (is_all or state != "good")]
     for side in sides if len(sides) == 1 else ():

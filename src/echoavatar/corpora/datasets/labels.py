@@ -14,9 +14,7 @@ from .source import Domain
 STRESSED = 0.45  # least prominence of a stressed syllable, as in the rehearsal corpus
 
 
-def sound_labels(
-    audio: NDArray[np.float32], kind: Domain
-) -> tuple[NDArray[np.uint8], dict[str, tuple[float, ...]]]:
+def sound_labels(audio: NDArray[np.float32], kind: Domain) -> tuple[NDArray[np.uint8], dict[str, tuple[float, ...]]]:
     """Domain (t,) of each frame, and times in seconds of beats, downbeats and stresses, as in a rehearsal clip.
 
     Sound that is shorter than two seconds or nearly silent is labelled as silence.
@@ -31,7 +29,5 @@ def sound_labels(
         "stress": [syllable.vowel for syllable in track.syllables if syllable.prominence >= STRESSED],
     }
     end = len(audio) / SAMPLE_RATE_HZ
-    kept = {
-        name: tuple(round(time, 4) for time in times if 0 <= time < end) for name, times in events.items()
-    }
+    kept = {name: tuple(round(time, 4) for time in times if 0 <= time < end) for name, times in events.items()}
     return domains(track, frames), {name: times for name, times in kept.items() if times}

@@ -59,9 +59,7 @@ def survey(folder: Path) -> Survey:
     for path in files_below(folder, ".bvh"):
         match = _NAME.match(path.stem)
         if not match:
-            left_out.append(
-                LeftOut(path.stem, "its name is not one of Motorica; prepare it with `data prepare bvh`")
-            )
+            left_out.append(LeftOut(path.stem, "its name is not one of Motorica; prepare it with `data prepare bvh`"))
             continue
         beside = path.parent.parent / "wav" if path.parent.name == "bvh" else path.parent
         recordings.append(
@@ -78,6 +76,4 @@ def survey(folder: Path) -> Survey:
     there = {recording.labels["genre"] for recording in recordings}
     gone = [genre for genre in GENRES.values() if genre not in there]
     missing = [f"no clip of {', '.join(gone)}"] if gone else []
-    return Survey(
-        TERMS, recordings, missing, left_out, "ten test clips held out by published work on the set"
-    )
+    return Survey(TERMS, recordings, missing, left_out, "ten test clips held out by published work on the set")

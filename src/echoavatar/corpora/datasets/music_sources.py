@@ -60,9 +60,7 @@ def recorded_music(folder: Path, licence: str) -> Iterator[Job]:
     """
     paths = files_below(folder, *AUDIO_SUFFIXES)
     if not paths:
-        raise EchoAvatarError(
-            f"--music {folder} holds no sound ({', '.join(AUDIO_SUFFIXES)}); name another folder"
-        )
+        raise EchoAvatarError(f"--music {folder} holds no sound ({', '.join(AUDIO_SUFFIXES)}); name another folder")
     for number, path in enumerate(paths):
         where = path.relative_to(folder)
         stem = "".join(sign if sign.isascii() and sign.isalnum() else "-" for sign in path.stem)[:40]

@@ -109,17 +109,11 @@ def _speeds(plot: Any, motions: Sequence[Motion]) -> Any:
     figure, (left, right) = plot.subplots(1, 2, figsize=(10, 3.6))
     wrists = np.concatenate([wrist_speeds(motion) for motion in motions if motion.frames > 1])
     for side, name in enumerate(("left", "right")):
-        left.hist(
-            np.clip(wrists[:, side], 0, 4), bins=80, histtype="step", density=True, label=f"{name} wrist"
-        )
+        left.hist(np.clip(wrists[:, side], 0, 4), bins=80, histtype="step", density=True, label=f"{name} wrist")
     left.set(xlabel="speed, m/s (last bin: 4 and more)", ylabel="share", yscale="log", title="hands")
     left.legend()
-    travel = [
-        np.linalg.norm(np.diff(motion.root[:, [0, 2]], axis=0), axis=1) * motion.fps for motion in motions
-    ]
-    right.hist(
-        np.clip(np.concatenate(travel), 0, 3), bins=80, histtype="step", density=True, color="tab:green"
-    )
+    travel = [np.linalg.norm(np.diff(motion.root[:, [0, 2]], axis=0), axis=1) * motion.fps for motion in motions]
+    right.hist(np.clip(np.concatenate(travel), 0, 3), bins=80, histtype="step", density=True, color="tab:green")
     right.set(xlabel="speed, m/s (last bin: 3 and more)", yscale="log", title="hips over the floor")
     return figure
 
@@ -128,9 +122,7 @@ def _poses(plot: Any, motions: Sequence[Motion]) -> Any:
     """Positions of the wrists from the front, and angles of joints from rest."""
     figure, (left, right) = plot.subplots(1, 2, figsize=(10, 4.2))
     places = np.concatenate([_wrists(motion) for motion in motions])
-    left.hist2d(
-        places[:, 0], places[:, 1], bins=90, range=((-1, 1), (-0.6, 1.1)), cmap="magma", norm="log", cmin=1
-    )
+    left.hist2d(places[:, 0], places[:, 1], bins=90, range=((-1, 1), (-0.6, 1.1)), cmap="magma", norm="log", cmin=1)
     left.set(
         xlabel="to the figure's left, m",
         ylabel="above the hips, m",

@@ -90,9 +90,7 @@ def prepare(
     finally:
         if made or kept:
             writer.flush()
-        _write_report(
-            folder, state, survey, (made, [recording.name for recording in kept]), failures, writer.receipts
-        )
+        _write_report(folder, state, survey, (made, [recording.name for recording in kept]), failures, writer.receipts)
     if not (made or kept):
         first = f"{failures[0].name}: {failures[0].why}" if failures else "no recording"
         raise EchoAvatarError(f"none of {len(recordings)} recordings could be prepared; {first}")

@@ -54,9 +54,7 @@ class Receipt(Config):
     has_sound: bool = Field(description="False: motion alone")
     labels: dict[str, str] = Field(default_factory=dict, description="speaker, style, genre")
     events: dict[str, tuple[float, ...]] = Field(default_factory=dict, description="times by kind")
-    skeleton: SkeletonConfig | None = Field(
-        default=None, description="the rig of the clip; None: the humanoid"
-    )
+    skeleton: SkeletonConfig | None = Field(default=None, description="the rig of the clip; None: the humanoid")
     sources: dict[str, str] = Field(description="source files and their checksums")
     stamp: str = Field(
         description="size and time of the files, and the options: unchanged means the part is still valid"
@@ -65,9 +63,7 @@ class Receipt(Config):
     hands: dict[str, str] = Field(description="state of the fingers as recorded: good, static, erratic, none")
     mended: tuple[str, ...] = Field(default=(), description="sides with new fingers")
     notes: tuple[str, ...] = Field(default=(), description="remarks for the user")
-    fidelity: dict[str, float] = Field(
-        default_factory=dict, description="how close to the source (`fidelity`)"
-    )
+    fidelity: dict[str, float] = Field(default_factory=dict, description="how close to the source (`fidelity`)")
     motion: dict[str, float] = Field(description="statistics of the motion (`kinematics.statistics`)")
     work_seconds: float = Field(description="processing time")
 
@@ -90,9 +86,7 @@ def prepare_recording(recording: Recording, options: Options, folder: Path) -> R
     states = hand_states(result)
     mended: list[str] = []
     if options.fingers != "keep":
-        seed = int(
-            np.random.SeedSequence([options.seed, zlib.crc32(recording.name.encode())]).generate_state(1)[0]
-        )
+        seed = int(np.random.SeedSequence([options.seed, zlib.crc32(recording.name.encode())]).generate_state(1)[0])
         result, mended = mend_hands(result, states, seed % 2**31, is_all=options.fingers == "all")
     audio = np.zeros(frames * SAMPLES_PER_FRAME, np.float32)
     if sound is not None:
@@ -149,9 +143,7 @@ def finished_part(folder: Path, name: str) -> Receipt | None:
 def stamp(recording: Recording, options: Options) -> str:
     """A mark that changes with the options and with size or modification time of a recording's files."""
     files = [
-        f"{path.stat().st_size}:{path.stat().st_mtime_ns}"
-        for path in _files(recording, options)
-        if path.is_file()
+        f"{path.stat().st_size}:{path.stat().st_mtime_ns}" for path in _files(recording, options) if path.is_file()
     ]
     return " ".join([*files, options.digest()])
 
@@ -167,9 +159,7 @@ def _sound(recording: Recording, options: Options) -> Sound | None:
     if not recording.sound.is_file():
         if options.sound == "any":
             return None
-        raise AudioError(
-            f"{recording.sound} is missing; add it, or pass --sound any to take the motion alone"
-        )
+        raise AudioError(f"{recording.sound} is missing; add it, or pass --sound any to take the motion alone")
     return np.asarray(read_audio(recording.sound), np.float32)
 
 

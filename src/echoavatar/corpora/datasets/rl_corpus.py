@@ -95,9 +95,7 @@ def make_rl_corpus(plan: SoundPlan, progress: Progress | None = None) -> RlCorpu
         DependencyError: the voice cannot be reached or refuses the key.
     """
     if plan.hours < 0 or plan.pieces < 0 or plan.hours + plan.pieces == 0:
-        raise EchoAvatarError(
-            f"--hours {plan.hours:g} and --pieces {plan.pieces} ask for nothing; make one positive"
-        )
+        raise EchoAvatarError(f"--hours {plan.hours:g} and --pieces {plan.pieces} ask for nothing; make one positive")
     music = list(islice(_music(plan), plan.pieces))  # an empty folder must fail before the speech is made
     folder, found = _CorpusFolder(plan), RlCorpusResult()
     in_a_row, jobs = 0, _speech(plan)
@@ -147,9 +145,7 @@ class _CorpusFolder:
             for kind in ("speech", "music"):
                 (plan.folder / kind).mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise EchoAvatarError(
-                f"cannot write to {plan.folder} ({error.strerror}); choose another -o"
-            ) from error
+            raise EchoAvatarError(f"cannot write to {plan.folder} ({error.strerror}); choose another -o") from error
         if not (plan.folder / MANIFEST).exists():
             return
         before = SoundSet(plan.folder)

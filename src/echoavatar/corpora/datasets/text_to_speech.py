@@ -86,13 +86,9 @@ def text_to_speech(
     if service == "openai":
         base = url or os.environ.get("OPENAI_BASE_URL") or "https://api.openai.com/v1"
         key = _key("OPENAI_API_KEY", is_needed=_host(base) == "api.openai.com")
-        return OpenAiTextToSpeech(
-            base, key, model or "gpt-4o-mini-tts", voices or ("alloy", "ash", "coral", "sage")
-        )
+        return OpenAiTextToSpeech(base, key, model or "gpt-4o-mini-tts", voices or ("alloy", "ash", "coral", "sage"))
     if not voices:
-        raise EchoAvatarError(
-            "--tts elevenlabs needs --voice with the id of a voice in your library; may be repeated"
-        )
+        raise EchoAvatarError("--tts elevenlabs needs --voice with the id of a voice in your library; may be repeated")
     base = url or "https://api.elevenlabs.io/v1"
     key = _key("ELEVENLABS_API_KEY", is_needed=_host(base) == "api.elevenlabs.io")
     return ElevenLabsTextToSpeech(base, key, model or "eleven_multilingual_v2", voices)
@@ -193,9 +189,7 @@ class ElevenLabsTextToSpeech(HttpTextToSpeech):
 
     def request(self, text: str, voice: str) -> urllib.request.Request:
         """`POST /text-to-speech/VOICE`; the answer is MP3."""
-        address = (
-            f"{self._base}/text-to-speech/{urllib.parse.quote(voice, safe='')}?output_format=mp3_44100_128"
-        )
+        address = f"{self._base}/text-to-speech/{urllib.parse.quote(voice, safe='')}?output_format=mp3_44100_128"
         headers = {"xi-api-key": self._key} if self._key else {}
         return _post(address, {"text": text, "model_id": self._model}, headers)
 
@@ -207,17 +201,13 @@ class _NoRedirect(urllib.request.HTTPRedirectHandler):
 
 def _post(address: str, content: dict[str, str], headers: dict[str, str]) -> urllib.request.Request:
     known = {"Content-Type": "application/json", "User-Agent": "echoavatar"}
-    return urllib.request.Request(
-        address, json.dumps(content).encode(), headers=known | headers, method="POST"
-    )
+    return urllib.request.Request(address, json.dumps(content).encode(), headers=known | headers, method="POST")
 
 
 def _key(name: str, *, is_needed: bool) -> str:
     key = os.environ.get(name, "").strip()
     if is_needed and not key:
-        raise EchoAvatarError(
-            f"{name} is not set in the environment; export your key, or use --tts flite or own"
-        )
+        raise EchoAvatarError(f"{name} is not set in the environment; export your key, or use --tts flite or own")
     if not key.isascii() or not key.isprintable():
         raise EchoAvatarError(f"{name} has characters that are not allowed in a key; export it again")
     return key

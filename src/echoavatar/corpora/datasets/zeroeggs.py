@@ -40,9 +40,7 @@ def survey(folder: Path) -> Survey:
     for path in files_below(folder, ".bvh"):
         match = _NAME.match(path.stem)
         if not match:
-            left_out.append(
-                LeftOut(path.stem, "its name is not one of ZeroEGGS; prepare it with `data prepare bvh`")
-            )
+            left_out.append(LeftOut(path.stem, "its name is not one of ZeroEGGS; prepare it with `data prepare bvh`"))
         elif "original" in path.relative_to(folder).parts:
             left_out.append(LeftOut(f"original/{path.stem}", "not aligned with its sound; clean/ is read"))
         elif "mirror" in path.stem:
@@ -70,9 +68,7 @@ def survey(folder: Path) -> Survey:
 
 def _official(folder: Path) -> Mapping[str, bool]:
     """Map each recording (as in 001_Neutral_0) to whether it is held out; empty without info.csv."""
-    table = next(
-        (p for p in (*files_below(folder, ".csv"), folder.parent / "info.csv") if p.name == "info.csv"), None
-    )
+    table = next((p for p in (*files_below(folder, ".csv"), folder.parent / "info.csv") if p.name == "info.csv"), None)
     if table is None or not table.is_file():
         return {}
     with table.open(newline="", encoding="utf-8-sig") as file:

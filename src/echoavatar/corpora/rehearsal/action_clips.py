@@ -128,9 +128,7 @@ FISTS_DOWN = ArmPose((0.08, -0.26, 0.30), (0.0, 0.0, 0.2), 0.3, (0.1, 0.05), "fi
 SLUMPED = ArmPose((0.07, -0.47, 0.10), (0.15, 0.0, 0.4), 0.0, (-0.12, 0.2))
 FOLDED = ArmPose((-0.11, -0.33, 0.20), (0.2, 0.0, 0.5), 0.15, (0.0, 0.05))
 
-_RAISE_LEFT = Script(
-    _there_and_back(pose("up"), reach=0.8, stay=1.3, back=0.9), (0.9, 2.0), "raise the left hand high"
-)
+_RAISE_LEFT = Script(_there_and_back(pose("up"), reach=0.8, stay=1.3, back=0.9), (0.9, 2.0), "raise the left hand high")
 _POINT_LEFT = Script(
     _there_and_back(pose(POINTING, head=(0.45, 0.0, 0.0), spine=(0.15, 0.0, 0.0))),
     (0.8, 1.8),
@@ -207,9 +205,7 @@ SCRIPTS: Mapping[str, Script] = {
         "angry: clenched fists that shake",
     ),
     "sad": Script(
-        _there_and_back(
-            pose(SLUMPED, SLUMPED, head=(0.0, 0.45, 0.08), spine=(0.0, 0.22, 0.0)), reach=1.0, stay=1.8
-        ),
+        _there_and_back(pose(SLUMPED, SLUMPED, head=(0.0, 0.45, 0.08), spine=(0.0, 0.22, 0.0)), reach=1.0, stay=1.8),
         (1.1, 2.7),
         "sad: head and shoulders sink",
     ),
@@ -236,9 +232,7 @@ SCRIPTS: Mapping[str, Script] = {
         is_on_top=True,
     ),
     "listen": Script(
-        _there_and_back(
-            pose(FOLDED, FOLDED, head=(0.0, 0.05, 0.1), spine=(0.0, 0.05, 0.0)), reach=0.8, stay=1.6
-        ),
+        _there_and_back(pose(FOLDED, FOLDED, head=(0.0, 0.05, 0.1), spine=(0.0, 0.05, 0.0)), reach=0.8, stay=1.6),
         (0.8, 2.4),
         "listen: hands together, head a little tilted",
     ),

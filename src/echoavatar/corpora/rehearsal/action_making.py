@@ -162,9 +162,7 @@ def own_actions(tokenizer: BodyTokenizer) -> ActionLibrary:
         return library
     for name, script in SCRIPTS.items():
         guides, moving = not script.is_on_top, clip(script)
-        action = action_from_motion(
-            tokenizer, name, moving, hold_s=script.hold, about=script.about, guides=guides
-        )
+        action = action_from_motion(tokenizer, name, moving, hold_s=script.hold, about=script.about, guides=guides)
         if script.shake is not None and guides:
             action = replace(action, overlay=_with_shake(action, moving, clip(replace(script, shake=None))))
         library = library.with_action(action)

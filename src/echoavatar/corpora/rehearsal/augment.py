@@ -54,9 +54,7 @@ def equalise(audio: FloatArray, rng: np.random.Generator, bands: int = 3, db: fl
     return np.asarray(out, dtype=np.float32)
 
 
-def _peaking(
-    hertz: float, db: float, quality: float
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def _peaking(hertz: float, db: float, quality: float) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Coefficients of a second-order peaking filter (bilinear transform of the analogue one)."""
     angle = 2 * np.pi * hertz / SAMPLE_RATE_HZ
     gain, slope = 10 ** (db / 40), np.sin(angle) / (2 * quality)
@@ -85,9 +83,7 @@ def background(rng: np.random.Generator, samples: int, kind: str = "") -> FloatA
         base = float(rng.choice([50.0, 60.0]))
         noise = 0.1 * rng.standard_normal(samples)
         for order in (1, 2, 3, 5, 7):
-            noise = noise + rng.uniform(0.2, 1) / order * np.sin(
-                2 * np.pi * (base * order * time + rng.random())
-            )
+            noise = noise + rng.uniform(0.2, 1) / order * np.sin(2 * np.pi * (base * order * time + rng.random()))
     else:
         pole = {"room": 0.985, "air": 0.8, "hiss": 0.0}[kind]
         noise = lfilter([1], [1, -pole], rng.standard_normal(samples))

@@ -69,9 +69,7 @@ def estimate_bpm(onsets: Onsets) -> float:
     bpms = np.geomspace(45, 215, 320)
     lags = 60 / bpms / _FRAME_S
     index = np.arange(len(x))
-    score = sum(
-        w * np.interp(k * lags, index, correlation, right=0.0) for k, w in ((1, 1.0), (2, 0.6), (4, 0.4))
-    )
+    score = sum(w * np.interp(k * lags, index, correlation, right=0.0) for k, w in ((1, 1.0), (2, 0.6), (4, 0.4)))
     prior = np.exp(-0.5 * (np.log2(bpms / 118) / 0.9) ** 2)
     return float(bpms[int(np.argmax(np.maximum(score, 0) * prior))])
 

@@ -59,9 +59,7 @@ def switched(before: Controls, after: Controls, *, at: int, seconds: float) -> C
     return replace(before, **_with_lift(curves, before, after, moments))
 
 
-def _with_lift(
-    curves: dict[str, Array], before: Controls, after: Controls, moments: list[int]
-) -> dict[str, Array]:
+def _with_lift(curves: dict[str, Array], before: Controls, after: Controls, moments: list[int]) -> dict[str, Array]:
     """Lift each foot while it steps to its new place, higher for a longer step, never below the floor."""
     for side, first in enumerate(moments):
         if first >= len(before) - 1:

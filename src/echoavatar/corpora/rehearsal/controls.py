@@ -45,9 +45,7 @@ class Controls:
     wrist: Float[Array, "t 2 3"]  # from the shoulder joint, mirrored chest axes
     palm: Float[Array, "t 2 3"]  # flex, deviation, pronation
     elbow_swing: Float[Array, "t 2"]  # > 0 lifts the elbow outwards
-    fingers: Float[
-        Array, "t 2 7"
-    ]  # curl thumb, index, middle, ring, little 0..1; spread -1..1; opposition 0..1
+    fingers: Float[Array, "t 2 7"]  # curl thumb, index, middle, ring, little 0..1; spread -1..1; opposition 0..1
 
     def __len__(self) -> int:
         return len(self.pelvis_position)

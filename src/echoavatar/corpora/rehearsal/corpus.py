@@ -166,9 +166,7 @@ def _recordings(folder: Path) -> Mapping[str, Sequence[Path]]:
         kind = "music" if "music" in str(path.relative_to(folder)).lower() else "speech"
         found.setdefault(kind, []).append(path)
     if not found:
-        raise EchoAvatarError(
-            f"{folder} holds no sound ({', '.join(AUDIO_SUFFIXES)}); give another --recordings"
-        )
+        raise EchoAvatarError(f"{folder} holds no sound ({', '.join(AUDIO_SUFFIXES)}); give another --recordings")
     return found
 
 

@@ -38,9 +38,7 @@ LEG, HIP_OUT, HIP_DOWN = 0.808, 0.092, 0.035  # metres: comfortable leg length, 
 FASTEST_ARM = 8.0  # radians per second, at the peak of a glide
 FASTEST_WRIST = 2.2  # metres per second, at the peak of a glide
 LINGER, LINGER_HALF_TIME = 0.25, 0.55  # share by which the dancer's clock slows down on a beat
-ANSWER_S = (
-    0.06  # delay after the music's beat, so that moves decelerate on it, which the metric BA_D looks for
-)
+ANSWER_S = 0.06  # delay after the music's beat, so that moves decelerate on it, which the metric BA_D looks for
 REST_SECONDS = 0.9  # time in which the arms sink when the music stops
 
 
@@ -54,8 +52,7 @@ def plan_dance(track: SoundTrack, seed: int) -> list[DancePlan]:
     """One plan for each music span longer than half a second."""
     spans = [span for span in track.spans if span.kind == "music" and span.end - span.start > 0.5]
     return [
-        compose_dance(find_counts(track, span), np.random.default_rng([seed, 7, i]))
-        for i, span in enumerate(spans)
+        compose_dance(find_counts(track, span), np.random.default_rng([seed, 7, i])) for i, span in enumerate(spans)
     ]
 
 
@@ -132,9 +129,7 @@ def _eased_down(feet: Footwork, over: FloatArray, height: FloatArray) -> FloatAr
         away = feet.position[:, side] - over
         heel = np.maximum(feet.pitch[:, side], 0.0)
         flat = np.maximum(np.hypot(away[:, 0] - outwards, away[:, 2] - 0.015) - 0.06 * heel, 0.0)
-        ceiling = (
-            feet.position[:, side, 1] + 0.12 * heel + np.sqrt(LEG**2 - np.minimum(flat, 0.6) ** 2) + HIP_DOWN
-        )
+        ceiling = feet.position[:, side, 1] + 0.12 * heel + np.sqrt(LEG**2 - np.minimum(flat, 0.6) ** 2) + HIP_DOWN
         lack = np.maximum(lack, height - ceiling)
     lack = maximum_filter1d(np.maximum(lack, 0.0), 7, mode="nearest")
     return _lagging(lack, 0.07)
@@ -181,9 +176,7 @@ def _pulse(t: FloatArray, plans: list[DancePlan]) -> tuple[FloatArray, FloatArra
             wave = 0.62 * wave + 0.38 * (1.0 - quick if groove.is_up else quick)
         beat[first:last] = 1.0 - wave if groove.is_up else wave
         ready = 4.0 * counts.length(0)
-        presence = minimum_jerk((own - plan.begin + 0.1) / ready) * (
-            1 - minimum_jerk((own - plan.settle + 0.05) / 0.7)
-        )
+        presence = minimum_jerk((own - plan.begin + 0.1) / ready) * (1 - minimum_jerk((own - plan.settle + 0.05) / 0.7))
         keys = np.array([(time, b, h) for time, b, h in plan.level])
         scale = glide(own, keys[:, 0], keys[:, 1:], np.full(len(keys), 0.6))
         level[first:last, 0] = groove.bounce * scale[:, 0] * presence
@@ -268,9 +261,7 @@ def _needed(values: FloatArray) -> FloatArray:
     return np.asarray(1.875 * np.maximum(far / FASTEST_WRIST, angle / FASTEST_ARM), np.float64)
 
 
-def _arch(
-    curve: FloatArray, t: FloatArray, times: FloatArray, values: FloatArray, travel: FloatArray
-) -> None:
+def _arch(curve: FloatArray, t: FloatArray, times: FloatArray, values: FloatArray, travel: FloatArray) -> None:
     """Bend long wrist paths outwards and forwards, so that arms swing around the shoulder instead of through it."""
     gap = np.minimum(np.diff(times, prepend=times[0] - 1.0), travel)
     index, phase = progress(t, times, gap)
@@ -291,8 +282,7 @@ def _arch(
 def _follow_through(arms: FloatArray) -> Float[FloatArray, "t 2 3"]:
     """Hand angles with drag: the hand trails behind the movement of the wrist."""
     speed = (
-        np.gradient(np.asarray(smoothed(arms[..., :3].astype(np.float32), 0.05), np.float64), axis=0)
-        * FRAME_RATE_HZ
+        np.gradient(np.asarray(smoothed(arms[..., :3].astype(np.float32), 0.05), np.float64), axis=0) * FRAME_RATE_HZ
     )
     palm = np.asarray(smoothed(arms[..., 3:6].astype(np.float32), 0.03), np.float64)
     palm[..., 0] += 0.35 * np.tanh(speed[..., 1] / 1.2)

@@ -51,9 +51,7 @@ class DancePlan:
     dip: list[tuple[float, float]] = field(default_factory=list)
     body: list[BodyKey] = field(default_factory=list)
     level: list[tuple[float, float, float]] = field(default_factory=list)  # time, bounce scale, hips scale
-    names: list[tuple[float, str, str]] = field(
-        default_factory=list
-    )  # time, figure, move: for tests and debugging
+    names: list[tuple[float, str, str]] = field(default_factory=list)  # time, figure, move: for tests and debugging
 
 
 @dataclass(frozen=True)
@@ -130,9 +128,7 @@ def _short(counts: Counts, length: int) -> Figure:
     return figures.FIGURE["bounce" if length < 4 else "sway" if is_slow else "step_touch"]
 
 
-def _phrase(
-    plan: DancePlan, figure: Figure, move: Move, at: int, length: int, energy: float, facing: float
-) -> None:
+def _phrase(plan: DancePlan, figure: Figure, move: Move, at: int, length: int, energy: float, facing: float) -> None:
     counts = plan.counts
     carrying = next((h.side for h in reversed(plan.holds) if h.weight > 0.5), None)
     is_mirrored = carrying is not None and steps.first_foot(figure) == carrying
@@ -182,9 +178,7 @@ def _place(plan: DancePlan, step: Step, offset: int, size: float, facing: float)
         return
     place = _world(step.side, step.x * size, step.z * size, facing)
     before = own[-1].place if own else NEUTRAL.places[step.side]
-    ahead = np.cos(facing + step.yaw) * (place[1] - before[1]) + np.sin(facing + step.yaw) * (
-        place[0] - before[0]
-    )
+    ahead = np.cos(facing + step.yaw) * (place[1] - before[1]) + np.sin(facing + step.yaw) * (place[0] - before[0])
     far = float(np.hypot(place[0] - before[0], place[1] - before[1]))
     strike = -0.2 if ahead > 0.12 else (0.16 if far > 0.08 else 0.08)
     toe_out = NEUTRAL.yaws[step.side]
@@ -222,9 +216,7 @@ def _arms(plan: DancePlan, move: Move, at: int, length: int, energy: float) -> N
             count = key.count if counts.metre == 4 else 3 * (key.count // 2) + key.count % 2
             if lap * beats + count < length - 0.2:
                 place = at + lap * beats + count
-                travel = counts.at(place) - counts.at(
-                    place - move.travel * (1.5 if counts.metre == 3 else 1.0)
-                )
+                travel = counts.at(place) - counts.at(place - move.travel * (1.5 if counts.metre == 3 else 1.0))
                 plan.body.append(BodyKey(counts.at(place), _vector(key, size), travel, move.flow))
 
 

@@ -33,9 +33,7 @@ def rehearse_clip(seed: int, index: int, seconds: float = CLIP_SECONDS) -> FaceC
     return FaceClip(f"face-{seed}-{index:04d}", audio, curves, split)
 
 
-def rehearse_faces(
-    folder: Path, *, hours: float, seed: int, progress: Callable[[int, int], None] | None = None
-) -> int:
+def rehearse_faces(folder: Path, *, hours: float, seed: int, progress: Callable[[int, int], None] | None = None) -> int:
     """Make (or complete) a folder of clips; returns how many there are.
 
     Raises:
@@ -47,9 +45,7 @@ def rehearse_faces(
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise MotionError(
-            f"cannot write face clips to {folder}: {error.strerror}; choose another -o"
-        ) from error
+        raise MotionError(f"cannot write face clips to {folder}: {error.strerror}; choose another -o") from error
     for index in range(count):
         path = folder / f"face-{seed}-{index:04d}.npz"
         if not path.exists():

@@ -121,9 +121,7 @@ FIGURES: tuple[Figure, ...] = (
     Figure(
         "kick_ball_change",
         4,
-        parse_steps(
-            ".5 L x-.02 z-.12 w.75 p.3 t1.05 air:0/0/.17/.32; 1 R l.05 t.42; 2 L x.02 z.12; 3 R x-.02"
-        ),
+        parse_steps(".5 L x-.02 z-.12 w.75 p.3 t1.05 air:0/0/.17/.32; 1 R l.05 t.42; 2 L x.02 z.12; 3 R x-.02"),
         energy=(0.55, 1.0),
         styles=("house", "rock", "hip_hop", "pop", "swing", "drum_and_bass"),
     ),
@@ -149,8 +147,7 @@ FIGURES: tuple[Figure, ...] = (
         "walk",
         8,
         parse_steps(
-            "0 L z.22; 1 R z.4; 2 L z.56; 3 R z.6 w0 l.05 p.2; 4 R z.36; 5 L z.18; 6 R z-.02; "
-            "7 L z.02 w0 l.05 p.2"
+            "0 L z.22; 1 R z.4; 2 L z.56; 3 R z.6 w0 l.05 p.2; 4 R z.36; 5 L z.18; 6 R z-.02; 7 L z.02 w0 l.05 p.2"
         ),
         energy=(0.35, 1.0),
         twist=parse_pairs("0 -.12, 1 .12, 2 -.12, 3 .1, 4 .12, 5 -.12, 6 .12, 7 0"),
@@ -179,9 +176,7 @@ FIGURES: tuple[Figure, ...] = (
     Figure(
         "waltz_box",
         6,
-        parse_steps(
-            "0 L z.2 l.05; 1 R x-.12 z.2 l.06; 2 L x-.12 z.2 l.045; 3 R x-.12 l.05 p.2; 4 L l.06; 5 R l.045"
-        ),
+        parse_steps("0 L z.2 l.05; 1 R x-.12 z.2 l.06; 2 L x-.12 z.2 l.045; 3 R x-.12 l.05 p.2; 4 L l.06; 5 R l.045"),
         metre=3,
         energy=(0.35, 1.0),
         twist=parse_pairs("0 -.12, 2 0, 3 .12, 5 0"),
@@ -189,9 +184,7 @@ FIGURES: tuple[Figure, ...] = (
     Figure(
         "waltz_balance",
         6,
-        parse_steps(
-            "0 L x.16 l.06; 1 R x.16 z-.06 w.25 l.05 p.3; 3 R x-.16 l.06; 4 L x-.16 z-.06 w.25 l.05 p.3"
-        ),
+        parse_steps("0 L x.16 l.06; 1 R x.16 z-.06 w.25 l.05 p.3; 3 R x-.16 l.06; 4 L x-.16 z-.06 w.25 l.05 p.3"),
         metre=3,
         energy=(0.0, 0.8),
         twist=parse_pairs("0 .12, 3 -.12"),

@@ -220,9 +220,7 @@ class Flite:
         frames = track.contents.num_frames
         rows = track.contents.frames
         f0 = np.array([rows[i][0] for i in range(frames)], dtype=np.float32)
-        shaped = shape_pitch(
-            f0, frame_s=0.005, syllables=syllables, delivery=delivery, is_question=is_question
-        )
+        shaped = shape_pitch(f0, frame_s=0.005, syllables=syllables, delivery=delivery, is_question=is_question)
         for i, value in enumerate(shaped.tolist()):
             rows[i][0] = value
         self._libc.srand(seed & 0x7FFFFFFF)
@@ -263,9 +261,7 @@ def _trim(
     kept = audio[first:last] * fade[: len(audio[first:last])] * fade[::-1][: len(audio[first:last])]
     return Utterance(
         soxr.resample(kept.astype(np.float32), rate_hz, SAMPLE_RATE_HZ, quality="HQ"),
-        tuple(
-            (a - begin, b - begin, name) for a, b, name in phones if a >= spoken[0][0] and b <= spoken[-1][1]
-        ),
+        tuple((a - begin, b - begin, name) for a, b, name in phones if a >= spoken[0][0] and b <= spoken[-1][1]),
         tuple(replace(s, start=s.start - begin, end=s.end - begin, vowel=s.vowel - begin) for s in syllables),
     )
 

@@ -112,9 +112,7 @@ def _timing(
             start, vowel = now, now
             slow = (1.25 if word.is_focus else 1.0) * (1.35 if is_last and k == len(parts) - 1 else 1.0)
             for name in names:
-                length = (
-                    _length(name, is_stressed) * slow / delivery.rate * float(np.exp(rng.normal(0, 0.08)))
-                )
+                length = _length(name, is_stressed) * slow / delivery.rate * float(np.exp(rng.normal(0, 0.08)))
                 phones.append((now, now + length, name))
                 vowel = now + length / 2 if name in VOWELS else vowel
                 now += length
@@ -169,9 +167,7 @@ def _synthesise(tracks: Array, f0: Array, scale: float, rng: np.random.Generator
     hiss = rng.standard_normal(len(time))
     window = np.hanning(4 * _HOP + 1)[:-1] / 2
     places = np.arange(frames)[:, None] * _HOP + np.arange(4 * _HOP)[None, :]
-    voiced = (
-        np.fft.rfft(pulses[places] * window, _FFT) * _vowel_filter(tracks[:, :3] * scale) * tracks[:, 3:4]
-    )
+    voiced = np.fft.rfft(pulses[places] * window, _FFT) * _vowel_filter(tracks[:, :3] * scale) * tracks[:, 3:4]
     noisy = np.fft.rfft(hiss[places] * window, _FFT) * _noise_filter(tracks) * tracks[:, 4:5]
     pieces = np.fft.irfft(voiced + noisy, _FFT)
     out = np.zeros(length + 2 * _FFT)

@@ -255,9 +255,7 @@ class _Speaker:
             self.up[side] = False
 
 
-def with_following_torso(
-    controls: Controls, resting: Float[Array, "t 2 14"], active: Float[Array, " t"]
-) -> Controls:
+def with_following_torso(controls: Controls, resting: Float[Array, "t 2 14"], active: Float[Array, " t"]) -> Controls:
     """The same motion with clavicles and torso following the hands: shoulders lift and reach, the chest turns."""
     wrist, rest = controls.wrist, resting[..., WRIST]
     high = np.clip(wrist[..., 1] + 0.15, 0, 0.6)

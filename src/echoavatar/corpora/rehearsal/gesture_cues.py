@@ -23,9 +23,7 @@ class Cue:
     word: str
 
 
-def gesture_cues(
-    track: SoundTrack, phrase: tuple[float, float], manner: Manner, rng: np.random.Generator
-) -> list[Cue]:
+def gesture_cues(track: SoundTrack, phrase: tuple[float, float], manner: Manner, rng: np.random.Generator) -> list[Cue]:
     """Cues of a phrase in order of time; where syllables are too close together the most salient one wins."""
     begin, end = phrase
     inside = [s for s in track.syllables if begin - 0.02 <= s.vowel < end]
@@ -44,9 +42,7 @@ def gesture_cues(
             continue
         meaning = syllable.meaning if rng.random() < 0.50 and (onset, syllable.word) not in spoken else ""
         spoken.add((onset, syllable.word))
-        cues.append(
-            Cue(onset, syllable.vowel, stroke_end, min(syllable.prominence, 1.0), meaning, syllable.word)
-        )
+        cues.append(Cue(onset, syllable.vowel, stroke_end, min(syllable.prominence, 1.0), meaning, syllable.word))
     return sorted(cues, key=lambda cue: cue.stroke_end)
 
 

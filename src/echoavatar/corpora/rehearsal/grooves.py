@@ -35,9 +35,7 @@ GROOVES = {
         Groove("swing", 0.042, is_up=True, crouch=0.030, nod=0.05, hips=0.09),
         Groove("salsa", 0.024, hips=0.15, nod=0.03, chest=0.02),
         Groove("waltz", 0.034, is_up=True, sharp=1.0, hips=0.05, nod=0.02, chest=0.01, lean=0.0),
-        Groove(
-            "ballet", 0.024, is_up=True, sharp=1.0, hips=0.04, nod=0.02, chest=0.015, crouch=0.014, lean=0.0
-        ),
+        Groove("ballet", 0.024, is_up=True, sharp=1.0, hips=0.04, nod=0.02, chest=0.015, crouch=0.014, lean=0.0),
         Groove("ballad", 0.028, sharp=1.0, hips=0.09, nod=0.04, chest=0.02),
         Groove("pop", 0.046, hips=0.10),
         Groove("rest", 0.010, sharp=1.0, hips=0.05, nod=0.02, chest=0.01, crouch=0.006, lean=0.0),
@@ -109,9 +107,7 @@ def _style(track: SoundTrack, bpm: float, beats_per_bar: int) -> str:
     return "drum_and_bass" if 163 <= bpm <= 178 else "salsa"
 
 
-def _sections(
-    track: SoundTrack, times: NDArray[np.float64], span: Span
-) -> tuple[tuple[int, int, float], ...]:
+def _sections(track: SoundTrack, times: NDArray[np.float64], span: Span) -> tuple[tuple[int, int, float], ...]:
     """Sections of the span as consecutive ranges of counts."""
     inside = [s for s in track.sections if s.start < span.end - 0.2 and s.end > span.start + 0.2]
     inside = sorted(inside, key=lambda s: s.start) or [Section(span.start, span.end, 0.55)]

@@ -41,9 +41,7 @@ class HandPath:
     def __post_init__(self) -> None:
         self._start = self.aim.copy()
 
-    def move(
-        self, begin: float, end: float, aim: Float[Array, " 14"], arc: Float[Array, " 3"] | None = None
-    ) -> None:
+    def move(self, begin: float, end: float, aim: Float[Array, " 14"], arc: Float[Array, " 3"] | None = None) -> None:
         """Move to `aim` between two times (seconds); `arc` is the wrist's offset half-way, metres."""
         bulge = np.zeros(3, np.float32) if arc is None else np.asarray(arc, np.float32)
         self._moves.append((begin, end, aim - self.aim, bulge))

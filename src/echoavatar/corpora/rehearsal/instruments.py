@@ -56,12 +56,8 @@ TIMBRES: dict[str, Timbre] = {
     "trumpet": Timbre(0.7, 0.8, attack=0.02, release=0.06, vibrato=0.15),
     "violin": Timbre(0.9, 1.0, attack=0.035, release=0.1, vibrato=0.3),
     "cello": Timbre(1.0, 1.1, attack=0.035, release=0.12, vibrato=0.2),
-    "voice_aah": Timbre(
-        1.0, 1.0, attack=0.04, release=0.12, vibrato=0.4, formants=_AAH, breath=0.02, gain=1.4
-    ),
-    "voice_ooh": Timbre(
-        1.0, 1.0, attack=0.05, release=0.12, vibrato=0.35, formants=_OOH, breath=0.02, gain=1.4
-    ),
+    "voice_aah": Timbre(1.0, 1.0, attack=0.04, release=0.12, vibrato=0.4, formants=_AAH, breath=0.02, gain=1.4),
+    "voice_ooh": Timbre(1.0, 1.0, attack=0.05, release=0.12, vibrato=0.35, formants=_OOH, breath=0.02, gain=1.4),
     "saw_lead": Timbre(0.9, 1.1, attack=0.005, voices=2),
     "square_lead": Timbre(0.9, 1.0, attack=0.005, odd=1.0),
     "bell": Timbre(1.0, 1.0, decay=0.8, inharmonic=(1.0, 2.76, 5.4, 8.9), release=0.3),
@@ -76,9 +72,7 @@ def render(piece: Piece, rng: np.random.Generator) -> FloatArray:
     """Play a piece: audio (s,), 24 kHz, peak near 0.9, cut or faded out at the piece's end."""
     length = round(piece.seconds * _RATE)
     mix = np.zeros(length + 4 * _RATE)
-    colours = {
-        name: float(rng.uniform(-0.25, 0.35)) for name in sorted({note.instrument for note in piece.notes})
-    }
+    colours = {name: float(rng.uniform(-0.25, 0.35)) for name in sorted({note.instrument for note in piece.notes})}
     gains = {name: float(10 ** (rng.uniform(-4, 3) / 20)) for name in colours}
     cache: dict[tuple[str, int, int], Array] = {}
     for note in piece.notes:
@@ -136,15 +130,9 @@ def _play(
     if timbre.vibrato:
         depth = hertz * (2 ** (timbre.vibrato / 12) - 1)
         rate = rng.uniform(4.8, 6.2)
-        phase = phase + depth / (2 * np.pi * rate) * np.minimum(1, time / 0.4) * -np.cos(
-            2 * np.pi * rate * time
-        )
+        phase = phase + depth / (2 * np.pi * rate) * np.minimum(1, time / 0.4) * -np.cos(2 * np.pi * rate * time)
     if timbre.inharmonic:
-        parts = [
-            np.sin(2 * np.pi * r * phase) * 0.6**i
-            for i, r in enumerate(timbre.inharmonic)
-            if r * hertz < 11000
-        ]
+        parts = [np.sin(2 * np.pi * r * phase) * 0.6**i for i, r in enumerate(timbre.inharmonic) if r * hertz < 11000]
         return np.asarray(np.sum(parts, axis=0))
     place = ((phase + rng.random()) * _TABLE).astype(np.int64) & (_TABLE - 1)
     return np.asarray(dark[place] + blend * (bright[place] - dark[place]))
@@ -157,9 +145,7 @@ def _cycle(timbre: Timbre, hertz: float, tilt: float) -> Array:
     level = order.astype(np.float64) ** -max(tilt, 0.4)
     level *= np.where(order % 2 == 0, 1 - timbre.odd, 1.0)
     if timbre.formants:
-        shape = sum(
-            g * np.exp(-0.5 * ((order * hertz - f) / (90 + 0.06 * f)) ** 2) for f, g in timbre.formants
-        )
+        shape = sum(g * np.exp(-0.5 * ((order * hertz - f) / (90 + 0.06 * f)) ** 2) for f, g in timbre.formants)
         level = level * (shape + 0.02)
     spectrum = np.zeros(_TABLE // 2 + 1, np.complex128)
     spectrum[order] = level * np.exp(1j * (order * order * 0.7))

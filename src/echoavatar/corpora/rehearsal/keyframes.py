@@ -33,9 +33,7 @@ def progress(t: FloatArray, arrive: FloatArray, travel: FloatArray) -> tuple[NDA
     return index, np.where(index >= len(arrive), 1.0, phase)
 
 
-def glide(
-    t: FloatArray, arrive: FloatArray, values: FloatArray, travel: FloatArray | None = None
-) -> FloatArray:
+def glide(t: FloatArray, arrive: FloatArray, values: FloatArray, travel: FloatArray | None = None) -> FloatArray:
     """Values at times `t`, (frames, channels): move by minimum jerk from key to key and rest at each.
 
     Args:

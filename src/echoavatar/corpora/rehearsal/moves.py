@@ -45,8 +45,7 @@ MOVES: tuple[Move, ...] = (
     _move(
         "body_roll",
         4,
-        "0 side_low c:0/-.22/0 h:0/-.12/0; 1 loose c:0/-.02/0 h:0/.05/0; "
-        "2 hip c:0/.26/0 h:0/.18/0; 3 loose c:0/.05/0",
+        "0 side_low c:0/-.22/0 h:0/-.12/0; 1 loose c:0/-.02/0 h:0/.05/0; 2 hip c:0/.26/0 h:0/.18/0; 3 loose c:0/.05/0",
         energy=(0.2, 0.8),
         styles=("hip_hop", "house", "drum_and_bass", "salsa", "pop"),
         travel=1.0,
@@ -73,8 +72,7 @@ MOVES: tuple[Move, ...] = (
     _move(
         "clap",
         4,
-        "0 unclap c:.1/0/.05; 1 clap c:.08/.08/.04 h:0/.08/0; 2 unclap c:-.1/0/-.05; "
-        "3 clap c:-.08/.08/-.04 h:0/.08/0",
+        "0 unclap c:.1/0/.05; 1 clap c:.08/.08/.04 h:0/.08/0; 2 unclap c:-.1/0/-.05; 3 clap c:-.08/.08/-.04 h:0/.08/0",
         energy=(0.3, 1.0),
         styles=("house", "rock", "swing", "salsa", "pop", "hip_hop"),
         travel=0.6,
@@ -83,8 +81,7 @@ MOVES: tuple[Move, ...] = (
     _move(
         "high_clap",
         4,
-        "0 unclap c:0/.06/0; 1 high_clap c:0/-.06/0 h:0/-.1/0; 2 unclap c:0/.06/0; "
-        "3 high_clap c:0/-.06/0 h:0/-.1/0",
+        "0 unclap c:0/.06/0; 1 high_clap c:0/-.06/0 h:0/-.1/0; 2 unclap c:0/.06/0; 3 high_clap c:0/-.06/0 h:0/-.1/0",
         energy=(0.75, 1.0),
         styles=("house", "rock", "pop"),
         travel=0.75,
@@ -123,8 +120,7 @@ MOVES: tuple[Move, ...] = (
     _move(
         "reach",
         4,
-        "0 vee/hip c:.14/0/-.12 h:.2/-.15/0; 1 chest c:0/.06/0; "
-        "2 hip/vee c:-.14/0/.12 h:-.2/-.15/0; 3 chest c:0/.06/0",
+        "0 vee/hip c:.14/0/-.12 h:.2/-.15/0; 1 chest c:0/.06/0; 2 hip/vee c:-.14/0/.12 h:-.2/-.15/0; 3 chest c:0/.06/0",
         energy=(0.5, 1.0),
         styles=GROOVY,
     ),
@@ -202,8 +198,7 @@ MOVES: tuple[Move, ...] = (
     _move(
         "open_arms",
         4,
-        "0 first c:0/.06/0 h:0/.08/0; 1 second c:0/-.06/0 h:0/-.06/0; "
-        "2 second c:.1/-.05/-.08 h:.2/0/0; 3 demi",
+        "0 first c:0/.06/0 h:0/.08/0; 1 second c:0/-.06/0 h:0/-.06/0; 2 second c:.1/-.05/-.08 h:.2/0/0; 3 demi",
         energy=(0.3, 1.0),
         styles=("waltz", "ballet", "ballad"),
         travel=1.4,

@@ -144,9 +144,7 @@ def _plan_sections(rng: np.random.Generator, bars: int) -> list[tuple[str, float
 def _draw_motif(rng: np.random.Generator, style: Style) -> tuple[tuple[int, int, int], ...]:
     """A two-bar melody as (step, length in steps, scale step), mostly on beats."""
     steps = 2 * style.steps
-    weight = np.array(
-        [5.0 if s % style.steps_per_beat == 0 else 2.0 if s % 2 == 0 else 0.6 for s in range(steps)]
-    )
+    weight = np.array([5.0 if s % style.steps_per_beat == 0 else 2.0 if s % 2 == 0 else 0.6 for s in range(steps)])
     count = max(3, int(style.melody_density * steps / 3))
     places = np.sort(rng.choice(steps, size=min(count, steps), replace=False, p=weight / weight.sum()))
     ends = np.append(places[1:], steps)
@@ -208,9 +206,7 @@ def _play_bar(
 _SUNG = ("voice_aah", "voice_ooh", "flute", "clarinet", "trumpet")
 
 
-def _play_drums(
-    grid: _Grid, rng: np.random.Generator, bar: int, energy: float, loud: float, *, has_fill: bool
-) -> None:
+def _play_drums(grid: _Grid, rng: np.random.Generator, bar: int, energy: float, loud: float, *, has_fill: bool) -> None:
     style = grid.style
     for row, (drum, pattern) in enumerate(style.drums):
         if row and energy < _DRUM_ENERGY.get(drum, 0.5):
@@ -227,9 +223,7 @@ def _play_drums(
         _add(grid, rng, bar + 1, 0, 4, 0, loud, "crash")
 
 
-def _play_chords(
-    grid: _Grid, band: Band, rng: np.random.Generator, bar: int, chord: int, loud: float
-) -> None:
+def _play_chords(grid: _Grid, band: Band, rng: np.random.Generator, bar: int, chord: int, loud: float) -> None:
     hits = _hits(grid.style.chords)
     for i, (step, level) in enumerate(hits):
         following = hits[i + 1][0] if i + 1 < len(hits) else grid.style.steps

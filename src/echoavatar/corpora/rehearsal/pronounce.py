@@ -6,9 +6,7 @@ Good enough for an audible syllable structure, but no dictionary of English. Pho
 import re
 from functools import cache
 
-VOWELS = frozenset(
-    ["aa", "ae", "ah", "ao", "aw", "ax", "ay", "eh", "er", "ey", "ih", "iy", "ow", "oy", "uh", "uw"]
-)
+VOWELS = frozenset(["aa", "ae", "ah", "ao", "aw", "ax", "ay", "eh", "er", "ey", "ih", "iy", "ow", "oy", "uh", "uw"])
 
 # Tried in this order at each letter, so longer spellings come first; "" is silent.
 _RULES: tuple[tuple[str, str], ...] = (

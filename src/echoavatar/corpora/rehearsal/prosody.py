@@ -74,9 +74,7 @@ def is_weak(word: str) -> bool:
     return word.lower() in _WEAK_WORDS
 
 
-def score_prominence(
-    syllables: tuple[SpokenSyllable, ...], words: tuple[Word, ...]
-) -> tuple[SpokenSyllable, ...]:
+def score_prominence(syllables: tuple[SpokenSyllable, ...], words: tuple[Word, ...]) -> tuple[SpokenSyllable, ...]:
     """Set prominences: 1.0 for focus, 0.85 for the last stressed content word of a phrase, less for other stresses."""
     scored = [replace(s, prominence=_base_score(s, words[s.word])) for s in syllables]
     for first, last in _breath_groups(scored):
@@ -134,9 +132,7 @@ def shape_pitch(
     return np.where(voiced, np.clip(shaped, 50, 480), 0).astype(np.float32)
 
 
-def lift_nuclei(
-    audio: FloatArray, rate_hz: int, syllables: tuple[SpokenSyllable, ...], db: float
-) -> FloatArray:
+def lift_nuclei(audio: FloatArray, rate_hz: int, syllables: tuple[SpokenSyllable, ...], db: float) -> FloatArray:
     """Raise the loudness smoothly around prominent vowels, by up to `db`."""
     time = np.arange(len(audio)) / rate_hz
     gain = np.zeros(len(audio))

@@ -73,9 +73,7 @@ def load_library(folder: Path, *, is_refined: bool = False) -> Library:
     clips = [_load_clip(path, is_refined) for path in sorted(folder.rglob("*.bvh")) if _kind(path.stem)]
     if not clips:
         wanted = ", ".join(SPEECH_NAMES + DANCE_NAMES)
-        raise MotionError(
-            f"{folder} holds no BVH whose name contains one of: {wanted}; give another --library"
-        )
+        raise MotionError(f"{folder} holds no BVH whose name contains one of: {wanted}; give another --library")
     by_kind = {kind: tuple(clip for clip in clips if clip.kind == kind) for kind in ("speech", "dance")}
     return Library(by_kind["speech"], by_kind["dance"])
 
@@ -87,9 +85,7 @@ def blend_recordings(library: Library, track: SoundTrack, motion: Motion, seed: 
     if library.speech:
         for start, end in track.phrases:
             if end - start > 1.2 and rng.random() < SPEECH_SHARE:
-                _blend_phrase(
-                    library.speech[rng.integers(len(library.speech))], track, start, end, rotations, rng
-                )
+                _blend_phrase(library.speech[rng.integers(len(library.speech))], track, start, end, rotations, rng)
     if library.dance:
         for start, end in _stretches(track):
             if rng.random() < DANCE_SHARE:
@@ -132,9 +128,7 @@ def _denoised(motion: Motion, *, is_loop: bool) -> Motion:
 def _seamless(rotations: Float[np.ndarray, "t j 4"]) -> Float[np.ndarray, "t j 4"]:
     """Close the loop: spread the gap between the last and the first frame over the second half."""
     gap = rotations[0] - (2 * rotations[-1] - rotations[-2])
-    closes = (rotations[0] * rotations[-1]).sum(
-        -1, keepdims=True
-    ) > 0  # not for a joint that made a full turn
+    closes = (rotations[0] * rotations[-1]).sum(-1, keepdims=True) > 0  # not for a joint that made a full turn
     rise = np.clip((np.arange(len(rotations)) / len(rotations) - 0.5) * 2, 0, 1) ** 2
     return rotations + rise[:, None, None] * np.where(closes, gap, 0)
 
@@ -158,9 +152,7 @@ def _blend_phrase(
     rng: np.random.Generator,
 ) -> None:
     """Blend a stretch of the clip into the upper body during a phrase."""
-    stress = [
-        s.vowel + STROKE_DELAY_S for s in track.syllables if s.prominence >= 0.45 and start <= s.vowel <= end
-    ]
+    stress = [s.vowel + STROKE_DELAY_S for s in track.syllables if s.prominence >= 0.45 and start <= s.vowel <= end]
     length = end - start + 2 * FADE_S
     latest = clip.motion.seconds - length * RATES[1]
     if latest <= 0:
@@ -234,9 +226,7 @@ def _sampled(motion: Motion, times: Float[np.ndarray, " t"]) -> Array:
     at = times * motion.fps
     low = np.floor(at).astype(int) % motion.frames
     high = (low + 1) % motion.frames
-    share = torch.from_numpy((at - np.floor(at)).astype(np.float32))[:, None].expand(
-        -1, motion.skeleton.joints
-    )
+    share = torch.from_numpy((at - np.floor(at)).astype(np.float32))[:, None].expand(-1, motion.skeleton.joints)
     a, b = torch.from_numpy(motion.rotations[low]), torch.from_numpy(motion.rotations[high])
     return slerp(a, b, share).numpy()
 

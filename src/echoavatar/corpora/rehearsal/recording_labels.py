@@ -46,9 +46,7 @@ def _label_music(audio: FloatArray) -> SoundTrack:
     loud = _active(power, floor_db=-42, bridge_s=1.5, shortest_s=2.0)
     spans = _as_spans(loud, "music", end)
     keep = np.array([any(a - 0.05 <= beat <= b for a, b in loud) for beat in found.beats], dtype=bool)
-    keep_down = np.array(
-        [any(a - 0.05 <= beat <= b for a, b in loud) for beat in found.downbeats], dtype=bool
-    )
+    keep_down = np.array([any(a - 0.05 <= beat <= b for a, b in loud) for beat in found.downbeats], dtype=bool)
     return SoundTrack(
         audio=audio,
         spans=spans,
@@ -63,15 +61,10 @@ def _label_music(audio: FloatArray) -> SoundTrack:
 def _frame_power(audio: FloatArray) -> Array:
     """Mean square per 10 ms (t,)."""
     count = len(audio) // _HOP
-    return (
-        np.asarray(np.mean(audio[: count * _HOP].reshape(count, _HOP).astype(np.float64) ** 2, axis=1))
-        + 1e-12
-    )
+    return np.asarray(np.mean(audio[: count * _HOP].reshape(count, _HOP).astype(np.float64) ** 2, axis=1)) + 1e-12
 
 
-def _active(
-    power: Array, *, floor_db: float, bridge_s: float, shortest_s: float
-) -> list[tuple[float, float]]:
+def _active(power: Array, *, floor_db: float, bridge_s: float, shortest_s: float) -> list[tuple[float, float]]:
     """Stretches louder than `floor_db` relative to the loud parts; gaps shorter than `bridge_s` are bridged."""
     smooth = np.convolve(power, np.ones(5) / 5, mode="same")
     level = 10 * np.log10(smooth)

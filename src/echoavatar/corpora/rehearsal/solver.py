@@ -127,9 +127,7 @@ def arm_frames(controls: Controls, side: int) -> ArmFrames:
     elbow = _elbow_direction(line, _tensor(controls.elbow_swing[:, side]))
     first, second = _two_bones(line, elbow, distance, upper_length, lower_length)
     hinge = torch.linalg.cross(line, elbow)
-    upper, lower = (
-        torch.stack([bone, hinge, torch.linalg.cross(bone, hinge)], -1) for bone in (first, second)
-    )
+    upper, lower = (torch.stack([bone, hinge, torch.linalg.cross(bone, hinge)], -1) for bone in (first, second))
     flex, deviation, pronation = (
         _soft_clamp(angle, *limits)
         for angle, limits in zip(_tensor(controls.palm[:, side]).unbind(-1), PALM_LIMITS, strict=True)

@@ -107,8 +107,7 @@ def shift(track: SoundTrack, seconds: float) -> SoundTrack:
         track,
         spans=tuple(replace(s, start=s.start + seconds, end=s.end + seconds) for s in track.spans),
         syllables=tuple(
-            replace(s, start=s.start + seconds, end=s.end + seconds, vowel=s.vowel + seconds)
-            for s in track.syllables
+            replace(s, start=s.start + seconds, end=s.end + seconds, vowel=s.vowel + seconds) for s in track.syllables
         ),
         phrases=tuple((a + seconds, b + seconds) for a, b in track.phrases),
         phones=tuple((a + seconds, b + seconds, name) for a, b, name in track.phones),

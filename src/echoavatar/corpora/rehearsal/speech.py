@@ -67,9 +67,7 @@ def _draw_pause(rng: np.random.Generator) -> float:
 def silence(seconds: float) -> SoundTrack:
     """Digital silence inside speech; its span is "speech" if it is shorter than 0.7 s."""
     audio = whole_frames(np.zeros(round(seconds * SAMPLE_RATE_HZ), np.float32))
-    return SoundTrack(
-        audio, spans=(Span(0.0, len(audio) / SAMPLE_RATE_HZ, "speech" if seconds < 0.7 else "silence"),)
-    )
+    return SoundTrack(audio, spans=(Span(0.0, len(audio) / SAMPLE_RATE_HZ, "speech" if seconds < 0.7 else "silence"),))
 
 
 def _breaths(sentence: Sentence) -> list[tuple[Word, ...]]:

@@ -139,9 +139,7 @@ def _speech_over_music(settings: _TrackSettings, speaker: Delivery, seconds: flo
     rng = settings.rng
     said = _speech_part(settings, speaker)
     lead = int(rng.integers(0, 5 * 30)) * SAMPLES_PER_FRAME
-    music = _music_part(
-        settings, max(seconds, said.seconds + lead / SAMPLE_RATE_HZ + float(rng.uniform(1, 6)))
-    )
+    music = _music_part(settings, max(seconds, said.seconds + lead / SAMPLE_RATE_HZ + float(rng.uniform(1, 6))))
     length = max(len(music.audio), lead + len(said.audio))
     start, stop = lead / SAMPLE_RATE_HZ, (lead + len(said.audio)) / SAMPLE_RATE_HZ
     bed = np.zeros(length, np.float32)

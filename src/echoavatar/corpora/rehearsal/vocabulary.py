@@ -36,16 +36,12 @@ WORDS: dict[str, tuple[str, ...]] = {
         "Anna Peter Maria Robert Lucy Thomas Emma Daniel Laura Michael Susan David Helen Martin Nancy Oliver"
     ),
     "who": _words("nobody everybody somebody everyone"),
-    "number": _words(
-        "two three four five six seven eight nine ten eleven twelve twenty thirty fifty hundred"
-    ),
+    "number": _words("two three four five six seven eight nine ten eleven twelve twenty thirty fifty hundred"),
     "time": _words("yesterday today tonight tomorrow sometimes usually already recently finally again"),
     "day": _words("Monday Tuesday Wednesday Thursday Friday Saturday Sunday"),
     "feel": _words("happy angry sad tired proud sorry worried excited afraid surprised nervous calm ready"),
     "adverb": _words("really quickly slowly simply carefully quietly suddenly nearly almost never always"),
-    "place": _words(
-        "kitchen garden city station market village forest office school hospital theater library"
-    ),
+    "place": _words("kitchen garden city station market village forest office school hospital theater library"),
     "weather": _words("raining snowing windy sunny cloudy foggy freezing burning pouring"),
 }
 

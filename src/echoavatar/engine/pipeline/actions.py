@@ -29,9 +29,7 @@ LONGEST_S = 60.0
 class Directive(NamedTuple):
     """What actions ask of one step, rows first."""
 
-    exemplar: Float[
-        Tensor, "b K"
-    ]  # intensity of each code of the set, for a generator trained with exemplars
+    exemplar: Float[Tensor, "b K"]  # intensity of each code of the set, for a generator trained with exemplars
     bias: Float[Tensor, "b K"]  # added to the logits of the same codes
 
 
@@ -45,9 +43,7 @@ class Action:
     about: str = ""  # for people and language models
     guides: bool = True  # whether the codes are asked for; a nod leaves arms and hands free
     overlay: Overlay | None = None  # what the codes cannot say
-    is_set: bool = (
-        False  # whether all codes are asked for all the time, as the paper has it; `hold` says how long
-    )
+    is_set: bool = False  # whether all codes are asked for all the time, as the paper has it; `hold` says how long
     chunk: ChunkSize = CHUNK  # of the bundle: what a chunk of it is
 
     @property

@@ -86,9 +86,7 @@ def load_bundle(name: str | Path = "default") -> Bundle:
     with _folder(name) as folder:
         missing = [part for part in PARTS if not (folder / part).is_dir()]
         if missing:
-            raise CheckpointError(
-                f"{folder} is not a bundle: {', '.join(missing)} missing; see `echoavatar bundle`"
-            )
+            raise CheckpointError(f"{folder} is not a bundle: {', '.join(missing)} missing; see `echoavatar bundle`")
         codec = AudioCodec.load(folder / "codec").eval()
         tokenizer = BodyTokenizer.load(folder / "tokenizer").eval()
         generator = Generator.load(folder / "generator").eval()
@@ -98,9 +96,7 @@ def load_bundle(name: str | Path = "default") -> Bundle:
         face = FaceModel.load(folder / "face") if (folder / "face").is_dir() else None
         warp = WarpModel.load(folder / "warp") if (folder / "warp").is_dir() else None
         runtime = Runtime.load(folder)
-        bundle = Bundle(
-            str(name), codec, tokenizer, generator, read_card(folder), actions, face, runtime, warp
-        )
+        bundle = Bundle(str(name), codec, tokenizer, generator, read_card(folder), actions, face, runtime, warp)
     _check(bundle)
     return bundle
 
@@ -146,9 +142,7 @@ def _check(bundle: Bundle) -> None:
     ]
     for what, wanted, has in pairs:
         if wanted != has:
-            raise CheckpointError(
-                f"bundle {bundle.name}: the generator speaks {wanted} {what}, the other part {has}"
-            )
+            raise CheckpointError(f"bundle {bundle.name}: the generator speaks {wanted} {what}, the other part {has}")
     if bundle.face and bundle.face.config.channels != len(ARKIT_NAMES):
         raise CheckpointError(
             f"bundle {bundle.name}: its face has {bundle.face.config.channels} channels, not the 52 of ARKit"

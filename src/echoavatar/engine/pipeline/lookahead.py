@@ -37,9 +37,7 @@ class LookaheadPipeline(Pipeline):
         """`sounds` (24 kHz) by the seed of the session that will hear them; behind its end each goes on in silence."""
         super().__init__(bundle)
         self._ahead = bundle.generator.config.ahead_chunks
-        self._codes = {
-            0: self._codes_of(np.zeros(CHUNK_SAMPLES, np.float32))
-        }  # who only stands hears silence
+        self._codes = {0: self._codes_of(np.zeros(CHUNK_SAMPLES, np.float32))}  # who only stands hears silence
         self.beginning.state()
         self._codes = {seed: self._codes_of(sound) for seed, sound in sounds.items()}
 
@@ -58,9 +56,7 @@ class LookaheadPipeline(Pipeline):
     ) -> Int[Tensor, "b f l"]:
         """Codes of what each row's sound will be; the sound that is pushed is not listened to."""
         assert isinstance(state, LookaheadState)
-        told = torch.zeros(
-            len(level), AUDIO_FRAMES_PER_CHUNK, self.codec.codebooks.shape[0], dtype=torch.int64
-        )
+        told = torch.zeros(len(level), AUDIO_FRAMES_PER_CHUNK, self.codec.codebooks.shape[0], dtype=torch.int64)
         for row in torch.nonzero(active).flatten().tolist():
             first = int(state.chunks[row]) * AUDIO_FRAMES_PER_CHUNK
             told[row] = self._codes[int(state.seeds[row])][first : first + AUDIO_FRAMES_PER_CHUNK]

@@ -46,9 +46,7 @@ _LOG = logging.getLogger(__name__)
 OnStage = Callable[[str], None]
 BIAS = 14.0  # nats that an action of intensity 1 adds to the logits of its codes
 LEARNED_BIAS = 12.0  # the same, beside what a generator trained with exemplars does by itself
-STILL = (
-    0.0125  # a frame's largest change of an upper-body feature, mean over a chunk, below which nothing moves
-)
+STILL = 0.0125  # a frame's largest change of an upper-body feature, mean over a chunk, below which nothing moves
 PATIENCE = 6  # chunks of stillness, 1.6 s, after which codes are drawn at a higher temperature
 SILENCE = 0.003  # root mean square of a chunk behind the level control, -50 dBFS, below which nobody is heard
 # in silence a share of the temperature: at full heat one draw in a hundred leaves the rest, and hands never settle
@@ -76,9 +74,7 @@ class PipelineState(StreamState):
     face: list[FaceState]  # one, or none without a face model
     time_warp: list[WarpState]  # one, or none without a warp model
     seeds: Int[Tensor, " b"]
-    still: Int[
-        Tensor, " b"
-    ]  # chunks in a row of which the body stood still though there was something to hear
+    still: Int[Tensor, " b"]  # chunks in a row of which the body stood still though there was something to hear
 
 
 class Pipeline:
@@ -115,9 +111,7 @@ class Pipeline:
         self.device = find_device(device)
         self.codec = bundle.codec.to(self.device)
         own_precision: Precision = "int8" if self.device.type == "cpu" else "bfloat16"
-        self.generator: GeneratorStream[Any] = open_stream(
-            bundle.generator.to(self.device), precision or own_precision
-        )
+        self.generator: GeneratorStream[Any] = open_stream(bundle.generator.to(self.device), precision or own_precision)
         self.tokenizer = bundle.tokenizer.to(self.device)
         chosen = set(runtime.stages if stages is None else stages)
         self.warp = bundle.warp if WARP in chosen else None

@@ -35,9 +35,7 @@ class RigConfig(Config):
         default=None,
         description="how its arms are kept off the trunk, in metres and our axes; None: not here",
     )
-    arms: tuple[tuple[int, int], ...] = Field(
-        default=(), description="(upper arm, wrist) joints of that rule"
-    )
+    arms: tuple[tuple[int, int], ...] = Field(default=(), description="(upper arm, wrist) joints of that rule")
     unity: tuple[Matrix, ...] = Field(
         default=(),
         description="per joint M: Unity's local rotation is M R M^-1 of the rotation R in its own axes",
@@ -89,9 +87,7 @@ class RigAdapter:
         write_rows(state.seen, torch.ones_like(state.seen), active)
         return self._features(moved.rotations.view(rows, frames, -1, 3, 3), travel)
 
-    def canonical(
-        self, features: Float[Tensor, "b t c"]
-    ) -> tuple[Float[Tensor, "b t j 3 3"], Float[Tensor, "b t 3"]]:
+    def canonical(self, features: Float[Tensor, "b t c"]) -> tuple[Float[Tensor, "b t j 3 3"], Float[Tensor, "b t 3"]]:
         """Rotations in our axes with the arms clear, and per frame: metres to the left, height, metres ahead."""
         config = self.config
         frames = from_features(self.source, features, convention=self._convention)

@@ -39,9 +39,7 @@ class Runtime(Config):
     stages: tuple[str, ...] = Field(
         default=(WARP, *SWITCHES), description="stages behind the decoder, unless asked for"
     )
-    rig: RigConfig | None = Field(
-        default=None, description="how its features differ from ours; None: not at all"
-    )
+    rig: RigConfig | None = Field(default=None, description="how its features differ from ours; None: not at all")
 
     def save(self, folder: Path) -> None:
         """Write `runtime.json`."""
@@ -65,6 +63,4 @@ class Runtime(Config):
         except ValidationError as error:
             first = error.errors()[0]
             field = ".".join(str(part) for part in first["loc"]) or "the whole file"
-            raise CheckpointError(
-                f"{path}: {field}: {first['msg']}; import or copy the bundle again"
-            ) from error
+            raise CheckpointError(f"{path}: {field}: {first['msg']}; import or copy the bundle again") from error

@@ -44,9 +44,7 @@ def tokenize_corpus(
     """
     names = [entry.name for entry in corpus.entries(has_mirrored=False) if entry.has_sound]
     if not names:
-        raise MotionError(
-            f"no clip of {corpus.folder} has sound; the generator learns from pairs of sound and motion"
-        )
+        raise MotionError(f"no clip of {corpus.folder} has sound; the generator learns from pairs of sound and motion")
     if corpus.skeleton.names != tokenizer.skeleton.names:
         raise MotionError(
             f"{corpus.folder} is on a rig of {corpus.skeleton.joints} joints, the tokenizer on one of"

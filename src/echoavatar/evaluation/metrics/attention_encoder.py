@@ -23,13 +23,9 @@ class AttentionAutoencoder(nn.Module):
         down = range(LEVELS)
         self.input_liner = nn.Linear(features, width)
         self.encoder = nn.ModuleList(_block(width, level) for level in down)
-        self.down_sample = nn.ModuleList(
-            Mlp(inputs=2 * width, hidden=4 * width, outputs=width) for _ in down[1:]
-        )
+        self.down_sample = nn.ModuleList(Mlp(inputs=2 * width, hidden=4 * width, outputs=width) for _ in down[1:])
         self.decoder = nn.ModuleList(_block(width, level) for level in reversed(down))
-        self.up_sample = nn.ModuleList(
-            Mlp(inputs=width, hidden=4 * width, outputs=2 * width) for _ in down[1:]
-        )
+        self.up_sample = nn.ModuleList(Mlp(inputs=width, hidden=4 * width, outputs=2 * width) for _ in down[1:])
         self.output_liner = nn.Linear(width, features)
 
     def encode(self, features: Float[Tensor, "b t c"]) -> Float[Tensor, "b n d"]:

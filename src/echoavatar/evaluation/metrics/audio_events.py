@@ -43,7 +43,5 @@ def _librosa() -> Any:
             import librosa.beat
             import librosa.onset
     except ImportError as error:
-        raise DependencyError(
-            "beat alignment needs librosa; run: pip install 'echoavatar[evaluate]'"
-        ) from error
+        raise DependencyError("beat alignment needs librosa; run: pip install 'echoavatar[evaluate]'") from error
     return librosa

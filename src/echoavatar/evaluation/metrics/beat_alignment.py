@@ -26,9 +26,7 @@ def hit_rate(events: Shaped[np.ndarray, " n"], beats: Shaped[np.ndarray, " m"], 
     return float(np.exp(-(distance**2) / (2 * sigma**2)).mean())
 
 
-def mean_hit_rate(
-    events: Shaped[np.ndarray, " n"], beats: Sequence[Shaped[np.ndarray, " _"]], sigma: float
-) -> float:
+def mean_hit_rate(events: Shaped[np.ndarray, " n"], beats: Sequence[Shaped[np.ndarray, " _"]], sigma: float) -> float:
     """`hit_rate` averaged over joints with their own beats; a joint without beats counts as 0."""
     return float(np.mean([hit_rate(events, own, sigma) for own in beats]))
 

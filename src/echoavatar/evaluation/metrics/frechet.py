@@ -64,9 +64,7 @@ def frechet_between(made: Moments, true: Moments, *, ridge: float = 0.0) -> floa
         MotionError: fewer than two features on a side.
     """
     if min(made.rows, true.rows) < 2:
-        raise MotionError(
-            f"FID needs two features a side, got {made.rows} and {true.rows}; take longer clips"
-        )
+        raise MotionError(f"FID needs two features a side, got {made.rows} and {true.rows}; take longer clips")
     eye = ridge * np.eye(len(made.mean))
     values, vectors = np.linalg.eigh(made.covariance + eye)
     root = (vectors * np.sqrt(values.clip(0))) @ vectors.T
@@ -76,9 +74,7 @@ def frechet_between(made: Moments, true: Moments, *, ridge: float = 0.0) -> floa
     return max(0.0, float(shift @ shift + spread))  # rounding alone can make it negative
 
 
-def frechet_distance(
-    made: Float[np.ndarray, "n d"], true: Float[np.ndarray, "m d"], *, ridge: float = 0.0
-) -> float:
+def frechet_distance(made: Float[np.ndarray, "n d"], true: Float[np.ndarray, "m d"], *, ridge: float = 0.0) -> float:
     """Fréchet distance between two sets of features."""
     return frechet_between(moments(made), moments(true), ridge=ridge)
 

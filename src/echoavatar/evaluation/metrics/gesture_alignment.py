@@ -66,16 +66,12 @@ def mean_speeds(positions: Float[np.ndarray, "t j 3"], fps: float = FRAME_RATE_H
     return np.asarray(central_speed(positions, fps).mean(0))
 
 
-def central_speed(
-    positions: Float[np.ndarray, "t j 3"], fps: float = FRAME_RATE_HZ
-) -> Float[np.ndarray, "t j"]:
+def central_speed(positions: Float[np.ndarray, "t j 3"], fps: float = FRAME_RATE_HZ) -> Float[np.ndarray, "t j"]:
     """Length of the central difference over two frames (one-sided at the ends), m/s."""
     return np.asarray(np.linalg.norm(np.gradient(positions, axis=0) * fps, axis=-1))
 
 
-def step_speed(
-    positions: Float[np.ndarray, "t j 3"], fps: float = FRAME_RATE_HZ
-) -> Float[np.ndarray, "t-1 j"]:
+def step_speed(positions: Float[np.ndarray, "t j 3"], fps: float = FRAME_RATE_HZ) -> Float[np.ndarray, "t-1 j"]:
     """Speed from frame to frame, m/s, of positions smoothed by one frame to suppress noise."""
     smooth = gaussian_filter1d(positions, SMOOTHING_FRAMES, axis=0, mode="nearest")
     return np.asarray(np.linalg.norm(np.diff(smooth, axis=0), axis=-1) * fps)
@@ -104,9 +100,7 @@ def gesture_beat_frames(
     speed = central_speed(positions, fps)
     if rule.threshold is not None:
         if mean_speed is None:
-            raise MotionError(
-                "this form of BA_G needs the joints' mean speeds; pass `mean_speeds` of the true motion"
-            )
+            raise MotionError("this form of BA_G needs the joints' mean speeds; pass `mean_speeds` of the true motion")
         speed = speed / np.maximum(mean_speed, 1e-9)
     start, stop = window or (rule.trimmed_frames, len(speed) - rule.trimmed_frames)
     if stop - start < 2:

@@ -40,9 +40,7 @@ class MotionEncoderTraining(TrainingConfig):
     frames: int = Field(default=64, gt=0, description="frames of a window, at 30 per second")
     learning_rate: float = Field(default=2e-3, gt=0, description="peak of the schedule")
     warmup: int = Field(default=50, ge=0, description="steps of linear warm-up")
-    final_rate: float = Field(
-        default=0.02, ge=0, le=1, description="share of the peak at the end of the cosine"
-    )
+    final_rate: float = Field(default=0.02, ge=0, le=1, description="share of the peak at the end of the cosine")
     weight_decay: float = Field(default=1e-3, ge=0, description="AdamW's decay")
     betas: tuple[float, float] = Field(default=(0.9, 0.999), description="AdamW's averages")
     noise_spread: float = Field(

@@ -43,8 +43,6 @@ def mean_joint_error(made: Float[Tensor, "t j 3"], true: Float[Tensor, "t j 3"])
     return float((true - made).norm(dim=-1).mean())
 
 
-def trans_loss(
-    made: Float[Tensor, "t 2"], true: Float[Tensor, "t 2"], norm: Literal["l1", "l2"] = "l2"
-) -> float:
+def trans_loss(made: Float[Tensor, "t 2"], true: Float[Tensor, "t 2"], norm: Literal["l1", "l2"] = "l2") -> float:
     """Mean length of the error of the root's planar steps, metres a frame."""
     return float((true - made).norm(dim=-1, p=1 if norm == "l1" else 2).mean())

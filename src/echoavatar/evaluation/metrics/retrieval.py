@@ -73,6 +73,4 @@ def batched(similarities: Float[np.ndarray, "n n"], size: int = TMR_BATCH) -> Re
 def chance(pairs: int, ks: tuple[int, ...] = KS) -> Retrieval:
     """Scores of random guessing."""
     harmonic = float((1 / np.arange(1, pairs + 1)).sum())
-    return Retrieval(
-        {k: min(100.0, 100 * k / pairs) for k in ks}, (pairs + 1) / 2, 100 * harmonic / pairs, pairs
-    )
+    return Retrieval({k: min(100.0, 100 * k / pairs) for k in ks}, (pairs + 1) / 2, 100 * harmonic / pairs, pairs)

@@ -38,9 +38,7 @@ _PREFIX = "module."
 class SkeletonConvolutionConfig(Config):
     """Model sizes; the defaults are EMAGE's."""
 
-    parents: tuple[int, ...] = Field(
-        default=SMPLX_PARENTS, description="parent of each joint, -1 for the root"
-    )
+    parents: tuple[int, ...] = Field(default=SMPLX_PARENTS, description="parent of each joint, -1 for the root")
     channels: tuple[int, ...] = Field(
         default=(6, 6, 6, 12, 12), description="channels of a bone before and after each layer"
     )
@@ -78,9 +76,7 @@ class _Merge(nn.Module):
 class _Layer(nn.Module):
     """Masked convolution with a masked shortcut, then merging and tanh; halves the frame rate."""
 
-    def __init__(
-        self, edges: Sequence[Edge], before: int, after: int, config: SkeletonConvolutionConfig
-    ) -> None:
+    def __init__(self, edges: Sequence[Edge], before: int, after: int, config: SkeletonConvolutionConfig) -> None:
         super().__init__()
         near = torch.from_numpy(neighbours(edges, config.reach)).float()
         mask = torch.kron(near, torch.ones(after, before))

@@ -30,9 +30,7 @@ class SkeletonConvolutionTraining(TrainingConfig):
 
     steps: int = Field(default=2000, gt=0, description="optimiser steps of the whole schedule")
     batch: int = Field(default=16, gt=0, description="windows per step")
-    frames: int = Field(
-        default=64, gt=0, multiple_of=CLIP_MULTIPLE, description="frames of a window, at 30 per second"
-    )
+    frames: int = Field(default=64, gt=0, multiple_of=CLIP_MULTIPLE, description="frames of a window, at 30 per second")
     learning_rate: float = Field(default=1e-3, gt=0, description="peak of the schedule")
     warmup: int = Field(default=50, ge=0, description="steps of linear warm-up")
     speed_weight: float = Field(default=1.0, ge=0, description="weight of the error in frame differences")

@@ -63,9 +63,7 @@ class Character:
         """World positions of the joints in the rest pose."""
         return HUMANOID.rest_positions.numpy()
 
-    def with_face(
-        self, weights: Float[np.ndarray, " n"]
-    ) -> tuple[Float[np.ndarray, "v 3"], Float[np.ndarray, "v 3"]]:
+    def with_face(self, weights: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, "v 3"], Float[np.ndarray, "v 3"]]:
         """Positions and unit normals in the rest pose with an expression; weights are in the order of `face.names`."""
         positions, normals = self.positions.copy(), self.normals.copy()
         moves, turns = self.face.added(weights)
@@ -100,9 +98,7 @@ def load_character(path: Path | None = None) -> Character:
         raw = {field.name: stored[field.name] for field in fields(Character) if field.name != "face"}
         face = Morphs.of_arrays(stored)
     except NPZ_ERRORS as error:
-        raise CheckpointError(
-            f"{path} is not a character ({error}); make it again with tools/character"
-        ) from error
+        raise CheckpointError(f"{path} is not a character ({error}); make it again with tools/character") from error
     normals, weights = raw["normals"].astype(np.float32), raw["weights"].astype(np.float32)
     raw["normals"] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     raw["weights"] = weights / weights.sum(1, keepdims=True)

@@ -113,9 +113,7 @@ def _animation(buffer: Buffer, animation: Animation, *, compact: bool) -> dict[s
     return {"name": animation.name, "samplers": tracks.samplers, "channels": tracks.channels}
 
 
-def checked(
-    rotations: ArrayLike, root: ArrayLike
-) -> tuple[Float[np.ndarray, "t j 4"], Float[np.ndarray, "t 3"]]:
+def checked(rotations: ArrayLike, root: ArrayLike) -> tuple[Float[np.ndarray, "t j 4"], Float[np.ndarray, "t 3"]]:
     """Unit quaternions and root as float64; raises MotionError where they do not fit our rig."""
     q, p = np.asarray(rotations, np.float64), np.asarray(root, np.float64)
     if q.ndim != 3 or q.shape[1:] != (HUMANOID.joints, 4) or p.shape != (len(q), 3) or not len(q):
@@ -125,9 +123,7 @@ def checked(
         )
     length = np.linalg.norm(q, axis=-1, keepdims=True)
     if not (np.isfinite(q).all() and np.isfinite(p).all() and (length > 1e-6).all()):
-        raise MotionError(
-            "motion holds values that are not finite or quaternions of length 0; repair it before export"
-        )
+        raise MotionError("motion holds values that are not finite or quaternions of length 0; repair it before export")
     return q / length, p
 
 
@@ -137,10 +133,4 @@ def container(document: dict[str, Any], binary: bytes) -> bytes:
     text += b" " * (-len(text) % 4)
     total = 12 + 8 + len(text) + 8 + len(binary)
     head = struct.pack("<4sII", b"glTF", 2, total)
-    return (
-        head
-        + struct.pack("<I4s", len(text), b"JSON")
-        + text
-        + struct.pack("<I4s", len(binary), b"BIN\0")
-        + binary
-    )
+    return head + struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(binary), b"BIN\0") + binary

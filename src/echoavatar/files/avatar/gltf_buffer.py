@@ -56,9 +56,7 @@ class Buffer:
         self.views.append(view)
         return len(self.views) - 1
 
-    def sparse(
-        self, count: int, indices: int, values: Float[np.ndarray, "m 3"], *, bounds: bool = False
-    ) -> int:
+    def sparse(self, count: int, indices: int, values: Float[np.ndarray, "m 3"], *, bounds: bool = False) -> int:
         """Add an accessor of `count` vectors: `values` at the places in the view `indices` (16 bit), 0 elsewhere."""
         accessor: dict[str, Any] = {"componentType": FLOAT, "count": count, "type": "VEC3"}
         if len(values):

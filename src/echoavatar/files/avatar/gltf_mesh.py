@@ -42,9 +42,7 @@ def materials() -> list[dict[str, Any]]:
     ]
 
 
-def _primitives(
-    buffer: Buffer, character: Character, triangles: Int[np.ndarray, "f 3"]
-) -> list[dict[str, Any]]:
+def _primitives(buffer: Buffer, character: Character, triangles: Int[np.ndarray, "f 3"]) -> list[dict[str, Any]]:
     """One primitive per material; all share the same vertices."""
     used, local = _compact(triangles)
     attributes = _attributes(buffer, character, used)
@@ -55,9 +53,7 @@ def _primitives(
     ]
 
 
-def _face_primitives(
-    buffer: Buffer, character: Character, triangles: Int[np.ndarray, "f 3"]
-) -> list[dict[str, Any]]:
+def _face_primitives(buffer: Buffer, character: Character, triangles: Int[np.ndarray, "f 3"]) -> list[dict[str, Any]]:
     """One primitive per material, with its own vertices and all morph targets."""
     made = []
     material_of = character.materials[triangles[:, 0]]
@@ -100,16 +96,10 @@ def _attributes(buffer: Buffer, character: Character, used: Int[np.ndarray, " v"
     colours = np.concatenate([linear, np.ones((len(linear), 1))], 1)
     weights = character.weights[used]
     return {
-        "POSITION": buffer.add(
-            character.positions[used].astype(np.float32), target=ARRAY_BUFFER, bounds=True
-        ),
+        "POSITION": buffer.add(character.positions[used].astype(np.float32), target=ARRAY_BUFFER, bounds=True),
         "NORMAL": buffer.add(character.normals[used].astype(np.float32), target=ARRAY_BUFFER),
-        "COLOR_0": buffer.add(
-            np.round(colours * 65535).astype(np.uint16), target=ARRAY_BUFFER, normalized=True
-        ),
-        "JOINTS_0": buffer.add(
-            np.where(weights > 0, character.joints[used], 0).astype(np.uint8), target=ARRAY_BUFFER
-        ),
+        "COLOR_0": buffer.add(np.round(colours * 65535).astype(np.uint16), target=ARRAY_BUFFER, normalized=True),
+        "JOINTS_0": buffer.add(np.where(weights > 0, character.joints[used], 0).astype(np.uint8), target=ARRAY_BUFFER),
         "WEIGHTS_0": buffer.add(_integer_weights(weights), target=ARRAY_BUFFER, normalized=True),
     }
 

@@ -48,9 +48,7 @@ class Morphs:
         table[shape, 1, self.vertices] = self.turns
         return table.reshape(len(self.names), -1)
 
-    def added(
-        self, weights: Float[np.ndarray, " n"]
-    ) -> tuple[Float[np.ndarray, "v 3"], Float[np.ndarray, "v 3"]]:
+    def added(self, weights: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, "v 3"], Float[np.ndarray, "v 3"]]:
         """What the weights add to positions and normals of the first `reach` vertices."""
         total = (np.asarray(weights, np.float32) @ self.dense).reshape(2, self.reach, 3)
         return total[0], total[1]

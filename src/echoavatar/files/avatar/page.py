@@ -52,8 +52,6 @@ def _entry(clip: PageClip, glb: bytes) -> dict[str, str]:
             f"clip {clip.title!r} names the animation {clip.animation!r}, which is not in the GLB; name one that is"
         )
     if clip.suffix not in MIME_TYPES:
-        raise MotionError(
-            f"clip {clip.title!r} has sound of type {clip.suffix!r}; use one of {', '.join(MIME_TYPES)}"
-        )
+        raise MotionError(f"clip {clip.title!r} has sound of type {clip.suffix!r}; use one of {', '.join(MIME_TYPES)}")
     sound = f"data:{MIME_TYPES[clip.suffix]};base64,{base64.b64encode(clip.audio).decode()}"
     return {"title": clip.title, "animation": clip.animation, "audio": sound, "note": clip.note}

@@ -48,9 +48,7 @@ class Surface:
 class Renderer:
     """Draws surfaces at one picture size, and keeps its buffers between frames."""
 
-    def __init__(
-        self, width: int = 1280, height: int = 720, *, camera: Camera | None = None, samples: int = 2
-    ) -> None:
+    def __init__(self, width: int = 1280, height: int = 720, *, camera: Camera | None = None, samples: int = 2) -> None:
         """`samples` is the supersampling per axis; 1 is fast but jagged."""
         self.width, self.height, self.samples = width, height, samples
         self.camera = camera or Camera()
@@ -97,9 +95,7 @@ class Renderer:
         seen = (points - np.array(self.camera.position)) @ axes.T
         near = 1.0 / np.maximum(-seen[:, 2], 1e-3)
         near[seen[:, 2] > -0.05] = 0
-        screen = np.stack(
-            [wide / 2 + focal * seen[:, 0] * near, high / 2 - focal * seen[:, 1] * near, near], 1
-        )
+        screen = np.stack([wide / 2 + focal * seen[:, 0] * near, high / 2 - focal * seen[:, 1] * near, near], 1)
         right, up, back = axes
         corner = -back - right * (wide / 2) / focal + up * (high / 2) / focal
         return screen.astype(np.float32), np.stack([corner, right / focal, -up / focal]).astype(np.float32)
@@ -120,9 +116,7 @@ def _tone_curve() -> NDArray[np.uint8]:
     """A table from linear light, 0 to 4 in 4,096 steps, to sRGB bytes through a filmic shoulder."""
     x = np.arange(4096) / 1024
     filmic = x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14)
-    srgb = np.where(
-        filmic <= 0.0031308, 12.92 * filmic, 1.055 * np.maximum(filmic, 1e-9) ** (1 / 2.4) - 0.055
-    )
+    srgb = np.where(filmic <= 0.0031308, 12.92 * filmic, 1.055 * np.maximum(filmic, 1e-9) ** (1 / 2.4) - 0.055)
     return np.round(np.clip(srgb, 0, 1) * 255).astype(np.uint8)
 
 

@@ -16,13 +16,9 @@ def skin(
 
     `face` holds the weights of the character's blendshapes; None is the neutral face.
     """
-    positions, normals = (
-        (character.positions, character.normals) if face is None else character.with_face(face)
-    )
+    positions, normals = (character.positions, character.normals) if face is None else character.with_face(face)
     rotations = np.asarray(world_rotations, np.float32)
-    shift = np.asarray(world_positions, np.float32) - np.einsum(
-        "jik,jk->ji", rotations, character.rest_joints
-    )
+    shift = np.asarray(world_positions, np.float32) - np.einsum("jik,jk->ji", rotations, character.rest_joints)
     moves = np.concatenate([rotations, shift[:, :, None]], 2).reshape(len(rotations), 12)
     blended = (character.dense_weights @ moves.astype(np.float32)).reshape(-1, 3, 4)
     vertices = np.einsum("vik,vk->vi", blended[:, :, :3], positions) + blended[:, :, 3]

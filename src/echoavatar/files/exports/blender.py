@@ -73,9 +73,7 @@ def write_fbx(path: Path, glb: bytes, fps: float) -> None:
                 [*words, "--", str(source), str(target)], capture_output=True, text=True, timeout=TIMEOUT_S
             )
         except (OSError, subprocess.TimeoutExpired) as error:
-            raise MotionError(
-                f"{program} did not write {path} ({error}); write .glb and convert it by hand"
-            ) from error
+            raise MotionError(f"{program} did not write {path} ({error}); write .glb and convert it by hand") from error
         if done.returncode or not target.exists():
             last = (done.stderr or done.stdout).strip().splitlines()[-3:]
             raise MotionError(f"{program} did not write {path}: {' / '.join(last)}; try a newer Blender")

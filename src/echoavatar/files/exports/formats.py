@@ -32,16 +32,12 @@ def writer(output: Path, *, has_rig: bool) -> Writer:
     if not output.parent.is_dir():
         raise EchoAvatarError(f"cannot write {output}: {output.parent} is not a folder; make it first")
     if not os.access(output.parent, os.W_OK) or output.is_dir():
-        raise EchoAvatarError(
-            f"cannot write {output}: no permission or a folder of that name; choose another -o"
-        )
+        raise EchoAvatarError(f"cannot write {output}: no permission or a folder of that name; choose another -o")
     special = next((end for end in _SPECIAL if name.endswith(end)), None)
     if has_rig and (special or suffix in (*USD, ".mp4")):
         raise EchoAvatarError(f"cannot write {output.name!r} with --rig: leave --rig out, or write .glb")
     if suffix == ".vrm" and not has_rig:
-        raise EchoAvatarError(
-            "a .vrm is written into your own character: name it with --rig, or write .glb or .vrma"
-        )
+        raise EchoAvatarError("a .vrm is written into your own character: name it with --rig, or write .glb or .vrma")
     if suffix == ".fbx":
         find_blender()
     return _SPECIAL[special] if special else _WRITERS[suffix]
@@ -66,9 +62,7 @@ def _packed(path: Path, take: Take, rig: Rig | None) -> bytes:
         from .gltf_rig import pack_on_rig
 
         if rig.gltf is None:
-            raise MotionError(
-                f"{rig.path} has no mesh for {path.name!r}: write .bvh, or give a .glb as --rig"
-            )
+            raise MotionError(f"{rig.path} has no mesh for {path.name!r}: write .bvh, or give a .glb as --rig")
         return pack_on_rig(rig.gltf, take)
     from ..avatar import load_character
     from ..avatar.gltf import Animation, pack_glb
@@ -127,9 +121,7 @@ def _face47_csv(path: Path, take: Take, _: Rig | None) -> None:
 
 def _face(path: Path, take: Take) -> np.ndarray:
     if take.face is None:
-        raise EchoAvatarError(
-            f"cannot write {path.name!r}: the motion has no face; use a bundle with a face model"
-        )
+        raise EchoAvatarError(f"cannot write {path.name!r}: the motion has no face; use a bundle with a face model")
     return take.face
 
 

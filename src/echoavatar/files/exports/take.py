@@ -52,13 +52,9 @@ def read_take(path: Path) -> Take:
     except FileNotFoundError as error:
         raise MotionError(f"{path} does not exist; check the name") from error
     except NPZ_ERRORS as error:
-        raise MotionError(
-            f"{path} is no motion of `animate` or `say`, or damaged ({error}); write it again"
-        ) from error
+        raise MotionError(f"{path} is no motion of `animate` or `say`, or damaged ({error}); write it again") from error
     if face is not None and len(face) != motion.frames:
-        raise MotionError(
-            f"{path}: {len(face)} frames of face beside {motion.frames} of motion; write it again"
-        )
+        raise MotionError(f"{path}: {len(face)} frames of face beside {motion.frames} of motion; write it again")
     return Take(motion, face, audio)
 
 

@@ -49,9 +49,7 @@ class Rig:
             MotionError: the names of the take's joints are not known.
         """
         motion, body = take.motion, self.body
-        moved = keep_hands_on_body(
-            motion, retarget(motion, self.skeleton), body_of_rig(motion.skeleton), body
-        )
+        moved = keep_hands_on_body(motion, retarget(motion, self.skeleton), body_of_rig(motion.skeleton), body)
         moved = keep_hands_together(motion, moved)
         matrices = HandCollisions(self.skeleton, body).step(moved.matrices()[None])[0]
         moved = replace(moved, rotations=quaternion_from_matrix(matrices).numpy())
@@ -120,9 +118,7 @@ def _standing(skeleton: Skeleton, low: float, path: Path) -> Skeleton:
     offsets = np.array(config.offsets)
     offsets[0, 1] -= low
     feet = config.feet or tuple(
-        bones.get(f"{side}{part}", bones[f"{side}Foot"])
-        for side in ("left", "right")
-        for part in ("Foot", "Toes")
+        bones.get(f"{side}{part}", bones[f"{side}Foot"]) for side in ("left", "right") for part in ("Foot", "Toes")
     )
     placed = Skeleton(
         config.model_copy(update={"offsets": tuple(map(tuple, offsets.tolist())), "vrm": bones, "feet": feet})

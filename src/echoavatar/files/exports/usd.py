@@ -145,9 +145,7 @@ def _mesh(
     binding = UsdSkel.BindingAPI.Apply(mesh.GetPrim())
     binding.CreateSkeletonRel().SetTargets([skeleton.GetPath()])
     binding.CreateJointIndicesPrimvar(False, joints.shape[1]).Set(Vt.IntArray.FromNumpy(joints.reshape(-1)))
-    binding.CreateJointWeightsPrimvar(False, joints.shape[1]).Set(
-        Vt.FloatArray.FromNumpy(weights.reshape(-1))
-    )
+    binding.CreateJointWeightsPrimvar(False, joints.shape[1]).Set(Vt.FloatArray.FromNumpy(weights.reshape(-1)))
     if has_shapes:
         _shapes(stage, path, character, used, binding)
 

@@ -107,9 +107,7 @@ def _xyzw(wxyz: Float[np.ndarray, "t 4"]) -> Float[np.ndarray, "t 4"]:
     return unit[:, [1, 2, 3, 0]]
 
 
-def _face(
-    curves: Float[np.ndarray, "t 52"], nodes: list[Any], tracks: Tracks, bones: dict[str, int]
-) -> dict[str, Any]:
+def _face(curves: Float[np.ndarray, "t 52"], nodes: list[Any], tracks: Tracks, bones: dict[str, int]) -> dict[str, Any]:
     """The extension's expressions and gaze, each driven by a node that is added to `nodes`."""
 
     def node(name: str) -> int:

@@ -27,9 +27,7 @@ Table = dict[str, list[int]]
 def find_table(stats: Path) -> Path | None:
     """The script that contains the table: in the folder `scripts` beside the stats folder, or None."""
     scripts = sorted((stats.resolve().parent / "scripts").glob("*.py"), reverse=True)
-    return next(
-        (path for path in scripts if _tables(path.read_text(encoding="utf-8", errors="replace"))), None
-    )
+    return next((path for path in scripts if _tables(path.read_text(encoding="utf-8", errors="replace"))), None)
 
 
 def read_table(path: Path) -> Table:
@@ -45,15 +43,11 @@ def read_table(path: Path) -> Table:
         raise CheckpointError(f"the table of actions {path} cannot be read; check the name") from error
     found = _tables(text) if path.suffix == ".py" else _json_tables(text)
     if not found:
-        raise CheckpointError(
-            f"{path} has no table of actions (names with lists of codes); give the authors' script"
-        )
+        raise CheckpointError(f"{path} has no table of actions (names with lists of codes); give the authors' script")
     return max(found, key=len)
 
 
-def library(
-    table: Mapping[str, Sequence[int]], codes: int, *, origin: str, chunk: ChunkSize = CHUNK
-) -> ActionLibrary:
+def library(table: Mapping[str, Sequence[int]], codes: int, *, origin: str, chunk: ChunkSize = CHUNK) -> ActionLibrary:
     """The table as a library of actions. `codes` is the size of one codebook: upper body first, then the lower.
 
     Raises:
@@ -114,7 +108,6 @@ def _json_tables(text: str) -> list[Table]:
     except (ValueError, RecursionError):
         return []
     is_table = isinstance(stored, dict) and all(
-        isinstance(value, list) and value and all(type(code) is int for code in value)
-        for value in stored.values()
+        isinstance(value, list) and value and all(type(code) is int for code in value) for value in stored.values()
     )
     return [stored] if is_table and stored else []

@@ -48,9 +48,7 @@ def convert(
     output.mkdir(parents=True, exist_ok=True)
     card: dict[str, object] = {"data": ORIGIN, "command": command, "licence": "none given; see warning"}
     card["warning"] = WARNING
-    checkpoint.save(
-        output / "codec", config=codec.config, weights=codec.state_dict(), card=_codec_card(command)
-    )
+    checkpoint.save(output / "codec", config=codec.config, weights=codec.state_dict(), card=_codec_card(command))
     _write_tokenizer(found, output / "tokenizer", card)
     _write_generator(found, codec, output / "generator", card)
     _write_face(found, output / "face", card, face_order)
@@ -88,9 +86,7 @@ def _write_generator(found: Inspection, codec: AudioCodec, folder: Path, card: d
     if stored.is_tied:
         weights["lm_head.weight"] = weights["model.embed_tokens.weight"].clone()
     assert config.opening is not None
-    config = config.model_copy(
-        update={"opening": Opening(silence=silence_codes(codec), motion=config.opening.motion)}
-    )
+    config = config.model_copy(update={"opening": Opening(silence=silence_codes(codec), motion=config.opening.motion)})
     checkpoint.save(folder, config=config, weights=weights, card=card)
 
 

@@ -100,9 +100,7 @@ def differences(found: Mapping[str, Sequence[int]], wanted: Shapes, *, origin: s
         for key, shape in wanted.items()
         if key not in found and not key.endswith(OPTIONAL)
     ]
-    problems += [
-        f"{origin}: {key} {list(shape)} is unknown" for key, shape in found.items() if key not in wanted
-    ]
+    problems += [f"{origin}: {key} {list(shape)} is unknown" for key, shape in found.items() if key not in wanted]
     problems += [
         f"{origin}: {key} is {list(found[key])}, wanted {list(shape)}"
         for key, shape in wanted.items()

@@ -41,18 +41,14 @@ class Release:
 
     def generator(self, name: str | None = None) -> Path:
         """Folder of the named generator, or of the first of `GENERATORS` that is there."""
-        names = (
-            [name] if name else [own for own in GENERATORS if (self.ckpts / own).is_dir()] or [GENERATORS[0]]
-        )
+        names = [name] if name else [own for own in GENERATORS if (self.ckpts / own).is_dir()] or [GENERATORS[0]]
         return _folder(self.ckpts / names[0], "the generator")
 
     def stat(self, name: str) -> Path:
         """A file of the stats folder."""
         path = _folder(self.stats, "the release's statistics and skeleton") / name
         if not path.is_file():
-            raise CheckpointError(
-                f"{path} is missing; --stats is the folder 'stats' of the authors' repository"
-            )
+            raise CheckpointError(f"{path} is missing; --stats is the folder 'stats' of the authors' repository")
         return path
 
 
@@ -81,9 +77,7 @@ def _only(home: Path, pattern: str, what: str) -> Path:
 
 def _newest(folder: Path, stem: str) -> Path:
     """The file with the highest training step."""
-    found = {
-        int(m[1]): path for path in folder.iterdir() if (m := re.fullmatch(rf"{stem}_(\d+)\.pth", path.name))
-    }
+    found = {int(m[1]): path for path in folder.iterdir() if (m := re.fullmatch(rf"{stem}_(\d+)\.pth", path.name))}
     if not found:
         raise CheckpointError(f"{folder} has no {stem}_STEP.pth; download it again")
     return found[max(found)]

@@ -144,9 +144,7 @@ def read_table(path: Path, names: tuple[str, ...], shape: tuple[int, ...]) -> di
     except RefusedError as error:
         raise CheckpointError(f"{path} is refused: {error}; fetch it again from where you trust") from error
     except Exception as error:  # a damaged header or pickle raises errors of any kind
-        raise CheckpointError(
-            f"{path} is damaged or cut off ({type(error).__name__}); fetch it again"
-        ) from error
+        raise CheckpointError(f"{path} is damaged or cut off ({type(error).__name__}); fetch it again") from error
     if isinstance(stored, PickledArray) and isinstance(stored.content, list) and len(stored.content) == 1:
         stored = stored.content[0]
     if not isinstance(stored, dict):
@@ -205,9 +203,7 @@ def read_matrices(path: Path, names: tuple[str, ...]) -> np.ndarray:
         stored = json.loads(path.read_text(encoding="utf-8"))
         missing = [name for name in names if name not in stored]
         if missing:
-            raise CheckpointError(
-                f"{path} has no matrix for {', '.join(missing[:6])} ({len(missing)} in all)"
-            )
+            raise CheckpointError(f"{path} has no matrix for {', '.join(missing[:6])} ({len(missing)} in all)")
         found = []
         for name in names:
             matrix = np.array(stored[name], np.float64)
@@ -228,9 +224,7 @@ def _listed(table: dict[object, object]) -> str:
 def _checked(path: Path, what: str, array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     fits = array.ndim == len(shape) and all(w in (-1, n) for w, n in zip(shape, array.shape, strict=True))
     if not fits or array.dtype.kind not in "fiu":
-        raise CheckpointError(
-            f"{path}: {what} is {array.dtype} {array.shape}, wanted numbers of shape {shape}"
-        )
+        raise CheckpointError(f"{path}: {what} is {array.dtype} {array.shape}, wanted numbers of shape {shape}")
     if not np.isfinite(array).all():
         raise CheckpointError(f"{path}: {what} holds values that are not finite; fetch it again")
     return array

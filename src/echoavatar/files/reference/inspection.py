@@ -138,9 +138,7 @@ def _face(found: Inspection, path: Path, step: int) -> list[str]:
     except (LookupError, ValueError, ArithmeticError) as error:
         return [f"{path}: {error} is missing or impossible; download it again"]
     problems = differences(shapes, face_shapes(width, CHANNELS, hubert), origin=str(path))
-    found.face = config.model_copy(
-        update={"context": 64 - 4 * step, "step": 4 * step, "least_std": 0.0, "idle": False}
-    )
+    found.face = config.model_copy(update={"context": 64 - 4 * step, "step": 4 * step, "least_std": 0.0, "idle": False})
     found.face_weights = weights
     if not problems:
         for key, shape in shapes.items():

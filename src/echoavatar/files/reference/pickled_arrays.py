@@ -217,9 +217,7 @@ class _Machine:
 
     def _numbers(self, raw: Any, kind: Any, shape: Any, *, is_fortran: bool) -> np.ndarray:
         if not isinstance(kind, _Kind) or kind.name not in _NUMBERS:
-            raise RefusedError(
-                f"it holds an array of {kind.name[:40] if isinstance(kind, _Kind) else 'objects'!r}"
-            )
+            raise RefusedError(f"it holds an array of {kind.name[:40] if isinstance(kind, _Kind) else 'objects'!r}")
         if not isinstance(raw, bytes):
             raise RefusedError("it holds an array that is not made of bytes")
         is_shape = isinstance(shape, tuple) and len(shape) <= _MOST_AXES

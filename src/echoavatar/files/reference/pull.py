@@ -55,9 +55,7 @@ def pull(
     except HFValidationError as error:
         raise EchoAvatarError(f"{name!r} is not a name on the hub; write OWNER/NAME ({error})") from error
     except GatedRepoError as error:
-        raise EchoAvatarError(
-            f"{name} is gated: accept its terms on its page, then run `hf auth login`"
-        ) from error
+        raise EchoAvatarError(f"{name} is gated: accept its terms on its page, then run `hf auth login`") from error
     except RepositoryNotFoundError as error:
         raise EchoAvatarError(
             f"the hub has no public {name}; check the name, or run `hf auth login` if it is private"

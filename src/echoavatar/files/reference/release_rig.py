@@ -50,9 +50,7 @@ def skeleton_config(
     names, bones = tuple(names), bones_by_name()
     missing = sorted(set(bones.values()) - set(names))
     if missing or len(names) != JOINTS:
-        what = (
-            f"it lacks {', '.join(missing[:6])}" if missing else f"it has {len(names)} joints, not {JOINTS}"
-        )
+        what = f"it lacks {', '.join(missing[:6])}" if missing else f"it has {len(names)} joints, not {JOINTS}"
         raise CheckpointError(f"{origin} is not the rig of the release: {what}; download it again")
     ours = np.round(offsets.astype(np.float64) @ np.array(AXES, np.float64).T * CM, 9)
     where = {name: joint for joint, name in enumerate(names)}
@@ -87,9 +85,7 @@ def rig_config(skeleton: SkeletonConfig, rest: np.ndarray, unity: np.ndarray) ->
         axes=AXES,
         metres_per_unit=CM,
         up=2,
-        swing=SwingConfig(
-            profile=tuple((z * CM, tau * CM) for z, tau in _SWING_CM), reach=1.5, up=1, snap=1e-6
-        ),
+        swing=SwingConfig(profile=tuple((z * CM, tau * CM) for z, tau in _SWING_CM), reach=1.5, up=1, snap=1e-6),
         arms=tuple((where[f"Shoulder_{side}"], where[f"Wrist_{side}"]) for side in "RL"),
         unity=tuple((_triple(m[0]), _triple(m[1]), _triple(m[2])) for m in transforms),
     )
@@ -101,14 +97,8 @@ def bones_by_name() -> dict[str, str]:
     for side, end in (("left", "L"), ("right", "R")):
         table |= {f"{side}{bone}": f"{name}_{end}" for bone, name in _LIMBS.items()}
         for digit, name in _DIGITS.items():
-            bones = (
-                ("Metacarpal", "Proximal", "Distal")
-                if digit == "Thumb"
-                else ("Proximal", "Intermediate", "Distal")
-            )
-            table |= {
-                f"{side}{digit}{bone}": f"{name}Finger{k}_{end}" for k, bone in enumerate(bones, start=1)
-            }
+            bones = ("Metacarpal", "Proximal", "Distal") if digit == "Thumb" else ("Proximal", "Intermediate", "Distal")
+            table |= {f"{side}{digit}{bone}": f"{name}Finger{k}_{end}" for k, bone in enumerate(bones, start=1)}
     return table
 
 

@@ -41,19 +41,13 @@ class StoredGenerator:
             check_file(folder / "config.json", CONFIG_BYTES, CheckpointError)
             config = json.loads((folder / "config.json").read_text(encoding="utf-8"))
         except (OSError, ValueError, RecursionError) as error:
-            raise CheckpointError(
-                f"{folder}/config.json cannot be read ({error}); download it again"
-            ) from error
+            raise CheckpointError(f"{folder}/config.json cannot be read ({error}); download it again") from error
         kinds = config.get("architectures", [_ARCHITECTURE]) if isinstance(config, dict) else None
         if kinds != [_ARCHITECTURE]:
-            raise CheckpointError(
-                f"{folder} is a {str(kinds)[:80]}, not a {_ARCHITECTURE}; choose another folder"
-            )
+            raise CheckpointError(f"{folder} is a {str(kinds)[:80]}, not a {_ARCHITECTURE}; choose another folder")
         paths = sorted(folder.glob("*.safetensors"))
         if not paths:
-            raise CheckpointError(
-                f"{folder} has no *.safetensors; download it again (pickled weights are not read)"
-            )
+            raise CheckpointError(f"{folder} has no *.safetensors; download it again (pickled weights are not read)")
         files: dict[str, Path] = {}
         shapes: dict[str, tuple[int, ...]] = {}
         for path in paths:
@@ -95,9 +89,7 @@ class StoredGenerator:
                 top_p=1.0,
             )
         except (KeyError, ValueError, TypeError) as error:
-            raise CheckpointError(
-                f"{self.folder}/config.json does not describe the generator: {error}"
-            ) from error
+            raise CheckpointError(f"{self.folder}/config.json does not describe the generator: {error}") from error
         if rows != REFERENCE_LAYOUT.vocabulary:
             raise CheckpointError(
                 f"{self.folder}/config.json: vocab_size is {rows}, wanted {REFERENCE_LAYOUT.vocabulary};"
@@ -121,6 +113,4 @@ class StoredGenerator:
                 tensor: Tensor = stored.get_tensor(key)
                 return tensor.clone() if rows is None else torch.as_tensor(tensor[rows])
         except (SafetensorError, OSError) as error:
-            raise CheckpointError(
-                f"{self.files[key]} is damaged or cut off ({error}); download it again"
-            ) from error
+            raise CheckpointError(f"{self.files[key]} is damaged or cut off ({error}); download it again") from error

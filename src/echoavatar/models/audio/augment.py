@@ -95,7 +95,5 @@ def _noise(rng: np.random.Generator, samples: int, heard: FloatArray) -> FloatAr
     spectrum = np.fft.rfft(rng.standard_normal(samples).astype(np.float32))
     spectrum *= (np.arange(len(spectrum)) + 20.0) ** (-rng.uniform(0, 1))
     noise = np.fft.irfft(spectrum, samples)
-    level = max(float(np.sqrt(np.mean(np.square(heard)))), 10 ** (-45 / 20)) * 10 ** (
-        -rng.uniform(8, 35) / 20
-    )
+    level = max(float(np.sqrt(np.mean(np.square(heard)))), 10 ** (-45 / 20)) * 10 ** (-rng.uniform(8, 35) / 20)
     return np.asarray(noise * level / (np.sqrt(np.mean(np.square(noise))) + 1e-12), np.float32)

@@ -80,18 +80,14 @@ class AudioCodec(Checkpointed, StreamingModule[NetworkState]):
         return init_network_state(self.encoder, rows)
 
     @torch.no_grad()
-    def step(
-        self, x: Float[Tensor, "b s"], state: NetworkState, active: Bool[Tensor, " b"]
-    ) -> Int[Tensor, "b n 2"]:
+    def step(self, x: Float[Tensor, "b s"], state: NetworkState, active: Bool[Tensor, " b"]) -> Int[Tensor, "b n 2"]:
         """Codes of the next samples (a multiple of 320); inactive rows return codes without meaning.
 
         With reflection padding the first chunk of a row needs 7 frames (2,240 samples) or more.
         """
         frames, rest = divmod(x.shape[1], SAMPLES_PER_AUDIO_TOKEN)
         if rest or not frames:
-            raise ValueError(
-                f"a step takes a multiple of {SAMPLES_PER_AUDIO_TOKEN} samples, got {x.shape[1]}"
-            )
+            raise ValueError(f"a step takes a multiple of {SAMPLES_PER_AUDIO_TOKEN} samples, got {x.shape[1]}")
         if frames < self._shortest_start and bool((active & (state.seen == 0)).any()):
             raise ValueError(f"the first step of a row needs {self._shortest_start} frames, got {frames}")
         return self._codes(self.latents(x, state, active))
@@ -101,10 +97,7 @@ class AudioCodec(Checkpointed, StreamingModule[NetworkState]):
         """Codes (0..K-1 in each layer) of whole clips; n is s / 320, rounded up."""
         audio = F.pad(audio, (0, -audio.shape[1] % SAMPLES_PER_AUDIO_TOKEN))
         state, active = self.init_state(len(audio)), audio.new_ones(len(audio), dtype=torch.bool)
-        parts = [
-            self._codes(self.latents(part, state, active))
-            for part in torch.split(audio, _BLOCK_SAMPLES, dim=1)
-        ]
+        parts = [self._codes(self.latents(part, state, active)) for part in torch.split(audio, _BLOCK_SAMPLES, dim=1)]
         return torch.cat(parts, dim=1)
 
     def forward(self, x: Float[Tensor, "b s"]) -> Int[Tensor, "b n 2"]:

@@ -22,9 +22,7 @@ class CodecConfig(Config):
     of a clip are coded like all others.
     """
 
-    filters: int = Field(
-        default=8, gt=0, description="channels after the first convolution; doubled at each ratio"
-    )
+    filters: int = Field(default=8, gt=0, description="channels after the first convolution; doubled at each ratio")
     width: int = Field(default=64, gt=0, description="latent channels")
     codes: int = Field(default=512, gt=1, description="entries of each codebook; a power of two")
     ratios: tuple[int, ...] = Field(default=(8, 5, 4, 2), description="upsampling ratios of the decoder")

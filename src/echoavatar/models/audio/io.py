@@ -74,9 +74,7 @@ def write_wav(path: Path | str, audio: Mono, *, rate: int = SAMPLE_RATE_HZ) -> N
         partial.replace(path)
     except (OSError, soundfile.SoundFileError) as error:
         partial.unlink(missing_ok=True)
-        raise AudioError(
-            f"cannot write {path} ({error}); choose a folder that exists and can be written"
-        ) from error
+        raise AudioError(f"cannot write {path} ({error}); choose a folder that exists and can be written") from error
 
 
 def _decoded(path: Path) -> Iterator[tuple[Float[np.ndarray, "s c"], int]]:
@@ -87,9 +85,7 @@ def _decoded(path: Path) -> Iterator[tuple[Float[np.ndarray, "s c"], int]]:
                 raise AudioError(f"{path} has no sound track; choose a file with sound")
             yield from _frames(container, path)
     except av.FFmpegError as error:
-        raise AudioError(
-            f"{path} is not a sound file that ffmpeg's libraries can read ({error.strerror})"
-        ) from error
+        raise AudioError(f"{path} is not a sound file that ffmpeg's libraries can read ({error.strerror})") from error
 
 
 def _frames(container: Any, path: Path) -> Iterator[tuple[Float[np.ndarray, "s c"], int]]:
@@ -110,8 +106,6 @@ def _frames(container: Any, path: Path) -> Iterator[tuple[Float[np.ndarray, "s c
         if packet is None:
             return
         for frame in frames:
-            converter = converter or av.AudioResampler(
-                format="fltp", layout=frame.layout, rate=frame.sample_rate
-            )
+            converter = converter or av.AudioResampler(format="fltp", layout=frame.layout, rate=frame.sample_rate)
             for converted in converter.resample(frame):
                 yield converted.to_ndarray().T, converted.sample_rate

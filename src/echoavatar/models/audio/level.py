@@ -76,9 +76,7 @@ class LevelControl(StreamingModule[LevelState]):
         return torch.cat([x[:, :0], *parts], dim=1)[:, :samples]
 
     @torch.no_grad()
-    def step(
-        self, x: Float[Tensor, "b s"], state: LevelState, active: Bool[Tensor, " b"]
-    ) -> Float[Tensor, "b s"]:
+    def step(self, x: Float[Tensor, "b s"], state: LevelState, active: Bool[Tensor, " b"]) -> Float[Tensor, "b s"]:
         """The next samples (a multiple of 160), same length out, no delay."""
         if x.shape[1] % LEVEL_BLOCK_SAMPLES or not x.shape[1]:
             raise ValueError(f"a step takes a multiple of {LEVEL_BLOCK_SAMPLES} samples, got {x.shape[1]}")
@@ -125,9 +123,7 @@ class LevelControl(StreamingModule[LevelState]):
         lowest = torch.cat([before, level - slope], dim=1).cummin(1).values[:, 1:]
         return lowest + slope
 
-    def _loudness_db(
-        self, level: Tensor, is_sound: Tensor, heard: Tensor, state: LevelState
-    ) -> Float[Tensor, "b k"]:
+    def _loudness_db(self, level: Tensor, is_sound: Tensor, heard: Tensor, state: LevelState) -> Float[Tensor, "b k"]:
         """Where there is sound, loudness = max(loudness - decay, level); unrolled in the same way."""
         before = torch.where(state.heard > 0, state.loudness_db, -math.inf)[:, None]
         slope = (heard - state.heard[:, None]) * _DECAY_DB

@@ -31,9 +31,7 @@ class AudioPool:
     def __init__(self, groups: Sequence[AudioGroup]) -> None:
         self.groups = tuple(group for group in groups if group.recordings)
         if not self.groups:
-            raise AudioError(
-                "no training audio: every folder given is empty; name one with wav, ogg or npz files"
-            )
+            raise AudioError("no training audio: every folder given is empty; name one with wav, ogg or npz files")
         weights = np.array([group.weight for group in self.groups], float)
         self._chance = weights / weights.sum()
         self._lengths = [np.array([len(one) for one in group.recordings], float) for group in self.groups]
@@ -41,9 +39,7 @@ class AudioPool:
     @property
     def seconds(self) -> dict[str, float]:
         """Sound per group, for the card."""
-        return {
-            group.name: float(n.sum() / 24_000) for group, n in zip(self.groups, self._lengths, strict=True)
-        }
+        return {group.name: float(n.sum() / 24_000) for group, n in zip(self.groups, self._lengths, strict=True)}
 
     def draw(self, rng: np.random.Generator, samples: int) -> Float[np.ndarray, " s"]:
         """A piece of `samples`; recordings by length, shorter ones are followed by silence."""

@@ -27,9 +27,7 @@ def as_mono(samples: Shaped[np.ndarray, "..."], *, position: int = 0, rate: int 
     """
     if samples.ndim not in (1, 2):
         raise AudioError(f"audio of shape {samples.shape}; wanted (samples,) or (samples, channels)")
-    if samples.ndim == 2 and (
-        samples.shape[1] == 0 or (samples.shape[1] > 64 and len(samples) < samples.shape[1])
-    ):
+    if samples.ndim == 2 and (samples.shape[1] == 0 or (samples.shape[1] > 64 and len(samples) < samples.shape[1])):
         raise AudioError(f"audio of shape {samples.shape}; wanted (samples, channels): transpose it first")
     scaled = _scaled(samples)
     bad = ~(np.abs(scaled) <= _LOUDEST)
@@ -69,9 +67,7 @@ class StreamResampler:
         self._given = 0
         self._returned = 0
         self._is_flushed = False
-        self._soxr = (
-            None if rate == SAMPLE_RATE_HZ else soxr.ResampleStream(rate, SAMPLE_RATE_HZ, 1, dtype="float32")
-        )
+        self._soxr = None if rate == SAMPLE_RATE_HZ else soxr.ResampleStream(rate, SAMPLE_RATE_HZ, 1, dtype="float32")
 
     def push(self, samples: Shaped[np.ndarray, "..."]) -> Mono:
         """The output that is ready after these samples: (s,) or (s, channels), see `as_mono`.
@@ -90,9 +86,7 @@ class StreamResampler:
         if self._is_flushed:
             return np.zeros(0, np.float32)
         self._is_flushed = True
-        rest = (
-            np.zeros(0, np.float32) if self._soxr is None else self._run(np.zeros(0, np.float32), last=True)
-        )
+        rest = np.zeros(0, np.float32) if self._soxr is None else self._run(np.zeros(0, np.float32), last=True)
         due = (2 * self._given * SAMPLE_RATE_HZ + self.rate) // (2 * self.rate) - self._returned
         rest = np.pad(rest, (0, max(0, due - len(rest))))[: max(0, due)]
         return self._count(rest)

@@ -45,18 +45,12 @@ class CodecTrainingConfig(TrainingConfig):
     batch: int = Field(default=6, gt=0, description="pieces of sound per step")
     decoded: int = Field(default=2, gt=0, description="of these, how many pass the decoder, the dearest part")
     crop_frames: int = Field(default=75, gt=0, description="length of a piece in frames of 320 samples")
-    final_rate: float = Field(
-        default=0.01, ge=0, le=1, description="share of the peak at the end of the cosine"
-    )
+    final_rate: float = Field(default=0.01, ge=0, le=1, description="share of the peak at the end of the cosine")
     weight_decay: float = Field(default=1e-4, ge=0, description="AdamW's decay")
     betas: tuple[float, float] = Field(default=(0.9, 0.98), description="AdamW's averages")
-    unquantized: int = Field(
-        300, ge=0, description="first steps without codebooks, so that they start sensible"
-    )
+    unquantized: int = Field(300, ge=0, description="first steps without codebooks, so that they start sensible")
     commitment: float = Field(default=0.25, ge=0, description="weight of the distance to the codes")
-    dropout: float = Field(
-        default=0.15, ge=0, lt=1, description="chance of a batch with the first layer only"
-    )
+    dropout: float = Field(default=0.15, ge=0, lt=1, description="chance of a batch with the first layer only")
     log_every: int = Field(default=25, gt=0, description="steps between lines of metrics.jsonl")
     save_every: int = Field(default=250, ge=0, description="steps between checkpoints; 0: by the clock only")
 
@@ -124,9 +118,7 @@ class CodecTask(TrainingTask[Sounds]):
         told: dict[str, Tensor | float] = {}
         if step >= config.unquantized:
             share = Share(int(batch.row[0]), config.batch)
-            quantized = self.quantizer(
-                latents, dropout=config.dropout, generator=config.noise(step), share=share
-            )
+            quantized = self.quantizer(latents, dropout=config.dropout, generator=config.noise(step), share=share)
             latents, terms["commitment"] = quantized.latents, config.commitment * quantized.commitment
             usage = code_usage(quantized.codes, config.codec.codes).perplexity
             told = {f"perplexity_{q}": float(value) for q, value in enumerate(usage)}

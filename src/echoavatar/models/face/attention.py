@@ -27,9 +27,7 @@ class Attention(nn.Module):
         q, kv = self.project(x, 0)
         return self.attend(q, kv, is_causal=True)
 
-    def extend(
-        self, x: Float[Tensor, "r t c"], cache: Float[Tensor, "r n d"], at: int
-    ) -> Float[Tensor, "r t c"]:
+    def extend(self, x: Float[Tensor, "r t c"], cache: Float[Tensor, "r n d"], at: int) -> Float[Tensor, "r t c"]:
         """The positions `at`, `at` + 1 ..; only the first call may bring more than one."""
         assert at == 0 or x.shape[1] == 1
         q, kv = self.project(x, at)
@@ -79,9 +77,7 @@ class RingAttention(Attention):
         super().__init__(width=width, heads=heads)
         self.lookback = lookback
         slopes = 2.0 ** -torch.arange(1, heads + 1)
-        self.bias = nn.Parameter(
-            slopes[:, None] * torch.arange(-lookback, 1)
-        )  # the last column is the frame itself
+        self.bias = nn.Parameter(slopes[:, None] * torch.arange(-lookback, 1))  # the last column is the frame itself
 
     def forward(self, x: Float[Tensor, "b t c"]) -> Float[Tensor, "b t c"]:
         """A whole window."""

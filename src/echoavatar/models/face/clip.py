@@ -40,22 +40,16 @@ class FaceClip:
         """Raises MotionError for shapes that do not fit and values that are not finite."""
         frames = len(self.curves)
         if self.curves.shape != (frames, len(ARKIT_NAMES)) or not frames:
-            raise MotionError(
-                f"face clip {self.name}: curves have shape {self.curves.shape}, wanted (frames, 52)"
-            )
+            raise MotionError(f"face clip {self.name}: curves have shape {self.curves.shape}, wanted (frames, 52)")
         if self.audio.shape != (frames * SAMPLES_PER_FRAME,):
             raise MotionError(
                 f"face clip {self.name}: {self.audio.shape} samples for {frames} frames; wanted "
                 f"{frames * SAMPLES_PER_FRAME} (800 per frame)"
             )
         if not (np.isfinite(self.curves).all() and np.isfinite(self.audio).all()):
-            raise MotionError(
-                f"face clip {self.name}: some values are not numbers; repair or drop those frames"
-            )
+            raise MotionError(f"face clip {self.name}: some values are not numbers; repair or drop those frames")
         if self.split not in SPLITS:
-            raise MotionError(
-                f"face clip {self.name}: split is {self.split!r}, use one of {', '.join(SPLITS)}"
-            )
+            raise MotionError(f"face clip {self.name}: split is {self.split!r}, use one of {', '.join(SPLITS)}")
 
     def save(self, path: Path) -> None:
         """Write the clip, whole or not at all; sound as 16-bit PCM, curves as float16."""

@@ -35,15 +35,11 @@ class FrameDecoder:
         mlps = [mlp for mlp in head.mlps if isinstance(mlp, Mlp)]
         self._weights = Weights(
             embed=_stacked([_plain(gpt.embed)]),
-            qkv=_stacked(
-                [_scaled_queries(_folded(block.norm1, block.attn.qkv), block.attn) for block in blocks]
-            ),
+            qkv=_stacked([_scaled_queries(_folded(block.norm1, block.attn.qkv), block.attn) for block in blocks]),
             project=_stacked([_plain(block.attn.proj) for block in blocks]),
             up=_stacked([_folded(block.norm2, block.mlp.fc1) for block in blocks]),
             down=_stacked([_plain(block.mlp.fc2) for block in blocks]),
-            condition=_stacked(
-                [_chain(_folded(gpt.output_norm, gpt.output_proj), _plain(head.condition_proj))]
-            ),
+            condition=_stacked([_chain(_folded(gpt.output_norm, gpt.output_proj), _plain(head.condition_proj))]),
             steer=_split(_plain(head.by_condition), len(mlps)),
             noisy=_stacked([_plain(head.noisy_proj)]),
             head_up=_stacked([_plain(mlp.fc1) for mlp in mlps]),

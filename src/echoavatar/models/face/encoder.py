@@ -39,9 +39,7 @@ class AudioEncoder(StreamingModule[StateT]):
     """Features of the frames of 24 kHz sound."""
 
     @abstractmethod
-    def step(
-        self, x: Float[Tensor, "b s"], state: StateT, active: Bool[Tensor, " b"]
-    ) -> Float[Tensor, "b n c"]:
+    def step(self, x: Float[Tensor, "b s"], state: StateT, active: Bool[Tensor, " b"]) -> Float[Tensor, "b n c"]:
         """Features of the next chunks (6,400 samples each); the last 8 rows are the last chunk's 8 frames.
 
         An encoder that reads a whole window anew returns features of earlier frames too, in front.
@@ -73,9 +71,7 @@ class ChunkConvolution(nn.Module):
         self.mix = nn.Conv1d(width, width, past + 1 + ahead, groups=width)
         self.mlp = Mlp(inputs=width, hidden=2 * width, outputs=width)
 
-    def step(
-        self, x: Float[Tensor, "b t c"], state: Past, active: Bool[Tensor, " b"]
-    ) -> Float[Tensor, "b t c"]:
+    def step(self, x: Float[Tensor, "b t c"], state: Past, active: Bool[Tensor, " b"]) -> Float[Tensor, "b t c"]:
         """The next chunks."""
         known = torch.cat([state.frames, self.norm(x)], 1)
         starts = torch.arange(0, x.shape[1], CHUNK_FRAMES, device=x.device)
@@ -109,8 +105,7 @@ class MelEncoder(AudioEncoder[MelState]):
         self.register_buffer("bands", mel_matrix(size, config.bands), persistent=False)
         self.inputs = nn.Linear(config.windows * config.bands, config.width)
         self.blocks = nn.ModuleList(
-            ChunkConvolution(width=config.width, past=config.past, ahead=config.ahead)
-            for _ in range(config.blocks)
+            ChunkConvolution(width=config.width, past=config.past, ahead=config.ahead) for _ in range(config.blocks)
         )
         self.output_norm = nn.LayerNorm(config.width)
 
@@ -121,9 +116,7 @@ class MelEncoder(AudioEncoder[MelState]):
         past = [Past(weight.new_zeros(rows, self.config.past, self.config.width)) for _ in self.blocks]
         return MelState(samples, past)
 
-    def step(
-        self, x: Float[Tensor, "b s"], state: MelState, active: Bool[Tensor, " b"]
-    ) -> Float[Tensor, "b n c"]:
+    def step(self, x: Float[Tensor, "b s"], state: MelState, active: Bool[Tensor, " b"]) -> Float[Tensor, "b n c"]:
         """Features of the next chunks."""
         if x.shape[1] % CHUNK_SAMPLES or not x.shape[1]:
             raise ValueError(f"a step takes a multiple of {CHUNK_SAMPLES} samples, got {x.shape[1]}")

@@ -17,9 +17,7 @@ FULL_NOISE = 1000
 HEAD_EPSILON = 1e-6  # of the norms inside the blocks
 
 
-Schedule = list[
-    tuple[Tensor, float, float]
-]  # of each Euler step: steering by time, noise level before and after
+Schedule = list[tuple[Tensor, float, float]]  # of each Euler step: steering by time, noise level before and after
 
 
 class FlowHead(nn.Module):
@@ -53,9 +51,7 @@ class FlowHead(nn.Module):
         """The clean face that the network predicts."""
         return self.clean(noisy, self.steer(self.steer_time(times), self.condition_proj(condition)))
 
-    def clean(
-        self, noisy: Float[Tensor, "*#b c"], steering: Float[Tensor, "*#b n 3 w"]
-    ) -> Float[Tensor, "*b c"]:
+    def clean(self, noisy: Float[Tensor, "*#b c"], steering: Float[Tensor, "*#b n 3 w"]) -> Float[Tensor, "*b c"]:
         """`forward`, given the steering of each MLP."""
         x = F.linear(noisy, self.noisy_proj.weight, self.noisy_proj.bias)
         for mlp, steer in zip(self.mlps, steering.unbind(-3), strict=True):
@@ -70,9 +66,7 @@ class FlowHead(nn.Module):
         embedded = self.embed_time(times)
         return self.by_time(F.silu(embedded)) if self.split else embedded
 
-    def steer(
-        self, time: Float[Tensor, "*#b e"], condition: Float[Tensor, "*#b w"]
-    ) -> Float[Tensor, "*b n 3 w"]:
+    def steer(self, time: Float[Tensor, "*#b e"], condition: Float[Tensor, "*#b w"]) -> Float[Tensor, "*b n 3 w"]:
         """Shift, scale (around 1) and gate of each MLP."""
         around_one = self.by_condition.bias.view(-1, 3, self.width) + self._scales()
         bent = F.silu(condition if self.split else time + condition)
@@ -102,9 +96,7 @@ class FlowHead(nn.Module):
     def schedule(self, steps: int) -> Schedule:
         """The Euler steps."""
         times, levels = euler_levels(steps)
-        steering = self.steer_time(
-            torch.tensor([int(time) for time in times], device=self.time_in.weight.device)
-        )
+        steering = self.steer_time(torch.tensor([int(time) for time in times], device=self.time_in.weight.device))
         return [(steering[i], levels[i], levels[i + 1]) for i in range(steps)]
 
     def sample(

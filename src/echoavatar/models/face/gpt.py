@@ -119,9 +119,7 @@ class FaceGpt(nn.Module):
         self.output_norm = nn.LayerNorm(width)
         self.output_proj = nn.Linear(width, config.condition)
 
-    def forward(
-        self, motion: Float[Tensor, "b t c"], sound: Float[Tensor, "b t w"]
-    ) -> Float[Tensor, "b t d"]:
+    def forward(self, motion: Float[Tensor, "b t c"], sound: Float[Tensor, "b t w"]) -> Float[Tensor, "b t d"]:
         """Conditions of the frames that follow each of `motion`; `sound` went through `sound_proj`."""
         x = self.embed(motion)
         for block in self.blocks:
@@ -148,9 +146,7 @@ class FaceGpt(nn.Module):
         self._advance(run, state.motion[:, :-1], sound[:, :past])
         return run
 
-    def next(
-        self, run: Run, last: Float[Tensor, "b c"], sound: Float[Tensor, "b w"]
-    ) -> Float[Tensor, "b 2 d"]:
+    def next(self, run: Run, last: Float[Tensor, "b c"], sound: Float[Tensor, "b w"]) -> Float[Tensor, "b 2 d"]:
         """The condition of the frame after `last`, without and with sound."""
         x: Tensor = self._advance(run, last[:, None], sound[:, None])
         return by_branch(self._condition(x[:, 0]))

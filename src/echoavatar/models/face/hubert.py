@@ -70,9 +70,7 @@ class HubertEncoder(AudioEncoder[SoundState]):
         like = next(self.parameters()).detach()
         return SoundState(like.new_zeros(rows, WINDOW_FRAMES * SAMPLES_PER_FRAME))
 
-    def step(
-        self, x: Float[Tensor, "b s"], state: SoundState, active: Bool[Tensor, " b"]
-    ) -> Float[Tensor, "b n c"]:
+    def step(self, x: Float[Tensor, "b s"], state: SoundState, active: Bool[Tensor, " b"]) -> Float[Tensor, "b n c"]:
         """Features of the last 63 frames, up to the end of `x`, which is one step's sound."""
         if x.shape[1] % SAMPLES_PER_FRAME or x.shape[1] > WINDOW_FRAMES * SAMPLES_PER_FRAME:
             raise ValueError(f"a step takes whole frames, {WINDOW_FRAMES} at most; got {x.shape[1]} samples")

@@ -126,9 +126,7 @@ def blinks(seeds: Int[Tensor, " b"], frame: Int[Tensor, "b t"]) -> Float[Tensor,
     return torch.where(is_there < _BLINKS, torch.maximum(lids(0), again), 0.0)
 
 
-def gaze(
-    seeds: Int[Tensor, " b"], frame: Int[Tensor, "b t"]
-) -> tuple[Float[Tensor, "b t"], Float[Tensor, "b t"]]:
+def gaze(seeds: Int[Tensor, " b"], frame: Int[Tensor, "b t"]) -> tuple[Float[Tensor, "b t"], Float[Tensor, "b t"]]:
     """Yaw (positive: to the character's left) and pitch (positive: up), in units of the look curves."""
     here = _drawn(seeds, frame, every=_GAZE_EVERY, numbers=4, kind=1)
     before = _drawn(seeds, frame - _GAZE_EVERY, every=_GAZE_EVERY, numbers=4, kind=1)
@@ -137,8 +135,7 @@ def gaze(
     sides = []
     for axis, most in ((1, _GAZE_YAW), (2, _GAZE_PITCH)):
         old, new = (
-            torch.where(draw[..., 3] < _GAZE_HOME, 0.0, (2 * draw[..., axis] - 1) * most)
-            for draw in (before, here)
+            torch.where(draw[..., 3] < _GAZE_HOME, 0.0, (2 * draw[..., axis] - 1) * most) for draw in (before, here)
         )
         sides.append(torch.lerp(old, new, done))
     return sides[0], sides[1]

@@ -102,9 +102,7 @@ def _rows(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
     """Header and (line, values) of a file; empty lines are dropped."""
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
-            lines = [
-                (i, [value.strip() for value in row]) for i, row in enumerate(csv.reader(file), 1) if row
-            ]
+            lines = [(i, [value.strip() for value in row]) for i, row in enumerate(csv.reader(file), 1) if row]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise MotionError(f"{path} cannot be read as CSV ({error}); give a take of Live Link Face") from error
     if not lines:
@@ -140,9 +138,7 @@ def _rate(path: Path, times: Float[np.ndarray, " t"], lines: list[int]) -> float
     steps = np.diff(times)
     if steps.min() <= 0:
         at = lines[int(steps.argmin()) + 1]
-        raise MotionError(
-            f"{path}, line {at}: the timecode does not advance; sort the rows, or delete the line"
-        )
+        raise MotionError(f"{path}, line {at}: the timecode does not advance; sort the rows, or delete the line")
     rate = float(1 / np.median(steps))
     if not _SLOWEST_HZ <= rate <= _FASTEST_HZ:
         raise MotionError(
@@ -151,7 +147,5 @@ def _rate(path: Path, times: Float[np.ndarray, " t"], lines: list[int]) -> float
         )
     if steps.max() > _LONGEST_GAP_S:
         at = lines[int(steps.argmax()) + 1]
-        raise MotionError(
-            f"{path}, line {at}: {steps.max():.2f} s without a face before it; cut the take there"
-        )
+        raise MotionError(f"{path}, line {at}: {steps.max():.2f} s without a face before it; cut the take there")
     return rate

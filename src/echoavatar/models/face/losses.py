@@ -64,9 +64,7 @@ def draw_noise(curves: Float[Tensor, "b t c"], training: FaceTraining, random: t
     shape = (training.draws, rows, frames)
     level = torch.rand(shape, generator=random)
     noise = torch.randn(*shape, channels, generator=random)
-    return FlowNoise(
-        strength, history, keeps_history, keeps_sound, level.transpose(0, 1), noise.transpose(0, 1)
-    )
+    return FlowNoise(strength, history, keeps_history, keeps_sound, level.transpose(0, 1), noise.transpose(0, 1))
 
 
 def flow_loss(

@@ -9,20 +9,12 @@ from echoavatar.training import TrainingConfig
 class FaceTraining(TrainingConfig):
     """How a face model is trained. The defaults suit a small model on a CPU; the paper's numbers are in the text."""
 
-    steps: int = Field(
-        default=8000, gt=0, description="optimiser steps of the whole schedule (paper: 300,000)"
-    )
+    steps: int = Field(default=8000, gt=0, description="optimiser steps of the whole schedule (paper: 300,000)")
     batch: int = Field(default=32, gt=0, description="windows per step (paper: 128)")
     betas: tuple[float, float] = Field(default=(0.9, 0.98), description="AdamW's averages")
-    frames: int = Field(
-        default=64, gt=0, multiple_of=CHUNK_FRAMES, description="frames per window (paper: 64)"
-    )
-    learning_rate: float = Field(
-        default=1e-3, gt=0, description="peak of the schedule (paper: 2e-4, constant)"
-    )
-    audio_dropout: float = Field(
-        default=0.1, ge=0, le=1, description="share of windows without sound (paper: 0.1)"
-    )
+    frames: int = Field(default=64, gt=0, multiple_of=CHUNK_FRAMES, description="frames per window (paper: 64)")
+    learning_rate: float = Field(default=1e-3, gt=0, description="peak of the schedule (paper: 2e-4, constant)")
+    audio_dropout: float = Field(default=0.1, ge=0, le=1, description="share of windows without sound (paper: 0.1)")
     history_noise: float = Field(
         default=1.5,
         ge=0,

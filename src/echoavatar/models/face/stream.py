@@ -71,9 +71,7 @@ class FaceStream:
             faces = self._faces(audio, state, active, seeds)
             return self.idle.step(faces, frame_loudness(audio), state.idle, active, seeds)
 
-    def _faces(
-        self, audio: Tensor, state: FaceState, active: Tensor, seeds: Tensor
-    ) -> Float[Tensor, "b t 52"]:
+    def _faces(self, audio: Tensor, state: FaceState, active: Tensor, seeds: Tensor) -> Float[Tensor, "b t 52"]:
         """The model's curves, without idle motion."""
         schedule = self.model.head.schedule(self.model.config.sampling_steps)
         faces = []

@@ -41,12 +41,8 @@ class FaceSampler:
         """`late`: frames by which the face of a window follows its sound."""
         long_enough = [clip for clip in clips if round(len(clip.curves) / max(speeds)) > frames]
         if not long_enough:
-            raise MotionError(
-                f"no face clip of split train is longer than {frames} frames; record longer takes"
-            )
-        self._versions = [
-            [following(at_speed(clip, speed), late) for speed in speeds] for clip in long_enough
-        ]
+            raise MotionError(f"no face clip of split train is longer than {frames} frames; record longer takes")
+        self._versions = [[following(at_speed(clip, speed), late) for speed in speeds] for clip in long_enough]
         lengths = np.array([len(clip.curves) for clip in long_enough], float)
         self._share, self._frames, self._seed, self._gain_db = lengths / lengths.sum(), frames, seed, gain_db
 
@@ -62,9 +58,7 @@ class FaceSampler:
             audio.append(gain * clip.audio[first * SAMPLES_PER_FRAME : last * SAMPLES_PER_FRAME])
             curves.append(clip.curves[first:last])
             before.append(clip.curves[max(first - 1, 0)])
-        return FaceBatch(
-            *(torch.from_numpy(np.stack(part).astype(np.float32)) for part in (audio, curves, before))
-        )
+        return FaceBatch(*(torch.from_numpy(np.stack(part).astype(np.float32)) for part in (audio, curves, before)))
 
 
 def following(clip: FaceClip, frames: int) -> FaceClip:

@@ -41,9 +41,7 @@ class FingerModel(Checkpointed):
         frame = 2 * config.poses + 2 + BODY_SIZE
         self.embed = nn.Linear(config.patch * frame, config.width)
         self.level = Mlp(inputs=2 * _LEVEL_WAVES, hidden=config.width, outputs=config.width)
-        self.blocks = nn.ModuleList(
-            FullBlock(width=config.width, heads=config.heads) for _ in range(config.layers)
-        )
+        self.blocks = nn.ModuleList(FullBlock(width=config.width, heads=config.heads) for _ in range(config.layers))
         self.norm = nn.LayerNorm(config.width)
         self.out = nn.Linear(config.width, config.patch * 2 * config.poses)
         self.register_buffer("hand_mean", torch.zeros(HAND_SIZE))
@@ -52,9 +50,7 @@ class FingerModel(Checkpointed):
         self.register_buffer("body_mean", torch.zeros(BODY_SIZE))
         self.register_buffer("body_std", torch.ones(BODY_SIZE))
 
-    def save(
-        self, folder: Path, card: Mapping[str, object], *, dtype: torch.dtype | None = torch.float16
-    ) -> None:
+    def save(self, folder: Path, card: Mapping[str, object], *, dtype: torch.dtype | None = torch.float16) -> None:
         """Write a checkpoint folder, in half precision."""
         super().save(folder, card, dtype=dtype)
 
@@ -63,9 +59,7 @@ class FingerModel(Checkpointed):
         """The basis of hand coordinates."""
         return HandBasis(self.hand_mean, self.hand_axes, self.hand_scale)
 
-    def set_statistics(
-        self, basis: HandBasis, body_mean: Float[Tensor, " c"], body_std: Float[Tensor, " c"]
-    ) -> None:
+    def set_statistics(self, basis: HandBasis, body_mean: Float[Tensor, " c"], body_std: Float[Tensor, " c"]) -> None:
         """Set the statistics of the training clips."""
         pairs = zip((self.hand_mean, self.hand_axes, self.hand_scale), basis, strict=True)
         for own, given in [*pairs, (self.body_mean, body_mean), (self.body_std, body_std)]:

@@ -11,9 +11,7 @@ class FingerTraining(TrainingConfig):
     steps: int = Field(default=3000, gt=0, description="optimiser steps of the whole schedule")
     batch: int = Field(default=32, gt=0, description="windows per step")
     learning_rate: float = Field(default=1e-3, gt=0, description="peak of the schedule")
-    final_rate: float = Field(
-        default=0.03, ge=0, le=1, description="share of the peak at the end of the cosine"
-    )
+    final_rate: float = Field(default=0.03, ge=0, le=1, description="share of the peak at the end of the cosine")
     betas: tuple[float, float] = Field(default=(0.9, 0.98), description="AdamW's decay rates")
     recorded: float = Field(
         default=0.3, ge=0, le=1, description="share of windows from recorded clips, if there are any"
@@ -30,6 +28,4 @@ class FingerTraining(TrainingConfig):
         ge=0,
         description="the same for an offset that is constant over a window, which stands for other people and rigs",
     )
-    speed_weight: float = Field(
-        default=10.0, ge=0, description="weight of the error of frame-to-frame differences"
-    )
+    speed_weight: float = Field(default=10.0, ge=0, description="weight of the error of frame-to-frame differences")

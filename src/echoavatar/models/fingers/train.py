@@ -80,9 +80,7 @@ class FingerTask(TrainingTask[NoisyFingerBatch]):
     def draw(self, step: int) -> NoisyFingerBatch:
         """See `TrainingTask.draw`; windows are normalised by the model's fixed statistics."""
         windows = self.sampler.batch(step, self.config.batch)
-        return NoisyFingerBatch(
-            windows, draw_noise(windows, self.config.noise(step, _NOISE * self.config.seed))
-        )
+        return NoisyFingerBatch(windows, draw_noise(windows, self.config.noise(step, _NOISE * self.config.seed)))
 
     def weight(self, batch: NoisyFingerBatch) -> float:
         """Number of hands in the loss."""

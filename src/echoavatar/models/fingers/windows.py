@@ -43,10 +43,7 @@ class FingerSampler:
         self._hands = torch.cat([model.basis.encode(clip.hands) for clip in clips])
         self._is_moving = torch.stack([clip.is_moving for clip in clips])
         ends = torch.tensor([len(clip.body) for clip in clips]).cumsum(0).tolist()
-        starts = [
-            torch.arange(end - len(clip.body), end - frames + 1)
-            for clip, end in zip(clips, ends, strict=True)
-        ]
+        starts = [torch.arange(end - len(clip.body), end - frames + 1) for clip, end in zip(clips, ends, strict=True)]
         numbers = iter(range(len(clips)))
         members = [[next(numbers) for _ in group] for group in groups]
         self._starts = [torch.cat([starts[i] for i in group]) for group in members]
@@ -125,9 +122,7 @@ def count_learned_hands(batch: FingerBatch, training: FingerTraining, random: Fi
     return float((batch.is_moving & ~is_known).sum().clamp_min(1))
 
 
-def _disturbed(
-    body: Float[Tensor, "b t c"], training: FingerTraining, random: FingerNoise
-) -> Float[Tensor, "b t c"]:
+def _disturbed(body: Float[Tensor, "b t c"], training: FingerTraining, random: FingerNoise) -> Float[Tensor, "b t c"]:
     """Body features with noise and with offsets that are constant over a window.
 
     The clips show few people; without this augmentation the model does not generalise to other postures.

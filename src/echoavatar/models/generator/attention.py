@@ -46,7 +46,5 @@ def masked_attention(
 ) -> Float[Tensor, "b h t d"]:
     """The same with invalid positions; an invalid position sees itself alone."""
     at = torch.arange(q.shape[2], device=q.device)
-    mask = in_band(at, at, lookback) & valid[:, None, :] | torch.eye(
-        len(at), dtype=torch.bool, device=q.device
-    )
+    mask = in_band(at, at, lookback) & valid[:, None, :] | torch.eye(len(at), dtype=torch.bool, device=q.device)
     return F.scaled_dot_product_attention(q, k, v, attn_mask=mask[:, None])

@@ -202,9 +202,7 @@ def _draw_codes(weights, hidden, keys, values, at, draws, steering, codes):  # t
                 _steer(logits, hidden, steering, place * logits.shape[1])
         for row in range(rows):
             sharpness = draws.sharpness[row, index % draws.sharpness.shape[1]]
-            codes[row, index] = _draw(
-                logits[row], draws.noise[row, index], sharpness, draws.top_p[row], shares
-            )
+            codes[row, index] = _draw(logits[row], draws.noise[row, index], sharpness, draws.top_p[row], shares)
         if index == count - 1:
             return
         for row in range(rows):
@@ -274,6 +272,4 @@ def stacked(maps: Sequence[StoredWeight]) -> Matrices:
         rows = [np.full(weight.shape[1], missing, F) if v is None else v.float().numpy() for v in found]
         return np.ascontiguousarray(np.stack(rows), F)
 
-    return Matrices(
-        weight, vectors([one.scale for one in maps], 1.0), vectors([one.bias for one in maps], 0.0)
-    )
+    return Matrices(weight, vectors([one.scale for one in maps], 1.0), vectors([one.bias for one in maps], 0.0))

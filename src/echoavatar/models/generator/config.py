@@ -26,9 +26,7 @@ class GeneratorConfig(Config):
     sequence: Literal["interleaved", "prefix"] = Field(
         default="interleaved", description="order of audio and motion ids"
     )
-    window_chunks: int = Field(
-        default=15, gt=0, description="chunks a position sees; 15 chunks are the paper's 4 s"
-    )
+    window_chunks: int = Field(default=15, gt=0, description="chunks a position sees; 15 chunks are the paper's 4 s")
     ahead_chunks: int = Field(
         default=0,
         ge=0,
@@ -79,9 +77,7 @@ class GeneratorConfig(Config):
         if self.sequence == "interleaved" and (self.step != MOTION_TOKENS_PER_CHUNK or self.opening):
             raise ValueError("another step than 2 and an opening belong to the prefix order")
         if self.window_tokens % self.step:
-            raise ValueError(
-                f"the window ({self.window_tokens} motion tokens) must be whole steps of {self.step}"
-            )
+            raise ValueError(f"the window ({self.window_tokens} motion tokens) must be whole steps of {self.step}")
         if self.ahead_chunks >= self.window_chunks:
             raise ValueError(
                 f"ahead_chunks ({self.ahead_chunks}) must be under window_chunks ({self.window_chunks}),"
@@ -92,13 +88,9 @@ class GeneratorConfig(Config):
         if any(not 0 <= segment < self.layout.segments for segment in self.steered):
             raise ValueError(f"steered segments {self.steered} must lie in 0..{self.layout.segments - 1}")
         if self.exemplar and self.layout.parts == 1:
-            raise ValueError(
-                "control by exemplars speaks of the upper body, which this body is not split into"
-            )
+            raise ValueError("control by exemplars speaks of the upper body, which this body is not split into")
         if self.steered and self.exemplar:
-            raise ValueError(
-                "a generator trained with exemplars is steered in the upper body's first layer only"
-            )
+            raise ValueError("a generator trained with exemplars is steered in the upper body's first layer only")
         return self
 
     @property
@@ -135,9 +127,7 @@ class GeneratorConfig(Config):
         return sequence_order(self.sequence, self.layout, self.window_chunks)
 
 
-def qwen_half_billion(
-    layout: TokenLayout, sequence: Literal["interleaved", "prefix"] = "prefix"
-) -> GeneratorConfig:
+def qwen_half_billion(layout: TokenLayout, sequence: Literal["interleaved", "prefix"] = "prefix") -> GeneratorConfig:
     """Qwen2.5-0.5B's body over our vocabulary (paper, Settings)."""
     return GeneratorConfig(
         layout=layout,

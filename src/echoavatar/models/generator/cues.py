@@ -53,9 +53,7 @@ class CueReader(nn.Module):
         heard = self._order.heard(frames // AUDIO_FRAMES_PER_CHUNK).to(now.device)
         by_chunk = cues.view(rows, -1, AUDIO_FRAMES_PER_CHUNK * kinds)
         of_token = by_chunk.repeat_interleave(MOTION_TOKENS_PER_CHUNK, 1)
-        return 0.5 * (
-            cue_loss(self.now(now[:, heard]), cues) + cue_loss(self.when(when[:, predictors[0]]), of_token)
-        )
+        return 0.5 * (cue_loss(self.now(now[:, heard]), cues) + cue_loss(self.when(when[:, predictors[0]]), of_token))
 
 
 def cue_loss(logits: Float[Tensor, "*any"], cues: Int[Tensor, "*any"]) -> Float[Tensor, ""]:

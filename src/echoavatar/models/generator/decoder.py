@@ -69,9 +69,7 @@ class Decoder:
             if isinstance(layer, DecoderLayer)
         ]
         scale = generator.model.norm.weight.detach().float() * width**0.5
-        self._heads = [
-            frozen_linear(precision, segment * scale) for segment in generator.segment_head().detach()
-        ]
+        self._heads = [frozen_linear(precision, segment * scale) for segment in generator.segment_head().detach()]
         self._control = generator.exemplar
         if self._control is not None:
             self._gate = (
@@ -182,9 +180,7 @@ class Decoder:
         last = x if length == 1 else x.view(rows, length, -1)[:, -1]
         return self._norm(last, self._heads[0].dtype)
 
-    def logits(
-        self, hidden: Float[Tensor, "b c"], segment: int, steer: Steer | None = None
-    ) -> Float[Tensor, "b K"]:
+    def logits(self, hidden: Float[Tensor, "b c"], segment: int, steer: Steer | None = None) -> Float[Tensor, "b K"]:
         """The K logits of one segment, under a directive where one is given."""
         logits = self._heads[segment](hidden).float()
         if steer is None or segment not in self._directed:
@@ -208,9 +204,7 @@ class Decoder:
         `places` are those of the codes.
         """
         if self._compiled is not None:
-            return torch.from_numpy(
-                self._draw_compiled(self._compiled, hidden, places, rings, sampler, steer)
-            )
+            return torch.from_numpy(self._draw_compiled(self._compiled, hidden, places, rings, sampler, steer))
         layout, hint = self.config.layout, None if steer is None else steer.hint
         codes, count = [], sampler.noise.shape[1]
         for index in range(count):
@@ -250,9 +244,7 @@ class Decoder:
         sampler: Sampler,
         steer: Steer | None,
     ) -> Int[np.ndarray, "b n"]:
-        at = compiled.Positions(
-            places.rotations[:, :, 0].numpy(), places.slots.numpy(), places.bias[:, 0, 0].numpy()
-        )
+        at = compiled.Positions(places.rotations[:, :, 0].numpy(), places.slots.numpy(), places.bias[:, 0, 0].numpy())
         draws = compiled.Draws(sampler.noise.numpy(), sampler.sharpness.numpy(), sampler.top_p.numpy())
         return compiled.draw_codes(
             weights,
@@ -284,9 +276,7 @@ class Decoder:
         length = torch.linalg.vector_norm(x, dim=1, keepdim=True)
         return (x / torch.hypot(length, self._root_eps)).to(dtype)
 
-    def _attend(
-        self, qkv: Float[Tensor, "n qkv"], places: Places, ring: KeyValueRing
-    ) -> Float[Tensor, "n c"]:
+    def _attend(self, qkv: Float[Tensor, "n qkv"], places: Places, ring: KeyValueRing) -> Float[Tensor, "n c"]:
         heads, kv, width = self.config.heads, self.config.kv_heads, self.config.head_width
         (rows, length), group, slots = places.slots.shape, heads // kv, ring.keys.shape[3]
         split = qkv.view(rows, length, heads + 2 * kv, width)

@@ -37,9 +37,7 @@ def init_from_qwen(generator: Generator, folder: Path) -> None:
     body = {key: value for key, value in weights.items() if key in own and _is_body(key)}
     wrong = [key for key in own if _is_body(key) and (key not in body or body[key].shape != own[key].shape)]
     if wrong:
-        raise CheckpointError(
-            f"{folder} does not fit this generator: {wrong[0]} and {len(wrong) - 1} more differ"
-        )
+        raise CheckpointError(f"{folder} does not fit this generator: {wrong[0]} and {len(wrong) - 1} more differ")
     generator.load_state_dict(body, strict=False)
     text = generator.config.layout.audio_base
     with torch.no_grad():
@@ -78,9 +76,7 @@ def align_embeddings(
             weight[base : base + rows.shape[0]] = rows.to(weight.device)
 
 
-def _project(
-    books: Float[Tensor, "k K c"], width: int, random: torch.Generator
-) -> Float[Tensor, "rows width"]:
+def _project(books: Float[Tensor, "k K c"], width: int, random: torch.Generator) -> Float[Tensor, "rows width"]:
     books = books - books.mean(dim=1, keepdim=True)
     books = books / books.square().mean(dim=(1, 2), keepdim=True).clamp(min=1e-12).sqrt()
     square = torch.randn(max(width, books.shape[2]), max(width, books.shape[2]), generator=random)

@@ -63,11 +63,7 @@ class SelfAttention(nn.Module):
         q, k = rotary(q, table).to(v.dtype), rotary(k, table).to(v.dtype)
         group = self.heads // self.kv_heads
         k, v = k.repeat_interleave(group, dim=1), v.repeat_interleave(group, dim=1)
-        y = (
-            banded_attention(q, k, v, lookback)
-            if valid is None
-            else masked_attention(q, k, v, lookback, valid)
-        )
+        y = banded_attention(q, k, v, lookback) if valid is None else masked_attention(q, k, v, lookback, valid)
         mixed: Tensor = self.o_proj(y.transpose(1, 2).flatten(2))
         return mixed
 
@@ -141,9 +137,7 @@ class Generator(Checkpointed):
                 nn.init.zeros_(parameter)
             elif parameter.dim() > 1:
                 into_residual = name.endswith(("o_proj.weight", "down_proj.weight"))
-                nn.init.normal_(
-                    parameter, std=0.02 / ((2 * self.config.layers) ** 0.5 if into_residual else 1)
-                )
+                nn.init.normal_(parameter, std=0.02 / ((2 * self.config.layers) ** 0.5 if into_residual else 1))
         if self.exemplar is not None:
             self.exemplar.clear()
 
@@ -163,9 +157,7 @@ class Generator(Checkpointed):
             positions = (valid.long().cumsum(1) - 1).clamp(min=0)
         config = self.config
         phases = rotary_phases(positions, width=config.head_width, base=config.rope_theta)
-        table = phase_table(phases)[:, :, None].to(
-            torch.promote_types(self.lm_head.weight.dtype, torch.float32)
-        )
+        table = phase_table(phases)[:, :, None].to(torch.promote_types(self.lm_head.weight.dtype, torch.float32))
         x = self.model.embed_tokens(ids)
         x = x if hints is None else x + hints
         for layer in self.model.layers:

@@ -32,9 +32,7 @@ class GeneratorTraining(TrainingConfig):
     optimiser: Literal["adamw", "muon"] = Field(
         default="adamw", description="paper: AdamW; Muon takes the layers' matrices and learns in fewer steps"
     )
-    depth_weights: tuple[float, ...] = Field(
-        default=(1.0, 0.7, 0.5, 0.35), description="loss weight of each RVQ layer"
-    )
+    depth_weights: tuple[float, ...] = Field(default=(1.0, 0.7, 0.5, 0.35), description="loss weight of each RVQ layer")
     corruption: Literal["hierarchical", "uniform", "none"] = Field(
         default="hierarchical", description="what is done to the context motion codes"
     )

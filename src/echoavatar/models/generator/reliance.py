@@ -46,9 +46,7 @@ def nll_by_domain(
     windows, audio = _windows(clips, chunks or generator.config.window_chunks, shuffled_audio)
     random = torch.Generator().manual_seed(0)
     count = len(audio)
-    picked = (
-        torch.arange(count) if most_windows is None else torch.arange(0, count, -(-count // most_windows))
-    )
+    picked = torch.arange(count) if most_windows is None else torch.arange(0, count, -(-count // most_windows))
     total, number = torch.zeros(len(DOMAINS)).double(), torch.zeros(len(DOMAINS)).double()
     for at in torch.split(picked, batch):
         motion = context = windows.motion[at]
@@ -66,9 +64,7 @@ def nll_by_domain(
     return means | {"all": (total.sum() / number.sum()).item()}
 
 
-def _windows(
-    clips: Sequence[TokenClip], chunks: int, shuffled_audio: bool
-) -> tuple[Window, Int[Tensor, "b f l"]]:
+def _windows(clips: Sequence[TokenClip], chunks: int, shuffled_audio: bool) -> tuple[Window, Int[Tensor, "b f l"]]:
     """All windows, and the audio for each.
 
     Windows lie in the order of the clips, so a shift by the most windows of one clip always reaches another clip.

@@ -69,9 +69,7 @@ class GeneratorStream(StreamingModule[StateT]):
         parts = []
         for chunk in torch.split(x, self.config.audio_frames, dim=1):
             noise = gumbel_noise(seeds, self._heard(state) * count, count=count, codes=codes)
-            parts.append(
-                self._generate(chunk, state, active, self._sampler(noise, temperature, top_p), steer)
-            )
+            parts.append(self._generate(chunk, state, active, self._sampler(noise, temperature, top_p), steer))
         return torch.cat(parts, dim=1)
 
     @abstractmethod

@@ -73,9 +73,7 @@ class GeneratorTask(TrainingTask[Lesson]):
             self.cues = CueReader(self.generator)
         align_embeddings(self.generator, audio_codebooks=audio_codebooks, motion_codebooks=motion_codebooks)
         is_reading = training.cue_weight > 0 and training.objective == "motion"
-        super().__init__(
-            training, {"generator": self.generator} | ({"cues": self.cues} if is_reading else {})
-        )
+        super().__init__(training, {"generator": self.generator} | ({"cues": self.cues} if is_reading else {}))
         if training.objective == "streams":
             freeze_body(self.generator)
         self.has_idle = config.exemplar and not training.exemplar and training.objective == "motion"
@@ -192,9 +190,7 @@ def train_generator(
     A new run begins with the weights of `start`, or with the body of the Qwen2 checkpoint in `qwen`, where given,
     under a schedule of its own. Stops after the schedule's steps, or after `minutes` of this call.
     """
-    stage = GeneratorTask(
-        config, training, clips, audio_codebooks=audio_codebooks, motion_codebooks=motion_codebooks
-    )
+    stage = GeneratorTask(config, training, clips, audio_codebooks=audio_codebooks, motion_codebooks=motion_codebooks)
     if not has_state(folder):
         if qwen is not None:
             init_from_qwen(stage.generator, qwen)
@@ -212,13 +208,9 @@ def train_generator(
     return stage.generator.eval()
 
 
-def _out_of_step(
-    motion: Int[Tensor, "b n p q"], share: float, random: torch.Generator
-) -> Int[Tensor, "b n p q"]:
+def _out_of_step(motion: Int[Tensor, "b n p q"], share: float, random: torch.Generator) -> Int[Tensor, "b n p q"]:
     """A share of the rows, shifted by 1 or 2 tokens in time, so that only the sound tells the phase."""
     chosen = torch.rand(len(motion), generator=random) < share
     by = torch.tensor([-2, -1, 1, 2])[torch.randint(4, (len(motion),), generator=random)]
-    rows = [
-        row.roll(int(step), 0) if moves else row for row, step, moves in zip(motion, by, chosen, strict=True)
-    ]
+    rows = [row.roll(int(step), 0) if moves else row for row, step, moves in zip(motion, by, chosen, strict=True)]
     return torch.stack(rows)

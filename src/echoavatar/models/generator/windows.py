@@ -157,8 +157,7 @@ class WindowSampler:
     def _gather(self, spots: Sequence[tuple[int, int]]) -> Window:
         def cut(name: str, each: int) -> Tensor:
             parts = [
-                getattr(self._clips[clip], name)[start * each : (start + self._chunks) * each]
-                for clip, start in spots
+                getattr(self._clips[clip], name)[start * each : (start + self._chunks) * each] for clip, start in spots
             ]
             return torch.from_numpy(np.stack(parts).astype(np.int64))
 

@@ -189,7 +189,5 @@ class ResidualVectorQuantizer(nn.Module):
     def _layers_used(self, dropout: float, generator: torch.Generator | None) -> int:
         if not self.training or dropout <= 0:
             return self.depth
-        chance, place = torch.rand(
-            2, generator=generator, device=generator.device if generator else None
-        ).tolist()
+        chance, place = torch.rand(2, generator=generator, device=generator.device if generator else None).tolist()
         return 1 + int(place * self.depth) if chance < dropout else self.depth

@@ -66,10 +66,7 @@ def body_config(skeleton: Skeleton, template: MotionTokenizerConfig) -> BodyToke
     """The same sizes for every part; `template.features` is replaced."""
     return BodyTokenizerConfig(
         skeleton=skeleton.config,
-        parts={
-            name: template.model_copy(update={"features": size})
-            for name, size in part_sizes(skeleton).items()
-        },
+        parts={name: template.model_copy(update={"features": size}) for name, size in part_sizes(skeleton).items()},
     )
 
 
@@ -122,10 +119,7 @@ class BodyTokenizer(Checkpointed):
 
     def codebooks(self) -> Float[Tensor, "p q K c"]:
         """The code vectors of every part and layer."""
-        parts = [
-            torch.stack([book.codebook for book in part.quantizer.books()])
-            for part in self.tokenizers().values()
-        ]
+        parts = [torch.stack([book.codebook for book in part.quantizer.books()]) for part in self.tokenizers().values()]
         return torch.stack(parts)
 
     @torch.no_grad()
@@ -181,9 +175,7 @@ class BodyTokenizer(Checkpointed):
         ]
         return self.statistics.denormalize(torch.cat(parts, -1))
 
-    def save(
-        self, folder: Path, card: Mapping[str, object], *, dtype: torch.dtype | None = torch.float16
-    ) -> None:
+    def save(self, folder: Path, card: Mapping[str, object], *, dtype: torch.dtype | None = torch.float16) -> None:
         """Write the checkpoint folder; weights in `dtype`, statistics in full precision."""
         weights = {
             key: value.to(dtype or value.dtype) if key.startswith("parts.") else value

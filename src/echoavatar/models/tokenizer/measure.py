@@ -38,9 +38,7 @@ class TokenizerScores(NamedTuple):
 
 
 @torch.no_grad()
-def measure(
-    tokenizer: BodyTokenizer, clips: Sequence[Float[Tensor, "_ c"]], patience: float = 0.0
-) -> TokenizerScores:
+def measure(tokenizer: BodyTokenizer, clips: Sequence[Float[Tensor, "_ c"]], patience: float = 0.0) -> TokenizerScores:
     """Encode (with `patience`, see `BodyTokenizer.encode`) and decode every clip as a stream and compare."""
     was_training = tokenizer.training
     tokenizer.eval()

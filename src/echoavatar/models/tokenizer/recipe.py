@@ -16,19 +16,13 @@ class TokenizerTraining(TrainingConfig):
     steps: int = Field(default=100_000, gt=0, description="optimiser steps")
     batch: int = Field(default=256, gt=0, description="windows per step")
     frames: int = Field(default=64, gt=0, description="frames per window")
-    learning_rate: float = Field(
-        default=2e-4, gt=0, description="peak (paper, Settings: 4e-4; the release: 2e-4)"
-    )
+    learning_rate: float = Field(default=2e-4, gt=0, description="peak (paper, Settings: 4e-4; the release: 2e-4)")
     schedule: Schedule = Field(default="step", description="course of the learning rate after the warm-up")
     warmup: int = Field(default=200, ge=0, description="steps of linear warm-up")
     temperature: float = Field(default=0.5, ge=0, description="Gumbel noise on the choice of codes")
-    dropout: float = Field(
-        default=0.2, ge=0, le=1, description="probability of using only the first RVQ layers"
-    )
+    dropout: float = Field(default=0.2, ge=0, le=1, description="probability of using only the first RVQ layers")
     quantize_from: int = Field(default=0, ge=0, description="ours: steps before it as a plain auto-encoder")
-    is_principal_start: bool = Field(
-        default=False, description="ours: start as a principal component analysis"
-    )
+    is_principal_start: bool = Field(default=False, description="ours: start as a principal component analysis")
     is_scaled_by_reach: bool = Field(default=False, description="ours: weigh joints by what hangs on them")
     is_mirrored: bool = Field(default=True, description="mirror half of the windows")
     evaluate_every: int = Field(default=500, ge=0, description="steps between measurements on test clips")

@@ -75,9 +75,7 @@ class TokenizerTask(TrainingTask[Windows]):
             self.tokenizer = BodyTokenizer(config)
         skeleton = self.tokenizer.skeleton
         features = [clip_features(skeleton, clip) for clip in clips]
-        self.sampler = WindowSampler(
-            skeleton, features, frames=training.frames, is_mirrored=training.is_mirrored
-        )
+        self.sampler = WindowSampler(skeleton, features, frames=training.frames, is_mirrored=training.is_mirrored)
         statistics = reach_statistics if training.is_scaled_by_reach else floored_statistics
         self.tokenizer.set_statistics(statistics(skeleton, features, is_mirrored=training.is_mirrored))
         self.terms = MotionLoss(skeleton, training.losses)
@@ -156,16 +154,12 @@ class TokenizerTask(TrainingTask[Windows]):
     def _is_ready(self) -> bool:
         return all(part.quantizer.is_ready for part in self.tokenizer.tokenizers().values())
 
-    def _pass(
-        self, part: MotionTokenizer, x: Tensor, step: int, noise: torch.Generator, share: Share
-    ) -> TokenizerPass:
+    def _pass(self, part: MotionTokenizer, x: Tensor, step: int, noise: torch.Generator, share: Share) -> TokenizerPass:
         if step < self.config.quantize_from:
             none = torch.full((x.shape[0], 0, part.config.layers), -1)
             return TokenizerPass(part.from_latents(part.to_latents(x)), none, x.new_zeros(()))
         temperature, dropout = self.config.temperature, self.config.dropout
-        result: TokenizerPass = part(
-            x, temperature=temperature, dropout=dropout, generator=noise, share=share
-        )
+        result: TokenizerPass = part(x, temperature=temperature, dropout=dropout, generator=noise, share=share)
         return result
 
     def _start_from_principal_axes(self) -> None:

@@ -117,10 +117,7 @@ class WindowSampler:
         lengths = torch.tensor([len(clip) for clip in long_enough])
         ends = lengths.cumsum(0)
         self.starts = torch.cat(
-            [
-                torch.arange(int(end - length), int(end) - frames + 1)
-                for end, length in zip(ends, lengths, strict=True)
-            ]
+            [torch.arange(int(end - length), int(end) - frames + 1) for end, length in zip(ends, lengths, strict=True)]
         )
 
     def draw(self, batch: int, generator: torch.Generator) -> Float[Tensor, "b t c"]:

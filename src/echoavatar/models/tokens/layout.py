@@ -25,20 +25,14 @@ class TokenLayout(Config):
     audio_codes: int = Field(default=512, gt=0, description="codes in each audio codebook")
     motion_layers: int = Field(default=4, gt=0, description="RVQ layers Q of each motion tokenizer")
     motion_codes: int = Field(default=512, gt=0, description="codes K in each motion codebook")
-    parts: int = Field(
-        default=PARTS, gt=0, description="motion tokenizers beside each other; 1: the body whole"
-    )
+    parts: int = Field(default=PARTS, gt=0, description="motion tokenizers beside each other; 1: the body whole")
     start_id: int = Field(default=0, ge=0, description="the id that opens a sequence")
     before_audio: tuple[int, ...] = Field(default=(1,), description="ids before the audio of a prefix prompt")
-    before_motion: tuple[int, ...] = Field(
-        default=(2,), description="ids between audio and motion of a prefix prompt"
-    )
+    before_motion: tuple[int, ...] = Field(default=(2,), description="ids between audio and motion of a prefix prompt")
     before_example: tuple[int, ...] = Field(
         default=(), description="ids that open a prefix prompt which shows an example; () if none ever does"
     )
-    after_example: tuple[int, ...] = Field(
-        default=(), description="ids between the example and `before_audio`"
-    )
+    after_example: tuple[int, ...] = Field(default=(), description="ids between the example and `before_audio`")
     audio_base: int = Field(default=4, ge=0, description="id of code 0 in audio layer 0")
     motion_base: int = Field(default=4 + 2 * 512, ge=0, description="id of code 0 in segment 0")
     vocabulary: int = Field(default=4 + 2 * 512 + 12 * 512, gt=0, description="rows of the embedding table")
@@ -108,9 +102,7 @@ class TokenLayout(Config):
 
     def motion_codes_of(self, ids: Int[Tensor, "b t"]) -> Int[Tensor, "b n p q"]:
         """The inverse of `motion_ids`."""
-        return self.unflatten(
-            (ids.reshape(len(ids), -1, self.segments) - self._segment_rows(ids.device)).flatten(1)
-        )
+        return self.unflatten((ids.reshape(len(ids), -1, self.segments) - self._segment_rows(ids.device)).flatten(1))
 
     def segment_start(self, segment: int) -> int:
         """The id of code 0 in a segment of the motion grammar."""

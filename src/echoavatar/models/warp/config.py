@@ -16,6 +16,4 @@ class WarpConfig(Config):
         gt=0,
         description="factor of the logits when used: half a dip at the right time helps little",
     )
-    eagerness: float = Field(
-        default=0.5, description="added to the logits when used: a dip too many costs little"
-    )
+    eagerness: float = Field(default=0.5, description="added to the logits when used: a dip too many costs little")

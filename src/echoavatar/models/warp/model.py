@@ -37,9 +37,7 @@ class WarpModel(Checkpointed, StreamingModule[WarpModelState]):
         """Nothing heard yet."""
         return WarpModelState(self.encoder.init_state(rows))
 
-    def step(
-        self, x: Float[Tensor, "b s"], state: WarpModelState, active: Bool[Tensor, " b"]
-    ) -> Float[Tensor, "b n"]:
+    def step(self, x: Float[Tensor, "b s"], state: WarpModelState, active: Bool[Tensor, " b"]) -> Float[Tensor, "b n"]:
         """How much to brake, 0 to 1, in each frame of the next chunks of sound (behind the level control)."""
         return self._decided(self.encoder.step(x, state.encoder, active))
 

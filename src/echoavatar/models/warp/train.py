@@ -37,9 +37,7 @@ class WarpTask(TrainingTask[WarpBatch]):
             torch.manual_seed(training.seed)
             self.model = WarpModel(config)
         super().__init__(training, {"model": self.model})
-        self.sampler = WarpSampler(
-            clips, frames=training.frames, seed=training.seed, gain_db=training.gain_db
-        )
+        self.sampler = WarpSampler(clips, frames=training.frames, seed=training.seed, gain_db=training.gain_db)
         self._card = dict(card or {})
 
     def identity(self) -> dict[str, WarpConfig | WarpTraining]:

@@ -17,9 +17,7 @@ class Body:
         bones = bone_map(skeleton)
         self.parts: list[RoundedPart] = [part for part in profile.parts if part.bone in bones]
         self.joints = [bones[part.bone] for part in self.parts]
-        self.centres = np.array(
-            [part.centre for part in self.parts], np.float32
-        )  # (e, 3), in the bone's frame
+        self.centres = np.array([part.centre for part in self.parts], np.float32)  # (e, 3), in the bone's frame
         self.radii = np.array([part.radii for part in self.parts], np.float32)
 
     def to_unit(

@@ -60,9 +60,7 @@ def measure_body(
     rest = skeleton.rest_positions.numpy()
     parts = []
     for fit in fits:
-        centre, radii = (
-            np.round(v, 4).tolist() for v in (fit.middle - [0, *rest[bones[fit.bone], 1:]], fit.radii)
-        )
+        centre, radii = (np.round(v, 4).tolist() for v in (fit.middle - [0, *rest[bones[fit.bone], 1:]], fit.radii))
         parts.append(RoundedPart.model_validate({"bone": fit.bone, "centre": centre, "radii": radii}))
     return BodyProfile(parts=tuple(parts), **_hand(skeleton, bones, vertices, weights))
 

@@ -82,9 +82,7 @@ def _read(path: Path) -> GltfRig:
     if squeezed := used & {"KHR_draco_mesh_compression", "EXT_meshopt_compression"}:
         raise MotionError(f"{path} is compressed ({squeezed.pop()}); export it without compression")
     if not document.get("skins"):
-        raise MotionError(
-            f"{path} has no skin, so nothing says which vertex follows which bone; export it rigged"
-        )
+        raise MotionError(f"{path} has no skin, so nothing says which vertex follows which bone; export it rigged")
     parents = _parents(document["nodes"])
     worlds = _worlds(document["nodes"], parents)
     order, bones = _rig(document, parents, path)

@@ -24,17 +24,13 @@ class HandPoint(NamedTuple):
     is_palm: bool
 
 
-def hand_points(
-    skeleton: Skeleton, bones: dict[str, int], side: str, *, is_full: bool = False
-) -> list[HandPoint]:
+def hand_points(skeleton: Skeleton, bones: dict[str, int], side: str, *, is_full: bool = False) -> list[HandPoint]:
     """Points of one hand; the second is the middle of the palm. Rigs without fingers get points along the hand."""
     rest = skeleton.rest_positions.numpy()
     wrist = bones[f"{side}Hand"]
     forearm = rest[wrist] - rest[bones[f"{side}LowerArm"]]
     joints, tips = (FULL, FULL_TIPS) if is_full else (LEAN, LEAN_TIPS)
-    knuckle = next(
-        (bones[name] for d in ("Middle", "Index") if (name := f"{side}{d}Proximal") in bones), None
-    )
+    knuckle = next((bones[name] for d in ("Middle", "Index") if (name := f"{side}{d}Proximal") in bones), None)
     along = FINGERLESS[0][0] * forearm if knuckle is None else PALM_PLACE * (rest[knuckle] - rest[wrist])
     points = [HandPoint(wrist, np.zeros(3), True), HandPoint(wrist, along, True)]
     if knuckle is None:

@@ -144,8 +144,7 @@ def _common_points(skeleton: Skeleton, bones: dict[str, int]) -> list[list[HandP
     both = {
         name: joint
         for name, joint in bones.items()
-        if not name.startswith(SIDES)
-        or swap[side := name[: 4 + name.startswith("right")]] + name[len(side) :] in bones
+        if not name.startswith(SIDES) or swap[side := name[: 4 + name.startswith("right")]] + name[len(side) :] in bones
     }
     return [hand_points(skeleton, both, side) for side in SIDES]
 

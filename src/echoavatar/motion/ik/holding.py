@@ -39,14 +39,11 @@ def keep_hands_on_body(source: Motion, moved: Motion, theirs: BodyProfile, ours:
     shared = maps[0].keys() & maps[1].keys()
     poses = [_pose(motion) for motion in (source, moved)]
     parts: list[str] = [
-        part.bone
-        for part in theirs.parts
-        if part.bone in {p.bone for p in ours.parts} and part.bone in shared
+        part.bone for part in theirs.parts if part.bone in {p.bone for p in ours.parts} and part.bone in shared
     ]
     turns = moved.matrices().double()
     bodies = [
-        _body(profile, parts, bones, pose)
-        for profile, bones, pose in zip((theirs, ours), maps, poses, strict=True)
+        _body(profile, parts, bones, pose) for profile, bones, pose in zip((theirs, ours), maps, poses, strict=True)
     ]
     (places, centres, radii), (our_places, our_centres, our_radii) = bodies
     joints = [maps[1][bone] for bone in parts]
@@ -74,9 +71,7 @@ def keep_hands_on_body(source: Motion, moved: Motion, theirs: BodyProfile, ours:
 
 
 def _pose(motion: Motion) -> Pose:
-    return forward_kinematics(
-        motion.skeleton, motion.matrices().double(), torch.from_numpy(motion.root).double()
-    )
+    return forward_kinematics(motion.skeleton, motion.matrices().double(), torch.from_numpy(motion.root).double())
 
 
 def _stands(skeleton: Skeleton, bones: dict[str, int]) -> bool:
@@ -92,9 +87,7 @@ def _points(
     joints = [point.joint for point in hand]
     offsets = torch.from_numpy(np.array([point.offset for point in hand])).double()
     places = pose.positions[:, joints] + torch.einsum("tpij,pj->tpi", pose.rotations[:, joints], offsets)
-    return places, torch.tensor(
-        [profile.palm if point.is_palm else profile.finger for point in hand]
-    ).double()
+    return places, torch.tensor([profile.palm if point.is_palm else profile.finger for point in hand]).double()
 
 
 def _body(

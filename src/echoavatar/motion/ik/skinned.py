@@ -68,9 +68,7 @@ def _skin(
         skin = document["skins"][node["skin"]]
         binds = np.tile(np.eye(4), (len(skin["joints"]), 1, 1))
         if "inverseBindMatrices" in skin:
-            binds = (
-                _accessor(document, binary, skin["inverseBindMatrices"]).reshape(-1, 4, 4).transpose(0, 2, 1)
-            )
+            binds = _accessor(document, binary, skin["inverseBindMatrices"]).reshape(-1, 4, 4).transpose(0, 2, 1)
         moves = np.array([worlds[j] for j in skin["joints"]]) @ binds
         owners = np.array([slot[_kept(j, parents, slot)] for j in skin["joints"]])
         for part in document["meshes"][node["mesh"]]["primitives"]:
@@ -110,8 +108,6 @@ def _accessor(document: dict[str, Any], binary: bytes, index: int) -> Float[Arra
     stride = view.get("byteStride", dtype.itemsize * width)
     if accessor["count"] < 0 or start < 0 or stride < dtype.itemsize * width:
         raise ValueError(f"accessor {index} has a count, offset or stride that cannot be")
-    raw = np.ndarray(
-        (accessor["count"], width), dtype, binary, offset=start, strides=(stride, dtype.itemsize)
-    )
+    raw = np.ndarray((accessor["count"], width), dtype, binary, offset=start, strides=(stride, dtype.itemsize))
     scale = np.iinfo(dtype).max if accessor.get("normalized") else 1
     return raw.astype(np.float64) / scale

@@ -75,9 +75,7 @@ def swing_clear(
     A wrist exactly on the axis has no half-plane and stays where it is.
     """
     pelvis = torch.zeros_like(rotations[..., 0, :, 0])
-    upright = torch.cat(
-        [torch.eye(3).to(rotations).expand_as(rotations[..., :1, :, :]), rotations[..., 1:, :, :]], -3
-    )
+    upright = torch.cat([torch.eye(3).to(rotations).expand_as(rotations[..., :1, :, :]), rotations[..., 1:, :, :]], -3)
     pose = forward_kinematics(skeleton, upright, pelvis)
     changed = rotations.clone()
     for shoulder, wrist in arms:

@@ -50,9 +50,7 @@ def align(
             is_limb = any(part in bone for part in _LIMBS)
             base = found[above] if above is not None else facing
             found[bone] = (
-                base
-                if not is_limb or ours is None or theirs is None
-                else least_rotation(base @ ours, theirs) @ base
+                base if not is_limb or ours is None or theirs is None else least_rotation(base @ ours, theirs) @ base
             )
         else:
             mean = _mean_without_twist(rotations, pose, source_map, found, above)
@@ -72,9 +70,7 @@ def least_rotation(start: Float[Tensor, "*n 3"], end: Float[Tensor, "*n 3"]) -> 
     a, b = _unit(start), _unit(end)
     axis, cosine = torch.linalg.cross(a, b), (a * b).sum(-1, keepdim=True)
     sine = axis.norm(dim=-1, keepdim=True)
-    across = torch.linalg.cross(
-        a, torch.where(a[..., :1].abs() < 0.9, a.new_tensor([1.0, 0, 0]), a.new_tensor(_UP))
-    )
+    across = torch.linalg.cross(a, torch.where(a[..., :1].abs() < 0.9, a.new_tensor([1.0, 0, 0]), a.new_tensor(_UP)))
     axis = torch.where(sine > 1e-9, axis / sine.clamp_min(1e-9), _unit(across))
     return matrix_from_axis_angle(axis * torch.atan2(sine, cosine))
 
@@ -91,11 +87,7 @@ def _direction(skeleton: Skeleton, bones: Mapping[str, int], bone: str) -> Tenso
     """Rest direction from a bone to the next one, in its own frame; None for a bone without length."""
     joint = bones[bone]
     if bone.endswith("Hand"):
-        named = [
-            bones[name]
-            for name in (f"{bone[:-4]}MiddleProximal", f"{bone[:-4]}IndexProximal")
-            if name in bones
-        ]
+        named = [bones[name] for name in (f"{bone[:-4]}MiddleProximal", f"{bone[:-4]}IndexProximal") if name in bones]
         child = named[0] if named else None
     else:
         child = next((bones[b] for b in _BELOW.get(bone, ()) if b in bones), None)
@@ -137,9 +129,7 @@ def _below() -> dict[str, tuple[str, ...]]:
 _BELOW = _below()
 
 
-def _mapped_parent(
-    target: Skeleton, bones: Mapping[str, int], bone: str, found: Mapping[str, Tensor]
-) -> str | None:
+def _mapped_parent(target: Skeleton, bones: Mapping[str, int], bone: str, found: Mapping[str, Tensor]) -> str | None:
     names = {joint: name for name, joint in bones.items()}
     joint = target.parents[bones[bone]]
     while joint >= 0:

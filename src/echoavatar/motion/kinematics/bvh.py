@@ -136,9 +136,7 @@ class _Header:
             if name in self._names:
                 self.fail(f"joint {name!r} occurs twice; rename one")
             if len(found) >= JOINTS or len(open_joints) >= DEPTH:
-                self.fail(
-                    f"more than {JOINTS} joints, or more than {DEPTH} deep; leave out what does not move"
-                )
+                self.fail(f"more than {JOINTS} joints, or more than {DEPTH} deep; leave out what does not move")
             self._names.add(name)
             found.append(_Joint(name, open_joints[-1] if open_joints else -1))
             open_joints.append(len(found) - 1)
@@ -179,9 +177,7 @@ class _Header:
 
 def _numbers(path: Path, lines: Sequence[str], motion_line: int, width: int) -> tuple[_Frames, float]:
     """The table of channel values, one row per frame, and the frame rate."""
-    fields: list[tuple[int, str]] = [
-        (i, lines[i]) for i in range(motion_line + 1, len(lines)) if lines[i].strip()
-    ]
+    fields: list[tuple[int, str]] = [(i, lines[i]) for i in range(motion_line + 1, len(lines)) if lines[i].strip()]
     head: dict[str, float] = {}
     for label in ("Frames:", "Frame Time:"):
         at, text = fields.pop(0) if fields else (len(lines) - 1, "")
@@ -266,9 +262,7 @@ def _rotated(quaternion: _Frames, degrees: _Frames, axis: int) -> _Frames:
     half = np.radians(degrees) / 2
     step = np.zeros((len(half), 4))
     step[:, 0], step[:, 1 + axis] = np.cos(half), np.sin(half)
-    product: _Frames = quaternion_multiply(
-        torch.from_numpy(quaternion.copy()), torch.from_numpy(step)
-    ).numpy()
+    product: _Frames = quaternion_multiply(torch.from_numpy(quaternion.copy()), torch.from_numpy(step)).numpy()
     return product
 
 
@@ -277,9 +271,7 @@ def _has_travelling_child(joints: list[_Joint], places: _Frames) -> bool:
     return only_child and float(np.ptp(places[:, 1], axis=0).max()) > _RIGID_M
 
 
-def _merge_root(
-    joints: list[_Joint], rotations: _Frames, places: _Frames
-) -> tuple[list[_Joint], _Frames, _Frames]:
+def _merge_root(joints: list[_Joint], rotations: _Frames, places: _Frames) -> tuple[list[_Joint], _Frames, _Frames]:
     """Remove the root; its only child takes over its movement and becomes the root."""
     above = matrix_from_quaternion(torch.from_numpy(rotations[:, 0]))
     moved = (above @ torch.from_numpy(places[:, 1, :, None])).squeeze(-1).numpy() + places[:, 0]

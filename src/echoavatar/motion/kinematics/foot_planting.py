@@ -51,9 +51,7 @@ def settle_feet(motion: Motion, contacts: NDArray[np.bool_] | None = None) -> Mo
     legs = [_Leg(skeleton, bones, side, rest) for side in ("left", "right")]
     contacts = foot_contacts(motion) if contacts is None else contacts
     pose = forward_kinematics(skeleton, rotations, root)
-    goals = [
-        leg.goal(pose.rotations, pose.positions, contacts[:, i], motion.fps) for i, leg in enumerate(legs)
-    ]
+    goals = [leg.goal(pose.rotations, pose.positions, contacts[:, i], motion.fps) for i, leg in enumerate(legs)]
     root = root - _lowering(legs, goals, pose.positions, motion.fps)
     pose = forward_kinematics(skeleton, rotations, root)
     for leg, goal in zip(legs, goals, strict=True):
@@ -130,13 +128,9 @@ class _Leg:
         floor = float(rest[:, 1].min()) if self.toes == self.ankle else 0.0
         self.toe_height = float(rest[self.toes, 1]) - floor
         self.toe_offset = rest[self.toes] - rest[self.ankle]
-        self.length = float(
-            (rest[self.knee] - rest[self.hip]).norm() + (rest[self.ankle] - rest[self.knee]).norm()
-        )
+        self.length = float((rest[self.knee] - rest[self.hip]).norm() + (rest[self.ankle] - rest[self.knee]).norm())
 
-    def goal(
-        self, rotations: Tensor, places: Tensor, contact: NDArray[np.bool_], fps: float
-    ) -> tuple[Tensor, Tensor]:
+    def goal(self, rotations: Tensor, places: Tensor, contact: NDArray[np.bool_], fps: float) -> tuple[Tensor, Tensor]:
         """Corrected world rotation of the foot and position of the ankle."""
         foot, ankle = rotations[:, self.ankle], places[:, self.ankle].numpy()
         points = places[:, [self.ankle, self.toes]].numpy()
@@ -251,9 +245,7 @@ def _smooth(values: _Array, half: int) -> _Array:
     """Mean over a Hann window of 2 half + 1 frames along time."""
     window = np.hanning(2 * half + 3)[1:-1]
     window /= window.sum()
-    padded = np.pad(
-        np.asarray(values, np.float64), [(half, half)] + [(0, 0)] * (np.ndim(values) - 1), mode="edge"
-    )
+    padded = np.pad(np.asarray(values, np.float64), [(half, half)] + [(0, 0)] * (np.ndim(values) - 1), mode="edge")
     view = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1, axis=0)
     smooth: _Array = view @ window
     return smooth

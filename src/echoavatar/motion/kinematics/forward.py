@@ -20,9 +20,7 @@ class Pose(NamedTuple):
     positions: Float[Tensor, "*n j 3"]
 
 
-def forward_kinematics(
-    skeleton: Skeleton, rotations: Float[Tensor, "*n j 3 3"], root: Float[Tensor, "*n 3"]
-) -> Pose:
+def forward_kinematics(skeleton: Skeleton, rotations: Float[Tensor, "*n j 3 3"], root: Float[Tensor, "*n 3"]) -> Pose:
     """World pose from parent-relative rotations and the root's world position (metres)."""
     tables = skeleton.level_tables(rotations.device)
     local = torch.split(rotations.index_select(-3, tables.order), list(tables.sizes), -3)

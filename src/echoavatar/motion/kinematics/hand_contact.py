@@ -40,12 +40,8 @@ class Arm(NamedTuple):
 
 def keep_hands_together(source: Motion, moved: Motion) -> Motion:
     """`moved` (`source` on another rig) with its palms together wherever the source's are."""
-    theirs, ours = (
-        [find_arm(motion.skeleton, side) for side in ("left", "right")] for motion in (source, moved)
-    )
-    pose = forward_kinematics(
-        source.skeleton, source.matrices().double(), torch.from_numpy(source.root).double()
-    )
+    theirs, ours = ([find_arm(motion.skeleton, side) for side in ("left", "right")] for motion in (source, moved))
+    pose = forward_kinematics(source.skeleton, source.matrices().double(), torch.from_numpy(source.root).double())
     gap = _palm(pose, theirs[1]) - _palm(pose, theirs[0])
     size = sum(arm.length for arm in theirs) / 2
     weight = falling(gap.norm(dim=-1, keepdim=True) / size, NEAR, FAR)
@@ -63,9 +59,7 @@ def keep_hands_together(source: Motion, moved: Motion) -> Motion:
 
 def palms(motion: Motion) -> Float[Tensor, "t 2 3"]:
     """World positions of the left and the right palm."""
-    pose = forward_kinematics(
-        motion.skeleton, motion.matrices().double(), torch.from_numpy(motion.root).double()
-    )
+    pose = forward_kinematics(motion.skeleton, motion.matrices().double(), torch.from_numpy(motion.root).double())
     return torch.stack([_palm(pose, find_arm(motion.skeleton, side)) for side in ("left", "right")], 1)
 
 

@@ -42,13 +42,9 @@ class Motion:
                 f" expected ({t}, {joints}, 4) and ({t}, 3)"
             )
         if not (np.isfinite(self.rotations).all() and np.isfinite(self.root).all()):
-            raise MotionError(
-                "the motion holds values that are not finite; repair these frames or leave them out"
-            )
+            raise MotionError("the motion holds values that are not finite; repair these frames or leave them out")
         if not 0 < self.fps < 10_000:
-            raise MotionError(
-                f"{self.fps} frames per second is not a frame rate; give one between 0 and 10,000"
-            )
+            raise MotionError(f"{self.fps} frames per second is not a frame rate; give one between 0 and 10,000")
 
     @property
     def frames(self) -> int:

@@ -56,9 +56,7 @@ def _line(
     return points[index] * (1 - weight) + points[after] * weight
 
 
-def _spline(
-    points: NDArray[np.float32], index: NDArray[np.int64], share: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _spline(points: NDArray[np.float32], index: NDArray[np.int64], share: NDArray[np.float64]) -> NDArray[np.float64]:
     """A Catmull-Rom spline that continues straight at both ends."""
     if len(points) < 2:
         return points[index].astype(np.float64)
@@ -66,7 +64,5 @@ def _spline(
     wide = np.concatenate([2 * wide[:1] - wide[1:2], wide, 2 * wide[-1:] - wide[-2:-1], wide[-1:]])
     a, b, c, d = (wide[index + k] for k in range(4))
     u = share[:, None]
-    curve: NDArray[np.float64] = b + u / 2 * (
-        c - a + u * (2 * a - 5 * b + 4 * c - d + u * (3 * (b - c) + d - a))
-    )
+    curve: NDArray[np.float64] = b + u / 2 * (c - a + u * (2 * a - 5 * b + 4 * c - d + u * (3 * (b - c) + d - a)))
     return curve

@@ -59,9 +59,7 @@ def retarget(
 def leg_length(skeleton: Skeleton, bones: Mapping[str, int]) -> float:
     """Length of thigh and shin, mean of both sides, metres."""
     rest = skeleton.rest_positions  # not offsets: a rig may have extra joints in a bone
-    chains = [
-        [bones[f"{side}{bone}"] for bone in ("UpperLeg", "LowerLeg", "Foot")] for side in ("left", "right")
-    ]
+    chains = [[bones[f"{side}{bone}"] for bone in ("UpperLeg", "LowerLeg", "Foot")] for side in ("left", "right")]
     return float(sum(rest[chain].diff(dim=0).norm(dim=-1).sum() for chain in chains) / 2)
 
 

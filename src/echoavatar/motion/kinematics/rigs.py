@@ -24,12 +24,8 @@ def bone_map(skeleton: Skeleton) -> dict[str, int]:
     """
     if skeleton.config.vrm:
         return dict(skeleton.config.vrm)
-    plain = {
-        name.removeprefix("mixamorig:").removeprefix("mixamorig_"): i for i, name in enumerate(skeleton.names)
-    }
-    found = max(
-        ({bone: plain[name] for bone, name in table.items() if name in plain} for table in _tables()), key=len
-    )
+    plain = {name.removeprefix("mixamorig:").removeprefix("mixamorig_"): i for i, name in enumerate(skeleton.names)}
+    found = max(({bone: plain[name] for bone, name in table.items() if name in plain} for table in _tables()), key=len)
     missing = [bone for bone in REQUIRED if bone not in found]
     if missing:
         raise MotionError(
@@ -44,8 +40,7 @@ def finger_bones(side: str) -> dict[str, tuple[str, str, str]]:
     rest = ("Proximal", "Intermediate", "Distal")
     return {
         digit: tuple(  # type: ignore[misc]
-            f"{side}{digit}{bone}"
-            for bone in (("Metacarpal", "Proximal", "Distal") if digit == "Thumb" else rest)
+            f"{side}{digit}{bone}" for bone in (("Metacarpal", "Proximal", "Distal") if digit == "Thumb" else rest)
         )
         for digit in _DIGITS
     }
@@ -79,9 +74,7 @@ def _unreal() -> dict[str, str]:
     table = {"hips": "pelvis", "spine": "spine_01", "chest": "spine_02", "upperChest": "spine_03"}
     table |= {"neck": "neck_01", "head": "head"}
     for side, s in (("left", "l"), ("right", "r")):
-        table |= _limbs(
-            side, f"clavicle_{s} upperarm_{s} lowerarm_{s} hand_{s} thigh_{s} calf_{s} foot_{s} ball_{s}"
-        )
+        table |= _limbs(side, f"clavicle_{s} upperarm_{s} lowerarm_{s} hand_{s} thigh_{s} calf_{s} foot_{s} ball_{s}")
         for digit, bones in finger_bones(side).items():
             named = "pinky" if digit == "Little" else digit.lower()
             table |= {bone: f"{named}_0{k}_{s}" for k, bone in enumerate(bones, start=1)}
@@ -92,9 +85,7 @@ def _biped() -> dict[str, str]:
     table = {"hips": "Pelvis", "spine": "Spine", "chest": "Spine1", "upperChest": "Spine2"}
     table |= {"neck": "Neck", "head": "Head"}
     for side, s in (("left", "L"), ("right", "R")):
-        table |= _limbs(
-            side, f"{s}_Clavicle {s}_UpperArm {s}_Forearm {s}_Hand {s}_Thigh {s}_Calf {s}_Foot {s}_Toe0"
-        )
+        table |= _limbs(side, f"{s}_Clavicle {s}_UpperArm {s}_Forearm {s}_Hand {s}_Thigh {s}_Calf {s}_Foot {s}_Toe0")
         for number, bones in enumerate(finger_bones(side).values()):
             table |= {bone: f"{s}_Finger{number}{k or ''}" for k, bone in enumerate(bones)}
     return {bone: f"Bip01_{name}" for bone, name in table.items()}

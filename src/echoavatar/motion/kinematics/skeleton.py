@@ -56,9 +56,7 @@ class SkeletonConfig(Config):
         for joint in named:
             if not 0 <= joint < len(self.names):
                 raise ValueError(f"parts, mirror, feet or vrm name joint {joint} of {len(self.names)}")
-        if not all(
-            math.isfinite(value) for offset in (*self.offsets, *self.tips.values()) for value in offset
-        ):
+        if not all(math.isfinite(value) for offset in (*self.offsets, *self.tips.values()) for value in offset):
             raise ValueError("offsets and tips must be finite")
         return self
 
@@ -228,8 +226,7 @@ def _humanoid() -> SkeletonConfig:
     lower = (0, *legs)
     swap = {"left": "right", "right": "left"}
     mirror = tuple(
-        names.index(swap[side] + name[len(side) :]) if (side := _side(name)) else i
-        for i, name in enumerate(names)
+        names.index(swap[side] + name[len(side) :]) if (side := _side(name)) else i for i, name in enumerate(names)
     )
     return SkeletonConfig(
         names=names,
@@ -242,8 +239,7 @@ def _humanoid() -> SkeletonConfig:
         },
         mirror=mirror,
         feet=tuple(names.index(n) for n in ("leftFoot", "leftToes", "rightFoot", "rightToes")),
-        tips=_TIPS
-        | {"right" + name[4:]: (-x, y, z) for name, (x, y, z) in _TIPS.items() if name.startswith("left")},
+        tips=_TIPS | {"right" + name[4:]: (-x, y, z) for name, (x, y, z) in _TIPS.items() if name.startswith("left")},
         vrm={name: i for i, name in enumerate(names)},
     )
 

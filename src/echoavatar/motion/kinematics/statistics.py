@@ -76,9 +76,7 @@ def _hands(motion: Motion, bones: dict[str, int], pose: Pose, places: _Array) ->
         "wrist_height_p95_m": float(np.percentile(over_hips, 95)),
         "wrist_ahead_mean_m": float(own[:, hands, 2].mean()),
         "wrist_outward_mean_m": float((own[:, hands[0], 0] - own[:, hands[1], 0]).mean() / 2),
-        "wrist_distance_mean_m": float(
-            np.linalg.norm(places[:, hands[0]] - places[:, hands[1]], axis=-1).mean()
-        ),
+        "wrist_distance_mean_m": float(np.linalg.norm(places[:, hands[0]] - places[:, hands[1]], axis=-1).mean()),
         "reach_ratio_mean": float(stretch.mean()),
         "reach_ratio_p95": float(np.percentile(stretch, 95)),
         "pause_ratio": float((speed.max(-1) < PAUSE_SPEED).mean()),

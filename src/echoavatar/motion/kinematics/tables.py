@@ -46,9 +46,7 @@ def read_npz(path: Path | str) -> Motion:
     except FileNotFoundError as error:
         raise MotionError(f"{path} does not exist; check the name") from error
     except NPZ_ERRORS as error:
-        raise MotionError(
-            f"{path} holds no motion or is damaged ({str(error)[:160]}); write it again"
-        ) from error
+        raise MotionError(f"{path} holds no motion or is damaged ({str(error)[:160]}); write it again") from error
 
 
 def motion_of(stored: Mapping[str, np.ndarray]) -> Motion:
@@ -81,9 +79,7 @@ def arrays_of(path: Path, error: type[EchoAvatarError] = EchoAvatarError) -> dic
         with zipfile.ZipFile(path) as archive:
             unpacked = sum(entry.file_size for entry in archive.infolist())
             if unpacked > ARRAYS_BYTES:
-                raise error(
-                    f"{path} unpacks to {unpacked:,} bytes, and at most {ARRAYS_BYTES:,} are read; cut it"
-                )
+                raise error(f"{path} unpacks to {unpacked:,} bytes, and at most {ARRAYS_BYTES:,} are read; cut it")
             return {name.removesuffix(".npy"): array_of(archive.read(name)) for name in archive.namelist()}
     except (
         zipfile.LargeZipFile,

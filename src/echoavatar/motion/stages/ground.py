@@ -34,9 +34,7 @@ class GroundState(StreamState):
 
     seen: Bool[Tensor, " b"]
     place: Float[Tensor, "b 2"]  # metres along x and z
-    points: Float[
-        Tensor, "b p 3"
-    ]  # ankles and toes: x and z relative to the root, and how firmly planted, 0 to 1
+    points: Float[Tensor, "b p 3"]  # ankles and toes: x and z relative to the root, and how firmly planted, 0 to 1
 
 
 class Ground:

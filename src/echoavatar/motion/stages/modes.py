@@ -27,9 +27,7 @@ class MotionOptions(Config):
     leash_m: float = Field(
         default=0.0, ge=0, le=100, description="metres the hips may be from where they started; 0: no leash"
     )
-    in_place: bool = Field(
-        default=False, description="hips stay over the start, as game engines expect of a clip"
-    )
+    in_place: bool = Field(default=False, description="hips stay over the start, as game engines expect of a clip")
     upper_body: bool = Field(default=False, description="hips and legs stand idle, everything above moves")
 
 

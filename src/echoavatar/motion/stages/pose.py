@@ -13,9 +13,7 @@ class Pose:
     """Consecutive frames of several sessions. Stages change them in place, one after the other."""
 
     rotations: Float[Array, "b t j 4"]  # parent-relative unit quaternions `wxyz`, of either sign
-    root: Float[
-        Array, "b t 3"
-    ]  # metres; before `Ground`: metres per frame along x, height, metres per frame along z
+    root: Float[Array, "b t 3"]  # metres; before `Ground`: metres per frame along x, height, metres per frame along z
     fps: float
 
     @property

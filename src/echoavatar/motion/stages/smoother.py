@@ -102,9 +102,7 @@ def slowed_down(before, after, cosine):  # type: ignore[no-untyped-def]
     along = abs(along)
     if along >= cosine:
         return w, x, y, z
-    aside = normalized(
-        (w - before[0] * along, x - before[1] * along, y - before[2] * along, z - before[3] * along)
-    )
+    aside = normalized((w - before[0] * along, x - before[1] * along, y - before[2] * along, z - before[3] * along))
     sine = math.sqrt(1.0 - cosine * cosine)
     return normalized(
         (

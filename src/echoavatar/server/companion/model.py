@@ -37,9 +37,7 @@ something beside every call, and never mention the tools themselves.
 class ChatModel:
     """A model at `url`, such as http://127.0.0.1:11434/v1."""
 
-    def __init__(
-        self, url: str, *, model: str, key: str = "", ears: str = "", persona: str = PERSONA
-    ) -> None:
+    def __init__(self, url: str, *, model: str, key: str = "", ears: str = "", persona: str = PERSONA) -> None:
         """`ears` names a model for `/audio/transcriptions` at the same address; empty: no transcription.
 
         Raises:
@@ -78,9 +76,7 @@ class ChatModel:
     async def transcribe(self, wav: bytes) -> str:
         """Transcribe a WAV file."""
         if not self._transcriber:
-            raise EchoAvatarError(
-                "transcription is off; set ECHOAVATAR_CHAT_EARS to a model that transcribes"
-            )
+            raise EchoAvatarError("transcription is off; set ECHOAVATAR_CHAT_EARS to a model that transcribes")
         boundary = secrets.token_hex(16)
         parts = [
             f'--{boundary}\r\ncontent-disposition: form-data; name="model"\r\n\r\n{self._transcriber}\r\n'.encode(),

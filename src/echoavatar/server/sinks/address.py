@@ -40,9 +40,7 @@ def parse_address(text: str) -> Address:
     """
     parts = urlsplit(text)
     if parts.scheme not in PORTS:
-        raise EchoAvatarError(
-            f"sink {text!r} is of no known kind ({', '.join(PORTS)}); give one such as {EXAMPLE}"
-        )
+        raise EchoAvatarError(f"sink {text!r} is of no known kind ({', '.join(PORTS)}); give one such as {EXAMPLE}")
     try:
         port = parts.port
     except ValueError:
@@ -74,9 +72,7 @@ def make_sink(text: str, rig: Rig) -> Sink:
     """
     address = parse_address(text)
     if address.scheme == "unity":
-        raise EchoAvatarError(
-            "unity:// needs a server of its own: `echoavatar serve --sink unity://HOST:PORT`"
-        )
+        raise EchoAvatarError("unity:// needs a server of its own: `echoavatar serve --sink unity://HOST:PORT`")
     rate = _rate(text, address.options.get("rate", str(RATES[address.scheme])))
     encoder: Encoder
     if address.scheme == "vmc":

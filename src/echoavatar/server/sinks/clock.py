@@ -9,9 +9,7 @@ from echoavatar.timing import SAMPLE_RATE_HZ
 
 CORRECTION_S = 0.1  # an error this large doubles the clock's speed, or stops the clock
 JUMP_S = 0.35  # a larger error is corrected at once
-EXTRAPOLATION_S = (
-    0.1  # a report is extrapolated for this long; after that the other clock is taken to have stopped
-)
+EXTRAPOLATION_S = 0.1  # a report is extrapolated for this long; after that the other clock is taken to have stopped
 
 
 class FollowingClock:

@@ -36,9 +36,7 @@ def encoded(message: Message) -> bytes:
         kinds, body = ",s", padded(message.first)
     elif message.first is not None:
         kinds, body = ",i", struct.pack(">i", message.first)
-    return (
-        padded(message.address) + padded(kinds + "f" * message.floats) + body + b"\0" * (4 * message.floats)
-    )
+    return padded(message.address) + padded(kinds + "f" * message.floats) + body + b"\0" * (4 * message.floats)
 
 
 class Bundles:

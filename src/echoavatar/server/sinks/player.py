@@ -110,8 +110,6 @@ class SinkPlayer:
         except Exception as error:
             self.failed += 1
             if self.failed == 1:
-                _LOG.warning(
-                    "%s cannot show motion (%s); the session continues without it", self._name, error
-                )
+                _LOG.warning("%s cannot show motion (%s); the session continues without it", self._name, error)
             return False
         return True

@@ -43,9 +43,7 @@ def expression_names(names: Names) -> tuple[str, ...]:
     }[names]
 
 
-def to_unity(
-    rotations: Float[np.ndarray, "j 4"], places: Float[np.ndarray, "j 3"]
-) -> Float[np.ndarray, "j 7"]:
+def to_unity(rotations: Float[np.ndarray, "j 4"], places: Float[np.ndarray, "j 3"]) -> Float[np.ndarray, "j 7"]:
     """Position and rotation (xyzw) of each bone in Unity's mirrored axes."""
     w, x, y, z = rotations.T
     return np.stack([-places[:, 0], places[:, 1], places[:, 2], x, -y, -z, w], 1)

@@ -82,9 +82,7 @@ async def _listen(
     try:
         server = await asyncio.start_server(handler, host, port)  # type: ignore[arg-type]
     except OSError as error:
-        raise EchoAvatarError(
-            f"{host}:{port} cannot be used ({error.strerror}); choose another port"
-        ) from error
+        raise EchoAvatarError(f"{host}:{port} cannot be used ({error.strerror}); choose another port") from error
     await stack.enter_async_context(server)
     return int(server.sockets[0].getsockname()[1])
 
@@ -168,8 +166,6 @@ async def _send_motion(settings: UnitySettings, out: "asyncio.Queue[bytes]") -> 
                 writer.write(await out.get())
                 await writer.drain()
         except ConnectionError:
-            _LOG.warning(
-                "the connection to Unity at %s:%d was lost", settings.unity_host, settings.unity_port
-            )
+            _LOG.warning("the connection to Unity at %s:%d was lost", settings.unity_host, settings.unity_port)
         finally:
             writer.close()

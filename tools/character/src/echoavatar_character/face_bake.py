@@ -26,9 +26,7 @@ def neutral(modelled: Mesh) -> tuple[Mesh, Shares]:
     cofactors = np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)], axis=2)
     normals = np.einsum("nij,nj->ni", cofactors, modelled.normals)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-    closed = Mesh(
-        mouth.closed(points, side).astype(np.float32), normals.astype(np.float32), modelled.triangles
-    )
+    closed = Mesh(mouth.closed(points, side).astype(np.float32), normals.astype(np.float32), modelled.triangles)
     return closed, side
 
 

@@ -92,9 +92,7 @@ def cheek_squint(f: FacePoints) -> Moves:
     return total(lids(f, 0.02, 0.15), cheek_lift(f, 0.0045))
 
 
-def _forehead(
-    f: FacePoints, centre: tuple[float, float, float], reach: tuple[float, float, float]
-) -> np.ndarray:
+def _forehead(f: FacePoints, centre: tuple[float, float, float], reach: tuple[float, float, float]) -> np.ndarray:
     if f.part not in ("skin", "brows"):
         return np.zeros(len(f.at))
     lids_rest = rise(f.at[:, 1], 1.594, 1.606)  # the lids' edges stay

@@ -135,9 +135,7 @@ def cheek_puff(f: FacePoints) -> Moves:
     folded[:, 0] = np.abs(folded[:, 0])
     share = around(folded, (0.046, 1.530, 0.058), (0.020, 0.020, 0.035)) * _skin(f)
     full = around(folded, (0.0, 1.5195, 0.09), (0.022, 0.016, 0.03)) * _skin(f) * f.front
-    return moves(
-        np.tanh(f.at[:, 0] / 0.015) * 0.0085 * share, -0.0004 * share, 0.0065 * share + 0.0016 * full
-    )
+    return moves(np.tanh(f.at[:, 0] / 0.015) * 0.0085 * share, -0.0004 * share, 0.0065 * share + 0.0016 * full)
 
 
 def nose_sneer(f: FacePoints) -> Moves:

@@ -39,9 +39,7 @@ def face_sheet(
     for row, name in enumerate(wanted, 1):
         weights[row, names.index(name)] = 1
         weights[row, names.index("jawOpen")] = name in ("jawOpen", "mouthClose")
-    pictures = [
-        renderer.draw(Surface(*character.with_face(row), colours, character.triangles)) for row in weights
-    ]
+    pictures = [renderer.draw(Surface(*character.with_face(row), colours, character.triangles)) for row in weights]
     rows = -(-len(pictures) // columns)
     blank = [np.zeros_like(pictures[0])] * (rows * columns - len(pictures))
     width, height = size

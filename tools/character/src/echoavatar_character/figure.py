@@ -94,9 +94,7 @@ def piece_colours(piece: Piece, points: Points) -> np.ndarray:
         nostril = ellipsoid(mirrored(points), (0.0072, 1.5445, 0.0940), (0.0042, 0.0036, 0.0060))
         paint = _blend(paint, NOSTRIL, nostril, 0.0016)
         paint = _blend(paint, INSIDE, mouth.inside_mask(points), 0.0020)
-        rosy = np.exp(
-            -(np.linalg.norm((np.abs(points) - (0.042, 1.552, 0.070)) / (0.022, 0.016, 0.03), axis=1) ** 2)
-        )
+        rosy = np.exp(-(np.linalg.norm((np.abs(points) - (0.042, 1.552, 0.070)) / (0.022, 0.016, 0.03), axis=1) ** 2))
         paint = paint + rosy[:, None] * np.array([4.0, -16.0, -14.0])
     if piece.name == "hands":
         paint = _blend(paint, (240, 198, 178), hands.nail_mask(points), 0.0014)

@@ -164,9 +164,7 @@ def zips(p: Points) -> Distances:
     """The two metal edges of the open zip."""
     q = mirrored(p)
     surface = np.abs(loft(q, 1, JACKET) + 0.001)
-    return common(
-        np.hypot(surface, _opening(q, 0.0)) - 0.0036, np.maximum(slab(q, 1, 0.932, 1.395), -q[:, 2])
-    )
+    return common(np.hypot(surface, _opening(q, 0.0)) - 0.0036, np.maximum(slab(q, 1, 0.932, 1.395), -q[:, 2]))
 
 
 def trousers(p: Points) -> Distances:
@@ -256,9 +254,7 @@ def _folds(q: Points) -> Distances:
     hem = np.exp(-(((q[:, 1] - 1.015) / 0.032) ** 2)) * gather * (q[:, 0] < 0.25)
     around = np.arctan2(q[:, 1] - 1.394, q[:, 2] + 0.024)
     inner = 0.5 + 0.5 * np.cos(around)  # towards the front, where the elbow bends
-    elbow = (
-        np.exp(-(((q[:, 0] - 0.425) / 0.05) ** 2)) * inner * np.sin(125 * q[:, 0] + 1.2 * np.sin(2 * around))
-    )
+    elbow = np.exp(-(((q[:, 0] - 0.425) / 0.05) ** 2)) * inner * np.sin(125 * q[:, 0] + 1.2 * np.sin(2 * around))
     sleeve = np.exp(-(((q[:, 0] - 0.60) / 0.035) ** 2)) * np.sin(
         150 * q[:, 0] + 2.2 * np.sin(around + 1) + np.sin(3 * around)
     )

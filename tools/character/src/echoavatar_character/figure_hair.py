@@ -112,7 +112,5 @@ def _strands(p: Points) -> Distances:
     """Shallow grooves that run from the parting over the top and down the back."""
     angle = np.arctan2(p[:, 0] - 0.030, p[:, 2] + 0.030) + 3.0 * (p[:, 1] - 1.64)
     reach = np.clip(np.hypot(p[:, 0] - 0.030, p[:, 2] + 0.030) / 0.05, 0, 1)
-    strands: Distances = (0.0011 * reach * (np.sin(21 * angle) + 0.5 * np.sin(34 * angle + 1.0))).astype(
-        p.dtype
-    )
+    strands: Distances = (0.0011 * reach * (np.sin(21 * angle) + 0.5 * np.sin(34 * angle + 1.0))).astype(p.dtype)
     return strands

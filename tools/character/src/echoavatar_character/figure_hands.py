@@ -29,9 +29,7 @@ def hands(p: Points) -> Distances:
         bones = [
             at[f"{finger}{bone}"]
             for bone in (
-                ("Proximal", "Intermediate", "Distal")
-                if finger != "Thumb"
-                else ("Metacarpal", "Proximal", "Distal")
+                ("Proximal", "Intermediate", "Distal") if finger != "Thumb" else ("Metacarpal", "Proximal", "Distal")
             )
         ]
         way = bones[2] - bones[1]
@@ -54,9 +52,7 @@ def nail_mask(p: Points) -> Distances:
         up = up - (up @ way) * way
         axes = np.stack([way, up / np.linalg.norm(up), np.cross(way, up / np.linalg.norm(up))])
         r = radii[3]
-        nails.append(
-            ellipsoid(q, bone + way * (reach + 0.0005) + axes[1] * r, (0.0062, 0.0060, 0.72 * r), axes)
-        )
+        nails.append(ellipsoid(q, bone + way * (reach + 0.0005) + axes[1] * r, (0.0062, 0.0060, 0.72 * r), axes))
     return union(*nails)
 
 

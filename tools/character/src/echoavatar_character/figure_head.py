@@ -68,9 +68,7 @@ def _neck(q: Points) -> Distances:
 
 def _nose(q: Points) -> Distances:
     bridge = [(0, 1.596, 0.0800, 0.0068), (0, 1.572, 0.0895, 0.0076), (0, 1.5545, 0.0975, 0.0106)]
-    return smooth_min(
-        tube(q, bridge, 0.012), ellipsoid(q, (0.0105, 1.5505, 0.0870), (0.0074, 0.0070, 0.0092)), 0.009
-    )
+    return smooth_min(tube(q, bridge, 0.012), ellipsoid(q, (0.0105, 1.5505, 0.0870), (0.0074, 0.0070, 0.0092)), 0.009)
 
 
 def _ear(q: Points) -> Distances:

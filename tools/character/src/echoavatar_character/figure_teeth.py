@@ -30,9 +30,7 @@ def teeth(*, upper: bool) -> tuple[Mesh, Float[np.ndarray, "v 3"]]:
     edge = [4, 5]
     height[:, edge] += (0.0006 if upper else -0.0005) * (notch + (x / 0.03) ** 2)[:, None]
     wide = x[:, None] * squeeze
-    points = np.stack(
-        [np.broadcast_to(wide, height.shape), HEIGHT + height, TEETH - depth - ARCH * wide**2], axis=-1
-    )
+    points = np.stack([np.broadcast_to(wide, height.shape), HEIGHT + height, TEETH - depth - ARCH * wide**2], axis=-1)
     colours = np.empty(points.shape)
     colours[:] = np.asarray(ENAMEL) + (np.asarray(GAP_SHADE) - ENAMEL) * notch[:, None, None]
     colours[:, :2] = GUM
@@ -56,18 +54,14 @@ def tongue() -> tuple[Mesh, Float[np.ndarray, "v 3"]]:
     return _sheet(points, colours, outside=np.array([0.0, 1.5085, 0.05]))
 
 
-def vertex_normals(
-    points: Float[np.ndarray, "v 3"], triangles: Int[np.ndarray, "f 3"]
-) -> Float[np.ndarray, "v 3"]:
+def vertex_normals(points: Float[np.ndarray, "v 3"], triangles: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, "v 3"]:
     """Unit normals from the triangles around each vertex, by their areas."""
     a, b, c = (points[triangles[:, i]] for i in range(3))
     face = np.cross(b - a, c - a)
     normals = np.zeros_like(points)
     for corner in triangles.T:
         np.add.at(normals, corner, face)
-    unit: Float[np.ndarray, "v 3"] = normals / np.maximum(
-        np.linalg.norm(normals, axis=1, keepdims=True), 1e-12
-    )
+    unit: Float[np.ndarray, "v 3"] = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     return unit
 
 

@@ -72,9 +72,7 @@ def build() -> Character:
         ),
         joints=joints,
         weights=weights,
-        triangles=np.concatenate(
-            [part.mesh.triangles + start for part, start in zip(parts, starts, strict=False)]
-        ),
+        triangles=np.concatenate([part.mesh.triangles + start for part, start in zip(parts, starts, strict=False)]),
         face=face_morphs([(part.name, part.mesh, part.side) for part in parts if part.side is not None]),
     )
 
@@ -102,8 +100,7 @@ def face_parts() -> list[Part]:
         ("tongue", "mouth", tongue()),
     ]
     return [
-        Part(name, material, mesh, colours, np.ones(len(mesh.positions)))
-        for name, material, (mesh, colours) in made
+        Part(name, material, mesh, colours, np.ones(len(mesh.positions))) for name, material, (mesh, colours) in made
     ]
 
 
@@ -117,9 +114,7 @@ def all_weights(parts: list[Part]) -> np.ndarray:
     points = [part.mesh.positions.astype(np.float64) for part in parts]
     weights = [weigh(part.name, p) for part, p in zip(parts, points, strict=True)]
     cloth = [i for i, part in enumerate(parts) if part.name in SMOOTHED]
-    merged = smooth(
-        np.concatenate([weights[i] for i in cloth]), np.concatenate([points[i] for i in cloth]), passes=8
-    )
+    merged = smooth(np.concatenate([weights[i] for i in cloth]), np.concatenate([points[i] for i in cloth]), passes=8)
     for i, part in zip(cloth, np.split(merged, np.cumsum([len(points[i]) for i in cloth])[:-1]), strict=True):
         weights[i] = part
     return np.concatenate(weights)

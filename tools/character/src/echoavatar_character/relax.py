@@ -10,9 +10,7 @@ ROUNDED = 0.98  # least cosine between a vertex's normal and its triangles' at w
 SHARP = 0.992  # cosine between two triangles below which their edge is a crease that is kept
 
 
-def relax(
-    points: Positions, faces: Triangles, *, rounds: int = 4, slide: float = 0.4
-) -> tuple[Positions, Triangles]:
+def relax(points: Positions, faces: Triangles, *, rounds: int = 4, slide: float = 0.4) -> tuple[Positions, Triangles]:
     """Alternate flips and slides; the outer border and the number of triangles do not change."""
     for _ in range(rounds):
         faces = flipped(points, faces)

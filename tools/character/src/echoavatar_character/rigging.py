@@ -102,9 +102,7 @@ def _hand_weights(points: Points) -> Weights:
     weights = np.zeros((len(points), HUMANOID.joints))
     folded = points * np.stack([np.sign(points[:, 0]), *np.ones((2, len(points)))], 1)
     left = {name[4:]: i for i, name in enumerate(HUMANOID.names) if name.startswith("left")}
-    chains = [
-        [left[n] for n in left if n.startswith(f)] for f in ("Thumb", "Index", "Middle", "Ring", "Little")
-    ]
+    chains = [[left[n] for n in left if n.startswith(f)] for f in ("Thumb", "Index", "Middle", "Ring", "Little")]
     gaps = np.stack([_chain_distance(folded, chain) for chain in chains], 1)
     nearest = gaps.argmin(1)
     local = np.zeros((len(points), HUMANOID.joints))
@@ -140,9 +138,7 @@ def _chain_distance(points: Points, chain: list[int]) -> Float[np.ndarray, " v"]
     bones = REST[chain]
     tip = bones[-1] + (bones[-1] - bones[-2])
     ends = [*bones, tip]
-    return union(
-        *(rounded_cone(points, a, b, 0.009, 0.009) for a, b in zip(ends[:-1], ends[1:], strict=True))
-    )
+    return union(*(rounded_cone(points, a, b, 0.009, 0.009) for a, b in zip(ends[:-1], ends[1:], strict=True)))
 
 
 def _ramp(points: Points, names: tuple[str, ...], rises: list[np.ndarray]) -> Weights:

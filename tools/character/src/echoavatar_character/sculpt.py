@@ -28,9 +28,7 @@ def sculpt(field: Field, low: ArrayLike, high: ArrayLike, *, cell: float, triang
 
     The surface must close inside the box. Vertices lie on the surface, normals are the field's gradient.
     """
-    return mesh_of(
-        field, low, high, cell=cell, triangles=triangles, enlarge=_same, shrink=_same, tidy=_untouched
-    )
+    return mesh_of(field, low, high, cell=cell, triangles=triangles, enlarge=_same, shrink=_same, tidy=_untouched)
 
 
 def mesh_of(

@@ -39,9 +39,7 @@ class _Session(BaseAvatarSession[Any]):
         joined = time.time()
         metadata = Metadata(model_provider=PROVIDER)
         self._emit_metrics(
-            AvatarMetrics(
-                timestamp=joined, session_started_time=began, avatar_joined_time=joined, metadata=metadata
-            )
+            AvatarMetrics(timestamp=joined, session_started_time=began, avatar_joined_time=joined, metadata=metadata)
         )
 
 

@@ -31,9 +31,7 @@ class MotionChannel:
         try:
             publishing = self._room.local_participant.publish_data_track(name=MOTION_TOPIC)
             self._track = await asyncio.wait_for(publishing, TIMEOUT_S)
-        except (
-            Exception
-        ) as error:  # an old server, an old SDK or a missing permission each raise something else
+        except Exception as error:  # an old server, an old SDK or a missing permission each raise something else
             logger.info("no data track (%s); motion goes as reliable data", error)
 
     def show(self, motion: Motion, *, due_s: float) -> None:

@@ -59,9 +59,7 @@ class Segment:
 class Performer:
     """Runs one avatar for one audio receiver."""
 
-    def __init__(
-        self, bridge: AvatarBridge, receiver: AudioReceiver, source: Source, channel: MotionChannel
-    ) -> None:
+    def __init__(self, bridge: AvatarBridge, receiver: AudioReceiver, source: Source, channel: MotionChannel) -> None:
         self.bridge = bridge
         self._receiver, self._source, self._channel = receiver, source, channel
         self._segments: deque[Segment] = deque()
@@ -76,9 +74,7 @@ class Performer:
         await self._channel.start()
         self._receiver.on("clear_buffer", self._clear)
         await self._receiver.start()
-        self._tasks = [
-            asyncio.ensure_future(work) for work in (self._listen(), self._perform(), self._watch())
-        ]
+        self._tasks = [asyncio.ensure_future(work) for work in (self._listen(), self._perform(), self._watch())]
 
     async def close(self) -> None:
         """End the session."""

@@ -7,9 +7,7 @@ from typing import Any
 from livekit import rtc
 from livekit.agents.llm import RawFunctionTool, function_tool
 
-RPC_CALL = (
-    "echoavatar.call"  # payload {"name": ..., "arguments": {...}}; without a name, the answer is the schemas
-)
+RPC_CALL = "echoavatar.call"  # payload {"name": ..., "arguments": {...}}; without a name, the answer is the schemas
 Schema = dict[str, Any]
 Call = Callable[[str, Mapping[str, Any]], Awaitable[Schema]]
 

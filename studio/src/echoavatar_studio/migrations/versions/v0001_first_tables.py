@@ -57,9 +57,7 @@ def upgrade() -> None:
         sa.Column("is_revoked", sa.Boolean(), nullable=False),
         sa.Column("created", sa.Double(), nullable=False),
         sa.Column("id", sa.Integer(), nullable=False),
-        sa.ForeignKeyConstraint(
-            ["study_id"], ["studies.id"], name=op.f("fk_invitations_study_id"), ondelete="CASCADE"
-        ),
+        sa.ForeignKeyConstraint(["study_id"], ["studies.id"], name=op.f("fk_invitations_study_id"), ondelete="CASCADE"),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_invitations")),
         sa.UniqueConstraint("token_hash", name=op.f("uq_invitations_token_hash")),
     )
@@ -75,9 +73,7 @@ def upgrade() -> None:
         sa.Column("seconds", sa.Double(), nullable=False),
         sa.Column("prompt", sa.JSON(), nullable=True),
         sa.Column("id", sa.Integer(), nullable=False),
-        sa.ForeignKeyConstraint(
-            ["study_id"], ["studies.id"], name=op.f("fk_sounds_study_id"), ondelete="CASCADE"
-        ),
+        sa.ForeignKeyConstraint(["study_id"], ["studies.id"], name=op.f("fk_sounds_study_id"), ondelete="CASCADE"),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_sounds")),
         sa.UniqueConstraint("study_id", "name", name=op.f("uq_sounds_study_id_name")),
     )
@@ -91,9 +87,7 @@ def upgrade() -> None:
         sa.Column("source", sa.Text(), nullable=False),
         sa.Column("place", sa.Integer(), nullable=False),
         sa.Column("id", sa.Integer(), nullable=False),
-        sa.ForeignKeyConstraint(
-            ["study_id"], ["studies.id"], name=op.f("fk_systems_study_id"), ondelete="CASCADE"
-        ),
+        sa.ForeignKeyConstraint(["study_id"], ["studies.id"], name=op.f("fk_systems_study_id"), ondelete="CASCADE"),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_systems")),
         sa.UniqueConstraint("study_id", "name", name=op.f("uq_systems_study_id_name")),
     )
@@ -110,15 +104,9 @@ def upgrade() -> None:
         sa.Column("seed", sa.BigInteger(), nullable=True),
         sa.Column("codes", sa.JSON(), nullable=True),
         sa.Column("id", sa.Integer(), nullable=False),
-        sa.ForeignKeyConstraint(
-            ["sound_id"], ["sounds.id"], name=op.f("fk_clips_sound_id"), ondelete="CASCADE"
-        ),
-        sa.ForeignKeyConstraint(
-            ["study_id"], ["studies.id"], name=op.f("fk_clips_study_id"), ondelete="CASCADE"
-        ),
-        sa.ForeignKeyConstraint(
-            ["system_id"], ["systems.id"], name=op.f("fk_clips_system_id"), ondelete="CASCADE"
-        ),
+        sa.ForeignKeyConstraint(["sound_id"], ["sounds.id"], name=op.f("fk_clips_sound_id"), ondelete="CASCADE"),
+        sa.ForeignKeyConstraint(["study_id"], ["studies.id"], name=op.f("fk_clips_study_id"), ondelete="CASCADE"),
+        sa.ForeignKeyConstraint(["system_id"], ["systems.id"], name=op.f("fk_clips_system_id"), ondelete="CASCADE"),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_clips")),
     )
     with op.batch_alter_table("clips", schema=None) as batch_op:
@@ -141,9 +129,7 @@ def upgrade() -> None:
         sa.ForeignKeyConstraint(
             ["invitation_id"], ["invitations.id"], name=op.f("fk_raters_invitation_id"), ondelete="CASCADE"
         ),
-        sa.ForeignKeyConstraint(
-            ["study_id"], ["studies.id"], name=op.f("fk_raters_study_id"), ondelete="CASCADE"
-        ),
+        sa.ForeignKeyConstraint(["study_id"], ["studies.id"], name=op.f("fk_raters_study_id"), ondelete="CASCADE"),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_raters")),
         sa.UniqueConstraint("study_id", "number", name=op.f("uq_raters_study_id_number")),
         sa.UniqueConstraint("token_hash", name=op.f("uq_raters_token_hash")),
@@ -159,12 +145,8 @@ def upgrade() -> None:
         sa.Column("role", sa.String(length=16), nullable=False),
         sa.Column("clips", sa.JSON(), nullable=False),
         sa.Column("id", sa.Integer(), nullable=False),
-        sa.ForeignKeyConstraint(
-            ["sound_id"], ["sounds.id"], name=op.f("fk_trials_sound_id"), ondelete="CASCADE"
-        ),
-        sa.ForeignKeyConstraint(
-            ["study_id"], ["studies.id"], name=op.f("fk_trials_study_id"), ondelete="CASCADE"
-        ),
+        sa.ForeignKeyConstraint(["sound_id"], ["sounds.id"], name=op.f("fk_trials_sound_id"), ondelete="CASCADE"),
+        sa.ForeignKeyConstraint(["study_id"], ["studies.id"], name=op.f("fk_trials_study_id"), ondelete="CASCADE"),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_trials")),
     )
     with op.batch_alter_table("trials", schema=None) as batch_op:
@@ -177,12 +159,8 @@ def upgrade() -> None:
         sa.Column("number", sa.Integer(), nullable=False),
         sa.Column("rater_id", sa.Integer(), nullable=True),
         sa.Column("id", sa.Integer(), nullable=False),
-        sa.ForeignKeyConstraint(
-            ["rater_id"], ["raters.id"], name=op.f("fk_blocks_rater_id"), ondelete="SET NULL"
-        ),
-        sa.ForeignKeyConstraint(
-            ["study_id"], ["studies.id"], name=op.f("fk_blocks_study_id"), ondelete="CASCADE"
-        ),
+        sa.ForeignKeyConstraint(["rater_id"], ["raters.id"], name=op.f("fk_blocks_rater_id"), ondelete="SET NULL"),
+        sa.ForeignKeyConstraint(["study_id"], ["studies.id"], name=op.f("fk_blocks_study_id"), ondelete="CASCADE"),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_blocks")),
         sa.UniqueConstraint("rater_id", name=op.f("uq_blocks_rater_id")),
         sa.UniqueConstraint("study_id", "number", name=op.f("uq_blocks_study_id_number")),
@@ -198,12 +176,8 @@ def upgrade() -> None:
         sa.Column("rater_id", sa.Integer(), nullable=True),
         sa.Column("expires", sa.Double(), nullable=False),
         sa.Column("id", sa.Integer(), nullable=False),
-        sa.ForeignKeyConstraint(
-            ["owner_id"], ["owners.id"], name=op.f("fk_logins_owner_id"), ondelete="CASCADE"
-        ),
-        sa.ForeignKeyConstraint(
-            ["rater_id"], ["raters.id"], name=op.f("fk_logins_rater_id"), ondelete="CASCADE"
-        ),
+        sa.ForeignKeyConstraint(["owner_id"], ["owners.id"], name=op.f("fk_logins_owner_id"), ondelete="CASCADE"),
+        sa.ForeignKeyConstraint(["rater_id"], ["raters.id"], name=op.f("fk_logins_rater_id"), ondelete="CASCADE"),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_logins")),
         sa.UniqueConstraint("token_hash", name=op.f("uq_logins_token_hash")),
     )
@@ -220,12 +194,8 @@ def upgrade() -> None:
         sa.Column("order", sa.JSON(), nullable=False),
         sa.Column("first", sa.Integer(), nullable=False),
         sa.Column("id", sa.Integer(), nullable=False),
-        sa.ForeignKeyConstraint(
-            ["block_id"], ["blocks.id"], name=op.f("fk_tasks_block_id"), ondelete="CASCADE"
-        ),
-        sa.ForeignKeyConstraint(
-            ["trial_id"], ["trials.id"], name=op.f("fk_tasks_trial_id"), ondelete="CASCADE"
-        ),
+        sa.ForeignKeyConstraint(["block_id"], ["blocks.id"], name=op.f("fk_tasks_block_id"), ondelete="CASCADE"),
+        sa.ForeignKeyConstraint(["trial_id"], ["trials.id"], name=op.f("fk_tasks_trial_id"), ondelete="CASCADE"),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_tasks")),
         sa.UniqueConstraint("block_id", "position", name=op.f("uq_tasks_block_id_position")),
         sa.UniqueConstraint("block_id", "trial_id", name=op.f("uq_tasks_block_id_trial_id")),
@@ -254,15 +224,9 @@ def upgrade() -> None:
         sa.CheckConstraint("beat_matching BETWEEN -2 AND 2", name=op.f("ck_judgements_beat_matching")),
         sa.CheckConstraint("best IS NULL OR best <> worst", name=op.f("ck_judgements_best_is_not_worst")),
         sa.CheckConstraint("human_likeness BETWEEN -2 AND 2", name=op.f("ck_judgements_human_likeness")),
-        sa.CheckConstraint(
-            "overall_preference BETWEEN -2 AND 2", name=op.f("ck_judgements_overall_preference")
-        ),
-        sa.ForeignKeyConstraint(
-            ["rater_id"], ["raters.id"], name=op.f("fk_judgements_rater_id"), ondelete="CASCADE"
-        ),
-        sa.ForeignKeyConstraint(
-            ["task_id"], ["tasks.id"], name=op.f("fk_judgements_task_id"), ondelete="CASCADE"
-        ),
+        sa.CheckConstraint("overall_preference BETWEEN -2 AND 2", name=op.f("ck_judgements_overall_preference")),
+        sa.ForeignKeyConstraint(["rater_id"], ["raters.id"], name=op.f("fk_judgements_rater_id"), ondelete="CASCADE"),
+        sa.ForeignKeyConstraint(["task_id"], ["tasks.id"], name=op.f("fk_judgements_task_id"), ondelete="CASCADE"),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_judgements")),
         sa.UniqueConstraint("rater_id", "key", name=op.f("uq_judgements_rater_id_key")),
         sa.UniqueConstraint("task_id", name=op.f("uq_judgements_task_id")),
