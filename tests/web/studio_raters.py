@@ -146,7 +146,7 @@ class RaterTab(PageDriver):
         """Plays all clips to their end."""
         all_at_once = self.page.query_selector(".controls .all")
         (all_at_once or self.page.query_selector(".controls button.play")).click()
-        self.wait("__studio.theatre.watched.every((times) => times > 0)", PATIENCE_S)
+        self.wait("__studio.player.watched.every((times) => times > 0)", PATIENCE_S)
 
     def choose(self, rating: int = 1, best: int = 2, worst: int = 5) -> None:
         """Answers every question alike, or marks two candidates."""

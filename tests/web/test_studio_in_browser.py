@@ -78,12 +78,12 @@ def test_a_reload_in_mid_judgement_loses_nothing(studio, tab):
     rater = tab().begin(studio.links(study)[0])
     rater.watch()
     rater.page.check("[data-question=beat_matching] input[value='-2']")
-    before, plays = rater.task, rater.ask("__studio.theatre.plays")
+    before, plays = rater.task, rater.ask("__studio.player.plays")
     rater.page.reload()
     rater.see(".task")
     assert rater.task == before
     assert rater.page.is_checked("[data-question=beat_matching] input[value='-2']")
-    assert min(rater.ask("__studio.theatre.plays")) >= min(plays) >= 1
+    assert min(rater.ask("__studio.player.plays")) >= min(plays) >= 1
     for question in ("human_likeness", "overall_preference"):
         rater.page.check(f"[data-question={question}] input[value='0']")
     rater.submit()
@@ -256,9 +256,9 @@ def test_a_task_is_judged_with_keys_alone(studio, tab):
     keys = rater.page.keyboard
     rater.page.evaluate("document.activeElement.blur()")
     keys.press("a")
-    rater.wait("__studio.theatre.watched.every((times) => times > 0)", 120)
+    rater.wait("__studio.player.watched.every((times) => times > 0)", 120)
     keys.press(" ")
-    rater.wait("__studio.theatre.playing.length === 0")
+    rater.wait("__studio.player.playing.length === 0")
     for key in ("3", "b", "ArrowRight", "w"):
         keys.press(key)
     rater.wait("document.querySelector('.missing').textContent.includes('Best: 3. Worst: 4.')")
@@ -284,12 +284,12 @@ def test_one_after_the_other_shows_one_at_a_time_in_the_drawn_order(studio, tab)
     rater = tab().begin(studio.links(study)[0])
     first = rater.ask("__studio.flow.page.setting.next.task.first")
     rater.page.click(".controls button.play")
-    assert rater.ask("__studio.theatre.plays")[1 - first] == 0
+    assert rater.ask("__studio.player.plays")[1 - first] == 0
     hidden = f".cell[data-slot='{1 - first}'] .curtain"
     assert rater.page.inner_text(hidden) == "AB"[1 - first]
-    rater.wait("__studio.theatre.watched.every((times) => times === 1)", 120)
-    assert rater.ask("__studio.theatre.plays") == [1, 1]
-    assert rater.ask("__studio.theatre.playing") == []
+    rater.wait("__studio.player.watched.every((times) => times === 1)", 120)
+    assert rater.ask("__studio.player.plays") == [1, 1]
+    assert rater.ask("__studio.player.playing") == []
 
 
 def test_motion_is_locked_to_the_sound(studio, tab):
@@ -297,12 +297,12 @@ def test_motion_is_locked_to_the_sound(studio, tab):
     study = studio.preference(candidates=2)
     rater = tab(300, 520).begin(studio.links(study)[0])
     rater.page.click(".controls button.play")
-    rater.wait("__studio.theatre.position > 0")
+    rater.wait("__studio.player.position > 0")
     gaps = rater.page.evaluate("""async () => {
       const gaps = [];
       for (let k = 0; k < 12; k++) {
         await new Promise(requestAnimationFrame);
-        const { position, shown, playing } = __studio.theatre;
+        const { position, shown, playing } = __studio.player;
         if (playing.length && position > 0) gaps.push(shown[0] - (position % 1));
       }
       return gaps;
@@ -310,7 +310,7 @@ def test_motion_is_locked_to_the_sound(studio, tab):
     folded = [(gap + 0.5) % 1 - 0.5 for gap in gaps]
     assert len(folded) > 5
     assert sorted(map(abs, folded))[len(folded) // 2] < 0.13
-    assert rater.ask("__studio.theatre.plays")[0] >= 1
+    assert rater.ask("__studio.player.plays")[0] >= 1
 
 
 def test_a_rater_is_told_nothing_of_the_design(studio, tab):
@@ -420,5 +420,5 @@ def test_reduced_motion_repeats_nothing_by_itself(studio, tab):
     rater = tab(reduced_motion="reduce").begin(studio.links(study)[0])
     assert rater.page.get_attribute("[aria-label='Repeat']", "aria-pressed") == "false"
     rater.watch()
-    rater.wait("__studio.theatre.playing.length === 0")
-    assert rater.ask("__studio.theatre.plays") == [1, 1]
+    rater.wait("__studio.player.playing.length === 0")
+    assert rater.ask("__studio.player.plays") == [1, 1]
