@@ -1,4 +1,4 @@
-"""Talking with the avatar in a real browser: typed, by microphone, and across its words."""
+"""Chat with the avatar in a real browser: typed, by microphone, and with interruptions."""
 
 import pytest
 from tests.web.make_vrm import make_vrm
@@ -48,7 +48,7 @@ def test_what_is_typed_is_answered_aloud_and_may_be_cut_across(page, tmp_path):
 
 
 def test_what_is_said_aloud_is_answered(page):
-    """The browser's stand-in microphone beeps once a second: half a second of sound, then silence."""
+    """The browser's fake microphone beeps once a second: half a second of sound, then silence."""
     page.click("#microphone")
     page.wait("document.getElementById('ear').getAttribute('aria-pressed') === 'true'")
     page.wait("document.querySelectorAll('#messages p.assistant').length > 0")

@@ -87,7 +87,7 @@ def _rate(driver) -> float:
 
 
 def _errors_ms(seen: np.ndarray) -> np.ndarray:
-    """Pose less sound, where the sound tells its clock: positive when the pose is early."""
+    """Pose minus sound in ms, where the sound encodes its clock; positive when the pose is early."""
     pose, last, before, ahead, latency = seen.T
     tells = (last > before) & (np.abs(last) < 0.249) & (ahead < 0.5)
     heard = (last / 0.5 + 0.5) - np.maximum(ahead, latency)
