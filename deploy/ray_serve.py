@@ -5,9 +5,9 @@
 
 Every replica is a whole server with its own engine. A session stays with its replica, because its WebSocket does. Ray
 sends a new client to a replica with a free seat and starts more replicas as seats fill up; when all are taken, it
-refuses the connection. When a replica dies, its clients reconnect. Another replica does not know their session, so they start a
-new one there with the sound that was not played yet (`echoavatar.agents.client` and the page do this), while they play
-what they have buffered.
+refuses the connection. When a replica dies, its clients reconnect. Another replica does not know their session, so they
+start a new one there with the sound that was not played yet (`echoavatar.agents.client` and the page do this), while
+they play what they have buffered.
 """
 
 import os

@@ -1,9 +1,9 @@
-"""Pose against sound, by witnesses of their own: sound and pose each carry the clock, and the page is not asked.
+"""Pose against sound, measured independently of the page's own metrics: both carry the clock.
 
-The stand-in server writes the clock into the wave (a saw of one second) and into the hips (Z = seconds / 1000). At each
-display frame the test reads the wave at the loudspeaker and the pose that is on the screen. Messages are delayed by
-up to 50 ms at random, and once everything stands still for 500 ms. Where the machine draws by software, and too slowly
-to judge anything but its drawing, poses are applied but not drawn.
+The mock server encodes the clock in the sound (a sawtooth with a period of one second) and in the hips (Z = seconds /
+1000). At each display frame the test reads the sound at the output and the pose on screen. Messages are delayed by up to
+50 ms at random, and once for 500 ms. With software rendering, poses are applied but not drawn, because drawing would be
+too slow for the measurement.
 """
 
 import logging
