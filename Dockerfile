@@ -1,7 +1,7 @@
 # The live server:
 #   docker build -t echoavatar . && docker run -p 8765:8765 -e ECHOAVATAR_TOKEN=secret echoavatar
 FROM python:3.11-slim AS build
-# The CPU build of torch; another index brings another build (https://pypi.org/simple: CUDA, see compose.gpu.yaml).
+# The CPU build of torch; another index has another build (https://pypi.org/simple: CUDA, see compose.gpu.yaml).
 ARG TORCH_INDEX=https://download.pytorch.org/whl/cpu
 RUN python -m venv /venv
 ENV PATH=/venv/bin:$PATH PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1
@@ -16,12 +16,12 @@ FROM python:3.11-slim
 RUN apt-get update && apt-get install -y --no-install-recommends libgomp1 && rm -rf /var/lib/apt/lists/* \
     && useradd --create-home --uid 1000 avatar
 COPY --from=build /venv /venv
-# Inner loops are compiled for the processor they run on, and kept where a read-only container can write.
+# Kernels are compiled on first use and cached where a read-only container can write.
 ENV PATH=/venv/bin:$PATH PYTHONUNBUFFERED=1 NUMBA_CACHE_DIR=/tmp/numba
 USER avatar
 WORKDIR /home/avatar
 EXPOSE 8765
-# SIGTERM lets people finish: give `docker stop` longer than --drain.
+# SIGTERM lets sessions finish: give `docker stop` longer than --drain.
 STOPSIGNAL SIGTERM
 HEALTHCHECK --interval=10s --timeout=3s --start-period=180s --retries=3 \
     CMD ["python", "-c", "import urllib.request as u; u.urlopen('http://127.0.0.1:8765/health', timeout=2)"]

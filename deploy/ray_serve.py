@@ -1,13 +1,13 @@
-"""The live server on several machines: the same application as a Ray Serve deployment.
+"""The live server on several machines, as a Ray Serve deployment.
 
     pip install 'echoavatar[ray]'
     serve run deploy.ray_serve:build seats=3 most=8
 
-Every replica is a whole server with its engine. A session stays with its replica, because a WebSocket does. Ray hands a
-newcomer to a replica with a free seat and starts more replicas as seats fill up; when all are taken, it refuses at the
-door. When a replica dies, its clients come back by themselves: another replica does not know their session and says so,
-and they begin a new one there with what was not played yet (`echoavatar.agents.client` and the page do), while what
-they have buffered plays on.
+Every replica is a whole server with its own engine. A session stays with its replica, because its WebSocket does. Ray
+sends a new client to a replica with a free seat and starts more replicas as seats fill up; when all are taken, it
+refuses the connection. When a replica dies, its clients reconnect. Another replica does not know their session, so they
+start a new one there with the sound that was not played yet (`echoavatar.agents.client` and the page do this), while
+they play what they have buffered.
 """
 
 import os
@@ -38,7 +38,7 @@ class Avatars:
         self._manager: Any = None
 
     def __serve_build_asgi_app__(self) -> ASGIApp:  # noqa: N807
-        """The application, once the replica is there."""
+        """Called by Ray when the replica has started."""
         from echoavatar.engine import load
         from echoavatar.server import ServerSettings, create_app
 
@@ -57,7 +57,7 @@ class Avatars:
             raise RuntimeError("the engine has failed")
 
 
-SPARE = 4  # requests beyond the seats: pages, health, those who are refused in words
+SPARE = 4  # requests beyond the seats: pages, health checks, refusals with a message
 
 
 def build(options: Options) -> serve.Application:
@@ -66,7 +66,7 @@ def build(options: Options) -> serve.Application:
 
 
 def deployment(replica: type, options: Options) -> serve.Deployment:
-    """Seats as Ray counts them: a session is a request that lasts."""
+    """Maps seats to Ray's limits: a session is one long request."""
     return serve.deployment(
         replica,
         name="avatars",

@@ -2,8 +2,8 @@
 
     python scripts/make_demo_sound.py            (Debian: apt install flite libflite1)
 
-Writes src/echoavatar/assets/speech.ogg and music.ogg, mono 24 kHz Vorbis. Both are ours to give away: flite's voices
-put no condition on what they say, and the piece is composed and played by `echoavatar.corpora.rehearsal`.
+Writes src/echoavatar/assets/speech.ogg and music.ogg, mono 24 kHz Vorbis. Both may be redistributed: flite's voices
+put no condition on their output, and the music is composed and rendered by `echoavatar.corpora.rehearsal`.
 """
 
 from pathlib import Path

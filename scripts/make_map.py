@@ -1,9 +1,9 @@
-"""The picture that opens docs/architecture.md: the rooms as the import contract orders them, and one chunk's way.
+"""Draw the picture that opens docs/architecture.md: the rooms in the order of the import contract, and one chunk's way.
 
     python scripts/make_map.py          # writes docs/img/map.svg
 
-Rooms and their order are read from pyproject.toml, what each is for from its docstring, so the picture cannot go stale
-(tests/docs/test_map.py compares).
+Rooms and their order come from pyproject.toml, their purpose from their docstrings. tests/docs/test_map.py fails when
+the picture is out of date.
 """
 
 import ast
@@ -31,13 +31,13 @@ FONT = 'font-family="system-ui, sans-serif"'
 
 
 def layers() -> list[list[str]]:
-    """Rows of rooms, the highest first."""
+    """Rows of rooms, highest first."""
     contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
     return [[room.strip(" ()") for room in row.split("|")] for row in contracts[0]["layers"]]
 
 
 def purpose(room: str) -> str:
-    """First sentence of a room's docstring."""
+    """The first sentence of a room's docstring."""
     path = SOURCE / room / "__init__.py"
     path = path if path.exists() else SOURCE / f"{room}.py"
     text = ast.get_docstring(ast.parse(path.read_text())) or ""
@@ -45,7 +45,7 @@ def purpose(room: str) -> str:
 
 
 def inside(room: str) -> str:
-    """The chapters of a room."""
+    """The packages inside a room."""
     folder = SOURCE / room
     return ", ".join(sorted(path.parent.name for path in folder.glob("*/__init__.py"))) if folder.is_dir() else ""
 
@@ -79,8 +79,8 @@ def drawing() -> str:
             x = LEFT + place * width
             out.append(box(x, y, width - 8, ROW - 8, "#e8eef6" if (SOURCE / room).is_dir() else "#f6f4ec"))
             out.append(words(x + 10, y + 18, room, size=14, bold=True))
-            if len(row) == 1 and (chapters := inside(room)):
-                out.append(words(x + 10 + 9 * len(room) + 12, y + 18, chapters, fill="#4a5a70"))
+            if len(row) == 1 and (packages := inside(room)):
+                out.append(words(x + 10 + 9 * len(room) + 12, y + 18, packages, fill="#4a5a70"))
             shown = textwrap.shorten(purpose(room), round((width - 30) / 5.8), placeholder=" ...")
             out.append(words(x + 10, y + 34, shown, size=11, fill="#4a5a70"))
     step = (height - 90) / len(CHUNK)

@@ -1,9 +1,9 @@
-"""Compose and play the small library of music that ships for `play_music`.
+"""Compose and render the small music library that ships for `play_music`.
 
     python scripts/make_music.py
 
-Writes src/echoavatar/assets/music/*.ogg, mono 24 kHz Vorbis: composed by rule and played by our own synthesiser
-(`echoavatar.corpora.rehearsal`), so they are ours to give away under the project's licence. No samples, no soundfont.
+Writes src/echoavatar/assets/music/*.ogg, mono 24 kHz Vorbis. They are composed by rule and rendered by our own
+synthesiser (`echoavatar.corpora.rehearsal`) without samples or a soundfont, so the project's licence covers them.
 """
 
 from pathlib import Path

@@ -45,7 +45,7 @@ ROOT = Path(__file__).parents[1]
 
 
 def example_pose() -> Pose:
-    """Two frames of three joints, with turns of both signs, and a face of four curves."""
+    """Two frames of three joints, with rotations of both signs, and a face of four curves."""
     rotations = np.array(
         [
             [[1, 0, 0, 0], [0.8, 0.6, 0, 0], [-0.8, 0, 0.6, 0]],
@@ -123,7 +123,7 @@ def examples() -> dict[str, ClientMessage | ServerMessage]:
 
 
 def files() -> dict[Path, bytes]:
-    """What is to be committed, by path from the repository's root."""
+    """The generated files, by path from the repository's root."""
     made = {
         Path(f"docs/protocol.v{VERSIONS[-1]}.schema.json"): json.dumps(json_schema(), indent=1).encode() + b"\n",
         Path("web/packages/client/src/protocol.generated.ts"): typescript().encode(),
@@ -143,7 +143,7 @@ def files() -> dict[Path, bytes]:
 
 
 def main() -> None:
-    """Write them."""
+    """Write the files."""
     for path, content in files().items():
         (ROOT / path).parent.mkdir(parents=True, exist_ok=True)
         (ROOT / path).write_bytes(content)

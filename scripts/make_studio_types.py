@@ -1,4 +1,4 @@
-"""Write the TypeScript types of the studio's API; run after editing `studio/wire*.py`."""
+"""Write the TypeScript types of the studio's API; run after editing `studio/src/echoavatar_studio/wire*.py`."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ PATH = Path("web/studio/src/api.generated.ts")
 
 
 def main() -> None:
-    """Write them."""
+    """Write the file."""
     target = Path(__file__).parents[1] / PATH
     target.parent.mkdir(parents=True, exist_ok=True)
     target.write_text(typescript(), encoding="utf-8")

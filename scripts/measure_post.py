@@ -1,13 +1,12 @@
-"""What the stages behind the decoder do to generated motion: before and after, in numbers.
+"""Measure what the stages behind the decoder do to generated motion.
 
     python scripts/measure_post.py MADE.npz SOUND...          generate (with the default bundle) and measure
     python scripts/measure_post.py MADE.npz                   measure what was generated before
 
-Every sound becomes `SECONDS` of motion (looped or cut), all in one batch; kept in MADE.npz are decoded `features`
-(sessions, frames, channels) and the `brake` (sessions, frames) of the last stage, timing. For the hour on a leash each
-session repeats its own. Steps of angular velocity are its
-mean change from frame to frame at chunk borders, over that at other frames: 1 where a border does not show.
-Prints one line of JSON.
+Every sound is looped or cut to `SECONDS`; all sounds run in one batch. MADE.npz holds the decoded `features` (sessions,
+frames, channels) and the `brake` (sessions, frames) of the time warp. For the hour on a leash each session repeats its
+own features. `border_steps_over_others` is the mean change of angular velocity at chunk borders over that at other
+frames; 1 means that borders do not show. Prints one line of JSON.
 """
 
 import json
@@ -46,7 +45,7 @@ BALLS = list(HUMANOID.config.feet)[1::2]
 
 
 def generate(sounds: list[Path]) -> tuple[torch.Tensor, torch.Tensor]:
-    """Decoded features (b, t, c), before any other stage, and the brake (b, t) that the warp model heard."""
+    """Decoded features (b, t, c), before any other stage, and the warp model's brake (b, t)."""
     chunks = int(SECONDS * SAMPLE_RATE_HZ / CHUNK_SAMPLES)
     audio = np.stack([np.resize(np.concatenate(list(stream_audio(path))), chunks * CHUNK_SAMPLES) for path in sounds])
     pipeline = Pipeline(load_bundle())
@@ -63,7 +62,7 @@ def generate(sounds: list[Path]) -> tuple[torch.Tensor, torch.Tensor]:
 
 
 def _tap(stage: object, name: str) -> list[torch.Tensor]:
-    """What a method of a stage returns from now on."""
+    """Record every future return value of a method."""
     seen: list[torch.Tensor] = []
     method = getattr(stage, name)
 
@@ -81,21 +80,21 @@ def through(
     options: MotionOptions,
     brake: torch.Tensor | None = None,
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Rotations and roots of every session; with `brake` behind timing too."""
+    """Rotations and roots of every session; with `brake`, after the time warp."""
     post, time_warp = Post(HUMANOID, stages=stages), TimeWarp(HUMANOID.joints)
     state, active = post.init_state(len(features)), torch.ones(len(features), dtype=torch.bool)
-    timing = time_warp.init_state(len(features))
+    warp_state = time_warp.init_state(len(features))
     state.modes.choose(active, options)
     shown = [post.step(part, state, active) for part in torch.split(features, CHUNK_FRAMES, 1)]
     if brake is not None:
         brakes = torch.split(brake, CHUNK_FRAMES, 1)
-        shown = [time_warp.step(*both, timing, active) for both in zip(shown, brakes, strict=True)]
+        shown = [time_warp.step(*both, warp_state, active) for both in zip(shown, brakes, strict=True)]
     rotations, root = in_a_row(shown)
     return torch.from_numpy(rotations), torch.from_numpy(root)
 
 
 def measured(quaternions: torch.Tensor, root: torch.Tensor) -> dict[str, float]:
-    """Penetration, smoothness, feet, root of all sessions together."""
+    """Penetration, smoothness, foot skate and root travel over all sessions."""
     rotations = matrix_from_quaternion(quaternions)
     depth = torch.cat([penetration_depth_m(HUMANOID, session) for session in rotations])
     places = forward_kinematics(HUMANOID, rotations, root).positions
@@ -125,14 +124,14 @@ def velocity_change(quaternions: torch.Tensor) -> torch.Tensor:
 
 
 def border_share(change: torch.Tensor, frames: int) -> float:
-    """Change around the last and the first frame of chunks over that around the others; `frames` in a chunk."""
+    """Mean change at the first and last frame of chunks over that at other frames; `frames` is the chunk size."""
     place = (torch.arange(change.shape[-1]) + 1) % frames
     is_border = (place == 0) | (place == frames - 1)
     return float(change[..., is_border].mean() / change[..., ~is_border].mean())
 
 
 def at_60(quaternions: torch.Tensor, root: torch.Tensor) -> dict[str, float]:
-    """The same at 60 fps, where every second frame is a source frame; and source frames over those between."""
+    """`border_share` at 60 fps, and the change at source frames over that at the interpolated frames between them."""
     changes = []
     for session, places in zip(quaternions, root, strict=True):
         stream = StreamInterpolator(60)
@@ -147,7 +146,7 @@ def at_60(quaternions: torch.Tensor, root: torch.Tensor) -> dict[str, float]:
 
 
 def farthest(features: torch.Tensor, minutes: int, options: MotionOptions) -> float:
-    """Metres of the root from its start when every session goes on for so long."""
+    """Largest distance of a root from its start, in metres, over so many minutes."""
     post, on = Post(HUMANOID), torch.ones(len(features), dtype=torch.bool)
     state = post.init_state(len(features))
     state.modes.choose(on, options)
@@ -159,7 +158,7 @@ def farthest(features: torch.Tensor, minutes: int, options: MotionOptions) -> fl
 
 
 def main() -> None:
-    """Generate where sounds are given, then measure."""
+    """Generate if sounds are given, then measure."""
     torch.set_num_threads(1)
     path, sounds = Path(sys.argv[1]), [Path(name) for name in sys.argv[2:]]
     if sounds:
@@ -169,15 +168,15 @@ def main() -> None:
         features, brake = torch.from_numpy(kept["features"]), torch.from_numpy(kept["brake"])
     free = MotionOptions()
     without_hands = tuple(stage for stage in SWITCHES if stage != "hands")
-    full, timed = through(features, SWITCHES, free), through(features, SWITCHES, free, brake)
+    full, warped = through(features, SWITCHES, free), through(features, SWITCHES, free, brake)
     report: dict[str, object] = {
         "minutes": features.shape[0] * features.shape[1] / FRAME_RATE_HZ / 60,
         "decoded": measured(*through(features, ("ground",), free)),
         "without hands": measured(*through(features, without_hands, free)),
         "all": measured(*full),
-        "all and timing": measured(*timed),
+        "all and warp": measured(*warped),
         "at 60 fps": at_60(*full),
-        "at 60 fps, with timing": at_60(*timed),
+        "at 60 fps, with warp": at_60(*warped),
         "an hour": farthest(features, 60, free),
         "an hour on a leash of 1 m": farthest(features, 60, MotionOptions(leash_m=1)),
     }

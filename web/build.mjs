@@ -1,4 +1,4 @@
-// Bundles src/viewer.js into one script for the package, with the licence of three.js at its head.
+// Bundles src/viewer.js into one script for the package, with the licence of three.js at the top.
 import { build } from "esbuild";
 import { readFileSync } from "node:fs";
 

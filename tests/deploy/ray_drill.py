@@ -1,4 +1,4 @@
-"""Two replicas, two people speaking, one replica killed: who spoke to it speaks on. Prints one line of JSON.
+"""Two replicas, two clients, one replica killed: its client must continue at the other. Prints one line of JSON.
 
 A program of its own, because Ray wants the process for itself; `test_ray_serve.py` runs it.
 """
@@ -23,7 +23,7 @@ SECONDS = 14.0
 
 
 class Doubles(Avatars):
-    """Replicas with a body of twenty lines."""
+    """Replicas with a fake body."""
 
     def __serve_build_asgi_app__(self) -> object:  # noqa: N807
         from tests.server.fakes import Body
@@ -38,7 +38,7 @@ class Doubles(Avatars):
 
 
 async def speak(hosts: list[str], number: int) -> dict[str, object]:
-    """Say an utterance at the speed of playback, and watch whether the player would ever have run dry."""
+    """Speak an utterance at playback speed, and measure for how long a player would have run out of sound."""
     async with connect(f"http://127.0.0.1:{PORT}") as avatar:
         hosts.append(avatar.ready.server.split()[-1])
         recorder = Recorder(avatar.ready)

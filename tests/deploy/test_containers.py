@@ -1,4 +1,4 @@
-"""The container files, read without a daemon: what they name exists, and fits the command line."""
+"""The container files, checked without a daemon: the files and options that they name exist."""
 
 import argparse
 import re
@@ -19,7 +19,7 @@ ON_GPU: dict[str, Any] = yaml.safe_load((ROOT / "compose.gpu.yaml").read_text())
 
 
 def lines(word: str) -> list[str]:
-    """What follows an instruction, wherever it stands; lines that are continued are one."""
+    """The arguments of every such instruction; continued lines are joined."""
     whole = DOCKER.replace("\\\n", " ")
     return [line.split(None, 1)[1] for line in whole.splitlines() if line.startswith(f"{word} ")]
 
@@ -82,7 +82,7 @@ def test_ports_folders_and_variables_fit() -> None:
 
 
 def test_a_read_only_container_can_keep_what_it_compiles() -> None:
-    """Compiled loops are kept on disk; where no folder can be written, numba refuses to import them."""
+    """Kernels are cached on disk; without a writable folder numba refuses to import them."""
     assert SERVICE["read_only"]
     (kept,) = re.findall(r"NUMBA_CACHE_DIR=(\S+)", DOCKER)
     assert any(Path(kept).is_relative_to(folder) for folder in SERVICE["tmpfs"])

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-# Ray's workers are nice to others (15), and so starve on a busy machine; and its proxy is killed after 5 s of that.
+# Ray's workers run at niceness 15 and starve on a busy machine; its proxy is then killed after 5 s.
 PATIENCE = {"RAY_worker_niceness": "0"} | {
     f"RAY_SERVE_PROXY_{check}_CHECK_TIMEOUT_S": "60" for check in ("READY", "HEALTH")
 }
@@ -31,7 +31,7 @@ def test_a_killed_replica_moves_its_sessions_and_nobody_hears_it() -> None:
         check=False,
     )
     assert done.returncode == 0, done.stderr[-2000:]
-    (line,) = [line for line in done.stdout.splitlines() if line.startswith("{")]  # Ray too has things to say there
+    (line,) = [line for line in done.stdout.splitlines() if line.startswith("{")]  # Ray prints there, too
     report = json.loads(line)
     assert report["victim"]["moved"] == 1
     for person in (report["victim"], report["other"]):

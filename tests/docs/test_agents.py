@@ -1,4 +1,4 @@
-"""The pages on voice agents tell the truth: commands exist, examples run, links lead somewhere."""
+"""The documents on voice agents are true: commands exist, examples run, links work."""
 
 import argparse
 import ast
@@ -68,7 +68,7 @@ def test_every_variable_of_the_companion_is_on_its_page() -> None:
 
 
 def example(name: str, **replaced: str) -> str:
-    """The page's program, with other addresses."""
+    """The document's program, with other addresses."""
     [code] = re.findall(r"```python\n(.*?)```", PAGES[name], re.S)
     for old, new in replaced.values():
         assert old in code
@@ -78,11 +78,11 @@ def example(name: str, **replaced: str) -> str:
 
 @contextmanager
 def conversation(place: Place) -> Iterator[str]:
-    """The proxy's address, before a scripted voice, in a thread of its own."""
+    """The address of a proxy in front of a scripted voice, run in a thread."""
     there, over, told = threading.Event(), threading.Event(), []
 
     async def greet(session: ScriptedSession) -> None:
-        """One second, when asked and the avatar is there; then the voice hangs up."""
+        """One second of speech, when asked and the avatar is connected; then the voice disconnects."""
         await session.until("response.create")
         while not place.manager.sessions:  # noqa: ASYNC110
             await asyncio.sleep(0.1)

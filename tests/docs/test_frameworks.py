@@ -1,4 +1,4 @@
-"""The pages on Pipecat, LiveKit and ElevenLabs: every command is carried out as far as it goes without keys.
+"""The documents on Pipecat, LiveKit and ElevenLabs: every command runs as far as possible without keys.
 
 What is installed is checked against what the packages offer; programs run until they say what the page says of them, or
 ask for what a newcomer lacks. Hosted services are a port on this machine.
@@ -21,7 +21,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 PAGES = {name: (ROOT / f"docs/integrations/{name}.md").read_text() for name in ("pipecat", "livekit", "elevenlabs")}
-NOBODY = "ws://127.0.0.1:9"  # a port where nothing answers
+NOBODY = "ws://127.0.0.1:9"  # a port without a server
 KEYS = {
     "OPENAI_API_KEY": "none",
     "LIVEKIT_URL": NOBODY,
@@ -31,7 +31,7 @@ KEYS = {
 
 
 def commands(start: str) -> list[str]:
-    """Commands of all pages that begin so, without assignments before them; `&&` separates two."""
+    """Commands of all documents with this prefix, without leading assignments, split at `&&`."""
     lines = [
         part.strip()
         for text in PAGES.values()
@@ -43,7 +43,7 @@ def commands(start: str) -> list[str]:
 
 
 def says(words: list[str], wanted: str, *, seconds: float = 100, **keys: str) -> str:
-    """What a program prints until it says something or ends; it is stopped then."""
+    """Output of a program until it prints a text or ends; the program is then stopped."""
     kept = {name: value for name, value in os.environ.items() if not name.endswith(("_KEY", "_SECRET", "_URL"))}
     process = subprocess.Popen(
         [sys.executable, *words],
@@ -141,7 +141,7 @@ def test_talking_with_elevenlabs_asks_for_its_key() -> None:
 
 
 def test_talking_with_elevenlabs_is_a_conversation(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The example as it stands, with a scripted service, a loudspeaker that remembers, and a body of twenty lines."""
+    """The unchanged example, with a scripted service, a recording audio output and a fake body."""
     pytest.importorskip("elevenlabs")
     from elevenlabs import ElevenLabs
     from tests.integrations import test_elevenlabs as scene

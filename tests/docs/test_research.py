@@ -1,4 +1,4 @@
-"""The way from raw datasets to tables is one that can be gone: every command is known with every option."""
+"""Every command of docs/research.md exists with its options, and its estimates are computed correctly."""
 
 import argparse
 import re
@@ -34,7 +34,7 @@ def test_every_link_leads_somewhere() -> None:
 
 
 def test_the_sums_are_right() -> None:
-    """The arithmetic of the estimates, done again."""
+    """Repeats the arithmetic of the estimates."""
     step = (6 * 0.358e9 + 12 * 24 * 896 * 1140) * 1140 * 256
     seconds = step / (0.35 * 989e12)
     assert f"{seconds:.2f} s a step" in TEXT

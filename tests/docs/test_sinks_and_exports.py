@@ -1,4 +1,4 @@
-"""Every command of the pages on sinks and exports is known with its options; exports and plays are run."""
+"""Every command of the documents on sinks and exports exists with its options; `export` and `play` are run."""
 
 import argparse
 import re

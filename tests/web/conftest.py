@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 ROOT = Path(__file__).parents[2]
-START_S = 300  # a server's first start on a machine compiles, and the machine may be busy
+START_S = 300  # the first start on a machine compiles kernels, and the machine may be busy
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 FLAGS = (
     "--no-sandbox",
@@ -40,7 +40,7 @@ DROP = """
 
 
 class PageDriver:
-    """One tab, with what it said on its console. Conditions are polled: the page forbids `eval`."""
+    """One tab and its console messages. Conditions are polled, because the page forbids `eval`."""
 
     def __init__(self, page: Any) -> None:
         self.page = page
@@ -66,11 +66,11 @@ class PageDriver:
             time.sleep(0.1)
 
     def click(self, selector: str) -> None:
-        """As a visitor does, but without waiting for moving pictures to stand still."""
+        """Click without waiting for animations to finish."""
         self.page.locator(selector).first.dispatch_event("click")
 
     def drop(self, name: str, data: bytes, kind: str = "model/gltf-binary") -> None:
-        """A file falls on the page."""
+        """Drop a file on the page."""
         self.page.evaluate(DROP, [name, base64.b64encode(data).decode(), kind])
 
     def shot(self, path: Path) -> None:
@@ -103,7 +103,7 @@ def new_page(browser: Any) -> Iterator[Callable[..., PageDriver]]:
 
 @pytest.fixture(scope="module")
 def mock_url() -> Iterator[str]:
-    """A stand-in server that needs no model and tells its clock in pose and sound."""
+    """A mock server without models, whose pose and sound encode its clock."""
     port = _free_port()
     script = Path(__file__).with_name("mock_server.py")
     yield from _serving([sys.executable, str(script), "--port", str(port), "--tell-clock"], port)

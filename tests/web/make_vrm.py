@@ -1,4 +1,4 @@
-"""Makes a small VRM 1.0 avatar of boxes, with the five vowels and a blink: something to drop on the page.
+"""Makes a small VRM 1.0 avatar of boxes, with the five vowels and a blink, to drop on the page.
 
 Nothing in it is anyone's but ours. Its bones stand in our rig's T-pose at another size, so that strides must be scaled.
 """
@@ -29,7 +29,7 @@ _FACES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2
 _CORNERS = _CUBE[_FACES].reshape(-1, 3)  # four to a face, so that each has its own normal
 _TRIANGLES = np.arange(24).reshape(6, 4)[:, [0, 1, 2, 0, 2, 3]].reshape(-1)
 
-Box = tuple[int, np.ndarray, np.ndarray]  # joint, centre from it, size
+Box = tuple[int, np.ndarray, np.ndarray]  # joint, offset of the centre from it, size
 
 
 class _Binary:
@@ -109,7 +109,7 @@ def _body(binary: _Binary, offsets: np.ndarray) -> dict[str, Any]:
 
 
 def _mouth(binary: _Binary) -> dict[str, Any]:
-    """A flat box that each vowel, and the blink, stretches its own way."""
+    """A flat box with a morph target for each vowel and the blink."""
     positions = _CORNERS * [0.06, 0.008, 0.01] + [0, 0.05, 0.112]
     stretches = (*SHAPES.values(), BLINK)
     primitive = {

@@ -1,4 +1,4 @@
-"""A stand-in for the server, for tests of the browser's side: no models, every frame tells its own clock.
+"""A mock server for tests of the page: no models, every frame encodes its own clock.
 
 It speaks `echoavatar.v1` over the real message types, feeds silence when no sound waits, and paces itself by `played`.
 Motion is a gentle sway, or `recorded` clips. With `tell_clock` the hips' Z is the clock (seconds / 1000) and the sound
@@ -148,7 +148,7 @@ class MockSession:
         pcm = np.zeros(CHUNK_SAMPLES)
         pcm[: len(speech)] += speech
         pcm[: len(music)] += music
-        if self._tell_clock:  # a saw of one second
+        if self._tell_clock:  # a sawtooth with a period of one second
             pcm = ((self._at + np.arange(CHUNK_SAMPLES)) % SAMPLE_RATE_HZ / SAMPLE_RATE_HZ - 0.5) * 0.5
         state = "dancing" if len(music) else "speaking" if len(speech) else "idle"
         if state != self._state:
@@ -208,7 +208,7 @@ class MockSession:
 
 
 def _sway(seconds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Arms hanging, a slow turn of spine and head."""
+    """Arms hanging, spine and head rotating slowly."""
     rotations = np.zeros((len(seconds), HUMANOID.joints, 4), np.float32)
     rotations[..., 0] = 1
     names = list(HUMANOID.names)
@@ -226,7 +226,7 @@ def _sway(seconds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 async def _chat(request: Request) -> Response:
-    """A companion that repeats what it is told, long enough to be interrupted."""
+    """A companion that repeats the message, long enough to be interrupted."""
     if request.method == "GET":
         return JSONResponse({"name": "parrot", "hears": True})
     message = await request.json()
@@ -240,7 +240,7 @@ async def _ears(request: Request) -> Response:
 
 
 def make_app(recorded: Mapping[str, np.ndarray], *, tell_clock: bool) -> Starlette:
-    """Page, sounds, character and stream, under the addresses of the real server."""
+    """Page, sounds, character and stream under the paths of the real server."""
     from echoavatar.files.avatar import load_character
     from echoavatar.files.avatar.gltf import pack_glb
 

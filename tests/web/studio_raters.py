@@ -1,4 +1,4 @@
-"""A studio that serves, and raters who use its pages as people do: with clicks and keys, in tabs of their own."""
+"""A running studio, and raters who use its pages by clicks and keys, each in a tab of their own."""
 
 import contextlib
 import threading
@@ -18,7 +18,7 @@ from echoavatar_studio.owner_actions import OwnerActions
 from echoavatar_studio.tables import Judgement, Rater, Study, Task, Trial
 from echoavatar_studio.wire_owner import Invite
 
-PATIENCE_S = 120  # pictures are drawn by the processor here, and it may be busy
+PATIENCE_S = 120  # WebGL runs on the processor here, which may be busy
 OUTSIDE = """[...document.querySelectorAll(
   "button, h1, h2, legend, .choice, footer, header, input, select, .cell"
 )].filter((element) => {
@@ -98,7 +98,7 @@ class Studio:
         return [link.url for link in made.links]
 
     def judgements(self, study: str) -> list[Judgement]:
-        """All answers, training and checks too, in the order in which they were saved."""
+        """All answers, including training and checks, in the order in which they were saved."""
         with self.maker.store.read() as session:
             wanted = (
                 select(Judgement)
@@ -120,7 +120,7 @@ class RaterTab(PageDriver):
     """One tab of a rater."""
 
     def begin(self, link: str) -> "RaterTab":
-        """From the link to the first task."""
+        """Go from the link to the first task."""
         self.page.goto(link)
         self.see(".agree")
         self.page.click(".agree")
@@ -143,23 +143,23 @@ class RaterTab(PageDriver):
         return bool(self.page.evaluate("document.querySelector('h1')?.textContent.startsWith('Thank you')"))
 
     def watch(self) -> None:
-        """Plays all clips to their end."""
+        """Play all clips to their end."""
         all_at_once = self.page.query_selector(".controls .all")
         (all_at_once or self.page.query_selector(".controls button.play")).click()
-        self.wait("__studio.theatre.watched.every((times) => times > 0)", PATIENCE_S)
+        self.wait("__studio.player.watched.every((times) => times > 0)", PATIENCE_S)
 
     def choose(self, rating: int = 1, best: int = 2, worst: int = 5) -> None:
-        """Answers every question alike, or marks two candidates."""
+        """Give every question the same answer, or mark two candidates."""
         for box in self.page.query_selector_all(f".question input[value='{rating}']"):
             box.check()
         for slot, which in ((best, "best"), (worst, "worst")):
             button = self.page.query_selector(f".cell[data-slot='{slot}'] .mark.{which}")
             if button and button.get_attribute("aria-pressed") == "false":
-                button.evaluate("(it) => it.click()")  # in a phone's carousel it may be out of sight
+                button.evaluate("(it) => it.click()")  # on a phone's carousel it may be off screen
         self.wait("!document.querySelector('.submit').disabled", PATIENCE_S)
 
     def submit(self) -> None:
-        """Sends, and waits for the next page."""
+        """Send the answer and wait for the next page."""
         before = self.task
         self.page.click(".submit")
         self.passed(before)
@@ -181,6 +181,6 @@ NewTab = Callable[..., Any]
 
 
 def new_tab(browser: Any, width: int = 420, height: int = 560, **options: Any) -> RaterTab:
-    """A tab in a browser of its own."""
+    """Open a tab in a browser context of its own."""
     context = browser.new_context(viewport={"width": width, "height": height}, **options)
     return RaterTab(context.new_page())

@@ -1,4 +1,4 @@
-"""Talking with the avatar in a real browser: typed, by microphone, and across its words."""
+"""Chat with the avatar in a real browser: typed, by microphone, and with interruptions."""
 
 import pytest
 from tests.web.make_vrm import make_vrm
@@ -9,7 +9,7 @@ pytestmark = [
     pytest.mark.browser,
     pytest.mark.skipif(not find_voice(), reason="this machine has no voice"),
 ]
-SAYINGS = "[...document.querySelectorAll('#sayings p')].map((row) => row.className + ': ' + row.textContent)"
+MESSAGES = "[...document.querySelectorAll('#messages p')].map((row) => row.className + ': ' + row.textContent)"
 
 
 @pytest.fixture
@@ -31,13 +31,13 @@ def say(page, text):
 
 def test_what_is_typed_is_answered_aloud_and_may_be_cut_across(page, tmp_path):
     say(page, "hello there")
-    page.wait("document.querySelectorAll('#sayings p').length === 2")
+    page.wait("document.querySelectorAll('#messages p').length === 2")
     page.wait("__echo.shown.state === 'speaking'")
     page.wait("__echo.sources.output.level > 0.01")
     say(page, "and what else")
     page.wait("__echo.session.player.played.epoch >= 1")
-    page.wait("document.querySelectorAll('#sayings p').length === 4")
-    assert page.ask(SAYINGS) == [
+    page.wait("document.querySelectorAll('#messages p').length === 4")
+    assert page.ask(MESSAGES) == [
         "user: hello there",
         "assistant: You said hello there, and I have heard 0 sayings before it.",
         "user: and what else",
@@ -48,10 +48,10 @@ def test_what_is_typed_is_answered_aloud_and_may_be_cut_across(page, tmp_path):
 
 
 def test_what_is_said_aloud_is_answered(page):
-    """The browser's stand-in microphone beeps once a second: half a second of sound, then silence."""
-    page.click("#ear")
+    """The browser's fake microphone beeps once a second: half a second of sound, then silence."""
+    page.click("#microphone")
     page.wait("document.getElementById('ear').getAttribute('aria-pressed') === 'true'")
-    page.wait("document.querySelectorAll('#sayings p.assistant').length > 0")
-    assert page.ask(SAYINGS)[0] == "user: something aloud"
-    page.click("#ear")
+    page.wait("document.querySelectorAll('#messages p.assistant').length > 0")
+    assert page.ask(MESSAGES)[0] == "user: something aloud"
+    page.click("#microphone")
     page.wait("document.getElementById('ear').getAttribute('aria-pressed') === 'false'")

@@ -1,4 +1,4 @@
-"""`expressions.json` holds what Python's map from ARKit to VRM gives; the client's tests hold its own map to it."""
+"""`expressions.json` holds outputs of Python's map from ARKit to VRM; the client's tests compare its map with them."""
 
 import json
 from pathlib import Path

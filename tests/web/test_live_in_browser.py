@@ -1,4 +1,4 @@
-"""The page in a real browser against the real server with the default bundle: the first minute, as a visitor has it."""
+"""The page in a real browser against the real server with the default bundle: a visitor's first minute."""
 
 import json
 
@@ -39,7 +39,7 @@ def boxes(page):
 
 
 class Seen:
-    """What was shown over some seconds."""
+    """The poses shown over some seconds."""
 
     def __init__(self, page, seconds):
         poses, faces = [], []
@@ -49,7 +49,7 @@ class Seen:
             page.page.wait_for_timeout(150)
         turns = np.array(poses).reshape(len(poses), -1, 4)
         dots = np.clip(np.abs((turns * turns[:1]).sum(-1)), 0, 1)
-        self.turned = np.degrees(2 * np.arccos(dots)).max(0)  # of each joint, from where it was
+        self.turned = np.degrees(2 * np.arccos(dots)).max(0)  # largest rotation of each joint
         self.face = np.ptp(np.array(faces), axis=0)
 
     def mouth(self):
@@ -57,7 +57,7 @@ class Seen:
 
 
 def moves(page, degrees):
-    """Waits until some joint is that far from where it was."""
+    """Wait until some joint has rotated that far."""
     before = np.array(page.ask(POSE)).reshape(-1, 4)
     for _ in range(PATIENCE * 4):
         now = np.array(page.ask(POSE)).reshape(-1, 4)
@@ -169,4 +169,4 @@ def test_a_broken_line_resumes_the_same_session(boxes):
     boxes.wait("__echo.session.ready.resumed", PATIENCE)
     boxes.wait(f"__echo.metrics.at > {at} + 48000", PATIENCE)
     assert boxes.ask("__echo.session.ready.session") == name
-    boxes.wait("__echo.shown.state === 'speaking'", PATIENCE)  # there are pauses in what it says
+    boxes.wait("__echo.shown.state === 'speaking'", PATIENCE)  # the speech has pauses

@@ -1,4 +1,4 @@
-"""The page in a real browser against a stand-in server: every control does what it says."""
+"""The page in a real browser against a mock server: every control works."""
 
 import json
 

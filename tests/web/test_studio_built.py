@@ -1,4 +1,4 @@
-"""The studio's built pages: complete, of this source, and with nothing from elsewhere."""
+"""The studio's built pages are complete, up to date and free of external resources."""
 
 import hashlib
 import re
@@ -14,7 +14,7 @@ PAGES = ("index.html", "rate.html")
 
 
 def test_the_built_pages_are_of_this_source():
-    """`make web` was run after the last change; `web/studio/stamp.ts` says how the digest is made."""
+    """`make web` was run after the last change; `web/studio/stamp.ts` makes the digest."""
     names = [
         path.relative_to(WEB).as_posix()
         for folder in ("studio/src", "packages/client/src")
@@ -42,7 +42,7 @@ def test_all_that_a_page_names_is_there_and_ours(page):
 
 
 def test_nothing_is_left_over_from_other_builds():
-    """Names carry a hash; every script and style is one that a page or another script names."""
+    """File names contain a hash; every script and style is referenced by a page or another script."""
     texts = [path.read_text("utf-8") for path in STATIC.rglob("*") if path.suffix in (".html", ".js")]
     for path in (STATIC / "assets").iterdir():
         if path.name != "licences.txt":

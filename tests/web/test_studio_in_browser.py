@@ -1,4 +1,4 @@
-"""The studio's rater pages in a real browser against the real studio: whole studies, and what may go wrong."""
+"""The studio's rater pages in a real browser against the real studio: whole studies, and failures."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -49,7 +49,7 @@ def test_the_store_is_what_the_test_is_named_after(studio, request):
 
 
 def test_whole_studies_of_both_kinds_by_several_raters_at_once(studio, tab):
-    """Two raters of each of three studies, task by task in turn: every answer is there, once, and theirs."""
+    """Two raters of each of three studies, task by task in turn: every answer is stored once, for its rater."""
     studies = {
         studio.pairwise(presentation="side_by_side", tasks_per_rater=2, raters=2): 1 + 2 + 1,
         studio.pairwise(presentation="sequential", tasks_per_rater=2, raters=2): 1 + 2 + 1,
@@ -78,12 +78,12 @@ def test_a_reload_in_mid_judgement_loses_nothing(studio, tab):
     rater = tab().begin(studio.links(study)[0])
     rater.watch()
     rater.page.check("[data-question=beat_matching] input[value='-2']")
-    before, plays = rater.task, rater.ask("__studio.theatre.plays")
+    before, plays = rater.task, rater.ask("__studio.player.plays")
     rater.page.reload()
     rater.see(".task")
     assert rater.task == before
     assert rater.page.is_checked("[data-question=beat_matching] input[value='-2']")
-    assert min(rater.ask("__studio.theatre.plays")) >= min(plays) >= 1
+    assert min(rater.ask("__studio.player.plays")) >= min(plays) >= 1
     for question in ("human_likeness", "overall_preference"):
         rater.page.check(f"[data-question={question}] input[value='0']")
     rater.submit()
@@ -118,8 +118,8 @@ def test_an_answer_whose_receipt_is_lost_is_sent_again_and_kept_once(studio, tab
     def lose(route: Any) -> None:
         seen.append(route.request.headers["idempotency-key"])
         if len(seen) < 3:
-            route.fetch()  # the studio has it
-            return route.abort()  # the page is not told
+            route.fetch()  # the studio stores it
+            return route.abort()  # the page gets no answer
         return route.continue_()
 
     rater.page.route("**/answer", lose)
@@ -189,7 +189,7 @@ def test_a_double_click_answers_one_task(studio, tab):
 def test_the_back_button_leads_out_and_forward_again_to_the_same_task(studio, tab):
     study = studio.pairwise(presentation="side_by_side")
     rater = tab()
-    rater.page.goto(f"{studio.url}/avatar.glb/nothing")  # a page before
+    rater.page.goto(f"{studio.url}/avatar.glb/nothing")  # an entry in the history
     rater.begin(studio.links(study)[0])
     rater.judge()
     rater.page.check("[data-question=beat_matching] input[value='1']")
@@ -205,7 +205,7 @@ def test_the_back_button_leads_out_and_forward_again_to_the_same_task(studio, ta
 
 
 def test_two_tabs_never_judge_twice(studio, tab):
-    """The other tab hears of it; where it cannot, the studio refuses, and it goes on."""
+    """The other tab is notified; if that fails, the studio refuses the second answer and the tab moves on."""
     study = studio.pairwise(presentation="side_by_side")
     first = tab().begin(studio.links(study)[0])
     second = RaterTab(first.page.context.new_page())
@@ -218,7 +218,7 @@ def test_two_tabs_never_judge_twice(studio, tab):
     second.page.bring_to_front()
     second.passed(one)
     assert second.task == first.task
-    # and now without a word between them
+    # now without notifications between the tabs
     second.page.evaluate("__studio.flow.channel.close()")
     second.watch()
     second.choose(rating=-1)
@@ -256,9 +256,9 @@ def test_a_task_is_judged_with_keys_alone(studio, tab):
     keys = rater.page.keyboard
     rater.page.evaluate("document.activeElement.blur()")
     keys.press("a")
-    rater.wait("__studio.theatre.watched.every((times) => times > 0)", 120)
+    rater.wait("__studio.player.watched.every((times) => times > 0)", 120)
     keys.press(" ")
-    rater.wait("__studio.theatre.playing.length === 0")
+    rater.wait("__studio.player.playing.length === 0")
     for key in ("3", "b", "ArrowRight", "w"):
         keys.press(key)
     rater.wait("document.querySelector('.missing').textContent.includes('Best: 3. Worst: 4.')")
@@ -284,25 +284,25 @@ def test_one_after_the_other_shows_one_at_a_time_in_the_drawn_order(studio, tab)
     rater = tab().begin(studio.links(study)[0])
     first = rater.ask("__studio.flow.page.setting.next.task.first")
     rater.page.click(".controls button.play")
-    assert rater.ask("__studio.theatre.plays")[1 - first] == 0
+    assert rater.ask("__studio.player.plays")[1 - first] == 0
     hidden = f".cell[data-slot='{1 - first}'] .curtain"
     assert rater.page.inner_text(hidden) == "AB"[1 - first]
-    rater.wait("__studio.theatre.watched.every((times) => times === 1)", 120)
-    assert rater.ask("__studio.theatre.plays") == [1, 1]
-    assert rater.ask("__studio.theatre.playing") == []
+    rater.wait("__studio.player.watched.every((times) => times === 1)", 120)
+    assert rater.ask("__studio.player.plays") == [1, 1]
+    assert rater.ask("__studio.player.playing") == []
 
 
 def test_motion_is_locked_to_the_sound(studio, tab):
-    """In a display frame, what is shown is what is heard, plus at most what the picture is foreseen to take."""
+    """A display frame shows what is heard, plus at most the predicted delay until it is on screen."""
     study = studio.preference(candidates=2)
     rater = tab(300, 520).begin(studio.links(study)[0])
     rater.page.click(".controls button.play")
-    rater.wait("__studio.theatre.position > 0")
+    rater.wait("__studio.player.position > 0")
     gaps = rater.page.evaluate("""async () => {
       const gaps = [];
       for (let k = 0; k < 12; k++) {
         await new Promise(requestAnimationFrame);
-        const { position, shown, playing } = __studio.theatre;
+        const { position, shown, playing } = __studio.player;
         if (playing.length && position > 0) gaps.push(shown[0] - (position % 1));
       }
       return gaps;
@@ -310,7 +310,7 @@ def test_motion_is_locked_to_the_sound(studio, tab):
     folded = [(gap + 0.5) % 1 - 0.5 for gap in gaps]
     assert len(folded) > 5
     assert sorted(map(abs, folded))[len(folded) // 2] < 0.13
-    assert rater.ask("__studio.theatre.plays")[0] >= 1
+    assert rater.ask("__studio.player.plays")[0] >= 1
 
 
 def test_a_rater_is_told_nothing_of_the_design(studio, tab):
@@ -358,7 +358,7 @@ def test_without_a_good_link_the_page_says_what_to_do(studio, tab, path, title):
 
 
 def test_a_page_speaks_the_language_of_the_study(studio, tab):
-    """As far as the owner's file of words goes; the rest is said in English."""
+    """Texts that the owner's file lacks are in English."""
     words = studio.maker.media.parent / "words"
     words.mkdir(exist_ok=True)
     (words / "de.json").write_text('{"rate_agree": "Einverstanden, los geht es", "play_both": "Beide abspielen"}')
@@ -420,5 +420,5 @@ def test_reduced_motion_repeats_nothing_by_itself(studio, tab):
     rater = tab(reduced_motion="reduce").begin(studio.links(study)[0])
     assert rater.page.get_attribute("[aria-label='Repeat']", "aria-pressed") == "false"
     rater.watch()
-    rater.wait("__studio.theatre.playing.length === 0")
-    assert rater.ask("__studio.theatre.plays") == [1, 1]
+    rater.wait("__studio.player.playing.length === 0")
+    assert rater.ask("__studio.player.plays") == [1, 1]

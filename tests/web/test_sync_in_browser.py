@@ -1,9 +1,9 @@
-"""Pose against sound, by witnesses of their own: sound and pose each carry the clock, and the page is not asked.
+"""Pose against sound, measured independently of the page's own metrics: both carry the clock.
 
-The stand-in server writes the clock into the wave (a saw of one second) and into the hips (Z = seconds / 1000). At each
-display frame the test reads the wave at the loudspeaker and the pose that is on the screen. Messages are delayed by
-up to 50 ms at random, and once everything stands still for 500 ms. Where the machine draws by software, and too slowly
-to judge anything but its drawing, poses are applied but not drawn.
+The mock server encodes the clock in the sound (a sawtooth with a period of one second) and in the hips (Z = seconds /
+1000). At each display frame the test reads the sound at the output and the pose on screen. Messages are delayed by up to
+50 ms at random, and once for 500 ms. With software rendering, poses are applied but not drawn, because drawing would be
+too slow for the measurement.
 """
 
 import logging
@@ -61,7 +61,7 @@ def test_pose_and_sound_agree_on_a_bad_line(new_page, mock_url):
     driver.wait("__echo.session.player.playing && __echo.metrics.at > 96000")
     if _rate(driver) < ENOUGH:
         _log.info("this machine draws fewer than %d pictures a second: measured without drawing", ENOUGH)
-        driver.page.evaluate("__echo.stage.render = () => {}")
+        driver.page.evaluate("__echo.viewport.render = () => {}")
         driver.page.add_style_tag(content="* { transition: none !important; animation: none !important }")
     driver.page.evaluate("__echo.resetSync()")
     driver.page.evaluate(WITNESS)
@@ -87,7 +87,7 @@ def _rate(driver) -> float:
 
 
 def _errors_ms(seen: np.ndarray) -> np.ndarray:
-    """Pose less sound, where the sound tells its clock: positive when the pose is early."""
+    """Pose minus sound in ms, where the sound encodes its clock; positive when the pose is early."""
     pose, last, before, ahead, latency = seen.T
     tells = (last > before) & (np.abs(last) < 0.249) & (ahead < 0.5)
     heard = (last / 0.5 + 0.5) - np.maximum(ahead, latency)

@@ -1,4 +1,4 @@
-"""The page shows a session that another program leads."""
+"""The page shows another program's session."""
 
 import asyncio
 import threading

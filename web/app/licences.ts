@@ -1,4 +1,4 @@
-/** Writes the licences of what is bundled beside the built page. */
+/** Writes the licences of the bundled packages beside the built page. */
 
 import { readFileSync, readdirSync } from "node:fs";
 import type { Plugin } from "vite";
@@ -9,7 +9,7 @@ const BUNDLED = [
   "@pixiv/three-vrm-springbone", "@msgpack/msgpack",
 ];
 
-/** `fileName` is where, below the built page. */
+/** `fileName` is relative to the built page. */
 export function licences(modules: URL, fileName = "licences.txt"): Plugin {
   return {
     name: "licences",

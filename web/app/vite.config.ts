@@ -1,7 +1,7 @@
 import { defineConfig } from "vite";
 import { licences } from "./licences.js";
 
-// Built into the Python package: `pip install echoavatar` needs no Node.
+// The page is built into the Python package, so that installing it needs no Node.
 export default defineConfig({
   base: "./",
   plugins: [licences(new URL("../node_modules/", import.meta.url))],

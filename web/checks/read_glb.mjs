@@ -1,5 +1,5 @@
-// What others make of a GLB: the Khronos validator and three.js. `node checks/read_glb.mjs FILE BONE...`; prints JSON.
-// World places of the named nodes, frame by frame, are those that three.js finds while it plays the first animation.
+// Reads a GLB with the Khronos validator and three.js: `node checks/read_glb.mjs FILE BONE...`; prints JSON.
+// World positions of the named nodes are those that three.js computes while it plays the first animation.
 
 import { readFileSync } from "node:fs";
 import validator from "gltf-validator";

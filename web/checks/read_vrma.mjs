@@ -1,5 +1,5 @@
-// What @pixiv/three-vrm-animation makes of a .vrma: `node checks/read_vrma.mjs FILE [AVATAR.vrm]`; prints JSON.
-// With an avatar its animation is played on it, and world places of some bones are told (as three.js sees them).
+// Reads a .vrma with @pixiv/three-vrm-animation: `node checks/read_vrma.mjs FILE [AVATAR.vrm]`; prints JSON.
+// With an avatar, it plays the animation and prints the world positions of some bones, as three.js computes them.
 
 import { readFileSync } from "node:fs";
 import { VRMAnimationLoaderPlugin, createVRMAnimationClip, VRMLookAtQuaternionProxy } from "@pixiv/three-vrm-animation";

@@ -1,7 +1,7 @@
-// The clip viewer: plays animations of one GLB against their sound. The audio element is the only clock.
+// The clip viewer: plays the animations of one GLB with their sound. The audio element is the only clock.
 import * as THREE from "three";
 import { GLTFLoader } from "three/examples/jsm/loaders/GLTFLoader.js";
-import { makeStage } from "./stage.js";
+import { makeViewport } from "./viewport.js";
 
 const ICONS = { play: "M5 2.5v15l12-7.5z", pause: "M4 3h4.5v14H4zM11.500 3H16v14h-4.500z" };
 const element = (id) => document.getElementById(id);
@@ -12,11 +12,11 @@ async function start() {
   const low = new URLSearchParams(location.search).get("quality") === "low";
   const canvas = document.createElement("canvas");
   document.body.prepend(canvas);
-  const stage = makeStage(canvas, low);
+  const viewport = makeViewport(canvas, low);
   const gltf = await new GLTFLoader().parseAsync(bytes(data.glb).buffer, "");
-  stage.scene.add(gltf.scene);
+  viewport.scene.add(gltf.scene);
   const bones = {};
-  const faces = []; // meshes with blendshapes, driven by the clips' weights
+  const faces = []; // meshes with blendshapes, driven by the weights of the clips
   gltf.scene.traverse((node) => {
     if (node.isBone) bones[node.name] = node;
     if (node.morphTargetInfluences) faces.push(node);
@@ -24,29 +24,29 @@ async function start() {
   });
   const mixer = new THREE.AnimationMixer(gltf.scene);
   const player = makePlayer(data.clips, gltf.animations, mixer);
-  connectControls(stage, player, data.clips);
+  connectControls(viewport, player, data.clips);
   let first = true;
   const draw = () => {
     player.pose();
     bones.hips.getWorldPosition(here);
-    stage.follow(here.x, here.z, first ? 1 : 0.06);
-    if (first) stage.frame();
+    viewport.follow(here.x, here.z, first ? 1 : 0.06);
+    if (first) viewport.frame();
     first = false;
-    stage.render();
+    viewport.render();
   };
   const here = new THREE.Vector3();
-  // Draw only when something changed: a page that stands still costs nothing.
+  // Draw only after a change, so that an idle page costs nothing.
   let drawn = "";
   const loop = () => {
-    const state = `${player.audio.currentTime} ${player.current} ${stage.version()}`;
+    const state = `${player.audio.currentTime} ${player.current} ${viewport.version()}`;
     if (state !== drawn) draw();
     drawn = state;
     player.show();
     requestAnimationFrame(loop);
   };
-  stage.resize();
+  viewport.resize();
   loop();
-  return { player, stage, bones, faces, draw, THREE };
+  return { player, viewport, bones, faces, draw, THREE };
 }
 
 function makePlayer(clips, animations, mixer) {
@@ -57,7 +57,7 @@ function makePlayer(clips, animations, mixer) {
   const player = {
     audio,
     current: -1,
-    // the sound's own length when it is known, else the motion's
+    // the sound's length if known, else the motion's
     duration: () => (Number.isFinite(audio.duration) && audio.duration > 0 ? audio.duration : length),
     choose(index) {
       player.current = index;
@@ -89,7 +89,7 @@ function makePlayer(clips, animations, mixer) {
   return player;
 }
 
-function connectControls(stage, player, clips) {
+function connectControls(viewport, player, clips) {
   const { audio } = player;
   const [scrub, play, begin] = [element("scrub"), element("play"), element("start")];
   const choices = clips.map((clip, index) => {
@@ -110,8 +110,8 @@ function connectControls(stage, player, clips) {
   };
   element("clips").hidden = clips.length < 2;
   play.onclick = begin.onclick = () => player.toggle();
-  stage.renderer.domElement.addEventListener("dblclick", () => stage.frame());
-  element("view").onclick = () => stage.nextView();
+  viewport.renderer.domElement.addEventListener("dblclick", () => viewport.frame());
+  element("view").onclick = () => viewport.nextView();
   element("theme").onclick = () => setTheme(document.documentElement.dataset.theme !== "dark");
   scrub.oninput = () => player.seek(Number(scrub.value) * player.duration());
   const showState = () => {
@@ -135,10 +135,10 @@ function connectControls(stage, player, clips) {
     if (event.target !== scrub && event.code === "ArrowLeft") player.seek(audio.currentTime - 2);
     if (event.target !== scrub && event.code === "ArrowRight") player.seek(audio.currentTime + 2);
   });
-  window.addEventListener("resize", () => stage.resize());
+  window.addEventListener("resize", () => viewport.resize());
   const setTheme = (dark) => {
     document.documentElement.dataset.theme = dark ? "dark" : "light";
-    stage.setTheme(dark);
+    viewport.setTheme(dark);
   };
   setTheme(window.matchMedia("(prefers-color-scheme: dark)").matches);
   select(0);

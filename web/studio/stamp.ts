@@ -1,4 +1,4 @@
-/** Writes beside the built pages what they were built from, so that a test sees when somebody forgot to build. */
+/** Writes a digest of the sources beside the built pages, so that a test can tell when the build is out of date. */
 
 import { createHash } from "node:crypto";
 import { readFileSync, readdirSync } from "node:fs";
@@ -7,7 +7,7 @@ import type { Plugin } from "vite";
 const SOURCES = ["studio/src", "packages/client/src"];
 const FILES = ["studio/index.html", "studio/rate.html", "studio/vite.config.ts", "package-lock.json"];
 
-/** SHA-256 over names and contents, in the order of names; `web` is the folder of all of them. */
+/** SHA-256 over file names and contents, sorted by name; `web` is the folder that contains them. */
 export function digest(web: URL): string {
   const names = SOURCES.flatMap((folder) =>
     readdirSync(new URL(`${folder}/`, web), { recursive: true, withFileTypes: true })

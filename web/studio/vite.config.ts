@@ -3,11 +3,11 @@ import { type Plugin, defineConfig } from "vite";
 import { licences } from "../app/licences.js";
 import { stamp } from "./stamp.js";
 
-// Two pages, built into the Python package: `pip install echoavatar` needs no Node. Names carry a hash, so that a browser
-// never mixes the scripts of two versions.
+// Two pages, built into the Python package, so that installing it needs no Node. File names contain a hash, so that a
+// browser never mixes scripts of two versions.
 const page = (name: string) => new URL(name, import.meta.url).pathname;
 
-/** Lays the English words beside the pages: what a translator begins with. */
+/** Copies the English texts beside the pages, as a template for translations. */
 const words = (english: URL): Plugin => ({
   name: "words",
   generateBundle() {

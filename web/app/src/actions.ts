@@ -1,11 +1,11 @@
-/** Buttons for the actions that the server announces, and what became of each press. */
+/** Buttons for the server's actions, with the status of each request. */
 
 import type { EchoSession, protocol } from "@echoavatar/client";
 import { toast } from "./notices.js";
 
 export class ActionPanel {
   private readonly asked = new Map<string, HTMLButtonElement>();
-  /** Name of the action that runs now. */
+  /** Name of the running action. */
   running = "";
 
   constructor(private readonly session: EchoSession, private readonly panel: HTMLElement, private readonly list: HTMLElement) {
@@ -45,7 +45,7 @@ export class ActionPanel {
   }
 }
 
-/** `raise_left_hand` is “Raise left hand”. */
+/** `raise_left_hand` becomes “Raise left hand”. */
 export function spoken(name: string): string {
   const words = name.replace(/[_-]+/g, " ").trim();
   return words.charAt(0).toUpperCase() + words.slice(1);

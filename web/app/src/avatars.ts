@@ -1,38 +1,38 @@
-/** Which avatar stands on the stage: our own, or one that was dropped. */
+/** The avatar in the viewport: the built-in character, or a dropped one. */
 
 import type { AvatarDriver, protocol } from "@echoavatar/client";
 import { loadAvatar } from "@echoavatar/client/three";
 import { Box3, type Mesh, type Object3D, Vector3 } from "three";
-import type { Stage } from "./stage.js";
+import type { Viewport } from "./viewport.js";
 
 type Driver = AvatarDriver & { readonly object: Object3D; readonly hips: Object3D | null };
 
 export class AvatarSlot {
   driver: Driver | null = null;
-  /** Whether it is our own character, whose file motion can be written into; and that file. */
+  /** Whether it is the built-in character, which motion can be exported into; and its file. */
   isOurs = false;
   file = new ArrayBuffer(0);
   private ready: protocol.ReadyMessage | null = null;
   private readonly here = new Vector3();
   private placed = false;
 
-  constructor(private readonly stage: Stage) {}
+  constructor(private readonly viewport: Viewport) {}
 
-  /** Replaces the avatar; the old one stays when the new one cannot be read. */
+  /** Replaces the avatar; the old one stays if the new one cannot be read. */
   async load(data: ArrayBuffer, isOurs = false): Promise<void> {
     const next: Driver = await loadAvatar(data);
     if (this.ready) next.bind(this.ready);
     next.object.traverse((node) => {
       const mesh = node as Mesh;
-      if (mesh.isMesh) Object.assign(mesh, { castShadow: true, receiveShadow: !this.stage.low, frustumCulled: false });
+      if (mesh.isMesh) Object.assign(mesh, { castShadow: true, receiveShadow: !this.viewport.low, frustumCulled: false });
     });
     const size = new Box3().setFromObject(next.object);
     this.driver?.dispose();
     this.driver = next;
     [this.isOurs, this.file] = [isOurs, data];
     this.placed = false;
-    this.stage.scene.add(next.object);
-    this.stage.setHeight(size.max.y);
+    this.viewport.scene.add(next.object);
+    this.viewport.setHeight(size.max.y);
   }
 
   bind(ready: protocol.ReadyMessage): void {
@@ -40,11 +40,11 @@ export class AvatarSlot {
     this.driver?.bind(ready);
   }
 
-  /** Keeps the camera with the avatar. */
+  /** Keeps the camera on the avatar. */
   follow(seconds: number): void {
     if (!this.driver?.hips) return;
     this.driver.hips.getWorldPosition(this.here);
-    this.stage.follow(this.here.x, this.here.z, this.placed ? 1 - Math.exp(-1.5 * seconds) : 1);
+    this.viewport.follow(this.here.x, this.here.z, this.placed ? 1 - Math.exp(-1.5 * seconds) : 1);
     this.placed = true;
   }
 }

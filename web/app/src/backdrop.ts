@@ -1,4 +1,4 @@
-/** What lies behind and below the avatar: a soft studio gradient, and rings that the sound sends over the floor. */
+/** The backdrop: a soft gradient behind the avatar, and rings on the floor that follow the sound's level. */
 
 import {
   Color, DataTexture, Mesh, NormalBlending, PlaneGeometry, RedFormat, ShaderMaterial, Vector2, FloatType, NearestFilter,
@@ -12,11 +12,11 @@ interface Colours {
 
 const LIGHT: Colours = { inner: "#f6f5f2", outer: "#c3ced7", ring: "#2b6f78" };
 const DARK: Colours = { inner: "#33424d", outer: "#10161b", ring: "#7fd6d4" };
-const HISTORY = 128; // levels that are on their way outwards
+const HISTORY = 128; // past levels that the rings show
 const REACH = 3.2; // metres
 const SPEED = 1.7; // metres per second
 
-/** A gradient over the whole screen, drawn first; the same in a recording as on the page. */
+/** A full-screen gradient, drawn first; part of the canvas, so recordings contain it. */
 export class Backdrop {
   readonly mesh: Mesh<PlaneGeometry, ShaderMaterial>;
 
@@ -53,7 +53,7 @@ export class Backdrop {
   }
 }
 
-/** Echo rings: the level that is heard now starts at the feet and runs outwards. */
+/** Floor rings: the current level starts at the feet and moves outwards. */
 export class Echoes {
   readonly mesh: Mesh<PlaneGeometry, ShaderMaterial>;
   private readonly levels = new Float32Array(HISTORY);
@@ -94,7 +94,7 @@ export class Echoes {
     uniforms["strength"]!.value = dark ? 1 : 0.7;
   }
 
-  /** `level` 0 to 1, of what is heard now. */
+  /** `level` is the loudness heard now, 0 to 1. */
   advance(level: number, seconds: number): void {
     const step = REACH / (HISTORY - 2);
     this.travelled += (Math.min(seconds, 0.2) * SPEED) / step;

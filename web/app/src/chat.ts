@@ -1,37 +1,37 @@
-/** The chat box: what the visitor types or says goes to the server's companion, whose answer the avatar says and does. */
+/** The chat box: sends typed or spoken text to the server's companion; the avatar speaks and acts the answer. */
 
 import type { EchoSession } from "@echoavatar/client";
 import { toast } from "./notices.js";
 import { Turns } from "./turns.js";
 
 const element = <Kind extends HTMLElement>(id: string) => document.getElementById(id) as Kind;
-const SHOWN = 4; // sayings in view
+const SHOWN = 4; // messages in view
 
-interface Saying {
+interface Message {
   readonly role: "user" | "assistant";
   readonly text: string;
 }
 
 export interface ChatParts {
   readonly token: string;
-  /** Speaks text: the sound of it, or null where there is no voice. */
+  /** Synthesises speech; null if the server has no voice. */
   readonly voice: (text: string) => Promise<Float32Array | null>;
-  /** The avatar says a sound; the promise is kept when it was handed over. */
+  /** Makes the avatar speak; resolves when all sound was pushed. */
   readonly say: (samples: Float32Array) => Promise<void>;
-  /** What the avatar says is cut off. */
-  readonly hush: () => void;
+  /** Interrupts the avatar's speech. */
+  readonly stopSpeech: () => void;
 }
 
 export class Chat {
   private readonly headers: Record<string, string>;
-  private readonly history: Saying[] = [];
+  private readonly history: Message[] = [];
   private readonly turns: Turns;
-  private turn = 0; // a newer question makes older answers void
+  private turn = 0; // answers to older turns are dropped
   private hears = false;
 
   constructor(private readonly session: EchoSession, private readonly parts: ChatParts) {
     this.headers = parts.token ? { authorization: `Bearer ${parts.token}` } : {};
-    this.turns = new Turns(session, { begun: () => this.cutIn(), ended: (wav) => void this.heard(wav) });
+    this.turns = new Turns(session, { begun: () => this.interrupt(), ended: (wav) => void this.heard(wav) });
     element<HTMLFormElement>("chat").onsubmit = (event) => {
       event.preventDefault();
       const input = element<HTMLInputElement>("words");
@@ -39,16 +39,16 @@ export class Chat {
       input.value = "";
       if (text) void this.ask(text);
     };
-    element("ear").onclick = () => void this.toggleEar();
+    element("microphone").onclick = () => void this.toggleMicrophone();
   }
 
-  /** Whether somebody is there to talk to. */
+  /** Whether the server has a companion. */
   async isPossible(): Promise<boolean> {
     const answer = await fetch("./v1/chat", { headers: this.headers }).catch(() => null);
     if (!answer?.ok) return false;
     const { hears } = (await answer.json()) as { hears: boolean };
     this.hears = hears;
-    element("ear").title = hears ? "Talk" : "Let it listen (its script does not know words)";
+    element("microphone").title = hears ? "Talk" : "Let it listen (its script does not know words)";
     return true;
   }
 
@@ -59,15 +59,15 @@ export class Chat {
     else this.turns.stop();
   }
 
-  /** The microphone is wanted elsewhere. */
+  /** Releases the microphone for another use. */
   stop(): void {
     this.turns.stop();
-    this.showEar();
+    this.showMicrophone();
   }
 
   private async ask(text: string): Promise<void> {
     const turn = ++this.turn;
-    this.parts.hush();
+    this.parts.stopSpeech();
     const history = [...this.history];
     this.note({ role: "user", text });
     try {
@@ -83,10 +83,10 @@ export class Chat {
     }
   }
 
-  /** The visitor begins to speak: the avatar falls silent, and looks at them. */
-  private cutIn(): void {
+  /** Interrupts the avatar when the visitor begins to speak. */
+  private interrupt(): void {
     this.turn++;
-    this.parts.hush();
+    this.parts.stopSpeech();
   }
 
   private async heard(wav: Blob): Promise<void> {
@@ -99,18 +99,18 @@ export class Chat {
     }
   }
 
-  private async toggleEar(): Promise<void> {
+  private async toggleMicrophone(): Promise<void> {
     try {
       if (this.turns.isOpen) this.turns.stop();
       else await this.turns.open();
     } catch {
       toast("The browser did not give the microphone. Allow it in the address bar and try again.");
     }
-    this.showEar();
+    this.showMicrophone();
   }
 
-  private showEar(): void {
-    element("ear").setAttribute("aria-pressed", String(this.turns.isOpen));
+  private showMicrophone(): void {
+    element("microphone").setAttribute("aria-pressed", String(this.turns.isOpen));
   }
 
   private async post<Answer>(url: string, type: string, body: BodyInit): Promise<Answer> {
@@ -120,14 +120,14 @@ export class Chat {
     return told;
   }
 
-  private note(saying: Saying): void {
-    this.history.push(saying);
+  private note(message: Message): void {
+    this.history.push(message);
     const rows = this.history.slice(-SHOWN).map(({ role, text }) => {
       const row = document.createElement("p");
       row.className = role;
       row.textContent = text;
       return row;
     });
-    element("sayings").replaceChildren(...rows);
+    element("messages").replaceChildren(...rows);
   }
 }

@@ -1,4 +1,4 @@
-/** Latency and sync in numbers, for who wants to know. */
+/** The overlay with latency and sync figures. */
 
 import type { EchoSession, protocol } from "@echoavatar/client";
 
@@ -28,7 +28,7 @@ export class Hud {
     setInterval(() => !box.hidden && this.write(), 500);
   }
 
-  /** Once a picture. */
+  /** Call once per display frame. */
   picture(seconds: number): void {
     if (seconds > 0) this.fps += (1 / seconds - this.fps) * 0.05;
     const { player } = this.session;

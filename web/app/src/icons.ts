@@ -1,4 +1,4 @@
-/** The page's own line icons, 24 x 24. */
+/** The page's line icons, 24 x 24. */
 
 const PATHS: Record<string, string> = {
   camera: '<path d="M3 8V5.500A2.500 2.500 0 0 1 5.500 3H8M16 3h2.500A2.500 2.500 0 0 1 21 5.500V8M21 16v2.500a2.500 2.500 0 0 1-2.500 2.500H16M8 21H5.500A2.500 2.500 0 0 1 3 18.500V16"/><circle cx="12" cy="9.500" r="2.500"/><path d="M7.500 17c.6-2.600 2.300-3.900 4.500-3.900s3.900 1.300 4.500 3.900"/>',
@@ -19,12 +19,12 @@ const PATHS: Record<string, string> = {
   text: '<path d="M4 7V5h16v2M12 5v14M9 19h6"/>',
 };
 
-/** Markup of one icon. */
+/** SVG markup of one icon. */
 export function icon(name: string): string {
   return `<svg viewBox="0 0 24 24" aria-hidden="true">${PATHS[name] ?? ""}</svg>`;
 }
 
-/** Draws the icon into every element that asks for one by `data-icon`. */
+/** Draws an icon into every element that has `data-icon`. */
 export function drawIcons(root: ParentNode = document): void {
   for (const element of root.querySelectorAll<HTMLElement>("[data-icon]")) setIcon(element, element.dataset["icon"]!);
 }

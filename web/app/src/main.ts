@@ -1,22 +1,22 @@
-/** The live page: an avatar, what it hears, and what one may ask of it. */
+/** The live page: the avatar, its sound sources and its controls. */
 
 import { EchoSession } from "@echoavatar/client";
 import playbackWorklet from "@echoavatar/client/worklets/playback?worker&url";
 import { ActionPanel } from "./actions.js";
 import { AvatarSlot } from "./avatars.js";
-import { connectDrop } from "./drop.js";
+import { connectDrop } from "./dropzone.js";
 import { Hud } from "./hud.js";
 import { drawIcons } from "./icons.js";
 import { toast } from "./notices.js";
 import { SourceBar } from "./sourcebar.js";
-import { Stage } from "./stage.js";
-import { StateLine } from "./stateline.js";
+import { Viewport } from "./viewport.js";
+import { StatusLine } from "./statusline.js";
 import { Tools } from "./tools.js";
 
 const element = <Kind extends HTMLElement>(id: string) => document.getElementById(id) as Kind;
 const settings = new URLSearchParams(location.search);
 
-/** The token of `?token=...` or `#token=...`, taken off the address bar at once and kept for this tab. */
+/** Reads the token from `?token=...` or `#token=...`, removes it from the address bar and keeps it for this tab. */
 function takeToken(): string {
   const token = settings.get("token") ?? new URLSearchParams(location.hash.slice(1)).get("token");
   if (token === null) return sessionStorage.getItem("token") ?? "";
@@ -26,7 +26,7 @@ function takeToken(): string {
   return token;
 }
 
-/** With `?watch=NAME` a session that another program leads is shown, without sound; with `?watch` the newest. */
+/** `?watch=NAME` shows another program's session without sound; `?watch` alone shows the newest session. */
 async function watched(token: string): Promise<string> {
   const name = settings.get("watch");
   if (name !== "") return name ?? "";
@@ -39,7 +39,7 @@ async function start(): Promise<void> {
   drawIcons();
   const low = settings.get("quality") === "low";
   document.documentElement.dataset["quality"] = low ? "low" : "high";
-  const stage = new Stage(element<HTMLCanvasElement>("view"), low);
+  const viewport = new Viewport(element<HTMLCanvasElement>("view"), low);
   const token = takeToken();
   const leader = await watched(token);
   if (settings.has("watch")) document.documentElement.dataset["watch"] = "";
@@ -50,18 +50,18 @@ async function start(): Promise<void> {
     token,
     playbackWorklet,
   });
-  const avatar = new AvatarSlot(stage);
+  const avatar = new AvatarSlot(viewport);
   const hud = new Hud(element("hud"), session);
   const actions = new ActionPanel(session, element("actions"), element("action-list"));
   const sources = new SourceBar(session, token);
-  const states = new StateLine(session, actions, sources);
-  const tools = new Tools(stage, session, avatar, () => sources.output);
+  const states = new StatusLine(session, actions, sources);
+  const tools = new Tools(viewport, session, avatar, () => sources.output);
   connectDrop(avatar, sources);
   session.on("ready", (ready) => avatar.bind(ready));
   void loadOwnAvatar(avatar);
   session.connect();
-  run(stage, session, avatar, { hud, states, sources });
-  Object.assign(window, { __echo: inspect(session, stage, avatar, hud, sources, tools) });
+  run(viewport, session, avatar, { hud, states, sources });
+  Object.assign(window, { __echo: inspect(session, viewport, avatar, hud, sources, tools) });
 }
 
 async function loadOwnAvatar(avatar: AvatarSlot): Promise<void> {
@@ -76,12 +76,12 @@ async function loadOwnAvatar(avatar: AvatarSlot): Promise<void> {
 
 interface Shown {
   readonly hud: Hud;
-  readonly states: StateLine;
+  readonly states: StatusLine;
   readonly sources: SourceBar;
 }
 
-/** One picture after the other; a hidden tab draws none and catches up when it is seen again. */
-function run(stage: Stage, session: EchoSession, avatar: AvatarSlot, { hud, states, sources }: Shown): void {
+/** The render loop; a hidden tab draws nothing and catches up when it is shown again. */
+function run(viewport: Viewport, session: EchoSession, avatar: AvatarSlot, { hud, states, sources }: Shown): void {
   let last = performance.now();
   const draw = (now: number) => {
     requestAnimationFrame(draw);
@@ -94,21 +94,21 @@ function run(stage: Stage, session: EchoSession, avatar: AvatarSlot, { hud, stat
       avatar.driver.update(seconds);
     }
     avatar.follow(seconds);
-    stage.echoes.advance(sources.output?.level ?? 0, seconds);
+    viewport.echoes.advance(sources.output?.level ?? 0, seconds);
     states.show(picture);
-    stage.render(seconds);
+    viewport.render(seconds);
     hud.picture(seconds);
   };
   requestAnimationFrame(draw);
 }
 
-/** The picture on the screen, for `inspect`. */
+/** The pose on screen, for `inspect`. */
 const inspected: { shown: { at: number; held: boolean; state: string } | null } = { shown: null };
 
-/** What tests and the curious may read. */
-function inspect(session: EchoSession, stage: Stage, avatar: AvatarSlot, hud: Hud, sources: SourceBar, tools: Tools) {
+/** What tests and the browser console can read. */
+function inspect(session: EchoSession, viewport: Viewport, avatar: AvatarSlot, hud: Hud, sources: SourceBar, tools: Tools) {
   return {
-    session, stage, avatar, sources, tools,
+    session, viewport, avatar, sources, tools,
     get shown() {
       return inspected.shown;
     },

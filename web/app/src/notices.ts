@@ -1,4 +1,4 @@
-/** Short words to the visitor: toasts, menus, the subtitle of what the avatar does. */
+/** Toasts, menus, and the subtitle that names what the avatar does. */
 
 const element = (id: string) => document.getElementById(id)!;
 const TOAST_MS = 5200;
@@ -18,7 +18,7 @@ export interface Choice {
   readonly run: () => void;
 }
 
-/** A small menu above or below `anchor`; Escape, a click elsewhere or a choice closes it. */
+/** A small menu above or below `anchor`; closed by Escape, a click elsewhere or a choice. */
 export function openMenu(anchor: HTMLElement, choices: readonly Choice[]): void {
   const menu = element("menu");
   const close = () => {
@@ -72,7 +72,7 @@ function place(menu: HTMLElement, anchor: HTMLElement): void {
   menu.style.top = `${above > 12 ? above : at.bottom + 8}px`;
 }
 
-/** What the avatar does, in words; stays while it lasts. */
+/** Shows what the avatar is doing until it ends. */
 export function subtitle(text: string): void {
   const box = element("subtitle");
   if (text) box.textContent = text;

@@ -1,4 +1,4 @@
-/** The page's loudspeaker: one context, volume, a level for the eye, and a tap for recordings. */
+/** The page's audio output: one context, the volume, a level meter and a tap for recordings. */
 
 export class Output {
   readonly context: AudioContext;
@@ -8,9 +8,9 @@ export class Output {
   private readonly analyser: AnalyserNode;
   private readonly samples = new Float32Array(512);
   private audible = true;
-  private hushed = false;
+  private isSilenced = false;
 
-  /** Call it from a click, or the browser keeps it silent. */
+  /** Call it from a click; otherwise the browser keeps it silent. */
   constructor(rate: number) {
     this.context = new AudioContext({ sampleRate: rate, latencyHint: "interactive" });
     this.input = this.context.createGain();
@@ -22,7 +22,7 @@ export class Output {
     this.input.connect(this.recording);
   }
 
-  /** Loudness of what is heard, 0 to 1. */
+  /** Loudness of the output, 0 to 1. */
   get level(): number {
     this.analyser.getFloatTimeDomainData(this.samples);
     const power = this.samples.reduce((sum, x) => sum + x * x, 0) / this.samples.length;
@@ -38,14 +38,14 @@ export class Output {
     this.apply();
   }
 
-  /** Silent for now, whatever the visitor chose. */
+  /** Mutes the output regardless of the volume setting. */
   set silent(silent: boolean) {
-    this.hushed = silent;
+    this.isSilenced = silent;
     this.apply();
   }
 
   private apply(): void {
-    const gain = this.audible && !this.hushed ? 1 : 0;
+    const gain = this.audible && !this.isSilenced ? 1 : 0;
     this.volume.gain.setTargetAtTime(gain, this.context.currentTime, 0.02);
   }
 }

@@ -1,4 +1,4 @@
-/** Records what is seen and heard to WebM, or the motion alone, and offers files for download. */
+/** Records picture and sound to WebM, or motion alone, and offers the file for download. */
 
 import type { EchoSession } from "@echoavatar/client";
 import { Take, toBvh, toGlb, toVrma } from "@echoavatar/client/export";
@@ -20,7 +20,7 @@ export class VideoRecorder {
     this.recorder.start(1000);
   }
 
-  /** Ends the recording and gives it back. */
+  /** Ends the recording and returns it. */
   stop(): Promise<File> {
     const { recorder } = this;
     return new Promise((resolve) => {
@@ -35,7 +35,7 @@ export class VideoRecorder {
 
 export type MotionKind = "bvh" | "glb" | "vrma";
 
-/** Takes every frame that is played, at full rate, also while the tab is hidden. */
+/** Records every frame that is played, also while the tab is hidden. */
 export class MotionRecorder {
   private readonly take: Take;
   private readonly player;
@@ -56,7 +56,7 @@ export class MotionRecorder {
   }
 }
 
-/** Hands a file to the visitor. */
+/** Starts a file download. */
 export function download(file: File): void {
   const link = document.createElement("a");
   link.href = URL.createObjectURL(file);

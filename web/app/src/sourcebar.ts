@@ -1,11 +1,11 @@
-/** The dock: what the avatar hears, and the button that interrupts it. */
+/** The dock: the sound sources, and the button that interrupts the avatar. */
 
 import type { EchoSession, protocol } from "@echoavatar/client";
 import { Chat } from "./chat.js";
 import { icon } from "./icons.js";
 import { openMenu, toast } from "./notices.js";
 import { Output } from "./output.js";
-import { Saying } from "./saying.js";
+import { TextToSpeech } from "./texttospeech.js";
 import { Capture, canShareTabs, decodeSound, fetchSound, openMicrophone, openTab, say } from "./sources.js";
 
 const SPEECH = "./sounds/speech.ogg";
@@ -17,24 +17,24 @@ const element = (id: string) => document.getElementById(id)!;
 
 export class SourceBar {
   output: Output | null = null;
-  /** The title of what plays, for the subtitle. */
+  /** Title of the playing source, for the subtitle. */
   title = "";
   private readonly buttons = new Map<Name, HTMLButtonElement>();
   private capture: Capture | null = null;
   private active: Name | null = null;
 
-  private readonly saying: Saying;
+  private readonly textToSpeech: TextToSpeech;
   private readonly chat: Chat;
   private voiced = false;
 
   constructor(private readonly session: EchoSession, token: string) {
-    this.saying = new Saying(token, () => this.rate, (samples) => this.speak("text", samples), (error) => toast(explain(error)));
-    void this.saying.isPossible().then((possible) => this.show("text", (this.voiced = possible)));
+    this.textToSpeech = new TextToSpeech(token, () => this.rate, (samples) => this.speak("text", samples), (error) => toast(explain(error)));
+    void this.textToSpeech.isPossible().then((possible) => this.show("text", (this.voiced = possible)));
     this.chat = new Chat(session, {
       token,
-      voice: async (text) => (this.voiced ? this.saying.speak(text) : null),
+      voice: async (text) => (this.voiced ? this.textToSpeech.speak(text) : null),
       say: (samples) => this.answer(samples),
-      hush: () => this.hush(),
+      stopSpeech: () => this.stopSpeech(),
     });
     void this.chat.isPossible().then((possible) => this.show("chat", possible));
     for (const name of Object.keys(LABELS) as Name[]) this.addButton(name);
@@ -55,17 +55,17 @@ export class SourceBar {
     });
   }
 
-  /** Set by who knows what to do with files. */
+  /** Called with a chosen file; set by `main.ts`. */
   onFile: (file: File) => void = () => {};
 
-  /** A sound is about to be heard: opens the loudspeaker. Call it from a click. */
+  /** Opens the audio output; call it from a click. */
   async wake(): Promise<void> {
     element("welcome").classList.add("gone");
     this.output ??= new Output(this.session.ready?.sample_rate ?? 24000);
     await this.session.unlock(this.output.context, this.output.input);
   }
 
-  /** Presses the button of a source; the number keys do it too. */
+  /** Presses a source's button; also called by the number keys. */
   async choose(name: Name): Promise<void> {
     const button = this.buttons.get(name)!;
     if (button.hidden) return;
@@ -93,16 +93,16 @@ export class SourceBar {
     say(this.session, samples);
   }
 
-  /** What the companion says; music plays on under it. */
+  /** Plays the companion's speech; music continues under it. */
   private async answer(samples: Float32Array): Promise<void> {
     await this.wake();
-    this.hush();
+    this.stopSpeech();
     this.mark("chat");
     say(this.session, samples);
   }
 
-  /** Words are cut off, music is not. */
-  private hush(): void {
+  /** Stops speech but not music. */
+  private stopSpeech(): void {
     this.stopCapture();
     if (this.active) this.session.interrupt();
   }
@@ -115,7 +115,7 @@ export class SourceBar {
     this.mark(null);
   }
 
-  /** Whether something can be interrupted. */
+  /** Whether anything can be interrupted. */
   set busy(busy: boolean) {
     (element("stop") as HTMLButtonElement).disabled = !busy && !this.capture;
     if (!busy && !this.capture && this.active) this.mark(null);
@@ -151,14 +151,14 @@ export class SourceBar {
     if (name === "speech") {
       await this.speak(name, await fetchSound(SPEECH, this.rate));
     } else if (name === "music") this.chooseTrack(button);
-    else if (name === "microphone") this.chooseEar(button);
+    else if (name === "microphone") this.chooseSpeaker(button);
     else if (name === "tab") await this.listen("tab", await openTab(), "avatar");
     else if (name === "file") element("file").click();
-    else if (name === "text") this.saying.toggle();
+    else if (name === "text") this.textToSpeech.toggle();
     else this.chat.toggle();
   }
 
-  /** What played before ends, what comes now begins. */
+  /** Ends the previous source and starts the next. */
   private replace(name: Name, title: string): void {
     const interrupted = this.active !== null;
     this.stopCapture();
@@ -180,7 +180,7 @@ export class SourceBar {
     openMenu(button, tracks.map((title) => ({ label: title, run: () => play(title) })));
   }
 
-  private chooseEar(button: HTMLButtonElement): void {
+  private chooseSpeaker(button: HTMLButtonElement): void {
     const listen = (speaker: "avatar" | "user") => {
       const opened = Promise.resolve().then(openMicrophone).then((stream) => this.listen("microphone", stream, speaker));
       opened.catch((error: Error) => toast(explain(error)));
@@ -193,7 +193,7 @@ export class SourceBar {
 
   private async listen(name: Name, stream: MediaStream, speaker: "avatar" | "user"): Promise<void> {
     this.replace(name, speaker);
-    if (this.output) this.output.silent = name === "microphone"; // or the microphone hears itself
+    if (this.output) this.output.silent = name === "microphone"; // avoids feedback
     this.capture = await Capture.start(this.session, stream, speaker, () => this.interrupt());
   }
 

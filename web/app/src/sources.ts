@@ -1,11 +1,11 @@
-/** What the avatar may hear: bundled sound, files, the microphone, another tab. All become utterances of a session. */
+/** Sound sources: bundled sound, files, the microphone, another tab. Each becomes utterances of a session. */
 
 import type { EchoSession, Speaker, Utterance } from "@echoavatar/client";
 import captureWorklet from "@echoavatar/client/worklets/capture?worker&url";
 
-const BLOCK = 2400; // captured samples in one message: 0.1 s
+const BLOCK = 2400; // captured samples per message: 0.1 s
 
-/** A whole sound, decoded by the browser to mono at the session's rate. */
+/** Decodes a whole sound to mono at the session's rate. */
 export async function decodeSound(data: ArrayBuffer, rate: number): Promise<Float32Array> {
   const sound = await new OfflineAudioContext(1, 1, rate).decodeAudioData(data);
   const mono = new OfflineAudioContext(1, Math.max(1, Math.ceil(sound.duration * rate)), rate);
@@ -21,7 +21,7 @@ export async function fetchSound(url: string, rate: number): Promise<Float32Arra
   return decodeSound(await response.arrayBuffer(), rate);
 }
 
-/** Says a whole sound. */
+/** Sends a whole sound as one utterance. */
 export function say(session: EchoSession, samples: Float32Array): Utterance {
   const utterance = session.speak();
   utterance.push(samples);
@@ -30,7 +30,7 @@ export function say(session: EchoSession, samples: Float32Array): Utterance {
   return utterance;
 }
 
-/** Sound that comes as it happens, until `stop`. */
+/** Live sound, until `stop`. */
 export class Capture {
   private constructor(
     private readonly stream: MediaStream,
@@ -72,7 +72,7 @@ export function openMicrophone(): Promise<MediaStream> {
   });
 }
 
-/** The sound of another tab; where the browser can, it falls silent there and is heard here, in time with the avatar. */
+/** Captures another tab. Where the browser allows it, that tab is muted and its sound plays here, in sync. */
 export async function openTab(): Promise<MediaStream> {
   const stream = await navigator.mediaDevices.getDisplayMedia({
     video: true,

@@ -1,4 +1,4 @@
-/** The round buttons at the top, and the keys that press them. */
+/** The round buttons at the top and their keyboard shortcuts. */
 
 import type { EchoSession } from "@echoavatar/client";
 import type { AvatarSlot } from "./avatars.js";
@@ -6,7 +6,7 @@ import { setIcon } from "./icons.js";
 import { openMenu, toast } from "./notices.js";
 import type { Output } from "./output.js";
 import { type MotionKind, MotionRecorder, VideoRecorder, download } from "./recorder.js";
-import type { Stage } from "./stage.js";
+import type { Viewport } from "./viewport.js";
 
 const element = <Kind extends HTMLElement>(id: string) => document.getElementById(id) as Kind;
 type Kind = MotionKind | "webm";
@@ -22,12 +22,12 @@ export class Tools {
   private recording: { stop(): Promise<File> } | null = null;
 
   constructor(
-    private readonly stage: Stage,
+    private readonly viewport: Viewport,
     private readonly session: EchoSession,
     private readonly avatar: AvatarSlot,
     private readonly output: () => Output | null,
   ) {
-    element("look").onclick = () => stage.nextView();
+    element("look").onclick = () => viewport.nextView();
     element("theme").onclick = () => this.setTheme(document.documentElement.dataset["theme"] !== "dark");
     element("sound").onclick = () => this.toggleSound();
     element("meters").onclick = () => this.toggleMeters();
@@ -41,7 +41,7 @@ export class Tools {
     document.documentElement.dataset["theme"] = dark ? "dark" : "light";
     document.querySelector("meta[name=theme-color]")!.setAttribute("content", dark ? "#1a2229" : "#e9edf1");
     if (remember) localStorage.setItem("theme", dark ? "dark" : "light");
-    this.stage.setTheme(dark);
+    this.viewport.setTheme(dark);
   }
 
   private toggleSound(): void {
@@ -60,7 +60,7 @@ export class Tools {
     element("meters").setAttribute("aria-expanded", String(!hud.hidden));
   }
 
-  /** The first press asks what to record and begins, the second ends and hands over the file. */
+  /** The first press asks what to record and starts; the second ends the recording and downloads it. */
   private async record(): Promise<void> {
     const button = element("record");
     try {
@@ -76,7 +76,7 @@ export class Tools {
   private begin(button: HTMLElement, kind: Kind): void {
     try {
       const sound = this.output()?.recording.stream ?? new MediaStream();
-      this.recording = kind === "webm" ? new VideoRecorder(this.stage.canvas, sound) : new MotionRecorder(this.session, kind, this.avatar);
+      this.recording = kind === "webm" ? new VideoRecorder(this.viewport.canvas, sound) : new MotionRecorder(this.session, kind, this.avatar);
       button.classList.add("on");
       button.setAttribute("aria-label", "Stop recording");
       toast("Recording. Press the red button to end it.");

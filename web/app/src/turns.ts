@@ -1,13 +1,13 @@
-/** The visitor's microphone while they talk with the avatar: it listens all the time, and turns are told apart by pauses. */
+/** Splits the microphone's sound into the visitor's turns at pauses. */
 
 import { type EchoSession, floatToPcm } from "@echoavatar/client";
 import { Capture, openMicrophone } from "./sources.js";
 
-const LOUD = 0.015; // of full scale, RMS of a block of 0.1 s
+const LOUD = 0.015; // RMS of a 0.1 s block, relative to full scale
 const PAUSE_BLOCKS = 8;
-const SHORTEST_BLOCKS = 3; // less is a cough
+const SHORTEST_BLOCKS = 3; // shorter turns are ignored as noise
 const LONGEST_BLOCKS = 300;
-const BEFORE_BLOCKS = 3; // kept from before it was loud: words begin softly
+const BEFORE_BLOCKS = 3; // kept from before the threshold was crossed, because words begin softly
 
 export interface TurnEvents {
   readonly begun: () => void;
@@ -65,7 +65,7 @@ export class Turns {
   }
 }
 
-/** Blocks of mono sound as a 16-bit WAV file. */
+/** Encodes blocks of mono sound as a 16-bit WAV file. */
 export function toWav(blocks: readonly Float32Array[], rate: number): Blob {
   const data = blocks.map((block) => floatToPcm(block));
   const length = data.reduce((sum, part) => sum + part.length, 0);

@@ -1,11 +1,11 @@
-/** Requests to the studio: JSON both ways, the CSRF token, and two kinds of failure. */
+/** Requests to the studio: JSON, the CSRF token, and two kinds of failure. */
 
 import type { Problem } from "./api.generated.js";
 
-const SECONDS = 30; // for an answer
-const FILE_SECONDS = 300; // for a file on a slow line
+const SECONDS = 30; // timeout of a request
+const FILE_SECONDS = 300; // timeout of a file download
 
-/** The studio refused, and said why. */
+/** The studio refused the request and gave a reason. */
 export class Refused extends Error {
   override readonly name = "Refused";
 
@@ -18,13 +18,13 @@ export class Refused extends Error {
   }
 }
 
-/** No answer, or not one of the studio: whether it was done is not known. */
+/** No answer, or an answer of something other than the studio: the request may or may not have taken effect. */
 export class Unreachable extends Error {
   override readonly name = "Unreachable";
 }
 
 export class Api {
-  /** For the header X-CSRF-Token; of `join`, `login` or `me`. */
+  /** Sent as X-CSRF-Token; returned by `join`, `login` and `me`. */
   csrf = "";
 
   get<Answer>(path: string): Promise<Answer> {
@@ -41,7 +41,7 @@ export class Api {
     return this.json(path, { method: "DELETE", headers });
   }
 
-  /** A file of a task, whole. */
+  /** Fetches a whole file of a task. */
   async bytes(path: string): Promise<ArrayBuffer> {
     const response = await reach(path, { method: "GET" }, FILE_SECONDS);
     try {
@@ -58,7 +58,7 @@ export class Api {
     try {
       return (await response.json()) as Answer;
     } catch (error) {
-      throw new Unreachable(String(error)); // the line broke in the middle of the answer
+      throw new Unreachable(String(error)); // the connection broke during the answer
     }
   }
 }
@@ -71,13 +71,13 @@ async function reach(path: string, request: RequestInit, seconds = SECONDS): Pro
   }
 }
 
-/** The `Problem` of an answer; what is none comes from something between us and the studio. */
+/** The `Problem` of an answer. An answer without one comes from a proxy in between. */
 async function refusal(response: Response): Promise<Refused | Unreachable> {
   try {
     const problem = (await response.json()) as Problem;
     if (typeof problem.code === "string") return new Refused(problem);
   } catch {
-    // told below
+    // handled below
   }
   return new Unreachable(`the answer was ${response.status}, not the studio's`);
 }

@@ -1,9 +1,9 @@
-/** Elements from code: no templates, so nothing that somebody typed is ever read as markup. */
+/** Builds elements in code, without templates, so that user text is never parsed as markup. */
 
 type Child = Node | string | number | null | undefined | false;
 type Attribute = string | number | boolean | null | undefined | ((event: Event) => void);
 
-/** An HTML element; `on...` attributes are listeners, `false` and null leave an attribute out. */
+/** Creates an HTML element; `on...` attributes are listeners, `false` and null omit an attribute. */
 export function h<Tag extends keyof HTMLElementTagNameMap>(
   tag: Tag,
   attributes: Record<string, Attribute> = {},
@@ -12,7 +12,7 @@ export function h<Tag extends keyof HTMLElementTagNameMap>(
   return fill(document.createElement(tag), attributes, children);
 }
 
-/** An SVG element. */
+/** Creates an SVG element. */
 export function s<Tag extends keyof SVGElementTagNameMap>(
   tag: Tag,
   attributes: Record<string, Attribute> = {},
@@ -35,15 +35,15 @@ function fill<Kind extends Element>(element: Kind, attributes: Record<string, At
   return element;
 }
 
-/** Plain text of several paragraphs, as paragraphs. */
+/** Splits plain text into paragraphs. */
 export function paragraphs(text: string): HTMLElement[] {
   return text.split(/\n\s*\n/).map((part) => h("p", {}, part.trim()));
 }
 
-/** The place in the document for the page's content. */
+/** The element that holds the page's content. */
 export const root = (): HTMLElement => document.getElementById("page")!;
 
-/** Replaces what is on the page and takes the focus to its heading, so that readers of the screen are told. */
+/** Replaces the page's content and focuses its heading, so that screen readers announce it. */
 export function show(...children: Node[]): void {
   root().replaceChildren(...children);
   const heading = root().querySelector<HTMLElement>("h1[tabindex], h2[tabindex]");
@@ -51,7 +51,7 @@ export function show(...children: Node[]): void {
   window.scrollTo(0, 0);
 }
 
-/** Says something to readers of the screen. */
+/** Announces a text to screen readers. */
 export function say(text: string): void {
   const box = document.getElementById("said");
   if (box) box.textContent = text;
@@ -59,7 +59,7 @@ export function say(text: string): void {
 
 const NOTE_MS = 5000;
 
-/** Shows a short note, which is also said. */
+/** Shows a short note and announces it. */
 export function note(text: string): void {
   document.querySelector(".note")?.remove();
   const box = h("div", { class: "note" }, text);
@@ -68,7 +68,7 @@ export function note(text: string): void {
   setTimeout(() => box.remove(), NOTE_MS);
 }
 
-/** Asks before something that cannot be undone; true when it was confirmed. */
+/** Asks for confirmation; true when the user agreed. */
 export function ask(question: string, yes: string, no: string, ...more: Node[]): Promise<boolean> {
   return new Promise((resolve) => {
     const dialog = h(

@@ -1,4 +1,4 @@
-/** Errors in words. */
+/** Turns errors into messages. */
 
 import { Refused, Unreachable } from "./api.js";
 import { type Key, t } from "./strings.js";

@@ -1,6 +1,6 @@
 /**
- * What the pages say. All English words are in `words/en.json`; `{name}` is filled in. A study's `language` chooses the
- * words of its raters' page: a file with the same keys that the studio serves. What it lacks is said in English.
+ * The pages' texts. English is in `words/en.json`; `{name}` is a placeholder. A study's `language` selects another file
+ * with the same keys, served by the studio. Missing keys fall back to English.
  */
 
 import en from "./words/en.json";
@@ -10,8 +10,8 @@ export type Words = Partial<Record<Key, string>>;
 let chosen: Words = en;
 
 /**
- * Speaks a language, such as de-AT: its own words, else those of de, else English. `fetch` gives a language's words,
- * null where there are none.
+ * Selects a language: for de-AT its own texts, else those of de, else English. `fetch` returns a language's texts, or
+ * null.
  */
 export async function speak(language: string, fetch: (code: string) => Promise<Words | null>): Promise<void> {
   let [known, words]: [string, Words] = ["en", en];
@@ -25,12 +25,12 @@ export async function speak(language: string, fetch: (code: string) => Promise<W
   document.documentElement.lang = known;
 }
 
-/** What to say. */
+/** The text of a key. */
 export function t(key: Key, values: Record<string, string | number> = {}): string {
   return (chosen[key] || en[key]).replace(/\{(\w+)\}/g, (whole, name: string) => String(values[name] ?? whole));
 }
 
-/** The word of a code that came from the studio: `t` for keys that are put together. */
+/** The text of a code from the studio: `t` for composed keys. */
 export function word(prefix: string, code: string): string {
   const key = `${prefix}_${code}`;
   return key in en ? t(key as Key) : code;

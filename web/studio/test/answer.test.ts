@@ -79,7 +79,7 @@ describe("a draft", () => {
     mark(draft, "worst", 3);
     expect([draft.best, draft.worst]).toEqual([null, 3]);
     mark(draft, "best", 0);
-    mark(draft, "worst", 3); // again: taken off
+    mark(draft, "worst", 3); // a second mark removes it
     expect([draft.best, draft.worst]).toEqual([0, null]);
   });
 

@@ -3,7 +3,7 @@ import { PerspectiveCamera, Vector3 } from "three";
 import { describe, expect, it } from "vitest";
 import type { Scene } from "../src/api.generated.js";
 import { SharedCamera } from "../src/playback/camera.js";
-import { Clip, calm } from "../src/playback/clip.js";
+import { Clip, movingAverage } from "../src/playback/clip.js";
 import { Rounds } from "../src/playback/rounds.js";
 
 const scene: Scene = {
@@ -13,7 +13,7 @@ const scene: Scene = {
   avatar: "/a",
 };
 
-/** A body that goes along x at 3 m/s; 31 frames. */
+/** A body that moves along x at 3 m/s; 31 frames. */
 function walking(): ArrayBuffer {
   const frames = 31;
   const rotations = new Int16Array(frames * 4).map((_, i) => (i % 4 === 3 ? 32767 : 0));
@@ -50,7 +50,7 @@ describe("a clip", () => {
     expect(pose.face[0]).toBeCloseTo(0.2);
   });
 
-  it("is followed by a calm camera", () => {
+  it("is followed by a smooth camera", () => {
     const clip = new Clip(walking(), scene);
     expect(clip.centre(0.5)[0]).toBeCloseTo(1.5);
     expect(clip.centre(0)[0]).toBeCloseTo(1.5); // the mean of the first second
@@ -67,7 +67,7 @@ describe("a clip", () => {
 
   it("is averaged over so many frames to each side", () => {
     const poses = [0, 3, 6, 9].map((x) => ({ root: Float32Array.of(x, 0, -x) }));
-    expect([...calm(poses, 1)]).toEqual([1.5, -1.5, 3, -3, 6, -6, 7.5, -7.5]);
+    expect([...movingAverage(poses, 1)]).toEqual([1.5, -1.5, 3, -3, 6, -6, 7.5, -7.5]);
   });
 });
 
@@ -80,15 +80,15 @@ describe("rounds", () => {
   it("count a beginning at once and an end when it is heard", () => {
     const { counts, rounds } = begin([1], false);
     expect(counts.plays).toEqual([0, 1, 0]);
-    expect(rounds.at(3.9)).toEqual({ second: 3.9, isOver: false, isNews: false });
+    expect(rounds.at(3.9)).toEqual({ second: 3.9, isOver: false, hasChanged: false });
     expect(counts.watched).toEqual([0, 0, 0]);
-    expect(rounds.at(4.2)).toEqual({ second: 4, isOver: true, isNews: true });
+    expect(rounds.at(4.2)).toEqual({ second: 4, isOver: true, hasChanged: true });
     expect(counts).toEqual({ plays: [0, 1, 0], watched: [0, 1, 0] });
   });
 
   it("count every round of a loop, also those between two pictures", () => {
     const { counts, rounds } = begin([0, 2], true);
-    expect(rounds.at(4.5)).toEqual({ second: 0.5, isOver: false, isNews: true });
+    expect(rounds.at(4.5)).toEqual({ second: 0.5, isOver: false, hasChanged: true });
     rounds.at(12.5);
     expect(counts).toEqual({ plays: [4, 0, 4], watched: [3, 0, 3] });
   });
@@ -104,7 +104,7 @@ describe("rounds", () => {
 });
 
 describe("the camera", () => {
-  /** Where a point of the body is in a view: -1 at its lower edge, 1 at its upper one. */
+  /** Vertical position of a point of the body in a view: -1 at the lower edge, 1 at the upper edge. */
   const height = (camera: SharedCamera, y: number) => {
     const lens = new PerspectiveCamera(28);
     camera.aim(lens, 0.8, 0, 0);

@@ -1,7 +1,7 @@
 import { describe, expect, it, vi } from "vitest";
 import { type Api, Refused, Unreachable } from "../src/api.js";
 import type { Problem } from "../src/api.generated.js";
-import { insist, Pause, wait } from "../src/patience.js";
+import { retry, Pause, wait } from "../src/retry.js";
 import type { Draft } from "../src/rate/draft.js";
 import { send } from "../src/rate/sending.js";
 
@@ -15,7 +15,7 @@ const draft = {
   sent: { type: "skip", reason: "cannot_play", seconds: 1, plays: [0, 0] },
 } as unknown as Draft;
 
-/** An API that gives these in turn, and remembers what it was asked. */
+/** A fake API that returns these answers in turn and records the requests. */
 function api(...answers: unknown[]) {
   const asked: unknown[][] = [];
   const post = (...words: unknown[]) => {
@@ -54,7 +54,7 @@ describe("sending", () => {
   });
 });
 
-describe("patience", () => {
+describe("retry", () => {
   it("waits as long as it is told, and longer each time where it is not", () => {
     expect(wait(refused("too_many_requests", 7), 0)).toBe(7);
     expect([0, 1, 2, 3, 4, 50].map((attempt) => wait(new Unreachable(""), attempt))).toEqual([1, 2, 4, 8, 15, 15]);
@@ -65,7 +65,7 @@ describe("patience", () => {
   it("can be hurried", async () => {
     const pause = new Pause();
     let tries = 0;
-    const result = insist(() => (tries++ ? Promise.resolve("there") : Promise.reject(new Unreachable(""))), {
+    const result = retry(() => (tries++ ? Promise.resolve("there") : Promise.reject(new Unreachable(""))), {
       pause,
       onWait: (seconds) => seconds && setTimeout(() => pause.hurry()),
     });

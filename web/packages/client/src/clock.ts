@@ -1,10 +1,10 @@
-/** Which sample is heard when: marks from the audio thread, and what the device says about its latency. */
+/** Maps time to the sample that is heard, from the audio thread's marks and the device's reported latency. */
 
 import type { PlayoutMark } from "./playout.js";
 
 const KEEP = 64;
 
-/** Turns output frames into samples of the session's clock. */
+/** Maps output frames to samples of the session's clock. */
 export class PlaybackClock {
   private marks: PlayoutMark[] = [];
 
@@ -17,12 +17,12 @@ export class PlaybackClock {
     return this.marks.at(-1)?.underruns ?? 0;
   }
 
-  /** Whether sound, or its silence, moves on at output frame `frame`. */
+  /** Whether the playhead advances at output frame `frame`. */
   playingAt(frame: number): boolean {
     return this.find(frame)?.playing ?? false;
   }
 
-  /** The sample that leaves the device at output frame `frame`; null before any did. */
+  /** The sample that leaves the device at output frame `frame`; null before the first one. */
   at(frame: number): number | null {
     const mark = this.find(frame);
     if (!mark) return this.marks[0]?.at ?? null;
@@ -35,9 +35,9 @@ export class PlaybackClock {
 }
 
 /**
- * The output frame that leaves the loudspeaker at `milliseconds` of `performance.now()`. `getOutputTimestamp` knows
- * the device's buffers; where it is missing or still at zero, the context's own estimate of its latency has to do.
- * Nothing is heard before it was rendered: on a machine too busy for its sound, the clock waits with the sound.
+ * The output frame that leaves the loudspeaker at `milliseconds` of `performance.now()`. `getOutputTimestamp` accounts
+ * for the device's buffers. Where it is missing or still zero, the context's own latency estimate is used. The result
+ * never exceeds what has been rendered, so on an overloaded machine the clock waits for the sound.
  */
 export function outputFrame(context: AudioContext, milliseconds: number): number {
   const now = performance.now();

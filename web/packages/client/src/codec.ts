@@ -1,4 +1,4 @@
-/** Messages to bytes and back: MessagePack on binary frames. Unknown kinds of message are ignored. */
+/** Encodes and decodes messages: MessagePack in binary frames. Unknown message types are ignored. */
 
 import { decode, encode } from "@msgpack/msgpack";
 import type { ClientMessage, ServerMessage } from "./protocol.generated.js";
@@ -15,7 +15,7 @@ export function encodeMessage(message: ClientMessage): Uint8Array<ArrayBuffer> {
   return encode(message, { ignoreUndefined: true }) as Uint8Array<ArrayBuffer>;
 }
 
-/** What the server said; null for a kind of message that this version does not know. */
+/** Decodes a message of the server; null for a message type that this version does not know. */
 export function decodeMessage(frame: ArrayBuffer | Uint8Array): ServerMessage | null {
   let value: unknown;
   try {
@@ -29,7 +29,7 @@ export function decodeMessage(frame: ArrayBuffer | Uint8Array): ServerMessage | 
   return KNOWN.has((value as { type: string }).type) ? (value as ServerMessage) : null;
 }
 
-/** s16le bytes as samples in [-1, 1]. */
+/** Converts s16le bytes to samples in [-1, 1]. */
 export function pcmToFloat(pcm: Uint8Array): Float32Array<ArrayBuffer> {
   const view = new DataView(pcm.buffer, pcm.byteOffset, pcm.byteLength);
   const out = new Float32Array(pcm.byteLength >> 1);
@@ -37,7 +37,7 @@ export function pcmToFloat(pcm: Uint8Array): Float32Array<ArrayBuffer> {
   return out;
 }
 
-/** Samples as s16le bytes; louder ones than 1 are clipped. */
+/** Converts samples to s16le bytes; values outside [-1, 1] are clipped. */
 export function floatToPcm(samples: Float32Array): Uint8Array<ArrayBuffer> {
   const out = new Uint8Array(samples.length * 2);
   const view = new DataView(out.buffer);

@@ -1,4 +1,4 @@
-/** The line to the server: says hello, comes back after a break with the session's key, keeps alive. */
+/** The connection to the server: sends hello, reconnects with the session's resume key, sends pings. */
 
 import { decodeMessage, encodeMessage } from "./codec.js";
 import { Emitter } from "./emitter.js";
@@ -9,10 +9,10 @@ import {
 export type LineState = "connecting" | "open" | "waiting" | "closed";
 
 export interface ConnectionEvents {
-  /** `connecting`, `open`, `waiting` (for the next try), `closed` (for good). */
+  /** `connecting`, `open`, `waiting` (before the next attempt) or `closed` (final). */
   line: LineState;
   message: ServerMessage;
-  /** Milliseconds from ping to pong. */
+  /** Round-trip time of a ping in milliseconds. */
   roundTrip: number;
 }
 
@@ -43,7 +43,7 @@ export class Connection extends Emitter<ConnectionEvents> {
   private greeted = false;
   private over = false;
 
-  /** `received` tells the first sample not received yet, for a resumed session. */
+  /** `received` returns the first sample that has not been received, for a resumed session. */
   constructor(private readonly options: ConnectionOptions, private readonly received: () => number) {
     super();
   }
@@ -68,14 +68,14 @@ export class Connection extends Emitter<ConnectionEvents> {
     this.emit("line", "closed");
   }
 
-  /** Sends, or says that there is no line, or no `ready` yet: nothing is queued here. */
+  /** Sends a message; false when there is no connection or no `ready` yet. Nothing is queued here. */
   send(message: ClientMessage): boolean {
     if (!this.greeted || this.socket?.readyState !== WebSocket.OPEN) return false;
     this.socket.send(encodeMessage(message));
     return true;
   }
 
-  /** Bytes that wait to leave. */
+  /** Bytes in the socket's send buffer. */
   get backlog(): number {
     return this.socket?.bufferedAmount ?? 0;
   }
@@ -111,7 +111,7 @@ export class Connection extends Emitter<ConnectionEvents> {
   }
 
   private failed(error: ServerError): void {
-    if (error.code === "unknown_session") this.ready = null; // too late to resume: begin anew
+    if (error.code === "unknown_session") this.ready = null; // too late to resume: start a new session
     if (error.retry_after) this.wait = error.retry_after;
     if (error.fatal && FINAL.has(error.code)) this.close();
   }

@@ -1,9 +1,9 @@
-/** Typed events without a library. */
+/** Typed events without a dependency. */
 
 export class Emitter<Events> {
   private readonly listeners = new Map<keyof Events, Set<(value: never) => void>>();
 
-  /** Calls `listener` at every `name`; returns what takes it off again. */
+  /** Calls `listener` on every `name` event; returns a function that removes it. */
   on<Name extends keyof Events>(name: Name, listener: (value: Events[Name]) => void): () => void {
     const all = this.listeners.get(name) ?? new Set();
     this.listeners.set(name, all);

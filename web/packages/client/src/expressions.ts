@@ -1,4 +1,4 @@
-/** From ARKit curves to the expressions of a VRM that knows only vowels, blinks and looks; as `face/arkit.py` does it. */
+/** Maps ARKit curves to the expressions of a VRM that has only vowels, blinks and looks; mirrors `motion/arkit.py`. */
 
 export const VRM_EXPRESSIONS = [
   "aa", "ih", "ou", "ee", "oh", "blink", "blinkLeft", "blinkRight", "lookUp", "lookDown", "lookLeft", "lookRight",
@@ -7,7 +7,7 @@ export const VRM_EXPRESSIONS = [
 type Get = (name: string) => number;
 const clip = (x: number) => Math.min(1, Math.max(0, x));
 
-/** The twelve weights, in the order of `VRM_EXPRESSIONS`; the vowels together at most 1. */
+/** The twelve weights in the order of `VRM_EXPRESSIONS`; the vowels sum to at most 1. */
 export function toVrm(get: Get): number[] {
   const pair = (name: string) => (get(`${name}Left`) + get(`${name}Right`)) / 2;
   const opening = clip(get("jawOpen") - get("mouthClose"));

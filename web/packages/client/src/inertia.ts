@@ -1,6 +1,6 @@
 /**
- * Joins motion that does not fit: where the stream jumps (a late chunk, a new segment), the pose on screen is kept as
- * an offset to the new motion and fades out smoothly. Costs nothing where the motion is continuous.
+ * Blends across jumps: where the stream jumps (a late chunk, a new segment), the difference between the pose on screen
+ * and the new motion becomes an offset that fades out smoothly. Continuous motion is unchanged.
  */
 
 import { type Pose, copyPose, makePose } from "./pose.js";
@@ -14,18 +14,18 @@ export class Inertia {
   private elapsed = Infinity;
   private started = false;
 
-  /** `seconds`: how long an offset takes to fade. */
+  /** `seconds`: duration of the fade. */
   constructor(joints: number, curves: number, private readonly seconds = 0.2) {
     this.shown = makePose(joints, curves);
     this.turns = new Float32Array(joints * 3);
     this.face = new Float32Array(curves);
   }
 
-  /** Changes `pose` in place into what to show; `jump` says that it does not continue the last one. */
+  /** Turns `pose` in place into the pose to show; `jump` means that it does not continue the previous one. */
   apply(pose: Pose, seconds: number, jump: boolean): void {
     if (!this.started) jump = false;
     if (jump) this.capture(pose);
-    this.elapsed += seconds; // of the fade too: a display slower than the fade shows every leap at its end
+    this.elapsed += seconds; // a display slower than the fade sees every jump fully faded
     const left = fade(this.elapsed / this.seconds);
     if (left > 0) this.offset(pose, left);
     copyPose(pose, this.shown);

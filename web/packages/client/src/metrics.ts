@@ -1,4 +1,4 @@
-/** Sync as seen: for each picture, the pose's sample against the sample heard when it came to the screen. */
+/** Measures sync: for each display frame, the pose's sample against the sample heard when it reached the screen. */
 
 export interface SyncSummary {
   readonly pictures: number;
@@ -19,7 +19,7 @@ export class SyncMeter {
     this.errors = new Float32Array(capacity);
   }
 
-  /** Positive: the pose is ahead of the sound. */
+  /** Positive when the pose is ahead of the sound. */
   add(shown: number, heard: number, held: boolean): void {
     this.errors[this.count++ % this.errors.length] = ((shown - heard) / this.sampleRate) * 1000;
     if (held) this.held++;

@@ -1,4 +1,4 @@
-/** Plays a session: sound to the device, poses at the sample that is heard. */
+/** Plays a session: sends sound to the device and returns the pose of the sample that is heard. */
 
 import { pcmToFloat } from "./codec.js";
 import { Inertia } from "./inertia.js";
@@ -9,13 +9,13 @@ import { MotionTimeline } from "./timeline.js";
 import { AudioTransport, type Transport, type TransportSettings, WallTransport } from "./transport.js";
 
 export const JITTER_SECONDS = 0.1;
-const SLOWEST_PICTURE = 120; // ms; a picture is foreseen to come to the screen this much later at most
-const JUMP_FRAMES = 5; // motion that leaps further than this between two pictures is blended
+const SLOWEST_PICTURE = 120; // ms; upper bound of the predicted delay until a display frame is on screen
+const JUMP_FRAMES = 5; // motion that skips more frames than this between two display frames is blended
 
 export interface Picture {
   readonly pose: Pose;
   readonly state: MotionMessage["state"];
-  /** Sample that the pose stands for. */
+  /** The sample that the pose belongs to. */
   readonly at: number;
   readonly held: boolean;
 }
@@ -29,8 +29,8 @@ export class Player {
   private transport: Transport;
   private sounds: { at: number; pcm: Float32Array }[] = [];
   private epoch: number;
-  private stopped: number | null = null; // interrupted here, until the server answers
-  private passed: number; // frames before this sample were told to `onFrame`
+  private stopped: number | null = null; // where playback was interrupted, until the server answers
+  private passed: number; // frames before this sample were passed to `onFrame`
   private shown: { at: number; held: boolean } | null = null;
   private lastPicture = 0;
   private interval = 16;
@@ -48,10 +48,10 @@ export class Player {
     this.passed = ready.at;
   }
 
-  /** Told each frame of the session once, when it has been played, whether the page is seen or not. */
+  /** Called once with each frame of the session after it was played, also while the page is hidden. */
   onFrame: ((pose: Pose) => void) | null = null;
 
-  /** Lets the device take over from the wall clock; its node is given back to be connected. */
+  /** Switches from the wall clock to the audio device; returns the node to connect. */
   async attach(context: AudioContext, worklet: string): Promise<AudioNode> {
     const audio = await AudioTransport.create(context, worklet, this.settings);
     audio.jump(Math.round(this.heard));
@@ -78,7 +78,7 @@ export class Player {
     this.cut(flush.at);
   }
 
-  /** Stops at once, before the server knows; returns the first sample that is not heard. */
+  /** Stops at once, before the server answers; returns the first sample that was not heard. */
   interrupt(): number {
     const at = Math.round(this.heard);
     this.stopped = at;
@@ -86,7 +86,7 @@ export class Player {
     return at;
   }
 
-  /** The session goes on after a broken line; gives back where it was interrupted and the server may not know it. */
+  /** Continues after a reconnect; returns the interruption that the server may not have received. */
   resume(ready: ReadyMessage): number | null {
     this.epoch = ready.epoch;
     return this.stopped;
@@ -96,7 +96,7 @@ export class Player {
     return { at: Math.round(this.heard), epoch: this.epoch, underruns: this.transport.underruns };
   }
 
-  /** The sample heard now. */
+  /** The sample that is heard now. */
   get heard(): number {
     return this.transport.heardAt(performance.now()) ?? this.ready.at;
   }
@@ -109,18 +109,18 @@ export class Player {
     return this.transport.playingAt(performance.now());
   }
 
-  /** First sample not received: what a resumed session sends again. */
+  /** First sample that was not received: a resumed session is sent again from here. */
   get received(): number {
     const last = this.sounds.at(-1);
     return Math.min(this.timeline.end || this.ready.at, last ? last.at + last.pcm.length : this.ready.at);
   }
 
-  /** Seconds of motion that lie ahead. */
+  /** Seconds of motion buffered ahead of the playhead. */
   get ahead(): number {
     return Math.max(0, this.timeline.end - this.heard) / this.ready.sample_rate;
   }
 
-  /** The picture for a display frame that begins at `now` (`performance.now()`); null before any motion came. */
+  /** The picture for a display frame that begins at `now` (`performance.now()`); null before any motion arrived. */
   picture(now: number): Picture | null {
     this.measure(now);
     const heard = this.transport.heardAt(now + this.interval) ?? this.ready.at;
@@ -149,7 +149,7 @@ export class Player {
       .map((sound) => ({ at: sound.at, pcm: sound.pcm.subarray(0, at - sound.at) }));
   }
 
-  /** The last picture came to the screen about when this one begins: that is when its sound counts. */
+  /** The previous picture reached the screen about when this display frame begins; its sync is measured then. */
   private measure(now: number): void {
     const gap = now - this.lastPicture;
     if (this.lastPicture && gap > 0) this.interval += (Math.min(gap, SLOWEST_PICTURE) - this.interval) * 0.1;
@@ -166,7 +166,7 @@ export class Player {
     return this.shown.held && moved > 1.5 * this.hop;
   }
 
-  /** Five times a second: lets go of what was played. */
+  /** Drops what was played; called five times a second. */
   private tick(): void {
     const { heard } = this;
     if (this.onFrame) for (const pose of this.timeline.between(this.passed, heard)) this.onFrame(pose);

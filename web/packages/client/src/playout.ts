@@ -1,12 +1,12 @@
 /**
- * The sound queue behind the audio clock: plays samples in the order of the session's clock, waits when they run out.
+ * The sound queue behind the audio clock: plays samples in the order of the session's clock and waits on underruns.
  *
- * Runs inside the AudioWorklet, or on a wall clock while the page may not make sound yet. Starts with a jitter buffer:
- * when a whole chunk and the buffer are there, or the buffer's time has passed since the first sound came. Never
- * skips sound; starts and stops without clicks.
+ * It runs in the AudioWorklet, or on the wall clock while the page is not allowed to make sound. Playback starts when a
+ * chunk and the jitter buffer are filled, or when the jitter buffer's time has passed since the first sound. Sound is
+ * never skipped; starts and stops are free of clicks.
  */
 
-/** From output frame `frame` on, sample `at` is played (and those after it), or nothing is. */
+/** From output frame `frame` on, playback runs from sample `at`, or is stopped there. */
 export interface PlayoutMark {
   readonly frame: number;
   readonly at: number;
@@ -20,28 +20,28 @@ interface Block {
 }
 
 const RAMP = 48; // samples from silence to full: 2 ms
-const GHOST = 0.96; // what remains, sample by sample, of the level at which sound was cut
+const TAIL_DECAY = 0.96; // per sample; the last value decays to zero where sound is cut, which avoids a click
 
 export class Playout {
   private blocks: Block[] = [];
   private playing = false;
   private waited = 0;
-  private level = 0; // gain while starting
-  private ghost = 0; // what is left of a cut wave
+  private level = 0; // gain of the fade-in
+  private tail = 0; // current value of the decaying tail
   private last = 0;
   underruns = 0;
-  /** Sample played next. */
+  /** The next sample to play. */
   head = 0;
 
   constructor(private readonly jitter: number, private readonly chunk: number) {}
 
-  /** First sample that is not there yet. */
+  /** First sample that is not buffered yet. */
   get end(): number {
     const last = this.blocks.at(-1);
     return last ? last.at + last.pcm.length : this.head;
   }
 
-  /** Adds sound; what is there already is cut off its front, a hole before it is silence. */
+  /** Adds sound. Samples that are already buffered are dropped; a gap before it plays as silence. */
   push(at: number, pcm: Float32Array): void {
     if (!this.blocks.length && !this.playing && at > this.head) this.head = at;
     const known = this.end;
@@ -50,7 +50,7 @@ export class Playout {
     this.blocks.push({ at, pcm });
   }
 
-  /** Forgets all from `at` on; what was being heard stops. */
+  /** Drops everything from `at` on; playback stops if it is already past `at`. */
   flush(at: number): void {
     this.blocks = this.blocks
       .filter((block) => block.at < at)
@@ -58,7 +58,7 @@ export class Playout {
     if (at <= this.head) this.jump(at);
   }
 
-  /** Starts over at `at`, empty: a new session. */
+  /** Empties the queue and continues at `at`, for a new session. */
   jump(at: number): void {
     if (!Number.isInteger(at)) throw new RangeError(`the clock counts whole samples, not ${at}`);
     this.blocks = [];
@@ -66,7 +66,7 @@ export class Playout {
     this.stop();
   }
 
-  /** Fills `out` and says what changed on the way; `frame` is the output frame of its first sample. */
+  /** Fills `out` and returns the changes of state; `frame` is the output frame of its first sample. */
   process(out: Float32Array, frame: number): PlayoutMark[] {
     const marks: PlayoutMark[] = [];
     const mark = (offset: number) =>
@@ -77,7 +77,7 @@ export class Playout {
         mark(i);
       }
       if (!this.playing) {
-        while (i < out.length) out[i++] = this.fadeGhost();
+        while (i < out.length) out[i++] = this.nextTail();
         break;
       }
       i = this.copy(out, i);
@@ -98,12 +98,12 @@ export class Playout {
   }
 
   private stop(): void {
-    if (this.playing) this.ghost = this.last;
+    if (this.playing) this.tail = this.last;
     this.playing = false;
     this.waited = this.level = this.last = 0;
   }
 
-  /** Plays into `out` from `i` until it is full or nothing is left; returns how far it came. */
+  /** Copies sound into `out` from `i` until it is full or the queue is empty; returns the index reached. */
   private copy(out: Float32Array, i: number): number {
     while (i < out.length) {
       const block = this.blocks[0];
@@ -115,14 +115,14 @@ export class Playout {
       }
       this.level = Math.min(1, this.level + 1 / RAMP);
       this.last = offset < 0 ? 0 : block.pcm[offset]! * this.level;
-      out[i++] = this.last + this.fadeGhost();
+      out[i++] = this.last + this.nextTail();
       this.head++;
     }
     return i;
   }
 
-  private fadeGhost(): number {
-    if (this.ghost !== 0) this.ghost = Math.abs(this.ghost) < 1e-4 ? 0 : this.ghost * GHOST;
-    return this.ghost;
+  private nextTail(): number {
+    if (this.tail !== 0) this.tail = Math.abs(this.tail) < 1e-4 ? 0 : this.tail * TAIL_DECAY;
+    return this.tail;
   }
 }

@@ -1,7 +1,7 @@
-/** One instant of an avatar: what drivers apply and what the interpolator fills. */
+/** One pose of an avatar: filled by the timeline, applied by drivers. */
 
 export interface Pose {
-  /** Parent-relative rotations of the rig's joints, xyzw, four numbers a joint. */
+  /** Parent-relative rotations of the rig's joints, xyzw, four numbers per joint. */
   readonly rotations: Float32Array;
   /** The hips' position in metres: Y up, the avatar facing +Z. */
   readonly root: Float32Array;
@@ -9,7 +9,7 @@ export interface Pose {
   readonly face: Float32Array;
 }
 
-/** A rest pose: no rotation, the hips at the origin, the face at rest. */
+/** The rest pose: no rotation, hips at the origin, all face curves zero. */
 export function makePose(joints: number, curves: number): Pose {
   const rotations = new Float32Array(joints * 4);
   for (let i = 3; i < rotations.length; i += 4) rotations[i] = 1;

@@ -1,4 +1,4 @@
-/** Quaternions xyzw in flat arrays: just what interpolation and blending need. */
+/** Quaternions xyzw in flat arrays: the operations that interpolation and blending need. */
 
 /** out[o..] = slerp(a[i..], b[j..], t) along the shorter arc. */
 export function slerp(
@@ -24,7 +24,7 @@ export function slerp(
   out[o + 3] = w * scale;
 }
 
-/** The rotation vector v (rad) with exp(v) * b = a, by the shorter way. */
+/** The rotation vector v (rad) with exp(v) * b = a, along the shorter arc. */
 export function difference(a: Float32Array, i: number, b: Float32Array, j: number, out: Float32Array, o: number): void {
   const [ax, ay, az, aw] = [a[i]!, a[i + 1]!, a[i + 2]!, a[i + 3]!];
   const [bx, by, bz, bw] = [-b[j]!, -b[j + 1]!, -b[j + 2]!, b[j + 3]!];

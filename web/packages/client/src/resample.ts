@@ -1,13 +1,13 @@
-/** A streaming resampler: windowed sinc, one phase table, constant memory. Good enough for speech and music cues. */
+/** A streaming resampler: windowed sinc, one phase table, constant memory. */
 
-const HALF = 16; // taps each side at the lower of the two rates
+const HALF = 16; // taps on each side, at the lower of the two rates
 const PHASES = 512;
 
 export class Resampler {
   private readonly table: Float32Array;
-  private readonly reach: number; // input samples each side
+  private readonly reach: number; // input samples on each side
   private history: Float32Array;
-  private position: number; // of the next output, in input samples from the history's start
+  private position: number; // of the next output sample, in input samples from the start of the history
   private readonly step: number;
 
   constructor(readonly from: number, readonly to: number) {
@@ -19,7 +19,7 @@ export class Resampler {
     this.position = this.reach;
   }
 
-  /** The samples that can be made now; the last `reach` inputs wait for what follows them. */
+  /** Returns the output samples that are complete; the last `reach` inputs wait for their successors. */
   push(input: Float32Array): Float32Array {
     if (this.from === this.to) return input.slice();
     const all = new Float32Array(this.history.length + input.length);
@@ -47,7 +47,7 @@ export class Resampler {
   }
 }
 
-/** Rows of Hann-windowed sincs, one for each phase, each of sum 1. */
+/** Hann-windowed sincs, one row per phase, each normalised to sum 1. */
 function kernel(reach: number, cut: number): Float32Array {
   const width = 2 * reach + 1;
   const table = new Float32Array((PHASES + 1) * width);

@@ -1,4 +1,4 @@
-/** A session as an application sees it: say something, act, interrupt, and show the picture of the moment. */
+/** The application's view of a session: speak, act, interrupt, and get the picture to show. */
 
 import { Connection, type ConnectionOptions, type LineState } from "./connection.js";
 import { Emitter } from "./emitter.js";
@@ -7,7 +7,7 @@ import type { ActionStatusMessage, ErrorMessage as ServerError, FlushMessage, Re
 import { type Speaker, Utterance } from "./utterance.js";
 
 export interface SessionEvents {
-  /** A session began, or went on (`resumed`). */
+  /** A session started or was resumed (`resumed`). */
   ready: ReadyMessage;
   line: LineState;
   state: StateMessage;
@@ -15,12 +15,12 @@ export interface SessionEvents {
   flush: FlushMessage;
   stats: StatsMessage;
   error: ServerError;
-  /** Milliseconds from ping to pong. */
+  /** Round-trip time of a ping in milliseconds. */
   roundTrip: number;
 }
 
 export interface SessionOptions extends ConnectionOptions {
-  /** Address of the built `worklets/playback`. */
+  /** URL of the built `worklets/playback`. */
   readonly playbackWorklet: string;
 }
 
@@ -36,9 +36,9 @@ export class EchoSession extends Emitter<SessionEvents> {
   private node: AudioNode | null = null;
   private readonly pumping: ReturnType<typeof setInterval>;
   private requests = 0;
-  private heardOf = { seg: 0, from: 0 }; // where on the clock the newest utterance began to sound
+  private heardOf = { seg: 0, from: 0 }; // the newest utterance and the sample at which its sound began
   private awaited: { from: number; since: number } | null = null;
-  /** Milliseconds from the newest utterance's first sample pushed to its being heard and seen. */
+  /** Milliseconds from pushing the newest utterance's first sample to hearing and seeing it. */
   reaction = NaN;
 
   constructor(private readonly options: SessionOptions) {
@@ -54,14 +54,14 @@ export class EchoSession extends Emitter<SessionEvents> {
     this.connection.open();
   }
 
-  /** Lets sound be heard through `sink`; call it from a click. The context must run at `ready.sample_rate`. */
+  /** Plays sound through `sink`; call it from a click. The context must run at `ready.sample_rate`. */
   async unlock(context: AudioContext, sink: AudioNode): Promise<void> {
     this.output = { context, sink };
     await context.resume();
     await this.attach();
   }
 
-  /** The picture to show in a display frame that begins at `now` (`performance.now()`). */
+  /** The picture for a display frame that begins at `now` (`performance.now()`). */
   picture(now: number): Picture | null {
     const picture = this.player?.picture(now) ?? null;
     if (picture && this.awaited && picture.at >= this.awaited.from) {
@@ -71,14 +71,14 @@ export class EchoSession extends Emitter<SessionEvents> {
     return picture;
   }
 
-  /** Begins an utterance; push sound to it and end it. */
+  /** Starts an utterance; push sound to it, then end it. */
   speak(speaker: Speaker = "avatar"): Utterance {
     const utterance = new Utterance(++this.segments[speaker], speaker, this.ready?.sample_rate ?? 24000);
     this.utterances = [...this.utterances.filter((other) => !other.done).slice(-3), utterance];
     return utterance;
   }
 
-  /** Sends what was pushed without waiting for the next turn. */
+  /** Sends pushed sound now instead of at the next timer event. */
   pump(): void {
     if (!this.ready) return;
     for (const utterance of this.utterances) {
@@ -86,21 +86,21 @@ export class EchoSession extends Emitter<SessionEvents> {
     }
   }
 
-  /** The avatar stops at once; what it was about to say is forgotten. */
+  /** Stops the avatar at once and drops what it has not said yet. */
   interrupt(): void {
     if (!this.player) return;
     this.utterances = this.utterances.filter((utterance) => utterance.speaker !== "avatar");
     this.connection.send({ type: "interrupt", heard: this.player.interrupt(), seg: this.segments.avatar });
   }
 
-  /** Asks for an action; the answer comes as `action` events with the id given back. */
+  /** Requests an action; `action` events with the returned id report its status. */
   act(name: string, settings: { intensity?: number; hold?: number } = {}): string {
     const id = `a${++this.requests}`;
     this.connection.send({ type: "action", id, name, ...settings });
     return id;
   }
 
-  /** Plays one of the server's tracks, or stops it. */
+  /** Plays one of the server's tracks, or stops the music. */
   music(op: "play" | "stop", title = ""): string {
     const id = `m${++this.requests}`;
     this.connection.send({ type: "music", id, op, title });
@@ -146,7 +146,7 @@ export class EchoSession extends Emitter<SessionEvents> {
     }
   }
 
-  /** Where on the clock a new utterance begins. */
+  /** The sample at which a new utterance begins. */
   private note({ seg, at }: SoundMessage): void {
     if (seg === this.heardOf.seg) return;
     this.heardOf = { seg, from: at };
@@ -167,7 +167,7 @@ export class EchoSession extends Emitter<SessionEvents> {
     this.emit("ready", ready);
   }
 
-  /** A new session: the clock begins anew, and what was not heard is said again. */
+  /** Handles a new session: the clock restarts, and sound that was not heard is sent again. */
   private renew(ready: ReadyMessage): void {
     const heard = this.player && this.heardOf.seg ? Math.max(0, this.player.heard - this.heardOf.from) : 0;
     for (const utterance of this.utterances) {

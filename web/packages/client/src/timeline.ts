@@ -1,21 +1,21 @@
 /**
- * Motion on the session's clock: frames in order, found and interpolated at any sample.
+ * Motion on the session's clock: ordered frames, interpolated at any sample.
  *
- * Frame k of a message stands at `at + k * hop`; between frames rotations go by slerp, across messages too. Where
- * frames are missing the pose is held, and the sample it stands for is reported as it is.
+ * Frame k of a message belongs to sample `at + k * hop`. Rotations are interpolated by slerp, across messages too. Where
+ * frames are missing the last pose is held, and `at` of the result is the sample of the held frame.
  */
 
 import type { MotionMessage } from "./protocol.generated.js";
 import { type Pose, copyPose, makePose } from "./pose.js";
 import { slerp } from "./quaternion.js";
 
-/** What `sample` found. */
+/** The result of `sample`. */
 export interface Found {
-  /** The clock that the pose stands for: the asked one, or that of the frame held. */
+  /** The sample that the pose belongs to: the requested one, or that of the held frame. */
   readonly at: number;
-  /** Nothing for the asked time was there: the last frame is held. */
+  /** True when there is no motion for the requested sample and the last frame is held. */
   readonly held: boolean;
-  /** The state that the server gave the frame. */
+  /** The state that the server sent with the frame. */
   readonly state: MotionMessage["state"];
 }
 
@@ -26,8 +26,8 @@ interface Frame {
   readonly state: MotionMessage["state"];
 }
 
-const KEEP_SECONDS = 1; // behind the playhead: the device's latency may still look back
-const BRIDGE_FRAMES = 12; // a gap up to this is interpolated across, when both its ends are known
+const KEEP_SECONDS = 1; // kept behind the playhead, because the output latency shifts the shown pose back
+const BRIDGE_FRAMES = 12; // gaps up to this long are interpolated when both ends are known
 
 export class MotionTimeline {
   private frames: Frame[] = [];
@@ -39,25 +39,25 @@ export class MotionTimeline {
     private readonly sampleRate: number,
   ) {}
 
-  /** First sample after the last frame; 0 when empty. */
+  /** The first sample after the last frame; 0 when empty. */
   get end(): number {
     const last = this.frames.at(-1);
     return last ? last.at + this.hop : 0;
   }
 
-  /** Takes the frames of a message; frames that are there already are kept, unless an interruption made them stale. */
+  /** Adds the frames of a message. Existing frames are kept, unless an interruption made them stale. */
   insert(motion: MotionMessage): void {
     const { epoch, state } = motion;
     const poses = unpackPoses(motion, this.joints, this.curves);
     for (const [k, pose] of poses.entries()) this.put({ at: motion.at + k * this.hop, epoch, pose, state });
   }
 
-  /** Forgets all from `at` on. */
+  /** Drops all frames from `at` on. */
   flush(at: number): void {
     this.frames = this.frames.filter((frame) => frame.at < at);
   }
 
-  /** Forgets what lies too far behind the playhead to be shown again; the newest frame always stays. */
+  /** Drops frames too far behind the playhead to be shown again; the newest frame always stays. */
   prune(playhead: number): void {
     const limit = playhead - KEEP_SECONDS * this.sampleRate;
     let old = 0;
@@ -65,12 +65,12 @@ export class MotionTimeline {
     if (old) this.frames.splice(0, old);
   }
 
-  /** The poses of the frames from `from` up to before `to`. */
+  /** The poses of the frames in [from, to). */
   *between(from: number, to: number): Generator<Pose> {
     for (const frame of this.frames) if (frame.at >= from && frame.at < to) yield frame.pose;
   }
 
-  /** Fills `out` with the pose at sample `at`; null while there is none at all. */
+  /** Fills `out` with the pose at sample `at`; null while there are no frames. */
   sample(at: number, out: Pose): Found | null {
     const next = this.after(at);
     const before = this.frames[next - 1];
@@ -85,7 +85,7 @@ export class MotionTimeline {
     return { at: frame.at, held: at !== frame.at, state: frame.state };
   }
 
-  /** Index of the first frame later than `at`. */
+  /** Index of the first frame after `at`. */
   private after(at: number): number {
     let low = 0;
     let high = this.frames.length;
@@ -105,7 +105,7 @@ export class MotionTimeline {
   }
 }
 
-/** The frames of a motion message; throws when its bytes do not fit its number of frames. */
+/** Decodes the frames of a motion message; throws when its byte lengths do not match its number of frames. */
 export function unpackPoses(motion: MotionMessage, joints: number, curves: number): Pose[] {
   const { frames } = motion;
   const sizes = [frames * joints * 8, frames * 12, frames * curves];

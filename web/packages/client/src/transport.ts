@@ -1,4 +1,4 @@
-/** Where sound goes: to the audio device, whose clock is the master, or to nowhere on the wall clock until it may. */
+/** Sound outputs: the audio device, whose clock is the master, or a silent wall clock before the first click. */
 
 import { PlaybackClock, outputFrame } from "./clock.js";
 import { Playout, type PlayoutMark } from "./playout.js";
@@ -8,7 +8,7 @@ export interface Transport {
   push(at: number, pcm: Float32Array): void;
   flush(at: number): void;
   jump(at: number): void;
-  /** The sample heard at a time of `performance.now()`; null before the first. */
+  /** The sample heard at a time of `performance.now()`; null before the first one. */
   heardAt(milliseconds: number): number | null;
   playingAt(milliseconds: number): boolean;
   readonly underruns: number;
@@ -19,13 +19,13 @@ export interface TransportSettings {
   readonly rate: number;
   readonly jitter: number;
   readonly chunk: number;
-  /** About five times a second, whether the page is seen or not. */
+  /** Called about five times a second, also while the page is hidden. */
   readonly onTick: () => void;
 }
 
 const WALL_TICK = 50;
 
-/** Plays into the void in real time: the avatar lives before the first click. */
+/** Consumes sound in real time without playing it, so that the avatar moves before the first click. */
 export class WallTransport implements Transport {
   private readonly clock = new PlaybackClock();
   private readonly queue: Playout;

@@ -1,4 +1,4 @@
-/** Sound on its way up: cut into messages, paced, and kept until heard so that a broken line loses nothing. */
+/** Outgoing sound: cut into messages, paced, and kept until heard so that a broken connection loses nothing. */
 
 import { floatToPcm } from "./codec.js";
 import type { AudioMessage, ClientMessage } from "./protocol.generated.js";
@@ -6,23 +6,23 @@ import type { AudioMessage, ClientMessage } from "./protocol.generated.js";
 export type Speaker = NonNullable<AudioMessage["speaker"]>;
 
 const MESSAGE_SAMPLES = 12_000; // half a second
-const AHEAD_SECONDS = 12; // sent ahead of the wall clock at most: the server's inbox is bounded
-const KEEP_SECONDS = 60; // of sent sound, for a resumed session
+const AHEAD_SECONDS = 12; // at most this far ahead of the wall clock: the server's input buffer is bounded
+const KEEP_SECONDS = 60; // of sent sound, to send again after a reconnect
 
 export class Utterance {
-  private parts: Float32Array[] = []; // kept sound, from `from` on
+  private parts: Float32Array[] = []; // kept sound, starting at `from`
   private from = 0;
-  private base = 0; // what an earlier session heard is not sent to the next
+  private base = 0; // sound before this was heard in an earlier session and is not sent again
   private length = 0;
   private sent = 0;
   private ended = false;
   private endSent = false;
-  /** When the first sample came, by `performance.now()`; 0 before. */
+  /** `performance.now()` of the first pushed sample; 0 before. */
   begun = 0;
 
   constructor(readonly seg: number, readonly speaker: Speaker, private readonly rate: number) {}
 
-  /** Adds sound, mono at the session's rate. */
+  /** Adds mono sound at the session's rate. */
   push(samples: Float32Array): void {
     if (this.ended || !samples.length) return;
     this.begun ||= performance.now();
@@ -30,7 +30,7 @@ export class Utterance {
     this.length += samples.length;
   }
 
-  /** No more will come. */
+  /** Marks the utterance as complete. */
   end(): void {
     this.ended = true;
   }
@@ -40,12 +40,12 @@ export class Utterance {
     return this.length / this.rate;
   }
 
-  /** Whether all was handed over. */
+  /** Whether everything was sent. */
   get done(): boolean {
     return this.endSent;
   }
 
-  /** Sends what may be sent now. */
+  /** Sends what the pacing allows now. */
   pump(send: (message: ClientMessage) => boolean): void {
     const { seg, speaker } = this;
     const limit = ((performance.now() - this.begun) / 1000 + AHEAD_SECONDS) * this.rate;
@@ -58,13 +58,13 @@ export class Utterance {
     this.forget();
   }
 
-  /** The same session, resumed, has `received` samples: go on there. */
+  /** Continues in the resumed session, which has received `received` samples. */
   resume(received: number): void {
     this.sent = Math.max(this.from, Math.min(this.base + received, this.length));
     this.endSent = false;
   }
 
-  /** A new session knows nothing: give it what was not heard by the old one. */
+  /** Starts again in a new session with the sound that was not heard in the old one. */
   restart(heard: number): void {
     this.sent = this.base = Math.max(this.from, Math.min(this.base + heard, this.length));
     this.begun = performance.now() - (this.sent / this.rate) * 1000;

@@ -14,7 +14,7 @@ function bytes(name: string): Uint8Array {
   return new Uint8Array(readFileSync(new URL(`${name}.bin`, folder)));
 }
 
-/** The JSON twin, its blobs as bytes. */
+/** The JSON form of the message, with its blobs decoded to bytes. */
 function twin(name: string): Record<string, unknown> {
   return JSON.parse(readFileSync(new URL(`${name}.json`, folder), "utf8"), (key, value) =>
     BLOBS.has(key) && typeof value === "string" ? new Uint8Array(Buffer.from(value, "base64")) : value,

@@ -17,7 +17,7 @@ function take(): Take {
     const pose = makePose(3, 2);
     pose.root.set([0.1 * t, 1, 0]);
     pose.rotations.set([0, Math.sin(0.1 * t), 0, Math.cos(0.1 * t)], 4);
-    if (t === 2) pose.rotations.set([0, -Math.sin(0.2), 0, -Math.cos(0.2)], 4); // the same turn, other sign
+    if (t === 2) pose.rotations.set([0, -Math.sin(0.2), 0, -Math.cos(0.2)], 4); // the same rotation with the opposite sign
     pose.face[0] = t / 4;
     made.add(pose);
   }

@@ -4,7 +4,7 @@ import { Playout, type PlayoutMark } from "../src/playout.js";
 const JITTER = 2400;
 const CHUNK = 6400;
 
-/** Sample n of the session has the value n: what was played tells where. */
+/** Sample n of the session has the value n, so the output shows which samples were played. */
 function ramp(at: number, length: number): Float32Array {
   return Float32Array.from({ length }, (_, i) => at + i);
 }

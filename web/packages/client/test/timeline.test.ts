@@ -5,7 +5,7 @@ import { MotionTimeline } from "../src/timeline.js";
 
 const HOP = 800;
 
-/** One joint turning about Y by `degrees` a frame from `first`; root x and the face tell the frame too. */
+/** One joint rotating about Y by `degrees` per frame from `first`; root x and the face also encode the frame. */
 function motion(at: number, frames: number, first: number, degrees = 3, state: MotionMessage["state"] = "idle"): MotionMessage {
   const rotations = new Int16Array(frames * 4);
   const root = new Float32Array(frames * 3);

@@ -1,4 +1,4 @@
-/** Sign-in, and the views behind it: the part of the address behind `#` says which, so back and reload work. */
+/** Sign-in and the owners' views. The URL fragment selects the view, so that back and reload work. */
 
 import { Api, Refused } from "../api.js";
 import type { Done, OwnerSession } from "../api.generated.js";
@@ -10,11 +10,11 @@ import { setupView } from "./setup.js";
 import { listView } from "./studies.js";
 import { studyView } from "./study.js";
 
-/** What a view needs; `every` repeats something while the view is shown. */
+/** What a view gets; `every` repeats a function while the view is shown. */
 export interface Desk {
   readonly api: Api;
   every(seconds: number, work: () => Promise<void>): void;
-  /** Runs something that may be refused, and says so; false where it was. */
+  /** Runs a request and shows a refusal; false if it was refused. */
   attempt(work: () => Promise<unknown>): Promise<boolean>;
 }
 

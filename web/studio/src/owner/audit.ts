@@ -1,4 +1,4 @@
-/** Who did what, newest first. */
+/** The audit log, newest entry first. */
 
 import type { Audit, Event as Line } from "../api.generated.js";
 import { h } from "../dom.js";
@@ -6,13 +6,13 @@ import { t } from "../strings.js";
 import type { Desk } from "./app.js";
 import { section, table, when } from "./table.js";
 
-const PAGE = 200; // lines that the studio gives at once
+const PAGE = 200; // entries per request
 
 export async function auditView(desk: Desk): Promise<HTMLElement> {
   return h("main", { class: "owner" }, h("h1", { tabindex: -1 }, t("owner_audit")), await auditTable(desk, ""));
 }
 
-/** Of one study, or of all where `study` is empty. */
+/** The log of one study, or of all if `study` is empty. */
 export async function auditTable({ api, attempt }: Desk, study: string): Promise<HTMLElement> {
   const lines: Line[] = [];
   const box = h("div", {});

@@ -1,4 +1,4 @@
-/** The fields of study.yaml as the form has them: what each is, its bounds, and what it begins with. */
+/** The fields of study.yaml in the form: type, bounds and initial value of each. */
 
 import { QUESTIONS } from "../api.generated.js";
 import type { Key } from "../strings.js";
@@ -13,11 +13,11 @@ export interface NumberField {
   readonly min: number;
   readonly max: number;
   readonly step?: number;
-  /** Of which kind of study; both where it is left out. */
+  /** The kind of study that has the field; both if absent. */
   readonly kind?: Kind;
 }
 
-/** In the order of the form; a dot leads into a part of study.yaml. */
+/** In the order of the form; a dot separates nested keys of study.yaml. */
 export const PEOPLE: readonly NumberField[] = [
   { name: "raters", label: "field_raters", begin: 20, min: 1, max: 2000 },
   { name: "tasks_per_rater", label: "field_tasks_per_rater", begin: 20, min: 1, max: 500 },
@@ -63,12 +63,12 @@ export interface SoundChoice {
   start: number;
 }
 
-/** What the form holds. */
+/** The form's values. */
 export interface Choices {
   kind: Kind;
   title: string;
   language: string;
-  /** Left to the studio where empty, as is `consent`. */
+  /** If empty, the studio chooses; the same holds for `consent`. */
   intro: string;
   consent: string;
   model: string;
@@ -106,7 +106,7 @@ export function newSound(): SoundChoice {
   return { path: "", category: "gesture", start: 0 };
 }
 
-/** The settings as study.yaml has them. */
+/** The settings in the structure of study.yaml. */
 export function settingsOf(choices: Choices): { readonly [name: string]: Value } {
   const { kind } = choices;
   const out: Record<string, Value> = { kind, title: choices.title, language: choices.language };

@@ -1,4 +1,4 @@
-/** The form of a study's set-up: its fields, or the text of study.yaml itself. */
+/** The form that sets a study up: fields, or the text of study.yaml. */
 
 import { CATEGORIES, QUESTIONS, type SetUp } from "../api.generated.js";
 import { h } from "../dom.js";
@@ -41,7 +41,7 @@ export class SetupForm {
     return this.isText ? this.area.value : toYaml(settingsOf(this.choices));
   }
 
-  /** The browser points at the first field that is not filled in well. */
+  /** Lets the browser point at the first invalid field. */
   isValid(): boolean {
     return this.isText || this.form.reportValidity();
   }

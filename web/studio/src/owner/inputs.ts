@@ -1,4 +1,4 @@
-/** Labelled fields that write what is typed into an object. */
+/** Labelled fields that write their value into an object. */
 
 import { h } from "../dom.js";
 import { t } from "../strings.js";
@@ -9,7 +9,7 @@ export function field(label: string, control: HTMLElement): HTMLLabelElement {
   return h("label", { class: "field" }, h("span", {}, label), control);
 }
 
-/** Fields in columns. */
+/** Arranges fields in columns. */
 export const fields = (...parts: HTMLElement[]) => h("div", { class: "fields" }, ...parts);
 export const option = (value: string, label: string, isChosen: boolean) =>
   h("option", { value, selected: isChosen }, label);

@@ -1,4 +1,4 @@
-/** New links, shown once, and those made before. */
+/** Makes invitation links, shown once, and lists the earlier ones. */
 
 import type { Done, InvitationRow, Invitations, Invite, Invited } from "../api.generated.js";
 import { ask, h } from "../dom.js";
@@ -42,7 +42,7 @@ export async function invitationsTab(desk: Desk, id: string): Promise<HTMLElemen
   form.addEventListener("submit", async (event) => {
     event.preventDefault();
     if (button.disabled) return;
-    button.disabled = true; // a second click makes no second links
+    button.disabled = true; // a double click must not make links twice
     const asked: Invite = { count: count.valueAsNumber, is_open: kind.value === "open", label: label.value };
     await attempt(async () => {
       const { links } = await api.post<Invited>(path(id, "invitations"), asked);

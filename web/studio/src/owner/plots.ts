@@ -1,4 +1,4 @@
-/** Plots, drawn as SVG: whiskers for means and strengths, bars for hours. Each says in words what it shows. */
+/** SVG plots: whiskers for means and strengths, bars for hours. Each has a text alternative. */
 
 import { h, s } from "../dom.js";
 import { t } from "../strings.js";
@@ -6,7 +6,7 @@ import { signed } from "./table.js";
 
 export interface Whisker {
   readonly label: string;
-  /** Which colour, from 0. */
+  /** Index of the colour, from 0. */
   readonly series: number;
   readonly value: number;
   readonly low: number;
@@ -15,13 +15,13 @@ export interface Whisker {
 
 const [WIDTH, LABEL, ROW, HEAD] = [640, 200, 26, 28];
 
-/** Where a value lies between the labels and the right edge. */
+/** Maps a value to its x position between the labels and the right edge. */
 export function scale(domain: readonly [number, number]): (value: number) => number {
   const [low, high] = domain;
   return (value) => LABEL + ((Math.min(Math.max(value, low), high) - low) / (high - low)) * (WIDTH - LABEL - 24);
 }
 
-/** A domain around all whiskers, zero in it, with round ends. */
+/** A domain with round ends that contains all whiskers and zero. */
 export function domainOf(whiskers: readonly Whisker[]): [number, number] {
   const ends = whiskers.flatMap(({ low, high }) => [low, high]).filter(Number.isFinite);
   const reach = Math.max(0.5, ...ends.map(Math.abs));
@@ -29,7 +29,7 @@ export function domainOf(whiskers: readonly Whisker[]): [number, number] {
   return [-round, round];
 }
 
-/** Points with their intervals, one a line; `series` names the colours. */
+/** Points with intervals, one per line; `series` names the colours. */
 export function whiskers(
   title: string,
   rows: readonly Whisker[],
@@ -77,7 +77,7 @@ export function whiskers(
   );
 }
 
-/** One bar an hour, oldest first. */
+/** One bar per hour, oldest first. */
 export function hourBars(counts: readonly number[]): HTMLElement {
   const [width, height, most] = [640, 120, Math.max(1, ...counts)];
   const step = width / Math.max(1, counts.length);

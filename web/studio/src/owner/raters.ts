@@ -1,4 +1,4 @@
-/** What each rater did and how well; leaving out, taking in, deleting. */
+/** Progress and quality of each rater; excludes, includes and deletes raters. */
 
 import type { Done, Exclude, RaterRow, Raters } from "../api.generated.js";
 import { ask, h } from "../dom.js";

@@ -1,4 +1,4 @@
-/** Results: scores with intervals, pairs, ranking, agreement, preference pairs, and files to take away. */
+/** Results: scores with intervals, pairs, ranking, agreement, preference pairs, and files for download. */
 
 import type { Mean, PreferenceRow, Results, Strength } from "../api.generated.js";
 import { CATEGORIES, QUESTIONS } from "../api.generated.js";
@@ -49,17 +49,17 @@ function exports(id: string, results: Results): HTMLElement {
   );
 }
 
-/** Questions that somebody was asked, in the paper's order. */
+/** Questions with answers, in the paper's order. */
 function asked(rows: readonly { scores: Record<string, Mean> }[]): string[] {
   return QUESTIONS.filter((question) => rows.some((row) => row.scores[question]));
 }
 
-/** Groups in their order: only systems of a group met, so only they share a plot. */
+/** Groups in order. Only systems of one group were compared, so only they share a plot. */
 function groupsOf(rows: readonly { group: string }[]): string[] {
   return [...new Set(rows.map((row) => row.group))];
 }
 
-/** What a plot is of: its group where there is one, and the rest. */
+/** The title of a plot, with the group if there is one. */
 function titled(group: string, ...rest: string[]): string {
   return [group, ...rest].filter(Boolean).join(", ");
 }
@@ -141,7 +141,7 @@ function ranking(rows: readonly Strength[]): HTMLElement {
   );
 }
 
-/** One a question, over all categories where that is known. */
+/** One result per question, over all categories where available. */
 function rankingPlots(group: string, rows: readonly Strength[]): HTMLElement[] {
   const categories = [...new Set(rows.map((row) => row.category))];
   const shown = categories.includes("all") ? ["all"] : categories;

@@ -1,4 +1,4 @@
-/** Set-up of a study: the form, and the button that makes it. */
+/** Sets a study up: the form and its button. */
 
 import type { NewStudy, SetUp, StudyRow } from "../api.generated.js";
 import { h } from "../dom.js";
@@ -12,7 +12,7 @@ export async function setupView({ api, attempt }: Desk): Promise<HTMLElement> {
   const make = h("button", { class: "button primary make", type: "button" }, t("setup_make"));
   make.addEventListener("click", async () => {
     if (make.disabled || !form.isValid()) return;
-    make.disabled = true; // a second click makes no second study
+    make.disabled = true; // a double click must not make two studies
     const body: NewStudy = { settings: form.text };
     await attempt(async () => {
       const study = await api.post<StudyRow>("/api/owner/studies", body);

@@ -50,7 +50,7 @@ function card(study: StudyRow): HTMLElement {
   );
 }
 
-/** How far making or judging is, or why there is none. */
+/** Progress of making or judging, or the reason why there is none. */
 export function progress(study: StudyRow): HTMLElement {
   if (study.problem) return h("p", { class: "problem" }, study.problem);
   if (study.making)

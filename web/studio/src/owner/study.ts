@@ -1,4 +1,4 @@
-/** One study: its head, its tabs, and the tab of live progress. */
+/** One study: its header, its tabs and the live progress tab. */
 
 import type { ChangeState, Done, StudyDetail, StudyRow } from "../api.generated.js";
 import { ask, h } from "../dom.js";
@@ -15,7 +15,7 @@ import { meter, section, table } from "./table.js";
 const POLL = 4; // seconds
 const TABS = ["overview", "invite", "raters", "results", "settings", "audit"] as const;
 
-/** Addresses of a study's routes. */
+/** API paths of a study. */
 export const path = (id: string, ...more: (string | number)[]) =>
   ["/api/owner/studies", ...[id, ...more].map((part) => encodeURIComponent(part))].join("/");
 
@@ -73,7 +73,7 @@ async function content(
   }
 }
 
-/** Live: asked again every few seconds. */
+/** The live tab, refreshed every few seconds. */
 function overview(
   { api, every }: Desk,
   id: string,
@@ -134,7 +134,7 @@ async function remove({ api, attempt }: Desk, study: StudyRow): Promise<void> {
   if (await attempt(() => api.delete<Done>(path(study.id)))) location.hash = "#/";
 }
 
-/** Shows the same view again, with what is known now. */
+/** Reloads the current view. */
 export function reload(): void {
   dispatchEvent(new HashChangeEvent("hashchange"));
 }

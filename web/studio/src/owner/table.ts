@@ -1,11 +1,11 @@
-/** Tables and small pieces that all owners' views are made of. */
+/** Tables and small elements that the owners' views share. */
 
 import type { Mean } from "../api.generated.js";
 import { h } from "../dom.js";
 
 type Cell = Node | string | number | null | undefined;
 
-/** A table that scrolls sideways by itself on small screens. */
+/** A table that scrolls sideways on small screens. */
 export function table(caption: string, heads: readonly string[], rows: readonly (readonly Cell[])[]): HTMLElement {
   return h(
     "div",
@@ -24,7 +24,7 @@ export function section(title: string, ...content: (Node | false | null)[]): HTM
   return h("section", { class: "card part" }, h("h2", {}, title), ...content);
 }
 
-/** A bar with its numbers in words. */
+/** A progress bar with its numbers as text. */
 export function meter(done: number, of: number, label: string): HTMLElement {
   return h(
     "div",
@@ -45,7 +45,7 @@ export function meter(done: number, of: number, label: string): HTMLElement {
   );
 }
 
-/** 2026-11-21T08:05:00Z as 2026-11-21 08:05 of the reader's clock. */
+/** Formats 2026-11-21T08:05:00Z as 2026-11-21 08:05 in the reader's time zone. */
 export function when(iso: string): string {
   const at = new Date(iso);
   if (Number.isNaN(at.getTime())) return iso;
@@ -53,13 +53,13 @@ export function when(iso: string): string {
   return `${at.getFullYear()}-${two(at.getMonth() + 1)}-${two(at.getDate())} ${two(at.getHours())}:${two(at.getMinutes())}`;
 }
 
-/** A signed number with a true minus. */
+/** A signed number with a typographic minus. */
 export function signed(value: number, digits = 2): string {
   const text = Math.abs(value).toFixed(digits);
   return Number(text) === 0 ? text : `${value < 0 ? "−" : "+"}${text}`;
 }
 
-/** Mean ± half of the interval, and that over raters in brackets. */
+/** Mean ± half the interval, with the interval over raters in brackets. */
 export function meanText(mean: Mean | undefined): string {
   if (!mean) return "";
   const half = mean.half === null ? "" : ` ± ${mean.half.toFixed(2)}`;

@@ -1,8 +1,8 @@
-/** The text of a study.yaml from the fields of the form. */
+/** Writes the form's values as study.yaml. */
 
 export type Value = string | number | boolean | readonly Value[] | { readonly [name: string]: Value };
 
-/** Block YAML; every string is quoted, so none can be read as something else. */
+/** Block YAML; every string is quoted, so none can be parsed as another type. */
 export function toYaml(value: Value, indent = ""): string {
   if (Array.isArray(value)) {
     if (!value.length) return "[]\n";

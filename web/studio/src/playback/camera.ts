@@ -1,4 +1,4 @@
-/** The camera that all views share: turned by dragging any of them, by buttons and by keys. */
+/** The camera that all views share: moved by dragging in any view, by buttons and by keys. */
 
 import { PerspectiveCamera, Spherical, Vector3 } from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
@@ -6,8 +6,8 @@ import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 const DISTANCE = 4.7; // metres, for a body of 1.65 m
 const TURN = Math.PI / 12;
 const CLOSER = 0.85;
-const HEIGHT = 0.52; // of the body: what is looked at from afar,
-const HEAD = 0.9; // and from close by, where the face is to be seen
+const HEIGHT = 0.52; // height of the target as a fraction of the body, from afar
+const HEAD = 0.9; // the same in a close-up, so that the face is visible
 const CLOSE = 1; // metres, for a body of 1.65 m
 
 export class SharedCamera {
@@ -15,14 +15,14 @@ export class SharedCamera {
   private readonly target = new Vector3();
   private controls: OrbitControls[] = [];
   private tall = 1.65;
-  /** Told when it moved. */
+  /** Called when the camera moved. */
   onMove: (() => void) | null = null;
 
   constructor() {
     this.reset();
   }
 
-  /** From now on these elements turn it. */
+  /** Lets dragging in these elements move the camera. */
   attach(elements: readonly HTMLElement[]): void {
     for (const old of this.controls) old.dispose();
     this.controls = elements.map((element) => {
@@ -36,7 +36,7 @@ export class SharedCamera {
       });
       controls.target = this.target;
       controls.addEventListener("change", () => this.moved());
-      element.style.touchAction = "pan-y"; // a thumb that goes up or down scrolls the page
+      element.style.touchAction = "pan-y"; // vertical swipes scroll the page
       return controls;
     });
   }
@@ -46,7 +46,7 @@ export class SharedCamera {
     this.reset();
   }
 
-  /** Back to the first view. */
+  /** Returns to the initial view. */
   reset(): void {
     const distance = DISTANCE * (this.tall / 1.65);
     this.target.set(0, HEIGHT * this.tall, 0);
@@ -54,7 +54,7 @@ export class SharedCamera {
     this.moved();
   }
 
-  /** Turns by steps to the right, and comes closer by steps; either may be negative. */
+  /** Rotates right and moves closer by steps; both may be negative. */
   step(right: number, closer: number): void {
     const place = new Spherical().setFromVector3(this.master.position.clone().sub(this.target));
     place.theta += right * TURN;
@@ -63,7 +63,7 @@ export class SharedCamera {
     this.moved();
   }
 
-  /** Sets `lens` for a view of that aspect around (x, z); narrow views stand farther away. */
+  /** Sets `lens` for a view of the given aspect around (x, z); narrow views are farther away. */
   aim(lens: PerspectiveCamera, aspect: number, x: number, z: number): void {
     const back = Math.min(1, aspect / 0.62) ** -0.75;
     lens.position.copy(this.master.position).sub(this.target).multiplyScalar(back).add(this.target);
@@ -74,7 +74,7 @@ export class SharedCamera {
     lens.updateProjectionMatrix();
   }
 
-  /** Looks higher the closer it is: hips in the middle of a whole body, the face in a close-up. */
+  /** The target is higher the closer the camera is: the hips for a whole body, the face in a close-up. */
   private moved(): void {
     const scale = this.tall / 1.65;
     const distance = this.master.position.distanceTo(this.target);

@@ -1,17 +1,17 @@
-/** A clip in memory: its pose at any second, by the interpolation of the live page, and where the camera looks meanwhile. */
+/** A clip in memory: its interpolated pose at any second, and the camera's target. */
 
 import { MotionTimeline, type Pose, decodeMessage, makePose, unpackPoses } from "@echoavatar/client";
 import type { Scene } from "../api.generated.js";
 
-const CLOCK = 24_000; // samples a second, of the protocol
-const CALM = 1; // seconds to each side over which the camera's place is averaged
+const CLOCK = 24_000; // samples per second of the protocol's clock
+const SMOOTHING = 1; // seconds on each side over which the camera's target is averaged
 
 export class Clip {
   readonly seconds: number;
   private readonly timeline: MotionTimeline;
-  private readonly path: Float32Array; // x and z of the camera's centre, frame by frame
+  private readonly path: Float32Array; // x and z of the camera's target, per frame
 
-  /** Throws where the bytes are no motion of this rig. */
+  /** Throws if the bytes are not motion of this rig. */
   constructor(
     bytes: ArrayBuffer,
     private readonly scene: Scene,
@@ -22,23 +22,23 @@ export class Clip {
     this.timeline = new MotionTimeline(rig.names.length, face.length, CLOCK / rate, CLOCK);
     this.timeline.insert({ ...motion, at: 0 });
     this.seconds = motion.frames / rate;
-    this.path = calm(
+    this.path = movingAverage(
       unpackPoses({ ...motion, face: new Uint8Array() }, rig.names.length, face.length),
-      Math.round(CALM * rate),
+      Math.round(SMOOTHING * rate),
     );
   }
 
-  /** A pose of the right size, for `pose`. */
+  /** An empty pose of the right size, to pass to `pose`. */
   blank(): Pose {
     return makePose(this.scene.rig.names.length, this.scene.face.length);
   }
 
-  /** Fills `out` with the pose at a second; before the first and after the last frame these are held. */
+  /** Fills `out` with the pose at a second; the first and last frames are held outside the clip. */
   pose(second: number, out: Pose): void {
     this.timeline.sample(Math.max(0, second) * CLOCK, out);
   }
 
-  /** Where the body is, smoothly: x and z in metres. */
+  /** Smoothed position of the body: x and z in metres. */
   centre(second: number): [number, number] {
     const last = this.path.length / 2 - 1;
     const at = Math.min(Math.max(second * this.scene.frame_rate, 0), last);
@@ -49,8 +49,8 @@ export class Clip {
   }
 }
 
-/** The root's x and z, each averaged over `reach` frames before and after. */
-export function calm(poses: readonly Pick<Pose, "root">[], reach: number): Float32Array {
+/** The root's x and z, each averaged over `reach` frames on both sides. */
+export function movingAverage(poses: readonly Pick<Pose, "root">[], reach: number): Float32Array {
   const out = new Float32Array(poses.length * 2);
   for (const [axis, from] of [
     [0, 0],

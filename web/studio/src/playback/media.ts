@@ -1,8 +1,8 @@
-/** Fetches what a task shows, once, and the next task's while this one is judged. */
+/** Fetches a task's files once, and the next task's files while this one is judged. */
 
 import type { Api } from "../api.js";
 import type { RaterTask, Scene } from "../api.generated.js";
-import { type Insisting, insist } from "../patience.js";
+import { type RetryOptions, retry } from "../retry.js";
 import { Clip } from "./clip.js";
 import { decode } from "./sound.js";
 
@@ -19,22 +19,22 @@ export class Library {
     readonly scene: Scene,
   ) {}
 
-  /** Everything of a task, ready to play; `onPart` is told how much of it is here. Throws what trying again cannot mend. */
-  async load(task: RaterTask, onPart: (share: number) => void, insisting: Insisting): Promise<Media> {
+  /** Loads a task's files; `onPart` reports progress. Throws errors that a retry cannot fix. */
+  async load(task: RaterTask, onPart: (share: number) => void, insisting: RetryOptions): Promise<Media> {
     const addresses = [task.audio, ...task.clips];
     let here = 0;
     const files = await Promise.all(
       addresses.map(async (address) => {
-        const bytes = await insist(() => this.file(address), insisting);
+        const bytes = await retry(() => this.file(address), insisting);
         onPart(++here / addresses.length);
         return bytes;
       }),
     );
-    const sound = await decode(files[0]!.slice(0)); // decoding takes the bytes away
+    const sound = await decode(files[0]!.slice(0)); // decoding detaches the buffer
     return { sound, clips: files.slice(1).map((bytes) => new Clip(bytes, this.scene)) };
   }
 
-  /** Fetches quietly; what fails is fetched again when it is needed. Everything else is let go. */
+  /** Prefetches; a failed file is fetched again when needed. Files of other tasks are dropped. */
   ahead(current: RaterTask, next: RaterTask | null): void {
     const wanted = [current, next].flatMap((task) => (task ? [task.audio, ...task.clips] : []));
     for (const address of this.files.keys()) if (!wanted.includes(address)) this.files.delete(address);

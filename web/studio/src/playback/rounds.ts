@@ -1,11 +1,11 @@
-/** Counts how often clips were begun and watched to the end; pure, the clock is asked elsewhere. */
+/** Counts how often clips were started and watched to the end. It has no clock of its own. */
 
 export interface Counts {
   plays: number[];
   watched: number[];
 }
 
-/** Playing of some slots under one sound, from its start, round after round. */
+/** Playback of some slots with one sound, from its start, possibly looped. */
 export class Rounds {
   private round = 0;
 
@@ -18,11 +18,11 @@ export class Rounds {
     for (const slot of slots) counts.plays[slot]!++;
   }
 
-  /** `position` seconds after the first start: the second to show, whether it is over, whether a count has changed. */
-  at(position: number): { second: number; isOver: boolean; isNews: boolean } {
+  /** At `position` seconds after the first start: the second to show, and whether playback ended or a count changed. */
+  at(position: number): { second: number; isOver: boolean; hasChanged: boolean } {
     const rounds = Math.floor(position / this.seconds);
-    const isNews = rounds > this.round;
-    if (isNews) {
+    const hasChanged = rounds > this.round;
+    if (hasChanged) {
       const ended = this.isLooped ? rounds - this.round : 1;
       for (const slot of this.slots) {
         this.counts.watched[slot]! += ended;
@@ -31,10 +31,10 @@ export class Rounds {
       this.round = rounds;
     }
     const isOver = !this.isLooped && rounds >= 1;
-    return { second: isOver ? this.seconds : position % this.seconds, isOver, isNews };
+    return { second: isOver ? this.seconds : position % this.seconds, isOver, hasChanged };
   }
 
-  /** Goes on after a pause: rounds are counted from the start of the sound again. */
+  /** Resumes after a pause; rounds are counted from the start of the sound again. */
   rewind(): void {
     this.round = 0;
   }

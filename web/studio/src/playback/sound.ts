@@ -1,11 +1,11 @@
-/** The sound of a task, and the clock of all motion: the second that is heard now, by what the device says. */
+/** The sound of a task and the clock of all motion: the second heard now, according to the audio device. */
 
 import { outputFrame } from "@echoavatar/client";
 
-const LEAD = 0.06; // seconds from the wish to the first sample
+const LEAD = 0.06; // seconds from `play` to the first sample
 const DECODE_RATE = 48_000;
 
-/** Reads a sound file before there is a loudspeaker to play it: that one is opened by a click. */
+/** Decodes a sound file offline, because an audio output can only be opened by a click. */
 export function decode(bytes: ArrayBuffer): Promise<AudioBuffer> {
   return new OfflineAudioContext(1, 1, DECODE_RATE).decodeAudioData(bytes);
 }
@@ -14,10 +14,10 @@ export class Sound {
   private context: AudioContext | null = null;
   private volume: GainNode | null = null;
   private source: AudioBufferSourceNode | null = null;
-  private started = 0; // context seconds at which `offset` leaves the context
+  private started = 0; // context time at which `offset` is output
   private offset = 0;
   private silent = false;
-  private wish = 0; // the newest call of `play`: an older one that still waits for the device gives way
+  private request = 0; // number of the newest `play` call; older calls that still wait for the device give up
 
   get muted(): boolean {
     return this.silent;
@@ -28,13 +28,13 @@ export class Sound {
     if (this.volume && this.context) this.volume.gain.setTargetAtTime(muted ? 0 : 1, this.context.currentTime, 0.02);
   }
 
-  /** Plays from second `offset`; looped, it goes round after `seconds` without a gap. Call it from a click or a key. */
+  /** Plays from second `offset`, looped after `seconds` without a gap if asked. Call it from a click or a key. */
   async play(buffer: AudioBuffer, offset: number, seconds: number, isLooped: boolean): Promise<void> {
     this.stop();
-    const wish = ++this.wish;
+    const request = ++this.request;
     const context = (this.context ??= new AudioContext({ latencyHint: "interactive" }));
     if (context.state !== "running") await context.resume();
-    if (wish !== this.wish) return;
+    if (request !== this.request) return;
     this.volume ??= connect(context, this.silent);
     const source = context.createBufferSource();
     source.buffer = buffer;
@@ -45,10 +45,10 @@ export class Sound {
     source.start(this.started, offset);
   }
 
-  /** Stops, and tells the second at which it was. */
+  /** Stops and returns the current second. */
   stop(): number {
     const at = this.position(performance.now()) ?? 0;
-    this.wish++;
+    this.request++;
     this.source?.stop();
     this.source?.disconnect();
     this.source = null;
@@ -56,8 +56,8 @@ export class Sound {
   }
 
   /**
-   * Seconds heard since second 0 of the sound at a time of `performance.now()`, all rounds of a loop counted;
-   * null while nothing plays.
+   * Seconds heard since second 0 of the sound at a time of `performance.now()`, including all rounds of a loop; null
+   * while nothing plays.
    */
   position(milliseconds: number): number | null {
     if (!this.source || !this.context) return null;

@@ -1,8 +1,8 @@
 /**
- * One renderer, one character, many views: each view is a part of one transparent canvas, drawn only when it changes.
+ * One renderer and one character for many views: each view is a part of one transparent canvas, drawn when it changes.
  *
- * Browsers allow few WebGL canvases and weak machines bear fewer; eight candidates cost one. All views share one camera, so
- * turning one turns all and no motion is looked at more kindly than another.
+ * Browsers allow few WebGL canvases, so eight candidates share one. All views also share one camera, so that every
+ * candidate is seen from the same angle.
  */
 
 import type { AvatarDriver, Pose } from "@echoavatar/client";
@@ -31,18 +31,18 @@ import { RoomEnvironment } from "three/examples/jsm/environments/RoomEnvironment
 import type { Scene } from "../api.generated.js";
 import { SharedCamera } from "./camera.js";
 
-/** Where and how a body is shown. */
+/** The element, pose and camera target of one view. */
 export interface Shown {
   readonly element: HTMLElement;
   readonly pose: Pose;
-  /** Where the camera looks, x and z. */
+  /** x and z of the camera's target. */
   readonly centre: readonly [number, number];
 }
 
 export class Views {
   readonly camera: SharedCamera;
   private readonly world = new World();
-  private readonly around = new Group(); // light and floor shadow: what goes along with the body
+  private readonly around = new Group(); // light and floor shadow, which move with the body
   private readonly lens = new PerspectiveCamera(28, 1, 0.05, 60);
   private size = "";
   private driver: (AvatarDriver & { object: Object3D }) | null = null;
@@ -53,7 +53,7 @@ export class Views {
     readonly low: boolean,
   ) {
     renderer.toneMapping = NeutralToneMapping;
-    renderer.shadowMap.enabled = !low; // a fluent picture says more of motion than a shadow does
+    renderer.shadowMap.enabled = !low; // frame rate matters more than shadows
     renderer.shadowMap.type = PCFShadowMap;
     renderer.setClearColor(new Color(0), 0);
     this.camera = new SharedCamera();
@@ -61,8 +61,8 @@ export class Views {
   }
 
   /**
-   * `quality` is low or high; else the machine decides. Throws where the browser has no WebGL or the character cannot
-   * be read.
+   * `quality` is low or high; otherwise it depends on the machine. Throws if the browser has no WebGL or the character
+   * cannot be read.
    */
   static async open(scene: Scene, character: ArrayBuffer, quality: string | null): Promise<Views> {
     const canvas = document.createElement("canvas");
@@ -75,7 +75,7 @@ export class Views {
     return views;
   }
 
-  /** Fits the canvas to the element that it lies upon; everything has to be drawn again. */
+  /** Fits the canvas to its host element; all views must be drawn again. */
   resize(): void {
     const host = this.canvas.parentElement;
     if (!host) return;
@@ -87,7 +87,7 @@ export class Views {
     this.renderer.setSize(width, height, false);
   }
 
-  /** Draws one view; `seconds` since its last picture. */
+  /** Draws one view; `seconds` since it was last drawn. */
   draw({ element, pose, centre: [x, z] }: Shown, seconds: number): void {
     const area = this.area(element);
     if (!area || !this.driver) return;
@@ -101,13 +101,13 @@ export class Views {
     this.renderer.render(this.world, this.lens);
   }
 
-  /** Makes the whole canvas transparent. */
+  /** Clears the whole canvas to transparent. */
   clear(): void {
     this.renderer.setScissorTest(false);
     this.renderer.clear();
   }
 
-  /** Where a view lies on the canvas, from its lower left corner; null where it is not seen. */
+  /** A view's rectangle on the canvas, from the lower left corner; null if it is not visible. */
   private area(element: HTMLElement): { left: number; bottom: number; width: number; height: number } | null {
     const [here, all] = [element.getBoundingClientRect(), this.canvas.getBoundingClientRect()];
     if (here.width < 2 || here.height < 2) return null;
@@ -131,7 +131,7 @@ export class Views {
     const floor = new Mesh(new PlaneGeometry(12, 12), new ShadowMaterial({ opacity: 0.26 }));
     floor.rotation.x = -Math.PI / 2;
     floor.receiveShadow = true;
-    const lines = new GridHelper(20, 20, 0x5b7280, 0x7b909c); // a metre each: ways and sliding feet are seen against them
+    const lines = new GridHelper(20, 20, 0x5b7280, 0x7b909c); // one metre per cell, to judge travel and sliding feet
     Object.assign(lines.material as Material, { transparent: true, opacity: 0.28, depthWrite: false });
     const key = new DirectionalLight(0xfff1e0, 2.6);
     key.position.set(1.5, 4.2, 2.6);
@@ -152,7 +152,7 @@ export class Views {
   }
 }
 
-/** Whether the processor draws: then it had better draw little. */
+/** Whether WebGL runs on the processor, which is slow. */
 function isSoftware(): boolean {
   const context = document.createElement("canvas").getContext("webgl2");
   const told = context?.getExtension("WEBGL_debug_renderer_info");

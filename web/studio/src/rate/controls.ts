@@ -1,16 +1,16 @@
-/** The row below the views: play, from the start, how far it is, repeat, sound, and the camera. */
+/** The row below the views: play, restart, progress, loop, sound and camera. */
 
 import { h } from "../dom.js";
 import { type Icon, icon } from "../icons.js";
-import type { Theatre } from "../playback/theatre.js";
+import type { ClipPlayer } from "../playback/player.js";
 import type { SharedCamera } from "../playback/camera.js";
 import { t } from "../strings.js";
 
 export interface Playing {
   readonly label: string;
-  /** Begins, pauses or goes on. */
+  /** Plays, pauses or resumes. */
   toggle(): void;
-  /** From the start. */
+  /** Restarts. */
   again(): void;
 }
 
@@ -23,7 +23,7 @@ export class Controls {
   private readonly bar = h("div", { class: "time" }, h("i"));
 
   constructor(
-    private readonly theatre: Theatre,
+    private readonly player: ClipPlayer,
     camera: SharedCamera,
     private readonly playing: Playing,
     ...more: HTMLElement[]
@@ -49,12 +49,12 @@ export class Controls {
       h("div", { class: "camera", role: "group", "aria-label": t("view") }, ...view),
       ...more,
     );
-    theatre.onTime = (share) => this.bar.style.setProperty("--at", String(share));
+    player.onTime = (share) => this.bar.style.setProperty("--at", String(share));
     this.update();
   }
 
   update(): void {
-    const { isPlaying, sound } = this.theatre;
+    const { isPlaying, sound } = this.player;
     this.play.replaceChildren(
       icon(isPlaying ? "pause" : "play"),
       h("span", {}, isPlaying ? t("pause") : this.playing.label),
@@ -70,7 +70,7 @@ export class Controls {
   }
 
   toggleSound(): void {
-    this.theatre.sound.muted = !this.theatre.sound.muted;
+    this.player.sound.muted = !this.player.sound.muted;
     this.update();
   }
 }

@@ -1,8 +1,8 @@
 /**
- * What a rater has chosen for a task before it is saved, kept in this tab: a reload loses nothing.
+ * A rater's unsaved choices for a task, kept in this tab so that a reload loses nothing.
  *
- * The idempotency key is made with the draft and stays with it until the server has answered, so an answer that is sent
- * again is the same answer. `sent` is the answer as it went out: after that the draft changes no more.
+ * The idempotency key is created with the draft and kept until the server has answered, so that sending an answer again
+ * stores it once. `sent` is the answer as it was sent; after that the draft does not change.
  */
 
 import type { Answer, RaterTask } from "../api.generated.js";
@@ -12,7 +12,7 @@ const PREFIX = "judgement ";
 export interface Draft {
   readonly task: string;
   key: string;
-  /** Seconds spent before this page was loaded. */
+  /** Seconds spent before this page load. */
   spent: number;
   plays: number[];
   watched: number[];
@@ -22,7 +22,7 @@ export interface Draft {
   sent: Answer | null;
 }
 
-/** The draft of a task: the one kept, or a new one. */
+/** The draft of a task: the stored one, or a new one. */
 export function openDraft(task: RaterTask, store: Storage = sessionStorage): Draft {
   const kept = read(store, PREFIX + task.id);
   if (kept && kept.plays.length === task.clips.length) return kept;
@@ -44,7 +44,7 @@ export function keepDraft(draft: Draft, store: Storage = sessionStorage): void {
   try {
     store.setItem(PREFIX + draft.task, JSON.stringify(draft));
   } catch {
-    // full or forbidden: a reload would lose the draft, nothing more
+    // storage is full or disabled: only a reload would lose the draft
   }
 }
 
@@ -52,7 +52,7 @@ export function dropDraft(task: string, store: Storage = sessionStorage): void {
   store.removeItem(PREFIX + task);
 }
 
-/** Answers that went out and were not yet said to be saved. */
+/** Answers that were sent but not yet confirmed. */
 export function unsaved(store: Storage = sessionStorage): Draft[] {
   const keys = Array.from({ length: store.length }, (_, i) => store.key(i)!).filter((key) => key.startsWith(PREFIX));
   return keys.map((key) => read(store, key)).filter((draft): draft is Draft => draft !== null && draft.sent !== null);

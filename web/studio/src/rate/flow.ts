@@ -1,12 +1,12 @@
-/** A rater's way: link, consent, task after task, thanks. Every step asks the studio where it is, so none can be skipped or doubled. */
+/** A rater's path: link, consent, tasks, thanks. The studio decides each step, so none can be skipped or repeated. */
 
 import { Api, Refused } from "../api.js";
 import type { Done, Joined, NextTask, RaterTask, Scene } from "../api.generated.js";
 import { h, note, show } from "../dom.js";
 import { explain } from "../explain.js";
-import { Pause, insist } from "../patience.js";
+import { Pause, retry } from "../retry.js";
 import { Library, type Media } from "../playback/media.js";
-import { Theatre } from "../playback/theatre.js";
+import { ClipPlayer } from "../playback/player.js";
 import { Views } from "../playback/views.js";
 import { type Words, speak, t } from "../strings.js";
 import { type Draft, dropDraft, openDraft, unsaved } from "./draft.js";
@@ -19,7 +19,7 @@ const RESUME = "resume link";
 
 interface Show {
   readonly views: Views;
-  readonly theatre: Theatre;
+  readonly player: ClipPlayer;
   readonly library: Library;
 }
 
@@ -31,7 +31,7 @@ export class Flow {
   private shown: Promise<Show> | null = null;
   private page: TaskPage | null = null;
   /** For tests. */
-  theatre: Theatre | null = null;
+  player: ClipPlayer | null = null;
 
   constructor() {
     this.channel.onmessage = ({ data }: MessageEvent<{ saved?: string }>) => this.hear(data.saved);
@@ -39,7 +39,7 @@ export class Flow {
     addEventListener("hashchange", () => location.hash.length > 1 && void this.begin());
   }
 
-  /** From the link, or from the session that this browser has. */
+  /** Starts from the link, or from this browser's session. */
   async begin(): Promise<void> {
     this.closePage();
     showWords(t("loading"), []);
@@ -56,7 +56,7 @@ export class Flow {
 
   private async join(token: string): Promise<Joined> {
     const joined = await this.again(() => this.api.post<Joined>("/api/rater/join", { token }));
-    history.replaceState(null, "", location.pathname + location.search); // the key leaves the address bar
+    history.replaceState(null, "", location.pathname + location.search); // removes the key from the address bar
     return joined;
   }
 
@@ -65,7 +65,7 @@ export class Flow {
     this.api.csrf = joined.csrf;
     document.title = joined.study.title;
     if (joined.resume) sessionStorage.setItem(RESUME, joined.resume);
-    this.shown ??= this.open(); // while the rater reads
+    this.shown ??= this.open(); // loads while the rater reads
     this.shown.catch(() => undefined);
     await speak(joined.study.language, (code) => this.words(code));
   }
@@ -91,7 +91,7 @@ export class Flow {
     });
   }
 
-  /** The current task, or the end. */
+  /** Shows the current task, or the end page. */
   private async next(): Promise<void> {
     this.closePage();
     const next = await this.again(() => this.api.get<NextTask>("/api/rater/task"));
@@ -118,7 +118,7 @@ export class Flow {
     this.page = new TaskPage({
       ...setting,
       views: shown.views,
-      theatre: shown.theatre,
+      player: shown.player,
       media,
       send: (draft, onWait) => this.send(draft, onWait),
       hurry: () => this.pause.hurry(),
@@ -126,7 +126,7 @@ export class Flow {
     });
   }
 
-  /** Sends, and where the session has changed meanwhile, asks who we are and sends again, once. */
+  /** Sends an answer. If the session has changed meanwhile, renews it and sends once more. */
   private async send(draft: Draft, onWait: (seconds: number) => void): Promise<Outcome> {
     const insisting = { pause: this.pause, onWait };
     const outcome = await send(this.api, draft, insisting);
@@ -134,7 +134,7 @@ export class Flow {
     try {
       await this.enter(await this.again(() => this.api.get<Joined>("/api/rater/me")));
     } catch (error) {
-      if (error instanceof Refused) return outcome; // the link has to be opened again; the draft waits in this tab
+      if (error instanceof Refused) return outcome; // the rater must open the link again; the draft stays in this tab
       throw error;
     }
     return send(this.api, draft, insisting);
@@ -167,7 +167,7 @@ export class Flow {
     this.channel.postMessage({ saved: task });
   }
 
-  /** Another tab has saved the task that is shown here. */
+  /** Moves on when another tab has saved the task that is shown here. */
   private hear(task: string | undefined): void {
     if (!task || this.page?.draft.task !== task || this.page.busy) return;
     dropDraft(task);
@@ -175,14 +175,14 @@ export class Flow {
     void this.next().catch((error: unknown) => this.stopped(error));
   }
 
-  /** The character and the renderer: once, for all tasks. */
+  /** Loads the character and the renderer, once for all tasks. */
   private async open(): Promise<Show> {
-    const scene = await insist(() => this.api.get<Scene>("/api/scene"), { pause: this.pause });
-    const character = await insist(() => this.api.bytes(scene.avatar), { pause: this.pause });
+    const scene = await retry(() => this.api.get<Scene>("/api/scene"), { pause: this.pause });
+    const character = await retry(() => this.api.bytes(scene.avatar), { pause: this.pause });
     const quality = new URLSearchParams(location.search).get("quality");
     const views = await Views.open(scene, character, quality);
-    this.theatre = new Theatre(views);
-    return { views, theatre: this.theatre, library: new Library(this.api, scene) };
+    this.player = new ClipPlayer(views);
+    return { views, player: this.player, library: new Library(this.api, scene) };
   }
 
   private cannotPlay(task: RaterTask, error: unknown): void {
@@ -256,9 +256,9 @@ export class Flow {
     this.page = null;
   }
 
-  /** Until the studio answers; meanwhile `where` says that it does not. */
+  /** Retries until the studio answers; meanwhile `where` shows that it does not. */
   private again<Answer>(work: () => Promise<Answer>, where?: HTMLElement): Promise<Answer> {
-    return insist(work, { pause: this.pause, onWait: (seconds) => this.tellWait(where, seconds) });
+    return retry(work, { pause: this.pause, onWait: (seconds) => this.tellWait(where, seconds) });
   }
 
   private tellWait(where: HTMLElement | undefined, seconds: number): void {

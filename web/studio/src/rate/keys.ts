@@ -1,8 +1,8 @@
-/** Keys of the page; fields, buttons and dialogs keep theirs. */
+/** Keyboard shortcuts of the page; fields, buttons and dialogs keep their keys. */
 
 const NATIVE = "button, a, summary, input, select, textarea";
 
-/** `handle` says whether the key was its own. Returns what takes the listener away. */
+/** `handle` returns whether it used the key. Returns a function that removes the listener. */
 export function onKeys(handle: (key: string) => boolean): () => void {
   const listen = (event: KeyboardEvent) => {
     const target = event.target as Element;

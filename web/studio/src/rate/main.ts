@@ -4,12 +4,12 @@ import { Flow } from "./flow.js";
 
 const flow = new Flow();
 void flow.begin();
-// What tests and the curious may read.
+// What tests and the browser console can read.
 Object.assign(window, {
   __studio: {
     flow,
-    get theatre() {
-      return flow.theatre?.state ?? null;
+    get player() {
+      return flow.player?.state ?? null;
     },
   },
 });

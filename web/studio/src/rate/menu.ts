@@ -1,4 +1,4 @@
-/** The menu of a rater's page: keys, the way back, leaving, deletion. */
+/** The menu of a rater's page: keys, resume link, leave, delete. */
 
 import { ask, h } from "../dom.js";
 import { icon } from "../icons.js";
@@ -58,7 +58,7 @@ export function menu(kind: string, resume: string, { leave, withdraw }: Leaving)
   return box;
 }
 
-/** The list of keys; a dialog of its own. */
+/** The dialog that lists the keys. */
 export function showKeys(kind: string): void {
   const rows: [string, string][] = [
     [t("key_name_space"), t("key_space")],

@@ -1,11 +1,11 @@
-/** Two motions, side by side in sync or one after the other, and questions on a five-point scale. */
+/** Two motions, side by side in sync or one after the other, with questions on a five-point scale. */
 
 import { h } from "../dom.js";
 import { type Key, t, word } from "../strings.js";
-import { type Panel, type Place, cell, showStatus } from "./panel.js";
+import { type Panel, type TaskContext, cell, showStatus } from "./panel.js";
 
 const NAMES = ["A", "B"] as const;
-const BETWEEN_MS = 800; // from the end of the first to the beginning of the second
+const BETWEEN_MS = 800; // pause between the first and the second clip
 const RATINGS: readonly [number, Key][] = [
   [-2, "rating_m2"],
   [-1, "rating_m1"],
@@ -25,9 +25,9 @@ export class PairwisePanel implements Panel {
   private readonly isSequential: boolean;
   private waiting: ReturnType<typeof setTimeout> | undefined;
 
-  constructor(private readonly place: Place) {
-    this.isSequential = place.study.presentation === "sequential";
-    this.order = place.task.first === 1 ? [1, 0] : [0, 1];
+  constructor(private readonly context: TaskContext) {
+    this.isSequential = context.study.presentation === "sequential";
+    this.order = context.task.first === 1 ? [1, 0] : [0, 1];
     this.cells = NAMES.map((name, slot) => {
       const play = h(
         "button",
@@ -42,7 +42,7 @@ export class PairwisePanel implements Panel {
     this.judge = h(
       "form",
       { class: "judge", onsubmit: (event) => event.preventDefault() },
-      ...place.study.questions.map((question) => this.question(question)),
+      ...context.study.questions.map((question) => this.question(question)),
     );
   }
 
@@ -56,10 +56,10 @@ export class PairwisePanel implements Panel {
   }
 
   update(): void {
-    const { theatre, draft } = this.place;
+    const { player, draft } = this.context;
     this.cells.forEach(({ element, status }, slot) => {
-      showStatus(status, this.place, slot);
-      element.classList.toggle("on", theatre.slots?.includes(slot) ?? false);
+      showStatus(status, this.context, slot);
+      element.classList.toggle("on", player.slots?.includes(slot) ?? false);
     });
     for (const input of this.judge.querySelectorAll("input"))
       input.checked = draft.ratings[input.name] === Number(input.value);
@@ -67,14 +67,14 @@ export class PairwisePanel implements Panel {
   }
 
   toggle(): void {
-    const { theatre } = this.place;
-    if (theatre.isPlaying) theatre.pause();
-    else if (theatre.slots) void theatre.resume();
+    const { player } = this.context;
+    if (player.isPlaying) player.pause();
+    else if (player.slots) void player.resume();
     else this.start(this.isSequential ? [this.next] : [0, 1]);
   }
 
   again(): void {
-    this.start(this.isSequential ? (this.place.theatre.slots ?? [this.next]) : [0, 1]);
+    this.start(this.isSequential ? (this.context.player.slots ?? [this.next]) : [0, 1]);
   }
 
   key(key: string): boolean {
@@ -87,9 +87,9 @@ export class PairwisePanel implements Panel {
     return "";
   }
 
-  /** After the first comes the second, by itself, once. */
+  /** Plays the second clip once automatically after the first. */
   ended(slots: readonly number[]): void {
-    const other = this.order.find((slot) => !slots.includes(slot) && !this.place.draft.watched[slot]);
+    const other = this.order.find((slot) => !slots.includes(slot) && !this.context.draft.watched[slot]);
     if (!this.isSequential || other === undefined) return;
     this.waiting = setTimeout(() => this.start([other]), BETWEEN_MS);
   }
@@ -98,23 +98,23 @@ export class PairwisePanel implements Panel {
     clearTimeout(this.waiting);
   }
 
-  /** The clip that is to be played now: the first that was not watched, in the study's order. */
+  /** The clip to play next: the first unwatched one in the study's order. */
   private get next(): number {
-    return this.order.find((slot) => !this.place.draft.watched[slot]) ?? this.order[0]!;
+    return this.order.find((slot) => !this.context.draft.watched[slot]) ?? this.order[0]!;
   }
 
   private start(slots: readonly number[]): void {
     clearTimeout(this.waiting);
-    const hasSeenAll = this.place.draft.watched.every(Boolean);
-    void this.place.theatre.play(slots, this.place.isLooped() && (!this.isSequential || hasSeenAll));
+    const hasSeenAll = this.context.draft.watched.every(Boolean);
+    void this.context.player.play(slots, this.context.isLooped() && (!this.isSequential || hasSeenAll));
   }
 
-  /** One after the other: what is not played now is behind a curtain. */
+  /** In sequential studies, hides the clip that is not playing. */
   private draw(): void {
-    const { theatre } = this.place;
-    const shown = theatre.slots ?? [];
+    const { player } = this.context;
+    const shown = player.slots ?? [];
     const hidden = [0, 1].filter((slot) => !shown.includes(slot));
-    theatre.cover(hidden);
+    player.cover(hidden);
     this.cells.forEach(({ view }, slot) => {
       const curtain = view.querySelector(".curtain")!;
       curtain.textContent = hidden.includes(slot)
@@ -144,7 +144,7 @@ export class PairwisePanel implements Panel {
   }
 
   private rate(question: string, rating: number): void {
-    this.place.draft.ratings[question] = rating;
-    this.place.changed();
+    this.context.draft.ratings[question] = rating;
+    this.context.changed();
   }
 }

@@ -1,49 +1,49 @@
-/** What the two kinds of task have in common, as the page of a task sees it. */
+/** The interface between the page of a task and its panel (pairwise or preference). */
 
 import type { RaterTask, StudyFace } from "../api.generated.js";
 import { h } from "../dom.js";
 import { icon } from "../icons.js";
-import type { Theatre } from "../playback/theatre.js";
+import type { ClipPlayer } from "../playback/player.js";
 import { t } from "../strings.js";
 import type { Draft } from "./draft.js";
 
-export interface Place {
+export interface TaskContext {
   readonly task: RaterTask;
   readonly study: StudyFace;
   readonly draft: Draft;
-  readonly theatre: Theatre;
-  /** Whether playing goes round; asked when it begins. */
+  readonly player: ClipPlayer;
+  /** Whether playback is looped; read when it starts. */
   readonly isLooped: () => boolean;
-  /** The draft has changed: keep it, and show what is still missing. */
+  /** Call after changing the draft: stores it and shows what is missing. */
   readonly changed: () => void;
 }
 
 export interface Panel {
   readonly title: string;
   readonly hint: string;
-  /** Holds all views; the canvas is laid upon it. */
+  /** Contains all views; the canvas covers it. */
   readonly host: HTMLElement;
   readonly views: readonly HTMLElement[];
-  /** Below or beside the views; null where judging is done in the cells. */
+  /** The questions below or beside the views; null if judging happens in the cells. */
   readonly judge: HTMLElement | null;
-  /** For the row of controls. */
+  /** Extra buttons for the row of controls. */
   readonly tools: readonly HTMLElement[];
-  /** Name of the play button. */
+  /** Label of the play button. */
   readonly play: string;
-  /** Shows what is played, watched and chosen. */
+  /** Updates what is shown as playing, watched and chosen. */
   update(): void;
   toggle(): void;
   again(): void;
-  /** Handles a key; whether it was one of its own. */
+  /** Handles a key; returns whether it used it. */
   key(key: string): boolean;
-  /** What is chosen, in words; empty where the page shows it anyway. */
+  /** The choice as text; empty if the page shows it anyway. */
   summary(): string;
   ended(slots: readonly number[]): void;
-  /** The page goes: nothing begins any more. */
+  /** Called when the page closes; starts nothing afterwards. */
   close(): void;
 }
 
-/** A view with its name below it. */
+/** A view with its name below. */
 export function cell(
   slot: number,
   name: string,
@@ -60,10 +60,10 @@ export function cell(
   return { element, view, status };
 }
 
-/** How often a clip was played, and whether to its end. */
-export function showStatus(element: HTMLElement, place: Place, slot: number): void {
-  const { plays, watched } = place.draft;
-  const isWatched = watched[slot]! >= Math.max(1, place.study.min_plays);
+/** Shows how often a clip was played, and whether to its end. */
+export function showStatus(element: HTMLElement, context: TaskContext, slot: number): void {
+  const { plays, watched } = context.draft;
+  const isWatched = watched[slot]! >= Math.max(1, context.study.min_plays);
   const count = h("span", { class: "count", title: t("clip_begun", { count: plays[slot]! }) }, `× ${plays[slot]!}`);
   element.replaceChildren(
     ...(isWatched

@@ -1,10 +1,10 @@
-/** Several candidates for one sound: pick the best and the worst. A grid, or one at a time on small screens. */
+/** Several candidates for one sound; the rater picks the best and the worst. A grid, or one at a time. */
 
 import { h } from "../dom.js";
 import { icon } from "../icons.js";
 import { t } from "../strings.js";
 import { mark } from "./answer.js";
-import { type Panel, type Place, cell, showStatus } from "./panel.js";
+import { type Panel, type TaskContext, cell, showStatus } from "./panel.js";
 
 const NARROW = "(max-width: 719px)";
 
@@ -22,8 +22,8 @@ export class PreferencePanel implements Panel {
   private current = 0;
   private isGrid = !matchMedia(NARROW).matches;
 
-  constructor(private readonly place: Place) {
-    const slots = place.task.clips.map((_, slot) => slot);
+  constructor(private readonly context: TaskContext) {
+    const slots = context.task.clips.map((_, slot) => slot);
     this.marks = slots.map((slot) => ({ best: this.markButton("best", slot), worst: this.markButton("worst", slot) }));
     this.cells = slots.map((slot) => this.cell(slot));
     this.views = this.cells.map(({ view }) => view);
@@ -63,10 +63,10 @@ export class PreferencePanel implements Panel {
   }
 
   update(): void {
-    const { theatre, draft } = this.place;
+    const { player, draft } = this.context;
     this.cells.forEach(({ element, status }, slot) => {
-      showStatus(status, this.place, slot);
-      element.classList.toggle("on", theatre.slots?.includes(slot) ?? false);
+      showStatus(status, this.context, slot);
+      element.classList.toggle("on", player.slots?.includes(slot) ?? false);
       element.classList.toggle("current", slot === this.current);
       for (const which of ["best", "worst"] as const) {
         this.marks[slot]![which].setAttribute("aria-pressed", String(draft[which] === slot));
@@ -79,15 +79,15 @@ export class PreferencePanel implements Panel {
   }
 
   toggle(): void {
-    const { theatre } = this.place;
-    if (theatre.isPlaying) theatre.pause();
-    else if (theatre.slots?.includes(this.current)) void theatre.resume();
+    const { player } = this.context;
+    if (player.isPlaying) player.pause();
+    else if (player.slots?.includes(this.current)) void player.resume();
     else this.start(this.current);
   }
 
   again(): void {
-    const { theatre } = this.place;
-    if ((theatre.slots?.length ?? 0) > 1) this.playAll();
+    const { player } = this.context;
+    if ((player.slots?.length ?? 0) > 1) this.playAll();
     else this.start(this.current);
   }
 
@@ -103,7 +103,7 @@ export class PreferencePanel implements Panel {
   }
 
   summary(): string {
-    const { best, worst } = this.place.draft;
+    const { best, worst } = this.context.draft;
     const name = (slot: number | null) => (slot === null ? t("none") : slot + 1);
     return best === null && worst === null ? "" : t("chosen", { best: name(best), worst: name(worst) });
   }
@@ -112,36 +112,36 @@ export class PreferencePanel implements Panel {
 
   close(): void {}
 
-  /** Another candidate becomes the current one; what plays goes over to it from the start. */
+  /** Selects a candidate; if something plays, playback moves to it from the start. */
   private go(slot: number): void {
-    const { theatre } = this.place;
-    const wasPlaying = theatre.isPlaying;
+    const { player } = this.context;
+    const wasPlaying = player.isPlaying;
     this.current = slot;
     if (!this.isGrid) this.setGrid(false);
     if (wasPlaying) this.start(slot);
-    else theatre.stop();
-    this.place.changed();
+    else player.stop();
+    this.context.changed();
     if (this.isGrid) this.cells[slot]!.element.scrollIntoView({ block: "nearest" });
   }
 
   private start(slot: number): void {
     this.current = slot;
     if (!this.isGrid) this.setGrid(false);
-    void this.place.theatre.play([slot], this.place.isLooped());
+    void this.context.player.play([slot], this.context.isLooped());
   }
 
   private playAll(): void {
     if (!this.isGrid) this.setGrid(true);
-    void this.place.theatre.play(
+    void this.context.player.play(
       this.cells.map((_, slot) => slot),
-      this.place.isLooped(),
+      this.context.isLooped(),
     );
   }
 
   private mark(which: "best" | "worst", slot: number): void {
     this.current = slot;
-    mark(this.place.draft, which, slot);
-    this.place.changed();
+    mark(this.context.draft, which, slot);
+    this.context.changed();
   }
 
   private setGrid(isGrid: boolean): void {
@@ -150,7 +150,7 @@ export class PreferencePanel implements Panel {
     this.cells.forEach(({ element }, slot) => (element.hidden = !isGrid && slot !== this.current));
     this.layout.textContent = t(isGrid ? "one" : "grid");
     this.strip.hidden = isGrid;
-    this.place.theatre.fit();
+    this.context.player.fit();
   }
 
   private cell(slot: number): ReturnType<typeof cell> {
@@ -186,7 +186,7 @@ export class PreferencePanel implements Panel {
   }
 }
 
-/** Columns for so many cells on a wide screen: two rows, up to sixteen cells. */
+/** Number of columns for the cells on a wide screen: two rows, up to sixteen cells. */
 function columns(cells: number): number {
   return cells <= 3 ? cells : Math.ceil(cells / 2);
 }

@@ -1,24 +1,24 @@
-/** Sends an answer until the studio says that it is saved, or that it will not be. */
+/** Sends an answer until the studio confirms or rejects it. */
 
 import { type Api, Refused } from "../api.js";
 import type { Saved } from "../api.generated.js";
-import { type Insisting, insist } from "../patience.js";
+import { type RetryOptions, retry } from "../retry.js";
 import { type Draft, dropDraft } from "./draft.js";
 
-/** What became of an answer: only `saved` was said by the studio to be on disk. */
+/** The outcome of sending; `saved` means that the studio has it on disk. */
 export type Outcome =
   | { readonly kind: "saved"; readonly saved: Saved }
-  /** Another tab or device was first, or the task is no longer this rater's. */
+  /** Another tab or device was first, or the task no longer belongs to this rater. */
   | { readonly kind: "elsewhere" }
-  /** The session has changed: ask `me` again, then send again. */
+  /** The session has changed: call `me`, then send again. */
   | { readonly kind: "session" }
   | { readonly kind: "refused"; readonly refused: Refused };
 
-/** The same draft sends the same bytes under the same key, however often. */
-export async function send(api: Api, draft: Draft, insisting: Insisting = {}): Promise<Outcome> {
+/** Repeated calls send the same bytes with the same key. */
+export async function send(api: Api, draft: Draft, insisting: RetryOptions = {}): Promise<Outcome> {
   const path = `/api/rater/tasks/${encodeURIComponent(draft.task)}/answer`;
   try {
-    const saved = await insist(() => api.post<Saved>(path, draft.sent, { "idempotency-key": draft.key }), insisting);
+    const saved = await retry(() => api.post<Saved>(path, draft.sent, { "idempotency-key": draft.key }), insisting);
     dropDraft(draft.task);
     return { kind: "saved", saved };
   } catch (error) {

@@ -1,10 +1,10 @@
-/** The page of one task: it shows, counts, keeps the draft, and sends the answer. */
+/** The page of one task: shows it, keeps the draft and sends the answer. */
 
 import type { Answer, NextTask, RaterTask, Saved, StudyFace } from "../api.generated.js";
 import { ask, h, note, show } from "../dom.js";
 import { explain } from "../explain.js";
 import type { Media } from "../playback/media.js";
-import type { Theatre } from "../playback/theatre.js";
+import type { ClipPlayer } from "../playback/player.js";
 import type { Views } from "../playback/views.js";
 import { t } from "../strings.js";
 import { answerOf, isChosen, isReady, skipOf, unwatched } from "./answer.js";
@@ -19,11 +19,11 @@ import type { Outcome } from "./sending.js";
 export interface TaskSetting {
   readonly study: StudyFace;
   readonly next: NextTask & { task: RaterTask };
-  readonly theatre: Theatre;
+  readonly player: ClipPlayer;
   readonly views: Views;
   readonly media: Media;
   readonly menu: HTMLElement;
-  /** Sends a draft's answer; `onWait` is told of pauses. */
+  /** Sends a draft's answer; `onWait` is called before each retry. */
   readonly send: (draft: Draft, onWait: (seconds: number) => void) => Promise<Outcome>;
   readonly hurry: () => void;
   readonly done: (outcome: Outcome) => void;
@@ -44,18 +44,18 @@ export class TaskPage {
   private readonly leave: () => void;
 
   constructor(private readonly setting: TaskSetting) {
-    const { study, theatre, views, media, next } = setting;
+    const { study, player, views, media, next } = setting;
     const task = next.task;
     this.draft = openDraft(task);
-    const place = {
+    const context = {
       task,
       study,
       draft: this.draft,
-      theatre,
+      player,
       isLooped: () => this.controls.isLooped,
       changed: () => this.changed(),
     };
-    this.panel = study.kind === "pairwise" ? new PairwisePanel(place) : new PreferencePanel(place);
+    this.panel = study.kind === "pairwise" ? new PairwisePanel(context) : new PreferencePanel(context);
     const { panel } = this;
     const playing = {
       get label() {
@@ -64,7 +64,7 @@ export class TaskPage {
       toggle: () => panel.toggle(),
       again: () => panel.again(),
     };
-    this.controls = new Controls(theatre, views.camera, playing, ...panel.tools);
+    this.controls = new Controls(player, views.camera, playing, ...panel.tools);
     const label = task.stage === "training" ? "submit_training" : "submit";
     this.submit = h(
       "button",
@@ -83,25 +83,25 @@ export class TaskPage {
     );
     this.main = this.build();
     show(taskHeader(setting), this.main);
-    Object.assign(theatre, {
+    Object.assign(player, {
       onChange: () => this.changed(),
       onEnd: (slots: number[]) => this.panel.ended(slots),
       onStuck: () => note(t("stuck")),
     });
-    theatre.set(this.panel.host, this.panel.views, media, task.seconds, this.draft);
+    player.set(this.panel.host, this.panel.views, media, task.seconds, this.draft);
     this.leave = onKeys((key) => this.key(key));
     addEventListener("pagehide", this.keep);
     this.changed();
-    if (this.draft.sent) void this.send(); // it went out before a reload; the same key again
+    if (this.draft.sent) void this.send(); // it was sent before a reload; send again with the same key
   }
 
-  /** Leaves the page to the next. */
+  /** Closes the page. */
   close(): void {
     this.isClosed = true;
     this.panel.close();
     this.leave();
     removeEventListener("pagehide", this.keep);
-    this.setting.theatre.stop();
+    this.setting.player.stop();
   }
 
   get busy(): boolean {
@@ -127,7 +127,7 @@ export class TaskPage {
     );
   }
 
-  /** Seconds from the first picture, over reloads. */
+  /** Seconds since the first display frame, across reloads. */
   private get seconds(): number {
     return this.draft.spent + (performance.now() - this.began) / 1000;
   }
@@ -187,11 +187,11 @@ export class TaskPage {
     void this.send();
   }
 
-  /** Once at a time: a second click finds it sending. */
+  /** Sends the answer; a second click while sending does nothing. */
   private async send(): Promise<void> {
     if (this.isSending) return;
     this.isSending = true;
-    this.setting.theatre.pause();
+    this.setting.player.pause();
     this.lock(true);
     this.setStatus(t("saving"));
     try {
@@ -243,7 +243,7 @@ export class TaskPage {
   }
 }
 
-/** The bar at the top: what study, how far, and the menu. */
+/** The top bar: study title, progress and menu. */
 export function taskHeader({ study, next, menu }: Pick<TaskSetting, "study" | "next" | "menu">): HTMLElement {
   const { done, of }: Saved["progress"] = next.progress;
   const label = t("task_progress_label", { done, of });

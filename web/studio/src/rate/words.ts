@@ -1,10 +1,10 @@
-/** Pages of words: invitation missing, consent, finished, gone. */
+/** Text pages: missing invitation, consent, finished, withdrawn. */
 
 import type { Joined } from "../api.generated.js";
 import { h, paragraphs, show } from "../dom.js";
 import { t } from "../strings.js";
 
-/** A heading, some text, some buttons. */
+/** A page with a heading, text and buttons. */
 export function showWords(title: string, body: readonly (Node | string)[], ...buttons: Node[]): void {
   const parts = body.flatMap((part) => (typeof part === "string" ? paragraphs(part) : [part]));
   show(
@@ -27,7 +27,7 @@ export function showConsent({ study }: Joined, resume: string, answer: (isAgreed
         class: `button ${kind}`,
         type: "button",
         onclick: () => {
-          for (const each of buttons) each.disabled = true; // a second click changes nothing
+          for (const each of buttons) each.disabled = true; // ignore further clicks
           answer(isAgreed);
         },
       },
@@ -49,7 +49,7 @@ export function showConsent({ study }: Joined, resume: string, answer: (isAgreed
   );
 }
 
-/** The rater's own link, to be kept. */
+/** The rater's personal link, to resume later. */
 export function resumeLink(link: string): HTMLElement {
   const field = h("input", {
     type: "text",

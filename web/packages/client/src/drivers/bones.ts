@@ -1,4 +1,4 @@
-/** Applies parent-relative rotations of our rig to any humanoid that stands in a T-pose facing +Z. */
+/** Applies parent-relative rotations of our rig to any humanoid with a T-pose facing +Z. */
 
 import { type Object3D, Quaternion, Vector3 } from "three";
 import type { Rig } from "../protocol.generated.js";
@@ -6,28 +6,28 @@ import type { Rig } from "../protocol.generated.js";
 interface Bone {
   readonly node: Object3D;
   readonly joint: number;
-  readonly rest: Quaternion; // local, in the T-pose
-  readonly parent: Quaternion; // the parent's rotation in the model's space, in the T-pose
+  readonly rest: Quaternion; // local rotation in the T-pose
+  readonly parent: Quaternion; // the parent's model-space rotation in the T-pose
   readonly inverse: Quaternion;
 }
 
 export interface Hips {
   readonly node: Object3D;
-  readonly scale: number; // their height by ours: bodies of other sizes take other strides
+  readonly scale: number; // model height / rig height: strides scale with body size
   readonly inverse: Quaternion;
 }
 
 /**
- * In the T-pose both skeletons stand alike, so a rotation of ours, told in the model's space, is carried into the
- * bone's own: local = parent^-1 q parent rest. Where all rest rotations are the identity this is q itself.
+ * Both skeletons have the same T-pose, so a rotation of our rig is taken as a rotation in model space and converted to
+ * the bone's local space: local = parent^-1 q parent rest. If all rest rotations are the identity, this is q itself.
  */
 export class BoneMap {
   private readonly bones: Bone[] = [];
-  /** Where the body is. */
+  /** The body's position. */
   hips: Hips | null = null;
   private readonly turn = new Quaternion();
 
-  /** `find` gives the node of a VRM humanoid bone name; bones that the model lacks are left out. */
+  /** `find` returns the node of a VRM humanoid bone; bones that the model lacks are skipped. */
   constructor(model: Object3D, rig: Rig, find: (name: string) => Object3D | null | undefined) {
     model.updateWorldMatrix(true, true);
     const frame = model.getWorldQuaternion(new Quaternion()).invert();
@@ -42,7 +42,7 @@ export class BoneMap {
     });
   }
 
-  /** How many joints of the rig the model has. */
+  /** Number of the rig's joints that the model has. */
   get size(): number {
     return this.bones.length;
   }
@@ -56,7 +56,7 @@ export class BoneMap {
   }
 }
 
-/** What our root position is multiplied by to become the node's, in the units of its parent. */
+/** Factor from our root position to the node's position, in the units of its parent. */
 function hipScale(model: Object3D, node: Object3D, height: number): number {
   const theirs = model.worldToLocal(node.getWorldPosition(new Vector3())).y;
   const unit = node.parent

@@ -14,7 +14,7 @@ export class GlbDriver implements AvatarDriver {
 
   constructor(readonly object: Object3D) {}
 
-  /** The bone that travels; null before `bind`. */
+  /** The bone that carries the root's translation; null before `bind`. */
   get hips(): Object3D | null {
     return this.bones?.hips?.node ?? null;
   }

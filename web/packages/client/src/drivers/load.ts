@@ -1,11 +1,11 @@
-/** Reads a .vrm or .glb file into the driver that fits it. */
+/** Reads a .vrm or .glb file and returns a driver for it. */
 
 import { VRMLoaderPlugin, type VRM, VRMUtils } from "@pixiv/three-vrm";
 import { GLTFLoader } from "three/examples/jsm/loaders/GLTFLoader.js";
 import { GlbDriver } from "./glb.js";
 import { VrmDriver } from "./vrm.js";
 
-/** Raises an error with a reason to show when the bytes are no such model. */
+/** Throws an error with a message for the user when the bytes are not a VRM or GLB model. */
 export async function loadAvatar(data: ArrayBuffer): Promise<GlbDriver | VrmDriver> {
   const loader = new GLTFLoader();
   loader.register((parser) => new VRMLoaderPlugin(parser));

@@ -1,4 +1,4 @@
-/** VRM humanoid bone names to those of Mixamo rigs, without their prefix. */
+/** Maps VRM humanoid bone names to those of Mixamo rigs, without the rig's prefix. */
 
 const BODY: Record<string, string> = {
   hips: "Hips", spine: "Spine", chest: "Spine1", upperChest: "Spine2", neck: "Neck", head: "Head",
@@ -12,7 +12,7 @@ const FINGERS: Record<string, string> = {
 };
 const SEGMENTS: Record<string, number> = { Metacarpal: 1, Proximal: 1, Intermediate: 2, Distal: 3 };
 
-/** `leftIndexProximal` is `LeftHandIndex1`; empty for what Mixamo does not have. */
+/** `leftIndexProximal` becomes `LeftHandIndex1`; empty for bones that Mixamo rigs lack. */
 export function mixamoName(name: string): string {
   if (BODY[name]) return BODY[name];
   const side = name.startsWith("left") ? "Left" : name.startsWith("right") ? "Right" : "";

@@ -1,4 +1,4 @@
-/** Drives morph targets that carry ARKit names, whatever their case and prefix. */
+/** Drives morph targets with ARKit names, whatever their case and prefix. */
 
 import type { Mesh, Object3D } from "three";
 
@@ -10,7 +10,7 @@ interface Target {
 
 export class MorphMap {
   private readonly targets: Target[] = [];
-  /** The curves that the model shows. */
+  /** The face curves that the model has morph targets for. */
   readonly found = new Set<string>();
 
   constructor(model: Object3D, names: readonly string[]) {
@@ -32,7 +32,7 @@ export class MorphMap {
   }
 }
 
-/** `blendShape1.eyeBlink_L` and `EyeBlinkLeft` are both `eyeblinkleft`. */
+/** Normalises a name: `blendShape1.eyeBlink_L` and `EyeBlinkLeft` both become `eyeblinkleft`. */
 export function plain(name: string): string {
   return name
     .replace(/^.*[.:]/, "")

@@ -1,4 +1,4 @@
-/** A VRM 0.x or 1.0 avatar through three-vrm: its normalised bones take our rotations as they are. */
+/** A VRM 0.x or 1.0 avatar, loaded by three-vrm: its normalised bones take our rotations unchanged. */
 
 import { type VRM, type VRMHumanBoneName, VRMUtils } from "@pixiv/three-vrm";
 import type { Object3D } from "three";
@@ -8,17 +8,17 @@ import type { ReadyMessage } from "../protocol.generated.js";
 import { VRM_EXPRESSIONS, toVrm } from "../expressions.js";
 import { MorphMap, plain } from "./morphs.js";
 
-const PERFECT_SYNC = 30; // so many ARKit expressions or morphs make an avatar that needs no vowels
-const EYE_DEGREES = 34; // an eye turns so far at a look curve of 1 (0.6 rad)
+const PERFECT_SYNC = 30; // an avatar with this many ARKit expressions or morphs needs no vowel expressions
+const EYE_DEGREES = 34; // rotation of an eye at a look curve of 1 (0.6 rad)
 
 export class VrmDriver implements AvatarDriver {
   private joints: { node: Object3D; joint: number }[] = [];
   private face: string[] = [];
   private expressions: { name: string; curve: number }[] = [];
   private morphs: MorphMap | null = null;
-  private readonly sign: 1 | -1; // VRM 0.x looks towards -Z
+  private readonly sign: 1 | -1; // VRM 0.x faces -Z
   private hipScale = 1;
-  /** The bone that travels; null before `bind`. */
+  /** The bone that carries the root's translation; null before `bind`. */
   hips: Object3D | null = null;
 
   constructor(readonly vrm: VRM) {
@@ -89,7 +89,7 @@ export class VrmDriver implements AvatarDriver {
     }
   }
 
-  /** Eyes by bones or by expressions, as the avatar was made. */
+  /** Moves the eyes by bones or by expressions, whichever the avatar has. */
   private look(weights: readonly number[]): void {
     const [up, down, left, right] = weights.slice(8) as [number, number, number, number];
     const { lookAt } = this.vrm;

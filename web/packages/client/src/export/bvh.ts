@@ -1,10 +1,10 @@
-/** BVH: centimetres, rotation channels Z Y X, as the Python writer does it. */
+/** Writes BVH: centimetres, rotation channels Z Y X, like the Python writer. */
 
 import type { Rig } from "../protocol.generated.js";
 import type { Take } from "./take.js";
 
 const UNITS = 100;
-const TIP = 0.03; // metres: how far a last bone reaches
+const TIP = 0.03; // metres: length of a bone without children
 
 export function toBvh(take: Take): string {
   const order: number[] = [];
@@ -19,7 +19,7 @@ export function toBvh(take: Take): string {
   return `${lines.join("\n")}\n`;
 }
 
-/** The lines of one joint and those below it; notes the order in which they come. */
+/** The hierarchy lines of a joint and its descendants; appends their indices to `order`. */
 function joint(rig: Rig, index: number, depth: number, order: number[]): string[] {
   order.push(index);
   const indent = "\t".repeat(depth);
@@ -39,7 +39,7 @@ function joint(rig: Rig, index: number, depth: number, order: number[]): string[
   ];
 }
 
-/** Degrees about Z, Y, X of each frame, q = Rz Ry Rx; they run on past 180 rather than jump. */
+/** Euler angles in degrees about Z, Y, X per frame, q = Rz Ry Rx, unwrapped so that they do not jump at 180. */
 export function angles(track: Float32Array): [number, number, number][] {
   const out: [number, number, number][] = [];
   for (let t = 0; t * 4 < track.length; t++) {

@@ -1,4 +1,4 @@
-/** glTF binary: puts a take as an animation into a character's file. */
+/** Adds a take as an animation to a character's glTF binary. */
 
 import type { Take } from "./take.js";
 
@@ -7,7 +7,7 @@ type Json = any;
 const FLOAT = 5126;
 const SIZES = { SCALAR: 1, VEC3: 3, VEC4: 4 } as const;
 
-/** A glTF document that grows. */
+/** A glTF document that accessors and animations can be added to. */
 export class Gltf {
   private readonly parts: Uint8Array[] = [];
   private length = 0;
@@ -27,7 +27,7 @@ export class Gltf {
     return new Gltf(json, bytes);
   }
 
-  /** Appends numbers; gives back the accessor's index. */
+  /** Appends numbers; returns the accessor's index. */
   add(values: Float32Array, type: keyof typeof SIZES, bounds = false): number {
     const { json } = this;
     const view = { buffer: 0, byteOffset: this.append(new Uint8Array(values.buffer, values.byteOffset, values.byteLength)), byteLength: values.byteLength };
@@ -36,7 +36,7 @@ export class Gltf {
     return json.accessors.push(accessor) - 1;
   }
 
-  /** The file's bytes. */
+  /** The bytes of the file. */
   pack(): Uint8Array<ArrayBuffer> {
     this.json.buffers = [{ byteLength: this.length }];
     const plain = new TextEncoder().encode(JSON.stringify(this.json));
@@ -71,7 +71,7 @@ interface Tracks {
   channels: Json[];
 }
 
-/** Rotations of all joints that `nodeOf` knows, and the hips' path. */
+/** Adds the rotations of all joints that `nodeOf` maps to a node, and the translation of the hips. */
 export function bodyTracks(gltf: Gltf, take: Take, input: number, nodeOf: (name: string) => number): Tracks {
   const tracks: Tracks = { samplers: [], channels: [] };
   take.rig.names.forEach((name, joint) => {
@@ -85,7 +85,7 @@ export function track(tracks: Tracks, input: number, output: number, node: numbe
   tracks.channels.push({ sampler: tracks.samplers.push({ input, output, interpolation: "LINEAR" }) - 1, target: { node, path } });
 }
 
-/** The character of `file`, whose nodes have the rig's names and no rest rotations, doing what was taken. */
+/** Adds the take to the character of `file`, whose nodes must have the rig's names and no rest rotations. */
 export function toGlb(take: Take, file: ArrayBuffer): Uint8Array<ArrayBuffer> {
   const gltf = Gltf.parse(file);
   const { json } = gltf;

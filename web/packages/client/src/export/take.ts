@@ -1,4 +1,4 @@
-/** A take: the frames that were seen, at the session's own rate, each once. */
+/** A take: the frames that were played, each once, at the session's frame rate. */
 
 import type { Pose } from "../pose.js";
 import type { ReadyMessage, Rig } from "../protocol.generated.js";
@@ -23,7 +23,7 @@ export class Take {
     return this.frames.length / this.rate;
   }
 
-  /** Rotations of one joint, xyzw, neighbours on the same half of the sphere. */
+  /** Rotations of one joint, xyzw, with signs chosen so that neighbouring frames are close. */
   joint(index: number): Float32Array {
     const track = new Float32Array(this.frames.length * 4);
     this.frames.forEach(({ rotations }, t) => {

@@ -1,12 +1,12 @@
-/** VRM Animation 1.0: body and face for any VRM avatar. */
+/** Writes VRM Animation 1.0: body and face for any VRM avatar. */
 
 import { VRM_EXPRESSIONS, toVrm } from "../expressions.js";
 import { Gltf, bodyTracks, track } from "./glb.js";
 import type { Take } from "./take.js";
 
-const PRESETS = 8; // vowels and blinks; looks go by `lookAt`
+const PRESETS = 8; // vowels and blinks; gaze is exported as `lookAt`
 
-/** Expression weights travel as the X of a node's translation, so says the format. */
+/** The format stores an expression's weight as the X translation of a node. */
 export function toVrma(take: Take): Uint8Array<ArrayBuffer> {
   const { rig, face } = take;
   const nodes: object[] = rig.names.map((name, joint) => {

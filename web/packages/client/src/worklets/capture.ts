@@ -1,4 +1,4 @@
-/** The audio thread's part of a microphone or a tab: mixes to mono, brings it to the session's rate, posts it. */
+/** AudioWorklet that captures a microphone or a tab: mixes to mono, resamples to the session's rate, posts blocks. */
 
 import { Resampler } from "../resample.js";
 

@@ -1,4 +1,4 @@
-/** The audio thread's part: plays the queue and tells which sample sounds at which frame. It is the master clock. */
+/** AudioWorklet that plays the queue and reports which sample is output at which frame. It is the master clock. */
 
 import { Playout } from "../playout.js";
 

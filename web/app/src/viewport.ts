@@ -1,4 +1,4 @@
-/** The stage: light, floor, camera and renderer. Low quality trades looks for speed (no antialiasing, no environment). */
+/** Light, floor, camera and renderer. Low quality is faster: no antialiasing, no environment. */
 
 import {
   DirectionalLight, HemisphereLight, Mesh, NeutralToneMapping, PCFShadowMap, PMREMGenerator, PerspectiveCamera,
@@ -7,22 +7,22 @@ import {
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 import { RoomEnvironment } from "three/examples/jsm/environments/RoomEnvironment.js";
 import { Backdrop, Echoes } from "./backdrop.js";
-import { Governor } from "./governor.js";
+import { ResolutionControl } from "./resolution.js";
 
-/** Heights are shares of the avatar's own height. */
+/** Heights are fractions of the avatar's height. */
 const VIEWS = [
   { height: 0.5, distance: 4.7, side: 0.16 },
   { height: 0.76, distance: 2.3, side: 0.2 },
   { height: 0.9, distance: 1.25, side: 0.12 },
 ];
 
-export class Stage {
+export class Viewport {
   readonly renderer: WebGLRenderer;
   readonly scene = new Scene();
   readonly camera = new PerspectiveCamera(28, 1, 0.05, 60);
   readonly echoes = new Echoes();
   private readonly backdrop = new Backdrop();
-  private readonly governor = new Governor();
+  private readonly resolution = new ResolutionControl();
   private readonly controls: OrbitControls;
   private readonly key = new DirectionalLight(0xfff1e0, 2.6);
   private readonly floor = new Mesh(new PlaneGeometry(30, 30), new ShadowMaterial({ opacity: 0.3 }));
@@ -55,7 +55,7 @@ export class Stage {
     this.key.intensity = dark ? 2.3 : 2.6;
   }
 
-  /** Back to the chosen view; `index` chooses another. */
+  /** Returns to the chosen view; `index` chooses another. */
   frame(index = this.view): void {
     this.view = index % VIEWS.length;
     const { height, distance: wide, side } = VIEWS[this.view]!;
@@ -73,13 +73,13 @@ export class Stage {
     this.frame(this.view + 1);
   }
 
-  /** Suits the views to an avatar so many metres tall. */
+  /** Scales the views to the avatar's height in metres. */
   setHeight(metres: number): void {
     this.tall = Math.min(4, Math.max(0.3, metres));
     this.frame();
   }
 
-  /** Camera and light go with the avatar where it walks; `ease` 1 jumps. */
+  /** Moves camera and light with the avatar; `ease` 1 jumps. */
   follow(x: number, z: number, ease: number): void {
     const [dx, dz] = [(x - this.centre.x) * ease, (z - this.centre.z) * ease];
     this.centre.x += dx;
@@ -92,16 +92,16 @@ export class Stage {
     this.key.target.position.set(this.centre.x, 0.7, this.centre.z);
   }
 
-  /** Draws; `seconds` since the last picture. */
+  /** Draws a frame; `seconds` since the previous one. */
   render(seconds: number): void {
-    if (this.governor.picture(seconds)) this.resize();
+    if (this.resolution.picture(seconds)) this.resize();
     this.controls.update();
     this.renderer.render(this.scene, this.camera);
   }
 
   resize(): void {
     const [width, height] = [window.innerWidth, window.innerHeight];
-    this.renderer.setPixelRatio((this.low ? 1 : Math.min(window.devicePixelRatio, 2)) * this.governor.scale);
+    this.renderer.setPixelRatio((this.low ? 1 : Math.min(window.devicePixelRatio, 2)) * this.resolution.scale);
     this.renderer.setSize(width, height, false);
     this.backdrop.resize(width, height);
     this.camera.aspect = width / height;

@@ -1,17 +1,17 @@
-/** Typed text, said by the voice of the server's machine; hidden where it has none. */
+/** The form for typed text, spoken by the server's voice; hidden if the server has none. */
 
 import { decodeSound } from "./sources.js";
 
 const element = <Kind extends HTMLElement>(id: string) => document.getElementById(id) as Kind;
 
-export class Saying {
+export class TextToSpeech {
   private readonly headers: Record<string, string>;
   private busy = false;
 
-  /** `say` is told the sound; `fail` what went wrong. */
+  /** `say` gets the sound, `fail` an error. */
   constructor(token: string, private readonly rate: () => number, say: (samples: Float32Array) => Promise<void>, fail: (error: Error) => void) {
     this.headers = token ? { authorization: `Bearer ${token}` } : {};
-    element<HTMLFormElement>("saying").onsubmit = (event) => {
+    element<HTMLFormElement>("typed").onsubmit = (event) => {
       event.preventDefault();
       const input = element<HTMLInputElement>("text");
       const text = input.value.trim();
@@ -24,19 +24,19 @@ export class Saying {
     };
   }
 
-  /** Whether there is a voice. */
+  /** Whether the server has a voice. */
   async isPossible(): Promise<boolean> {
     const answer = await fetch("./v1/voice", { headers: this.headers }).catch(() => null);
     return !!answer?.ok && !!((await answer.json()) as { voice: string }).voice;
   }
 
   toggle(): void {
-    const form = element("saying");
+    const form = element("typed");
     form.hidden = !form.hidden;
     if (!form.hidden) element("text").focus();
   }
 
-  /** The sound of a text. */
+  /** Synthesises a text. */
   async speak(text: string): Promise<Float32Array> {
     const headers = { ...this.headers, "content-type": "application/json" };
     const answer = await fetch("./v1/voice", { method: "POST", headers, body: JSON.stringify({ text }) });

@@ -1,4 +1,4 @@
-/** The words under the avatar, and the state of the line: both follow what is heard, not what has arrived. */
+/** The subtitle and the connection status. Both follow what is heard, not what has arrived. */
 
 import type { EchoSession, LineState, Picture, protocol } from "@echoavatar/client";
 import type { ActionPanel } from "./actions.js";
@@ -9,9 +9,9 @@ const LINES: Record<LineState, string> = {
   connecting: "connecting", open: "", waiting: "the line broke, trying again", closed: "disconnected",
 };
 
-export class StateLine {
+export class StatusLine {
   private text = "";
-  private busyAt = -Infinity; // when the avatar was last speaking or dancing
+  private busyAt = -Infinity; // sample at which the avatar last spoke or danced
 
   constructor(session: EchoSession, private readonly actions: ActionPanel, private readonly sources: SourceBar) {
     const line = document.getElementById("line")!;
@@ -19,13 +19,13 @@ export class StateLine {
     session.on("error", (error) => toast(sentence(error)));
   }
 
-  /** Once a picture. */
+  /** Call once per display frame. */
   show(picture: Picture | null): void {
     if (!picture) return;
     const { state } = picture;
     const busy = state === "speaking" || state === "dancing";
     if (busy) this.busyAt = picture.at;
-    this.sources.busy = Math.abs(picture.at - this.busyAt) < 36_000; // the clock of a new session begins at 0
+    this.sources.busy = Math.abs(picture.at - this.busyAt) < 36_000; // a new session's clock starts at 0
     const text = this.words(state);
     if (text !== this.text) subtitle(text);
     this.text = text;

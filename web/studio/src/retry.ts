@@ -1,10 +1,10 @@
-/** Trying again: what may be tried again, and how long to wait before it. */
+/** Retries: which errors may be retried, and how long to wait. */
 
 import { Refused, Unreachable } from "./api.js";
 
-const WAITS = [1, 2, 4, 8, 15]; // seconds; the last for ever
+const WAITS = [1, 2, 4, 8, 15]; // seconds; the last one repeats
 
-/** Seconds to wait before trying again after `error` the `attempt`-th time (from 0); null where that would not help. */
+/** Seconds to wait after `error` in attempt `attempt` (from 0); null if a retry would not help. */
 export function wait(error: unknown, attempt: number): number | null {
   const usual = WAITS[Math.min(attempt, WAITS.length - 1)]!;
   if (error instanceof Unreachable) return usual;
@@ -13,7 +13,7 @@ export function wait(error: unknown, attempt: number): number | null {
   return error.code === "internal" || error.code === "busy" ? usual : null;
 }
 
-/** A pause that can be cut short by `hurry`, and is when the connection comes back. */
+/** A wait that `hurry` ends early; it also ends when the browser is online again. */
 export class Pause {
   private wake: (() => void) | null = null;
 
@@ -36,16 +36,16 @@ export class Pause {
   }
 }
 
-export interface Insisting {
-  /** Told before each pause, and with 0 when it goes on. */
+export interface RetryOptions {
+  /** Called before each wait, and with 0 when the next attempt starts. */
   readonly onWait?: (seconds: number, error: unknown) => void;
   readonly pause?: Pause;
 }
 
-/** Does it until it succeeds or trying again would not help. */
-export async function insist<Result>(
+/** Repeats `work` until it succeeds or a retry would not help. */
+export async function retry<Result>(
   work: () => Promise<Result>,
-  { onWait, pause = new Pause() }: Insisting = {},
+  { onWait, pause = new Pause() }: RetryOptions = {},
 ): Promise<Result> {
   for (let attempt = 0; ; attempt++) {
     try {

@@ -1,4 +1,4 @@
-/** Plays the clips of a task in their views, locked to the sound that is heard. */
+/** Plays a task's clips in their views, in sync with the sound that is heard. */
 
 import type { Pose } from "@echoavatar/client";
 import type { Media } from "./media.js";
@@ -6,11 +6,11 @@ import { type Counts, Rounds } from "./rounds.js";
 import { Sound } from "./sound.js";
 import type { Views } from "./views.js";
 
-const SLOWEST_PICTURE = 120; // ms; a picture is foreseen to come to the screen this much later at most
+const SLOWEST_PICTURE = 120; // ms; upper bound of the predicted delay until a display frame is on screen
 const STUCK_MS = 4000;
-const WEAK_MS = 60; // a machine that draws with its processor draws no oftener: sound and clicks need it too
+const WEAK_MS = 60; // minimum frame time with software rendering, so that sound and input get processor time
 
-interface Seat {
+interface ClipView {
   readonly element: HTMLElement;
   readonly pose: Pose;
   second: number;
@@ -18,25 +18,25 @@ interface Seat {
   dirty: boolean;
 }
 
-export class Theatre {
+export class ClipPlayer {
   readonly sound = new Sound();
   private media: Media | null = null;
-  private seats: Seat[] = [];
+  private clipViews: ClipView[] = [];
   private seconds = 1;
   private counts: Counts = { plays: [], watched: [] };
   private rounds: Rounds | null = null;
-  private paused: number | null = null; // second of the sound at which it was paused
+  private paused: number | null = null; // second of the sound at which playback was paused
   private readonly sizes = new ResizeObserver(() => this.fit());
   private last = 0;
   private interval = 16;
   private moving = { position: -1, since: 0 };
-  /** Told when playing begins, pauses, ends or comes round. */
+  /** Called when playback starts, pauses, ends or loops. */
   onChange: (() => void) | null = null;
-  /** Told with 0 to 1 for every picture while playing. */
+  /** Called with the progress, 0 to 1, for every display frame while playing. */
   onTime: ((share: number) => void) | null = null;
-  /** Told when clips that are not looped have come to their end. */
+  /** Called when clips that are not looped have ended. */
   onEnd: ((slots: readonly number[]) => void) | null = null;
-  /** Told when the sound does not move although it should. */
+  /** Called when the sound does not advance although it should. */
   onStuck: (() => void) | null = null;
 
   constructor(private readonly views: Views) {
@@ -49,11 +49,11 @@ export class Theatre {
     requestAnimationFrame(draw);
   }
 
-  /** Shows the first frame of each clip in its element; `host` holds all of them and the canvas. */
+  /** Shows the first frame of each clip in its element; `host` contains all elements and the canvas. */
   set(host: HTMLElement, elements: readonly HTMLElement[], media: Media, seconds: number, counts: Counts): void {
     this.stop();
     host.append(this.views.canvas);
-    this.seats = elements.map((element, slot) => {
+    this.clipViews = elements.map((element, slot) => {
       return { element, pose: media.clips[slot]!.blank(), second: 0, covered: false, dirty: true };
     });
     [this.media, this.seconds, this.counts] = [media, seconds, counts];
@@ -64,7 +64,7 @@ export class Theatre {
     this.fit();
   }
 
-  /** Slots that play or are paused; null when none was begun or it came to its end. */
+  /** Slots that play or are paused; null if none was started or playback has ended. */
   get slots(): readonly number[] | null {
     return this.rounds?.slots ?? null;
   }
@@ -73,7 +73,7 @@ export class Theatre {
     return this.rounds !== null && this.paused === null;
   }
 
-  /** From the start, together. Call it from a click or a key. */
+  /** Plays the slots together from the start. Call it from a click or a key. */
   async play(slots: readonly number[], isLooped: boolean): Promise<void> {
     if (!this.media) return;
     this.rounds = new Rounds(slots, this.seconds, isLooped, this.counts);
@@ -104,20 +104,20 @@ export class Theatre {
     this.rounds = this.paused = null;
   }
 
-  /** Covered views show nothing: in studies that show one clip after the other. */
+  /** Hides views, in studies that show one clip after the other. */
   cover(slots: readonly number[]): void {
-    if (this.seats.every((seat, slot) => seat.covered === slots.includes(slot))) return;
-    this.seats.forEach((seat, slot) => (seat.covered = slots.includes(slot)));
+    if (this.clipViews.every((view, slot) => view.covered === slots.includes(slot))) return;
+    this.clipViews.forEach((view, slot) => (view.covered = slots.includes(slot)));
     this.redraw();
   }
 
-  /** The canvas again fits the views: after their places changed. */
+  /** Fits the canvas to the views after a change of layout. */
   fit(): void {
     this.views.resize();
     this.redraw();
   }
 
-  /** What is on the screen and what is heard, for tests. */
+  /** What is shown and heard, for tests. */
   get state(): {
     position: number | null;
     shown: number[];
@@ -126,7 +126,7 @@ export class Theatre {
     playing: readonly number[];
   } {
     const position = this.sound.position(performance.now());
-    const shown = this.seats.map(({ second }) => second);
+    const shown = this.clipViews.map(({ second }) => second);
     return {
       position,
       shown,
@@ -138,7 +138,7 @@ export class Theatre {
 
   private redraw(): void {
     this.views.clear();
-    for (const seat of this.seats) seat.dirty = true;
+    for (const view of this.clipViews) view.dirty = true;
   }
 
   private picture(now: number): void {
@@ -146,26 +146,26 @@ export class Theatre {
     this.last = now;
     this.interval += (Math.min(gap, SLOWEST_PICTURE) - this.interval) * 0.1;
     if (this.isPlaying) this.advance(now);
-    this.seats.forEach((seat, slot) => {
-      if (!seat.dirty || seat.covered || !this.media) return;
+    this.clipViews.forEach((view, slot) => {
+      if (!view.dirty || view.covered || !this.media) return;
       const clip = this.media.clips[slot]!;
-      clip.pose(seat.second, seat.pose);
-      this.views.draw({ element: seat.element, pose: seat.pose, centre: clip.centre(seat.second) }, gap / 1000);
-      seat.dirty = false;
+      clip.pose(view.second, view.pose);
+      this.views.draw({ element: view.element, pose: view.pose, centre: clip.centre(view.second) }, gap / 1000);
+      view.dirty = false;
     });
   }
 
-  /** Moves the playing seats to the second that will be heard when the picture is seen. */
+  /** Moves the playing views to the second that will be heard when the frame is on screen. */
   private advance(now: number): void {
     const position = this.sound.position(now + this.interval);
     if (position === null) return;
     this.watch(position, now);
     const rounds = this.rounds!;
-    const { second, isOver, isNews } = rounds.at(position);
-    for (const slot of rounds.slots) Object.assign(this.seats[slot]!, { second, dirty: true });
+    const { second, isOver, hasChanged } = rounds.at(position);
+    for (const slot of rounds.slots) Object.assign(this.clipViews[slot]!, { second, dirty: true });
     this.onTime?.(second / this.seconds);
     if (isOver) this.stop();
-    if (isNews) this.onChange?.();
+    if (hasChanged) this.onChange?.();
     if (isOver) this.onEnd?.(rounds.slots);
   }
 

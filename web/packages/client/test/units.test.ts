@@ -12,7 +12,7 @@ import { Utterance } from "../src/utterance.js";
 
 it("slerp takes the shorter arc, at even speed", () => {
   const a = new Float32Array([0, 0, 0, 1]);
-  const b = new Float32Array([0, -Math.sin(0.6), 0, -Math.cos(0.6)]); // 1.2 rad about Y, other sign
+  const b = new Float32Array([0, -Math.sin(0.6), 0, -Math.cos(0.6)]); // 1.2 rad about Y, opposite sign
   const out = new Float32Array(4);
   for (const t of [0, 0.25, 0.5, 1]) {
     slerp(a, 0, b, 0, t, out, 0);

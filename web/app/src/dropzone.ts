@@ -1,4 +1,4 @@
-/** Files dropped on the page or chosen: an avatar, or a sound. */
+/** Handles dropped or chosen files: an avatar or a sound. */
 
 import type { AvatarSlot } from "./avatars.js";
 import { toast } from "./notices.js";

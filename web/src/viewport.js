@@ -1,4 +1,4 @@
-// The stage: light, floor, camera and renderer. `low` trades looks for speed (no antialiasing, no environment).
+// The viewport: light, floor, camera and renderer. `low` trades quality for speed (no antialiasing, no environment).
 import * as THREE from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 import { RoomEnvironment } from "three/examples/jsm/environments/RoomEnvironment.js";
@@ -9,7 +9,7 @@ const VIEWS = [
   { height: 1.57, distance: 0.95 },
 ];
 
-export function makeStage(canvas, low) {
+export function makeViewport(canvas, low) {
   const renderer = new THREE.WebGLRenderer({ canvas, antialias: !low, alpha: true, powerPreference: "high-performance" });
   renderer.toneMapping = THREE.NeutralToneMapping;
   renderer.toneMappingExposure = 1.0;
@@ -42,15 +42,15 @@ export function makeStage(canvas, low) {
   scene.add(floor, ring);
 
   let view = 0;
-  let version = 0; // grows when camera, size or theme changed
+  let version = 0; // incremented when camera, size or theme change
   controls.addEventListener("change", () => version++);
   const centre = new THREE.Vector3();
-  const stage = {
+  const viewport = {
     renderer,
     scene,
     camera,
     version() {
-      controls.update(); // damping glides on after the hand let go
+      controls.update(); // damping moves the camera on after a drag
       return version;
     },
     setTheme(dark) {
@@ -68,7 +68,7 @@ export function makeStage(canvas, low) {
       controls.update();
     },
     nextView() {
-      stage.frame(view + 1);
+      viewport.frame(view + 1);
     },
     follow(x, z, ease) {
       const dx = (x - centre.x) * ease;
@@ -96,7 +96,7 @@ export function makeStage(canvas, low) {
       renderer.render(scene, camera);
     },
   };
-  return stage;
+  return viewport;
 }
 
 function makeRing() {
