@@ -37,8 +37,8 @@ def positions(motion: MotionChunk) -> dict[str, np.ndarray]:
 
 
 def live(seconds: float, *, is_idle: bool = True, seed: int = 5, **options: bool) -> MotionChunk:
-    life = IdleMotion(seed, MotionOptions(**options))
-    return join([life.alive(chunk, standing(), HUMANOID, is_idle=is_idle) for chunk in range(round(seconds * 30 / 8))])
+    idle = IdleMotion(seed, MotionOptions(**options))
+    return join([idle.apply(chunk, standing(), HUMANOID, is_idle=is_idle) for chunk in range(round(seconds * 30 / 8))])
 
 
 @pytest.mark.parametrize(
@@ -98,9 +98,9 @@ def test_who_may_not_move_their_hips_does_not(option: str) -> None:
 
 
 def test_a_chunk_that_is_made_again_is_the_same_and_seeds_differ() -> None:
-    life = IdleMotion(3)
-    first = [life.alive(chunk, standing(), HUMANOID, is_idle=chunk != 3) for chunk in range(8)]
-    again = [life.alive(chunk, standing(), HUMANOID, is_idle=chunk != 3) for chunk in range(4, 8)]
+    idle = IdleMotion(3)
+    first = [idle.apply(chunk, standing(), HUMANOID, is_idle=chunk != 3) for chunk in range(8)]
+    again = [idle.apply(chunk, standing(), HUMANOID, is_idle=chunk != 3) for chunk in range(4, 8)]
     for one, other in zip(first[4:], again, strict=True):
         np.testing.assert_array_equal(one.rotations, other.rotations)
         np.testing.assert_array_equal(one.root, other.root)
@@ -108,8 +108,8 @@ def test_a_chunk_that_is_made_again_is_the_same_and_seeds_differ() -> None:
 
 
 def test_nothing_jumps_when_sound_comes_and_goes() -> None:
-    life = IdleMotion(4)
-    motion = join([life.alive(c, standing(), HUMANOID, is_idle=(c // 6) % 2 == 0) for c in range(120)])
+    idle = IdleMotion(4)
+    motion = join([idle.apply(c, standing(), HUMANOID, is_idle=(c // 6) % 2 == 0) for c in range(120)])
     speed = np.linalg.norm(np.diff(positions(motion)["head"], axis=0), axis=1) * 30
     assert speed.max() < 0.2
     jump = np.abs(np.diff(motion.root, n=2, axis=0)).max()

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from echoavatar.timing import CHUNK, FRAME_RATE_HZ, ChunkSize
 
-from .action_overlay import Overlay, laid_on
+from .action_overlay import Overlay, apply_overlay
 from .arkit import ARKIT_NAMES
 from .kinematics import Skeleton
 from .kinematics.rotations import matrix_from_axis_angle, matrix_from_quaternion, quaternion_from_matrix
@@ -55,7 +55,7 @@ class Gaze:
         """Add eye contact if it is wanted, and an action's clip on top. A nod then lowers the head, not the eyes."""
         shares = self.shares(chunk, is_wanted=is_wanted)
         motion = turn_head(motion, shares, skeleton)
-        motion = motion if overlay is None else laid_on(motion, overlay, skeleton)
+        motion = motion if overlay is None else apply_overlay(motion, overlay, skeleton)
         return turn_eyes(motion, shares, skeleton)
 
     def shares(self, chunk: int, *, is_wanted: bool) -> Float[np.ndarray, " t"]:

@@ -152,7 +152,7 @@ class IdleMotion:
         self._may_shift = not (options.in_place or options.upper_body)
         self._ends: dict[int, float] = {}  # by chunk: how free it was at its end, 0 to 1
 
-    def alive(self, chunk: int, motion: MotionChunk, skeleton: Skeleton, *, is_idle: bool) -> MotionChunk:
+    def apply(self, chunk: int, motion: MotionChunk, skeleton: Skeleton, *, is_idle: bool) -> MotionChunk:
         """A chunk with life on top; `is_idle` where nothing else moves the body."""
         rotations, root = motion.rotations.astype(np.float32), motion.root.astype(np.float64)
         upper = np.array([_place(skeleton, name) for name in UPPER])
@@ -177,7 +177,7 @@ def warm_up(skeleton: Skeleton) -> None:
     """Compile the loop, once on a machine."""
     still = np.zeros((CHUNK.frames, skeleton.joints, 4), np.float32)
     still[..., 0] = 1
-    IdleMotion(0).alive(0, MotionChunk(still, np.zeros((CHUNK.frames, 3), np.float32)), skeleton, is_idle=True)
+    IdleMotion(0).apply(0, MotionChunk(still, np.zeros((CHUNK.frames, 3), np.float32)), skeleton, is_idle=True)
 
 
 def _place(skeleton: Skeleton, name: str) -> int:

@@ -29,13 +29,13 @@ class MotionBatch(NamedTuple):
     rotations: Float[np.ndarray, "b t j 4"]
     root: Float[np.ndarray, "b t 3"]
 
-    def parted(self, faces: Float[np.ndarray, "b t 52"] | None) -> list[MotionChunk]:
+    def split(self, faces: Float[np.ndarray, "b t 52"] | None) -> list[MotionChunk]:
         """Session by session: views."""
         each = zip(self.rotations, self.root, repeat(None) if faces is None else faces, strict=False)
         return [MotionChunk(*one) for one in each]
 
 
-def in_a_row(batches: Sequence[MotionBatch]) -> MotionBatch:
+def join_batches(batches: Sequence[MotionBatch]) -> MotionBatch:
     """Consecutive frames of the same sessions in one piece."""
     if len(batches) == 1:
         return batches[0]

@@ -6,7 +6,7 @@ import torch
 from tests.laws import streaming
 
 from echoavatar.engine.pipeline.time_warp import LARGEST_LAG, LARGEST_TURN, TimeWarp
-from echoavatar.motion.motion_chunk import MotionBatch, MotionChunk, in_a_row
+from echoavatar.motion.motion_chunk import MotionBatch, MotionChunk, join_batches
 
 JOINTS = 3
 
@@ -29,7 +29,7 @@ def played(motion: MotionChunk, brake: np.ndarray) -> MotionChunk:
         made = MotionBatch(motion.rotations[None, at : at + 8], motion.root[None, at : at + 8])
         asked = torch.from_numpy(brake[None, at : at + 8].astype(np.float32))
         shown.append(time_warp.step(made, asked, state, everyone))
-    [played_motion] = in_a_row(shown).parted(None)
+    [played_motion] = join_batches(shown).split(None)
     return played_motion
 
 

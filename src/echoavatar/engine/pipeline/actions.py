@@ -86,7 +86,7 @@ class Action:
         row[list(self.codes[near])] = 1.0
         return row
 
-    def turns(self, elapsed: int, length: int, intensity: float) -> Overlay | None:
+    def overlay_at(self, elapsed: int, length: int, intensity: float) -> Overlay | None:
         """What is put on top of the chunk that is due."""
         if self.overlay is None:
             return None
@@ -166,7 +166,7 @@ class ActionLibrary(Mapping[str, Action]):
         except (ValueError, LookupError, TypeError, RecursionError) as error:
             raise CheckpointError(f"{path} is not a library of actions ({error!r}); make it again") from error
         for action in actions:
-            whole = action.overlay is None or len(action.overlay.turns) == action.chunks * chunk.frames
+            whole = action.overlay is None or len(action.overlay.rotation_vectors) == action.chunks * chunk.frames
             first, last = action.hold
             fits = 0 <= first < last <= action.chunks and all(0 <= code < codes for code in action.codes)
             if not (fits and whole):

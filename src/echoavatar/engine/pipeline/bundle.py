@@ -120,7 +120,7 @@ def _folder(name: str | Path) -> Iterator[Path]:
     yield folder
 
 
-def foresight_refusal(bundle: Bundle) -> str:
+def lookahead_refusal(bundle: Bundle) -> str:
     """Why a generator that hears ahead cannot run live."""
     chunks = bundle.generator.config.ahead_chunks
     return (
@@ -132,7 +132,7 @@ def foresight_refusal(bundle: Bundle) -> str:
 
 def _check(bundle: Bundle) -> None:
     if bundle.generator.config.ahead_chunks:
-        raise CheckpointError(foresight_refusal(bundle))
+        raise CheckpointError(lookahead_refusal(bundle))
     layout, tokenizer = bundle.generator.config.layout, bundle.tokenizer.config
     pairs = [
         ("audio codes", layout.audio_codes, bundle.codec.config.codes),

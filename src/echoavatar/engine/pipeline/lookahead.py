@@ -31,14 +31,14 @@ class LookaheadState(PipelineState):
 class LookaheadPipeline(Pipeline):
     """A pipeline of sessions whose whole sound is known; with `ahead_chunks` 0 it does what `Pipeline` does."""
 
-    has_foresight: ClassVar[bool] = True
+    has_lookahead: ClassVar[bool] = True
 
     def __init__(self, bundle: Bundle, sounds: Mapping[int, Float[np.ndarray, " s"]]) -> None:
         """`sounds` (24 kHz) by the seed of the session that will hear them; behind its end each goes on in silence."""
         super().__init__(bundle)
         self._ahead = bundle.generator.config.ahead_chunks
         self._codes = {0: self._codes_of(np.zeros(CHUNK_SAMPLES, np.float32))}  # who only stands hears silence
-        self.beginning.state()
+        self.warm_start.state()
         self._codes = {seed: self._codes_of(sound) for seed, sound in sounds.items()}
 
     def _codes_of(self, sound: Float[np.ndarray, " s"]) -> Int[Tensor, "f l"]:
@@ -51,7 +51,7 @@ class LookaheadPipeline(Pipeline):
         """Sessions that have heard nothing."""
         return LookaheadState(**vars(super().init_state(rows)), chunks=torch.zeros(rows, dtype=torch.int64))
 
-    def hear(
+    def encode_audio(
         self, level: Float[Tensor, "b 6400"], state: PipelineState, active: Bool[Tensor, " b"]
     ) -> Int[Tensor, "b f l"]:
         """Codes of what each row's sound will be; the sound that is pushed is not listened to."""

@@ -29,18 +29,18 @@ from echoavatar.models.tokenizer.model import DecoderState
 from echoavatar.models.warp import WarpModelState
 from echoavatar.motion.ik import BodyProfile
 from echoavatar.motion.kinematics.features import part_sizes
-from echoavatar.motion.motion_chunk import MotionChunk, in_a_row
+from echoavatar.motion.motion_chunk import MotionChunk, join_batches
 from echoavatar.motion.stages.modes import FREE, MotionOptions
 from echoavatar.motion.stages.post import POST_STAGES, Post, PostState
 from echoavatar.nn import StreamState, write_rows
 from echoavatar.timing import CHUNK_FRAMES, SAMPLE_RATE_HZ
 
 from .actions import Directive
-from .bundle import Bundle, foresight_refusal
+from .bundle import Bundle, lookahead_refusal
 from .device import find_device
-from .rig import Output, RigAdapter, RigState
+from .foreign_rig import Output, RigAdapter, RigState
 from .time_warp import WARP, TimeWarp, TimeWarpState
-from .warm_start import WarmStart, begin
+from .warm_start import WarmStart, copy_row
 
 _LOG = logging.getLogger(__name__)
 OnStage = Callable[[str], None]
@@ -80,7 +80,7 @@ class PipelineState(StreamState):
 class Pipeline:
     """The trained parts of a bundle as one streaming machine."""
 
-    has_foresight: ClassVar[bool] = False  # whether sound is known before it is due, see `foresight`
+    has_lookahead: ClassVar[bool] = False  # whether sound is known before it is due, see `foresight`
 
     def __init__(
         self,
@@ -102,8 +102,8 @@ class Pipeline:
             CheckpointError: the generator hears ahead of time, which no stream can give it.
             EchoAvatarError: there is no such device.
         """
-        if bundle.generator.config.ahead_chunks and not self.has_foresight:
-            raise CheckpointError(foresight_refusal(bundle))
+        if bundle.generator.config.ahead_chunks and not self.has_lookahead:
+            raise CheckpointError(lookahead_refusal(bundle))
         runtime = bundle.runtime
         self.rig = RigAdapter(runtime.rig, bundle.skeleton, output) if runtime.rig else None
         self.skeleton = self.rig.skeleton if self.rig else bundle.skeleton
@@ -131,7 +131,7 @@ class Pipeline:
         self._bias = own_bias if config.example_bias is None else config.example_bias
         self.on_stage: OnStage = _ignore
         self._lead_in = math.ceil(runtime.lead_in_s * SAMPLE_RATE_HZ / self.chunk.samples)
-        self.beginning = WarmStart(self._stand)
+        self.warm_start = WarmStart(self._stand)
 
     @property
     def chunk_samples(self) -> int:
@@ -172,7 +172,7 @@ class Pipeline:
         options: MotionOptions = FREE,
     ) -> None:
         """Begin new sessions in these rows: at the origin, as after the silence of `Runtime.lead_in_s`."""
-        begin(state, rows, self.beginning.state())
+        copy_row(state, rows, self.warm_start.state())
         state.seeds[rows] = seed
         state.post.modes.choose(rows, options)
 
@@ -185,9 +185,9 @@ class Pipeline:
             shown.reset(everyone)
         return state
 
-    def forget(self, state: PipelineState, rows: Bool[Tensor, " b"]) -> None:
+    def restart_generator(self, state: PipelineState, rows: Bool[Tensor, " b"]) -> None:
         """These rows' generator has heard and done what a new session's has; the body stays where it is."""
-        begin(state.generator, rows, self.beginning.state().generator)
+        copy_row(state.generator, rows, self.warm_start.state().generator)
 
     def warm_up(self) -> None:
         """Run a step without a session, and make what sessions begin with.
@@ -200,7 +200,7 @@ class Pipeline:
         patience.start()
         try:
             self.step(torch.zeros(1, self.chunk_samples), state, ~everyone)
-            self.beginning.state()
+            self.warm_start.state()
         finally:
             patience.cancel()
 
@@ -227,7 +227,7 @@ class Pipeline:
         moved = upper.diff(dim=1).abs().amax(2).mean(1).cpu()
         write_rows(state.still, torch.where(is_free & (moved < STILL), state.still + 1, 0), active)
 
-    def hear(
+    def encode_audio(
         self, level: Float[Tensor, "b 6400"], state: PipelineState, active: Bool[Tensor, " b"]
     ) -> Int[Tensor, "b f l"]:
         """Codes of the sound that the generator is told in this step."""
@@ -258,7 +258,7 @@ class Pipeline:
         self.on_stage("level")
         face = self.face.step(level, state.face[0], active, state.seeds).numpy() if self.face else None
         self.on_stage("face")
-        sounds = self.hear(level, state, active)
+        sounds = self.encode_audio(level, state, active)
         self.on_stage("codec")
         there = self.device
         is_silent = level.square().mean(1).sqrt() < SILENCE
@@ -281,12 +281,12 @@ class Pipeline:
             features = self.rig.step(features, state.rig[0], active)
         self.on_stage("rig")
         pieces: tuple[Tensor, ...] = torch.split(features, CHUNK_FRAMES, 1)
-        motion = in_a_row([self.post.step(piece, state.post, active, self.on_stage) for piece in pieces])
+        motion = join_batches([self.post.step(piece, state.post, active, self.on_stage) for piece in pieces])
         if self.warp and self.time_warp:
             brake = self.warp.step(level, state.time_warp[0].model, active)
             motion = self.time_warp.step(motion, brake, state.time_warp[0].stage, active)
         self.on_stage(WARP)
-        return motion.parted(face)
+        return motion.split(face)
 
 
 def _ignore(stage: str) -> None:

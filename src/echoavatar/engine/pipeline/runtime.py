@@ -12,7 +12,7 @@ from echoavatar.errors import CheckpointError
 from echoavatar.limits import CONFIG_BYTES, check_file
 from echoavatar.motion.stages.post import SWITCHES
 
-from .rig import RigConfig
+from .foreign_rig import RigConfig
 from .time_warp import WARP
 
 FILE = "runtime.json"

@@ -31,7 +31,7 @@ class WarmStart(Generic[StateT]):
             return self._made
 
 
-def begin(state: StreamState, rows: Bool[Tensor, " b"], beginning: StreamState) -> None:
+def copy_row(state: StreamState, rows: Bool[Tensor, " b"], beginning: StreamState) -> None:
     """Copy one row's state into the chosen rows, whatever they held."""
     for tensor, kept in zip(state.tensors(), beginning.tensors(), strict=True):
         tensor[rows] = kept

@@ -52,9 +52,9 @@ class HandCollisions:
         self._zone = _zone(self._radii, _span(skeleton, self._hands[0]) + SHELL + float(self._thicker.max()))
         self._arms = [[bones[f"{side}{bone}"] for bone in ("UpperArm", "LowerArm", "Hand")] for side in SIDES]
         self._skeleton = skeleton
-        self.stand_on(Chains(skeleton, self.joints))
+        self.use_chains(Chains(skeleton, self.joints))
 
-    def stand_on(self, chains: Chains) -> None:
+    def use_chains(self, chains: Chains) -> None:
         """Read poses from these chains, which must hold `joints`: a caller has them worked out already."""
         if not self.is_able:
             return

@@ -21,7 +21,7 @@ from echoavatar.timing import CHUNK_FRAMES, FRAME_RATE_HZ
 from ..ik import BodyProfile, HandCollisions
 from ..ik.chains import Chains
 from ..kinematics import Motion, Skeleton, to_features
-from ..motion_chunk import MotionBatch, in_a_row
+from ..motion_chunk import MotionBatch, join_batches
 from .feet import LARGEST, Feet, FeetState
 from .ground import Ground, GroundState
 from .leash import Leash, LeashState
@@ -73,7 +73,7 @@ class Post:
         self.skeleton, self.stages, self.repaired = skeleton, frozenset(stages), 0
         self._hands = HandCollisions(skeleton, body)
         self._chains = Chains(skeleton, [0, *self._hands.joints, *skeleton.config.feet])
-        self._hands.stand_on(self._chains)
+        self._hands.use_chains(self._chains)
         self._unpacking = Unpacking(skeleton)
         self._smoother = Smoother(skeleton.joints)
         self._idle_legs = IdleLegs(skeleton)
@@ -136,7 +136,7 @@ class Post:
         state.modes.choose(everyone, options)
         padded = torch.cat([features, features[-1:].expand(-len(features) % CHUNK_FRAMES, -1)])
         pieces: tuple[Tensor, ...] = padded[None].tensor_split(len(padded) // CHUNK_FRAMES, 1)
-        shown = in_a_row([self.step(piece, state, everyone) for piece in pieces])
+        shown = join_batches([self.step(piece, state, everyone) for piece in pieces])
         rotations, root = shown.rotations[0], shown.root[0]
         root[:, [0, 2]] += motion.root[0, [0, 2]]
         return replace(motion, rotations=rotations[: motion.frames], root=root[: motion.frames])

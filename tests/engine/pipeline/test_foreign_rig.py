@@ -10,7 +10,7 @@ from tests.laws.streaming import hold
 
 from echoavatar.corpora.rehearsal.action_clips import SCRIPTS
 from echoavatar.corpora.rehearsal.action_clips import clip as motion_of
-from echoavatar.engine.pipeline.rig import RigAdapter
+from echoavatar.engine.pipeline.foreign_rig import RigAdapter
 from echoavatar.files.reference.release_rig import (
     AXES,
     CM,

@@ -18,7 +18,7 @@ from ..kinematics import (
     Skeleton,
     forward_kinematics,
 )
-from ..kinematics.hand_contact import carried, falling, find_arm
+from ..kinematics.hand_contact import falloff, find_arm, move_hand
 from ..kinematics.rigs import bone_map
 from ..kinematics.rotations import quaternion_from_matrix
 from .hand import hand_points
@@ -61,12 +61,12 @@ def keep_hands_on_body(source: Motion, moved: Motion, theirs: BodyProfile, ours:
         unit = away / wide
         far = unit.norm(dim=-1)
         air = far * (far - 1) / (unit / wide).norm(dim=-1).clamp_min(1e-9)
-        weight = falling(air / arm.length, NEAR, FAR) * (1 - falling(elbow, HANGING, BENT))[:, None, None]
+        weight = falloff(air / arm.length, NEAR, FAR) * (1 - falloff(elbow, HANGING, BENT))[:, None, None]
         local = our_centres + unit * (our_radii + our_thick[:, None, None])
         wanted = our_places[:, None] + torch.einsum("teij,tpej->tpei", axes, local)
         share = weight.square()[..., None]
         shift = (share * (wanted - our_points[:, :, None])).sum((1, 2)) / share.sum((1, 2)).clamp_min(1e-9)
-        turns = carried(find_arm(moved.skeleton, side), turns, poses[1], weight.amax((1, 2))[:, None] * shift)
+        turns = move_hand(find_arm(moved.skeleton, side), turns, poses[1], weight.amax((1, 2))[:, None] * shift)
     return replace(moved, rotations=quaternion_from_matrix(turns).numpy().astype(np.float32))
 
 
