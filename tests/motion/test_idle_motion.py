@@ -1,4 +1,4 @@
-"""A body that stands: it breathes, shifts its weight over planted feet, looks about a little, and repeats exactly."""
+"""A standing body breathes, shifts its weight over planted feet, moves its head a little, and repeats exactly."""
 
 import numpy as np
 import pytest
@@ -10,8 +10,8 @@ from echoavatar.motion.idle_motion import (
     SWAY_M,
     IdleMotion,
     breath,
-    number,
-    shift,
+    random_number,
+    shift_weight,
 )
 from echoavatar.motion.kinematics import HUMANOID, forward_kinematics
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
@@ -55,7 +55,7 @@ def test_the_hips_go_to_the_left_and_the_feet_stay(turns: dict[str, tuple[float,
     after = MotionChunk(before.rotations.copy(), before.root.astype(np.float64))
     legs = np.array([HUMANOID.index(name) for name in ("hips", *LEGS)])
     for rotations, root in zip(after.rotations, after.root, strict=True):
-        shift(rotations, root, HUMANOID.offsets.numpy(), legs, 0.02)
+        shift_weight(rotations, root, HUMANOID.offsets.numpy(), legs, 0.02)
     after = after._replace(root=after.root.astype(np.float32))
     was, now = positions(before), positions(after)
     left = was["leftUpperLeg"][0] - was["rightUpperLeg"][0]
@@ -65,7 +65,7 @@ def test_the_hips_go_to_the_left_and_the_feet_stay(turns: dict[str, tuple[float,
         assert np.linalg.norm(now[foot] - was[foot], axis=1).max() < 0.002
 
 
-def test_who_stands_for_a_minute_is_alive_and_stays_where_they_are() -> None:
+def test_a_standing_body_moves_and_its_feet_stay() -> None:
     """Hips go to and fro by centimetres, hands follow, the head turns by degrees; feet slide by less than a millimetre
     a second, and nothing is fast."""
     place = positions(live(60))
@@ -93,7 +93,7 @@ def test_only_breath_goes_on_beside_speech_and_dance() -> None:
 
 
 @pytest.mark.parametrize("option", ["in_place", "upper_body"])
-def test_who_may_not_move_their_hips_does_not(option: str) -> None:
+def test_hips_that_may_not_move_do_not(option: str) -> None:
     assert np.ptp(live(30, **{option: True}).root, axis=0).max() == 0
 
 
@@ -125,7 +125,7 @@ def test_breath_goes_in_quicker_than_out() -> None:
 
 
 def test_numbers_are_spread_evenly_and_do_not_repeat() -> None:
-    drawn = np.array([number(np.uint64(seed), 1, place) for seed in range(20) for place in range(100)])
+    drawn = np.array([random_number(np.uint64(seed), 1, place) for seed in range(20) for place in range(100)])
     assert abs(drawn.mean() - 0.5) < 0.03
     assert np.histogram(drawn, 10, (0, 1))[0].min() > 140
     assert len(np.unique(drawn)) == len(drawn)

@@ -12,13 +12,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from ..kinematics import (
-    Motion,
-    Pose,
-    Skeleton,
-    forward_kinematics,
-)
-from ..kinematics.hand_contact import falloff, find_arm, move_hand
+from ..kinematics import Motion, Pose, Skeleton, forward_kinematics
+from ..kinematics.easing import falloff
+from ..kinematics.hand_contact import find_arm, move_hand
 from ..kinematics.rigs import bone_map
 from ..kinematics.rotations import quaternion_from_matrix
 from .hand import hand_points

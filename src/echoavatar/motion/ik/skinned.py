@@ -1,4 +1,4 @@
-"""Read what measuring a body needs from a GLB or VRM file: rig, vertices and skin weights.
+"""Read rig, vertices and skin weights from a GLB or VRM file, as `measure_body` needs them.
 
 Vertices are skinned in the file's rest pose: metres, Y up, rotated to face +Z.
 """
@@ -38,7 +38,7 @@ def read_skinned(path: Path) -> Skinned:
 
 
 def skinned(rig: GltfRig) -> Skinned:
-    """The character of a file whose rig was read.
+    """The character in a file whose rig has been read.
 
     Raises:
         MotionError: the file has no skinned mesh, or its meshes are damaged or too large.

@@ -13,6 +13,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from .easing import falloff
 from .forward import Pose, forward_kinematics
 from .motion import Motion
 from .rigs import bone_map
@@ -85,12 +86,6 @@ def find_arm(skeleton: Skeleton, side: str) -> Arm:
 
 def _palm(pose: Pose, arm: Arm) -> Tensor:
     return pose.positions[:, arm.hand] + (pose.rotations[:, arm.hand] @ arm.palm)
-
-
-def falloff(value: Float[Tensor, "*n"], full: float, none: float) -> Float[Tensor, "*n"]:
-    """1 up to `full`, 0 from `none` on, smooth between."""
-    share = ((value - full) / (none - full)).clamp(0, 1)
-    return 1 - share.pow(3) * (10 - 15 * share + 6 * share.square())
 
 
 def move_hand(
