@@ -1,6 +1,6 @@
 import numpy as np
 
-from echoavatar.motion.action_overlay import Overlay, bridge, apply_overlay
+from echoavatar.motion.action_overlay import Overlay, apply_overlay, bridge
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.motion_chunk import MotionChunk
 

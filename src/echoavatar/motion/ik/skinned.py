@@ -60,7 +60,7 @@ def _skin(
     parents: dict[int, int],
     slot: dict[int, int],
 ) -> tuple[Float[Array, "v 3"], Float[Array, "v j"]]:
-    """Vertices of all skinned meshes where their bones put them, and their weights on the rig's joints."""
+    """The skinned vertices of all meshes, and their weights on the rig's joints."""
     vertices, weights, total = [], [], 0
     for node in document["nodes"]:
         if "mesh" not in node or "skin" not in node:
@@ -94,7 +94,7 @@ def _skin(
 
 
 def _kept(joint: int, parents: dict[int, int], slot: dict[int, int]) -> int:
-    """The joint itself, or the nearest one above it that is part of the rig, or the hips."""
+    """The joint itself or its nearest ancestor in the rig; the hips where there is none."""
     while joint >= 0 and joint not in slot:
         joint = parents[joint]
     return joint if joint >= 0 else next(iter(slot))

@@ -71,15 +71,15 @@ def find_arm(skeleton: Skeleton, side: str) -> Arm:
     rest = skeleton.rest_positions.double()
     knuckle = bones.get(f"{side}MiddleProximal", bones.get(f"{side}IndexProximal"))
     forearm = rest[hand] - rest[lower]
-    reach_of_hand = FOREARM * forearm if knuckle is None else rest[knuckle] - rest[hand]
+    to_knuckles = FOREARM * forearm if knuckle is None else rest[knuckle] - rest[hand]
     hinge = torch.linalg.cross(rest[lower] - rest[upper], torch.tensor([0.0, 0.0, 1.0]).double())
     return Arm(
         (skeleton.parents[upper], skeleton.parents[lower], skeleton.parents[hand]),
         upper,
         lower,
         hand,
-        PALM * reach_of_hand,
-        float(reach_of_hand.norm()),
+        PALM * to_knuckles,
+        float(to_knuckles.norm()),
         hinge / hinge.norm(),
     )
 
