@@ -124,7 +124,7 @@ def shift_weight(rotations, root, offsets, legs, metres):  # type: ignore[no-unt
 
 @kernel()
 def add_idle_motion(rotations, root, offsets, upper, legs, shares, first, seed, may_shift):  # type: ignore[no-untyped-def]
-    """Add breath, and head motion and shifts of weight times each frame's share; `first` is the first frame's number."""
+    """Add breath, and head motion and shifts of weight times each frame's share; `first` numbers the first frame."""
     for t in range(rotations.shape[0]):
         frame, share = first + t, smootherstep(shares[t])
         second = frame / FRAME_RATE_HZ

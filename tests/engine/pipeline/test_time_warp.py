@@ -5,7 +5,7 @@ import pytest
 import torch
 from tests.laws import streaming
 
-from echoavatar.engine.pipeline.time_warp import LARGEST_LAG, LARGEST_TURN, TimeWarp
+from echoavatar.engine.pipeline.time_warp import LARGEST_LAG, LARGEST_ROTATION, TimeWarp
 from echoavatar.motion.motion_chunk import MotionBatch, MotionChunk, join_batches
 
 JOINTS = 3
@@ -75,8 +75,8 @@ def test_catching_up_turns_no_joint_faster_than_the_bound() -> None:
     shown = frames_shown(played(turning(96, 36.0), np.exp(-0.5 * ((at - 30) / 2.0) ** 2)), 36.0)
     pace = np.diff(shown)
     assert pace.min() < 0.5
-    assert np.deg2rad(36.0) * pace.max() <= LARGEST_TURN * 1.001
-    assert np.deg2rad(36.0) * pace.max() > 0.99 * LARGEST_TURN
+    assert np.deg2rad(36.0) * pace.max() <= LARGEST_ROTATION * 1.001
+    assert np.deg2rad(36.0) * pace.max() > 0.99 * LARGEST_ROTATION
 
 
 class Numbers:

@@ -27,7 +27,7 @@ _STRETCHED = math.cos(STRAIGHT)
 
 @kernel()
 def bend_cosine(cosine, wanted):  # type: ignore[no-untyped-def]
-    """Cosine of the elbow's new angle; `cosine` is that of its old angle, `wanted` of the one that fits the distance."""
+    """Cosine of the elbow's new angle, from that of its old angle and that of the one that fits the distance."""
     fall = 1.0 - cosine
     angle_square = fall * (2.0 + fall * (1 / 3 + fall * 4 / 45))  # a series, exact to 2e-8 while the share is below 1
     share = min(angle_square / STRAIGHT**2, 1.0)

@@ -81,8 +81,8 @@ def knee_fold(legs, side, shin, upper, way):  # type: ignore[no-untyped-def]
 def bend(legs, side, rotations, world, places, aside):  # type: ignore[no-untyped-def]
     """Rotate thigh, shin and foot in one frame so that the ankle moves by `aside`, as far as the leg reaches.
 
-    `rotations` (j, 4) is changed. `world` (c, 4) and `places` (c, 3) are the chains before the change. `aside` is in the
-    root's frame.
+    `rotations` (j, 4) is changed; `world` (c, 4) and `places` (c, 3) are the chains before; `aside` is in the root's
+    frame.
     """
     slots, joints = legs.slots[side], legs.joints[side]
     hip, knee, ankle = (

@@ -136,7 +136,7 @@ class FeatureStatistics(NamedTuple):
     varies: Bool[Tensor, " c"]
 
     def normalize(self, features: Float[Tensor, "*n c"]) -> Float[Tensor, "*n c"]:
-        """Features with zero mean and unit deviation. A feature that does not vary gives 0, so that noise cannot grow."""
+        """Features with zero mean and unit deviation; one that does not vary gives 0, so that noise cannot grow."""
         return torch.where(self.varies, (features - self.mean) / self.std.clamp_min(CONSTANT_STD), 0.0)
 
     def denormalize(self, normal: Float[Tensor, "*n c"]) -> Float[Tensor, "*n c"]:

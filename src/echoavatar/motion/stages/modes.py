@@ -48,7 +48,7 @@ class ModesState(StreamState):
 
 
 class IdleLegs:
-    """Legs of the upper-body mode: hips and legs stand and sway by millimetres; the rest of the body moves as decoded."""
+    """Legs of the upper-body mode: hips and legs stand and sway by millimetres; the rest moves as decoded."""
 
     def __init__(self, skeleton: Skeleton) -> None:
         self._lower = np.array(skeleton.config.parts.get("lower", ()), np.int64)

@@ -59,7 +59,7 @@ class Post:
         stages: Collection[str] = SWITCHES,
         body: BodyProfile | None = None,
     ) -> None:
-        """`stages` names those to run; `body` is the character's thickness (`echoavatar rig`), scaled from ours by default.
+        """`stages` names those to run; `body` is the character's thickness (`echoavatar rig`); None scales ours.
 
         Raises:
             EchoAvatarError: there is no stage of that name.

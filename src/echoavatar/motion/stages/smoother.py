@@ -64,7 +64,7 @@ class Smoother:
 
 @cache
 def _shares(frames: int, stiffness: float) -> Float[Array, "t n"]:
-    """The solution of the minimum: the weight of each of the n = 3 + t frames, shown and decoded, in each smoothed one."""
+    """The solution of the minimum: the weight of each frame, shown or decoded (n = 3 + t), in each smoothed one."""
     third = np.diff(np.eye(SHOWN + frames), n=3, axis=0)
     past, own = third[:, :SHOWN], third[:, SHOWN:]
     place = np.arange(frames)
