@@ -30,7 +30,7 @@ from echoavatar.motion.kinematics.rotations import (
     quaternion_conjugate,
     quaternion_multiply,
 )
-from echoavatar.motion.motion_chunk import MotionChunk, in_a_row
+from echoavatar.motion.motion_chunk import MotionChunk, join_batches
 from echoavatar.motion.stages.modes import MotionOptions
 from echoavatar.motion.stages.post import SWITCHES, Post
 from echoavatar.timing import (
@@ -89,7 +89,7 @@ def through(
     if brake is not None:
         brakes = torch.split(brake, CHUNK_FRAMES, 1)
         shown = [time_warp.step(*both, warp_state, active) for both in zip(shown, brakes, strict=True)]
-    rotations, root = in_a_row(shown)
+    rotations, root = join_batches(shown)
     return torch.from_numpy(rotations), torch.from_numpy(root)
 
 

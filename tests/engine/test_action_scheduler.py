@@ -85,7 +85,7 @@ def test_what_is_put_on_top_goes_on_without_a_step_when_held_and_when_cut_short(
     actions.stop(6)
     shown = [actions.overlay(chunk) for chunk in range(7)]
     assert actions.overlay(7) is None
-    path = np.concatenate([overlay.turns[:, 0, 0] for overlay in shown if overlay])
+    path = np.concatenate([overlay.rotation_vectors[:, 0, 0] for overlay in shown if overlay])
     assert len(path) == 7 * 8
     assert np.abs(np.diff(path)).max() < 0.14
     np.testing.assert_allclose(path[:24], turns[:24, 0, 0])  # one in, two that will repeat

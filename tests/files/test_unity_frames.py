@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from echoavatar.engine.pipeline.rig import RigConfig
+from echoavatar.engine.pipeline.foreign_rig import RigConfig
 from echoavatar.errors import CheckpointError
 from echoavatar.files.reference.release_rig import AXES
 from echoavatar.files.unity_frames import (

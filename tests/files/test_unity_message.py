@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 
-from echoavatar.engine.pipeline.rig import RigConfig
+from echoavatar.engine.pipeline.foreign_rig import RigConfig
 from echoavatar.files.reference.release_rig import AXES
 from echoavatar.files.unity_message import HEADER, Messages
 from echoavatar.motion.motion_chunk import MotionChunk

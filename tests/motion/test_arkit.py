@@ -7,15 +7,12 @@ from echoavatar.motion.arkit import (
     APPLE_NAMES,
     ARKIT_NAMES,
     LIVE_LINK_NAMES,
-    MEDIAPIPE_NAMES,
-    OCULUS_NAMES,
     VRM_NAMES,
     assemble,
     index_of,
     mouth_opening,
     reorder,
     to_live_link,
-    to_oculus,
     to_vrm,
 )
 
@@ -40,7 +37,6 @@ def test_orders_are_the_known_ones():
         22,
     ]
     assert (ALPHABETICAL_NAMES[0], ALPHABETICAL_NAMES[-1]) == ("browDownLeft", "tongueOut")
-    assert (MEDIAPIPE_NAMES[0], len(MEDIAPIPE_NAMES)) == ("_neutral", 52)
     assert (len(LIVE_LINK_NAMES), LIVE_LINK_NAMES[52]) == (61, "headYaw")
 
 
@@ -83,23 +79,6 @@ def test_vrm_at_rest_is_zero_and_a_wink_is_one_sided():
     wink = dict(zip(VRM_NAMES, to_vrm(face(eyeBlinkLeft=1.0))[0], strict=True))
     assert (wink["blink"], wink["blinkLeft"], wink["blinkRight"]) == (0, 1, 0)
     assert to_vrm(np.ones((1, 52), np.float32))[:, :5].sum() <= 1 + 1e-6
-
-
-@pytest.mark.parametrize(
-    ("viseme", "channels"),
-    [
-        ("sil", {}),
-        ("aa", {"jawOpen": 0.6}),
-        ("PP", {"mouthRollLower": 0.5, "mouthRollUpper": 0.5, "jawOpen": 0.05, "mouthClose": 0.05}),
-        ("ou", {"mouthPucker": 0.7, "mouthFunnel": 0.2, "jawOpen": 0.12}),
-        ("CH", {"mouthFunnel": 0.5, "mouthPucker": 0.2, "jawOpen": 0.1}),
-    ],
-)
-def test_oculus_visemes(viseme, channels):
-    weights = to_oculus(face(**channels))
-    np.testing.assert_allclose(weights.sum(1), 1, rtol=1e-5)
-    assert OCULUS_NAMES[int(weights[0].argmax())] == viseme
-    assert weights[0].max() > 0.5
 
 
 def test_closed_lips_count_as_closed_though_the_jaw_is_down():

@@ -1,4 +1,4 @@
-"""A body that stands: it breathes, shifts its weight over planted feet, looks about a little, and repeats exactly."""
+"""A standing body breathes, shifts its weight over planted feet, moves its head a little, and repeats exactly."""
 
 import numpy as np
 import pytest
@@ -10,8 +10,8 @@ from echoavatar.motion.idle_motion import (
     SWAY_M,
     IdleMotion,
     breath,
-    number,
-    shift,
+    random_number,
+    shift_weight,
 )
 from echoavatar.motion.kinematics import HUMANOID, forward_kinematics
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
@@ -37,8 +37,8 @@ def positions(motion: MotionChunk) -> dict[str, np.ndarray]:
 
 
 def live(seconds: float, *, is_idle: bool = True, seed: int = 5, **options: bool) -> MotionChunk:
-    life = IdleMotion(seed, MotionOptions(**options))
-    return join([life.alive(chunk, standing(), HUMANOID, is_idle=is_idle) for chunk in range(round(seconds * 30 / 8))])
+    idle = IdleMotion(seed, MotionOptions(**options))
+    return join([idle.apply(chunk, standing(), HUMANOID, is_idle=is_idle) for chunk in range(round(seconds * 30 / 8))])
 
 
 @pytest.mark.parametrize(
@@ -55,7 +55,7 @@ def test_the_hips_go_to_the_left_and_the_feet_stay(turns: dict[str, tuple[float,
     after = MotionChunk(before.rotations.copy(), before.root.astype(np.float64))
     legs = np.array([HUMANOID.index(name) for name in ("hips", *LEGS)])
     for rotations, root in zip(after.rotations, after.root, strict=True):
-        shift(rotations, root, HUMANOID.offsets.numpy(), legs, 0.02)
+        shift_weight(rotations, root, HUMANOID.offsets.numpy(), legs, 0.02)
     after = after._replace(root=after.root.astype(np.float32))
     was, now = positions(before), positions(after)
     left = was["leftUpperLeg"][0] - was["rightUpperLeg"][0]
@@ -65,7 +65,7 @@ def test_the_hips_go_to_the_left_and_the_feet_stay(turns: dict[str, tuple[float,
         assert np.linalg.norm(now[foot] - was[foot], axis=1).max() < 0.002
 
 
-def test_who_stands_for_a_minute_is_alive_and_stays_where_they_are() -> None:
+def test_a_standing_body_moves_and_its_feet_stay() -> None:
     """Hips go to and fro by centimetres, hands follow, the head turns by degrees; feet slide by less than a millimetre
     a second, and nothing is fast."""
     place = positions(live(60))
@@ -93,14 +93,14 @@ def test_only_breath_goes_on_beside_speech_and_dance() -> None:
 
 
 @pytest.mark.parametrize("option", ["in_place", "upper_body"])
-def test_who_may_not_move_their_hips_does_not(option: str) -> None:
+def test_hips_that_may_not_move_do_not(option: str) -> None:
     assert np.ptp(live(30, **{option: True}).root, axis=0).max() == 0
 
 
 def test_a_chunk_that_is_made_again_is_the_same_and_seeds_differ() -> None:
-    life = IdleMotion(3)
-    first = [life.alive(chunk, standing(), HUMANOID, is_idle=chunk != 3) for chunk in range(8)]
-    again = [life.alive(chunk, standing(), HUMANOID, is_idle=chunk != 3) for chunk in range(4, 8)]
+    idle = IdleMotion(3)
+    first = [idle.apply(chunk, standing(), HUMANOID, is_idle=chunk != 3) for chunk in range(8)]
+    again = [idle.apply(chunk, standing(), HUMANOID, is_idle=chunk != 3) for chunk in range(4, 8)]
     for one, other in zip(first[4:], again, strict=True):
         np.testing.assert_array_equal(one.rotations, other.rotations)
         np.testing.assert_array_equal(one.root, other.root)
@@ -108,8 +108,8 @@ def test_a_chunk_that_is_made_again_is_the_same_and_seeds_differ() -> None:
 
 
 def test_nothing_jumps_when_sound_comes_and_goes() -> None:
-    life = IdleMotion(4)
-    motion = join([life.alive(c, standing(), HUMANOID, is_idle=(c // 6) % 2 == 0) for c in range(120)])
+    idle = IdleMotion(4)
+    motion = join([idle.apply(c, standing(), HUMANOID, is_idle=(c // 6) % 2 == 0) for c in range(120)])
     speed = np.linalg.norm(np.diff(positions(motion)["head"], axis=0), axis=1) * 30
     assert speed.max() < 0.2
     jump = np.abs(np.diff(motion.root, n=2, axis=0)).max()
@@ -125,7 +125,7 @@ def test_breath_goes_in_quicker_than_out() -> None:
 
 
 def test_numbers_are_spread_evenly_and_do_not_repeat() -> None:
-    drawn = np.array([number(np.uint64(seed), 1, place) for seed in range(20) for place in range(100)])
+    drawn = np.array([random_number(np.uint64(seed), 1, place) for seed in range(20) for place in range(100)])
     assert abs(drawn.mean() - 0.5) < 0.03
     assert np.histogram(drawn, 10, (0, 1))[0].min() > 140
     assert len(np.unique(drawn)) == len(drawn)

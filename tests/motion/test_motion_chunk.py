@@ -1,6 +1,6 @@
 import numpy as np
 
-from echoavatar.motion.motion_chunk import MotionBatch, MotionChunk, in_a_row
+from echoavatar.motion.motion_chunk import MotionBatch, MotionChunk, join_batches
 
 
 def test_a_chunk_is_rotations_then_root_and_perhaps_a_face() -> None:
@@ -13,8 +13,8 @@ def test_a_chunk_is_rotations_then_root_and_perhaps_a_face() -> None:
 def test_a_batch_in_two_pieces_is_parted_session_by_session() -> None:
     rotations, root = (np.random.default_rng(0).random((3, 12, *each)) for each in ((52, 4), (3,)))
     faces = np.random.default_rng(1).random((3, 12, 52))
-    batch = in_a_row([MotionBatch(rotations[:, :8], root[:, :8]), MotionBatch(rotations[:, 8:], root[:, 8:])])
-    for row, chunk in enumerate(batch.parted(faces)):
+    batch = join_batches([MotionBatch(rotations[:, :8], root[:, :8]), MotionBatch(rotations[:, 8:], root[:, 8:])])
+    for row, chunk in enumerate(batch.split(faces)):
         for found, wanted in zip(chunk, (rotations, root, faces), strict=True):
             np.testing.assert_array_equal(found, wanted[row])
-    assert [chunk.face for chunk in batch.parted(None)] == [None] * 3
+    assert [chunk.face for chunk in batch.split(None)] == [None] * 3

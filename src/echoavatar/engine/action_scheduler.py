@@ -13,7 +13,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.motion.action_overlay import Overlay, joined
+from echoavatar.motion.action_overlay import Overlay, bridge
 from echoavatar.timing import CHUNK, ChunkSize
 
 from .pipeline.actions import Action, ActionLibrary
@@ -123,7 +123,7 @@ class ActionScheduler:
     def overlay(self, chunk: int) -> Overlay | None:
         """The clip to lay on a chunk's motion, joined to that of the chunk before."""
         (before, earlier), (now, place) = self._overlay_at(chunk - 1), self._overlay_at(chunk)
-        return now if place == earlier + 1 else joined(before, now)
+        return now if place == earlier + 1 else bridge(before, now)
 
     def _overlay_at(self, chunk: int) -> tuple[Overlay | None, int]:
         """The overlay of a chunk, and a number that goes up by one from chunk to chunk of the same clip."""
@@ -132,7 +132,7 @@ class ActionScheduler:
             return None, -1
         elapsed = chunk - act.begin
         place = act.action.place(elapsed, act.length) + 1000 * self._actions.index(act)
-        return act.action.turns(elapsed, act.length, act.intensity), place
+        return act.action.overlay_at(elapsed, act.length, act.intensity), place
 
     def report_made(self, chunk: int) -> None:
         """A chunk of motion was made: its action has started, and those that end with it are done."""

@@ -204,7 +204,7 @@ class Engine:
         state = self._state.rows(seats)
         before = state.snapshot() if self._rewind else []
         if forgets.any():
-            self.pipeline.forget(state, forgets)
+            self.pipeline.restart_generator(state, forgets)
         directive = {"directive": self.pipeline.directive(members)} if is_asked else {}
         chunks = self.pipeline.step(torch.from_numpy(audio), state, active, **directive)
         for session in ready:

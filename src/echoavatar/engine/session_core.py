@@ -342,7 +342,7 @@ class SessionCore:
         """Breath and shifts of weight, eye contact, and the clip of an action on top."""
         skeleton, is_free = self._host.skeleton, self._is_free(chunk)
         is_idle = source in ("idle", "action") and is_free
-        motion = self._life.alive(chunk, motion, skeleton, is_idle=is_idle)
+        motion = self._life.apply(chunk, motion, skeleton, is_idle=is_idle)
         return self._gaze.apply(
             chunk,
             motion,

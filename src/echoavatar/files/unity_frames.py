@@ -13,7 +13,7 @@ import torch
 from jaxtyping import Float
 from scipy.signal import savgol_filter
 
-from echoavatar.engine.pipeline.rig import RigConfig
+from echoavatar.engine.pipeline.foreign_rig import RigConfig
 from echoavatar.errors import CheckpointError, MotionError
 from echoavatar.motion.arkit import APPLE_NAMES, reorder
 from echoavatar.motion.arkit import ARKIT_NAMES as OURS

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Float
 
-from echoavatar.engine.pipeline.rig import RigConfig
+from echoavatar.engine.pipeline.foreign_rig import RigConfig
 from echoavatar.motion.motion_chunk import MotionChunk, join
 from echoavatar.timing import SAMPLES_PER_FRAME
 

@@ -1,9 +1,9 @@
 """Motion as geometry, and what shapes it after the models: kinematics, inverse kinematics, stages, idle motion, gaze.
 
 - `kinematics`: rotations, skeletons, forward kinematics, features, BVH, retargeting.
-- `ik`: legs and arms, hands kept off the body.
-- `stages`: from decoded features to a pose that holds together, chunk by chunk.
-- the files beside them: idle motion, gaze, joins between motions, display rates, ARKit names.
+- `ik`: legs and arms, hands kept off the body, body profiles.
+- `stages`: from decoded features to clean motion, chunk by chunk.
+- the files beside them: idle motion, gaze, action overlays, joins between motions, display rates, ARKit names.
 
 May import `nn` and below.
 """

@@ -1,8 +1,8 @@
-"""The part of an action that its codes cannot say: small turns of torso and head, put on top of finished motion.
+"""The part of an action that its codes cannot express: small rotations of torso and head, added to finished motion.
 
-First-layer codes hold the arms and lose nods, shakes of the head and bows (of a nod of 14 degrees the decoded code
-keeps none), so what a reference clip turns beyond what its codes decode to is kept and added. Not in the paper.
-A nod that is put on top leaves the hands free to go on with the speech.
+First-layer codes keep the arms of a reference clip and lose its nods, head shakes and bows. An overlay holds what the
+clip rotates beyond what its codes decode to. A nod that is added on top leaves the hands free for the speech. Not in
+the paper.
 """
 
 from dataclasses import dataclass
@@ -16,72 +16,75 @@ from torch.nn.functional import normalize
 from echoavatar.timing import CHUNK, ChunkSize
 
 from .kinematics import Skeleton
+from .kinematics.easing import smootherstep
 from .kinematics.rotations import quaternion_from_axis_angle, quaternion_multiply
 from .motion_chunk import MotionChunk
 
-UNIT = 1e-3  # radians, of what is written to files
+UNIT = 1e-3  # radians; files hold whole multiples of it
 
 
 @dataclass(frozen=True, eq=False)
 class Overlay:
-    """Turns by joint name: rotation vectors after the joint's own rotation, whole chunks."""
+    """Rotation vectors by joint name, applied after the joint's own rotation; whole chunks."""
 
     joints: tuple[str, ...]
-    turns: Float[np.ndarray, "t j 3"]  # radians
+    rotation_vectors: Float[np.ndarray, "t j 3"]  # radians
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Overlay) and self.joints == other.joints and np.array_equal(self.turns, other.turns)
+        if not isinstance(other, Overlay) or self.joints != other.joints:
+            return False
+        return np.array_equal(self.rotation_vectors, other.rotation_vectors)
 
     def chunk(self, place: int, size: ChunkSize = CHUNK) -> "Overlay":
-        """One chunk of it."""
-        return Overlay(self.joints, self.turns[place * size.frames : (place + 1) * size.frames])
+        """One chunk of the overlay."""
+        return Overlay(self.joints, self.rotation_vectors[place * size.frames : (place + 1) * size.frames])
 
     def scaled(self, intensity: float) -> "Overlay":
-        """The same turns, more or less of them."""
-        return Overlay(self.joints, self.turns * np.float32(intensity))
+        """The overlay with every rotation vector multiplied by `intensity`."""
+        return Overlay(self.joints, self.rotation_vectors * np.float32(intensity))
 
     def to_json(self) -> dict[str, list[int]]:
         """Milliradians by joint: x, y, z of one frame, then of the next."""
-        rows = np.rint(self.turns / UNIT).astype(int)
+        rows = np.rint(self.rotation_vectors / UNIT).astype(int)
         return {joint: rows[:, at].reshape(-1).tolist() for at, joint in enumerate(self.joints)}
 
     @classmethod
     def from_json(cls, rows: dict[str, list[int]]) -> Self:
         """The inverse of `to_json`."""
-        turns = [np.asarray(row, np.float32).reshape(-1, 3) * np.float32(UNIT) for row in rows.values()]
-        return cls(tuple(rows), np.stack(turns, axis=1) if turns else np.zeros((0, 0, 3), np.float32))
+        vectors = [np.asarray(row, np.float32).reshape(-1, 3) * np.float32(UNIT) for row in rows.values()]
+        return cls(tuple(rows), np.stack(vectors, axis=1) if vectors else np.zeros((0, 0, 3), np.float32))
 
 
-def joined(before: Overlay | None, now: Overlay | None) -> Overlay | None:
-    """The overlay of a chunk that does not follow from the one before it: it begins where that one ended."""
+def bridge(before: Overlay | None, now: Overlay | None) -> Overlay | None:
+    """The overlay `now` of a chunk, changed to begin where the unrelated overlay `before` ended."""
     if before is None and now is None:
         return None
     names = tuple(dict.fromkeys((*(before.joints if before else ()), *(now.joints if now else ()))))
-    frames = len((now or before).turns)  # type: ignore[union-attr]  # one of them is there
+    frames = len((now or before).rotation_vectors)  # type: ignore[union-attr]  # one of them is there
     last = _of(before, names, frames)[-1]
-    turns = _of(now, names, frames)
-    gap = last - turns[0]
+    vectors = _of(now, names, frames)
+    gap = last - vectors[0]
     share = (np.arange(frames, dtype=np.float32) + 1) / frames
-    fall = 1 - share**3 * (10 - share * (15 - 6 * share))
-    return Overlay(names, (turns + fall[:, None, None] * gap).astype(np.float32))
+    fall = 1 - smootherstep(share)
+    return Overlay(names, (vectors + fall[:, None, None] * gap).astype(np.float32))
 
 
-def laid_on(motion: MotionChunk, overlay: Overlay, skeleton: Skeleton) -> MotionChunk:
-    """Finished motion with the overlay's turns on top."""
+def apply_overlay(motion: MotionChunk, overlay: Overlay, skeleton: Skeleton) -> MotionChunk:
+    """Finished motion with the overlay added."""
     if not overlay.joints:
         return motion
     joints = skeleton.indices(overlay.joints)
     rotations = motion.rotations.copy()
-    turns = quaternion_from_axis_angle(torch.tensor(overlay.turns[: len(rotations)]))
-    turned = quaternion_multiply(torch.from_numpy(rotations[:, joints]), turns)
-    rotations[:, joints] = normalize(turned, dim=-1).numpy()
+    added = quaternion_from_axis_angle(torch.tensor(overlay.rotation_vectors[: len(rotations)]))
+    rotated = quaternion_multiply(torch.from_numpy(rotations[:, joints]), added)
+    rotations[:, joints] = normalize(rotated, dim=-1).numpy()
     return motion._replace(rotations=rotations)
 
 
 def _of(overlay: Overlay | None, names: tuple[str, ...], frames: int) -> Float[np.ndarray, "t j 3"]:
-    """Turns of these joints, zero for those it does not hold."""
-    turns = np.zeros((frames, len(names), 3), np.float32)
+    """Rotation vectors of these joints, zero for those that the overlay lacks."""
+    vectors = np.zeros((frames, len(names), 3), np.float32)
     if overlay is not None:
         for at, name in enumerate(overlay.joints):
-            turns[:, names.index(name)] = overlay.turns[:, at]
-    return turns
+            vectors[:, names.index(name)] = overlay.rotation_vectors[:, at]
+    return vectors

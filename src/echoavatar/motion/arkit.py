@@ -1,8 +1,8 @@
-"""The 52 ARKit blendshapes: their names once, their orders, and maps to the schemas of other avatars.
+"""The 52 ARKit blendshapes: names, orders, and maps to Live Link Face and VRM.
 
 Paper, Facial Animation: "industry-standard Apple ARKit blendshape schema". The canonical order here is that of Live
-Link Face (with which the paper's data was captured): there the right side of jaw and mouth comes before the left.
-Apple's headers, the alphabet and MediaPipe order them otherwise, so curves are always stored with their names.
+Link Face, with which the paper's data was captured: the right side of jaw and mouth comes before the left. Apple's
+headers and alphabetical lists use other orders, so curves are always stored with their names.
 
 All maps take curves (t, 52) in canonical order, 0 (rest) to 1 (full).
 """
@@ -31,7 +31,6 @@ HEAD_AND_EYES: tuple[str, ...] = (
 )  # fmt: skip
 LIVE_LINK_NAMES = ARKIT_NAMES + HEAD_AND_EYES  # the 61 columns of a Live Link Face take
 ALPHABETICAL_NAMES = tuple(sorted(ARKIT_NAMES))
-MEDIAPIPE_NAMES = ("_neutral", *(name for name in ALPHABETICAL_NAMES if name != "tongueOut"))
 _SWAPPED = {
     "jawRight": "jawLeft",
     "jawLeft": "jawRight",
@@ -43,26 +42,13 @@ APPLE_NAMES = tuple(_SWAPPED.get(name, name) for name in ARKIT_NAMES)  # also th
 VRM_NAMES = (
     "aa", "ih", "ou", "ee", "oh", "blink", "blinkLeft", "blinkRight", "lookUp", "lookDown", "lookLeft", "lookRight",
 )  # fmt: skip
-OCULUS_NAMES = (
-    "sil", "PP", "FF", "TH", "DD", "kk", "CH", "SS", "nn", "RR", "aa", "E", "ih", "oh", "ou",
-)  # fmt: skip
-
 Curves = Float[np.ndarray, "t 52"]
 _INDEX = {name: index for index, name in enumerate(ARKIT_NAMES)}
-_EYE_RADIANS = 0.6  # rotation of an eye at a curve of 1, measured on takes of Live Link Face
-
-# (jaw opening less closure, funnel, pucker, width, lower lip up or rolled, tongue or teeth showing)
-_OCULUS_MOUTHS: dict[str, tuple[float, float, float, float, float]] = {
-    "sil": (0.00, 0.00, 0.00, 0.00, 0.00), "PP": (0.00, 0.00, 0.05, 0.00, 0.60), "FF": (0.05, 0.00, 0.00, 0.10, 0.30),
-    "TH": (0.16, 0.00, 0.00, 0.10, 0.00), "DD": (0.14, 0.00, 0.00, 0.20, 0.00), "kk": (0.20, 0.00, 0.00, 0.10, 0.00),
-    "CH": (0.10, 0.50, 0.20, 0.00, 0.00), "SS": (0.06, 0.00, 0.00, 0.35, 0.00), "nn": (0.11, 0.00, 0.00, 0.12, 0.00),
-    "RR": (0.12, 0.30, 0.25, 0.00, 0.00), "aa": (0.55, 0.00, 0.00, 0.10, 0.00), "E": (0.35, 0.00, 0.00, 0.30, 0.00),
-    "ih": (0.20, 0.00, 0.00, 0.40, 0.00), "oh": (0.35, 0.40, 0.25, 0.00, 0.00), "ou": (0.15, 0.25, 0.70, 0.00, 0.00),
-}  # fmt: skip
+_EYE_RADIANS = 0.6  # rotation of an eye at a look curve of 1, as in takes of Live Link Face
 
 
 def index_of(name: str) -> int:
-    """Place of a blendshape in the canonical order.
+    """Index of a blendshape in the canonical order.
 
     Raises:
         MotionError: there is no such blendshape.
@@ -74,7 +60,7 @@ def index_of(name: str) -> int:
 
 
 def assemble(channels: Mapping[str, Float[np.ndarray, " t"]], frames: int) -> Curves:
-    """Named channels (t,) as curves; the others are 0."""
+    """Curves from named channels (t,); the other blendshapes are 0."""
     curves = np.zeros((frames, len(ARKIT_NAMES)), np.float32)
     for name, values in channels.items():
         curves[:, index_of(name)] = values
@@ -87,7 +73,7 @@ def reorder(
     """Reorder columns; names without a source are 0.
 
     Raises:
-        MotionError: the numbers of names and columns differ, or a name comes twice.
+        MotionError: there is not exactly one name per column, or a name occurs twice.
     """
     if len(names) != curves.shape[1] or len(set(names)) != len(names):
         raise MotionError(f"{curves.shape[1]} columns but {len(set(names))} different names; give one name for each")
@@ -112,12 +98,12 @@ def to_live_link(curves: Curves, head: Float[np.ndarray, "t 3"] | None = None) -
 
 
 def to_vrm(curves: Curves) -> Float[np.ndarray, "t 12"]:
-    """The VRM expressions `VRM_NAMES`: five vowels for avatars without more, blinks, directions of gaze; 0 to 1.
+    """The VRM expressions `VRM_NAMES`, 0 to 1: five vowels, blinks and gaze directions.
 
-    An open mouth is shared out between aa, oh and ou by its roundness, and between aa, ee and ih by its width; the
-    sum of the vowels is at most 1, because blended vowel shapes would otherwise break the mesh.
+    An open mouth is divided among aa, oh and ou by its roundness, and among aa, ee and ih by its width. The vowels sum
+    to at most 1, because blended vowel shapes would otherwise break the mesh.
     """
-    opening, funnel, pucker, width, _ = _mouth(curves).T
+    opening, funnel, pucker, width = _mouth(curves).T
     round_ = np.clip(funnel + pucker, 0, 1)
     wide = np.clip(2 * width, 0, 1) * (1 - round_)
     vowels = np.stack(
@@ -145,22 +131,14 @@ def to_vrm(curves: Curves) -> Float[np.ndarray, "t 12"]:
     return np.asarray(np.clip(np.concatenate([vowels, eyes]).T, 0, 1), np.float32)
 
 
-def to_oculus(curves: Curves) -> Float[np.ndarray, "t 15"]:
-    """Weights of the Oculus visemes `OCULUS_NAMES`, at least 0, of sum 1, by similarity of the mouth shape."""
-    mouths = np.array(list(_OCULUS_MOUTHS.values()), np.float32)
-    distance = np.square(_mouth(curves)[:, None] - mouths).sum(-1)
-    weight = np.exp(-distance / 0.015 + distance.min(axis=1, keepdims=True) / 0.015)
-    return np.asarray(weight / weight.sum(axis=1, keepdims=True), np.float32)
-
-
 def mouth_opening(curves: Curves) -> Float[np.ndarray, " t"]:
     """The gap between the lips: `jawOpen` less `mouthClose`."""
     apart = curves[:, _INDEX["jawOpen"]] - curves[:, _INDEX["mouthClose"]]
     return np.asarray(np.clip(apart, 0, 1))
 
 
-def _mouth(curves: Curves) -> Float[np.ndarray, "t 5"]:
-    """Opening, funnel, pucker, width, and lips rolled or pressed."""
+def _mouth(curves: Curves) -> Float[np.ndarray, "t 4"]:
+    """Opening, funnel, pucker and width."""
 
     def mean(*names: str) -> Float[np.ndarray, " t"]:
         return np.asarray(np.mean([curves[:, _INDEX[name]] for name in names], axis=0))
@@ -169,6 +147,4 @@ def _mouth(curves: Curves) -> Float[np.ndarray, "t 5"]:
         return mean(f"{name}Left", f"{name}Right")
 
     width = np.maximum(np.maximum(pair("mouthStretch"), pair("mouthSmile")), pair("mouthDimple"))
-    lips = np.maximum(mean("mouthRollLower", "mouthRollUpper"), pair("mouthPress"))
-    parts = [mouth_opening(curves), mean("mouthFunnel"), mean("mouthPucker"), width, lips]
-    return np.stack(parts, axis=1)
+    return np.stack([mouth_opening(curves), mean("mouthFunnel"), mean("mouthPucker"), width], axis=1)

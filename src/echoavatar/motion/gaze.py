@@ -1,9 +1,8 @@
 """Eye contact: while the user speaks, head and eyes turn to the viewer. Not in the paper.
 
-The viewer stands on the avatar's +Z side and moves along with it, as the page's camera does. Neck and head take most
-of the turn, within the range of a neck, and keep a little of their own movement. The eyes take the rest, through the
-look curves of the face. The progress of the turn is stored by chunk number, so a session that goes back continues from
-the progress it had there.
+The viewer stands on the avatar's +Z side and moves along with it, as the page's camera does. Neck and head make most
+of the rotation, within the range of a neck, and keep a little of their own movement. The eyes make the rest, through
+the look curves of the face.
 """
 
 import math
@@ -13,22 +12,23 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from echoavatar.timing import CHUNK, FRAME_RATE_HZ, ChunkSize
+from echoavatar.timing import CHUNK, ChunkSize
 
-from .action_overlay import Overlay, laid_on
+from .action_overlay import Overlay, apply_overlay
 from .arkit import ARKIT_NAMES
+from .chunk_fade import ChunkFade
 from .kinematics import Skeleton
+from .kinematics.easing import smootherstep
 from .kinematics.rotations import matrix_from_axis_angle, matrix_from_quaternion, quaternion_from_matrix
 from .motion_chunk import MotionChunk
 
 RISE_S, FALL_S = 0.5, 0.8  # to eye contact, and out of it
-HEAD_SHARE, NECK_SHARE = 0.8, 0.35  # shares of the turn: head and neck together, and the neck alone
-FARTHEST = math.radians(55)  # the most that head and neck turn
-# A viewer further aside than the first angle is looked at less; one beyond the second, not at all.
+HEAD_SHARE, NECK_SHARE = 0.8, 0.35  # of the rotation: head and neck together; of that, the neck alone
+FARTHEST = math.radians(55)  # the largest rotation of head and neck together
+# Beyond the first angle the avatar looks at the viewer less; beyond the second, not at all.
 WELCOME, BEHIND = math.radians(80), math.radians(140)
-LOOK = math.radians(30)  # an eye's turn at a look curve of 1, for our character; 34 degrees in Live Link Face
+LOOK = math.radians(30)  # how far an eye of our character rotates at a look curve of 1; 34 degrees in Live Link Face
 GLANCES = 0.3  # the share of the eyes' own small movements that stays
-KEPT = 64  # chunks whose end is known
 
 _CHAIN = ("hips", "spine", "chest", "upperChest", "neck", "head")
 _EYES = [[ARKIT_NAMES.index(f"eyeLook{way}{side}") for side in ("Left", "Right")] for way in ("Up", "Down")]
@@ -40,8 +40,7 @@ class Gaze:
     """The eye contact of one session."""
 
     def __init__(self, chunk: ChunkSize = CHUNK) -> None:
-        self._frames = chunk.frames
-        self._ends: dict[int, float] = {}  # by chunk: progress of the turn at its end, 0 to 1
+        self._fade = ChunkFade(RISE_S, FALL_S, chunk=chunk)
 
     def apply(
         self,
@@ -52,21 +51,15 @@ class Gaze:
         overlay: Overlay | None = None,
         is_wanted: bool,
     ) -> MotionChunk:
-        """Add eye contact if it is wanted, and an action's clip on top. A nod then lowers the head, not the eyes."""
+        """Add eye contact if it is wanted, and an action's overlay on top. A nod then lowers the head, not the eyes."""
         shares = self.shares(chunk, is_wanted=is_wanted)
         motion = turn_head(motion, shares, skeleton)
-        motion = motion if overlay is None else laid_on(motion, overlay, skeleton)
+        motion = motion if overlay is None else apply_overlay(motion, overlay, skeleton)
         return turn_eyes(motion, shares, skeleton)
 
     def shares(self, chunk: int, *, is_wanted: bool) -> Float[np.ndarray, " t"]:
-        """Progress of the turn in each frame of a chunk, smoothed, 0 to 1."""
-        begin = self._ends.get(chunk - 1, 0.0)
-        pace = 1 / (RISE_S * FRAME_RATE_HZ) if is_wanted else -1 / (FALL_S * FRAME_RATE_HZ)
-        path = np.clip(begin + pace * np.arange(1, self._frames + 1), 0, 1)
-        self._ends[chunk] = float(path[-1])
-        for old in [known for known in self._ends if known < chunk - KEPT]:
-            del self._ends[old]
-        return np.asarray(path**3 * (10 - path * (15 - 6 * path)), np.float32)
+        """How far eye contact has come in each frame of a chunk, smoothed, 0 to 1."""
+        return smootherstep(self._fade.shares(chunk, is_wanted=is_wanted)).astype(np.float32)
 
 
 def turn_head(motion: MotionChunk, shares: Float[np.ndarray, " t"], skeleton: Skeleton) -> MotionChunk:
@@ -74,12 +67,12 @@ def turn_head(motion: MotionChunk, shares: Float[np.ndarray, " t"], skeleton: Sk
     if not shares.any() or not _has_neck(skeleton):
         return motion
     below, neck, head = _chain(motion, skeleton)
-    turn = _to_viewer(head)
-    far = turn.norm(dim=-1)
-    most = FARTHEST * ((BEHIND - far) / (BEHIND - WELCOME)).clamp(0, 1)
-    turn *= (torch.from_numpy(shares) * (most / far.clamp_min(1e-6)).clamp_max(HEAD_SHARE))[:, None]
-    turns = torch.stack([NECK_SHARE * turn, turn], 1)
-    new = matrix_from_axis_angle(turns) @ torch.stack([neck, head], 1)
+    rotation = _to_viewer(head)
+    angle = rotation.norm(dim=-1)
+    largest = FARTHEST * ((BEHIND - angle) / (BEHIND - WELCOME)).clamp(0, 1)
+    rotation *= (torch.from_numpy(shares) * (largest / angle.clamp_min(1e-6)).clamp_max(HEAD_SHARE))[:, None]
+    both = torch.stack([NECK_SHARE * rotation, rotation], 1)
+    new = matrix_from_axis_angle(both) @ torch.stack([neck, head], 1)
     parents = torch.stack([below, new[:, 0]], 1)
     rotations = motion.rotations.copy()
     rotations[:, skeleton.indices(["neck", "head"])] = quaternion_from_matrix(parents.mT @ new).numpy()
@@ -117,7 +110,7 @@ def _has_neck(skeleton: Skeleton) -> bool:
 def _chain(
     motion: MotionChunk, skeleton: Skeleton
 ) -> tuple[Float[Tensor, "t 3 3"], Float[Tensor, "t 3 3"], Float[Tensor, "t 3 3"]]:
-    """Rotations in the world: of what carries the neck, of the neck and of the head."""
+    """World rotations of the neck's parent, the neck and the head; only the spine is multiplied out."""
     joints = skeleton.indices([name for name in _CHAIN if name in skeleton.names])
     world = [torch.eye(3).expand(len(motion.rotations), 3, 3)]
     for local in matrix_from_quaternion(torch.tensor(motion.rotations[:, joints], dtype=torch.float32)).unbind(1):
@@ -126,7 +119,7 @@ def _chain(
 
 
 def _to_viewer(world: Float[Tensor, "t 3 3"]) -> Float[Tensor, "t 3"]:
-    """The shortest turn, in the world, of what faces along its own +Z to the world's +Z."""
+    """The rotation vector, in world axes, that takes each frame's own +Z to the world's +Z."""
     x, y, z = world[:, :, 2].unbind(-1)
     axis = torch.stack([y, -x, torch.zeros_like(x)], -1)  # (x, y, z) x (0, 0, 1)
     sine = torch.hypot(x, y)

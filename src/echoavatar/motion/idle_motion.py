@@ -1,21 +1,21 @@
-"""IdleMotion of the body that no sound drives: breath, shifts of weight, small turns of the head. Not in the paper.
+"""Idle motion, which no sound drives: breath, shifts of weight, small rotations of the head. Not in the paper.
 
-In silence the model's codes come to rest, and so would the body. Breath goes on always; weight and head move only while
-nothing else does, and fade where sound or an action takes over. When what happens follows from the session's seed and
-the frame alone, so a session that is taken back breathes on as it did.
+In silence the model's codes come to rest, and the body would freeze. Breath always goes on. Weight and head move only
+while nothing else moves the body; they fade out when sound or an action takes over. The times of all movements are
+functions of the session's seed and the frame number, so a session that goes back breathes as it did the first time.
 
-A shift of weight carries the hips sideways over both ankles, legs and all, as a parallelogram does: feet stay planted.
-Every chunk of every session comes through here, so the loop over its frames is compiled.
+A shift of weight moves the hips sideways over both ankles, as in a parallelogram: the feet stay planted. The loop over
+frames is compiled, because it runs on every chunk of every session.
 """
 
 import math
 
 import numpy as np
-from jaxtyping import Float
 
 from echoavatar.nn.kernels import kernel
 from echoavatar.timing import CHUNK, FRAME_RATE_HZ, ChunkSize
 
+from .chunk_fade import ChunkFade
 from .kinematics import Skeleton
 from .kinematics.quaternions import (
     conjugate,
@@ -32,38 +32,34 @@ from .motion_chunk import MotionChunk
 from .stages.modes import FREE, MotionOptions
 
 UPPER = ("spine", "chest", "upperChest", "neck", "head", "leftShoulder", "rightShoulder")
-BREATH = np.array(  # radians at full lungs, of the same joints: backwards, and shoulders up
+BREATH = np.array(  # radians at full lungs, about x and z, of the same joints
     [[-0.006, 0], [-0.016, 0], [-0.018, 0], [0.016, 0], [0.014, 0], [0, 0.022], [0, -0.022]]
 )
-TURNED = np.array([0, 0, 0, 0.4, 0.6, 0, 0])  # share of a turn of the head
+HEAD_SHARES = np.array([0, 0, 0, 0.4, 0.6, 0, 0])  # of the head's rotation, by joint
 LEGS = tuple(f"{side}{part}" for side in ("left", "right") for part in ("UpperLeg", "LowerLeg", "Foot"))
-BREATH_S, INHALE = 4.2, 0.4  # a breath, and the share of it that goes in
-SHIFT_EVERY_S, SHIFT_S, SHIFT_M = (
-    7.0,
-    2.2,
-    0.022,
-)  # one shift in each stretch, how long it takes, how far at most
-SWAY_M, SWAY_HZ = 0.003, (0.13, 0.29)  # that nobody who stands is without
-TURN_EVERY_S, TURN_S, AHEAD = 4.0, 0.9, 0.4  # the head is straight in that share of the stretches
-TURN_YAW, TURN_PITCH = math.radians(9), math.radians(3)
-RISE_S, FALL_S = 1.6, 0.5  # until it moves freely, and until it leaves the body to what takes over
-KEPT = 64  # chunks whose end is known
+BREATH_S, INHALE = 4.2, 0.4  # length of a breath, and the share of it that goes in
+SHIFT_EVERY_S, SHIFT_S = 7.0, 2.2  # there is one shift of weight in each interval, and it takes so long
+SHIFT_M = 0.022  # the farthest shift to either side
+SWAY_M, SWAY_HZ = 0.003, (0.13, 0.29)  # the small sway of a standing body
+LOOK_EVERY_S, LOOK_S, AHEAD = 4.0, 0.9, 0.4  # the head points ahead in that share of the intervals
+LOOK_YAW, LOOK_PITCH = math.radians(9), math.radians(3)
+RISE_S, FALL_S = 1.6, 0.5  # until weight and head move freely, and until they are still
 
-_WEIGHT, _YAW, _PITCH = 1, 2, 3  # what numbers are drawn for
+_WEIGHT, _YAW, _PITCH = 1, 2, 3  # purposes of random numbers
 _MIX = (np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB))
 _30, _27, _31, _11 = (np.uint64(bits) for bits in (30, 27, 31, 11))
 
 
 @kernel()
-def eased(share):  # type: ignore[no-untyped-def]
-    """0 to 1 without a step in speed or acceleration."""
+def smootherstep(share):  # type: ignore[no-untyped-def]
+    """As `kinematics.easing.smootherstep`, for one number."""
     return share * share * share * (10 - share * (15 - 6 * share))
 
 
 @kernel()
-def number(seed, what, stretch):  # type: ignore[no-untyped-def]
-    """In 0..1, by seed, purpose and place alone (the finish of SplitMix64)."""
-    x = seed * _MIX[0] + np.uint64(what) * _MIX[1] + np.uint64(stretch) * _MIX[2]
+def random_number(seed, purpose, interval):  # type: ignore[no-untyped-def]
+    """A number in 0..1, a hash of its arguments (the finaliser of SplitMix64)."""
+    x = seed * _MIX[0] + np.uint64(purpose) * _MIX[1] + np.uint64(interval) * _MIX[2]
     for _ in range(2):
         x = (x ^ (x >> _30)) * _MIX[1]
         x = (x ^ (x >> _27)) * _MIX[2]
@@ -72,38 +68,42 @@ def number(seed, what, stretch):  # type: ignore[no-untyped-def]
 
 
 @kernel()
-def place_of(seed, what, stretch, still):  # type: ignore[no-untyped-def]
-    """Where a stretch of time leads to."""
-    if stretch < 0 or number(seed, what + 16, stretch) < still:
+def random_target(seed, purpose, interval, zero_share):  # type: ignore[no-untyped-def]
+    """The value in -1..1 at which a random path ends an interval."""
+    if interval < 0 or random_number(seed, purpose + 16, interval) < zero_share:
         return 0.0
-    return 2 * number(seed, what, stretch) - 1
+    return 2 * random_number(seed, purpose, interval) - 1
 
 
 @kernel()
-def drawn(seed, what, frame, every_s, takes_s, still):  # type: ignore[no-untyped-def]
-    """From one place in -1..1 to another in each stretch of time, smoothly; `still` is the share that is 0."""
+def random_path(seed, purpose, frame, every_s, move_s, zero_share):  # type: ignore[no-untyped-def]
+    """A smooth random path in -1..1.
+
+    It moves once in each interval of `every_s` seconds, for `move_s` seconds; a share of its targets is 0.
+    """
     every = int(round(every_s * FRAME_RATE_HZ))
-    takes = takes_s * FRAME_RATE_HZ
-    stretch, since = frame // every, frame % every
-    old, new = place_of(seed, what, stretch - 1, still), place_of(seed, what, stretch, still)
-    begins = number(seed, what + 8, stretch) * (every - takes)
-    return old + (new - old) * eased(min(max((since - begins) / takes, 0.0), 1.0))
+    move = move_s * FRAME_RATE_HZ
+    interval, since = frame // every, frame % every
+    old = random_target(seed, purpose, interval - 1, zero_share)
+    new = random_target(seed, purpose, interval, zero_share)
+    start = random_number(seed, purpose + 8, interval) * (every - move)
+    return old + (new - old) * smootherstep(min(max((since - start) / move, 0.0), 1.0))
 
 
 @kernel()
 def breath(second, seed):  # type: ignore[no-untyped-def]
     """How full the lungs are, 0 to 1: quickly in, slowly out."""
-    place = (second / BREATH_S + (seed % np.uint64(11)) / 11.0) % 1.0
-    return eased(place / INHALE) if place < INHALE else 1 - eased((place - INHALE) / (1 - INHALE))
+    phase = (second / BREATH_S + (seed % np.uint64(11)) / 11.0) % 1.0
+    return smootherstep(phase / INHALE) if phase < INHALE else 1 - smootherstep((phase - INHALE) / (1 - INHALE))
 
 
 @kernel()
-def shift(rotations, root, offsets, legs, metres):  # type: ignore[no-untyped-def]
-    """The hips of one frame carried to the body's left over feet that stay."""
+def shift_weight(rotations, root, offsets, legs, metres):  # type: ignore[no-untyped-def]
+    """Move the hips of one frame to the body's left by `metres`; the feet stay."""
     hips = read_quaternion(rotations[legs[0]])
     ahead = rotate(hips, (0.0, 0.0, 1.0))
     level = max(math.sqrt(ahead[0] ** 2 + ahead[2] ** 2), 1e-6)
-    east = north = 0.0
+    x = z = 0.0
     for k in range(2):
         upper, lower, foot = legs[1 + 3 * k], legs[2 + 3 * k], legs[3 + 3 * k]
         thigh = multiply(hips, read_quaternion(rotations[upper]))
@@ -113,72 +113,63 @@ def shift(rotations, root, offsets, legs, metres):  # type: ignore[no-untyped-de
         angle = -metres / max(-leg[1], 0.1)
         roll = from_rotation_vector((ahead[0] / level * angle, 0.0, ahead[2] / level * angle))
         rolled = rotate(roll, leg)
-        east += (leg[0] - rolled[0]) / 2
-        north += (leg[2] - rolled[2]) / 2
+        x += (leg[0] - rolled[0]) / 2
+        z += (leg[2] - rolled[2]) / 2
         new_thigh, new_foot = multiply(roll, thigh), multiply(conjugate(multiply(roll, shin)), sole)
         write_quaternion(rotations[upper], normalized(multiply(conjugate(hips), new_thigh)))
         write_quaternion(rotations[foot], normalized(new_foot))
-    root[0] += east
-    root[2] += north
+    root[0] += x
+    root[2] += z
 
 
 @kernel()
-def enliven(rotations, root, offsets, upper, legs, shares, first, seed, may_shift):  # type: ignore[no-untyped-def]
-    """Breath, and as far as `shares` of each frame allow, turns of the head and shifts of weight."""
+def add_idle_motion(rotations, root, offsets, upper, legs, shares, first, seed, may_shift):  # type: ignore[no-untyped-def]
+    """Add breath, and head motion and shifts of weight times each frame's share; `first` numbers the first frame."""
     for t in range(rotations.shape[0]):
-        frame, share = first + t, eased(shares[t])
+        frame, share = first + t, smootherstep(shares[t])
         second = frame / FRAME_RATE_HZ
         full = breath(second, seed)
-        yaw = TURN_YAW * share * drawn(seed, _YAW, frame, TURN_EVERY_S, TURN_S, AHEAD)
-        pitch = TURN_PITCH * share * drawn(seed, _PITCH, frame, TURN_EVERY_S, TURN_S, AHEAD)
+        yaw = LOOK_YAW * share * random_path(seed, _YAW, frame, LOOK_EVERY_S, LOOK_S, AHEAD)
+        pitch = LOOK_PITCH * share * random_path(seed, _PITCH, frame, LOOK_EVERY_S, LOOK_S, AHEAD)
         for k in range(upper.shape[0]):
             if upper[k] >= 0:
-                x, z = BREATH[k, 0] * full + TURNED[k] * pitch, BREATH[k, 1] * full
-                by, own = from_rotation_vector((x, TURNED[k] * yaw, z)), rotations[t, upper[k]]
-                write_quaternion(own, normalized(multiply(read_quaternion(own), by)))
+                x, z = BREATH[k, 0] * full + HEAD_SHARES[k] * pitch, BREATH[k, 1] * full
+                added, own = from_rotation_vector((x, HEAD_SHARES[k] * yaw, z)), rotations[t, upper[k]]
+                write_quaternion(own, normalized(multiply(read_quaternion(own), added)))
         if may_shift and share > 0:
             sway = math.sin(2 * math.pi * SWAY_HZ[0] * second + seed % np.uint64(7))
             sway += math.sin(2 * math.pi * SWAY_HZ[1] * second)
-            weight = drawn(seed, _WEIGHT, frame, SHIFT_EVERY_S, SHIFT_S, 0.0)
-            shift(rotations[t], root[t], offsets, legs, share * (weight * SHIFT_M + sway / 2 * SWAY_M))
+            weight = random_path(seed, _WEIGHT, frame, SHIFT_EVERY_S, SHIFT_S, 0.0)
+            shift_weight(rotations[t], root[t], offsets, legs, share * (weight * SHIFT_M + sway / 2 * SWAY_M))
 
 
 class IdleMotion:
-    """One session's."""
+    """The idle motion of one session."""
 
     def __init__(self, seed: int, options: MotionOptions = FREE, chunk: ChunkSize = CHUNK) -> None:
         self._frames = chunk.frames
         self._seed = np.uint64(seed % 2**64)
         self._may_shift = not (options.in_place or options.upper_body)
-        self._ends: dict[int, float] = {}  # by chunk: how free it was at its end, 0 to 1
+        self._fade = ChunkFade(RISE_S, FALL_S, start=1.0, chunk=chunk)
 
-    def alive(self, chunk: int, motion: MotionChunk, skeleton: Skeleton, *, is_idle: bool) -> MotionChunk:
-        """A chunk with life on top; `is_idle` where nothing else moves the body."""
+    def apply(self, chunk: int, motion: MotionChunk, skeleton: Skeleton, *, is_idle: bool) -> MotionChunk:
+        """The chunk plus idle motion; `is_idle` says that nothing else moves the body."""
         rotations, root = motion.rotations.astype(np.float32), motion.root.astype(np.float64)
-        upper = np.array([_place(skeleton, name) for name in UPPER])
-        legs = np.array([_place(skeleton, name) for name in ("hips", *LEGS)])
+        upper = np.array([_joint(skeleton, name) for name in UPPER])
+        legs = np.array([_joint(skeleton, name) for name in ("hips", *LEGS)])
         may_shift = self._may_shift and legs.min() >= 0
         offsets = skeleton.offsets.numpy()
-        shares = self._shares(chunk, is_idle=is_idle)
-        enliven(rotations, root, offsets, upper, legs, shares, chunk * self._frames, self._seed, may_shift)
+        shares, first = self._fade.shares(chunk, is_wanted=is_idle), chunk * self._frames
+        add_idle_motion(rotations, root, offsets, upper, legs, shares, first, self._seed, may_shift)
         return motion._replace(rotations=rotations, root=root.astype(motion.root.dtype))
-
-    def _shares(self, chunk: int, *, is_idle: bool) -> Float[np.ndarray, " t"]:
-        begin = self._ends.get(chunk - 1, 1.0 if chunk == 0 else 0.0)
-        pace = 1 / (RISE_S * FRAME_RATE_HZ) if is_idle else -1 / (FALL_S * FRAME_RATE_HZ)
-        path = np.clip(begin + pace * np.arange(1, self._frames + 1), 0, 1)
-        self._ends[chunk] = float(path[-1])
-        for old in [known for known in self._ends if known < chunk - KEPT]:
-            del self._ends[old]
-        return np.asarray(path)
 
 
 def warm_up(skeleton: Skeleton) -> None:
-    """Compile the loop, once on a machine."""
+    """Compile the loop; a machine does so once."""
     still = np.zeros((CHUNK.frames, skeleton.joints, 4), np.float32)
     still[..., 0] = 1
-    IdleMotion(0).alive(0, MotionChunk(still, np.zeros((CHUNK.frames, 3), np.float32)), skeleton, is_idle=True)
+    IdleMotion(0).apply(0, MotionChunk(still, np.zeros((CHUNK.frames, 3), np.float32)), skeleton, is_idle=True)
 
 
-def _place(skeleton: Skeleton, name: str) -> int:
+def _joint(skeleton: Skeleton, name: str) -> int:
     return skeleton.index(name) if name in skeleton.names else -1

@@ -1,9 +1,9 @@
-"""From the pose on screen into new motion without a pop: the difference is kept as an offset and dies away.
+"""Join new motion to the pose on screen without a pop (inertialisation).
 
-When a stream is cut (`clear()`, a mode switched, a clip started) the new motion is shown at once, with on top of it
-what the old pose and speed differ from it. The offset begins with that difference and that speed and has ended, speed
-and acceleration with it, after 150 to 250 ms (Bollo's inertialisation, with a quintic in vector form). No cross-fade,
-so no two motions run at once, and nothing of the new motion is late. Not in the paper.
+When a stream is cut (`clear()`, a mode switched, a clip started), the new motion is shown at once, plus an offset: the
+difference between the old pose and the new one, and between their speeds. A quintic takes the offset to zero, with its
+speed and acceleration, in 150 to 250 ms (Bollo's inertialisation in vector form). Unlike a cross-fade, this needs only
+one motion at a time, and the new motion is not delayed. Not in the paper.
 
     blend = InertialBlend()
     blend.begin(shown)             # the last frames on screen, two or more (MotionChunk or any slice of one)
@@ -21,6 +21,7 @@ from torch.nn.functional import normalize
 from echoavatar.errors import MotionError
 from echoavatar.timing import FRAME_RATE_HZ
 
+from .kinematics.easing import smootherstep
 from .kinematics.rotations import (
     axis_angle_from_quaternion,
     quaternion_conjugate,
@@ -32,30 +33,25 @@ from .motion_chunk import MotionChunk
 
 Array = np.ndarray
 SHORTEST_S, LONGEST_S = 0.150, 0.250
-FASTEST = math.radians(800)  # per second: a joint whose offset would turn faster takes longer than LONGEST_S
-GREATEST_START = math.radians(600)  # per second: of the difference of the two speeds, what is kept
+FASTEST = math.radians(800)  # per second: a joint whose offset would rotate faster takes longer than LONGEST_S
+GREATEST_START = math.radians(600)  # per second: the speed difference with which an offset may start
 ROOT_FASTEST = 2.0  # metres per second
 FACE_SECONDS = 0.120
-_STEEPEST = 1.875  # greatest slope of the decay, per duration
+_STEEPEST = 1.875  # greatest slope of the decay, with time in units of its duration
 
 
 class InertialBlend:
-    """One session's offset: nothing until `begin`, nothing again when it has died away."""
+    """One session's offset. Chunks pass unchanged before `begin` and after the offset has ended."""
 
     def __init__(self, fps: float = FRAME_RATE_HZ) -> None:
         self._fps = fps
         self._shown: MotionChunk | None = None
         self._offset: _Offset | None = None
 
-    @property
-    def is_running(self) -> bool:
-        """Whether the next chunk will be changed."""
-        return self._shown is not None or self._offset is not None
-
     def begin(self, shown: MotionChunk) -> None:
-        """A cut comes: `shown` ends with the frame on screen; its last two frames say pose and speed.
+        """Announce a cut. `shown` ends with the frame on screen; its last two frames give pose and speed.
 
-        May be called again before an offset has died away: pass what was shown, offset included.
+        May be called again before an offset has ended: pass what was shown, offset included.
 
         Raises:
             MotionError: fewer than two frames.
@@ -66,7 +62,7 @@ class InertialBlend:
         self._shown, self._offset = MotionChunk(shown.rotations[-2:], shown.root[-2:], face), None
 
     def step(self, chunk: MotionChunk) -> MotionChunk:
-        """The next frames, offset on top: the first one is shown one frame after the last one before `begin`.
+        """The next frames plus the offset. The first frame after `begin` follows the last one shown by one frame.
 
         Raises:
             MotionError: the first chunk after `begin` has fewer than two frames.
@@ -77,23 +73,23 @@ class InertialBlend:
             self._offset, self._shown = _Offset(self._shown, chunk, self._fps), None
         if self._offset is None:
             return chunk
-        blended = self._offset.on(chunk)
+        blended = self._offset.apply(chunk)
         if self._offset.is_over:
             self._offset = None
         return blended
 
 
 class _Offset:
-    """What the old motion differed from the new one one frame before the new one's first."""
+    """The difference between old and new motion one frame before the first new frame."""
 
     def __init__(self, old: MotionChunk, new: MotionChunk, fps: float) -> None:
         self._fps, self._frame = fps, 0
         (before, last), (first, second) = _doubles(old.rotations), _doubles(new.rotations[:2])
-        turning, to_turn = _turn(before, last), _turn(first, second)
-        back = quaternion_multiply(quaternion_from_axis_angle(-to_turn), first)  # one frame before the new motion
-        self._turn = _turn(back, last).numpy()
-        self._spin = _at_most((turning - to_turn).numpy() * fps, GREATEST_START)
-        size = np.linalg.norm(self._turn, axis=-1)
+        old_step, new_step = _rotation_between(before, last), _rotation_between(first, second)
+        back = quaternion_multiply(quaternion_from_axis_angle(-new_step), first)  # one frame before the new motion
+        self._rotation = _rotation_between(back, last).numpy()
+        self._spin = _at_most((old_step - new_step).numpy() * fps, GREATEST_START)
+        size = np.linalg.norm(self._rotation, axis=-1)
         self._seconds = np.maximum(
             np.clip(size / math.pi * 2 * LONGEST_S, SHORTEST_S, LONGEST_S), _STEEPEST * size / FASTEST
         )
@@ -111,42 +107,43 @@ class _Offset:
     def is_over(self) -> bool:
         return self._frame / self._fps >= self._longest
 
-    def on(self, chunk: MotionChunk) -> MotionChunk:
-        """The chunk with the offset of its frames."""
+    def apply(self, chunk: MotionChunk) -> MotionChunk:
+        """The chunk plus the offset of its frames."""
         frames = len(chunk.root)
         time = (np.arange(self._frame, self._frame + frames) + 1) / self._fps
         self._frame += frames
         value, slope = _decay(time[:, None] / self._seconds)
-        turn = self._turn * value[..., None] + self._spin * (slope * self._seconds)[..., None]
-        turned = quaternion_multiply(quaternion_from_axis_angle(torch.from_numpy(turn)), _doubles(chunk.rotations))
+        offset = self._rotation * value[..., None] + self._spin * (slope * self._seconds)[..., None]
+        offset = quaternion_from_axis_angle(torch.from_numpy(offset))
+        blended = quaternion_multiply(offset, _doubles(chunk.rotations))
         value, slope = _decay(time[:, None] / self._root_seconds)
         root = chunk.root + self._shift * value + self._drift * slope * self._root_seconds
         face = chunk.face
         if face is not None and self._face is not None:
             share = _decay(time[:, None] / FACE_SECONDS)[0]
             face = np.clip(face + self._face * share, 0, 1).astype(np.float32)
-        rotations = standardize(normalize(turned, dim=-1)).float().numpy()
+        rotations = standardize(normalize(blended, dim=-1)).float().numpy()
         return MotionChunk(rotations, root.astype(np.float32), face)
 
 
 def _decay(share: Float[Array, "*n"]) -> tuple[Float[Array, "*n"], Float[Array, "*n"]]:
-    """Offsets over time (0 to 1, then over) of a unit difference and of a unit speed, quintics that end at rest."""
+    """Decay of a unit difference and of a unit speed; both are quintics that end at rest where `share` is 1."""
     s = np.minimum(share, 1)
-    return 1 - s**3 * (10 - s * (15 - 6 * s)), s * (1 - s) ** 3 * (1 + 3 * s)
+    return 1 - smootherstep(s), s * (1 - s) ** 3 * (1 + 3 * s)
 
 
 def _doubles(rotations: Float[Array, "t j 4"]) -> Float[Tensor, "t j 4"]:
     return torch.tensor(rotations, dtype=torch.float64)
 
 
-def _turn(a: Float[Tensor, "j 4"], b: Float[Tensor, "j 4"]) -> Float[Tensor, "j 3"]:
+def _rotation_between(a: Float[Tensor, "j 4"], b: Float[Tensor, "j 4"]) -> Float[Tensor, "j 3"]:
     """Rotation vector, in the parent's axes, that takes a to b."""
-    unit = quaternion_conjugate(normalize(a, dim=-1))
-    return axis_angle_from_quaternion(quaternion_multiply(normalize(b, dim=-1), unit))
+    inverse = quaternion_conjugate(normalize(a, dim=-1))
+    return axis_angle_from_quaternion(quaternion_multiply(normalize(b, dim=-1), inverse))
 
 
 def _at_most(vector: Float[Array, "... 3"], size: float) -> Float[Array, "... 3"]:
-    """The same direction, at most this long."""
+    """The vectors, shortened to `size` where they are longer."""
     length = np.linalg.norm(vector, axis=-1, keepdims=True)
-    shorter: Array = vector * np.minimum(1, size / np.maximum(length, 1e-9))
-    return shorter
+    shortened: Array = vector * np.minimum(1, size / np.maximum(length, 1e-9))
+    return shortened

@@ -1,10 +1,9 @@
 """Motion at the display's rate: a stream of 30 fps chunks becomes one of 60 fps, or of any other rate.
 
-Between two frames runs a cubic through both, with the slopes that their neighbours give (Catmull-Rom): rotations as
-quaternions of one hemisphere, normalised; root and face as they are. So angular velocity has no step, at frames or at
-chunk borders, and every source frame is met exactly where the two rates share an instant. The slope at a frame needs
-the next one, so a frame is passed on when the one after it is known: one source frame of delay (33 ms at 30 fps), no
-more. `finish` passes on the rest. Not in the paper.
+Frames are interpolated by Catmull-Rom cubics: rotations as normalised quaternions of one hemisphere, root and face as
+they are. Angular velocity therefore has no step, neither at frames nor at chunk borders. Where both rates share an
+instant, the source frame is copied exactly. The slope at a frame needs the frame after it, so the stream is one source
+frame late (33 ms at 30 fps). `finish` returns what is left. Not in the paper.
 
     screen = StreamInterpolator(60)
     for chunk in session:
@@ -12,38 +11,33 @@ more. `finish` passes on the rest. Not in the paper.
     show(screen.finish())
 """
 
-from fractions import Fraction
-
 import numpy as np
-from jaxtyping import Float
 
 from echoavatar.errors import MotionError
 from echoavatar.timing import FRAME_RATE_HZ
 
-from .kinematics.resample import align_signs
+from .kinematics.resample import align_signs, catmull_rom, frame_ratio
 from .motion_chunk import MotionChunk, join
-
-Array = np.ndarray
 
 
 class StreamInterpolator:
     """One session's frames at another rate."""
 
     def __init__(self, fps: float, source_fps: float = FRAME_RATE_HZ) -> None:
-        """Raises MotionError for a rate that cannot be."""
+        """Raises MotionError for a rate outside 0 to 1000."""
         if not (0 < fps <= 1000 and 0 < source_fps <= 1000):
             raise MotionError(f"cannot go from {source_fps} to {fps} frames per second; choose 1 to 1000")
         self._step = frame_ratio(source_fps, fps)  # source frames per new frame
         self.reset()
 
     def reset(self) -> None:
-        """Forget the stream; the next frame pushed is a first one."""
+        """Forget the stream; the next frame pushed begins a new one."""
         self._past: MotionChunk | None = None  # the frames still needed, up to three; the last is the newest
         self._first = 0  # index of the first of them in the stream
         self._made = 0
 
     def push(self, chunk: MotionChunk) -> MotionChunk:
-        """New frames as far as they are certain: up to the last source frame but one."""
+        """The new frames that are settled: those up to the last source frame but one."""
         known = chunk if self._past is None else join([self._past, chunk])
         end = self._first + len(known.root) - 1
         made = self._between(known, end)
@@ -56,53 +50,31 @@ class StreamInterpolator:
         if self._past is None:
             raise MotionError("nothing was pushed, so there is nothing to finish; push a chunk first")
         last = _cut(self._past, slice(-2, None))
-        turns, places, face = _aligned(last)
-        on = None if face is None else 2 * face[-1:] - face[:1]
-        ahead = MotionChunk(2 * turns[-1:] - turns[:1], 2 * places[-1:] - places[:1], on)
+        rotations, root, face = _aligned(last)
+        next_face = None if face is None else 2 * face[-1:] - face[:1]
+        ahead = MotionChunk(2 * rotations[-1:] - rotations[:1], 2 * root[-1:] - root[:1], next_face)
         known = join([self._past, ahead])
         made = self._between(known, self._first + len(known.root) - 1)
         self.reset()
         return made
 
     def _between(self, known: MotionChunk, end: int) -> MotionChunk:
-        """New frames from the next one on, before and at source frame `end` - 1; frames beyond stay unmade."""
+        """The new frames that are due, up to source frame `end` - 1 (included)."""
         count = max(0, int((end - 1) / self._step) + 1 - self._made) if end else 0
         at = (np.arange(self._made, self._made + count) * self._step.numerator) / self._step.denominator
         exact = np.arange(self._made, self._made + count) * self._step.numerator
         self._made += count
         index = np.minimum(exact // self._step.denominator, max(end - 1, 0))
         share = at - index
-        turns, places, curves = _aligned(known)
-        rotations, root = (_cubic(v, index - self._first, share) for v in (turns, places))
-        face = None if curves is None else np.clip(_cubic(curves, index - self._first, share), 0, 1)
+        aligned, place = _aligned(known), index - self._first
+        rotations, root = (catmull_rom(values, place, share) for values in (aligned.rotations, aligned.root))
         rotations /= np.linalg.norm(rotations, axis=-1, keepdims=True)
-        is_source, source = share == 0, known.rotations[np.minimum(index - self._first, len(known.root) - 1)]
+        is_source, source = share == 0, known.rotations[np.minimum(place, len(known.root) - 1)]
         signed = np.where(rotations[..., :1] < 0, -rotations, rotations).astype(np.float32)
         rotations = np.where(is_source[:, None, None], source, signed)
-        return MotionChunk(rotations, root.astype(np.float32), None if face is None else face.astype(np.float32))
-
-
-def frame_ratio(source_fps: float, fps: float) -> Fraction:
-    """Source frames per new frame, exactly; 23.976, 29.97 and 59.94 are the film rates over 1001."""
-    return _fraction(source_fps) / _fraction(fps)
-
-
-def _fraction(fps: float) -> Fraction:
-    film = Fraction(round(fps * 1001), 1001)
-    is_film = film.numerator % 1000 == 0 and abs(float(film) - fps) < 5e-3 and fps != round(fps)
-    return film if is_film else Fraction(fps).limit_denominator(1001)
-
-
-def _cubic(
-    values: Float[Array, "t ..."], index: Float[Array, " n"], share: Float[Array, " n"]
-) -> Float[Array, "n ..."]:
-    """Catmull-Rom between frames `index` and `index` + 1; before the first frame it goes straight."""
-    before = values[:1] * 2 - values[1:2] if len(values) > 1 else values
-    wide = np.concatenate([before, values, values[-1:], values[-1:]]).astype(np.float64)
-    a, b, c, d = (wide[index + k] for k in range(4))
-    u = share.reshape(-1, *([1] * (values.ndim - 1)))
-    curve: Array = b + u / 2 * (c - a + u * (2 * a - 5 * b + 4 * c - d + u * (3 * (b - c) + d - a)))
-    return curve
+        curves = aligned.face
+        face = None if curves is None else np.clip(catmull_rom(curves, place, share), 0, 1).astype(np.float32)
+        return MotionChunk(rotations, root.astype(np.float32), face)
 
 
 def _aligned(chunk: MotionChunk) -> MotionChunk:

@@ -1,4 +1,4 @@
-"""What leaves the pipeline for one session: a chunk of motion and face; and for many, before they are parted."""
+"""A chunk of motion and face for one session, and a batch of chunks for many."""
 
 from collections.abc import Sequence
 from itertools import repeat
@@ -13,30 +13,30 @@ class MotionChunk(NamedTuple):
 
     rotations: Float[np.ndarray, "t j 4"]  # quaternions wxyz
     root: Float[np.ndarray, "t 3"]  # metres
-    face: Float[np.ndarray, "t 52"] | None = None  # ARKit curves 0..1 (`face.ARKIT_NAMES`); None without a model
+    face: Float[np.ndarray, "t 52"] | None = None  # ARKit curves 0..1 (`arkit.ARKIT_NAMES`); None without a face model
 
 
 def join(chunks: Sequence[MotionChunk]) -> MotionChunk:
-    """Consecutive chunks in one piece; without a face unless all have one."""
+    """Consecutive chunks as one; without a face unless all have one."""
     rotations, root = (np.concatenate([chunk[part] for chunk in chunks]) for part in (0, 1))
     faces = [chunk.face for chunk in chunks if chunk.face is not None]
     return MotionChunk(rotations, root, np.concatenate(faces) if len(faces) == len(chunks) else None)
 
 
 class MotionBatch(NamedTuple):
-    """The same frames of many sessions, without faces; the stages of a pipeline hand it on."""
+    """The same frames of many sessions, without faces, as it passes from stage to stage."""
 
     rotations: Float[np.ndarray, "b t j 4"]
     root: Float[np.ndarray, "b t 3"]
 
-    def parted(self, faces: Float[np.ndarray, "b t 52"] | None) -> list[MotionChunk]:
-        """Session by session: views."""
+    def split(self, faces: Float[np.ndarray, "b t 52"] | None) -> list[MotionChunk]:
+        """The chunk of each session; its arrays are views."""
         each = zip(self.rotations, self.root, repeat(None) if faces is None else faces, strict=False)
         return [MotionChunk(*one) for one in each]
 
 
-def in_a_row(batches: Sequence[MotionBatch]) -> MotionBatch:
-    """Consecutive frames of the same sessions in one piece."""
+def join_batches(batches: Sequence[MotionBatch]) -> MotionBatch:
+    """Consecutive batches of the same sessions as one."""
     if len(batches) == 1:
         return batches[0]
     return MotionBatch(*(np.concatenate([batch[part] for batch in batches], 1) for part in (0, 1)))

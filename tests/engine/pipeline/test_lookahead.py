@@ -40,7 +40,7 @@ def heard(bundle: Bundle, sound: np.ndarray) -> list[torch.Tensor]:
     state = pipeline.init_state(1)
     pipeline.reset(state, torch.ones(1, dtype=torch.bool), seed=SEED)
     for _ in range(-(-len(sound) // 6400)):
-        told.append(pipeline.hear(torch.zeros(1, 6400), state, torch.ones(1, dtype=torch.bool)))
+        told.append(pipeline.encode_audio(torch.zeros(1, 6400), state, torch.ones(1, dtype=torch.bool)))
     return told
 
 

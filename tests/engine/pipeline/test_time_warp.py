@@ -5,8 +5,8 @@ import pytest
 import torch
 from tests.laws import streaming
 
-from echoavatar.engine.pipeline.time_warp import LARGEST_LAG, LARGEST_TURN, TimeWarp
-from echoavatar.motion.motion_chunk import MotionBatch, MotionChunk, in_a_row
+from echoavatar.engine.pipeline.time_warp import LARGEST_LAG, LARGEST_ROTATION, TimeWarp
+from echoavatar.motion.motion_chunk import MotionBatch, MotionChunk, join_batches
 
 JOINTS = 3
 
@@ -29,7 +29,7 @@ def played(motion: MotionChunk, brake: np.ndarray) -> MotionChunk:
         made = MotionBatch(motion.rotations[None, at : at + 8], motion.root[None, at : at + 8])
         asked = torch.from_numpy(brake[None, at : at + 8].astype(np.float32))
         shown.append(time_warp.step(made, asked, state, everyone))
-    [played_motion] = in_a_row(shown).parted(None)
+    [played_motion] = join_batches(shown).split(None)
     return played_motion
 
 
@@ -75,8 +75,8 @@ def test_catching_up_turns_no_joint_faster_than_the_bound() -> None:
     shown = frames_shown(played(turning(96, 36.0), np.exp(-0.5 * ((at - 30) / 2.0) ** 2)), 36.0)
     pace = np.diff(shown)
     assert pace.min() < 0.5
-    assert np.deg2rad(36.0) * pace.max() <= LARGEST_TURN * 1.001
-    assert np.deg2rad(36.0) * pace.max() > 0.99 * LARGEST_TURN
+    assert np.deg2rad(36.0) * pace.max() <= LARGEST_ROTATION * 1.001
+    assert np.deg2rad(36.0) * pace.max() > 0.99 * LARGEST_ROTATION
 
 
 class Numbers:

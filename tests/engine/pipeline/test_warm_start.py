@@ -12,7 +12,7 @@ from tests.models.face.tiny import make
 
 from echoavatar.engine.pipeline import Pipeline, PipelineState, load_bundle
 from echoavatar.engine.pipeline.runtime import Runtime
-from echoavatar.engine.pipeline.warm_start import WarmStart, begin
+from echoavatar.engine.pipeline.warm_start import WarmStart, copy_row
 from echoavatar.models.warp import WarpConfig, WarpModel
 from echoavatar.motion.motion_chunk import MotionChunk
 from echoavatar.motion.stages.modes import FREE, MotionOptions
@@ -134,7 +134,7 @@ def test_one_that_forgets_goes_on_from_there_and_stays_where_it_is(pipeline: Pip
     state, fresh = opened(pipeline, 4), opened(pipeline, 4)
     heard(pipeline, state, voice)
     body = [tensor.clone() for tensor in state.post.tensors()]
-    pipeline.forget(state, EVERYONE)
+    pipeline.restart_generator(state, EVERYONE)
     for own, new in zip(state.generator.tensors(), fresh.generator.tensors(), strict=True):
         assert torch.equal(own, new)
     assert all(torch.equal(a, b) for a, b in zip(body, state.post.tensors(), strict=True))
@@ -157,7 +157,7 @@ def test_threads_that_come_at_once_make_it_once() -> None:
 
     def open_row(row: int) -> None:
         together.wait()
-        begin(state, torch.arange(4) == row, beginning.state())
+        copy_row(state, torch.arange(4) == row, beginning.state())
 
     threads = [threading.Thread(target=open_row, args=(row,)) for row in range(4)]
     for thread in threads:

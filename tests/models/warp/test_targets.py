@@ -39,7 +39,7 @@ def test_the_same_seed_and_step_give_the_same_windows() -> None:
 
 
 def test_clips_without_events_or_too_short_are_refused() -> None:
-    with pytest.raises(MotionError, match="no clip of 128 frames and more knows its stresses or beats"):
+    with pytest.raises(MotionError, match="no clip of at least 128 frames has stresses or beats"):
         WarpSampler([clicks(frames=120)], frames=128, seed=0, gain_db=0.0)
     with pytest.raises(MotionError, match="data rehearse"):
         WarpSampler([clicks(kind="downbeats")], frames=128, seed=0, gain_db=0.0)

@@ -18,7 +18,7 @@ def test_it_is_saved_and_read_back(tmp_path: Path) -> None:
 def test_a_file_that_is_none_is_named(tmp_path: Path, text: str) -> None:
     path = tmp_path / "body.json"
     path.write_text(text)
-    with pytest.raises(MotionError, match=r"body\.json is no body profile.*measure"):
+    with pytest.raises(MotionError, match=r"body\.json is not a body profile.*measure"):
         BodyProfile.load(path)
     with pytest.raises(MotionError, match="absent.json cannot be read"):
         BodyProfile.load(tmp_path / "absent.json")

@@ -4,25 +4,8 @@ import torch
 from tests.motion.kinematics.samples import swaying
 
 from echoavatar.motion.kinematics import HUMANOID, Skeleton, forward_kinematics
-from echoavatar.motion.kinematics.alignment import align, least_rotation, project_rotation
+from echoavatar.motion.kinematics.alignment import align, project_rotation
 from echoavatar.motion.kinematics.rotations import matrix_from_euler, matrix_from_quaternion
-
-
-def test_least_turn_lays_one_direction_on_the_other():
-    generator = torch.Generator().manual_seed(0)
-    a, b = torch.randn(2, 100, 3, generator=generator).double()
-    turned = (least_rotation(a, b) @ a[..., None]).squeeze(-1)
-    torch.testing.assert_close(torch.nn.functional.normalize(turned, dim=-1), torch.nn.functional.normalize(b, dim=-1))
-
-
-def test_least_turn_of_opposites_is_a_half_turn():
-    for axis in torch.eye(3).double():
-        turn = least_rotation(axis, -axis)
-        torch.testing.assert_close(turn @ axis, -axis, atol=1e-9, rtol=0)
-        torch.testing.assert_close(turn.det(), torch.tensor(1.0).double())
-    torch.testing.assert_close(
-        least_rotation(torch.eye(3).double(), torch.eye(3).double()), torch.eye(3).double().expand(3, 3, 3)
-    )
 
 
 def test_the_nearest_rotation_of_a_rotation_is_itself():

@@ -11,10 +11,8 @@ from hypothesis import strategies as st
 from echoavatar.motion.kinematics import (
     HUMANOID,
     Skeleton,
-    feature_size,
     forward_kinematics,
     from_features,
-    join_parts,
     measure_features,
     part_sizes,
     read_bvh,
@@ -35,7 +33,7 @@ def random_clip(*shape: int, seed: int = 0) -> tuple[torch.Tensor, torch.Tensor]
 
 def test_sizes_are_the_agreed_ones():
     assert part_sizes(HUMANOID) == {"lower": 57, "upper": 78, "hands": 180}
-    assert feature_size(HUMANOID) == 315
+    assert len(to_features(HUMANOID, torch.eye(3).expand(1, 52, 3, 3), torch.zeros(1, 3))[0]) == 315
 
 
 def test_layout_is_six_numbers_per_joint_and_travel_after_the_lower_body():
@@ -77,13 +75,13 @@ def test_parts_join_to_the_whole():
     features = torch.randn(4, 315)
     parts = split_parts(HUMANOID, features)
     assert list(parts) == ["lower", "upper", "hands"]
-    assert torch.equal(join_parts(HUMANOID, parts), features)
+    assert torch.equal(torch.cat(list(parts.values()), -1), features)
 
 
 def test_a_rig_without_parts_is_refused():
     bare = Skeleton(HUMANOID.config.model_copy(update={"parts": {}}))
     with pytest.raises(ValueError, match="no body parts"):
-        feature_size(bare)
+        part_sizes(bare)
 
 
 def test_statistics_over_pieces_are_those_of_the_whole():

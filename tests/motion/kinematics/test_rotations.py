@@ -104,6 +104,26 @@ def test_angle_between_is_right_for_tiny_turns():
     assert float(r.angle_between(torch.eye(3).double(), turn)) == pytest.approx(5e-7, rel=1e-6)
 
 
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_the_least_rotation_lays_one_direction_on_the_other(dtype):
+    a, b = torch.randn(2, 100, 3, generator=torch.Generator().manual_seed(0)).to(dtype)
+    there = (r.least_rotation(a, b) @ a[..., None]).squeeze(-1)
+    torch.testing.assert_close(*(torch.nn.functional.normalize(x, dim=-1) for x in (there, b)))
+    nearly = torch.tensor([[-1.0, 1e-4, 0.0]], dtype=dtype)
+    x = torch.tensor([[1.0, 0.0, 0.0]], dtype=dtype)
+    rotation = r.least_rotation(x, nearly)
+    torch.testing.assert_close(rotation @ rotation.mT, torch.eye(3, dtype=dtype)[None], atol=1e-4, rtol=0)
+    torch.testing.assert_close((rotation @ x[..., None])[..., 0], nearly, atol=1e-3, rtol=0)
+
+
+def test_opposite_directions_take_half_a_turn_and_equal_ones_none():
+    one = torch.eye(3).double()
+    half = r.least_rotation(one, -one)
+    torch.testing.assert_close((half @ one[..., None]).squeeze(-1), -one, atol=1e-9, rtol=0)
+    torch.testing.assert_close(half.det(), torch.ones(3).double())
+    torch.testing.assert_close(r.least_rotation(one, 2 * one), one.expand(3, 3, 3))
+
+
 def test_gradients_are_finite_at_rest():
     six = torch.tensor([1.0, 0, 0, 0, 1, 0], requires_grad=True)
     r.matrix_from_6d(six).sum().backward()
@@ -111,3 +131,5 @@ def test_gradients_are_finite_at_rest():
     r.matrix_from_axis_angle(axis_angle).sum().backward()
     assert torch.isfinite(six.grad).all()
     assert torch.isfinite(axis_angle.grad).all()
+    start = torch.eye(3).double().requires_grad_()
+    assert torch.autograd.gradcheck(lambda end: r.least_rotation(torch.eye(3).double(), end), start)

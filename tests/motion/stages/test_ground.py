@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 import torch
-from tests.engine.pipeline.poses import everyone, in_pieces, pose_of, root_of
+from tests.motion.stages.poses import everyone, in_pieces, pose_of, root_of
 
 from echoavatar.motion.ik.chains import Chains
 from echoavatar.motion.kinematics import HUMANOID, forward_kinematics

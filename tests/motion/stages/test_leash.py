@@ -3,7 +3,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from tests.engine.pipeline.poses import everyone
+from tests.motion.stages.poses import everyone
 
 from echoavatar.motion.stages.leash import (
     EDGE,

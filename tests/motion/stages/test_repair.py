@@ -3,7 +3,7 @@ import torch
 
 from echoavatar.motion.kinematics import HUMANOID, to_features
 from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle, matrix_from_quaternion
-from echoavatar.motion.motion_chunk import in_a_row
+from echoavatar.motion.motion_chunk import join_batches
 from echoavatar.motion.stages.post import Post
 
 CHEST = HUMANOID.index("chest")
@@ -19,7 +19,7 @@ def nodding(frames: int = 16) -> torch.Tensor:
 def shown(features: torch.Tensor) -> tuple[Post, torch.Tensor, torch.Tensor]:
     post = Post(HUMANOID, stages=("ground", "feet", "hands"))
     state, on = post.init_state(1), torch.ones(1, dtype=torch.bool)
-    motion = in_a_row([post.step(part, state, on) for part in features.split(8, 1)])
+    motion = join_batches([post.step(part, state, on) for part in features.split(8, 1)])
     turns = matrix_from_quaternion(torch.from_numpy(motion.rotations[0]))
     return post, turns, torch.from_numpy(motion.root[0])
 

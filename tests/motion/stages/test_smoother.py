@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 import torch
-from tests.engine.pipeline.poses import everyone, from_quaternions, in_pieces, quaternions_of, root_of
+from tests.motion.stages.poses import everyone, from_quaternions, in_pieces, quaternions_of, root_of
 
 from echoavatar.motion.kinematics.rotations import axis_angle_from_quaternion, quaternion_from_axis_angle
 from echoavatar.motion.stages.smoother import (

@@ -10,7 +10,7 @@ import numpy as np
 
 from echoavatar.engine import Engine
 from echoavatar.engine.pipeline import Action, ActionLibrary
-from echoavatar.engine.pipeline.rig import RigConfig
+from echoavatar.engine.pipeline.foreign_rig import RigConfig
 from echoavatar.files.reference.release_rig import AXES
 from echoavatar.motion.kinematics import Skeleton, SkeletonConfig
 from echoavatar.motion.motion_chunk import MotionChunk

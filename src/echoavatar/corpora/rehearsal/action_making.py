@@ -13,7 +13,7 @@ from scipy.ndimage import gaussian_filter1d
 from torch import Tensor
 
 from echoavatar.engine.pipeline.actions import Action, ActionLibrary
-from echoavatar.engine.pipeline.rig import RigAdapter, RigConfig
+from echoavatar.engine.pipeline.foreign_rig import RigAdapter, RigConfig
 from echoavatar.errors import MotionError
 from echoavatar.models.generator.exemplar import UPPER
 from echoavatar.models.tokenizer import BodyTokenizer
@@ -179,7 +179,7 @@ def _with_shake(action: Action, moving: Motion, still: Motion) -> Overlay:
     own[: len(turns)] = turns[:, [moving.skeleton.index(name) for name in joints]]
     if action.overlay is None:
         return Overlay(tuple(joints), own)
-    return Overlay((*action.overlay.joints, *joints), np.concatenate([action.overlay.turns, own], axis=1))
+    return Overlay((*action.overlay.joints, *joints), np.concatenate([action.overlay.rotation_vectors, own], axis=1))
 
 
 def _plain(name: str, motion: Motion) -> str:

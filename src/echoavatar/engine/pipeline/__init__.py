@@ -1,4 +1,7 @@
-"""From an audio chunk to a motion chunk: the trained parts of a bundle in a row. May import `generator` and below."""
+"""The pipeline: the trained parts of a bundle in a row, from a chunk of audio to a chunk of motion and face.
+
+May import `models`, `data`, `motion`, and `nn` and below.
+"""
 
 from .actions import Action, ActionLibrary, Directive
 from .bundle import Bundle, load_bundle, shipped

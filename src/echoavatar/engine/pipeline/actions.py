@@ -1,9 +1,9 @@
 """Named actions: the first-layer upper-body codes of short reference clips, which steer the generator.
 
-Paper, Exemplar-Driven Control. The paper's directive is a set without order over the whole clip. Ours passes along the
-clip: at each chunk the set holds what the clip uses within `REACH` chunks of its place, so that a bow goes down before
-it comes up; while an action is held longer than its clip lasts, a stretch of the clip repeats. Codes mean something
-only to the tokenizer that made them, so a library lies in its bundle as `actions.json`.
+Paper, Exemplar-Driven Control. The paper's directive is one unordered set of codes for the whole clip. Ours is a window
+that moves along the clip: at each chunk the set holds the codes within `REACH` chunks of the current place, so that a
+bow goes down before it comes up. If an action is held longer than its clip lasts, a part of the clip repeats. Codes
+have a meaning only to the tokenizer that made them, so a library is part of its bundle (`actions.json`).
 """
 
 import json
@@ -22,12 +22,12 @@ from echoavatar.motion.action_overlay import Overlay
 from echoavatar.timing import CHUNK, ChunkSize
 
 FILE = "actions.json"
-REACH = 1  # chunks before and after the present place that the set also holds
+REACH = 1  # chunks before and after the current place whose codes are in the set
 LONGEST_S = 60.0
 
 
 class Directive(NamedTuple):
-    """What actions ask of one step, rows first."""
+    """What actions ask of the generator in one step, rows first."""
 
     exemplar: Float[Tensor, "b K"]  # intensity of each code of the set, for a generator trained with exemplars
     bias: Float[Tensor, "b K"]  # added to the logits of the same codes
@@ -35,36 +35,36 @@ class Directive(NamedTuple):
 
 @dataclass(frozen=True)
 class Action:
-    """One exemplar: a code for every motion token of the clip, which chunks repeat when it is held, and an overlay."""
+    """One exemplar: the code of every motion token of a clip, the chunks that repeat if it is held, and an overlay."""
 
     name: str
     codes: tuple[int, ...]
     hold: tuple[int, int]  # first chunk that repeats, and the one after the last
-    about: str = ""  # for people and language models
-    guides: bool = True  # whether the codes are asked for; a nod leaves arms and hands free
-    overlay: Overlay | None = None  # what the codes cannot say
-    is_set: bool = False  # whether all codes are asked for all the time, as the paper has it; `hold` says how long
-    chunk: ChunkSize = CHUNK  # of the bundle: what a chunk of it is
+    about: str = ""  # description for people and language models
+    guides: bool = True  # whether the generator is asked for the codes; a nod leaves arms and hands free
+    overlay: Overlay | None = None  # the part that the codes cannot express
+    is_set: bool = False  # whether all codes are asked for at once, as in the paper; then `hold` gives the length
+    chunk: ChunkSize = CHUNK  # the bundle's chunk
 
     @property
     def chunks(self) -> int:
-        """Length of the clip."""
+        """Length of the clip in chunks."""
         if self.is_set:
             return self.hold[1]
         return len(self.codes) // self.chunk.tokens
 
     @property
     def seconds(self) -> float:
-        """Length of the clip."""
+        """Length of the clip in seconds."""
         return self.chunks * self.chunk.seconds
 
     def length(self, hold_s: float | None) -> int:
-        """Chunks that the action takes when it is to be held for so long (None: as long as the clip)."""
+        """Length of the action in chunks when it is held for `hold_s` seconds (None: as long as the clip)."""
         extra = 0.0 if hold_s is None else min(hold_s, LONGEST_S)
         return max(self.chunks, round(extra / self.chunk.seconds))
 
     def place(self, elapsed: int, length: int) -> int:
-        """Chunk of the clip that is due `elapsed` chunks after the beginning, of `length` in all."""
+        """The chunk of the clip that is due after `elapsed` of `length` chunks."""
         first, last = self.hold
         after = self.chunks - last
         if elapsed < last or length <= self.chunks:
@@ -74,7 +74,7 @@ class Action:
         return first + (elapsed - last) % (last - first)
 
     def members(self, elapsed: int, length: int, codes: int) -> Float[Tensor, " K"]:
-        """The set that is due: 1 for each code in it."""
+        """The set of codes that is due, as a row with 1 for each member."""
         place, row = self.place(elapsed, length), torch.zeros(codes)
         if not self.guides:
             return row
@@ -86,21 +86,21 @@ class Action:
         row[list(self.codes[near])] = 1.0
         return row
 
-    def turns(self, elapsed: int, length: int, intensity: float) -> Overlay | None:
-        """What is put on top of the chunk that is due."""
+    def overlay_at(self, elapsed: int, length: int, intensity: float) -> Overlay | None:
+        """The overlay of the chunk that is due, scaled by `intensity`."""
         if self.overlay is None:
             return None
         return self.overlay.chunk(self.place(elapsed, length), self.chunk).scaled(intensity)
 
     def to_json(self) -> dict[str, object]:
-        """As in `actions.json`."""
+        """The action's entry in `actions.json`."""
         row: dict[str, object] = {"name": self.name, "about": self.about, "hold": self.hold}
         row |= {"codes": self.codes, "guides": self.guides} | ({"set": True} if self.is_set else {})
         return row if self.overlay is None else row | {"overlay": self.overlay.to_json()}
 
     @classmethod
     def from_json(cls, row: dict[str, Any], chunk: ChunkSize = CHUNK) -> Self:
-        """The inverse of `to_json`; KeyError, TypeError or ValueError where something is missing or wrong."""
+        """The inverse of `to_json`. Raises KeyError, TypeError or ValueError if something is missing or wrong."""
         first, last = row["hold"]
         overlay = Overlay.from_json(row["overlay"]) if "overlay" in row else None
         codes = tuple(int(code) for code in row["codes"])
@@ -126,10 +126,10 @@ class ActionLibrary(Mapping[str, Action]):
         return len(self.actions)
 
     def find(self, name: str) -> Action:
-        """The action of that name; case, blanks and hyphens do not matter.
+        """The action of that name; case, spaces and hyphens do not matter.
 
         Raises:
-            EchoAvatarError: there is none; the message lists those there are.
+            EchoAvatarError: there is no such action; the message lists the known ones.
         """
         wanted = "_".join(name.lower().replace("-", " ").replace("_", " ").split())
         if wanted not in self.actions:
@@ -138,7 +138,7 @@ class ActionLibrary(Mapping[str, Action]):
         return self.actions[wanted]
 
     def with_action(self, action: Action) -> "ActionLibrary":
-        """The library with one action more, or another one under its name."""
+        """The library with this action added; it replaces one of the same name."""
         return ActionLibrary({**self.actions, action.name: action})
 
     def save(self, folder: Path) -> None:
@@ -151,7 +151,7 @@ class ActionLibrary(Mapping[str, Action]):
 
     @classmethod
     def load(cls, folder: Path, codes: int, chunk: ChunkSize = CHUNK) -> "ActionLibrary":
-        """Read `actions.json`, where the folder has one; every code must be one of `codes`, a chunk is the bundle's.
+        """Read `actions.json` if the folder has one. `codes` is the number of codes, `chunk` the bundle's chunk.
 
         Raises:
             CheckpointError: the file is damaged, or made for another tokenizer.
@@ -166,7 +166,7 @@ class ActionLibrary(Mapping[str, Action]):
         except (ValueError, LookupError, TypeError, RecursionError) as error:
             raise CheckpointError(f"{path} is not a library of actions ({error!r}); make it again") from error
         for action in actions:
-            whole = action.overlay is None or len(action.overlay.turns) == action.chunks * chunk.frames
+            whole = action.overlay is None or len(action.overlay.rotation_vectors) == action.chunks * chunk.frames
             first, last = action.hold
             fits = 0 <= first < last <= action.chunks and all(0 <= code < codes for code in action.codes)
             if not (fits and whole):

@@ -1,7 +1,7 @@
 """A bundle: the trained parts that belong together, in one folder.
 
-`codec/`, `tokenizer/`, `generator/` and, where there are such, `face/` and `warp/` are checkpoints of their own;
-`card.json` beside them says what the whole is.
+`codec/`, `tokenizer/`, `generator/` and, optionally, `face/` and `warp/` are checkpoints of their own. `card.json`
+beside them describes the whole.
 """
 
 from collections.abc import Collection, Iterator
@@ -35,7 +35,7 @@ OPTIONAL_STAGES = (FACE, *SWITCHES, WARP)
 
 @dataclass(frozen=True)
 class Bundle:
-    """Codec, motion tokenizer, generator, perhaps face and warp models, loaded and checked against each other."""
+    """Codec, motion tokenizer, generator and optional face and warp models, loaded and checked against each other."""
 
     name: str
     codec: AudioCodec
@@ -49,24 +49,24 @@ class Bundle:
 
     @property
     def skeleton(self) -> Skeleton:
-        """The rig that the tokenizer knows; `Pipeline.skeleton` is the one that motion comes out on."""
+        """The tokenizer's rig; `Pipeline.skeleton` is the rig of the output."""
         return self.tokenizer.skeleton
 
     @property
     def chunk(self) -> ChunkSize:
-        """What a step takes and gives."""
+        """The chunk of one step."""
         return ChunkSize(self.generator.config.step)
 
     @property
     def parameters(self) -> int:
-        """How many weights there are in all."""
+        """The number of weights of all parts."""
         parts: tuple[nn.Module | None, ...]
         parts = (self.codec, self.tokenizer, self.generator, self.face, self.warp)
         modules = [part for part in parts if part is not None]
         return sum(weight.numel() for module in modules for weight in module.parameters())
 
     def without(self, stages: Collection[str]) -> "Bundle":
-        """The same bundle with stages left out: the face, or some of what follows the decoder.
+        """The same bundle with some stages left out: the face, or stages behind the decoder.
 
         Raises:
             EchoAvatarError: there is no stage of that name.
@@ -120,8 +120,8 @@ def _folder(name: str | Path) -> Iterator[Path]:
     yield folder
 
 
-def foresight_refusal(bundle: Bundle) -> str:
-    """Why a generator that hears ahead cannot run live."""
+def lookahead_refusal(bundle: Bundle) -> str:
+    """The message for a generator that hears ahead and so cannot run live."""
     chunks = bundle.generator.config.ahead_chunks
     return (
         f"bundle {bundle.name}: its generator hears the sound {chunks} chunks ({chunks * CHUNK_SECONDS:.2f} s)"
@@ -132,7 +132,7 @@ def foresight_refusal(bundle: Bundle) -> str:
 
 def _check(bundle: Bundle) -> None:
     if bundle.generator.config.ahead_chunks:
-        raise CheckpointError(foresight_refusal(bundle))
+        raise CheckpointError(lookahead_refusal(bundle))
     layout, tokenizer = bundle.generator.config.layout, bundle.tokenizer.config
     pairs = [
         ("audio codes", layout.audio_codes, bundle.codec.config.codes),
@@ -150,9 +150,9 @@ def _check(bundle: Bundle) -> None:
 
 
 def with_random_generator(bundle: Bundle) -> Bundle:
-    """The same bundle with a generator of the paper's size and random weights: to time it, not to look at.
+    """The same bundle with a generator of the paper's size and random weights, for timing only.
 
-    It does not stand in silence, so nobody need wait until it does.
+    Silence does not bring it to rest, so it has no lead-in.
     """
     layout = bundle.generator.config.layout
     generator = Generator(qwen_half_billion(layout, "interleaved")).eval()

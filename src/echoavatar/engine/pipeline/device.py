@@ -1,4 +1,4 @@
-"""Which processor runs the models, by the word that a person said."""
+"""Choose the processor that runs the models, from the value of `--device`."""
 
 import torch
 

@@ -1,8 +1,8 @@
-"""Whole files through a generator that hears ahead: the offline, non-causal upper reference of the research bench.
+"""Run whole files through a generator that hears ahead: the offline, non-causal reference of `research/`.
 
-Such a generator was trained on sound that runs `ahead_chunks` before the motion beside it (`TokenClip.heard_ahead`). A
-stream cannot give it that; here the sounds are known from the start and only the generator is told of them early.
-Level control, silence, settling and all behind the decoder keep to the sound that is due, as live. Not in the paper.
+Such a generator was trained on sound that is `ahead_chunks` ahead of its motion (`TokenClip.heard_ahead`). A stream
+cannot provide that. Here the sounds are known from the start, and the generator alone gets them early. Level control,
+silence, settling and everything behind the decoder use the sound that is due, as live. Not in the paper.
 """
 
 from collections.abc import Mapping
@@ -23,26 +23,26 @@ from .tokenize import audio_codes
 
 @dataclass
 class LookaheadState(PipelineState):
-    """And how many chunks each row has had."""
+    """A `PipelineState` and the number of chunks that each row has had."""
 
     chunks: Int[Tensor, " b"]
 
 
 class LookaheadPipeline(Pipeline):
-    """A pipeline of sessions whose whole sound is known; with `ahead_chunks` 0 it does what `Pipeline` does."""
+    """A pipeline of sessions whose whole sound is known. With `ahead_chunks` 0 it equals `Pipeline`."""
 
-    has_foresight: ClassVar[bool] = True
+    has_lookahead: ClassVar[bool] = True
 
     def __init__(self, bundle: Bundle, sounds: Mapping[int, Float[np.ndarray, " s"]]) -> None:
-        """`sounds` (24 kHz) by the seed of the session that will hear them; behind its end each goes on in silence."""
+        """`sounds` (24 kHz) are keyed by the seed of the session that will hear them; silence follows each."""
         super().__init__(bundle)
         self._ahead = bundle.generator.config.ahead_chunks
-        self._codes = {0: self._codes_of(np.zeros(CHUNK_SAMPLES, np.float32))}  # who only stands hears silence
-        self.beginning.state()
+        self._codes = {0: self._codes_of(np.zeros(CHUNK_SAMPLES, np.float32))}  # for the warm start
+        self.warm_start.state()
         self._codes = {seed: self._codes_of(sound) for seed, sound in sounds.items()}
 
     def _codes_of(self, sound: Float[np.ndarray, " s"]) -> Int[Tensor, "f l"]:
-        """What the generator is told from the beginning of the silence before a sound on."""
+        """The codes that the generator gets, from the lead-in silence before the sound on."""
         padding = self._lead_in * CHUNK_SAMPLES, self._ahead * CHUNK_SAMPLES + -len(sound) % CHUNK_SAMPLES
         codes = torch.from_numpy(audio_codes(self.codec, np.pad(sound, padding))).long()
         return codes[self._ahead * AUDIO_FRAMES_PER_CHUNK :]
@@ -51,14 +51,14 @@ class LookaheadPipeline(Pipeline):
         """Sessions that have heard nothing."""
         return LookaheadState(**vars(super().init_state(rows)), chunks=torch.zeros(rows, dtype=torch.int64))
 
-    def hear(
+    def encode_audio(
         self, level: Float[Tensor, "b 6400"], state: PipelineState, active: Bool[Tensor, " b"]
     ) -> Int[Tensor, "b f l"]:
-        """Codes of what each row's sound will be; the sound that is pushed is not listened to."""
+        """Codes of each row's sound `ahead_chunks` later; the sound that is pushed is not used."""
         assert isinstance(state, LookaheadState)
-        told = torch.zeros(len(level), AUDIO_FRAMES_PER_CHUNK, self.codec.codebooks.shape[0], dtype=torch.int64)
+        codes = torch.zeros(len(level), AUDIO_FRAMES_PER_CHUNK, self.codec.codebooks.shape[0], dtype=torch.int64)
         for row in torch.nonzero(active).flatten().tolist():
             first = int(state.chunks[row]) * AUDIO_FRAMES_PER_CHUNK
-            told[row] = self._codes[int(state.seeds[row])][first : first + AUDIO_FRAMES_PER_CHUNK]
+            codes[row] = self._codes[int(state.seeds[row])][first : first + AUDIO_FRAMES_PER_CHUNK]
             state.chunks[row] += 1
-        return told
+        return codes

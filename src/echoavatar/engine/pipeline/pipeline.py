@@ -1,10 +1,10 @@
-"""One chunk of audio in, one chunk of motion out, for many sessions at once (paper, Real-time Deployment).
+"""The streaming pipeline: audio chunks in, motion chunks out, many sessions at once (paper, Real-time Deployment).
 
     level control -> codec -> generator -> tokenizer decoder -> rig -> post (`Post`: smoother to hands) -> warp
                   -> warp, where the bundle has a warp model ----------------------------------------------^
                   -> face, where the bundle has a face model
 
-Offline and live are the same: a file is a session that is pushed faster. Nothing here depends on the wall clock.
+Offline and live are the same: a file is a session whose audio is pushed faster. Nothing depends on the wall clock.
 """
 
 import logging
@@ -29,58 +29,57 @@ from echoavatar.models.tokenizer.model import DecoderState
 from echoavatar.models.warp import WarpModelState
 from echoavatar.motion.ik import BodyProfile
 from echoavatar.motion.kinematics.features import part_sizes
-from echoavatar.motion.motion_chunk import MotionChunk, in_a_row
+from echoavatar.motion.motion_chunk import MotionChunk, join_batches
 from echoavatar.motion.stages.modes import FREE, MotionOptions
 from echoavatar.motion.stages.post import POST_STAGES, Post, PostState
 from echoavatar.nn import StreamState, write_rows
 from echoavatar.timing import CHUNK_FRAMES, SAMPLE_RATE_HZ
 
 from .actions import Directive
-from .bundle import Bundle, foresight_refusal
+from .bundle import Bundle, lookahead_refusal
 from .device import find_device
-from .rig import Output, RigAdapter, RigState
+from .foreign_rig import Output, RigAdapter, RigState
 from .time_warp import WARP, TimeWarp, TimeWarpState
-from .warm_start import WarmStart, begin
+from .warm_start import WarmStart, copy_row
 
 _LOG = logging.getLogger(__name__)
 OnStage = Callable[[str], None]
 BIAS = 14.0  # nats that an action of intensity 1 adds to the logits of its codes
-LEARNED_BIAS = 12.0  # the same, beside what a generator trained with exemplars does by itself
-STILL = 0.0125  # a frame's largest change of an upper-body feature, mean over a chunk, below which nothing moves
-PATIENCE = 6  # chunks of stillness, 1.6 s, after which codes are drawn at a higher temperature
-SILENCE = 0.003  # root mean square of a chunk behind the level control, -50 dBFS, below which nobody is heard
-# in silence a share of the temperature: at full heat one draw in a hundred leaves the rest, and hands never settle
+LEARNED_BIAS = 12.0  # the same for a generator that was trained with exemplars
+STILL = 0.0125  # a body is still below this mean, over a chunk, of each frame's largest change of an upper-body feature
+PATIENCE = 6  # still chunks (1.6 s) after which codes are drawn at a higher temperature
+SILENCE = 0.003  # RMS of a silent chunk behind the level control, -50 dBFS
 STAGES = ("level", "face", "codec", "generator", "decoder", "rig", *POST_STAGES, WARP)
 
 
 @dataclass
 class WarpState(StreamState):
-    """What the warp model heard, and how far the body is shown behind the motion made."""
+    """The states of the warp model and of the warp itself."""
 
     model: WarpModelState
-    stage: TimeWarpState
+    playback: TimeWarpState
 
 
 @dataclass
 class PipelineState(StreamState):
-    """What every stage remembers, and each row's seed."""
+    """The states of all stages, and each row's seed."""
 
     level: LevelState
     codec: NetworkState
     generator: RingState | HistoryState
     decoder: BodyState[DecoderState]
     post: PostState
-    rig: list[RigState]  # one where the tokenizer speaks of another rig
+    rig: list[RigState]  # one where the bundle was trained on another rig
     face: list[FaceState]  # one, or none without a face model
     time_warp: list[WarpState]  # one, or none without a warp model
     seeds: Int[Tensor, " b"]
-    still: Int[Tensor, " b"]  # chunks in a row of which the body stood still though there was something to hear
+    still: Int[Tensor, " b"]  # consecutive chunks in which the body was still although there was sound
 
 
 class Pipeline:
     """The trained parts of a bundle as one streaming machine."""
 
-    has_foresight: ClassVar[bool] = False  # whether sound is known before it is due, see `foresight`
+    has_lookahead: ClassVar[bool] = False  # whether sound is known before it is due, see `lookahead`
 
     def __init__(
         self,
@@ -92,18 +91,23 @@ class Pipeline:
         output: Output = "humanoid",
         device: str = "cpu",
     ) -> None:
-        """`stages` behind the decoder to run (None: the bundle's choice), `body` the character's thickness: see `Post`.
+        """Build the pipeline of a bundle.
 
-        `output` matters where the bundle is for another rig than ours: `native` keeps its own bones. `device` (see
-        `find_device`) takes the bundle's codec, generator and tokenizer; the face, and what follows the decoder, are
-        compiled loops on the host. `precision` of the generator's weights: int8 on a CPU, bfloat16 elsewhere.
+        Args:
+            bundle: the trained parts.
+            precision: of the generator's weights; None is int8 on a CPU and bfloat16 elsewhere.
+            stages: those to run behind the decoder; None is the bundle's choice.
+            body: the character's thickness, see `Post`.
+            output: for a bundle trained on another rig: `native` keeps its bones, `humanoid` retargets.
+            device: where codec, generator and tokenizer run (see `find_device`); the face and the stages behind the
+                decoder are compiled loops on the host.
 
         Raises:
-            CheckpointError: the generator hears ahead of time, which no stream can give it.
+            CheckpointError: the generator hears ahead, which a stream cannot provide.
             EchoAvatarError: there is no such device.
         """
-        if bundle.generator.config.ahead_chunks and not self.has_foresight:
-            raise CheckpointError(foresight_refusal(bundle))
+        if bundle.generator.config.ahead_chunks and not self.has_lookahead:
+            raise CheckpointError(lookahead_refusal(bundle))
         runtime = bundle.runtime
         self.rig = RigAdapter(runtime.rig, bundle.skeleton, output) if runtime.rig else None
         self.skeleton = self.rig.skeleton if self.rig else bundle.skeleton
@@ -126,21 +130,21 @@ class Pipeline:
         sizes = {} if runtime.rig else part_sizes(bundle.skeleton)
         before = list(sizes).index("upper") if "upper" in sizes else 0
         start = sum(list(sizes.values())[:before])
-        self._upper = slice(start, start + sizes.get("upper", 0))  # features by which stillness is told
+        self._upper = slice(start, start + sizes.get("upper", 0))  # the features that show stillness
         own_bias = LEARNED_BIAS if config.exemplar else BIAS
         self._bias = own_bias if config.example_bias is None else config.example_bias
         self.on_stage: OnStage = _ignore
         self._lead_in = math.ceil(runtime.lead_in_s * SAMPLE_RATE_HZ / self.chunk.samples)
-        self.beginning = WarmStart(self._stand)
+        self.warm_start = WarmStart(self._after_silence)
 
     @property
     def chunk_samples(self) -> int:
-        """Sound that one step takes, 24 kHz."""
+        """Samples of sound per step, 24 kHz."""
         return self.chunk.samples
 
     @property
     def chunk_frames(self) -> int:
-        """Motion that one step gives, 30 fps."""
+        """Frames of motion per step, 30 fps."""
         return self.chunk.frames
 
     def init_state(self, rows: int) -> PipelineState:
@@ -171,55 +175,55 @@ class Pipeline:
         seed: int,
         options: MotionOptions = FREE,
     ) -> None:
-        """Begin new sessions in these rows: at the origin, as after the silence of `Runtime.lead_in_s`."""
-        begin(state, rows, self.beginning.state())
+        """Start new sessions in these rows: at the origin, after `Runtime.lead_in_s` of silence."""
+        copy_row(state, rows, self.warm_start.state())
         state.seeds[rows] = seed
         state.post.modes.choose(rows, options)
 
-    def _stand(self) -> PipelineState:
-        """One row that has heard silence; what it showed meanwhile is forgotten, and with it where it stands."""
+    def _after_silence(self) -> PipelineState:
+        """One row that has heard the lead-in silence. The states of what was shown, position included, are reset."""
         state, everyone = self.init_state(1), torch.ones(1, dtype=torch.bool)
         for _ in range(self._lead_in):
             self.step(torch.zeros(1, self.chunk_samples), state, everyone)
-        for shown in (state.post, *(warp.stage for warp in state.time_warp)):
+        for shown in (state.post, *(warp.playback for warp in state.time_warp)):
             shown.reset(everyone)
         return state
 
-    def forget(self, state: PipelineState, rows: Bool[Tensor, " b"]) -> None:
-        """These rows' generator has heard and done what a new session's has; the body stays where it is."""
-        begin(state.generator, rows, self.beginning.state().generator)
+    def restart_generator(self, state: PipelineState, rows: Bool[Tensor, " b"]) -> None:
+        """Give these rows the generator state of a new session; the body stays where it is."""
+        copy_row(state.generator, rows, self.warm_start.state().generator)
 
     def warm_up(self) -> None:
-        """Run a step without a session, and make what sessions begin with.
+        """Run a step without a session, and make the warm start.
 
-        The first on a machine compiles the loops, which is said if it takes long.
+        The first run on a machine compiles the loops; a log message says so if it takes long.
         """
         everyone, state = torch.ones(1, dtype=torch.bool), self.init_state(1)
-        state.post.modes.choose(everyone, MotionOptions(leash_m=1.0))  # so that the leash is compiled, too
+        state.post.modes.choose(everyone, MotionOptions(leash_m=1.0))  # so that the leash is compiled too
         patience = threading.Timer(3.0, _LOG.warning, ["compiling for this processor, once; up to a minute"])
         patience.start()
         try:
             self.step(torch.zeros(1, self.chunk_samples), state, ~everyone)
-            self.beginning.state()
+            self.warm_start.state()
         finally:
             patience.cancel()
 
     def _temperature(self, is_silent: Bool[Tensor, " b"], state: PipelineState) -> Float[Tensor, " b"]:
-        """How freely each row's codes are drawn."""
+        """The sampling temperature of each row: lower in silence, so that hands settle; higher after long stillness."""
         full = torch.full(is_silent.shape, self.generator.config.temperature)
         full = torch.where(state.still >= PATIENCE, self._restless * full, full)
         return torch.where(is_silent, self._silent * full, full)
 
-    def _watch(
+    def _count_still_chunks(
         self,
         features: Float[Tensor, "b t c"],
         is_free: Bool[Tensor, " b"],
         state: PipelineState,
         active: Tensor,
     ) -> None:
-        """Count the chunks in which a row that was free to move, and had something to hear, did not.
+        """Count the consecutive chunks in which a row was still although it was free to move and there was sound.
 
-        A generator can fall into a pose that foretells itself, and stand in it for many seconds of speech.
+        A generator can get stuck in a pose that predicts itself, for many seconds of speech.
         """
         upper = features[..., self._upper]
         if not upper.shape[2]:
@@ -227,14 +231,14 @@ class Pipeline:
         moved = upper.diff(dim=1).abs().amax(2).mean(1).cpu()
         write_rows(state.still, torch.where(is_free & (moved < STILL), state.still + 1, 0), active)
 
-    def hear(
+    def encode_audio(
         self, level: Float[Tensor, "b 6400"], state: PipelineState, active: Bool[Tensor, " b"]
     ) -> Int[Tensor, "b f l"]:
-        """Codes of the sound that the generator is told in this step."""
+        """The audio codes that the generator gets in this step."""
         return self.codec.step(level.to(self.device), state.codec, active.to(self.device))
 
     def directive(self, members: Float[Tensor, "b K"]) -> Directive:
-        """What to ask of a step for sets of codes, each with its intensity."""
+        """The directive for one set of codes per row, given as intensities."""
         return Directive(members, self._bias * members)
 
     @torch.inference_mode()
@@ -246,19 +250,17 @@ class Pipeline:
         *,
         directive: Directive | None = None,
     ) -> list[MotionChunk]:
-        """Advance the active rows by one chunk; rows that are not active return what must be ignored.
+        """Advance the active rows by one chunk; ignore what inactive rows return.
 
-        A chunk is `chunk_samples` (ours and the paper's: 6,400) and gives `chunk_frames` (8). The smoother is made for
-        eight frames at a time, so a longer chunk goes through the stages behind the decoder in pieces.
-
-        `directive` says what actions ask for, row by row.
-        After each stage `on_stage(stage)` is called, so that a benchmark can time them.
+        A chunk is `chunk_samples` long (6,400 in our bundles and the paper) and gives `chunk_frames` frames (8). The
+        smoother works on eight frames at a time, so a longer chunk passes the stages behind the decoder in pieces.
+        `directive` is what actions ask for, row by row. `on_stage(name)` is called after each stage, for benchmarks.
         """
         level = self.level.step(audio, state.level, active) if self.level else audio
         self.on_stage("level")
         face = self.face.step(level, state.face[0], active, state.seeds).numpy() if self.face else None
         self.on_stage("face")
-        sounds = self.hear(level, state, active)
+        sounds = self.encode_audio(level, state, active)
         self.on_stage("codec")
         there = self.device
         is_silent = level.square().mean(1).sqrt() < SILENCE
@@ -275,18 +277,18 @@ class Pipeline:
         self.on_stage("generator")
         features = self.tokenizer.decode_step(codes, state.decoder, active.to(there)).cpu()
         is_free = ~is_silent if directive is None else ~is_silent & ~(directive.exemplar > 0).any(1).cpu()
-        self._watch(features, is_free, state, active)
+        self._count_still_chunks(features, is_free, state, active)
         self.on_stage("decoder")
         if self.rig is not None:
             features = self.rig.step(features, state.rig[0], active)
         self.on_stage("rig")
         pieces: tuple[Tensor, ...] = torch.split(features, CHUNK_FRAMES, 1)
-        motion = in_a_row([self.post.step(piece, state.post, active, self.on_stage) for piece in pieces])
+        motion = join_batches([self.post.step(piece, state.post, active, self.on_stage) for piece in pieces])
         if self.warp and self.time_warp:
             brake = self.warp.step(level, state.time_warp[0].model, active)
-            motion = self.time_warp.step(motion, brake, state.time_warp[0].stage, active)
+            motion = self.time_warp.step(motion, brake, state.time_warp[0].playback, active)
         self.on_stage(WARP)
-        return motion.parted(face)
+        return motion.split(face)
 
 
 def _ignore(stage: str) -> None:

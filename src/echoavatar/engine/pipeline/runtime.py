@@ -1,6 +1,6 @@
-"""What a bundle asks of the pipeline around its models: data beside the checkpoints, in `runtime.json`.
+"""How the pipeline runs a bundle's models: settings beside the checkpoints, in `runtime.json`.
 
-A bundle without the file runs as our own do.
+A bundle without the file gets the defaults, which are those of our own bundles.
 """
 
 from pathlib import Path
@@ -12,34 +12,36 @@ from echoavatar.errors import CheckpointError
 from echoavatar.limits import CONFIG_BYTES, check_file
 from echoavatar.motion.stages.post import SWITCHES
 
-from .rig import RigConfig
+from .foreign_rig import RigConfig
 from .time_warp import WARP
 
 FILE = "runtime.json"
 
 
 class Runtime(Config):
-    """How a bundle's models want to be run."""
+    """Run-time settings of a bundle."""
 
     level_control: bool = Field(default=True, description="whether sound is brought to one loudness first")
     silent_temperature: float = Field(
-        default=0.3, ge=0, description="of the temperature while nobody is heard (ours: 0.3, paper: 1)"
+        default=0.3, ge=0, description="factor of the temperature in silence (ours: 0.3, paper: 1)"
     )
     restless_temperature: float = Field(
         default=1.5,
         gt=0,
-        description="of the temperature once the body has stood still for 1.6 s of sound (paper: 1)",
+        description="factor of the temperature once the body has been still for 1.6 s of sound (paper: 1)",
     )
     lead_in_s: float = Field(
         default=2.0,
         ge=0,
         le=60,
-        description="seconds of silence that a session begins as if it had heard (rounded up to chunks; paper: 0)",
+        description="seconds of silence in the warm start of a session (rounded up to chunks; paper: 0)",
     )
     stages: tuple[str, ...] = Field(
         default=(WARP, *SWITCHES), description="stages behind the decoder, unless asked for"
     )
-    rig: RigConfig | None = Field(default=None, description="how its features differ from ours; None: not at all")
+    rig: RigConfig | None = Field(
+        default=None, description="how the features of a foreign rig differ from ours; None: our rig"
+    )
 
     def save(self, folder: Path) -> None:
         """Write `runtime.json`."""
@@ -49,7 +51,7 @@ class Runtime(Config):
 
     @classmethod
     def load(cls, folder: Path) -> "Runtime":
-        """Read `runtime.json`, where the folder has one.
+        """Read `runtime.json` if the folder has one.
 
         Raises:
             CheckpointError: the file is damaged.

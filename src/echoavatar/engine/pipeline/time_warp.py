@@ -1,11 +1,13 @@
-"""Motion in time with what is heard: played slower where a stress or a beat asks the body to brake, then caught up.
+"""The beat-aligned time warp: motion is played slower at stresses and beats, and catches up afterwards.
 
-Not in the paper, whose generator must be in time by itself; ours is small: it gestures and dances, but not on the
-beat. A warp model (`warp`) says for each frame how much to brake. Time runs slower there, by which the motion shown
-falls behind the motion made, by `LARGEST_LAG` frames at most; between the dips time runs faster until they meet again.
-Every pose is one that was made (or between two such), so that feet and hands stay where they were put; only when they
-get there changes. No frame of delay is added: with nothing to brake for, motion passes as it is. It is the last stage,
-because a smoother behind it would fill the dips again, and no joint turns faster for it than `LARGEST_TURN`.
+The generator gestures and dances, but not exactly on the beat. A warp model (`models.warp`) gives for each frame how
+much to brake. Time runs slower there, so the motion shown falls behind the motion made, by at most `LARGEST_LAG`
+frames. Between the dips time runs faster until the lag is gone. With nothing to brake for, motion passes unchanged and
+without delay.
+
+Every pose shown is one that was made, or lies between two such. Feet and hands therefore stay where they were put; only
+the time at which they arrive changes. The warp is the last stage, because a smoother behind it would fill the dips
+again. It makes no joint rotate faster than `LARGEST_ROTATION`. Not in the paper.
 """
 
 import math
@@ -21,13 +23,13 @@ from echoavatar.nn import StreamState, write_rows
 from echoavatar.timing import FRAME_RATE_HZ
 
 WARP = "warp"  # the stage's name
-DEPTH = 0.77  # share of its speed that a body loses where it brakes fully
-CATCH_UP = 0.13  # of the lag that a frame makes up for
-FASTEST = 1.5  # of the speed as made, while catching up
-WILLING = 0.6  # of the change of pace that is wanted, what a frame does of it
+DEPTH = 0.77  # share of the pace that full braking removes
+CATCH_UP = 0.13  # share of the lag that a frame recovers
+FASTEST = 1.5  # the greatest pace while catching up; 1 is as made
+PACE_STEP = 0.6  # share of the wanted change of pace that a frame makes
 LARGEST_LAG = 7  # frames
-LARGEST_TURN = math.radians(1150) / FRAME_RATE_HZ  # of any joint from frame to frame
-LEAST_PACE = 0.2  # where even what was made turns faster
+LARGEST_ROTATION = math.radians(1150) / FRAME_RATE_HZ  # of any joint from frame to frame
+LEAST_PACE = 0.2  # the least pace where the motion as made is faster than `LARGEST_ROTATION`
 
 
 @dataclass
@@ -36,13 +38,13 @@ class TimeWarpState(StreamState):
 
     rotations: Float[Tensor, "b k j 4"]  # the last frames made
     root: Float[Tensor, "b k 3"]
-    lag: Float[Tensor, " b"]  # frames that the last one shown was behind
-    haste: Float[Tensor, " b"]  # its pace less 1
-    seen: Int[Tensor, " b"]  # frames made, as far as they matter
+    lag: Float[Tensor, " b"]  # of the last frame shown, in frames
+    pace_offset: Float[Tensor, " b"]  # pace of the last frame shown, minus 1
+    seen: Int[Tensor, " b"]  # frames made, counted up to `LARGEST_LAG`
 
 
 class TimeWarp:
-    """The stage behind `Post`."""
+    """The last stage, behind `Post`."""
 
     def __init__(self, joints: int) -> None:
         self._joints = joints
@@ -61,64 +63,65 @@ class TimeWarp:
         state: TimeWarpState,
         active: Bool[Tensor, " b"],
     ) -> MotionBatch:
-        """The next frames as they shall be shown, `brake` is 0 (go on) to 1 (slowest)."""
+        """The next frames to show; `brake` is 0 (as made) to 1 (slowest)."""
         kept, frames = state.root.shape[1], brake.shape[1]
         rotations, root = (
             torch.cat([past, torch.from_numpy(new).to(past)], 1)
             for past, new in zip((state.rotations, state.root), motion, strict=True)
         )
         known, travel = rotations.numpy(), root.numpy()
-        lags, haste = _lags(brake.numpy(), _turns(known), state)
+        lags, pace_offset = _lags(brake.numpy(), _largest_rotations(known), state)
         at = kept + np.arange(frames) - lags
         low = np.floor(at).astype(np.int64)
         share, high = (at - low).astype(np.float32), np.minimum(low + 1, kept + frames - 1)
         row = np.arange(len(known))[:, None]
-        shown = _turned(known[row, low], known[row, high], share[..., None, None])
+        shown = _between(known[row, low], known[row, high], share[..., None, None])
         moved = travel[row, low] * (1 - share[..., None]) + travel[row, high] * share[..., None]
         write_rows(state.rotations, rotations[:, -kept:], active)
         write_rows(state.root, root[:, -kept:], active)
         write_rows(state.lag, torch.from_numpy(lags[:, -1].astype(np.float32)), active)
-        write_rows(state.haste, torch.from_numpy(haste.astype(np.float32)), active)
+        write_rows(state.pace_offset, torch.from_numpy(pace_offset.astype(np.float32)), active)
         write_rows(state.seen, (state.seen + frames).clamp(max=LARGEST_LAG), active)
         return MotionBatch(shown, moved)
 
 
 def _lags(
-    brake: Float[np.ndarray, "b t"], turns: Float[np.ndarray, "b n"], state: TimeWarpState
+    brake: Float[np.ndarray, "b t"], rotations: Float[np.ndarray, "b n"], state: TimeWarpState
 ) -> tuple[Float[np.ndarray, "b t"], Float[np.ndarray, " b"]]:
-    """How many frames behind each frame is shown; and the last one's haste."""
+    """The lag of each frame, and the last one's pace offset; `rotations` are those of `_largest_rotations`."""
     rows, frames = brake.shape
-    kept, seen = turns.shape[1] - frames, state.seen.numpy()
-    lag, haste, lags = state.lag.numpy().astype(np.float64), state.haste.numpy().astype(np.float64), []
+    kept, seen = rotations.shape[1] - frames, state.seen.numpy()
+    lag, pace_offset = (value.numpy().astype(np.float64) for value in (state.lag, state.pace_offset))
+    lags = []
     for frame in range(frames):
         wanted = np.minimum(1 + CATCH_UP * lag, FASTEST) * (1 - DEPTH * brake[:, frame])
-        pace = 1 + haste + WILLING * (wanted - 1 - haste)
+        pace = 1 + pace_offset + PACE_STEP * (wanted - 1 - pace_offset)
         next_made = np.floor(kept + frame - 1 - lag).astype(np.int64) + 1
-        turn = np.maximum(
-            turns[np.arange(rows), next_made],
-            turns[np.arange(rows), np.minimum(next_made + 1, kept + frame)],
+        rotation = np.maximum(
+            rotations[np.arange(rows), next_made],
+            rotations[np.arange(rows), np.minimum(next_made + 1, kept + frame)],
         )
-        pace = np.minimum(pace, np.maximum(LARGEST_TURN / np.maximum(turn, 1e-6), LEAST_PACE))
-        shown = np.clip(lag + 1 - pace, 0, np.minimum(seen + frame, LARGEST_LAG))
-        lag, haste = shown, lag - shown
+        pace = np.minimum(pace, np.maximum(LARGEST_ROTATION / np.maximum(rotation, 1e-6), LEAST_PACE))
+        new_lag = np.clip(lag + 1 - pace, 0, np.minimum(seen + frame, LARGEST_LAG))
+        lag, pace_offset = new_lag, lag - new_lag
         lags.append(lag)
-    return np.stack(lags, 1), haste
+    return np.stack(lags, 1), pace_offset
 
 
-def _turns(rotations: Float[np.ndarray, "b n j 4"]) -> Float[np.ndarray, "b n"]:
-    """By how much (radians) the fastest joint turns on the way to each frame; 0 to the first of a session."""
+def _largest_rotations(rotations: Float[np.ndarray, "b n j 4"]) -> Float[np.ndarray, "b n"]:
+    """The rotation (radians) of the fastest joint from the frame before to each frame; 0 for a session's first."""
     aligned = np.abs((rotations[:, 1:] * rotations[:, :-1]).sum(-1)).min(-1)
-    turn = 2 * np.arccos(np.minimum(aligned, 1))
+    angle = 2 * np.arccos(np.minimum(aligned, 1))
     is_first = ~rotations[:, :-1].any((2, 3))
-    return np.asarray(np.pad(np.where(is_first, 0, turn), ((0, 0), (1, 0))))
+    return np.asarray(np.pad(np.where(is_first, 0, angle), ((0, 0), (1, 0))))
 
 
-def _turned(
+def _between(
     before: Float[np.ndarray, "b t j 4"],
     after: Float[np.ndarray, "b t j 4"],
     share: Float[np.ndarray, "b t 1 1"],
 ) -> Float[np.ndarray, "b t j 4"]:
-    """Rotations between those of neighbouring frames, the short way; so near that a chord is as good as an arc."""
+    """Rotations between those of neighbouring frames: normalised linear interpolation, since the angles are small."""
     side = np.where((before * after).sum(-1, keepdims=True) < 0, -1, 1).astype(np.float32)
     between = before * (1 - share) + side * after * share
     unit = between / np.maximum(np.linalg.norm(between, axis=-1, keepdims=True), 1e-9)

@@ -1,7 +1,7 @@
-"""A corpus as codes: what the generator is trained on.
+"""Tokenize a corpus: audio and motion codes, on which the generator is trained.
 
-Every clip is encoded continuously from its first sample, exactly as a stream would hear it (level control, then the
-codec), and once more mirrored: the same sound, left and right exchanged.
+Every clip is encoded continuously from its first sample, exactly as in a stream (level control, then the codec). Its
+mirror image is encoded too: the same sound, with left and right of the motion exchanged.
 """
 
 from collections.abc import Callable, Mapping
@@ -34,13 +34,13 @@ def tokenize_corpus(
     patience: float = 0.0,
     progress: Callable[[int, int], None] | None = None,
 ) -> int:
-    """Write a token file for each clip (and its mirror image); clips that have one are kept. Returns the number.
+    """Write a token file for each clip and its mirror image, and return the number of files; existing ones are kept.
 
-    With `patience` the codes of motion are steady ones (`quantize.steady`): fewer flips for a generator to foretell.
-    Clips without sound are passed over: the generator would learn to dance to silence.
+    With `patience` the motion codes are steady (`quantize.steady`), so that the generator has fewer changes to predict.
+    Clips without sound are skipped, because the generator would learn to dance to silence.
 
     Raises:
-        MotionError: no clip has sound, or the tokenizer is for another rig.
+        MotionError: no clip has sound, or the tokenizer was trained on another rig.
     """
     names = [entry.name for entry in corpus.entries(has_mirrored=False) if entry.has_sound]
     if not names:
@@ -70,7 +70,7 @@ def tokenize_corpus(
 
 @torch.inference_mode()
 def audio_codes(codec: AudioCodec, audio: Float[np.ndarray, " s"]) -> Int[np.ndarray, "f 2"]:
-    """Codes of a whole clip of 24 kHz audio, as the stream hears it."""
+    """Codes of a whole clip of 24 kHz audio, as in a stream."""
     level = LevelControl()
     one = torch.ones(1, dtype=torch.bool)
     usable = len(audio) // SAMPLES_PER_AUDIO_TOKEN * SAMPLES_PER_AUDIO_TOKEN
@@ -84,7 +84,7 @@ def heard_cues(clip: Clip, frames: int) -> UInt8[np.ndarray, "f 2"]:
 
 
 def cues_at(events: Mapping[str, Float[np.ndarray, " n"]], frames: int) -> UInt8[np.ndarray, "f 2"]:
-    """1 in the three audio frames (40 ms) from each beat and from each stressed syllable's vowel on (seconds)."""
+    """1 in the three audio frames (40 ms) after each beat and each stressed vowel's onset; event times in seconds."""
     cues = np.zeros((frames, 2), np.uint8)
     for column, name in enumerate(("beats", "stress")):
         first = np.asarray(events.get(name, np.zeros(0)) * AUDIO_TOKEN_RATE_HZ).astype(int)

@@ -1,8 +1,7 @@
-"""Sound without motion as prompts: its codes, and the motion that the generator to be tuned makes to it.
+"""Tokenize sound that has no recorded motion, as prompts of reinforcement learning.
 
-A prompt of reinforcement learning needs a past. Where nobody ever moved to a sound, the past is the generator's own, as
-it is in a live session. Such token files say `has_truth` false: no reference statistics, reward
-model or generator is made of them.
+A prompt needs past motion. Here the generator that is to be tuned makes it, as in a live session. Such token files have
+`has_truth` false: they are not used for reference statistics, reward models or generators.
 """
 
 from collections.abc import Callable
@@ -30,7 +29,7 @@ def tokenize_sounds(
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
 ) -> int:
-    """Write a token file for each sound; those that have one are kept. Returns how many there are.
+    """Write a token file for each sound and return the number of sounds; existing files are kept.
 
     Raises:
         AudioError: a sound's file is missing or damaged.
@@ -61,7 +60,7 @@ def _clip(sounds: SoundSet, sound: Sound, codec: AudioCodec, generator: Generato
 
 @torch.inference_mode()
 def own_motion(generator: Generator, audio: Int[np.ndarray, "f l"], *, seed: int) -> Int[np.ndarray, "n p q"]:
-    """What a generator moves to a whole recording, from a fresh state, at its own temperature."""
+    """The motion codes that a generator makes for a whole recording, from a fresh state, at its own temperature."""
     stream = open_stream(generator)
     usable = len(audio) // generator.config.audio_frames * generator.config.audio_frames
     heard = torch.from_numpy(audio[None, :usable].astype(np.int64))

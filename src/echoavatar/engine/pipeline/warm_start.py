@@ -1,9 +1,8 @@
-"""What a session's row holds when it opens: a body that stands, made once and copied. Not in the paper.
+"""The warm start of a session: the state after a stretch of silence, made once and copied. Not in the paper.
 
-A generator that has heard nothing and done nothing may as well be in mid-dance, and speech takes seconds to calm it. So
-a session begins as one that has heard silence for a while (`Runtime.lead_in_s`). To hear it out would cost every new
-session that time; here one row hears it, once for all sessions of a pipeline. What it remembers depends on the bundle
-alone, so a session's motion still follows from its own sound and seed.
+A generator without a past may begin in mid-dance, and speech takes seconds to calm it. So a session starts with the
+state of one that has heard `Runtime.lead_in_s` of silence. One row computes that state, once for all sessions of a
+pipeline. It depends on the bundle alone, so a session's motion still depends only on its own sound and seed.
 """
 
 import threading
@@ -18,20 +17,20 @@ from echoavatar.nn.stream import StateT
 
 
 class WarmStart(Generic[StateT]):
-    """The state of one row, made by `make` when it is first needed; any thread may be the first."""
+    """The state of one row, made by `make` on first use; safe to call from any thread."""
 
     def __init__(self, make: Callable[[], StateT]) -> None:
         self._make, self._lock = make, threading.Lock()
         self._made: StateT | None = None
 
     def state(self) -> StateT:
-        """One row, to be copied and not changed. `Pipeline.warm_up` has it made, so that no session waits for it."""
+        """The row, to be copied and not changed. `Pipeline.warm_up` makes it, so that no session waits for it."""
         with self._lock:
             self._made = self._made or self._make()
             return self._made
 
 
-def begin(state: StreamState, rows: Bool[Tensor, " b"], beginning: StreamState) -> None:
-    """Copy one row's state into the chosen rows, whatever they held."""
-    for tensor, kept in zip(state.tensors(), beginning.tensors(), strict=True):
-        tensor[rows] = kept
+def copy_row(state: StreamState, rows: Bool[Tensor, " b"], source: StreamState) -> None:
+    """Overwrite the chosen rows of `state` with the one row of `source`."""
+    for tensor, row in zip(state.tensors(), source.tensors(), strict=True):
+        tensor[rows] = row

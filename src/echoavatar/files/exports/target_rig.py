@@ -17,8 +17,8 @@ from echoavatar.motion.ik import (
     body_of_rig,
     measure_body,
 )
+from echoavatar.motion.ik.body_contact import keep_hands_on_body
 from echoavatar.motion.ik.gltf_rig import GltfRig, read_gltf_rig
-from echoavatar.motion.ik.holding import keep_hands_on_body
 from echoavatar.motion.ik.skinned import skinned
 from echoavatar.motion.kinematics import Motion, Skeleton, read_bvh
 from echoavatar.motion.kinematics.hand_contact import keep_hands_together

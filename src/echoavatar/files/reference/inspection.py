@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from torch import Tensor
 
-from echoavatar.engine.pipeline.rig import RigConfig
+from echoavatar.engine.pipeline.foreign_rig import RigConfig
 from echoavatar.errors import CheckpointError
 from echoavatar.models.face import FaceConfig, paper_face
 from echoavatar.models.face.reference import from_reference

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from echoavatar.engine.pipeline.rig import Matrix, RigConfig
+from echoavatar.engine.pipeline.foreign_rig import Matrix, RigConfig
 from echoavatar.errors import CheckpointError
 from echoavatar.motion.ik import SwingConfig
 from echoavatar.motion.kinematics import SkeletonConfig

@@ -1,7 +1,7 @@
-"""The model behind the beat-aligned time warp: from streaming sound, a curve of 0 to 1 that says when to brake.
+"""The warp model: from streaming sound, a brake curve of 0 to 1 for the beat-aligned time warp.
 
-It hears stressed syllables and beats. Not in the paper, whose generator keeps time by itself. May import `face` (its
-mel encoder), `audio`, `data`, `training` (only `train`), `nn`, `checkpoint` and below.
+It detects stressed syllables and beats. Not in the paper, whose generator keeps time by itself. May import
+`models.face` (its mel encoder), `models.audio`, `data`, `training`, and `nn` and below.
 """
 
 from .config import WarpConfig

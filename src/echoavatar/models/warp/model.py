@@ -1,6 +1,6 @@
-"""The warp model: sound in, how much to brake in each frame out.
+"""The warp model: sound in, a brake curve out, one value per frame.
 
-The value of a frame may depend on all sound of its chunk, which has arrived before the motion is shown.
+A value may depend on all sound of its chunk, because the whole chunk has arrived before its motion is shown.
 """
 
 from dataclasses import dataclass
@@ -16,13 +16,13 @@ from .config import WarpConfig
 
 @dataclass
 class WarpModelState(StreamState):
-    """All zero: silence before the start."""
+    """All zero is silence before the start."""
 
     encoder: MelState
 
 
 class WarpModel(Checkpointed, StreamingModule[WarpModelState]):
-    """A mel encoder and one number read from each of its frames."""
+    """A mel encoder and a linear read-out of one value per frame."""
 
     config_type = WarpConfig
     config: WarpConfig
@@ -38,18 +38,18 @@ class WarpModel(Checkpointed, StreamingModule[WarpModelState]):
         return WarpModelState(self.encoder.init_state(rows))
 
     def step(self, x: Float[Tensor, "b s"], state: WarpModelState, active: Bool[Tensor, " b"]) -> Float[Tensor, "b n"]:
-        """How much to brake, 0 to 1, in each frame of the next chunks of sound (behind the level control)."""
-        return self._decided(self.encoder.step(x, state.encoder, active))
+        """The brake curve, 0 to 1, of the next chunks of sound (behind the level control)."""
+        return self._sharpened(self.encoder.step(x, state.encoder, active))
 
     def forward(self, x: Float[Tensor, "b s"]) -> Float[Tensor, "b n"]:
         """`step` over a whole clip of whole chunks."""
-        return self._decided(self.encoder(x))
+        return self._sharpened(self.encoder(x))
 
     def logits(self, features: Float[Tensor, "b n c"]) -> Float[Tensor, "b n"]:
-        """Logits of the curve, from the encoder's features; these are trained."""
-        read: Tensor = self.read(features)
-        return read[..., 0]
+        """Logits of the curve from the encoder's features; training uses them."""
+        logits: Tensor = self.read(features)
+        return logits[..., 0]
 
-    def _decided(self, features: Float[Tensor, "b n c"]) -> Float[Tensor, "b n"]:
-        """The curve made steeper: a trained curve hedges, and a body that brakes by half is never in time."""
+    def _sharpened(self, features: Float[Tensor, "b n c"]) -> Float[Tensor, "b n"]:
+        """The curve made steeper: a trained curve hedges, and a body that brakes by half is not in time."""
         return (self.config.sharpness * self.logits(features) + self.config.eagerness).sigmoid()

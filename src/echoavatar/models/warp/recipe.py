@@ -1,4 +1,4 @@
-"""How a warp model is trained."""
+"""Training settings of a warp model."""
 
 from pydantic import Field
 

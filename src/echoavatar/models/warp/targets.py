@@ -1,4 +1,4 @@
-"""Training targets of the warp model: a curve that is high where a body that is in time is slow."""
+"""Training targets of the warp model: brake curves from known stresses and beats."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -15,8 +15,11 @@ from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
 from ..audio import LevelControl
 
 SLOWEST_AFTER = {"stress": 0.20, "beats": 0.107}
-"""Seconds after an event at which the body is slowest. A stroke ends 0.14 to 0.18 s after the stressed vowel's onset
-(`rehearsal`), and an arm turns back just after; a dancer brakes on the beat, so that the slowest moment follows it."""
+"""Seconds from an event to the slowest moment of the body.
+
+A stroke of the rehearsal corpus ends 0.14 to 0.18 s after the onset of the stressed vowel, and the arm reverses just
+after. A dancer brakes on the beat, so the slowest moment follows it.
+"""
 WIDTH_FRAMES = 2.0  # standard deviation of a dip
 
 
@@ -28,7 +31,7 @@ class WarpBatch(NamedTuple):
 
 
 def brake_curve(events: Mapping[str, Float[np.ndarray, " n"]], frames: int) -> Float[np.ndarray, " t"]:
-    """1 where the body should be slowest, falling off on both sides; `events` in seconds, by kind."""
+    """1 where the body should be slowest, falling off on both sides; `events` by kind, in seconds."""
     at, curve = np.arange(frames), np.zeros(frames)
     for kind, after in SLOWEST_AFTER.items():
         for time in events.get(kind, np.zeros(0)):
@@ -38,14 +41,14 @@ def brake_curve(events: Mapping[str, Float[np.ndarray, " n"]], frames: int) -> F
 
 
 class WarpSampler:
-    """Windows of clips, starting at any frame; the same for the same seed and step."""
+    """Random windows of clips, starting at any frame; a function of seed and step."""
 
     def __init__(self, clips: Sequence[Clip], *, frames: int, seed: int, gain_db: float) -> None:
         """Raises MotionError where no clip is long enough or none has events."""
         chosen = [clip for clip in clips if clip.frames >= frames]
         if not any(clip.events.get(kind, np.zeros(0)).size for clip in chosen for kind in SLOWEST_AFTER):
             raise MotionError(
-                f"no clip of {frames} frames and more knows its stresses or beats; make a corpus with "
+                f"no clip of at least {frames} frames has stresses or beats; make a corpus with "
                 "`echoavatar data rehearse`"
             )
         self._heard = [LevelControl()(torch.from_numpy(clip.audio)[None])[0].numpy() for clip in chosen]

@@ -1,4 +1,4 @@
-"""Training of the warp model, on rehearsal clips, whose stresses and beats are known."""
+"""Train the warp model on clips whose stresses and beats are known, such as the rehearsal corpus."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -7,12 +7,7 @@ import torch
 import torch.nn.functional as F
 
 from echoavatar.data import Clip
-from echoavatar.training import (
-    Loss,
-    Progress,
-    TrainingTask,
-    train,
-)
+from echoavatar.training import Loss, Progress, TrainingTask, train
 
 from .config import WarpConfig
 from .model import WarpModel
@@ -49,7 +44,7 @@ class WarpTask(TrainingTask[WarpBatch]):
         return self.sampler.batch(step, self.config.batch)
 
     def loss(self, batch: WarpBatch, step: int) -> Loss:
-        """Cross-entropy with the curve; `blind` is that of a model that knows the mean only."""
+        """Cross-entropy with the target curve; `blind` is that of a model which always gives the batch's mean."""
         logits = self.model.logits(self.model.encoder(batch.audio))
         error = F.binary_cross_entropy_with_logits(logits, batch.brake)
         blind = F.binary_cross_entropy(batch.brake.mean().expand_as(batch.brake), batch.brake)
@@ -73,7 +68,7 @@ def train_warp(
     trackers: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> WarpModel:
-    """Train on the clips, checkpointing into `folder` with `card`; continues what is there."""
-    stage = WarpTask(config, training, clips, card=card)
-    train(stage, folder, minutes=minutes, device=device, trackers=trackers, progress=progress)
-    return stage.model.eval()
+    """Train on the clips, with checkpoints and `card` in `folder`; resumes an interrupted run."""
+    task = WarpTask(config, training, clips, card=card)
+    train(task, folder, minutes=minutes, device=device, trackers=trackers, progress=progress)
+    return task.model.eval()

@@ -1,7 +1,7 @@
-"""Hands kept off the body by closed-form inverse kinematics, and the body's thickness they are kept off.
+"""Closed-form inverse kinematics of legs and arms, hands kept off the body, and the body's measures.
 
-May import `kinematics` and below. Poses are in the root's frame here: where the character stands does not matter.
-Metres, radians, Y up in the rest pose, character facing +Z.
+May import `motion.kinematics`, and `nn` and below. Poses are in the root's frame: where the character stands does not
+matter. Metres, radians, Y up in the rest pose, character facing +Z.
 """
 
 from .fit import measure_body

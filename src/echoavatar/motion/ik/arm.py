@@ -1,8 +1,7 @@
-"""An arm of two bones brought to a target by bending the elbow in its own plane and swinging the shoulder.
+"""Two-bone IK of an arm, in closed form: the elbow bends in its own plane, then the shoulder swings.
 
-Closed form. The same geometry as `kinematics.two_bone`, but the hinge is the normal of the plane in which the arm
-already bends, so no rig has to name its elbow's axis, and the bend is taken in a form without corner at the stretched
-arm.
+The geometry is that of `kinematics.two_bone`, with two differences. The hinge is the normal of the plane in which the
+arm already bends, so a rig need not name its elbow's axis. The bend has no kink at the stretched arm.
 """
 
 import math
@@ -20,29 +19,29 @@ from ..kinematics.quaternions import (
     rotate,
 )
 
-STRAIGHT = 0.25  # radians: an elbow straighter than this is bent less than asked, at 0 not at all
-LEAST_DROP = 0.15  # metres below the shoulder to which a hand out of reach may be raised
+STRAIGHT = 0.25  # radians: an elbow straighter than this is bent less than asked; a straight one is not bent
+LEAST_DROP = 0.15  # metres: a hand out of reach is raised at most to this depth below the shoulder
 _FOLDED = -0.985  # cosine of the greatest bend
 _STRETCHED = math.cos(STRAIGHT)
 
 
 @kernel()
 def bend_cosine(cosine, wanted):  # type: ignore[no-untyped-def]
-    """Cosine of the elbow's new angle, from that of its old angle and that of the angle that meets the distance."""
+    """Cosine of the elbow's new angle, from that of its old angle and that of the one that fits the distance."""
     fall = 1.0 - cosine
-    angle_square = fall * (2.0 + fall * (1 / 3 + fall * 4 / 45))  # to 2e-8 where the share is not yet 1
+    angle_square = fall * (2.0 + fall * (1 / 3 + fall * 4 / 45))  # a series, exact to 2e-8 while the share is below 1
     share = min(angle_square / STRAIGHT**2, 1.0)
-    meant = cosine + share * (wanted - cosine)
-    return min(max(meant, min(cosine, _FOLDED)), max(cosine, _STRETCHED))
+    blended = cosine + share * (wanted - cosine)
+    return min(max(blended, min(cosine, _FOLDED)), max(cosine, _STRETCHED))
 
 
 @kernel()
 def reach(shoulder, elbow, wrist, target):  # type: ignore[no-untyped-def]
-    """Rotations that bring the wrist to `target`: (swing of the whole arm, bend of the forearm before that).
+    """Rotations that bring the wrist to `target`: (swing of the whole arm, bend of the forearm before the swing).
 
-    Always to its direction, and to its distance where the elbow allows. A low target beyond the almost stretched arm
-    is raised until the arm reaches it. What is out of reach even then, or needs a straight arm (which has no plane to
-    bend in) to bend, gets the direction alone, as in the paper.
+    The arm always points at the target, and meets its distance where the elbow allows. A low target beyond the almost
+    stretched arm is raised until the arm reaches it. If it is still out of reach, or if a straight arm (which has no
+    plane to bend in) would have to bend, the arm only points at it, as in the paper.
     """
     upper, lower, wanted = minus(elbow, shoulder), minus(wrist, elbow), minus(target, shoulder)
     squares, along = dot(upper, upper) + dot(lower, lower), dot(upper, lower)

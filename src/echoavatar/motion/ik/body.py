@@ -1,4 +1,4 @@
-"""The rounded parts of a body as tables."""
+"""A body profile as arrays, for the bones of one rig."""
 
 import numpy as np
 from jaxtyping import Float
@@ -11,7 +11,7 @@ Array = np.ndarray
 
 
 class Body:
-    """The parts of a profile that a rig has a bone for."""
+    """The parts of a profile whose bones the rig has."""
 
     def __init__(self, skeleton: Skeleton, profile: BodyProfile) -> None:
         bones = bone_map(skeleton)
@@ -26,8 +26,11 @@ class Body:
         places: Float[Array, "t e 3"],
         points: Float[Array, "t p 3"],
     ) -> Float[Array, "t e p 3"]:
-        """Points in each part's own axes, in which it is the unit ball; rotations and places of the parts' bones."""
+        """Points in each part's own axes, in which the part is the unit ball.
+
+        `rotations` and `places` are those of the parts' bones.
+        """
         away = points[:, None] - places[:, :, None]
         local = np.einsum("teij,tepi->tepj", rotations, away) - self.centres[:, None]
-        seen: Array = local / self.radii[:, None]
-        return seen
+        unit: Array = local / self.radii[:, None]
+        return unit

@@ -1,4 +1,4 @@
-"""World poses of the few joints that the live stages look at: spine, neck, head, arms, fingers, legs."""
+"""Forward kinematics in a compiled loop, for the few joints that the live stages need, in the root's frame."""
 
 from typing import NamedTuple
 
@@ -23,14 +23,14 @@ Array = np.ndarray
 
 
 class ChainPose(NamedTuple):
-    """Joints relative to the root, which itself stands at the origin and is not turned."""
+    """Joints in the root's frame: the root is at the origin, without rotation."""
 
     rotations: Float[Array, "b t c 4"]
     places: Float[Array, "b t c 3"]  # metres
 
 
 class Chains:
-    """Forward kinematics of a set of joints and everything between them and the root, in the root's frame."""
+    """The wanted joints and all joints between them and the root."""
 
     def __init__(self, skeleton: Skeleton, wanted: list[int]) -> None:
         above: set[int] = set()
@@ -45,7 +45,7 @@ class Chains:
         self._offsets = np.ascontiguousarray(skeleton.offsets.numpy()[self.joints], np.float32)
 
     def pose(self, rotations: Float[Array, "b t j 4"]) -> ChainPose:
-        """Where the joints are, for parent-relative rotations."""
+        """The pose of the joints from parent-relative rotations."""
         shape = (*rotations.shape[:2], len(self.joints))
         pose = ChainPose(np.empty((*shape, 4), np.float32), np.empty((*shape, 3), np.float32))
         descend(rotations, self._joints, self._parents, self._offsets, pose)
@@ -54,15 +54,15 @@ class Chains:
 
 @kernel()
 def descend(rotations, joints, parents, offsets, pose):  # type: ignore[no-untyped-def]
-    """The root comes first, every joint after its parent."""
+    """Fill `pose`; the root comes first, and every joint after its parent."""
     for row in range(rotations.shape[0]):
         for frame in range(rotations.shape[1]):
-            turned, places = pose.rotations[row, frame], pose.places[row, frame]
-            write_quaternion(turned[0], IDENTITY)
+            world, places = pose.rotations[row, frame], pose.places[row, frame]
+            write_quaternion(world[0], IDENTITY)
             write_vector(places[0], (0.0, 0.0, 0.0))
             for slot in range(1, len(joints)):
-                above = read_quaternion(turned[parents[slot]])
+                above = read_quaternion(world[parents[slot]])
                 bone = rotate(above, read_vector(offsets[slot]))
                 write_vector(places[slot], plus(read_vector(places[parents[slot]]), bone))
                 own = read_quaternion(rotations[row, frame, joints[slot]])
-                write_quaternion(turned[slot], multiply(above, own))
+                write_quaternion(world[slot], multiply(above, own))

@@ -1,4 +1,4 @@
-"""A body profile measured on a skinned mesh in its rest pose."""
+"""Measure a body profile on a skinned mesh in its rest pose."""
 
 from dataclasses import dataclass, replace
 
@@ -11,22 +11,18 @@ from ..kinematics import Skeleton
 from ..kinematics.rigs import bone_map
 from .profile import COLUMN, BodyProfile, RoundedPart
 
-REACH = {
-    "upperChest": 1.7,
-    "neck": 1.5,
-    "head": 1.08,
-}  # height of an ellipsoid over that of its slice of the body
-TRUNK_REACH = 2.2
+HEIGHTS = {"upperChest": 1.7, "neck": 1.5, "head": 1.08}  # of an ellipsoid, relative to its slice of the body
+TRUNK_HEIGHT = 2.2  # the same for the other slices
 COVERED = 0.97  # share of a slice's vertices that must lie inside; the rest are hems, buckles, strands
-CHEST = 0.72  # of the way to the shoulder joints, near their height: what lies further out is no chest
+CHEST = 0.72  # of the way to the shoulder joints: near their height, vertices further out do not belong to the chest
 FEWEST = 24  # vertices in a slice
-ROUNDS, STEP = 20, 0.002  # metres
+ROUNDS, STEP = 20, 0.002  # of shrinking; metres per step
 
 
 @dataclass
 class _Fit:
     bone: str
-    slice: Float[np.ndarray, "v 3"]  # what it must cover, together with its neighbours
+    slice: Float[np.ndarray, "v 3"]  # the vertices that it must cover together with its neighbours
     middle: Float[np.ndarray, " 3"]
     radii: Float[np.ndarray, " 3"]
 
@@ -38,7 +34,7 @@ class _Fit:
 def measure_body(
     skeleton: Skeleton, vertices: Float[np.ndarray, "v 3"], weights: Float[np.ndarray, "v j"]
 ) -> BodyProfile:
-    """Fit one ellipsoid to the slice of torso, neck or head that begins at each bone of the spine.
+    """Fit one ellipsoid per bone of spine, neck and head, to the slice of the body that begins at the bone.
 
     Args:
         skeleton: the rig of the mesh, Y up, facing +Z in its rest pose.
@@ -46,7 +42,7 @@ def measure_body(
         weights: skinning weights over all joints of the rig, rows sum to 1.
 
     Raises:
-        MotionError: the mesh and the rig do not belong together, or the rig's bones are not known.
+        MotionError: mesh and rig do not fit each other, or the rig's bones are not known.
     """
     if vertices.shape[1:] != (3,) or weights.shape != (len(vertices), skeleton.joints):
         raise MotionError(
@@ -71,7 +67,7 @@ def _slices(
     vertices: Float[np.ndarray, "v 3"],
     weights: Float[np.ndarray, "v j"],
 ) -> list[_Fit]:
-    """The body cut at the joints of the spine, a generous ellipsoid around each slice."""
+    """Cut the body at the joints of the spine, and put a generous ellipsoid around each slice."""
     column = [bone for bone in COLUMN if bone in bones]
     rest = skeleton.rest_positions.numpy()
     trunk = vertices[weights[:, [bones[bone] for bone in column]].sum(1) > 0.5]
@@ -97,14 +93,14 @@ def _around(bone: str, inside: Float[np.ndarray, "v 3"]) -> _Fit:
     high[0] = max(high[0], -low[0])
     low[0] = -high[0]
     middle, half = (low + high) / 2, (high - low) / 2
-    half[1] *= REACH.get(bone, TRUNK_REACH)
+    half[1] *= HEIGHTS.get(bone, TRUNK_HEIGHT)
     away = ((inside - middle) / half) ** 2
     scale = np.sqrt(((away[:, 0] + away[:, 2]) / np.maximum(1 - away[:, 1], 0.05)).max())
     return _Fit(bone, inside, middle, half * np.array([scale, 1, scale]))
 
 
 def _tightened(fits: list[_Fit]) -> list[_Fit]:
-    """Every ellipsoid drawn in at the front, back and sides, as long as all together still cover every slice."""
+    """Shrink every ellipsoid at the front, back and sides while all of them together still cover every slice."""
     steps = [np.array(step) for step in ((0, 0, -STEP), (0, 0, STEP), (0, 0, -STEP), (STEP, 0, 0))]
     for _ in range(ROUNDS):
         for i, fit in enumerate(fits):
@@ -127,7 +123,7 @@ def _hand(
     vertices: Float[np.ndarray, "v 3"],
     weights: Float[np.ndarray, "v j"],
 ) -> dict[str, float]:
-    """Half thickness of palm and fingers: how far their skin lies above and below the bones, for most of it."""
+    """Half thickness of palm and fingers: the 80th percentile of their skin's height above or below the bones."""
     found = {}
     owner = weights.argmax(1)
     fingers = [f"left{digit}{part}" for digit in ("Index", "Middle") for part in ("Proximal", "Intermediate")]

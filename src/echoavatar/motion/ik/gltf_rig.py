@@ -14,18 +14,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import torch
 from jaxtyping import Float
 
 from echoavatar.errors import MotionError
-from echoavatar.limits import (
-    DEPTH,
-    GLB_BYTES,
-    NODES,
-    check_file,
-)
+from echoavatar.limits import DEPTH, GLB_BYTES, NODES, check_file
 
 from ..kinematics import Skeleton, SkeletonConfig
 from ..kinematics.rigs import bone_map
+from ..kinematics.rotations import matrix_from_quaternion
 
 Array = np.ndarray
 _OLD_THUMB = {"Proximal": "Metacarpal", "Intermediate": "Proximal", "Distal": "Distal"}  # VRM 0.x to 1.0
@@ -49,15 +46,15 @@ class GltfRig(NamedTuple):
     document: dict[str, Any]
     binary: bytes
     order: list[int]  # the node of each joint of the skeleton
-    parents: dict[int, int]  # the parent of every node, -1 for none
+    parents: dict[int, int]  # the parent of every node, -1 for the topmost
     worlds: list[Float[Array, "4 4"]]  # world matrix of every node at rest, in the file's axes
     skeleton: Skeleton
-    is_turned: bool  # the file faces -Z, so the skeleton was rotated by 180 degrees about Y
+    is_turned: bool  # whether the file faces -Z, so that the skeleton was rotated by 180 degrees about Y
 
 
 @contextmanager
 def refusing_damage(path: Path) -> Iterator[None]:
-    """Turn the errors that a damaged or hostile document causes into one error that names the file."""
+    """Raise one error that names the file in place of whatever a damaged or hostile document causes."""
     try:
         yield
     except _DAMAGE as error:
@@ -125,7 +122,7 @@ def _chunks(path: Path) -> tuple[dict[str, Any], bytes]:
 
 
 def _parents(nodes: list[dict[str, Any]]) -> dict[int, int]:
-    """Each node's parent (-1 for none); refuses nodes that are not there, that have two parents, and cycles."""
+    """Each node's parent (-1 for none). Raises for missing nodes, nodes with two parents, and cycles."""
     if len(nodes) > NODES:
         raise ValueError(f"{len(nodes)} nodes, and at most {NODES} are read")
     parents = dict.fromkeys(range(len(nodes)), -1)
@@ -165,15 +162,9 @@ def _local(node: dict[str, Any]) -> Array:
     if "matrix" in node:
         return np.array(node["matrix"], np.float64).reshape(4, 4).T
     x, y, z, w = node.get("rotation", (0, 0, 0, 1))
-    turn = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    rotation = matrix_from_quaternion(torch.from_numpy(np.array([w, x, y, z], np.float64))).numpy()
     matrix = np.eye(4)
-    matrix[:3, :3] = turn * np.array(node.get("scale", (1, 1, 1)))
+    matrix[:3, :3] = rotation * np.array(node.get("scale", (1, 1, 1)))
     matrix[:3, 3] = node.get("translation", (0, 0, 0))
     return matrix
 

@@ -1,4 +1,4 @@
-"""The points that stand for a hand: wrist, middle of the palm, knuckles and fingertips."""
+"""The points that represent a hand: wrist, middle of the palm, knuckles and fingertips."""
 
 from typing import NamedTuple
 
@@ -13,11 +13,11 @@ _DIGITS = ("Thumb", "Index", "Middle", "Ring", "Little")
 FULL = ("", *(f"{digit}{part}" for digit in _DIGITS for part in ("Proximal", "Intermediate", "Distal")))
 FULL_TIPS = tuple(f"{digit}Distal" for digit in _DIGITS)
 PALM_PLACE = 0.5  # of the way from wrist to knuckles
-FINGERLESS = ((0.35, True), (0.70, False))  # of the forearm's length beyond the wrist; part of the palm?
+FINGERLESS = (0.35, 0.70)  # palm and fingertips of a rig without fingers, in forearm lengths beyond the wrist
 
 
 class HandPoint(NamedTuple):
-    """A point of a hand: the joint that carries it, where in its frame (metres), palm or finger."""
+    """A point of a hand: its joint, its offset in the joint's frame (metres), and whether it is palm or finger."""
 
     joint: int
     offset: Float[np.ndarray, " 3"]
@@ -25,16 +25,16 @@ class HandPoint(NamedTuple):
 
 
 def hand_points(skeleton: Skeleton, bones: dict[str, int], side: str, *, is_full: bool = False) -> list[HandPoint]:
-    """Points of one hand; the second is the middle of the palm. Rigs without fingers get points along the hand."""
+    """Points of one hand; the second is the middle of the palm. A rig without fingers gets points along the hand."""
     rest = skeleton.rest_positions.numpy()
     wrist = bones[f"{side}Hand"]
     forearm = rest[wrist] - rest[bones[f"{side}LowerArm"]]
     joints, tips = (FULL, FULL_TIPS) if is_full else (LEAN, LEAN_TIPS)
     knuckle = next((bones[name] for d in ("Middle", "Index") if (name := f"{side}{d}Proximal") in bones), None)
-    along = FINGERLESS[0][0] * forearm if knuckle is None else PALM_PLACE * (rest[knuckle] - rest[wrist])
+    along = FINGERLESS[0] * forearm if knuckle is None else PALM_PLACE * (rest[knuckle] - rest[wrist])
     points = [HandPoint(wrist, np.zeros(3), True), HandPoint(wrist, along, True)]
     if knuckle is None:
-        points.append(HandPoint(wrist, FINGERLESS[1][0] * forearm, False))
+        points.append(HandPoint(wrist, FINGERLESS[1] * forearm, False))
     for name in joints[1:]:
         if (joint := bones.get(f"{side}{name}")) is not None:
             points.append(HandPoint(joint, np.zeros(3), name in ("IndexProximal", "LittleProximal")))

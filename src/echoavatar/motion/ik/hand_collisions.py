@@ -1,15 +1,17 @@
 """Hands kept out of torso, neck and head (paper, Online Post-Processing), for many sessions at once.
 
-As in the paper there is no detection and no optimisation: a smooth map of space that leaves everything outside a thin
-shell where it is and takes what is inside to the surface, along the local horizontal, and an arm that follows. The map
-looks at one frame at a time, so it keeps no state, cannot drift, and chunks do not matter.
+As in the paper there is no detection and no optimisation. A smooth map of space moves points inside the body to its
+surface, along the local horizontal, and leaves points outside a thin shell where they are. The arm follows its hand.
+The map sees one frame at a time: it has no state, so it cannot drift, and the chunking does not matter.
 
-Departures from the paper. The shape is a stack of ellipsoids that bend with spine and head instead of a cylinder in the
-pelvis' axes. The way out of it starts not at the axis but at a line near the back and the far side, where no hand
-passes, so a hand that sweeps through the axis slides along the front; around the head it also leads upwards. All points
-of the hand travel the same way, as far as the one that needs it most, so wrist, palm, thumb and fingers are out in one
-step. The elbow bends too, so that the hand gets the target's distance and not its direction alone; the hand keeps its
-orientation in the world; and there is no smallest correction.
+Departures from the paper:
+
+- The body is a stack of ellipsoids that bend with spine and head, instead of a cylinder in the pelvis' axes.
+- The way out starts at a line near the back and the far side, where no hand passes, instead of at the axis. A hand that
+  sweeps through the axis therefore slides along the front. Around the head the way out also leads upwards.
+- All points of a hand move the same way, as far as the deepest of them needs. One step frees wrist, palm and fingers.
+- The elbow bends too, so that the hand meets the target's distance and not only its direction.
+- The hand keeps its orientation in the world, and there is no smallest correction.
 """
 
 import numpy as np
@@ -29,13 +31,13 @@ from .hand_shift import SHELL, Tables, keep_off
 from .profile import BodyProfile, body_of_rig
 
 CLEARANCE = 0.006  # metres of air between hand and body
-BEHIND, ACROSS = 0.70, 0.30  # of a part's half depth and half width: where the way out starts
-TOLERANCE = 0.01  # of the squared size of a rotation matrix
+BEHIND, ACROSS = 0.70, 0.30  # where the way out starts, in half depths and half widths of a part
+TOLERANCE = 0.01  # relative error of the squared norm of a rotation matrix
 SIDES = ("left", "right")
 
 
 class HandCollisions:
-    """Moves arms so that no hand is inside the body; a rig whose arms are not known is passed through."""
+    """Moves arms so that no hand is inside the body. The motion of a rig whose arms are not known passes unchanged."""
 
     def __init__(self, skeleton: Skeleton, profile: BodyProfile | None = None) -> None:
         self.is_able = _has_arms(skeleton)
@@ -52,10 +54,10 @@ class HandCollisions:
         self._zone = _zone(self._radii, _span(skeleton, self._hands[0]) + SHELL + float(self._thicker.max()))
         self._arms = [[bones[f"{side}{bone}"] for bone in ("UpperArm", "LowerArm", "Hand")] for side in SIDES]
         self._skeleton = skeleton
-        self.stand_on(Chains(skeleton, self.joints))
+        self.use_chains(Chains(skeleton, self.joints))
 
-    def stand_on(self, chains: Chains) -> None:
-        """Read poses from these chains, which must hold `joints`: a caller has them worked out already."""
+    def use_chains(self, chains: Chains) -> None:
+        """Use the caller's chains, which must hold `joints`, so that their pose is computed only once."""
         if not self.is_able:
             return
 
@@ -81,19 +83,16 @@ class HandCollisions:
         )
 
     def resolve(self, rotations: Float[Array, "b t j 4"], chains: ChainPose) -> None:
-        """Correct upper arms, forearms and hands in place where a hand is inside; nothing else changes.
-
-        `chains` are those of the pose.
-        """
+        """Correct upper arms, forearms and hands in place where a hand is inside; `chains` is the pose's."""
         if self.is_able:
             keep_off(self._tables, chains, rotations)
 
     def step(
         self, rotations: Float[Tensor, "b t j 3 3"], active: Bool[Tensor, " b"] | None = None
     ) -> Float[Tensor, "b t j 3 3"]:
-        """The same for parent-relative rotation matrices of any number of frames.
+        """`resolve` for parent-relative rotation matrices of any number of frames.
 
-        Frames and arms that need nothing come back bit for bit. Not differentiable; `swing_clear` is.
+        Frames and arms that need no correction return bit for bit. Not differentiable; `swing_clear` is.
 
         Raises:
             MotionError: an active row holds rotations that are not finite or not normalised.
@@ -139,7 +138,7 @@ def _has_arms(skeleton: Skeleton) -> bool:
 
 
 def _common_points(skeleton: Skeleton, bones: dict[str, int]) -> list[list[HandPoint]]:
-    """Points of both hands, in the same order; fingers that one hand lacks are left out on both."""
+    """Points of both hands, in the same order; fingers that either hand lacks are left out."""
     swap = {"left": "right", "right": "left"}
     both = {
         name: joint
@@ -150,7 +149,7 @@ def _common_points(skeleton: Skeleton, bones: dict[str, int]) -> list[list[HandP
 
 
 def _starts(body: Body) -> Float[Array, "2 e 3"]:
-    """Where the way out of each part starts for each hand, from the part's centre: the left hand's on the right."""
+    """Where the way out of each part starts, from the part's centre: on the right for the left hand, and vice versa."""
     starts = np.zeros((2, len(body.parts), 3), np.float32)
     starts[:, :, 0] = ACROSS * body.radii[:, 0] * np.array([[-1.0], [1.0]])
     starts[:, :, 2] = -BEHIND * body.radii[:, 2]
@@ -158,7 +157,7 @@ def _starts(body: Body) -> Float[Array, "2 e 3"]:
 
 
 def _span(skeleton: Skeleton, hand: list[HandPoint]) -> float:
-    """How far from the middle of its palm a point of the hand can be, however the fingers are bent; metres."""
+    """The greatest distance between the middle of the palm and a point of the hand, for any bend of fingers; metres."""
     wrist, palm = hand[0].joint, hand[1].offset
     far = 0.0
     for point in hand:
@@ -166,18 +165,18 @@ def _span(skeleton: Skeleton, hand: list[HandPoint]) -> float:
         while joint != wrist and skeleton.parents[joint] != wrist:
             length += float(skeleton.offsets[joint].norm())
             joint = skeleton.parents[joint]
-        foot = np.zeros(3) if joint == wrist else skeleton.offsets[joint].numpy()
-        far = max(far, length + float(np.linalg.norm(foot - palm)))
+        base = np.zeros(3) if joint == wrist else skeleton.offsets[joint].numpy()
+        far = max(far, length + float(np.linalg.norm(base - palm)))
     return far
 
 
 def _zone(radii: Float[Array, "e 3"], distance: float) -> Float[Array, "e 3"]:
-    """Radii of ellipsoids that hold all that is nearer to those of `radii` than `distance`."""
+    """Radii of ellipsoids that contain every point within `distance` of the ellipsoids of `radii`."""
     rng = np.random.default_rng(0)
-    ways = rng.standard_normal((4000, 3)).astype(np.float32)
-    squares = np.square(ways / np.linalg.norm(ways, axis=1, keepdims=True))
-    asked = np.sqrt(squares @ np.square(radii).T) + distance
+    directions = rng.standard_normal((4000, 3)).astype(np.float32)
+    squares = np.square(directions / np.linalg.norm(directions, axis=1, keepdims=True))
+    needed = np.sqrt(squares @ np.square(radii).T) + distance
     wide = radii + np.float32(distance)
     held = np.sqrt(squares @ np.square(wide).T)
-    zone: Array = wide * (1.002 * (asked / held).max(0))[:, None]
+    zone: Array = wide * (1.002 * (needed / held).max(0))[:, None]
     return zone

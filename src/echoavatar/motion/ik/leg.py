@@ -1,7 +1,7 @@
-"""A leg of two bones brought to a target by turning knee and hip; the foot keeps its direction in the world.
+"""Two-bone IK of a leg, in closed form; the foot keeps its world orientation.
 
-The geometry of `kinematics.two_bone`, for the live path: in the root's frame. The knee bends about its own hinge, the
-X axis of the lower leg; then the whole leg swings by the least rotation.
+The geometry is that of `kinematics.two_bone`, in the root's frame and compiled. The knee bends about its own hinge, the
+X axis of the lower leg. Then the whole leg swings by the least rotation.
 """
 
 import math
@@ -31,11 +31,11 @@ from .chains import Chains
 
 
 class Legs(NamedTuple):
-    """Both legs of a rig as tables for compiled loops, left first."""
+    """Both legs of a rig as arrays for compiled loops, left first."""
 
     joints: np.ndarray  # (2, 4) thigh, shin, foot, toes (the foot again, where there are no toes)
-    slots: np.ndarray  # (2, 4) the same joints in the chains
-    above: np.ndarray  # (2,) slots of what carries the thighs
+    slots: np.ndarray  # (2, 4) the same joints' indices into the chains
+    above: np.ndarray  # (2,) slots of the thighs' parents
     ankles: np.ndarray  # (2, 3) in the shin's frame, metres
     bones: np.ndarray  # (2, 2) lengths of thigh and shin, metres
 
@@ -64,7 +64,7 @@ def legs_of(skeleton: Skeleton, chains: Chains | None = None) -> Legs | None:
 
 @kernel()
 def knee_fold(legs, side, shin, upper, way):  # type: ignore[no-untyped-def]
-    """The rotation of the shin, in its own frame, that brings the ankle to the distance of the `way` from the hip."""
+    """The rotation of the shin, in its own frame, that puts the ankle at the length of `way` from the hip."""
     a, b = legs.bones[side, 0], legs.bones[side, 1]
     distance = min(max(length(way), abs(a - b) + 1e-4), REACH * (a + b))
     x, y, z = read_vector(legs.ankles[side])
@@ -78,10 +78,10 @@ def knee_fold(legs, side, shin, upper, way):  # type: ignore[no-untyped-def]
 
 
 @kernel()
-def bend(legs, side, rotations, turned, places, aside):  # type: ignore[no-untyped-def]
-    """Turn thigh, shin and foot in one frame so that the ankle goes by `aside`, as far as the leg reaches.
+def bend(legs, side, rotations, world, places, aside):  # type: ignore[no-untyped-def]
+    """Rotate thigh, shin and foot in one frame so that the ankle moves by `aside`, as far as the leg reaches.
 
-    `rotations` (j, 4) are changed; `turned` (c, 4) and `places` (c, 3) are the chains before; `aside` is in the root's
+    `rotations` (j, 4) is changed; `world` (c, 4) and `places` (c, 3) are the chains before; `aside` is in the root's
     frame.
     """
     slots, joints = legs.slots[side], legs.joints[side]
@@ -91,16 +91,16 @@ def bend(legs, side, rotations, turned, places, aside):  # type: ignore[no-untyp
         read_vector(places[slots[2]]),
     )
     thigh, shin, foot = (
-        read_quaternion(turned[slots[0]]),
-        read_quaternion(turned[slots[1]]),
-        read_quaternion(turned[slots[2]]),
+        read_quaternion(world[slots[0]]),
+        read_quaternion(world[slots[1]]),
+        read_quaternion(world[slots[2]]),
     )
     upper, way = minus(knee, hip), minus(plus(ankle, aside), hip)
     fold = knee_fold(legs, side, shin, upper, way)
     folded = multiply(shin, fold)
     reached = plus(upper, rotate(folded, read_vector(legs.ankles[side])))
     swing = least_rotation(reached, way)
-    above, new_thigh = read_quaternion(turned[legs.above[side]]), multiply(swing, thigh)
+    above, new_thigh = read_quaternion(world[legs.above[side]]), multiply(swing, thigh)
     write_quaternion(rotations[joints[0]], multiply(conjugate(above), new_thigh))
     write_quaternion(rotations[joints[1]], multiply(conjugate(thigh), folded))
     write_quaternion(rotations[joints[2]], multiply(conjugate(multiply(swing, folded)), foot))

@@ -1,4 +1,4 @@
-"""How deep hands are inside a body, frame by frame: the measure of what `hand_collisions` leaves."""
+"""How deep hands are inside a body, frame by frame; measures what `hand_collisions` leaves."""
 
 import numpy as np
 import torch
@@ -17,13 +17,13 @@ from .profile import BodyProfile, body_of_rig
 def penetration_depth_m(
     skeleton: Skeleton, rotations: Float[Tensor, "t j 3 3"], profile: BodyProfile | None = None
 ) -> Float[Tensor, "t 2"]:
-    """Depth in metres of the deepest point of the left and of the right hand below the skin of torso, neck or head.
+    """Depth of the deepest point of the left and the right hand below the skin of torso, neck or head, metres.
 
-    All joints and tips of all fingers are looked at, each with its thickness; the distance to an ellipsoid is exact at
-    its skin and to first order below it. 0 where the hand is outside.
+    The points are all joints and tips of all fingers, each with its thickness. The distance to an ellipsoid is exact at
+    the skin and of first order below it. 0 where the hand is outside.
 
     Raises:
-        MotionError: the rig has no hands that are known, or a rotation is not finite.
+        MotionError: the rig's bones are not known, or a rotation is not finite.
     """
     if not torch.isfinite(rotations).all():
         raise MotionError("the motion holds rotations that are not finite; leave out these frames")
@@ -31,7 +31,7 @@ def penetration_depth_m(
     body = Body(skeleton, profile)
     still = torch.zeros(len(rotations), 3)
     pose = forward_kinematics(skeleton, rotations.detach().cpu().float(), still)
-    turns, places = pose.rotations.numpy(), pose.positions.numpy()
+    world, places = pose.rotations.numpy(), pose.positions.numpy()
     depths = []
     for side in ("left", "right"):
         hand = hand_points(skeleton, bones, side, is_full=True)
@@ -39,9 +39,9 @@ def penetration_depth_m(
             [point.joint for point in hand],
             np.array([point.offset for point in hand], np.float32),
         )
-        points = np.einsum("tpij,pj->tpi", turns[:, joints], offsets) + places[:, joints]
+        points = np.einsum("tpij,pj->tpi", world[:, joints], offsets) + places[:, joints]
         thick = np.array([profile.palm if point.is_palm else profile.finger for point in hand], np.float32)
-        seen = body.to_unit(turns[:, body.joints], places[:, body.joints], points)
+        seen = body.to_unit(world[:, body.joints], places[:, body.joints], points)
         far = np.sqrt((seen**2).sum(-1))
         steep = np.sqrt(((seen / body.radii[:, None]) ** 2).sum(-1))
         below = far * (1 - far) / np.maximum(steep, 1e-6) + thick

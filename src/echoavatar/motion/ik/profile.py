@@ -1,7 +1,7 @@
-"""How thick a character is: rounded bodies on the bones of spine and head, and the thickness of a hand.
+"""The thickness of a character: ellipsoids on the bones of spine and head, and half the thickness of a hand.
 
-The paper sets the radii around the spine by hand for one model; here they are data, measured from a mesh
-(`measure_body`), scaled from bone lengths (`body_of_rig`), or read from a JSON file that anybody may edit.
+The paper sets the radii around the spine by hand for one model. Here they are data: measured on a mesh
+(`measure_body`), scaled from bone lengths (`body_of_rig`), or read from a JSON file that can be edited by hand.
 """
 
 from pathlib import Path
@@ -30,19 +30,19 @@ class RoundedPart(Config):
 
 
 class BodyProfile(Config):
-    """What hands must not enter, and how thick they are. Metres."""
+    """The body that hands must not enter, and the hands' own thickness. Metres."""
 
     parts: tuple[RoundedPart, ...] = Field(min_length=1, description="torso, neck and head, from below")
     palm: float = Field(0.020, ge=0, description="half the thickness of wrist and palm")
     finger: float = Field(0.010, ge=0, description="half the thickness of a finger")
 
     def save(self, path: Path) -> None:
-        """Write it as JSON."""
+        """Write the profile as JSON."""
         path.write_text(self.model_dump_json(indent=1) + "\n", encoding="utf-8")
 
     @classmethod
     def load(cls, path: Path) -> "BodyProfile":
-        """Read what `save` wrote. Raises MotionError for a file that is missing or is no profile."""
+        """Read a file of `save`. Raises MotionError if it is missing or not a profile."""
         try:
             return cls.model_validate_json(path.read_text(encoding="utf-8"))
         except (OSError, UnicodeDecodeError) as error:
@@ -51,7 +51,7 @@ class BodyProfile(Config):
             first = error.errors()[0]
             where = ".".join(str(part) for part in first["loc"]) or "the file"
             raise MotionError(
-                f"{path} is no body profile: {where}: {first['msg']}; measure the character anew"
+                f"{path} is not a body profile: {where}: {first['msg']}; measure the character anew"
             ) from error
 
 
@@ -100,7 +100,7 @@ def _forearm(skeleton: Skeleton, bones: dict[str, int]) -> float:
 
 
 def _ours() -> BodyProfile:
-    """The character that ships, as `measure_body` finds it."""
+    """The profile of the shipped character, as `measure_body` gives it."""
     rows: tuple[tuple[str, Vector, Vector], ...] = (
         ("hips", (0.0, -0.0062, -0.0103), (0.2065, 0.1784, 0.1427)),
         ("spine", (0.0, 0.0568, 0.0024), (0.2018, 0.1248, 0.1420)),

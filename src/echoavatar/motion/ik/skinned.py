@@ -1,4 +1,4 @@
-"""Read what measuring a body needs from a GLB or VRM file: rig, vertices and skin weights.
+"""Read rig, vertices and skin weights from a GLB or VRM file, as `measure_body` needs them.
 
 Vertices are skinned in the file's rest pose: metres, Y up, rotated to face +Z.
 """
@@ -38,7 +38,7 @@ def read_skinned(path: Path) -> Skinned:
 
 
 def skinned(rig: GltfRig) -> Skinned:
-    """The character of a file whose rig was read.
+    """The character in a file whose rig has been read.
 
     Raises:
         MotionError: the file has no skinned mesh, or its meshes are damaged or too large.
@@ -60,7 +60,7 @@ def _skin(
     parents: dict[int, int],
     slot: dict[int, int],
 ) -> tuple[Float[Array, "v 3"], Float[Array, "v j"]]:
-    """Vertices of all skinned meshes where their bones put them, and their weights on the rig's joints."""
+    """The skinned vertices of all meshes, and their weights on the rig's joints."""
     vertices, weights, total = [], [], 0
     for node in document["nodes"]:
         if "mesh" not in node or "skin" not in node:
@@ -94,7 +94,7 @@ def _skin(
 
 
 def _kept(joint: int, parents: dict[int, int], slot: dict[int, int]) -> int:
-    """The joint itself, or the nearest one above it that is part of the rig, or the hips."""
+    """The joint itself or its nearest ancestor in the rig; the hips where there is none."""
     while joint >= 0 and joint not in slot:
         joint = parents[joint]
     return joint if joint >= 0 else next(iter(slot))

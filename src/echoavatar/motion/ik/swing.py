@@ -1,16 +1,18 @@
 """The paper's own rule (Online Post-Processing): a cylinder around the spine, a remap of distance, a shoulder swing.
 
-Kept for comparison and for rigs that were tuned with it; `HandCollisions` is the default and says what it does better.
-Written in torch, so it can be differentiated through.
+It serves bundles whose rig was tuned with it, and comparisons. `HandCollisions` is the default and lists what it does
+differently. This rule is written in torch and is differentiable.
 
-A wrist at horizontal distance d from the pelvis' vertical axis, where the cylinder has radius r, is moved along its
-own half-plane to d + r (1 - s(d / (1.5 r))), s the smoothstep: 0 goes to r, 1.5 r stays. The arm then turns about
-the shoulder by the least rotation that points it there, so the hand gets the direction and not the distance.
+Let d be a wrist's horizontal distance from the pelvis' vertical axis, r the cylinder's radius at its height, and s the
+smoothstep. The wrist's target is at distance d + r (1 - s(d / (1.5 r))): 0 goes to r, 1.5 r stays. The arm then rotates
+about the shoulder by the least rotation that points it at the target. The hand gets the target's direction, but not
+its distance.
 """
 
 from itertools import pairwise
 
 import torch
+import torch.nn.functional as F
 from jaxtyping import Float
 from pydantic import Field
 from torch import Tensor
@@ -18,6 +20,7 @@ from torch import Tensor
 from echoavatar.config import Config
 
 from ..kinematics import Skeleton, forward_kinematics
+from ..kinematics.rotations import least_rotation
 
 
 class SwingConfig(Config):
@@ -27,7 +30,7 @@ class SwingConfig(Config):
         min_length=2, description="(height above the pelvis, radius), from below; flat beyond the ends"
     )
     reach: float = Field(1.5, gt=1, description="radii at which the rule begins to act")
-    up: int = Field(1, ge=0, le=2, description="axis of the pelvis that points up")
+    up: int = Field(1, ge=0, le=2, description="axis of the pelvis that points up: 0 x, 1 y, 2 z")
     snap: float = Field(0.0, ge=0, description="1 - cosine below which a swing is left out (reference: 1e-6)")
 
 
@@ -50,18 +53,10 @@ def radius_at(height: Float[Tensor, "*n"], config: SwingConfig) -> Float[Tensor,
 def swing_between(
     start: Float[Tensor, "*n 3"], end: Float[Tensor, "*n 3"], snap: float = 0.0
 ) -> Float[Tensor, "*n 3 3"]:
-    """The least rotation that points `start` along `end`; opposite vectors turn by half about any axis across."""
-    a, b = torch.nn.functional.normalize(start, dim=-1), torch.nn.functional.normalize(end, dim=-1)
-    cosine = (a * b).sum(-1)[..., None, None]
-    axis = torch.linalg.cross(a, b)
-    skew = torch.linalg.cross(axis[..., None, :], -torch.eye(3).to(a).expand(*a.shape, 3))
-    one = torch.eye(3).to(a)
-    turn = one + skew + skew @ skew / (1 + cosine).clamp_min(1e-6)
-    across = torch.linalg.cross(a, one[a.abs().argmin(-1)])
-    across = torch.nn.functional.normalize(across, dim=-1)
-    half = 2 * across[..., :, None] * across[..., None, :] - one
-    turn = torch.where(cosine < -1 + 1e-6, half, turn)
-    return torch.where(cosine > 1 - snap, one, turn) if snap else turn
+    """`least_rotation`, left out where 1 - cosine of its angle is below `snap`."""
+    rotation = least_rotation(start, end)
+    cosine = (F.normalize(start, dim=-1) * F.normalize(end, dim=-1)).sum(-1)[..., None, None]
+    return torch.where(cosine > 1 - snap, torch.eye(3).to(rotation), rotation) if snap else rotation
 
 
 def swing_clear(

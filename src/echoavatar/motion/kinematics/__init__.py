@@ -2,15 +2,22 @@
 
 May import `nn` and below. Metres, radians, Y up, character facing +Z with its left at +X, quaternions `wxyz`,
 rotations relative to the parent; anything else says so in its name.
+
+Each kind of array has one arithmetic:
+
+| | whole clips, torch: batched, differentiable | live stages, compiled loops: one rotation at a time |
+|---|---|---|
+| rotations | `rotations` | `quaternions` |
+| forward kinematics | `forward` | `ik.chains`, for the few joints that the stages need |
+| two-bone IK | `two_bone`, about a given hinge | `ik.leg` (knee about X), `ik.arm` (elbow in its own plane) |
+| retargeting | `retarget`, measured on the clip | `live_retarget`, in torch too, measured on the two rest poses |
 """
 
 from .bvh import read_bvh, write_bvh
 from .features import (
     FeatureStatistics,
     MotionFrames,
-    feature_size,
     from_features,
-    join_parts,
     measure_features,
     part_sizes,
     split_parts,
@@ -29,10 +36,8 @@ __all__ = [
     "Pose",
     "Skeleton",
     "SkeletonConfig",
-    "feature_size",
     "forward_kinematics",
     "from_features",
-    "join_parts",
     "measure_features",
     "mirror_features",
     "mirror_rotations",

@@ -19,7 +19,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from .forward import Pose
-from .rotations import matrix_from_axis_angle
+from .rotations import least_rotation
 from .skeleton import Skeleton
 
 _LIMBS = ("Arm", "Hand", "Leg", "Thumb", "Index", "Middle", "Ring", "Little")
@@ -65,18 +65,8 @@ def align(
     return found
 
 
-def least_rotation(start: Float[Tensor, "*n 3"], end: Float[Tensor, "*n 3"]) -> Float[Tensor, "*n 3 3"]:
-    """The smallest rotation from one direction to another; opposite directions take any perpendicular axis."""
-    a, b = _unit(start), _unit(end)
-    axis, cosine = torch.linalg.cross(a, b), (a * b).sum(-1, keepdim=True)
-    sine = axis.norm(dim=-1, keepdim=True)
-    across = torch.linalg.cross(a, torch.where(a[..., :1].abs() < 0.9, a.new_tensor([1.0, 0, 0]), a.new_tensor(_UP)))
-    axis = torch.where(sine > 1e-9, axis / sine.clamp_min(1e-9), _unit(across))
-    return matrix_from_axis_angle(axis * torch.atan2(sine, cosine))
-
-
 def project_rotation(matrix: Float[Tensor, "*n 3 3"]) -> Float[Tensor, "*n 3 3"]:
-    """The rotation nearest to a matrix, as the mean of rotations needs."""
+    """The rotation nearest to a matrix, for example to a mean of rotation matrices."""
     u, _, v = torch.linalg.svd(matrix)
     last = torch.linalg.det(u @ v)[..., None]
     nearest: Tensor = u @ torch.cat([v[..., :2, :], v[..., 2:, :] * last[..., None]], -2)

@@ -8,7 +8,7 @@ Our height is absolute. The paper's released data have Z up, centimetres, and he
 frame: `FeatureConvention(up=2, is_height_from_start=True)` with all lengths in centimetres.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -25,7 +25,7 @@ CONSTANT_STD = 1e-4  # a feature with a smaller deviation is held at its mean
 
 @dataclass(frozen=True)
 class FeatureConvention:
-    """How travel is expressed. Lengths have the unit of the skeleton in use."""
+    """How root travel is expressed. Lengths are in the skeleton's unit."""
 
     up: int = 1  # 0, 1, 2 for x, y, z
     is_height_from_start: bool = False  # height of frame 0 becomes the rest height, later ones relative to it
@@ -49,7 +49,7 @@ class MotionFrames(NamedTuple):
 
 
 def part_sizes(skeleton: Skeleton) -> dict[str, int]:
-    """Feature channels of each part, in order: 57, 78 and 180 for our rig."""
+    """Feature channels of each part, in order: 57, 78 and 180 for our rig, 315 in all."""
     sizes = {name: 6 * len(joints) for name, joints in skeleton.config.parts.items()}
     if not sizes:
         raise ValueError("the skeleton names no body parts, so it has no motion features")
@@ -57,13 +57,8 @@ def part_sizes(skeleton: Skeleton) -> dict[str, int]:
     return sizes
 
 
-def feature_size(skeleton: Skeleton) -> int:
-    """Channels of the whole feature vector: 315 for our rig."""
-    return sum(part_sizes(skeleton).values())
-
-
 def travel_slice(skeleton: Skeleton) -> slice:
-    """Where the velocity and the height are, in the whole vector and in the first part alike."""
+    """The channels of velocity and height, in the whole vector and in the first part alike."""
     end = next(iter(part_sizes(skeleton).values()))
     return slice(end - TRAVEL_SIZE, end)
 
@@ -133,11 +128,6 @@ def split_parts(skeleton: Skeleton, features: Float[Tensor, "*n c"]) -> dict[str
     return dict(zip(sizes, torch.split(features, list(sizes.values()), -1), strict=True))
 
 
-def join_parts(skeleton: Skeleton, parts: Mapping[str, Float[Tensor, "*n d"]]) -> Float[Tensor, "*n c"]:
-    """Inverse of `split_parts`."""
-    return torch.cat([parts[name] for name in skeleton.config.parts], -1)
-
-
 class FeatureStatistics(NamedTuple):
     """Mean and standard deviation of each feature; `varies` is False where the deviation is under 1e-4."""
 
@@ -146,7 +136,7 @@ class FeatureStatistics(NamedTuple):
     varies: Bool[Tensor, " c"]
 
     def normalize(self, features: Float[Tensor, "*n c"]) -> Float[Tensor, "*n c"]:
-        """Features with zero mean and unit deviation; exactly 0 where a feature does not vary, or noise would grow."""
+        """Features with zero mean and unit deviation; one that does not vary gives 0, so that noise cannot grow."""
         return torch.where(self.varies, (features - self.mean) / self.std.clamp_min(CONSTANT_STD), 0.0)
 
     def denormalize(self, normal: Float[Tensor, "*n c"]) -> Float[Tensor, "*n c"]:
@@ -155,7 +145,7 @@ class FeatureStatistics(NamedTuple):
 
 
 def measure_features(clips: Iterable[Float[Tensor, "t c"]]) -> FeatureStatistics:
-    """Mean and deviation over all frames of all clips, with one clip in memory at a time, in double precision."""
+    """Mean and deviation over all frames of all clips, in double precision, with one clip in memory at a time."""
     count, mean, square = 0, torch.zeros(()), torch.zeros(())
     for clip in clips:
         frames = clip.double()

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from .contact import planted
+from .easing import smootherstep
 from .forward import forward_kinematics
 from .motion import Motion
 from .rigs import bone_map
@@ -229,16 +230,10 @@ def _faded(change: _Array, is_held: NDArray[np.bool_], fade: int) -> _Array:
     after = np.searchsorted(held, t)
     right, left = held[np.minimum(after, held.size - 1)], held[np.maximum(after - 1, 0)]
     to_left, to_right = np.abs(t - left), np.abs(right - t)
-    weight_left, weight_right = (_ease(1 - gap / fade) for gap in (to_left, to_right))
+    weight_left, weight_right = (smootherstep(np.clip(1 - gap / fade, 0, 1)) for gap in (to_left, to_right))
     total = np.maximum(weight_left + weight_right, 1.0)[:, None]
     blend: _Array = (weight_left[:, None] * change[left] + weight_right[:, None] * change[right]) / total
     return np.where(is_held[:, None], change, blend)
-
-
-def _ease(share: _Array) -> _Array:
-    clipped = np.clip(share, 0.0, 1.0)
-    eased: _Array = clipped**3 * (10 - 15 * clipped + 6 * clipped**2)
-    return eased
 
 
 def _smooth(values: _Array, half: int) -> _Array:

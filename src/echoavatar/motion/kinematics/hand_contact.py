@@ -13,6 +13,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from .easing import falloff
 from .forward import Pose, forward_kinematics
 from .motion import Motion
 from .rigs import bone_map
@@ -44,7 +45,7 @@ def keep_hands_together(source: Motion, moved: Motion) -> Motion:
     pose = forward_kinematics(source.skeleton, source.matrices().double(), torch.from_numpy(source.root).double())
     gap = _palm(pose, theirs[1]) - _palm(pose, theirs[0])
     size = sum(arm.length for arm in theirs) / 2
-    weight = falling(gap.norm(dim=-1, keepdim=True) / size, NEAR, FAR)
+    weight = falloff(gap.norm(dim=-1, keepdim=True) / size, NEAR, FAR)
     if not bool((weight > 0).any()):
         return moved
     rotations = moved.matrices().double()
@@ -53,7 +54,7 @@ def keep_hands_together(source: Motion, moved: Motion) -> Motion:
     middle = (palms[0] + palms[1]) / 2
     wanted = gap * (sum(arm.length for arm in ours) / 2 / size)
     for arm, palm, half in zip(ours, palms, (-0.5, 0.5), strict=True):
-        rotations = carried(arm, rotations, pose, weight * (middle + half * wanted - palm))
+        rotations = move_hand(arm, rotations, pose, weight * (middle + half * wanted - palm))
     return replace(moved, rotations=quaternion_from_matrix(rotations).numpy().astype(np.float32))
 
 
@@ -70,15 +71,15 @@ def find_arm(skeleton: Skeleton, side: str) -> Arm:
     rest = skeleton.rest_positions.double()
     knuckle = bones.get(f"{side}MiddleProximal", bones.get(f"{side}IndexProximal"))
     forearm = rest[hand] - rest[lower]
-    reach_of_hand = FOREARM * forearm if knuckle is None else rest[knuckle] - rest[hand]
+    to_knuckles = FOREARM * forearm if knuckle is None else rest[knuckle] - rest[hand]
     hinge = torch.linalg.cross(rest[lower] - rest[upper], torch.tensor([0.0, 0.0, 1.0]).double())
     return Arm(
         (skeleton.parents[upper], skeleton.parents[lower], skeleton.parents[hand]),
         upper,
         lower,
         hand,
-        PALM * reach_of_hand,
-        float(reach_of_hand.norm()),
+        PALM * to_knuckles,
+        float(to_knuckles.norm()),
         hinge / hinge.norm(),
     )
 
@@ -87,13 +88,7 @@ def _palm(pose: Pose, arm: Arm) -> Tensor:
     return pose.positions[:, arm.hand] + (pose.rotations[:, arm.hand] @ arm.palm)
 
 
-def falling(value: Float[Tensor, "*n"], full: float, none: float) -> Float[Tensor, "*n"]:
-    """1 up to `full`, 0 from `none` on, smooth between."""
-    share = ((value - full) / (none - full)).clamp(0, 1)
-    return 1 - share.pow(3) * (10 - 15 * share + 6 * share.square())
-
-
-def carried(
+def move_hand(
     arm: Arm, rotations: Float[Tensor, "t j 3 3"], pose: Pose, shift: Float[Tensor, "t 3"]
 ) -> Float[Tensor, "t j 3 3"]:
     """Local rotations with this arm bent so that its hand moves by `shift` and keeps its orientation."""

@@ -1,7 +1,7 @@
-"""Retargeting of a stream, frame by frame: what `retarget` measures on a clip is taken from the two rest poses here.
+"""Retarget a stream frame by frame. `retarget` measures on the whole clip; this measures on the two rest poses.
 
-Both rigs must stand upright in their rest pose. Feet are not put down afterwards (`retarget` does that with the whole
-clip at hand); what runs live has stages of its own for it.
+Both rigs must stand upright in their rest pose. Planted feet are not corrected here: the stages behind the decoder do
+that on the live path.
 """
 
 from typing import NamedTuple
@@ -20,14 +20,14 @@ from .skeleton import HUMANOID, Skeleton
 
 
 class Retargeted(NamedTuple):
-    """Frames on the target rig; its root is `scale` times the source's plus `offset`, metres."""
+    """Frames on the target rig. The target's root is `scale` times the source's plus `offset`, metres."""
 
     rotations: Float[Tensor, "n j 3 3"]
     offset: Float[Tensor, "n 3"]
 
 
 class LiveRetarget:
-    """From one rig to another with nothing but the present frame."""
+    """Retargets from one rig to another, each frame by itself."""
 
     def __init__(self, source: Skeleton, target: Skeleton = HUMANOID) -> None:
         """Both rigs in metres, Y up, facing +Z.
@@ -38,13 +38,13 @@ class LiveRetarget:
         theirs, ours = bone_map(source), bone_map(target)
         rest = source.rest_positions
         if not rest[theirs["head"], 1] > rest[theirs["hips"], 1] > rest[theirs["leftFoot"], 1]:
-            raise MotionError("the rest pose of the rig does not stand upright (Y up, metres); turn it first")
+            raise MotionError("the rest pose of the rig does not stand upright (Y up, metres); rotate it first")
         self.source, self.target = source, target
         self.scale = leg_length(target, ours) / leg_length(source, theirs)
         still = torch.eye(3, dtype=torch.double).expand(1, source.joints, 3, 3)
         pose = forward_kinematics(source, still, rest[:1].double())
         found = align(source, pose, theirs, target, ours)
-        self._turns = {ours[bone]: (theirs[bone], turn.float()) for bone, turn in found.items()}
+        self._rotations = {ours[bone]: (theirs[bone], rotation.float()) for bone, rotation in found.items()}
         legs, feet = ("leftUpperLeg", "rightUpperLeg"), ("leftFoot", "rightFoot")
         self._their_legs, self._our_legs = ([bones[leg] for leg in legs] for bones in (theirs, ours))
         ankles = [ours[foot] for foot in feet]
@@ -54,10 +54,10 @@ class LiveRetarget:
         self._floor = float(target.rest_positions[ankles, 1].mean() - standing.positions[0, ankles, 1].min())
 
     def __call__(self, rotations: Float[Tensor, "n j 3 3"]) -> Retargeted:
-        """Frames of the source, parent-relative, on the target."""
+        """Retarget parent-relative rotations of the source."""
         nowhere = rotations.new_zeros(len(rotations), 3)
         pose = forward_kinematics(self.source, rotations, nowhere)
-        world = {joint: pose.rotations[:, bone] @ turn for joint, (bone, turn) in self._turns.items()}
+        world = {joint: pose.rotations[:, bone] @ rotation for joint, (bone, rotation) in self._rotations.items()}
         local = local_rotations(self.target, world, len(rotations)).to(rotations)
         middle = pose.positions[:, self._their_legs].mean(1) * self.scale
         placed = forward_kinematics(self.target, local, nowhere).positions[:, self._our_legs].mean(1)

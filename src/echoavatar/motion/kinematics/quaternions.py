@@ -1,7 +1,7 @@
 """Quaternion and vector arithmetic for compiled loops, one rotation at a time.
 
 Arrays hold float32. Between reading and writing, a quaternion is a tuple of four floats (`wxyz`) and a vector a tuple
-of three, in double precision. `rotations` holds the same formulas for torch tensors.
+of three, in double precision. `rotations` is the arithmetic for torch tensors; a test holds the two together.
 """
 
 import math
@@ -10,30 +10,30 @@ from echoavatar.nn.kernels import kernel
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
 _PARALLEL = 1e-12  # squared sine of the angle between two rows below which they give no rotation
-_SMALLEST = 1e-12
+_SMALLEST = 1e-12  # length of a quaternion below which it counts as zero
 
 
 @kernel()
 def read_vector(v):  # type: ignore[no-untyped-def]
-    """Three numbers of an array."""
+    """Read three numbers of an array."""
     return float(v[0]), float(v[1]), float(v[2])
 
 
 @kernel()
 def read_quaternion(q):  # type: ignore[no-untyped-def]
-    """Four numbers of an array."""
+    """Read four numbers of an array."""
     return float(q[0]), float(q[1]), float(q[2]), float(q[3])
 
 
 @kernel()
 def write_vector(out, v):  # type: ignore[no-untyped-def]
-    """Into an array."""
+    """Write three numbers into an array."""
     out[0], out[1], out[2] = v[0], v[1], v[2]
 
 
 @kernel()
 def write_quaternion(out, q):  # type: ignore[no-untyped-def]
-    """Into an array."""
+    """Write four numbers into an array."""
     out[0], out[1], out[2], out[3] = q[0], q[1], q[2], q[3]
 
 
@@ -81,7 +81,7 @@ def inner_product(a, b):  # type: ignore[no-untyped-def]
 
 @kernel()
 def normalized(q):  # type: ignore[no-untyped-def]
-    """The unit quaternion along `q`; no rotation for zero."""
+    """`q` at unit length; the identity for zero."""
     size = math.sqrt(inner_product(q, q))
     if size < _SMALLEST:
         return IDENTITY
@@ -138,7 +138,7 @@ def least_rotation(a, b):  # type: ignore[no-untyped-def]
 def from_two_rows(first, second):  # type: ignore[no-untyped-def]
     """The rotation whose matrix has these directions as its first two rows, as by Gram-Schmidt.
 
-    Zeros where there is none: the rows are parallel, zero or not finite.
+    Zeros where the rows are parallel, zero or not finite.
     """
     third = cross(first, second)
     size_first, size_third = dot(first, first), dot(third, third)

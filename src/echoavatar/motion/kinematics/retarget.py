@@ -1,7 +1,7 @@
 """Retarget motion to a rig with other bones, proportions and rest pose.
 
 Each bone gets the world rotation of its counterpart, corrected for the difference of the rest poses (`alignment`). The
-hips travel in proportion to leg length. Then planted feet are put on the floor and kept still (`footing`). A bone
+hips travel in proportion to leg length. Then planted feet are put on the floor and kept still (`foot_planting`). A bone
 without a counterpart rests on its parent; a spine bone without one gets half the rotation between its neighbours.
 """
 

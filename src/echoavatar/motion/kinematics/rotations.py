@@ -1,4 +1,4 @@
-"""Rotations between their usual forms, batched over any leading axes and differentiable.
+"""Rotation arithmetic for torch: batched over any leading axes and differentiable.
 
 Matrices act on column vectors; quaternions are `wxyz`; 6D is the first two *rows* of the matrix, row-major
 (Zhou et al. 2019, in the convention the paper's features use). All angles are radians.
@@ -130,8 +130,24 @@ def slerp(
 ) -> Float[Tensor, "*n 4"]:
     """Shortest-path spherical interpolation; `weight` 0 gives `start`, 1 gives `end`."""
     share = torch.as_tensor(weight, dtype=start.dtype, device=start.device)[..., None]
-    turn = axis_angle_from_quaternion(quaternion_multiply(quaternion_conjugate(start), end))
-    return quaternion_multiply(start, quaternion_from_axis_angle(turn * share))
+    rotation = axis_angle_from_quaternion(quaternion_multiply(quaternion_conjugate(start), end))
+    return quaternion_multiply(start, quaternion_from_axis_angle(rotation * share))
+
+
+def least_rotation(start: Float[Tensor, "*n 3"], end: Float[Tensor, "*n 3"]) -> Float[Tensor, "*n 3 3"]:
+    """The rotation by the smallest angle that takes one direction to another.
+
+    Opposite directions take a half turn about any perpendicular axis. Differentiable, also where both are equal.
+    """
+    a, b = F.normalize(start, dim=-1), F.normalize(end, dim=-1)
+    one = torch.eye(3).to(a)
+    cosine = (a * b).sum(-1)[..., None, None]
+    skew = torch.linalg.cross(torch.linalg.cross(a, b)[..., None, :], -one.expand(*a.shape, 3))
+    smallest = 1e-6 if a.dtype == torch.float32 else 1e-12  # of 1 + cosine, which rounding spoils below it
+    rotation = one + skew + skew @ skew / (1 + cosine).clamp_min(smallest)
+    across = F.normalize(torch.linalg.cross(a, one[a.abs().argmin(-1)]), dim=-1)
+    half_turn = 2 * across[..., :, None] * across[..., None, :] - one
+    return torch.where(cosine < -1 + smallest, half_turn, rotation)
 
 
 def angle_between(a: Float[Tensor, "*n 3 3"], b: Float[Tensor, "*n 3 3"]) -> Float[Tensor, "*n"]:

@@ -32,7 +32,7 @@ def write_csv(path: Path | str, motion: Motion) -> None:
 def write_npz(path: Path | str, motion: Motion, **beside: np.ndarray) -> None:
     """Write arrays `rotations` (t, j, 4) `wxyz`, `root` (t, 3), `fps`, and `skeleton` as JSON text; no pickles.
 
-    `beside` are further arrays to store, such as a face.
+    `beside` are further arrays to store, such as face curves.
     """
     packed = io.BytesIO()
     np.savez_compressed(packed, **(_arrays(motion) | beside))
@@ -40,7 +40,7 @@ def write_npz(path: Path | str, motion: Motion, **beside: np.ndarray) -> None:
 
 
 def read_npz(path: Path | str) -> Motion:
-    """Read a file of `write_npz`; raises MotionError where it is missing, damaged, or something else."""
+    """Read a file of `write_npz`. Raises MotionError if it is missing, damaged, or not such a file."""
     try:
         return motion_of(arrays_of(Path(path), MotionError))
     except FileNotFoundError as error:
@@ -50,7 +50,7 @@ def read_npz(path: Path | str) -> Motion:
 
 
 def motion_of(stored: Mapping[str, np.ndarray]) -> Motion:
-    """The motion in arrays that `write_npz` wrote; raises one of `NPZ_ERRORS` where they are something else."""
+    """The motion in the arrays of `write_npz`. Raises one of `NPZ_ERRORS` if they are not such arrays."""
     skeleton = Skeleton(SkeletonConfig.model_validate_json(str(stored["skeleton"])))
     return Motion(skeleton, stored["rotations"], stored["root"], float(stored["fps"]))
 
@@ -68,7 +68,7 @@ NPZ_ERRORS = (
 
 
 def arrays_of(path: Path, error: type[EchoAvatarError] = EchoAvatarError) -> dict[str, np.ndarray]:
-    """Every array of an npz file; sizes are checked before anything is unpacked.
+    """All arrays of an npz file. Sizes are checked before anything is unpacked.
 
     Raises:
         EchoAvatarError: of the given kind; the file is too large, or unpacks to too much.
@@ -81,18 +81,14 @@ def arrays_of(path: Path, error: type[EchoAvatarError] = EchoAvatarError) -> dic
             if unpacked > ARRAYS_BYTES:
                 raise error(f"{path} unpacks to {unpacked:,} bytes, and at most {ARRAYS_BYTES:,} are read; cut it")
             return {name.removesuffix(".npy"): array_of(archive.read(name)) for name in archive.namelist()}
-    except (
-        zipfile.LargeZipFile,
-        NotImplementedError,
-        RuntimeError,
-    ) as reason:  # encrypted, or an unknown method
+    except (zipfile.LargeZipFile, NotImplementedError, RuntimeError) as reason:  # encrypted, or an unknown method
         raise ValueError(str(reason)) from reason
     except zlib.error as reason:
         raise ValueError(f"damaged: {reason}") from reason
 
 
 def array_of(data: bytes) -> np.ndarray:
-    """The array of an npy file's bytes; raises ValueError where header and data do not fit, and for pickles."""
+    """The array in an npy file's bytes. Raises ValueError if header and data do not fit, and for pickles."""
     file = io.BytesIO(data)
     version = np.lib.format.read_magic(file)
     read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
@@ -112,7 +108,7 @@ def _arrays(motion: Motion) -> dict[str, Any]:
 
 
 def write_whole(path: Path | str, data: bytes) -> None:
-    """Write a file completely or not at all; raises MotionError where it cannot be written."""
+    """Write a file completely or not at all. Raises MotionError if it cannot be written."""
     path = Path(path)
     partial = path.with_name(path.name + ".part")
     try:

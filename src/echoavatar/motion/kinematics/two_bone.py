@@ -1,13 +1,12 @@
-"""A leg (or arm) of two bones brought to a target in closed form."""
+"""Two-bone IK in closed form, for whole clips in torch; `ik.leg` and `ik.arm` are the compiled loops of the stages."""
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from .alignment import least_rotation
-from .rotations import matrix_from_axis_angle
+from .rotations import least_rotation, matrix_from_axis_angle
 
-REACH = 0.9995  # of the stretched length
+REACH = 0.9995  # greatest distance to the target, as a share of the stretched length
 
 
 def reach(
@@ -18,11 +17,11 @@ def reach(
     hinge: Float[Tensor, "*n 3"],
     target: Float[Tensor, "*n 3"],
 ) -> tuple[Float[Tensor, "*n 3 3"], Float[Tensor, "*n 3 3"]]:
-    """World rotations to put on top of the upper and of the lower bone so that the ankle meets the target.
+    """World rotations that bring the ankle to the target: multiply them onto those of the upper and the lower bone.
 
-    The lower bone first turns about `hinge` (a world unit axis; a positive angle flexes) until the distance fits,
-    then both turn by the least rotation that points at the target. Targets out of reach are met as far as the
-    limb goes.
+    The lower bone first rotates about `hinge` (a world unit axis; a positive angle flexes) until the distance fits.
+    Then both rotate by the least rotation that points at the target. If the target is out of reach, the limb is
+    stretched towards it.
     """
     upper, lower = knee - hip, ankle - knee
     a, b = upper.norm(dim=-1), lower.norm(dim=-1)
@@ -34,10 +33,10 @@ def reach(
     cosine = (upper * across).sum(-1)
     sine = (upper * torch.linalg.cross(hinge, across)).sum(-1)
     size = torch.hypot(cosine, sine).clamp_min(1e-9)
-    straight = torch.atan2(sine, cosine)  # the turn that stretches the limb
+    straight = torch.atan2(sine, cosine)  # the angle that stretches the limb
     bend = ((wanted - constant) / size).clamp(-1, 1).acos()
-    turn = torch.remainder(straight + bend + torch.pi, 2 * torch.pi) - torch.pi  # flexed side
-    fold = matrix_from_axis_angle(hinge * turn[..., None])
+    angle = torch.remainder(straight + bend + torch.pi, 2 * torch.pi) - torch.pi  # on the flexed side
+    fold = matrix_from_axis_angle(hinge * angle[..., None])
     reached = upper + (fold @ lower[..., None]).squeeze(-1)
     point = least_rotation(reached, target - hip)
     return point, point @ fold

@@ -1,1 +1,4 @@
-"""The stages behind the tokenizer's decoder, in the order in which `post` runs them. May import `nn` and below."""
+"""The stages behind the tokenizer's decoder; `post` runs them in order.
+
+May import `motion.kinematics`, `motion.ik`, and `nn` and below.
+"""

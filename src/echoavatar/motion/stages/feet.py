@@ -1,12 +1,14 @@
-"""Planted feet are held by leg IK, streaming; released feet return to the decoded path without a step.
+"""Planted feet are held by leg IK; released feet return smoothly to the decoded path.
 
-`ground` moves the root so that the leading foot stays; what is left is that two planted feet do not agree with each
-other, that the decoded foot floats or sinks by millimetres, and whatever `leash` moved the root by. A foot is planted
-by the height of its ball and by how fast it rises; one that sinks stays. While it is, its ball is held where it was
-shown when it came to stand. A foot that is let go rises before it goes: the less it is off the floor, the less of its
-way it makes in that frame, and the correction fades as fast as it was off the floor in the frame before. So it does not
-slide, however slowly it is played (`time_warp`). A foot that is held too far from where it was decoded is let go, and
-steps there. A foot that travels without lifting, as a shuffle decodes, is lifted, so that it steps instead of sliding.
+`ground` moves the root so that the leading foot stays. Three errors remain: two planted feet do not agree with each
+other, the decoded foot floats or sinks by millimetres, and `leash` may have moved the root.
+
+- A foot is planted while its ball is low and does not rise fast. Its ball is then held where it was first shown.
+- A released foot rises before it travels: the closer it is to the floor, the less of its way it makes, and the more
+  slowly the correction fades. So it does not slide, however slowly it is played (`time_warp`).
+- A foot that is held too far from its decoded place is released, and steps there.
+- A foot that travels without lifting, as in a decoded shuffle, is lifted, so that it steps instead of sliding.
+
 Not in the paper.
 """
 
@@ -36,36 +38,39 @@ from .pose import Array, Pose
 
 ENTER_HEIGHT, LEAVE_HEIGHT = 0.022, 0.035  # metres above standing height
 LEAVE_SPEED = 0.30  # metres per second, upwards
-FADE = 0.78  # of a correction, what is left a frame later in a foot that is off the floor
-SETTLE = 0.35  # of the height error, what is taken away per planted frame
-LARGEST = 0.12  # metres: a foot that strays further is let go
-BACK = 0.015  # metres from its decoded place at which a foot that was let go may stand again
-STANDING_SPEED, STEPPING_SPEED = 0.3, 0.8  # m/s, horizontal: below it may be planted; above it steps
-CLEARANCE = 0.045  # metres over the floor of a stepping foot
-CLEAR = 0.035  # metres off the floor from which on a foot goes, or goes back, as fast as it may
-RISE = 0.5  # of the way to its clearance, per frame
+FADE = 0.78  # share of a correction that remains after a frame in the air
+SETTLE = 0.35  # share of the height error that is removed per planted frame
+LARGEST = 0.12  # metres: the farthest that a foot is held from its decoded place
+BACK = 0.015  # metres from its decoded place at which a released foot may be planted again
+STANDING_SPEED, STEPPING_SPEED = (
+    0.3,
+    0.8,
+)  # m/s, horizontal: below the first a foot may be planted, above the second it steps
+CLEARANCE = 0.045  # metres: height of a stepping foot
+CLEAR = 0.035  # metres above the floor from which a foot travels, and its correction fades, at full speed
+RISE = 0.5  # share of the missing height that a frame adds
 
 
 @dataclass
 class FeetState(StreamState):
-    """What is known of both feet of each session, left first."""
+    """Both feet of each session, left first."""
 
     seen: Bool[Tensor, "b 2"]
     held: Bool[Tensor, "b 2"]
-    let_go: Bool[Tensor, "b 2"]  # on the way back to where it is decoded, and not held before it is there
+    let_go: Bool[Tensor, "b 2"]  # released and on the way to its decoded place, not to be held before it arrives
     shown: Float[Tensor, "b 2 2"]  # where its ball was shown, along x and z
-    moved: Float[Tensor, "b 2 3"]  # by how much it was moved
-    ball: Float[Tensor, "b 2 3"]  # where its ball was, without a leash, over its standing height
+    moved: Float[Tensor, "b 2 3"]  # its correction
+    ball: Float[Tensor, "b 2 3"]  # where its ball was without the leash; height is above the standing height
 
     def lean(self) -> Float[Array, " b"]:
-        """How far the farthest held foot of each row is from where it was decoded, across the floor, metres."""
+        """The largest horizontal distance between a held foot of each row and its decoded place, metres."""
         moved, held = self.moved.numpy(), self.held.numpy()
         lean: Array = (np.hypot(moved[:, :, 0], moved[:, :, 2]) * held).max(-1)
         return lean
 
 
 class Feet:
-    """Foot lock for a rig with two legs of two bones; rigs without are passed through."""
+    """Foot lock for a rig with two legs of two bones; other rigs pass unchanged."""
 
     def __init__(self, skeleton: Skeleton, chains: Chains) -> None:
         self._legs = legs_of(skeleton, chains)
@@ -89,10 +94,10 @@ class Feet:
         decoded_root: Float[Array, "b t 3"] | None = None,
         largest: Float[Array, " b"] | None = None,
     ) -> None:
-        """Legs of `pose` bent in place so that planted feet stay; `chains` are those of the pose.
+        """Bend the legs of `pose` in place so that planted feet stay; `chains` is the pose's.
 
-        `decoded_root` is where the root was before a leash: it says which feet stand and which step. `largest` is how
-        far a foot may be moved across the floor, metres, per row.
+        `decoded_root` is the root before the leash, by which feet are told to stand or step. `largest` is how far a
+        foot may be held from its decoded place, metres, per row.
         """
         if self._legs is None:
             return
@@ -115,7 +120,7 @@ class Feet:
 
 @kernel()
 def lift_of(height, speed, away):  # type: ignore[no-untyped-def]
-    """How much a foot that is not held wants to be raised, for its height, its speed and how far it is moved aside."""
+    """Metres by which a foot that is not held should be raised, for its height, speed and horizontal correction."""
     stepping = (speed - STANDING_SPEED) / (STEPPING_SPEED - STANDING_SPEED)
     lift = CLEARANCE * min(stepping, 1.0) - height if stepping > 0.0 else 0.0
     if away > BACK:
@@ -125,15 +130,16 @@ def lift_of(height, speed, away):  # type: ignore[no-untyped-def]
 
 @kernel()
 def how_clear(height):  # type: ignore[no-untyped-def]
-    """0 on the floor to 1 where a foot may go as fast as it wants."""
+    """0 on the floor to 1 where a foot may travel at full speed."""
     return min(max(height / CLEAR, 0.0), 1.0)
 
 
 @kernel()
 def correction(ball, free_ball, fps, largest, memory, row, side):  # type: ignore[no-untyped-def]
-    """By how much a foot is moved in a frame; the memory of that foot goes on by a frame.
+    """The correction of a foot in a frame, metres; advances the memory of that foot.
 
-    `ball` is where its ball is, its height over the standing one; `free_ball` is where it would be without a leash.
+    `ball` is the position of its ball, with the height above the standing height; `free_ball` is the same without the
+    leash.
     """
     seen, all_held, all_let_go, shown, moved, balls = memory
     x, z = shown[row, side, 0], shown[row, side, 1]
@@ -146,9 +152,9 @@ def correction(ball, free_ball, fps, largest, memory, row, side):  # type: ignor
     step_x, rise, step_z = minus(free_ball, last)
     height, speed = ball[1], math.hypot(step_x, step_z) * fps
     stays = height < LEAVE_HEIGHT and rise * fps < LEAVE_SPEED
-    comes = stays and height < ENTER_HEIGHT and speed < STANDING_SPEED and not let_go
-    is_held = stays if was_held else comes
-    gap_x, gap_z = x - ball[0], z - ball[2]  # to where it was shown in the frame before
+    lands = stays and height < ENTER_HEIGHT and speed < STANDING_SPEED and not let_go
+    is_held = stays if was_held else lands
+    gap_x, gap_z = x - ball[0], z - ball[2]  # to its place in the frame before, as shown
     if is_held and math.hypot(gap_x, gap_z) > largest:
         is_held, let_go = False, True
     if is_held:
@@ -174,13 +180,13 @@ def correction(ball, free_ball, fps, largest, memory, row, side):  # type: ignor
 
 @kernel()
 def lock(legs, standing, chains, rotations, root, free_root, fps, largest, memory, active):  # type: ignore[no-untyped-def]
-    """Active rows, frame by frame, one foot after the other."""
+    """Hold the feet of active rows, frame by frame and foot by foot."""
     for row in range(len(rotations)):
         if not active[row]:
             continue
         for frame in range(rotations.shape[1]):
             hips = read_quaternion(rotations[row, frame, 0])
-            turned, places = chains.rotations[row, frame], chains.places[row, frame]
+            world, places = chains.rotations[row, frame], chains.places[row, frame]
             here, free = root[row, frame], free_root[row, frame]
             for side in range(2):
                 x, y, z = rotate(hips, read_vector(places[legs.slots[side, 3]]))
@@ -188,4 +194,4 @@ def lock(legs, standing, chains, rotations, root, free_root, fps, largest, memor
                 ball = (x + here[0], y + here[1], z + here[2])
                 free_ball = (x + free[0], y + free[1], z + free[2])
                 shift = correction(ball, free_ball, fps, largest[row], memory, row, side)
-                bend(legs, side, rotations[row, frame], turned, places, rotate_back(hips, shift))
+                bend(legs, side, rotations[row, frame], world, places, rotate_back(hips, shift))

@@ -1,8 +1,8 @@
-"""Feet on the floor: the root travels so that the planted foot stays where it is.
+"""Root travel from planted feet: the root moves so that the planted foot stays where it is.
 
 The decoded root velocity carries the tokenizer's quantisation error, which shows as sliding feet. While a foot is
-planted the legs already say how the pelvis moves over it, so we integrate that instead and fall back to the decoded
-velocity as the feet leave the floor. Not in the paper; its foot losses (appendix) act in training only.
+planted, the legs tell how the pelvis moves over it, and that movement is integrated. As the feet leave the floor, the
+decoded velocity takes over. Not in the paper; its foot losses (appendix) act in training only.
 """
 
 from dataclasses import dataclass
@@ -25,12 +25,12 @@ from ..kinematics.quaternions import (
 )
 from .pose import Array, Pose
 
-RELEASE_HEIGHT = 0.035  # metres above its rest height at which a point no longer counts as planted
+RELEASE_HEIGHT = 0.035  # metres above its rest height from which a point does not count as planted
 
 
 @dataclass
 class GroundState(StreamState):
-    """Where the root is, and where the feet were in the last frame."""
+    """The root's position, and the feet in the last frame."""
 
     seen: Bool[Tensor, " b"]
     place: Float[Tensor, "b 2"]  # metres along x and z
@@ -38,10 +38,10 @@ class GroundState(StreamState):
 
 
 class Ground:
-    """Integrates the root over planted feet, streaming; a rig whose feet are not known travels as decoded."""
+    """Integrates the root over planted feet. A rig whose feet are not known travels as decoded."""
 
     def __init__(self, skeleton: Skeleton, chains: Chains, *, is_holding: bool = True) -> None:
-        """`chains` must hold `skeleton.config.feet`. Not holding, the root travels as decoded, whatever they do."""
+        """`chains` must hold `skeleton.config.feet`. Without `is_holding` the root travels as decoded."""
         feet = list(skeleton.config.feet) if is_holding else []
         self._slots = np.array([chains.slot[joint] for joint in feet], np.int64)
         rest = skeleton.rest_positions.numpy()
@@ -53,21 +53,21 @@ class Ground:
         return GroundState(torch.zeros(rows, dtype=torch.bool), torch.zeros(rows, 2), points)
 
     def step(self, pose: Pose, chains: ChainPose, state: GroundState, active: Bool[Array, " b"]) -> None:
-        """Turn the decoded travel of `pose.root` into world positions; `chains` are those of the pose."""
+        """Replace the decoded travel in `pose.root` by world positions; `chains` is the pose's."""
         memory = state.seen.numpy(), state.place.numpy(), state.points.numpy()
         travel(self._slots, self._rest, chains, pose.rotations, pose.root, memory, active)
 
 
 @kernel()
 def planted(clearance):  # type: ignore[no-untyped-def]
-    """How firmly a point stands that is this far off the floor: 1 on it, 0 from `RELEASE_HEIGHT` on."""
+    """How firmly a point stands at a height above its rest height: 1 at 0, 0 from `RELEASE_HEIGHT` on."""
     share = min(max(clearance / RELEASE_HEIGHT, 0.0), 1.0)
     return 1.0 - share * share * (3.0 - 2.0 * share)
 
 
 @kernel()
 def travel(slots, rest, chains, rotations, root, memory, active):  # type: ignore[no-untyped-def]
-    """Active rows: ankles and toes relative to the root, along the world's axes, say how the root moves over them."""
+    """Integrate the root of active rows from the movement of their ankles and toes relative to it, in world axes."""
     seen, places, all_points = memory
     for row in range(len(rotations)):
         if not active[row]:

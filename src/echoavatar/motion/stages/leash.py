@@ -1,10 +1,10 @@
-"""The root kept near where it started, without sliding feet.
+"""A leash that keeps the root near where it started, without sliding feet.
 
-A character that dances for an hour must not leave the picture. Beyond `NEAR` of its leash the root is drawn back, and
-the farther out, the less it moves outwards; it is never beyond. The feet do not notice: `feet` holds planted ones where
-they stand and they find their new place with the next step. So the pull rests while a foot is already held `LEAN` from
-where it was decoded, and goes on when that foot has stepped. Pinned rows (`in_place`) do not move at all. Streaming by
-the chunk. Not in the paper.
+A character that dances for an hour must not leave the picture. Beyond `NEAR` of the leash's length the root is pulled
+back. Beyond `EDGE` it is also slowed in its way outwards, and it never passes the end. Meanwhile `feet` holds planted
+feet where they stand; they take their new place with the next step. The pull therefore weakens as a held foot gets
+away from its decoded place, stops at `LEAN`, and resumes when the foot has stepped. Pinned rows (`in_place`) do not
+move at all. Not in the paper.
 """
 
 import math
@@ -20,24 +20,24 @@ from echoavatar.nn.kernels import kernel
 
 from .pose import Array, Pose
 
-NEAR, EDGE = 0.4, 0.7  # of the leash: from here on the root is drawn back; from here on it is slowed outwards
+NEAR, EDGE = 0.4, 0.7  # of the leash's length: where the pull begins, and where the way outwards is slowed
 PULL_SPEED = 0.25  # metres per second at the leash's end
-LEAN = 0.05  # metres a held foot may be off before the pull rests
+LEAN = 0.05  # metres between a held foot and its decoded place at which the pull stops
 
 
 @dataclass
 class LeashState(StreamState):
-    """What is known of the root in the last frame, along x and z."""
+    """The root in the last frame, along x and z."""
 
     seen: Bool[Tensor, " b"]
     decoded: Float[Tensor, "b 2"]  # metres, before the leash
-    place: Float[Tensor, "b 2"]  # metres, behind the leash
+    place: Float[Tensor, "b 2"]  # metres, after the leash
     pull: Float[Tensor, "b 2"]  # metres per frame
-    slowness: Float[Tensor, " b"]  # share of the way outwards that is taken away
+    slowness: Float[Tensor, " b"]  # share of outward movement that is removed
 
 
 class Leash:
-    """Soft bound on the way of the root from the origin, where a session starts."""
+    """A soft bound on the root's distance from the origin, where a session starts."""
 
     def init_state(self, rows: int) -> LeashState:
         """At the start."""
@@ -54,22 +54,22 @@ class Leash:
         is_pinned: Bool[Array, " b"],
         lean: Float[Array, " b"],
     ) -> None:
-        """Move `pose.root` in place. Rows with radius 0 are free; `lean` is how far off held feet are now, metres."""
+        """Move `pose.root` in place. A radius of 0 is no leash; `lean` is the distance of `FeetState.lean`, metres."""
         memory, radii = tuple(tensor.numpy() for tensor in state.tensors()), np.ascontiguousarray(radius)
         chosen = active & ((radius > 0) | is_pinned)
         hold(pose.root, memory, chosen, radii, is_pinned, lean, PULL_SPEED / pose.fps)
 
 
 @kernel()
-def eased(share):  # type: ignore[no-untyped-def]
-    """From 0 to 1 without a step in speed."""
+def smoothstep(share):  # type: ignore[no-untyped-def]
+    """0 to 1 without a step in speed."""
     share = min(max(share, 0.0), 1.0)
     return share * share * (3.0 - 2.0 * share)
 
 
 @kernel()
 def hold(root, memory, chosen, radii, is_pinned, lean, pull_speed):  # type: ignore[no-untyped-def]
-    """The chosen rows on their leash, frame by frame; `pull_speed` is in metres per frame."""
+    """Apply the leash to the chosen rows, frame by frame; `pull_speed` is in metres per frame."""
     seen, decoded, places, pulls, slowness = memory
     frames = root.shape[1]
     for row in range(len(root)):
@@ -84,8 +84,8 @@ def hold(root, memory, chosen, radii, is_pinned, lean, pull_speed):  # type: ign
         far = math.hypot(x, z)
         out_x, out_z = x / max(far, 1e-6), z / max(far, 1e-6)
         rest = 1.0 - min(lean[row] / LEAN, 1.0) ** 2
-        pull = eased((far / radius - NEAR) / (1.0 - NEAR)) * rest * pull_speed
-        slow = eased((far / radius - EDGE) / (1.0 - EDGE))
+        pull = smoothstep((far / radius - NEAR) / (1.0 - NEAR)) * rest * pull_speed
+        slow = smoothstep((far / radius - EDGE) / (1.0 - EDGE))
         for frame in range(frames):
             share = (frame + 1) / frames
             way_x, way_z = root[row, frame, 0] - last_x, root[row, frame, 2] - last_z

@@ -1,4 +1,4 @@
-"""What a user may ask of a session's body: a leash, to stay on the spot, to move the upper body only."""
+"""Motion options of a session: a leash, staying in place, moving the upper body only."""
 
 import math
 from dataclasses import dataclass
@@ -15,14 +15,14 @@ from echoavatar.nn import StreamState, write_rows
 from ..kinematics import Skeleton
 from .pose import Array, Pose
 
-STAND_LOWER = 0.012  # metres that idle legs give, so that knees are not locked
+STAND_LOWER = 0.012  # metres by which idle hips are lowered, so that knees are not locked
 SWAY = 0.008  # metres to either side
-SWAY_SECONDS = (7.3, 11.9)  # across and along, without a common beat
-WARM_UP_FRAMES = 8
+SWAY_SECONDS = (7.3, 11.9)  # periods along x and z, chosen so that they do not repeat together
+RAMP_FRAMES = 32  # until the sway has its full size
 
 
 class MotionOptions(Config):
-    """How one session's body may move. Nothing slides: feet are held and step."""
+    """How one session's body may move. Feet do not slide: they are held in place, or step."""
 
     leash_m: float = Field(
         default=0.0, ge=0, le=100, description="metres the hips may be from where they started; 0: no leash"
@@ -36,41 +36,41 @@ FREE = MotionOptions()
 
 @dataclass
 class ModesState(StreamState):
-    """Each row's options: leash in metres, in place, upper body (0 or 1); and frames stood idle so far."""
+    """Each row's options (leash in metres, in place, upper body as 0 or 1), and how many frames its legs have idled."""
 
     options: Float[Tensor, "b 3"]
     frames: Float[Tensor, " b"]
 
     def choose(self, rows: Bool[Tensor, " b"], options: MotionOptions) -> None:
-        """Set the options of these rows; they hold from the next chunk on."""
+        """Set the options of these rows from the next chunk on."""
         values = [options.leash_m, float(options.in_place), float(options.upper_body)]
         self.options[rows] = torch.tensor(values)
 
 
 class IdleLegs:
-    """Hips and legs that stand, sway by millimetres, and leave the rest of the body to the motion."""
+    """Legs of the upper-body mode: hips and legs stand and sway by millimetres; the rest moves as decoded."""
 
     def __init__(self, skeleton: Skeleton) -> None:
         self._lower = np.array(skeleton.config.parts.get("lower", ()), np.int64)
         self._height = float(skeleton.rest_positions[0, 1]) - STAND_LOWER
 
     def init_state(self, rows: int) -> ModesState:
-        """Free rows."""
+        """Rows without restrictions."""
         return ModesState(torch.zeros(rows, 3), torch.zeros(rows))
 
     def stand(self, pose: Pose, rows: Bool[Array, " b"]) -> None:
-        """Rotations of hips and legs at rest, in place; before forward kinematics."""
+        """Set hips and legs to rest; before forward kinematics."""
         for row in np.flatnonzero(rows):
             pose.rotations[row][:, self._lower] = (1, 0, 0, 0)
 
     def sway(self, pose: Pose, rows: Bool[Array, " b"], state: ModesState, active: Bool[Array, " b"]) -> None:
-        """The root of idle rows, in place; before the feet are held."""
+        """Set the root of idle rows; before the feet are held."""
         if not rows.any():
             return
         frame = state.frames.numpy()[:, None] + np.arange(1, pose.frames + 1, dtype=np.float32)
-        begun = np.minimum(frame / (4 * WARM_UP_FRAMES), 1)
+        ramp = np.minimum(frame / RAMP_FRAMES, 1)
         for axis, seconds in zip((0, 2), SWAY_SECONDS, strict=True):
-            swing = SWAY * begun * np.sin(2 * math.pi * frame / (seconds * pose.fps))
+            swing = SWAY * ramp * np.sin(2 * math.pi * frame / (seconds * pose.fps))
             pose.root[rows, :, axis] = swing[rows]
         pose.root[rows, :, 1] = self._height
         shown = torch.from_numpy(np.where(rows, frame[:, -1], 0).astype(np.float32))

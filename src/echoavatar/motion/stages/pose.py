@@ -1,4 +1,4 @@
-"""What the stages behind the decoder work on: a chunk of several sessions."""
+"""The data that the stages behind the decoder pass on: a chunk of several sessions."""
 
 from dataclasses import dataclass
 

@@ -1,8 +1,8 @@
-"""From decoded features to a pose that holds together (paper, Post-Processing).
+"""The stages between the tokenizer's decoder and the session (paper, Post-Processing).
 
-Each stage is one compiled loop over sessions, joints and frames (`nn.kernels`). One forward kinematics in the root's
-frame serves all stages. Every stage but the first can be left out by name. Rotations that are not finite, or from
-which no rotation can be made, are repaired (`repair`), reported by `repaired` and in the log.
+Each stage is one compiled loop over sessions, joints and frames (`nn.kernels`). All stages share one forward
+kinematics in the root's frame. Every stage but the first can be left out by name. Invalid rotations are repaired
+(`repair`), counted in `repaired` and logged.
 """
 
 import logging
@@ -21,16 +21,11 @@ from echoavatar.timing import CHUNK_FRAMES, FRAME_RATE_HZ
 from ..ik import BodyProfile, HandCollisions
 from ..ik.chains import Chains
 from ..kinematics import Motion, Skeleton, to_features
-from ..motion_chunk import MotionBatch, in_a_row
+from ..motion_chunk import MotionBatch, join_batches
 from .feet import LARGEST, Feet, FeetState
 from .ground import Ground, GroundState
 from .leash import Leash, LeashState
-from .modes import (
-    FREE,
-    IdleLegs,
-    ModesState,
-    MotionOptions,
-)
+from .modes import FREE, IdleLegs, ModesState, MotionOptions
 from .pose import Pose
 from .repair import repair
 from .smoother import Smoother, SmootherState
@@ -39,13 +34,13 @@ from .unpack import Unpacking
 OnStage = Callable[[str], None]
 POST_STAGES = ("pose", "smoother", "ground", "leash", "feet", "hands")
 SWITCHES = POST_STAGES[1:]
-LARGEST_ON_LEASH = 0.30  # metres a foot may be held from where it was decoded, in rows whose root is held too
+LARGEST_ON_LEASH = 0.30  # metres a foot may be held from its decoded place in rows with a leash or in place
 _log = logging.getLogger(__name__)
 
 
 @dataclass
 class PostState(StreamState):
-    """What the stages remember."""
+    """The states of the stages."""
 
     modes: ModesState
     smoother: SmootherState
@@ -55,7 +50,7 @@ class PostState(StreamState):
 
 
 class Post:
-    """The stages between the tokenizer's decoder and the session, in a row."""
+    """The stages in order: pose, smoother, ground, leash, feet, hands."""
 
     def __init__(
         self,
@@ -64,7 +59,7 @@ class Post:
         stages: Collection[str] = SWITCHES,
         body: BodyProfile | None = None,
     ) -> None:
-        """`stages` are those to run; `body` is the character's thickness (`echoavatar rig`), our own by default.
+        """`stages` names those to run; `body` is the character's thickness (`echoavatar rig`); None scales ours.
 
         Raises:
             EchoAvatarError: there is no stage of that name.
@@ -73,7 +68,7 @@ class Post:
         self.skeleton, self.stages, self.repaired = skeleton, frozenset(stages), 0
         self._hands = HandCollisions(skeleton, body)
         self._chains = Chains(skeleton, [0, *self._hands.joints, *skeleton.config.feet])
-        self._hands.stand_on(self._chains)
+        self._hands.use_chains(self._chains)
         self._unpacking = Unpacking(skeleton)
         self._smoother = Smoother(skeleton.joints)
         self._idle_legs = IdleLegs(skeleton)
@@ -82,7 +77,7 @@ class Post:
         self._feet = Feet(skeleton, self._chains)
 
     def init_state(self, rows: int) -> PostState:
-        """Nothing shown yet, free rows."""
+        """Nothing shown yet, no restrictions."""
         return PostState(
             self._idle_legs.init_state(rows),
             self._smoother.init_state(rows),
@@ -98,11 +93,11 @@ class Post:
         active: Bool[Tensor, " b"],
         on_stage: OnStage | None = None,
     ) -> MotionBatch:
-        """Motion of a chunk; after each stage `on_stage(stage)` is called, also after those left out."""
+        """The motion of a chunk. `on_stage(name)` is called after each stage, also after those left out."""
         on, report = active.numpy(), on_stage or _ignore
         radius, in_place, upper_body = state.modes.options.numpy().T
         is_pinned, is_idle = in_place > 0, upper_body > 0
-        is_led = (radius > 0) | is_pinned
+        is_bound = (radius > 0) | is_pinned
         pose = self.pose_of(features, state)
         report("pose")
         if "smoother" in self.stages:
@@ -114,10 +109,10 @@ class Post:
         self._idle_legs.sway(pose, is_idle, state.modes, on)
         report("ground")
         decoded_root, largest = pose.root, np.full(len(on), LARGEST)
-        if "leash" in self.stages and is_led.any():
+        if "leash" in self.stages and is_bound.any():
             decoded_root, lean = pose.root.copy(), state.feet.lean()
             self._leash.step(pose, state.leash, on, radius=radius, is_pinned=is_pinned, lean=lean)
-            largest[is_led] = LARGEST_ON_LEASH
+            largest[is_bound] = LARGEST_ON_LEASH
         report("leash")
         if "feet" in self.stages:
             self._feet.step(pose, chains, state.feet, on, decoded_root=decoded_root, largest=largest)
@@ -129,26 +124,26 @@ class Post:
         return MotionBatch(pose.rotations, pose.root)
 
     def replay(self, motion: Motion, options: MotionOptions = FREE) -> Motion:
-        """A finished motion through the stages, chunk by chunk, as a session of its own."""
+        """Run a finished motion through the stages, chunk by chunk, as a new session."""
         features = to_features(self.skeleton, motion.matrices(), torch.from_numpy(motion.root))
         state = self.init_state(1)
         everyone = torch.ones(1, dtype=torch.bool)
         state.modes.choose(everyone, options)
         padded = torch.cat([features, features[-1:].expand(-len(features) % CHUNK_FRAMES, -1)])
         pieces: tuple[Tensor, ...] = padded[None].tensor_split(len(padded) // CHUNK_FRAMES, 1)
-        shown = in_a_row([self.step(piece, state, everyone) for piece in pieces])
+        shown = join_batches([self.step(piece, state, everyone) for piece in pieces])
         rotations, root = shown.rotations[0], shown.root[0]
         root[:, [0, 2]] += motion.root[0, [0, 2]]
         return replace(motion, rotations=rotations[: motion.frames], root=root[: motion.frames])
 
     def pose_of(self, features: Float[Tensor, "b t c"], state: PostState) -> Pose:
-        """Rotations, and travel as decoded; what cannot be a rotation is repaired and counted in `repaired`."""
+        """Rotations, and travel as decoded; invalid rotations are repaired and counted in `repaired`."""
         pose, is_good = self._unpacking.pose_of(features.numpy(), FRAME_RATE_HZ)
         if not is_good:
             standing = float(self.skeleton.rest_positions[0, 1])
             count = repair(pose, state.smoother.rotations.numpy()[:, -1], standing)
             self.repaired += count
-            _log.warning("%d rotations or root positions of a chunk were not usable and were held", count)
+            _log.warning("%d rotations or root positions of a chunk were invalid and were held", count)
         return pose
 
 

@@ -1,8 +1,8 @@
-"""Decoded poses that are no poses: NaN, infinity, or rows from which no rotation can be made.
+"""Repair of invalid decoded poses: NaN, infinity, or rows from which no rotation can be made.
 
-A joint whose rotation is not usable keeps the last usable one: of the chunk, else the one shown last, else the rest
-pose. A root that is not usable does not travel and keeps its height. Rotations of any length are no problem: features
-are made orthonormal and quaternions normalised.
+An invalid rotation is replaced by the joint's previous rotation in the chunk, else by the one shown last, else by rest.
+An invalid root does not travel and keeps its height. The length of rotations does not matter: features are made
+orthonormal and quaternions are normalised.
 """
 
 import numpy as np
@@ -12,10 +12,10 @@ from .pose import Array, Pose
 
 
 def repair(pose: Pose, last: Float[Array, "b j 4"], standing: float) -> int:
-    """Repair in place; returns how many rotations and root positions there were to repair.
+    """Repair `pose` in place and return how many rotations and root positions were invalid.
 
-    `pose.root` is still travel here. `last` are the rotations shown last, zero where there are none; `standing` is the
-    height, in metres, of a root that never had one.
+    `pose.root` is still travel here. `last` holds the rotations shown last, zero where there are none. `standing` is
+    the height, in metres, of a root that never had a valid one.
     """
     rotations, root = pose.rotations, pose.root
     with np.errstate(invalid="ignore", over="ignore"):

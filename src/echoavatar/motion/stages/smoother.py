@@ -1,17 +1,16 @@
-"""Trembling and jumps taken out without delay, and a bound on how fast a joint may turn.
+"""A smoother that removes trembling and jumps without delay, and bounds the speed of every joint.
 
-Sampled codes carry noise that a decoder cannot tell from motion, and every latent of 4 frames may begin with a small
-step; the first frames of a chunk need not continue the last ones. Each chunk is replaced by the smoothest path that
-leaves the frames already shown as they were going and is drawn to the decoded rotations, the more the later in the
-chunk (a Whittaker-Henderson smoother with a fixed beginning): it minimises
+Sampled codes carry noise that a decoder cannot tell from motion. Each latent of 4 frames may begin with a small step,
+and the first frames of a chunk need not continue the last ones. So each chunk x is replaced by a path y that continues
+the frames already shown and approaches the decoded rotations towards the end of the chunk (a Whittaker-Henderson
+smoother with a fixed start). y minimises
 
     sum_k  ((k + 1) / t)^LATE |y_k - x_k|^2  +  STIFFNESS s_k |third difference of (shown, y) that ends in y_k|^2
 
-over the unit quaternions' four numbers, which is one small matrix; and likewise the root's travel. s_k is `BEND` where
-a latent begins and 1 elsewhere: there, and only there, acceleration may change at little cost, so that a step is bent
-over a whole latent and a chunk is as smooth at its border as within. No joint turns faster than `FASTEST`. The three
-numbers make the least jerk at equal distance from what was decoded that leaves no place of a chunk rougher than others
-(`docs/results/post.md`). The paper smooths nothing; a model sampled at temperature 1 shakes without it.
+over the four numbers of the unit quaternions, and over the root's travel. The solution is one small matrix. s_k is
+`BEND` where a latent begins and 1 elsewhere: only there may acceleration change at little cost. A step is thereby
+spread over a whole latent, and a chunk is as smooth at its border as within. No joint turns faster than `FASTEST`.
+`docs/results/post.md` says how the three numbers were chosen. The paper has no smoother.
 """
 
 import math
@@ -27,32 +26,26 @@ from echoavatar.nn import StreamState
 from echoavatar.nn.kernels import kernel
 from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
 
-from ..kinematics.quaternions import (
-    inner_product,
-    normalized,
-    read_quaternion,
-    write_quaternion,
-    write_vector,
-)
+from ..kinematics.quaternions import inner_product, normalized, read_quaternion, write_quaternion, write_vector
 from .pose import Array, Pose
 
 FASTEST = math.radians(1000)  # per second
-LATE = 10  # power by which the end of a chunk counts more than its beginning
-STIFFNESS = 2.0  # 0 shows what was decoded
-BEND = 0.01  # of the stiffness, what is left where a latent begins
+LATE = 10  # exponent of the weight of later frames
+STIFFNESS = 2.0  # at 0 the path is the decoded one
+BEND = 0.01  # factor of the stiffness where a latent begins
 SHOWN = 3  # frames that a third difference reaches back
 
 
 @dataclass
 class SmootherState(StreamState):
-    """The last rotations and travels shown; all zero: none yet."""
+    """The last rotations and travels shown; zero where nothing was shown yet."""
 
     rotations: Float[Tensor, "b 3 j 4"]
     travel: Float[Tensor, "b 3 3"]
 
 
 class Smoother:
-    """A smoother of joint rotations and of the root's travel, streaming by the chunk; the first begins at rest."""
+    """Smooths joint rotations and root travel; before its first frame, a session counts as at rest in that frame."""
 
     def __init__(self, joints: int, stiffness: float = STIFFNESS) -> None:
         self._joints, self._stiffness = joints, stiffness
@@ -62,7 +55,7 @@ class Smoother:
         return SmootherState(torch.zeros(rows, SHOWN, self._joints, 4), torch.zeros(rows, SHOWN, 3))
 
     def step(self, pose: Pose, state: SmootherState, active: Bool[Array, " b"]) -> None:
-        """Rotations and travel of the active rows, smoothed in place."""
+        """Smooth the rotations and the travel of active rows, in place."""
         shares = _shares(pose.frames, self._stiffness)
         cosine = math.cos(FASTEST / pose.fps / 2)
         shown, travel = state.rotations.numpy(), state.travel.numpy()
@@ -71,7 +64,7 @@ class Smoother:
 
 @cache
 def _shares(frames: int, stiffness: float) -> Float[Array, "t n"]:
-    """What each of the frames shown and of a chunk (n = 3 + t) adds to each smoothed frame: the minimum, solved."""
+    """The solution of the minimum: the weight of each frame, shown or decoded (n = 3 + t), in each smoothed one."""
     third = np.diff(np.eye(SHOWN + frames), n=3, axis=0)
     past, own = third[:, :SHOWN], third[:, SHOWN:]
     place = np.arange(frames)
@@ -83,7 +76,7 @@ def _shares(frames: int, stiffness: float) -> Float[Array, "t n"]:
 
 @kernel()
 def weighted_sum(shares, path):  # type: ignore[no-untyped-def]
-    """Each number of a frame as a sum over all frames of the path (n, 4)."""
+    """The weighted sum of the frames of a path (n, 4)."""
     a = b = c = d = 0.0
     for frame in range(len(shares)):
         a += shares[frame] * path[frame, 0]
@@ -95,7 +88,7 @@ def weighted_sum(shares, path):  # type: ignore[no-untyped-def]
 
 @kernel()
 def slowed_down(before, after, cosine):  # type: ignore[no-untyped-def]
-    """`after`, or the rotation on the way to it that is as far from `before` as half the angle of `cosine` allows."""
+    """`after`, or the rotation on the way to it whose half angle from `before` has this cosine."""
     along = inner_product(before, after)
     side = -1.0 if along < 0.0 else 1.0
     w, x, y, z = after[0] * side, after[1] * side, after[2] * side, after[3] * side
@@ -116,7 +109,7 @@ def slowed_down(before, after, cosine):  # type: ignore[no-untyped-def]
 
 @kernel()
 def join(path, past, now, is_new):  # type: ignore[no-untyped-def]
-    """Fill `path` with the frames shown and those of the chunk; in a new session the first frame was shown for ever."""
+    """Fill `path` with the frames shown and those of the chunk; a new session repeats its first frame."""
     for number in range(now.shape[1]):
         for frame in range(SHOWN):
             path[frame, number] = now[0, number] if is_new else past[frame, number]
@@ -125,8 +118,8 @@ def join(path, past, now, is_new):  # type: ignore[no-untyped-def]
 
 
 @kernel()
-def turn_to_one_hemisphere(path):  # type: ignore[no-untyped-def]
-    """Choose the signs of a path of quaternions so that none points away from the one before it."""
+def align_signs(path):  # type: ignore[no-untyped-def]
+    """Choose the signs of a path of quaternions so that each is in the hemisphere of the one before it."""
     for frame in range(1, len(path)):
         if inner_product(path[frame - 1], path[frame]) < 0.0:
             path[frame] *= -1.0
@@ -134,7 +127,7 @@ def turn_to_one_hemisphere(path):  # type: ignore[no-untyped-def]
 
 @kernel()
 def remember(past, path, now):  # type: ignore[no-untyped-def]
-    """The last frames shown: those of the chunk, and before them, of a chunk that is shorter, those of the path."""
+    """Keep the last `SHOWN` frames: of the chunk, or where it is shorter, also of the path before it."""
     for number in range(now.shape[1]):
         for frame in range(SHOWN):
             then = len(now) + frame
@@ -143,7 +136,7 @@ def remember(past, path, now):  # type: ignore[no-untyped-def]
 
 @kernel()
 def smooth(rotations, root, shown, travel, active, shares, cosine):  # type: ignore[no-untyped-def]
-    """Active rows, joint by joint; `cosine` is that of half the angle that a joint may turn in a frame."""
+    """Smooth active rows, joint by joint; `cosine` is that of half the angle that a joint may turn in a frame."""
     frames = rotations.shape[1]
     path = np.zeros((SHOWN + frames, 4))
     for row in range(len(rotations)):
@@ -153,7 +146,7 @@ def smooth(rotations, root, shown, travel, active, shares, cosine):  # type: ign
         for joint in range(rotations.shape[2]):
             past, now = shown[row, :, joint], rotations[row, :, joint]
             join(path, past, now, is_new)
-            turn_to_one_hemisphere(path)
+            align_signs(path)
             last = read_quaternion(path[SHOWN - 1])
             for frame in range(frames):
                 last = slowed_down(last, normalized(weighted_sum(shares[frame], path)), cosine)

@@ -1,4 +1,4 @@
-"""Decoded features to rotations."""
+"""Unpack decoded features into rotations and root travel."""
 
 import numpy as np
 from jaxtyping import Float
@@ -12,7 +12,7 @@ from .pose import Array, Pose
 
 
 class Unpacking:
-    """The places of a rig's rotations and travel in a frame of features."""
+    """Where a rig's rotations and travel lie in a frame of features."""
 
     def __init__(self, skeleton: Skeleton) -> None:
         travel = travel_slice(skeleton)
@@ -22,7 +22,7 @@ class Unpacking:
         self._travel, self._joints = travel.start, skeleton.joints
 
     def pose_of(self, features: Float[Array, "b t c"], fps: float) -> tuple[Pose, bool]:
-        """Rotations, and travel as decoded; and whether all of it can be used."""
+        """Rotations, and travel as decoded; and whether all of them are valid."""
         rows, frames = features.shape[:2]
         rotations = np.zeros((rows, frames, self._joints, 4), np.float32)
         rotations[..., 0] = 1  # joints without features rest
@@ -34,7 +34,7 @@ class Unpacking:
 
 @kernel()
 def unpack(features, first, joints, travel, rotations, root):  # type: ignore[no-untyped-def]
-    """Fill `rotations` and `root`; whether every number is finite and every rotation is one."""
+    """Fill `rotations` and `root`; returns whether every number is finite and every rotation valid."""
     is_good = True
     for row in range(features.shape[0]):
         for frame in range(features.shape[1]):

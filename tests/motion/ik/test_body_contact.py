@@ -7,7 +7,7 @@ from tests.files.exports.bodies import offsets_of
 from tests.files.exports.moving import TOUCHES, felt, touching
 
 from echoavatar.motion.ik import body_of_rig
-from echoavatar.motion.ik.holding import keep_hands_on_body
+from echoavatar.motion.ik.body_contact import keep_hands_on_body
 from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton
 from echoavatar.motion.kinematics.hand_contact import palms
 from echoavatar.motion.kinematics.retarget import retarget

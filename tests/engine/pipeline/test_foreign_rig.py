@@ -10,7 +10,7 @@ from tests.laws.streaming import hold
 
 from echoavatar.corpora.rehearsal.action_clips import SCRIPTS
 from echoavatar.corpora.rehearsal.action_clips import clip as motion_of
-from echoavatar.engine.pipeline.rig import RigAdapter
+from echoavatar.engine.pipeline.foreign_rig import RigAdapter
 from echoavatar.files.reference.release_rig import (
     AXES,
     CM,
@@ -22,9 +22,9 @@ from echoavatar.motion.kinematics import (
     HUMANOID,
     Motion,
     Skeleton,
-    feature_size,
     forward_kinematics,
     from_features,
+    part_sizes,
     read_bvh,
     to_features,
 )
@@ -67,7 +67,7 @@ def test_native_bones_are_where_they_were() -> None:
     torch.testing.assert_close(moved.rotations, C @ turns @ C.T, atol=1e-5, rtol=0)
     wanted = (root - root[:, :1]) @ C.T * CM
     torch.testing.assert_close(moved.root[..., [0, 2]], wanted[..., [0, 2]], atol=1e-5, rtol=0)
-    assert out.shape[2] == feature_size(own)
+    assert out.shape[2] == sum(part_sizes(own).values())
 
 
 def test_a_clip_gives_the_features_that_it_would_come_from() -> None:

@@ -1,8 +1,8 @@
-"""Bundles whose tokenizer speaks of another rig: its features become ours, on its own bones or on the VRM humanoid.
+"""Adapter for bundles that were trained on a foreign rig: its features become ours, on its bones or the VRM humanoid.
 
-The conventions of the features (axes, unit, which axis is up) and the rig's own rule for hands are data in the bundle
-(`runtime.json`); the skeleton itself travels with the tokenizer, in metres and our axes. What comes out are features
-as everything behind the decoder expects them, so nothing there knows of other rigs.
+The conventions of the features (axes, unit, up axis) and the rig's own rule for hands are data in the bundle
+(`runtime.json`). The skeleton is part of the tokenizer, in metres and our axes. The adapter's output follows our
+conventions, so the stages behind the decoder need not know about other rigs.
 """
 
 from dataclasses import dataclass
@@ -26,16 +26,16 @@ Output = Literal["humanoid", "native"]
 
 
 class RigConfig(Config):
-    """How a tokenizer's features differ from ours."""
+    """How the features of a foreign rig differ from ours."""
 
-    axes: Matrix = Field(description="rotation that takes its axes to ours (Y up, facing +Z, left +X)")
-    metres_per_unit: float = Field(gt=0, description="of its lengths")
-    up: int = Field(ge=0, le=2, description="its axis that points up")
+    axes: Matrix = Field(description="rotation from the rig's axes to ours (Y up, facing +Z, left +X)")
+    metres_per_unit: float = Field(gt=0, description="length of the rig's unit in metres")
+    up: int = Field(ge=0, le=2, description="the rig's axis that points up: 0 x, 1 y, 2 z")
     swing: SwingConfig | None = Field(
         default=None,
-        description="how its arms are kept off the trunk, in metres and our axes; None: not here",
+        description="how arms are kept off the trunk, in metres and our axes; None: by the stages alone",
     )
-    arms: tuple[tuple[int, int], ...] = Field(default=(), description="(upper arm, wrist) joints of that rule")
+    arms: tuple[tuple[int, int], ...] = Field(default=(), description="(upper arm, wrist) joints of `swing`")
     unity: tuple[Matrix, ...] = Field(
         default=(),
         description="per joint M: Unity's local rotation is M R M^-1 of the rotation R in its own axes",
@@ -44,17 +44,17 @@ class RigConfig(Config):
 
 @dataclass
 class RigState(StreamState):
-    """Where the humanoid's root last lay from the source's, on the ground, and whether anything was seen."""
+    """The last horizontal offset of the humanoid's root from the source's, and whether there was a frame yet."""
 
     offset: Float[Tensor, "b 2"]
     seen: Float[Tensor, " b"]
 
 
 class RigAdapter:
-    """Decoded features of a foreign rig to our features, streaming."""
+    """Converts decoded features of a foreign rig to our features, streaming."""
 
     def __init__(self, config: RigConfig, source: Skeleton, output: Output = "humanoid") -> None:
-        """`output` says on which bones: `humanoid` retargets to the VRM set, `native` keeps the rig's own."""
+        """`output` chooses the bones: `humanoid` retargets to the VRM set, `native` keeps the rig's own."""
         self.config, self.source = config, source
         self._convention = FeatureConvention(up=config.up)
         self._axes = torch.tensor(config.axes)
@@ -88,7 +88,7 @@ class RigAdapter:
         return self._features(moved.rotations.view(rows, frames, -1, 3, 3), travel)
 
     def canonical(self, features: Float[Tensor, "b t c"]) -> tuple[Float[Tensor, "b t j 3 3"], Float[Tensor, "b t 3"]]:
-        """Rotations in our axes with the arms clear, and per frame: metres to the left, height, metres ahead."""
+        """Rotations in our axes with the arms off the trunk; and travel: metres left, height, metres ahead per frame."""
         config = self.config
         frames = from_features(self.source, features, convention=self._convention)
         ground = list(self._convention.ground)
@@ -102,14 +102,14 @@ class RigAdapter:
         return rotations, travel
 
     def features_of(self, motion: Motion) -> Float[Tensor, "t c"]:
-        """Features as the tokenizer knows them, of a clip on the source's bones: `canonical` undone.
+        """The tokenizer's features of a clip on the source's bones; the inverse of `canonical`.
 
-        Height counts from the first frame, which stands at the rest pose's: so the published data have it.
+        As in the published data, height is relative to the first frame, which has the rest pose's height.
         """
-        turn, rest = self._axes, self.source.offsets[:1]
+        axes, rest = self._axes, self.source.offsets[:1]
         root = torch.from_numpy(motion.root)
-        placed = (rest + root - root[:1]) @ turn / self.config.metres_per_unit
-        rotations = turn.T @ motion.matrices() @ turn
+        placed = (rest + root - root[:1]) @ axes / self.config.metres_per_unit
+        rotations = axes.T @ motion.matrices() @ axes
         return to_features(self.source, rotations, placed, convention=self._convention)
 
     def _features(
