@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 from safetensors.torch import load_file, save_file
-from tests.align.scenes import dips, reference_statistics, scene
+from tests.align.moving_bodies import dips, reference_statistics, scene
 
 from echoavatar.align.audio_encoders import AudioEncoderConfig
 from echoavatar.align.audio_reward import (
@@ -48,10 +48,6 @@ def test_info_nce_averages_both_directions():
     loss = info_nce(sounds, motions, torch.tensor(1.0), torch.tensor([0, 1]))
     assert forth != back
     assert loss.item() == pytest.approx((0.5 * (forth + back)).item())
-
-
-def test_the_temperature_begins_at_the_papers():
-    assert model().temperature.item() == pytest.approx(1 / 0.07)
 
 
 def test_embeddings_have_unit_length_and_know_the_order_of_things():

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from tests.align.scenes import reference_statistics
+from tests.align.moving_bodies import reference_statistics
 from tests.align.tuning import clips
 
 from echoavatar.align.compare import compare

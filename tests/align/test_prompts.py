@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from tests.align.tuning import LAYOUT, clips
+from tests.align.tuning import clips
+from tests.models.generator.tiny import LAYOUT
 
 from echoavatar.align.prompts import (
     PromptSampler,

@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from tests.align.scenes import dips, reference_statistics, scene
+from tests.align.moving_bodies import dips, reference_statistics, scene
 
 from echoavatar.align.quality import (
     PACE,

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from tests.align.scenes import FRAMES, LEAD, dips, reference_statistics, scene
+from tests.align.moving_bodies import FRAMES, LEAD, dips, reference_statistics, scene
 
 from echoavatar.align.rewards import BUILT_IN, RewardMix, parse_weights
 from echoavatar.errors import EchoAvatarError
@@ -79,7 +79,7 @@ def high_hands(made, own) -> float:
 def test_functions_of_ones_own():
     mix = RewardMix({"high_hands": 1.0}, reference_statistics(), own={"high_hands": high_hands})
     assert mix([scene(STEADY)]).whole[0] > 1
-    named = RewardMix({"tests.align.scenes:reach": 1.0}, reference_statistics())
+    named = RewardMix({"tests.align.moving_bodies:reach": 1.0}, reference_statistics())
     assert named([scene(STEADY)]).whole[0] > 1
 
 

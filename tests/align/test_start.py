@@ -5,7 +5,7 @@ from pathlib import Path
 
 import av
 import pytest
-from tests.align.scenes import reference_statistics
+from tests.align.moving_bodies import reference_statistics
 from tests.align.tuning import clips
 
 from echoavatar.align.config import recipe

@@ -4,7 +4,7 @@ import copy
 
 import numpy as np
 import torch
-from tests.models.generator.tiny import LAYOUT, generator
+from tests.models.generator.tiny import generator
 
 from echoavatar.align.config import AlignTraining
 from echoavatar.align.dpo import DpoTask
@@ -81,18 +81,3 @@ def ranked_pairs(prompts: int, model):
     asked = [prompt for number in range(prompts) for prompt in mine.draw(number, 1)]
     pairs = rank_pairs(GeneratorPolicy(model), asked, wants_threes, past=1, group=8)
     return [(mine.cut(pair.clip, pair.start), pair) for pair in pairs]
-
-
-__all__ = [
-    "LAYOUT",
-    "WANTED",
-    "book",
-    "clips",
-    "policy",
-    "ranked_pairs",
-    "dpo",
-    "grpo",
-    "ppo",
-    "training",
-    "wants_threes",
-]

@@ -2,7 +2,7 @@
 
 import json
 
-from tests.align.scenes import reference_statistics
+from tests.align.moving_bodies import reference_statistics
 from tests.align.tuning import clips
 
 from echoavatar.cli import main

@@ -4,7 +4,7 @@ import json
 import shutil
 from pathlib import Path
 
-from tests.align.scenes import reference_statistics
+from tests.align.moving_bodies import reference_statistics
 from tests.align.tuning import clips
 
 from echoavatar.align.compare import compare

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from tests.align.scenes import reference_statistics
+from tests.align.moving_bodies import reference_statistics
 from tests.corpora.datasets.speech_server import speech_server
 from tests.corpora.datasets.test_music_sources import clicks
 

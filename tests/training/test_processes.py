@@ -65,7 +65,7 @@ from pathlib import Path
 import torch
 from tests.training.line import CONFIG, Line
 from tests.training.test_processes import curve, real_stages
-from echoavatar.training import Loop, Stage
+from echoavatar.training import Loop
 from echoavatar.training.processes import processes_here
 
 sharded, folder = sys.argv[1] == "sharded", Path(sys.argv[2])

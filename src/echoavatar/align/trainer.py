@@ -125,7 +125,7 @@ class PolicyTask(TrainingTask[BatchT]):
         self.reference.generator.to(self.device)
         return [adamw([self.generator], self.config)]
 
-    def clipped(self) -> list[nn.Parameter]:
+    def clipped_parameters(self) -> list[nn.Parameter]:
         """The policy's parameters; the critic's gradient is not clipped."""
         return list(self.generator.parameters())
 

@@ -111,7 +111,7 @@ class Loop(Generic[BatchT]):
         return metrics
 
     def _descend(self) -> Tensor:
-        learned = [parameter for parameter in self.stage.clipped() if parameter.grad is not None]
+        learned = [parameter for parameter in self.stage.clipped_parameters() if parameter.grad is not None]
         norm = nn.utils.clip_grad_norm_(learned, self.stage.config.clip)
         for optimiser in self.optimisers:
             optimiser.step()
