@@ -9,12 +9,7 @@ from safetensors.torch import load_file, save_file
 from tests.align.moving_bodies import dips, reference_statistics, scene
 
 from echoavatar.align.audio_encoders import AudioEncoderConfig
-from echoavatar.align.audio_reward import (
-    AudioMotion,
-    AudioMotionConfig,
-    info_nce,
-    soft_labels,
-)
+from echoavatar.align.audio_reward import AudioMotion, AudioMotionConfig, info_nce, soft_labels
 from echoavatar.errors import CheckpointError
 
 

@@ -84,13 +84,7 @@ def test_a_run_that_was_stopped_goes_on_to_the_same_weights(tmp_path):
     def run(folder, steps):
         torch.manual_seed(0)
         model = AudioMotion.from_codebooks(
-            torch.randn(2, 16, 8),
-            torch.randn(3, 2, 8, 4),
-            width=16,
-            layers=1,
-            sound_layers=1,
-            heads=2,
-            size=96,
+            torch.randn(2, 16, 8), torch.randn(3, 2, 8, 4), width=16, layers=1, sound_layers=1, heads=2, size=96
         )
         training = AudioRewardTraining(steps=6, batch=8, save_every=1)
         stage = AudioRewardTask(model, AudioMotionWindows(told(6, 0), chunks=4), training)

@@ -6,11 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from echoavatar.align.fbank import (
-    MEAN,
-    STD,
-    fbank,
-)
+from echoavatar.align.fbank import MEAN, STD, fbank
 
 KALDI = {
     (0, 0): 14.94371509552002,

@@ -4,12 +4,7 @@ import pytest
 import torch
 from tests.models.generator.tiny import audio, generator
 
-from echoavatar.align.policy import (
-    GeneratorPolicy,
-    Sampling,
-    check_reference,
-    mean_by_layer,
-)
+from echoavatar.align.policy import GeneratorPolicy, Sampling, check_reference, mean_by_layer
 from echoavatar.align.prompts import PromptBatch
 from echoavatar.errors import CheckpointError
 from echoavatar.models.generator import GeneratorConfig

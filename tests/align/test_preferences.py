@@ -6,12 +6,7 @@ from tests.align.tuning import book, policy, wants_threes
 from tests.models.generator.tiny import LAYOUT
 
 from echoavatar.align.policy import GeneratorPolicy
-from echoavatar.align.preferences import (
-    codes_of,
-    rank_pairs,
-    read_pairs,
-    write_pairs,
-)
+from echoavatar.align.preferences import codes_of, rank_pairs, read_pairs, write_pairs
 from echoavatar.errors import MotionError
 
 

@@ -5,13 +5,7 @@ import pytest
 from tests.align.tuning import clips
 from tests.models.generator.tiny import LAYOUT
 
-from echoavatar.align.prompts import (
-    PromptSampler,
-    batch_of,
-    cue_times,
-    read_token_clips,
-    true_clips,
-)
+from echoavatar.align.prompts import PromptSampler, batch_of, cue_times, read_token_clips, true_clips
 from echoavatar.errors import MotionError
 
 

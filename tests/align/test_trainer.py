@@ -102,11 +102,7 @@ def test_two_processes_take_the_steps_of_one():
         found = json.loads(out.splitlines()[-1])
         for name, steps in expected.items():
             torch.testing.assert_close(
-                torch.tensor(found[name]),
-                torch.tensor(steps),
-                rtol=1e-4,
-                atol=1e-5,
-                msg=lambda m, n=name: f"{n}: {m}",
+                torch.tensor(found[name]), torch.tensor(steps), rtol=1e-4, atol=1e-5, msg=lambda m, n=name: f"{n}: {m}"
             )
 
 

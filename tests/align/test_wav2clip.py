@@ -5,12 +5,7 @@ import math
 import pytest
 import torch
 
-from echoavatar.align.wav2clip import (
-    QUIET,
-    Wav2Clip,
-    Wav2ClipConfig,
-    spectrogram,
-)
+from echoavatar.align.wav2clip import QUIET, Wav2Clip, Wav2ClipConfig, spectrogram
 from echoavatar.errors import CheckpointError
 
 
@@ -22,11 +17,7 @@ def small() -> Wav2Clip:
 def as_published(model: Wav2Clip) -> dict[str, torch.Tensor]:
     """As in the published file: with the spectrogram's window, a classifier and the projection to CLIP's space."""
     state = {f"audio_encoder.{name}": value for name, value in model.state_dict().items()}
-    extras = (
-        "audio_encoder.spectrogram.window",
-        "audio_encoder.fc.weight",
-        "audio_transform.sequential.0.weight",
-    )
+    extras = ("audio_encoder.spectrogram.window", "audio_encoder.fc.weight", "audio_transform.sequential.0.weight")
     return state | {name: torch.zeros(2) for name in extras}
 
 

@@ -19,16 +19,7 @@ def bundle(tiny_bundle: Path, tmp_path: Path) -> Path:
 def test_a_clip_is_added_listed_and_removed(bundle: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     nod = clip(SCRIPTS["agree"])
     write_bvh(tmp_path / "nod.bvh", nod.skeleton, nod.rotations, nod.root, fps=nod.fps)
-    words = [
-        "actions",
-        "add",
-        "big nod",
-        str(tmp_path / "nod.bvh"),
-        "--bundle",
-        str(bundle),
-        "--about",
-        "yes!",
-    ]
+    words = ["actions", "add", "big nod", str(tmp_path / "nod.bvh"), "--bundle", str(bundle), "--about", "yes!"]
     assert main(words) == 0
     assert main(["actions", "list", "--bundle", str(bundle)]) == 0
     told = capsys.readouterr().out

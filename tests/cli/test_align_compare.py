@@ -19,12 +19,7 @@ def test_generators_side_by_side(tmp_path: Path, tiny_bundle: Path, capsys, monk
             object.__setattr__(clip, "split", "test")
         clip.save(folder / f"{name}.npz")
     reference_statistics().save(tmp_path / "reference_statistics.json")
-    words = [
-        "--bundle",
-        str(tiny_bundle),
-        "--reference-statistics",
-        str(tmp_path / "reference_statistics.json"),
-    ]
+    words = ["--bundle", str(tiny_bundle), "--reference-statistics", str(tmp_path / "reference_statistics.json")]
     words += ["--reward", "smoothness=1", "--prompts", "2", "--group", "2", "--past", "2", "--length", "4"]
     again = tmp_path / "again"
     shutil.copytree(tiny_bundle / "generator", again)

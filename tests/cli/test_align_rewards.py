@@ -52,17 +52,7 @@ def test_beats_and_wav2clip_hear_with_published_weights_which_are_left_as_they_a
     named = {f"audio_encoder.{name}": value for name, value in wav2clip.state_dict().items()}
     torch.save({"cfg": {"encoder_layers": 1}, "model": beats.state_dict()}, tmp_path / "beats.pt")
     torch.save({"state_dict": named, "epoch": 3}, tmp_path / "wav2clip.pt")
-    common = [
-        str(two_clips(tmp_path)),
-        "--bundle",
-        str(tiny_bundle),
-        "--steps",
-        "2",
-        "--batch",
-        "4",
-        "--width",
-        "16",
-    ]
+    common = [str(two_clips(tmp_path)), "--bundle", str(tiny_bundle), "--steps", "2", "--batch", "4", "--width", "16"]
     for kind, own in (("beats", beats), ("wav2clip", wav2clip)):
         folder, weights = tmp_path / kind, str(tmp_path / f"{kind}.pt")
         command = ["align", "reward-alignment", *common, "-o", str(folder), "--encoder", kind]
@@ -109,14 +99,6 @@ def test_weights_without_their_encoder_are_refused(tmp_path, tiny_bundle, capsys
 
 def test_tokens_without_held_out_clips_are_refused(tmp_path, tiny_bundle, capsys):
     clips(1)["clip0"].save(tmp_path / "one.npz")
-    command = [
-        "align",
-        "reward-quality",
-        str(tmp_path),
-        "--bundle",
-        str(tiny_bundle),
-        "-o",
-        str(tmp_path / "q"),
-    ]
+    command = ["align", "reward-quality", str(tmp_path), "--bundle", str(tiny_bundle), "-o", str(tmp_path / "q")]
     assert main(command) == 1
     assert "holds 1 train and 0 test clips" in capsys.readouterr().err

@@ -160,11 +160,7 @@ def test_unusual_sound_still_moves(
 
 @pytest.mark.parametrize(
     ("output", "complaint"),
-    [
-        ("out.xyz", "use one of .bvh"),
-        ("no/such/folder/out.bvh", "not a folder"),
-        ("taken.bvh", "choose another"),
-    ],
+    [("out.xyz", "use one of .bvh"), ("no/such/folder/out.bvh", "not a folder"), ("taken.bvh", "choose another")],
 )
 def test_outputs_that_cannot_be_are_refused_before_any_work(
     wav: Path, tmp_path: Path, output: str, complaint: str, capsys: pytest.CaptureFixture[str]

@@ -19,16 +19,7 @@ def corpus(tmp_path: Path) -> Path:
 def test_clips_for_a_corpus_and_for_sound_files(kind: str, corpus: Path, tmp_path: Path) -> None:
     write_wav(tmp_path / "my_music.wav", clicks(70, 0.5))
     out = tmp_path / "made"
-    words = [
-        "baseline",
-        kind,
-        "--train",
-        str(corpus),
-        str(corpus),
-        str(tmp_path / "my_music.wav"),
-        "-o",
-        str(out),
-    ]
+    words = ["baseline", kind, "--train", str(corpus), str(corpus), str(tmp_path / "my_music.wav"), "-o", str(out)]
     assert main(words) == 0
     assert sorted(path.name for path in out.iterdir()) == ["c.npz", "my_music.npz"]
     held_out, own = Clip.load(out / "c.npz"), Clip.load(out / "my_music.npz")

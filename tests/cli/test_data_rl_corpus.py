@@ -49,15 +49,7 @@ def test_a_service_speaks_and_failures_are_told(
     (tmp_path / "music/bad.wav").write_bytes(b"RIFF")
     words[words.index("--hours") + 1] = str(2.5 / 3600)
     words[words.index("--pieces") + 1] = "3"
-    words += [
-        "--tts",
-        "openai",
-        "--scripts",
-        str(tmp_path / "talk.txt"),
-        "--scripts-licence",
-        "mine",
-        "--strict",
-    ]
+    words += ["--tts", "openai", "--scripts", str(tmp_path / "talk.txt"), "--scripts-licence", "mine", "--strict"]
     with speech_server() as server:
         server.answers = [200, 400]
         assert main([*words, "--tts-url", server.url]) == 1

@@ -4,13 +4,7 @@ import numpy as np
 import pytest
 from tests.data.test_clip import clip
 
-from echoavatar.data import (
-    ClipEntry,
-    Corpus,
-    Manifest,
-    save_manifest,
-    write_manifest,
-)
+from echoavatar.data import ClipEntry, Corpus, Manifest, save_manifest, write_manifest
 from echoavatar.data.corpus import clip_path
 from echoavatar.data.shards import write_shard
 from echoavatar.errors import MotionError

@@ -7,13 +7,7 @@ import pytest
 import echoavatar
 from echoavatar.corpora.rehearsal.action_clips import SCRIPTS, clip
 from echoavatar.engine.pipeline import Pipeline, load_bundle
-from echoavatar.evaluation.actions import (
-    BEGIN_CHUNKS,
-    _score_action,
-    body_points,
-    evaluate_actions,
-    head_turn,
-)
+from echoavatar.evaluation.actions import BEGIN_CHUNKS, _score_action, body_points, evaluate_actions, head_turn
 from echoavatar.models.audio import read_audio
 from echoavatar.motion.kinematics import Motion
 from echoavatar.timing import CHUNK_FRAMES

@@ -5,13 +5,7 @@ import numpy as np
 import pytest
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.training.curves import (
-    Curve,
-    draw,
-    is_wide,
-    read_curves,
-    smoothed,
-)
+from echoavatar.training.curves import Curve, draw, is_wide, read_curves, smoothed
 
 
 def told(folder: Path, count: int = 60) -> Path:

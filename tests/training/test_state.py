@@ -5,12 +5,7 @@ from tests.training.line import CONFIG, Line
 
 from echoavatar.errors import CheckpointError
 from echoavatar.training import Loop, has_state
-from echoavatar.training.state import (
-    FILE,
-    module_state,
-    read,
-    write,
-)
+from echoavatar.training.state import FILE, module_state, read, write
 
 
 def test_facts_and_tensors_come_back_and_nothing_half_written_is_left(tmp_path):

@@ -16,12 +16,7 @@ from torch import Tensor, nn
 from echoavatar.config import Config
 from echoavatar.models.audio import AudioCodec, CodecConfig
 from echoavatar.nn import FullBlock
-from echoavatar.timing import (
-    SAMPLE_RATE_HZ,
-    SAMPLES_PER_AUDIO_TOKEN,
-    SAMPLES_PER_MOTION_TOKEN,
-    exact_div,
-)
+from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_AUDIO_TOKEN, SAMPLES_PER_MOTION_TOKEN, exact_div
 
 from .beats import Beats, BeatsConfig
 from .fbank import RATE_HZ

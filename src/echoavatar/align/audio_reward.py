@@ -24,12 +24,7 @@ from echoavatar import checkpoint
 from echoavatar.config import Config
 from echoavatar.models.audio import AudioCodec
 from echoavatar.nn import FullBlock
-from echoavatar.timing import (
-    SAMPLE_RATE_HZ,
-    SAMPLES_PER_AUDIO_TOKEN,
-    SAMPLES_PER_MOTION_TOKEN,
-    exact_div,
-)
+from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_AUDIO_TOKEN, SAMPLES_PER_MOTION_TOKEN, exact_div
 
 from .audio_encoders import AudioEncoderConfig, TokenEncoder, WaveformEncoder
 from .beats import Beats

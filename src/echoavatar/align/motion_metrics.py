@@ -11,12 +11,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from echoavatar.evaluation.metrics.diversity import l1_deviation
-from echoavatar.evaluation.metrics.frechet import (
-    Moments,
-    frechet_between,
-    moments,
-    pooled,
-)
+from echoavatar.evaluation.metrics.frechet import Moments, frechet_between, moments, pooled
 from echoavatar.evaluation.metrics.motion_encoder import MotionEncoder
 from echoavatar.evaluation.metrics.motion_features import motion_features
 from echoavatar.models.tokenizer import BodyTokenizer

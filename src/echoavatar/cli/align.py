@@ -60,12 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     dpo = kinds.add_parser("dpo", help="learn from preferred and rejected continuations")
     ppo = kinds.add_parser("ppo", help="learn with a value head that predicts the reward")
     dpo.add_argument("--pairs", type=Path, required=True, help="JSONL of pairs (`align rollouts`, the studio)")
-    dpo.add_argument(
-        "--margin",
-        type=float,
-        default=0.0,
-        help="skip pairs that differ by less (default: %(default)s)",
-    )
+    dpo.add_argument("--margin", type=float, default=0.0, help="skip pairs that differ by less (default: %(default)s)")
     for child in (grpo, ppo):
         child.add_argument(
             "--rollouts",
@@ -81,19 +76,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         _add_common(child)
         child.add_argument("-o", "--output", type=Path, required=True, help="folder to train in, or to resume")
         child.add_argument(
-            "--recipe",
-            choices=("tiny", "rehearsal", "paper"),
-            default="rehearsal",
-            help="(default: %(default)s)",
+            "--recipe", choices=("tiny", "rehearsal", "paper"), default="rehearsal", help="(default: %(default)s)"
         )
         for name, (kind, text) in SETTINGS.items():
             child.add_argument(f"--{name}", type=kind, help=f"{text} (default: the recipe's)")
         child.add_argument("--events", choices=("any", "beat", "stress"), help="(default: the recipe's)")
         child.add_argument("--credit", choices=("sequence", "to_go"), help="(default: the recipe's)")
         child.add_argument(
-            "--autocast",
-            action="store_true",
-            help="multiply in bfloat16; faster on processors that support it",
+            "--autocast", action="store_true", help="multiply in bfloat16; faster on processors that support it"
         )
         child.add_argument(
             "--track",
@@ -111,17 +101,11 @@ def _add_rollouts(child: argparse.ArgumentParser) -> None:
     child.add_argument("--prompts", type=int, default=200, help="number of prompts (default: %(default)s)")
     child.add_argument("--group", type=int, default=8, help="continuations of each (default: %(default)s)")
     child.add_argument(
-        "--past",
-        type=int,
-        default=3,
-        help="chunks of true motion before a continuation (default: %(default)s)",
+        "--past", type=int, default=3, help="chunks of true motion before a continuation (default: %(default)s)"
     )
     child.add_argument("--length", type=int, default=9, help="chunks in a continuation (default: %(default)s)")
     child.add_argument(
-        "--margin",
-        type=float,
-        default=0.5,
-        help="least difference of rewards in a pair (default: %(default)s)",
+        "--margin", type=float, default=0.5, help="least difference of rewards in a pair (default: %(default)s)"
     )
     child.add_argument(
         "--fewest-events",
@@ -145,9 +129,7 @@ def _add_common(child: argparse.ArgumentParser) -> None:
         "liveliness=0.3 smoothness=0.1 planted_feet=0.1 stillness=0.5)",
     )
     child.add_argument(
-        "--reference-statistics",
-        type=Path,
-        help="reference statistics of true motion (default: measured now)",
+        "--reference-statistics", type=Path, help="reference statistics of true motion (default: measured now)"
     )
     child.add_argument("--quality", type=Path, help="trained quality reward, for --reward quality=1")
     child.add_argument("--alignment", type=Path, help="trained alignment reward, for --reward alignment=1")

@@ -65,13 +65,7 @@ def run(args: argparse.Namespace) -> int:
         ", ".join(map(str, folders)): over_seeds(found["untuned"], [found[str(folder)] for folder in folders])
         for folders in args.beside
     }
-    told = {
-        "prompts": len(prompts),
-        "group": args.group,
-        "seed": args.seed,
-        "found": found,
-        "over_seeds": lines,
-    }
+    told = {"prompts": len(prompts), "group": args.group, "seed": args.seed, "found": found, "over_seeds": lines}
     args.output.write_text(json.dumps(told) + "\n")
     args.output.with_suffix(".md").write_text(as_markdown(found, lines))
     print(json.dumps(told))

@@ -41,9 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="EnCodec: a folder, or a name in the local model cache (default: %(default)s)",
     )
     reference.add_argument(
-        "--actions",
-        type=Path,
-        help="file with the table of actions (default: the script beside the stats folder)",
+        "--actions", type=Path, help="file with the table of actions (default: the script beside the stats folder)"
     )
     reference.add_argument(
         "--step",

@@ -16,10 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", type=Path, help="folder (default: the local model cache)")
     parser.add_argument("--revision", help="branch, tag or commit (default: the newest)")
     parser.add_argument(
-        "--only",
-        action="append",
-        metavar="PATTERN",
-        help="files to fetch, such as 'ckpts/*'; repeat for more",
+        "--only", action="append", metavar="PATTERN", help="files to fetch, such as 'ckpts/*'; repeat for more"
     )
 
 

@@ -22,12 +22,7 @@ from echoavatar.motion.kinematics import HUMANOID, Skeleton, SkeletonConfig
 from echoavatar.motion.kinematics.mirror import is_symmetric, mirror_positions, mirror_quaternions
 from echoavatar.timing import SAMPLES_PER_FRAME
 
-from .clip import (
-    DOMAINS,
-    PCM,
-    Clip,
-    open_clip,
-)
+from .clip import DOMAINS, PCM, Clip, open_clip
 from .shards import Shard, ShardEntry, checksum
 
 MIRROR = ".mirror"  # suffix of a mirror image's name

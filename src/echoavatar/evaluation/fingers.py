@@ -12,12 +12,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from echoavatar.models.fingers.clips import FingerClip
-from echoavatar.models.fingers.hand_poses import (
-    FINGERS,
-    HandBasis,
-    finger_rotations,
-    hand_poses,
-)
+from echoavatar.models.fingers.hand_poses import FINGERS, HandBasis, finger_rotations, hand_poses
 from echoavatar.models.fingers.model import FingerModel
 from echoavatar.models.fingers.refine import smoothed
 from echoavatar.models.fingers.sample import STEPS, sample_hands
@@ -65,9 +60,7 @@ def measure_fingers(
 
 
 def compare(
-    guesses: Sequence[Float[Tensor, "t 30 3 3"]],
-    truths: Sequence[Float[Tensor, "t 30 3 3"]],
-    basis: HandBasis,
+    guesses: Sequence[Float[Tensor, "t 30 3 3"]], truths: Sequence[Float[Tensor, "t 30 3 3"]], basis: HandBasis
 ) -> dict[str, float]:
     """Scores of guesses against truths, pair by pair; names contain the units."""
     guess, truth = torch.cat(list(guesses)), torch.cat(list(truths))

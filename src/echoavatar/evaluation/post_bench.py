@@ -37,11 +37,7 @@ class PostReport:
     @property
     def summary(self) -> dict[str, float]:
         """The totals."""
-        return {
-            "post_ms": self.one_ms["all"],
-            "sessions": self.sessions,
-            "ms_per_session": self.many_ms["all"],
-        }
+        return {"post_ms": self.one_ms["all"], "sessions": self.sessions, "ms_per_session": self.many_ms["all"]}
 
 
 def bench_post(

@@ -30,12 +30,7 @@ from .loop import Loop
 from .run import Progress, train
 from .signals import Interrupted
 from .state import has_state
-from .task import (
-    Gather,
-    Loss,
-    TrainingTask,
-    adamw,
-)
+from .task import Gather, Loss, TrainingTask, adamw
 
 __all__ = [
     "Gather",

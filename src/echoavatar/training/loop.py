@@ -15,19 +15,8 @@ from echoavatar.errors import CheckpointError, EchoAvatarError
 
 from . import state
 from .averaged_weights import AveragedWeights
-from .processes import (
-    Processes,
-    full_state_dicts,
-    full_tensor,
-    placed_like,
-)
-from .task import (
-    BatchT,
-    Loss,
-    TrainingTask,
-    row_count,
-    take_rows,
-)
+from .processes import Processes, full_state_dicts, full_tensor, placed_like
+from .task import BatchT, Loss, TrainingTask, row_count, take_rows
 
 
 class _LossModule(nn.Module):
@@ -195,13 +184,7 @@ def _unsaid(config: Config) -> dict[str, Any]:
     return {name: value for name, value in plain.items() if isinstance(value, bool | int | float | str)}
 
 
-_FREE = (
-    "accumulation",
-    "log_every",
-    "evaluate_every",
-    "save_every",
-    "save_minutes",
-)  # do not change the result
+_FREE = ("accumulation", "log_every", "evaluate_every", "save_every", "save_minutes")  # do not change the result
 
 
 class _Means:

@@ -8,12 +8,7 @@ import pytest
 from tests.corpora.datasets.speech_server import SpeechServer, speech_server
 
 from echoavatar.corpora.datasets.conversations import Script, Turn, conversations
-from echoavatar.corpora.datasets.text_to_speech import (
-    HttpTextToSpeech,
-    TextToSpeech,
-    _pieces,
-    text_to_speech,
-)
+from echoavatar.corpora.datasets.text_to_speech import HttpTextToSpeech, TextToSpeech, _pieces, text_to_speech
 from echoavatar.corpora.rehearsal.augment import loudness
 from echoavatar.errors import AudioError, DependencyError, EchoAvatarError
 

@@ -6,12 +6,7 @@ import torch
 from numpy.typing import NDArray
 
 from echoavatar.corpora.rehearsal.controls import neutral
-from echoavatar.corpora.rehearsal.dance import (
-    ANSWER_S,
-    dance,
-    footholds,
-    plan_dance,
-)
+from echoavatar.corpora.rehearsal.dance import ANSWER_S, dance, footholds, plan_dance
 from echoavatar.corpora.rehearsal.solver import solve
 from echoavatar.corpora.rehearsal.sound import SoundTrack, Span
 from echoavatar.motion.kinematics.forward import forward_kinematics

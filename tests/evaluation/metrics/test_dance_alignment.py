@@ -4,11 +4,7 @@ import numpy as np
 import pytest
 from tests.evaluation.metrics.swings import swing
 
-from echoavatar.evaluation.metrics.dance_alignment import (
-    DanceForm,
-    dance_alignment,
-    dance_beats,
-)
+from echoavatar.evaluation.metrics.dance_alignment import DanceForm, dance_alignment, dance_beats
 
 RESTS = np.arange(41) * 0.5
 

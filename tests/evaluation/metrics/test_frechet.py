@@ -5,12 +5,7 @@ from hypothesis import strategies as st
 from scipy.linalg import sqrtm
 
 from echoavatar.errors import MotionError
-from echoavatar.evaluation.metrics.frechet import (
-    frechet_between,
-    frechet_distance,
-    moments,
-    pooled,
-)
+from echoavatar.evaluation.metrics.frechet import frechet_between, frechet_distance, moments, pooled
 
 RANDOM = np.random.default_rng(0)
 
