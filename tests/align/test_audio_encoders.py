@@ -6,7 +6,7 @@ import pytest
 import torch
 from pydantic import ValidationError
 
-from echoavatar.align.audio_encoders import AudioEncoderConfig, WaveformEncoder, decoded_waveform
+from echoavatar.align.audio_encoders import AudioEncoderConfig, WaveformEncoder, decoded_waveform, sinusoids
 from echoavatar.align.audio_reward import AudioMotion
 from echoavatar.align.beats import Beats, BeatsConfig
 from echoavatar.align.wav2clip import Wav2Clip, Wav2ClipConfig
@@ -85,3 +85,10 @@ def test_configs_that_contradict_themselves_are_refused():
         AudioEncoderConfig(beats=BeatsConfig())
     with pytest.raises(ValidationError, match="not both"):
         AudioEncoderConfig(beats=BeatsConfig(), wav2clip=Wav2ClipConfig(), codec=CODEC)
+
+
+def test_sinusoids_by_hand():
+    """Position 1 of width 4: sin 1, cos 1, sin 0.01, cos 0.01."""
+    one = torch.tensor(1.0)
+    wanted = torch.stack([one.sin(), one.cos(), (one / 100).sin(), (one / 100).cos()])
+    torch.testing.assert_close(sinusoids(2, 4)[1], wanted)

@@ -6,7 +6,7 @@ from pathlib import Path
 import av
 import pytest
 from tests.align.moving_bodies import reference_statistics
-from tests.align.tuning import clips
+from tests.align.tuning import save_clips
 
 from echoavatar.align.config import recipe
 from echoavatar.align.start import load_setup, make_pairs, training_task, tune
@@ -16,14 +16,8 @@ from echoavatar.models.generator import Generator, TokenClip
 
 @pytest.fixture
 def tokens(tmp_path: Path) -> Path:
-    folder = tmp_path / "tokens"
-    folder.mkdir()
-    for name, clip in clips(4, chunks=8).items():
-        clip.save(folder / f"{name}.npz")
-    object.__setattr__(clip, "split", "test")
-    clip.save(folder / f"{name}.npz")
     reference_statistics().save(tmp_path / "reference_statistics.json")
-    return folder
+    return save_clips(tmp_path / "tokens", 4, 8, held_out=True)
 
 
 def ready(tokens: Path, bundle: Path, **changes):

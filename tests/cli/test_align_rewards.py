@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 import torch
-from tests.align.tuning import clips
+from tests.align.tuning import clips, save_clips
 
 from echoavatar.align.audio_reward import AudioMotion
 from echoavatar.align.beats import Beats, BeatsConfig
@@ -15,11 +15,7 @@ from echoavatar.cli import main
 
 @pytest.mark.slow
 def test_each_reward_is_trained_measured_and_written(tmp_path, tiny_bundle, capsys):
-    tokens = tmp_path / "tokens"
-    tokens.mkdir()
-    for name, clip in clips(4, chunks=16).items():
-        object.__setattr__(clip, "split", "test" if name == "clip3" else "train")
-        clip.save(tokens / f"{name}.npz")
+    tokens = save_clips(tmp_path / "tokens", 4, 16, held_out=True)
     common = [str(tokens), "--bundle", str(tiny_bundle)]
     scores, quality, alignment = (str(tmp_path / name) for name in ("scores.json", "quality", "alignment"))
     assert main(["align", "calibrate", *common, "-o", scores, "--windows", "2"]) == 0
@@ -37,12 +33,7 @@ def test_each_reward_is_trained_measured_and_written(tmp_path, tiny_bundle, caps
 
 
 def two_clips(tmp_path):
-    tokens = tmp_path / "tokens"
-    tokens.mkdir()
-    for name, clip in clips(2, chunks=16).items():
-        object.__setattr__(clip, "split", "test" if name == "clip1" else "train")
-        clip.save(tokens / f"{name}.npz")
-    return tokens
+    return save_clips(tmp_path / "tokens", 2, 16, held_out=True)
 
 
 def test_beats_and_wav2clip_hear_with_published_weights_which_are_left_as_they_are(tmp_path, tiny_bundle, capsys):

@@ -60,10 +60,6 @@ def test_invalid_corpora_are_explained(corpus, tmp_path):
             Corpus(tmp_path)
 
 
-def test_only_named_clips_are_listed_on_request(corpus):
-    assert write_manifest(corpus.folder, names=["c", "a"]).names() == ["a", "c"]
-
-
 @pytest.fixture
 def sharded(tmp_path) -> Corpus:
     """Two clips end to end in one shard, the first also as a mirror image; a third without sound in another."""

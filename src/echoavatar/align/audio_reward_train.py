@@ -11,6 +11,7 @@ from pydantic import Field
 from torch import Tensor
 
 from echoavatar.config import Config
+from echoavatar.data import DOMAINS
 from echoavatar.errors import MotionError
 from echoavatar.evaluation.metrics.retrieval import (
     PAPER_GALLERY,
@@ -31,7 +32,6 @@ from .audio_reward import WINDOW_TOKENS, AudioMotion, info_nce
 from .fbank import RATE_HZ
 
 WINDOW_CHUNKS = exact_div(WINDOW_TOKENS, MOTION_TOKENS_PER_CHUNK)
-DOMAINS = ("silence", "speech", "music")
 FEWEST = 32  # windows that a domain needs for a table of its own
 MIRROR = ".mirror"  # suffix of a mirrored clip's name (`pipeline.tokenize`)
 

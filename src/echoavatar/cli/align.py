@@ -144,24 +144,10 @@ def run(args: argparse.Namespace) -> int:
     if args.kind in align_rewards.KINDS:
         return align_rewards.run(args)
     if args.kind == "compare":
-        return align_compare.run(args)
-    from echoavatar.align.start import load_setup
-
+        return align_compare.run(args, _setup(args))
     is_first = os.environ.get("RANK", "0") == "0"
     with tqdm(unit="step", smoothing=0.05, disable=not is_first) as bar:
-        ready = load_setup(
-            args.source,
-            args.output.parent if args.kind == "rollouts" else args.output,
-            bundle=args.bundle,
-            generator=args.generator,
-            reference=args.reference,
-            rewards=args.reward,
-            reference_statistics=args.reference_statistics,
-            quality=args.quality,
-            alignment=args.alignment,
-            sampling={key: getattr(args, key) for key in ("temperature", "cooling", "top_p")},
-            is_compared=args.kind == "dpo",
-        )
+        ready = _setup(args)
 
         def progress(done: int, total: int) -> None:
             bar.total = total
@@ -174,6 +160,24 @@ def run(args: argparse.Namespace) -> int:
     if is_first:
         print(told)
     return 0
+
+
+def _setup(args: argparse.Namespace) -> "AlignmentSetup":
+    from echoavatar.align.start import load_setup
+
+    return load_setup(
+        args.source,
+        args.output.parent if args.kind in ("rollouts", "compare") else args.output,
+        bundle=args.bundle,
+        generator=args.generator,
+        reference=args.reference,
+        rewards=args.reward,
+        reference_statistics=args.reference_statistics,
+        quality=args.quality,
+        alignment=args.alignment,
+        sampling={key: getattr(args, key) for key in ("temperature", "cooling", "top_p")},
+        is_compared=args.kind == "dpo",
+    )
 
 
 def _rollouts(args: argparse.Namespace, ready: "AlignmentSetup", progress: Callable[[int, int], None]) -> int:

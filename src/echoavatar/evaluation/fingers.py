@@ -4,7 +4,7 @@ The mean pose has low errors, so there are also scores of liveliness (speed, spr
 (correlation of curl) and of the distance between the sets of poses (Frechet).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import torch
@@ -26,14 +26,7 @@ _TIPS = {HUMANOID.index(name): tip for name, tip in HUMANOID.config.tips.items()
 _HANDS = HUMANOID.indices(("leftHand", "rightHand"))
 
 
-def measure_fingers(
-    model: FingerModel,
-    clips: Sequence[FingerClip],
-    *,
-    seed: int = 0,
-    steps: int = STEPS,
-    progress: Callable[[int, int], None] | None = None,
-) -> dict[str, dict[str, float]]:
+def measure_fingers(model: FingerModel, clips: Sequence[FingerClip]) -> dict[str, dict[str, float]]:
     """Scores on held-out clips of the model, of the model in one step, of the mean pose and of flat hands.
 
     Both hands are generated from the body alone. `truth` holds the liveliness of the true fingers.
@@ -44,16 +37,14 @@ def measure_fingers(
     made: dict[str, list[Tensor]] = {"model": [], "model, one step": [], "mean pose": [], "flat hands": []}
     truths = [finger_rotations(clip.hands) for clip in moving]
     flat = torch.eye(3).expand(1, len(FINGERS), 3, 3)
-    for done, (clip, truth) in enumerate(zip(moving, truths, strict=True), 1):
-        for name, count in (("model", steps), ("model, one step", 1)):
+    for clip, truth in zip(moving, truths, strict=True):
+        for name, count in (("model", STEPS), ("model, one step", 1)):
             none = torch.zeros(len(clip.body), 2, dtype=torch.bool)
             blank = torch.zeros(len(clip.body), 2, model.config.poses)
-            hands = sample_hands(model, clip.body, blank, none, seed=seed, steps=count)
+            hands = sample_hands(model, clip.body, blank, none, seed=0, steps=count)
             made[name].append(finger_rotations(smoothed(model.basis.decode(hands).numpy())))
         made["mean pose"].append(finger_rotations(model.hand_mean.expand(1, 2, -1)).expand_as(truth))
         made["flat hands"].append(flat.expand_as(truth))
-        if progress is not None:
-            progress(done, len(moving))
     scores = {name: compare(guesses, truths, model.basis) for name, guesses in made.items()}
     own = liveliness(truths)
     return scores | {"truth": {key: round(value, 3) for key, value in own.items()}}

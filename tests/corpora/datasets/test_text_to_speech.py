@@ -1,6 +1,5 @@
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -127,11 +126,6 @@ def test_long_turns_are_asked_in_pieces_and_nothing_is_lost() -> None:
     assert all(len(piece) <= 2000 for piece in pieces)
     assert " ".join(pieces) == text
     assert len(_pieces(Turn(0, "x" * 4100, ()))) == 3
-
-
-def test_every_conversation_of_ours_can_be_spoken_in_pieces() -> None:
-    for one in islice(conversations(0), 12):
-        assert all(_pieces(turn) == [turn.text] for turn in one.turns)
 
 
 def test_the_file_of_an_answer_is_not_left_behind(
