@@ -45,7 +45,7 @@ def test_info_nce_averages_both_directions():
     assert loss.item() == pytest.approx((0.5 * (forth + back)).item())
 
 
-def test_embeddings_have_unit_length_and_know_the_order_of_things():
+def test_embeddings_have_unit_length_and_depend_on_order():
     one = model()
     sound, motion = torch.randint(16, (2, 60, 2)), torch.randint(8, (2, 6, 3, 2))
     for found, turned in (

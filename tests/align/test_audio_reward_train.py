@@ -63,7 +63,7 @@ def test_windows_of_one_clip_lie_side_by_side_in_a_batch():
     assert torch.equal(segments, pairs.draw(3, 12, 0, each=3).segments)
 
 
-def test_retrieval_is_told_within_each_domain_as_well():
+def test_retrieval_is_also_measured_within_each_domain():
     """Speech and music cannot be mistaken for each other when only one of them is asked."""
     clips = told(10, 0)
     for k in range(4):

@@ -54,7 +54,7 @@ def test_advantages_by_time_are_the_papers_when_all_reward_comes_at_the_end():
     torch.testing.assert_close(timed_advantages(at_the_end, torch.zeros_like(whole), 1.0), timed)
 
 
-def test_codes_do_not_answer_for_what_came_before_them():
+def test_advantages_exclude_earlier_rewards():
     """Continuation 0 earns 1 at the first token, 1 at the last: after the first token only the second counts."""
     rewards = torch.zeros(1, 2, 3, dtype=torch.float64)
     rewards[0, 0, 0] = rewards[0, 1, 2] = 1

@@ -62,7 +62,7 @@ def test_token_files_of_another_vocabulary_are_named(tmp_path):
         read_token_clips(tmp_path, small)
 
 
-def test_motion_that_a_generator_made_is_no_truth(tmp_path):
+def test_generated_motion_is_not_used_as_truth(tmp_path):
     mine = clips()
     object.__setattr__(mine["clip1"], "has_truth", False)
     for name, clip in mine.items():

@@ -56,7 +56,7 @@ def test_checkpoints_come_with_videos_of_held_out_prompts(tokens, tiny_bundle):
         assert video.streams.audio
 
 
-def test_what_does_not_fit_is_named(tokens, tiny_bundle, tmp_path):
+def test_mismatched_settings_are_refused(tokens, tiny_bundle, tmp_path):
     with pytest.raises(MotionError, match="dpo needs preference pairs"):
         training_task("dpo", recipe("tiny", "dpo"), ready(tokens, tiny_bundle))
     other = Generator(Generator.load(tiny_bundle / "generator").config.model_copy(update={"patience": 0.3}))

@@ -63,7 +63,7 @@ def test_a_killed_run_resumes_to_the_same_weights_and_the_same_curve(kind, tmp_p
     assert told(tmp_path / "whole")[-1]["step"] == 9
 
 
-def test_in_how_many_pieces_a_batch_is_taken_changes_nothing_but_rounding():
+def test_accumulation_changes_only_rounding():
     found = []
     for pieces in (1, 2):
         loop = Loop(grpo(accumulation=pieces, epochs=2))
@@ -105,7 +105,7 @@ def test_two_processes_take_the_steps_of_one():
             )
 
 
-def test_a_divergence_that_runs_away_stops_the_run_at_the_last_checkpoint(tmp_path):
+def test_divergence_stops_the_run_at_the_last_checkpoint(tmp_path):
     assert "over kl_stop 0.05" in tune(grpo(steps=60, save_every=1, kl_stop=0.05), tmp_path)
     lines = told(tmp_path)
     assert "over kl_stop" in lines[-1]["stopped"]
@@ -139,7 +139,7 @@ def test_the_reference_and_exemplar_control_do_not_move():
     assert not all(torch.equal(v, first[n]) for n, v in one.generator.state_dict().items())
 
 
-def test_refusals_name_what_is_wrong(tmp_path):
+def test_resuming_with_other_settings_is_refused(tmp_path):
     layout = type(policy().config.layout).compact(audio_codes=16, motion_layers=2, motion_codes=4)
     other, named = generator(layout=layout), RunContext(reference_name="old.gen")
     with pytest.raises(CheckpointError, match="reference old.gen has another vocabulary"):

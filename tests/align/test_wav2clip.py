@@ -66,7 +66,7 @@ def test_the_spectrogram_by_hand():
     assert (rise[0] / fall[0]).item() == pytest.approx((rise[1] / fall[1]).item(), rel=1e-2)
 
 
-def test_a_clip_is_heard_the_same_in_any_company():
+def test_states_do_not_depend_on_the_batch():
     one, wave = small(), torch.randn(3, 8_000) * torch.tensor([[0.01], [0.1], [1.0]])
     torch.testing.assert_close(one(wave)[:1], one(wave[:1]), rtol=1e-4, atol=1e-5)
 

@@ -28,7 +28,7 @@ def test_clips_for_a_corpus_and_for_sound_files(kind: str, corpus: Path, tmp_pat
     assert np.ptp(held_out.rotations, axis=0).max() == 0 if kind == "mean" else True
 
 
-def test_what_was_made_can_be_scored(corpus: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_baselines_can_be_scored(corpus: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("librosa", reason="the evaluate extra is not installed")
     made = str(tmp_path / "made")
     assert main(["baseline", "random", "--train", str(corpus), str(corpus), "-o", made]) == 0
@@ -36,7 +36,7 @@ def test_what_was_made_can_be_scored(corpus: Path, tmp_path: Path, capsys: pytes
     assert "ba_d_sharp" in capsys.readouterr().out
 
 
-def test_what_is_wrong_is_named(corpus: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_audio_files_are_refused(corpus: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_wav(tmp_path / "c.wav", clicks(70, 0.5))
     for words, complaint in (
         ([str(corpus), str(tmp_path / "c.wav")], "two audio files are named c"),

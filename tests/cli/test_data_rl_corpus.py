@@ -39,7 +39,7 @@ def test_sounds_become_prompts_and_prompts_a_tuned_generator(
     assert "own motion only" in capsys.readouterr().err
 
 
-def test_a_service_speaks_and_failures_are_told(
+def test_a_service_speaks_and_failures_are_reported(
     tmp_path: Path, words: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("OPENAI_API_KEY", "sk-secret")

@@ -20,7 +20,7 @@ def test_a_recording_goes_onto_a_rig(recording: Path, tmp_path: Path) -> None:
     assert main(["export", str(recording), "-o", str(tmp_path / "a.vrm"), "--rig", str(rigs["child"])]) == 0
 
 
-def test_mistakes_are_one_line(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_errors_are_one_line(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for words in (
         [str(recording), "-o", str(tmp_path / "a.xyz")],
         [str(recording), "-o", str(tmp_path / "a.glb"), "--rig", str(tmp_path / "none.vrm")],

@@ -18,7 +18,7 @@ def test_a_recording_goes_to_every_sink(recording: Path, capsys: pytest.CaptureF
 @pytest.mark.parametrize(
     ("words", "complaint"), [(["missing.npz"], "does not exist"), (["x.wav"], "neither .npz nor .bvh")]
 )
-def test_mistakes_are_one_line(words: list[str], complaint: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_errors_are_one_line(words: list[str], complaint: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["play", *words, "--sink", "vmc://127.0.0.1"]) == 1
     assert complaint in capsys.readouterr().err
 

@@ -72,7 +72,7 @@ def test_a_signal_ends_the_run_after_the_step_with_a_checkpoint(tmp_path, number
     assert told(tmp_path / "cut") == told(tmp_path / "whole")
 
 
-def test_what_is_told_and_measured_when_asked(tmp_path):
+def test_metrics_are_logged_and_measured_at_their_intervals(tmp_path):
     config = CONFIG.model_copy(update={"log_every": 4, "evaluate_every": 5})
     train(Line(config), tmp_path)
     assert [step for step, _ in told(tmp_path)] == [4, 8, 12]

@@ -82,7 +82,7 @@ def test_a_busy_service_is_asked_again(server: SpeechServer) -> None:
     [(401, DependencyError, "answers 401: no ... here; check the key"), (400, AudioError, "refuses the text"),
      (302, DependencyError, "answers 302")],
 )  # fmt: skip
-def test_refusals_are_told_without_the_key_and_redirects_not_followed(
+def test_refusals_hide_the_key_and_redirects_are_not_followed(
     server: SpeechServer, status: int, kind: type[Exception], words: str
 ) -> None:
     server.answers, server.says = [status], f"no {KEY} here"

@@ -23,7 +23,7 @@ def test_fewer_partners_are_drawn_by_the_seed() -> None:
     assert not np.array_equal(scores[0], scores[2])
 
 
-def test_what_cannot_be_scored_is_left_out() -> None:
+def test_clips_that_cannot_be_scored_are_left_out() -> None:
     scores = shuffled_scores(lambda i, j: float("nan") if j == 0 else float(j), 3)
     np.testing.assert_allclose(chance_per_clip(scores), [1.5, 2.0, 1.0])
     assert mean_of_known(scores) == 1.5

@@ -17,7 +17,7 @@ def test_beats_of_a_pendulum_are_where_it_stands_still(form: DanceForm) -> None:
     assert np.abs(found[:, None] - RESTS).min(1).max() < 0.07
 
 
-def test_who_asks_whom() -> None:
+def test_events_are_compared_in_the_direction_of_the_form() -> None:
     """Four clicks, a dancer on one of them: AIST++ is content, the others find three clicks unanswered."""
     music, motion = np.array([1.0, 2.0, 3.0, 4.0]), np.array([2.0])
     assert dance_alignment(motion, music, "aist") == 1

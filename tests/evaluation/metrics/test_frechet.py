@@ -41,7 +41,7 @@ def test_fewer_samples_than_features_is_no_trouble() -> None:
     assert frechet_distance(values, values) == pytest.approx(0, abs=1e-5)
 
 
-def test_what_cannot_be_is_refused() -> None:
+def test_invalid_features_are_refused() -> None:
     with pytest.raises(MotionError, match="not finite"):
         moments(np.array([[np.nan, 1.0]]))
     with pytest.raises(MotionError, match="longer clips"):

@@ -56,7 +56,7 @@ def test_speed_is_that_of_the_central_difference() -> None:
     np.testing.assert_allclose(central_speed(line), 3.0)
 
 
-def test_what_is_missing_is_said() -> None:
+def test_missing_speeds_and_short_clips_are_refused() -> None:
     with pytest.raises(MotionError, match="mean speeds"):
         gesture_beats(swing(1.0), "emage")
     with pytest.raises(MotionError, match="longer clips"):

@@ -29,7 +29,7 @@ def clips() -> list[torch.Tensor]:
     return found
 
 
-def test_it_learns_what_is_there_to_learn(tmp_path: Path) -> None:
+def test_training_explains_the_variance(tmp_path: Path) -> None:
     told: list[int] = []
     model = train_motion_encoder(CONFIG, TRAINING, clips(), tmp_path, progress=lambda done, total: told.append(done))
     assert explained_variance(model, clips()) > 0.6
