@@ -31,8 +31,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         nargs=2,
         metavar=("FROM", "TO"),
-        help="seconds of the clip to repeat while the action is held (default: the middle half); in an imported bundle, "
-        "whose actions are sets of codes, the seconds to take the codes from",
+        help="seconds of the clip to repeat while the action is held (default: the middle half); in an imported "
+        "bundle, whose actions are sets of codes, the seconds to take the codes from",
     )
     add.add_argument("--about", default="", help="description for language models")
     remove = kinds.add_parser("remove", help="remove an action")

@@ -17,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     reference = kinds.add_parser(
         "reference",
         help="the authors' release",
-        description="Check the authors' download and convert it. None of its code is run. Everything that does not fit is listed.",
+        description="Check the authors' download and convert it. None of its code is run; everything unfit is listed.",
         epilog=(
             "examples:\n"
             "  echoavatar import reference --ckpts EchoAvatar/ckpts --stats EchoAvatar/stats -o reference --dry-run\n"
@@ -100,7 +100,7 @@ def _actions(args: argparse.Namespace) -> "ActionLibrary":
     path = args.actions or find_table(args.stats)
     if path is None:
         print(
-            f"no table of actions beside {args.stats}, so the bundle gets none; pass the authors' script with --actions",
+            f"no table of actions beside {args.stats}, so the bundle gets none; --actions takes the authors' script",
             file=sys.stderr,
         )
         return ActionLibrary()
