@@ -6,7 +6,7 @@ import pytest
 import torch
 from pydantic import ValidationError
 
-from echoavatar.align.audio_encoders import AudioEncoderConfig, WaveformEncoder, decoded_waveform
+from echoavatar.align.audio_encoders import AudioEncoderConfig, WaveformEncoder, decoded_waveform, sinusoids
 from echoavatar.align.audio_reward import AudioMotion
 from echoavatar.align.beats import Beats, BeatsConfig
 from echoavatar.align.wav2clip import Wav2Clip, Wav2ClipConfig
@@ -77,10 +77,7 @@ def test_resampling_keeps_a_tone(tiny_bundle):
     found = decoded_waveform(Plays(), torch.zeros(1, 75, 2, dtype=torch.int64))
     wanted = 0.5 * torch.sin(2 * math.pi * 440 * torch.arange(16_000, dtype=torch.float64) / 16_000)
     torch.testing.assert_close(found[0].double(), wanted, atol=1e-5, rtol=0)
-    assert load_bundle(tiny_bundle).codec.decode(torch.zeros(1, 75, 2, dtype=torch.int64)).shape == (
-        1,
-        24_000,
-    )
+    assert load_bundle(tiny_bundle).codec.decode(torch.zeros(1, 75, 2, dtype=torch.int64)).shape == (1, 24_000)
 
 
 def test_configs_that_contradict_themselves_are_refused():
@@ -88,3 +85,10 @@ def test_configs_that_contradict_themselves_are_refused():
         AudioEncoderConfig(beats=BeatsConfig())
     with pytest.raises(ValidationError, match="not both"):
         AudioEncoderConfig(beats=BeatsConfig(), wav2clip=Wav2ClipConfig(), codec=CODEC)
+
+
+def test_sinusoids_by_hand():
+    """Position 1 of width 4: sin 1, cos 1, sin 0.01, cos 0.01."""
+    one = torch.tensor(1.0)
+    wanted = torch.stack([one.sin(), one.cos(), (one / 100).sin(), (one / 100).cos()])
+    torch.testing.assert_close(sinusoids(2, 4)[1], wanted)

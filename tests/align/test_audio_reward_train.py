@@ -7,7 +7,6 @@ import torch
 from echoavatar.align.audio_reward import AudioMotion
 from echoavatar.align.audio_reward_train import (
     AudioMotionWindows,
-    AudioRewardTask,
     AudioRewardTraining,
     embed,
     retrieval_table,
@@ -16,7 +15,6 @@ from echoavatar.align.audio_reward_train import (
 )
 from echoavatar.errors import MotionError
 from echoavatar.models.generator import TokenClip
-from echoavatar.training import Loop
 
 
 def told(count: int, seed: int) -> dict[str, TokenClip]:
@@ -29,13 +27,15 @@ def told(count: int, seed: int) -> dict[str, TokenClip]:
     return made
 
 
-def test_it_finds_motion_by_sound_and_sound_by_motion_among_windows_it_never_saw(tmp_path):
+def small(width: int) -> AudioMotion:
     torch.manual_seed(0)
-    model = AudioMotion.from_codebooks(
-        torch.randn(2, 16, 8), torch.randn(3, 2, 8, 4), width=32, layers=1, sound_layers=1, heads=2, size=96
-    )
+    books, sizes = (torch.randn(2, 16, 8), torch.randn(3, 2, 8, 4)), {"layers": 1, "sound_layers": 1, "heads": 2}
+    return AudioMotion.from_codebooks(*books, width=width, size=96, **sizes)
+
+
+def test_it_finds_motion_by_sound_and_sound_by_motion_among_windows_it_never_saw(tmp_path):
     training = AudioRewardTraining(steps=80, batch=20, each=1, learning_rate=3e-3)
-    model = train_audio_reward(model, AudioMotionWindows(told(30, 0), chunks=4), tmp_path, training)
+    model = train_audio_reward(small(width=32), AudioMotionWindows(told(30, 0), chunks=4), tmp_path, training)
     table = retrieval_table(*embed(model, AudioMotionWindows(told(12, 1), chunks=4)))
     assert len(table) == 6  # two ways among all, in a gallery, in batches of 32
     for row in table.values():
@@ -63,48 +63,17 @@ def test_windows_of_one_clip_lie_side_by_side_in_a_batch():
     assert torch.equal(segments, pairs.draw(3, 12, 0, each=3).segments)
 
 
-def test_retrieval_is_told_within_each_domain_as_well():
+def test_retrieval_is_also_measured_within_each_domain():
     """Speech and music cannot be mistaken for each other when only one of them is asked."""
     clips = told(10, 0)
     for k in range(4):
         clips[f"clip{k}"].domain[:] = 1
-    torch.manual_seed(0)
-    model = AudioMotion.from_codebooks(
-        torch.randn(2, 16, 8), torch.randn(3, 2, 8, 4), width=16, layers=1, sound_layers=1, heads=2, size=96
-    ).eval()
     pairs = AudioMotionWindows(clips, chunks=2)
-    tables = retrieval_tables(model, pairs)
+    tables = retrieval_tables(small(width=16).eval(), pairs)
     galleries = {name: table["audio to motion, all"]["gallery"] for name, table in tables.items()}
     assert galleries == {"everything": 80, "speech": 32, "music": 48}
     with pytest.raises(MotionError, match="no window of 2 chunks is mostly silence"):
         pairs.grid(0)
-
-
-def test_a_run_that_was_stopped_goes_on_to_the_same_weights(tmp_path):
-    def run(folder, steps):
-        torch.manual_seed(0)
-        model = AudioMotion.from_codebooks(
-            torch.randn(2, 16, 8),
-            torch.randn(3, 2, 8, 4),
-            width=16,
-            layers=1,
-            sound_layers=1,
-            heads=2,
-            size=96,
-        )
-        training = AudioRewardTraining(steps=6, batch=8, save_every=1)
-        stage = AudioRewardTask(model, AudioMotionWindows(told(6, 0), chunks=4), training)
-        loop = Loop(stage)
-        loop.resume(folder)
-        while loop.step < steps:
-            loop.advance()
-        loop.save(folder)
-        return model.state_dict()
-
-    whole = run(tmp_path / "whole", 6)
-    run(tmp_path / "broken", 3)
-    again = run(tmp_path / "broken", 6)
-    assert all(torch.equal(again[name], value) for name, value in whole.items())
 
 
 def test_clips_that_are_too_short_are_refused():

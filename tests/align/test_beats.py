@@ -4,13 +4,7 @@ import pytest
 import torch
 import torch.nn.functional as F
 
-from echoavatar.align.beats import (
-    Beats,
-    BeatsConfig,
-    GatedAttention,
-    PositionConv,
-    _relative_buckets,
-)
+from echoavatar.align.beats import Beats, BeatsConfig, GatedAttention, PositionConv, _relative_buckets
 from echoavatar.errors import CheckpointError
 
 SMALL = BeatsConfig(layers=2, width=24, heads=3, hidden=40, patch_width=10, buckets=16, farthest=800, reach=6, groups=4)

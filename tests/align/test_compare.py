@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from tests.align.scenes import reference_statistics
+from tests.align.moving_bodies import reference_statistics
 from tests.align.tuning import clips
 
 from echoavatar.align.compare import compare
@@ -43,7 +43,7 @@ def test_the_same_generator_gains_nothing_and_another_diverges(parts):
     assert found["sharper"]["gain"][0] == pytest.approx(gained, abs=1e-4)
 
 
-def test_generators_go_where_they_are_asked_to(parts, monkeypatch):
+def test_generators_move_to_the_device(parts, monkeypatch):
     """Nothing can be drawn on a device without memory, so the probe only looks where the weights are."""
     bundle, prompts, mix = parts
     seen = []

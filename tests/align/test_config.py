@@ -20,7 +20,7 @@ def test_the_papers_numbers():
     assert (ppo.group, ppo.critic_rate) == (1, 1e-5)
 
 
-def test_a_group_of_one_has_nothing_to_compare():
+def test_a_group_of_one_is_refused():
     with pytest.raises(ValidationError, match="group must be at least 2"):
         AlignTraining(method="grpo", group=1)
     with pytest.raises(ValueError, match="no recipe 'huge'"):

@@ -4,7 +4,7 @@ import json
 
 import pytest
 import torch
-from tests.align.scenes import dips, scene
+from tests.align.moving_bodies import dips, scene
 
 from echoavatar.align.corruption import (
     CLEAN,

@@ -8,7 +8,7 @@ from echoavatar.align.prompts import batch_of
 from echoavatar.training import Loop
 
 
-def test_a_policy_learns_from_comparisons_to_say_the_wanted_code():
+def test_a_policy_learns_the_wanted_code_from_comparisons():
     """Two rounds of up to 24 pairs, best against worst of eight, each from the policy of the round before."""
     model = policy()
     for _ in range(2):

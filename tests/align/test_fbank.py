@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from echoavatar.align.fbank import (
-    MEAN,
-    STD,
-    fbank,
-    frames_of,
-)
+from echoavatar.align.fbank import MEAN, STD, fbank
 
 KALDI = {
     (0, 0): 14.94371509552002,
@@ -36,9 +31,8 @@ def test_bands_are_kaldis():
 
 
 def test_only_whole_frames_count():
-    assert [frames_of(samples) for samples in (399, 400, 559, 560)] == [0, 1, 1, 2]
-    assert fbank(sound()).shape == (1, frames_of(4000), 128)
-    assert frames_of(64_000) == 398  # 4 s
+    lengths = {400: 1, 559: 1, 560: 2, 64_000: 398}
+    assert {samples: fbank(torch.zeros(1, samples)).shape[1] for samples in lengths} == lengths
 
 
 def test_silence_is_the_floor():

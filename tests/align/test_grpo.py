@@ -7,7 +7,7 @@ from echoavatar.training import Loop
 
 
 @pytest.mark.parametrize("credit", [pytest.param("sequence", marks=pytest.mark.slow), "to_go"])
-def test_a_policy_learns_to_say_the_wanted_code_everywhere(credit):
+def test_a_policy_learns_the_wanted_code(credit):
     """An eighth of the codes to begin with, over nine tenths after 320 continuations."""
     loop = Loop(grpo(credit=credit))
     rewards = [loop.advance()["reward"] for _ in range(20)]

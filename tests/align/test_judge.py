@@ -2,7 +2,7 @@
 
 import numpy as np
 import torch
-from tests.align.scenes import reference_statistics
+from tests.align.moving_bodies import reference_statistics
 from tests.align.tuning import clips
 
 from echoavatar.align import judge as room

@@ -1,7 +1,7 @@
 """The true motion costs nothing; motion that stands still costs FID and diversity."""
 
 import pytest
-from tests.align.scenes import reference_statistics
+from tests.align.moving_bodies import reference_statistics
 from tests.align.tuning import clips
 
 from echoavatar.align.decoded_motion import decode_continuations

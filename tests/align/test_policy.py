@@ -4,12 +4,7 @@ import pytest
 import torch
 from tests.models.generator.tiny import audio, generator
 
-from echoavatar.align.policy import (
-    GeneratorPolicy,
-    Sampling,
-    check_reference,
-    mean_by_layer,
-)
+from echoavatar.align.policy import GeneratorPolicy, Sampling, check_reference, mean_by_layer
 from echoavatar.align.prompts import PromptBatch
 from echoavatar.errors import CheckpointError
 from echoavatar.models.generator import GeneratorConfig
@@ -116,7 +111,7 @@ def test_gradients_of_scores_agree_with_finite_differences():
     assert got == pytest.approx((values[0] - values[1]) / (2 * step), rel=2e-2)
 
 
-def test_layers_are_told_apart():
+def test_entropy_is_averaged_by_layer():
     values = torch.tensor([0.0, 1.0]).repeat(3).expand(2, 4, 6)
     assert mean_by_layer(values, 2) == [0.0, 1.0]
 

@@ -6,16 +6,9 @@ from tests.align.tuning import ppo
 from echoavatar.training import Loop
 
 
-def test_a_policy_learns_to_say_the_wanted_code_everywhere_and_the_critic_foretells_it():
+def test_policy_and_critic_learn_the_wanted_code():
     """Returns come near 1 and 0.5 at the two tokens: a critic that still said 0 would be off by 0.31."""
-    sizes = {
-        "group": 1,
-        "batch": 16,
-        "discount": 1.0,
-        "epochs": 2,
-        "learning_rate": 2e-2,
-        "critic_rate": 5e-2,
-    }
+    sizes = {"group": 1, "batch": 16, "discount": 1.0, "epochs": 2, "learning_rate": 2e-2, "critic_rate": 5e-2}
     loop = Loop(ppo(**sizes))
     told = [loop.advance() for _ in range(36)]
     assert told[0]["reward"] < 0.3

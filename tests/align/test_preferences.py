@@ -2,15 +2,11 @@
 
 import numpy as np
 import pytest
-from tests.align.tuning import LAYOUT, book, policy, wants_threes
+from tests.align.tuning import book, policy, wants_threes
+from tests.models.generator.tiny import LAYOUT
 
 from echoavatar.align.policy import GeneratorPolicy
-from echoavatar.align.preferences import (
-    codes_of,
-    rank_pairs,
-    read_pairs,
-    write_pairs,
-)
+from echoavatar.align.preferences import codes_of, rank_pairs, read_pairs, write_pairs
 from echoavatar.errors import MotionError
 
 

@@ -1,7 +1,7 @@
 """Measurements repeat, splitting into pieces changes nothing, and motion metrics are reported with the rewards."""
 
 import pytest
-from tests.align.scenes import reference_statistics
+from tests.align.moving_bodies import reference_statistics
 from tests.align.tuning import book, clips, policy, wants_threes
 
 from echoavatar.align import probe as room

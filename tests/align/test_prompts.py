@@ -2,15 +2,10 @@
 
 import numpy as np
 import pytest
-from tests.align.tuning import LAYOUT, clips
+from tests.align.tuning import clips
+from tests.models.generator.tiny import LAYOUT
 
-from echoavatar.align.prompts import (
-    PromptSampler,
-    batch_of,
-    cue_times,
-    read_token_clips,
-    true_clips,
-)
+from echoavatar.align.prompts import PromptSampler, batch_of, cue_times, read_token_clips, true_clips
 from echoavatar.errors import MotionError
 
 
@@ -67,7 +62,7 @@ def test_token_files_of_another_vocabulary_are_named(tmp_path):
         read_token_clips(tmp_path, small)
 
 
-def test_motion_that_a_generator_made_is_no_truth(tmp_path):
+def test_generated_motion_is_not_used_as_truth(tmp_path):
     mine = clips()
     object.__setattr__(mine["clip1"], "has_truth", False)
     for name, clip in mine.items():

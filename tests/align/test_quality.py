@@ -2,14 +2,9 @@
 
 import pytest
 import torch
-from tests.align.scenes import dips, reference_statistics, scene
+from tests.align.moving_bodies import dips, reference_statistics, scene
 
-from echoavatar.align.quality import (
-    PACE,
-    QualityConfig,
-    QualityReward,
-    _with_differences,
-)
+from echoavatar.align.quality import PACE, QualityConfig, QualityReward, _with_differences
 from echoavatar.errors import CheckpointError
 from echoavatar.motion.kinematics import FeatureStatistics
 

@@ -43,10 +43,7 @@ def tokenizer(tiny_bundle: Path) -> BodyTokenizer:
 def test_it_ranks_corruption_on_held_out_clips(tokenizer, tmp_path):
     training = QualityTraining(steps=120, batch=12, pool=20, learning_rate=3e-3)
     model = train_quality(
-        CorruptedWindows(tokenizer, calm(4, 0), seed=0),
-        tmp_path,
-        training,
-        config=QualityConfig(width=16, heads=2),
+        CorruptedWindows(tokenizer, calm(4, 0), seed=0), tmp_path, training, config=QualityConfig(width=16, heads=2)
     )
     found = measure_quality(model, CorruptedWindows(tokenizer, calm(2, 1), seed=1), paper_scores(), windows=3)
     assert found["pearson_levels"] > 0.8

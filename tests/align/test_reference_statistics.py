@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from tests.align.scenes import dips, reference_statistics, scene
+from tests.align.moving_bodies import dips, reference_statistics, scene
 
 from echoavatar.align.reference_statistics import (
     ReferenceStatistics,

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from tests.align.scenes import FRAMES, LEAD, dips, reference_statistics, scene
+from tests.align.moving_bodies import FRAMES, LEAD, dips, reference_statistics, scene
 
 from echoavatar.align.rewards import BUILT_IN, RewardMix, parse_weights
 from echoavatar.errors import EchoAvatarError
@@ -76,10 +76,10 @@ def high_hands(made, own) -> float:
     return float(made.positions[:, made.skeleton.index("leftHand"), 1].mean())
 
 
-def test_functions_of_ones_own():
+def test_custom_reward_functions():
     mix = RewardMix({"high_hands": 1.0}, reference_statistics(), own={"high_hands": high_hands})
     assert mix([scene(STEADY)]).whole[0] > 1
-    named = RewardMix({"tests.align.scenes:reach": 1.0}, reference_statistics())
+    named = RewardMix({"tests.align.moving_bodies:reach": 1.0}, reference_statistics())
     assert named([scene(STEADY)]).whole[0] > 1
 
 
@@ -96,7 +96,7 @@ def test_a_reward_of_the_wrong_length_is_named():
         mix([scene(STEADY)])
 
 
-def test_words():
+def test_weights_are_parsed_and_unknown_rewards_refused():
     assert parse_weights(["beats=1", "my.module:f=0.5"]) == {"beats": 1.0, "my.module:f": 0.5}
     with pytest.raises(EchoAvatarError, match="'beats' is not NAME=WEIGHT"):
         parse_weights(["beats"])

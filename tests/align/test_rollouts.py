@@ -40,7 +40,7 @@ def test_continuations_may_come_from_a_backend():
     Loop(one).advance()
 
 
-def test_one_epoch_of_grpo_needs_no_second_look_at_the_policy():
+def test_one_epoch_of_grpo_stores_no_old_scores():
     assert grpo(epochs=1).draw(0).old is None
     assert grpo(epochs=2).draw(0).old is not None
     assert ppo(epochs=1).draw(0).values is not None

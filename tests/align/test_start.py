@@ -5,30 +5,19 @@ from pathlib import Path
 
 import av
 import pytest
-from tests.align.scenes import reference_statistics
-from tests.align.tuning import clips
+from tests.align.moving_bodies import reference_statistics
+from tests.align.tuning import save_clips
 
 from echoavatar.align.config import recipe
-from echoavatar.align.start import (
-    load_setup,
-    make_pairs,
-    training_task,
-    tune,
-)
+from echoavatar.align.start import load_setup, make_pairs, training_task, tune
 from echoavatar.errors import CheckpointError, MotionError
 from echoavatar.models.generator import Generator, TokenClip
 
 
 @pytest.fixture
 def tokens(tmp_path: Path) -> Path:
-    folder = tmp_path / "tokens"
-    folder.mkdir()
-    for name, clip in clips(4, chunks=8).items():
-        clip.save(folder / f"{name}.npz")
-    object.__setattr__(clip, "split", "test")
-    clip.save(folder / f"{name}.npz")
     reference_statistics().save(tmp_path / "reference_statistics.json")
-    return folder
+    return save_clips(tmp_path / "tokens", 4, 8, held_out=True)
 
 
 def ready(tokens: Path, bundle: Path, **changes):
@@ -42,15 +31,7 @@ def test_each_method_leaves_a_generator_with_the_sampling_it_was_tuned_for(token
     one = ready(tokens, tiny_bundle, sampling={"temperature": 0.9, "cooling": None, "top_p": 0.8})
     pairs = tokens.parent / "pairs.jsonl"
     if method == "dpo":
-        sizes = {
-            "prompts": 3,
-            "past": 1,
-            "length": 1,
-            "group": 4,
-            "margin": 0.0,
-            "fewest_events": 0,
-            "seed": 0,
-        }
+        sizes = {"prompts": 3, "past": 1, "length": 1, "group": 4, "margin": 0.0, "fewest_events": 0, "seed": 0}
         assert make_pairs(one, pairs, **sizes) > 0
     given = pairs if method == "dpo" else None
     tune(training_task(method, recipe("tiny", method), one, pairs=given, command="echoavatar align"), folder)
@@ -68,17 +49,14 @@ def test_each_method_leaves_a_generator_with_the_sampling_it_was_tuned_for(token
 
 
 def test_checkpoints_come_with_videos_of_held_out_prompts(tokens, tiny_bundle):
-    folder, training = (
-        tokens.parent / "run",
-        recipe("tiny", "grpo").model_copy(update={"steps": 2, "videos": 1}),
-    )
+    folder, training = (tokens.parent / "run", recipe("tiny", "grpo").model_copy(update={"steps": 2, "videos": 1}))
     tune(training_task("grpo", training, ready(tokens, tiny_bundle)), folder)
     with av.open(str(folder / "samples" / "step_000002_0.mp4")) as video:
         assert video.streams.video[0].frames == 16  # a chunk of past and a chunk of its own
         assert video.streams.audio
 
 
-def test_what_does_not_fit_is_named(tokens, tiny_bundle, tmp_path):
+def test_mismatched_settings_are_refused(tokens, tiny_bundle, tmp_path):
     with pytest.raises(MotionError, match="dpo needs preference pairs"):
         training_task("dpo", recipe("tiny", "dpo"), ready(tokens, tiny_bundle))
     other = Generator(Generator.load(tiny_bundle / "generator").config.model_copy(update={"patience": 0.3}))

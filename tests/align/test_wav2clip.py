@@ -5,12 +5,7 @@ import math
 import pytest
 import torch
 
-from echoavatar.align.wav2clip import (
-    QUIET,
-    Wav2Clip,
-    Wav2ClipConfig,
-    spectrogram,
-)
+from echoavatar.align.wav2clip import QUIET, Wav2Clip, Wav2ClipConfig, spectrogram
 from echoavatar.errors import CheckpointError
 
 
@@ -22,11 +17,7 @@ def small() -> Wav2Clip:
 def as_published(model: Wav2Clip) -> dict[str, torch.Tensor]:
     """As in the published file: with the spectrogram's window, a classifier and the projection to CLIP's space."""
     state = {f"audio_encoder.{name}": value for name, value in model.state_dict().items()}
-    extras = (
-        "audio_encoder.spectrogram.window",
-        "audio_encoder.fc.weight",
-        "audio_transform.sequential.0.weight",
-    )
+    extras = ("audio_encoder.spectrogram.window", "audio_encoder.fc.weight", "audio_transform.sequential.0.weight")
     return state | {name: torch.zeros(2) for name in extras}
 
 
@@ -75,7 +66,7 @@ def test_the_spectrogram_by_hand():
     assert (rise[0] / fall[0]).item() == pytest.approx((rise[1] / fall[1]).item(), rel=1e-2)
 
 
-def test_a_clip_is_heard_the_same_in_any_company():
+def test_states_do_not_depend_on_the_batch():
     one, wave = small(), torch.randn(3, 8_000) * torch.tensor([[0.01], [0.1], [1.0]])
     torch.testing.assert_close(one(wave)[:1], one(wave[:1]), rtol=1e-4, atol=1e-5)
 

@@ -1,10 +1,11 @@
 """Small policies with a task whose best answer is known: say code 3 everywhere."""
 
 import copy
+from pathlib import Path
 
 import numpy as np
 import torch
-from tests.models.generator.tiny import LAYOUT, generator
+from tests.models.generator.tiny import generator
 
 from echoavatar.align.config import AlignTraining
 from echoavatar.align.dpo import DpoTask
@@ -33,6 +34,15 @@ def clips(count: int = 3, chunks: int = 6) -> dict[str, TokenClip]:
         )
         for k in range(count)
     }
+
+
+def save_clips(folder: Path, count: int, chunks: int, *, held_out: bool = False) -> Path:
+    """Write token files; with `held_out` the last one is for testing."""
+    folder.mkdir()
+    for at, (name, clip) in enumerate(clips(count, chunks).items()):
+        object.__setattr__(clip, "split", "test" if held_out and at == count - 1 else "train")
+        clip.save(folder / f"{name}.npz")
+    return folder
 
 
 def book(past: int = 1, length: int = 1) -> PromptSampler:
@@ -81,18 +91,3 @@ def ranked_pairs(prompts: int, model):
     asked = [prompt for number in range(prompts) for prompt in mine.draw(number, 1)]
     pairs = rank_pairs(GeneratorPolicy(model), asked, wants_threes, past=1, group=8)
     return [(mine.cut(pair.clip, pair.start), pair) for pair in pairs]
-
-
-__all__ = [
-    "LAYOUT",
-    "WANTED",
-    "book",
-    "clips",
-    "policy",
-    "ranked_pairs",
-    "dpo",
-    "grpo",
-    "ppo",
-    "training",
-    "wants_threes",
-]

@@ -19,16 +19,7 @@ def bundle(tiny_bundle: Path, tmp_path: Path) -> Path:
 def test_a_clip_is_added_listed_and_removed(bundle: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     nod = clip(SCRIPTS["agree"])
     write_bvh(tmp_path / "nod.bvh", nod.skeleton, nod.rotations, nod.root, fps=nod.fps)
-    words = [
-        "actions",
-        "add",
-        "big nod",
-        str(tmp_path / "nod.bvh"),
-        "--bundle",
-        str(bundle),
-        "--about",
-        "yes!",
-    ]
+    words = ["actions", "add", "big nod", str(tmp_path / "nod.bvh"), "--bundle", str(bundle), "--about", "yes!"]
     assert main(words) == 0
     assert main(["actions", "list", "--bundle", str(bundle)]) == 0
     told = capsys.readouterr().out
@@ -38,7 +29,7 @@ def test_a_clip_is_added_listed_and_removed(bundle: Path, tmp_path: Path, capsys
     assert list(ActionLibrary.load(bundle, 8)) == ["big_nod"]
 
 
-def test_what_cannot_be_says_why(bundle: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_errors_name_their_cause(bundle: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["actions", "remove", "jump", "--bundle", str(bundle)]) == 1
     assert "there are: bow" in capsys.readouterr().err
     assert main(["actions", "add", "x", "x.bvh", "--bundle", "default"]) == 1

@@ -2,17 +2,14 @@
 
 import json
 
-from tests.align.scenes import reference_statistics
-from tests.align.tuning import clips
+from tests.align.moving_bodies import reference_statistics
+from tests.align.tuning import save_clips
 
 from echoavatar.cli import main
 
 
 def test_pairs_then_dpo_and_grpo_from_the_command_line(tmp_path, tiny_bundle, capsys):
-    tokens = tmp_path / "tokens"
-    tokens.mkdir()
-    for name, clip in clips(3, chunks=8).items():
-        clip.save(tokens / f"{name}.npz")
+    tokens = save_clips(tmp_path / "tokens", 3, 8)
     reference_statistics().save(tmp_path / "y.json")
     common = [
         str(tokens),

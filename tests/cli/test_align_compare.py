@@ -4,27 +4,17 @@ import json
 import shutil
 from pathlib import Path
 
-from tests.align.scenes import reference_statistics
-from tests.align.tuning import clips
+from tests.align.moving_bodies import reference_statistics
+from tests.align.tuning import save_clips
 
 from echoavatar.align.compare import compare
 from echoavatar.cli import main
 
 
 def test_generators_side_by_side(tmp_path: Path, tiny_bundle: Path, capsys, monkeypatch) -> None:
-    folder = tmp_path / "tokens"
-    folder.mkdir()
-    for number, (name, clip) in enumerate(clips(3, chunks=8).items()):
-        if number == 2:
-            object.__setattr__(clip, "split", "test")
-        clip.save(folder / f"{name}.npz")
+    folder = save_clips(tmp_path / "tokens", 3, 8, held_out=True)
     reference_statistics().save(tmp_path / "reference_statistics.json")
-    words = [
-        "--bundle",
-        str(tiny_bundle),
-        "--reference-statistics",
-        str(tmp_path / "reference_statistics.json"),
-    ]
+    words = ["--bundle", str(tiny_bundle), "--reference-statistics", str(tmp_path / "reference_statistics.json")]
     words += ["--reward", "smoothness=1", "--prompts", "2", "--group", "2", "--past", "2", "--length", "4"]
     again = tmp_path / "again"
     shutil.copytree(tiny_bundle / "generator", again)

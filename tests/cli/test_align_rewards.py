@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 import torch
-from tests.align.tuning import clips
+from tests.align.tuning import clips, save_clips
 
 from echoavatar.align.audio_reward import AudioMotion
 from echoavatar.align.beats import Beats, BeatsConfig
@@ -15,11 +15,7 @@ from echoavatar.cli import main
 
 @pytest.mark.slow
 def test_each_reward_is_trained_measured_and_written(tmp_path, tiny_bundle, capsys):
-    tokens = tmp_path / "tokens"
-    tokens.mkdir()
-    for name, clip in clips(4, chunks=16).items():
-        object.__setattr__(clip, "split", "test" if name == "clip3" else "train")
-        clip.save(tokens / f"{name}.npz")
+    tokens = save_clips(tmp_path / "tokens", 4, 16, held_out=True)
     common = [str(tokens), "--bundle", str(tiny_bundle)]
     scores, quality, alignment = (str(tmp_path / name) for name in ("scores.json", "quality", "alignment"))
     assert main(["align", "calibrate", *common, "-o", scores, "--windows", "2"]) == 0
@@ -37,12 +33,7 @@ def test_each_reward_is_trained_measured_and_written(tmp_path, tiny_bundle, caps
 
 
 def two_clips(tmp_path):
-    tokens = tmp_path / "tokens"
-    tokens.mkdir()
-    for name, clip in clips(2, chunks=16).items():
-        object.__setattr__(clip, "split", "test" if name == "clip1" else "train")
-        clip.save(tokens / f"{name}.npz")
-    return tokens
+    return save_clips(tmp_path / "tokens", 2, 16, held_out=True)
 
 
 def test_beats_and_wav2clip_hear_with_published_weights_which_are_left_as_they_are(tmp_path, tiny_bundle, capsys):
@@ -52,17 +43,7 @@ def test_beats_and_wav2clip_hear_with_published_weights_which_are_left_as_they_a
     named = {f"audio_encoder.{name}": value for name, value in wav2clip.state_dict().items()}
     torch.save({"cfg": {"encoder_layers": 1}, "model": beats.state_dict()}, tmp_path / "beats.pt")
     torch.save({"state_dict": named, "epoch": 3}, tmp_path / "wav2clip.pt")
-    common = [
-        str(two_clips(tmp_path)),
-        "--bundle",
-        str(tiny_bundle),
-        "--steps",
-        "2",
-        "--batch",
-        "4",
-        "--width",
-        "16",
-    ]
+    common = [str(two_clips(tmp_path)), "--bundle", str(tiny_bundle), "--steps", "2", "--batch", "4", "--width", "16"]
     for kind, own in (("beats", beats), ("wav2clip", wav2clip)):
         folder, weights = tmp_path / kind, str(tmp_path / f"{kind}.pt")
         command = ["align", "reward-alignment", *common, "-o", str(folder), "--encoder", kind]
@@ -109,14 +90,6 @@ def test_weights_without_their_encoder_are_refused(tmp_path, tiny_bundle, capsys
 
 def test_tokens_without_held_out_clips_are_refused(tmp_path, tiny_bundle, capsys):
     clips(1)["clip0"].save(tmp_path / "one.npz")
-    command = [
-        "align",
-        "reward-quality",
-        str(tmp_path),
-        "--bundle",
-        str(tiny_bundle),
-        "-o",
-        str(tmp_path / "q"),
-    ]
+    command = ["align", "reward-quality", str(tmp_path), "--bundle", str(tiny_bundle), "-o", str(tmp_path / "q")]
     assert main(command) == 1
     assert "holds 1 train and 0 test clips" in capsys.readouterr().err

@@ -79,14 +79,6 @@ def test_a_take_without_a_face_model_is_refused(
         assert "no face" in capsys.readouterr().err
 
 
-def test_same_seed_same_file(wav: Path, tmp_path: Path, tiny_bundle: Path) -> None:
-    for name, seed in (("a", "1"), ("b", "1"), ("c", "2")):
-        assert run(wav, tmp_path / f"{name}.npz", tiny_bundle, "--seed", seed) == 0
-    a, b, c = (read_npz(tmp_path / f"{name}.npz").rotations for name in "abc")
-    assert np.array_equal(a, b)
-    assert not np.array_equal(a, c)
-
-
 def test_in_place_and_upper_body_do_what_they_say(wav: Path, tmp_path: Path, tiny_bundle: Path) -> None:
     assert run(wav, tmp_path / "a.npz", tiny_bundle, "--in-place") == 0
     assert run(wav, tmp_path / "b.npz", tiny_bundle, "--upper-body") == 0
@@ -160,11 +152,7 @@ def test_unusual_sound_still_moves(
 
 @pytest.mark.parametrize(
     ("output", "complaint"),
-    [
-        ("out.xyz", "use one of .bvh"),
-        ("no/such/folder/out.bvh", "not a folder"),
-        ("taken.bvh", "choose another"),
-    ],
+    [("out.xyz", "use one of .bvh"), ("no/such/folder/out.bvh", "not a folder"), ("taken.bvh", "choose another")],
 )
 def test_outputs_that_cannot_be_are_refused_before_any_work(
     wav: Path, tmp_path: Path, output: str, complaint: str, capsys: pytest.CaptureFixture[str]
@@ -172,8 +160,3 @@ def test_outputs_that_cannot_be_are_refused_before_any_work(
     (tmp_path / "taken.bvh").mkdir()
     assert run(wav, tmp_path / output, Path("never-loaded")) == 1
     assert complaint in capsys.readouterr().err
-
-
-def test_an_unknown_bundle_is_named(wav: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(wav, tmp_path / "out.bvh", Path("no-such-bundle")) == 1
-    assert "no-such-bundle" in capsys.readouterr().err

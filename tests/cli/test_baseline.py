@@ -19,16 +19,7 @@ def corpus(tmp_path: Path) -> Path:
 def test_clips_for_a_corpus_and_for_sound_files(kind: str, corpus: Path, tmp_path: Path) -> None:
     write_wav(tmp_path / "my_music.wav", clicks(70, 0.5))
     out = tmp_path / "made"
-    words = [
-        "baseline",
-        kind,
-        "--train",
-        str(corpus),
-        str(corpus),
-        str(tmp_path / "my_music.wav"),
-        "-o",
-        str(out),
-    ]
+    words = ["baseline", kind, "--train", str(corpus), str(corpus), str(tmp_path / "my_music.wav"), "-o", str(out)]
     assert main(words) == 0
     assert sorted(path.name for path in out.iterdir()) == ["c.npz", "my_music.npz"]
     held_out, own = Clip.load(out / "c.npz"), Clip.load(out / "my_music.npz")
@@ -37,7 +28,7 @@ def test_clips_for_a_corpus_and_for_sound_files(kind: str, corpus: Path, tmp_pat
     assert np.ptp(held_out.rotations, axis=0).max() == 0 if kind == "mean" else True
 
 
-def test_what_was_made_can_be_scored(corpus: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_baselines_can_be_scored(corpus: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("librosa", reason="the evaluate extra is not installed")
     made = str(tmp_path / "made")
     assert main(["baseline", "random", "--train", str(corpus), str(corpus), "-o", made]) == 0
@@ -45,7 +36,7 @@ def test_what_was_made_can_be_scored(corpus: Path, tmp_path: Path, capsys: pytes
     assert "ba_d_sharp" in capsys.readouterr().out
 
 
-def test_what_is_wrong_is_named(corpus: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_audio_files_are_refused(corpus: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_wav(tmp_path / "c.wav", clicks(70, 0.5))
     for words, complaint in (
         ([str(corpus), str(tmp_path / "c.wav")], "two audio files are named c"),

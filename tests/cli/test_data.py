@@ -18,11 +18,6 @@ def test_a_corpus_is_made_and_completed(tmp_path: Path) -> None:
     assert [corpus.path(name).stat().st_mtime_ns for name in corpus.names()] == before
 
 
-def test_nonsense_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["data", "rehearse", "--hours", "-1", "-o", str(tmp_path)]) == 1
-    assert "must be positive" in capsys.readouterr().err
-
-
 def test_a_corpus_can_be_measured_and_looked_at(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rehearse(Plan(hours=0.001, seed=4, folder=tmp_path, clip_seconds=20.0))
     assert main(["data", "describe", str(tmp_path)]) == 0

@@ -25,13 +25,7 @@ def test_help_teaches(capsys):
     with pytest.raises(SystemExit):
         main(["data", "prepare", "--help"])
     said = capsys.readouterr().out
-    for word in (
-        "zeroeggs",
-        "smplxflame_30",
-        "--dry-run",
-        "train tokenizer sets/zeroeggs",
-        "docs/datasets.md",
-    ):
+    for word in ("zeroeggs", "smplxflame_30", "--dry-run", "train tokenizer sets/zeroeggs", "docs/datasets.md"):
         assert word in said
 
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from tests.align.scenes import reference_statistics
+from tests.align.moving_bodies import reference_statistics
 from tests.corpora.datasets.speech_server import speech_server
 from tests.corpora.datasets.test_music_sources import clicks
 
@@ -39,7 +39,7 @@ def test_sounds_become_prompts_and_prompts_a_tuned_generator(
     assert "own motion only" in capsys.readouterr().err
 
 
-def test_a_service_speaks_and_failures_are_told(
+def test_a_service_speaks_and_failures_are_reported(
     tmp_path: Path, words: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("OPENAI_API_KEY", "sk-secret")
@@ -49,15 +49,7 @@ def test_a_service_speaks_and_failures_are_told(
     (tmp_path / "music/bad.wav").write_bytes(b"RIFF")
     words[words.index("--hours") + 1] = str(2.5 / 3600)
     words[words.index("--pieces") + 1] = "3"
-    words += [
-        "--tts",
-        "openai",
-        "--scripts",
-        str(tmp_path / "talk.txt"),
-        "--scripts-licence",
-        "mine",
-        "--strict",
-    ]
+    words += ["--tts", "openai", "--scripts", str(tmp_path / "talk.txt"), "--scripts-licence", "mine", "--strict"]
     with speech_server() as server:
         server.answers = [200, 400]
         assert main([*words, "--tts-url", server.url]) == 1

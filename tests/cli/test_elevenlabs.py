@@ -17,7 +17,7 @@ def test_a_dry_run_prints_what_would_be_sent(capsys: pytest.CaptureFixture[str])
     assert "raise_both_hands" in prompt
 
 
-def test_a_servers_own_actions_and_a_prompt_of_ones_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_servers_actions_and_a_custom_prompt(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     prompt = tmp_path / "prompt.txt"
     prompt.write_text("You are a pirate.")
     with serving() as there:
@@ -30,7 +30,9 @@ def test_a_servers_own_actions_and_a_prompt_of_ones_own(tmp_path: Path, capsys: 
     assert config["tts"]["agent_output_audio_format"] == "pcm_24000"
 
 
-def test_what_is_missing_is_told(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_key_or_prompt_is_an_error(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.delenv("ELEVENLABS_API_KEY", raising=False)
     assert main(["elevenlabs", "setup"]) == 1
     assert "ELEVENLABS_API_KEY" in capsys.readouterr().err

@@ -29,16 +29,14 @@ def test_a_command_of_a_missing_distribution_says_how_to_get_it(
     assert error.count("\n") == 1
 
 
-def test_an_error_the_user_can_mend_is_one_line_and_exit_code_1(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_user_error_is_one_line_and_exits_with_1(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bundle", "no-such-bundle"]) == 1
     error = capsys.readouterr().err
     assert error.startswith("echoavatar: no bundle 'no-such-bundle'")
     assert error.count("\n") == 1
 
 
-def test_ctrl_c_is_told_in_a_word_and_exit_code_130(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_ctrl_c_exits_with_130(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     def stop(args: object) -> int:
         raise KeyboardInterrupt
 

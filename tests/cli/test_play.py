@@ -1,21 +1,9 @@
 from pathlib import Path
 
-import numpy as np
 import pytest
 from tests.server.sinks.receiving import Receiver
 
 from echoavatar.cli import main
-from echoavatar.motion.kinematics import HUMANOID, Motion
-from echoavatar.motion.kinematics.tables import write_npz
-
-
-@pytest.fixture
-def recording(tmp_path: Path) -> Path:
-    rotations = np.zeros((12, HUMANOID.joints, 4), np.float32)
-    rotations[..., 0] = 1
-    path = tmp_path / "take.npz"
-    write_npz(path, Motion(HUMANOID, rotations, np.zeros((12, 3), np.float32), 30.0))
-    return path
 
 
 def test_a_recording_goes_to_every_sink(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -28,10 +16,9 @@ def test_a_recording_goes_to_every_sink(recording: Path, capsys: pytest.CaptureF
 
 
 @pytest.mark.parametrize(
-    ("words", "complaint"),
-    [(["missing.npz"], "does not exist"), (["x.wav"], "neither .npz nor .bvh")],
+    ("words", "complaint"), [(["missing.npz"], "does not exist"), (["x.wav"], "neither .npz nor .bvh")]
 )
-def test_mistakes_are_one_line(words: list[str], complaint: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_errors_are_one_line(words: list[str], complaint: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["play", *words, "--sink", "vmc://127.0.0.1"]) == 1
     assert complaint in capsys.readouterr().err
 

@@ -28,7 +28,7 @@ def test_a_folder_without_a_run_is_named(tmp_path: Path, capsys: pytest.CaptureF
     assert "holds no metrics.jsonl" in capsys.readouterr().err
 
 
-def test_runs_are_called_by_what_tells_them_apart() -> None:
+def test_runs_are_named_by_the_folders_that_differ() -> None:
     assert _names([Path("runs/a"), Path("runs/b")]) == ["a", "b"]
     assert _names([Path("x/a"), Path("y/a")]) == ["x/a", "y/a"]
     assert _names([Path("a"), Path("a")]) == ["a (1)", "a (2)"]

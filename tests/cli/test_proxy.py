@@ -15,7 +15,7 @@ from echoavatar.agents.proxy.scripted import ScriptedUpstream
 from echoavatar.cli import main
 
 
-def test_mistakes_are_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+def test_errors_are_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["proxy", "--upstream", "https://api.openai.com/v1/realtime"]) == 1
     told = capsys.readouterr().err
     assert "is not a WebSocket URL" in told

@@ -7,7 +7,7 @@ from echoavatar.errors import EchoAvatarError
 from echoavatar.files.reference import pull
 
 
-def test_what_came_is_said(monkeypatch, capsys, tmp_path):
+def test_pull_reports_files_and_checks(monkeypatch, capsys, tmp_path):
     monkeypatch.setattr(pull, "pull", lambda name, output, **_: pull.Pulled(Path(output), 3, 2, "c0ffee"))
     assert main(["pull", "owner/name", "-o", str(tmp_path), "--only", "ckpts/*"]) == 0
     assert "3 files, 2 checked against the hub's sha256, commit c0ffee" in capsys.readouterr().out

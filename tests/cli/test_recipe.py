@@ -61,7 +61,7 @@ def test_unknown_keys_and_values_that_do_not_fit_are_refused_by_name(tmp_path: P
         ("a: !!python/object/apply:os.getcwd []\n", "is not YAML"),
     ],
 )
-def test_other_files_are_named(tmp_path: Path, text: str, said: str) -> None:
+def test_invalid_recipes_are_refused(tmp_path: Path, text: str, said: str) -> None:
     with pytest.raises(EchoAvatarError, match=said):
         read_recipe(Path(written(tmp_path, text)))
 

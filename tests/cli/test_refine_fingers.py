@@ -36,7 +36,7 @@ def test_fingers_are_made_by_the_shipped_model_and_the_body_stays(
     np.testing.assert_allclose(after.root, before.root, atol=1e-5)
 
 
-def test_a_model_of_ones_own_and_one_hand(take: Path, tmp_path: Path) -> None:
+def test_a_custom_model_and_one_hand(take: Path, tmp_path: Path) -> None:
     FingerModel(TINY).save(tmp_path / "own", {"data": "none"})
     words = ["--model", str(tmp_path / "own"), "--hands", "left"]
     assert main(["refine-fingers", str(take), str(tmp_path / "o.bvh"), *words]) == 0
@@ -45,7 +45,7 @@ def test_a_model_of_ones_own_and_one_hand(take: Path, tmp_path: Path) -> None:
     np.testing.assert_allclose(after.rotations[:, right], before.rotations[:, right], atol=1e-4)
 
 
-def test_trouble_is_one_line(take: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_errors_are_one_line(take: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     bare = without(waving(10), "Thumb", "Index", "Middle", "Ring", "Little")
     write_bvh(tmp_path / "bare.bvh", bare.skeleton, bare.rotations, bare.root, 30)
     cases = [

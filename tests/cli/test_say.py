@@ -30,7 +30,7 @@ def test_a_file_becomes_motion(talk: Path, tmp_path: Path, capsys: pytest.Captur
         assert "wave" in capsys.readouterr().err
 
 
-def test_mistakes_are_one_line(talk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_errors_are_one_line(talk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for words in (
         [str(talk), "--server", "http://127.0.0.1:9"],
         [str(talk), "--server", "ftp://a"],
@@ -41,7 +41,7 @@ def test_mistakes_are_one_line(talk: Path, tmp_path: Path, capsys: pytest.Captur
         assert capsys.readouterr().err.count("\n") == 1
 
 
-def test_what_is_said_is_shown_in_sinks_at_the_pace_of_playback(talk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_sinks_show_the_motion_at_playback_speed(talk: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with serving() as place, Receiver() as receiver:
         assert main(["say", str(talk), "--server", place.address, "--sink", f"json://127.0.0.1:{receiver.port}"]) == 0
         poses = [json.loads(packet) for _, packet in receiver.packets(20)]

@@ -41,7 +41,7 @@ def test_retrieval_of_embeddings(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert json.loads(capsys.readouterr().out)["a2m_medr_all"]["value"] == 1
 
 
-def test_what_is_wrong_is_one_line(folders: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_errors_are_one_line(folders: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for words, complaint in (
         (["score"], "give two folders"),
         (["score", folders[0]], "give two folders"),

@@ -23,7 +23,7 @@ from echoavatar.cli import main
         (["--without", "toes"], "no stage 'toes'"),
     ],
 )
-def test_mistakes_are_one_line(words: list[str], remedy: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_errors_are_one_line(words: list[str], remedy: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["serve", "--port", "0", *words]) == 1
     told = capsys.readouterr().err
     assert remedy in told

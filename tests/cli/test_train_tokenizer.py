@@ -15,13 +15,13 @@ def settings(model: dict[str, object]):
     return options.settings(parser.parse_args([]), {"model": {"width": 32, "heads": 2, "lookback": 15} | model})
 
 
-def test_parts_have_the_same_sizes_but_for_what_is_said_of_one() -> None:
+def test_a_part_can_override_common_sizes() -> None:
     found = body_sizes(settings({"parts": {"hands": {"lookback": 7}}}), HUMANOID).parts
     assert {name: part.lookback for name, part in found.items()} == {"lower": 15, "upper": 15, "hands": 7}
     assert {part.width for part in found.values()} == {32}
 
 
-def test_a_part_that_there_is_not_and_a_size_that_must_be_shared_are_refused() -> None:
+def test_unknown_parts_and_unshared_widths_are_refused() -> None:
     with pytest.raises(EchoAvatarError, match="model.parts.tail is no part of the body; there are lower"):
         body_sizes(settings({"parts": {"tail": {}}}), HUMANOID)
     with pytest.raises(EchoAvatarError, match="may not differ in width"):

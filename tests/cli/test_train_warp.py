@@ -34,7 +34,7 @@ def test_a_recipe_and_options_over_it_train_a_pulse(tmp_path: Path) -> None:
     assert (card["kind"], card["training"]["steps"]) == ("warp", 2)  # type: ignore[index]
 
 
-def test_what_is_no_corpus_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_folder_without_a_manifest_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "empty").mkdir()
     assert main(["train", "warp", str(tmp_path / "empty"), "-o", str(tmp_path / "run")]) == 1
     assert "manifest.json is missing" in capsys.readouterr().err

@@ -4,13 +4,7 @@ import numpy as np
 import pytest
 from tests.data.test_clip import clip
 
-from echoavatar.data import (
-    ClipEntry,
-    Corpus,
-    Manifest,
-    save_manifest,
-    write_manifest,
-)
+from echoavatar.data import ClipEntry, Corpus, Manifest, save_manifest, write_manifest
 from echoavatar.data.corpus import clip_path
 from echoavatar.data.shards import write_shard
 from echoavatar.errors import MotionError
@@ -64,10 +58,6 @@ def test_invalid_corpora_are_explained(corpus, tmp_path):
         (tmp_path / "manifest.json").write_text(content)
         with pytest.raises(MotionError, match="damaged"):
             Corpus(tmp_path)
-
-
-def test_only_named_clips_are_listed_on_request(corpus):
-    assert write_manifest(corpus.folder, names=["c", "a"]).names() == ["a", "c"]
 
 
 @pytest.fixture

@@ -1,13 +1,7 @@
 import numpy as np
 import pytest
 
-from echoavatar.data.shards import (
-    Shard,
-    ShardEntry,
-    checksum,
-    shard_path,
-    write_shard,
-)
+from echoavatar.data.shards import Shard, ShardEntry, checksum, shard_path, write_shard
 from echoavatar.errors import MotionError
 
 

@@ -25,13 +25,7 @@ def clicks(frames: int, every_s: float, seed: int = 0) -> np.ndarray:
 
 
 def clip(
-    name: str,
-    frames: int = 240,
-    *,
-    size: float = 0.3,
-    every_s: float = 0.5,
-    kind: int = SPEECH,
-    split: str = "test",
+    name: str, frames: int = 240, *, size: float = 0.3, every_s: float = 0.5, kind: int = SPEECH, split: str = "test"
 ) -> Clip:
     motion = swaying(frames, size=size)
     domain = np.full(frames, kind, np.uint8)

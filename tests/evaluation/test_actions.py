@@ -7,13 +7,7 @@ import pytest
 import echoavatar
 from echoavatar.corpora.rehearsal.action_clips import SCRIPTS, clip
 from echoavatar.engine.pipeline import Pipeline, load_bundle
-from echoavatar.evaluation.actions import (
-    BEGIN_CHUNKS,
-    _score_action,
-    body_points,
-    evaluate_actions,
-    head_turn,
-)
+from echoavatar.evaluation.actions import BEGIN_CHUNKS, _score_action, body_points, evaluate_actions, head_turn
 from echoavatar.models.audio import read_audio
 from echoavatar.motion.kinematics import Motion
 from echoavatar.timing import CHUNK_FRAMES
@@ -32,7 +26,7 @@ def still(motion: Motion, frames: int) -> Motion:
     )
 
 
-def test_who_does_what_the_clip_shows_is_near_it_and_who_stands_is_not() -> None:
+def test_acting_comes_near_the_clip_and_standing_does_not() -> None:
     wanted = clip(SCRIPTS["raise_left_hand"])
     before = still(wanted, BEGIN_CHUNKS * CHUNK_FRAMES)
     on, off = then(then(before, wanted), still(wanted, 40)), still(wanted, 200)
@@ -53,7 +47,7 @@ def test_points_do_not_depend_on_where_the_body_stands_and_faces() -> None:
     np.testing.assert_allclose(body_points(turned), body_points(motion), atol=1e-5)
 
 
-def test_who_looks_around_turns_the_head_as_far_as_the_clip_and_who_stands_does_not() -> None:
+def test_looking_around_turns_the_head_as_far_as_the_clip() -> None:
     wanted = clip(SCRIPTS["look_around"])
     before = still(wanted, BEGIN_CHUNKS * CHUNK_FRAMES)
     on, off = then(then(before, wanted), still(wanted, 40)), still(wanted, 200)
@@ -91,7 +85,7 @@ def test_the_shipped_generator_raises_its_hands_when_told(voice: np.ndarray) -> 
 
 
 @pytest.mark.parametrize("name", ["neutral", "agree"])
-def test_every_clip_has_points_to_judge_by(name: str) -> None:
+def test_every_clip_moves_some_points(name: str) -> None:
     assert _score_action(name, still(clip(SCRIPTS[name]), 200), still(clip(SCRIPTS[name]), 200)).points
 
 

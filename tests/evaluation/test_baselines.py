@@ -4,13 +4,7 @@ import torch
 from tests.evaluation.clips import clicks, clip
 
 from echoavatar.errors import AudioError, MotionError
-from echoavatar.evaluation.baselines import (
-    STRETCH_FRAMES,
-    Baselines,
-    Stretch,
-    facing,
-    spectra,
-)
+from echoavatar.evaluation.baselines import STRETCH_FRAMES, Baselines, Stretch, facing, spectra
 from echoavatar.evaluation.metrics.position_error import heading
 from echoavatar.models.tokenizer import as_one_part
 from echoavatar.motion.kinematics import HUMANOID

@@ -5,7 +5,7 @@ import numpy as np
 from echoavatar.evaluation.cache_pressure import evict_caches
 
 
-def test_what_was_near_is_near_no_more():
+def test_evicted_memory_takes_longer_to_read():
     """Reading 0.5 MB takes longer after the other models than at once."""
     work, mine = evict_caches(), np.ones(2**17, np.float32)
 

@@ -1,13 +1,7 @@
 import torch
 from tests.models.fingers.moving import waving
 
-from echoavatar.evaluation.fingers import (
-    compare,
-    curl,
-    fingertips,
-    liveliness,
-    measure_fingers,
-)
+from echoavatar.evaluation.fingers import compare, curl, fingertips, liveliness, measure_fingers
 from echoavatar.models.fingers import FingerModel
 from echoavatar.models.fingers.clips import finger_clip
 from echoavatar.models.fingers.hand_poses import FINGERS

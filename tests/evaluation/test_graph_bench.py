@@ -22,7 +22,7 @@ def test_every_stage_is_timed(tmp_path, capsys):
     assert "not captured" in capsys.readouterr().out
 
 
-def test_a_missing_gpu_is_said(tiny_bundle):
+def test_a_missing_gpu_is_an_error(tiny_bundle):
     if not torch.cuda.is_available():
         with pytest.raises(EchoAvatarError, match="--device cpu"):
             bench_graphs(load_bundle(tiny_bundle), chunks=1)

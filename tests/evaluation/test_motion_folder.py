@@ -6,12 +6,7 @@ from tests.evaluation.clips import MUSIC, SPEECH, clicks, clip, folder
 from tests.motion.kinematics.samples import swaying
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.evaluation.motion_folder import (
-    ReadOptions,
-    motion_files,
-    read_motion_file,
-    read_pairs,
-)
+from echoavatar.evaluation.motion_folder import ReadOptions, motion_files, read_motion_file, read_pairs
 from echoavatar.models.audio import write_wav
 from echoavatar.motion.kinematics import HUMANOID, write_bvh
 from echoavatar.motion.kinematics.tables import write_npz

@@ -31,10 +31,7 @@ PROMISED = {
 def test_every_promised_score_is_there_and_the_truth_scores_as_truth(tiny_bundle: Path, voice: np.ndarray) -> None:
     """Three made clips and two recordings through a bundle of random weights."""
     clips = [make_clip(Plan(1.0, 47, Path("unused"), clip_seconds=20.0), index) for index in (0, 1, 2)]
-    recordings = [
-        Recording("a", SPEECH, np.resize(voice, 72_000)),
-        Recording("b", MUSIC, np.resize(voice, 72_000)),
-    ]
+    recordings = [Recording("a", SPEECH, np.resize(voice, 72_000)), Recording("b", MUSIC, np.resize(voice, 72_000))]
     told: dict[str, int] = {}
     scores = evaluate(
         load_bundle(tiny_bundle),

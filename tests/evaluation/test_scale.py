@@ -25,7 +25,7 @@ def test_settings_are_those_of_the_recipes(recipe: str, sizes, training) -> None
         assert type(config).model_validate(config.model_dump() | wanted) == config
 
 
-def test_no_row_has_a_head_start_or_terms_of_ours() -> None:
+def test_scales_train_without_our_additions() -> None:
     for scale in SCALES.values():
         assert not scale.tokenizer_training.is_principal_start
         losses = scale.tokenizer_training.losses

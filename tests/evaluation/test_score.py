@@ -46,7 +46,7 @@ def test_a_livelier_body_shows_in_every_row_it_should(tmp_path: Path) -> None:
     assert "fid" not in {row.name for row in score(silent, None)}
 
 
-def test_sinking_is_measured_from_where_a_foot_stands() -> None:
+def test_floor_depth_is_measured_from_the_standing_height() -> None:
     still = np.zeros((30, HUMANOID.joints, 4), np.float32)
     still[..., 0] = 1
     root = np.tile(HUMANOID.rest_positions[0].numpy(), (30, 1)).astype(np.float32)

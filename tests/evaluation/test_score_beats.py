@@ -4,12 +4,7 @@ from tests.evaluation.clips import MUSIC, SPEECH, clicks
 from tests.evaluation.metrics.swings import swing
 
 from echoavatar.evaluation.metrics.gesture_alignment import UPPER_BODY
-from echoavatar.evaluation.score_beats import (
-    ClipAudio,
-    at_rate,
-    dance_rows,
-    gesture_rows,
-)
+from echoavatar.evaluation.score_beats import ClipAudio, at_rate, dance_rows, gesture_rows
 from echoavatar.motion.kinematics import HUMANOID
 
 pytest.importorskip("librosa", reason="the evaluate extra is not installed")

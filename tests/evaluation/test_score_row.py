@@ -4,12 +4,7 @@ import math
 import numpy as np
 import pytest
 
-from echoavatar.evaluation.score_row import (
-    Row,
-    as_json,
-    as_text,
-    row_of_means,
-)
+from echoavatar.evaluation.score_row import Row, as_json, as_text, row_of_means
 
 
 def test_chance_is_taken_off_clip_by_clip() -> None:

@@ -2,12 +2,7 @@ import pytest
 from tests.server.fakes import Body
 
 from echoavatar.evaluation import sessions_bench
-from echoavatar.evaluation.sessions_bench import (
-    Load,
-    bench_neighbour,
-    bench_sessions,
-    summary,
-)
+from echoavatar.evaluation.sessions_bench import Load, bench_neighbour, bench_sessions, summary
 
 
 @pytest.fixture(autouse=True)

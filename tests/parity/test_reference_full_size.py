@@ -10,7 +10,6 @@ import torch
 from tests.parity.test_reference_tokenizer import procedural
 
 from echoavatar.checkpoint import load_into
-from echoavatar.evaluation.metrics.attention_encoder import AttentionAutoencoder
 from echoavatar.models.quantize.usage import code_usage
 from echoavatar.models.tokenizer import MotionTokenizer, MotionTokenizerConfig
 
@@ -63,18 +62,6 @@ def test_a_tokenizer_of_the_published_size(part: str, features: int) -> None:
     assert torch.equal(streamed, model.encode(x))
     frames = torch.cat([model.decode_step(piece, decoder, active) for piece in codes.split(2, 1)], 1)
     torch.testing.assert_close(frames, whole, atol=2e-5, rtol=0)
-
-
-@pytest.mark.slow
-@torch.no_grad()
-def test_the_autoencoder_of_the_published_size() -> None:
-    recorded = told()["ae_default.weights"]
-    model = AttentionAutoencoder(features=531).eval()
-    assert {key: list(value.shape) for key, value in model.state_dict().items()} == recorded["keys"]
-    weights = drawn(model, recorded["procedural_seed"])
-    assert digest(weights) == recorded["sha256"]
-    load_into(model, weights, origin="procedural weights")
-    assert model(torch.randn(1, 64, 531)).isfinite().all()
 
 
 def test_the_small_weights_by_their_hash() -> None:

@@ -64,7 +64,7 @@ def test_there_is_one_for_every_stage_at_every_scale() -> None:
 
 
 @pytest.mark.parametrize("path", RECIPES, ids=lambda path: f"{path.parent.name}-{path.stem}")
-def test_it_opens_with_the_commands_that_run_it_and_says_what_its_stage_knows(path: Path, monkeypatch) -> None:
+def test_a_recipe_opens_with_its_commands_and_has_valid_settings(path: Path, monkeypatch) -> None:
     monkeypatch.chdir(ROOT)
     assert commands(path)
     for words in commands(path):

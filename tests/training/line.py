@@ -6,12 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from echoavatar import checkpoint
-from echoavatar.training import (
-    Gather,
-    Loss,
-    TrainingConfig,
-    TrainingTask,
-)
+from echoavatar.training import Gather, Loss, TrainingConfig, TrainingTask
 
 CONFIG = TrainingConfig(steps=12, batch=8, learning_rate=0.05, warmup=2, save_every=3)
 

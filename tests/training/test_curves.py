@@ -5,13 +5,7 @@ import numpy as np
 import pytest
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.training.curves import (
-    Curve,
-    draw,
-    is_wide,
-    read_curves,
-    smoothed,
-)
+from echoavatar.training.curves import Curve, draw, is_wide, read_curves, smoothed
 
 
 def told(folder: Path, count: int = 60) -> Path:
@@ -26,7 +20,7 @@ def told(folder: Path, count: int = 60) -> Path:
     return folder
 
 
-def test_numbers_are_read_nested_ones_too_and_a_torn_line_is_left_out(tmp_path: Path) -> None:
+def test_nested_numbers_are_read_and_a_cut_off_line_is_skipped(tmp_path: Path) -> None:
     curves = read_curves(told(tmp_path / "run"))
     assert set(curves) == {"loss", "rate", "held_out", "usage.upper"}
     assert curves["loss"].steps[[0, -1]].tolist() == [1, 60]
@@ -56,7 +50,7 @@ def test_runs_are_drawn_side_by_side(tmp_path: Path) -> None:
     assert text.count('<g id="axes_') == 1
 
 
-def test_what_cannot_be_drawn_is_named(tmp_path: Path) -> None:
+def test_drawing_errors_name_the_cause(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     runs = {"a": read_curves(told(tmp_path / "a"))}
     with pytest.raises(EchoAvatarError, match="no run has the metric los; there are loss"):

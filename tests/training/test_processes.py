@@ -23,10 +23,7 @@ def launch(code: str, *args: str, count: int = 2) -> list[str]:
         free.bind(("127.0.0.1", 0))
         port = str(free.getsockname()[1])
     shared = os.environ | {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": port, "WORLD_SIZE": str(count)}
-    shared |= {
-        "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]),
-        "OMP_NUM_THREADS": "1",
-    }
+    shared |= {"PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]), "OMP_NUM_THREADS": "1"}
     running = [
         subprocess.Popen(
             [sys.executable, "-c", code, *args],
@@ -65,7 +62,7 @@ from pathlib import Path
 import torch
 from tests.training.line import CONFIG, Line
 from tests.training.test_processes import curve, real_stages
-from echoavatar.training import Loop, Stage
+from echoavatar.training import Loop
 from echoavatar.training.processes import processes_here
 
 sharded, folder = sys.argv[1] == "sharded", Path(sys.argv[2])

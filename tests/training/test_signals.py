@@ -7,7 +7,7 @@ import pytest
 from echoavatar.training.signals import Interrupted, Signals
 
 
-def test_the_first_signal_is_noted_and_the_second_does_what_it_always_did():
+def test_the_first_signal_is_noted_and_the_second_raises():
     before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores it
     try:
         with Signals() as signals:

@@ -5,12 +5,7 @@ from tests.training.line import CONFIG, Line
 
 from echoavatar.errors import CheckpointError
 from echoavatar.training import Loop, has_state
-from echoavatar.training.state import (
-    FILE,
-    module_state,
-    read,
-    write,
-)
+from echoavatar.training.state import FILE, module_state, read, write
 
 
 def test_facts_and_tensors_come_back_and_nothing_half_written_is_left(tmp_path):
@@ -21,7 +16,7 @@ def test_facts_and_tensors_come_back_and_nothing_half_written_is_left(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == [FILE]
 
 
-def test_what_a_module_keeps_beside_its_state_dict_is_kept():
+def test_buffers_outside_the_state_dict_are_saved():
     stage = Line()
     stage.modules["mean"].value.fill_(3.0)
     assert module_state(stage.modules)["beside.mean..value"] == 3.0

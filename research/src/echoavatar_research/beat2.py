@@ -15,7 +15,6 @@ from echoavatar.evaluation.behaviour import SPEECH
 from echoavatar.evaluation.metrics.diversity import l1_deviation
 from echoavatar.evaluation.metrics.frechet import Moments, moments
 from echoavatar.evaluation.metrics.gesture_alignment import SMPLX_UPPER_BODY
-from echoavatar.evaluation.metrics.skeleton_convolution import extractor_input
 from echoavatar.evaluation.score import fid_row
 from echoavatar.evaluation.score_beats import ClipAudio, gesture_rows
 from echoavatar.evaluation.score_row import Row, row_of_means
@@ -23,6 +22,7 @@ from echoavatar.motion.kinematics import Motion
 
 from .beat2_experiment import Beat2Experiment
 from .choices import OURS, GeneratorChoice
+from .skeleton_convolution import extractor_input
 from .table import Cell, Column, Line, Table, Wanted, cells
 
 NAME = "beat2"

@@ -10,15 +10,6 @@ from jaxtyping import Float
 from echoavatar.corpora.datasets import Options, prepare, survey_of
 from echoavatar.data import Clip, Corpus
 from echoavatar.errors import EchoAvatarError
-from echoavatar.evaluation.metrics.skeleton_convolution import (
-    SkeletonConvolution,
-    SkeletonConvolutionConfig,
-    extractor_input,
-)
-from echoavatar.evaluation.metrics.skeleton_convolution_train import (
-    SkeletonConvolutionTraining,
-    train_skeleton_convolution,
-)
 from echoavatar.evaluation.scale import ScaleName
 from echoavatar.files.smplx_reader import skeleton
 from echoavatar.models.generator import Generator
@@ -29,6 +20,15 @@ from echoavatar.timing import FRAME_RATE_HZ
 from .beat2_sample import write_sample
 from .experiment import Experiment
 from .generate import Sounds, decoded_motion
+from .skeleton_convolution import (
+    SkeletonConvolution,
+    SkeletonConvolutionConfig,
+    extractor_input,
+)
+from .skeleton_convolution_train import (
+    SkeletonConvolutionTraining,
+    train_skeleton_convolution,
+)
 
 SPEAKERS = ("2",)  # the speaker of EMAGE's and MECo's tables; the paper does not name its own
 OPTIONS = Options(rig="native", fingers="keep")

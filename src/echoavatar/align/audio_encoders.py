@@ -16,16 +16,10 @@ from torch import Tensor, nn
 from echoavatar.config import Config
 from echoavatar.models.audio import AudioCodec, CodecConfig
 from echoavatar.nn import FullBlock
-from echoavatar.timing import (
-    SAMPLE_RATE_HZ,
-    SAMPLES_PER_AUDIO_TOKEN,
-    SAMPLES_PER_MOTION_TOKEN,
-    exact_div,
-)
+from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_AUDIO_TOKEN, SAMPLES_PER_MOTION_TOKEN, exact_div
 
 from .beats import Beats, BeatsConfig
 from .fbank import RATE_HZ
-from .positions import sinusoids
 from .wav2clip import Wav2Clip, Wav2ClipConfig
 
 TOKENS_PER_STATE = exact_div(SAMPLES_PER_MOTION_TOKEN, 2 * SAMPLES_PER_AUDIO_TOKEN)  # 5 audio tokens a state: 15 Hz
@@ -114,6 +108,13 @@ class WaveformEncoder(nn.Module):
             states = self.network(wave)
         projected: Tensor = self.out(states)
         return projected
+
+
+def sinusoids(length: int, width: int) -> Float[Tensor, "t c"]:
+    """Sinusoidal position encoding (paper, Audio-Motion Alignment Reward: PE)."""
+    rates = 10_000.0 ** (-torch.arange(0, width, 2) / width)
+    angles = torch.arange(length)[:, None] * rates
+    return torch.stack([angles.sin(), angles.cos()], -1).flatten(1)[:, :width]
 
 
 @torch.no_grad()

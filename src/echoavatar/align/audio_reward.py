@@ -24,18 +24,12 @@ from echoavatar import checkpoint
 from echoavatar.config import Config
 from echoavatar.models.audio import AudioCodec
 from echoavatar.nn import FullBlock
-from echoavatar.timing import (
-    SAMPLE_RATE_HZ,
-    SAMPLES_PER_AUDIO_TOKEN,
-    SAMPLES_PER_MOTION_TOKEN,
-    exact_div,
-)
+from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_AUDIO_TOKEN, SAMPLES_PER_MOTION_TOKEN, exact_div
 
-from .audio_encoders import AudioEncoderConfig, TokenEncoder, WaveformEncoder
+from .audio_encoders import AudioEncoderConfig, TokenEncoder, WaveformEncoder, sinusoids
 from .beats import Beats
 from .decoded_motion import DecodedMotion
 from .fbank import RATE_HZ
-from .positions import sinusoids
 from .reference_statistics import ReferenceStatistics
 from .wav2clip import Wav2Clip
 

@@ -11,6 +11,7 @@ from pydantic import Field
 from torch import Tensor
 
 from echoavatar.config import Config
+from echoavatar.data import DOMAINS
 from echoavatar.errors import MotionError
 from echoavatar.evaluation.metrics.retrieval import (
     PAPER_GALLERY,
@@ -23,26 +24,14 @@ from echoavatar.evaluation.metrics.retrieval import (
 )
 from echoavatar.models.audio import AudioCodec
 from echoavatar.models.generator import TokenClip
-from echoavatar.timing import (
-    AUDIO_FRAMES_PER_CHUNK,
-    CHUNK_SECONDS,
-    MOTION_TOKENS_PER_CHUNK,
-    exact_div,
-)
-from echoavatar.training import (
-    Loss,
-    Progress,
-    TrainingConfig,
-    TrainingTask,
-    train,
-)
+from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, CHUNK_SECONDS, MOTION_TOKENS_PER_CHUNK, exact_div
+from echoavatar.training import Loss, Progress, TrainingConfig, TrainingTask, train
 
 from .audio_encoders import decoded_waveform
 from .audio_reward import WINDOW_TOKENS, AudioMotion, info_nce
 from .fbank import RATE_HZ
 
 WINDOW_CHUNKS = exact_div(WINDOW_TOKENS, MOTION_TOKENS_PER_CHUNK)
-DOMAINS = ("silence", "speech", "music")
 FEWEST = 32  # windows that a domain needs for a table of its own
 MIRROR = ".mirror"  # suffix of a mirrored clip's name (`pipeline.tokenize`)
 
@@ -72,11 +61,7 @@ class AudioMotionWindows:
     """Windows of audio and motion cut from clips; windows of one segment, mirrored ones too, share a number."""
 
     def __init__(
-        self,
-        clips: Mapping[str, TokenClip],
-        *,
-        chunks: int = WINDOW_CHUNKS,
-        waves: Mapping[str, Tensor] | None = None,
+        self, clips: Mapping[str, TokenClip], *, chunks: int = WINDOW_CHUNKS, waves: Mapping[str, Tensor] | None = None
     ) -> None:
         """With `waves` (from `decoded_waveforms`) the audio is a waveform, otherwise codec tokens."""
         self._chunks, self._waves = chunks, waves
@@ -125,11 +110,7 @@ class AudioMotionWindows:
 
         sound = stacked("audio", AUDIO_FRAMES_PER_CHUNK) if self._waves is None else self._heard(spots)
         segments = [self._source[name.removesuffix(MIRROR)] * 100_000 + start for name, start in spots]
-        return Windows(
-            sound,
-            stacked("motion", MOTION_TOKENS_PER_CHUNK),
-            torch.tensor(segments),
-        )
+        return Windows(sound, stacked("motion", MOTION_TOKENS_PER_CHUNK), torch.tensor(segments))
 
     def _heard(self, spots: Sequence[tuple[str, int]]) -> Float[Tensor, "b s"]:
         """The windows' waveforms."""
@@ -180,10 +161,7 @@ class AudioRewardTask(TrainingTask[Windows]):
         """See `TrainingTask.loss`."""
         model = self.model
         found = info_nce(
-            model.embed_audio(batch.sound),
-            model.embed_motion(batch.motion),
-            model.temperature,
-            batch.segments,
+            model.embed_audio(batch.sound), model.embed_motion(batch.motion), model.temperature, batch.segments
         )
         return Loss(found, {"temperature": model.temperature})
 
@@ -250,8 +228,4 @@ def retrieval_table(
 
 def _row(scores: Retrieval) -> dict[str, object]:
     recall: dict[str, object] = {f"R@{k}": round(value, 3) for k, value in scores.recall.items()}
-    return recall | {
-        "MedR": scores.median_rank,
-        "MRR": round(scores.reciprocal_rank, 3),
-        "gallery": scores.gallery,
-    }
+    return recall | {"MedR": scores.median_rank, "MRR": round(scores.reciprocal_rank, 3), "gallery": scores.gallery}

@@ -4,7 +4,7 @@ Rewards are means over prompts with standard errors; gains over the first genera
 reported: FID against the prompts' true motion, diversity, beat alignment minus chance, and KL from the first generator.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from echoavatar.evaluation.metrics.motion_encoder import MotionEncoder
@@ -30,7 +30,6 @@ def compare(
     group: int = 4,
     seed: int = 0,
     device: str = "cpu",
-    progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, Measurements]:
     """Measurements by generator name, the true motion's first; generators are moved to `device`.
 
@@ -53,11 +52,9 @@ def compare(
     }
     begun: dict[str, Any] = {}
     reference = GeneratorPolicy(first.eval().to(device))
-    for number, (name, generator) in enumerate(generators.items()):
+    for name, generator in generators.items():
         found: dict[str, Any] = probe(GeneratorPolicy(generator.eval().to(device)), reference)
         found.pop("seconds")
         begun = begun or found
         told[name] = found | {"gain": gain(begun, found)}
-        if progress is not None:
-            progress(number + 1, len(generators))
     return told

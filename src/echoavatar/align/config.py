@@ -73,14 +73,7 @@ def recipe(name: str, method: Method) -> AlignTraining:
         own = {"learning_rate": 3e-5}
     match name:
         case "tiny":
-            sizes: dict[str, object] = {
-                "steps": 4,
-                "batch": 2,
-                "past": 1,
-                "length": 1,
-                "probe": 2,
-                "fewest_events": 0,
-            }
+            sizes: dict[str, object] = {"steps": 4, "batch": 2, "past": 1, "length": 1, "probe": 2, "fewest_events": 0}
             sizes |= {"group": 1 if method == "ppo" else 4, "evaluate_every": 2, "save_every": 2, "videos": 0}
         case "rehearsal":
             sizes = own

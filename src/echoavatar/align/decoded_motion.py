@@ -12,12 +12,7 @@ from torch import Tensor
 
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import Skeleton, forward_kinematics, from_features
-from echoavatar.timing import (
-    AUDIO_FRAMES_PER_CHUNK,
-    FRAME_RATE_HZ,
-    FRAMES_PER_MOTION_TOKEN,
-    MOTION_TOKENS_PER_CHUNK,
-)
+from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN, MOTION_TOKENS_PER_CHUNK
 
 from .prompts import Prompt
 

@@ -4,7 +4,6 @@ Only whole frames count. Each frame loses its mean, is pre-emphasised and weight
 the power 0.85. No dither.
 """
 
-import math
 from functools import cache
 
 import torch
@@ -51,8 +50,3 @@ def _bands() -> Float[Tensor, "k 128"]:
     centres = low + width * torch.arange(1, BANDS + 1, dtype=torch.float64)
     bins = _mel(torch.arange(SPECTRUM // 2, dtype=torch.float64) * RATE_HZ / SPECTRUM)
     return F.relu(1 - (bins[:, None] - centres).abs() / width)
-
-
-def frames_of(samples: int) -> int:
-    """Number of frames in so many samples."""
-    return max(0, math.floor((samples - FRAME) / STEP) + 1)

@@ -73,12 +73,6 @@ def timed_advantages(
     return centred / (spread + SPREAD_FLOOR)
 
 
-def k3(policy: Float[Tensor, "..."], reference: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
-    """Schulman's estimator of KL(policy || reference) from samples: e^d - d - 1 with d = reference - policy."""
-    d = reference - policy
-    return d.exp() - d - 1
-
-
 def exact_kl(
     policy: Float[Tensor, "... K"], reference: Float[Tensor, "... K"], support: Bool[Tensor, "... K"]
 ) -> Float[Tensor, "..."]:
@@ -99,7 +93,7 @@ def grpo_loss(
     """Group-relative policy loss (paper, equation GRPO), averaged over codes.
 
     Departs from the equation: ratios are clipped for each code, as in DeepSeekMath and TRL (`loss_type="grpo"`).
-    `advantages` broadcasts: one a row, or one a code. `kl` is `k3` or `exact_kl` of each code, with its gradient.
+    `advantages` broadcasts: one a row, or one a code. `kl` is that of each code, with its gradient.
     """
     ratio = (policy - old).exp()
     limited = ratio.clamp(1 - clip, 1 + clip)

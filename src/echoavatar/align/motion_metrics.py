@@ -11,12 +11,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from echoavatar.evaluation.metrics.diversity import l1_deviation
-from echoavatar.evaluation.metrics.frechet import (
-    Moments,
-    frechet_between,
-    moments,
-    pooled,
-)
+from echoavatar.evaluation.metrics.frechet import Moments, frechet_between, moments, pooled
 from echoavatar.evaluation.metrics.motion_encoder import MotionEncoder
 from echoavatar.evaluation.metrics.motion_features import motion_features
 from echoavatar.models.tokenizer import BodyTokenizer
@@ -47,14 +42,14 @@ class MotionMetrics:
             for at in range(0, len(prompts), TOGETHER)
             for motion in decode_truth(tokenizer, prompts[at : at + TOGETHER])
         ]
-        self._extractor, self._yardstick = extractor, reference_statistics
+        self._extractor, self._reference_statistics = extractor, reference_statistics
         self._wanted = self._latents(self.truth)
 
     def __call__(self, motions: Sequence[DecodedMotion]) -> Measurements:
         """`fid`, `diversity` (m), `beat_alignment` and `stress_alignment`; the last two as mean and standard error."""
         aligned = {
-            "beat_alignment": [beat_alignment(s, self._yardstick) for s in motions if len(s.beats)],
-            "stress_alignment": [stress_alignment(s, self._yardstick) for s in motions if len(s.stresses)],
+            "beat_alignment": [beat_alignment(s, self._reference_statistics) for s in motions if len(s.beats)],
+            "stress_alignment": [stress_alignment(s, self._reference_statistics) for s in motions if len(s.stresses)],
         }
         relative = [motion.positions - motion.positions[:, :1] for motion in motions]
         return {

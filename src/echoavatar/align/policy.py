@@ -140,9 +140,7 @@ class GeneratorPolicy:
         parts = [
             self._read(*self._window(prompts.audio, motion, end), MOTION_TOKENS_PER_CHUNK)
             for end in range(
-                motion.shape[1] - steps + MOTION_TOKENS_PER_CHUNK,
-                motion.shape[1] + 1,
-                MOTION_TOKENS_PER_CHUNK,
+                motion.shape[1] - steps + MOTION_TOKENS_PER_CHUNK, motion.shape[1] + 1, MOTION_TOKENS_PER_CHUNK
             )
         ]
         return torch.cat([logits for logits, _ in parts], 1), torch.cat([hidden for _, hidden in parts], 1)

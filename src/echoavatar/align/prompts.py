@@ -17,12 +17,7 @@ from torch import Tensor
 from echoavatar.errors import MotionError
 from echoavatar.models.generator import TokenClip
 from echoavatar.models.tokens import TokenLayout
-from echoavatar.timing import (
-    AUDIO_FRAMES_PER_CHUNK,
-    AUDIO_TOKEN_RATE_HZ,
-    CHUNK_SECONDS,
-    MOTION_TOKENS_PER_CHUNK,
-)
+from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, AUDIO_TOKEN_RATE_HZ, CHUNK_SECONDS, MOTION_TOKENS_PER_CHUNK
 
 Events = Literal["any", "beat", "stress"]
 

@@ -22,13 +22,7 @@ from echoavatar.evaluation.metrics.frechet import Moments, frechet_between, pool
 from echoavatar.evaluation.metrics.motion_encoder import MotionEncoder
 from echoavatar.models.generator import TokenClip, WindowSampler
 from echoavatar.models.tokenizer import BodyTokenizer
-from echoavatar.training import (
-    Loss,
-    Progress,
-    TrainingConfig,
-    TrainingTask,
-    train,
-)
+from echoavatar.training import Loss, Progress, TrainingConfig, TrainingTask, train
 
 from .corruption import (
     CLEAN,
@@ -64,12 +58,7 @@ class CorruptedWindows:
     """Decoded windows at any level of corruption."""
 
     def __init__(
-        self,
-        tokenizer: BodyTokenizer,
-        clips: Sequence[TokenClip],
-        *,
-        seed: int,
-        chunks: int = WINDOW_CHUNKS,
+        self, tokenizer: BodyTokenizer, clips: Sequence[TokenClip], *, seed: int, chunks: int = WINDOW_CHUNKS
     ) -> None:
         self.tokenizer, self._seed = tokenizer, seed
         self._windows = WindowSampler(clips, chunks=chunks, seed=seed)

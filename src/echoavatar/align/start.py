@@ -31,23 +31,11 @@ from .probe import Probe
 from .prompts import PromptSampler, read_token_clips
 from .quality import QualityReward
 from .reference_statistics import ReferenceStatistics, measure_reference_statistics
-from .rewards import (
-    Reward,
-    RewardMix,
-    imported,
-    parse_weights,
-)
+from .rewards import Reward, RewardMix, imported, parse_weights
 from .samples import SampleVideos, can_render_videos
 from .trainer import DivergedError, PolicyTask, RunContext
 
-DEFAULT_REWARDS = (
-    "beats=1",
-    "stresses=1",
-    "liveliness=0.3",
-    "smoothness=0.1",
-    "planted_feet=0.1",
-    "stillness=0.5",
-)
+DEFAULT_REWARDS = ("beats=1", "stresses=1", "liveliness=0.3", "smoothness=0.1", "planted_feet=0.1", "stillness=0.5")
 STATISTICS_PROMPTS = 160
 STATISTICS_PAST, STATISTICS_LENGTH = 3, 9
 TOGETHER = 8  # prompts sampled at once

@@ -17,23 +17,12 @@ from torch import Tensor, nn
 from echoavatar.config import Config
 from echoavatar.errors import EchoAvatarError
 from echoavatar.models.generator import Generator
-from echoavatar.training import (
-    Gather,
-    Loss,
-    TrainingTask,
-    adamw,
-)
+from echoavatar.training import Gather, Loss, TrainingTask, adamw
 
 from .config import AlignTraining
 from .judge import Judge
 from .losses import exact_kl
-from .policy import (
-    GeneratorPolicy,
-    Rollout,
-    Scores,
-    check_reference,
-    mean_by_layer,
-)
+from .policy import GeneratorPolicy, Rollout, Scores, check_reference, mean_by_layer
 from .probe import Probe
 from .prompts import Prompt, PromptBatch
 
@@ -125,7 +114,7 @@ class PolicyTask(TrainingTask[BatchT]):
         self.reference.generator.to(self.device)
         return [adamw([self.generator], self.config)]
 
-    def clipped(self) -> list[nn.Parameter]:
+    def clipped_parameters(self) -> list[nn.Parameter]:
         """The policy's parameters; the critic's gradient is not clipped."""
         return list(self.generator.parameters())
 

@@ -45,10 +45,7 @@ COMMANDS = {
     "studio": "collect preferences and run user studies in the browser",
     "refine-fingers": "add plausible fingers to motion that was captured without them",
 }
-SEPARATE = {
-    "reproduce": "research",
-    "studio": "studio",
-}  # command -> distribution echoavatar-NAME, folder ./NAME
+SEPARATE = {"reproduce": "research", "studio": "studio"}  # command -> distribution echoavatar-NAME, folder ./NAME
 
 
 def main(argv: Sequence[str] | None = None) -> int:

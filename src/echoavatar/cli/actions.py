@@ -1,4 +1,4 @@
-"""`echoavatar actions`: lists the actions of a bundle; adds one from a clip, without training."""
+"""`echoavatar actions`: lists, adds and removes a bundle's actions; needs no training."""
 
 import argparse
 from pathlib import Path
@@ -31,8 +31,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         nargs=2,
         metavar=("FROM", "TO"),
-        help="seconds of the clip that repeat while the action is held; in an imported bundle, whose actions are sets "
-        "of codes, those that give the set (default: the middle half)",
+        help="seconds of the clip to repeat while the action is held (default: the middle half); in an imported "
+        "bundle, whose actions are sets of codes, the seconds to take the codes from",
     )
     add.add_argument("--about", default="", help="description for language models")
     remove = kinds.add_parser("remove", help="remove an action")

@@ -60,12 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     dpo = kinds.add_parser("dpo", help="learn from preferred and rejected continuations")
     ppo = kinds.add_parser("ppo", help="learn with a value head that predicts the reward")
     dpo.add_argument("--pairs", type=Path, required=True, help="JSONL of pairs (`align rollouts`, the studio)")
-    dpo.add_argument(
-        "--margin",
-        type=float,
-        default=0.0,
-        help="skip pairs that differ by less (default: %(default)s)",
-    )
+    dpo.add_argument("--margin", type=float, default=0.0, help="skip pairs that differ by less (default: %(default)s)")
     for child in (grpo, ppo):
         child.add_argument(
             "--rollouts",
@@ -81,19 +76,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         _add_common(child)
         child.add_argument("-o", "--output", type=Path, required=True, help="folder to train in, or to resume")
         child.add_argument(
-            "--recipe",
-            choices=("tiny", "rehearsal", "paper"),
-            default="rehearsal",
-            help="(default: %(default)s)",
+            "--recipe", choices=("tiny", "rehearsal", "paper"), default="rehearsal", help="(default: %(default)s)"
         )
         for name, (kind, text) in SETTINGS.items():
             child.add_argument(f"--{name}", type=kind, help=f"{text} (default: the recipe's)")
         child.add_argument("--events", choices=("any", "beat", "stress"), help="(default: the recipe's)")
         child.add_argument("--credit", choices=("sequence", "to_go"), help="(default: the recipe's)")
         child.add_argument(
-            "--autocast",
-            action="store_true",
-            help="multiply in bfloat16; faster on processors that support it",
+            "--autocast", action="store_true", help="multiply in bfloat16; faster on processors that support it"
         )
         child.add_argument(
             "--track",
@@ -111,17 +101,11 @@ def _add_rollouts(child: argparse.ArgumentParser) -> None:
     child.add_argument("--prompts", type=int, default=200, help="number of prompts (default: %(default)s)")
     child.add_argument("--group", type=int, default=8, help="continuations of each (default: %(default)s)")
     child.add_argument(
-        "--past",
-        type=int,
-        default=3,
-        help="chunks of true motion before a continuation (default: %(default)s)",
+        "--past", type=int, default=3, help="chunks of true motion before a continuation (default: %(default)s)"
     )
     child.add_argument("--length", type=int, default=9, help="chunks in a continuation (default: %(default)s)")
     child.add_argument(
-        "--margin",
-        type=float,
-        default=0.5,
-        help="least difference of rewards in a pair (default: %(default)s)",
+        "--margin", type=float, default=0.5, help="least difference of rewards in a pair (default: %(default)s)"
     )
     child.add_argument(
         "--fewest-events",
@@ -145,9 +129,7 @@ def _add_common(child: argparse.ArgumentParser) -> None:
         "liveliness=0.3 smoothness=0.1 planted_feet=0.1 stillness=0.5)",
     )
     child.add_argument(
-        "--reference-statistics",
-        type=Path,
-        help="reference statistics of true motion (default: measured now)",
+        "--reference-statistics", type=Path, help="reference statistics of true motion (default: measured now)"
     )
     child.add_argument("--quality", type=Path, help="trained quality reward, for --reward quality=1")
     child.add_argument("--alignment", type=Path, help="trained alignment reward, for --reward alignment=1")
@@ -162,24 +144,10 @@ def run(args: argparse.Namespace) -> int:
     if args.kind in align_rewards.KINDS:
         return align_rewards.run(args)
     if args.kind == "compare":
-        return align_compare.run(args)
-    from echoavatar.align.start import load_setup
-
+        return align_compare.run(args, _setup(args))
     is_first = os.environ.get("RANK", "0") == "0"
     with tqdm(unit="step", smoothing=0.05, disable=not is_first) as bar:
-        ready = load_setup(
-            args.source,
-            args.output.parent if args.kind == "rollouts" else args.output,
-            bundle=args.bundle,
-            generator=args.generator,
-            reference=args.reference,
-            rewards=args.reward,
-            reference_statistics=args.reference_statistics,
-            quality=args.quality,
-            alignment=args.alignment,
-            sampling={key: getattr(args, key) for key in ("temperature", "cooling", "top_p")},
-            is_compared=args.kind == "dpo",
-        )
+        ready = _setup(args)
 
         def progress(done: int, total: int) -> None:
             bar.total = total
@@ -192,6 +160,24 @@ def run(args: argparse.Namespace) -> int:
     if is_first:
         print(told)
     return 0
+
+
+def _setup(args: argparse.Namespace) -> "AlignmentSetup":
+    from echoavatar.align.start import load_setup
+
+    return load_setup(
+        args.source,
+        args.output.parent if args.kind in ("rollouts", "compare") else args.output,
+        bundle=args.bundle,
+        generator=args.generator,
+        reference=args.reference,
+        rewards=args.reward,
+        reference_statistics=args.reference_statistics,
+        quality=args.quality,
+        alignment=args.alignment,
+        sampling={key: getattr(args, key) for key in ("temperature", "cooling", "top_p")},
+        is_compared=args.kind == "dpo",
+    )
 
 
 def _rollouts(args: argparse.Namespace, ready: "AlignmentSetup", progress: Callable[[int, int], None]) -> int:

@@ -3,6 +3,10 @@
 import argparse
 import json
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from echoavatar.align.start import AlignmentSetup
 
 
 def add_arguments(child: argparse.ArgumentParser) -> None:
@@ -24,27 +28,15 @@ def add_arguments(child: argparse.ArgumentParser) -> None:
     child.add_argument("-o", "--output", type=Path, required=True, metavar="JSON", help="file to write")
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace, ready: "AlignmentSetup") -> int:
     """Measure and print."""
     from echoavatar.align.compare import compare
     from echoavatar.align.prompts import PromptSampler
     from echoavatar.align.seeds import as_markdown, over_seeds
-    from echoavatar.align.start import load_setup
     from echoavatar.errors import MotionError
     from echoavatar.evaluation.metrics.motion_encoder import load_shipped
     from echoavatar.models.generator import Generator
 
-    ready = load_setup(
-        args.source,
-        args.output.parent,
-        bundle=args.bundle,
-        generator=args.generator,
-        rewards=args.reward,
-        reference_statistics=args.reference_statistics,
-        quality=args.quality,
-        alignment=args.alignment,
-        sampling={key: getattr(args, key) for key in ("temperature", "cooling", "top_p")},
-    )
     if not ready.test:
         raise MotionError(f"{args.source} holds no clip of split test, so there is nothing to measure on")
     prompts = PromptSampler(ready.test, past=args.past, length=args.length).spread(args.prompts)
@@ -65,13 +57,7 @@ def run(args: argparse.Namespace) -> int:
         ", ".join(map(str, folders)): over_seeds(found["untuned"], [found[str(folder)] for folder in folders])
         for folders in args.beside
     }
-    told = {
-        "prompts": len(prompts),
-        "group": args.group,
-        "seed": args.seed,
-        "found": found,
-        "over_seeds": lines,
-    }
+    told = {"prompts": len(prompts), "group": args.group, "seed": args.seed, "found": found, "over_seeds": lines}
     args.output.write_text(json.dumps(told) + "\n")
     args.output.with_suffix(".md").write_text(as_markdown(found, lines))
     print(json.dumps(told))

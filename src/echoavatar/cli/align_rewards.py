@@ -56,9 +56,7 @@ def add_arguments(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") 
     alignment.add_argument("--batch", type=int, default=64, help="windows per step (default: %(default)s)")
     for child in (quality, alignment):
         child.add_argument(
-            "--autocast",
-            action="store_true",
-            help="multiply in bfloat16; faster on processors that support it",
+            "--autocast", action="store_true", help="multiply in bfloat16; faster on processors that support it"
         )
     for child, steps, width in ((quality, 1200, 96), (alignment, 1000, 128)):
         child.add_argument("--steps", type=int, default=steps, help="optimiser steps (default: %(default)s)")
@@ -160,11 +158,7 @@ def _alignment(
         return AudioMotionWindows(clips, waves=waves)
 
     training = AudioRewardTraining(
-        steps=args.steps,
-        batch=args.batch,
-        seed=args.seed,
-        minutes=args.minutes or 0,
-        autocast=args.autocast,
+        steps=args.steps, batch=args.batch, seed=args.seed, minutes=args.minutes or 0, autocast=args.autocast
     )
     model = train_audio_reward(model, pairs(train), args.output, training, card=_card(args), progress=progress)
     found = retrieval_tables(model, pairs(asked))

@@ -276,10 +276,7 @@ def run(args: argparse.Namespace) -> int:
     pipeline = _pipeline(args, args.precision, args.without)
     with tqdm(unit="chunk", disable=not sys.stderr.isatty()) as bar:
         report = bench_stream(
-            pipeline,
-            seconds=args.seconds,
-            sessions=args.sessions,
-            progress=lambda done, _: bar.update(done - bar.n),
+            pipeline, seconds=args.seconds, sessions=args.sessions, progress=lambda done, _: bar.update(done - bar.n)
         )
     print(f"{'stage':<14}{'p50 ms':>10}{'p95 ms':>10}{'p99 ms':>10}")
     for stage, values in report.stages_ms.items():

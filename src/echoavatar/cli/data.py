@@ -51,9 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="give new fingers to clips of the library whose fingers do not move",
     )
     rehearse.add_argument(
-        "--recordings",
-        type=Path,
-        help="folder of recorded audio; paths with 'music' are danced to, others are speech",
+        "--recordings", type=Path, help="folder of recorded audio; paths with 'music' are danced to, others are speech"
     )
     rehearse.add_argument("--soundfont", type=Path, help="SF2 file with which fluidsynth plays half of the music")
     rehearse.add_argument("--workers", type=int, default=2, help="processes (default: %(default)s)")

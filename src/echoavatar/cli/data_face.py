@@ -25,19 +25,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rehearse", type=float, metavar="HOURS", help="make synthetic clips instead")
     parser.add_argument("--seed", type=int, default=1, help="seed of synthetic clips (default: %(default)s)")
     parser.add_argument(
-        "--offset",
-        type=float,
-        default=0.0,
-        help="time in the sound at which the take begins, seconds (default: 0)",
+        "--offset", type=float, default=0.0, help="time in the sound at which the take begins, seconds (default: 0)"
     )
     parser.add_argument(
         "--timecode", type=int, choices=(30, 60), help="frames per second of the timecode (default: guessed)"
     )
     parser.add_argument(
-        "--test-every",
-        type=int,
-        default=10,
-        help="hold out every n-th take for testing (default: %(default)s)",
+        "--test-every", type=int, default=10, help="hold out every n-th take for testing (default: %(default)s)"
     )
     parser.add_argument("-o", "--output", type=Path, default=Path("faces"), help="folder (default: %(default)s)")
 

@@ -53,18 +53,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--workers", type=int, default=2, help="processes (default: %(default)s)")
     chosen = parser.add_argument_group("which recordings")
     chosen.add_argument(
-        "--only",
-        action="append",
-        default=[],
-        metavar="GLOB",
-        help="names that match this pattern; may be repeated",
+        "--only", action="append", default=[], metavar="GLOB", help="names that match this pattern; may be repeated"
     )
     chosen.add_argument(
-        "--speakers",
-        nargs="+",
-        default=[],
-        metavar="SPEAKER",
-        help="numbers or names of speakers (BEAT2: 2)",
+        "--speakers", nargs="+", default=[], metavar="SPEAKER", help="numbers or names of speakers (BEAT2: 2)"
     )
     chosen.add_argument(
         "--additional", action="store_true", help="BEAT2: include the additional recordings, for training"
@@ -121,10 +113,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     after.add_argument("--tokenizer", type=Path, help="trained motion tokenizer for this set's rig")
     after.add_argument("--no-pictures", action="store_true", help="do not draw DIR/overview")
     after.add_argument(
-        "--sheets",
-        type=int,
-        default=3,
-        help="number of contact sheets in the overview (default: %(default)s)",
+        "--sheets", type=int, default=3, help="number of contact sheets in the overview (default: %(default)s)"
     )
 
 

@@ -33,19 +33,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="output folder")
     parser.add_argument(
-        "--seed",
-        type=int,
-        default=0,
-        help="seed of generated scripts, voices and music (default: %(default)s)",
+        "--seed", type=int, default=0, help="seed of generated scripts, voices and music (default: %(default)s)"
     )
     speech = parser.add_argument_group("speech")
     speech.add_argument("--hours", type=float, default=1.0, help="hours of speech; 0 for none (default: %(default)s)")
     speech.add_argument("--scripts", type=Path, metavar="FILE", help="scripts to speak first, UTF-8 text")
     speech.add_argument(
-        "--scripts-licence",
-        default="not stated",
-        metavar="TEXT",
-        help="licence of the scripts, for the manifest",
+        "--scripts-licence", default="not stated", metavar="TEXT", help="licence of the scripts, for the manifest"
     )
     speech.add_argument(
         "--tts",
@@ -61,17 +55,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     music = parser.add_argument_group("music")
     music.add_argument("--pieces", type=int, default=100, help="pieces of music; 0 for none (default: %(default)s)")
+    music.add_argument("--music", type=Path, metavar="DIR", help="a folder of sound files (default: composed music)")
     music.add_argument(
-        "--music",
-        type=Path,
-        metavar="DIR",
-        help="a folder of sound files (default: composed music)",
-    )
-    music.add_argument(
-        "--music-licence",
-        default="not stated",
-        metavar="TEXT",
-        help="licence of that music, for the manifest",
+        "--music-licence", default="not stated", metavar="TEXT", help="licence of that music, for the manifest"
     )
     after = parser.add_argument_group("afterwards")
     after.add_argument(

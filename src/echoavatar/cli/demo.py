@@ -28,10 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="write files there instead of serving")
     parser.add_argument(
-        "--port",
-        type=int,
-        default=8765,
-        help="port of the live page; 0 takes any free one (default: %(default)s)",
+        "--port", type=int, default=8765, help="port of the live page; 0 takes any free one (default: %(default)s)"
     )
     parser.add_argument("--sink", action="append", default=[], metavar="URL", help=serve.SINK_HELP)
     parser.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
@@ -76,12 +73,7 @@ def _files(args: argparse.Namespace) -> int:
             audio = read_audio(source)
         print(f"{title}: {len(audio) / 24_000:.1f} s of sound")
         with tqdm(unit="s", desc="  animating", bar_format="{desc}: {n:.1f} s of motion [{elapsed}]") as bar:
-            done = animate(
-                pipeline,
-                in_blocks(audio),
-                seed=args.seed,
-                progress=partial(_advance, bar),
-            )
+            done = animate(pipeline, in_blocks(audio), seed=args.seed, progress=partial(_advance, bar))
         print(f"  real-time factor {done.real_time_factor:.2f} (below 1 is faster than real time)")
         motion, face = done.motion, done.face
         write_glb(args.output / f"{name}.glb", character, motion.rotations, motion.root, face=face)

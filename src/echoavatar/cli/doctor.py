@@ -52,15 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print one line for each finding."""
     del args
-    checks: list[Callable[[], list[Finding]]] = [
-        _python,
-        _torch,
-        _forbidden,
-        _modules,
-        _extras,
-        _programs,
-        _motion,
-    ]
+    checks: list[Callable[[], list[Finding]]] = [_python, _torch, _forbidden, _modules, _extras, _programs, _motion]
     findings = [finding for check in checks for finding in check()]
     for mark, what, remark in findings:
         print(f"{mark}  {what:<22} {remark}")
@@ -73,10 +65,7 @@ def _python() -> list[Finding]:
     version = platform.python_version()
     mark = OK if sys.version_info >= (3, 11) else BROKEN
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    return [
-        (mark, "python", version if mark == OK else f"{version}; needs 3.11 or newer"),
-        (OK, "cores", str(cores)),
-    ]
+    return [(mark, "python", version if mark == OK else f"{version}; needs 3.11 or newer"), (OK, "cores", str(cores))]
 
 
 def _torch() -> list[Finding]:

@@ -20,19 +20,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = EXAMPLES
     kinds = parser.add_subparsers(dest="kind", metavar="WHAT", required=True)
     setup = kinds.add_parser("setup", help="create or update the tools and an agent that uses them")
-    setup.add_argument("--agent", default="", metavar="ID", help="update this agent (default: the one of --name)")
+    setup.add_argument("--agent", default="", metavar="ID", help="update this agent (default: the agent called --name)")
     setup.add_argument("--name", default="EchoAvatar", help="the agent's name (default: %(default)s)")
     setup.add_argument(
-        "--persona",
-        default="Echo",
-        metavar="NAME",
-        help="the character's name in the prompt (default: %(default)s)",
+        "--persona", default="Echo", metavar="NAME", help="the character's name in the prompt (default: %(default)s)"
     )
     setup.add_argument(
-        "--surroundings",
-        default="",
-        metavar="TEXT",
-        help="for the prompt: a description of where the avatar stands",
+        "--surroundings", default="", metavar="TEXT", help="for the prompt: a description of where the avatar stands"
     )
     setup.add_argument("--prompt", type=Path, metavar="FILE", help="use this prompt instead")
     setup.add_argument("--first-message", default="", metavar="TEXT", help="the agent's first words (default: none)")

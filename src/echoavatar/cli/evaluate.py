@@ -13,7 +13,7 @@ from tqdm import tqdm
 from echoavatar.errors import EchoAvatarError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from echoavatar.engine.pipeline import Bundle
     from echoavatar.evaluation.actions import ActionScore
@@ -99,11 +99,15 @@ def run(args: argparse.Namespace) -> int:
             bar.refresh()
 
         scores = evaluate(bundle, clips, recordings, seed=args.seed, repeats=args.repeats, progress=say)
+    _print_scores(scores)
+    return 0
+
+
+def _print_scores(scores: "Mapping[str, float]") -> None:
     for key, value in scores.items():
         print(f"{key:<44}{value:>12.4f}")
-    told = {key: round(value, 5) if math.isfinite(value) else None for key, value in scores.items()}
-    print(json.dumps(told))  # null: there was nothing to measure
-    return 0
+    found = {key: round(value, 5) if math.isfinite(value) else None for key, value in scores.items()}
+    print(json.dumps(found))  # null: there was nothing to measure
 
 
 def _face(args: argparse.Namespace, bundle: "Bundle") -> int:
@@ -120,9 +124,7 @@ def _face(args: argparse.Namespace, bundle: "Bundle") -> int:
             seed=args.seed,
             progress=lambda done, _: bar.update(done - bar.n),
         )
-    for key, value in scores._asdict().items():
-        print(f"{key:<44}{value:>12.4f}")
-    print(json.dumps({k: round(v, 5) if math.isfinite(v) else None for k, v in scores._asdict().items()}))
+    _print_scores(scores._asdict())
     return 0
 
 

@@ -17,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     reference = kinds.add_parser(
         "reference",
         help="the authors' release",
-        description="Check the authors' download and convert it. No code in it runs; all that does not fit is listed.",
+        description="Check the authors' download and convert it. None of its code is run; everything unfit is listed.",
         epilog=(
             "examples:\n"
             "  echoavatar import reference --ckpts EchoAvatar/ckpts --stats EchoAvatar/stats -o reference --dry-run\n"
@@ -41,9 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="EnCodec: a folder, or a name in the local model cache (default: %(default)s)",
     )
     reference.add_argument(
-        "--actions",
-        type=Path,
-        help="file with the table of actions (default: the script beside the stats folder)",
+        "--actions", type=Path, help="file with the table of actions (default: the script beside the stats folder)"
     )
     reference.add_argument(
         "--step",
@@ -73,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
         actions = _actions(args)
     except CheckpointError as error:
         found.problems.append(str(error))
-    problems = list(dict.fromkeys(found.problems))  # a problem that all three parts share is told once
+    problems = list(dict.fromkeys(found.problems))  # several parts may report the same problem
     if args.dry_run:
         for line in found.lines:
             print(f"{line.file}: {line.name} {list(line.shape)} -> {line.target}")
@@ -102,7 +100,7 @@ def _actions(args: argparse.Namespace) -> "ActionLibrary":
     path = args.actions or find_table(args.stats)
     if path is None:
         print(
-            f"no table of actions beside {args.stats}, so there will be none; --actions takes the authors' script",
+            f"no table of actions beside {args.stats}, so the bundle gets none; --actions takes the authors' script",
             file=sys.stderr,
         )
         return ActionLibrary()

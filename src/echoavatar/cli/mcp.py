@@ -19,17 +19,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "Calls act on a session of a running `echoavatar serve`: the newest, or --session.\n"
     )
     parser.add_argument(
-        "--server",
-        default="http://127.0.0.1:8765",
-        metavar="URL",
-        help="the avatar's server (default: %(default)s)",
+        "--server", default="http://127.0.0.1:8765", metavar="URL", help="the avatar's server (default: %(default)s)"
     )
     parser.add_argument("--token", default=os.environ.get(TOKEN, ""), help=f"the server's token; default ${TOKEN}")
     parser.add_argument(
-        "--session",
-        default="",
-        metavar="NAME",
-        help="the session to act on, by its public name (default: the newest)",
+        "--session", default="", metavar="NAME", help="the session to act on, by its public name (default: the newest)"
     )
     parser.add_argument("--http", action="store_true", help="serve streamable HTTP instead of standard input")
     parser.add_argument("--host", default="127.0.0.1", help="with --http (default: %(default)s)")

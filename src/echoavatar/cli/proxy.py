@@ -24,10 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "docs/integrations/openai_realtime.md lists the events that the proxy adds.\n"
     )
     parser.add_argument(
-        "--upstream",
-        required=True,
-        metavar="URL",
-        help="the voice agent, such as wss://api.openai.com/v1/realtime",
+        "--upstream", required=True, metavar="URL", help="the voice agent, such as wss://api.openai.com/v1/realtime"
     )
     parser.add_argument("--avatar", metavar="URL", help="a running `echoavatar serve` (default: start one)")
     parser.add_argument(
@@ -40,20 +37,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--no-idle", action="store_true", help="send motion for speech only, none in between")
     parser.add_argument(
-        "--origin",
-        action="append",
-        default=[],
-        metavar="URL",
-        help="let pages of this host connect; repeat for more",
+        "--origin", action="append", default=[], metavar="URL", help="let pages of this host connect; repeat for more"
     )
     parser.add_argument(
         "--model", default="default", help="bundle for the server that it starts (default: %(default)s)"
     )
     parser.add_argument(
-        "--seats",
-        type=int,
-        default=3,
-        help="conversations with an avatar at the same time (default: %(default)s)",
+        "--seats", type=int, default=3, help="conversations with an avatar at the same time (default: %(default)s)"
     )
 
 
@@ -87,10 +77,7 @@ async def _proxy(settings: object, avatar: str, host: str, port: int) -> None:
     relay = Relay(replace(settings, avatar=avatar))
     taken = await relay.start(host, port)
     name = f"[{host}]" if ":" in host else host
-    print(
-        f"echoavatar proxy is at ws://{name}:{taken}/v1/realtime  (avatar at {avatar}; Ctrl-C stops)",
-        flush=True,
-    )
+    print(f"echoavatar proxy is at ws://{name}:{taken}/v1/realtime  (avatar at {avatar}; Ctrl-C stops)", flush=True)
     stopped = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):

@@ -1,4 +1,4 @@
-"""`echoavatar pull`: a model from the hub, whole and checked."""
+"""`echoavatar pull`: downloads a model from the hub and verifies it."""
 
 import argparse
 from pathlib import Path
@@ -10,21 +10,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "examples:\n"
         "  echoavatar pull facebook/encodec_24khz                    into the local model cache\n"
         "  echoavatar pull OWNER/NAME -o EchoAvatar --only 'ckpts/*' into a folder\n"
-        "A download that was cut off goes on where it stopped. Every large file is checked against the hub's sha256."
+        "An interrupted download resumes. Every large file is checked against the hub's sha256."
     )
     parser.add_argument("name", metavar="NAME", help="OWNER/NAME on the hub")
     parser.add_argument("-o", "--output", type=Path, help="folder (default: the local model cache)")
     parser.add_argument("--revision", help="branch, tag or commit (default: the newest)")
     parser.add_argument(
-        "--only",
-        action="append",
-        metavar="PATTERN",
-        help="files to fetch, such as 'ckpts/*'; repeat for more",
+        "--only", action="append", metavar="PATTERN", help="files to fetch, such as 'ckpts/*'; may be repeated"
     )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Fetch and check."""
+    """Download and verify."""
     from echoavatar.files.reference.pull import pull
 
     done = pull(args.name, args.output, revision=args.revision, only=args.only)

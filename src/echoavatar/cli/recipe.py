@@ -38,10 +38,7 @@ class Options:
     def __init__(self, parser: argparse.ArgumentParser) -> None:
         self._parser, self._fields = parser, dict[str, _Field]()
         parser.add_argument(
-            "--recipe",
-            type=Path,
-            metavar="YAML",
-            help="file of settings; options on the command line win over it",
+            "--recipe", type=Path, metavar="YAML", help="file of settings; options on the command line win over it"
         )
         parser.set_defaults(options=self)
 

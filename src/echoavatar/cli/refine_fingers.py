@@ -32,10 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="hands that get new fingers; frozen: those whose fingers do not move (default: %(default)s)",
     )
     parser.add_argument(
-        "--seed",
-        type=int,
-        default=0,
-        help="random seed; another seed gives other fingers (default: %(default)s)",
+        "--seed", type=int, default=0, help="random seed; another seed gives other fingers (default: %(default)s)"
     )
 
 
@@ -43,12 +40,7 @@ def run(args: argparse.Namespace) -> int:
     """Read, refine, write; print what changed."""
     if args.output.suffix.lower() != ".bvh":
         raise EchoAvatarError(f"cannot write {args.output}: the output must be BVH; name it OUT.bvh")
-    from echoavatar.models.fingers import (
-        FingerModel,
-        frozen_hands,
-        load_shipped,
-        refine_fingers,
-    )
+    from echoavatar.models.fingers import FingerModel, frozen_hands, load_shipped, refine_fingers
     from echoavatar.motion.kinematics import read_bvh, write_bvh
 
     motion = read_bvh(args.motion)

@@ -33,10 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: %(default)s)")
     parser.add_argument("--port", type=int, default=8765, help="0 takes any free one (default: %(default)s)")
     parser.add_argument(
-        "--seats",
-        type=int,
-        default=3,
-        help="largest number of sessions at the same time (default: %(default)s)",
+        "--seats", type=int, default=3, help="largest number of sessions at the same time (default: %(default)s)"
     )
     parser.add_argument(
         "--token",
@@ -122,14 +119,7 @@ def run(args: argparse.Namespace) -> int:
         if args.open:
             webbrowser.open(page)
 
-    serve(
-        app,
-        host=args.host,
-        port=args.port,
-        on_ready=ready,
-        ssl_certfile=args.certificate,
-        ssl_keyfile=args.key,
-    )
+    serve(app, host=args.host, port=args.port, on_ready=ready, ssl_certfile=args.certificate, ssl_keyfile=args.key)
     print("echoavatar: stopped", file=sys.stderr)
     return 0
 
@@ -165,10 +155,7 @@ def _unity(args: argparse.Namespace, sink: str) -> int:
     pipeline.warm_up()
 
     def ready(audio: int, action: int) -> None:
-        print(
-            f"audio on {args.host}:{audio}, actions on {args.host}:{action}, motion to {address}",
-            flush=True,
-        )
+        print(f"audio on {args.host}:{audio}, actions on {args.host}:{action}, motion to {address}", flush=True)
 
     served = serve_unity(Engine(pipeline, rewind=0), bundle.runtime.rig, settings, on_ready=ready)
     with contextlib.suppress(KeyboardInterrupt):

@@ -1,4 +1,4 @@
-"""`echoavatar tools`: what a language model may do with the avatar, as declarations for its framework."""
+"""`echoavatar tools`: prints the avatar's tools as a language model's framework declares them."""
 
 import argparse
 import json
@@ -14,15 +14,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "examples:\n"
         "  echoavatar tools --format openai                 for session.update of the Realtime API, and Responses\n"
         "  echoavatar tools --format gemini > tools.json\n"
-        "A running server gives the same at /v1/tools?style=openai, with its own music.\n"
+        "A running server returns the same at /v1/tools?style=openai, with its own music.\n"
     )
-    parser.add_argument("--format", choices=FORMS, default="openai", help="whose form (default: %(default)s)")
+    parser.add_argument("--format", choices=FORMS, default="openai", help="framework (default: %(default)s)")
     parser.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
-    parser.add_argument("--music", type=Path, metavar="FOLDER", help="further tracks for play_music")
+    parser.add_argument("--music", type=Path, metavar="FOLDER", help="more tracks for play_music")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print them as JSON."""
+    """Print the tools as JSON."""
     from echoavatar.engine.pipeline import load_bundle
     from echoavatar.engine.tools import Style, Toolbox
     from echoavatar.engine.tracks import Tracks

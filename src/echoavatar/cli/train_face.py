@@ -12,13 +12,7 @@ def add_arguments(parser: argparse.ArgumentParser, options: Options, seed: str) 
     options.add("--steps", "training.steps", 8000, type=int, help="optimiser steps")
     options.add("--batch", "training.batch", 32, type=int, help="windows per step")
     options.add("--rate", "training.learning_rate", 1e-3, type=float, help="peak learning rate; paper: 2e-4")
-    options.add(
-        "--listen",
-        "training.listen",
-        0,
-        type=int,
-        help="number of first steps that train the encoder alone",
-    )
+    options.add("--listen", "training.listen", 0, type=int, help="number of first steps that train the encoder alone")
     options.add(
         "--no-tempo",
         "training.tempo",
@@ -34,12 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser, options: Options, seed: str) 
 
 def train(args: argparse.Namespace, settings: Settings, card: dict[str, object], how: dict[str, Any]) -> None:
     """Train on the face clips."""
-    from echoavatar.models.face import (
-        FaceConfig,
-        FaceModel,
-        MelConfig,
-        paper_face,
-    )
+    from echoavatar.models.face import FaceConfig, FaceModel, MelConfig, paper_face
     from echoavatar.models.face.clip import load_clips
     from echoavatar.models.face.recipe import FaceTraining
     from echoavatar.models.face.train import train_face

@@ -22,11 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser, options: Options, seed: str) 
     options.add("--width", "model.width", 192, type=int, help="channels")
     options.add("--layers", "model.layers", 6, type=int, help="transformer layers")
     options.add(
-        "--window",
-        "model.window_chunks",
-        10,
-        type=int,
-        help="chunks that a position sees; the paper's 4 s are 15",
+        "--window", "model.window_chunks", 10, type=int, help="chunks that a position sees; the paper's 4 s are 15"
     )
     options.add(
         "--corruption",
@@ -65,17 +61,12 @@ def add_arguments(parser: argparse.ArgumentParser, options: Options, seed: str) 
     )
     parser.add_argument("--start", type=Path, help="trained generator of the same sizes to begin with")
     parser.add_argument(
-        "--qwen",
-        type=Path,
-        metavar="FOLDER",
-        help="Qwen2.5-0.5B-Instruct, to initialise a new run's transformer",
+        "--qwen", type=Path, metavar="FOLDER", help="Qwen2.5-0.5B-Instruct, to initialise a new run's transformer"
     )
     options.add("--seed", "training.seed", 0, type=int, help=seed)
     options.add_minutes()
     parser.add_argument(
-        "--sharded",
-        action="store_true",
-        help="each of several processes holds a share of the weights (FSDP2)",
+        "--sharded", action="store_true", help="each of several processes holds a share of the weights (FSDP2)"
     )
 
 
@@ -83,12 +74,7 @@ def train(args: argparse.Namespace, settings: Settings, how: dict[str, Any]) -> 
     """Train on the token files."""
     from echoavatar.errors import MotionError
     from echoavatar.models.audio import AudioCodec
-    from echoavatar.models.generator import (
-        Generator,
-        GeneratorConfig,
-        TokenClip,
-        patience_of,
-    )
+    from echoavatar.models.generator import Generator, GeneratorConfig, TokenClip, patience_of
     from echoavatar.models.generator.recipe import GeneratorTraining
     from echoavatar.models.generator.train import train_generator
     from echoavatar.models.tokenizer import BodyTokenizer

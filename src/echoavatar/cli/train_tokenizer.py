@@ -24,12 +24,7 @@ def train(args: argparse.Namespace, settings: Settings, card: dict[str, object],
     """Train on the training clips, measure on the test clips."""
     from echoavatar.data import Corpus
     from echoavatar.models.tokenizer import BodyTokenizer
-    from echoavatar.models.tokenizer.recipe import (
-        BUNDLE_SIZES,
-        TokenizerTraining,
-        bundle_recipe,
-        continued,
-    )
+    from echoavatar.models.tokenizer.recipe import BUNDLE_SIZES, TokenizerTraining, bundle_recipe, continued
     from echoavatar.models.tokenizer.train import train_tokenizer
 
     corpus = Corpus(args.source)

@@ -5,7 +5,7 @@ prepare`, has memory-mapped `shards/*.npy` (`shards`) and mirror images that tak
 """
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
@@ -22,12 +22,7 @@ from echoavatar.motion.kinematics import HUMANOID, Skeleton, SkeletonConfig
 from echoavatar.motion.kinematics.mirror import is_symmetric, mirror_positions, mirror_quaternions
 from echoavatar.timing import SAMPLES_PER_FRAME
 
-from .clip import (
-    DOMAINS,
-    PCM,
-    Clip,
-    open_clip,
-)
+from .clip import DOMAINS, PCM, Clip, open_clip
 from .shards import Shard, ShardEntry, checksum
 
 MIRROR = ".mirror"  # suffix of a mirror image's name
@@ -209,16 +204,10 @@ def clip_path(folder: Path | str, name: str) -> Path:
     return Path(folder) / "clips" / f"{name}.npz"
 
 
-def write_manifest(
-    folder: Path | str, info: Mapping[str, Any] | None = None, names: Sequence[str] | None = None
-) -> Corpus:
-    """Write the manifest of a folder's clips, or only of the named ones."""
+def write_manifest(folder: Path | str, info: Mapping[str, Any] | None = None) -> Corpus:
+    """Write the manifest of a folder's clips."""
     folder = Path(folder)
-    paths = (
-        sorted((folder / "clips").glob("*.npz"))
-        if names is None
-        else [clip_path(folder, name) for name in sorted(names)]
-    )
+    paths = sorted((folder / "clips").glob("*.npz"))
     return save_manifest(folder, Manifest(format=1, clips=tuple(_entry(path) for path in paths), info=dict(info or {})))
 
 

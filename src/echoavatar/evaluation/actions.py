@@ -59,11 +59,7 @@ class ActionScore(NamedTuple):
 
 
 def evaluate_actions(
-    pipeline: Pipeline,
-    audio: Float[np.ndarray, " s"],
-    names: Sequence[str] = (),
-    *,
-    seeds: Sequence[int] = SEEDS,
+    pipeline: Pipeline, audio: Float[np.ndarray, " s"], names: Sequence[str] = (), *, seeds: Sequence[int] = SEEDS
 ) -> list[ActionScore]:
     """All actions of the bundle with a reference clip of ours (or those in `names`), in one batch for each seed."""
     chosen = list(names) or [name for name in SCRIPTS if name in pipeline.actions]

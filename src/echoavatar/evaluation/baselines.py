@@ -87,10 +87,7 @@ class Baselines:
         root = np.array([0.0, np.concatenate(heights).mean(), 0.0], np.float32)
         rotations = (mean * torch.where(mean[:, :1] < 0, -1.0, 1.0)).numpy()
         return Motion(
-            self.skeleton,
-            np.tile(rotations, (frames, 1, 1)),
-            np.tile(root, (frames, 1)),
-            float(FRAME_RATE_HZ),
+            self.skeleton, np.tile(rotations, (frames, 1, 1)), np.tile(root, (frames, 1)), float(FRAME_RATE_HZ)
         )
 
     def at_random(self, frames: int, seed: int) -> list[Stretch]:

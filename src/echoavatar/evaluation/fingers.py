@@ -4,7 +4,7 @@ The mean pose has low errors, so there are also scores of liveliness (speed, spr
 (correlation of curl) and of the distance between the sets of poses (Frechet).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import torch
@@ -12,12 +12,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from echoavatar.models.fingers.clips import FingerClip
-from echoavatar.models.fingers.hand_poses import (
-    FINGERS,
-    HandBasis,
-    finger_rotations,
-    hand_poses,
-)
+from echoavatar.models.fingers.hand_poses import FINGERS, HandBasis, finger_rotations, hand_poses
 from echoavatar.models.fingers.model import FingerModel
 from echoavatar.models.fingers.refine import smoothed
 from echoavatar.models.fingers.sample import STEPS, sample_hands
@@ -31,14 +26,7 @@ _TIPS = {HUMANOID.index(name): tip for name, tip in HUMANOID.config.tips.items()
 _HANDS = HUMANOID.indices(("leftHand", "rightHand"))
 
 
-def measure_fingers(
-    model: FingerModel,
-    clips: Sequence[FingerClip],
-    *,
-    seed: int = 0,
-    steps: int = STEPS,
-    progress: Callable[[int, int], None] | None = None,
-) -> dict[str, dict[str, float]]:
+def measure_fingers(model: FingerModel, clips: Sequence[FingerClip]) -> dict[str, dict[str, float]]:
     """Scores on held-out clips of the model, of the model in one step, of the mean pose and of flat hands.
 
     Both hands are generated from the body alone. `truth` holds the liveliness of the true fingers.
@@ -49,25 +37,21 @@ def measure_fingers(
     made: dict[str, list[Tensor]] = {"model": [], "model, one step": [], "mean pose": [], "flat hands": []}
     truths = [finger_rotations(clip.hands) for clip in moving]
     flat = torch.eye(3).expand(1, len(FINGERS), 3, 3)
-    for done, (clip, truth) in enumerate(zip(moving, truths, strict=True), 1):
-        for name, count in (("model", steps), ("model, one step", 1)):
+    for clip, truth in zip(moving, truths, strict=True):
+        for name, count in (("model", STEPS), ("model, one step", 1)):
             none = torch.zeros(len(clip.body), 2, dtype=torch.bool)
             blank = torch.zeros(len(clip.body), 2, model.config.poses)
-            hands = sample_hands(model, clip.body, blank, none, seed=seed, steps=count)
+            hands = sample_hands(model, clip.body, blank, none, seed=0, steps=count)
             made[name].append(finger_rotations(smoothed(model.basis.decode(hands).numpy())))
         made["mean pose"].append(finger_rotations(model.hand_mean.expand(1, 2, -1)).expand_as(truth))
         made["flat hands"].append(flat.expand_as(truth))
-        if progress is not None:
-            progress(done, len(moving))
     scores = {name: compare(guesses, truths, model.basis) for name, guesses in made.items()}
     own = liveliness(truths)
     return scores | {"truth": {key: round(value, 3) for key, value in own.items()}}
 
 
 def compare(
-    guesses: Sequence[Float[Tensor, "t 30 3 3"]],
-    truths: Sequence[Float[Tensor, "t 30 3 3"]],
-    basis: HandBasis,
+    guesses: Sequence[Float[Tensor, "t 30 3 3"]], truths: Sequence[Float[Tensor, "t 30 3 3"]], basis: HandBasis
 ) -> dict[str, float]:
     """Scores of guesses against truths, pair by pair; names contain the units."""
     guess, truth = torch.cat(list(guesses)), torch.cat(list(truths))

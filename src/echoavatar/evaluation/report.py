@@ -19,12 +19,7 @@ from echoavatar.motion.kinematics.features import from_features, travel_slice
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
 
 from . import beats, behaviour
-from .behaviour import (
-    MUSIC,
-    SILENCE,
-    SPEECH,
-    Track,
-)
+from .behaviour import MUSIC, SILENCE, SPEECH, Track
 from .metrics.audio_events import music_beats, speech_onsets
 from .metrics.dance_alignment import dance_beats
 from .metrics.gesture_alignment import ARM_JOINTS, STROKE_DELAY_S, gesture_beats
@@ -64,12 +59,7 @@ def evaluate(
     pipeline = Pipeline(bundle)
     seeds = [seed + SEED_STRIDE * again + number for again in range(repeats) for number in range(len(clips))]
     clips = [*clips] * repeats
-    shown = animate_many(
-        pipeline,
-        [clip.audio for clip in clips],
-        seeds=seeds,
-        progress=partial(say, "held-out clips"),
-    )
+    shown = animate_many(pipeline, [clip.audio for clip in clips], seeds=seeds, progress=partial(say, "held-out clips"))
     made = [
         behaviour.track(bundle.skeleton, motion.rotations, motion.root, clip.domain)
         for (motion, *_), clip in zip(shown, clips, strict=True)
@@ -170,9 +160,7 @@ def _timing(clips: Sequence[Clip], tracks: Sequence[Track], arms: Sequence[int])
     def around(event: str, joints: slice | list[int], seconds: tuple[float, float]) -> float:
         shares = [
             beats.speed_around(
-                (track.positions - track.positions[:, :1])[:, joints],
-                clip.events.get(event, np.zeros(0)),
-                seconds,
+                (track.positions - track.positions[:, :1])[:, joints], clip.events.get(event, np.zeros(0)), seconds
             )
             for clip, track in zip(clips, tracks, strict=True)
         ]

@@ -100,14 +100,7 @@ PAPER = Scale(
     tokenizer=MotionTokenizerConfig(features=1),
     tokenizer_training=TokenizerTraining(learning_rate=4e-4, save_minutes=10.0, evaluate_every=0),
     generator=GeneratorSizes(
-        sequence="prefix",
-        window_chunks=15,
-        width=896,
-        layers=24,
-        heads=14,
-        mlp=4864,
-        rope_theta=1e6,
-        top_p=1.0,
+        sequence="prefix", window_chunks=15, width=896, layers=24, heads=14, mlp=4864, rope_theta=1e6, top_p=1.0
     ),
     generator_training=GeneratorTraining(
         steps=40_000,

@@ -16,12 +16,7 @@ from echoavatar.timing import FRAME_RATE_HZ
 
 from .metrics.bootstrap import Interval, interval
 from .metrics.diversity import l1_deviation
-from .metrics.frechet import (
-    Moments,
-    frechet_between,
-    moments,
-    pooled,
-)
+from .metrics.frechet import Moments, frechet_between, moments, pooled
 from .metrics.motion_features import motion_features
 from .metrics.physical import floor_depth_cm, foot_contact_score, jerk_m_s3
 from .motion_folder import Pair

@@ -21,12 +21,7 @@ from .behaviour import MUSIC, SPEECH
 from .metrics.audio_events import EMAGE_RATE_HZ, music_beats, speech_onsets
 from .metrics.beat_alignment import overlapping
 from .metrics.chance import Score, chance_per_clip, shuffled_scores
-from .metrics.dance_alignment import (
-    DANCE_RULES,
-    DanceForm,
-    dance_alignment,
-    dance_beats,
-)
+from .metrics.dance_alignment import DANCE_RULES, DanceForm, dance_alignment, dance_beats
 from .metrics.gesture_alignment import (
     GESTURE_RULES,
     UPPER_BODY,
@@ -177,12 +172,5 @@ def _row(
 ) -> Row:
     """A row from the scores and chance levels of generated and true motion."""
     return row_of_means(
-        name,
-        "",
-        made[0],
-        truths=true[0],
-        chances=made[1],
-        truth_chances=true[1],
-        weights=weights,
-        seed=seed,
+        name, "", made[0], truths=true[0], chances=made[1], truth_chances=true[1], weights=weights, seed=seed
     )

@@ -10,12 +10,7 @@ from jaxtyping import Float, Int
 from echoavatar.errors import EchoAvatarError
 
 from .metrics.bootstrap import Interval, interval, mean_interval
-from .metrics.retrieval import (
-    PAPER_GALLERY,
-    chance,
-    ranks,
-    similarity,
-)
+from .metrics.retrieval import PAPER_GALLERY, chance, ranks, similarity
 from .score_row import Row
 
 SHOWN_KS = (1, 5, 10)

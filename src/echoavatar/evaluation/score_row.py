@@ -67,17 +67,7 @@ def row_of_means(
 
 def as_text(rows: Sequence[Row]) -> str:
     """Aligned columns; a dash for missing values."""
-    head = (
-        "metric",
-        "made",
-        "95 % interval",
-        "chance",
-        "over chance",
-        "95 % interval",
-        "truth",
-        "its chance",
-        "unit",
-    )
+    head = ("metric", "made", "95 % interval", "chance", "over chance", "95 % interval", "truth", "its chance", "unit")
     lines = [head]
     for row in rows:
         lines.append(

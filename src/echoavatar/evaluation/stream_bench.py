@@ -50,11 +50,7 @@ class StreamReport:
 
 
 def bench_stream(
-    pipeline: Pipeline,
-    *,
-    seconds: float = 60.0,
-    sessions: int = 1,
-    progress: Callable[[int, int], None] | None = None,
+    pipeline: Pipeline, *, seconds: float = 60.0, sessions: int = 1, progress: Callable[[int, int], None] | None = None
 ) -> StreamReport:
     """Push `seconds` of audio through `sessions` sessions at once and time every chunk."""
     pipeline.warm_up()

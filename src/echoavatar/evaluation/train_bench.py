@@ -55,8 +55,7 @@ def bench_generator(config: GeneratorConfig, training: GeneratorTraining, *, dev
         TokenClip(
             random.integers(layout.audio_codes, size=(chunks * AUDIO_FRAMES_PER_CHUNK, layout.audio_layers)),
             random.integers(
-                layout.motion_codes,
-                size=(chunks * MOTION_TOKENS_PER_CHUNK, layout.parts, layout.motion_layers),
+                layout.motion_codes, size=(chunks * MOTION_TOKENS_PER_CHUNK, layout.parts, layout.motion_layers)
             ),
             np.ones(chunks * MOTION_TOKENS_PER_CHUNK, np.uint8),
         )

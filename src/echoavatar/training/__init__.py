@@ -3,7 +3,7 @@
 A task (`TrainingTask`) consists of a config, modules, data and a loss. The loop (`train`, or `Loop` step by step) does
 the rest: schedule, accumulation, clipping, bfloat16, averaged weights, checkpoints, signals, metrics, processes.
 
-    class Line(Stage[Tensor]):
+    class Line(TrainingTask[Tensor]):
         def __init__(self, config: TrainingConfig) -> None:
             super().__init__(config, {"model": nn.Linear(1, 1)})
 
@@ -30,12 +30,7 @@ from .loop import Loop
 from .run import Progress, train
 from .signals import Interrupted
 from .state import has_state
-from .task import (
-    Gather,
-    Loss,
-    TrainingTask,
-    adamw,
-)
+from .task import Gather, Loss, TrainingTask, adamw
 
 __all__ = [
     "Gather",

@@ -18,9 +18,7 @@ class TrainingConfig(Config):
     minutes: float = Field(default=0.0, ge=0, description="training time, the schedule fitted to it; 0: no limit")
     batch: int = Field(default=8, gt=0, description="rows per optimiser step, of all processes together")
     accumulation: int = Field(
-        default=1,
-        gt=0,
-        description="pieces that a process splits its rows into; changes memory, not the result",
+        default=1, gt=0, description="pieces that a process splits its rows into; changes memory, not the result"
     )
     learning_rate: float = Field(default=1e-3, gt=0, description="peak of the schedule")
     schedule: Schedule = Field(default="cosine", description="shape of the learning rate after the warm-up")

@@ -15,19 +15,8 @@ from echoavatar.errors import CheckpointError, EchoAvatarError
 
 from . import state
 from .averaged_weights import AveragedWeights
-from .processes import (
-    Processes,
-    full_state_dicts,
-    full_tensor,
-    placed_like,
-)
-from .task import (
-    BatchT,
-    Loss,
-    TrainingTask,
-    row_count,
-    take_rows,
-)
+from .processes import Processes, full_state_dicts, full_tensor, placed_like
+from .task import BatchT, Loss, TrainingTask, row_count, take_rows
 
 
 class _LossModule(nn.Module):
@@ -111,7 +100,7 @@ class Loop(Generic[BatchT]):
         return metrics
 
     def _descend(self) -> Tensor:
-        learned = [parameter for parameter in self.stage.clipped() if parameter.grad is not None]
+        learned = [parameter for parameter in self.stage.clipped_parameters() if parameter.grad is not None]
         norm = nn.utils.clip_grad_norm_(learned, self.stage.config.clip)
         for optimiser in self.optimisers:
             optimiser.step()
@@ -195,13 +184,7 @@ def _unsaid(config: Config) -> dict[str, Any]:
     return {name: value for name, value in plain.items() if isinstance(value, bool | int | float | str)}
 
 
-_FREE = (
-    "accumulation",
-    "log_every",
-    "evaluate_every",
-    "save_every",
-    "save_minutes",
-)  # do not change the result
+_FREE = ("accumulation", "log_every", "evaluate_every", "save_every", "save_minutes")  # do not change the result
 
 
 class _Means:

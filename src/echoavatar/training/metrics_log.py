@@ -3,13 +3,11 @@
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, Protocol, get_args
+from typing import Any, Protocol
 
 from echoavatar.errors import DependencyError
 
 FILE = "metrics.jsonl"
-Tracker = Literal["tensorboard", "wandb"]
-TRACKERS: tuple[str, ...] = get_args(Tracker)
 
 
 class _Output(Protocol):

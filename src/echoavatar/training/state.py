@@ -129,9 +129,7 @@ def optimiser_state(modules: Mapping[str, nn.Module], optimisers: Sequence[torch
 
 
 def load_optimisers(
-    modules: Mapping[str, nn.Module],
-    optimisers: Sequence[torch.optim.Optimizer],
-    tensors: Mapping[str, Tensor],
+    modules: Mapping[str, nn.Module], optimisers: Sequence[torch.optim.Optimizer], tensors: Mapping[str, Tensor]
 ) -> None:
     """Restore the optimisers' state."""
     saved: dict[str, dict[str, Tensor]] = {}

@@ -72,7 +72,7 @@ class TrainingTask(ABC, Generic[BatchT]):
         """Learning rate of a step; `done` is the share of the run completed, by steps or by time."""
         return self.config.rate_at(step, done)
 
-    def clipped(self) -> Iterable[nn.Parameter]:
+    def clipped_parameters(self) -> Iterable[nn.Parameter]:
         """The parameters whose gradient norm is logged and clipped to `config.clip`."""
         return (parameter for module in self.modules.values() for parameter in module.parameters())
 

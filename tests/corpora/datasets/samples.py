@@ -6,13 +6,7 @@ import numpy as np
 import torch
 
 from echoavatar.models.audio import write_wav
-from echoavatar.motion.kinematics import (
-    HUMANOID,
-    Motion,
-    Skeleton,
-    SkeletonConfig,
-    write_bvh,
-)
+from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton, SkeletonConfig, write_bvh
 from echoavatar.motion.kinematics.rigs import bone_map, finger_bones
 from echoavatar.motion.kinematics.rotations import quaternion_from_axis_angle
 

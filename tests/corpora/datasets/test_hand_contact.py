@@ -8,11 +8,7 @@ from tests.corpora.datasets.samples import gesture
 from echoavatar.corpora.datasets.hand_contact import arm_length, keep_hand_contact
 from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton
 from echoavatar.motion.kinematics.retarget import retarget
-from echoavatar.motion.kinematics.rotations import (
-    angle_between,
-    quaternion_from_axis_angle,
-    quaternion_multiply,
-)
+from echoavatar.motion.kinematics.rotations import angle_between, quaternion_from_axis_angle, quaternion_multiply
 
 HANDS = HUMANOID.indices(("leftHand", "rightHand"))
 

@@ -160,7 +160,7 @@ def test_the_same_recordings_give_the_same_set_on_any_number_of_workers(takes, t
     assert [failure.name for failure in one.failures] == [failure.name for failure in two.failures]
 
 
-def test_words_for_the_split(takes):
+def test_the_split_is_described(takes):
     survey = survey_of("bvh", takes)
     assert split_source(survey, KEEP) == "every tenth by name"
     assert split_source(survey, KEEP.model_copy(update={"test_every": 3})) == "one in 3 by name"

@@ -12,12 +12,7 @@ from tests.corpora.datasets.samples import (
 )
 
 from echoavatar.corpora.datasets.options import Options
-from echoavatar.corpora.datasets.prepare_recording import (
-    finished_part,
-    part_path,
-    prepare_recording,
-    stamp,
-)
+from echoavatar.corpora.datasets.prepare_recording import finished_part, part_path, prepare_recording, stamp
 from echoavatar.corpora.datasets.source import Recording, survey_of, with_splits
 from echoavatar.data import Clip
 from echoavatar.errors import AudioError, MotionError

@@ -3,13 +3,7 @@ from pathlib import Path
 import pytest
 from tests.corpora.datasets.samples import write_beat2, write_pair
 
-from echoavatar.corpora.datasets.source import (
-    LAYOUTS,
-    Recording,
-    files_below,
-    survey_of,
-    with_splits,
-)
+from echoavatar.corpora.datasets.source import LAYOUTS, Recording, files_below, survey_of, with_splits
 from echoavatar.errors import EchoAvatarError
 
 

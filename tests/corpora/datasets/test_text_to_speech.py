@@ -1,6 +1,5 @@
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -8,12 +7,7 @@ import pytest
 from tests.corpora.datasets.speech_server import SpeechServer, speech_server
 
 from echoavatar.corpora.datasets.conversations import Script, Turn, conversations
-from echoavatar.corpora.datasets.text_to_speech import (
-    HttpTextToSpeech,
-    TextToSpeech,
-    _pieces,
-    text_to_speech,
-)
+from echoavatar.corpora.datasets.text_to_speech import HttpTextToSpeech, TextToSpeech, _pieces, text_to_speech
 from echoavatar.corpora.rehearsal.augment import loudness
 from echoavatar.errors import AudioError, DependencyError, EchoAvatarError
 
@@ -88,7 +82,7 @@ def test_a_busy_service_is_asked_again(server: SpeechServer) -> None:
     [(401, DependencyError, "answers 401: no ... here; check the key"), (400, AudioError, "refuses the text"),
      (302, DependencyError, "answers 302")],
 )  # fmt: skip
-def test_refusals_are_told_without_the_key_and_redirects_not_followed(
+def test_refusals_hide_the_key_and_redirects_are_not_followed(
     server: SpeechServer, status: int, kind: type[Exception], words: str
 ) -> None:
     server.answers, server.says = [status], f"no {KEY} here"
@@ -132,11 +126,6 @@ def test_long_turns_are_asked_in_pieces_and_nothing_is_lost() -> None:
     assert all(len(piece) <= 2000 for piece in pieces)
     assert " ".join(pieces) == text
     assert len(_pieces(Turn(0, "x" * 4100, ()))) == 3
-
-
-def test_every_conversation_of_ours_can_be_spoken_in_pieces() -> None:
-    for one in islice(conversations(0), 12):
-        assert all(_pieces(turn) == [turn.text] for turn in one.turns)
 
 
 def test_the_file_of_an_answer_is_not_left_behind(

@@ -14,11 +14,7 @@ def test_aligned_recordings_with_their_styles_are_found(tmp_path):
         ("001_Neutral_0_x_1_0", "train", "Neutral"),
         ("067_Speech_2_x_1_0", "test", "Speech"),
     ]
-    assert {name for name, _ in found.left_out} == {
-        "001_Neutral_0_mirror_x_1_0",
-        "original/001_Neutral_0",
-        "notes",
-    }
+    assert {name for name, _ in found.left_out} == {"001_Neutral_0_mirror_x_1_0", "original/001_Neutral_0", "notes"}
     assert found.recordings[0].sound == tmp_path / "clean" / "001_Neutral_0_x_1_0.wav"
 
 

@@ -30,7 +30,7 @@ def test_a_clip_becomes_codes_by_the_chunk_and_what_they_leave_out(tokenizer: Bo
 
 
 @pytest.mark.parametrize(("frames", "name", "complaint"), [(9, "jump", "0.3 s"), (60, "a/b", "cannot name")])
-def test_what_cannot_be_an_action_is_refused(tokenizer: BodyTokenizer, frames: int, name: str, complaint: str) -> None:
+def test_invalid_clips_are_refused(tokenizer: BodyTokenizer, frames: int, name: str, complaint: str) -> None:
     still = np.tile(np.float32([1, 0, 0, 0]), (frames, 52, 1))
     motion = Motion(HUMANOID, still, np.zeros((frames, 3), np.float32), 30.0)
     with pytest.raises(MotionError, match=complaint):

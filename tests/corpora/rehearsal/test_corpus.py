@@ -4,13 +4,7 @@ import numpy as np
 import pytest
 import soundfile
 
-from echoavatar.corpora.rehearsal.corpus import (
-    TEST_EVERY,
-    Plan,
-    domains,
-    make_clip,
-    rehearse,
-)
+from echoavatar.corpora.rehearsal.corpus import TEST_EVERY, Plan, domains, make_clip, rehearse
 from echoavatar.corpora.rehearsal.sound import SoundTrack, Span
 from echoavatar.data import Corpus
 from echoavatar.errors import EchoAvatarError

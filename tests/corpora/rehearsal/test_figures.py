@@ -5,10 +5,6 @@ from echoavatar.corpora.rehearsal.grooves import GROOVES
 from echoavatar.corpora.rehearsal.steps import Figure
 
 
-def test_there_are_at_least_fourteen_figures() -> None:
-    assert len({figure.name for figure in FIGURES}) >= 14
-
-
 @pytest.mark.parametrize("figure", FIGURES, ids=lambda figure: figure.name)
 def test_only_one_foot_is_in_the_air(figure: Figure) -> None:
     times = sorted((step.count - step.travel, step.count) for step in figure.steps)

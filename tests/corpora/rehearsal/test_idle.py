@@ -1,14 +1,7 @@
 import numpy as np
 import pytest
 
-from echoavatar.corpora.rehearsal.idle import (
-    breathing,
-    draw_manner,
-    hands_of,
-    idle,
-    resting_hands,
-    with_hands,
-)
+from echoavatar.corpora.rehearsal.idle import breathing, draw_manner, hands_of, idle, resting_hands, with_hands
 from echoavatar.corpora.rehearsal.sound import SoundTrack, Span
 
 FRAMES = 900

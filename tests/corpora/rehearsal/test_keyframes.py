@@ -1,11 +1,6 @@
 import numpy as np
 
-from echoavatar.corpora.rehearsal.keyframes import (
-    bump,
-    gaps,
-    glide,
-    progress,
-)
+from echoavatar.corpora.rehearsal.keyframes import bump, gaps, glide, progress
 
 
 def test_a_glide_is_at_each_key_on_time_and_still_there() -> None:

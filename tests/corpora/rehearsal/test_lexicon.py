@@ -2,15 +2,7 @@ import numpy as np
 import pytest
 
 from echoavatar.corpora.rehearsal.handpath import FINGERS, WRIST
-from echoavatar.corpora.rehearsal.lexicon import (
-    ACCENTS,
-    HOME,
-    MEANINGS,
-    aim_at,
-    eased_reach,
-    home_of,
-    meant_form,
-)
+from echoavatar.corpora.rehearsal.lexicon import ACCENTS, HOME, MEANINGS, aim_at, eased_reach, home_of, meant_form
 
 TAGS = ("size", "deixis", "negation", "count", "contrast", "question", "greeting")
 
@@ -23,12 +15,7 @@ def test_every_meaning_has_a_form(tag: str):
 def test_words_choose_among_forms():
     assert meant_form("size", "tiny") == "small"
     assert meant_form("size", "Huge,") == "size"
-    assert [meant_form("deixis", word) for word in ("we", "you", "this", "over")] == [
-        "me",
-        "you",
-        "here",
-        "there",
-    ]
+    assert [meant_form("deixis", word) for word in ("we", "you", "this", "over")] == ["me", "you", "here", "there"]
 
 
 @pytest.mark.parametrize("form", [*ACCENTS.values(), *MEANINGS.values()], ids=[*ACCENTS, *MEANINGS])

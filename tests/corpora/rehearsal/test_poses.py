@@ -1,13 +1,6 @@
 import numpy as np
 
-from echoavatar.corpora.rehearsal.poses import (
-    ARMS,
-    HANDS,
-    Key,
-    Move,
-    mirrored,
-    parse_keys,
-)
+from echoavatar.corpora.rehearsal.poses import ARMS, HANDS, Key, Move, mirrored, parse_keys
 
 
 def test_poses_are_within_reach_and_unfolded() -> None:

@@ -8,13 +8,7 @@ from echoavatar.corpora.rehearsal.vocabulary import WORDS
 
 @pytest.mark.parametrize(
     ("word", "phones"),
-    [
-        ("river", "r ih v er"),
-        ("bridge", "b r ih jh"),
-        ("hide", "hh ay d"),
-        ("change", "ch ey n jh"),
-        ("I", "ay"),
-    ],
+    [("river", "r ih v er"), ("bridge", "b r ih jh"), ("hide", "hh ay d"), ("change", "ch ey n jh"), ("I", "ay")],
 )
 def test_spelling_rules(word, phones):
     assert " ".join(pronounce(word)) == phones

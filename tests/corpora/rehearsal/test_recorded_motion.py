@@ -9,11 +9,7 @@ from echoavatar.corpora.rehearsal.recorded_motion import blend_recordings, load_
 from echoavatar.corpora.rehearsal.sound import SoundTrack, Span, Syllable
 from echoavatar.errors import MotionError
 from echoavatar.motion.kinematics import HUMANOID, Motion, write_bvh
-from echoavatar.motion.kinematics.rotations import (
-    angle_between,
-    matrix_from_quaternion,
-    quaternion_from_axis_angle,
-)
+from echoavatar.motion.kinematics.rotations import angle_between, matrix_from_quaternion, quaternion_from_axis_angle
 
 ARM = HUMANOID.index("leftUpperArm")
 

@@ -3,12 +3,7 @@ import pytest
 
 from echoavatar.corpora.rehearsal import speech
 from echoavatar.corpora.rehearsal.script import write_monologue
-from echoavatar.corpora.rehearsal.speech import (
-    draw_speaker,
-    resolve_engine,
-    silence,
-    speak,
-)
+from echoavatar.corpora.rehearsal.speech import draw_speaker, resolve_engine, silence, speak
 from echoavatar.errors import DependencyError
 
 

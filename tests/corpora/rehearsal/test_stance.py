@@ -2,14 +2,7 @@ import numpy as np
 import pytest
 
 from echoavatar.corpora.rehearsal.controls import ANKLE_HEIGHT, STANDING_FEET
-from echoavatar.corpora.rehearsal.stance import (
-    Shift,
-    Step,
-    air,
-    walked,
-    weight_curve,
-    weight_shifts,
-)
+from echoavatar.corpora.rehearsal.stance import Shift, Step, air, walked, weight_curve, weight_shifts
 
 
 def test_a_step_moves_one_foot_and_only_during_the_step():

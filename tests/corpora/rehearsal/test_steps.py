@@ -1,13 +1,4 @@
-from echoavatar.corpora.rehearsal.steps import (
-    LEFT,
-    RIGHT,
-    Figure,
-    Step,
-    first_foot,
-    mirrored,
-    parse_pairs,
-    parse_steps,
-)
+from echoavatar.corpora.rehearsal.steps import LEFT, RIGHT, Figure, Step, first_foot, mirrored, parse_pairs, parse_steps
 
 
 def test_the_notation_is_parsed() -> None:

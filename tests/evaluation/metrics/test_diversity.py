@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from echoavatar.evaluation.metrics.diversity import l1_deviation, l1_diversity, mean_pairwise_distance
+from echoavatar.evaluation.metrics.diversity import l1_deviation, l1_diversity
 
 
 def test_a_statue_has_none_and_a_swing_its_mean_distance() -> None:
@@ -19,8 +19,3 @@ def test_frames_of_all_clips_count_alike_and_nothing_is_overwritten() -> None:
     kept = swing.copy()
     assert l1_diversity([swing, np.zeros((10, 2, 3))]) == pytest.approx(3)
     np.testing.assert_array_equal(swing, kept)
-
-
-def test_mean_over_pairs() -> None:
-    """A triangle with sides 3, 4, 5."""
-    assert mean_pairwise_distance(np.array([[0.0, 0], [3, 0], [0, 4]])) == pytest.approx(4)

@@ -11,20 +11,23 @@ from echoavatar.evaluation.metrics.motion_encoder import MotionEncoder, MotionEn
 from echoavatar.evaluation.metrics.motion_features import motion_features
 
 
+@pytest.fixture
+def model() -> MotionEncoder:
+    torch.manual_seed(0)
+    return MotionEncoder(MotionEncoderConfig(features=5, width=8, latent=3)).eval()
+
+
 def clip(frames: int, size: float = 0.3) -> torch.Tensor:
     motion = swaying(frames, size=size)
     return motion_features(torch.from_numpy(motion.rotations), torch.from_numpy(motion.root))
 
 
-def test_one_latent_for_eight_frames() -> None:
-    model = MotionEncoder(MotionEncoderConfig(features=5, width=8, latent=3)).eval()
+def test_one_latent_for_eight_frames(model: MotionEncoder) -> None:
     assert model.features(torch.randn(83, 5)).shape == (10, 3)
     assert model(torch.randn(2, 64, 5)).shape == (2, 64, 5)
 
 
-def test_latents_get_unit_spread() -> None:
-    torch.manual_seed(0)
-    model = MotionEncoder(MotionEncoderConfig(features=5, width=8, latent=3)).eval()
+def test_latents_get_unit_spread(model: MotionEncoder) -> None:
     clips = [torch.randn(80, 5) for _ in range(4)]
     model.set_latent_statistics(clips)
     latents = torch.cat([model.features(one) for one in clips])
@@ -32,9 +35,7 @@ def test_latents_get_unit_spread() -> None:
     torch.testing.assert_close(latents.std(0), torch.ones(3), atol=1e-3, rtol=0)
 
 
-def test_it_comes_back_from_disk_in_half_precision(tmp_path: Path) -> None:
-    torch.manual_seed(0)
-    model = MotionEncoder(MotionEncoderConfig(features=5, width=8, latent=3)).eval()
+def test_it_comes_back_from_disk_in_half_precision(model: MotionEncoder, tmp_path: Path) -> None:
     model.save(tmp_path, {"data": "none"})
     x = torch.randn(16, 5)
     torch.testing.assert_close(MotionEncoder.load(tmp_path).features(x), model.features(x), atol=1e-2, rtol=0)
@@ -43,9 +44,9 @@ def test_it_comes_back_from_disk_in_half_precision(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("shape", [(7, 5), (16, 4)])
-def test_a_clip_that_does_not_fit_is_refused(shape: tuple[int, int]) -> None:
+def test_a_clip_that_does_not_fit_is_refused(model: MotionEncoder, shape: tuple[int, int]) -> None:
     with pytest.raises(MotionError, match="longer one"):
-        MotionEncoder(MotionEncoderConfig(features=5, width=8, latent=3)).features(torch.zeros(shape))
+        model.features(torch.zeros(shape))
 
 
 def test_the_shipped_one_tells_a_livelier_body_apart() -> None:

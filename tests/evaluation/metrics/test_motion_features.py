@@ -11,7 +11,7 @@ def features(rotations: np.ndarray, root: np.ndarray) -> torch.Tensor:
     return motion_features(torch.from_numpy(rotations), torch.from_numpy(root))
 
 
-def test_where_a_clip_stands_and_faces_does_not_show() -> None:
+def test_features_ignore_place_and_heading() -> None:
     clip = swaying()
     turned, root = facing(clip.rotations, clip.root, 2.0)
     own, other = features(clip.rotations, clip.root), features(turned, root + np.float32([3, 0, -1]))

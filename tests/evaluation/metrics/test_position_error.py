@@ -1,12 +1,7 @@
 import pytest
 import torch
 
-from echoavatar.evaluation.metrics.position_error import (
-    heading,
-    mean_joint_error,
-    trans_loss,
-    without_heading,
-)
+from echoavatar.evaluation.metrics.position_error import heading, mean_joint_error, trans_loss, without_heading
 from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle
 
 

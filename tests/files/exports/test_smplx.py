@@ -3,15 +3,12 @@
 from pathlib import Path
 
 import numpy as np
-import torch
 
-from echoavatar.evaluation.metrics.skeleton_convolution import SkeletonConvolution, SkeletonConvolutionConfig
 from echoavatar.files.exports import Take
 from echoavatar.files.exports.smplx import write_smplx
 from echoavatar.files.smplx_reader import read_smplx
 from echoavatar.motion.kinematics.contact import skate
 from echoavatar.motion.kinematics.rigs import bone_map
-from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle, matrix_to_6d
 
 
 def test_the_layout_is_beat2s(short: Take, tmp_path: Path) -> None:
@@ -47,13 +44,3 @@ def test_the_projects_reader_puts_every_joint_where_it_was(take: Take, tmp_path:
         np.testing.assert_allclose(there[:, joint], here[:, ours[bone]], atol=2e-5, err_msg=bone)
     feet = [theirs["leftFoot"], theirs["rightFoot"]]
     assert skate(there[:, feet], 30) < 2.0  # cm/s
-
-
-def test_the_fid_extractor_takes_it(take: Take, tmp_path: Path) -> None:
-    write_smplx(tmp_path / "a.smplx.npz", take)
-    with np.load(tmp_path / "a.smplx.npz") as stored:
-        poses = torch.from_numpy(stored["poses"]).view(-1, 55, 3)
-    six = matrix_to_6d(matrix_from_axis_angle(poses)).flatten(1)[:176]
-    latent = SkeletonConvolution(SkeletonConvolutionConfig()).encode(six[None])
-    assert latent.shape == (1, 11, 240)
-    assert bool(latent.isfinite().all())

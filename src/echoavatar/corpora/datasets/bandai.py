@@ -8,13 +8,7 @@ rest pose, which retargeting handles. The set suits a tokenizer; without sound i
 import re
 from pathlib import Path
 
-from .source import (
-    LeftOut,
-    Recording,
-    Survey,
-    Terms,
-    files_below,
-)
+from .source import LeftOut, Recording, Survey, Terms, files_below
 
 TERMS = Terms(
     title="Bandai-Namco-Research-Motiondataset",

@@ -11,13 +11,7 @@ from pathlib import Path
 
 from echoavatar.errors import EchoAvatarError
 
-from .source import (
-    LeftOut,
-    Recording,
-    Survey,
-    Terms,
-    files_below,
-)
+from .source import LeftOut, Recording, Survey, Terms, files_below
 
 TERMS = Terms(
     title="BEAT2 (BEAT-SMPLX-FLAME)",

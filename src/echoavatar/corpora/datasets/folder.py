@@ -7,13 +7,7 @@ val or test give the split.
 import re
 from pathlib import Path
 
-from .source import (
-    Domain,
-    Recording,
-    Survey,
-    Terms,
-    files_below,
-)
+from .source import Domain, Recording, Survey, Terms, files_below
 
 TERMS = Terms(
     title="a folder of BVH",

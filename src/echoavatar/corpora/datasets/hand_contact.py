@@ -60,11 +60,7 @@ def keep_hand_contact(motion: Motion, source: Motion) -> Motion:
 
 
 def _bring(
-    local: Tensor,
-    arm: _Arm,
-    parents: tuple[int, ...],
-    world: tuple[Tensor, Tensor],
-    target: Float[Tensor, "t 3"],
+    local: Tensor, arm: _Arm, parents: tuple[int, ...], world: tuple[Tensor, Tensor], target: Float[Tensor, "t 3"]
 ) -> None:
     """Write the arm's rotations that put the wrist at its target; the hand keeps its world orientation."""
     places, world_rotations = world

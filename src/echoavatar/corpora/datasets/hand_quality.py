@@ -17,11 +17,7 @@ from echoavatar.models.fingers import FingerModel, load_shipped, refine_fingers
 from echoavatar.models.fingers.clips import FROZEN_DEG_S
 from echoavatar.models.fingers.finger_retarget import finger_joints
 from echoavatar.motion.kinematics import Motion
-from echoavatar.motion.kinematics.rotations import (
-    angle_between,
-    axis_angle_from_quaternion,
-    quaternion_from_matrix,
-)
+from echoavatar.motion.kinematics.rotations import angle_between, axis_angle_from_quaternion, quaternion_from_matrix
 
 State = Literal["good", "static", "erratic", "none"]
 TREMBLE = 0.6  # between recorded hands (up to 0.4) and white noise (0.77 and more)

@@ -8,13 +8,7 @@ clips below. In many clips fingers are missing or drift, which is the reason for
 import re
 from pathlib import Path
 
-from .source import (
-    LeftOut,
-    Recording,
-    Survey,
-    Terms,
-    files_below,
-)
+from .source import LeftOut, Recording, Survey, Terms, files_below
 
 TERMS = Terms(
     title="Motorica Dance Dataset",

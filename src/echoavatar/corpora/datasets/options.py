@@ -13,8 +13,7 @@ class Options(Config):
     """Options that change the content of a set, unlike workers, pictures and progress."""
 
     rig: Literal["unified", "native"] = Field(
-        default="unified",
-        description="unified: our 52 bones, feet settled; native: the recording's own skeleton",
+        default="unified", description="unified: our 52 bones, feet settled; native: the recording's own skeleton"
     )
     fingers: Literal["auto", "keep", "all"] = Field(
         default="auto", description="hands that get new fingers: static and erratic ones, none, all"
@@ -31,10 +30,7 @@ class Options(Config):
         default=None, ge=0, description="hold out every n-th recording by name; None: the published split"
     )
     length_tolerance: float = Field(
-        default=0.1,
-        gt=0,
-        lt=1,
-        description="largest relative difference in length of motion and sound",
+        default=0.1, gt=0, lt=1, description="largest relative difference in length of motion and sound"
     )
     shard_minutes: float = Field(default=20.0, gt=0, description="minutes of motion in a shard")
     body_model: Path | None = Field(

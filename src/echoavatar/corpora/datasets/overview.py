@@ -85,16 +85,9 @@ def _durations(plot: Any, corpus: Corpus) -> Any:
     splits = [split for split in ("train", "val", "test") if any(e.split == split for e in entries)]
     lengths = [[e.frames / FRAME_RATE_HZ for e in entries if e.split == split] for split in splits]
     left.hist(
-        lengths,
-        bins=24,
-        stacked=True,
-        label=[f"{s}: {len(n)} clips" for s, n in zip(splits, lengths, strict=True)],
+        lengths, bins=24, stacked=True, label=[f"{s}: {len(n)} clips" for s, n in zip(splits, lengths, strict=True)]
     )
-    left.set(
-        xlabel="length of a clip, s",
-        ylabel="clips",
-        title=f"{corpus.frames() / FRAME_RATE_HZ / 60:.1f} minutes",
-    )
+    left.set(xlabel="length of a clip, s", ylabel="clips", title=f"{corpus.frames() / FRAME_RATE_HZ / 60:.1f} minutes")
     left.legend()
     heard = {"no sound": sum(e.frames for e in entries if not e.has_sound)}
     for kind in ("silence", "speech", "music"):
@@ -124,10 +117,7 @@ def _poses(plot: Any, motions: Sequence[Motion]) -> Any:
     places = np.concatenate([_wrists(motion) for motion in motions])
     left.hist2d(places[:, 0], places[:, 1], bins=90, range=((-1, 1), (-0.6, 1.1)), cmap="magma", norm="log", cmin=1)
     left.set(
-        xlabel="to the figure's left, m",
-        ylabel="above the hips, m",
-        title="wrists from the front",
-        aspect="equal",
+        xlabel="to the figure's left, m", ylabel="above the hips, m", title="wrists from the front", aspect="equal"
     )
     degrees: dict[str, list[_Array]] = {}
     for motion in motions:

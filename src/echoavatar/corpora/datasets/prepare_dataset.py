@@ -20,12 +20,7 @@ from echoavatar.data import Corpus
 from echoavatar.errors import EchoAvatarError
 
 from .options import Options
-from .prepare_recording import (
-    Receipt,
-    finished_part,
-    prepare_recording,
-    stamp,
-)
+from .prepare_recording import Receipt, finished_part, prepare_recording, stamp
 from .set_writer import SetWriter, write_json
 from .source import Recording, Survey, with_splits
 
@@ -53,13 +48,7 @@ class Outcome(NamedTuple):
 
 
 def prepare(
-    kind: str,
-    survey: Survey,
-    folder: Path,
-    options: Options,
-    *,
-    workers: int = 1,
-    progress: Progress | None = None,
+    kind: str, survey: Survey, folder: Path, options: Options, *, workers: int = 1, progress: Progress | None = None
 ) -> Outcome:
     """Make or complete the set of a survey's recordings in `folder`, and write `report.json` there.
 

@@ -23,12 +23,7 @@ from echoavatar.motion.kinematics import Motion, SkeletonConfig, read_bvh
 from echoavatar.motion.kinematics.resample import resample
 from echoavatar.motion.kinematics.retarget import retarget
 from echoavatar.motion.kinematics.statistics import describe
-from echoavatar.timing import (
-    CHUNK_FRAMES,
-    FRAME_RATE_HZ,
-    SAMPLE_RATE_HZ,
-    SAMPLES_PER_FRAME,
-)
+from echoavatar.timing import CHUNK_FRAMES, FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 
 from .fidelity import fidelity
 from .hand_contact import keep_hand_contact
@@ -94,13 +89,7 @@ def prepare_recording(recording: Recording, options: Options, folder: Path) -> R
         notes += ["its sound is silence"] if float(np.abs(audio).max()) < 1e-4 else []
     domain, events = sound_labels(audio, recording.domain)
     clip = Clip(
-        recording.name,
-        audio,
-        result.rotations,
-        result.root,
-        domain,
-        events=_arrays(events),
-        split=recording.split,
+        recording.name, audio, result.rotations, result.root, domain, events=_arrays(events), split=recording.split
     )
     clip.save(part_path(folder, recording.name))
     receipt = Receipt(

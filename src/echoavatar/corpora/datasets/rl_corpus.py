@@ -15,29 +15,13 @@ from zlib import crc32
 import numpy as np
 
 from echoavatar.data.shards import checksum
-from echoavatar.data.sounds import (
-    MANIFEST,
-    Sound,
-    SoundSet,
-    runs,
-    save_sounds,
-)
+from echoavatar.data.sounds import MANIFEST, Sound, SoundSet, runs, save_sounds
 from echoavatar.errors import AudioError, EchoAvatarError
 from echoavatar.models.audio.io import write_wav
 from echoavatar.timing import SAMPLES_PER_FRAME
 
-from .conversations import (
-    OWN,
-    RULE,
-    Script,
-    conversations,
-)
-from .music_sources import (
-    Job,
-    Take,
-    composed_music,
-    recorded_music,
-)
+from .conversations import OWN, RULE, Script, conversations
+from .music_sources import Job, Take, composed_music, recorded_music
 from .text_to_speech import TextToSpeech
 
 Kind = Literal["speech", "music"]

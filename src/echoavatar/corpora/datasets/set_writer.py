@@ -18,13 +18,7 @@ from echoavatar.data.clip import open_clip
 from echoavatar.data.corpus import MIRROR, ClipEntry, can_mirror
 from echoavatar.data.shards import write_shard
 from echoavatar.errors import EchoAvatarError, MotionError
-from echoavatar.motion.kinematics import (
-    HUMANOID,
-    Skeleton,
-    SkeletonConfig,
-    measure_features,
-    to_features,
-)
+from echoavatar.motion.kinematics import HUMANOID, Skeleton, SkeletonConfig, measure_features, to_features
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.timing import FRAME_RATE_HZ
 

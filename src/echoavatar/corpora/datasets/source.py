@@ -16,13 +16,7 @@ from echoavatar.config import Config
 from echoavatar.errors import EchoAvatarError
 
 Domain = Literal["speech", "music"]
-LAYOUTS = {
-    "zeroeggs": "zeroeggs",
-    "motorica": "motorica",
-    "beat2": "beat2",
-    "bandai": "bandai",
-    "bvh": "folder",
-}
+LAYOUTS = {"zeroeggs": "zeroeggs", "motorica": "motorica", "beat2": "beat2", "bandai": "bandai", "bvh": "folder"}
 
 
 class Terms(Config):
@@ -76,12 +70,7 @@ class Survey(NamedTuple):
 
 
 def survey_of(
-    kind: str,
-    folder: Path,
-    *,
-    only: Sequence[str] = (),
-    speakers: Sequence[str] = (),
-    has_additional: bool = False,
+    kind: str, folder: Path, *, only: Sequence[str] = (), speakers: Sequence[str] = (), has_additional: bool = False
 ) -> Survey:
     """Find a dataset's recordings.
 

@@ -27,18 +27,8 @@ from echoavatar.timing import SAMPLES_PER_FRAME
 
 from ..rehearsal.augment import set_loudness
 from ..rehearsal.corpus import domains
-from ..rehearsal.sound import (
-    FloatArray,
-    SoundTrack,
-    concatenate,
-    whole_frames,
-)
-from ..rehearsal.speech import (
-    draw_speaker,
-    resolve_engine,
-    silence,
-    speak,
-)
+from ..rehearsal.sound import FloatArray, SoundTrack, concatenate, whole_frames
+from ..rehearsal.speech import draw_speaker, resolve_engine, silence, speak
 from .conversations import Script, Turn
 from .labels import STRESSED, sound_labels
 

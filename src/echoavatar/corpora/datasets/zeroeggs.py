@@ -10,13 +10,7 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
-from .source import (
-    LeftOut,
-    Recording,
-    Survey,
-    Terms,
-    files_below,
-)
+from .source import LeftOut, Recording, Survey, Terms, files_below
 
 TERMS = Terms(
     title="ZeroEGGS (ZEGGS), Ubisoft La Forge",

@@ -12,12 +12,7 @@ import numpy as np
 from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.timing import FRAME_RATE_HZ
 
-from .controls import (
-    Controls,
-    mirrored,
-    neutral,
-    through_keys,
-)
+from .controls import Controls, mirrored, neutral, through_keys
 from .poses import ARMS, HANDS, ArmPose
 from .solver import solve
 
@@ -130,9 +125,7 @@ FOLDED = ArmPose((-0.11, -0.33, 0.20), (0.2, 0.0, 0.5), 0.15, (0.0, 0.05))
 
 _RAISE_LEFT = Script(_there_and_back(pose("up"), reach=0.8, stay=1.3, back=0.9), (0.9, 2.0), "raise the left hand high")
 _POINT_LEFT = Script(
-    _there_and_back(pose(POINTING, head=(0.45, 0.0, 0.0), spine=(0.15, 0.0, 0.0))),
-    (0.8, 1.8),
-    "point to the left",
+    _there_and_back(pose(POINTING, head=(0.45, 0.0, 0.0), spine=(0.15, 0.0, 0.0))), (0.8, 1.8), "point to the left"
 )
 _NOD = swing("head", (1,), 0.30, 1.9, 0.2, 2.1)
 _SHAKE = swing("head", (0,), 0.42, 1.5, 0.2, 2.3)
@@ -181,10 +174,7 @@ SCRIPTS: Mapping[str, Script] = {
     "point_right": _flipped(_POINT_LEFT, "point to the right"),
     "bow": Script(
         _there_and_back(
-            pose(SLUMPED, SLUMPED, head=(0.0, 0.3, 0.0), spine=(0.0, 0.75, 0.0)),
-            reach=0.9,
-            stay=0.7,
-            back=1.0,
+            pose(SLUMPED, SLUMPED, head=(0.0, 0.3, 0.0), spine=(0.0, 0.75, 0.0)), reach=0.9, stay=0.7, back=1.0
         ),
         (1.0, 1.5),
         "bow in greeting, thanks or farewell",

@@ -18,12 +18,7 @@ from echoavatar.errors import MotionError
 from echoavatar.models.generator.exemplar import UPPER
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.action_overlay import Overlay
-from echoavatar.motion.kinematics import (
-    Motion,
-    Skeleton,
-    from_features,
-    to_features,
-)
+from echoavatar.motion.kinematics import Motion, Skeleton, from_features, to_features
 from echoavatar.motion.kinematics.resample import resample
 from echoavatar.motion.kinematics.retarget import retarget
 from echoavatar.motion.kinematics.rotations import (
@@ -31,12 +26,7 @@ from echoavatar.motion.kinematics.rotations import (
     matrix_from_quaternion,
     quaternion_from_matrix,
 )
-from echoavatar.timing import (
-    CHUNK_FRAMES,
-    FRAME_RATE_HZ,
-    FRAMES_PER_MOTION_TOKEN,
-    ChunkSize,
-)
+from echoavatar.timing import CHUNK_FRAMES, FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN, ChunkSize
 
 from .action_clips import SCRIPTS, clip
 from .controls import minimum_jerk

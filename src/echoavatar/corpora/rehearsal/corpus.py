@@ -25,12 +25,7 @@ from .choreography import choreograph
 from .recorded_motion import Library, blend_recordings, load_library
 from .recording_labels import track_from_recording
 from .solver import solve
-from .sound import (
-    SoundTrack,
-    concatenate,
-    cut,
-    whole_frames,
-)
+from .sound import SoundTrack, concatenate, cut, whole_frames
 from .track import compose_track
 
 CLIP_SECONDS = 64.0

@@ -13,21 +13,9 @@ from scipy.ndimage import maximum_filter1d
 
 from echoavatar.timing import FRAME_RATE_HZ
 
-from .controls import (
-    STANDING_PELVIS,
-    Array,
-    Controls,
-    minimum_jerk,
-    neutral,
-    smoothed,
-)
+from .controls import STANDING_PELVIS, Array, Controls, minimum_jerk, neutral, smoothed
 from .dance_plan import BodyKey, DancePlan, compose_dance
-from .footwork import (
-    Foothold,
-    Footwork,
-    Stance,
-    walk,
-)
+from .footwork import Foothold, Footwork, Stance, walk
 from .grooves import find_counts
 from .keyframes import bump, glide, progress
 from .sound import SoundTrack
@@ -294,13 +282,7 @@ def _resting() -> NDArray[np.float64]:
     base = neutral(1)
     parts = [
         np.concatenate(
-            [
-                base.wrist[0, s],
-                base.palm[0, s],
-                base.elbow_swing[0, s : s + 1],
-                base.shoulder[0, s],
-                base.fingers[0, s],
-            ]
+            [base.wrist[0, s], base.palm[0, s], base.elbow_swing[0, s : s + 1], base.shoulder[0, s], base.fingers[0, s]]
         )
         for s in (0, 1)
     ]

@@ -10,12 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from . import (
-    figures,
-    moves,
-    poses,
-    steps,
-)
+from . import figures, moves, poses, steps
 from .footwork import Foothold, Stance
 from .grooves import Counts
 from .poses import ARMS, Key, Move
@@ -185,16 +180,7 @@ def _place(plan: DancePlan, step: Step, offset: int, size: float, facing: float)
     lift = float(np.clip(step.lift * (0.75 + 0.3 * size), 0.042, 0.15))
     plan.holds.append(
         Foothold(
-            step.side,
-            lift_off,
-            landing,
-            place,
-            facing + step.yaw + toe_out,
-            step.weight,
-            lift,
-            step.pitch,
-            strike,
-            air,
+            step.side, lift_off, landing, place, facing + step.yaw + toe_out, step.weight, lift, step.pitch, strike, air
         )
     )
 

@@ -2,15 +2,7 @@
 
 import numpy as np
 
-from .steps import (
-    HALF_STANCE,
-    LEFT,
-    RIGHT,
-    Figure,
-    Step,
-    parse_pairs,
-    parse_steps,
-)
+from .steps import HALF_STANCE, LEFT, RIGHT, Figure, Step, parse_pairs, parse_steps
 
 L, R = LEFT, RIGHT
 
@@ -194,14 +186,7 @@ FIGURES: tuple[Figure, ...] = (
         6,
         tuple(
             _turned(*step)
-            for step in (
-                (0, L, 0.45, 1),
-                (1, R, 0.7, 1),
-                (2, L, 0.7, 1),
-                (3, R, 0.25, 1),
-                (4, L, 0, 1),
-                (5, R, 0, 1),
-            )
+            for step in ((0, L, 0.45, 1), (1, R, 0.7, 1), (2, L, 0.7, 1), (3, R, 0.25, 1), (4, L, 0, 1), (5, R, 0, 1))
         ),
         metre=3,
         energy=(0.4, 1.0),

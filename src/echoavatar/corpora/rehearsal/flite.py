@@ -17,14 +17,7 @@ import soxr
 from echoavatar.errors import DependencyError
 from echoavatar.timing import SAMPLE_RATE_HZ
 
-from .prosody import (
-    Delivery,
-    SpokenSyllable,
-    Utterance,
-    lift_nuclei,
-    score_prominence,
-    shape_pitch,
-)
+from .prosody import Delivery, SpokenSyllable, Utterance, lift_nuclei, score_prominence, shape_pitch
 from .script import Word
 from .sound import FloatArray
 
@@ -149,13 +142,7 @@ class Flite:
         relation = self.lib.utt_relation_create(utterance, _key("Token"))
         for i, word in enumerate(words):
             item = self.lib.relation_append(relation, None)
-            values = {
-                "name": word.text,
-                "whitespace": " ",
-                "prepunctuation": "",
-                "punc": word.mark,
-                "place": str(i),
-            }
+            values = {"name": word.text, "whitespace": " ", "prepunctuation": "", "punc": word.mark, "place": str(i)}
             for name, value in values.items():
                 self.lib.item_set_string(item, _key(name), _key(value))
             if word.is_focus:
@@ -204,12 +191,7 @@ class Flite:
         return tuple(found)
 
     def _vocode(
-        self,
-        utterance: int,
-        syllables: tuple[SpokenSyllable, ...],
-        delivery: Delivery,
-        is_question: bool,
-        seed: int,
+        self, utterance: int, syllables: tuple[SpokenSyllable, ...], delivery: Delivery, is_question: bool, seed: int
     ) -> tuple[FloatArray, int]:
         """Run the vocoder again with the expressive pitch; return audio (s,) and its sample rate."""
         lib = self.lib
@@ -247,10 +229,7 @@ class Flite:
 
 
 def _trim(
-    audio: FloatArray,
-    rate_hz: int,
-    phones: tuple[tuple[float, float, str], ...],
-    syllables: tuple[SpokenSyllable, ...],
+    audio: FloatArray, rate_hz: int, phones: tuple[tuple[float, float, str], ...], syllables: tuple[SpokenSyllable, ...]
 ) -> Utterance:
     """Cut outer silence down to a short margin and resample to 24 kHz without delay."""
     spoken = [phone for phone in phones if phone[2] != "pau"]

@@ -9,13 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from .controls import (
-    ANKLE_HEIGHT,
-    STANDING_FEET,
-    STANDING_FOOT_YAW,
-    minimum_jerk,
-    smoothed,
-)
+from .controls import ANKLE_HEIGHT, STANDING_FEET, STANDING_FOOT_YAW, minimum_jerk, smoothed
 from .keyframes import bump, glide
 
 FloatArray = np.ndarray

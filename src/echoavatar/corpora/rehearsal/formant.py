@@ -10,14 +10,7 @@ import numpy.typing as npt
 from echoavatar.timing import SAMPLE_RATE_HZ
 
 from .pronounce import VOWELS, syllabify
-from .prosody import (
-    Delivery,
-    SpokenSyllable,
-    Utterance,
-    lift_nuclei,
-    score_prominence,
-    shape_pitch,
-)
+from .prosody import Delivery, SpokenSyllable, Utterance, lift_nuclei, score_prominence, shape_pitch
 from .script import Word
 
 FORMANT_VOICES = ("alto", "tenor", "bass")
@@ -83,11 +76,7 @@ def say(words: tuple[Word, ...], delivery: Delivery, seed: int) -> Utterance:
     frames = int(np.ceil(total * SAMPLE_RATE_HZ / _HOP)) + 1
     plain = _plain_pitch(frames, delivery)
     f0 = shape_pitch(
-        plain,
-        frame_s=_HOP / SAMPLE_RATE_HZ,
-        syllables=syllables,
-        delivery=delivery,
-        is_question=words[-1].mark == "?",
+        plain, frame_s=_HOP / SAMPLE_RATE_HZ, syllables=syllables, delivery=delivery, is_question=words[-1].mark == "?"
     )
     tracks = _tracks(phones, frames)
     scale = _VOICE[delivery.voice][1] * (1 + 1.2 * (0.42 - delivery.alpha))

@@ -12,39 +12,13 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from .controls import (
-    Array,
-    Controls,
-    critically_damped,
-    wander,
-)
+from .controls import Array, Controls, critically_damped, wander
 from .gesture_cues import Cue, gesture_cues
-from .handpath import (
-    FINGERS,
-    PALM,
-    WRIST,
-    HandPath,
-)
+from .handpath import FINGERS, PALM, WRIST, HandPath
 from .handshapes import count_shape, hand_shape
 from .head_motion import head_accents, speech_activity
-from .idle import (
-    Manner,
-    draw_manner,
-    finger_drift,
-    hands_of,
-    idle,
-    resting_hands,
-    with_hands,
-)
-from .lexicon import (
-    ACCENTS,
-    MEANINGS,
-    Form,
-    aim_at,
-    eased_reach,
-    home_of,
-    meant_form,
-)
+from .idle import Manner, draw_manner, finger_drift, hands_of, idle, resting_hands, with_hands
+from .lexicon import ACCENTS, MEANINGS, Form, aim_at, eased_reach, home_of, meant_form
 from .sound import SoundTrack
 
 SINK_AFTER, REST_AFTER = 0.10, 0.30  # seconds after a phrase: the hands relax, then drop

@@ -48,13 +48,7 @@ class HandPath:
         self.aim = aim.copy()
 
     def stroke(
-        self,
-        begin: float,
-        end: float,
-        aim: Float[Array, " 14"],
-        *,
-        overshoot: float,
-        arc: Array | None = None,
+        self, begin: float, end: float, aim: Float[Array, " 14"], *, overshoot: float, arc: Array | None = None
     ) -> None:
         """Move past the aim by a share of the way, then settle on it within a quarter of a second."""
         past = (aim - self.aim) * overshoot

@@ -5,12 +5,7 @@ from jaxtyping import Float
 
 from echoavatar.timing import FRAME_RATE_HZ
 
-from .controls import (
-    Array,
-    critically_damped,
-    smoothed,
-    wander,
-)
+from .controls import Array, critically_damped, smoothed, wander
 from .sound import SoundTrack, Syllable
 from .stance import air
 

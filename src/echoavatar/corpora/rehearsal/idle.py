@@ -10,24 +10,11 @@ from jaxtyping import Float
 
 from echoavatar.timing import FRAME_RATE_HZ
 
-from .controls import (
-    HANGING_WRIST,
-    STANDING_PELVIS,
-    Array,
-    Controls,
-    neutral,
-    smoothed,
-    wander,
-)
+from .controls import HANGING_WRIST, STANDING_PELVIS, Array, Controls, neutral, smoothed, wander
 from .handpath import FINGERS, pack_hand
 from .handshapes import hand_shape
 from .sound import SoundTrack
-from .stance import (
-    Feet,
-    walked,
-    weight_curve,
-    weight_shifts,
-)
+from .stance import Feet, walked, weight_curve, weight_shifts
 
 
 @dataclass(frozen=True)

@@ -117,13 +117,7 @@ def _tone(timbre: Timbre, pitch: int, duration: float, colour: float, rng: np.ra
 
 
 def _play(
-    timbre: Timbre,
-    bright: Array,
-    dark: Array,
-    blend: Array,
-    hertz: float,
-    time: Array,
-    rng: np.random.Generator,
+    timbre: Timbre, bright: Array, dark: Array, blend: Array, hertz: float, time: Array, rng: np.random.Generator
 ) -> Array:
     """One voice; both tables are read at the same phase."""
     phase = hertz * time

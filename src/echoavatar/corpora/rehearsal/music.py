@@ -8,24 +8,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .sound import (
-    Note,
-    Piece,
-    Section,
-    TimeArray,
-)
+from .sound import Note, Piece, Section, TimeArray
 from .styles import STYLES, Style
 
 _MAJOR, _MINOR = (0, 2, 4, 5, 7, 9, 11), (0, 2, 3, 5, 7, 8, 10)
-_PROGRESSIONS = (
-    (0, 4, 5, 3),
-    (0, 5, 3, 4),
-    (0, 3, 4, 0),
-    (5, 3, 0, 4),
-    (0, 5, 1, 4),
-    (3, 4, 2, 5),
-    (0, 2, 3, 4),
-)
+_PROGRESSIONS = ((0, 4, 5, 3), (0, 5, 3, 4), (0, 3, 4, 0), (5, 3, 0, 4), (0, 5, 1, 4), (3, 4, 2, 5), (0, 2, 3, 4))
 _FORMS = (
     (("intro", 0.35), ("a", 0.6), ("b", 0.95), ("break", 0.25), ("a", 0.65), ("b", 1.0)),
     (("a", 0.5), ("b", 0.85), ("a", 0.6), ("bridge", 0.45), ("b", 0.95)),
@@ -185,16 +172,7 @@ def _play_bar(
         for step, length, height in motif:
             if half <= step < half + style.steps and rng.random() < 0.88:
                 pitch = band.degree(height + chord % 3) + (12 if band.root < 50 else 0)
-                _add(
-                    grid,
-                    rng,
-                    bar,
-                    step - half,
-                    length * 0.95,
-                    pitch,
-                    loud + grid.accent(step - half),
-                    band.lead,
-                )
+                _add(grid, rng, bar, step - half, length * 0.95, pitch, loud + grid.accent(step - half), band.lead)
     if band.is_solo or not band.has_drums:  # without drums, this voice marks the beats
         for beat in range(style.beats_per_bar):
             pitch = band.degree(chord + (0 if beat == 0 else 4)) - (12 if beat == 0 else 0)
@@ -267,12 +245,7 @@ def _final_chord(grid: _Grid, band: Band, bar: int) -> None:
 
 
 def _as_piece(
-    grid: _Grid,
-    plan: list[tuple[str, float, int, int]],
-    bpm: float,
-    end: float,
-    is_cut: bool,
-    rng: np.random.Generator,
+    grid: _Grid, plan: list[tuple[str, float, int, int]], bpm: float, end: float, is_cut: bool, rng: np.random.Generator
 ) -> Piece:
     beats = grid.beats[grid.beats <= end + (1e-6 if not is_cut else -1e-6)]
     downbeats = beats[:: grid.style.beats_per_bar]

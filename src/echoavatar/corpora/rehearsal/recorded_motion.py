@@ -144,12 +144,7 @@ def _accents(motion: Motion, kind: str) -> Float[np.ndarray, " n"]:
 
 
 def _blend_phrase(
-    clip: RecordedClip,
-    track: SoundTrack,
-    start: float,
-    end: float,
-    rotations: Array,
-    rng: np.random.Generator,
+    clip: RecordedClip, track: SoundTrack, start: float, end: float, rotations: Array, rng: np.random.Generator
 ) -> None:
     """Blend a stretch of the clip into the upper body during a phrase."""
     stress = [s.vowel + STROKE_DELAY_S for s in track.syllables if s.prominence >= 0.45 and start <= s.vowel <= end]
@@ -183,11 +178,7 @@ def _blend_dance(
 
 
 def _warp(
-    accents: Float[np.ndarray, " n"],
-    targets: Float[np.ndarray, " m"],
-    start: float,
-    end: float,
-    source_start: float,
+    accents: Float[np.ndarray, " n"], targets: Float[np.ndarray, " m"], start: float, end: float, source_start: float
 ) -> PchipInterpolator:
     """Map from track time to clip time that moves accents onto targets within the allowed playback rates."""
     times, places = [start], [source_start]

@@ -14,11 +14,7 @@ from jaxtyping import Float
 from numpy.typing import NDArray
 from torch import Tensor
 
-from echoavatar.motion.kinematics.rotations import (
-    matrix_from_axis_angle,
-    matrix_from_euler,
-    quaternion_from_matrix,
-)
+from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle, matrix_from_euler, quaternion_from_matrix
 from echoavatar.motion.kinematics.skeleton import HUMANOID
 
 from .controls import Controls
@@ -37,9 +33,7 @@ _EASY_REACH = torch.tensor([0.30, -0.75, 0.60], dtype=torch.float64)
 _EASY_ELBOW = torch.tensor([0.40, -0.45, -0.80], dtype=torch.float64)
 
 
-def solve(
-    controls: Controls,
-) -> tuple[Float[np.ndarray, "t 52 4"], Float[np.ndarray, "t 3"]]:
+def solve(controls: Controls) -> tuple[Float[np.ndarray, "t 52 4"], Float[np.ndarray, "t 3"]]:
     """Parent-relative quaternions `wxyz` of our rig and the root's world position in metres."""
     blocks = [_solve_block(controls[i : i + BLOCK_FRAMES]) for i in range(0, len(controls), BLOCK_FRAMES)]
     return np.concatenate([q for q, _ in blocks]), np.concatenate([r for _, r in blocks])

@@ -14,14 +14,7 @@ from .formant import FORMANT_VOICES
 from .formant import say as formant_say
 from .prosody import Delivery, Utterance, draw_delivery
 from .script import Sentence, Word
-from .sound import (
-    FloatArray,
-    SoundTrack,
-    Span,
-    Syllable,
-    concatenate,
-    whole_frames,
-)
+from .sound import FloatArray, SoundTrack, Span, Syllable, concatenate, whole_frames
 
 
 def resolve_engine(engine: str) -> str:

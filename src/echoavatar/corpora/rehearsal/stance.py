@@ -11,14 +11,7 @@ from jaxtyping import Float
 
 from echoavatar.timing import FRAME_RATE_HZ
 
-from .controls import (
-    ANKLE_HEIGHT,
-    STANDING_FEET,
-    STANDING_FOOT_YAW,
-    Array,
-    minimum_jerk,
-    through_keys,
-)
+from .controls import ANKLE_HEIGHT, STANDING_FEET, STANDING_FOOT_YAW, Array, minimum_jerk, through_keys
 
 
 @dataclass(frozen=True)

@@ -29,17 +29,7 @@ class Style:
         return self.beats_per_bar * self.steps_per_beat
 
 
-_LEADS = (
-    "flute",
-    "saw_lead",
-    "square_lead",
-    "trumpet",
-    "violin",
-    "voice_aah",
-    "voice_ooh",
-    "clarinet",
-    "bell",
-)
+_LEADS = ("flute", "saw_lead", "square_lead", "trumpet", "violin", "voice_aah", "voice_ooh", "clarinet", "bell")
 _COMPS = ("piano", "epiano", "organ", "guitar", "strings", "pad")
 
 STYLES: dict[str, Style] = {
@@ -159,11 +149,7 @@ STYLES: dict[str, Style] = {
         Style(
             "march",
             (100, 124),
-            drums=(
-                ("kick", "x-------x-------"),
-                ("snare", "x-ooxoo-x-ooxoxo"),
-                ("crash", "x---------------"),
-            ),
+            drums=(("kick", "x-------x-------"), ("snare", "x-ooxoo-x-ooxoxo"), ("crash", "x---------------")),
             bass="x---x---x---x---",
             chords="--x---x---x---x-",
             leads=("trumpet", "flute", "clarinet"),

@@ -10,29 +10,12 @@ import numpy as np
 
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 
-from .augment import (
-    add_background,
-    background,
-    fill_band,
-    set_loudness,
-    treat,
-)
+from .augment import add_background, background, fill_band, set_loudness, treat
 from .instruments import render
 from .music import compose_piece
 from .prosody import Delivery
 from .script import write_monologue
-from .sound import (
-    FloatArray,
-    Section,
-    SoundTrack,
-    Span,
-    TimeArray,
-    concatenate,
-    cut,
-    merge_spans,
-    shift,
-    whole_frames,
-)
+from .sound import FloatArray, Section, SoundTrack, Span, TimeArray, concatenate, cut, merge_spans, shift, whole_frames
 from .soundfont import render_soundfont
 from .speech import draw_speaker, resolve_engine, speak
 

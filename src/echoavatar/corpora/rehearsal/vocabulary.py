@@ -46,33 +46,10 @@ WORDS: dict[str, tuple[str, ...]] = {
 }
 
 PHRASES: dict[str, tuple[str, ...]] = {
-    "np": (
-        "the {noun}",
-        "the {adj} {noun}",
-        "my {noun}",
-        "a {adj} {noun}",
-        "your {adj} {noun}",
-        "that {noun}",
-    ),
-    "subject": (
-        "I",
-        "we",
-        "they",
-        "she",
-        "he",
-        "{name}",
-        "my {noun}",
-        "the {adj} {noun}",
-        "{name} and {name}",
-    ),
+    "np": ("the {noun}", "the {adj} {noun}", "my {noun}", "a {adj} {noun}", "your {adj} {noun}", "that {noun}"),
+    "subject": ("I", "we", "they", "she", "he", "{name}", "my {noun}", "the {adj} {noun}", "{name} and {name}"),
     "object": ("{np}", "{np}", "{number}^count {many}", "all^size the {many}", "{np} and {np}"),
-    "where": (
-        "in the {place}",
-        "near the {noun}",
-        "behind the {adj} {noun}",
-        "at the {place}",
-        "by the {noun}",
-    ),
+    "where": ("in the {place}", "near the {noun}", "behind the {adj} {noun}", "at the {place}", "by the {noun}"),
     "clause": (
         "{subject} {verb} {object}",
         "{subject} {go} to the {place}",
@@ -211,15 +188,7 @@ SENTENCES: dict[str, tuple[str, ...]] = {
         "great, {clause}!",
         "come on, {do} the *{noun}!",
     ),
-    "backchannel": (
-        "right.",
-        "yes, yes.",
-        "I see.",
-        "okay, [p] sure.",
-        "oh really?",
-        "of course.",
-        "yeah, I know.",
-    ),
+    "backchannel": ("right.", "yes, yes.", "I see.", "okay, [p] sure.", "oh really?", "of course.", "yeah, I know."),
     "greeting": (
         "*hello,^greeting my name is {name}.",
         "good *morning,^greeting {name}.",

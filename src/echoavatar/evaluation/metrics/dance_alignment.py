@@ -14,7 +14,7 @@ on how frequent motion beats are and differs between the forms: compare scores o
 from typing import Literal, NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int, Shaped
+from jaxtyping import Float, Int
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import argrelextrema, find_peaks
 
@@ -86,14 +86,3 @@ def dance_alignment(
     sigma = rule.sigma_s if rule.sigma_s is not None else (rule.sigma_frames or 0.0) / fps
     asking, asked = (beats, music) if rule.motion_is_query else (music, beats)
     return hit_rate(asking, asked, sigma)
-
-
-def frame_alignment(
-    beats: Shaped[np.ndarray, " n"],
-    music: Shaped[np.ndarray, " m"],
-    *,
-    sigma: float,
-    motion_is_query: bool = False,
-) -> float:
-    """The same in frames, as the published code counts, with any sigma."""
-    return hit_rate(beats, music, sigma) if motion_is_query else hit_rate(music, beats, sigma)

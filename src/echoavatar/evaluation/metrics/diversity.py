@@ -1,4 +1,4 @@
-"""Variety of motion (paper, appendix L1 Diversity; Bailando's mean distance). The best value is the truth's.
+"""Variety of motion (paper, appendix L1 Diversity). The best value is the truth's.
 
     Div = (1/N) sum over frames and joints of |p - mean of p over its clip|_1,   root at the origin, metres
 
@@ -11,7 +11,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.distance import pdist
 
 
 def l1_deviation(positions: Float[np.ndarray, "t j 3"]) -> float:
@@ -23,8 +22,3 @@ def l1_deviation(positions: Float[np.ndarray, "t j 3"]) -> float:
 def l1_diversity(clips: Sequence[Float[np.ndarray, "_ j 3"]]) -> float:
     """Diversity of all clips, weighted by length; positions must be relative to the root."""
     return float(np.average([l1_deviation(clip) for clip in clips], weights=[len(clip) for clip in clips]))
-
-
-def mean_pairwise_distance(features: Float[np.ndarray, "n d"]) -> float:
-    """Mean Euclidean distance over all pairs of feature vectors, one a clip (Bailando's Div_k and Div_m)."""
-    return float(pdist(np.asarray(features, np.float64)).mean())

@@ -5,10 +5,9 @@
 In squared units of the features, 0 and up. The trace of the root comes from the eigenvalues of S_g^(1/2) S_r S_g^(1/2),
 which is symmetric: no complex matrix root is needed, and the result is exact with fewer samples than features.
 
-Published variants: EMAGE's evaluation tools always add 1e-6 to both covariances inside the root (`ridge=1e-6`); others
-add it only when their root fails. Bailando first scales features by the truth's mean and deviation (`scaled_by_truth`).
-The value depends on the extractor and falls as samples grow, so compare only values of one extractor and one test set
-with about equal amounts of motion. EMAGE's table prints tenths: 5.512 is 0.5512.
+EMAGE's evaluation tools always add 1e-6 to both covariances inside the root (`ridge=1e-6`); others add it only when
+their root fails. The value depends on the extractor and falls as samples grow, so compare only values of one extractor
+and one test set with about equal amounts of motion. EMAGE's table prints tenths: 5.512 is 0.5512.
 """
 
 from collections.abc import Sequence
@@ -18,8 +17,6 @@ import numpy as np
 from jaxtyping import Float
 
 from echoavatar.errors import MotionError
-
-EVALTOOLS_RIDGE = 1e-6
 
 
 class Moments(NamedTuple):
@@ -77,11 +74,3 @@ def frechet_between(made: Moments, true: Moments, *, ridge: float = 0.0) -> floa
 def frechet_distance(made: Float[np.ndarray, "n d"], true: Float[np.ndarray, "m d"], *, ridge: float = 0.0) -> float:
     """Fréchet distance between two sets of features."""
     return frechet_between(moments(made), moments(true), ridge=ridge)
-
-
-def scaled_by_truth(
-    made: Float[np.ndarray, "n d"], true: Float[np.ndarray, "m d"]
-) -> tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "m d"]]:
-    """Scale both sets by the truth's mean and (population) deviation, as Bailando does for FID_k and FID_m."""
-    mean, spread = true.mean(0), true.std(0) + 1e-10
-    return (made - mean) / spread, (true - mean) / spread

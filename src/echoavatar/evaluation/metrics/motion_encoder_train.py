@@ -16,14 +16,7 @@ from torch import Tensor
 
 from echoavatar.errors import MotionError
 from echoavatar.motion.kinematics import HUMANOID
-from echoavatar.training import (
-    Loss,
-    Progress,
-    TrainingConfig,
-    TrainingTask,
-    adamw,
-    train,
-)
+from echoavatar.training import Loss, Progress, TrainingConfig, TrainingTask, adamw, train
 
 from .motion_encoder import MotionEncoder, MotionEncoderConfig
 from .motion_features import TRAVEL

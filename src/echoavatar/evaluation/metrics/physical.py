@@ -29,11 +29,7 @@ def floor_depth_cm(feet: Float[np.ndarray, "t f 3"], floor_m: float = 0.0) -> fl
 
 
 def foot_contact_score(
-    positions: Float[np.ndarray, "t j 3"],
-    feet: Sequence[int] = SMPL_FEET,
-    *,
-    up: int = 1,
-    fps: float = FRAME_RATE_HZ,
+    positions: Float[np.ndarray, "t j 3"], feet: Sequence[int] = SMPL_FEET, *, up: int = 1, fps: float = FRAME_RATE_HZ
 ) -> float:
     """EDGE's physical foot contact score (PFC), times 10,000 as in its table; 0 is best.
 

@@ -103,7 +103,7 @@ class GeneratorTask(TrainingTask[Lesson]):
             found.append(torch.optim.Muon(inner, lr=rate, weight_decay=decay, adjust_lr_fn="match_rms_adamw"))
         return found
 
-    def clipped(self) -> Iterable[nn.Parameter]:
+    def clipped_parameters(self) -> Iterable[nn.Parameter]:
         """The generator's parameters; gradients of the cue readers are not clipped."""
         return self.generator.parameters()
 

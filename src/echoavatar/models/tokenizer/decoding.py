@@ -110,11 +110,11 @@ class DecoderTask(TrainingTask[Pairs]):
         """AdamW over the decoders; the rest is frozen."""
         for parameter in self.tokenizer.parameters():
             parameter.requires_grad_(False)
-        for parameter in self.clipped():
+        for parameter in self.clipped_parameters():
             parameter.requires_grad_(True)
         return [adamw(self._learning(), self.config)]
 
-    def clipped(self) -> Iterable[nn.Parameter]:
+    def clipped_parameters(self) -> Iterable[nn.Parameter]:
         """The decoders."""
         return (parameter for module in self._learning() for parameter in module.parameters())
 

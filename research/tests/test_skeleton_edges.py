@@ -1,6 +1,6 @@
 import numpy as np
 
-from echoavatar.evaluation.metrics.skeleton_edges import (
+from echoavatar_research.skeleton_edges import (
     SMPLX_PARENTS,
     averaging,
     merged,

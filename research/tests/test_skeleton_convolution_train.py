@@ -4,13 +4,13 @@ import pytest
 import torch
 
 from echoavatar.errors import MotionError
-from echoavatar.evaluation.metrics.skeleton_convolution import SkeletonConvolutionConfig
-from echoavatar.evaluation.metrics.skeleton_convolution_train import (
+from echoavatar.training import Loop
+from echoavatar_research.skeleton_convolution import SkeletonConvolutionConfig
+from echoavatar_research.skeleton_convolution_train import (
     SkeletonConvolutionTask,
     SkeletonConvolutionTraining,
     train_skeleton_convolution,
 )
-from echoavatar.training import Loop
 
 SMALL = SkeletonConvolutionConfig(parents=(-1, 0, 1, 2, 3, 3, 0), channels=(6, 6, 12), groups=3, reach=1)
 

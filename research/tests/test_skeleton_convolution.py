@@ -6,7 +6,7 @@ import torch
 from safetensors.torch import save_file
 
 from echoavatar.errors import CheckpointError, MotionError
-from echoavatar.evaluation.metrics.skeleton_convolution import (
+from echoavatar_research.skeleton_convolution import (
     SkeletonConvolution,
     SkeletonConvolutionConfig,
     extractor_input,
