@@ -44,7 +44,7 @@ def test_connections_are_not_held_back_by_the_usual_limit_of_open_files():
 
 @contextlib.contextmanager
 def running(app: Starlette, monkeypatch: pytest.MonkeyPatch, **options: object) -> Iterator[tuple[str, run._Server]]:
-    """uvicorn itself, in a thread: signals are the main thread's, so it is told to stop. Its address, and the server."""
+    """uvicorn itself, in a thread: signals are the main thread's, so it is told to stop."""
     monkeypatch.setattr(run._Server, "capture_signals", lambda self: contextlib.nullcontext())
     servers, address, ready = [], [], threading.Event()
     begun = run._Server.__init__

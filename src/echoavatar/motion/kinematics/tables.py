@@ -4,9 +4,9 @@ import io
 import math
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from pydantic import ValidationError
@@ -67,28 +67,57 @@ NPZ_ERRORS = (
 )
 
 
-def arrays_of(path: Path, error: type[EchoAvatarError] = EchoAvatarError) -> dict[str, np.ndarray]:
-    """Every array of an npz file; sizes are checked before anything is unpacked.
+class NpzArrays(Mapping[str, np.ndarray]):
+    """The arrays of an npz file, each read when it is asked for. Sizes are checked before anything is unpacked.
 
-    Raises:
-        EchoAvatarError: of the given kind; the file is too large, or unpacks to too much.
-        FileNotFoundError, OSError, ValueError, zipfile.BadZipFile: missing, damaged, or with pickles in it.
+    Opening and reading raise FileNotFoundError, OSError, ValueError or zipfile.BadZipFile for files that are missing,
+    damaged, or with pickles in them.
     """
-    check_file(path, ARRAYS_BYTES, error)
-    try:
-        with zipfile.ZipFile(path) as archive:
-            unpacked = sum(entry.file_size for entry in archive.infolist())
-            if unpacked > ARRAYS_BYTES:
-                raise error(f"{path} unpacks to {unpacked:,} bytes, and at most {ARRAYS_BYTES:,} are read; cut it")
-            return {name.removesuffix(".npy"): array_of(archive.read(name)) for name in archive.namelist()}
-    except (
-        zipfile.LargeZipFile,
-        NotImplementedError,
-        RuntimeError,
-    ) as reason:  # encrypted, or an unknown method
-        raise ValueError(str(reason)) from reason
-    except zlib.error as reason:
-        raise ValueError(f"damaged: {reason}") from reason
+
+    def __init__(self, path: Path, error: type[EchoAvatarError] = EchoAvatarError) -> None:
+        """Raises an error of the given kind where the file is too large, or unpacks to too much."""
+        check_file(path, ARRAYS_BYTES, error)
+        try:
+            self._archive = zipfile.ZipFile(path)
+        except (zipfile.LargeZipFile, NotImplementedError, RuntimeError) as reason:
+            raise ValueError(str(reason)) from reason
+        entries = self._archive.infolist()
+        unpacked = sum(entry.file_size for entry in entries)
+        if unpacked > ARRAYS_BYTES:
+            self._archive.close()
+            raise error(f"{path} unpacks to {unpacked:,} bytes, and at most {ARRAYS_BYTES:,} are read; cut it")
+        self._names = {entry.filename.removesuffix(".npy"): entry.filename for entry in entries}
+
+    def __getitem__(self, key: str) -> np.ndarray:
+        name = self._names[key]
+        try:
+            return array_of(self._archive.read(name))
+        except (NotImplementedError, RuntimeError) as reason:  # an unknown method, or encrypted
+            raise ValueError(str(reason)) from reason
+        except zlib.error as reason:
+            raise ValueError(f"damaged: {reason}") from reason
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._archive.close()
+
+
+def arrays_of(path: Path, error: type[EchoAvatarError] = EchoAvatarError) -> dict[str, np.ndarray]:
+    """Every array of an npz file; raises what `NpzArrays` raises."""
+    with NpzArrays(path, error) as stored:
+        return dict(stored)
 
 
 def array_of(data: bytes) -> np.ndarray:
