@@ -84,5 +84,5 @@ def test_an_array_whose_header_lies_is_refused(tmp_path: Path, read: Any) -> Non
     with zipfile.ZipFile(tmp_path / "lies.npz", "w") as archive:
         for key in KEYS:
             archive.writestr(f"{key}.npy", lying)
-    with pytest.raises(EchoAvatarError, match="there is less"):
+    with pytest.raises(EchoAvatarError, match="there is less|holds no arrays"):
         read(tmp_path / "lies.npz")

@@ -20,8 +20,8 @@ from echoavatar.timing import SAMPLE_RATE_HZ
 
 from .resample import StreamResampler
 
-# Containers that hold their own sound. ffmpeg's libraries also know playlists, concat lists, SDP and MPD. Those are texts
-# that name other files or addresses, which would be opened.
+# Containers that hold their own sound. ffmpeg's libraries also know playlists, concat lists, SDP and MPD. Those are
+# texts that name other files or addresses, which would be opened.
 _CONTAINERS = (
     "aac,ac3,aiff,amr,ape,asf,au,avi,caf,dts,eac3,flac,flv,matroska,webm,mov,mp4,m4a,3gp,3g2,mj2,mp3,mpeg,mpegts,mpc,mpc8"
     ",oga,ogg,opus,rf64,rm,tta,voc,w64,wav,wv"
