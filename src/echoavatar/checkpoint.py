@@ -80,14 +80,23 @@ def load(folder: Path, kind: type[ConfigT], build: Callable[[ConfigT], ModuleT])
     Raises:
         CheckpointError: files are missing or damaged, or config and weights do not fit each other.
     """
-    config, weights = read_config(folder, kind), read_weights(folder)
+    config = read_config(folder, kind)
+    return build_for(read_weights(folder), lambda: build(config), origin=str(folder))
+
+
+def build_for(weights: Mapping[str, Tensor], build: Callable[[], ModuleT], *, origin: str) -> ModuleT:
+    """The module that `build` makes, with `weights` in it.
+
+    Raises:
+        CheckpointError: the module is larger than the weights, or does not fit them.
+    """
     try:
         with _no_larger_than(weights):
-            module = build(config)
+            module = build()
     except (ArithmeticError, MemoryError, RuntimeError, ValueError) as error:
         reason = str(error).split("\n")[0][:160]
-        raise CheckpointError(f"{folder}/config.json describes no model of these weights: {reason}") from error
-    load_into(module, weights, origin=str(folder))
+        raise CheckpointError(f"{origin}: config.json describes no model of these weights: {reason}") from error
+    load_into(module, weights, origin=origin)
     return module
 
 

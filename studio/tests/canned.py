@@ -32,7 +32,7 @@ from echoavatar_studio.tables import Owner
 from echoavatar_studio.wire_owner import Invite
 
 PASSWORD = "a long password"
-EASY = Rates(*[Rate(1e6, 1e6)] * 5)
+EASY = Rates(*[Rate(1e6, 1e6)] * 6)
 SYSTEMS = ("Alpha", "Beta", "Gamma")
 
 

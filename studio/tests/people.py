@@ -24,8 +24,8 @@ def app_of(maker: Maker, rates: Rates = canned.EASY) -> Starlette:
 class Person:
     """A browser with a session of its own."""
 
-    def __init__(self, app: Starlette) -> None:
-        self.http = TestClient(app, base_url="http://studio.test")
+    def __init__(self, app: Starlette, address: str = "testclient") -> None:
+        self.http = TestClient(app, base_url="http://studio.test", client=(address, 50_000))
         self.csrf = ""
 
     def get(self, path: str) -> Any:

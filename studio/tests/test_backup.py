@@ -1,7 +1,10 @@
 """A backup put back is the same studio: also from one kind of store into the other, also taken while raters answer."""
 
+import json
+import shutil
 import threading
 import zipfile
+from pathlib import Path
 
 import pytest
 from studio.tests import canned
@@ -83,3 +86,84 @@ def test_files_that_are_no_backups_are_refused(maker: Maker, tmp_path):
     assert not (tmp_path / "escaped").exists()
     with pytest.raises(EchoAvatarError, match="cannot write"):
         back_up(maker.store, maker.media, tmp_path / "none" / "b.zip")
+
+
+def forged(source: Path, target: Path, change) -> None:
+    """A backup whose rows went through `change(table, row)`."""
+    with zipfile.ZipFile(source) as old, zipfile.ZipFile(target, "w") as new:
+        head, *lines = old.read("rows.jsonl").splitlines()
+        rows = [json.loads(line) for line in lines]
+        for stored in rows:
+            change(stored["table"], stored["row"])
+        new.writestr("rows.jsonl", b"\n".join([head, *(json.dumps(row).encode() for row in rows)]))
+        for name in old.namelist():
+            if name != "rows.jsonl":
+                new.writestr(name, old.read(name))
+
+
+def name_study(name: str):
+    return lambda table, row: row.update(public=name) if table == "studies" else None
+
+
+def point_to(path: str, tables: tuple[str, ...] = ("clips", "sounds")):
+    return lambda table, row: row.update(path=path) if table in tables else None
+
+
+FORGERIES = [
+    *(name_study(name) for name in ("..", ".", "", "/", "../..", "a/b", "A" * 24, 7, None)),
+    *(point_to(path) for path in ("../studio.db", "/etc/passwd", "", "..", "a\0b")),
+    lambda table, row: row.update(nothing_of_ours=1),
+    lambda table, row: row.update(id="x"),
+    lambda table, row: row.clear(),
+    lambda table, row: row.update(id={"a": [1]}),
+]
+
+
+@pytest.mark.parametrize("change", FORGERIES, ids=range(len(FORGERIES)))
+def test_a_forged_backup_is_refused_whole(maker: Maker, library, tmp_path, change):
+    filled(maker, library)
+    back_up(maker.store, maker.media, tmp_path / "good.zip")
+    forged(tmp_path / "good.zip", tmp_path / "bad.zip", change)
+    other = Maker(canned.open_store(tmp_path / "other", None), tmp_path / "other" / "media")
+    with pytest.raises(EchoAvatarError, match="not a backup"):
+        restore(other.store, other.media, tmp_path / "bad.zip")
+    with other.store.read() as session:
+        assert session.query(Judgement).count() == 0
+    assert list(other.media.iterdir()) == []
+    other.store.close()
+
+
+def test_a_backup_that_unpacks_to_more_than_it_holds_is_refused(maker: Maker, library, tmp_path):
+    """Two megabytes of deflated zeros would become two gigabytes; backups store their media as they are."""
+    filled(maker, library)
+    back_up(maker.store, maker.media, tmp_path / "bomb.zip")
+    with zipfile.ZipFile(tmp_path / "bomb.zip", "a", zipfile.ZIP_DEFLATED) as whole:
+        whole.writestr("media/" + "0" * 24 + "/000.flac", bytes(64 << 20))
+    other = Maker(canned.open_store(tmp_path / "other", None), tmp_path / "other" / "media")
+    with pytest.raises(EchoAvatarError, match="not a backup"):
+        restore(other.store, other.media, tmp_path / "bomb.zip")
+    assert list(other.media.rglob("*")) == []
+    other.store.close()
+
+
+def test_rows_that_never_end_are_refused(tmp_path):
+    with zipfile.ZipFile(tmp_path / "bomb.zip", "w", zipfile.ZIP_DEFLATED) as whole:
+        whole.writestr("rows.jsonl", b'{"format": "echoavatar studio 1"}\n' + b" " * (200 << 20))
+    store = canned.open_store(tmp_path / "other", None)
+    with pytest.raises(EchoAvatarError, match="not a backup"):
+        restore(store, tmp_path / "other" / "media", tmp_path / "bomb.zip")
+    store.close()
+
+
+def test_a_backup_that_does_not_fit_on_the_disk_is_refused_before_anything_is_written(
+    maker: Maker, library, tmp_path, monkeypatch
+):
+    filled(maker, library)
+    back_up(maker.store, maker.media, tmp_path / "good.zip")
+    other = Maker(canned.open_store(tmp_path / "other", None), tmp_path / "other" / "media")
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(1_000, 900, 100))
+    with pytest.raises(EchoAvatarError, match="free"):
+        restore(other.store, other.media, tmp_path / "good.zip")
+    with other.store.read() as session:
+        assert session.query(Judgement).count() == 0
+    other.store.close()

@@ -40,6 +40,8 @@ def test_tasks_of_others_do_not_exist(scene):
     for path in (
         "clips/2",
         "clips/99999999999999999999",
+        "clips/" + "9" * 5_000,
+        "clips/%00",
         "clips/-1",
         "clips/..%2f..%2fstudio.db",
         "clips/../audio/x",
@@ -52,10 +54,10 @@ def every(app: Starlette, prefix: str, study: str) -> list[tuple[str, str]]:
     """Method and address of all routes below a prefix that ask for a session."""
     filled = {
         "{study}": study,
-        "{number:int}": "1",
+        "{number}": "1",
         "{name}": "results.json",
         "{task}": "none",
-        "{slot:int}": "0",
+        "{slot}": "0",
     }
     found = []
     for route in app.routes:
@@ -96,6 +98,23 @@ def test_no_route_of_raters_opens_to_an_owner(scene):
     for method, path in routes:
         answer = owner.http.request(method, path, headers={"x-csrf-token": owner.csrf})
         assert (answer.status_code, answer.json()["code"]) == (401, "not_signed_in"), (method, path)
+
+
+@pytest.mark.parametrize("prefix", ["/api/owner", "/api/rater"])
+def test_no_change_passes_without_the_csrf_token_of_its_own_session(scene, prefix: str):
+    """Every route that changes something, each without a token, with a wrong one and with another session's."""
+    maker, bad, good, _ = scene
+    owner = OwnerPerson(bad.http.app)
+    owner.log_in()
+    person = owner if prefix.endswith("owner") else bad
+    with maker.store.read() as session:
+        study = session.query(Study).first().public
+    changes = [(method, path) for method, path in every(bad.http.app, prefix, study) if method != "GET"]
+    assert len(changes) >= 4
+    for method, path in changes:
+        for token in ("", "x" * 43, good.csrf):
+            answer = person.http.request(method, path, headers={"x-csrf-token": token})
+            assert (answer.status_code, answer.json()["code"]) == (403, "bad_csrf"), (method, path)
 
 
 def test_forged_forms_are_refused(scene):
@@ -153,7 +172,7 @@ def test_idempotency_keys_have_a_form(scene):
 
 def test_floods_are_held_and_others_go_on(maker: Maker, library):
     study = canned.make_pairwise(maker, library)
-    rates = Rates(*[Rate(5, 1)] * 5)
+    rates = Rates(*[Rate(5, 1)] * 6)
     app = app_of(maker, rates)
     bad, good = RaterPerson(app), RaterPerson(app)
     one, two = tokens(maker, study, 2)
@@ -173,6 +192,78 @@ def test_passwords_are_not_guessed_in_bulk(maker: Maker):
     said = [owner.log_in(password=f"guess {k}").json()["code"] for k in range(4)]
     assert said == ["bad_login", "bad_login", "too_many_requests", "too_many_requests"]
     assert owner.log_in().status_code == 429
+
+
+def test_a_stranger_who_guesses_does_not_lock_the_owner_out(maker: Maker):
+    """Four guesses a second for a while from one address; the owner signs in from another at the first try."""
+    app = app_of(maker, Rates())
+    stranger, owner = OwnerPerson(app, "203.0.113.7"), OwnerPerson(app, "198.51.100.1")
+    said = [stranger.log_in(password=f"guess {k}").json()["code"] for k in range(40)]
+    assert said.count("bad_login") <= 9
+    assert said[-1] == "too_many_requests"
+    assert owner.log_in().status_code == 200
+
+
+def test_guesses_from_many_addresses_share_the_limit_of_the_account(maker: Maker):
+    app = app_of(maker, Rates(account=Rate(2, 1e-6)))
+    said = [OwnerPerson(app, f"203.0.113.{k}").log_in(password="guess").json()["code"] for k in range(5)]
+    assert said == ["bad_login", "bad_login", "too_many_requests", "too_many_requests", "too_many_requests"]
+
+
+def test_a_known_owner_signs_in_while_the_account_is_under_attack(maker: Maker):
+    app = app_of(maker, Rates(login=Rate(2, 1e-6), account=Rate(3, 1e-6)))
+    assert OwnerPerson(app, "198.51.100.1").log_in().status_code == 200
+    for k in range(9):
+        OwnerPerson(app, f"203.0.113.{k}").log_in(password="guess")
+    assert OwnerPerson(app, "203.0.113.99").log_in().status_code == 429
+    assert OwnerPerson(app, "198.51.100.1").log_in().status_code == 200
+
+
+def test_addresses_of_one_ipv6_network_share_a_limit(maker: Maker):
+    app = app_of(maker, Rates(login=Rate(2, 1e-6)))
+    said = [OwnerPerson(app, f"2001:db8::{k:x}").log_in(password="guess").json()["code"] for k in range(3)]
+    assert said == ["bad_login", "bad_login", "too_many_requests"]
+
+
+HOSTILE_SETTINGS = (
+    f"seed: {'9' * 5_000}", "seed: 99999999999999999999", "title: 2024-13-45", "title: 2024-02-30 25:00:00",
+    'title: "a\\0b"', 'sounds: [{path: "a\\0b", category: dance}]', "sounds: [{path: m, category: dance, start: .inf}]",
+    "seed: 0x" + "f" * 5_000, f"seed: {'9' * 400}.0", "? [a, b]\n: c", "a: &a [*a]", "title: !!binary '***'",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("line", HOSTILE_SETTINGS, ids=range(len(HOSTILE_SETTINGS)))
+def test_settings_that_cannot_be_are_refused(either: Maker, line: str):
+    owner = OwnerPerson(app_of(either))
+    owner.log_in()
+    field = line.partition(":")[0]
+    kept = [row for row in canned.pairwise_text().splitlines() if not row.startswith(f"{field}:")]
+    if field == "sounds":
+        kept = [row for row in kept if not row.startswith(("- category", "  path"))]
+    answer = owner.post("/api/owner/studies", {"settings": "\n".join([*kept, line])})
+    assert (answer.status_code, answer.json()["code"]) == (400, "bad_request")
+
+
+def test_numbers_and_names_in_addresses_that_cannot_be_are_not_found(either: Maker, library):
+    study = canned.make_pairwise(either, library)
+    owner = OwnerPerson(app_of(either))
+    owner.log_in()
+    for number in ("9" * 5_000, "9" * 20, "%00", "-1", "1.5", "%D9%A3"):
+        for path in (f"{study}/raters/{number}", f"{study}/invitations/{number}"):
+            assert owner.delete(f"/api/owner/studies/{path}").json()["code"] == "not_found", path
+    for name in ("%00", "a%00b", "..%2f..", "%ff%fe"):
+        assert owner.get(f"/api/owner/studies/{name}").json()["code"] == "not_found", name
+    assert owner.get("/api/owner/audit?study=%00").json()["code"] in ("bad_request", "not_found")
+    assert owner.get("/api/owner/audit?before=" + "9" * 5_000).json()["code"] == "bad_request"
+
+
+def test_text_with_nul_is_refused(either: Maker, library):
+    study = canned.make_pairwise(either, library)
+    owner = OwnerPerson(app_of(either))
+    owner.log_in()
+    answer = owner.post(f"/api/owner/studies/{study}/invitations", {"count": 1, "label": "a\0b"})
+    assert (answer.status_code, answer.json()["code"]) == (400, "bad_request")
+    assert owner.log_in(name="a\0b").json()["code"] == "bad_request"
 
 
 def test_refusals_are_logged_but_cannot_fill_the_store(maker: Maker, monkeypatch):

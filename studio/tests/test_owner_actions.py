@@ -7,6 +7,7 @@ from studio.tests import canned
 from studio.tests.people import OwnerPerson, RaterPerson, app_of, tokens
 
 from echoavatar_studio.making import Maker
+from echoavatar_studio.owner_actions import OwnerActions
 from echoavatar_studio.tables import Judgement, Study
 
 
@@ -122,3 +123,15 @@ def test_pages_reach_no_files_outside_the_library(maker: Maker, owner: OwnerPers
     assert owner.post("/api/owner/studies", {"settings": text}).json()["code"] == "bad_request"
     with maker.store.read() as session:
         assert session.query(Study).count() == 0
+
+
+def test_a_delete_removes_nothing_outside_the_studys_own_folder(maker: Maker, library, owner: OwnerPerson):
+    """The name of a study is made by us; in a store that was forged it may be a way up."""
+    study = canned.make_pairwise(maker, library)
+    kept = maker.media.parent / "kept"
+    kept.write_text("")
+    with maker.store.write() as session:
+        session.query(Study).filter(Study.public == study).update({"public": "..", "state": "closed"})
+    OwnerActions(maker, "test").delete("..")
+    assert kept.exists()
+    assert (maker.media / study).exists()

@@ -1,15 +1,23 @@
 """Starting: folders, ports, and a real server that answers."""
 
+import contextlib
+import dataclasses
 import json
 import resource
 import socket
 import threading
+import urllib.error
 import urllib.request
+from collections.abc import Iterator
 
 import pytest
+from starlette.applications import Starlette
 from studio.tests import canned
 
 from echoavatar.errors import EchoAvatarError
+from echoavatar_studio import run
+from echoavatar_studio.app import create_app
+from echoavatar_studio.limits import Rate
 from echoavatar_studio.run import _listen, allow_open_files, open_store
 
 
@@ -34,12 +42,10 @@ def test_connections_are_not_held_back_by_the_usual_limit_of_open_files():
     assert resource.getrlimit(resource.RLIMIT_NOFILE) == (hard, hard)
 
 
-def test_the_studio_answers_over_a_socket(maker, monkeypatch):
+@contextlib.contextmanager
+def running(app: Starlette, monkeypatch: pytest.MonkeyPatch, **options: object) -> Iterator[tuple[str, run._Server]]:
     """uvicorn itself, in a thread: signals are the main thread's, so it is told to stop."""
-    from echoavatar_studio import run
-    from echoavatar_studio.app import create_app
-
-    monkeypatch.setattr(run._Server, "capture_signals", lambda self: __import__("contextlib").nullcontext())
+    monkeypatch.setattr(run._Server, "capture_signals", lambda self: contextlib.nullcontext())
     servers, address, ready = [], [], threading.Event()
     begun = run._Server.__init__
 
@@ -53,14 +59,53 @@ def test_the_studio_answers_over_a_socket(maker, monkeypatch):
         address.append(where)
         ready.set()
 
-    app = create_app(maker, rates=canned.EASY)
-    thread = threading.Thread(target=run.serve, args=(app,), kwargs={"host": "127.0.0.1", "port": 0, "on_ready": told})
+    options = {"host": "127.0.0.1", "port": 0, "on_ready": told} | options
+    thread = threading.Thread(target=run.serve, args=(app,), kwargs=options)
     thread.start()
     try:
         assert ready.wait(30)
-        with urllib.request.urlopen(f"{address[0]}/api/scene", timeout=30) as answer:
-            assert json.load(answer)["frame_rate"] == 30
+        yield address[0], servers[0]
     finally:
         servers[0].should_exit = True
         thread.join(30)
     assert not thread.is_alive()
+
+
+def test_the_studio_answers_over_a_socket(maker, monkeypatch):
+    with (
+        running(create_app(maker, rates=canned.EASY), monkeypatch) as (address, server),
+        urllib.request.urlopen(f"{address}/api/scene", timeout=30) as answer,
+    ):
+        assert json.load(answer)["frame_rate"] == 30
+
+
+def test_small_answers_leave_at_once(maker, monkeypatch):
+    """Without TCP_NODELAY the kernel holds a small packet back until the one before is acknowledged."""
+    with running(create_app(maker, rates=canned.EASY), monkeypatch) as (address, server):
+        host, port = address.removeprefix("http://").split(":")
+        with socket.create_connection((host, int(port))) as client:
+            client.sendall(b"GET /api/scene HTTP/1.1\r\nhost: studio\r\n\r\n")
+            assert client.recv(12) == b"HTTP/1.1 200"
+            (connection,) = server.server_state.connections
+            line = connection.transport.get_extra_info("socket")
+            assert line.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY) != 0
+
+
+@pytest.mark.parametrize(
+    ("proxies", "said"), [((), [401, 429, 429]), (("127.0.0.1",), [401, 401, 401])], ids=["no proxy", "proxy"]
+)
+def test_only_a_named_proxy_says_who_calls(maker, monkeypatch, proxies, said):
+    """Each request names another caller; if that were believed, no limit by address would hold."""
+    app = create_app(maker, rates=dataclasses.replace(canned.EASY, login=Rate(1, 1e-6)))
+    heard = []
+    with running(app, monkeypatch, proxies=proxies) as (address, _):
+        for number in range(3):
+            asked = urllib.request.Request(
+                f"{address}/api/owner/login",
+                b'{"name": "anna", "password": "guess"}',
+                {"content-type": "application/json", "x-forwarded-for": f"203.0.113.{number}"},
+            )
+            with pytest.raises(urllib.error.HTTPError) as told:
+                urllib.request.urlopen(asked, timeout=30)
+            heard.append(told.value.code)
+    assert heard == said

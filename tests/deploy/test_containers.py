@@ -2,6 +2,7 @@
 
 import argparse
 import re
+import subprocess
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -96,3 +97,20 @@ def test_the_gpu_is_reserved_and_used_by_a_build_that_knows_it() -> None:
     (asked,) = ON_GPU["build"]["args"]
     assert f"ARG {asked}=" in DOCKER
     assert set(ON_GPU) <= {*SERVICE, "deploy"}
+
+
+def test_the_container_is_bounded() -> None:
+    assert without_defaults(SERVICE["mem_limit"]) == without_defaults(SERVICE["memswap_limit"]) == "4g"
+    assert int(without_defaults(str(SERVICE["pids_limit"]))) <= 1024
+    assert SERVICE["ulimits"]["nofile"]["hard"] >= 4_096 + 256  # sockets that the server keeps (server/run.py)
+    assert SERVICE["logging"]["options"]["max-size"]
+    documented = (ROOT / "docs" / "serving.md").read_text()
+    for name in re.findall(r"\$\{(\w+):-", (ROOT / "compose.yaml").read_text()):
+        assert name in documented, name
+
+
+def test_a_file_with_the_token_is_not_committed_by_accident() -> None:
+    if not (ROOT / ".git").exists():
+        pytest.skip("not a clone")
+    for name in (".env", ".env.local"):
+        assert subprocess.run(["git", "check-ignore", "-q", name], cwd=ROOT, check=False).returncode == 0, name

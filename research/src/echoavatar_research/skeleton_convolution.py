@@ -8,13 +8,15 @@ encoder's output, before the variational heads. MECo replaces jaw and eyes by th
 """
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
+from typing import Self
 
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float
-from pydantic import Field
+from pydantic import Field, model_validator
 from torch import Tensor, nn
 
 from echoavatar import checkpoint
@@ -33,6 +35,7 @@ from .skeleton_edges import (
 
 CLIP_MULTIPLE = 32
 _PREFIX = "module."
+_WIDEST = 8192  # a mask has its square in numbers
 
 
 class SkeletonConvolutionConfig(Config):
@@ -42,8 +45,14 @@ class SkeletonConvolutionConfig(Config):
     channels: tuple[int, ...] = Field(
         default=(6, 6, 6, 12, 12), description="channels of a bone before and after each layer"
     )
-    reach: int = Field(default=2, ge=0, description="distance between bones that are mixed")
+    reach: int = Field(default=2, ge=0, le=64, description="distance between bones that are mixed")
     groups: int = Field(default=10, gt=0, description="groups of the normalisation")
+
+    @model_validator(mode="after")
+    def _masks_fit_into_memory(self) -> Self:
+        if len(self.parents) * max(self.channels, default=0) > _WIDEST:
+            raise ValueError(f"parents times channels may be {_WIDEST} at most")
+        return self
 
 
 def extractor_input(rotations: Float[Tensor, "t j 4"]) -> Float[Tensor, "t c"]:
@@ -176,10 +185,9 @@ class SkeletonConvolution(nn.Module):
         origin: str = "the weights",
     ) -> "SkeletonConvolution":
         """Build from tensors by name."""
-        model = cls(config or SkeletonConvolutionConfig())
         plain = {key.removeprefix(_PREFIX): value for key, value in weights.items()}
-        checkpoint.load_into(model, plain, origin=origin)
-        return model.eval()
+        build = partial(cls, config or SkeletonConvolutionConfig())
+        return checkpoint.build_for(plain, build, origin=origin).eval()
 
 
 def _decoder(width: int, features: int, *, depth: int) -> list[nn.Module]:

@@ -11,6 +11,7 @@ channels each, and the cosine adds up what agrees at the same time. `slices` 1 i
 """
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Self
 
@@ -47,12 +48,12 @@ class AudioMotionConfig(Config):
     audio_encoder: AudioEncoderConfig = Field(
         validation_alias=AliasChoices("audio_encoder", OLD_NAME), description="the audio encoder"
     )
-    motion_channels: int = Field(gt=0, description="length of a motion token's vector, all body parts")
+    motion_channels: int = Field(gt=0, le=1 << 14, description="length of a motion token's vector, all body parts")
     width: int = Field(default=128, gt=0, description="channels of both encoders (paper: 512)")
     layers: int = Field(default=4, gt=0, description="transformer layers of the motion encoder")
     heads: int = Field(default=4, gt=0, description="attention heads (paper: 8)")
     size: int = Field(default=768, gt=0, description="length of the embedding of 4 s")
-    slices: int = Field(default=24, gt=0, description="time slices in the embedding of 4 s (paper: 1)")
+    slices: int = Field(default=24, gt=0, le=4096, description="time slices in the embedding of 4 s (paper: 1)")
 
     @model_validator(mode="after")
     def _slices_share_the_size(self) -> Self:
@@ -191,9 +192,8 @@ class AudioMotion(nn.Module):
             tuple(weights[name].shape[:-1]) if name in weights else (1,) * few
             for name, few in (("audio_encoder.book", 2), ("motion_book", 3))
         )
-        model = cls(config, sound_shape=sound, motion_shape=motion)
-        checkpoint.load_into(model, weights, origin=str(folder))
-        return model.eval()
+        build = partial(cls, config, sound_shape=sound, motion_shape=motion)
+        return checkpoint.build_for(weights, build, origin=str(folder)).eval()
 
 
 def soft_labels(segments: Int[Tensor, " b"]) -> Float[Tensor, "b b"]:

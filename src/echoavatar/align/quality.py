@@ -88,9 +88,7 @@ class QualityReward(nn.Module):
         Raises:
             CheckpointError: the folder holds no quality reward.
         """
-        model = cls(checkpoint.read_config(folder, QualityConfig))
-        checkpoint.load_into(model, checkpoint.read_weights(folder), origin=str(folder))
-        return model.eval()
+        return checkpoint.load(folder, QualityConfig, cls).eval()
 
     @torch.no_grad()
     def judge(self, motion: DecodedMotion, reference_statistics: ReferenceStatistics) -> float:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from echoavatar.errors import MotionError
+from echoavatar.motion.kinematics.tables import NpzArrays
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
 
 DOMAINS = ("silence", "speech", "music")
@@ -113,7 +114,7 @@ class Clip:
                 rotations=stored["rotations"],
                 root=stored["root"],
                 domain=stored["domain"],
-                events={key[len(_EVENT) :]: stored[key] for key in stored.files if key.startswith(_EVENT)},
+                events={key[len(_EVENT) :]: stored[key] for key in stored if key.startswith(_EVENT)},
                 split=str(stored["split"]),
             )
 
@@ -124,26 +125,17 @@ class open_clip:  # noqa: N801  used like `open`
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
 
-    def __enter__(self) -> Any:
+    def __enter__(self) -> NpzArrays:
         try:
-            self._file = self.path.open("rb")
+            self._stored = NpzArrays(self.path, MotionError)
         except FileNotFoundError as error:
             raise MotionError(f"clip {self.path} does not exist; make the corpus again") from error
-        except OSError as error:
-            raise MotionError(f"clip {self.path} cannot be read ({error.strerror})") from error
-        try:
-            self._stored = np.load(self._file, allow_pickle=False)
         except _DAMAGE as error:
-            self._file.close()
             raise MotionError(f"clip {self.path} is damaged or not a clip; make the corpus again") from error
-        if not isinstance(self._stored, np.lib.npyio.NpzFile):
-            self._file.close()
-            raise MotionError(f"clip {self.path} is not a clip; make the corpus again")
         return self._stored
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
         self._stored.close()
-        self._file.close()
         if isinstance(error, KeyError):
             raise MotionError(f"clip {self.path} lacks {error.args[0]!r}; make the corpus again") from error
         if isinstance(error, _DAMAGE):

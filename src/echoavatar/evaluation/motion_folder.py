@@ -17,7 +17,7 @@ from echoavatar.errors import AudioError, EchoAvatarError, MotionError
 from echoavatar.models.audio import read_audio
 from echoavatar.models.fingers.clips import on_our_rig
 from echoavatar.motion.kinematics import HUMANOID, Motion, read_bvh
-from echoavatar.motion.kinematics.tables import read_npz
+from echoavatar.motion.kinematics.tables import NpzArrays, read_npz
 from echoavatar.timing import CHUNK_FRAMES, FRAME_RATE_HZ, SAMPLE_RATE_HZ
 
 from .behaviour import MUSIC, SPEECH
@@ -146,8 +146,8 @@ def _read(path: Path) -> MotionFile:
 
 def _is_clip(path: Path) -> bool:
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
-            return "split" in getattr(stored, "files", ())
+        with NpzArrays(path) as stored:
+            return "split" in stored
     except Exception:  # noqa: BLE001  damaged: the reader reports it
         return False
 

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from echoavatar.errors import EchoAvatarError
+from echoavatar.motion.kinematics.tables import NpzArrays
 
 from .metrics.bootstrap import Interval, interval, mean_interval
 from .metrics.retrieval import PAPER_GALLERY, chance, ranks, similarity
@@ -24,7 +25,7 @@ def read_embeddings(path: Path) -> tuple[Float[np.ndarray, "n d"], Float[np.ndar
         EchoAvatarError: missing, damaged, of different shapes, or not finite.
     """
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
+        with NpzArrays(path) as stored:
             audio, motion = stored["audio"], stored["motion"]
     except FileNotFoundError as error:
         raise EchoAvatarError(f"{path} does not exist; check the name") from error

@@ -28,6 +28,7 @@ from echoavatar.motion.kinematics import (
 )
 from echoavatar.motion.kinematics.rigs import finger_bones
 from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle, quaternion_from_matrix
+from echoavatar.motion.kinematics.tables import NpzArrays
 
 _BODY = (  # name, parent, VRM bone
     ("pelvis", -1, "hips"),
@@ -115,7 +116,7 @@ def read_smplx(path: Path, *, body_model: Path | None = None) -> Motion:
         MotionError: the file is missing, damaged, of another shape, not finite, or not upright.
     """
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        with NpzArrays(path, MotionError) as stored:
             for key in ("poses", "trans"):
                 if key not in stored:
                     raise MotionError(f"{path} lacks {key!r}; it is not SMPL-X motion")
@@ -188,7 +189,7 @@ def rest_joints(body_model: Path, betas: Float[np.ndarray, " n"]) -> Float[np.nd
 def _body(path: Path) -> tuple[_Numbers, _Numbers, _Numbers]:
     """Template, shape directions and joint regressor; pickled arrays of the file are not read."""
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        with NpzArrays(path, MotionError) as stored:
             arrays = [np.asarray(stored[key], np.float64) for key in ("v_template", "shapedirs", "J_regressor")]
     except (*_FOREIGN, KeyError, TypeError) as error:
         raise MotionError(

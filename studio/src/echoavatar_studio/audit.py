@@ -18,7 +18,8 @@ _LONGEST = 500
 
 def note(session: Session, actor: str, action: str, *, study: str = "", detail: str = "") -> None:
     """Add a line; `actor` is `owner NAME`, `rater NUMBER`, `studio` or `stranger`."""
-    session.add(Event(at=time.time(), actor=actor, action=action, study=study, detail=detail[:_LONGEST]))
+    told = detail[:_LONGEST].replace("\0", "\N{REPLACEMENT CHARACTER}")  # PostgreSQL stores no NUL
+    session.add(Event(at=time.time(), actor=actor, action=action, study=study, detail=told))
 
 
 def read_audit(store: Store, *, study: str = "", before: int | None = None) -> Audit:

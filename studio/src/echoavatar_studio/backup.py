@@ -6,20 +6,27 @@ tokens and all answers: protect it like the store.
 """
 
 import json
+import re
+import shutil
 import zipfile
+import zlib
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 from sqlalchemy import func, insert, select, text
+from sqlalchemy.exc import SQLAlchemyError
 
 from echoavatar.errors import EchoAvatarError
 
 from .audit import note
+from .secrecy import is_name
 from .store import Store
-from .tables import Login, Owner, Study, Table
+from .tables import Clip, Login, Owner, Sound, Study, Table
 
 _ROWS = "rows.jsonl"
 _FORMAT = "echoavatar studio 1"
+_ROW_BYTES = 1 << 24  # the longest row of a table
+_ROWS_BYTES = 1 << 32
 
 
 def back_up(store: Store, media: Path, path: Path) -> dict[str, int]:
@@ -55,7 +62,7 @@ def restore(store: Store, media: Path, path: Path) -> dict[str, int]:
     """Put a backup into an empty store.
 
     Raises:
-        EchoAvatarError: the store is not empty, or the file is not a backup or is damaged.
+        EchoAvatarError: the store is not empty, or the file is not a backup, is damaged, or does not fit on the disk.
     """
     with store.read() as session:
         if session.scalar(select(func.count(Owner.id))) or session.scalar(select(func.count(Study.id))):
@@ -63,6 +70,7 @@ def restore(store: Store, media: Path, path: Path) -> dict[str, int]:
     counts: dict[str, int] = {}
     try:
         with zipfile.ZipFile(path) as whole:
+            _check_sizes(whole, media, path)
             if whole.testzip() is not None:
                 raise EchoAvatarError(f"{path} is damaged; take another backup")
             _restore_rows(store, whole, counts, path)
@@ -70,18 +78,50 @@ def restore(store: Store, media: Path, path: Path) -> dict[str, int]:
                 if name.startswith("media/"):
                     _unpack(whole, name, media)
                     counts["files"] = counts.get("files", 0) + 1
-    except (OSError, zipfile.BadZipFile, KeyError, ValueError) as error:
-        raise EchoAvatarError(f"{path} is not a backup of a studio ({error})") from error
+    except _FOREIGN as error:
+        reason = str(error).partition("\n")[0][:200]
+        raise EchoAvatarError(f"{path} is not a backup of a studio ({reason})") from error
     return counts
+
+
+_FOREIGN = (OSError, zipfile.BadZipFile, zlib.error, LookupError, ValueError, TypeError, AttributeError)
+_FOREIGN += (NotImplementedError, RuntimeError, StopIteration, SQLAlchemyError)
+
+
+def _check_sizes(whole: zipfile.ZipFile, media: Path, path: Path) -> None:
+    """Nothing may unpack to more than the ZIP itself holds, except rows, which are text and have a bound."""
+    files = [entry for entry in whole.infolist() if entry.filename != _ROWS]
+    for entry in files:
+        if not _is_media(entry.filename):
+            raise ValueError(f"a file named {entry.filename[:100]}")
+        if entry.compress_type != zipfile.ZIP_STORED or entry.file_size != entry.compress_size:
+            raise ValueError(f"{entry.filename[:100]} is compressed, which no backup's media are")
+    needed = sum(entry.file_size for entry in files)
+    if needed > path.stat().st_size:
+        raise ValueError("its files overlap")
+    rows = whole.getinfo(_ROWS).file_size
+    if rows > _ROWS_BYTES:
+        raise ValueError(f"{rows:,} bytes of rows; at most {_ROWS_BYTES:,} are read")
+    free = shutil.disk_usage(media).free
+    if needed + rows > free:
+        raise EchoAvatarError(f"{path} needs {needed + rows:,} bytes and {free:,} are free; make room in {media}")
+
+
+def _is_media(name: str) -> bool:
+    parts = PurePosixPath(name).parts
+    return len(parts) > 2 and parts[0] == "media" and is_name(parts[1]) and ".." not in parts and "\\" not in name
 
 
 def _restore_rows(store: Store, whole: zipfile.ZipFile, counts: dict[str, int], path: Path) -> None:
     tables = {table.name: table for table in Table.metadata.sorted_tables}
     with whole.open(_ROWS) as lines, store.write() as session:
-        if json.loads(next(lines)).get("format") != _FORMAT:
+        if json.loads(lines.readline(_ROW_BYTES)).get("format") != _FORMAT:
             raise EchoAvatarError(f"{path} was written by another version of the studio")
-        for line in lines:
+        while line := lines.readline(_ROW_BYTES):
+            if len(line) == _ROW_BYTES:
+                raise ValueError(f"a row of {_ROW_BYTES:,} bytes or more")
             stored: dict[str, Any] = json.loads(line)
+            _check_row(stored["table"], stored["row"])
             session.execute(insert(tables[stored["table"]]).values(**stored["row"]))
             counts[stored["table"]] = counts.get(stored["table"], 0) + 1
         if not store.is_sqlite:
@@ -95,10 +135,21 @@ def _restore_rows(store: Store, whole: zipfile.ZipFile, counts: dict[str, int], 
         note(session, "studio", "restored", detail=path.name)
 
 
+def _check_row(table: str, row: dict[str, Any]) -> None:
+    """Names and paths become paths on this disk, so they must be such as the studio itself makes."""
+    if table == Study.__tablename__ and not is_name(row["public"]):
+        raise ValueError(f"a study named {str(row['public'])[:40]!r}")
+    if table in (Sound.__tablename__, Clip.__tablename__):
+        study, _, file = row["path"].partition("/")
+        if not is_name(study) or not re.fullmatch(r"[0-9x-]+\.(flac|motion)", file):
+            raise ValueError(f"a file named {row['path'][:100]!r}")
+
+
 def _unpack(whole: zipfile.ZipFile, name: str, media: Path) -> None:
     parts = PurePosixPath(name).parts[1:]
     target = media.joinpath(*parts)
     if not target.resolve().is_relative_to(media.resolve()):
         raise ValueError(f"a file named {name}")
     target.parent.mkdir(parents=True, exist_ok=True)
-    target.write_bytes(whole.read(name))
+    with whole.open(name) as source, target.open("wb") as out:
+        shutil.copyfileobj(source, out)

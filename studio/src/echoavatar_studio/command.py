@@ -58,6 +58,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="URL",
         help="address under which a proxy shows the pages",
     )
+    parser.add_argument(
+        "--proxy",
+        action="append",
+        default=[],
+        metavar="ADDRESS",
+        help="address or network of a proxy whose X-Forwarded-For and -Proto are believed (default: none)",
+    )
     parser.add_argument("--certificate", metavar="PEM", help="TLS certificate, with --key: https")
     parser.add_argument("--key", metavar="PEM", help="its private key")
     parser.add_argument("--model", default="default", help="demo: bundle (default: %(default)s)")
@@ -130,7 +137,15 @@ def _serve(store: "Store", maker: "Maker", folder: Path, args: argparse.Namespac
                 webbrowser.open(f"{address}/")
 
     with contextlib.suppress(KeyboardInterrupt):  # uvicorn raises it again when all is closed
-        serve(app, host=args.host, port=args.port, on_ready=ready, certificate=args.certificate, key=args.key)
+        serve(
+            app,
+            host=args.host,
+            port=args.port,
+            on_ready=ready,
+            certificate=args.certificate,
+            key=args.key,
+            proxies=tuple(args.proxy),
+        )
     print("echoavatar: stopped", file=sys.stderr)
     return 0
 

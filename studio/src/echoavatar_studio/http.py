@@ -4,6 +4,7 @@ Every failure is answered with a `Problem`. Suspicious refusals also leave a lin
 """
 
 import logging
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, TypeVar
@@ -17,9 +18,9 @@ from starlette.responses import Response
 from starlette.routing import Route
 
 from .audit import note
-from .errors import StudioError
-from .limits import Limiter, Rate, Rates
-from .secrecy import is_same
+from .errors import StudioError, not_found
+from .limits import Limiter, Rate, Rates, network_of
+from .secrecy import is_name, is_same
 from .sessions import Visitor, find_visitor, name_of
 from .store import Store
 from .wire import MAX_REQUEST_BYTES
@@ -63,9 +64,27 @@ class Call:
         """A text parameter of the path."""
         return str(self.request.path_params[name])
 
+    def public(self, name: str) -> str:
+        """The public name of a study or a task in the path.
+
+        Raises:
+            StudioError: no name of ours looks like this, so nothing has it.
+        """
+        text = self.word(name)
+        if not is_name(text):
+            raise not_found()
+        return text
+
     def number(self, name: str) -> int:
-        """A number in the path, which Starlette's `int` convertor has checked."""
-        return int(self.request.path_params[name])
+        """A number in the path.
+
+        Raises:
+            StudioError: it is no number, or one that no row can have.
+        """
+        text = self.word(name)
+        if not re.fullmatch("[0-9]{1,9}", text):
+            raise not_found()
+        return int(text)
 
 
 Work = Callable[[Call], msgspec.Struct | Response]
@@ -121,7 +140,7 @@ class Gate:
             return refused(StudioError("internal", "the studio made a mistake; it is in the server's log"))
 
     async def _admit(self, request: Request, who: Who, signed: bool, rate: Rate | None) -> Call:
-        address = request.client.host if request.client else ""
+        address = _address(request)
         changes = request.method not in ("GET", "HEAD")
         if changes:
             self._check_origin(request)
@@ -158,14 +177,17 @@ class Gate:
             raise StudioError("bad_origin", "pages of another address may not do this; see --origin")
 
     def _note(self, request: Request, visitor: Visitor | None, refusal: StudioError) -> None:
-        address = request.client.host if request.client else ""
-        who = f"login {visitor.login_id}" if visitor else address
+        who = f"login {visitor.login_id}" if visitor else _address(request)
         if self.limiter.wait(f"audit {who}", _AUDIT_RATE):
             return
         with self.store.write() as session:
             actor, study = name_of(session, visitor)
             what = f"{request.method} {request.url.path[:200]}: {refusal}"
             note(session, actor, f"refused: {refusal.code}", study=study, detail=what)
+
+
+def _address(request: Request) -> str:
+    return network_of(request.client.host) if request.client else ""
 
 
 def _is_mischief(refusal: StudioError, who: Who, request: Request) -> bool:
@@ -202,6 +224,8 @@ def decoded(call: Call, kind: type[T]) -> T:
     Raises:
         StudioError: the body is not such a message.
     """
+    if b"\\u0000" in call.body:  # PostgreSQL stores no NUL, and no path has one
+        raise StudioError("bad_request", "text may not hold NUL characters")
     try:
         return msgspec.json.decode(call.body, type=kind)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:

@@ -11,7 +11,7 @@ from .audit import iso, note
 from .errors import StudioError, not_found
 from .joining import delete_rater
 from .making import Maker
-from .secrecy import hash_token, new_name, new_token
+from .secrecy import hash_token, is_name, new_name, new_token
 from .tables import Block, Clip, Invitation, Judgement, Rater, Sound, Study, System, Task, Trial
 from .wire import CATEGORIES
 from .wire_owner import (
@@ -86,7 +86,8 @@ class OwnerActions:
                 raise StudioError("busy", "close the study first")
             session.delete(study)
             note(session, self.actor, "study deleted", study=public, detail=study.title)
-        shutil.rmtree(self._maker.media / public, ignore_errors=True)
+        if is_name(public):  # a name that we did not make could lead out of the media folder
+            shutil.rmtree(self._maker.media / public, ignore_errors=True)
 
     def invite(self, public: str, asked: Invite, *, page: str) -> Invited:
         """Create links. They are shown only now; the store keeps only hashes."""

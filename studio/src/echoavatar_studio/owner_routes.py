@@ -19,6 +19,7 @@ from .owner_actions import OwnerActions
 from .quality import rater_rows
 from .rater_routes import set_cookie
 from .results import results
+from .secrecy import is_name
 from .sessions import OWNER_SECONDS, sign_out
 from .settings import PAIRWISE_TEMPLATE, PREFERENCE_TEMPLATE, PairwiseStudy, PreferenceStudy, parse_study
 from .sources import AUDIO_SUFFIXES, inside
@@ -43,10 +44,10 @@ def owner_routes(gate: Gate, maker: Maker, library: Path) -> list[BaseRoute]:
         ("POST", f"{study}/state", own.change_state),
         ("GET", f"{study}/invitations", own.invitations),
         ("POST", f"{study}/invitations", own.invite),
-        ("DELETE", study + "/invitations/{number:int}", own.revoke),
+        ("DELETE", study + "/invitations/{number}", own.revoke),
         ("GET", f"{study}/raters", own.raters),
-        ("POST", study + "/raters/{number:int}/exclude", own.exclude),
-        ("DELETE", study + "/raters/{number:int}", own.delete_rater),
+        ("POST", study + "/raters/{number}/exclude", own.exclude),
+        ("DELETE", study + "/raters/{number}", own.delete_rater),
         ("GET", f"{study}/results", own.results),
         ("GET", study + "/export/{name}", own.export),
     ]
@@ -57,12 +58,17 @@ def owner_routes(gate: Gate, maker: Maker, library: Path) -> list[BaseRoute]:
 class _Owner:
     def __init__(self, gate: Gate, maker: Maker, library: Path) -> None:
         self._gate, self._maker, self._library, self._store = gate, maker, library, gate.store
+        self._known: set[tuple[str, str]] = set()  # names and addresses that have signed in
 
     def log_in(self, call: Call) -> Response:
         asked = decoded(call, Login)
-        for key in (call.address, f"name {asked.name}"):
-            self._gate.check_rate(f"login {key}", self._gate.rates.login)
+        # Only guesses that pass the first limit count towards the account's, and the owner's own address is exempt from
+        # that: a stranger who guesses locks out the address it guesses from.
+        self._gate.check_rate(f"login {call.address}", self._gate.rates.login)
+        if (asked.name, call.address) not in self._known:
+            self._gate.check_rate(f"account {asked.name}", self._gate.rates.account)
         token, session = log_in(self._store, asked.name, asked.password)
+        self._known.add((asked.name, call.address))
         answer = reply(session)
         set_cookie(answer, call, COOKIES["owner"], token, PATH, OWNER_SECONDS)
         return answer
@@ -93,10 +99,12 @@ class _Owner:
 
     def audit(self, call: Call) -> msgspec.Struct:
         query = call.request.query_params
-        before = query.get("before", "")
+        study, before = query.get("study", ""), query.get("before", "")
+        if study and not is_name(study):
+            raise StudioError("bad_request", "study is the id of a study")
         if before and not (before.isdigit() and len(before) < 16):
             raise StudioError("bad_request", "before is the id of an event")
-        return read_audit(self._store, study=query.get("study", ""), before=int(before) if before else None)
+        return read_audit(self._store, study=study, before=int(before) if before else None)
 
     def studies(self, call: Call) -> msgspec.Struct:
         return self._actions(call).studies()
@@ -115,44 +123,44 @@ class _Owner:
         return actions.row(public)
 
     def study(self, call: Call) -> msgspec.Struct:
-        return self._actions(call).study(call.word("study"))
+        return self._actions(call).study(call.public("study"))
 
     def delete(self, call: Call) -> Done:
-        self._actions(call).delete(call.word("study"))
+        self._actions(call).delete(call.public("study"))
         return Done()
 
     def change_state(self, call: Call) -> msgspec.Struct:
-        return self._actions(call).change_state(call.word("study"), decoded(call, ChangeState).state)
+        return self._actions(call).change_state(call.public("study"), decoded(call, ChangeState).state)
 
     def invitations(self, call: Call) -> msgspec.Struct:
-        return self._actions(call).invitations(call.word("study"))
+        return self._actions(call).invitations(call.public("study"))
 
     def invite(self, call: Call) -> msgspec.Struct:
-        return self._actions(call).invite(call.word("study"), decoded(call, Invite), page=call.page("rate"))
+        return self._actions(call).invite(call.public("study"), decoded(call, Invite), page=call.page("rate"))
 
     def revoke(self, call: Call) -> Done:
-        self._actions(call).revoke(call.word("study"), call.number("number"))
+        self._actions(call).revoke(call.public("study"), call.number("number"))
         return Done()
 
     def raters(self, call: Call) -> msgspec.Struct:
-        return rater_rows(self._store, call.word("study"))
+        return rater_rows(self._store, call.public("study"))
 
     def exclude(self, call: Call) -> Done:
         asked = decoded(call, Exclude)
         self._actions(call).exclude(
-            call.word("study"), call.number("number"), is_excluded=asked.is_excluded, reason=asked.reason
+            call.public("study"), call.number("number"), is_excluded=asked.is_excluded, reason=asked.reason
         )
         return Done()
 
     def delete_rater(self, call: Call) -> Done:
-        self._actions(call).delete_rater(call.word("study"), call.number("number"))
+        self._actions(call).delete_rater(call.public("study"), call.number("number"))
         return Done()
 
     def results(self, call: Call) -> msgspec.Struct:
-        return results(self._store, call.word("study"))
+        return results(self._store, call.public("study"))
 
     def export(self, call: Call) -> Response:
-        public, name = call.word("study"), call.word("name")
+        public, name = call.public("study"), call.word("name")
         if name not in EXPORTS:
             raise not_found()
         data = export(self._store, self._maker.media, public, name)

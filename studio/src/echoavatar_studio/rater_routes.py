@@ -33,7 +33,7 @@ def rater_routes(gate: Gate, media: Path) -> list[BaseRoute]:
         add("POST", f"{PATH}/consent", partial(_consent, store)),
         add("GET", f"{PATH}/task", lambda call: judging.next_task(store, call.signed)),
         add("GET", PATH + "/tasks/{task}/audio", partial(_media, store, media)),
-        add("GET", PATH + "/tasks/{task}/clips/{slot:int}", partial(_media, store, media)),
+        add("GET", PATH + "/tasks/{task}/clips/{slot}", partial(_media, store, media)),
         add("POST", PATH + "/tasks/{task}/answer", partial(_judge, store), rate=gate.rates.answer),
         add("POST", f"{PATH}/withdraw", partial(_withdraw, store)),
         add("POST", f"{PATH}/leave", partial(_leave, store)),
@@ -61,16 +61,16 @@ def _judge(store: Store, call: Call) -> msgspec.Struct:
     if not _KEY.fullmatch(key):
         raise StudioError("bad_request", "the header Idempotency-Key takes 8 to 64 of A-Z a-z 0-9 _ -")
     answer = decoded(call, cast("type[Answer]", Answer))
-    return judging.judge(store, call.signed, call.word("task"), key, answer)
+    return judging.judge(store, call.signed, call.public("task"), key, answer)
 
 
 def _media(store: Store, folder: Path, call: Call) -> Response:
     slot = call.number("slot") if "slot" in call.request.path_params else None
-    path = judging.media_path(folder, judging.media_of(store, call.signed, call.word("task"), slot))
+    path = judging.media_path(folder, judging.media_of(store, call.signed, call.public("task"), slot))
     kind = "audio/flac" if slot is None else "application/msgpack"
     answer = FileResponse(path, media_type=kind, headers=_MEDIA, stat_result=path.stat())
     # an ETag of the clip itself would reveal that two tasks show the same clip
-    answer.headers["etag"], answer.headers["last-modified"] = f'"{call.word("task")}-{slot}"', _LONG_AGO
+    answer.headers["etag"], answer.headers["last-modified"] = f'"{call.public("task")}-{slot}"', _LONG_AGO
     return answer
 
 

@@ -59,8 +59,11 @@ def serve(
     on_ready: Callable[[str], None],
     certificate: str | None = None,
     key: str | None = None,
+    proxies: tuple[str, ...] = (),
 ) -> None:
     """Serve until SIGINT or SIGTERM. Port 0 takes any free port. `on_ready` is called with the address.
+
+    `X-Forwarded-For` and `X-Forwarded-Proto` are believed from `proxies` (addresses or networks) and from nobody else.
 
     Raises:
         EchoAvatarError: the port is taken or needs privileges.
@@ -76,6 +79,8 @@ def serve(
         log_level="warning",
         access_log=False,
         server_header=False,
+        proxy_headers=bool(proxies),
+        forwarded_allow_ips=list(proxies),
         timeout_graceful_shutdown=5,
         timeout_keep_alive=20,
         h11_max_incomplete_event_size=1 << 15,
@@ -98,7 +103,8 @@ def allow_open_files() -> None:
 
 def _listen(host: str, port: int) -> socket.socket:
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    listener = socket.socket(family, socket.SOCK_STREAM)
+    # With the protocol named, asyncio sets TCP_NODELAY: small answers leave at once.
+    listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listener.bind((host, port))

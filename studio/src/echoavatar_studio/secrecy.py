@@ -7,6 +7,7 @@ hash is enough: nobody can sign in with what is in the store.
 import base64
 import hashlib
 import hmac
+import re
 import secrets
 
 _COST = {"n": 1 << 15, "r": 8, "p": 3}
@@ -22,6 +23,11 @@ def new_token() -> str:
 def new_name() -> str:
     """A random public name of 96 bits, which cannot be guessed."""
     return secrets.token_hex(12)
+
+
+def is_name(text: object) -> bool:
+    """Whether `new_name` could have made it. Names become parts of paths and addresses, so nothing else may pass."""
+    return isinstance(text, str) and re.fullmatch("[0-9a-f]{24}", text) is not None
 
 
 def hash_token(token: str) -> str:

@@ -22,6 +22,7 @@ CONSENT = (
 INTRO = "Please use headphones or loudspeakers, and watch every clip to its end before you answer."
 
 
+LARGEST_SEED = (1 << 31) - 1
 LANGUAGE = "[a-z]{2}(-[A-Z]{2})?"  # such as de or pt-BR
 
 
@@ -30,7 +31,7 @@ class SoundChoice(Config):
 
     path: str = Field(description="file or folder, relative to study.yaml")
     category: Category = Field(description="dance: music; gesture: speech")
-    start: float = Field(default=0.0, ge=0, description="seconds at which the clip begins")
+    start: float = Field(default=0.0, ge=0, le=86_400, description="seconds at which the clip begins")
 
 
 class SystemChoice(Config):
@@ -39,7 +40,7 @@ class SystemChoice(Config):
     name: str = Field(min_length=1, max_length=80, description="its name in the table")
     model: str | None = Field(default=None, description="name or folder of a bundle")
     clips: str | None = Field(default=None, description="folder of .npz or .bvh motion named after the sound files")
-    seed: int = Field(default=0, ge=0, description="seed of the model")
+    seed: int = Field(default=0, ge=0, le=LARGEST_SEED, description="seed of the model")
     group: str = Field(
         default="",
         max_length=80,
@@ -71,7 +72,7 @@ class _Study(Config):
     training: int = Field(default=1, ge=0, le=10, description="practice tasks before the first")
     checks: Checks = Checks()
     min_plays: int = Field(default=1, ge=0, le=10, description="times that each clip must be played")
-    seed: int = Field(default=0, ge=0, description="seed of the design")
+    seed: int = Field(default=0, ge=0, le=LARGEST_SEED, description="seed of the design")
 
 
 class PairwiseStudy(_Study):
@@ -137,16 +138,27 @@ def parse_study(text: str, *, name: str = "study.yaml") -> PairwiseStudy | Prefe
     """
     try:
         stored = yaml.safe_load(text)
-    except (yaml.YAMLError, RecursionError) as error:
+    except (yaml.YAMLError, RecursionError, ValueError, OverflowError) as error:  # the last two: numbers and dates
         raise EchoAvatarError(f"{name} is not YAML ({' '.join(str(error).split())[:200]})") from error
     if not isinstance(stored, dict):
         raise EchoAvatarError(f"{name} holds no settings; begin with `kind: pairwise` or `kind: preference`")
     try:
-        return _ADAPTER.validate_python(stored)
+        study = _ADAPTER.validate_python(stored)
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"] if part not in ("pairwise", "preference")) or "kind"
         raise EchoAvatarError(f"{name}: {place}: {first['msg']}") from error
+    if _holds_nul(study.model_dump()):
+        raise EchoAvatarError(f"{name}: text and paths may not hold NUL characters")
+    return study
+
+
+def _holds_nul(value: object) -> bool:
+    if isinstance(value, dict):
+        return any(map(_holds_nul, value.values()))
+    if isinstance(value, list | tuple):
+        return any(map(_holds_nul, value))
+    return isinstance(value, str) and "\0" in value
 
 
 @lru_cache(maxsize=256)

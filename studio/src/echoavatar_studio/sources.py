@@ -15,7 +15,7 @@ from echoavatar.models.audio import read_audio
 from echoavatar.models.fingers.clips import on_our_rig
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.kinematics import HUMANOID, Motion, read_bvh
-from echoavatar.motion.kinematics.tables import read_npz
+from echoavatar.motion.kinematics.tables import NpzArrays, read_npz
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
 
 from .clips import Performance, fit
@@ -137,7 +137,7 @@ def _face(path: Path) -> Float[np.ndarray, "t 52"] | None:
     """The ARKit curves that `animate` wrote beside the motion, resampled to our rate."""
     if path.suffix != ".npz":
         return None
-    with np.load(path, allow_pickle=False) as stored:
+    with NpzArrays(path, MotionError) as stored:
         if "face" not in stored or float(stored["fps"]) != FRAME_RATE_HZ:
             return None
         face: Float[np.ndarray, "t 52"] = stored["face"].astype(np.float32)

@@ -1,4 +1,6 @@
+import contextlib
 import logging
+import os
 
 import av
 import numpy as np
@@ -6,7 +8,7 @@ import pytest
 import soundfile
 
 from echoavatar.errors import AudioError
-from echoavatar.models.audio import read_audio, stream_audio, write_wav
+from echoavatar.models.audio import io, read_audio, stream_audio, write_wav
 
 
 def tone(rate: int, seconds: float = 1.0) -> np.ndarray:
@@ -116,3 +118,91 @@ def test_unwritable_places_leave_nothing_behind(tmp_path):
     with pytest.raises(AudioError, match="cannot write"):
         write_wav(tmp_path / "out.wav", tone(24_000))
     assert [path.name for path in tmp_path.iterdir()] == ["out.wav"]
+
+
+def hls(name: str) -> str:
+    return f"#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\n{name}\n#EXT-X-ENDLIST\n"
+
+
+SDP = "v=0\no=- 0 0 IN IP4 127.0.0.1\ns=x\nc=IN IP4 127.0.0.1\nt=0 0\nm=audio 5004 RTP/AVP 0\n"
+MPD = (
+    '<?xml version="1.0"?><MPD xmlns="urn:mpeg:dash:schema:mpd:2011" type="static" mediaPresentationDuration="PT1S">'
+    '<Period><AdaptationSet mimeType="audio/wav"><Representation id="1" bandwidth="1"><BaseURL>secret.wav</BaseURL>'
+    "</Representation></AdaptationSet></Period></MPD>"
+)
+POINTERS = {
+    "ffconcat": "ffconcat version 1.0\nfile secret.wav\n",
+    "ffconcat below": "ffconcat version 1.0\nfile below/secret.wav\n",
+    "hls": hls("secret.wav"),
+    "hls in ts": hls("secret.ts"),
+    "hls key": hls("secret.ts").replace("#EXTINF", '#EXT-X-KEY:METHOD=AES-128,URI="secret.wav"\n#EXTINF'),
+    "sdp": SDP,
+    "mpd": MPD,
+    "asx": '<ASX version="3.0"><ENTRY><REF HREF="secret.wav"/></ENTRY></ASX>',
+    "pls": "[playlist]\nFile1=secret.wav\nNumberOfEntries=1\n",
+    "image list": "secret%03d.wav",
+}
+
+
+@pytest.mark.parametrize("text", POINTERS.values(), ids=POINTERS)
+@pytest.mark.parametrize("suffix", [".wav", ".mp3", ".m3u8", ".ffconcat", ".sdp", ".mpd"])
+def test_no_text_makes_another_file_be_read(tmp_path, text, suffix):
+    """Playlists, concat lists and session descriptions name other files; whatever a file is called, none is opened."""
+    (tmp_path / "below").mkdir()
+    for place in (tmp_path, tmp_path / "below"):
+        soundfile.write(place / "secret.wav", tone(24_000), 24_000)
+    encode(tmp_path / "secret.ts", "aac", rate=48_000)
+    (tmp_path / f"a{suffix}").write_text(text)
+    with pytest.raises(AudioError):
+        read_audio(tmp_path / f"a{suffix}")
+
+
+def test_pipes_and_devices_are_refused_and_do_not_hang(tmp_path):
+    os.mkfifo(tmp_path / "pipe.wav")
+    for path in (tmp_path / "pipe.wav", "/dev/zero"):
+        with pytest.raises(AudioError, match="not a regular file"):
+            read_audio(path)
+
+
+def test_more_sound_than_can_be_held_is_refused(tmp_path, monkeypatch):
+    """Silence packs well: an hour of it takes a few kilobytes as FLAC."""
+    monkeypatch.setattr(io, "LONGEST_S", 2)
+    soundfile.write(tmp_path / "a.flac", np.zeros(24_000 * 3, np.float32), 24_000)
+    with pytest.raises(AudioError, match="more than"):
+        read_audio(tmp_path / "a.flac")
+    assert sum(map(len, stream_audio(tmp_path / "a.flac"))) == 72_000
+
+
+@pytest.mark.parametrize(
+    ("name", "codec"), [("a.mkv", "aac"), ("a.webm", "libopus"), ("a.aac", "aac"), ("a.flac", "flac"), ("a.ts", "aac")]
+)
+def test_other_containers_of_sound(tmp_path, name, codec):
+    with av.open(str(tmp_path / name), "w") as container:
+        stream = container.add_stream(codec, rate=48_000, layout="mono")
+        form = stream.codec_context.format.name
+        sound = av.AudioResampler(format=form, layout="mono", rate=48_000, frame_size=stream.frame_size or 960)
+        frame = av.AudioFrame.from_ndarray(tone(48_000)[None], format="fltp", layout="mono")
+        frame.sample_rate = 48_000
+        for piece in [*sound.resample(frame), *sound.resample(None)]:
+            container.mux(stream.encode(piece))
+        container.mux(stream.encode(None))
+    assert len(read_audio(tmp_path / name)) == pytest.approx(24_000, abs=3_000)
+
+
+@pytest.mark.parametrize(("name", "codec"), [("a.mp3", "libmp3lame"), ("a.m4a", "aac"), ("a.ogg", "libopus")])
+def test_mutated_media_are_read_or_refused(tmp_path, name, codec):
+    """Bits flipped, pieces cut out and repeated: sound that is finite, or one AudioError."""
+    encode(tmp_path / name, codec, rate=48_000, seconds=0.5)
+    whole, rng = (tmp_path / name).read_bytes(), np.random.default_rng(3)
+    for number in range(40):
+        data = bytearray(whole)
+        at = int(rng.integers(len(data)))
+        if number % 3 == 0:
+            del data[at : at + int(rng.integers(1, 400))]
+        elif number % 3 == 1:
+            data[at:at] = data[at : at + int(rng.integers(1, 400))]
+        for place in rng.integers(0, len(data), 1 + number % 8):
+            data[place] ^= 1 << int(rng.integers(8))
+        (tmp_path / f"b{name}").write_bytes(data)
+        with contextlib.suppress(AudioError):
+            assert np.isfinite(read_audio(tmp_path / f"b{name}")).all()

@@ -5,8 +5,11 @@ import json
 import os
 import pickle  # noqa: TID251  # what the authors' sender writes
 import struct
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager, suppress
 
 import numpy as np
+import pytest
 
 from echoavatar.engine import Engine
 from echoavatar.engine.pipeline import Action, ActionLibrary
@@ -14,7 +17,7 @@ from echoavatar.engine.pipeline.foreign_rig import RigConfig
 from echoavatar.files.reference.release_rig import AXES
 from echoavatar.motion.kinematics import Skeleton, SkeletonConfig
 from echoavatar.motion.motion_chunk import MotionChunk
-from echoavatar.server.unity import UnitySettings, serve_unity
+from echoavatar.server.unity import UnitySettings, serve, serve_unity
 
 RIG = RigConfig(axes=AXES, metres_per_unit=0.01, up=2, unity=(((1, 0, 0), (0, 1, 0), (0, 0, 1)),) * 88)
 
@@ -122,3 +125,77 @@ def test_motion_goes_out_for_pickled_sound_and_nothing_is_run(tmp_path, monkeypa
     np.testing.assert_allclose(np.array(got[0]["audio"]), 0.5)
     assert pipeline.asked[0] == [3]
     assert not (tmp_path / "never-made").exists()
+
+
+@asynccontextmanager
+async def port() -> AsyncIterator[tuple[int, list[bytes]]]:
+    """One of the two ports, and the payloads that came to it."""
+    got: list[bytes] = []
+
+    def take(_: object, payload: bytes) -> None:
+        got.append(payload)
+
+    server = await asyncio.start_server(serve._make_handler(take, None), "127.0.0.1", 0)
+    async with server:
+        yield server.sockets[0].getsockname()[1], got
+
+
+async def is_closed(reader: asyncio.StreamReader) -> bool:
+    with suppress(ConnectionError):
+        return await asyncio.wait_for(reader.read(1), 5) == b""
+    return True
+
+
+async def waited(condition: Callable[[], bool]) -> bool:
+    for _ in range(200):
+        if condition():
+            return True
+        await asyncio.sleep(0.01)
+    return False
+
+
+def test_a_message_that_is_too_long_ends_its_connection_before_it_is_read() -> None:
+    async def talk() -> None:
+        async with port() as (number, got):
+            for size in (serve.LARGEST + 1, (1 << 32) - 1):
+                reader, writer = await asyncio.open_connection("127.0.0.1", number)
+                writer.write(struct.pack(">I", size))
+                assert await is_closed(reader)
+            assert got == []
+
+    asyncio.run(talk())
+
+
+def test_silent_senders_give_way_and_one_that_speaks_does_not() -> None:
+    async def talk() -> None:
+        async with port() as (number, got):
+            _, speaker = await asyncio.open_connection("127.0.0.1", number)
+            speaker.write(framed(b"one"))
+            assert await waited(lambda: got == [b"one"])
+            silent = [await asyncio.open_connection("127.0.0.1", number) for _ in range(3 * serve.MOST_SENDERS)]
+            assert await is_closed(silent[0][0])
+            newcomer = (await asyncio.open_connection("127.0.0.1", number))[1]
+            for writer, said in ((newcomer, b"two"), (speaker, b"three")):
+                writer.write(framed(said))
+                assert await waited(lambda said=said: got[-1] == said)
+            left = sum([not reader.at_eof() for reader, _ in silent])
+            assert left <= serve.MOST_SENDERS
+
+    asyncio.run(talk())
+
+
+@pytest.mark.parametrize(
+    ("sent", "name"),
+    [(b"", "IDLE_S"), (b"\0\0", "IDLE_S"), (framed(b"whole"), "IDLE_S"), (framed(b"half")[:-1], "MESSAGE_S")],
+    ids=["nothing", "half a header", "a message and no more", "half a message"],
+)
+def test_a_sender_that_falls_silent_is_disconnected(monkeypatch: pytest.MonkeyPatch, sent: bytes, name: str) -> None:
+    monkeypatch.setattr(serve, name, 0.1)
+
+    async def talk() -> None:
+        async with port() as (number, _):
+            reader, writer = await asyncio.open_connection("127.0.0.1", number)
+            writer.write(sent)
+            assert await is_closed(reader)
+
+    asyncio.run(talk())

@@ -5,9 +5,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import av
-import numpy as np
 
 from echoavatar.errors import EchoAvatarError, MotionError
+from echoavatar.models.audio.io import open_sound
+from echoavatar.motion.kinematics.tables import NpzArrays
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
 
 from .options import Options
@@ -66,7 +67,7 @@ def motion_header(path: Path) -> tuple[int, float]:
     """
     try:
         if path.suffix.lower() == ".npz":
-            with np.load(path, allow_pickle=False) as stored:
+            with NpzArrays(path, MotionError) as stored:
                 rate = stored.get("mocap_frame_rate", 30.0)
                 return len(stored["trans"]), float(rate)
         found: dict[str, float] = {}
@@ -91,7 +92,7 @@ def sound_seconds(path: Path) -> float:
     if not path.is_file():
         raise MotionError(f"{path} is missing; add it, or pass --sound any to take the motion alone")
     try:
-        with av.open(str(path)) as container:
+        with open_sound(path) as container:
             lasts = container.duration
     except av.FFmpegError as error:
         raise MotionError(f"{path} is not a sound file ({error.strerror}); fetch it again") from error

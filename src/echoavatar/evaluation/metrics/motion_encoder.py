@@ -30,7 +30,7 @@ class MotionEncoderConfig(Config):
     features: int = Field(default=feature_count(HUMANOID.joints), gt=0, description="values a frame")
     width: int = Field(default=64, gt=0, description="channels of the hidden layers")
     latent: int = Field(default=48, gt=0, description="size of a latent, the features of FID")
-    halvings: int = Field(default=3, gt=0, description="times that the frame rate is halved")
+    halvings: int = Field(default=3, gt=0, le=16, description="times that the frame rate is halved")
 
 
 class _Block(nn.Module):
@@ -125,9 +125,7 @@ class MotionEncoder(nn.Module):
         Raises:
             CheckpointError: the folder holds no such model.
         """
-        model = cls(checkpoint.read_config(folder, MotionEncoderConfig))
-        checkpoint.load_into(model, checkpoint.read_weights(folder), origin=str(folder))
-        return model.eval()
+        return checkpoint.load(folder, MotionEncoderConfig, cls).eval()
 
 
 def load_shipped() -> MotionEncoder:

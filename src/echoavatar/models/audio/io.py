@@ -1,6 +1,6 @@
 """Sound files in and out: whatever ffmpeg's libraries read (PyAV) becomes 24 kHz mono float32.
 
-May import `resample`, `timing` and `errors`.
+May import `resample`, `timing`, `limits` and `errors`.
 """
 
 import logging
@@ -11,12 +11,24 @@ from typing import Any
 import av
 import numpy as np
 import soundfile
+from av.container import InputContainer
 from jaxtyping import Float
 
 from echoavatar.errors import AudioError
+from echoavatar.limits import check_file
 from echoavatar.timing import SAMPLE_RATE_HZ
 
 from .resample import StreamResampler
+
+# Containers that hold their own sound. ffmpeg's libraries also know playlists, concat lists, SDP and MPD. Those are
+# texts that name other files or addresses, which would be opened.
+_CONTAINERS = (
+    "aac,ac3,aiff,amr,ape,asf,au,avi,caf,dts,eac3,flac,flv,matroska,webm,mov,mp4,m4a,3gp,3g2,mj2,mp3,mpeg,mpegts,mpc,mpc8"
+    ",oga,ogg,opus,rf64,rm,tta,voc,w64,wav,wv"
+)
+_OPTIONS = {"format_whitelist": _CONTAINERS, "protocol_whitelist": "file"}
+_LARGEST_BYTES = 1 << 40
+LONGEST_S = 6 * 3600  # of sound that is read whole: two gigabytes
 
 _LOG = logging.getLogger(__name__)
 
@@ -27,9 +39,16 @@ def read_audio(path: Path | str) -> Mono:
     """A whole file as 24 kHz mono, about -1..1.
 
     Raises:
-        AudioError: missing, empty, not sound, or nothing in it can be decoded.
+        AudioError: missing, empty, not sound, longer than `LONGEST_S`, or nothing in it can be decoded.
     """
-    return np.concatenate(list(stream_audio(path)))
+    pieces: list[Mono] = []
+    left = LONGEST_S * SAMPLE_RATE_HZ
+    for piece in stream_audio(path):
+        left -= len(piece)
+        if left < 0:
+            raise AudioError(f"{path} has more than {LONGEST_S // 3600} hours of sound; cut it")
+        pieces.append(piece)
+    return np.concatenate(pieces)
 
 
 def stream_audio(path: Path | str) -> Iterator[Mono]:
@@ -45,6 +64,7 @@ def stream_audio(path: Path | str) -> Iterator[Mono]:
         raise AudioError(f"{path} does not exist; check the path")
     if path.is_dir():
         raise AudioError(f"{path} is a folder; name a sound file in it")
+    check_file(path, _LARGEST_BYTES, AudioError)
     if path.stat().st_size == 0:
         raise AudioError(f"{path} is empty (0 bytes); copy or record it again")
     resampler: StreamResampler | None = None
@@ -77,10 +97,15 @@ def write_wav(path: Path | str, audio: Mono, *, rate: int = SAMPLE_RATE_HZ) -> N
         raise AudioError(f"cannot write {path} ({error}); choose a folder that exists and can be written") from error
 
 
+def open_sound(path: Path) -> InputContainer:
+    """Open a sound or video file that holds its own sound; raises av.FFmpegError for anything else."""
+    return av.open(str(path), metadata_errors="ignore", options=dict(_OPTIONS))
+
+
 def _decoded(path: Path) -> Iterator[tuple[Float[np.ndarray, "s c"], int]]:
     """Float pieces (samples, channels) at the file's own rate."""
     try:
-        with av.open(str(path), metadata_errors="ignore") as container:
+        with open_sound(path) as container:
             if not container.streams.audio:
                 raise AudioError(f"{path} has no sound track; choose a file with sound")
             yield from _frames(container, path)

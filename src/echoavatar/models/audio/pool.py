@@ -3,6 +3,7 @@
 May import `io`, `timing` and `errors`.
 """
 
+import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -11,6 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int16
 
 from echoavatar.errors import AudioError
+from echoavatar.motion.kinematics.tables import NpzArrays
 
 from .io import read_audio
 
@@ -69,6 +71,9 @@ def to_int16(audio: Float[np.ndarray, " s"]) -> Int16[np.ndarray, " s"]:
 def _read(path: Path) -> Float[np.ndarray, " s"]:
     if path.suffix.lower() != ".npz":
         return read_audio(path)
-    with np.load(path, allow_pickle=False) as clip:
-        audio = clip["audio"]
+    try:
+        with NpzArrays(path, AudioError) as clip:
+            audio = clip["audio"]
+    except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
+        raise AudioError(f"{path} is not a clip with sound ({error}); make the corpus again") from error
     return np.asarray(audio, np.float32) / (32_768 if audio.dtype == np.int16 else 1)

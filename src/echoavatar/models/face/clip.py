@@ -14,6 +14,7 @@ from jaxtyping import Float
 
 from echoavatar.errors import MotionError
 from echoavatar.motion.arkit import ARKIT_NAMES, reorder
+from echoavatar.motion.kinematics.tables import NpzArrays
 from echoavatar.timing import SAMPLES_PER_FRAME
 
 _PCM = 32767.0
@@ -74,7 +75,7 @@ class FaceClip:
             MotionError: the file is missing, damaged or not a face clip.
         """
         try:
-            with np.load(path, allow_pickle=False) as file:
+            with NpzArrays(path, MotionError) as file:
                 audio = file["audio"].astype(np.float32) / _PCM
                 curves = reorder(file["curves"].astype(np.float32), [str(name) for name in file["channels"]])
                 return cls(str(file["name"]), audio.astype(np.float32), curves, str(file["split"]))

@@ -15,11 +15,11 @@ class MelConfig(Config):
     """Our own audio encoder: log-mel bands and convolutions; no frame sees beyond the end of its chunk."""
 
     kind: Literal["mel"] = "mel"
-    bands: int = Field(default=40, gt=0, description="mel bands")
-    windows: int = Field(default=4, gt=0, description="mel windows per motion frame; must divide 800 samples")
+    bands: int = Field(default=40, gt=0, le=1024, description="mel bands")
+    windows: int = Field(default=4, gt=0, le=800, description="mel windows per motion frame; must divide 800 samples")
     width: int = Field(default=128, gt=0, description="channels")
-    blocks: int = Field(default=4, ge=0, description="convolution blocks")
-    past: int = Field(default=6, ge=0, description="earlier frames that a block's kernel covers")
+    blocks: int = Field(default=4, ge=0, le=64, description="convolution blocks")
+    past: int = Field(default=6, ge=0, le=256, description="earlier frames that a block's kernel covers")
     ahead: int = Field(default=7, ge=0, le=7, description="later frames of the same chunk; 0 is frame-causal")
 
     @property
@@ -33,7 +33,7 @@ class HubertConfig(Config):
 
     kind: Literal["hubert"] = "hubert"
     width: int = Field(default=768, gt=0, description="hidden size")
-    layers: int = Field(default=12, gt=0, description="transformer layers")
+    layers: int = Field(default=12, gt=0, le=256, description="transformer layers")
     heads: int = Field(default=12, gt=0, description="attention heads")
     mlp: int = Field(default=3072, gt=0, description="intermediate size")
     convolutions: tuple[int, ...] = Field(default=(512,) * 7, description="channels of the waveform encoder")
@@ -57,7 +57,7 @@ class FaceConfig(Config):
     width: int = Field(default=128, gt=0, description="GPT channels (paper: 256)")
     layers: int = Field(default=4, gt=0, description="transformer blocks")
     heads: int = Field(default=8, gt=0, description="attention heads")
-    context: int = Field(default=56, gt=1, description="frames of motion history (paper: 56)")
+    context: int = Field(default=56, gt=1, le=4096, description="frames of motion history (paper: 56)")
     memory: Literal["ring", "window"] = Field(
         default="ring",
         description="ring: keys and values are kept from chunk to chunk; window: history is read anew (release)",
@@ -69,15 +69,16 @@ class FaceConfig(Config):
         default=False,
         description="two MLPs per block, steered by time and by condition (release), instead of one",
     )
-    sampling_steps: int = Field(default=3, gt=0, description="Euler steps of a frame")
+    sampling_steps: int = Field(default=3, gt=0, le=1000, description="Euler steps of a frame")
     guidance: float = Field(default=2.0, ge=0, description="classifier-free guidance; 1 is none")
     noise_hold: int = Field(
-        default=16, gt=0, description="frames from one independent draw of noise to the next (paper: 1)"
+        default=16, gt=0, le=4096, description="frames from one independent draw of noise to the next (paper: 1)"
     )
 
     step: int = Field(
         default=CHUNK_FRAMES,
         gt=0,
+        le=256,
         description="frames of a step; others than 8 (release: 12) in the window form",
     )
     late: int = Field(

@@ -12,8 +12,8 @@ from .hand_poses import HAND_SIZE
 class FingerConfig(Config):
     """A small transformer without causal mask."""
 
-    frames: int = Field(default=64, gt=0, description="frames of a window, at 30 per second")
-    patch: int = Field(default=4, gt=0, description="frames that share a token; must divide the window")
+    frames: int = Field(default=64, gt=0, le=4096, description="frames of a window, at 30 per second")
+    patch: int = Field(default=4, gt=0, le=4096, description="frames that share a token; must divide the window")
     width: int = Field(default=128, gt=0, description="channels")
     layers: int = Field(default=3, gt=0, description="transformer blocks")
     heads: int = Field(default=4, gt=0, description="attention heads")

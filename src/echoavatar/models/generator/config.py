@@ -26,14 +26,17 @@ class GeneratorConfig(Config):
     sequence: Literal["interleaved", "prefix"] = Field(
         default="interleaved", description="order of audio and motion ids"
     )
-    window_chunks: int = Field(default=15, gt=0, description="chunks a position sees; 15 chunks are the paper's 4 s")
+    window_chunks: int = Field(
+        default=15, gt=0, le=512, description="chunks a position sees; 15 chunks are the paper's 4 s"
+    )
     ahead_chunks: int = Field(
         default=0,
         ge=0,
+        le=64,
         description="chunks by which sound is heard before it is due; above 0 offline only, an upper reference",
     )
     width: int = Field(default=256, gt=0, description="channels of the residual stream")
-    layers: int = Field(default=6, gt=0, description="transformer layers")
+    layers: int = Field(default=6, gt=0, le=256, description="transformer layers")
     heads: int = Field(default=4, gt=0, description="query heads")
     kv_heads: int = Field(default=2, gt=0, description="key and value heads")
     mlp: int = Field(default=768, gt=0, description="channels inside the SwiGLU block")
@@ -59,6 +62,7 @@ class GeneratorConfig(Config):
     step: int = Field(
         default=MOTION_TOKENS_PER_CHUNK,
         gt=0,
+        le=64,
         description="motion tokens of a step: 2 (paper, 0.27 s); other numbers (release: 3) in the prefix order only",
     )
     opening: Opening | None = Field(

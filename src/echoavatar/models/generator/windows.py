@@ -18,6 +18,7 @@ from jaxtyping import Int, UInt8
 from torch import Tensor
 
 from echoavatar.errors import MotionError
+from echoavatar.motion.kinematics.tables import NpzArrays
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
 
 DOMAINS = ("silence", "speech", "music")
@@ -66,7 +67,7 @@ class TokenClip:
             MotionError: the file is missing, damaged or lacks an array.
         """
         try:
-            with np.load(path, allow_pickle=False) as file:
+            with NpzArrays(path, MotionError) as file:
                 cues, patience = file.get("cues"), float(file.get("patience", 0.0))
                 codes, has_truth = (
                     (file["audio_codes"], file["motion_codes"]),

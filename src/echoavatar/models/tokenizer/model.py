@@ -35,12 +35,12 @@ class MotionTokenizerConfig(Config):
     features: int = Field(gt=0, description="channels of the motion features")
     width: int = Field(default=512, gt=0, description="latent channels")
     heads: int = Field(default=8, gt=0, description="attention heads")
-    lookback: int = Field(default=15, ge=0, description="past frames each frame may see")
-    layers: int = Field(default=6, gt=0, description="RVQ layers Q")
+    lookback: int = Field(default=15, ge=0, le=1024, description="past frames each frame may see")
+    layers: int = Field(default=6, gt=0, le=64, description="RVQ layers Q")
     codes: int = Field(default=512, gt=1, description="codes per layer K")
     decay: float = Field(default=0.99, gt=0, lt=1, description="moving average of the codebooks")
     dead_below: float = Field(default=1.0, ge=0, description="average use per step under which a code is replaced")
-    kmeans_steps: int = Field(default=0, ge=0, description="k-means steps when the codebooks are initialised")
+    kmeans_steps: int = Field(default=0, ge=0, le=10000, description="k-means steps when the codebooks are initialised")
     blocks: Literal["attention", "convolution"] = Field(
         default="attention", description="what looks back; convolutions are the paper's baseline"
     )

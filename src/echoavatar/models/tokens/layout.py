@@ -21,11 +21,11 @@ PARTS = 3  # lower body, upper body, hands
 class TokenLayout(Config):
     """Rows of the vocabulary. The defaults are the compact vocabulary of our own models."""
 
-    audio_layers: int = Field(default=2, gt=0, description="RVQ layers of the audio codec that are used")
-    audio_codes: int = Field(default=512, gt=0, description="codes in each audio codebook")
-    motion_layers: int = Field(default=4, gt=0, description="RVQ layers Q of each motion tokenizer")
-    motion_codes: int = Field(default=512, gt=0, description="codes K in each motion codebook")
-    parts: int = Field(default=PARTS, gt=0, description="motion tokenizers beside each other; 1: the body whole")
+    audio_layers: int = Field(default=2, gt=0, le=64, description="RVQ layers of the audio codec that are used")
+    audio_codes: int = Field(default=512, gt=0, le=1 << 20, description="codes in each audio codebook")
+    motion_layers: int = Field(default=4, gt=0, le=64, description="RVQ layers Q of each motion tokenizer")
+    motion_codes: int = Field(default=512, gt=0, le=1 << 20, description="codes K in each motion codebook")
+    parts: int = Field(default=PARTS, gt=0, le=64, description="motion tokenizers beside each other; 1: the body whole")
     start_id: int = Field(default=0, ge=0, description="the id that opens a sequence")
     before_audio: tuple[int, ...] = Field(default=(1,), description="ids before the audio of a prefix prompt")
     before_motion: tuple[int, ...] = Field(default=(2,), description="ids between audio and motion of a prefix prompt")

@@ -4,9 +4,9 @@ import io
 import math
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from pydantic import ValidationError
@@ -67,12 +67,11 @@ NPZ_ERRORS = (
 )
 
 
-def arrays_of(path: Path, error: type[EchoAvatarError] = EchoAvatarError) -> dict[str, np.ndarray]:
-    """All arrays of an npz file. Sizes are checked before anything is unpacked.
+class NpzArrays(Mapping[str, np.ndarray]):
+    """The arrays of an npz file, each read when it is asked for. Sizes are checked before anything is unpacked.
 
-    Raises:
-        EchoAvatarError: of the given kind; the file is too large, or unpacks to too much.
-        FileNotFoundError, OSError, ValueError, zipfile.BadZipFile: missing, damaged, or with pickles in it.
+    Opening and reading raise FileNotFoundError, OSError, ValueError or zipfile.BadZipFile for files that are missing,
+    damaged, or with pickles in them.
     """
     check_file(path, ARRAYS_BYTES, error)
     try:

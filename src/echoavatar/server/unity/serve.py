@@ -24,6 +24,9 @@ from echoavatar.timing import SAMPLE_RATE_HZ
 _LOG = logging.getLogger(__name__)
 RETRY_S, TICK_S = 1.0, 0.05
 QUEUE = 8  # messages of 0.4 s
+MOST_SENDERS = 8  # connections to one port; each may hold one message of `LARGEST` bytes
+MESSAGE_S = 10.0  # for the rest of a message whose length has come
+IDLE_S = 600.0  # between messages; a sender of actions may wait for a person
 ACTION_HOLD_S = 60.0  # the published server holds an action until the next one; here it ends after this time
 NO_ACTION = ("none_tem0", "none_tem1", "none_tem2")
 
@@ -90,20 +93,42 @@ async def _listen(
 def _make_handler(
     handle: Callable[[SessionCore, bytes], None], session: SessionCore
 ) -> Callable[[asyncio.StreamReader, asyncio.StreamWriter], object]:
-    """Read framed payloads until the sender leaves. An invalid payload ends its connection, not the session."""
+    """Read framed payloads until the sender leaves. An invalid payload ends its connection, not the session.
+
+    If all places are taken, the sender that has been silent for longest gives way, first one that has sent nothing.
+    """
+    silent: dict[asyncio.StreamWriter, None] = {}  # the oldest first
+    heard: dict[asyncio.StreamWriter, None] = {}  # the one with the oldest message first
 
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        if len(silent) + len(heard) >= MOST_SENDERS:
+            group = silent or heard
+            oldest = next(iter(group))
+            del group[oldest]
+            oldest.transport.abort()
+        silent[writer] = None
         try:
             while True:
-                (size,) = HEADER.unpack(await reader.readexactly(HEADER.size))
+                async with asyncio.timeout(IDLE_S):
+                    (size,) = HEADER.unpack(await reader.readexactly(HEADER.size))
                 if size > LARGEST:
                     raise CheckpointError(f"a message of {size} bytes is too long")
-                handle(session, await reader.readexactly(size))
+                async with asyncio.timeout(MESSAGE_S):
+                    payload = await reader.readexactly(size)
+                handle(session, payload)
+                if writer in silent or writer in heard:  # it has not had to give way meanwhile
+                    silent.pop(writer, None)
+                    heard.pop(writer, None)
+                    heard[writer] = None
+        except TimeoutError:
+            _LOG.warning("a sender was disconnected: it fell silent")
         except (asyncio.IncompleteReadError, ConnectionError, asyncio.CancelledError):
             pass  # cancelled when the server stops; asyncio would print a trace for each open connection
         except (EchoAvatarError, UnicodeDecodeError) as error:
             _LOG.warning("a sender was disconnected: %s", error)
         finally:
+            silent.pop(writer, None)
+            heard.pop(writer, None)
             writer.close()
 
     return serve
