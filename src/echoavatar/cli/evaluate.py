@@ -53,7 +53,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         " rotation in head actions; means over three seeds",
     )
     parser.add_argument(
-        "--pictures", type=Path, metavar="PNG", help="with --actions: a picture of the body in each action"
+        "--alive",
+        action="store_true",
+        help="measure how much the body moves and varies instead, beside people: --clips sounds each of speech and"
+        " music from --recordings, silence and listening",
+    )
+    parser.add_argument("--captured", type=Path, help="with --alive: folder of captured motion to compare with")
+    parser.add_argument(
+        "--pictures",
+        type=Path,
+        metavar="PNG",
+        help="with --actions: a picture of the body in each action; with --alive: stills of each take, and a plot",
     )
     parser.add_argument(
         "--repeats",
@@ -81,6 +91,8 @@ def run(args: argparse.Namespace) -> int:
         return _face(args, bundle)
     if args.actions:
         return _actions(args, bundle)
+    if args.alive:
+        return _alive(args, bundle)
     clips = _clips(args)
     if args.beside:
         from echoavatar.evaluation.reliance import reliance_table, token_clips
@@ -149,6 +161,28 @@ def _actions(args: argparse.Namespace, bundle: "Bundle") -> int:
     numbers = {one.name: [round(one.off_cm, 2), round(one.on_cm, 2)] for one in acted}
     closer = sum(on < off for off, on in numbers.values())
     print(json.dumps({"off_on_cm": numbers, "closer": closer, "head_off_on_clip_deg": heads}))
+    return 0
+
+
+def _alive(args: argparse.Namespace, bundle: "Bundle") -> int:
+    from echoavatar.engine.pipeline import Pipeline
+    from echoavatar.evaluation import alive
+
+    if not args.recordings:
+        raise EchoAvatarError("--alive performs recorded sound; give a folder with --recordings")
+    captured = alive.read_captured(args.captured) if args.captured else []
+    sounds = alive.read_sounds(args.recordings, args.seconds, args.clips)
+    with tqdm(unit="take", disable=not sys.stderr.isatty()) as bar:
+        takes = alive.perform(Pipeline(bundle), sounds, args.seconds, seed=args.seed)
+        found = alive.report(takes, captured, args.seconds, progress=lambda done, _: bar.update(done - bar.n))
+    if args.pictures:
+        from echoavatar.evaluation.alive_picture import draw, sheet
+        from echoavatar.files.avatar.sheet import save_picture
+
+        save_picture(args.pictures, sheet(takes))
+        draw(found, args.pictures.with_stem(f"{args.pictures.stem}_plot"))
+    print(alive.as_text(found))
+    print(json.dumps(alive.as_json(found)))
     return 0
 
 

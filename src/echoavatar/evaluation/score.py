@@ -22,6 +22,7 @@ from .metrics.physical import floor_depth_cm, foot_contact_score, jerk_m_s3
 from .motion_folder import Pair
 from .reconstruction import Reconstruction, reconstruction
 from .score_beats import ClipAudio, dance_rows, gesture_rows
+from .score_liveliness import liveliness_rows
 from .score_row import Row, row_of_means
 
 FID_SAMPLES = 300
@@ -90,6 +91,7 @@ def score(
         row = row_of_means(name, unit, values, weights=own, seed=seed)
         own = np.array([clip.planted for clip in true]) if name == "skate" else weights
         rows.append(row._replace(truth=row_of_means(name, unit, others, weights=own).value))
+    rows += liveliness_rows(pairs, seed=seed)
     errors = np.array([_errors(pair) for pair in pairs]).T
     for name, unit, column in zip(
         ("mpjpe_body", "mpjpe_hands", "trans_loss"), ("mm", "mm", "mm/frame"), errors, strict=True

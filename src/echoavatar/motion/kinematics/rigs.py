@@ -1,8 +1,10 @@
 """Map a rig's joints to the bones of the VRM humanoid set by their names.
 
-Known are the names of VRM, Mixamo (also High Fidelity and ZeroEGGS), Unreal (Mesh2Motion), 3ds Max Biped (Rocketbox)
-and Bandai-Namco. Each further rig is one more table.
+Known are the names of VRM, Mixamo (also High Fidelity and ZeroEGGS), Unreal (Mesh2Motion), 3ds Max Biped (Rocketbox),
+Bandai-Namco, Daz and Rigify (FreeMoCap, whose wrist is the tip of the lower arm). Each further rig is one more table.
 """
+
+import re
 
 from echoavatar.errors import MotionError
 
@@ -13,6 +15,7 @@ REQUIRED = ("hips", "head") + tuple(
     for side in ("left", "right")
     for bone in ("UpperArm", "LowerArm", "Hand", "UpperLeg", "LowerLeg", "Foot")
 )
+_PREFIX = re.compile("^(mixamorig[:_]|Neo_)")
 _DIGITS = ("Thumb", "Index", "Middle", "Ring", "Little")
 
 
@@ -22,17 +25,22 @@ def bone_map(skeleton: Skeleton) -> dict[str, int]:
     Raises:
         MotionError: the rig has no VRM map, and its joint names fit no table.
     """
-    if skeleton.config.vrm:
-        return dict(skeleton.config.vrm)
-    plain = {name.removeprefix("mixamorig:").removeprefix("mixamorig_"): i for i, name in enumerate(skeleton.names)}
-    found = max(({bone: plain[name] for bone, name in table.items() if name in plain} for table in _tables()), key=len)
+    found = known_bones(skeleton)
     missing = [bone for bone in REQUIRED if bone not in found]
-    if missing:
+    if missing and not skeleton.config.vrm:
         raise MotionError(
             f"the rig with joints {', '.join(skeleton.names[:4])}, ... is not known: no joint is"
             f" {', '.join(missing[:4])}; give its skeleton a VRM map"
         )
     return found
+
+
+def known_bones(skeleton: Skeleton) -> dict[str, int]:
+    """VRM bone name to joint index, for those bones that the rig's names tell."""
+    if skeleton.config.vrm:
+        return dict(skeleton.config.vrm)
+    plain = {_PREFIX.sub("", name): i for i, name in enumerate(skeleton.names)}
+    return max(({bone: plain[name] for bone, name in table.items() if name in plain} for table in _tables()), key=len)
 
 
 def finger_bones(side: str) -> dict[str, tuple[str, str, str]]:
@@ -54,6 +62,8 @@ def _tables() -> list[dict[str, str]]:
         _unreal(),
         _biped(),
         _bandai(),
+        _daz(),
+        _rigify(),
     ]
 
 
@@ -98,6 +108,20 @@ def _bandai() -> dict[str, str]:
             side,
             f"Shoulder_{s} UpperArm_{s} LowerArm_{s} Hand_{s} UpperLeg_{s} LowerLeg_{s} Foot_{s} Toes_{s}",
         )
+    return table
+
+
+def _daz() -> dict[str, str]:
+    table = {"hips": "hip", "spine": "abdomen", "chest": "chest", "neck": "neck", "head": "head"}
+    for side, s in (("left", "l"), ("right", "r")):
+        table |= _limbs(side, f"{s}Collar {s}Shldr {s}ForeArm {s}Hand {s}Thigh {s}Shin {s}Foot {s}Toe")
+    return table
+
+
+def _rigify() -> dict[str, str]:
+    table = {"hips": "pelvis", "spine": "spine", "chest": "spine.001", "neck": "neck", "head": "face"}
+    for side, s in (("left", "L"), ("right", "R")):
+        table |= _limbs(side, f"shoulder.{s} upper_arm.{s} forearm.{s} hand.{s} thigh.{s} shin.{s} foot.{s} toe.{s}")
     return table
 
 

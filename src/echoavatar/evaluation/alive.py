@@ -1,0 +1,311 @@
+"""`echoavatar evaluate --alive`: how much the body moves and varies, beside people.
+
+The bundle performs recorded speech and music, stands in silence and listens. Every window of that motion is measured
+(`metrics.liveliness`), and so is captured motion, where the user has some. Shorter windows, half overlapping, are
+compared as sets: by a Fréchet distance and by how often a classifier tells ours from captured.
+"""
+
+import csv
+import itertools
+import re
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from echoavatar.engine import Engine, animate_many
+from echoavatar.engine.pipeline import Pipeline
+from echoavatar.errors import EchoAvatarError, MotionError
+from echoavatar.models.audio import read_audio
+from echoavatar.motion.kinematics import Motion, read_bvh
+from echoavatar.motion.motion_chunk import MotionChunk, join
+from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
+
+from .metrics.discriminator import held_out_accuracy
+from .metrics.frechet import frechet_distance, scaled_by_truth
+from .metrics.liveliness import ROOM_S, STATISTICS, body_points, liveliness, windows
+from .motion_folder import AUDIO_SUFFIXES
+
+SPEECH, MUSIC, SILENCE, LISTENING = KINDS = ("speech", "music", "silence", "listening")
+QUIET_TAKES = 3  # of silence, and of listening
+COMPARED_S = 10.0  # windows of the Fréchet distance and of the classifier
+_CAPTURED_WORDS = {SPEECH: ("speech", "conversation"), MUSIC: ("dance",), SILENCE: ("idle",)}
+
+Statistics = dict[str, float]
+_STANDING = {
+    "hand_speed": (0.09, 0.01, 0.39),
+    "hands_still": (0.72, 0.07, 1.0),
+    "hands_at_work": (0.02, 0.0, 0.25),
+    "room": (15, 2, 76),
+    "novelty": (0.02, 0.0, 0.09),
+    "shoulder_turn": (2.3, 0.3, 8.7),
+    "trunk_lean": (1.2, 0.2, 4.1),
+    "hip_sway": (2.1, 0.1, 9.8),
+    "ankle_speed": (0.01, 0.0, 0.14),
+}
+PEOPLE: dict[str, dict[str, tuple[float, float, float]]] = {
+    SPEECH: {
+        "hand_speed": (0.94, 0.57, 1.12),
+        "hands_still": (0.04, 0.01, 0.10),
+        "hands_at_work": (0.59, 0.33, 0.72),
+        "room": (156, 116, 206),
+        "novelty": (0.13, 0.11, 0.16),
+        "shoulder_turn": (4.7, 2.7, 7.4),
+        "trunk_lean": (4.4, 3.1, 5.6),
+        "hip_sway": (8.4, 6.1, 10.0),
+        "ankle_speed": (0.08, 0.01, 0.18),
+    },
+    MUSIC: {
+        "hand_speed": (1.28, 0.31, 2.5),
+        "hands_still": (0.01, 0.0, 0.03),
+        "hands_at_work": (0.65, 0.19, 0.99),
+        "room": (228, 34, 394),
+        "novelty": (0.15, 0.04, 0.24),
+        "shoulder_turn": (17.5, 12.4, 27.4),
+        "trunk_lean": (11.3, 5.1, 24.5),
+        "hip_sway": (41, 19, 63),
+        "ankle_speed": (0.73, 0.52, 0.95),
+    },
+    SILENCE: _STANDING,
+    LISTENING: _STANDING,
+}
+"""Captured people: mean, lowest and highest window of 30 s (docs/metrics.md names the clips)."""
+
+
+class Sound(NamedTuple):
+    """What the avatar performs, or what the user says while it listens."""
+
+    name: str
+    kind: str
+    group: str  # class of voice or music
+    audio: Float[np.ndarray, " s"]
+
+
+class Take(NamedTuple):
+    """Motion of a person or of the avatar."""
+
+    name: str
+    kind: str
+    group: str
+    motion: Motion
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A take's statistics: in each of its windows, and in the shorter ones that are compared as sets."""
+
+    take: Take
+    windows: list[Statistics]
+    compared: list[Statistics]
+
+
+@dataclass
+class AliveReport:
+    """All of a run: takes, rows of means by their label, and per kind the two comparisons with captured motion."""
+
+    made: list[Measured]
+    captured: list[Measured]
+    rows: dict[str, Statistics] = field(default_factory=dict)
+    frechet: dict[str, float] = field(default_factory=dict)
+    told_apart: dict[str, float] = field(default_factory=dict)  # accuracy on held-out windows
+
+
+def read_sounds(folder: Path, seconds: float, most: int) -> list[Sound]:
+    """Up to `most` sounds of speech and as many of music, `seconds` long, from as many classes as there are.
+
+    A `manifest.csv` (columns path, kind, speaker_or_artist, language_or_genre, split) tells kind and class, and only
+    its test split is used. Without one, a path with "music" in it is music, and folders are classes. Voices of one
+    class are joined until they last `seconds`; music is not. What stays shorter than 20 s is left out.
+
+    Raises:
+        EchoAvatarError: nothing is left.
+    """
+    listed: dict[tuple[str, str], list[Path]] = defaultdict(list)
+    for path, kind, group in _listed(folder):
+        listed[kind, group].append(path)
+    shortest, found = min(float(ROOM_S), seconds), []
+    for kind in (SPEECH, MUSIC):
+        classes = [
+            _joined(paths, kind, group, seconds, shortest) for (of, group), paths in listed.items() if of == kind
+        ]
+        turns = itertools.zip_longest(*classes)  # one of each class, then the next of each
+        found += list(itertools.islice((sound for turn in turns for sound in turn if sound), most))
+    if not found:
+        raise EchoAvatarError(f"{folder} holds no speech or music of {shortest:g} s; give another --recordings")
+    return found
+
+
+def perform(pipeline: Pipeline, sounds: Sequence[Sound], seconds: float, *, seed: int = 0) -> list[Take]:
+    """The avatar's motion to the sounds, in silence, and while a user says the first sounds of speech."""
+    quiet = [
+        Sound(f"silence {n + 1}", SILENCE, "", np.zeros(int(seconds * SAMPLE_RATE_HZ), np.float32))
+        for n in range(QUIET_TAKES)
+    ]
+    played = [*sounds, *quiet]
+    shown = animate_many(pipeline, [sound.audio for sound in played], seeds=range(seed, seed + len(played)))
+    takes = [Take(*sound[:3], made.motion) for sound, made in zip(played, shown, strict=True)]
+    users = [sound for sound in sounds if sound.kind == SPEECH][:QUIET_TAKES]
+    heard = [_listening(pipeline, sound.audio, seed + number) for number, sound in enumerate(users)]
+    return takes + [Take(f"listening to {s.name}", LISTENING, "", m) for s, m in zip(users, heard, strict=True)]
+
+
+def read_captured(folder: Path) -> list[Take]:
+    """Captured clips of at least 10 s whose path says "speech" or "conversation", "dance" or "idle".
+
+    Raises:
+        EchoAvatarError: there is none, or one cannot be read.
+    """
+    takes, above = [], folder.resolve().parent
+    for path in sorted(folder.resolve().rglob("*.bvh")):
+        said = path.relative_to(above).as_posix().lower()
+        kind = next((kind for kind, words in _CAPTURED_WORDS.items() if any(word in said for word in words)), None)
+        if kind and (motion := read_bvh(path)).seconds >= COMPARED_S:
+            takes.append(Take(said, kind, "", motion))
+    if not takes:
+        raise EchoAvatarError(f"{folder} holds no captured speech, dance or idle motion (.bvh); see docs/metrics.md")
+    return takes
+
+
+def measure(take: Take, seconds: float) -> Measured:
+    """Measure windows of `seconds`, and windows of 10 s every 5 s.
+
+    Raises:
+        MotionError: the rig is not known; names the take.
+    """
+    try:
+        points = body_points(take.motion)
+    except MotionError as error:
+        raise MotionError(f"{take.name}: {error}") from error
+    fps = take.motion.fps
+    short, hop = int(COMPARED_S * fps), int(COMPARED_S * fps / 2)
+    compared = [liveliness(points[at : at + short], fps) for at in range(0, len(points) - short + 1, hop)]
+    return Measured(take, [liveliness(part, fps) for part in windows(points, fps, seconds)], compared)
+
+
+def report(
+    made: Sequence[Take],
+    captured: Sequence[Take],
+    seconds: float,
+    *,
+    progress: Callable[[int, int], None] | None = None,
+) -> AliveReport:
+    """Measure all takes and compare them kind by kind."""
+    measured = []
+    for take in (*made, *captured):
+        measured.append(measure(take, seconds))
+        if progress:
+            progress(len(measured), len(made) + len(captured))
+    found = AliveReport(measured[: len(made)], measured[len(made) :])
+    for kind in KINDS:
+        ours = [one for one in found.made if one.take.kind == kind]
+        theirs = [one for one in found.captured if one.take.kind == captured_kind(kind)]
+        if not ours:
+            continue
+        found.rows[kind] = mean_statistics(ours)
+        groups = dict.fromkeys(one.take.group for one in ours if one.take.group)
+        found.rows |= {f"{kind}: {g}": mean_statistics([o for o in ours if o.take.group == g]) for g in groups}
+        found.rows[f"{kind}, people"] = {name: mean for name, (mean, *_) in PEOPLE[kind].items()}
+        if theirs:
+            found.rows[f"{kind}, captured"] = mean_statistics(theirs)
+            found.frechet[kind], found.told_apart[kind] = compare(ours, theirs)
+    return found
+
+
+def captured_kind(kind: str) -> str:
+    """The kind of captured motion to compare with: people who stand idle, for listening too."""
+    return SILENCE if kind == LISTENING else kind
+
+
+def compare(ours: Sequence[Measured], theirs: Sequence[Measured]) -> tuple[float, float]:
+    """Fréchet distance of the windows' statistics, scaled by the captured ones, and the classifier's accuracy.
+
+    The distance is NaN if a side has fewer than two windows.
+    """
+    (made, made_clips), (true, true_clips) = (_table(side) for side in (ours, theirs))
+    if min(len(made), len(true)) < 2:
+        return float("nan"), float("nan")
+    return frechet_distance(*scaled_by_truth(made, true)), held_out_accuracy(made, true, made_clips, true_clips)
+
+
+def mean_statistics(measured: Iterable[Measured]) -> Statistics:
+    """Means over all windows; NaN where no window has a value. `stillest` is the largest share of `hands_still`."""
+    rows = [row for one in measured for row in one.windows]
+    columns = {name: [row[name] for row in rows if np.isfinite(row[name])] for name in STATISTICS}
+    means = {name: float(np.mean(column)) if column else float("nan") for name, column in columns.items()}
+    return means | {"stillest": max(row["hands_still"] for row in rows)}
+
+
+def as_text(found: AliveReport) -> str:
+    """A table with a row for each kind, class and reference."""
+    columns = [*STATISTICS, "stillest", "frechet", "told_apart"]
+    width = max(map(len, found.rows))
+    lines = [" " * width + "".join(f"{name:>15}" for name in columns)]
+    for label, row in found.rows.items():
+        cells = row | {"frechet": found.frechet.get(label), "told_apart": found.told_apart.get(label)}
+        values = [cells.get(name) for name in columns]
+        lines.append(
+            label.ljust(width) + "".join(f"{'-' if v is None or np.isnan(v) else f'{v:.2f}':>15}" for v in values)
+        )
+    return "\n".join(lines)
+
+
+def as_json(found: AliveReport) -> dict[str, dict[str, float | None]]:
+    """Rows, Fréchet distances and accuracies by name; null for missing values."""
+    parts = found.rows | {"frechet": found.frechet, "told_apart": found.told_apart}
+    return {
+        label: {name: round(value, 4) if np.isfinite(value) else None for name, value in row.items()}
+        for label, row in parts.items()
+    }
+
+
+def _listed(folder: Path) -> list[tuple[Path, str, str]]:
+    """Path, kind and class of every sound."""
+    if (manifest := folder / "manifest.csv").is_file():
+        with manifest.open(newline="", encoding="utf-8") as file:
+            rows = [row for row in csv.DictReader(file) if row.get("split", "test") == "test"]
+        return [(folder / row["path"], row["kind"], _class(row)) for row in rows]
+    paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in AUDIO_SUFFIXES)
+    places = [path.relative_to(folder) for path in paths]
+    kinds = [MUSIC if "music" in place.as_posix().lower() else SPEECH for place in places]
+    return [(path, kind, place.parent.name) for path, kind, place in zip(paths, kinds, places, strict=True)]
+
+
+def _class(row: dict[str, str]) -> str:
+    """A genre, or a language and, where "(M, ...", "(F, ..." or German "(m31)", "(w08)" tells it, a sex."""
+    told = re.split(r"[,\[]", row["language_or_genre"])[0].strip()
+    sex = re.search(r"\(([MFmw])[,\d]", row["speaker_or_artist"]) if row["kind"] == SPEECH else None
+    return f"{told}, {'male' if sex[1] in 'Mm' else 'female'}" if sex else told
+
+
+def _joined(paths: Sequence[Path], kind: str, group: str, seconds: float, shortest: float) -> Iterable[Sound]:
+    """Sounds of a class, read when they are asked for."""
+    wanted, waiting = int(seconds * SAMPLE_RATE_HZ), np.zeros(0, np.float32)
+    for number, path in enumerate(paths, 1):
+        waiting = np.concatenate([waiting, read_audio(path)])[:wanted]
+        is_last = kind == MUSIC or number == len(paths)
+        if len(waiting) == wanted or (is_last and len(waiting) >= shortest * SAMPLE_RATE_HZ):
+            yield Sound(path.stem, kind, group, waiting)
+        if len(waiting) == wanted or is_last:
+            waiting = np.zeros(0, np.float32)
+
+
+def _listening(pipeline: Pipeline, user: Float[np.ndarray, " s"], seed: int) -> Motion:
+    """Motion in silence while the user speaks."""
+    size, made = pipeline.chunk.samples, list[MotionChunk]()
+    with Engine(pipeline, rewind=0, workers=0).open(seed=seed) as session:
+        for at in range(0, len(user) - size + 1, size):
+            session.listen(user[at : at + size])
+            session.push(np.zeros(size, np.float32))
+            made.extend(session)
+    whole = join(made)
+    return Motion(pipeline.skeleton, whole.rotations, whole.root, float(FRAME_RATE_HZ))
+
+
+def _table(side: Sequence[Measured]) -> tuple[Float[np.ndarray, "n d"], list[str]]:
+    rows = [(list(row.values()), one.take.name) for one in side for row in one.compared]
+    kept = [(values, name) for values, name in rows if np.isfinite(values).all()]
+    return np.array([values for values, _ in kept]).reshape(-1, len(STATISTICS)), [name for _, name in kept]

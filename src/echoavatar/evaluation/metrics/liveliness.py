@@ -1,0 +1,157 @@
+"""How much a body moves and varies, as nine statistics of a window of motion. Not in the paper.
+
+Hands are measured in the frame of the shoulders and in arm lengths (shoulder to wrist), so that rigs and bodies of any
+size compare. Lengths of the whole body are scaled so that the head joint is 1.5 m above the ankle. Lean and sway are
+taken along the world's axes: a clip should face +Z. docs/metrics.md has the formulas.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Float
+from scipy.ndimage import gaussian_filter1d
+from scipy.spatial.distance import cdist
+
+from echoavatar.errors import MotionError
+from echoavatar.motion.kinematics import Motion
+from echoavatar.motion.kinematics.rigs import known_bones
+
+STATISTICS = {
+    "hand_speed": "arm lengths/s",
+    "hands_still": "",
+    "hands_at_work": "",
+    "room": "cubes in 20 s",
+    "novelty": "arm lengths",
+    "shoulder_turn": "deg",
+    "trunk_lean": "deg",
+    "hip_sway": "cm",
+    "ankle_speed": "m/s",
+}
+"""Names of the statistics and their units."""
+POINTS = (
+    "hips",
+    "head",
+    *(side + bone for bone in ("UpperArm", "LowerArm", "Hand", "UpperLeg", "Foot") for side in ("left", "right")),
+)
+STILL, AT_WORK = 0.1, 0.35  # arm lengths a second
+CUBE = 0.15  # arm lengths
+ROOM_S, APART_S = 20, 3
+HEAD_OVER_ANKLE_M = 1.5
+_PATH_HZ = 10
+
+Points = Float[np.ndarray, "t 12 3"]
+
+
+def body_points(motion: Motion) -> Points:
+    """World positions of `POINTS`, scaled to a body of common height; the wrist may be the tip of the lower arm.
+
+    Raises:
+        MotionError: the rig is not known.
+    """
+    skeleton, pose, bones = motion.skeleton, motion.pose(), known_bones(motion.skeleton)
+    found = []
+    for point in POINTS:
+        if (at := bones.get(point)) is not None:
+            found.append(pose.positions[:, at])
+        elif point.endswith("Hand") and (arm := bones.get(point.replace("Hand", "LowerArm"))) is not None:
+            tip = pose.positions.new_tensor(skeleton.config.tips.get(skeleton.names[arm], (0.0, 0.0, 0.0)))
+            found.append(pose.positions[:, arm] + pose.rotations[:, arm] @ tip)
+        else:
+            raise MotionError(f"no joint of the rig is {point}; give its skeleton a VRM map")
+    points = np.stack([place.double().numpy() for place in found], 1)
+    ankles = points[:, [POINTS.index("leftFoot"), POINTS.index("rightFoot")], 1].min(1)
+    height = float(np.median(points[:, POINTS.index("head"), 1] - ankles))
+    if height <= 0:
+        raise MotionError("the head is not above the ankles; turn the motion upright (Y up)")
+    return points * (HEAD_OVER_ANKLE_M / height)
+
+
+def windows(points: Points, fps: float, seconds: float) -> Iterator[Points]:
+    """Whole windows one after another; a shorter clip is one window."""
+    length = int(seconds * fps)
+    for start in range(0, max(len(points) - length, 0) + 1, length):
+        yield points[start : start + length]
+
+
+def liveliness(points: Points, fps: float) -> dict[str, float]:
+    """The statistics of one window, by the names of `STATISTICS`."""
+    hands = hand_paths(points)
+    speeds = np.stack([_speed(hands[:, hand], fps) for hand in range(2)])
+    return {
+        "hand_speed": float(speeds.mean()),
+        "hands_still": float((speeds < STILL).all(0).mean()),
+        "hands_at_work": float((speeds > AT_WORK).all(0).mean()),
+        "room": room(hands, fps),
+        "novelty": novelty(hands, fps),
+        "shoulder_turn": shoulder_turn_deg(points),
+        "trunk_lean": trunk_lean_deg(points),
+        "hip_sway": hip_sway_cm(points, fps),
+        "ankle_speed": float(np.mean([_speed(_at(points, side + "Foot"), fps) for side in ("left", "right")])),
+    }
+
+
+def hand_paths(points: Points) -> Float[np.ndarray, "t 2 3"]:
+    """Both wrists in the shoulders' frame, arm lengths: origin between the shoulders, X along them, Y up."""
+    left, right = (_at(points, side + "UpperArm") for side in ("left", "right"))
+    yaw = _yaw(left - right)
+    elbow, wrist = _at(points, "leftLowerArm"), _at(points, "leftHand")
+    arm = np.median(np.linalg.norm(left - elbow, axis=1) + np.linalg.norm(elbow - wrist, axis=1))
+    hands = points[:, [POINTS.index("leftHand"), POINTS.index("rightHand")]]
+    x, y, z = np.moveaxis((hands - ((left + right) / 2)[:, None]) / arm, -1, 0)
+    cos, sin = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
+    return np.stack([cos * x - sin * z, y, sin * x + cos * z], -1)
+
+
+def room(hands: Float[np.ndarray, "t 2 3"], fps: float) -> float:
+    """Cubes of `CUBE` that the wrists visit in 20 s, each counted for itself; mean over stretches 10 s apart."""
+    length = min(int(ROOM_S * fps), len(hands))
+    cubes = np.floor(hands / CUBE).astype(int)
+    starts = range(0, len(hands) - length + 1, max(length // 2, 1))
+    visited = [sum(len(np.unique(cubes[at : at + length, hand], axis=0)) for hand in range(2)) for at in starts]
+    return float(np.mean(visited))
+
+
+def novelty(hands: Float[np.ndarray, "t 2 3"], fps: float) -> float:
+    """Mean distance (root mean square) of each second of the hands' path from the most similar second over 3 s away.
+
+    NaN if some second has no other that far away.
+    """
+    path = gaussian_filter1d(hands.reshape(len(hands), -1), 2, axis=0)[:: max(1, int(fps / _PATH_HZ))]
+    seconds = np.stack([path[at : at + _PATH_HZ].ravel() for at in range(max(len(path) - _PATH_HZ, 1))])
+    number = np.arange(len(seconds))
+    is_far = np.abs(number[:, None] - number) > APART_S * _PATH_HZ
+    if not is_far.any(1).all():
+        return float("nan")
+    apart = cdist(seconds, seconds) / np.sqrt(seconds.shape[1])
+    return float(np.where(is_far, apart, np.inf).min(1).mean())
+
+
+def shoulder_turn_deg(points: Points) -> float:
+    """Deviation of the angle about the vertical between the lines through the shoulders and through the hip joints."""
+    shoulders, hips = (_at(points, "left" + bone) - _at(points, "right" + bone) for bone in ("UpperArm", "UpperLeg"))
+    return float(np.degrees(np.unwrap(_yaw(shoulders) - _yaw(hips)).std()))
+
+
+def trunk_lean_deg(points: Points) -> float:
+    """Deviation of the trunk's lean along Z: from the hips to the middle of the shoulders."""
+    trunk = (_at(points, "leftUpperArm") + _at(points, "rightUpperArm")) / 2 - _at(points, "hips")
+    return float(np.degrees(np.arctan2(trunk[:, 2], trunk[:, 1])).std())
+
+
+def hip_sway_cm(points: Points, fps: float) -> float:
+    """Deviation of the hips along X about their own mean over some seconds (a Gaussian of 4 s)."""
+    side = _at(points, "hips")[:, 0]
+    return float(100 * np.std(side - gaussian_filter1d(side, 4 * fps)))
+
+
+def _at(points: Points, name: str) -> Float[np.ndarray, "t 3"]:
+    return points[:, POINTS.index(name)]
+
+
+def _yaw(across: Float[np.ndarray, "t 3"]) -> Float[np.ndarray, " t"]:
+    return np.asarray(np.arctan2(-across[:, 2], across[:, 0]))
+
+
+def _speed(path: Float[np.ndarray, "t 3"], fps: float) -> Float[np.ndarray, " steps"]:
+    """Speed along a path that is smoothed by a Gaussian of 1/30 s."""
+    return np.asarray(np.linalg.norm(np.diff(gaussian_filter1d(path, fps / 30, axis=0), axis=0), axis=1) * fps)
