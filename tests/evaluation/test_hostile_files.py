@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from echoavatar.evaluation.metrics.skeleton_convolution import SkeletonConvolution, SkeletonConvolutionConfig
 
 from echoavatar import checkpoint
 from echoavatar.align.audio_reward import AudioMotion
@@ -18,7 +19,6 @@ from echoavatar.corpora.datasets.forecast import motion_header
 from echoavatar.data import Clip
 from echoavatar.errors import CheckpointError, EchoAvatarError
 from echoavatar.evaluation.metrics.motion_encoder import MotionEncoder, MotionEncoderConfig
-from echoavatar.evaluation.metrics.skeleton_convolution import SkeletonConvolution, SkeletonConvolutionConfig
 from echoavatar.evaluation.score_retrieval import read_embeddings
 from echoavatar.files.smplx_reader import read_smplx
 from echoavatar.models.audio.pool import read_group

@@ -1,12 +1,12 @@
 """Sizes in a config that no weights vouch for: they shape buffers and run-time state, so they are bounded."""
 
 import pytest
+from echoavatar.evaluation.metrics.skeleton_convolution import SkeletonConvolutionConfig
 from pydantic import ValidationError
 
 from echoavatar.align.audio_reward import AudioMotionConfig
 from echoavatar.config import Config
 from echoavatar.evaluation.metrics.motion_encoder import MotionEncoderConfig
-from echoavatar.evaluation.metrics.skeleton_convolution import SkeletonConvolutionConfig
 from echoavatar.models.audio.config import CodecConfig
 from echoavatar.models.face.config import FaceConfig, MelConfig
 from echoavatar.models.fingers.config import FingerConfig

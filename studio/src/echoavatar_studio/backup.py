@@ -84,8 +84,8 @@ def restore(store: Store, media: Path, path: Path) -> dict[str, int]:
     return counts
 
 
-_FOREIGN = (OSError, zipfile.BadZipFile, zlib.error, LookupError, ValueError, TypeError, AttributeError)
-_FOREIGN += (NotImplementedError, RuntimeError, StopIteration, SQLAlchemyError)
+_FOREIGN: tuple[type[Exception], ...] = (OSError, zipfile.BadZipFile, zlib.error, LookupError, ValueError, TypeError)
+_FOREIGN += (AttributeError, NotImplementedError, RuntimeError, StopIteration, SQLAlchemyError)
 
 
 def _check_sizes(whole: zipfile.ZipFile, media: Path, path: Path) -> None:

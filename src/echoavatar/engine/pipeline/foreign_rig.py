@@ -88,7 +88,7 @@ class RigAdapter:
         return self._features(moved.rotations.view(rows, frames, -1, 3, 3), travel)
 
     def canonical(self, features: Float[Tensor, "b t c"]) -> tuple[Float[Tensor, "b t j 3 3"], Float[Tensor, "b t 3"]]:
-        """Rotations in our axes with the arms off the trunk; and travel: metres left, height, metres ahead per frame."""
+        """Rotations in our axes with the arms off the trunk; and travel: metres left, height, metres ahead."""
         config = self.config
         frames = from_features(self.source, features, convention=self._convention)
         ground = list(self._convention.ground)

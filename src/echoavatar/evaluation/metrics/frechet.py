@@ -74,3 +74,11 @@ def frechet_between(made: Moments, true: Moments, *, ridge: float = 0.0) -> floa
 def frechet_distance(made: Float[np.ndarray, "n d"], true: Float[np.ndarray, "m d"], *, ridge: float = 0.0) -> float:
     """Fréchet distance between two sets of features."""
     return frechet_between(moments(made), moments(true), ridge=ridge)
+
+
+def scaled_by_truth(
+    made: Float[np.ndarray, "n d"], true: Float[np.ndarray, "m d"]
+) -> tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "m d"]]:
+    """Scale both sets by the truth's mean and (population) deviation, as Bailando does for FID_k and FID_m."""
+    mean, spread = true.mean(0), true.std(0) + 1e-10
+    return (made - mean) / spread, (true - mean) / spread

@@ -10,7 +10,8 @@ Shares = TypeVar("Shares", np.ndarray, Tensor)
 
 def smootherstep(share: Shares) -> Shares:
     """0 to 1 for shares of 0 to 1, with no speed and no acceleration at either end."""
-    return share**3 * (10 - share * (15 - 6 * share))
+    eased: Shares = share**3 * (10 - share * (15 - 6 * share))
+    return eased
 
 
 def falloff(value: Tensor, full: float, none: float) -> Tensor:

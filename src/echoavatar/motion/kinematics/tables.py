@@ -32,7 +32,7 @@ def write_csv(path: Path | str, motion: Motion) -> None:
 def write_npz(path: Path | str, motion: Motion, **beside: np.ndarray) -> None:
     """Write arrays `rotations` (t, j, 4) `wxyz`, `root` (t, 3), `fps`, and `skeleton` as JSON text; no pickles.
 
-    `beside` are further arrays to store, such as face curves.
+    `beside` are further arrays to store, such as a face.
     """
     packed = io.BytesIO()
     np.savez_compressed(packed, **(_arrays(motion) | beside))
@@ -40,7 +40,7 @@ def write_npz(path: Path | str, motion: Motion, **beside: np.ndarray) -> None:
 
 
 def read_npz(path: Path | str) -> Motion:
-    """Read a file of `write_npz`. Raises MotionError if it is missing, damaged, or not such a file."""
+    """Read a file of `write_npz`; raises MotionError where it is missing, damaged, or something else."""
     try:
         return motion_of(arrays_of(Path(path), MotionError))
     except FileNotFoundError as error:
@@ -50,7 +50,7 @@ def read_npz(path: Path | str) -> Motion:
 
 
 def motion_of(stored: Mapping[str, np.ndarray]) -> Motion:
-    """The motion in the arrays of `write_npz`. Raises one of `NPZ_ERRORS` if they are not such arrays."""
+    """The motion in arrays that `write_npz` wrote; raises one of `NPZ_ERRORS` where they are something else."""
     skeleton = Skeleton(SkeletonConfig.model_validate_json(str(stored["skeleton"])))
     return Motion(skeleton, stored["rotations"], stored["root"], float(stored["fps"]))
 
@@ -73,21 +73,55 @@ class NpzArrays(Mapping[str, np.ndarray]):
     Opening and reading raise FileNotFoundError, OSError, ValueError or zipfile.BadZipFile for files that are missing,
     damaged, or with pickles in them.
     """
-    check_file(path, ARRAYS_BYTES, error)
-    try:
-        with zipfile.ZipFile(path) as archive:
-            unpacked = sum(entry.file_size for entry in archive.infolist())
-            if unpacked > ARRAYS_BYTES:
-                raise error(f"{path} unpacks to {unpacked:,} bytes, and at most {ARRAYS_BYTES:,} are read; cut it")
-            return {name.removesuffix(".npy"): array_of(archive.read(name)) for name in archive.namelist()}
-    except (zipfile.LargeZipFile, NotImplementedError, RuntimeError) as reason:  # encrypted, or an unknown method
-        raise ValueError(str(reason)) from reason
-    except zlib.error as reason:
-        raise ValueError(f"damaged: {reason}") from reason
+
+    def __init__(self, path: Path, error: type[EchoAvatarError] = EchoAvatarError) -> None:
+        """Raises an error of the given kind where the file is too large, or unpacks to too much."""
+        check_file(path, ARRAYS_BYTES, error)
+        try:
+            self._archive = zipfile.ZipFile(path)
+        except (zipfile.LargeZipFile, NotImplementedError, RuntimeError) as reason:
+            raise ValueError(str(reason)) from reason
+        entries = self._archive.infolist()
+        unpacked = sum(entry.file_size for entry in entries)
+        if unpacked > ARRAYS_BYTES:
+            self._archive.close()
+            raise error(f"{path} unpacks to {unpacked:,} bytes, and at most {ARRAYS_BYTES:,} are read; cut it")
+        self._names = {entry.filename.removesuffix(".npy"): entry.filename for entry in entries}
+
+    def __getitem__(self, key: str) -> np.ndarray:
+        name = self._names[key]
+        try:
+            return array_of(self._archive.read(name))
+        except (NotImplementedError, RuntimeError) as reason:  # an unknown method, or encrypted
+            raise ValueError(str(reason)) from reason
+        except zlib.error as reason:
+            raise ValueError(f"damaged: {reason}") from reason
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._archive.close()
+
+
+def arrays_of(path: Path, error: type[EchoAvatarError] = EchoAvatarError) -> dict[str, np.ndarray]:
+    """Every array of an npz file; raises what `NpzArrays` raises."""
+    with NpzArrays(path, error) as stored:
+        return dict(stored)
 
 
 def array_of(data: bytes) -> np.ndarray:
-    """The array in an npy file's bytes. Raises ValueError if header and data do not fit, and for pickles."""
+    """The array of an npy file's bytes; raises ValueError where header and data do not fit, and for pickles."""
     file = io.BytesIO(data)
     version = np.lib.format.read_magic(file)
     read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
@@ -107,7 +141,7 @@ def _arrays(motion: Motion) -> dict[str, Any]:
 
 
 def write_whole(path: Path | str, data: bytes) -> None:
-    """Write a file completely or not at all. Raises MotionError if it cannot be written."""
+    """Write a file completely or not at all; raises MotionError where it cannot be written."""
     path = Path(path)
     partial = path.with_name(path.name + ".part")
     try:
