@@ -5,12 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from echoavatar.engine.audio_queue import (
-    MAX_UTTERANCES,
-    AudioQueue,
-    HeardUntil,
-    Span,
-)
+from echoavatar.engine.audio_queue import MAX_UTTERANCES, AudioQueue, HeardUntil, Span
 from echoavatar.errors import EchoAvatarError, InboxError
 from echoavatar.timing import CHUNK_SAMPLES
 

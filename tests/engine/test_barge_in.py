@@ -7,18 +7,8 @@ import numpy as np
 import pytest
 import torch
 
-from echoavatar.engine import (
-    Delivery,
-    Engine,
-    Session,
-    SessionCore,
-)
-from echoavatar.engine.pipeline import (
-    Action,
-    ActionLibrary,
-    Pipeline,
-    load_bundle,
-)
+from echoavatar.engine import Delivery, Engine, Session, SessionCore
+from echoavatar.engine.pipeline import Action, ActionLibrary, Pipeline, load_bundle
 from echoavatar.engine.playout import first_frame_after
 from echoavatar.models.generator import Generator
 from echoavatar.models.generator.config import Opening

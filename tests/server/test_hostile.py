@@ -19,15 +19,7 @@ from hypothesis import strategies as st
 from tests.server.fakes import FAST, Caller, Place, serving
 from websockets.exceptions import ConnectionClosed
 
-from echoavatar.wire import (
-    Hello,
-    Motion,
-    Ping,
-    Pong,
-    Sound,
-    Stats,
-    encode,
-)
+from echoavatar.wire import Hello, Motion, Ping, Pong, Sound, Stats, encode
 
 _log = logging.getLogger(__name__)
 AT_ONCE = 100

@@ -1,13 +1,7 @@
 import asyncio
 
 from echoavatar.server.outbox import MOST_MOTION, MOST_SOUND, Outbox
-from echoavatar.wire import (
-    Error,
-    Motion,
-    Pong,
-    ProtocolError,
-    Sound,
-)
+from echoavatar.wire import Error, Motion, Pong, ProtocolError, Sound
 
 
 def motion(at: int) -> Motion:

@@ -16,15 +16,7 @@ from websockets.exceptions import ConnectionClosed
 from echoavatar.engine import Engine
 from echoavatar.server.outbox import Outbox
 from echoavatar.server.session_manager import SessionManager
-from echoavatar.wire import (
-    Audio,
-    Error,
-    Hello,
-    Motion,
-    ProtocolError,
-    Sound,
-    encode,
-)
+from echoavatar.wire import Audio, Error, Hello, Motion, ProtocolError, Sound, encode
 
 
 def test_the_oldest_lost_session_makes_room_for_a_newcomer() -> None:

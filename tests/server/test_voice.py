@@ -8,12 +8,7 @@ from starlette.testclient import TestClient
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.server import voice
-from echoavatar.server.voice import (
-    MAX_LETTERS,
-    find_voice,
-    speak,
-    voice_route,
-)
+from echoavatar.server.voice import MAX_LETTERS, find_voice, speak, voice_route
 
 VOICES = [name for name in ("flite", "espeak-ng") if shutil.which(name)]
 

@@ -12,20 +12,10 @@ from echoavatar.wire import ProtocolError
 from echoavatar.wire.guard import check_origin
 
 from .body import read_body
-from .companion import (
-    ChatTurn,
-    Companion,
-    ToolAccess,
-    from_environment,
-)
+from .companion import ChatTurn, Companion, ToolAccess, from_environment
 from .companion.talk import MAX_HISTORY_TURNS
 from .session_manager import SessionManager
-from .tool_routes import (
-    asked_session,
-    call_tool,
-    locked,
-    read_json,
-)
+from .tool_routes import asked_session, call_tool, locked, read_json
 
 MOST_LETTERS = 2_000
 MOST_SOUND = 4 << 20  # bytes: 80 s at 24 kHz

@@ -17,14 +17,7 @@ from echoavatar.engine.tracks import Tracks
 from echoavatar.errors import AdmissionError
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
-from echoavatar.wire import (
-    VERSIONS,
-    Hello,
-    Latency,
-    ProtocolError,
-    Ready,
-    Rig,
-)
+from echoavatar.wire import VERSIONS, Hello, Latency, ProtocolError, Ready, Rig
 
 from .admission import Admission
 from .metrics import Metrics

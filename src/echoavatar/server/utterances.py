@@ -3,12 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from echoavatar.wire import (
-    Audio,
-    AudioFormat,
-    ProtocolError,
-    unpack_audio,
-)
+from echoavatar.wire import Audio, AudioFormat, ProtocolError, unpack_audio
 
 Samples = Float[np.ndarray, " s"]
 

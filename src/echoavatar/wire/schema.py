@@ -9,14 +9,7 @@ import msgspec
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 
 from .codec import subprotocol
-from .messages import (
-    CLOSE_CODES,
-    ENCODINGS,
-    MAX_MESSAGE_BYTES,
-    VERSIONS,
-    ClientMessage,
-    ServerMessage,
-)
+from .messages import CLOSE_CODES, ENCODINGS, MAX_MESSAGE_BYTES, VERSIONS, ClientMessage, ServerMessage
 from .typescript import Schema, interface
 
 

@@ -13,12 +13,7 @@ from tests.server.fakes import Place, serving
 from echoavatar.agents.client import ConnectionLostError, Recorder, connect
 from echoavatar.agents.client.connection import Avatar, stream_url
 from echoavatar.errors import EchoAvatarError
-from echoavatar.wire import (
-    ActionStatus,
-    Flush,
-    ProtocolError,
-    Sound,
-)
+from echoavatar.wire import ActionStatus, Flush, ProtocolError, Sound
 
 
 @pytest.fixture(scope="module")

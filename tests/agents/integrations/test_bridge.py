@@ -9,12 +9,7 @@ import pytest
 from tests.agents.integrations.fakes import engine, tone
 
 from echoavatar.agents.client import ConnectionLostError
-from echoavatar.agents.integrations import (
-    AvatarBridge,
-    AvatarChunk,
-    Flushed,
-    UtteranceDone,
-)
+from echoavatar.agents.integrations import AvatarBridge, AvatarChunk, Flushed, UtteranceDone
 from echoavatar.agents.integrations.backend import LocalBackend
 from echoavatar.agents.integrations.output import Event
 from echoavatar.errors import EchoAvatarError

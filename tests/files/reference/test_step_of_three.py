@@ -21,14 +21,7 @@ from echoavatar.evaluation.stream_bench import bench_stream
 from echoavatar.motion.kinematics import read_bvh
 from echoavatar.motion.stages.modes import MotionOptions
 from echoavatar.server.unity import UnitySettings, serve_unity
-from echoavatar.wire import (
-    Flush,
-    Hello,
-    Interrupt,
-    Motion,
-    Sound,
-    unpack_pose,
-)
+from echoavatar.wire import Flush, Hello, Interrupt, Motion, Sound, unpack_pose
 
 STEP = 9_600
 

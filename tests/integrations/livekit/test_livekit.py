@@ -22,12 +22,7 @@ from tests.integrations.livekit.rooms import Room, Speaker, pair
 
 from echoavatar.agents.integrations import AvatarBridge, find_backend
 from echoavatar.engine.tracks import Tracks
-from echoavatar.wire import (
-    Flush,
-    Motion,
-    Ready,
-    decode_server,
-)
+from echoavatar.wire import Flush, Motion, Ready, decode_server
 
 BLOCK = 2_400
 

@@ -8,12 +8,7 @@ from echoavatar import checkpoint
 from echoavatar.errors import CheckpointError
 from echoavatar.models.audio import AudioCodec, CodecConfig
 from echoavatar.models.audio.pool import AudioGroup, AudioPool, to_int16
-from echoavatar.models.audio.train import (
-    CodecTask,
-    CodecTrainingConfig,
-    make_batch,
-    train_codec,
-)
+from echoavatar.models.audio.train import CodecTask, CodecTrainingConfig, make_batch, train_codec
 from echoavatar.training import Loop
 
 CONFIG = CodecTrainingConfig(

@@ -4,12 +4,7 @@ from tests.models.fingers.moving import QUICK, TINY, waving
 
 from echoavatar.models.fingers import FingerModel
 from echoavatar.models.fingers.clips import finger_clip
-from echoavatar.models.fingers.windows import (
-    FingerSampler,
-    count_learned_hands,
-    denoising_loss,
-    draw_noise,
-)
+from echoavatar.models.fingers.windows import FingerSampler, count_learned_hands, denoising_loss, draw_noise
 
 
 def sampler(model: FingerModel, shares: tuple[float, float] = (0.5, 0.5)) -> FingerSampler:

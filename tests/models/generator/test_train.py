@@ -8,12 +8,7 @@ import torch
 from tests.models.generator.tiny import config, generator
 
 from echoavatar.errors import CheckpointError
-from echoavatar.models.generator import (
-    Generator,
-    TokenClip,
-    WindowSampler,
-    nll_by_domain,
-)
+from echoavatar.models.generator import Generator, TokenClip, WindowSampler, nll_by_domain
 from echoavatar.models.generator.recipe import GeneratorTraining
 from echoavatar.models.generator.train import GeneratorTask, train_generator
 from echoavatar.training import Loop

@@ -11,12 +11,7 @@ from typing import Any
 import pytest
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.server.companion import (
-    PERSONA,
-    ChatModel,
-    ChatTurn,
-    ToolAccess,
-)
+from echoavatar.server.companion import PERSONA, ChatModel, ChatTurn, ToolAccess
 
 Answer = Callable[[str, Any], tuple[int, Any]]
 

@@ -5,14 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from echoavatar.timing import SAMPLE_RATE_HZ
-from echoavatar.wire import (
-    Audio,
-    AudioFormat,
-    End,
-    Flush,
-    Ready,
-    Sound,
-)
+from echoavatar.wire import Audio, AudioFormat, End, Flush, Ready, Sound
 
 BLOCK_BYTES = 1 << 16
 AHEAD_S = 30.0  # seconds of sound sent ahead of their motion; the server's inbox is bounded

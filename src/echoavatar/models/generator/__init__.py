@@ -6,19 +6,8 @@ from .initial import align_embeddings, init_from_qwen
 from .linear import Precision
 from .model import Generator
 from .reliance import nll_by_domain
-from .stream import (
-    GeneratorStream,
-    InterleavedStream,
-    PrefixStream,
-    open_stream,
-)
-from .windows import (
-    DOMAINS,
-    TokenClip,
-    Window,
-    WindowSampler,
-    patience_of,
-)
+from .stream import GeneratorStream, InterleavedStream, PrefixStream, open_stream
+from .windows import DOMAINS, TokenClip, Window, WindowSampler, patience_of
 
 __all__ = [
     "DOMAINS",

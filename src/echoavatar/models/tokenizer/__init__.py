@@ -3,22 +3,10 @@
 Training is `tokenizer.train`, imported by name, so that what only streams never loads it.
 """
 
-from .body import (
-    BodyState,
-    BodyTokenizer,
-    BodyTokenizerConfig,
-    as_one_part,
-    body_config,
-)
+from .body import BodyState, BodyTokenizer, BodyTokenizerConfig, as_one_part, body_config
 from .losses import LossWeights, MotionLoss
 from .measure import TokenizerScores, measure
-from .model import (
-    DecoderState,
-    EncoderState,
-    MotionTokenizer,
-    MotionTokenizerConfig,
-    TokenizerPass,
-)
+from .model import DecoderState, EncoderState, MotionTokenizer, MotionTokenizerConfig, TokenizerPass
 from .windows import clip_features
 
 __all__ = [

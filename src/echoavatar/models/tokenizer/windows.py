@@ -9,13 +9,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from echoavatar.errors import MotionError
-from echoavatar.motion.kinematics import (
-    FeatureStatistics,
-    Skeleton,
-    measure_features,
-    mirror_features,
-    to_features,
-)
+from echoavatar.motion.kinematics import FeatureStatistics, Skeleton, measure_features, mirror_features, to_features
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
 

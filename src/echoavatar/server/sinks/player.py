@@ -7,14 +7,7 @@ from collections import deque
 from collections.abc import Callable
 
 from echoavatar.timing import SAMPLES_PER_FRAME
-from echoavatar.wire import (
-    Flush,
-    Motion,
-    Pose,
-    Rig,
-    ServerMessage,
-    unpack_pose,
-)
+from echoavatar.wire import Flush, Motion, Pose, Rig, ServerMessage, unpack_pose
 
 from .clock import FollowingClock
 from .sink import Frame, Sink
