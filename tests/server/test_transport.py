@@ -47,9 +47,7 @@ def test_idle_sockets_lock_nobody_out(monkeypatch: pytest.MonkeyPatch) -> None:
         assert len(place.server.server_state.connections) <= LIMIT
 
 
-def test_a_silent_socket_is_closed_and_so_is_a_request_that_never_ends(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_silent_socket_is_closed_and_so_is_a_request_that_never_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     with small(monkeypatch, silence_s=0.3) as place, contextlib.ExitStack() as stack:
         silent, slow = (stack.enter_context(socket.create_connection(address(place))) for _ in range(2))
         slow.sendall(b"GET /health HTTP/1.1\r\n")

@@ -54,12 +54,7 @@ class AudioQueue:
     """The speech of one session, from push to model. Not thread-safe: the session holds its lock around every call."""
 
     def __init__(
-        self,
-        chunk: ChunkSize = CHUNK,
-        *,
-        rewind: int = 0,
-        seconds: float = INBOX_SECONDS,
-        is_paced: bool = False,
+        self, chunk: ChunkSize = CHUNK, *, rewind: int = 0, seconds: float = INBOX_SECONDS, is_paced: bool = False
     ) -> None:
         """`rewind` is how many chunks behind the one being made can be taken again."""
         self.waiting = 0  # samples at 24 kHz that are not scheduled

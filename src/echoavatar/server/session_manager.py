@@ -87,11 +87,6 @@ class SessionManager:
         """Whether the engine runs."""
         return self._thread.is_alive
 
-    @property
-    def has_failed(self) -> bool:
-        """Whether the engine failed."""
-        return self._thread.error is not None
-
     # ---- admission
 
     def enter(self, hello: Hello, outbox: Outbox) -> tuple[ServerSession, Ready]:

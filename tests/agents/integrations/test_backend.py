@@ -68,7 +68,7 @@ def test_missing_servers_bundles_and_tokens_are_named() -> None:
     with serving(settings=replace(FAST, token="secret")) as there:
         with pytest.raises(ProtocolError):
             asyncio.run(start(f"http://{there.address}", token="wrong"))
-        with pytest.raises(ConnectionLostError, match="token"):
+        with pytest.raises(EchoAvatarError, match="token"):
             asyncio.run(find_backend(f"http://{there.address}", token="wrong").tools())
 
 

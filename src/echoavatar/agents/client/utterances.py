@@ -34,9 +34,7 @@ class UtteranceQueue:
         self._width = (2 if form.format == "s16le" else 4) * form.channels
         self._utterances: deque[Utterance] = deque()
         self._sent_s = 0.0
-        self._received_sound: dict[
-            int, tuple[int, int]
-        ] = {}  # received sound by clock: utterance and number of samples
+        self._received_sound: dict[int, tuple[int, int]] = {}  # by clock: utterance, number of samples
 
     @property
     def seconds_ahead(self) -> float:

@@ -92,12 +92,7 @@ class WindowSampler:
     """Draws batches of windows, every frame of the corpus equally likely; all randomness comes from one generator."""
 
     def __init__(
-        self,
-        skeleton: Skeleton,
-        clips: Sequence[Float[Tensor, "_ c"]],
-        *,
-        frames: int,
-        is_mirrored: bool,
+        self, skeleton: Skeleton, clips: Sequence[Float[Tensor, "_ c"]], *, frames: int, is_mirrored: bool
     ) -> None:
         if frames % FRAMES_PER_MOTION_TOKEN:
             raise ValueError(f"window of {frames} frames is not a multiple of {FRAMES_PER_MOTION_TOKEN}")
