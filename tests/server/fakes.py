@@ -52,7 +52,7 @@ class Body(FakePipeline):
 @contextlib.contextmanager
 def serving(
     *, seats: int = 4, settings: ServerSettings = FAST, step_s: float = 0.0, pipeline: Any = None
-) -> Iterator["Place"]:
+) -> Iterator["RunningServer"]:
     engine = Engine(pipeline or Body(step_s), seats=seats)
     app = create_app(engine, settings)
     with listen("127.0.0.1", 0) as listener:
@@ -62,16 +62,16 @@ def serving(
         thread.start()
         assert begun.wait(10)
         try:
-            yield Place(f"127.0.0.1:{listener.getsockname()[1]}", app.state.manager, server, thread)
+            yield RunningServer(f"127.0.0.1:{listener.getsockname()[1]}", app.state.manager, server, thread)
         finally:
             server.should_exit = True
             thread.join(10)
             assert not thread.is_alive()
 
 
-class Place:
+class RunningServer:
     def __init__(self, address: str, manager: Any, server: Server, thread: threading.Thread) -> None:
-        self.address, self.manager, self.server, self.thread = address, manager, server, thread
+        self.address, self.manager, self.uvicorn, self.thread = address, manager, server, thread
 
     def empties(self, seconds: float = 15.0) -> bool:
         """Wait until nobody is there."""

@@ -44,11 +44,11 @@ async def _talk(manager: SessionManager, companion: Companion, request: Request)
     text = message.get("text")
     if not isinstance(text, str) or not text.strip() or len(text) > MOST_LETTERS:
         raise EchoAvatarError(f'send {{"text": "..."}} of at most {MOST_LETTERS} letters')
-    live = asked_session(manager, request, message)
+    session = asked_session(manager, request, message)
     did: list[dict[str, Any]] = []
 
     async def do(name: str, arguments: dict[str, Any]) -> dict[str, Any]:
-        result = await call_tool(manager, live, name, arguments)
+        result = await call_tool(manager, session, name, arguments)
         did.append({"name": name, "arguments": arguments, "status": result.get("status", "done")})
         return result
 

@@ -47,7 +47,7 @@ class Connection:
         self._socket, self._manager = websocket, manager
         self._encoding: Encoding = "msgpack"
         self._outbox = Outbox()
-        self._live: ServerSession | None = None
+        self._session: ServerSession | None = None
         self._strikes = 0
         self._error: ProtocolError | None = None  # why the server closes it
         self._left: int | None = None  # the code with which the client closed it
@@ -66,11 +66,11 @@ class Connection:
         finally:
             manager.admission.leave(self._silence)
             manager.metrics.connections.set(manager.connections)
-            if self._live is not None:
-                manager.leave(self._live, self._outbox, for_good=self._left in GOODBYES)
+            if self._session is not None:
+                manager.leave(self._session, self._outbox, for_good=self._left in GOODBYES)
             # Tracebacks of errors refer back to this connection. The cycle lives until the garbage collector runs, so
             # nothing large may hang on it.
-            self._live = self._error = None
+            self._session = self._error = None
             self._outbox.clear()
 
     async def _talk(self) -> None:
@@ -79,7 +79,7 @@ class Connection:
         await self._socket.accept(subprotocol(*agreed) if agreed else None)
         with self._silence:
             await self._guarded(self._enter)
-        if self._live is not None:
+        if self._session is not None:
             async with anyio.create_task_group() as tasks:
                 for half in (self._send, self._receive):
                     tasks.start_soon(self._guarded, half, tasks.cancel_scope)
@@ -108,7 +108,7 @@ class Connection:
             raise ProtocolError("bad_order", "the first message must be a hello")
         check_token(self._manager.settings.token, message.token, self._socket.headers)
         self._outbox = Outbox(message.want)
-        self._live, _ = self._manager.enter(message, self._outbox)
+        self._session = self._manager.enter(message, self._outbox)
         self._manager.admission.greet(self._silence)
 
     async def _send(self) -> None:
@@ -133,38 +133,38 @@ class Connection:
                 self._forgive(error)
 
     async def _obey(self, message: ClientMessage) -> None:
-        live = self._live
-        assert live is not None
+        session = self._session
+        assert session is not None
         match message:
             case Audio() | End():
-                if live.source is not self._outbox:
+                if session.source is not self._outbox:
                     raise ProtocolError("bad_order", "viewers send no sound; say hello as a source")
-                live.hear(message) if isinstance(message, Audio) else live.finish(message)
+                session.hear(message) if isinstance(message, Audio) else session.finish(message)
             case Played():
-                live.played(message, time.monotonic())
+                session.played(message, time.monotonic())
             case Interrupt():
                 self._manager.metrics.interrupts.inc()
-                live.interrupt(message)
+                session.interrupt(message)
             case Action():
-                live.act(message)
+                session.act(message)
             case Music(op="stop"):
-                live.stop_music(message)
+                session.stop_music(message)
             case Music():
-                await self._play(live, message)
+                await self._play(session, message)
             case Ping():
-                self._outbox.put(Pong(nonce=message.nonce, at=live.end))
+                self._outbox.put(Pong(nonce=message.nonce, at=session.end))
             case Hello():
                 raise ProtocolError("bad_order", "hello was said already")
 
-    async def _play(self, live: ServerSession, message: Music) -> None:
+    async def _play(self, session: ServerSession, message: Music) -> None:
         tracks = self._manager.tracks
         title = message.title or next(iter(tracks.titles), "")
         try:
             title = tracks.find(title)
-            live.play(message, title, await self._manager.load_track(title))
+            session.play(message, title, await self._manager.load_track(title))
         except EchoAvatarError as error:
             reason = str(error)
-            self._outbox.put(answer(message.id, title, "rejected", live.end, reason=reason, choices=tracks.titles))
+            self._outbox.put(answer(message.id, title, "rejected", session.end, reason=reason, choices=tracks.titles))
 
     async def _next(self, seconds: float, what: str) -> ClientMessage:
         try:

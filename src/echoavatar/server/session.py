@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from echoavatar.engine import ActStatus, Delivery, SessionCore
-from echoavatar.errors import InboxError
+from echoavatar.errors import QueueFullError
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar.wire import (
     Action,
@@ -158,7 +158,7 @@ class ServerSession:
     def _push(self, samples: Float[np.ndarray, " s"], seg: int) -> None:
         try:
             self.core.push(samples, self._rate, utterance=seg)
-        except InboxError as error:
+        except QueueFullError as error:
             raise ProtocolError("inbox_full", str(error), fatal=False, retry_after=1.0) from error
 
     def finish(self, message: End) -> None:

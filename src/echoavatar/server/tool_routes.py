@@ -29,26 +29,26 @@ _NUMBERS = itertools.count(1)
 class ToolActor:
     """A session as the tools see it: every client is told what they do."""
 
-    def __init__(self, live: ServerSession) -> None:
-        self._live = live
+    def __init__(self, session: ServerSession) -> None:
+        self._session = session
         self._id = f"tool-{next(_NUMBERS)}"
 
     def act(self, name: str, *, intensity: float = 1.0, hold_s: float | None = None) -> ActStatus:
         """Begin an action."""
-        return self._live.act(Action(id=self._id, name=name, intensity=intensity, hold=hold_s))
+        return self._session.act(Action(id=self._id, name=name, intensity=intensity, hold=hold_s))
 
     def play(self, title: str, track: Float[np.ndarray, " s"]) -> None:
         """Play a track."""
-        self._live.play(Music(id=self._id, op="play", title=title), title, track)
+        self._session.play(Music(id=self._id, op="play", title=title), title, track)
 
     def stop_music(self) -> None:
         """Fade the music out."""
-        self._live.stop_music(Music(id=self._id, op="stop"))
+        self._session.stop_music(Music(id=self._id, op="stop"))
 
 
-async def call_tool(manager: SessionManager, live: ServerSession, name: str, arguments: dict[str, Any]) -> Schema:
+async def call_tool(manager: SessionManager, session: ServerSession, name: str, arguments: dict[str, Any]) -> Schema:
     """Run the tool a model asked for, in a session."""
-    return await manager.toolbox.call_async(ToolActor(live), name, arguments, manager.load_track)
+    return await manager.toolbox.call_async(ToolActor(session), name, arguments, manager.load_track)
 
 
 def tool_routes(manager: SessionManager) -> list[BaseRoute]:
@@ -73,8 +73,8 @@ def tool_routes(manager: SessionManager) -> list[BaseRoute]:
         arguments = message.get("arguments") or {}
         if not isinstance(arguments, dict):
             raise EchoAvatarError('"arguments" must be an object')
-        live = asked_session(manager, request, message)
-        return await call_tool(manager, live, request.path_params["name"], arguments)
+        session = asked_session(manager, request, message)
+        return await call_tool(manager, session, request.path_params["name"], arguments)
 
     return [
         Route("/v1/tools", answering(manager, declarations)),

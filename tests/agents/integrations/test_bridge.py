@@ -146,8 +146,8 @@ def test_a_lost_session_is_replaced_and_the_clock_continues() -> None:
         avatar = scene.bridge._session
         avatar._socket._close(1006, "")  # type: ignore[union-attr]
         avatar._socket._in.put_nowait({"type": "websocket.close"})  # type: ignore[union-attr]
-        for live in list(manager._live.values()):
-            manager.end(live)
+        for session in list(manager._sessions.values()):
+            manager.end(session)
         await scene.until(lambda: any(said.seg == seg for said in scene.of(UtteranceDone)))
 
     scene = play(script)
@@ -157,18 +157,15 @@ def test_a_lost_session_is_replaced_and_the_clock_continues() -> None:
     assert np.count_nonzero(scene.sound) > 0.9 * 60_000
 
 
-def test_a_session_that_ended_raises() -> None:
-    async def run() -> None:
-        bridge = AvatarBridge(LocalBackend(engine()))
-        with pytest.raises(EchoAvatarError, match="start"):
-            await bridge.say(tone(0.1), 24_000)
-        await bridge.start()
-        await bridge._session.close()
-        with pytest.raises(EchoAvatarError, match="gone"):
-            async for _ in bridge:
-                pass
-        await bridge.close()
-        await bridge.close()
-
-    asyncio.run(run())
+async def test_a_session_that_ended_raises() -> None:
+    bridge = AvatarBridge(LocalBackend(engine()))
+    with pytest.raises(EchoAvatarError, match="start"):
+        await bridge.say(tone(0.1), 24_000)
+    await bridge.start()
+    await bridge._session.close()
+    with pytest.raises(EchoAvatarError, match="gone"):
+        async for _ in bridge:
+            pass
+    await bridge.close()
+    await bridge.close()
     assert issubclass(ConnectionLostError, EchoAvatarError)

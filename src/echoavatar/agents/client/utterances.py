@@ -8,7 +8,7 @@ from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar.wire import Audio, AudioFormat, End, Flush, Ready, Sound
 
 BLOCK_BYTES = 1 << 16
-AHEAD_S = 30.0  # seconds of sound sent ahead of their motion; the server's inbox is bounded
+AHEAD_S = 30.0  # seconds of sound sent ahead of their motion; the server's queue is bounded
 KEPT_UTTERANCES = 4
 
 
