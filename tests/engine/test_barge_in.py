@@ -243,11 +243,6 @@ def test_an_action_does_not_wait_behind_motion_made_ahead(pipeline: Pipeline) ->
     while session.is_ready:
         engine.tick()
     assert session.made == 10 * size
-    assert [status.status for status in session.take_statuses()] == [
-        "rejected",
-        "accepted",
-        "started",
-        "done",
-    ]
+    assert [status.status for status in session.take_statuses()] == ["rejected", "accepted", "started", "done"]
     assert {session.take().source for _ in range(3)} == {"speech"}  # type: ignore[union-attr]
     assert session.take().source == "action"  # type: ignore[union-attr]

@@ -1,8 +1,11 @@
 """A server with a body of twenty lines on a free port, and a client of twenty lines that says what it likes."""
 
 import contextlib
+import json
 import threading
 import time
+import urllib.error
+import urllib.request
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -79,6 +82,21 @@ class RunningServer:
         while self.manager.sessions and time.monotonic() < end:
             time.sleep(0.05)
         return not self.manager.sessions
+
+    def http(self, path: str, body: bytes | None = None, **headers: str) -> tuple[int, Any]:
+        """Status and content of an answer, decoded where it is JSON; `_` in a header's name stands for `-`."""
+        given = {"content-type": "application/json"} | {key.replace("_", "-"): value for key, value in headers.items()}
+        request = urllib.request.Request(f"http://{self.address}{path}", body, given)
+        try:
+            with urllib.request.urlopen(request, timeout=10) as answer:
+                status, text = answer.status, answer.read().decode()
+        except urllib.error.HTTPError as error:
+            with error:
+                status, text = error.code, error.read().decode()
+        try:
+            return status, json.loads(text)
+        except ValueError:
+            return status, text
 
     def call(self, hello: Hello | None = None, **options: Any) -> "Caller":
         way = connect(

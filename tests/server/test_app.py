@@ -1,16 +1,16 @@
 """What operators and agents ask for, over HTTP."""
 
 import dataclasses
-import json
 import socket
-import urllib.error
-import urllib.request
 from collections.abc import Iterator
 
 import pytest
 from tests.server.fakes import FAST, RunningServer, serving
 
+from echoavatar import __version__
 from echoavatar.wire import Hello, Motion
+
+SECRET = {"authorization": "Bearer secret"}
 
 
 @pytest.fixture(scope="module")
@@ -19,45 +19,27 @@ def server() -> Iterator[RunningServer]:
         yield server
 
 
-def get(server: RunningServer, path: str, token: str = "") -> tuple[int, str]:
-    request = urllib.request.Request(f"http://{server.address}{path}")
-    if token:
-        request.add_header("Authorization", f"Bearer {token}")
-    try:
-        with urllib.request.urlopen(request, timeout=5) as answer:
-            return answer.status, answer.read().decode()
-    except urllib.error.HTTPError as error:
-        with error:
-            return error.code, error.read().decode()
-
-
 def test_health_is_open_and_says_what_is_free(server: RunningServer) -> None:
-    status, text = get(server, "/health")
+    status, facts = server.http("/health")
     assert status == 200
-    assert json.loads(text) == {
-        "status": "ready",
-        "version": "0.1.0",
-        "sessions": 0,
-        "seats": 2,
-        "free": 2,
-    } | {"version": json.loads(text)["version"]}
+    assert facts == {"status": "ready", "version": __version__, "sessions": 0, "seats": 2, "free": 2}
 
 
 def test_tools_and_metrics_ask_for_the_token(server: RunningServer) -> None:
     for path in ("/v1/tools", "/metrics"):
-        assert get(server, path)[0] == 401
-        assert get(server, path, "wrong")[0] == 401
-        assert get(server, path, "secret")[0] == 200
-    tools = json.loads(get(server, "/v1/tools?style=openai", "secret")[1])
+        assert server.http(path)[0] == 401
+        assert server.http(path, authorization="Bearer wrong")[0] == 401
+        assert server.http(path, **SECRET)[0] == 200
+    tools = server.http("/v1/tools?style=openai", **SECRET)[1]
     assert [tool["type"] for tool in tools] == ["function"] * 4
     assert tools[0]["parameters"]["properties"]["action"]["enum"] == ["wave", "bow"]
-    assert get(server, "/v1/tools?style=unknown", "secret")[0] == 400
+    assert server.http("/v1/tools?style=unknown", **SECRET)[0] == 400
 
 
 def test_metrics_count_what_happens(server: RunningServer) -> None:
     with server.call(Hello(token="secret")) as caller:
         caller.until(Motion)
-        text = get(server, "/metrics", "secret")[1]
+        text = server.http("/metrics", **SECRET)[1]
     assert "echoavatar_sessions 1.0" in text
     assert 'echoavatar_messages_total{direction="in",type="hello"} 1.0' in text
     assert "echoavatar_chunk_seconds_count" in text
@@ -80,7 +62,7 @@ def test_too_many_connections_are_refused_at_the_door(server: RunningServer) -> 
         viewer = Hello(token="secret", role="viewer", session=source.ready.session)
         with server.call(viewer), pytest.raises(InvalidStatus):
             server.call()
-        assert get(server, "/health")[0] == 200
+        assert server.http("/health")[0] == 200
 
 
 def test_connections_without_hello_give_way_to_newcomers(server: RunningServer) -> None:

@@ -23,13 +23,7 @@ from echoavatar.wire import Hello, Motion, Ping, Pong, Sound, Stats, encode
 
 _log = logging.getLogger(__name__)
 AT_ONCE = 100
-MANNERS = (
-    "hangs up at once",
-    "hangs up when let in",
-    "says hello and goes",
-    "says nonsense",
-    "says nothing of HTTP",
-)
+MANNERS = ("hangs up at once", "hangs up when let in", "says hello and goes", "says nonsense", "says nothing of HTTP")
 
 
 @pytest.fixture(scope="module")

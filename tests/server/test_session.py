@@ -341,11 +341,7 @@ def default_room() -> Room:
     room = Room()
     room.engine = load("default")
     room.session = ServerSession(
-        room.engine.open_core(seed=1, is_paced=True),
-        name="s",
-        key="k",
-        hello=Hello(),
-        settings=ServerSettings(),
+        room.engine.open_core(seed=1, is_paced=True), name="s", key="k", hello=Hello(), settings=ServerSettings()
     )
     room.session.join(room.box, received=None)
     return room

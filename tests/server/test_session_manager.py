@@ -21,11 +21,7 @@ from echoavatar.wire import Audio, Error, Hello, Motion, ProtocolError, Sound, e
 
 def test_the_oldest_lost_session_makes_room_for_a_newcomer() -> None:
     patient = dataclasses.replace(FAST, resume_seconds=60.0)
-    with (
-        serving(seats=2, settings=patient) as server,
-        server.call(Hello()) as lost,
-        server.call(Hello()) as stays,
-    ):
+    with serving(seats=2, settings=patient) as server, server.call(Hello()) as lost, server.call(Hello()) as stays:
         lost.until(Motion)
         lost.line.socket.close()
         time.sleep(0.2)
@@ -36,10 +32,7 @@ def test_the_oldest_lost_session_makes_room_for_a_newcomer() -> None:
 
 
 def test_a_server_that_stops_lets_the_sentence_end() -> None:
-    with (
-        serving(settings=dataclasses.replace(FAST, drain_seconds=8.0)) as server,
-        server.call(Hello()) as caller,
-    ):
+    with serving(settings=dataclasses.replace(FAST, drain_seconds=8.0)) as server, server.call(Hello()) as caller:
         caller.speak(1, np.full(24_000, 0.2, np.float32))
         caller.until(Motion)
         server.uvicorn.should_exit = True
@@ -98,11 +91,7 @@ def test_a_session_that_is_over_leaves_no_cycle_behind() -> None:
 
 def test_a_flood_of_one_sample_utterances_holds_nobody_up() -> None:
     """20,000 messages; a neighbour's motion comes on time meanwhile, and the flood is refused in words."""
-    with (
-        serving(settings=FAST) as server,
-        server.call(Hello()) as neighbour,
-        server.call(Hello()) as flood,
-    ):
+    with serving(settings=FAST) as server, server.call(Hello()) as neighbour, server.call(Hello()) as flood:
 
         def send() -> None:
             with contextlib.suppress(ConnectionClosed):

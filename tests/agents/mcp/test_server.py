@@ -51,9 +51,7 @@ def test_an_agent_makes_the_avatar_bow(server: RunningServer) -> None:
 
 def test_over_standard_input_as_agents_start_it(server: RunningServer) -> None:
     parameters = mcp.StdioServerParameters(
-        command=sys.executable,
-        args=["-m", "echoavatar", "mcp", "--server", server.address],
-        env=dict(os.environ),
+        command=sys.executable, args=["-m", "echoavatar", "mcp", "--server", server.address], env=dict(os.environ)
     )
 
     async def run() -> None:

@@ -94,10 +94,7 @@ async def talking(
 ) -> AsyncIterator[tuple[Listener, ScriptedUpstream, RunningServer]]:
     """A client that talks with a scripted upstream through a proxy with an avatar."""
     with avatar_server(pipeline=pipeline) as server:
-        async with (
-            proxied(script, server.address, settings=settings) as (url, upstream, _),
-            listening(url) as client,
-        ):
+        async with proxied(script, server.address, settings=settings) as (url, upstream, _), listening(url) as client:
             yield client, upstream, server
 
 

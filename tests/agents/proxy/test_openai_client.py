@@ -17,9 +17,7 @@ async def talk(session: ScriptedSession) -> None:
     await session.until("response.create")
     speaking = asyncio.create_task(
         session.say(
-            tone(6.0),
-            pace=0.4,
-            until=lambda: any(e["type"] == "input_audio_buffer.append" for e in session.received),
+            tone(6.0), pace=0.4, until=lambda: any(e["type"] == "input_audio_buffer.append" for e in session.received)
         )
     )
     await session.until("input_audio_buffer.append")

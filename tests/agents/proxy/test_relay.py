@@ -313,10 +313,7 @@ async def test_a_slow_client_gets_all_of_the_voice_and_less_of_the_motion() -> N
         await session.say(tone(1.0))
 
     with avatar_server() as server:
-        async with (
-            proxied(script, server.address) as (url, upstream, _),
-            listening(url, max_queue=1) as client,
-        ):
+        async with proxied(script, server.address) as (url, upstream, _), listening(url, max_queue=1) as client:
             await client.listen(lambda c: bool(c.of("echoavatar.animation_body.delta")))
             await client.say("go")
             await asyncio.sleep(3)

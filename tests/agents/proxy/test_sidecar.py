@@ -13,11 +13,7 @@ from echoavatar.agents.proxy.scripted import ScriptedSession
 from echoavatar.timing import ChunkSize
 from echoavatar.wire import Motion, unpack_pose
 
-BODY, FACE, FLUSH = (
-    "echoavatar.animation_body.delta",
-    "response.animation_blendshapes.delta",
-    "echoavatar.flush",
-)
+BODY, FACE, FLUSH = ("echoavatar.animation_body.delta", "response.animation_blendshapes.delta", "echoavatar.flush")
 DONE = "response.animation_blendshapes.done"
 LEVEL = 8_000 / 32_768
 
@@ -207,15 +203,9 @@ async def test_the_model_is_offered_the_tools_and_its_calls_are_carried_out() ->
         await client.listen(lambda c: bool(c.of("echoavatar.music.delta")))
         [session] = upstream.sessions
         await session.until("conversation.item.create", 2)
-        update, done = (
-            session.received[0],
-            [e for e in session.received if e["type"] == "conversation.item.create"],
-        )
+        update, done = (session.received[0], [e for e in session.received if e["type"] == "conversation.item.create"])
         assert update["session"]["type"] == "realtime"
-        assert [tool["name"] for tool in update["session"]["tools"]][:2] == [
-            "send_action",
-            "play_music",
-        ]
+        assert [tool["name"] for tool in update["session"]["tools"]][:2] == ["send_action", "play_music"]
         answers = [json.loads(event["item"]["output"]) for event in done]
         assert [event["item"]["call_id"] for event in done] == ["call_1", "call_2"]
         assert [answer["status"] for answer in answers] == ["accepted", "accepted"]

@@ -58,11 +58,7 @@ class FakeSession:
         (["send_action"], False, ["conversation.item.create", "response.create"]),
         (["list_actions"], True, ["conversation.item.create", "response.create"]),
         (["theirs"], False, []),
-        (
-            ["send_action", "theirs"],
-            False,
-            ["conversation.item.create"],
-        ),  # the client will continue the conversation
+        (["send_action", "theirs"], False, ["conversation.item.create"]),  # the client will continue the conversation
     ],
 )
 async def test_calls_are_answered_once_and_the_model_continues_only_if_it_was_silent(

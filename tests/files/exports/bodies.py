@@ -268,11 +268,7 @@ def _parts(matrix: np.ndarray) -> dict[str, list[float]]:
 
 def _packed(document: dict[str, Any], buffer: Buffer) -> bytes:
     data = bytes(buffer.data)
-    document |= {
-        "bufferViews": buffer.views,
-        "accessors": buffer.accessors,
-        "buffers": [{"byteLength": len(data)}],
-    }
+    document |= {"bufferViews": buffer.views, "accessors": buffer.accessors, "buffers": [{"byteLength": len(data)}]}
     text = json.dumps(document).encode()
     text += b" " * (-len(text) % 4)
     total = 12 + 8 + len(text) + 8 + len(data)

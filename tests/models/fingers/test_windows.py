@@ -8,10 +8,7 @@ from echoavatar.models.fingers.windows import FingerSampler, count_learned_hands
 
 
 def sampler(model: FingerModel, shares: tuple[float, float] = (0.5, 0.5)) -> FingerSampler:
-    groups = [
-        [finger_clip(waving(60))],
-        [finger_clip(waving(20, 1)), finger_clip(waving(30, 2, still=("left",)))],
-    ]
+    groups = [[finger_clip(waving(60))], [finger_clip(waving(20, 1)), finger_clip(waving(30, 2, still=("left",)))]]
     return FingerSampler(model, groups, shares, seed=3)
 
 
