@@ -1,4 +1,4 @@
-"""A server with a body of twenty lines on a free port, and a client of twenty lines that says what it likes."""
+"""A server with a minimal pipeline on a free port, and a client that sends what a test asks for."""
 
 import contextlib
 import json

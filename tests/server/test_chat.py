@@ -1,4 +1,4 @@
-"""The chat box's other end: what is said is answered, and done in the visitor's own session."""
+"""The chat box's other end: what is said is answered, and done in the client's own session."""
 
 import json
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ def server() -> Iterator[RunningServer]:
             yield server
 
 
-def test_it_says_who_talks(server: RunningServer) -> None:
+def test_the_companion_is_named(server: RunningServer) -> None:
     assert server.http("/v1/chat") == (200, {"name": "script", "hears": False})
 
 
@@ -47,14 +47,12 @@ def test_what_is_asked_for_happens_in_the_session_that_asks(server: RunningServe
         (b'{"text": "hi"}', {"origin": "https://evil.example"}, 403),
     ],
 )
-def test_strangers_and_nonsense_are_refused(
-    server: RunningServer, body: bytes, headers: dict[str, str], status: int
-) -> None:
+def test_invalid_requests_are_refused(server: RunningServer, body: bytes, headers: dict[str, str], status: int) -> None:
     assert server.empties()
     assert server.http("/v1/chat", body, **headers)[0] == status
 
 
-def test_a_script_has_no_ears(server: RunningServer) -> None:
+def test_the_script_cannot_transcribe(server: RunningServer) -> None:
     status, answer = server.http("/v1/chat/ears", b"RIFF", content_type="audio/wav")
     assert (status, "ECHOAVATAR_CHAT_EARS" in answer["error"]) == (400, True)
     assert server.http("/v1/chat/ears", b"RIFF", content_type="text/plain")[0] == 400

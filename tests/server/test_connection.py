@@ -1,4 +1,4 @@
-"""A real server on a real port, and callers with bad manners: each gets its answer, nobody else notices."""
+"""A real server on a real port, and hostile clients: each gets its answer and harms no other."""
 
 import dataclasses
 import time
@@ -79,7 +79,7 @@ def test_an_interruption_over_the_wire(server: RunningServer) -> None:
         assert (motion.at, motion.epoch) == (flush.at, flush.epoch)
 
 
-def test_the_json_twin_says_the_same(server: RunningServer) -> None:
+def test_the_json_encoding_carries_the_same_messages(server: RunningServer) -> None:
     from websockets.sync.client import connect
 
     with connect(f"ws://{server.address}/v1/stream", subprotocols=["echoavatar.v1.json"]) as line:  # type: ignore[list-item]
@@ -106,7 +106,7 @@ def test_the_json_twin_says_the_same(server: RunningServer) -> None:
     ],
     ids=["garbage", "motion", "wrong type", "truncated", "second hello", "text", "huge"],
 )
-def test_hostile_messages_end_their_own_line(server: RunningServer, frame: bytes | str, code: int) -> None:
+def test_hostile_messages_end_only_their_own_connection(server: RunningServer, frame: bytes | str, code: int) -> None:
     with server.call(Hello()) as neighbour, server.call(Hello()) as caller:
         caller.line.send(frame)
         closed, error = caller.closing()
@@ -123,7 +123,7 @@ def test_hello_comes_first(server: RunningServer, message: ClientMessage) -> Non
         assert caller.closing()[0] == 4400
 
 
-def test_a_silent_caller_is_sent_away(server: RunningServer) -> None:
+def test_a_client_without_hello_is_closed(server: RunningServer) -> None:
     with server.call() as caller:
         code, error = caller.closing()
     assert code == 4408
@@ -131,7 +131,7 @@ def test_a_silent_caller_is_sent_away(server: RunningServer) -> None:
     assert error.code == "timeout"
 
 
-def test_sound_that_is_not_a_number_is_dropped_and_said_so(server: RunningServer) -> None:
+def test_invalid_sound_is_reported_and_dropped(server: RunningServer) -> None:
     with server.call(Hello(audio=AudioFormat(format="f32le"))) as caller:
         bad = np.array([0.1, np.nan, np.inf], "<f4").tobytes()
         caller.say(Audio(seg=1, start=0, pcm=bad))
@@ -144,14 +144,14 @@ def test_sound_that_is_not_a_number_is_dropped_and_said_so(server: RunningServer
         caller.until(Sound, lambda sound: sound.seg == 1)
 
 
-def test_too_many_mistakes_are_too_many(server: RunningServer) -> None:
+def test_too_many_errors_end_the_connection(server: RunningServer) -> None:
     with server.call(Hello()) as caller:
         for _ in range(120):
             caller.say(Audio(seg=1, start=999, pcm=b""))
         assert caller.closing()[0] == 4400
 
 
-def test_a_flood_is_refused_and_neighbours_stay_on_time(server: RunningServer) -> None:
+def test_a_flood_is_refused_and_other_sessions_stay_on_time(server: RunningServer) -> None:
     minute = np.zeros(24_000 * 20, np.float32)
     with server.call(Hello()) as neighbour, server.call(Hello()) as flood:
         for k in range(12):
@@ -173,14 +173,14 @@ def test_versions_are_agreed_on(server: RunningServer) -> None:
         assert caller.ready.version == 1
 
 
-def test_unknown_sessions_are_said_to_be_unknown(server: RunningServer) -> None:
+def test_unknown_sessions_are_refused(server: RunningServer) -> None:
     for hello in (Hello(resume="nothing"), Hello(role="viewer", session="nothing")):
         with server.call() as caller:
             caller.say(hello)
             assert caller.closing()[0] == 4404
 
 
-def test_wrong_origins_are_sent_away(server: RunningServer) -> None:
+def test_wrong_origins_are_refused(server: RunningServer) -> None:
     with server.call(additional_headers={"Origin": "https://evil.example"}) as caller:
         assert caller.closing()[0] == 4403
     with server.call(Hello(), additional_headers={"Origin": f"http://{server.address}"}) as caller:
@@ -202,7 +202,7 @@ def test_viewers_watch_and_send_no_sound(server: RunningServer) -> None:
         source.until(Motion)
 
 
-def test_a_lost_source_comes_back_to_its_session(server: RunningServer) -> None:
+def test_a_lost_source_resumes_its_session(server: RunningServer) -> None:
     with server.call(Hello(seed=3)) as lost:
         lost.speak(1, np.full(24_000, 0.2, np.float32))
         sound = lost.until(Sound, lambda sound: sound.seg == 1)
@@ -223,7 +223,7 @@ def test_a_lost_source_comes_back_to_its_session(server: RunningServer) -> None:
             assert back.closing()[0] == 4409
 
 
-def test_a_lost_session_is_not_waited_for_for_ever(server: RunningServer) -> None:
+def test_a_lost_session_expires(server: RunningServer) -> None:
     caller = server.call(Hello())
     caller.line.socket.close()
     time.sleep(2.5)
@@ -232,7 +232,7 @@ def test_a_lost_session_is_not_waited_for_for_ever(server: RunningServer) -> Non
         assert late.closing()[0] == 4404
 
 
-def test_many_callers_come_and_go(server: RunningServer) -> None:
+def test_seats_are_freed_when_many_clients_come_and_go(server: RunningServer) -> None:
     """Most are refused at the door for want of seats, some leave mid-sentence; the server does not mind."""
     with server.call(Hello()) as neighbour:
         for k in range(24):
@@ -285,7 +285,7 @@ anything = st.one_of(
 
 @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(talk=st.lists(anything, max_size=25))
-def test_any_order_of_valid_messages_is_survived(server: RunningServer, talk: list[ClientMessage]) -> None:
+def test_any_order_of_valid_messages_is_accepted(server: RunningServer, talk: list[ClientMessage]) -> None:
     """What comes back is in order: motion without holes within an epoch, epochs that grow."""
     with server.call(Hello()) as caller:
         for message in talk:

@@ -120,7 +120,7 @@ def attended(caller: Caller) -> Iterator[None]:
 
 
 @pytest.mark.parametrize("connects", [300, pytest.param(10_000, marks=pytest.mark.slow)])
-def test_a_crowd_that_connects_harms_nobody(server: RunningServer, neighbour: Caller, connects: int) -> None:
+def test_many_connections_harm_no_session(server: RunningServer, neighbour: Caller, connects: int) -> None:
     """Nobody is left behind: connections, seats, sessions and file handles are as before."""
     handles, began, at = len(os.listdir("/proc/self/fd")), time.monotonic(), neighbour.until(Motion).at
     with attended(neighbour):

@@ -145,7 +145,7 @@ def test_a_source_slower_than_real_time_is_filled_with_silence() -> None:
     assert room.session.end / 24_000 >= 8.0 - 0.1
 
 
-def test_where_nobody_plays_time_stands_still() -> None:
+def test_without_a_player_the_clock_stands_still() -> None:
     room = Room()
     room.go(1.0)
     room.session.leave(room.box)
@@ -169,7 +169,7 @@ def test_a_viewer_who_comes_late_is_shown_what_is_being_played() -> None:
     assert late.of(Motion)[-1].at == room.session.end - CHUNK_SAMPLES
 
 
-def test_one_who_returns_is_sent_what_was_missed() -> None:
+def test_a_resuming_client_is_sent_what_it_missed() -> None:
     room = Room()
     room.speak(1, 3.0)
     room.go(1.0)
@@ -319,7 +319,7 @@ def test_what_is_kept_does_not_grow() -> None:
     assert len(room.session.core._queue._spans) < 80
 
 
-def test_all_go_when_one_must() -> None:
+def test_early_sessions_go_with_one_that_is_due() -> None:
     """A step of the engine moves everyone; one who is not due yet goes along."""
     room = Room()
     room.go(3.0)

@@ -33,9 +33,7 @@ def server() -> Iterator[RunningServer]:
         (b"[" * 9_000, {}, 400),
     ],
 )
-def test_strangers_and_nonsense_are_refused(
-    server: RunningServer, body: bytes, headers: dict[str, str], status: int
-) -> None:
+def test_invalid_requests_are_refused(server: RunningServer, body: bytes, headers: dict[str, str], status: int) -> None:
     with server.call(Hello()):
         assert server.http("/v1/tools/stop_music", body, **headers)[0] == status
 

@@ -1,4 +1,4 @@
-"""Places for WebSockets. A connection without `hello` proves nothing, so it gives way to a newcomer."""
+"""Admission of WebSockets. A connection that has not said `hello` gives way to a new one."""
 
 from collections import Counter
 
@@ -6,7 +6,7 @@ from anyio import CancelScope
 
 
 class Admission:
-    """The places, and who holds them. A connection is known by the scope in which it waits for its hello."""
+    """Open connections, at most `limit`. Each is known by the scope in which it waits for its hello."""
 
     def __init__(self, limit: int) -> None:
         self._limit = limit
@@ -17,9 +17,9 @@ class Admission:
         return len(self._greeted) + len(self._waiting)
 
     def enter(self, scope: CancelScope, address: str) -> bool:
-        """Take a place; returns whether there was one.
+        """Admit a connection; returns False if there is no room.
 
-        If all are taken, the address with the most silent connections gives up its oldest.
+        At the limit, the address with the most connections without hello loses its oldest.
         """
         if len(self) >= self._limit:
             if not self._waiting:
@@ -32,7 +32,7 @@ class Admission:
         return True
 
     def greet(self, scope: CancelScope) -> None:
-        """The connection said hello, so it keeps its place."""
+        """The connection said hello and stays."""
         if self._waiting.pop(scope, None) is not None:
             self._greeted.add(scope)
 

@@ -1,4 +1,4 @@
-"""All sessions of a server: admission, resumption, expiry, and the clock that moves them."""
+"""All sessions of a server: admission, resumption, expiry, and the loop that advances them."""
 
 import asyncio
 import logging
@@ -28,9 +28,9 @@ from .sink_router import SinkRouter
 
 _LOG = logging.getLogger(__name__)
 BEAT_S = 0.02
-MOST_DECODERS = 2  # tracks that are decoded at once
+MOST_DECODERS = 2  # tracks decoded at the same time
 STATS_S = 1.0
-GOODBYE_S = 3.0  # for the last messages to every client
+GOODBYE_S = 3.0  # time for the last messages to every client
 
 
 class SessionManager:
@@ -90,7 +90,7 @@ class SessionManager:
     # ---- admission
 
     def enter(self, hello: Hello, outbox: Outbox) -> ServerSession:
-        """Open a session, resume one, or let a viewer in; nothing is queued before the `ready`.
+        """Open a session, resume one, or admit a viewer. `ready` is the first message that is queued.
 
         Raises:
             ProtocolError: no common version, no such session, no seat, or the server is stopping.
@@ -158,11 +158,11 @@ class SessionManager:
     def _known(self, among: dict[str, ServerSession], name: str) -> ServerSession:
         session = among.get(name)
         if session is None:
-            raise ProtocolError("unknown_session", "that session is not here, or is over; begin a new one")
+            raise ProtocolError("unknown_session", "that session is not here, or has ended; begin a new one")
         return session
 
     def _replace(self, session: ServerSession) -> None:
-        """The source comes back over another connection; the old one ends."""
+        """End the connection of a source that resumes over another one."""
         if session.source is not None:
             old = session.source
             session.leave(old)
@@ -197,7 +197,7 @@ class SessionManager:
     # ---- the clock
 
     async def run(self) -> None:
-        """Move all sessions until cancelled; starts and stops the engine's threads."""
+        """Advance all sessions until cancelled; starts and stops the engine's threads."""
         beat = 0
         with self._thread:
             try:
@@ -211,7 +211,7 @@ class SessionManager:
                     self.end(session)
 
     def _beat(self, *, with_stats: bool) -> None:
-        """Move all sessions by the time since the last beat."""
+        """Advance all sessions to the present."""
         now, step_s = time.monotonic(), self.engine.step_seconds
         due = [self._is_due(session, now, step_s) for session in self._sessions.values()]
         for session in list(self._sessions.values()):
@@ -275,7 +275,7 @@ class SessionManager:
 
 
 def _on_loop(loop: asyncio.AbstractEventLoop, what: Callable[[], None]) -> Callable[[], None]:
-    """The same call, from an engine's thread onto the event loop."""
+    """A function that calls `what` on the event loop, from any thread."""
 
     def call() -> None:
         if not loop.is_closed():

@@ -1,4 +1,4 @@
-"""The benchmark sends the same events all routes, with an avatar that moves."""
+"""The benchmark sends the same events over all routes, with an avatar that moves."""
 
 from tests.agents.proxy.places import avatar_server
 
