@@ -1,5 +1,7 @@
-"""Fixtures that several rooms share."""
+"""Fixtures that several rooms share, and the loop that runs coroutine tests."""
 
+import asyncio
+import inspect
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +22,16 @@ CARD: dict[str, object] = {
     "command": "tests/conftest.py",
     "licence": "Apache-2.0",
 }
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
+    """Run a test that is a coroutine on a loop of its own, for a minute at most."""
+    if not inspect.iscoroutinefunction(pyfuncitem.obj):
+        return None
+    given = {name: pyfuncitem.funcargs[name] for name in pyfuncitem._fixtureinfo.argnames}
+    asyncio.run(asyncio.wait_for(pyfuncitem.obj(**given), 60))
+    return True
 
 
 @pytest.fixture(scope="session")

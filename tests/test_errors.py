@@ -11,7 +11,7 @@ from echoavatar import errors
         errors.CheckpointError,
         errors.DependencyError,
         errors.AdmissionError,
-        errors.InboxError,
+        errors.QueueFullError,
     ],
 )
 def test_every_kind_is_one_the_command_line_reports(kind: type[Exception]) -> None:

@@ -28,5 +28,5 @@ class AdmissionError(EchoAvatarError):
     """No room for another session now; try again later or elsewhere."""
 
 
-class InboxError(EchoAvatarError):
+class QueueFullError(EchoAvatarError):
     """A session was sent more audio than it can hold; read motion, or send it as it is heard."""

@@ -16,8 +16,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from tests.agents.proxy.places import proxied, stage, tone
-from tests.server.fakes import Place, serving
+from tests.agents.proxy.places import avatar_server, proxied, tone
+from tests.server.fakes import RunningServer, serving
 
 from echoavatar.agents.proxy import avatar_events, events
 from echoavatar.agents.proxy.scripted import ScriptedSession
@@ -77,8 +77,8 @@ def example(name: str, **replaced: str) -> str:
 
 
 @contextmanager
-def conversation(place: Place) -> Iterator[str]:
-    """The address of a proxy in front of a scripted voice, run in a thread."""
+def conversation(place: RunningServer) -> Iterator[str]:
+    """The proxy's address, before a scripted voice, in a thread of its own."""
     there, over, told = threading.Event(), threading.Event(), []
 
     async def greet(session: ScriptedSession) -> None:
@@ -110,7 +110,7 @@ def test_the_example_with_openais_client_shows_frames(
 ) -> None:
     pytest.importorskip("openai")
     monkeypatch.setenv("OPENAI_API_KEY", "sk-test")
-    with stage() as place, conversation(place) as url:
+    with avatar_server() as place, conversation(place) as url:
         code = example("openai_realtime", url=("ws://127.0.0.1:8766/v1", url.removesuffix("/realtime")))
         exec(compile(code, "openai_realtime.md", "exec"), {})
     printed = capsys.readouterr().out.splitlines()

@@ -5,13 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from echoavatar.engine.audio_queue import (
-    MAX_UTTERANCES,
-    AudioQueue,
-    HeardUntil,
-    Span,
-)
-from echoavatar.errors import EchoAvatarError, InboxError
+from echoavatar.engine.audio_queue import MAX_UTTERANCES, AudioQueue, HeardUntil, Span
+from echoavatar.errors import EchoAvatarError, QueueFullError
 from echoavatar.timing import CHUNK_SAMPLES
 
 
@@ -68,7 +63,7 @@ def test_stalling_delivers_what_the_resampler_holds_and_the_length_stays_exact()
 
 def test_too_much_and_too_late_are_refused() -> None:
     queue = AudioQueue()
-    with pytest.raises(InboxError, match="600 s of audio are waiting"):
+    with pytest.raises(QueueFullError, match="600 s of audio are waiting"):
         queue.push(np.zeros(601 * 24_000, np.float32), 24_000)
     queue.finish()
     with pytest.raises(EchoAvatarError, match="finished"):
@@ -181,7 +176,7 @@ def test_the_number_of_waiting_utterances_is_bounded() -> None:
     queue = paced()
     for utterance in range(1, MAX_UTTERANCES + 1):
         queue.push(ramp(1), 24_000, utterance)
-    with pytest.raises(InboxError, match=f"{MAX_UTTERANCES} utterances are waiting"):
+    with pytest.raises(QueueFullError, match=f"{MAX_UTTERANCES} utterances are waiting"):
         queue.push(ramp(1), 24_000, MAX_UTTERANCES + 1)
     queue.push(ramp(1), 24_000, MAX_UTTERANCES)  # the newest may go on
     queue.schedule()

@@ -7,18 +7,8 @@ import numpy as np
 import pytest
 import torch
 
-from echoavatar.engine import (
-    Delivery,
-    Engine,
-    Session,
-    SessionCore,
-)
-from echoavatar.engine.pipeline import (
-    Action,
-    ActionLibrary,
-    Pipeline,
-    load_bundle,
-)
+from echoavatar.engine import Delivery, Engine, Session, SessionCore
+from echoavatar.engine.pipeline import Action, ActionLibrary, Pipeline, load_bundle
 from echoavatar.engine.playout import first_frame_after
 from echoavatar.models.generator import Generator
 from echoavatar.models.generator.config import Opening
@@ -253,11 +243,6 @@ def test_an_action_does_not_wait_behind_motion_made_ahead(pipeline: Pipeline) ->
     while session.is_ready:
         engine.tick()
     assert session.made == 10 * size
-    assert [status.status for status in session.take_statuses()] == [
-        "rejected",
-        "accepted",
-        "started",
-        "done",
-    ]
+    assert [status.status for status in session.take_statuses()] == ["rejected", "accepted", "started", "done"]
     assert {session.take().source for _ in range(3)} == {"speech"}  # type: ignore[union-attr]
     assert session.take().source == "action"  # type: ignore[union-attr]

@@ -17,12 +17,7 @@ from echoavatar.motion.gaze import off_viewer
 from echoavatar.motion.kinematics import HUMANOID, forward_kinematics
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.motion.motion_chunk import MotionChunk, join
-from echoavatar.timing import (
-    CHUNK_FRAMES,
-    CHUNK_SAMPLES,
-    FRAME_RATE_HZ,
-    SAMPLE_RATE_HZ,
-)
+from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES, FRAME_RATE_HZ, SAMPLE_RATE_HZ
 
 _log = logging.getLogger(__name__)
 pytestmark = pytest.mark.slow

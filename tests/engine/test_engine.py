@@ -72,11 +72,7 @@ def test_two_workers_step_two_sessions_side_by_side_each_by_itself() -> None:
             session.push(np.full(6_400, value, np.float32))
     assert machine.tick() == 2
     assert pipeline.rows == [1, 1]
-    assert [[float(chunk.root[0, 1]) for chunk in Session(session)] for session in sessions] == [
-        [6_400],
-        [],
-        [19_202],
-    ]
+    assert [[float(chunk.root[0, 1]) for chunk in Session(session)] for session in sessions] == [[6_400], [], [19_202]]
 
 
 def test_a_failure_in_a_worker_is_raised_by_tick() -> None:

@@ -21,13 +21,7 @@ from echoavatar.engine import Engine, Session, SessionCore
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.engine.playout import first_frame_after
 from echoavatar.motion.motion_chunk import join
-from echoavatar.timing import (
-    CHUNK_FRAMES,
-    CHUNK_SAMPLES,
-    FRAME_RATE_HZ,
-    SAMPLE_RATE_HZ,
-    SAMPLES_PER_FRAME,
-)
+from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES, FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 
 _log = logging.getLogger(__name__)
 FASTER = 10  # than real time

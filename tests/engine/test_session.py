@@ -56,7 +56,7 @@ def test_any_rate_is_accepted_and_bad_values_are_named() -> None:
         session.push(np.array([0.0, np.nan], np.float32))
 
 
-def test_an_inbox_that_overflows_says_what_to_do() -> None:
+def test_a_queue_that_overflows_says_what_to_do() -> None:
     with engine().open() as session, pytest.raises(EchoAvatarError, match="600 s of audio are waiting"):
         session.push(np.zeros(24_000 * 601, np.float32))
 

@@ -6,9 +6,7 @@ from echoavatar.engine import Session
 from echoavatar.engine.session_core import ChunkPlan
 
 
-def test_an_interruption_in_the_moment_a_chunk_begins_is_put_back_before_it(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_an_interruption_in_the_moment_a_chunk_begins_is_put_back_before_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """The worker has claimed the session, and has not yet taken its sound."""
     session = engine().open_core()
     session.push(np.ones(19_200, np.float32))

@@ -56,10 +56,7 @@ def test_what_cannot_be_is_rejected_with_the_reason(
 
 
 def test_music_is_heard_by_the_session_and_stops(toolbox: Toolbox, session: SessionCore) -> None:
-    assert toolbox.call(session, "play_music", {"title": "my_tune"}) == {
-        "status": "accepted",
-        "title": "My Tune",
-    }
+    assert toolbox.call(session, "play_music", {"title": "my_tune"}) == {"status": "accepted", "title": "My Tune"}
     session._host.tick()
     delivery = session.take()
     assert delivery is not None

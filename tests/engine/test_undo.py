@@ -16,9 +16,7 @@ class State(StreamState):
 
 
 @given(st.lists(st.tuples(st.integers(0, 1), st.integers(0, 9)), min_size=1, max_size=8))
-def test_undoing_steps_latest_first_gives_every_earlier_state_to_the_bit(
-    steps: list[tuple[int, int]],
-) -> None:
+def test_undoing_steps_latest_first_gives_every_earlier_state_to_the_bit(steps: list[tuple[int, int]]) -> None:
     """Two rows; a step writes a tenth of a large ring (or all of it), a count and a flag, not-a-number included."""
     state = State(torch.zeros(2, 10, SMALL // 5), torch.zeros(2, dtype=torch.int64), torch.zeros(2).bool())
     state.ring[:, 3] = -0.0

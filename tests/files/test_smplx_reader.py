@@ -7,15 +7,7 @@ from echoavatar.files.smplx_reader import read_smplx, rest_joints, skeleton
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.kinematics.retarget import retarget
 
-ARMS = (
-    "leftLowerArm",
-    "leftHand",
-    "rightLowerArm",
-    "rightHand",
-    "head",
-    "leftIndexDistal",
-    "rightThumbDistal",
-)
+ARMS = ("leftLowerArm", "leftHand", "rightLowerArm", "rightHand", "head", "leftIndexDistal", "rightThumbDistal")
 
 
 def test_the_skeleton_has_the_55_joints_in_their_order():

@@ -1,8 +1,11 @@
-"""A server with a body of twenty lines on a free port, and a client of twenty lines that says what it likes."""
+"""A server with a minimal pipeline on a free port, and a client that sends what a test asks for."""
 
 import contextlib
+import json
 import threading
 import time
+import urllib.error
+import urllib.request
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -52,7 +55,7 @@ class Body(FakePipeline):
 @contextlib.contextmanager
 def serving(
     *, seats: int = 4, settings: ServerSettings = FAST, step_s: float = 0.0, pipeline: Any = None
-) -> Iterator["Place"]:
+) -> Iterator["RunningServer"]:
     engine = Engine(pipeline or Body(step_s), seats=seats)
     app = create_app(engine, settings)
     with listen("127.0.0.1", 0) as listener:
@@ -62,16 +65,16 @@ def serving(
         thread.start()
         assert begun.wait(10)
         try:
-            yield Place(f"127.0.0.1:{listener.getsockname()[1]}", app.state.manager, server, thread)
+            yield RunningServer(f"127.0.0.1:{listener.getsockname()[1]}", app.state.manager, server, thread)
         finally:
             server.should_exit = True
             thread.join(10)
             assert not thread.is_alive()
 
 
-class Place:
+class RunningServer:
     def __init__(self, address: str, manager: Any, server: Server, thread: threading.Thread) -> None:
-        self.address, self.manager, self.server, self.thread = address, manager, server, thread
+        self.address, self.manager, self.uvicorn, self.thread = address, manager, server, thread
 
     def empties(self, seconds: float = 15.0) -> bool:
         """Wait until nobody is there."""
@@ -79,6 +82,21 @@ class Place:
         while self.manager.sessions and time.monotonic() < end:
             time.sleep(0.05)
         return not self.manager.sessions
+
+    def http(self, path: str, body: bytes | None = None, **headers: str) -> tuple[int, Any]:
+        """Status and content of an answer, decoded where it is JSON; `_` in a header's name stands for `-`."""
+        given = {"content-type": "application/json"} | {key.replace("_", "-"): value for key, value in headers.items()}
+        request = urllib.request.Request(f"http://{self.address}{path}", body, given)
+        try:
+            with urllib.request.urlopen(request, timeout=10) as answer:
+                status, text = answer.status, answer.read().decode()
+        except urllib.error.HTTPError as error:
+            with error:
+                status, text = error.code, error.read().decode()
+        try:
+            return status, json.loads(text)
+        except ValueError:
+            return status, text
 
     def call(self, hello: Hello | None = None, **options: Any) -> "Caller":
         way = connect(

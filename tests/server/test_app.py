@@ -1,70 +1,52 @@
 """What operators and agents ask for, over HTTP."""
 
 import dataclasses
-import json
 import socket
-import urllib.error
-import urllib.request
 from collections.abc import Iterator
 
 import pytest
-from tests.server.fakes import FAST, Place, serving
+from tests.server.fakes import FAST, RunningServer, serving
 
+from echoavatar import __version__
 from echoavatar.wire import Hello, Motion
+
+SECRET = {"authorization": "Bearer secret"}
 
 
 @pytest.fixture(scope="module")
-def place() -> Iterator[Place]:
-    with serving(seats=2, settings=dataclasses.replace(FAST, token="secret", connections=3)) as place:
-        yield place
+def server() -> Iterator[RunningServer]:
+    with serving(seats=2, settings=dataclasses.replace(FAST, token="secret", connections=3)) as server:
+        yield server
 
 
-def get(place: Place, path: str, token: str = "") -> tuple[int, str]:
-    request = urllib.request.Request(f"http://{place.address}{path}")
-    if token:
-        request.add_header("Authorization", f"Bearer {token}")
-    try:
-        with urllib.request.urlopen(request, timeout=5) as answer:
-            return answer.status, answer.read().decode()
-    except urllib.error.HTTPError as error:
-        with error:
-            return error.code, error.read().decode()
-
-
-def test_health_is_open_and_says_what_is_free(place: Place) -> None:
-    status, text = get(place, "/health")
+def test_health_is_open_and_says_what_is_free(server: RunningServer) -> None:
+    status, facts = server.http("/health")
     assert status == 200
-    assert json.loads(text) == {
-        "status": "ready",
-        "version": "0.1.0",
-        "sessions": 0,
-        "seats": 2,
-        "free": 2,
-    } | {"version": json.loads(text)["version"]}
+    assert facts == {"status": "ready", "version": __version__, "sessions": 0, "seats": 2, "free": 2}
 
 
-def test_tools_and_metrics_ask_for_the_token(place: Place) -> None:
+def test_tools_and_metrics_ask_for_the_token(server: RunningServer) -> None:
     for path in ("/v1/tools", "/metrics"):
-        assert get(place, path)[0] == 401
-        assert get(place, path, "wrong")[0] == 401
-        assert get(place, path, "secret")[0] == 200
-    tools = json.loads(get(place, "/v1/tools?style=openai", "secret")[1])
+        assert server.http(path)[0] == 401
+        assert server.http(path, authorization="Bearer wrong")[0] == 401
+        assert server.http(path, **SECRET)[0] == 200
+    tools = server.http("/v1/tools?style=openai", **SECRET)[1]
     assert [tool["type"] for tool in tools] == ["function"] * 4
     assert tools[0]["parameters"]["properties"]["action"]["enum"] == ["wave", "bow"]
-    assert get(place, "/v1/tools?style=unknown", "secret")[0] == 400
+    assert server.http("/v1/tools?style=unknown", **SECRET)[0] == 400
 
 
-def test_metrics_count_what_happens(place: Place) -> None:
-    with place.call(Hello(token="secret")) as caller:
+def test_metrics_count_what_happens(server: RunningServer) -> None:
+    with server.call(Hello(token="secret")) as caller:
         caller.until(Motion)
-        text = get(place, "/metrics", "secret")[1]
+        text = server.http("/metrics", **SECRET)[1]
     assert "echoavatar_sessions 1.0" in text
     assert 'echoavatar_messages_total{direction="in",type="hello"} 1.0' in text
     assert "echoavatar_chunk_seconds_count" in text
 
 
-def test_a_wrong_token_is_refused_in_words(place: Place) -> None:
-    with place.call() as caller:
+def test_a_wrong_token_is_refused_in_words(server: RunningServer) -> None:
+    with server.call() as caller:
         caller.say(Hello(token="guess"))
         code, error = caller.closing()
     assert code == 4401
@@ -72,21 +54,21 @@ def test_a_wrong_token_is_refused_in_words(place: Place) -> None:
     assert "wrong token" in error.message
 
 
-def test_too_many_connections_are_refused_at_the_door(place: Place) -> None:
+def test_too_many_connections_are_refused_at_the_door(server: RunningServer) -> None:
     from websockets.exceptions import InvalidStatus
 
     hello = Hello(token="secret")
-    with place.call(hello) as source, place.call(hello):
+    with server.call(hello) as source, server.call(hello):
         viewer = Hello(token="secret", role="viewer", session=source.ready.session)
-        with place.call(viewer), pytest.raises(InvalidStatus):
-            place.call()
-        assert get(place, "/health")[0] == 200
+        with server.call(viewer), pytest.raises(InvalidStatus):
+            server.call()
+        assert server.http("/health")[0] == 200
 
 
-def test_connections_without_hello_give_way_to_newcomers(place: Place) -> None:
+def test_connections_without_hello_give_way_to_newcomers(server: RunningServer) -> None:
     """Three silent ones take all three places; a client that says hello is served all the same."""
-    assert place.empties()
-    with place.call() as oldest, place.call(), place.call(), place.call(Hello(token="secret")) as newcomer:
+    assert server.empties()
+    with server.call() as oldest, server.call(), server.call(), server.call(Hello(token="secret")) as newcomer:
         newcomer.until(Motion)
         code, error = oldest.closing()
     assert code == 4429
@@ -94,9 +76,9 @@ def test_connections_without_hello_give_way_to_newcomers(place: Place) -> None:
     assert error.code == "overloaded"
 
 
-def test_a_body_of_two_lengths_is_refused(place: Place) -> None:
+def test_a_body_of_two_lengths_is_refused(server: RunningServer) -> None:
     """A proxy in front may read the other one."""
-    host, port = place.address.split(":")
+    host, port = server.address.split(":")
     with socket.create_connection((host, int(port)), 5) as line:
         line.sendall(
             f"POST /v1/voice HTTP/1.1\r\nHost: {host}\r\nContent-Length: 5\r\n".encode()

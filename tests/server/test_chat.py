@@ -1,43 +1,30 @@
-"""The chat box's other end: what is said is answered, and done in the visitor's own session."""
+"""The chat box's other end: what is said is answered, and done in the client's own session."""
 
 import json
-import urllib.error
-import urllib.request
 from collections.abc import Iterator
-from typing import Any
 
 import pytest
-from tests.server.fakes import Place, serving
+from tests.server.fakes import RunningServer, serving
 
 from echoavatar.wire import ActionStatus, Hello
 
 
 @pytest.fixture(scope="module")
-def place() -> Iterator[Place]:
+def server() -> Iterator[RunningServer]:
     with pytest.MonkeyPatch.context() as patch:
         patch.delenv("ECHOAVATAR_CHAT_URL", raising=False)
-        with serving() as place:
-            yield place
+        with serving() as server:
+            yield server
 
 
-def ask(place: Place, path: str, body: bytes | None = None, **headers: str) -> tuple[int, dict[str, Any]]:
-    given = {"content-type": "application/json"} | {k.replace("_", "-"): v for k, v in headers.items()}
-    request = urllib.request.Request(f"http://{place.address}{path}", body, given)
-    try:
-        with urllib.request.urlopen(request, timeout=10) as answer:
-            return answer.status, json.load(answer)
-    except urllib.error.HTTPError as error:
-        return error.code, json.load(error)
+def test_the_companion_is_named(server: RunningServer) -> None:
+    assert server.http("/v1/chat") == (200, {"name": "script", "hears": False})
 
 
-def test_it_says_who_talks(place: Place) -> None:
-    assert ask(place, "/v1/chat") == (200, {"name": "script", "hears": False})
-
-
-def test_what_is_asked_for_happens_in_the_session_that_asks(place: Place) -> None:
-    with place.call(Hello()) as first, place.call(Hello()):
+def test_what_is_asked_for_happens_in_the_session_that_asks(server: RunningServer) -> None:
+    with server.call(Hello()) as first, server.call(Hello()):
         body = {"session": first.ready.session, "text": "hello", "history": [{"role": "user", "text": 3}, 7]}
-        status, answer = ask(place, "/v1/chat", json.dumps(body).encode())
+        status, answer = server.http("/v1/chat", json.dumps(body).encode())
         assert (status, answer["did"]) == (
             200,
             [{"name": "send_action", "arguments": {"action": "wave"}, "status": "accepted"}],
@@ -45,7 +32,7 @@ def test_what_is_asked_for_happens_in_the_session_that_asks(place: Place) -> Non
         assert "Producer" in answer["say"]
         assert first.until(ActionStatus).name == "wave"
         body["text"] = "music!"
-        assert ask(place, "/v1/chat", json.dumps(body).encode())[1]["did"][0]["status"] == "accepted"
+        assert server.http("/v1/chat", json.dumps(body).encode())[1]["did"][0]["status"] == "accepted"
         assert first.until(ActionStatus, lambda told: told.name in first.ready.tracks).status == "accepted"
 
 
@@ -60,13 +47,13 @@ def test_what_is_asked_for_happens_in_the_session_that_asks(place: Place) -> Non
         (b'{"text": "hi"}', {"origin": "https://evil.example"}, 403),
     ],
 )
-def test_strangers_and_nonsense_are_refused(place: Place, body: bytes, headers: dict[str, str], status: int) -> None:
-    assert place.empties()
-    assert ask(place, "/v1/chat", body, **headers)[0] == status
+def test_invalid_requests_are_refused(server: RunningServer, body: bytes, headers: dict[str, str], status: int) -> None:
+    assert server.empties()
+    assert server.http("/v1/chat", body, **headers)[0] == status
 
 
-def test_a_script_has_no_ears(place: Place) -> None:
-    status, answer = ask(place, "/v1/chat/ears", b"RIFF", content_type="audio/wav")
+def test_the_script_cannot_transcribe(server: RunningServer) -> None:
+    status, answer = server.http("/v1/chat/ears", b"RIFF", content_type="audio/wav")
     assert (status, "ECHOAVATAR_CHAT_EARS" in answer["error"]) == (400, True)
-    assert ask(place, "/v1/chat/ears", b"RIFF", content_type="text/plain")[0] == 400
-    assert ask(place, "/v1/chat/ears", b"RIFF", content_type="audio/wav", origin="https://evil.example")[0] == 403
+    assert server.http("/v1/chat/ears", b"RIFF", content_type="text/plain")[0] == 400
+    assert server.http("/v1/chat/ears", b"RIFF", content_type="audio/wav", origin="https://evil.example")[0] == 403

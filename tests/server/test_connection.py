@@ -1,4 +1,4 @@
-"""A real server on a real port, and callers with bad manners: each gets its answer, nobody else notices."""
+"""A real server on a real port, and hostile clients: each gets its answer and harms no other."""
 
 import dataclasses
 import time
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from tests.server.fakes import FAST, Place, serving
+from tests.server.fakes import FAST, RunningServer, serving
 
 from echoavatar.wire import (
     Action,
@@ -38,21 +38,21 @@ from echoavatar.wire import (
 
 
 @pytest.fixture(scope="module")
-def place() -> Iterator[Place]:
-    with serving(seats=6, settings=dataclasses.replace(FAST, hello_seconds=2.0, resume_seconds=2.0)) as place:
-        yield place
+def server() -> Iterator[RunningServer]:
+    with serving(seats=6, settings=dataclasses.replace(FAST, hello_seconds=2.0, resume_seconds=2.0)) as server:
+        yield server
 
 
-def is_unharmed(place: Place) -> None:
+def is_unharmed(server: RunningServer) -> None:
     """A newcomer is served, and the engine moves."""
-    with place.call(Hello()) as caller:
+    with server.call(Hello()) as caller:
         caller.until(Motion)
         caller.say(Ping(nonce=5))
         assert caller.until(Pong).nonce == 5
 
 
-def test_a_session_from_hello_to_goodbye(place: Place) -> None:
-    with place.call(Hello()) as caller:
+def test_a_session_from_hello_to_goodbye(server: RunningServer) -> None:
+    with server.call(Hello()) as caller:
         assert caller.ready.rig.names[0] == "hips"
         assert caller.ready.actions == ("wave", "bow")
         caller.speak(1, np.full(12_000, 0.2, np.float32))
@@ -64,11 +64,11 @@ def test_a_session_from_hello_to_goodbye(place: Place) -> None:
         caller.until(ActionStatus, lambda status: status.status == "done")
         caller.say(Music(id="m", op="play", title="nothing"))
         assert "Evening Waltz" in caller.until(ActionStatus, lambda status: status.id == "m").choices
-    assert place.empties()
+    assert server.empties()
 
 
-def test_an_interruption_over_the_wire(place: Place) -> None:
-    with place.call(Hello()) as caller:
+def test_an_interruption_over_the_wire(server: RunningServer) -> None:
+    with server.call(Hello()) as caller:
         caller.speak(1, np.full(96_000, 0.2, np.float32))
         caller.until(Sound, lambda sound: sound.seg == 1)
         began = time.monotonic()
@@ -79,10 +79,10 @@ def test_an_interruption_over_the_wire(place: Place) -> None:
         assert (motion.at, motion.epoch) == (flush.at, flush.epoch)
 
 
-def test_the_json_twin_says_the_same(place: Place) -> None:
+def test_the_json_encoding_carries_the_same_messages(server: RunningServer) -> None:
     from websockets.sync.client import connect
 
-    with connect(f"ws://{place.address}/v1/stream", subprotocols=["echoavatar.v1.json"]) as line:  # type: ignore[list-item]
+    with connect(f"ws://{server.address}/v1/stream", subprotocols=["echoavatar.v1.json"]) as line:  # type: ignore[list-item]
         assert line.subprotocol == "echoavatar.v1.json"
         line.send('{"type":"hello"}')
         kinds: set[type] = set()
@@ -106,8 +106,8 @@ def test_the_json_twin_says_the_same(place: Place) -> None:
     ],
     ids=["garbage", "motion", "wrong type", "truncated", "second hello", "text", "huge"],
 )
-def test_hostile_messages_end_their_own_line(place: Place, frame: bytes | str, code: int) -> None:
-    with place.call(Hello()) as neighbour, place.call(Hello()) as caller:
+def test_hostile_messages_end_only_their_own_connection(server: RunningServer, frame: bytes | str, code: int) -> None:
+    with server.call(Hello()) as neighbour, server.call(Hello()) as caller:
         caller.line.send(frame)
         closed, error = caller.closing()
         assert closed == code
@@ -117,22 +117,22 @@ def test_hostile_messages_end_their_own_line(place: Place, frame: bytes | str, c
 
 
 @pytest.mark.parametrize("message", [Ping(), End(seg=1), Audio(seg=1, start=0, pcm=b"")])
-def test_hello_comes_first(place: Place, message: ClientMessage) -> None:
-    with place.call() as caller:
+def test_hello_comes_first(server: RunningServer, message: ClientMessage) -> None:
+    with server.call() as caller:
         caller.say(message)
         assert caller.closing()[0] == 4400
 
 
-def test_a_silent_caller_is_sent_away(place: Place) -> None:
-    with place.call() as caller:
+def test_a_client_without_hello_is_closed(server: RunningServer) -> None:
+    with server.call() as caller:
         code, error = caller.closing()
     assert code == 4408
     assert error is not None
     assert error.code == "timeout"
 
 
-def test_sound_that_is_not_a_number_is_dropped_and_said_so(place: Place) -> None:
-    with place.call(Hello(audio=AudioFormat(format="f32le"))) as caller:
+def test_invalid_sound_is_reported_and_dropped(server: RunningServer) -> None:
+    with server.call(Hello(audio=AudioFormat(format="f32le"))) as caller:
         bad = np.array([0.1, np.nan, np.inf], "<f4").tobytes()
         caller.say(Audio(seg=1, start=0, pcm=bad))
         assert caller.until(Error).code == "bad_audio"
@@ -144,16 +144,16 @@ def test_sound_that_is_not_a_number_is_dropped_and_said_so(place: Place) -> None
         caller.until(Sound, lambda sound: sound.seg == 1)
 
 
-def test_too_many_mistakes_are_too_many(place: Place) -> None:
-    with place.call(Hello()) as caller:
+def test_too_many_errors_end_the_connection(server: RunningServer) -> None:
+    with server.call(Hello()) as caller:
         for _ in range(120):
             caller.say(Audio(seg=1, start=999, pcm=b""))
         assert caller.closing()[0] == 4400
 
 
-def test_a_flood_is_refused_and_neighbours_stay_on_time(place: Place) -> None:
+def test_a_flood_is_refused_and_other_sessions_stay_on_time(server: RunningServer) -> None:
     minute = np.zeros(24_000 * 20, np.float32)
-    with place.call(Hello()) as neighbour, place.call(Hello()) as flood:
+    with server.call(Hello()) as neighbour, server.call(Hello()) as flood:
         for k in range(12):
             flood.speak(1, minute, start=k * len(minute))
         assert flood.until(Error).code == "inbox_full"
@@ -165,33 +165,33 @@ def test_a_flood_is_refused_and_neighbours_stay_on_time(place: Place) -> None:
         assert late < 1.0
 
 
-def test_versions_are_agreed_on(place: Place) -> None:
-    with place.call() as caller:
+def test_versions_are_agreed_on(server: RunningServer) -> None:
+    with server.call() as caller:
         caller.say(Hello(versions=(7, 8)))
         assert caller.closing()[0] == 4426
-    with place.call(Hello(versions=(1, 2))) as caller:
+    with server.call(Hello(versions=(1, 2))) as caller:
         assert caller.ready.version == 1
 
 
-def test_unknown_sessions_are_said_to_be_unknown(place: Place) -> None:
+def test_unknown_sessions_are_refused(server: RunningServer) -> None:
     for hello in (Hello(resume="nothing"), Hello(role="viewer", session="nothing")):
-        with place.call() as caller:
+        with server.call() as caller:
             caller.say(hello)
             assert caller.closing()[0] == 4404
 
 
-def test_wrong_origins_are_sent_away(place: Place) -> None:
-    with place.call(additional_headers={"Origin": "https://evil.example"}) as caller:
+def test_wrong_origins_are_refused(server: RunningServer) -> None:
+    with server.call(additional_headers={"Origin": "https://evil.example"}) as caller:
         assert caller.closing()[0] == 4403
-    with place.call(Hello(), additional_headers={"Origin": f"http://{place.address}"}) as caller:
+    with server.call(Hello(), additional_headers={"Origin": f"http://{server.address}"}) as caller:
         caller.until(Motion)
 
 
-def test_viewers_watch_and_send_no_sound(place: Place) -> None:
-    with place.call(Hello()) as source:
+def test_viewers_watch_and_send_no_sound(server: RunningServer) -> None:
+    with server.call(Hello()) as source:
         source.speak(1, np.full(48_000, 0.2, np.float32))
         source.until(Sound, lambda sound: sound.seg == 1)
-        with place.call(Hello(role="viewer", session=source.ready.session)) as viewer:
+        with server.call(Hello(role="viewer", session=source.ready.session)) as viewer:
             assert viewer.ready.resume == ""
             first = viewer.until(Motion)
             assert first.at == viewer.ready.at
@@ -202,13 +202,13 @@ def test_viewers_watch_and_send_no_sound(place: Place) -> None:
         source.until(Motion)
 
 
-def test_a_lost_source_comes_back_to_its_session(place: Place) -> None:
-    with place.call(Hello(seed=3)) as lost:
+def test_a_lost_source_resumes_its_session(server: RunningServer) -> None:
+    with server.call(Hello(seed=3)) as lost:
         lost.speak(1, np.full(24_000, 0.2, np.float32))
         sound = lost.until(Sound, lambda sound: sound.seg == 1)
         lost.line.socket.close()
         time.sleep(0.2)
-        back = place.call(Hello(resume=lost.ready.resume, played=sound.at))
+        back = server.call(Hello(resume=lost.ready.resume, played=sound.at))
     with back:
         assert back.ready.resumed
         assert back.ready.session == lost.ready.session
@@ -218,25 +218,25 @@ def test_a_lost_source_comes_back_to_its_session(place: Place) -> None:
         back.speak(1, np.full(2_400, 0.2, np.float32), start=24_000)
         back.say(End(seg=1))
         back.until(State, lambda state: state.finished == 1)
-        with place.call(Hello(resume=lost.ready.resume)) as thief:
+        with server.call(Hello(resume=lost.ready.resume)) as thief:
             assert thief.ready.resumed
             assert back.closing()[0] == 4409
 
 
-def test_a_lost_session_is_not_waited_for_for_ever(place: Place) -> None:
-    caller = place.call(Hello())
+def test_a_lost_session_expires(server: RunningServer) -> None:
+    caller = server.call(Hello())
     caller.line.socket.close()
     time.sleep(2.5)
-    with place.call() as late:
+    with server.call() as late:
         late.say(Hello(resume=caller.ready.resume))
         assert late.closing()[0] == 4404
 
 
-def test_many_callers_come_and_go(place: Place) -> None:
+def test_seats_are_freed_when_many_clients_come_and_go(server: RunningServer) -> None:
     """Most are refused at the door for want of seats, some leave mid-sentence; the server does not mind."""
-    with place.call(Hello()) as neighbour:
+    with server.call(Hello()) as neighbour:
         for k in range(24):
-            caller = place.call()
+            caller = server.call()
             if k % 3 == 0:
                 caller.say(Hello())
             if k % 5 == 0:
@@ -246,14 +246,14 @@ def test_many_callers_come_and_go(place: Place) -> None:
         neighbour.until(Motion)
         at = neighbour.until(Motion).at
         assert neighbour.until(Motion).at > at
-    assert place.empties()
-    assert place.manager.engine.free == 6
-    is_unharmed(place)
+    assert server.empties()
+    assert server.manager.engine.free == 6
+    is_unharmed(server)
 
 
-def test_more_sessions_than_seats_are_refused_with_a_time(place: Place) -> None:
-    callers = [place.call(Hello()) for _ in range(6)]
-    with place.call() as late:
+def test_more_sessions_than_seats_are_refused_with_a_time(server: RunningServer) -> None:
+    callers = [server.call(Hello()) for _ in range(6)]
+    with server.call() as late:
         late.say(Hello())
         code, error = late.closing()
         assert code == 4429
@@ -261,8 +261,8 @@ def test_more_sessions_than_seats_are_refused_with_a_time(place: Place) -> None:
         assert error.retry_after > 0
     for caller in callers:
         caller.line.close()
-    assert place.empties()
-    is_unharmed(place)
+    assert server.empties()
+    is_unharmed(server)
 
 
 samples = st.integers(0, 2**53 - 1)
@@ -285,9 +285,9 @@ anything = st.one_of(
 
 @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(talk=st.lists(anything, max_size=25))
-def test_any_order_of_valid_messages_is_survived(place: Place, talk: list[ClientMessage]) -> None:
+def test_any_order_of_valid_messages_is_accepted(server: RunningServer, talk: list[ClientMessage]) -> None:
     """What comes back is in order: motion without holes within an epoch, epochs that grow."""
-    with place.call(Hello()) as caller:
+    with server.call(Hello()) as caller:
         for message in talk:
             caller.say(message)
         caller.say(Ping(nonce=77))

@@ -16,40 +16,26 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from tests.server.fakes import FAST, Caller, Place, serving
+from tests.server.fakes import FAST, Caller, RunningServer, serving
 from websockets.exceptions import ConnectionClosed
 
-from echoavatar.wire import (
-    Hello,
-    Motion,
-    Ping,
-    Pong,
-    Sound,
-    Stats,
-    encode,
-)
+from echoavatar.wire import Hello, Motion, Ping, Pong, Sound, Stats, encode
 
 _log = logging.getLogger(__name__)
 AT_ONCE = 100
-MANNERS = (
-    "hangs up at once",
-    "hangs up when let in",
-    "says hello and goes",
-    "says nonsense",
-    "says nothing of HTTP",
-)
+MANNERS = ("hangs up at once", "hangs up when let in", "says hello and goes", "says nonsense", "says nothing of HTTP")
 
 
 @pytest.fixture(scope="module")
-def place() -> Iterator[Place]:
-    with serving(seats=4, settings=dataclasses.replace(FAST, hello_seconds=1.0, resume_seconds=0.3)) as place:
-        yield place
+def server() -> Iterator[RunningServer]:
+    with serving(seats=4, settings=dataclasses.replace(FAST, hello_seconds=1.0, resume_seconds=0.3)) as server:
+        yield server
 
 
 @pytest.fixture
-def neighbour(place: Place) -> Iterator[Caller]:
+def neighbour(server: RunningServer) -> Iterator[Caller]:
     """Somebody who is served all the while."""
-    with place.call(Hello(seed=9)) as caller:
+    with server.call(Hello(seed=9)) as caller:
         caller.until(Motion)
         yield caller
 
@@ -71,7 +57,7 @@ def masked(content: bytes) -> bytes:
     return b"\x82" + length + bytes(4) + content
 
 
-async def visit(host: str, port: int, number: int) -> str:
+async def connect_once(host: str, port: int, number: int) -> str:
     """One connect, whose manners are its number's; what came of it."""
     manner = MANNERS[number % len(MANNERS)]
     try:
@@ -103,13 +89,13 @@ async def visit(host: str, port: int, number: int) -> str:
     return manner
 
 
-async def crowd(place: Place, connects: int) -> Counter[str]:
-    host, port = place.address.split(":")
+async def crowd(server: RunningServer, connects: int) -> Counter[str]:
+    host, port = server.address.split(":")
     turn = asyncio.Semaphore(AT_ONCE)
 
     async def one(number: int) -> str:
         async with turn:
-            return await visit(host, int(port), number)
+            return await connect_once(host, int(port), number)
 
     return Counter(await asyncio.gather(*(one(number) for number in range(connects))))
 
@@ -134,11 +120,11 @@ def attended(caller: Caller) -> Iterator[None]:
 
 
 @pytest.mark.parametrize("connects", [300, pytest.param(10_000, marks=pytest.mark.slow)])
-def test_a_crowd_that_connects_harms_nobody(place: Place, neighbour: Caller, connects: int) -> None:
+def test_many_connections_harm_no_session(server: RunningServer, neighbour: Caller, connects: int) -> None:
     """Nobody is left behind: connections, seats, sessions and file handles are as before."""
     handles, began, at = len(os.listdir("/proc/self/fd")), time.monotonic(), neighbour.until(Motion).at
     with attended(neighbour):
-        seen = asyncio.run(crowd(place, connects))
+        seen = asyncio.run(crowd(server, connects))
     took = time.monotonic() - began
     _log.info("%d connects in %.1f s: %s", connects, took, dict(seen))
     assert seen["not let in"] == 0
@@ -148,12 +134,12 @@ def test_a_crowd_that_connects_harms_nobody(place: Place, neighbour: Caller, con
     made = neighbour.until(Motion).at - at
     assert made / 24_000 > 0.9 * took - 1
     end = time.monotonic() + 20
-    while (place.manager.sessions, place.manager.connections) != (1, 1) and time.monotonic() < end:
+    while (server.manager.sessions, server.manager.connections) != (1, 1) and time.monotonic() < end:
         time.sleep(0.05)
-    assert (place.manager.sessions, place.manager.connections) == (1, 1)
-    assert place.manager.engine.free == 3
+    assert (server.manager.sessions, server.manager.connections) == (1, 1)
+    assert server.manager.engine.free == 3
     assert len(os.listdir("/proc/self/fd")) <= handles + 8
-    with place.call(Hello()) as newcomer:
+    with server.call(Hello()) as newcomer:
         newcomer.until(Motion)
 
 
@@ -172,12 +158,14 @@ frames = st.one_of(
 
 
 @pytest.mark.parametrize("is_inside", [False, True], ids=["before the hello", "after it"])
-def test_any_bytes_end_in_a_typed_error_and_a_close_code(place: Place, neighbour: Caller, is_inside: bool) -> None:
+def test_any_bytes_end_in_a_typed_error_and_a_close_code(
+    server: RunningServer, neighbour: Caller, is_inside: bool
+) -> None:
     @settings(max_examples=40, deadline=None)
     @given(frame=frames)
     @example(frame=b"")
     def bother(frame: bytes | str) -> None:
-        with place.call(Hello() if is_inside else None) as caller:
+        with server.call(Hello() if is_inside else None) as caller:
             with contextlib.suppress(ConnectionClosed):
                 caller.line.send(frame)
                 caller.line.send(b"\xc1")  # never a message: whatever came before, this ends it

@@ -1,13 +1,7 @@
 import asyncio
 
 from echoavatar.server.outbox import MOST_MOTION, MOST_SOUND, Outbox
-from echoavatar.wire import (
-    Error,
-    Motion,
-    Pong,
-    ProtocolError,
-    Sound,
-)
+from echoavatar.wire import Error, Motion, Pong, ProtocolError, Sound
 
 
 def motion(at: int) -> Motion:
@@ -29,7 +23,7 @@ def drain(box: Outbox) -> list[object]:
     return asyncio.run(run())
 
 
-def test_a_slow_line_loses_the_oldest_motion_and_no_sound() -> None:
+def test_a_slow_connection_loses_the_oldest_motion_and_no_sound() -> None:
     box = Outbox()
     for at in range(40):
         box.put(motion(at))
@@ -40,7 +34,7 @@ def test_a_slow_line_loses_the_oldest_motion_and_no_sound() -> None:
     assert [s.at for s in left if isinstance(s, Sound)] == list(range(40))
 
 
-def test_a_hopeless_line_is_given_up() -> None:
+def test_a_connection_that_cannot_carry_the_sound_is_given_up() -> None:
     box = Outbox()
     for at in range(2 * MOST_SOUND):
         box.put(sound(at))

@@ -26,7 +26,7 @@ def interruptible() -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("interruptible")
-def test_it_says_where_it_is_and_stops_when_told() -> None:
+def test_the_server_reports_its_address_and_stops_on_a_signal() -> None:
     told: list[str] = []
 
     def stop(address: str) -> None:

@@ -17,8 +17,8 @@ def test_the_example_runs(capsys: pytest.CaptureFixture[str]) -> None:
     (block,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
     names: dict[str, object] = {}
     exec(compile(block, "serving.md", "exec"), names)
-    with serving() as place:
-        asyncio.run(names["say"](place.address, np.full(12_000, 0.1, np.float32)))  # type: ignore[operator]
+    with serving() as server:
+        asyncio.run(names["say"](server.address, np.full(12_000, 0.1, np.float32)))  # type: ignore[operator]
     assert capsys.readouterr().out.strip().endswith(", 52, 4)")
 
 

@@ -51,8 +51,8 @@ class Room:
 
     def __init__(self, **settings: float) -> None:
         self.engine = Engine(Body())  # type: ignore[arg-type]
-        self.live = ServerSession(
-            self.engine.open_core(inbox_seconds=settings.get("inbox_seconds", 120.0), is_paced=True),
+        self.session = ServerSession(
+            self.engine.open_core(queue_seconds=settings.get("inbox_seconds", 120.0), is_paced=True),
             name="s",
             key="k",
             hello=Hello(),
@@ -60,7 +60,7 @@ class Room:
             actions=("wave", "bow"),
         )
         self.box = Told()
-        self.live.join(self.box, received=None)
+        self.session.join(self.box, received=None)
         self.now = 0.0
 
     def go(self, seconds: float, step: float = 0.05) -> None:
@@ -69,15 +69,15 @@ class Room:
             self.beat()
 
     def beat(self) -> None:
-        self.live.is_due(self.now, 0.02)
-        self.live.pump(self.now, 0.02)
+        self.session.is_due(self.now, 0.02)
+        self.session.pump(self.now, 0.02)
         while self.engine.tick():
             pass
-        self.live.collect()
+        self.session.collect()
 
     def speak(self, seg: int, seconds: float, level: float = 0.1, start: int = 0) -> None:
         pcm = pack_audio(np.full(round(seconds * 24_000), level, np.float32))
-        self.live.hear(Audio(seg=seg, start=start, pcm=pcm))
+        self.session.hear(Audio(seg=seg, start=start, pcm=pcm))
 
     def sound(self) -> np.ndarray:
         """What a player plays: later parts win."""
@@ -97,7 +97,7 @@ def test_silence_is_made_just_in_time_and_goes_on() -> None:
     room.go(10.0)
     ends = [message.at for message in room.box.of(Motion)]
     assert ends == list(range(0, ends[-1] + 1, CHUNK_SAMPLES))
-    assert 10.1 <= room.live.end / 24_000 <= 10.6
+    assert 10.1 <= room.session.end / 24_000 <= 10.6
     assert not room.sound().any()
     assert {message.state for message in room.box.of(Motion)} == {"idle"}
 
@@ -106,16 +106,16 @@ def test_speech_that_comes_at_once_is_made_ahead_within_the_bound() -> None:
     room = Room(ahead_seconds=2.0)
     room.speak(1, 30.0)
     room.beat()
-    assert 2.0 <= room.live.end / 24_000 <= 2.0 + CHUNK_SAMPLES / 24_000
+    assert 2.0 <= room.session.end / 24_000 <= 2.0 + CHUNK_SAMPLES / 24_000
     room.go(5.0)
-    assert room.live.end / 24_000 - 5.0 <= 2.3
+    assert room.session.end / 24_000 - 5.0 <= 2.3
 
 
 def test_sound_comes_back_as_it_was_sent_and_its_end_is_told() -> None:
     room = Room()
     room.go(1.0)
     room.speak(1, 1.0, level=0.25)
-    room.live.finish(End(seg=1))
+    room.session.finish(End(seg=1))
     room.go(3.0)
     sound = room.sound()
     spoken = np.flatnonzero(sound)
@@ -139,22 +139,22 @@ def test_a_source_slower_than_real_time_is_filled_with_silence() -> None:
     for k in range(30):
         room.speak(1, 0.1, start=2_400 * k)
         room.go(0.2)
-    room.live.finish(End(seg=1))
+    room.session.finish(End(seg=1))
     room.go(2.0)
     assert np.count_nonzero(room.sound()) == 72_000
-    assert room.live.end / 24_000 >= 8.0 - 0.1
+    assert room.session.end / 24_000 >= 8.0 - 0.1
 
 
-def test_where_nobody_plays_time_stands_still() -> None:
+def test_without_a_player_the_clock_stands_still() -> None:
     room = Room()
     room.go(1.0)
-    room.live.leave(room.box)
-    end = room.live.end
+    room.session.leave(room.box)
+    end = room.session.end
     room.go(20.0)
-    assert room.live.end == end
-    room.live.join(room.box, received=None)
+    assert room.session.end == end
+    room.session.join(room.box, received=None)
     room.go(1.0)
-    assert end < room.live.end <= end + 1.5 * 24_000
+    assert end < room.session.end <= end + 1.5 * 24_000
 
 
 def test_a_viewer_who_comes_late_is_shown_what_is_being_played() -> None:
@@ -162,19 +162,19 @@ def test_a_viewer_who_comes_late_is_shown_what_is_being_played() -> None:
     room.speak(1, 3.0)
     room.go(1.0)
     late = Told()
-    at = room.live.first_for(None)
-    room.live.join(late, received=None)
+    at = room.session.first_for(None)
+    room.session.join(late, received=None)
     assert late.of(Motion)[0].at == at
-    assert at <= room.live.playhead.sample < at + CHUNK_SAMPLES
-    assert late.of(Motion)[-1].at == room.live.end - CHUNK_SAMPLES
+    assert at <= room.session.playhead.sample < at + CHUNK_SAMPLES
+    assert late.of(Motion)[-1].at == room.session.end - CHUNK_SAMPLES
 
 
-def test_one_who_returns_is_sent_what_was_missed() -> None:
+def test_a_resuming_client_is_sent_what_it_missed() -> None:
     room = Room()
     room.speak(1, 3.0)
     room.go(1.0)
     back = Told()
-    room.live.join(back, received=3 * CHUNK_SAMPLES)
+    room.session.join(back, received=3 * CHUNK_SAMPLES)
     assert back.of(Motion)[0].at == 3 * CHUNK_SAMPLES
 
 
@@ -188,10 +188,10 @@ def test_nothing_after_an_interruption_stems_from_unheard_sound(
     room.go(before)
     room.speak(1, length, level=0.5)
     room.go(after)
-    played = room.live.playhead.sample
-    heard = round(played + share * (room.live.end - played))
+    played = room.session.playhead.sample
+    heard = round(played + share * (room.session.end - played))
     first = next((m.at for m in room.box.of(Sound) if m.seg == 1), None)
-    room.live.interrupt(Interrupt(heard=heard))
+    room.session.interrupt(Interrupt(heard=heard))
     (flush,) = room.box.of(Flush)
     assert heard <= flush.at < heard + 800
     told = len(room.box.told)
@@ -206,14 +206,14 @@ def test_nothing_after_an_interruption_stems_from_unheard_sound(
     height = unpack_pose(later[-1]).root[-1, 1]
     assert height == pytest.approx(0.5e-5 * np.count_nonzero(room.sound()[:heard]), abs=2e-4)
     assert np.count_nonzero(room.sound()[flush.at :]) == 0
-    assert room.live.playhead.sample >= heard
+    assert room.session.playhead.sample >= heard
 
 
 def test_an_interruption_is_answered_before_anything_new_is_needed() -> None:
     room = Room()
     room.speak(1, 5.0)
     room.go(1.0)
-    room.live.interrupt(Interrupt())
+    room.session.interrupt(Interrupt())
     told = len(room.box.told)
     room.beat()
     assert any(isinstance(message, Motion) for message in room.box.told[told:])
@@ -224,9 +224,9 @@ def test_an_utterance_after_an_interruption_is_said() -> None:
     room.speak(1, 5.0)
     room.go(1.0)
     for _ in range(3):
-        room.live.interrupt(Interrupt())
+        room.session.interrupt(Interrupt())
     room.speak(2, 1.0, level=0.5)
-    room.live.finish(End(seg=2))
+    room.session.finish(End(seg=2))
     room.go(3.0)
     assert np.count_nonzero(room.sound() > 0.4) == 24_000
     assert room.box.of(State)[-1].finished == 2
@@ -235,9 +235,9 @@ def test_an_utterance_after_an_interruption_is_said() -> None:
 def test_an_action_during_speech_made_ahead_replaces_what_was_not_shown() -> None:
     room = Room()
     room.speak(1, 8.0)
-    room.live.finish(End(seg=1))
+    room.session.finish(End(seg=1))
     room.go(1.0)
-    room.live.act(Action(id="a", name="wave"))
+    room.session.act(Action(id="a", name="wave"))
     room.go(8.0)
     statuses = [(s.status, s.at) for s in room.box.of(ActionStatus)]
     assert [status for status, _ in statuses] == ["accepted", "started", "done"]
@@ -250,7 +250,7 @@ def test_an_action_during_speech_made_ahead_replaces_what_was_not_shown() -> Non
 
 def test_an_unknown_action_is_answered_with_the_list() -> None:
     room = Room()
-    room.live.act(Action(id="a", name="fly"))
+    room.session.act(Action(id="a", name="fly"))
     (status,) = room.box.of(ActionStatus)
     assert (status.id, status.status, status.choices) == ("a", "rejected", ("wave", "bow"))
 
@@ -258,7 +258,7 @@ def test_an_unknown_action_is_answered_with_the_list() -> None:
 def test_music_is_heard_danced_to_and_ends() -> None:
     room = Room()
     room.go(0.5)
-    room.live.play(Music(id="m", op="play"), "Tune", np.full(48_000, 0.2, np.float32))
+    room.session.play(Music(id="m", op="play"), "Tune", np.full(48_000, 0.2, np.float32))
     room.go(5.0)
     assert [s.status for s in room.box.of(ActionStatus)] == ["accepted", "started", "done"]
     assert np.count_nonzero(room.sound()) == 48_000
@@ -267,16 +267,16 @@ def test_music_is_heard_danced_to_and_ends() -> None:
 
 def test_speech_over_music_is_whole_and_known_by_its_number() -> None:
     room = Room()
-    room.live.play(Music(id="m", op="play"), "Tune", np.full(20 * 24_000, 0.01, np.float32))
+    room.session.play(Music(id="m", op="play"), "Tune", np.full(20 * 24_000, 0.01, np.float32))
     room.go(2.0)
     room.speak(1, 1.0, level=0.5)
-    room.live.finish(End(seg=1))
+    room.session.finish(End(seg=1))
     room.go(4.0)
     loud = np.flatnonzero(room.sound() > 0.3)
     assert len(loud) == 24_000
     spoken = {at // CHUNK_SAMPLES for at in loud}
     assert {chunk for chunk, seg in room.segs().items() if seg == 1} == spoken
-    room.live.stop_music(Music(id="n", op="stop"))
+    room.session.stop_music(Music(id="n", op="stop"))
     room.go(3.0)
     assert room.box.of(ActionStatus)[-1].id == "m"
 
@@ -285,7 +285,7 @@ def test_the_avatar_listens_to_the_user_without_saying_it() -> None:
     room = Room()
     room.go(0.5)
     voice = 0.3 * np.sin(np.arange(24_000) / 20) * (np.arange(24_000) % 6_000 < 4_000)
-    room.live.hear(Audio(seg=1, start=0, pcm=pack_audio(voice.astype(np.float32)), speaker="user"))
+    room.session.hear(Audio(seg=1, start=0, pcm=pack_audio(voice.astype(np.float32)), speaker="user"))
     room.go(0.5)
     assert room.box.of(Motion)[-1].state == "listening"
     assert not room.sound().any()
@@ -295,11 +295,11 @@ def test_a_report_from_before_a_flush_says_nothing() -> None:
     room = Room()
     room.speak(1, 5.0)
     room.go(1.0)
-    room.live.interrupt(Interrupt(heard=12_000))
-    room.live.played(Played(at=40_000, epoch=0), room.now)
-    assert room.live.playhead.sample == 12_000
-    room.live.played(Played(at=12_100, epoch=1), room.now)
-    assert room.live.playhead.sample <= 12_100
+    room.session.interrupt(Interrupt(heard=12_000))
+    room.session.played(Played(at=40_000, epoch=0), room.now)
+    assert room.session.playhead.sample == 12_000
+    room.session.played(Played(at=12_100, epoch=1), room.now)
+    assert room.session.playhead.sample <= 12_100
 
 
 def test_a_flood_is_refused_and_changes_nothing() -> None:
@@ -314,25 +314,25 @@ def test_a_flood_is_refused_and_changes_nothing() -> None:
 def test_what_is_kept_does_not_grow() -> None:
     room = Room()
     room.go(30.0, step=0.1)
-    assert len(room.live.sent) < 40
-    assert len(room.live._scheduled_at) < 40
-    assert len(room.live.core._queue._spans) < 80
+    assert len(room.session.sent) < 40
+    assert len(room.session._scheduled_at) < 40
+    assert len(room.session.core._queue._spans) < 80
 
 
-def test_all_go_when_one_must() -> None:
+def test_early_sessions_go_with_one_that_is_due() -> None:
     """A step of the engine moves everyone; one who is not due yet goes along."""
     room = Room()
     room.go(3.0)
-    while room.live.is_due(room.now, 0.02):
+    while room.session.is_due(room.now, 0.02):
         room.beat()
-    end = room.live.end
+    end = room.session.end
     room.beat()
-    assert room.live.end == end
-    room.live.pump(room.now, 0.02, early=True)
+    assert room.session.end == end
+    room.session.pump(room.now, 0.02, early=True)
     while room.engine.tick():
         pass
-    room.live.collect()
-    assert room.live.end == end + CHUNK_SAMPLES
+    room.session.collect()
+    assert room.session.end == end + CHUNK_SAMPLES
 
 
 @pytest.fixture(scope="module")
@@ -340,23 +340,19 @@ def default_room() -> Room:
     """The shipped bundle in the place of the body of twenty lines."""
     room = Room()
     room.engine = load("default")
-    room.live = ServerSession(
-        room.engine.open_core(seed=1, is_paced=True),
-        name="s",
-        key="k",
-        hello=Hello(),
-        settings=ServerSettings(),
+    room.session = ServerSession(
+        room.engine.open_core(seed=1, is_paced=True), name="s", key="k", hello=Hello(), settings=ServerSettings()
     )
-    room.live.join(room.box, received=None)
+    room.session.join(room.box, received=None)
     return room
 
 
 def test_the_default_bundle_speaks_is_interrupted_and_stays_small(default_room: Room) -> None:
     room = default_room
     noise = 0.1 * np.random.default_rng(0).standard_normal(9_600)
-    room.live.hear(Audio(seg=1, start=0, pcm=pack_audio(noise.astype(np.float32))))
+    room.session.hear(Audio(seg=1, start=0, pcm=pack_audio(noise.astype(np.float32))))
     room.beat()
-    room.live.interrupt(Interrupt(heard=room.live.end - 4_000))
+    room.session.interrupt(Interrupt(heard=room.session.end - 4_000))
     room.beat()
     motions = room.box.of(Motion)
     assert {motion.epoch for motion in motions} == {0, 1}

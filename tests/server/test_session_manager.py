@@ -16,41 +16,26 @@ from websockets.exceptions import ConnectionClosed
 from echoavatar.engine import Engine
 from echoavatar.server.outbox import Outbox
 from echoavatar.server.session_manager import SessionManager
-from echoavatar.wire import (
-    Audio,
-    Error,
-    Hello,
-    Motion,
-    ProtocolError,
-    Sound,
-    encode,
-)
+from echoavatar.wire import Audio, Error, Hello, Motion, ProtocolError, Sound, encode
 
 
 def test_the_oldest_lost_session_makes_room_for_a_newcomer() -> None:
     patient = dataclasses.replace(FAST, resume_seconds=60.0)
-    with (
-        serving(seats=2, settings=patient) as place,
-        place.call(Hello()) as lost,
-        place.call(Hello()) as stays,
-    ):
+    with serving(seats=2, settings=patient) as server, server.call(Hello()) as lost, server.call(Hello()) as stays:
         lost.until(Motion)
         lost.line.socket.close()
         time.sleep(0.2)
-        with place.call(Hello()) as newcomer:
+        with server.call(Hello()) as newcomer:
             newcomer.until(Motion)
         stays.until(Motion)
-        assert lost.ready.session not in place.manager._live
+        assert lost.ready.session not in server.manager._sessions
 
 
 def test_a_server_that_stops_lets_the_sentence_end() -> None:
-    with (
-        serving(settings=dataclasses.replace(FAST, drain_seconds=8.0)) as place,
-        place.call(Hello()) as caller,
-    ):
+    with serving(settings=dataclasses.replace(FAST, drain_seconds=8.0)) as server, server.call(Hello()) as caller:
         caller.speak(1, np.full(24_000, 0.2, np.float32))
         caller.until(Motion)
-        place.server.should_exit = True
+        server.uvicorn.should_exit = True
         code, error = caller.closing()
         told = [message for message in caller.heard if isinstance(message, Error)]
         sounds = [np.frombuffer(m.pcm, "<i2") for m in caller.heard if isinstance(m, Sound)]
@@ -61,11 +46,11 @@ def test_a_server_that_stops_lets_the_sentence_end() -> None:
 
 
 def test_a_failing_engine_is_told_and_not_hidden(caplog: pytest.LogCaptureFixture) -> None:
-    with serving() as place, place.call(Hello()) as caller:
+    with serving() as server, server.call(Hello()) as caller:
         caller.until(Motion)
-        place.manager.engine.pipeline.seconds = "not a number of seconds"
+        server.manager.engine.pipeline.seconds = "not a number of seconds"
         assert caller.closing()[0] == 1011
-        assert not place.manager.is_well
+        assert not server.manager.is_well
     assert "the engine stopped" in caplog.text
 
 
@@ -82,19 +67,19 @@ def test_a_session_that_is_over_leaves_no_cycle_behind() -> None:
     """Without the garbage collector: sessions go with their clients, and so does what waited to be sent."""
     gone: list[weakref.ref[object]] = []
     boxes: list[Any] = []
-    with serving(settings=FAST) as place:
+    with serving(settings=FAST) as server:
         gc.collect()
         gc.disable()
         try:
             for _ in range(5):
-                with place.call(Hello()) as caller:
+                with server.call(Hello()) as caller:
                     caller.speak(1, np.full(48_000, 0.2, np.float32))
                     caller.until(Motion)
-                    live = next(iter(place.manager._live.values()))
-                    gone += [weakref.ref(live), weakref.ref(live.core)]
-                    boxes.append(live.source)
-                    del live
-            assert place.empties()
+                    session = next(iter(server.manager._sessions.values()))
+                    gone += [weakref.ref(session), weakref.ref(session.core)]
+                    boxes.append(session.source)
+                    del session
+            assert server.empties()
             end = time.monotonic() + 5
             while any(one() is not None for one in gone) and time.monotonic() < end:
                 time.sleep(0.05)
@@ -106,11 +91,7 @@ def test_a_session_that_is_over_leaves_no_cycle_behind() -> None:
 
 def test_a_flood_of_one_sample_utterances_holds_nobody_up() -> None:
     """20,000 messages; a neighbour's motion comes on time meanwhile, and the flood is refused in words."""
-    with (
-        serving(settings=FAST) as place,
-        place.call(Hello()) as neighbour,
-        place.call(Hello()) as flood,
-    ):
+    with serving(settings=FAST) as server, server.call(Hello()) as neighbour, server.call(Hello()) as flood:
 
         def send() -> None:
             with contextlib.suppress(ConnectionClosed):

@@ -14,14 +14,7 @@ from tests.server.sinks.receiving import Receiver
 from echoavatar.errors import EchoAvatarError
 from echoavatar.server import sink_router
 from echoavatar.server.sink_router import SinkRouter
-from echoavatar.wire import (
-    Flush,
-    Hello,
-    Interrupt,
-    Motion,
-    Rig,
-    State,
-)
+from echoavatar.wire import Flush, Hello, Interrupt, Motion, Rig, State
 
 
 def heights(receiver: Receiver, count: int) -> list[float]:
@@ -37,7 +30,7 @@ def test_a_source_that_wants_nothing_back_is_seen_in_the_sink() -> None:
     """The body's height is the sum of all that was heard: it rises while something is said."""
     with Receiver() as receiver:
         settings = dataclasses.replace(FAST, sinks=(f"json://127.0.0.1:{receiver.port}?rate=60",))
-        with serving(settings=settings) as place, place.call(Hello(want=())) as caller:
+        with serving(settings=settings) as server, server.call(Hello(want=())) as caller:
             caller.speak(1, np.full(24_000, 0.5, np.float32))
             before = heights(receiver, 3)
             time.sleep(1.5)
@@ -49,15 +42,15 @@ def test_a_source_that_wants_nothing_back_is_seen_in_the_sink() -> None:
 def test_what_was_taken_back_is_not_shown_and_the_next_session_comes_on() -> None:
     with Receiver() as receiver:
         settings = dataclasses.replace(FAST, sinks=(f"json://127.0.0.1:{receiver.port}",))
-        with serving(settings=settings) as place:
-            with place.call(Hello()) as caller:
+        with serving(settings=settings) as server:
+            with server.call(Hello()) as caller:
                 caller.speak(1, np.full(240_000, 0.5, np.float32))
                 caller.until(State, lambda told: told.state == "speaking")
                 caller.say(Interrupt())
                 caller.until(Flush)
                 heights(receiver, 3)
-            assert place.empties()
-            with place.call(Hello()) as caller:
+            assert server.empties()
+            with server.call(Hello()) as caller:
                 caller.until(Motion, lambda motion: motion.at > 12_000)
                 low = heights(receiver, 40)[-1]
     assert low < 0.01  # a new session has heard nothing
@@ -87,11 +80,11 @@ def test_sinks_that_hang_or_are_gone_change_nothing(kind: str, monkeypatch: pyte
         monkeypatch.setattr(sink_router, "make_sink", lambda *_: Stuck())
     settings = dataclasses.replace(FAST, sinks=(gone, gone))
     began = time.monotonic()
-    with serving(settings=settings) as place, place.call(Hello()) as caller:
+    with serving(settings=settings) as server, server.call(Hello()) as caller:
         caller.speak(1, np.full(48_000, 0.2, np.float32))
         motions: list[Any] = [caller.until(Motion) for _ in range(10)]
         assert [motion.at for motion in motions] == [6_400 * k for k in range(10)]
-        assert place.manager.is_well
+        assert server.manager.is_well
     assert time.monotonic() - began < 12
     Stuck.let_go.set()
 
@@ -100,10 +93,10 @@ def test_a_lost_source_finds_its_session_where_it_left_it() -> None:
     class Lost:
         source: object = object()
 
-    live = Lost()
-    box = sink_router.SinkOutbox((), live)  # type: ignore[arg-type]
+    session = Lost()
+    box = sink_router.SinkOutbox((), session)  # type: ignore[arg-type]
     assert box.plays
-    live.source = None
+    session.source = None
     assert not box.plays
 
 

@@ -2,31 +2,20 @@
 
 import json
 import threading
-import urllib.error
-import urllib.request
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.server.fakes import Place, serving
+from tests.server.fakes import FAST, RunningServer, serving
 
 from echoavatar.wire import Hello
 
 
 @pytest.fixture(scope="module")
-def place() -> Iterator[Place]:
-    with serving() as place:
-        yield place
-
-
-def post(place: Place, path: str, body: bytes, **headers: str) -> tuple[int, dict[str, str]]:
-    headers = {"content-type": "application/json"} | {k.replace("_", "-"): v for k, v in headers.items()}
-    request = urllib.request.Request(f"http://{place.address}{path}", body, headers)
-    try:
-        with urllib.request.urlopen(request, timeout=10) as answer:
-            return answer.status, json.load(answer)
-    except urllib.error.HTTPError as error:
-        return error.code, json.load(error)
+def server() -> Iterator[RunningServer]:
+    with serving() as server:
+        yield server
 
 
 @pytest.mark.parametrize(
@@ -44,61 +33,56 @@ def post(place: Place, path: str, body: bytes, **headers: str) -> tuple[int, dic
         (b"[" * 9_000, {}, 400),
     ],
 )
-def test_strangers_and_nonsense_are_refused(place: Place, body: bytes, headers: dict[str, str], status: int) -> None:
-    with place.call(Hello()):
-        assert post(place, "/v1/tools/stop_music", body, **headers)[0] == status
+def test_invalid_requests_are_refused(server: RunningServer, body: bytes, headers: dict[str, str], status: int) -> None:
+    with server.call(Hello()):
+        assert server.http("/v1/tools/stop_music", body, **headers)[0] == status
 
 
-def test_a_server_of_many_does_not_say_who_is_there(place: Place) -> None:
-    from dataclasses import replace
-
-    from tests.server.fakes import FAST
-
-    with place.call(Hello()) as caller:
-        assert post(place, "/v1/tools/stop_music", b"{}", x_forwarded_for="1.2.3.4")[0] == 404
+def test_a_server_of_many_does_not_say_who_is_there(server: RunningServer) -> None:
+    with server.call(Hello()) as caller:
+        assert server.http("/v1/tools/stop_music", b"{}", x_forwarded_for="1.2.3.4")[0] == 404
         named = json.dumps({"session": caller.ready.session}).encode()
-        assert post(place, "/v1/tools/stop_music", named, x_forwarded_for="1.2.3.4")[0] == 200
+        assert server.http("/v1/tools/stop_music", named, x_forwarded_for="1.2.3.4")[0] == 200
     with serving(settings=replace(FAST, lists_sessions=False)) as shared, shared.call(Hello()) as caller:
-        assert post(shared, "/v1/tools/stop_music", b"{}")[0] == 404
-        assert post(shared, "/v1/chat", b'{"text": "hi"}')[0] == 404
+        assert shared.http("/v1/tools/stop_music", b"{}")[0] == 404
+        assert shared.http("/v1/chat", b'{"text": "hi"}')[0] == 404
         named = json.dumps({"session": caller.ready.session}).encode()
-        assert post(shared, "/v1/tools/stop_music", named)[0] == 200
-        with pytest.raises(urllib.error.HTTPError, match="403"):
-            urllib.request.urlopen(f"http://{shared.address}/v1/sessions", timeout=10)
+        assert shared.http("/v1/tools/stop_music", named)[0] == 200
+        assert shared.http("/v1/sessions")[0] == 403
 
 
-def test_without_a_session_there_is_nothing_to_do(place: Place) -> None:
-    assert place.empties()
-    assert post(place, "/v1/tools/stop_music", b"{}")[0] == 404
+def test_without_a_session_there_is_nothing_to_do(server: RunningServer) -> None:
+    assert server.empties()
+    assert server.http("/v1/tools/stop_music", b"{}")[0] == 404
 
 
 @pytest.mark.parametrize("arguments", [{"title": "No such tune"}, {"title": 3}])
-def test_music_that_is_not_there_is_rejected(place: Place, arguments: dict[str, object]) -> None:
-    with place.call(Hello()):
+def test_music_that_is_not_there_is_rejected(server: RunningServer, arguments: dict[str, object]) -> None:
+    with server.call(Hello()):
         body = json.dumps({"arguments": arguments}).encode()
-        status, answer = post(place, "/v1/tools/play_music", body)
+        status, answer = server.http("/v1/tools/play_music", body)
         assert (status, answer["status"]) == (200, "rejected")
 
 
-def test_a_track_is_decoded_away_from_the_event_loop(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_track_is_decoded_away_from_the_event_loop(server: RunningServer, monkeypatch: pytest.MonkeyPatch) -> None:
     """Decoding takes seconds when the cache does not hold the track; neighbours must not wait for it."""
-    load, threads = place.manager.tracks.load, []
+    load, threads = server.manager.tracks.load, []
 
     def noted(title: str) -> np.ndarray:
         threads.append(threading.get_ident())
         return load(title)
 
-    monkeypatch.setattr(place.manager.tracks, "load", noted)
-    with place.call(Hello()):
-        answer = post(place, "/v1/tools/play_music", b"{}")[1]
+    monkeypatch.setattr(server.manager.tracks, "load", noted)
+    with server.call(Hello()):
+        answer = server.http("/v1/tools/play_music", b"{}")[1]
     assert answer["status"] == "accepted"
     assert len(threads) == 1
-    assert place.thread.ident not in threads
+    assert server.thread.ident not in threads
 
 
-def test_a_number_that_no_float_holds_is_rejected_in_words(place: Place) -> None:
+def test_a_number_that_no_float_holds_is_rejected_in_words(server: RunningServer) -> None:
     body = b'{"arguments": {"action": "wave", "intensity": 1' + b"0" * 400 + b"}}"
-    with place.call(Hello()):
-        status, answer = post(place, "/v1/tools/send_action", body)
+    with server.call(Hello()):
+        status, answer = server.http("/v1/tools/send_action", body)
     assert (status, answer["status"]) == (200, "rejected")
     assert "must be a number" in answer["reason"]

@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterator
 
 import pytest
-from tests.server.fakes import FAST, Place, serving
+from tests.server.fakes import FAST, RunningServer, serving
 from websockets.exceptions import ConnectionClosed
 
 from echoavatar.server import run, transport
@@ -17,17 +17,17 @@ from echoavatar.wire import Hello, Motion
 LIMIT = 40
 
 
-def address(place: Place) -> tuple[str, int]:
-    host, port = place.address.split(":")
+def address(server: RunningServer) -> tuple[str, int]:
+    host, port = server.address.split(":")
     return host, int(port)
 
 
 @contextlib.contextmanager
-def small(monkeypatch: pytest.MonkeyPatch, *, limit: int = LIMIT, silence_s: float = 10.0) -> Iterator[Place]:
+def small(monkeypatch: pytest.MonkeyPatch, *, limit: int = LIMIT, silence_s: float = 10.0) -> Iterator[RunningServer]:
     """A server with few places, or little patience."""
     monkeypatch.setattr(run, "ConnectionGuard", lambda _: ConnectionGuard(limit, silence_s=silence_s))
-    with serving(settings=FAST) as place:
-        yield place
+    with serving(settings=FAST) as server:
+        yield server
 
 
 def is_closed(line: socket.socket) -> bool:
@@ -39,21 +39,19 @@ def is_closed(line: socket.socket) -> bool:
 
 def test_idle_sockets_lock_nobody_out(monkeypatch: pytest.MonkeyPatch) -> None:
     """Three times as many silent sockets as there are places; a client is served, and the oldest are closed."""
-    with small(monkeypatch) as place, contextlib.ExitStack() as stack:
-        idle = [stack.enter_context(socket.create_connection(address(place))) for _ in range(3 * LIMIT)]
-        with place.call(Hello()) as caller:
+    with small(monkeypatch) as server, contextlib.ExitStack() as stack:
+        idle = [stack.enter_context(socket.create_connection(address(server))) for _ in range(3 * LIMIT)]
+        with server.call(Hello()) as caller:
             caller.until(Motion)
         assert is_closed(idle[0])
-        assert len(place.server.server_state.connections) <= LIMIT
+        assert len(server.uvicorn.server_state.connections) <= LIMIT
 
 
-def test_a_silent_socket_is_closed_and_so_is_a_request_that_never_ends(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    with small(monkeypatch, silence_s=0.3) as place, contextlib.ExitStack() as stack:
-        silent, slow = (stack.enter_context(socket.create_connection(address(place))) for _ in range(2))
+def test_a_silent_socket_is_closed_and_so_is_a_request_that_never_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    with small(monkeypatch, silence_s=0.3) as server, contextlib.ExitStack() as stack:
+        silent, slow = (stack.enter_context(socket.create_connection(address(server))) for _ in range(2))
         slow.sendall(b"GET /health HTTP/1.1\r\n")
-        with place.call(Hello()) as caller:
+        with server.call(Hello()) as caller:
             assert is_closed(silent)
             assert is_closed(slow)
             time.sleep(0.7)
@@ -62,9 +60,9 @@ def test_a_silent_socket_is_closed_and_so_is_a_request_that_never_ends(
 
 def test_small_messages_leave_at_once() -> None:
     """Without TCP_NODELAY the kernel holds a small packet back until the one before is acknowledged."""
-    with serving() as place, place.call(Hello()) as caller:
+    with serving() as server, server.call(Hello()) as caller:
         caller.until(Motion)
-        (connection,) = place.server.server_state.connections
+        (connection,) = server.uvicorn.server_state.connections
         line = connection.transport.get_extra_info("socket")
         assert line.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY) != 0
 
@@ -72,7 +70,7 @@ def test_small_messages_leave_at_once() -> None:
 @pytest.mark.parametrize("opcode", [0x89, 0x8A], ids=["ping", "pong"])
 @pytest.mark.parametrize("hello", [None, Hello()], ids=["before hello", "after hello"])
 def test_a_flood_of_control_frames_ends_its_own_connection(opcode: int, hello: Hello | None) -> None:
-    with serving() as place, place.call(Hello()) as neighbour, place.call(hello) as caller:
+    with serving() as server, server.call(Hello()) as neighbour, server.call(hello) as caller:
         with contextlib.suppress(OSError, ConnectionClosed):
             for _ in range(200):
                 caller.line.socket.sendall(bytes([opcode, 0x80, 0, 0, 0, 0]) * 100)
@@ -81,13 +79,13 @@ def test_a_flood_of_control_frames_ends_its_own_connection(opcode: int, hello: H
 
 
 def test_a_few_pings_are_answered() -> None:
-    with serving() as place, place.call(Hello()) as caller:
+    with serving() as server, server.call(Hello()) as caller:
         assert caller.line.ping().wait(5)
         caller.until(Motion)
 
 
 def test_empty_fragments_do_not_pile_up() -> None:
-    with serving() as place, place.call(Hello()) as caller:
+    with serving() as server, server.call(Hello()) as caller:
         with contextlib.suppress(OSError, ConnectionClosed):
             caller.line.socket.sendall(bytes([0x02, 0x80, 0, 0, 0, 0]))
             for _ in range(60):

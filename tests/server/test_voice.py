@@ -8,12 +8,7 @@ from starlette.testclient import TestClient
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.server import voice
-from echoavatar.server.voice import (
-    MAX_LETTERS,
-    find_voice,
-    speak,
-    voice_route,
-)
+from echoavatar.server.voice import MAX_LETTERS, find_voice, speak, voice_route
 
 VOICES = [name for name in ("flite", "espeak-ng") if shutil.which(name)]
 
@@ -60,7 +55,7 @@ def test_speaks(client):
     assert answer.headers["content-type"] == "audio/wav"
 
 
-def test_strangers_and_nonsense_are_refused(client):
+def test_invalid_requests_are_refused(client):
     assert client.post("/v1/voice", json={"text": "x"}, headers={"authorization": "Bearer no"}).status_code == 401
     assert client.post("/v1/voice", data={"text": "x"}).status_code == 415
     for body in (b"{", b"[]", b'{"text": 3}', b'{"text": "' + b"x" * 9000 + b'"}'):

@@ -4,7 +4,7 @@ import asyncio
 import threading
 
 import pytest
-from tests.agents.proxy.places import listening, proxied, stage, tone
+from tests.agents.proxy.places import avatar_server, listening, proxied, tone
 
 pytestmark = pytest.mark.browser
 
@@ -23,7 +23,7 @@ def test_the_newest_session_is_shown_and_moves(new_page):
             begun.set()
             await client.listen(lambda _: over.is_set(), 300)
 
-    with stage() as place:
+    with avatar_server() as place:
         leading = threading.Thread(target=lambda: asyncio.run(lead(place.address)), daemon=True)
         leading.start()
         try:

@@ -5,16 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from echoavatar.wire import (
-    AudioFormat,
-    Pose,
-    ProtocolError,
-    encode,
-    pack_audio,
-    pack_pose,
-    unpack_audio,
-    unpack_pose,
-)
+from echoavatar.wire import AudioFormat, Pose, ProtocolError, encode, pack_audio, pack_pose, unpack_audio, unpack_pose
 
 
 def random_pose(seed: int, frames: int = 8) -> Pose:

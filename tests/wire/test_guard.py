@@ -1,12 +1,7 @@
 import pytest
 
 from echoavatar.wire import ProtocolError
-from echoavatar.wire.guard import (
-    check_origin,
-    check_token,
-    has_token,
-    is_loopback,
-)
+from echoavatar.wire.guard import check_origin, check_token, has_token, is_loopback
 
 
 def test_the_token_may_stand_in_the_hello_or_in_the_header() -> None:

@@ -4,11 +4,11 @@ import importlib.util
 import json
 from pathlib import Path
 from types import ModuleType
+from typing import get_args
 
 import pytest
 
-from echoavatar.wire import decode_client, decode_server
-from echoavatar.wire.schema import json_schema, typescript
+from echoavatar.wire import ServerMessage, decode_client, decode_server
 
 ROOT = Path(__file__).parents[2]
 FIXTURES = ROOT / "tests" / "fixtures" / "wire"
@@ -34,27 +34,19 @@ def test_committed_schema_types_and_fixtures_match_the_messages(maker: ModuleTyp
 
 def test_every_fixture_reads_as_the_message_it_is(maker: ModuleType) -> None:
     for name, message in maker.examples().items():
-        decode = decode_server if _is_server(message) else decode_client
+        decode = decode_server if isinstance(message, get_args(ServerMessage)) else decode_client
         assert decode((FIXTURES / f"{name}.bin").read_bytes()) == message
         assert decode((FIXTURES / f"{name}.json").read_text(), "json") == message
 
 
-def _is_server(message: object) -> bool:
-    from typing import get_args
-
-    from echoavatar.wire import ServerMessage
-
-    return isinstance(message, get_args(ServerMessage))
-
-
-def test_schema_bounds_are_there() -> None:
-    schema = json_schema()
+def test_schema_bounds_are_there(maker: ModuleType) -> None:
+    schema = maker.json_schema()
     assert schema["$defs"]["Audio"]["properties"]["seg"]["minimum"] == 1
     json.dumps(schema)
 
 
-def test_types_say_what_is_optional() -> None:
-    text = typescript()
+def test_types_say_what_is_optional(maker: ModuleType) -> None:
+    text = maker.typescript()
     assert "  resume?: string;" in text  # hello: may be left out
     assert "  resume: string;" in text  # ready: always there
     assert "export type ClientMessage = HelloMessage | AudioMessage |" in text

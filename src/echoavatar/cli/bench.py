@@ -201,10 +201,10 @@ def _proxy(args: argparse.Namespace) -> int:
     with ExitStack() as stack:
         avatar = args.avatar or stack.enter_context(own_server(args.model, 1, ""))
         report = bench_proxy(avatar, seconds=args.seconds)
-    print(f"{'way':<10}{'p50 ms':>10}{'p95 ms':>10}{'p99 ms':>10}{'most ms':>10}{'events':>10}")
-    for name, way in report.ways.items():
-        times = "".join(f"{value:>10.2f}" for value in way[:4])
-        print(f"{name:<10}{times}{way.events:>10}")
+    print(f"{'route':<10}{'p50 ms':>10}{'p95 ms':>10}{'p99 ms':>10}{'most ms':>10}{'events':>10}")
+    for name, route in report.routes.items():
+        times = "".join(f"{value:>10.2f}" for value in route[:4])
+        print(f"{name:<10}{times}{route.events:>10}")
     print(f"{report.frames} of {report.expected_frames} frames of motion came beside the voice")
     verdict = "under" if report.added_p99_ms < 5 else "NOT under"
     print(f"the avatar adds {report.added_p99_ms:.2f} ms (p99) to a plain relay: {verdict} 5 ms")

@@ -5,12 +5,7 @@ May import `pipeline` and below.
 
 from .action_scheduler import ActStatus
 from .engine import Engine, load
-from .offline import (
-    Animation,
-    animate,
-    animate_many,
-    in_blocks,
-)
+from .offline import Animation, animate, animate_many, in_blocks
 from .playout import Delivery
 from .session import Session, SessionStatus
 from .session_core import SessionCore

@@ -18,12 +18,12 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from echoavatar.errors import EchoAvatarError, InboxError
+from echoavatar.errors import EchoAvatarError, QueueFullError
 from echoavatar.models.audio import StreamResampler
 from echoavatar.timing import CHUNK, SAMPLE_RATE_HZ, ChunkSize
 
 Samples = Float[np.ndarray, " s"]
-INBOX_SECONDS = 600.0  # agents deliver speech faster than it is spoken, so the bound is generous
+QUEUE_SECONDS = 600.0  # agents deliver speech faster than it is spoken, so the bound is generous
 MAX_UTTERANCES = 256  # that wait
 KEPT_SPANS = 64  # chunks, 17 s and more: further than a session can go back
 
@@ -54,12 +54,7 @@ class AudioQueue:
     """The speech of one session, from push to model. Not thread-safe: the session holds its lock around every call."""
 
     def __init__(
-        self,
-        chunk: ChunkSize = CHUNK,
-        *,
-        rewind: int = 0,
-        seconds: float = INBOX_SECONDS,
-        is_paced: bool = False,
+        self, chunk: ChunkSize = CHUNK, *, rewind: int = 0, seconds: float = QUEUE_SECONDS, is_paced: bool = False
     ) -> None:
         """`rewind` is how many chunks behind the one being made can be taken again."""
         self.waiting = 0  # samples at 24 kHz that are not scheduled
@@ -86,7 +81,7 @@ class AudioQueue:
 
         Raises:
             AudioError: the samples or the rate are invalid.
-            InboxError: too much speech, or too many utterances are waiting.
+            QueueFullError: too much speech, or too many utterances are waiting.
             EchoAvatarError: the queue is finished.
         """
         if self._is_finished:
@@ -217,9 +212,9 @@ class AudioQueue:
     def _check_room(self, seconds: float, *, is_new: bool) -> None:
         remedy = "let the session play some of it before you send more"
         if self.waiting / SAMPLE_RATE_HZ + seconds > self._seconds:
-            raise InboxError(f"more than {self._seconds:.0f} s of audio are waiting; {remedy}")
+            raise QueueFullError(f"more than {self._seconds:.0f} s of audio are waiting; {remedy}")
         if is_new and self._count >= MAX_UTTERANCES:
-            raise InboxError(f"{MAX_UTTERANCES} utterances are waiting; {remedy}")
+            raise QueueFullError(f"{MAX_UTTERANCES} utterances are waiting; {remedy}")
 
     def _begin(self, utterance: int) -> None:
         if not self._is_complete:

@@ -19,7 +19,7 @@ from echoavatar.motion.kinematics import Skeleton
 from echoavatar.motion.stages.modes import FREE, MotionOptions
 from echoavatar.timing import CHUNK, ChunkSize
 
-from .audio_queue import INBOX_SECONDS
+from .audio_queue import QUEUE_SECONDS
 from .pipeline import ActionLibrary, Pipeline, load_bundle
 from .session import Session
 from .session_core import SessionCore
@@ -99,7 +99,7 @@ class Engine:
         *,
         seed: int = 0,
         options: MotionOptions = FREE,
-        inbox_seconds: float = INBOX_SECONDS,
+        queue_seconds: float = QUEUE_SECONDS,
         is_paced: bool = False,
     ) -> SessionCore:
         """As `open`, for servers: see `SessionCore`."""
@@ -116,7 +116,7 @@ class Engine:
                 options=options,
                 look_ahead=self._look_ahead,
                 rewind=self._rewind,
-                inbox_seconds=inbox_seconds,
+                queue_seconds=queue_seconds,
                 is_paced=is_paced,
             )
             self._sessions[core.seat] = core

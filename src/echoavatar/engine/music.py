@@ -9,12 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from echoavatar.timing import (
-    CHUNK,
-    SAMPLE_RATE_HZ,
-    SAMPLES_PER_FRAME,
-    ChunkSize,
-)
+from echoavatar.timing import CHUNK, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME, ChunkSize
 
 Samples = Float[np.ndarray, " s"]
 DUCKED = 0.35  # of the level, under speech

@@ -1,4 +1,4 @@
-"""The playout buffer: motion on its way to the reader, and the blend out of the pose on screen after a barge-in.
+"""The playout buffer: motion on its way to the reader, and the blend out of the pose shown when a barge-in comes.
 
 After a barge-in the new motion begins at the first frame after the last sample heard, inside its chunk. It starts from
 the old pose and speed, as an offset that dies away (`pipeline.inertial`). If only one frame of the chunk is left, the
@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from echoavatar.motion.inertial import InertialBlend
-from echoavatar.motion.motion_chunk import MotionChunk
+from echoavatar.motion.motion_chunk import MotionChunk, join
 from echoavatar.timing import CHUNK, SAMPLES_PER_FRAME, ChunkSize
 
 from .music import Heard
@@ -43,7 +43,7 @@ class PlayoutBuffer:
         self._recent: dict[int, MotionChunk] = {}  # by chunk, as shown
         self._blend = InertialBlend()
         self._fresh = 0  # first frame that may be new
-        self._on_screen: MotionChunk | None = None  # the two frames before it, until the blend has begun
+        self._shown: MotionChunk | None = None  # the two frames before it, until the blend has begun
 
     @property
     def untaken(self) -> int:
@@ -61,9 +61,9 @@ class PlayoutBuffer:
     def show(self, chunk: int, motion: MotionChunk, heard: Heard, source: str, *, epoch: int, memory: int) -> None:
         """Add the motion of a whole chunk; frames of it that were shown before a barge-in stay as they were."""
         skip = max(0, self._fresh - chunk * self._frames)
-        new = self._blended(_part(motion, skip, None))
+        new = self._blended(motion.part(skip))
         shown = self._recent.get(chunk)
-        whole = new if shown is None else _joined(shown, new)
+        whole = new if shown is None else join([shown, new])
         self._recent[chunk] = whole
         for old in [at for at in self._recent if at < chunk - memory]:
             del self._recent[old]
@@ -84,8 +84,8 @@ class PlayoutBuffer:
             if left <= 0:
                 del self._recent[chunk]
             elif left < len(self._recent[chunk].root):
-                self._recent[chunk] = _part(self._recent[chunk], 0, left)
-        self._on_screen = self._last_two()
+                self._recent[chunk] = self._recent[chunk].part(0, left)
+        self._shown = self._last_two()
         self._blend = InertialBlend()
         kept = [_until(delivery, self._fresh) for delivery in self._out]
         self._out = deque(delivery for delivery in kept if len(delivery.motion.root))
@@ -95,19 +95,19 @@ class PlayoutBuffer:
         chunks = [chunk for chunk in chunks if len(chunk.root)]
         if not chunks:
             return None
-        last = chunks[-1] if len(chunks) == 1 else _joined(*chunks)
-        return _joined(last, last) if len(last.root) == 1 else _part(last, len(last.root) - 2, None)
+        last = join(chunks)
+        return join([last, last]) if len(last.root) == 1 else last.part(len(last.root) - 2)
 
     def _blended(self, new: MotionChunk) -> MotionChunk:
         if not len(new.root):
             return new
-        if self._on_screen is not None:
+        if self._shown is not None:
             if len(new.root) == 1:
-                coasted = _coasting(self._on_screen, new)
-                self._on_screen = _joined(_part(self._on_screen, 1, 2), coasted)
+                coasted = _coasting(self._shown, new)
+                self._shown = join([self._shown.part(1, 2), coasted])
                 return coasted
-            self._blend.begin(self._on_screen)
-            self._on_screen = None
+            self._blend.begin(self._shown)
+            self._shown = None
         return self._blend.step(new)
 
 
@@ -116,22 +116,12 @@ def first_frame_after(sample: int) -> int:
     return -(-sample // SAMPLES_PER_FRAME)
 
 
-def _part(motion: MotionChunk, start: int, stop: int | None) -> MotionChunk:
-    face = None if motion.face is None else motion.face[start:stop]
-    return MotionChunk(motion.rotations[start:stop], motion.root[start:stop], face)
-
-
-def _joined(a: MotionChunk, b: MotionChunk) -> MotionChunk:
-    face = None if a.face is None or b.face is None else np.concatenate([a.face, b.face])
-    return MotionChunk(np.concatenate([a.rotations, b.rotations]), np.concatenate([a.root, b.root]), face)
-
-
 def _until(delivery: Delivery, frame: int) -> Delivery:
     """The part of a delivery before a frame."""
     left = max(0, frame - delivery.start // SAMPLES_PER_FRAME)
     samples = left * SAMPLES_PER_FRAME
     music = None if delivery.music is None else delivery.music[:samples]
-    return delivery._replace(motion=_part(delivery.motion, 0, left), audio=delivery.audio[:samples], music=music)
+    return delivery._replace(motion=delivery.motion.part(0, left), audio=delivery.audio[:samples], music=music)
 
 
 def _coasting(shown: MotionChunk, new: MotionChunk) -> MotionChunk:

@@ -39,7 +39,7 @@ class Session:
 
         Raises:
             AudioError: the samples or the rate are invalid.
-            InboxError: more than ten minutes are waiting.
+            QueueFullError: more than ten minutes are waiting.
             EchoAvatarError: the session is finished or closed.
         """
         self.core.push(audio, rate)

@@ -23,7 +23,7 @@ from echoavatar.motion.stages.modes import FREE, MotionOptions
 from echoavatar.timing import SAMPLE_RATE_HZ, ChunkSize
 
 from .action_scheduler import ActionScheduler, ActStatus
-from .audio_queue import INBOX_SECONDS, AudioQueue
+from .audio_queue import QUEUE_SECONDS, AudioQueue
 from .barge_in import BargeIn, Interruption
 from .listener import Listener, Sign
 from .music import AUDIBLE, Heard, MusicPlayer
@@ -82,7 +82,7 @@ class SessionCore:
         options: MotionOptions = FREE,
         look_ahead: int | None = None,
         rewind: int = 0,
-        inbox_seconds: float = INBOX_SECONDS,
+        queue_seconds: float = QUEUE_SECONDS,
         is_paced: bool = False,
     ) -> None:
         """A paced session makes no chunk of speech before `schedule` has put it on the clock."""
@@ -94,7 +94,7 @@ class SessionCore:
         self.late = 0  # chunks that were made after their time had come
         self._host, self._look_ahead, self._rewind = host, look_ahead, rewind
         self._lock = threading.RLock()
-        self._queue = AudioQueue(self.chunk, rewind=rewind, seconds=inbox_seconds, is_paced=is_paced)
+        self._queue = AudioQueue(self.chunk, rewind=rewind, seconds=queue_seconds, is_paced=is_paced)
         self._music, self._playout = MusicPlayer(self.chunk), PlayoutBuffer(self.chunk)
         self._barge_in = BargeIn(self._queue, self._music, self._playout, chunk=self.chunk, rewind=rewind)
         self._actions = ActionScheduler(host.actions, self.chunk)
@@ -111,7 +111,7 @@ class SessionCore:
 
         Raises:
             AudioError: the samples or the rate are invalid.
-            InboxError: too much is waiting.
+            QueueFullError: too much is waiting.
             EchoAvatarError: the session is finished or closed.
         """
         with self._lock:

@@ -147,13 +147,8 @@ class Toolbox:
 
     def schemas(self, style: Style = "plain") -> list[Schema]:
         """Declarations in a framework's form; see `tool_forms`."""
-        return render(
-            style,
-            [
-                {"name": tool.name, "description": tool.description, "parameters": tool.parameters}
-                for tool in self.tools
-            ],
-        )
+        keys = ("name", "description", "parameters")
+        return render(style, [{key: getattr(tool, key) for key in keys} for tool in self.tools])
 
 
 def _number(description: str, most: float) -> Schema:

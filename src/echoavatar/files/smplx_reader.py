@@ -20,12 +20,7 @@ import torch
 from jaxtyping import Float
 
 from echoavatar.errors import MotionError
-from echoavatar.motion.kinematics import (
-    HUMANOID,
-    Motion,
-    Skeleton,
-    SkeletonConfig,
-)
+from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton, SkeletonConfig
 from echoavatar.motion.kinematics.rigs import finger_bones
 from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle, quaternion_from_matrix
 from echoavatar.motion.kinematics.tables import NpzArrays

@@ -44,8 +44,8 @@ class Messages:
         self._audio = np.concatenate([self._audio, audio])
         while sum(len(chunk.root) for chunk in self._motion) >= BLOCK_FRAMES:
             whole = join(self._motion)
-            block = self.block(_part(whole, slice(0, BLOCK_FRAMES)))
-            self._motion = [_part(whole, slice(BLOCK_FRAMES, None))]
+            block = self.block(whole.part(0, BLOCK_FRAMES))
+            self._motion = [whole.part(BLOCK_FRAMES)]
             sound, self._audio = self._audio[:BLOCK_SAMPLES], self._audio[BLOCK_SAMPLES:]
             yield framed(encoded(block, sound))
 
@@ -56,11 +56,6 @@ class Messages:
         smooth = smoothed(face, self._last)
         self._last = smooth[-1]
         return Block(rotations_at_60_fps(rotations), at_60_fps(positions), at_60_fps(smooth))
-
-
-def _part(motion: MotionChunk, which: slice) -> MotionChunk:
-    face = None if motion.face is None else motion.face[which]
-    return MotionChunk(motion.rotations[which], motion.root[which], face)
 
 
 def encoded(block: Block, audio: Float[np.ndarray, " s"]) -> bytes:

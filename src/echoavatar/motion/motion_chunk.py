@@ -15,6 +15,11 @@ class MotionChunk(NamedTuple):
     root: Float[np.ndarray, "t 3"]  # metres
     face: Float[np.ndarray, "t 52"] | None = None  # ARKit curves 0..1 (`arkit.ARKIT_NAMES`); None without a face model
 
+    def part(self, start: int, stop: int | None = None) -> "MotionChunk":
+        """Some of the frames."""
+        face = None if self.face is None else self.face[start:stop]
+        return MotionChunk(self.rotations[start:stop], self.root[start:stop], face)
+
 
 def join(chunks: Sequence[MotionChunk]) -> MotionChunk:
     """Consecutive chunks as one; without a face unless all have one."""

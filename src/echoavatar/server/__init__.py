@@ -1,4 +1,4 @@
-"""The server of protocol `echoavatar.v1`: many clients, one engine. May import `client`, `engine` and below."""
+"""The server of protocol `echoavatar.v1`: many clients, one engine. May import `files`, `engine` and below."""
 
 from .app import create_app
 from .run import serve

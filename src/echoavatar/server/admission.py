@@ -1,32 +1,25 @@
-"""Places for WebSockets. A connection without `hello` proves nothing, so it gives way to a newcomer."""
+"""Admission of WebSockets. A connection that has not said `hello` gives way to a new one."""
 
 from collections import Counter
-from typing import Protocol
 
-
-class Waiting(Protocol):
-    """The hello of a connection, as far as it can be called off: a cancel scope."""
-
-    def cancel(self) -> None:
-        """Stop waiting."""
-        ...
+from anyio import CancelScope
 
 
 class Admission:
-    """The places, and the connections that have not said hello. Each is known by its wait, which can be cancelled."""
+    """Open connections, at most `limit`. Each is known by the scope in which it waits for its hello."""
 
     def __init__(self, limit: int) -> None:
         self._limit = limit
-        self._greeted: set[Waiting] = set()
-        self._waiting: dict[Waiting, str] = {}  # with the client's address, the oldest first
+        self._greeted: set[CancelScope] = set()
+        self._waiting: dict[CancelScope, str] = {}  # with the client's address, the oldest first
 
     def __len__(self) -> int:
         return len(self._greeted) + len(self._waiting)
 
-    def enter(self, scope: Waiting, address: str) -> bool:
-        """Take a place; returns whether there was one.
+    def enter(self, scope: CancelScope, address: str) -> bool:
+        """Admit a connection; returns False if there is no room.
 
-        If all are taken, the address with the most silent connections gives up its oldest.
+        At the limit, the address with the most connections without hello loses its oldest.
         """
         if len(self) >= self._limit:
             if not self._waiting:
@@ -38,12 +31,12 @@ class Admission:
         self._waiting[scope] = address
         return True
 
-    def greet(self, scope: Waiting) -> None:
-        """The connection said hello, so it keeps its place."""
+    def greet(self, scope: CancelScope) -> None:
+        """The connection said hello and stays."""
         if self._waiting.pop(scope, None) is not None:
             self._greeted.add(scope)
 
-    def leave(self, scope: Waiting) -> None:
+    def leave(self, scope: CancelScope) -> None:
         """The connection is closed."""
         self._waiting.pop(scope, None)
         self._greeted.discard(scope)

@@ -1,4 +1,4 @@
-"""The body of a request: bounded in size and time."""
+"""Read the body of a request within bounds of size and time."""
 
 import anyio
 from starlette.requests import ClientDisconnect, Request
@@ -12,7 +12,7 @@ async def read_body(request: Request, most: int, *, seconds: float = SECONDS) ->
     """The whole body.
 
     Raises:
-        EchoAvatarError: it has more than `most` bytes, or does not come in time.
+        EchoAvatarError: the body has more than `most` bytes, or does not arrive in time.
     """
     body = bytearray()
     try:

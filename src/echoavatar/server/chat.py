@@ -4,28 +4,16 @@ from functools import lru_cache
 from typing import Any
 
 from starlette.requests import Request
-from starlette.responses import JSONResponse, Response
 from starlette.routing import BaseRoute, Route
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.wire import ProtocolError
 from echoavatar.wire.guard import check_origin
 
 from .body import read_body
-from .companion import (
-    ChatTurn,
-    Companion,
-    ToolAccess,
-    from_environment,
-)
+from .companion import ChatTurn, Companion, ToolAccess, from_environment
 from .companion.talk import MAX_HISTORY_TURNS
 from .session_manager import SessionManager
-from .tool_routes import (
-    asked_session,
-    call_tool,
-    locked,
-    read_json,
-)
+from .tool_routes import answering, asked_session, call_tool, read_json
 
 MOST_LETTERS = 2_000
 MOST_SOUND = 4 << 20  # bytes: 80 s at 24 kHz
@@ -35,42 +23,19 @@ def chat_routes(manager: SessionManager) -> list[BaseRoute]:
     """The companion's name (GET /v1/chat), its reply to `{"session", "text", "history"}` (POST), and transcription."""
     companion = lru_cache(maxsize=1)(from_environment)
 
-    async def name(request: Request) -> Response:
-        refusal = locked(manager, request)
-        if refusal is not None:
-            return refusal
-        try:
-            there = companion()
-        except EchoAvatarError as error:
-            return JSONResponse({"error": str(error)}, 503)
-        return JSONResponse({"name": there.name, "hears": there.hears})
+    async def name(_: Request) -> dict[str, Any]:
+        return {"name": companion().name, "hears": companion().hears}
 
-    async def talk(request: Request) -> Response:
-        refusal = locked(manager, request)
-        if refusal is not None:
-            return refusal
-        try:
-            return JSONResponse(await _talk(manager, companion(), request))
-        except ProtocolError as error:
-            return JSONResponse({"error": str(error)}, 403 if error.code == "forbidden_origin" else 404)
-        except EchoAvatarError as error:
-            return JSONResponse({"error": str(error)}, 400)
+    async def talk(request: Request) -> dict[str, Any]:
+        return await _talk(manager, companion(), request)
 
-    async def hear(request: Request) -> Response:
-        refusal = locked(manager, request)
-        if refusal is not None:
-            return refusal
-        try:
-            return JSONResponse({"text": await companion().transcribe(await _sound(manager, request))})
-        except ProtocolError as error:
-            return JSONResponse({"error": str(error)}, 403)
-        except EchoAvatarError as error:
-            return JSONResponse({"error": str(error)}, 400)
+    async def hear(request: Request) -> dict[str, Any]:
+        return {"text": await companion().transcribe(await _sound(manager, request))}
 
     return [
-        Route("/v1/chat", name),
-        Route("/v1/chat", talk, methods=["POST"]),
-        Route("/v1/chat/ears", hear, methods=["POST"]),
+        Route("/v1/chat", answering(manager, name, failure=503)),
+        Route("/v1/chat", answering(manager, talk), methods=["POST"]),
+        Route("/v1/chat/ears", answering(manager, hear), methods=["POST"]),
     ]
 
 
@@ -79,11 +44,11 @@ async def _talk(manager: SessionManager, companion: Companion, request: Request)
     text = message.get("text")
     if not isinstance(text, str) or not text.strip() or len(text) > MOST_LETTERS:
         raise EchoAvatarError(f'send {{"text": "..."}} of at most {MOST_LETTERS} letters')
-    live = asked_session(manager, request, message)
+    session = asked_session(manager, request, message)
     did: list[dict[str, Any]] = []
 
     async def do(name: str, arguments: dict[str, Any]) -> dict[str, Any]:
-        result = await call_tool(manager, live, name, arguments)
+        result = await call_tool(manager, session, name, arguments)
         did.append({"name": name, "arguments": arguments, "status": result.get("status", "done")})
         return result
 

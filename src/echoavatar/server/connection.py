@@ -1,4 +1,4 @@
-"""One WebSocket: hello, then messages both ways until one side closes it."""
+"""One WebSocket connection: hello, then messages in both directions until one side closes it."""
 
 import time
 from collections.abc import Awaitable, Callable
@@ -35,9 +35,9 @@ from .outbox import Outbox
 from .session import ServerSession
 from .session_manager import SessionManager
 
-STRIKES = 100  # errors that are forgiven
-SEND_S = 20.0  # for a frame to leave
-GOODBYES = (1000, 1001)  # close codes of clients that will not come back
+STRIKES = 100  # errors that do not end the connection
+SEND_S = 20.0  # time to send one frame
+GOODBYES = (1000, 1001)  # close codes of clients that do not resume
 
 
 class Connection:
@@ -47,10 +47,10 @@ class Connection:
         self._socket, self._manager = websocket, manager
         self._encoding: Encoding = "msgpack"
         self._outbox = Outbox()
-        self._live: ServerSession | None = None
+        self._session: ServerSession | None = None
         self._strikes = 0
-        self._error: ProtocolError | None = None  # why the server closes it
-        self._left: int | None = None  # the code with which the client closed it
+        self._error: ProtocolError | None = None  # why the server closes the connection
+        self._left: int | None = None  # the close code, if the client closed it
 
     async def run(self) -> None:
         """Serve the connection until it is closed."""
@@ -66,11 +66,11 @@ class Connection:
         finally:
             manager.admission.leave(self._silence)
             manager.metrics.connections.set(manager.connections)
-            if self._live is not None:
-                manager.leave(self._live, self._outbox, for_good=self._left in GOODBYES)
-            # Tracebacks of errors refer back to this connection. The cycle lives until the garbage collector runs, so
-            # nothing large may hang on it.
-            self._live = self._error = None
+            if self._session is not None:
+                manager.leave(self._session, self._outbox, for_good=self._left in GOODBYES)
+            # Tracebacks refer back to this connection, and the cycle lives until the garbage collector runs. So drop
+            # everything large.
+            self._session = self._error = None
             self._outbox.clear()
 
     async def _talk(self) -> None:
@@ -78,18 +78,20 @@ class Connection:
         self._encoding = agreed[0] if agreed else "msgpack"
         await self._socket.accept(subprotocol(*agreed) if agreed else None)
         with self._silence:
-            await self._guarded(self._enter)
-        if self._live is not None:
+            await self._run_guarded(self._enter)
+        if self._session is not None:
             async with anyio.create_task_group() as tasks:
                 for half in (self._send, self._receive):
-                    tasks.start_soon(self._guarded, half, tasks.cancel_scope)
+                    tasks.start_soon(self._run_guarded, half, tasks.cancel_scope)
         elif self._silence.cancelled_caught:
-            self._error = ProtocolError("overloaded", "others wait for this place; say hello", retry_after=5.0)
+            self._error = ProtocolError(
+                "overloaded", "other clients need this connection; say hello at once", retry_after=5.0
+            )
         if self._left is None:
             await self._goodbye()
 
-    async def _guarded(self, half: Callable[[], Awaitable[None]], scope: anyio.CancelScope | None = None) -> None:
-        """Run one half until it ends, note why, and end the other half."""
+    async def _run_guarded(self, half: Callable[[], Awaitable[None]], scope: anyio.CancelScope | None = None) -> None:
+        """Run sending or receiving until it ends, record why, and end the other."""
         try:
             await half()
         except ProtocolError as error:
@@ -108,7 +110,7 @@ class Connection:
             raise ProtocolError("bad_order", "the first message must be a hello")
         check_token(self._manager.settings.token, message.token, self._socket.headers)
         self._outbox = Outbox(message.want)
-        self._live, _ = self._manager.enter(message, self._outbox)
+        self._session = self._manager.enter(message, self._outbox)
         self._manager.admission.greet(self._silence)
 
     async def _send(self) -> None:
@@ -126,45 +128,45 @@ class Connection:
         while True:
             message = await self._next(patience, "nothing came for too long; send pings")
             try:
-                await self._obey(message)
+                await self._handle(message)
             except ProtocolError as error:
                 if error.fatal:
                     raise
-                self._forgive(error)
+                self._report(error)
 
-    async def _obey(self, message: ClientMessage) -> None:
-        live = self._live
-        assert live is not None
+    async def _handle(self, message: ClientMessage) -> None:
+        session = self._session
+        assert session is not None
         match message:
             case Audio() | End():
-                if live.source is not self._outbox:
+                if session.source is not self._outbox:
                     raise ProtocolError("bad_order", "viewers send no sound; say hello as a source")
-                live.hear(message) if isinstance(message, Audio) else live.finish(message)
+                session.hear(message) if isinstance(message, Audio) else session.finish(message)
             case Played():
-                live.played(message, time.monotonic())
+                session.played(message, time.monotonic())
             case Interrupt():
                 self._manager.metrics.interrupts.inc()
-                live.interrupt(message)
+                session.interrupt(message)
             case Action():
-                live.act(message)
+                session.act(message)
             case Music(op="stop"):
-                live.stop_music(message)
+                session.stop_music(message)
             case Music():
-                await self._play(live, message)
+                await self._play(session, message)
             case Ping():
-                self._outbox.put(Pong(nonce=message.nonce, at=live.end))
+                self._outbox.put(Pong(nonce=message.nonce, at=session.end))
             case Hello():
                 raise ProtocolError("bad_order", "hello was said already")
 
-    async def _play(self, live: ServerSession, message: Music) -> None:
+    async def _play(self, session: ServerSession, message: Music) -> None:
         tracks = self._manager.tracks
         title = message.title or next(iter(tracks.titles), "")
         try:
             title = tracks.find(title)
-            live.play(message, title, await self._manager.load_track(title))
+            session.play(message, title, await self._manager.load_track(title))
         except EchoAvatarError as error:
             reason = str(error)
-            self._outbox.put(answer(message.id, title, "rejected", live.end, reason=reason, choices=tracks.titles))
+            self._outbox.put(answer(message.id, title, "rejected", session.end, reason=reason, choices=tracks.titles))
 
     async def _next(self, seconds: float, what: str) -> ClientMessage:
         try:
@@ -187,7 +189,7 @@ class Connection:
         else:
             await self._socket.send_bytes(content)
 
-    def _forgive(self, error: ProtocolError) -> None:
+    def _report(self, error: ProtocolError) -> None:
         self._strikes += 1
         if self._strikes > STRIKES:
             raise ProtocolError(error.code, f"{STRIKES} errors were enough; the last: {error}") from error
@@ -195,7 +197,7 @@ class Connection:
         self._outbox.warn(error)
 
     async def _goodbye(self) -> None:
-        """Tell the client why, unless it was told, and close."""
+        """Close the connection, after an error message if none was sent yet."""
         error = self._error or self._outbox.error
         with anyio.move_on_after(2), suppress(WebSocketDisconnect, OSError, RuntimeError):
             if error is None:

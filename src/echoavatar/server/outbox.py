@@ -4,13 +4,7 @@ import asyncio
 from collections import deque
 from collections.abc import Iterable
 
-from echoavatar.wire import (
-    Error,
-    Motion,
-    ProtocolError,
-    ServerMessage,
-    Sound,
-)
+from echoavatar.wire import Error, Motion, ProtocolError, ServerMessage, Sound
 from echoavatar.wire.messages import Stream
 
 MOST_MOTION = 16  # messages, 4 s

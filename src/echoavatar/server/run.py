@@ -11,13 +11,7 @@ from starlette.applications import Starlette
 from echoavatar.errors import EchoAvatarError
 from echoavatar.wire import MAX_MESSAGE_BYTES
 
-from .transport import (
-    SPARE_FILES,
-    ConnectionGuard,
-    GuardedWebSocket,
-    RepeatFilter,
-    raise_file_limit,
-)
+from .transport import SPARE_FILES, ConnectionGuard, GuardedWebSocket, RepeatFilter, raise_file_limit
 
 HTTP_CONNECTIONS = 4_096  # beside the WebSockets
 NOISY_LOGS = ("asyncio", "uvicorn.error")  # what they log depends on what strangers send

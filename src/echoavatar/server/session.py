@@ -1,4 +1,4 @@
-"""A session as the server sees it: utterances in, one clock, and the clients that watch.
+"""A session of the server: utterances in, one clock, and the clients that watch.
 
 The engine's clock is the protocol's. The engine makes a chunk only after the server has scheduled it: speech up to
 `ahead_seconds` ahead of playback, silence just in time, so that speech is answered soon. All methods are called on the
@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from echoavatar.engine import ActStatus, Delivery, SessionCore
-from echoavatar.errors import InboxError
+from echoavatar.errors import QueueFullError
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar.wire import (
     Action,
@@ -42,8 +42,8 @@ from .playhead import Playhead
 from .settings import ServerSettings
 from .utterances import UtteranceReader
 
-MARGIN_S = 0.15  # for the network, on top of the engine's own time
-KEPT_S = 8.0  # of what was sent, for clients that join or return
+MARGIN_S = 0.15  # allowance for the network, beside the engine's own time
+KEPT_S = 8.0  # how much of what was sent is kept for clients that join or resume
 
 _STATES: dict[str, AvatarState] = {
     "action": "acting",
@@ -54,7 +54,7 @@ _STATES: dict[str, AvatarState] = {
 
 
 class Sent(NamedTuple):
-    """A piece of the clock, as it was sent."""
+    """One chunk as it was sent."""
 
     motion: Motion
     sound: Sound
@@ -66,7 +66,7 @@ class Sent(NamedTuple):
 
 
 class ServerSession:
-    """One avatar: its engine session, its source, its viewers."""
+    """One avatar: its engine session, its source and its viewers."""
 
     def __init__(
         self,
@@ -85,7 +85,7 @@ class ServerSession:
         self.playhead = Playhead()
         self.listeners: list[Outbox] = []
         self.source: Outbox | None = None
-        self.left_at: float | None = None  # when its source was lost
+        self.left_at: float | None = None  # when the source was lost
         self.epoch = 0
         self.end = 0  # clock up to which motion was sent
         self.underruns = 0
@@ -100,7 +100,7 @@ class ServerSession:
         self._scheduled_at: dict[int, float] = {}  # by chunk: when it was scheduled
 
     def close(self) -> None:
-        """The session is over: free its seat and end its connections."""
+        """Free the seat and end all connections."""
         self.core.close()
         for outbox in self.listeners:
             outbox.close()
@@ -114,7 +114,7 @@ class ServerSession:
         return min((sent.motion.at for sent in self._missed(received)), default=self.end)
 
     def join(self, outbox: Outbox, *, received: int | None) -> None:
-        """A client watches from now on; `received` is the clock up to which it was sent everything before."""
+        """Add a client. `received` is the clock up to which it already has everything."""
         for motion, sound in self._missed(received):
             outbox.put(motion)
             outbox.put(sound)
@@ -126,7 +126,7 @@ class ServerSession:
         return [sent for sent in self.sent if sent.end > start]
 
     def leave(self, outbox: Outbox) -> None:
-        """A client is gone."""
+        """Remove a client."""
         if outbox in self.listeners:
             self.listeners.remove(outbox)
         if self.source is outbox:
@@ -140,10 +140,10 @@ class ServerSession:
     # ---- what clients say
 
     def hear(self, message: Audio) -> None:
-        """Sound of the avatar, or of the user it listens to.
+        """Take sound of the avatar, or of the user that it listens to.
 
         Raises:
-            ProtocolError: a gap, too much that waits, or invalid samples; none of them fatal.
+            ProtocolError: a gap, too much waiting sound, or invalid samples; not fatal.
         """
         reader = self.speech if message.speaker == "avatar" else self._user_speech
         new = reader.read(message)
@@ -158,7 +158,7 @@ class ServerSession:
     def _push(self, samples: Float[np.ndarray, " s"], seg: int) -> None:
         try:
             self.core.push(samples, self._rate, utterance=seg)
-        except InboxError as error:
+        except QueueFullError as error:
             raise ProtocolError("inbox_full", str(error), fatal=False, retry_after=1.0) from error
 
     def finish(self, message: End) -> None:
@@ -180,13 +180,13 @@ class ServerSession:
         self.playhead.jump(heard)
 
     def act(self, message: Action) -> ActStatus:
-        """Begin an action; statuses tell what becomes of it."""
+        """Begin an action; clients receive its statuses."""
         asked = self.core.act(message.name, intensity=message.intensity, hold_s=message.hold, id=message.id)
         self._tell_statuses()
         return asked
 
     def play(self, message: Music, title: str, track: Float[np.ndarray, " s"]) -> None:
-        """Play a track, in place of the one that plays."""
+        """Play a track instead of the one that plays now."""
         for status in self._track.ask(message.id, title, self.end):
             self.tell(status)
         self.core.play(title, track)
@@ -197,7 +197,7 @@ class ServerSession:
         self.tell(answer(message.id, "stop", "done", self.end))
 
     def played(self, message: Played, now: float) -> None:
-        """The player's report of its place; reports from before the last flush are void."""
+        """Take the player's report of its position; reports from before the last flush are ignored."""
         if message.epoch >= self.epoch:
             self.playhead.report(message.at, now, self.end)
         self.underruns = max(self.underruns, message.underruns)
@@ -205,7 +205,7 @@ class ServerSession:
     # ---- the server's clock
 
     def is_due(self, now: float, step_s: float) -> bool:
-        """Advance the clock; returns whether a chunk must be scheduled now. Without a player the clock stands still."""
+        """Advance the playhead; returns whether a chunk must be scheduled now. Without a player it stands still."""
         if not self._is_watched:
             self.playhead.pause()
             return False
@@ -216,7 +216,7 @@ class ServerSession:
     def pump(self, now: float, step_s: float, *, early: bool = False) -> None:
         """Schedule as many chunks as playback allows.
 
-        `early` if another session is due: a batch step costs hardly more than one session's, so all go together.
+        `early`: another session is due, and a batch costs hardly more than one session, so all go together.
         """
         if not self._is_watched:
             return
@@ -276,7 +276,7 @@ class ServerSession:
 
     def _send(self, delivery: Delivery, *, is_acting: bool) -> None:
         state = _STATES[delivery.source]
-        if state == "idle" or (state == "acting" and not is_acting):  # what it does is its own idea
+        if state == "idle" or (state == "acting" and not is_acting):  # nothing was requested
             state = "listening" if self.core.is_listening else "idle"
         motion = pack_pose(Pose(*delivery.motion), at=delivery.start, epoch=self.epoch, state=state)
         sound = Sound(
@@ -296,7 +296,7 @@ class ServerSession:
         self._tell_state(state, delivery.start)
 
     def _flush(self, flush: Flush) -> None:
-        """Motion from `flush.at` on was taken back: forget what was sent, and tell all clients."""
+        """Forget what was sent from `flush.at` on, and tell all clients."""
         self.epoch = flush.epoch
         self.end = min(self.end, flush.at)
         self.sent = deque(sent for sent in self.sent if sent.motion.at < flush.at)
@@ -305,7 +305,7 @@ class ServerSession:
             outbox.put(flush)
 
     def _tell_state(self, state: AvatarState, at: int) -> None:
-        """Tell clients what the avatar does, if that changed since they were told."""
+        """Tell clients what the avatar does, if it changed."""
         finished = self._state.finished
         if (done := self.core.take_finished(self.end)) is not None:
             finished, at = done[0], max(at, done[1])

@@ -1,4 +1,4 @@
-"""All sessions of a server: admission, resumption, expiry, and the clock that moves them."""
+"""All sessions of a server: admission, resumption, expiry, and the loop that advances them."""
 
 import asyncio
 import logging
@@ -17,14 +17,7 @@ from echoavatar.engine.tracks import Tracks
 from echoavatar.errors import AdmissionError
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
-from echoavatar.wire import (
-    VERSIONS,
-    Hello,
-    Latency,
-    ProtocolError,
-    Ready,
-    Rig,
-)
+from echoavatar.wire import VERSIONS, Hello, Latency, ProtocolError, Ready, Rig
 
 from .admission import Admission
 from .metrics import Metrics
@@ -35,9 +28,9 @@ from .sink_router import SinkRouter
 
 _LOG = logging.getLogger(__name__)
 BEAT_S = 0.02
-MOST_DECODERS = 2  # tracks that are decoded at once
+MOST_DECODERS = 2  # tracks decoded at the same time
 STATS_S = 1.0
-GOODBYE_S = 3.0  # for the last messages to every client
+GOODBYE_S = 3.0  # time for the last messages to every client
 
 
 class SessionManager:
@@ -51,7 +44,7 @@ class SessionManager:
         self.admission = Admission(settings.connections)
         self.is_draining = False
         self._thread = EngineThread(engine)
-        self._live: dict[str, ServerSession] = {}  # by public name
+        self._sessions: dict[str, ServerSession] = {}  # by public name
         self._keys: dict[str, ServerSession] = {}
         self.toolbox = Toolbox(engine.actions, self.tracks)
         self._decoders = CapacityLimiter(MOST_DECODERS)
@@ -66,12 +59,12 @@ class SessionManager:
     @property
     def sessions(self) -> int:
         """How many sessions there are."""
-        return len(self._live)
+        return len(self._sessions)
 
     @property
     def names(self) -> tuple[str, ...]:
         """Public names of the sessions, the oldest first."""
-        return tuple(self._live)
+        return tuple(self._sessions)
 
     def find(self, name: str = "") -> ServerSession:
         """A session by its public name; the newest without one.
@@ -79,7 +72,7 @@ class SessionManager:
         Raises:
             ProtocolError: there is no such session.
         """
-        return self._known(self._live, name or next(reversed(self._live), ""))
+        return self._known(self._sessions, name or next(reversed(self._sessions), ""))
 
     async def load_track(self, title: str) -> Float[np.ndarray, " s"]:
         """Decode a track, away from the event loop.
@@ -94,15 +87,10 @@ class SessionManager:
         """Whether the engine runs."""
         return self._thread.is_alive
 
-    @property
-    def has_failed(self) -> bool:
-        """Whether the engine failed."""
-        return self._thread.error is not None
-
     # ---- admission
 
-    def enter(self, hello: Hello, outbox: Outbox) -> tuple[ServerSession, Ready]:
-        """Open a session, resume one, or let a viewer in; nothing is queued before the `ready`.
+    def enter(self, hello: Hello, outbox: Outbox) -> ServerSession:
+        """Open a session, resume one, or admit a viewer. `ready` is the first message that is queued.
 
         Raises:
             ProtocolError: no common version, no such session, no seat, or the server is stopping.
@@ -117,45 +105,44 @@ class SessionManager:
             raise ProtocolError("shutting_down", "the server is stopping", retry_after=5.0)
         received: int | None = None
         if hello.role == "viewer":
-            live = self._known(self._live, hello.session)
+            session = self._known(self._sessions, hello.session)
         elif hello.resume:
-            live, received = self._known(self._keys, hello.resume), hello.played
-            self._replace(live)
+            session, received = self._known(self._keys, hello.resume), hello.played
+            self._replace(session)
             self.metrics.resumed.inc()
         else:
-            live = self._seat(hello)
-        ready = self._ready(live, hello, version, received)
-        outbox.put(ready)
-        live.join(outbox, received=received)
+            session = self._seat(hello)
+        outbox.put(self._ready(session, hello, version, received))
+        session.join(outbox, received=received)
         if hello.role == "source":
-            live.source, live.left_at = outbox, None
-        return live, ready
+            session.source, session.left_at = outbox, None
+        return session
 
-    def leave(self, live: ServerSession, outbox: Outbox, *, for_good: bool) -> None:
+    def leave(self, session: ServerSession, outbox: Outbox, *, for_good: bool) -> None:
         """A connection is closed; the session ends with it if its source left for good."""
-        was_source = live.source is outbox
-        live.leave(outbox)
+        was_source = session.source is outbox
+        session.leave(outbox)
         self.metrics.dropped.inc(outbox.dropped)
         if was_source and for_good:
-            self.end(live)
+            self.end(session)
 
-    def end(self, live: ServerSession) -> None:
+    def end(self, session: ServerSession) -> None:
         """End a session and all its connections."""
-        if self._live.pop(live.name, None) is not None:
-            del self._keys[live.key]
-            live.close()
+        if self._sessions.pop(session.name, None) is not None:
+            del self._keys[session.key]
+            session.close()
             self.metrics.sessions.set(self.sessions)
 
     def _seat(self, hello: Hello) -> ServerSession:
         if self.engine.free == 0:
-            lost = [live for live in self._live.values() if live.left_at is not None]
+            lost = [session for session in self._sessions.values() if session.left_at is not None]
             if lost:
-                self.end(min(lost, key=lambda live: live.left_at or 0.0))
+                self.end(min(lost, key=lambda session: session.left_at or 0.0))
         try:
-            core = self.engine.open_core(seed=hello.seed, inbox_seconds=self.settings.inbox_seconds, is_paced=True)
+            core = self.engine.open_core(seed=hello.seed, queue_seconds=self.settings.inbox_seconds, is_paced=True)
         except AdmissionError as error:
             raise ProtocolError("overloaded", f"all {self.engine.seats} seats are taken", retry_after=5.0) from error
-        live = ServerSession(
+        session = ServerSession(
             core,
             name=secrets.token_urlsafe(12),
             key=secrets.token_urlsafe(24),
@@ -163,35 +150,35 @@ class SessionManager:
             settings=self.settings,
             actions=self._actions,
         )
-        core.on_motion = _on_loop(asyncio.get_running_loop(), lambda: self._collect(live))
-        self._live[live.name] = self._keys[live.key] = live
+        core.on_motion = _on_loop(asyncio.get_running_loop(), lambda: self._collect(session))
+        self._sessions[session.name] = self._keys[session.key] = session
         self.metrics.sessions.set(self.sessions)
-        return live
+        return session
 
     def _known(self, among: dict[str, ServerSession], name: str) -> ServerSession:
-        live = among.get(name)
-        if live is None:
-            raise ProtocolError("unknown_session", "that session is not here, or is over; begin a new one")
-        return live
+        session = among.get(name)
+        if session is None:
+            raise ProtocolError("unknown_session", "that session is not here, or has ended; begin a new one")
+        return session
 
-    def _replace(self, live: ServerSession) -> None:
-        """The source comes back over another connection; the old one ends."""
-        if live.source is not None:
-            old = live.source
-            live.leave(old)
+    def _replace(self, session: ServerSession) -> None:
+        """End the connection of a source that resumes over another one."""
+        if session.source is not None:
+            old = session.source
+            session.leave(old)
             old.fail(ProtocolError("replaced", "the session goes on over another connection"))
 
-    def _ready(self, live: ServerSession, hello: Hello, version: int, received: int | None) -> Ready:
+    def _ready(self, session: ServerSession, hello: Hello, version: int, received: int | None) -> Ready:
         return Ready(
             version=version,
             server=f"echoavatar {__version__} {self.settings.name}".strip(),
-            session=live.name,
-            resume=live.key if hello.role == "source" else "",
+            session=session.name,
+            resume=session.key if hello.role == "source" else "",
             resumed=received is not None,
-            at=live.first_for(received),
-            epoch=live.epoch,
-            seg=live.speech.seg,
-            received=live.speech.received,
+            at=session.first_for(received),
+            epoch=session.epoch,
+            seg=session.speech.seg,
+            received=session.speech.received,
             sample_rate=SAMPLE_RATE_HZ,
             frame_rate=FRAME_RATE_HZ,
             chunk_samples=self.engine.chunk.samples,
@@ -210,7 +197,7 @@ class SessionManager:
     # ---- the clock
 
     async def run(self) -> None:
-        """Move all sessions until cancelled; starts and stops the engine's threads."""
+        """Advance all sessions until cancelled; starts and stops the engine's threads."""
         beat = 0
         with self._thread:
             try:
@@ -220,16 +207,16 @@ class SessionManager:
                     await asyncio.sleep(BEAT_S)
             finally:
                 self._sinks.close()
-                for live in list(self._live.values()):
-                    self.end(live)
+                for session in list(self._sessions.values()):
+                    self.end(session)
 
     def _beat(self, *, with_stats: bool) -> None:
-        """Move all sessions by the time since the last beat."""
+        """Advance all sessions to the present."""
         now, step_s = time.monotonic(), self.engine.step_seconds
-        due = [self._is_due(live, now, step_s) for live in self._live.values()]
-        for live in list(self._live.values()):
-            self._move(live, now, early=any(due), with_stats=with_stats)
-        self._sinks.show(self._live.values(), now)
+        due = [self._is_due(session, now, step_s) for session in self._sessions.values()]
+        for session in list(self._sessions.values()):
+            self._move(session, now, early=any(due), with_stats=with_stats)
+        self._sinks.show(self._sessions.values(), now)
 
     async def drain(self) -> None:
         """Admit no more clients; end all sessions once their speech is played, or after `drain_seconds`."""
@@ -237,56 +224,58 @@ class SessionManager:
         goodbye = ProtocolError(
             "shutting_down", "the server is stopping", fatal=False, retry_after=self.settings.drain_seconds
         )
-        for live in self._live.values():
-            for outbox in live.listeners:
+        for session in self._sessions.values():
+            for outbox in session.listeners:
                 outbox.warn(goodbye)
         for _ in range(round(self.settings.drain_seconds / BEAT_S)):
-            if all(live.is_quiet for live in self._live.values()):
+            if all(session.is_quiet for session in self._sessions.values()):
                 break
             await asyncio.sleep(BEAT_S)
-        for live in list(self._live.values()):
-            for outbox in list(live.listeners):
+        for session in list(self._sessions.values()):
+            for outbox in list(session.listeners):
                 outbox.fail(ProtocolError("shutting_down", "the server stopped", retry_after=5.0))
         for _ in range(round(GOODBYE_S / BEAT_S)):  # time for the connections to send why
             if not self.connections:
                 break
             await asyncio.sleep(BEAT_S)
 
-    def _is_due(self, live: ServerSession, now: float, step_s: float) -> bool:
+    def _is_due(self, session: ServerSession, now: float, step_s: float) -> bool:
         try:
-            return live.is_due(now, step_s)
+            return session.is_due(now, step_s)
         except Exception:
             return False  # `_move` will fail in the same way, and end the session
 
-    def _move(self, live: ServerSession, now: float, *, early: bool, with_stats: bool) -> None:
+    def _move(self, session: ServerSession, now: float, *, early: bool, with_stats: bool) -> None:
         try:
             if not self._thread.is_alive:
                 raise RuntimeError("the engine's thread has ended")
-            live.pump(now, self.engine.step_seconds, early=early)
-            self._collect(live)
+            session.pump(now, self.engine.step_seconds, early=early)
+            self._collect(session)
         except Exception:
-            _LOG.exception("session %s failed", live.name)
-            for outbox in list(live.listeners):
+            _LOG.exception("session %s failed", session.name)
+            for outbox in list(session.listeners):
                 outbox.fail(ProtocolError("internal", "the session failed; see the server's log"))
-            self.end(live)
+            self.end(session)
             return
-        if live.left_at is not None and now - live.left_at > self.settings.resume_seconds:
-            self.end(live)
+        if session.left_at is not None and now - session.left_at > self.settings.resume_seconds:
+            self.end(session)
         elif with_stats:
-            for outbox in live.listeners:
-                outbox.put(live.stats(step_s=self.engine.step_seconds, sessions=self.sessions, dropped=outbox.dropped))
+            for outbox in session.listeners:
+                outbox.put(
+                    session.stats(step_s=self.engine.step_seconds, sessions=self.sessions, dropped=outbox.dropped)
+                )
             self.metrics.step.set(self.engine.step_seconds)
 
-    def _collect(self, live: ServerSession) -> None:
-        if live.name not in self._live:
+    def _collect(self, session: ServerSession) -> None:
+        if session.name not in self._sessions:
             return
-        for seconds in live.collect():
+        for seconds in session.collect():
             self.metrics.chunks.inc()
             self.metrics.latency.observe(seconds)
 
 
 def _on_loop(loop: asyncio.AbstractEventLoop, what: Callable[[], None]) -> Callable[[], None]:
-    """The same call, from an engine's thread onto the event loop."""
+    """A function that calls `what` on the event loop, from any thread."""
 
     def call() -> None:
         if not loop.is_closed():

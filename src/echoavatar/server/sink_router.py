@@ -16,14 +16,14 @@ from .sinks import SinkPlayer, make_sink
 class SinkOutbox(Outbox):
     """Passes a session's messages to the players at once. The session counts it as a client that plays."""
 
-    def __init__(self, players: Sequence[SinkPlayer], live: ServerSession) -> None:
+    def __init__(self, players: Sequence[SinkPlayer], session: ServerSession) -> None:
         super().__init__(("motion",))
-        self._players, self._live = players, live
+        self._players, self._session = players, session
 
     @property
     def plays(self) -> bool:
         """Only while the session has a source: a source that returns finds its session where it left it."""
-        return self._live.source is not None
+        return self._session.source is not None
 
     def put(self, message: ServerMessage) -> None:
         """Pass a message to all players; nothing is queued."""
@@ -59,9 +59,9 @@ class SinkRouter:
         for player in self._players:
             player.close()
 
-    def _enter(self, live: ServerSession) -> None:
+    def _enter(self, session: ServerSession) -> None:
         for player in self._players:
             player.begin()
-        box = SinkOutbox(self._players, live)
-        live.join(box, received=None)
-        self._shown = live, box
+        box = SinkOutbox(self._players, session)
+        session.join(box, received=None)
+        self._shown = session, box

@@ -2,6 +2,7 @@
 
 import itertools
 import json
+from collections.abc import Awaitable, Callable
 from typing import Any, cast, get_args
 
 import numpy as np
@@ -21,42 +22,43 @@ from .session import ServerSession
 from .session_manager import SessionManager
 
 MOST_BYTES = 16_384
+STATUSES = {"forbidden_origin": 403, "unknown_session": 404}  # of protocol errors; of all others 400
 _NUMBERS = itertools.count(1)
 
 
 class ToolActor:
     """A session as the tools see it: every client is told what they do."""
 
-    def __init__(self, live: ServerSession) -> None:
-        self._live = live
+    def __init__(self, session: ServerSession) -> None:
+        self._session = session
         self._id = f"tool-{next(_NUMBERS)}"
 
     def act(self, name: str, *, intensity: float = 1.0, hold_s: float | None = None) -> ActStatus:
         """Begin an action."""
-        return self._live.act(Action(id=self._id, name=name, intensity=intensity, hold=hold_s))
+        return self._session.act(Action(id=self._id, name=name, intensity=intensity, hold=hold_s))
 
     def play(self, title: str, track: Float[np.ndarray, " s"]) -> None:
         """Play a track."""
-        self._live.play(Music(id=self._id, op="play", title=title), title, track)
+        self._session.play(Music(id=self._id, op="play", title=title), title, track)
 
     def stop_music(self) -> None:
         """Fade the music out."""
-        self._live.stop_music(Music(id=self._id, op="stop"))
+        self._session.stop_music(Music(id=self._id, op="stop"))
 
 
-async def call_tool(manager: SessionManager, live: ServerSession, name: str, arguments: dict[str, Any]) -> Schema:
+async def call_tool(manager: SessionManager, session: ServerSession, name: str, arguments: dict[str, Any]) -> Schema:
     """Run the tool a model asked for, in a session."""
-    return await manager.toolbox.call_async(ToolActor(live), name, arguments, manager.load_track)
+    return await manager.toolbox.call_async(ToolActor(session), name, arguments, manager.load_track)
 
 
 def tool_routes(manager: SessionManager) -> list[BaseRoute]:
     """GET /v1/tools, GET /v1/sessions, POST /v1/tools/NAME of `{"session": ..., "arguments": {...}}`."""
 
-    async def declarations(request: Request) -> Response:
+    async def declarations(request: Request) -> list[Schema]:
         style = request.query_params.get("style", "plain")
         if style not in get_args(Style):
-            return JSONResponse({"error": f"style is one of {', '.join(get_args(Style))}"}, 400)
-        return locked(manager, request) or JSONResponse(manager.toolbox.schemas(cast(Style, style)))
+            raise EchoAvatarError(f"style is one of {', '.join(get_args(Style))}")
+        return manager.toolbox.schemas(cast(Style, style))
 
     async def sessions(request: Request) -> Response:
         refusal = locked(manager, request)
@@ -66,27 +68,37 @@ def tool_routes(manager: SessionManager) -> list[BaseRoute]:
             return JSONResponse({"error": "this server does not say who is there; name a session"}, 403)
         return JSONResponse({"sessions": list(manager.names)})
 
-    async def call(request: Request) -> Response:
-        refusal = locked(manager, request)
-        if refusal is not None:
-            return refusal
-        try:
-            message = await read_json(request, manager.settings.origins)
-            arguments = message.get("arguments") or {}
-            if not isinstance(arguments, dict):
-                raise EchoAvatarError('"arguments" must be an object')
-            live = asked_session(manager, request, message)
-        except ProtocolError as error:
-            return JSONResponse({"error": str(error)}, 403 if error.code == "forbidden_origin" else 404)
-        except EchoAvatarError as error:
-            return JSONResponse({"error": str(error)}, 400)
-        return JSONResponse(await call_tool(manager, live, request.path_params["name"], arguments))
+    async def call(request: Request) -> Schema:
+        message = await read_json(request, manager.settings.origins)
+        arguments = message.get("arguments") or {}
+        if not isinstance(arguments, dict):
+            raise EchoAvatarError('"arguments" must be an object')
+        session = asked_session(manager, request, message)
+        return await call_tool(manager, session, request.path_params["name"], arguments)
 
     return [
-        Route("/v1/tools", declarations),
-        Route("/v1/tools/{name}", call, methods=["POST"]),
+        Route("/v1/tools", answering(manager, declarations)),
+        Route("/v1/tools/{name}", answering(manager, call), methods=["POST"]),
         Route("/v1/sessions", sessions),
     ]
+
+
+def answering(
+    manager: SessionManager, handle: Callable[[Request], Awaitable[object]], *, failure: int = 400
+) -> Callable[[Request], Awaitable[Response]]:
+    """An endpoint that answers with the JSON that `handle` returns, or with its error. It asks for the token first."""
+
+    async def answer(request: Request) -> Response:
+        if (refusal := locked(manager, request)) is not None:
+            return refusal
+        try:
+            return JSONResponse(await handle(request))
+        except ProtocolError as error:
+            return JSONResponse({"error": str(error)}, STATUSES.get(error.code, 400))
+        except EchoAvatarError as error:
+            return JSONResponse({"error": str(error)}, failure)
+
+    return answer
 
 
 def locked(manager: SessionManager, request: Request) -> Response | None:
@@ -128,7 +140,7 @@ async def read_json(request: Request, allowed: tuple[str, ...] = (), *, most: in
     try:
         message = json.loads(body)
     except (ValueError, RecursionError) as error:
-        raise EchoAvatarError("this is no JSON") from error
+        raise EchoAvatarError("the body is not JSON") from error
     if not isinstance(message, dict):
         raise EchoAvatarError("send a JSON object")
     return message

@@ -1,8 +1,7 @@
-"""The sockets below the application: how many there may be, how long they may be silent, how often they may ping.
+"""Limits on the sockets below the application: their number, their silence, and their pings.
 
-Whoever can reach the port can open sockets without a token, so nothing here may grow with what a stranger does. A
-connection that has not sent a whole request is silent. It is closed after `SILENCE_S`, or at once if all places are
-taken and it is the oldest silent one; a client that sends its request is never in its place for long.
+A socket needs no token, so nothing here may grow with what a stranger does. A socket that has not sent a whole request
+is silent. It is closed after `SILENCE_S`, or at once if all places are taken and it is the oldest silent one.
 """
 
 import asyncio
@@ -19,13 +18,13 @@ from websockets.frames import Frame
 
 SILENCE_S = 10.0
 CLOSE_S = 3.0  # for a client's answer to our close
-SPARE_FILES = 128  # that are not sockets of clients
+SPARE_FILES = 128  # files that are not clients' sockets
 WANTED_FILES = 65_536
 CONTROL_FRAMES_A_SECOND = 10.0  # pings and pongs of one WebSocket
 CONTROL_FRAMES_AT_ONCE = 50.0
 MAX_UNREAD_BYTES = 1 << 20  # pongs that a client does not read
-MAX_FRAGMENTS = 4_096  # of one message; empty ones count for nothing in its size
-REPEAT_S = 10.0  # the same line is logged once in this time
+MAX_FRAGMENTS = 4_096  # of one message; empty fragments escape the limit on its size
+REPEAT_S = 10.0  # a repeated line is logged once in this time
 
 
 def raise_file_limit(wanted: int = WANTED_FILES) -> int:
@@ -46,7 +45,7 @@ def raise_file_limit(wanted: int = WANTED_FILES) -> int:
 
 
 class RepeatFilter(logging.Filter):
-    """Drops a log record that repeats one of the last seconds: a full file table logs thousands a second."""
+    """Drops log records that repeat a recent one; a full file table would log thousands a second."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -64,7 +63,7 @@ class RepeatFilter(logging.Filter):
 
 
 class ConnectionGuard:
-    """Counts one server's sockets, and closes those that stay silent."""
+    """Bounds the sockets of one server, and closes those that stay silent."""
 
     def __init__(self, limit: int, *, silence_s: float = SILENCE_S) -> None:
         self._limit, self._silence_s = limit, silence_s
@@ -76,14 +75,14 @@ class ConnectionGuard:
         return type("GuardedHttp", (GuardedHttp,), {"guard": self})
 
     def enter(self, protocol: Any, transport: asyncio.Transport, connections: MutableSet[Any]) -> None:
-        """A socket was opened; all of the server's are in `connections`."""
+        """A socket was opened; `connections` holds all sockets of the server."""
         self._silent[protocol] = transport
         if len(connections) > self._limit:
             self._make_room(connections)
         self._watch(protocol, transport, None)
 
     def _make_room(self, connections: MutableSet[Any]) -> None:
-        """Close a socket: a WebSocket whose client does not answer our close, else the oldest silent one."""
+        """Close a WebSocket whose client does not answer the server's close, or else the oldest silent socket."""
         leaving = next((one for one in connections if getattr(one, "close_sent", False)), None)
         if leaving is not None:
             leaving.transport.abort()
@@ -91,7 +90,7 @@ class ConnectionGuard:
             self._silent.pop(next(iter(self._silent))).abort()
 
     def settle(self, protocol: Any) -> None:
-        """A whole request came, or the socket is closed."""
+        """The socket sent a whole request, or was closed."""
         self._silent.pop(protocol, None)
 
     def _watch(self, protocol: Any, transport: asyncio.Transport, cycle: object) -> None:
@@ -99,7 +98,7 @@ class ConnectionGuard:
         loop.call_later(self._silence_s, self._check, protocol, transport, cycle)
 
     def _check(self, protocol: Any, transport: asyncio.Transport, before: Any) -> None:
-        """Close a socket on which no request began since the last look and none is being answered."""
+        """Close the socket if no request began since the last check and none is being answered."""
         if transport.is_closing() or transport.get_protocol() is not protocol:
             return
         cycle: Any = getattr(protocol, "cycle", None)
@@ -169,7 +168,7 @@ class GuardedWebSocket(WebSocketsSansIOProtocol):
 
 
 class OneBodyLength:
-    """Refuses a request that gives its length twice: a proxy may read it otherwise than we do (request smuggling)."""
+    """Refuses a request that states its length twice, because a proxy may read it differently (request smuggling)."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app

@@ -1,20 +1,15 @@
-"""The numbering of one speaker's `audio` messages: what is new is taken, repeats are dropped, gaps are refused."""
+"""The order of one speaker's `audio` messages: new samples are taken, repeats dropped, gaps refused."""
 
 import numpy as np
 from jaxtyping import Float
 
-from echoavatar.wire import (
-    Audio,
-    AudioFormat,
-    ProtocolError,
-    unpack_audio,
-)
+from echoavatar.wire import Audio, AudioFormat, ProtocolError, unpack_audio
 
 Samples = Float[np.ndarray, " s"]
 
 
 class UtteranceReader:
-    """Where one speaker is: which utterance, and how much of it was received."""
+    """Tracks one speaker's current utterance and how much of it was received."""
 
     def __init__(self, form: AudioFormat) -> None:
         self.seg = 0  # the newest utterance
@@ -45,13 +40,13 @@ class UtteranceReader:
         return new
 
     def accept(self, seg: int, count: int) -> None:
-        """So many new samples of an utterance were taken."""
+        """Count new samples of an utterance as received."""
         if seg > self.seg:
             self.seg, self.received, self._is_ended = seg, 0, False
         self.received += count
 
     def end(self, seg: int) -> bool:
-        """An utterance is complete; returns whether that is news."""
+        """Mark an utterance as complete; returns False if it was already."""
         if self._is_past(seg):
             return False
         self.accept(seg, 0)
@@ -60,7 +55,7 @@ class UtteranceReader:
         return is_news
 
     def cut(self, seg: int) -> None:
-        """Utterances up to this one are not wanted any more; what still arrives of them is ignored."""
+        """Ignore whatever still arrives of utterances up to this one."""
         self._cut = max(self._cut, seg)
         self._is_ended = self._is_ended or self.seg <= self._cut
 

@@ -4,21 +4,8 @@
 and `schema` describes them as JSON Schema and TypeScript. `docs/protocol.md` explains the protocol.
 """
 
-from .blobs import (
-    Pose,
-    pack_audio,
-    pack_pose,
-    unpack_audio,
-    unpack_pose,
-)
-from .codec import (
-    ProtocolError,
-    decode_client,
-    decode_server,
-    encode,
-    negotiate,
-    subprotocol,
-)
+from .blobs import Pose, pack_audio, pack_pose, unpack_audio, unpack_pose
+from .codec import ProtocolError, decode_client, decode_server, encode, negotiate, subprotocol
 from .messages import (
     CLOSE_CODES,
     ENCODINGS,

@@ -1,4 +1,4 @@
-"""Convert JSON Schema of structs to TypeScript interfaces, for `schema` and the studio."""
+"""JSON Schema of structs as TypeScript interfaces, for the types of the protocol and of the studio."""
 
 import json
 from collections.abc import Callable, Iterable

@@ -8,23 +8,18 @@ from contextlib import AsyncExitStack
 
 import numpy as np
 import pytest
-from tests.server.fakes import Place, serving
+from tests.server.fakes import RunningServer, serving
 
 from echoavatar.agents.client import ConnectionLostError, Recorder, connect
 from echoavatar.agents.client.connection import Avatar, stream_url
 from echoavatar.errors import EchoAvatarError
-from echoavatar.wire import (
-    ActionStatus,
-    Flush,
-    ProtocolError,
-    Sound,
-)
+from echoavatar.wire import ActionStatus, Flush, ProtocolError, Sound
 
 
 @pytest.fixture(scope="module")
-def place() -> Iterator[Place]:
-    with serving() as place:
-        yield place
+def server() -> Iterator[RunningServer]:
+    with serving() as server:
+        yield server
 
 
 def test_it_needs_no_torch() -> None:
@@ -32,93 +27,79 @@ def test_it_needs_no_torch() -> None:
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-def test_speech_returns_with_its_motion(place: Place) -> None:
-    async def run() -> None:
-        async with connect(place.address, rate=48_000) as avatar:
-            recorder = Recorder(avatar.ready)
-            await avatar.speak(np.full(24_000, 0.25, np.float32), end=False)
-            seg = await avatar.speak(np.full(24_000, 8_192, np.int16))
-            async for message in avatar:
-                recorder.take(message)
-                if isinstance(message, Sound):
-                    await avatar.played(avatar.received)
-                if recorder.has(seg):
+async def test_speech_returns_with_its_motion(server: RunningServer) -> None:
+    async with connect(server.address, rate=48_000) as avatar:
+        recorder = Recorder(avatar.ready)
+        await avatar.speak(np.full(24_000, 0.25, np.float32), end=False)
+        seg = await avatar.speak(np.full(24_000, 8_192, np.int16))
+        async for message in avatar:
+            recorder.take(message)
+            if isinstance(message, Sound):
+                await avatar.played(avatar.received)
+            if recorder.has(seg):
+                break
+        recording = recorder.recording(seg)
+        assert np.count_nonzero(recording.audio > 0.2) == pytest.approx(24_000, abs=200)
+        assert recording.rotations.shape[1:] == (52, 4)
+
+
+async def test_speech_longer_than_the_queue_is_sent_as_there_is_room(server: RunningServer) -> None:
+    """Three minutes of speech, of which the queue holds two."""
+    async with connect(server.address, rate=8_000) as avatar:
+        seg = await avatar.speak(np.full(8_000 * 180, 0.1, np.float32))
+        heard = 0
+        async for message in avatar:
+            if isinstance(message, Sound):
+                heard += message.seg == seg
+                await avatar.played(avatar.received)
+                if heard > 60:
                     break
-            recording = recorder.recording(seg)
-            assert np.count_nonzero(recording.audio > 0.2) == pytest.approx(24_000, abs=200)
-            assert recording.rotations.shape[1:] == (52, 4)
-
-    asyncio.run(asyncio.wait_for(run(), 20))
+        assert avatar._utterances.seconds_ahead < 40
 
 
-def test_longer_than_the_inbox_is_sent_as_there_is_room(place: Place) -> None:
-    """Three minutes of speech, of which the inbox holds two."""
-
-    async def run() -> None:
-        async with connect(place.address, rate=8_000) as avatar:
-            seg = await avatar.speak(np.full(8_000 * 180, 0.1, np.float32))
-            heard = 0
-            async for message in avatar:
-                if isinstance(message, Sound):
-                    heard += message.seg == seg
-                    await avatar.played(avatar.received)
-                    if heard > 60:
-                        break
-            assert avatar._utterances.seconds_ahead < 40
-
-    asyncio.run(asyncio.wait_for(run(), 30))
-
-
-def test_a_broken_connection_resumes_without_loss(place: Place) -> None:
-    async def run() -> None:
-        async with connect(place.address) as avatar:
-            recorder = Recorder(avatar.ready)
-            name = avatar.ready.session
-            await avatar.speak(np.full(48_000, 0.25, np.float32), end=False)
-            breaks = 0
-            async for message in avatar:
-                recorder.take(message)
-                if isinstance(message, Sound):
-                    await avatar.played(avatar.received)
-                    if message.seg and breaks < 2:
-                        breaks += 1
-                        _tear(avatar)
-                        await avatar.speak(np.full(4_800, 0.25, np.float32), end=breaks == 2)
-                if recorder.has(1):
-                    break
-            assert breaks == 2
-            assert avatar.ready.session == name
-            assert np.count_nonzero(recorder.recording(1).audio) == 57_600
-
-    asyncio.run(asyncio.wait_for(run(), 20))
+async def test_a_broken_connection_resumes_without_loss(server: RunningServer) -> None:
+    async with connect(server.address) as avatar:
+        recorder = Recorder(avatar.ready)
+        name = avatar.ready.session
+        await avatar.speak(np.full(48_000, 0.25, np.float32), end=False)
+        breaks = 0
+        async for message in avatar:
+            recorder.take(message)
+            if isinstance(message, Sound):
+                await avatar.played(avatar.received)
+                if message.seg and breaks < 2:
+                    breaks += 1
+                    _tear(avatar)
+                    await avatar.speak(np.full(4_800, 0.25, np.float32), end=breaks == 2)
+            if recorder.has(1):
+                break
+        assert breaks == 2
+        assert avatar.ready.session == name
+        assert np.count_nonzero(recorder.recording(1).audio) == 57_600
 
 
-def test_a_lost_session_is_continued_by_a_new_one(place: Place) -> None:
+async def test_a_lost_session_is_continued_by_a_new_one(server: RunningServer) -> None:
     """The server forgets the session; the next session continues the sentence where playback was."""
-
-    async def run() -> None:
-        async with connect(place.address) as avatar:
-            recorder = Recorder(avatar.ready)
-            name = avatar.ready.session
-            seg = await avatar.speak(np.full(72_000, 0.25, np.float32))
-            sounds = 0
-            async for message in avatar:
-                recorder.take(message)
-                if isinstance(message, Sound):
-                    await avatar.played(avatar.received)
-                    sounds += message.seg == seg
-                    if sounds == 5 and avatar.ready.session == name:
-                        place.manager._keys[avatar.ready.resume].key = "lost"
-                        place.manager._keys["lost"] = place.manager._keys.pop(avatar.ready.resume)
-                        _tear(avatar)
-                if recorder.has(seg):
-                    break
-            assert avatar.ready.session != name
-            audio = recorder.recording(seg).audio
-            assert np.count_nonzero(audio) == 72_000
-            assert np.flatnonzero(audio)[-1] < 72_000 + 3 * 6_400
-
-    asyncio.run(asyncio.wait_for(run(), 20))
+    async with connect(server.address) as avatar:
+        recorder = Recorder(avatar.ready)
+        name = avatar.ready.session
+        seg = await avatar.speak(np.full(72_000, 0.25, np.float32))
+        sounds = 0
+        async for message in avatar:
+            recorder.take(message)
+            if isinstance(message, Sound):
+                await avatar.played(avatar.received)
+                sounds += message.seg == seg
+                if sounds == 5 and avatar.ready.session == name:
+                    server.manager._keys[avatar.ready.resume].key = "lost"
+                    server.manager._keys["lost"] = server.manager._keys.pop(avatar.ready.resume)
+                    _tear(avatar)
+            if recorder.has(seg):
+                break
+        assert avatar.ready.session != name
+        audio = recorder.recording(seg).audio
+        assert np.count_nonzero(audio) == 72_000
+        assert np.flatnonzero(audio)[-1] < 72_000 + 3 * 6_400
 
 
 def _tear(avatar: Avatar) -> None:
@@ -126,29 +107,26 @@ def _tear(avatar: Avatar) -> None:
     avatar._socket.transport.abort()
 
 
-def test_interrupt_act_and_music(place: Place) -> None:
-    async def run() -> None:
-        async with connect(place.address) as avatar:
-            await avatar.speak(np.full(96_000, 0.25, np.float32))
-            action = await avatar.act("wave", intensity=0.5)
-            music = await avatar.play_music()
-            seen: set[str] = set()
-            async for message in avatar:
-                match message:
-                    case ActionStatus(id=id, status="started"):
-                        seen.add(id)
-                        if seen == {action, music}:
-                            await avatar.stop_music()
-                            await avatar.interrupt()
-                    case Flush(seg=seg) if seg:
-                        assert seg == 1
-                        break
-            assert await avatar.speak(np.zeros(10, np.float32)) == 2
-
-    asyncio.run(asyncio.wait_for(run(), 20))
+async def test_interrupt_act_and_music(server: RunningServer) -> None:
+    async with connect(server.address) as avatar:
+        await avatar.speak(np.full(96_000, 0.25, np.float32))
+        action = await avatar.act("wave", intensity=0.5)
+        music = await avatar.play_music()
+        seen: set[str] = set()
+        async for message in avatar:
+            match message:
+                case ActionStatus(id=id, status="started"):
+                    seen.add(id)
+                    if seen == {action, music}:
+                        await avatar.stop_music()
+                        await avatar.interrupt()
+                case Flush(seg=seg) if seg:
+                    assert seg == 1
+                    break
+        assert await avatar.speak(np.zeros(10, np.float32)) == 2
 
 
-def test_refusals_raise_errors_with_an_explanation(place: Place) -> None:
+def test_refusals_raise_errors_with_an_explanation(server: RunningServer) -> None:
     async def run(url: str) -> None:
         async with connect(url):
             pass
@@ -156,13 +134,13 @@ def test_refusals_raise_errors_with_an_explanation(place: Place) -> None:
     with pytest.raises(ConnectionLostError, match="echoavatar serve"):
         asyncio.run(run("http://127.0.0.1:9"))
     with pytest.raises(ProtocolError, match="seats"):
-        asyncio.run(_crowd(place))
+        asyncio.run(_crowd(server))
 
 
-async def _crowd(place: Place) -> None:
+async def _crowd(server: RunningServer) -> None:
     async with AsyncExitStack() as stack:
         for _ in range(5):
-            await stack.enter_async_context(connect(place.address))
+            await stack.enter_async_context(connect(server.address))
 
 
 @pytest.mark.parametrize(
@@ -177,12 +155,12 @@ def test_addresses_may_have_any_usual_form(given: str, url: str) -> None:
     assert stream_url(given) == url
 
 
-def test_invalid_addresses_and_samples_are_refused(place: Place) -> None:
+def test_invalid_addresses_and_samples_are_refused(server: RunningServer) -> None:
     with pytest.raises(EchoAvatarError, match="address"):
         stream_url("ftp://a.example")
 
     async def run(samples: np.ndarray) -> None:
-        async with connect(place.address) as avatar:
+        async with connect(server.address) as avatar:
             await avatar.speak(samples)
 
     for samples in (np.array([np.nan]), np.zeros((4, 2)), np.zeros(4, np.int64)):

@@ -5,19 +5,7 @@ import pytest
 
 from echoavatar.agents.client import Recorder
 from echoavatar.errors import MotionError
-from echoavatar.wire import (
-    Flush,
-    Latency,
-    Limits,
-    Motion,
-    Pose,
-    Ready,
-    Rig,
-    Sound,
-    State,
-    pack_audio,
-    pack_pose,
-)
+from echoavatar.wire import Flush, Latency, Limits, Motion, Pose, Ready, Rig, Sound, State, pack_audio, pack_pose
 
 READY = Ready(
     version=1, server="", session="", resume="", resumed=False, at=0, epoch=0, seg=0, received=0,

@@ -3,13 +3,7 @@
 from tests.agents.client.test_recording import READY
 
 from echoavatar.agents.client.utterances import AHEAD_S, KEPT_UTTERANCES, UtteranceQueue
-from echoavatar.wire import (
-    Audio,
-    AudioFormat,
-    End,
-    Flush,
-    Sound,
-)
+from echoavatar.wire import Audio, AudioFormat, End, Flush, Sound
 
 
 def sound(at: int, seg: int, samples: int = 6_400) -> Sound:

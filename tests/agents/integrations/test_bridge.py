@@ -1,20 +1,16 @@
 """A bridge over a minimal pipeline: what it releases, in which order, and how interruptions cut it."""
 
 import asyncio
+import contextlib
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator, Callable
 
 import numpy as np
 import pytest
 from tests.agents.integrations.fakes import engine, tone
 
 from echoavatar.agents.client import ConnectionLostError
-from echoavatar.agents.integrations import (
-    AvatarBridge,
-    AvatarChunk,
-    Flushed,
-    UtteranceDone,
-)
+from echoavatar.agents.integrations import AvatarBridge, AvatarChunk, Flushed, UtteranceDone
 from echoavatar.agents.integrations.backend import LocalBackend
 from echoavatar.agents.integrations.output import Event
 from echoavatar.errors import EchoAvatarError
@@ -44,28 +40,24 @@ class Scene:
             self.events.append((time.monotonic(), event))
 
 
-def play(script: Callable[[Scene], Awaitable[None]]) -> Scene:
-    async def run() -> Scene:
-        scene = Scene()
-        await scene.bridge.start()
-        watching = asyncio.ensure_future(scene.watch())
-        try:
-            await script(scene)
-        finally:
-            await scene.bridge.close()
-            await asyncio.wait([watching], timeout=5)
-        return scene
-
-    return asyncio.run(run())
+@contextlib.asynccontextmanager
+async def playing() -> AsyncIterator[Scene]:
+    """A bridge that is watched until the block ends."""
+    scene = Scene()
+    await scene.bridge.start()
+    watching = asyncio.ensure_future(scene.watch())
+    try:
+        yield scene
+    finally:
+        await scene.bridge.close()
+        await asyncio.wait([watching], timeout=5)
 
 
-def test_hops_leave_in_order_shortly_before_they_are_due() -> None:
-    async def script(scene: Scene) -> None:
+async def test_chunks_leave_in_order_shortly_before_they_are_due() -> None:
+    async with playing() as scene:
         await scene.bridge.say(tone(2.0), 24_000)
         seg = await scene.bridge.end()
         await scene.until(lambda: any(said.seg == seg for said in scene.of(UtteranceDone)))
-
-    scene = play(script)
     np.testing.assert_allclose(scene.sound[:48_000], tone(2.0), atol=1)
     chunks = [(when, chunk) for when, chunk in scene.events if isinstance(chunk, AvatarChunk)]
     assert [chunk.at for _, chunk in chunks] == list(range(0, 6_400 * len(chunks), 6_400))
@@ -77,20 +69,18 @@ def test_hops_leave_in_order_shortly_before_they_are_due() -> None:
     assert isinstance(scene.events[0][1], Ready)
 
 
-def test_speech_at_any_rate_in_any_blocks_comes_out_whole() -> None:
-    async def script(scene: Scene) -> None:
+async def test_speech_at_any_rate_in_any_blocks_comes_out_whole() -> None:
+    async with playing() as scene:
         samples = tone(1.0, 44_100)
         for block in np.array_split(samples, 7):
             await scene.bridge.say(block, 44_100)
         seg = await scene.bridge.end()
         await scene.until(lambda: any(said.seg == seg for said in scene.of(UtteranceDone)))
-
-    scene = play(script)
     np.testing.assert_allclose(scene.sound[1_000:23_000], tone(1.0)[1_000:23_000].astype(float), atol=60)
 
 
-def test_an_interruption_is_exact_and_two_at_once_are_one() -> None:
-    async def script(scene: Scene) -> None:
+async def test_an_interruption_is_exact_and_two_at_once_are_one() -> None:
+    async with playing() as scene:
         await scene.bridge.say(tone(4.0), 24_000)
         await scene.until(lambda: len(scene.sound) > 24_000)
         first = next(chunk.at for chunk in scene.of(AvatarChunk) if chunk.seg)
@@ -102,8 +92,6 @@ def test_an_interruption_is_exact_and_two_at_once_are_one() -> None:
         assert not scene.bridge.is_busy
         await scene.bridge.interrupt()  # with nothing to interrupt it does nothing
         await asyncio.sleep(0.6)
-
-    scene = play(script)
     cut = scene.events.index(next((when, event) for when, event in scene.events if isinstance(event, Flushed)))
     after = [event for _, event in scene.events[cut:] if isinstance(event, AvatarChunk)]
     assert after
@@ -111,8 +99,8 @@ def test_an_interruption_is_exact_and_two_at_once_are_one() -> None:
     assert after[0].at == scene.of(Flushed)[0].flush.at
 
 
-def test_actions_are_answered_and_made_again_motion_overtakes() -> None:
-    async def script(scene: Scene) -> None:
+async def test_actions_are_answered_and_made_again_motion_overtakes() -> None:
+    async with playing() as scene:
         await scene.bridge.say(tone(3.0), 24_000)
         await scene.until(lambda: len(scene.sound) > 12_000)
         assert (await scene.bridge.act("wave")).status == "accepted"
@@ -120,30 +108,25 @@ def test_actions_are_answered_and_made_again_motion_overtakes() -> None:
         assert (refused.status, refused.choices) == ("rejected", ("wave", "bow"))
         seg = await scene.bridge.end()
         await scene.until(lambda: any(said.seg == seg for said in scene.of(UtteranceDone)))
-
-    scene = play(script)
     np.testing.assert_allclose(scene.sound[:72_000], tone(3.0), atol=1)
     assert {status.status for status in scene.of(ActionStatus)} >= {"accepted", "started", "rejected"}
     assert not any(cut.is_interruption for cut in scene.of(Flushed))
 
 
-def test_music_needs_no_speech_and_ends() -> None:
-    async def script(scene: Scene) -> None:
+async def test_music_needs_no_speech_and_ends() -> None:
+    async with playing() as scene:
         assert (await scene.bridge.play_music("no such song")).status == "rejected"
         assert (await scene.bridge.play_music()).status == "accepted"
         await scene.until(lambda: len(scene.sound) > 24_000)
         await scene.bridge.stop_music()
         await scene.until(lambda: scene.of(State)[-1].state == "idle")
-
-    scene = play(script)
     assert "dancing" in {state.state for state in scene.of(State)}
     assert {chunk.seg for chunk in scene.of(AvatarChunk)} == {0}
 
 
-def test_a_lost_session_is_replaced_and_the_clock_continues() -> None:
+async def test_a_lost_session_is_replaced_and_the_clock_continues() -> None:
     """The server loses the session: speech that was not released is sent again, and the clock never runs backwards."""
-
-    async def script(scene: Scene) -> None:
+    async with playing() as scene:
         await scene.bridge.say(tone(2.5), 24_000)
         seg = await scene.bridge.end()
         await scene.until(lambda: len(scene.sound) > 12_000)
@@ -151,29 +134,24 @@ def test_a_lost_session_is_replaced_and_the_clock_continues() -> None:
         avatar = scene.bridge._session
         avatar._socket._close(1006, "")  # type: ignore[union-attr]
         avatar._socket._in.put_nowait({"type": "websocket.close"})  # type: ignore[union-attr]
-        for live in list(manager._live.values()):
-            manager.end(live)
+        for session in list(manager._sessions.values()):
+            manager.end(session)
         await scene.until(lambda: any(said.seg == seg for said in scene.of(UtteranceDone)))
-
-    scene = play(script)
     assert len(scene.of(Ready)) == 2
     at = [chunk.at for chunk in scene.of(AvatarChunk)]
     assert at == sorted(at)
     assert np.count_nonzero(scene.sound) > 0.9 * 60_000
 
 
-def test_a_session_that_ended_raises() -> None:
-    async def run() -> None:
-        bridge = AvatarBridge(LocalBackend(engine()))
-        with pytest.raises(EchoAvatarError, match="start"):
-            await bridge.say(tone(0.1), 24_000)
-        await bridge.start()
-        await bridge._session.close()
-        with pytest.raises(EchoAvatarError, match="gone"):
-            async for _ in bridge:
-                pass
-        await bridge.close()
-        await bridge.close()
-
-    asyncio.run(run())
+async def test_a_session_that_ended_raises() -> None:
+    bridge = AvatarBridge(LocalBackend(engine()))
+    with pytest.raises(EchoAvatarError, match="start"):
+        await bridge.say(tone(0.1), 24_000)
+    await bridge.start()
+    await bridge._session.close()
+    with pytest.raises(EchoAvatarError, match="gone"):
+        async for _ in bridge:
+            pass
+    await bridge.close()
+    await bridge.close()
     assert issubclass(ConnectionLostError, EchoAvatarError)

@@ -152,13 +152,10 @@ def test_tools_are_called_by_the_agent() -> None:
     scene.converse(script)
 
 
-def test_bytes_that_are_not_samples_are_refused() -> None:
-    async def run() -> None:
-        audio = AsyncAvatarAudioInterface(engine(), sample_rate=24_000)
-        with pytest.raises(AudioError, match="pcm_24000"):
-            await audio.output(b"abc")
-
-    asyncio.run(run())
+async def test_bytes_that_are_not_samples_are_refused() -> None:
+    audio = AsyncAvatarAudioInterface(engine(), sample_rate=24_000)
+    with pytest.raises(AudioError, match="pcm_24000"):
+        await audio.output(b"abc")
     with pytest.raises(AudioError, match="16000"):
         AsyncAvatarAudioInterface(engine(), sample_rate=12_345)
 

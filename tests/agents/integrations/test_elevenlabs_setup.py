@@ -115,7 +115,7 @@ def test_only_tools_with_answers_make_the_model_wait() -> None:
     assert "parameters" not in tools["stop_music"]
     intensity = tools["send_action"]["parameters"]["properties"]["intensity"]
     assert set(intensity) == {"type", "description"}, "their schemas know no bounds"
-    assert "at most 2" in intensity["description"]
+    assert "From 0 to 2." in intensity["description"]
 
 
 def test_failures_are_explained(service: tuple[str, type[Service]]) -> None:

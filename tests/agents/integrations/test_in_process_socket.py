@@ -24,54 +24,42 @@ async def crash(scope: Any, receive: Any, send: Any) -> None:
     raise RuntimeError("broken")
 
 
-def test_frames_go_both_ways_in_order() -> None:
-    async def run() -> None:
-        socket = InProcessSocket(parrot)
-        await socket.send(b"a")
-        await socket.send(b"b")
-        assert [await socket.recv(), await socket.recv()] == [b"aa", b"bb"]
-        await socket.close()
-        with pytest.raises(ConnectionClosedOK):
-            await socket.recv()
-        with pytest.raises(ConnectionClosed):
-            await socket.send(b"c")
-
-    asyncio.run(run())
+async def test_frames_go_both_ways_in_order() -> None:
+    socket = InProcessSocket(parrot)
+    await socket.send(b"a")
+    await socket.send(b"b")
+    assert [await socket.recv(), await socket.recv()] == [b"aa", b"bb"]
+    await socket.close()
+    with pytest.raises(ConnectionClosedOK):
+        await socket.recv()
+    with pytest.raises(ConnectionClosed):
+        await socket.send(b"c")
 
 
-def test_the_application_may_close_it() -> None:
-    async def run() -> None:
-        socket = InProcessSocket(parrot)
-        await socket.send(b"bye")
-        with pytest.raises(ConnectionClosed) as closed:
-            await socket.recv()
-        assert closed.value.rcvd is not None
-        assert (closed.value.rcvd.code, closed.value.rcvd.reason) == (4400, "no")
-        await socket.close()
-
-    asyncio.run(run())
+async def test_the_application_may_close_it() -> None:
+    socket = InProcessSocket(parrot)
+    await socket.send(b"bye")
+    with pytest.raises(ConnectionClosed) as closed:
+        await socket.recv()
+    assert closed.value.rcvd is not None
+    assert (closed.value.rcvd.code, closed.value.rcvd.reason) == (4400, "no")
+    await socket.close()
 
 
-def test_a_reader_learns_that_it_is_over() -> None:
-    async def run() -> None:
-        socket = InProcessSocket(parrot)
-        reading = asyncio.ensure_future(socket.recv())
-        await asyncio.sleep(0.01)
-        await socket.close()
-        with pytest.raises(ConnectionClosedOK):
-            await reading
-
-    asyncio.run(run())
+async def test_a_reader_learns_that_it_is_over() -> None:
+    socket = InProcessSocket(parrot)
+    reading = asyncio.ensure_future(socket.recv())
+    await asyncio.sleep(0.01)
+    await socket.close()
+    with pytest.raises(ConnectionClosedOK):
+        await reading
 
 
-def test_an_application_that_breaks_is_a_broken_line() -> None:
-    async def run() -> None:
-        socket = InProcessSocket(crash)
-        with pytest.raises(ConnectionClosed) as closed:
-            await socket.recv()
-        assert closed.value.rcvd is not None
-        assert closed.value.rcvd.code == 1006
-        with pytest.raises(RuntimeError, match="broken"):
-            await socket._serving
-
-    asyncio.run(run())
+async def test_an_application_that_breaks_is_a_broken_line() -> None:
+    socket = InProcessSocket(crash)
+    with pytest.raises(ConnectionClosed) as closed:
+        await socket.recv()
+    assert closed.value.rcvd is not None
+    assert closed.value.rcvd.code == 1006
+    with pytest.raises(RuntimeError, match="broken"):
+        await socket._serving

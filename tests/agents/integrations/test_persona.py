@@ -3,16 +3,7 @@ from echoavatar.agents.integrations.persona import persona
 
 def test_the_prompt_lists_actions_and_tracks() -> None:
     text = persona(["wave", "bow"], ["Waltz"], name="Mika", surroundings="The record store is on the right.")
-    for told in (
-        "Mika",
-        "wave, bow",
-        "Waltz",
-        "record store",
-        "Producer",
-        "send_action",
-        "play_music",
-        "stop_music",
-    ):
+    for told in ("Mika", "wave, bow", "Waltz", "record store", "Producer", "send_action", "play_music", "stop_music"):
         assert told in text
     assert "{" not in text
 

@@ -10,7 +10,7 @@ from unittest.mock import patch
 
 import numpy as np
 import tests.server.fakes as fakes
-from tests.server.fakes import Body, Place, serving
+from tests.server.fakes import Body, RunningServer, serving
 from websockets.asyncio.client import ClientConnection, connect
 
 from echoavatar.agents.proxy import ProxySettings, Relay
@@ -30,10 +30,10 @@ class FacedBody(Body):
 
 
 @contextlib.contextmanager
-def stage(**options: Any) -> Iterator[Place]:
+def avatar_server(**options: Any) -> Iterator[RunningServer]:
     """An avatar server."""
-    with patch.object(fakes, "Body", FacedBody), serving(**options) as place:
-        yield place
+    with patch.object(fakes, "Body", FacedBody), serving(**options) as server:
+        yield server
 
 
 @contextlib.asynccontextmanager
@@ -91,14 +91,11 @@ async def listening(url: str, **options: Any) -> AsyncIterator[Listener]:
 @contextlib.asynccontextmanager
 async def talking(
     script: Script, *, pipeline: Any = None, settings: ProxySettings | None = None
-) -> AsyncIterator[tuple[Listener, ScriptedUpstream, Place]]:
+) -> AsyncIterator[tuple[Listener, ScriptedUpstream, RunningServer]]:
     """A client that talks with a scripted upstream through a proxy with an avatar."""
-    with stage(pipeline=pipeline) as place:
-        async with (
-            proxied(script, place.address, settings=settings) as (url, upstream, _),
-            listening(url) as client,
-        ):
-            yield client, upstream, place
+    with avatar_server(pipeline=pipeline) as server:
+        async with proxied(script, server.address, settings=settings) as (url, upstream, _), listening(url) as client:
+            yield client, upstream, server
 
 
 def tone(seconds: float, level: int = 8_000) -> bytes:

@@ -1,15 +1,15 @@
-"""The benchmark sends the same events all ways, with an avatar that moves."""
+"""The benchmark sends the same events over all routes, with an avatar that moves."""
 
-from tests.agents.proxy.places import stage
+from tests.agents.proxy.places import avatar_server
 
-from echoavatar.agents.proxy.bench import WAYS, bench_proxy
+from echoavatar.agents.proxy.bench import ROUTES, bench_proxy
 
 
-def test_all_ways_carry_the_same_and_the_avatar_moves_to_it() -> None:
-    with stage() as place:
-        report = bench_proxy(place.address, seconds=6.0)
-    assert set(report.ways) == set(WAYS)
-    assert {way.events for way in report.ways.values()} == {150}
-    assert all(0 < way.p50 <= way.p95 <= way.p99 <= way.most for way in report.ways.values())
+def test_all_routes_carry_the_same_and_the_avatar_moves_to_it() -> None:
+    with avatar_server() as server:
+        report = bench_proxy(server.address, seconds=6.0)
+    assert set(report.routes) == set(ROUTES)
+    assert {route.events for route in report.routes.values()} == {150}
+    assert all(0 < route.p50 <= route.p95 <= route.p99 <= route.most for route in report.routes.values())
     assert report.frames >= 120
     assert {"added_p99_ms", "proxy_p99_ms", "relay_p99_ms"} <= report.summary.keys()

@@ -2,14 +2,7 @@ import json
 
 import pytest
 
-from echoavatar.agents.proxy.events import (
-    audio_format,
-    interrupts,
-    is_for_us,
-    read,
-    sound,
-    with_tools,
-)
+from echoavatar.agents.proxy.events import audio_format, interrupts, is_for_us, read, sound, with_tools
 
 
 @pytest.mark.parametrize("text", ["", "[", '"a"', "{}", '{"type": 3}', '{"type":"a","item_id":4}', "[" * 9_000])

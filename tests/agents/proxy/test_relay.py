@@ -10,7 +10,7 @@ from contextlib import suppress
 from typing import Any
 
 import pytest
-from tests.agents.proxy.places import listening, proxied, run, silent, stage, tone
+from tests.agents.proxy.places import avatar_server, listening, proxied, run, silent, tone
 from websockets.asyncio.client import connect
 from websockets.exceptions import InvalidStatus
 from websockets.http11 import Response
@@ -43,7 +43,7 @@ ODD = [
 
 
 @pytest.mark.parametrize("tools", [False, True])
-def test_every_event_passes_byte_for_byte_and_in_order_both_ways(tools: bool) -> None:
+async def test_every_event_passes_byte_for_byte_and_in_order_both_ways(tools: bool) -> None:
     async def script(session: ScriptedSession) -> None:
         for text in ODD:
             await session.send_text(text)
@@ -51,50 +51,43 @@ def test_every_event_passes_byte_for_byte_and_in_order_both_ways(tools: bool) ->
         await session.until("bye")
         await session.websocket.close(4321, "that was all")
 
-    async def conversation() -> None:
-        settings = ProxySettings("ws://x", tools=tools)
-        with stage() as place:
-            async with proxied(script, place.address, settings=settings) as (url, upstream, _):
-                async with listening(url) as client:
-                    for text in ODD:
-                        await client.websocket.send(text)
-                    await client.listen(lambda c: len(c.passed) >= len(ODD) + 2)
-                    await client.listen(lambda c: bool(c.of("echoavatar.animation_body.delta")))
-                    await client.say("bye")
-                    await client.listen()
-                [session] = upstream.sessions
-                updated = [text for text in session.sent if '"session.updated", ' in text[:30]]
-                assert len(updated) == tools  # the answer to our own update, sent because tools were added
-                passed = [text for text in client.passed if text not in updated]
-                assert passed == [session.sent[0], *ODD, b"\x00\xff binary"]
-                assert client.code == 4321
-                assert client.websocket.close_reason == "that was all"
-
-    run(conversation)
-
-
-def test_the_upstream_gets_the_clients_bytes() -> None:
-    raw: list[object] = []
-
-    async def conversation() -> None:
-        from websockets.asyncio.server import serve
-
-        async def keep(line: object) -> None:
-            async for message in line:  # type: ignore[attr-defined]
-                raw.append(message)
-
-        async with serve(keep, "127.0.0.1", 0) as server:
-            port = server.sockets[0].getsockname()[1]
-            relay = Relay(ProxySettings(f"ws://127.0.0.1:{port}/x", avatar="127.0.0.1:9", tools=True))
-            async with connect(f"ws://127.0.0.1:{await relay.start(port=0)}") as line:
+    settings = ProxySettings("ws://x", tools=tools)
+    with avatar_server() as server:
+        async with proxied(script, server.address, settings=settings) as (url, upstream, _):
+            async with listening(url) as client:
                 for text in ODD:
-                    await line.send(text)
-                await line.send(b"\x01\x02")
-                await line.close(4000, "done")
-            await asyncio.sleep(0.2)
-            await relay.stop()
+                    await client.websocket.send(text)
+                await client.listen(lambda c: len(c.passed) >= len(ODD) + 2)
+                await client.listen(lambda c: bool(c.of("echoavatar.animation_body.delta")))
+                await client.say("bye")
+                await client.listen()
+            [session] = upstream.sessions
+            updated = [text for text in session.sent if '"session.updated", ' in text[:30]]
+            assert len(updated) == tools  # the answer to our own update, sent because tools were added
+            passed = [text for text in client.passed if text not in updated]
+            assert passed == [session.sent[0], *ODD, b"\x00\xff binary"]
+            assert client.code == 4321
+            assert client.websocket.close_reason == "that was all"
 
-    run(conversation)
+
+async def test_the_upstream_gets_the_clients_bytes() -> None:
+    raw: list[object] = []
+    from websockets.asyncio.server import serve
+
+    async def keep(line: object) -> None:
+        async for message in line:  # type: ignore[attr-defined]
+            raw.append(message)
+
+    async with serve(keep, "127.0.0.1", 0) as server:
+        port = server.sockets[0].getsockname()[1]
+        relay = Relay(ProxySettings(f"ws://127.0.0.1:{port}/x", avatar="127.0.0.1:9", tools=True))
+        async with connect(f"ws://127.0.0.1:{await relay.start(port=0)}") as line:
+            for text in ODD:
+                await line.send(text)
+            await line.send(b"\x01\x02")
+            await line.close(4000, "done")
+        await asyncio.sleep(0.2)
+        await relay.stop()
     assert raw == [text for text in ODD if not text.startswith('{"type":"echoavatar.')] + [b"\x01\x02"]
 
 
@@ -102,8 +95,8 @@ def test_credentials_query_and_subprotocol_are_passed_on_and_never_written(
     caplog: pytest.LogCaptureFixture, capfd: pytest.CaptureFixture[str]
 ) -> None:
     async def conversation() -> None:
-        with stage() as place:
-            async with proxied(silent, place.address, subprotocols=("realtime",)) as (url, upstream, _):
+        with avatar_server() as server:
+            async with proxied(silent, server.address, subprotocols=("realtime",)) as (url, upstream, _):
                 headers = {"Authorization": "Bearer sk-very-secret", "OpenAI-Beta": "realtime=v1"}
                 options = {
                     "additional_headers": headers,
@@ -124,27 +117,24 @@ def test_credentials_query_and_subprotocol_are_passed_on_and_never_written(
     assert "sk-very-secret" not in told.out + told.err
 
 
-def test_a_refusal_is_the_upstreams_own() -> None:
-    async def conversation() -> None:
-        from http import HTTPStatus
+async def test_a_refusal_is_the_upstreams_own() -> None:
+    from http import HTTPStatus
 
-        from websockets.asyncio.server import serve
+    from websockets.asyncio.server import serve
 
-        def refuse(line: object, request: object) -> object:
-            return line.respond(HTTPStatus.UNAUTHORIZED, '{"error": "bad key"}')  # type: ignore[attr-defined]
+    def refuse(line: object, request: object) -> object:
+        return line.respond(HTTPStatus.UNAUTHORIZED, '{"error": "bad key"}')  # type: ignore[attr-defined]
 
-        async with serve(silent, "127.0.0.1", 0, process_request=refuse) as server:  # type: ignore[arg-type]
-            port = server.sockets[0].getsockname()[1]
-            relay = Relay(ProxySettings(f"ws://127.0.0.1:{port}/v1/realtime"))
-            own = await relay.start(port=0)
-            with pytest.raises(InvalidStatus) as refused:
-                await connect(f"ws://127.0.0.1:{own}/v1/realtime")
-            assert refused.value.response.status_code == 401
-            assert refused.value.response.body == b'{"error": "bad key"}'
-            assert relay.clients == 0
-            await relay.stop()
-
-    run(conversation)
+    async with serve(silent, "127.0.0.1", 0, process_request=refuse) as server:  # type: ignore[arg-type]
+        port = server.sockets[0].getsockname()[1]
+        relay = Relay(ProxySettings(f"ws://127.0.0.1:{port}/v1/realtime"))
+        own = await relay.start(port=0)
+        with pytest.raises(InvalidStatus) as refused:
+            await connect(f"ws://127.0.0.1:{own}/v1/realtime")
+        assert refused.value.response.status_code == 401
+        assert refused.value.response.body == b'{"error": "bad key"}'
+        assert relay.clients == 0
+        await relay.stop()
 
 
 @contextlib.asynccontextmanager
@@ -180,46 +170,38 @@ async def refusal(upstream_port: int, **options: Any) -> Response:
 
 
 @pytest.mark.parametrize(("status", "reason"), [(200, "OK"), (429, "Slow down, please"), (499, ""), (520, "Unknown")])
-def test_any_status_is_passed_on_with_its_reason_headers_and_body(status: int, reason: str) -> None:
+async def test_any_status_is_passed_on_with_its_reason_headers_and_body(status: int, reason: str) -> None:
     raw = (
         f"HTTP/1.1 {status} {reason}\r\nContent-Type: text/x-own\r\nRetry-After: 7\r\nSet-Cookie: a=b\r\n"
         "X-Request-Id: r1\r\nTransfer-Encoding: chunked\r\n\r\n4\r\nbusy\r\n0\r\n\r\n"
     )
-
-    async def conversation() -> None:
-        async with answering(raw.encode()) as (port, _):
-            told = await refusal(port)
-        assert (told.status_code, told.reason_phrase, told.body) == (status, reason, b"busy")
-        assert {name.lower(): value for name, value in told.headers.raw_items()} == {
-            "content-type": "text/x-own",
-            "retry-after": "7",
-            "x-request-id": "r1",
-            "content-length": "4",
-            "connection": "close",
-        }
-
-    run(conversation)
+    async with answering(raw.encode()) as (port, _):
+        told = await refusal(port)
+    assert (told.status_code, told.reason_phrase, told.body) == (status, reason, b"busy")
+    assert {name.lower(): value for name, value in told.headers.raw_items()} == {
+        "content-type": "text/x-own",
+        "retry-after": "7",
+        "x-request-id": "r1",
+        "content-length": "4",
+        "connection": "close",
+    }
 
 
 @pytest.mark.parametrize("status", [301, 302, 307, 308])
-def test_redirects_are_refused_so_that_no_key_reaches_another_host(status: int) -> None:
+async def test_redirects_are_refused_so_that_no_key_reaches_another_host(status: int) -> None:
     """The websockets library would follow them with every header but `Authorization`."""
-
-    async def conversation() -> None:
-        async with answering(b"HTTP/1.1 401 No\r\nContent-Length: 0\r\n\r\n") as (other, requests):
-            raw = f"HTTP/1.1 {status} Moved\r\nLocation: ws://127.0.0.1:{other}/x\r\nContent-Length: 0\r\n\r\n"
-            async with answering(raw.encode()) as (port, _):
-                told = await refusal(
-                    port,
-                    additional_headers={"api-key": "secret"},
-                    subprotocols=["realtime", "openai-insecure-api-key.secret"],
-                )
-        assert requests == []
-        assert told.status_code == 502
-        assert b"redirect" in told.body
-        assert "Location" not in told.headers
-
-    run(conversation)
+    async with answering(b"HTTP/1.1 401 No\r\nContent-Length: 0\r\n\r\n") as (other, requests):
+        raw = f"HTTP/1.1 {status} Moved\r\nLocation: ws://127.0.0.1:{other}/x\r\nContent-Length: 0\r\n\r\n"
+        async with answering(raw.encode()) as (port, _):
+            told = await refusal(
+                port,
+                additional_headers={"api-key": "secret"},
+                subprotocols=["realtime", "openai-insecure-api-key.secret"],
+            )
+    assert requests == []
+    assert told.status_code == 502
+    assert b"redirect" in told.body
+    assert "Location" not in told.headers
 
 
 @pytest.mark.parametrize(
@@ -235,54 +217,42 @@ def test_redirects_are_refused_so_that_no_key_reaches_another_host(status: int) 
     ],
     ids=lambda raw: raw[:30].decode(),
 )
-def test_an_upstream_that_does_not_speak_http_is_a_bad_gateway(raw: bytes, caplog: pytest.LogCaptureFixture) -> None:
-    async def conversation() -> None:
-        async with answering(raw) as (port, _):
-            told = await refusal(port)
-        assert told.status_code == 502
-        assert b"upstream" in told.body
-
-    run(conversation)
+async def test_an_upstream_that_does_not_speak_http_is_a_bad_gateway(
+    raw: bytes, caplog: pytest.LogCaptureFixture
+) -> None:
+    async with answering(raw) as (port, _):
+        told = await refusal(port)
+    assert told.status_code == 502
+    assert b"upstream" in told.body
     assert "Traceback" not in caplog.text
 
 
-def test_an_upstream_that_hangs_is_a_gateway_timeout(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_an_upstream_that_hangs_is_a_gateway_timeout(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(upstream_module, "TIMEOUT_S", 0.2)
-
-    async def conversation() -> None:
-        async with answering(None) as (port, _):
-            told = await refusal(port)
-        assert told.status_code == 504
-        assert b"0.2 s" in told.body
-
-    run(conversation)
+    async with answering(None) as (port, _):
+        told = await refusal(port)
+    assert told.status_code == 504
+    assert b"0.2 s" in told.body
 
 
 @pytest.mark.slow
-def test_the_client_is_answered_before_its_own_handshake_times_out() -> None:
+async def test_the_client_is_answered_before_its_own_handshake_times_out() -> None:
     """The real limits: the upstream has 15 s, and the server must hold the client's handshake open for longer."""
-
-    async def conversation() -> None:
-        async with answering(None) as (port, _):
-            assert (await refusal(port)).status_code == 504
-
-    run(conversation, seconds=60)
+    async with answering(None) as (port, _):
+        assert (await refusal(port)).status_code == 504
 
 
-def test_an_unreachable_upstream_is_a_bad_gateway_and_foreign_pages_are_refused() -> None:
-    async def conversation() -> None:
-        relay = Relay(ProxySettings("ws://127.0.0.1:9/v1/realtime"))
-        port = await relay.start(port=0)
-        for headers, status in (({}, 502), ({"Origin": "https://evil.example"}, 403)):
-            with pytest.raises(InvalidStatus) as refused:
-                await connect(f"ws://127.0.0.1:{port}", additional_headers=headers)
-            assert refused.value.response.status_code == status
-        assert await asyncio.to_thread(_health, port) == {"status": "ready", "clients": 0}
-        with pytest.raises(EchoAvatarError, match="cannot listen"):
-            await Relay(ProxySettings("ws://x")).start(port=port)
-        await relay.stop()
-
-    run(conversation)
+async def test_an_unreachable_upstream_is_a_bad_gateway_and_foreign_pages_are_refused() -> None:
+    relay = Relay(ProxySettings("ws://127.0.0.1:9/v1/realtime"))
+    port = await relay.start(port=0)
+    for headers, status in (({}, 502), ({"Origin": "https://evil.example"}, 403)):
+        with pytest.raises(InvalidStatus) as refused:
+            await connect(f"ws://127.0.0.1:{port}", additional_headers=headers)
+        assert refused.value.response.status_code == status
+    assert await asyncio.to_thread(_health, port) == {"status": "ready", "clients": 0}
+    with pytest.raises(EchoAvatarError, match="cannot listen"):
+        await Relay(ProxySettings("ws://x")).start(port=port)
+    await relay.stop()
 
 
 def _health(port: int) -> object:
@@ -291,58 +261,49 @@ def _health(port: int) -> object:
     return json.load(line.getresponse())
 
 
-def test_an_upstream_that_drops_ends_one_conversation_and_not_the_next() -> None:
+async def test_an_upstream_that_drops_ends_one_conversation_and_not_the_next() -> None:
     async def script(session: ScriptedSession) -> None:
         await session.say(tone(0.5))
         session.websocket.transport.abort()
 
-    async def conversation() -> None:
-        with stage() as place:
-            async with proxied(script, place.address) as (url, upstream, relay):
-                for _ in range(2):
-                    async with listening(url) as client:
-                        await client.listen()
-                        assert client.code == 1011
-                        assert client.passed == upstream.sessions[-1].sent
-                assert len(upstream.sessions) == 2
-                await asyncio.sleep(0.1)
-                assert relay.clients == 0
-            assert place.empties()
-
-    run(conversation)
+    with avatar_server() as server:
+        async with proxied(script, server.address) as (url, upstream, relay):
+            for _ in range(2):
+                async with listening(url) as client:
+                    await client.listen()
+                    assert client.code == 1011
+                    assert client.passed == upstream.sessions[-1].sent
+            assert len(upstream.sessions) == 2
+            await asyncio.sleep(0.1)
+            assert relay.clients == 0
+        assert server.empties()
 
 
-def test_a_task_that_swallows_a_cancellation_is_cancelled_again() -> None:
+async def test_a_task_that_swallows_a_cancellation_is_cancelled_again() -> None:
     async def deaf() -> None:
         with suppress(asyncio.CancelledError):
             await asyncio.sleep(60)
         await asyncio.sleep(60)
 
-    async def conversation() -> None:
-        task = asyncio.create_task(deaf())
-        await asyncio.sleep(0)
-        await _cancel(task)
-        assert task.cancelled()
-
-    run(conversation, seconds=5)
+    task = asyncio.create_task(deaf())
+    await asyncio.sleep(0)
+    await _cancel(task)
+    assert task.cancelled()
 
 
-def test_a_client_that_leaves_takes_its_upstream_and_avatar_with_it() -> None:
-    async def conversation() -> None:
-        with stage() as place:
-            async with proxied(silent, place.address) as (url, upstream, relay):
-                async with listening(url) as client:
-                    await client.listen(lambda c: bool(c.of("echoavatar.session.created")))
-                    await client.websocket.close(4002, "off")
-                await upstream.sessions[0].websocket.wait_closed()
-                assert upstream.sessions[0].websocket.close_code == 4002
-                assert relay.clients == 0
-            assert place.empties()
-
-    run(conversation)
+async def test_a_client_that_leaves_takes_its_upstream_and_avatar_with_it() -> None:
+    with avatar_server() as server:
+        async with proxied(silent, server.address) as (url, upstream, relay):
+            async with listening(url) as client:
+                await client.listen(lambda c: bool(c.of("echoavatar.session.created")))
+                await client.websocket.close(4002, "off")
+            await upstream.sessions[0].websocket.wait_closed()
+            assert upstream.sessions[0].websocket.close_code == 4002
+            assert relay.clients == 0
+        assert server.empties()
 
 
-def test_a_slow_client_gets_all_of_the_voice_and_less_of_the_motion() -> None:
+async def test_a_slow_client_gets_all_of_the_voice_and_less_of_the_motion() -> None:
     """The client stops reading for three seconds while 5 MB are sent: the voice arrives whole, motion is left out."""
 
     async def script(session: ScriptedSession) -> None:
@@ -351,22 +312,16 @@ def test_a_slow_client_gets_all_of_the_voice_and_less_of_the_motion() -> None:
             await session.send_text(json.dumps({"type": "filler", "n": number, "x": "x" * 65_536}))
         await session.say(tone(1.0))
 
-    async def conversation() -> None:
-        with stage() as place:
-            async with (
-                proxied(script, place.address) as (url, upstream, _),
-                listening(url, max_queue=1) as client,
-            ):
-                await client.listen(lambda c: bool(c.of("echoavatar.animation_body.delta")))
-                await client.say("go")
-                await asyncio.sleep(3)
-                before = len(client.of("echoavatar.animation_body.delta"))
-                await client.listen(lambda c: any('"response.done"' in text for text in c.passed))
-                assert client.passed == upstream.sessions[0].sent
-                late = client.of("echoavatar.animation_body.delta")[before:]
-                assert len(late) < 8  # three seconds of motion would be 11
-
-    run(conversation)
+    with avatar_server() as server:
+        async with proxied(script, server.address) as (url, upstream, _), listening(url, max_queue=1) as client:
+            await client.listen(lambda c: bool(c.of("echoavatar.animation_body.delta")))
+            await client.say("go")
+            await asyncio.sleep(3)
+            before = len(client.of("echoavatar.animation_body.delta"))
+            await client.listen(lambda c: any('"response.done"' in text for text in c.passed))
+            assert client.passed == upstream.sessions[0].sent
+            late = client.of("echoavatar.animation_body.delta")[before:]
+            assert len(late) < 8  # three seconds of motion would be 11
 
 
 def test_a_failed_connection_names_the_address() -> None:

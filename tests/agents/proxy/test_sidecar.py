@@ -6,18 +6,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.agents.proxy.places import FacedBody, Listener, listening, proxied, run, silent, talking, tone
+from tests.agents.proxy.places import FacedBody, Listener, listening, proxied, silent, talking, tone
 
 from echoavatar.agents.proxy import ProxySettings
 from echoavatar.agents.proxy.scripted import ScriptedSession
 from echoavatar.timing import ChunkSize
 from echoavatar.wire import Motion, unpack_pose
 
-BODY, FACE, FLUSH = (
-    "echoavatar.animation_body.delta",
-    "response.animation_blendshapes.delta",
-    "echoavatar.flush",
-)
+BODY, FACE, FLUSH = ("echoavatar.animation_body.delta", "response.animation_blendshapes.delta", "echoavatar.flush")
 DONE = "response.animation_blendshapes.done"
 LEVEL = 8_000 / 32_768
 
@@ -41,59 +37,49 @@ async def speak_when_told(session: ScriptedSession) -> None:
     await session.say(tone(1.0))
 
 
-def test_every_frame_of_an_item_comes_with_its_place_and_nothing_of_the_voice_is_missing() -> None:
-    async def conversation() -> None:
-        async with talking(speak_when_told) as (client, upstream, _):
-            await client.listen(is_there)
-            await client.say("go")
-            await client.listen(lambda c: bool(c.of(DONE)))
-            assert client.passed == upstream.sessions[0].sent
-            own = {"response_id": "resp_1", "item_id": "item_1", "output_index": 0, "content_index": 0}
-            faces, bodies = client.of(FACE), [e for e in client.of(BODY) if e["item_id"]]
-            for events in (faces, bodies):
-                assert [event["frame_index"] for event in events] == [0, 8, 16, 24]
-                assert all(event.items() >= own.items() for event in events)
-            assert [len(event["frames"]) for event in faces] == [8] * 4
-            assert all(len(row) == 52 for event in faces for row in event["frames"])
-            np.testing.assert_allclose([heights(e) for e in bodies], [0.267, 0.533, 0.8, 1.0], atol=2e-3)
-            assert client.of(DONE)[0].items() >= own.items()
-            told = client.of("echoavatar.session.created")[0]
-            assert (len(told["rig"]["names"]), len(told["blendshapes"])) == (52, 52)
-            await client.listen(lambda c: any(event["item_id"] is None for event in c.of(BODY)))
-            idle = [event for event in client.of(BODY) if event["item_id"] is None]
-            assert all(event["face"] and event["frame_index"] is None for event in idle)
-
-    run(conversation)
+async def test_every_frame_of_an_item_comes_with_its_place_and_nothing_of_the_voice_is_missing() -> None:
+    async with talking(speak_when_told) as (client, upstream, _):
+        await client.listen(is_there)
+        await client.say("go")
+        await client.listen(lambda c: bool(c.of(DONE)))
+        assert client.passed == upstream.sessions[0].sent
+        own = {"response_id": "resp_1", "item_id": "item_1", "output_index": 0, "content_index": 0}
+        faces, bodies = client.of(FACE), [e for e in client.of(BODY) if e["item_id"]]
+        for events in (faces, bodies):
+            assert [event["frame_index"] for event in events] == [0, 8, 16, 24]
+            assert all(event.items() >= own.items() for event in events)
+        assert [len(event["frames"]) for event in faces] == [8] * 4
+        assert all(len(row) == 52 for event in faces for row in event["frames"])
+        np.testing.assert_allclose([heights(e) for e in bodies], [0.267, 0.533, 0.8, 1.0], atol=2e-3)
+        assert client.of(DONE)[0].items() >= own.items()
+        told = client.of("echoavatar.session.created")[0]
+        assert (len(told["rig"]["names"]), len(told["blendshapes"])) == (52, 52)
+        await client.listen(lambda c: any(event["item_id"] is None for event in c.of(BODY)))
+        idle = [event for event in client.of(BODY) if event["item_id"] is None]
+        assert all(event["face"] and event["frame_index"] is None for event in idle)
 
 
-def test_an_avatar_of_longer_steps_has_its_own_count() -> None:
+async def test_an_avatar_of_longer_steps_has_its_own_count() -> None:
     """A bundle imported with `--step 3` moves by 12 frames."""
-
-    async def conversation() -> None:
-        async with talking(speak_when_told, pipeline=FacedBody(chunk=ChunkSize(3))) as (client, upstream, _):
-            await client.listen(is_there)
-            await client.say("go")
-            await client.listen(lambda c: bool(c.of(DONE)))
-            assert client.passed == upstream.sessions[0].sent
-            bodies = [event for event in client.of(BODY) if event["item_id"]]
-            assert [event["frame_index"] for event in bodies] == [0, 12, 24]
-            assert [len(event["frames"]) for event in client.of(FACE)] == [12] * 3
-            np.testing.assert_allclose([heights(e) for e in bodies], [0.4, 0.8, 1.0], atol=2e-3)
-
-    run(conversation)
+    async with talking(speak_when_told, pipeline=FacedBody(chunk=ChunkSize(3))) as (client, upstream, _):
+        await client.listen(is_there)
+        await client.say("go")
+        await client.listen(lambda c: bool(c.of(DONE)))
+        assert client.passed == upstream.sessions[0].sent
+        bodies = [event for event in client.of(BODY) if event["item_id"]]
+        assert [event["frame_index"] for event in bodies] == [0, 12, 24]
+        assert [len(event["frames"]) for event in client.of(FACE)] == [12] * 3
+        np.testing.assert_allclose([heights(e) for e in bodies], [0.4, 0.8, 1.0], atol=2e-3)
 
 
-def test_idle_frames_can_be_left_out() -> None:
-    async def conversation() -> None:
-        settings = ProxySettings("ws://x", idle=False)
-        async with talking(speak_when_told, settings=settings) as (client, _, _):
-            await client.listen(is_there)
-            await asyncio.sleep(0.5)
-            await client.say("go")
-            await client.listen(lambda c: bool(c.of(DONE)))
-            assert {event["item_id"] for event in client.of(BODY)} == {"item_1"}
-
-    run(conversation)
+async def test_idle_frames_can_be_left_out() -> None:
+    settings = ProxySettings("ws://x", idle=False)
+    async with talking(speak_when_told, settings=settings) as (client, _, _):
+        await client.listen(is_there)
+        await asyncio.sleep(0.5)
+        await client.say("go")
+        await client.listen(lambda c: bool(c.of(DONE)))
+        assert {event["item_id"] for event in client.of(BODY)} == {"item_1"}
 
 
 async def speak_long(session: ScriptedSession) -> None:
@@ -111,35 +97,31 @@ async def speak_long(session: ScriptedSession) -> None:
 
 
 @pytest.mark.parametrize("heard_ms", [500, 1_200])
-def test_speech_that_was_not_heard_leaves_no_trace_in_the_body(heard_ms: int) -> None:
+async def test_speech_that_was_not_heard_leaves_no_trace_in_the_body(heard_ms: int) -> None:
     """The user interrupts after about 1.5 s and the client reports what was heard; the body forgets the rest."""
-
-    async def conversation() -> None:
-        async with talking(speak_long) as (client, upstream, _):
-            await client.listen(is_there)
-            await client.say("go")
-            await client.listen(lambda c: len(c.of(FACE)) >= 3)
-            await asyncio.sleep(0.7)
-            await client.say("user")
-            await client.listen(lambda c: any("speech_started" in text for text in c.passed))
-            await client.say("conversation.item.truncate", item_id="item_1", content_index=0, audio_end_ms=heard_ms)
-            await client.listen(lambda c: any(e["item_id"] == "item_2" for e in c.of(DONE)))
-            [session] = upstream.sessions
-            assert client.passed == session.sent
-            second = [event for event in client.of(BODY) if event["item_id"] == "item_2"]
-            assert [event["frame_index"] for event in second] == [0, 8, 16, 24]
-            assert heights(second[-1]) == pytest.approx(1 + heard_ms / 1_000, abs=0.01)
-            flushes = client.of(FLUSH)
-            assert flushes
-            assert flushes[0]["item_id"] == "item_1"
-            place_of = {event["frame_index"]: event["at"] for event in client.of(BODY) if event["item_id"] == "item_1"}
-            start = place_of[0]
-            assert [flush["at"] - start for flush in flushes] == [pytest.approx(heard_ms * 24, abs=801)]
-
-    run(conversation)
+    async with talking(speak_long) as (client, upstream, _):
+        await client.listen(is_there)
+        await client.say("go")
+        await client.listen(lambda c: len(c.of(FACE)) >= 3)
+        await asyncio.sleep(0.7)
+        await client.say("user")
+        await client.listen(lambda c: any("speech_started" in text for text in c.passed))
+        await client.say("conversation.item.truncate", item_id="item_1", content_index=0, audio_end_ms=heard_ms)
+        await client.listen(lambda c: any(e["item_id"] == "item_2" for e in c.of(DONE)))
+        [session] = upstream.sessions
+        assert client.passed == session.sent
+        second = [event for event in client.of(BODY) if event["item_id"] == "item_2"]
+        assert [event["frame_index"] for event in second] == [0, 8, 16, 24]
+        assert heights(second[-1]) == pytest.approx(1 + heard_ms / 1_000, abs=0.01)
+        flushes = client.of(FLUSH)
+        assert flushes
+        assert flushes[0]["item_id"] == "item_1"
+        place_of = {event["frame_index"]: event["at"] for event in client.of(BODY) if event["item_id"] == "item_1"}
+        start = place_of[0]
+        assert [flush["at"] - start for flush in flushes] == [pytest.approx(heard_ms * 24, abs=801)]
 
 
-def test_interrupted_twice_in_a_row() -> None:
+async def test_interrupted_twice_in_a_row() -> None:
     async def script(session: ScriptedSession) -> None:
         await session.until("go")
         for turn in (1, 2):
@@ -159,58 +141,49 @@ def test_interrupted_twice_in_a_row() -> None:
             await session.until("conversation.item.truncate", turn)
         await session.say(tone(0.8), item="item_3", response="resp_3")
 
-    async def conversation() -> None:
-        async with talking(script) as (client, upstream, _):
-            await client.listen(is_there)
-            await client.say("go")
-            for turn in (1, 2):
-                item = f"item_{turn}"
-                await client.listen(lambda c, item=item: sum(e["item_id"] == item for e in c.of(FACE)) >= 3)
-                await client.say(f"user_{turn}")
-                await client.say("conversation.item.truncate", item_id=item, content_index=0, audio_end_ms=400)
-            await client.listen(lambda c: any(e["item_id"] == "item_3" for e in c.of(DONE)))
-            last = [event for event in client.of(BODY) if event["item_id"] == "item_3"][-1]
-            assert heights(last) == pytest.approx(0.4 + 0.4 + 0.8, abs=0.02)
-            assert client.passed == upstream.sessions[0].sent
-
-    run(conversation)
+    async with talking(script) as (client, upstream, _):
+        await client.listen(is_there)
+        await client.say("go")
+        for turn in (1, 2):
+            item = f"item_{turn}"
+            await client.listen(lambda c, item=item: sum(e["item_id"] == item for e in c.of(FACE)) >= 3)
+            await client.say(f"user_{turn}")
+            await client.say("conversation.item.truncate", item_id=item, content_index=0, audio_end_ms=400)
+        await client.listen(lambda c: any(e["item_id"] == "item_3" for e in c.of(DONE)))
+        last = [event for event in client.of(BODY) if event["item_id"] == "item_3"][-1]
+        assert heights(last) == pytest.approx(0.4 + 0.4 + 0.8, abs=0.02)
+        assert client.passed == upstream.sessions[0].sent
 
 
-def test_when_the_avatar_dies_in_mid_sentence_the_voice_goes_on_and_it_may_come_back() -> None:
+async def test_when_the_avatar_dies_in_mid_sentence_the_voice_goes_on_and_it_may_come_back() -> None:
     async def script(session: ScriptedSession) -> None:
         await session.until("go")
         await session.say(tone(4.0), pace=0.5)
         await session.until("again")
         await session.say(tone(0.6), item="item_2", response="resp_2")
 
-    async def conversation() -> None:
-        async with talking(script) as (client, upstream, place):
-            await client.listen(is_there)
-            await client.say("go")
-            await client.listen(lambda c: bool(c.of(FACE)))
-            [live] = place.manager._live.values()
-            live.collect = None  # its next step raises, and the server ends the session as failed
-            await client.listen(lambda c: any('"response.done"' in text for text in c.passed))
-            assert client.passed == upstream.sessions[0].sent
-            await client.listen(lambda c: len(c.of("echoavatar.session.created")) == 2)
-            await client.say("again")
-            await client.listen(lambda c: any(e["item_id"] == "item_2" for e in c.of(DONE)))
-
-    run(conversation)
+    async with talking(script) as (client, upstream, server):
+        await client.listen(is_there)
+        await client.say("go")
+        await client.listen(lambda c: bool(c.of(FACE)))
+        [session] = server.manager._sessions.values()
+        session.collect = None  # its next step raises, and the server ends the session as failed
+        await client.listen(lambda c: any('"response.done"' in text for text in c.passed))
+        assert client.passed == upstream.sessions[0].sent
+        await client.listen(lambda c: len(c.of("echoavatar.session.created")) == 2)
+        await client.say("again")
+        await client.listen(lambda c: any(e["item_id"] == "item_2" for e in c.of(DONE)))
 
 
 @pytest.mark.parametrize("avatar", ["127.0.0.1:9", ""])
-def test_without_an_avatar_it_is_a_plain_relay(avatar: str) -> None:
-    async def conversation() -> None:
-        async with proxied(speak_when_told, avatar) as (url, upstream, _), listening(url) as client:
-            await client.say("go")
-            await client.listen(lambda c: any('"response.done"' in text for text in c.passed))
-            if avatar:
-                await client.listen(lambda c: bool(c.of("echoavatar.session.lost")))
-                assert "echoavatar serve" in client.of("echoavatar.session.lost")[0]["reason"]
-            assert client.passed == upstream.sessions[0].sent
-
-    run(conversation)
+async def test_without_an_avatar_it_is_a_plain_relay(avatar: str) -> None:
+    async with proxied(speak_when_told, avatar) as (url, upstream, _), listening(url) as client:
+        await client.say("go")
+        await client.listen(lambda c: any('"response.done"' in text for text in c.passed))
+        if avatar:
+            await client.listen(lambda c: bool(c.of("echoavatar.session.lost")))
+            assert "echoavatar serve" in client.of("echoavatar.session.lost")[0]["reason"]
+        assert client.passed == upstream.sessions[0].sent
 
 
 async def call_and_go_on(session: ScriptedSession) -> None:
@@ -222,34 +195,25 @@ async def call_and_go_on(session: ScriptedSession) -> None:
     await session.until("conversation.item.create", 2)
 
 
-def test_the_model_is_offered_the_tools_and_its_calls_are_carried_out() -> None:
-    async def conversation() -> None:
-        settings = ProxySettings("ws://x", tools=True)
-        async with talking(call_and_go_on, settings=settings) as (client, upstream, _):
-            await client.listen(lambda c: any('"session.updated"' in text for text in c.passed))
-            await client.say("go")
-            await client.listen(lambda c: bool(c.of("echoavatar.music.delta")))
-            [session] = upstream.sessions
-            await session.until("conversation.item.create", 2)
-            update, done = (
-                session.received[0],
-                [e for e in session.received if e["type"] == "conversation.item.create"],
-            )
-            assert update["session"]["type"] == "realtime"
-            assert [tool["name"] for tool in update["session"]["tools"]][:2] == [
-                "send_action",
-                "play_music",
-            ]
-            answers = [json.loads(event["item"]["output"]) for event in done]
-            assert [event["item"]["call_id"] for event in done] == ["call_1", "call_2"]
-            assert [answer["status"] for answer in answers] == ["accepted", "accepted"]
-            statuses = [(e["name"], e["status"]) for e in client.of("echoavatar.action_status")]
-            assert ("bow", "accepted") in statuses
-
-    run(conversation)
+async def test_the_model_is_offered_the_tools_and_its_calls_are_carried_out() -> None:
+    settings = ProxySettings("ws://x", tools=True)
+    async with talking(call_and_go_on, settings=settings) as (client, upstream, _):
+        await client.listen(lambda c: any('"session.updated"' in text for text in c.passed))
+        await client.say("go")
+        await client.listen(lambda c: bool(c.of("echoavatar.music.delta")))
+        [session] = upstream.sessions
+        await session.until("conversation.item.create", 2)
+        update, done = (session.received[0], [e for e in session.received if e["type"] == "conversation.item.create"])
+        assert update["session"]["type"] == "realtime"
+        assert [tool["name"] for tool in update["session"]["tools"]][:2] == ["send_action", "play_music"]
+        answers = [json.loads(event["item"]["output"]) for event in done]
+        assert [event["item"]["call_id"] for event in done] == ["call_1", "call_2"]
+        assert [answer["status"] for answer in answers] == ["accepted", "accepted"]
+        statuses = [(e["name"], e["status"]) for e in client.of("echoavatar.action_status")]
+        assert ("bow", "accepted") in statuses
 
 
-def test_music_is_heard_beside_the_voice_and_the_voice_is_taken_out_of_it() -> None:
+async def test_music_is_heard_beside_the_voice_and_the_voice_is_taken_out_of_it() -> None:
     """The avatar hears voice and music; the client gets the voice from upstream, and only the music from here."""
 
     async def script(session: ScriptedSession) -> None:
@@ -258,35 +222,29 @@ def test_music_is_heard_beside_the_voice_and_the_voice_is_taken_out_of_it() -> N
         await session.until("go")
         await session.say(tone(2.0, level=12_000))
 
-    async def conversation() -> None:
-        settings = ProxySettings("ws://x", tools=True)
-        async with talking(script, settings=settings) as (client, _, _):
-            await client.listen(lambda c: bool(c.of("echoavatar.music.delta")))
-            await client.say("go")
-            await client.listen(lambda c: bool(c.of(DONE)))
-            spoken = {event["at"] for event in client.of(BODY) if event["item_id"]}
-            music = [event for event in client.of("echoavatar.music.delta") if event["at"] in spoken]
-            assert len(music) >= 6
-            import base64
-
-            for event in music:
-                samples = np.frombuffer(base64.b64decode(event["delta"]), "<i2").astype(float)
-                assert abs(samples.mean()) < 1_200  # the voice has level 12,000 throughout
-            assert max(np.abs(np.frombuffer(base64.b64decode(e["delta"]), "<i2")).max() for e in music) > 50
-
-    run(conversation)
-
-
-def test_the_users_voice_makes_the_avatar_listen() -> None:
-    async def conversation() -> None:
+    settings = ProxySettings("ws://x", tools=True)
+    async with talking(script, settings=settings) as (client, _, _):
+        await client.listen(lambda c: bool(c.of("echoavatar.music.delta")))
+        await client.say("go")
+        await client.listen(lambda c: bool(c.of(DONE)))
+        spoken = {event["at"] for event in client.of(BODY) if event["item_id"]}
+        music = [event for event in client.of("echoavatar.music.delta") if event["at"] in spoken]
+        assert len(music) >= 6
         import base64
 
-        async with talking(silent) as (client, _, _):
-            await client.listen(is_there)
-            time = np.arange(24_000) / 24_000
-            voice = (6_000 * np.sin(2 * np.pi * 150 * time) * (1 + np.sin(2 * np.pi * 4 * time))).astype("<i2")
-            for part in np.array_split(voice, 10):
-                await client.say("input_audio_buffer.append", audio=base64.b64encode(part.tobytes()).decode())
-            await client.listen(lambda c: any(e["state"] == "listening" for e in c.of(BODY)))
+        for event in music:
+            samples = np.frombuffer(base64.b64decode(event["delta"]), "<i2").astype(float)
+            assert abs(samples.mean()) < 1_200  # the voice has level 12,000 throughout
+        assert max(np.abs(np.frombuffer(base64.b64decode(e["delta"]), "<i2")).max() for e in music) > 50
 
-    run(conversation)
+
+async def test_the_users_voice_makes_the_avatar_listen() -> None:
+    import base64
+
+    async with talking(silent) as (client, _, _):
+        await client.listen(is_there)
+        time = np.arange(24_000) / 24_000
+        voice = (6_000 * np.sin(2 * np.pi * 150 * time) * (1 + np.sin(2 * np.pi * 4 * time))).astype("<i2")
+        for part in np.array_split(voice, 10):
+            await client.say("input_audio_buffer.append", audio=base64.b64encode(part.tobytes()).decode())
+        await client.listen(lambda c: any(e["state"] == "listening" for e in c.of(BODY)))

@@ -58,68 +58,49 @@ class FakeSession:
         (["send_action"], False, ["conversation.item.create", "response.create"]),
         (["list_actions"], True, ["conversation.item.create", "response.create"]),
         (["theirs"], False, []),
-        (
-            ["send_action", "theirs"],
-            False,
-            ["conversation.item.create"],
-        ),  # the client will continue the conversation
+        (["send_action", "theirs"], False, ["conversation.item.create"]),  # the client will continue the conversation
     ],
 )
-def test_calls_are_answered_once_and_the_model_continues_only_if_it_was_silent(
+async def test_calls_are_answered_once_and_the_model_continues_only_if_it_was_silent(
     names: list[str], words: bool, kinds: list[str]
 ) -> None:
-    async def run() -> None:
-        session = FakeSession()
-        await session.response(*names, words=words)
-        assert session.kinds == kinds
-        assert len(session.did) == sum(name != "theirs" for name in names)
-
-    asyncio.run(run())
+    session = FakeSession()
+    await session.response(*names, words=words)
+    assert session.kinds == kinds
+    assert len(session.did) == sum(name != "theirs" for name in names)
 
 
-def test_a_model_that_only_calls_is_not_asked_for_ever() -> None:
-    async def run() -> None:
-        session = FakeSession()
-        for turn in range(MAX_FOLLOW_UPS + 2):
-            await session.response("send_action", id=f"r{turn}")
-        assert session.kinds.count("response.create") == MAX_FOLLOW_UPS
-        session.calls.on_user_turn()
-        await session.response("send_action", id="later")
-        assert session.kinds.count("response.create") == MAX_FOLLOW_UPS + 1
-
-    asyncio.run(run())
+async def test_a_model_that_only_calls_is_not_asked_for_ever() -> None:
+    session = FakeSession()
+    for turn in range(MAX_FOLLOW_UPS + 2):
+        await session.response("send_action", id=f"r{turn}")
+    assert session.kinds.count("response.create") == MAX_FOLLOW_UPS
+    session.calls.on_user_turn()
+    await session.response("send_action", id="later")
+    assert session.kinds.count("response.create") == MAX_FOLLOW_UPS + 1
 
 
-def test_invalid_arguments_are_rejected() -> None:
-    async def run() -> None:
-        session = FakeSession()
-        await session.response("send_action", words=True, arguments="[1")
-        assert json.loads(session.sent[0]["item"]["output"])["status"] == "rejected"
-        assert not session.did
-
-    asyncio.run(run())
+async def test_invalid_arguments_are_rejected() -> None:
+    session = FakeSession()
+    await session.response("send_action", words=True, arguments="[1")
+    assert json.loads(session.sent[0]["item"]["output"])["status"] == "rejected"
+    assert not session.did
 
 
-def test_the_avatars_tools_are_added_and_the_clients_tools_win() -> None:
-    async def run() -> None:
-        session = FakeSession()
-        own = {"type": "function", "name": "send_action", "description": "mine"}
-        session.calls.on_session({"type": "realtime", "tools": [own]}, is_first=True)
-        await session.calls.offer()
-        await session.calls.offer()
-        [update] = session.sent
-        assert update["session"] == {"tools": [own, OURS[1]], "type": "realtime"}
-        await session.response("send_action")
-        assert not session.did
-
-    asyncio.run(run())
+async def test_the_avatars_tools_are_added_and_the_clients_tools_win() -> None:
+    session = FakeSession()
+    own = {"type": "function", "name": "send_action", "description": "mine"}
+    session.calls.on_session({"type": "realtime", "tools": [own]}, is_first=True)
+    await session.calls.offer()
+    await session.calls.offer()
+    [update] = session.sent
+    assert update["session"] == {"tools": [own, OURS[1]], "type": "realtime"}
+    await session.response("send_action")
+    assert not session.did
 
 
-def test_the_first_protocol_is_not_told_a_type() -> None:
-    async def run() -> None:
-        session = FakeSession()
-        session.calls.on_session({"tools": []}, is_first=True)
-        await session.calls.offer()
-        assert set(session.sent[0]["session"]) == {"tools"}
-
-    asyncio.run(run())
+async def test_the_first_protocol_is_not_told_a_type() -> None:
+    session = FakeSession()
+    session.calls.on_session({"tools": []}, is_first=True)
+    await session.calls.offer()
+    assert set(session.sent[0]["session"]) == {"tools"}

@@ -66,9 +66,7 @@ def file(tmp_path_factory: pytest.TempPathFactory, wave: Wave) -> tuple[dict[str
     return parse(path.read_bytes())
 
 
-def test_the_skeleton_has_the_52_vrm_bones_and_undoes_its_rest_pose(
-    file: tuple[dict[str, Any], bytes],
-) -> None:
+def test_the_skeleton_has_the_52_vrm_bones_and_undoes_its_rest_pose(file: tuple[dict[str, Any], bytes]) -> None:
     document, binary = file
     names = [node["name"] for node in document["nodes"]]
     assert tuple(names[:52]) == HUMANOID.names

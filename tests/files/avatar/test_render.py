@@ -8,10 +8,7 @@ def square(z: float = 0.0, *, colour: tuple[float, float, float] = (1.0, 0.0, 0.
     points = np.array([[-0.5, 0.6, z], [0.5, 0.6, z], [0.5, 1.6, z], [-0.5, 1.6, z]])
     triangles = np.array([[0, 1, 2], [0, 2, 3]])
     return Surface(
-        points,
-        np.tile([0.0, 0.0, 1.0], (4, 1)),
-        np.tile(colour, (4, 1)),
-        triangles[:, ::-1] if flip else triangles,
+        points, np.tile([0.0, 0.0, 1.0], (4, 1)), np.tile(colour, (4, 1)), triangles[:, ::-1] if flip else triangles
     )
 
 

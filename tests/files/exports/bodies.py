@@ -15,13 +15,7 @@ import numpy as np
 import torch
 
 from echoavatar.files.avatar.gltf_buffer import Buffer
-from echoavatar.motion.kinematics import (
-    HUMANOID,
-    Skeleton,
-    SkeletonConfig,
-    forward_kinematics,
-    write_bvh,
-)
+from echoavatar.motion.kinematics import HUMANOID, Skeleton, SkeletonConfig, forward_kinematics, write_bvh
 from echoavatar.motion.kinematics.rigs import _mixamo
 from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle, quaternion_from_matrix
 
@@ -274,11 +268,7 @@ def _parts(matrix: np.ndarray) -> dict[str, list[float]]:
 
 def _packed(document: dict[str, Any], buffer: Buffer) -> bytes:
     data = bytes(buffer.data)
-    document |= {
-        "bufferViews": buffer.views,
-        "accessors": buffer.accessors,
-        "buffers": [{"byteLength": len(data)}],
-    }
+    document |= {"bufferViews": buffer.views, "accessors": buffer.accessors, "buffers": [{"byteLength": len(data)}]}
     text = json.dumps(document).encode()
     text += b" " * (-len(text) % 4)
     total = 12 + 8 + len(text) + 8 + len(data)

@@ -4,12 +4,7 @@ import numpy as np
 import pytest
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.files.exports import (
-    FORMATS,
-    Take,
-    read_rig,
-    writer,
-)
+from echoavatar.files.exports import FORMATS, Take, read_rig, writer
 from echoavatar.motion.kinematics import read_bvh
 from echoavatar.motion.kinematics.rigs import bone_map
 
@@ -34,10 +29,7 @@ def test_what_cannot_be_written_is_said_before_any_work(
 
 def test_every_format_of_ours_is_written(short: Take, tmp_path: Path) -> None:
     few = Take(short.motion.cut(0, 4), short.face[:4])  # type: ignore[index]
-    for suffix in [
-        *(s for s in FORMATS if s not in (".vrm", ".fbx", ".mp4", ".usda", ".usdc", ".usdz")),
-        ".smplx.npz",
-    ]:
+    for suffix in [*(s for s in FORMATS if s not in (".vrm", ".fbx", ".mp4", ".usda", ".usdc", ".usdz")), ".smplx.npz"]:
         path = tmp_path / f"a{suffix}"
         writer(path, has_rig=False)(path, few, None)
         assert path.stat().st_size > 500, suffix

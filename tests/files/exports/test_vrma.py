@@ -10,19 +10,9 @@ from tests.files.exports.readers import node
 
 from echoavatar.errors import MotionError
 from echoavatar.files.exports import Take, read_rig
-from echoavatar.files.exports.vrma import (
-    PRESETS,
-    in_t_pose,
-    pack_vrma,
-    write_vrma,
-)
+from echoavatar.files.exports.vrma import PRESETS, in_t_pose, pack_vrma, write_vrma
 from echoavatar.motion.arkit import ARKIT_NAMES, to_vrm
-from echoavatar.motion.kinematics import (
-    HUMANOID,
-    Motion,
-    Skeleton,
-    SkeletonConfig,
-)
+from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton, SkeletonConfig
 
 
 def document(data: bytes) -> dict:  # type: ignore[type-arg]

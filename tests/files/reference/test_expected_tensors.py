@@ -5,12 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from echoavatar.files.reference.expected_tensors import (
-    differences,
-    face_shapes,
-    hubert_of,
-    tokenizer_shapes,
-)
+from echoavatar.files.reference.expected_tensors import differences, face_shapes, hubert_of, tokenizer_shapes
 from echoavatar.models.face import HubertConfig
 from echoavatar.models.tokenizer import MotionTokenizerConfig
 

@@ -87,11 +87,7 @@ def test_a_malicious_table_is_refused_by_name_and_not_run(tmp_path):
         read_table(tmp_path / "t.npy", ("mean", "std"), (52,))
     with pytest.raises(CheckpointError, match="no pickled array"):
         read_pickled_array(pickle.dumps(Bomb(tmp_path / "run")))
-    for name in (
-        b"cposix\nsystem\n(S'true'\ntR.",
-        b"cbuiltins\neval\n(S'1'\ntR.",
-        b"cnumpy\nload\n(S'x'\ntR.",
-    ):
+    for name in (b"cposix\nsystem\n(S'true'\ntR.", b"cbuiltins\neval\n(S'1'\ntR.", b"cnumpy\nload\n(S'x'\ntR."):
         with pytest.raises(CheckpointError, match="would run"):
             read_pickled_array(name)
     assert not (tmp_path / "run").exists()
@@ -176,12 +172,7 @@ def test_arrays_that_unpack_to_too_much_or_lie_are_refused(tmp_path, monkeypatch
 
 def test_a_pipe_is_refused_before_it_is_opened(tmp_path):
     os.mkfifo(tmp_path / "pipe")
-    for read, wanted in (
-        (read_array, (2,)),
-        (read_matrices, ("a",)),
-        (read_arrays, ("a",)),
-        (read_tensors, "net"),
-    ):
+    for read, wanted in ((read_array, (2,)), (read_matrices, ("a",)), (read_arrays, ("a",)), (read_tensors, "net")):
         with pytest.raises(EchoAvatarError, match="not a regular file"):
             read(tmp_path / "pipe", wanted)
 

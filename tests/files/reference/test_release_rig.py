@@ -31,9 +31,7 @@ def test_parts_have_the_published_sizes_and_joints():
 def test_it_stands_upright_in_metres_with_its_left_at_x():
     rig = Skeleton(config())
     np.testing.assert_allclose(
-        rig.rest_positions[rig.index("Wrist_L")],
-        HUMANOID.rest_positions[HUMANOID.index("leftHand")],
-        atol=1e-5,
+        rig.rest_positions[rig.index("Wrist_L")], HUMANOID.rest_positions[HUMANOID.index("leftHand")], atol=1e-5
     )
     assert rig.names[rig.config.mirror[rig.index("Wrist_L")]] == "Wrist_R"
     assert rig.names[rig.config.mirror[rig.index("L_eye_jnt")]] == "R_eye_jnt"

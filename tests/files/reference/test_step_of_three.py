@@ -21,14 +21,7 @@ from echoavatar.evaluation.stream_bench import bench_stream
 from echoavatar.motion.kinematics import read_bvh
 from echoavatar.motion.stages.modes import MotionOptions
 from echoavatar.server.unity import UnitySettings, serve_unity
-from echoavatar.wire import (
-    Flush,
-    Hello,
-    Interrupt,
-    Motion,
-    Sound,
-    unpack_pose,
-)
+from echoavatar.wire import Flush, Hello, Interrupt, Motion, Sound, unpack_pose
 
 STEP = 9_600
 
@@ -119,42 +112,38 @@ def test_the_server_says_how_long_its_chunks_are_and_sends_them(pipeline: Pipeli
         assert (caller.until(Motion).at, caller.heard[-1].epoch) == (STEP, 1)
 
 
-def test_unity_is_sent_whole_messages(in_threes: Path, voice: np.ndarray) -> None:
+async def test_unity_is_sent_whole_messages(in_threes: Path, voice: np.ndarray) -> None:
     """The published server's messages are 0.4 s long, so each is one chunk."""
     bundle = load_bundle(in_threes)
     got: list[dict[str, object]] = []
+    done = asyncio.Event()
 
-    async def talk() -> None:
-        done = asyncio.Event()
+    async def unity(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        while not done.is_set():
+            (size,) = struct.unpack(">I", await reader.readexactly(4))
+            got.append(json.loads(await reader.readexactly(size)))
+            if len(got) == 2:
+                done.set()
+        writer.close()
 
-        async def unity(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-            while not done.is_set():
-                (size,) = struct.unpack(">I", await reader.readexactly(4))
-                got.append(json.loads(await reader.readexactly(size)))
-                if len(got) == 2:
-                    done.set()
-            writer.close()
-
-        server = await asyncio.start_server(unity, "127.0.0.1", 0)
-        ports = asyncio.get_running_loop().create_future()
-        settings = UnitySettings(audio_port=0, action_port=0, unity_port=server.sockets[0].getsockname()[1])
-        engine = Engine(Pipeline(bundle, output="native", stages=()), rewind=0)
-        rig = bundle.runtime.rig
-        assert rig is not None
-        job = asyncio.create_task(serve_unity(engine, rig, settings, on_ready=lambda *own: ports.set_result(own)))
-        audio_port, _ = await asyncio.wait_for(ports, 10)
-        _, audio = await asyncio.open_connection("127.0.0.1", audio_port)
-        for at in range(0, 24_000, 1_000):
-            sound = _pickled(voice[at : at + 1_000])
-            audio.write(struct.pack(">I", len(sound)) + sound)
-        await audio.drain()
-        await asyncio.wait_for(done.wait(), 20)
-        job.cancel()
-        await asyncio.gather(job, return_exceptions=True)
-        audio.close()
-        server.close()
-
-    asyncio.run(talk())
+    server = await asyncio.start_server(unity, "127.0.0.1", 0)
+    ports = asyncio.get_running_loop().create_future()
+    settings = UnitySettings(audio_port=0, action_port=0, unity_port=server.sockets[0].getsockname()[1])
+    engine = Engine(Pipeline(bundle, output="native", stages=()), rewind=0)
+    rig = bundle.runtime.rig
+    assert rig is not None
+    job = asyncio.create_task(serve_unity(engine, rig, settings, on_ready=lambda *own: ports.set_result(own)))
+    audio_port, _ = await asyncio.wait_for(ports, 10)
+    _, audio = await asyncio.open_connection("127.0.0.1", audio_port)
+    for at in range(0, 24_000, 1_000):
+        sound = _pickled(voice[at : at + 1_000])
+        audio.write(struct.pack(">I", len(sound)) + sound)
+    await audio.drain()
+    await asyncio.wait_for(done.wait(), 20)
+    job.cancel()
+    await asyncio.gather(job, return_exceptions=True)
+    audio.close()
+    server.close()
     assert np.shape(got[0]["pose"]) == (24, 88, 4)
     np.testing.assert_allclose(np.array(got[1]["audio"]), voice[STEP : 2 * STEP], atol=1e-4)
 

@@ -22,12 +22,7 @@ from tests.integrations.livekit.rooms import Room, Speaker, pair
 
 from echoavatar.agents.integrations import AvatarBridge, find_backend
 from echoavatar.engine.tracks import Tracks
-from echoavatar.wire import (
-    Flush,
-    Motion,
-    Ready,
-    decode_server,
-)
+from echoavatar.wire import Flush, Motion, Ready, decode_server
 
 BLOCK = 2_400
 
@@ -241,99 +236,88 @@ def test_an_interruption_during_music_leaves_the_music() -> None:
     assert np.abs(sound[-8_000:]).max() > 0.01, "the music stopped"
 
 
-def test_livekits_own_source_is_understood() -> None:
+async def test_livekits_own_source_is_understood() -> None:
     """`rtc.AudioSource` needs no room; its queue gives the playback position."""
-
-    async def run() -> None:
-        scene = Scene(engine())
-        source = rtc.AudioSource(24_000, 1, queue_size_ms=1_000)
-        scene.performer._source = source
-        await scene.performer.start()
-        await speak(scene.sink, tone(1.0))
-        event = await asyncio.wait_for(scene.sink.wait_for_playout(), 20)
-        assert (event.interrupted, round(event.playback_position, 2)) == (False, 1.0)
-        await speak(scene.sink, tone(3.0))
-        await scene.until(lambda: len([1 for name, _ in scene.events if name == "started"]) == 2)
-        await asyncio.sleep(0.5)
-        scene.sink.clear_buffer()
-        event = await asyncio.wait_for(scene.sink.wait_for_playout(), 5)
-        assert event.interrupted
-        assert 0.3 < event.playback_position < 0.9
-        await scene.performer.close()
-        await source.aclose()
-
-    asyncio.run(run())
+    scene = Scene(engine())
+    source = rtc.AudioSource(24_000, 1, queue_size_ms=1_000)
+    scene.performer._source = source
+    await scene.performer.start()
+    await speak(scene.sink, tone(1.0))
+    event = await asyncio.wait_for(scene.sink.wait_for_playout(), 20)
+    assert (event.interrupted, round(event.playback_position, 2)) == (False, 1.0)
+    await speak(scene.sink, tone(3.0))
+    await scene.until(lambda: len([1 for name, _ in scene.events if name == "started"]) == 2)
+    await asyncio.sleep(0.5)
+    scene.sink.clear_buffer()
+    event = await asyncio.wait_for(scene.sink.wait_for_playout(), 5)
+    assert event.interrupted
+    assert 0.3 < event.playback_position < 0.9
+    await scene.performer.close()
+    await source.aclose()
 
 
-def test_a_session_in_process_takes_the_agents_voice_and_leaves_the_agent_alone() -> None:
-    async def run() -> None:
-        room = Room("agent")
-        session: AgentSession[None] = AgentSession()
-        avatar = AvatarSession(engine())
-        await avatar.start(session, room)  # type: ignore[arg-type]
-        assert avatar.avatar_identity == "agent"
-        assert avatar.provider == "echoavatar"
-        assert len(room.local_participant.tracks) == 1
-        await avatar.wait_for_join(timeout=5)
-        tools = {tool.info.name: tool for tool in avatar.tools}
-        assert set(tools) == {"send_action", "play_music", "stop_music", "list_actions"}
-        action = tools["send_action"].info.raw_schema["parameters"]["properties"]["action"]
-        assert action["enum"] == ["wave", "bow"]
-        assert await tools["send_action"](raw_arguments={"action": "wave"}) is None, "gestures are silent"
-        told = json.loads(await tools["send_action"](raw_arguments={"action": "fly"}))
-        assert told["status"] == "rejected"
-        assert session.output.audio is not None
-        assert session.output.audio.sample_rate == 24_000
-        await speak(session.output.audio, tone(0.5))
-        event = await asyncio.wait_for(session.output.audio.wait_for_playout(), 20)
-        assert (event.interrupted, round(event.playback_position, 2)) == (False, 0.5)
-        room.emit("participant_connected", type("Guest", (), {"identity": "guest"})())
-        await asyncio.sleep(0.1)
-        assert any(to == ["guest"] for _, _, to in room.data)
-        await avatar.aclose()
-        assert not room.local_participant.tracks
-
-    asyncio.run(run())
+async def test_a_session_in_process_takes_the_agents_voice_and_leaves_the_agent_alone() -> None:
+    room = Room("agent")
+    session: AgentSession[None] = AgentSession()
+    avatar = AvatarSession(engine())
+    await avatar.start(session, room)  # type: ignore[arg-type]
+    assert avatar.avatar_identity == "agent"
+    assert avatar.provider == "echoavatar"
+    assert len(room.local_participant.tracks) == 1
+    await avatar.wait_for_join(timeout=5)
+    tools = {tool.info.name: tool for tool in avatar.tools}
+    assert set(tools) == {"send_action", "play_music", "stop_music", "list_actions"}
+    action = tools["send_action"].info.raw_schema["parameters"]["properties"]["action"]
+    assert action["enum"] == ["wave", "bow"]
+    assert await tools["send_action"](raw_arguments={"action": "wave"}) is None, "gestures are silent"
+    told = json.loads(await tools["send_action"](raw_arguments={"action": "fly"}))
+    assert told["status"] == "rejected"
+    assert session.output.audio is not None
+    assert session.output.audio.sample_rate == 24_000
+    await speak(session.output.audio, tone(0.5))
+    event = await asyncio.wait_for(session.output.audio.wait_for_playout(), 20)
+    assert (event.interrupted, round(event.playback_position, 2)) == (False, 0.5)
+    room.emit("participant_connected", type("Guest", (), {"identity": "guest"})())
+    await asyncio.sleep(0.1)
+    assert any(to == ["guest"] for _, _, to in room.data)
+    await avatar.aclose()
+    assert not room.local_participant.tracks
 
 
-def test_a_worker_hears_the_agent_and_tells_it_the_truth() -> None:
+async def test_a_worker_hears_the_agent_and_tells_it_the_truth() -> None:
     """Agent and worker, connected by LiveKit's own data stream and RPC."""
-
-    async def run() -> None:
-        agent, avatar = pair("agent", "echoavatar")
-        speaker = Speaker()
-        worker = AvatarWorker(avatar, engine(), source=speaker)  # type: ignore[arg-type]
-        await worker.start()
-        sink = DataStreamAudioOutput(
-            agent,  # type: ignore[arg-type]
-            destination_identity="echoavatar",
-            sample_rate=24_000,
-            wait_playback_start=True,
-        )
-        started: list[Any] = []
-        sink.on("playback_started", started.append)
-        await speak(sink, tone(0.8))
-        event = await asyncio.wait_for(sink.wait_for_playout(), 20)
-        assert (event.interrupted, round(event.playback_position, 2)) == (False, 0.8)
-        assert len(started) == 1
-        for _ in range(2):
-            before = len(speaker.heard)
-            await speak(sink, tone(4.0))
-            async with asyncio.timeout(10):
-                while speaker.queued_duration < 0 or len(speaker.heard) < before + 12_000:  # noqa: ASYNC110
-                    await asyncio.sleep(0.01)
-            sink.clear_buffer()
-            event = await asyncio.wait_for(sink.wait_for_playout(), 5)
-            assert event.interrupted
-            heard = (len(speaker.heard) - before) / 24_000
-            assert event.playback_position == pytest.approx(heard, abs=0.05)
-        assert avatar.local_participant.data_tracks[0].frames
-        tools = {tool.info.name: tool for tool in await ask_for_tools(agent, "echoavatar")}  # type: ignore[arg-type]
-        assert await tools["send_action"](raw_arguments={"action": "bow"}) is None
-        assert json.loads(await tools["list_actions"](raw_arguments={}))["actions"] == ["wave", "bow"]
-        await worker.close()
-
-    asyncio.run(run())
+    agent, avatar = pair("agent", "echoavatar")
+    speaker = Speaker()
+    worker = AvatarWorker(avatar, engine(), source=speaker)  # type: ignore[arg-type]
+    await worker.start()
+    sink = DataStreamAudioOutput(
+        agent,  # type: ignore[arg-type]
+        destination_identity="echoavatar",
+        sample_rate=24_000,
+        wait_playback_start=True,
+    )
+    started: list[Any] = []
+    sink.on("playback_started", started.append)
+    await speak(sink, tone(0.8))
+    event = await asyncio.wait_for(sink.wait_for_playout(), 20)
+    assert (event.interrupted, round(event.playback_position, 2)) == (False, 0.8)
+    assert len(started) == 1
+    for _ in range(2):
+        before = len(speaker.heard)
+        await speak(sink, tone(4.0))
+        async with asyncio.timeout(10):
+            while speaker.queued_duration < 0 or len(speaker.heard) < before + 12_000:  # noqa: ASYNC110
+                await asyncio.sleep(0.01)
+        sink.clear_buffer()
+        event = await asyncio.wait_for(sink.wait_for_playout(), 5)
+        assert event.interrupted
+        heard = (len(speaker.heard) - before) / 24_000
+        assert event.playback_position == pytest.approx(heard, abs=0.05)
+    assert avatar.local_participant.data_tracks[0].frames
+    tools = {tool.info.name: tool for tool in await ask_for_tools(agent, "echoavatar")}  # type: ignore[arg-type]
+    assert await tools["send_action"](raw_arguments={"action": "bow"}) is None
+    assert json.loads(await tools["list_actions"](raw_arguments={}))["actions"] == ["wave", "bow"]
+    await worker.close()
 
 
 def test_a_workers_token_names_the_agent_it_publishes_for() -> None:

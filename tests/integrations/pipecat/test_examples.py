@@ -1,6 +1,5 @@
 """The hosted example is built; the offline example is run."""
 
-import asyncio
 import importlib.util
 import shutil
 import subprocess
@@ -27,31 +26,23 @@ def load(name: str) -> Any:
     return module
 
 
-def test_the_hosted_bot_can_be_built(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_the_hosted_bot_can_be_built(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("OPENAI_API_KEY", "none")
-
-    async def run() -> None:
-        avatar = EchoAvatarProcessor(engine())
-        worker = await load("hosted").build(NullTransport(), NullTransport(), avatar)
-        assert worker is not None
-        await avatar.bridge.close()
-
-    asyncio.run(run())
+    avatar = EchoAvatarProcessor(engine())
+    worker = await load("hosted").build(NullTransport(), NullTransport(), avatar)
+    assert worker is not None
+    await avatar.bridge.close()
 
 
-def test_the_offline_companion_obeys() -> None:
+async def test_the_offline_companion_obeys() -> None:
     offline = load("offline")
-
-    async def run() -> None:
-        avatar = EchoAvatarProcessor(engine())
-        await avatar.prepare()
-        assert "Like this" in await offline.obey("please wave at me", avatar.tool_calls)
-        assert "mine" in await offline.obey("Let us dance.", avatar.tool_calls)
-        assert "still" in await offline.obey("stop", avatar.tool_calls)
-        assert "tell me more" in await offline.obey("tell me more", avatar.tool_calls)
-        await avatar.bridge.close()
-
-    asyncio.run(run())
+    avatar = EchoAvatarProcessor(engine())
+    await avatar.prepare()
+    assert "Like this" in await offline.obey("please wave at me", avatar.tool_calls)
+    assert "mine" in await offline.obey("Let us dance.", avatar.tool_calls)
+    assert "still" in await offline.obey("stop", avatar.tool_calls)
+    assert "tell me more" in await offline.obey("tell me more", avatar.tool_calls)
+    await avatar.bridge.close()
 
 
 @pytest.mark.slow

@@ -25,14 +25,6 @@ def test_codes_and_sound_equal_those_of_transformers(pair):
     torch.testing.assert_close(codec.decode(wanted.transpose(1, 2)), sound, atol=1e-6, rtol=0)
 
 
-def test_chunks_give_the_offline_codes(pair):
-    codec, _ = pair
-    audio = torch.randn(3, 320 * 47, dtype=torch.double) * 0.1
-    state, active = codec.init_state(3), torch.ones(3, dtype=torch.bool)
-    parts = audio.split([320 * n for n in (7, 1, 20, 2, 9, 8)], dim=1)
-    assert torch.equal(torch.cat([codec.step(part, state, active) for part in parts], 1), codec.encode(audio))
-
-
 def test_long_clips_are_encoded_in_blocks_without_a_seam(pair, monkeypatch):
     codec, _ = pair
     audio = torch.randn(1, 320 * 60, dtype=torch.double) * 0.1

@@ -3,12 +3,7 @@ import pytest
 
 from echoavatar.errors import AudioError
 from echoavatar.models.audio import write_wav
-from echoavatar.models.audio.pool import (
-    AudioGroup,
-    AudioPool,
-    read_group,
-    to_int16,
-)
+from echoavatar.models.audio.pool import AudioGroup, AudioPool, read_group, to_int16
 
 
 def group(name: str, value: float, weight: float, samples: int = 24_000) -> AudioGroup:

@@ -1,19 +1,13 @@
-import json
-
 import numpy as np
 import pytest
 import torch
+from tests.models.runs import check_pieces, check_resume
 
 from echoavatar import checkpoint
 from echoavatar.errors import CheckpointError
-from echoavatar.models.audio import AudioCodec, CodecConfig
+from echoavatar.models.audio import CodecConfig
 from echoavatar.models.audio.pool import AudioGroup, AudioPool, to_int16
-from echoavatar.models.audio.train import (
-    CodecTask,
-    CodecTrainingConfig,
-    make_batch,
-    train_codec,
-)
+from echoavatar.models.audio.train import CodecTask, CodecTrainingConfig, make_batch, train_codec
 from echoavatar.training import Loop
 
 CONFIG = CodecTrainingConfig(
@@ -27,6 +21,9 @@ CONFIG = CodecTrainingConfig(
     unquantized=5,
     save_every=10,
 )
+
+
+LICENCE = {"licence": "Apache-2.0"}
 
 
 @pytest.fixture(scope="module")
@@ -54,36 +51,20 @@ def test_training_lowers_the_losses_and_uses_the_codes(pool):
 
 
 def test_a_resumed_run_is_the_same_run(pool, tmp_path):
-    """Stopped after 20 of 30 steps and taken up again: same weights, same codebooks, to the bit."""
-    whole = train_codec(CONFIG, tmp_path / "whole", pool)
-
-    def stop(step: int, _: int) -> None:
-        if step == 24:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        train_codec(CONFIG, tmp_path / "parts", pool, progress=stop)
-    resumed = train_codec(CONFIG, tmp_path / "parts", pool, card={"licence": "Apache-2.0"})
-    for name, value in whole.state_dict().items():
-        assert torch.equal(value, resumed.state_dict()[name]), name
-    card = checkpoint.read_card(tmp_path / "parts")
-    assert card["steps_done"] == 30
-    assert card["sound_seconds"] == {"tones": 8.0}
-    assert card["licence"] == "Apache-2.0"
-    lines = [json.loads(line) for line in (tmp_path / "parts" / "metrics.jsonl").read_text().splitlines()]
-    assert lines[-1]["step"] == 25
-    loaded, audio = AudioCodec.load(tmp_path / "parts"), 0.1 * torch.randn(1, 6_400)
-    assert torch.equal(loaded.encode(audio), resumed.encode(audio))
+    """Stopped after 24 of 30 steps and taken up again at step 20."""
+    check_resume(lambda folder, **more: train_codec(CONFIG, folder, pool, card=LICENCE, **more), tmp_path, at=24)
+    card = checkpoint.read_card(tmp_path / "killed")
+    assert (card["steps_done"], card["sound_seconds"]) == (30, {"tones": 8.0})
+    assert card.items() >= LICENCE.items()
 
 
 def test_pieces_share_one_trajectory(pool):
     """Six rows at once or two by two, of which two are decoded, before and after the codebooks begin to learn."""
-    curves = []
-    for pieces in (1, 3):
-        config = CONFIG.model_copy(update={"batch": 6, "accumulation": pieces, "unquantized": 2})
-        loop = Loop(CodecTask(config, pool))
-        curves.append([[told["loss"], told["log_mel"]] for told in (loop.advance() for _ in range(4))])
-    np.testing.assert_allclose(*curves, rtol=1e-4)
+
+    def make(pieces):
+        return CodecTask(CONFIG.model_copy(update={"batch": 6, "accumulation": pieces, "unquantized": 2}), pool)
+
+    check_pieces(make, 3, "log_mel", steps=4)
 
 
 def test_a_run_of_other_sizes_is_refused(pool, tmp_path):

@@ -11,10 +11,7 @@ def test_a_session_alone_gets_the_face_that_it_gets_in_company():
     model = make(CONFIG).float()
     decoder, schedule = FrameDecoder(model), model.head.schedule(2)
     random = torch.Generator().manual_seed(1)
-    sound, noise = (
-        torch.randn(40, 8, CONFIG.width, generator=random),
-        torch.randn(40, 8, 52, generator=random),
-    )
+    sound, noise = (torch.randn(40, 8, CONFIG.width, generator=random), torch.randn(40, 8, 52, generator=random))
 
     def frames(rows: slice) -> torch.Tensor:
         heard = sound[rows]

@@ -1,12 +1,7 @@
 import numpy as np
 import torch
 
-from echoavatar.models.face.idle import (
-    IdleFace,
-    blinks,
-    frame_loudness,
-    gaze,
-)
+from echoavatar.models.face.idle import IdleFace, blinks, frame_loudness, gaze
 from echoavatar.motion.arkit import ARKIT_NAMES
 
 SEEDS = torch.arange(40)

@@ -2,12 +2,7 @@ import pytest
 import torch
 from tests.models.face.tiny import CONFIG, JAW, clip
 
-from echoavatar.models.face.losses import (
-    FaceReader,
-    draw_noise,
-    flow_loss,
-    lip_error,
-)
+from echoavatar.models.face.losses import FaceReader, draw_noise, flow_loss, lip_error
 from echoavatar.models.face.recipe import FaceTraining
 from echoavatar.models.face.train import FaceTask
 

@@ -9,12 +9,7 @@ import torch
 from safetensors.torch import load_file
 
 from echoavatar.checkpoint import load_into
-from echoavatar.models.face import (
-    FaceModel,
-    FaceStream,
-    HubertConfig,
-    paper_face,
-)
+from echoavatar.models.face import FaceModel, FaceStream, HubertConfig, paper_face
 from echoavatar.models.face.attention import rotate_pairs, sinusoids
 from echoavatar.models.face.flow import euler_levels
 from echoavatar.models.face.hubert import normalize_window, pad_window

@@ -1,9 +1,10 @@
-import json
+from functools import partial
 
 import numpy as np
 import pytest
 import torch
 from tests.models.face.tiny import CONFIG, clip
+from tests.models.runs import check_pieces, check_resume, losses
 
 from echoavatar.errors import CheckpointError
 from echoavatar.models.face import FaceStream
@@ -16,39 +17,21 @@ JAW = ARKIT_NAMES.index("jawOpen")
 QUICK = FaceTraining(steps=6, batch=2, frames=16, warmup=1, save_every=2, learning_rate=3e-3)
 
 
-def losses(folder) -> list[float]:
-    return [json.loads(line)["loss"] for line in (folder / "metrics.jsonl").read_text().splitlines()]
-
-
 @pytest.mark.parametrize("at", [1, 5])
 def test_a_killed_run_repeats_the_curve_it_would_have_had(tmp_path, at):
-    """Listening for two steps, then all; killed after some step, with checkpoints every second: equal to the bit."""
-
-    class KilledError(Exception):
-        pass
-
-    def kill(step, _):
-        if step == at:
-            raise KilledError
-
+    """Two steps train the encoder alone, then all learn; checkpoints come every second step."""
     training = QUICK.model_copy(update={"listen": 2, "average": 0.5})
-    whole = train_face(CONFIG, training, [clip()], tmp_path / "whole")
-    with pytest.raises(KilledError):
-        train_face(CONFIG, training, [clip()], tmp_path / "cut", progress=kill)
-    cut = train_face(CONFIG, training, [clip()], tmp_path / "cut")
-    assert losses(tmp_path / "cut") == losses(tmp_path / "whole")
-    for key, value in whole.state_dict().items():
-        assert torch.equal(cut.state_dict()[key], value), key
+    check_resume(partial(train_face, CONFIG, training, [clip()]), tmp_path, at=at)
 
 
 def test_pieces_share_one_trajectory():
     """Four windows at once or one after the other, with the noise that each has in either."""
-    curves = []
-    for pieces in (1, 4):
+
+    def make(pieces):
         training = QUICK.model_copy(update={"batch": 4, "accumulation": pieces, "listen": 1})
-        loop = Loop(FaceTask(CONFIG, training, [clip()]))
-        curves.append([loop.advance()["loss"] for _ in range(5)])
-    assert curves[0] == pytest.approx(curves[1], rel=1e-4)
+        return FaceTask(CONFIG, training, [clip()])
+
+    check_pieces(make, 4)
 
 
 def test_another_schedule_or_size_is_refused(tmp_path):
@@ -63,7 +46,8 @@ def test_it_learns_to_open_the_jaw_with_the_sound(tmp_path):
     """A tiny model overfits one clip: streamed from nothing but sound, its jaw follows the truth."""
     training = FaceTraining(steps=250, batch=8, frames=32, warmup=10, learning_rate=5e-3, save_every=1000)
     model = train_face(CONFIG, training, [clip()], tmp_path)
-    assert np.mean(losses(tmp_path)[-20:]) < 0.35 * np.mean(losses(tmp_path)[:10])
+    curve = list(losses(tmp_path).values())
+    assert np.mean(curve[-20:]) < 0.35 * np.mean(curve[:10])
     truth = clip()
     stream, active = FaceStream(model), torch.ones(1, dtype=torch.bool)
     audio = torch.from_numpy(truth.audio)[None]

@@ -3,13 +3,7 @@
 import numpy as np
 import torch
 
-from echoavatar.models.face import (
-    FaceConfig,
-    FaceModel,
-    FaceState,
-    FaceStream,
-    MelConfig,
-)
+from echoavatar.models.face import FaceConfig, FaceModel, FaceState, FaceStream, MelConfig
 from echoavatar.models.face.clip import FaceClip
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.timing import CHUNK_SAMPLES

@@ -7,11 +7,7 @@ from echoavatar.models.fingers.clips import on_our_rig
 from echoavatar.models.fingers.finger_retarget import apply_fingers, finger_joints
 from echoavatar.models.fingers.hand_poses import FINGERS
 from echoavatar.motion.kinematics import Motion, Skeleton
-from echoavatar.motion.kinematics.rotations import (
-    angle_between,
-    matrix_from_axis_angle,
-    quaternion_from_matrix,
-)
+from echoavatar.motion.kinematics.rotations import angle_between, matrix_from_axis_angle, quaternion_from_matrix
 
 
 def foreign(motion: Motion) -> Motion:

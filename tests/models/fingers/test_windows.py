@@ -4,19 +4,11 @@ from tests.models.fingers.moving import QUICK, TINY, waving
 
 from echoavatar.models.fingers import FingerModel
 from echoavatar.models.fingers.clips import finger_clip
-from echoavatar.models.fingers.windows import (
-    FingerSampler,
-    count_learned_hands,
-    denoising_loss,
-    draw_noise,
-)
+from echoavatar.models.fingers.windows import FingerSampler, count_learned_hands, denoising_loss, draw_noise
 
 
 def sampler(model: FingerModel, shares: tuple[float, float] = (0.5, 0.5)) -> FingerSampler:
-    groups = [
-        [finger_clip(waving(60))],
-        [finger_clip(waving(20, 1)), finger_clip(waving(30, 2, still=("left",)))],
-    ]
+    groups = [[finger_clip(waving(60))], [finger_clip(waving(20, 1)), finger_clip(waving(30, 2, still=("left",)))]]
     return FingerSampler(model, groups, shares, seed=3)
 
 

@@ -4,12 +4,7 @@ import pytest
 from pydantic import ValidationError
 
 from echoavatar.models.generator import GeneratorConfig, qwen_half_billion
-from echoavatar.models.tokens import (
-    REFERENCE_LAYOUT,
-    Interleaved,
-    Prefix,
-    TokenLayout,
-)
+from echoavatar.models.tokens import REFERENCE_LAYOUT, Interleaved, Prefix, TokenLayout
 
 
 def test_heads_must_divide():

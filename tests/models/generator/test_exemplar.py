@@ -8,13 +8,7 @@ from tests.models.generator.test_train import settings
 from tests.models.generator.tiny import audio, config, generator
 
 from echoavatar.errors import CheckpointError
-from echoavatar.models.generator import (
-    Exemplar,
-    Generator,
-    TokenClip,
-    draw_exemplar,
-    open_stream,
-)
+from echoavatar.models.generator import Exemplar, Generator, TokenClip, draw_exemplar, open_stream
 from echoavatar.models.generator.train import GeneratorTask, train_generator
 
 EVERYONE = torch.ones(2, dtype=torch.bool)

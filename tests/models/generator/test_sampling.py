@@ -2,13 +2,7 @@
 
 import torch
 
-from echoavatar.models.generator.sampling import (
-    gumbel_noise,
-    make_sampler,
-    mix,
-    nucleus,
-    uniform_noise,
-)
+from echoavatar.models.generator.sampling import gumbel_noise, make_sampler, mix, nucleus, uniform_noise
 
 
 def noise(seed, start, count=4, codes=512):

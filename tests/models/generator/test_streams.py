@@ -4,12 +4,7 @@ from tests.models.generator.test_train import clips
 from tests.models.generator.tiny import LAYOUT, generator
 
 from echoavatar.models.generator import WindowSampler
-from echoavatar.models.generator.streams import (
-    StreamNll,
-    freeze_body,
-    stream_loss,
-    stream_nll,
-)
+from echoavatar.models.generator.streams import StreamNll, freeze_body, stream_loss, stream_nll
 
 WINDOW = WindowSampler(clips(), chunks=3).batch(0, 2)
 

@@ -1,22 +1,17 @@
 """Training learns what audio says, and resumes to the same curve."""
 
-import json
+from functools import partial
 
 import numpy as np
 import pytest
 import torch
 from tests.models.generator.tiny import config, generator
+from tests.models.runs import check_pieces, check_resume, losses
 
 from echoavatar.errors import CheckpointError
-from echoavatar.models.generator import (
-    Generator,
-    TokenClip,
-    WindowSampler,
-    nll_by_domain,
-)
+from echoavatar.models.generator import Generator, TokenClip, WindowSampler, nll_by_domain
 from echoavatar.models.generator.recipe import GeneratorTraining
 from echoavatar.models.generator.train import GeneratorTask, train_generator
-from echoavatar.training import Loop
 
 
 def clips(count=4, chunks=12):
@@ -36,47 +31,24 @@ def settings(**changes):
     return GeneratorTraining(**(usual | changes))
 
 
-def losses(folder):
-    rows = map(json.loads, (folder / "metrics.jsonl").read_text().splitlines())
-    return [(row["step"], row["loss"]) for row in rows]
-
-
 @pytest.mark.parametrize(
-    ("sequence", "optimiser", "at"),
-    [("interleaved", "adamw", 1), ("interleaved", "muon", 5), ("prefix", "adamw", 4)],
+    ("sequence", "optimiser", "at"), [("interleaved", "adamw", 1), ("interleaved", "muon", 5), ("prefix", "adamw", 4)]
 )
 def test_a_run_that_was_killed_resumes_to_the_same_curve(tmp_path, sequence, optimiser, at):
     """Killed after some step of 6, with its last checkpoint at step 3 or none: what was lost is repeated to the bit."""
-
-    class KilledError(Exception):
-        pass
-
-    def kill(step, _):
-        if step == at:
-            raise KilledError
-
-    shape, training = (
-        config(sequence=sequence),
-        settings(optimiser=optimiser, cue_weight=0.1, out_of_step=0.5, average=0.5),
-    )
-    train_generator(shape, training, clips(), tmp_path / "whole")
-    with pytest.raises(KilledError):
-        train_generator(shape, training, clips(), tmp_path / "killed", progress=kill)
-    train_generator(shape, training, clips(), tmp_path / "killed")
-    assert losses(tmp_path / "killed") == losses(tmp_path / "whole")
-    whole, killed = (Generator.load(tmp_path / name).state_dict() for name in ("whole", "killed"))
-    assert all(torch.equal(whole[key], killed[key]) for key in whole)
+    training = settings(optimiser=optimiser, cue_weight=0.1, out_of_step=0.5, average=0.5)
+    check_resume(partial(train_generator, config(sequence=sequence), training, clips()), tmp_path, at=at)
 
 
 @pytest.mark.parametrize("sequence", ["interleaved", "prefix"])
 def test_pieces_share_one_trajectory(sequence):
     """Eight windows at once or one after the other (1x8 and 8x1), some of them cut short in the prefix order."""
-    curves = []
-    for pieces in (1, 8):
+
+    def make(pieces):
         training = settings(batch=8, accumulation=pieces, exemplar=0.5, blind=0.2, short_windows=0.5)
-        loop = Loop(GeneratorTask(config(sequence=sequence, exemplar=True), training, clips()))
-        curves.append([(told["loss"], told["gradient"]) for told in (loop.advance() for _ in range(6))])
-    torch.testing.assert_close(torch.tensor(curves[0]), torch.tensor(curves[1]), rtol=1e-4, atol=1e-5)
+        return GeneratorTask(config(sequence=sequence, exemplar=True), training, clips())
+
+    check_pieces(make, 8, "gradient", steps=6)
 
 
 def test_training_learns_to_follow_the_audio(tmp_path):
@@ -131,7 +103,7 @@ def test_cues_are_learned_from_the_sound(tmp_path):
     made = [TokenClip(c.audio, c.motion, c.domain, cues=(c.audio < 4).astype(np.uint8)) for c in clips(8)]
     training = settings(steps=60, batch=8, learning_rate=5e-3, warmup=5, cue_weight=1.0)
     train_generator(config(layers=1), training, made, tmp_path)
-    rows = [json.loads(row)["cues"] for row in (tmp_path / "metrics.jsonl").read_text().splitlines()]
+    rows = list(losses(tmp_path, "cues").values())
     assert np.mean(rows[-5:]) < 0.3 * np.mean(rows[:5])
 
 
@@ -167,9 +139,9 @@ def test_in_stage_one_only_the_embeddings_learn_and_the_streams_get_likelier(tmp
     model = train_generator(config(layers=1), training, clips(16), tmp_path)
     changed = {key for key, value in model.state_dict().items() if not torch.equal(value, before[key])}
     assert changed == {"model.embed_tokens.weight", "lm_head.weight"}
-    rows = [json.loads(row) for row in (tmp_path / "metrics.jsonl").read_text().splitlines()]
-    assert rows[-1]["nll_audio"] < 0.6 * rows[0]["nll_audio"]
-    assert rows[-1]["nll_motion"] < 0.6 * rows[0]["nll_motion"]
+    for key in ("nll_audio", "nll_motion"):
+        curve = list(losses(tmp_path, key).values())
+        assert curve[-1] < 0.6 * curve[0]
 
 
 def test_only_a_generator_that_hears_ahead_foretells_what_a_later_sound_decides(tmp_path):

@@ -9,15 +9,7 @@ LAYOUT = TokenLayout.compact(audio_codes=16, motion_layers=2, motion_codes=8)
 
 
 def config(**changes) -> GeneratorConfig:
-    sizes = {
-        "layout": LAYOUT,
-        "width": 32,
-        "layers": 2,
-        "heads": 4,
-        "kv_heads": 2,
-        "mlp": 48,
-        "window_chunks": 3,
-    }
+    sizes = {"layout": LAYOUT, "width": 32, "layers": 2, "heads": 4, "kv_heads": 2, "mlp": 48, "window_chunks": 3}
     return GeneratorConfig(**(sizes | changes))
 
 

@@ -5,12 +5,7 @@ from types import SimpleNamespace
 import torch
 
 from echoavatar.models.quantize import ResidualVectorQuantizer
-from echoavatar.models.tokenizer import (
-    BodyTokenizer,
-    BodyTokenizerConfig,
-    MotionTokenizerConfig,
-    body_config,
-)
+from echoavatar.models.tokenizer import BodyTokenizer, BodyTokenizerConfig, MotionTokenizerConfig, body_config
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.kinematics.rotations import quaternion_from_axis_angle
 

@@ -1,8 +1,9 @@
 import copy
-import json
+from functools import partial
 
 import pytest
 import torch
+from tests.models.runs import check_pieces, check_resume, losses
 from tests.models.tokenizer.fixtures import dance, small_body
 
 from echoavatar.checkpoint import read_card
@@ -11,7 +12,6 @@ from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.models.tokenizer.decoding import DecoderTask, DecoderTraining, train_decoder
 from echoavatar.models.tokenizer.windows import clip_features
 from echoavatar.motion.kinematics import HUMANOID, mirror_features
-from echoavatar.training import Loop
 
 TRAINING = DecoderTraining(
     steps=30, batch=4, tokens=8, unheard=2, learning_rate=5e-3, warmup=2, log_every=1, evaluate_every=0
@@ -19,16 +19,11 @@ TRAINING = DecoderTraining(
 CLIPS = [dance(seed, 96) for seed in range(2)]
 
 
-def losses(folder):
-    lines = [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
-    return [line["loss"] for line in lines if "loss" in line]
-
-
 def test_the_decoder_learns_and_codes_keep_their_meaning(tmp_path):
     start = small_body()
     before = copy.deepcopy(start.state_dict())
     train_decoder(start, TRAINING, CLIPS, [dance(9, 64)], tmp_path, card={"licence": "Apache-2.0"})
-    curve = losses(tmp_path)
+    curve = list(losses(tmp_path).values())
     assert sum(curve[-5:]) < 0.8 * sum(curve[:5])
     assert all(torch.equal(value, start.state_dict()[key]) for key, value in before.items())
     after = BodyTokenizer.load(tmp_path)
@@ -65,30 +60,16 @@ def test_what_comes_first_in_a_window_costs_nothing():
 
 def test_a_run_that_was_stopped_goes_on_to_the_same_curve(tmp_path):
     short = TRAINING.model_copy(update={"steps": 6, "save_every": 2})
-
-    class KilledError(Exception):
-        pass
-
-    def kill(step, steps):
-        if (step, steps) == (3, 6):
-            raise KilledError
-
-    train_decoder(small_body(), short, CLIPS, [], tmp_path / "whole")
-    with pytest.raises(KilledError):
-        train_decoder(small_body(), short, CLIPS, [], tmp_path / "killed", progress=kill)
-    train_decoder(small_body(), short, CLIPS, [], tmp_path / "killed")
-    assert losses(tmp_path / "killed") == losses(tmp_path / "whole")
+    check_resume(partial(train_decoder, small_body(), short, CLIPS, []), tmp_path, at=3)
 
 
 def test_pieces_share_one_trajectory():
-    lossy = []
-    for pieces in (1, 4):
-        plain = TRAINING.losses.model_copy(update={"planted": 0.0})
-        loop = Loop(
-            DecoderTask(small_body(), TRAINING.model_copy(update={"accumulation": pieces, "losses": plain}), CLIPS)
-        )
-        lossy.append([loop.advance()["loss"] for _ in range(4)])
-    assert lossy[0] == pytest.approx(lossy[1], rel=1e-4)
+    plain = TRAINING.losses.model_copy(update={"planted": 0.0})
+
+    def make(pieces):
+        return DecoderTask(small_body(), TRAINING.model_copy(update={"accumulation": pieces, "losses": plain}), CLIPS)
+
+    check_pieces(make, 4)
 
 
 def test_clips_shorter_than_a_window_are_refused():

@@ -107,10 +107,7 @@ def test_heads_must_divide_the_width():
         MotionTokenizerConfig(features=4, width=12, heads=4)
 
 
-VARIANTS = [
-    {"blocks": "convolution", "resampling": "strided"},
-    {"resampling": "learned"},
-]
+VARIANTS = [{"blocks": "convolution", "resampling": "strided"}, {"resampling": "learned"}]
 
 
 @pytest.mark.parametrize("choice", VARIANTS, ids=str)

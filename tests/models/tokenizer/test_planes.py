@@ -2,18 +2,8 @@ import pytest
 import torch
 
 from echoavatar.models.tokenizer import as_one_part
-from echoavatar.models.tokenizer.planes import (
-    PlaneKinematics,
-    finger_joints,
-    travel_columns,
-    wrist_of,
-)
-from echoavatar.motion.kinematics import (
-    HUMANOID,
-    Skeleton,
-    forward_kinematics,
-    from_features,
-)
+from echoavatar.models.tokenizer.planes import PlaneKinematics, finger_joints, travel_columns, wrist_of
+from echoavatar.motion.kinematics import HUMANOID, Skeleton, forward_kinematics, from_features
 
 
 def test_planes_give_the_positions_of_forward_kinematics():

@@ -1,7 +1,8 @@
-import json
+from functools import partial
 
 import pytest
 import torch
+from tests.models.runs import check_pieces, check_resume, losses
 from tests.models.tokenizer.fixtures import dance, small_config
 
 from echoavatar.checkpoint import read_card
@@ -20,17 +21,12 @@ TRAINING = TokenizerTraining(
 CLIPS = [dance(seed, 80) for seed in range(2)]
 
 
-def curve(folder):
-    lines = [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
-    return {line["step"]: line["loss"] for line in lines if "loss" in line}
-
-
 def test_training_learns_and_leaves_a_usable_checkpoint(tmp_path):
     training = TRAINING.model_copy(
         update={"steps": 30, "temperature": 0.0, "dropout": 0.0, "learning_rate": 5e-3, "log_every": 5}
     )
     train_tokenizer(small_config(), training, CLIPS, [dance(9, 64)], tmp_path, card={"licence": "Apache-2.0"})
-    assert curve(tmp_path)[30] < 0.9 * curve(tmp_path)[5]
+    assert losses(tmp_path)[30] < 0.9 * losses(tmp_path)[5]
     card = read_card(tmp_path)
     assert card["licence"] == "Apache-2.0"
     assert card["scores"]["mpjpe_body_mm"] > 0
@@ -61,37 +57,19 @@ def test_a_run_may_begin_with_a_trained_tokenizer(tmp_path):
 
 @pytest.mark.parametrize("at", [1, 5])
 def test_a_killed_run_goes_on_to_the_same_curve_to_the_bit(tmp_path, at):
-    """Stopped after some step and started again: every later number is equal, and so is what is saved."""
-    whole, killed = tmp_path / "whole", tmp_path / "killed"
-    training = TRAINING.model_copy(update={"quantize_from": 2, "average": 0.5})
-    train_tokenizer(small_config(), training, CLIPS, [], whole)
-
-    class KilledError(Exception):
-        pass
-
-    def kill(step, _):
-        if step == at:
-            raise KilledError
-
-    often = training.model_copy(update={"save_every": 2})
-    with pytest.raises(KilledError):
-        train_tokenizer(small_config(), often, CLIPS, [], killed, progress=kill)
-    train_tokenizer(small_config(), often, CLIPS, [], killed)
-    assert curve(killed) == curve(whole)
-    ours, theirs = BodyTokenizer.load(killed).state_dict(), BodyTokenizer.load(whole).state_dict()
-    assert all(torch.equal(ours[key], theirs[key]) for key in ours)
+    training = TRAINING.model_copy(update={"quantize_from": 2, "average": 0.5, "save_every": 2})
+    check_resume(partial(train_tokenizer, small_config(), training, CLIPS, []), tmp_path, at=at)
 
 
 def test_pieces_share_one_trajectory():
     """Four windows at once, or one after the other, noise on the choice of codes and dropout included."""
-    curves, books = [], []
-    for pieces in (1, 4):
+
+    def make(pieces):
         training = TRAINING.model_copy(update={"accumulation": pieces, "losses": LossWeights(travel=0.02)})
-        loop = Loop(TokenizerTask(small_config(), training, CLIPS))
-        curves.append([loop.advance()["loss"] for _ in range(6)])
-        books.append(loop.stage.tokenizer.codebooks())
-    assert curves[0] == pytest.approx(curves[1], rel=1e-4)
-    torch.testing.assert_close(books[0], books[1], rtol=1e-3, atol=1e-4)
+        return TokenizerTask(small_config(), training, CLIPS)
+
+    books = [loop.stage.tokenizer.codebooks() for loop in check_pieces(make, 4, steps=6)]
+    torch.testing.assert_close(*books, rtol=1e-3, atol=1e-4)
 
 
 def test_a_state_of_other_sizes_is_refused(tmp_path):

@@ -2,12 +2,7 @@
 
 import torch
 
-from echoavatar.models.tokens import (
-    Interleaved,
-    Prefix,
-    TokenLayout,
-    sequence_order,
-)
+from echoavatar.models.tokens import Interleaved, Prefix, TokenLayout, sequence_order
 
 LAYOUT = TokenLayout.compact(audio_codes=7, motion_layers=2, motion_codes=5)  # 6 segments, 12 motion ids a chunk
 NONE = torch.zeros(1, dtype=torch.int64)

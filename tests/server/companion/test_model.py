@@ -11,12 +11,7 @@ from typing import Any
 import pytest
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.server.companion import (
-    PERSONA,
-    ChatModel,
-    ChatTurn,
-    ToolAccess,
-)
+from echoavatar.server.companion import PERSONA, ChatModel, ChatTurn, ToolAccess
 
 Answer = Callable[[str, Any], tuple[int, Any]]
 
@@ -120,7 +115,7 @@ def test_errors_do_not_contain_the_key(status: int, told: Any, words: str) -> No
 
 def test_spoken_words_are_transcribed() -> None:
     with endpoint(lambda path, content: (200, {"text": " hello "})) as (url, got):
-        model = ChatModel(url, model="m", ears="whisper-1")
+        model = ChatModel(url, model="m", transcriber="whisper-1")
         assert asyncio.run(model.transcribe(b"RIFF....")) == "hello"
     path, headers, content = got[0]
     assert path == "/v1/audio/transcriptions"

@@ -12,18 +12,11 @@ TOOLS = [
         "type": "function",
         "function": {
             "name": name,
-            "parameters": {
-                "type": "object",
-                "properties": {argument: {"type": "string", "enum": list(values)}},
-            },
+            "parameters": {"type": "object", "properties": {argument: {"type": "string", "enum": list(values)}}},
         },
     }
     for name, argument, values in (
-        (
-            "send_action",
-            "action",
-            ("wave", "bow", "point_left", "give_up", "thinking", "agree", "look_around"),
-        ),
+        ("send_action", "action", ("wave", "bow", "point_left", "give_up", "thinking", "agree", "look_around")),
         ("play_music", "title", ("Bright House", "Evening Waltz")),
     )
 ]

@@ -2,12 +2,7 @@
 
 import pytest
 
-from echoavatar.server.companion import (
-    ChatModel,
-    Companion,
-    Scripted,
-    ToolAccess,
-)
+from echoavatar.server.companion import ChatModel, Companion, Scripted, ToolAccess
 
 
 async def _refuse(name: str, arguments: dict[str, object]) -> dict[str, object]:

@@ -3,12 +3,7 @@
 import numpy as np
 import pytest
 
-from echoavatar.server.sinks.osc import (
-    LARGEST,
-    Bundles,
-    Message,
-    padded,
-)
+from echoavatar.server.sinks.osc import LARGEST, Bundles, Message, padded
 
 osc_bundle = pytest.importorskip("pythonosc.osc_bundle")
 MESSAGES = [

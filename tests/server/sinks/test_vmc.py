@@ -5,12 +5,7 @@ import pytest
 from tests.server.sinks.receiving import RIG, random_frame, shown
 
 from echoavatar.motion.arkit import to_vrm
-from echoavatar.server.sinks.vmc import (
-    VmcEncoder,
-    expression_names,
-    to_unity,
-    unity_bone,
-)
+from echoavatar.server.sinks.vmc import VmcEncoder, expression_names, to_unity, unity_bone
 
 osc_bundle = pytest.importorskip("pythonosc.osc_bundle")
 HUMAN_BODY_BONES = [

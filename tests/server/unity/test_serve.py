@@ -79,7 +79,7 @@ class Bomb:
         return os.mkdir, ("never-made",)
 
 
-def test_motion_goes_out_for_pickled_sound_and_nothing_is_run(tmp_path, monkeypatch) -> None:
+async def test_motion_goes_out_for_pickled_sound_and_nothing_is_run(tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     pipeline = StandIn()
     got: list[dict] = []
@@ -89,36 +89,33 @@ def test_motion_goes_out_for_pickled_sound_and_nothing_is_run(tmp_path, monkeypa
             (size,) = struct.unpack(">I", await reader.readexactly(4))
             got.append(json.loads(await reader.readexactly(size)))
 
-    async def talk() -> None:
-        server = await asyncio.start_server(unity, "127.0.0.1", 0)
-        ready = asyncio.get_running_loop().create_future()
-        settings = UnitySettings(audio_port=0, action_port=0, unity_port=server.sockets[0].getsockname()[1])
-        engine = Engine(pipeline, workers=1, rewind=0)
-        job = asyncio.create_task(serve_unity(engine, RIG, settings, on_ready=lambda *ports: ready.set_result(ports)))
-        audio_port, action_port = await asyncio.wait_for(ready, 10)
-        _, hostile = await asyncio.open_connection("127.0.0.1", audio_port)
-        hostile.write(framed(pickle.dumps(Bomb())))
-        _, endless = await asyncio.open_connection("127.0.0.1", audio_port)
-        endless.write(struct.pack(">I", 1 << 31))
-        _, act = await asyncio.open_connection("127.0.0.1", action_port)
-        act.write(framed(b"wave"))
-        _, audio = await asyncio.open_connection("127.0.0.1", audio_port)
-        await asyncio.sleep(0.1)
-        for _ in range(20):
-            audio.write(framed(pickle.dumps(np.full((1000, 1), 0.5, np.float32))))
-        audio.write(framed(b""))
-        await audio.drain()
-        for _ in range(200):
-            if len(got) >= 2:
-                break
-            await asyncio.sleep(0.05)
-        job.cancel()
-        await asyncio.gather(job, return_exceptions=True)
-        for writer in (hostile, endless, act, audio):
-            writer.close()
-        server.close()
-
-    asyncio.run(talk())
+    server = await asyncio.start_server(unity, "127.0.0.1", 0)
+    ready = asyncio.get_running_loop().create_future()
+    settings = UnitySettings(audio_port=0, action_port=0, unity_port=server.sockets[0].getsockname()[1])
+    engine = Engine(pipeline, workers=1, rewind=0)
+    job = asyncio.create_task(serve_unity(engine, RIG, settings, on_ready=lambda *ports: ready.set_result(ports)))
+    audio_port, action_port = await asyncio.wait_for(ready, 10)
+    _, hostile = await asyncio.open_connection("127.0.0.1", audio_port)
+    hostile.write(framed(pickle.dumps(Bomb())))
+    _, endless = await asyncio.open_connection("127.0.0.1", audio_port)
+    endless.write(struct.pack(">I", 1 << 31))
+    _, act = await asyncio.open_connection("127.0.0.1", action_port)
+    act.write(framed(b"wave"))
+    _, audio = await asyncio.open_connection("127.0.0.1", audio_port)
+    await asyncio.sleep(0.1)
+    for _ in range(20):
+        audio.write(framed(pickle.dumps(np.full((1000, 1), 0.5, np.float32))))
+    audio.write(framed(b""))
+    await audio.drain()
+    for _ in range(200):
+        if len(got) >= 2:
+            break
+        await asyncio.sleep(0.05)
+    job.cancel()
+    await asyncio.gather(job, return_exceptions=True)
+    for writer in (hostile, endless, act, audio):
+        writer.close()
+    server.close()
     assert len(got) >= 2
     assert np.shape(got[0]["pose"]) == (24, 88, 4)
     np.testing.assert_allclose(np.array(got[0]["trans"])[:, 1], -0.0 + np.array(got[0]["trans"])[0, 1])

@@ -6,13 +6,7 @@
 ...         ...
 """
 
-from .connection import (
-    Avatar,
-    ConnectionLostError,
-    MessageSocket,
-    connect,
-    stream_url,
-)
+from .connection import Avatar, ConnectionLostError, MessageSocket, connect, stream_url
 from .recording import Recorder, Recording
 from .sound import read_sound
 from .tools import RemoteTools

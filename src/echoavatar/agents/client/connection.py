@@ -38,12 +38,7 @@ from .utterances import UtteranceQueue
 
 TIMEOUT_S = 10.0
 RECONNECT_ATTEMPTS = 6  # reconnecting; the pauses between attempts grow to one second
-_RECONNECT_CODES = (
-    1006,
-    1011,
-    1012,
-    CLOSE_CODES["too_slow"],
-)  # close codes after which reconnecting makes sense
+_RECONNECT_CODES = (1006, 1011, 1012, CLOSE_CODES["too_slow"])  # after which reconnecting makes sense
 
 
 class ConnectionLostError(EchoAvatarError):
@@ -251,13 +246,7 @@ class Avatar:
 
 
 @asynccontextmanager
-async def connect(
-    url: str,
-    *,
-    token: str = "",
-    rate: int = 24_000,
-    seed: int = 0,
-) -> AsyncIterator[Avatar]:
+async def connect(url: str, *, token: str = "", rate: int = 24_000, seed: int = 0) -> AsyncIterator[Avatar]:
     """Open a session at a server such as `http://127.0.0.1:8765`.
 
     Raises:

@@ -21,7 +21,7 @@ class RemoteTools:
     def __init__(self, url: str, *, token: str = "", session: str = "") -> None:
         parts = urlsplit(stream_url(url))
         scheme = {"ws": "http", "wss": "https"}[parts.scheme]
-        self._base = urlunsplit((scheme, parts.netloc, "", "", ""))
+        self.base = urlunsplit((scheme, parts.netloc, "", "", ""))
         self._token, self.session = token, session
 
     def schemas(self, style: str = "plain") -> list[dict[str, Any]]:
@@ -61,15 +61,15 @@ class RemoteTools:
         data = None
         if body is not None:
             data, headers["content-type"] = json.dumps(body).encode(), "application/json"
-        request = urllib.request.Request(self._base + path, data, headers)
+        request = urllib.request.Request(self.base + path, data, headers)
         try:
             with urllib.request.urlopen(request, timeout=TIMEOUT_S) as answer:
                 return json.load(answer)
         except urllib.error.HTTPError as error:
-            raise EchoAvatarError(f"{self._base} refused: {_reason(error)}") from error
+            raise EchoAvatarError(f"{self.base} refused: {_reason(error)}") from error
         except (OSError, ValueError) as error:
             raise ConnectionLostError(
-                f"no avatar server answers at {self._base} ({type(error).__name__}); start one with `echoavatar serve`"
+                f"no avatar server answers at {self.base} ({type(error).__name__}); start one with `echoavatar serve`"
             ) from error
 
 

@@ -5,17 +5,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from echoavatar.timing import SAMPLE_RATE_HZ
-from echoavatar.wire import (
-    Audio,
-    AudioFormat,
-    End,
-    Flush,
-    Ready,
-    Sound,
-)
+from echoavatar.wire import Audio, AudioFormat, End, Flush, Ready, Sound
 
 BLOCK_BYTES = 1 << 16
-AHEAD_S = 30.0  # seconds of sound sent ahead of their motion; the server's inbox is bounded
+AHEAD_S = 30.0  # seconds of sound sent ahead of their motion; the server's queue is bounded
 KEPT_UTTERANCES = 4
 
 
@@ -41,9 +34,7 @@ class UtteranceQueue:
         self._width = (2 if form.format == "s16le" else 4) * form.channels
         self._utterances: deque[Utterance] = deque()
         self._sent_s = 0.0
-        self._received_sound: dict[
-            int, tuple[int, int]
-        ] = {}  # received sound by clock: utterance and number of samples
+        self._received_sound: dict[int, tuple[int, int]] = {}  # by clock: utterance, number of samples
 
     @property
     def seconds_ahead(self) -> float:

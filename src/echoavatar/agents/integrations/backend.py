@@ -2,12 +2,9 @@
 
 import asyncio
 import contextlib
-import json
-import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Protocol
-from urllib.parse import urlsplit, urlunsplit
 
 import msgspec
 
@@ -17,12 +14,10 @@ from echoavatar.server import ServerSettings, create_app
 from echoavatar.server.run import Server, configure, listen
 from echoavatar.wire import Hello
 
-from ..client import Avatar, MessageSocket, stream_url
-from ..client.connection import ConnectionLostError
+from ..client import Avatar, MessageSocket, RemoteTools, stream_url
 from .in_process_socket import InProcessSocket
 
 Schema = dict[str, Any]
-TIMEOUT_S = 10.0
 
 
 class AvatarBackend(Protocol):
@@ -61,6 +56,7 @@ class RemoteBackend:
 
     def __init__(self, url: str, token: str) -> None:
         self._url, self._token = stream_url(url), token
+        self._tools = RemoteTools(url, token=token)
 
     async def open(self, hello: Hello) -> Avatar:
         """Open a session there."""
@@ -72,30 +68,17 @@ class RemoteBackend:
         """The tools that the server declares.
 
         Raises:
-            ConnectionLostError: the server does not answer, or refuses the request.
+            EchoAvatarError: the server does not answer, or refuses the request.
         """
-        request = urllib.request.Request(self._http("/v1/tools"))
-        if self._token:
-            request.add_header("Authorization", f"Bearer {self._token}")
-        try:
-            found: list[Schema] = json.loads(await asyncio.to_thread(_read, request))
-        except (OSError, ValueError) as error:
-            raise ConnectionLostError(
-                f"{request.full_url} does not list its tools ({error}); is the token right?"
-            ) from error
-        return found
+        return await asyncio.to_thread(self._tools.schemas)
 
     def page(self, session: str) -> str:
         """Address of the server's page."""
         key = f"#token={self._token}" if self._token else ""
-        return f"{self._http('/')}?watch={session}{key}"
+        return f"{self._tools.base}/?watch={session}{key}"
 
     async def close(self) -> None:
         """Nothing to release: the server is not ours."""
-
-    def _http(self, path: str) -> str:
-        parts = urlsplit(self._url)
-        return urlunsplit(({"ws": "http", "wss": "https"}[parts.scheme], parts.netloc, path, "", ""))
 
 
 class LocalBackend:
@@ -170,9 +153,3 @@ class _PageServer(Server):
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
         yield
-
-
-def _read(request: urllib.request.Request) -> bytes:
-    with urllib.request.urlopen(request, timeout=TIMEOUT_S) as answer:  # the scheme is http or https
-        content: bytes = answer.read()
-        return content

@@ -18,28 +18,11 @@ from jaxtyping import Shaped
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.timing import SAMPLE_RATE_HZ
-from echoavatar.wire import (
-    ActionStatus,
-    Audio,
-    Error,
-    Flush,
-    Hello,
-    Motion,
-    Ready,
-    ServerMessage,
-    Sound,
-    State,
-)
+from echoavatar.wire import ActionStatus, Audio, Error, Flush, Hello, Motion, Ready, ServerMessage, Sound, State
 
 from ..client import Avatar
 from .backend import AvatarBackend
-from .output import (
-    AvatarChunk,
-    Event,
-    Flushed,
-    UtteranceDone,
-    make_chunk,
-)
+from .output import AvatarChunk, Event, Flushed, UtteranceDone, make_chunk
 from .playback import Playback
 from .resampler import SpeechResampler
 

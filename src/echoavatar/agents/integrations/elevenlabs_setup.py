@@ -6,16 +6,16 @@ Running it again changes nothing: tools and agent are found by name and updated.
 import json
 import urllib.error
 import urllib.request
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 from urllib.parse import quote, urlencode
 
+from echoavatar.engine.tool_forms import render
 from echoavatar.errors import EchoAvatarError
 
 Payload = dict[str, Any]
 BASE_URL = "https://api.elevenlabs.io"
 FORMATS = ("pcm_8000", "pcm_16000", "pcm_22050", "pcm_24000", "pcm_44100", "pcm_48000")
-TOOLS_WITH_ANSWERS = ("list_actions",)  # tools whose result the model waits for; all others are silent
 TIMEOUT_S = 30.0
 
 
@@ -27,12 +27,7 @@ class Plan(NamedTuple):
 
 
 def make_plan(
-    schemas: list[Payload],
-    prompt: str,
-    *,
-    name: str,
-    first_message: str = "",
-    output_format: str = "pcm_16000",
+    schemas: list[Payload], prompt: str, *, name: str, first_message: str = "", output_format: str = "pcm_16000"
 ) -> Plan:
     """Build the requests for the avatar's tools and for an agent that uses them.
 
@@ -45,7 +40,7 @@ def make_plan(
     if first_message:
         agent["first_message"] = first_message
     config = {"agent": agent, "tts": {"agent_output_audio_format": output_format}}
-    return Plan([_tool(schema) for schema in schemas], {"name": name, "conversation_config": config})
+    return Plan(render("elevenlabs", schemas), {"name": name, "conversation_config": config})
 
 
 def carry_out(plan: Plan, *, api_key: str, agent_id: str = "", base_url: str = BASE_URL) -> tuple[str, list[str]]:
@@ -79,35 +74,6 @@ def carry_out(plan: Plan, *, api_key: str, agent_id: str = "", base_url: str = B
     return agent_id, done
 
 
-def _tool(schema: Payload) -> Payload:
-    """A client tool. Their schemas have no numeric bounds, so the descriptions state them."""
-    name = schema["name"]
-    config: Payload = {
-        "type": "client",
-        "name": name,
-        "description": schema["description"],
-        "expects_response": name in TOOLS_WITH_ANSWERS,
-    }
-    properties = schema["parameters"].get("properties", {})
-    if properties:
-        config["parameters"] = {
-            "type": "object",
-            "required": list(schema["parameters"].get("required", ())),
-            "properties": {key: _property(value) for key, value in properties.items()},
-        }
-    return {"tool_config": config}
-
-
-def _property(schema: Payload) -> Payload:
-    words = {"minimum": "at least", "maximum": "at most"}
-    bounds = [f"{word} {schema[key]}" for key, word in words.items() if key in schema]
-    description = schema.get("description", "") + (f" ({', '.join(bounds)})" if bounds else "")
-    result: Payload = {"type": schema["type"], "description": description}
-    if "enum" in schema:
-        result["enum"] = list(schema["enum"])
-    return result
-
-
 class _Service:
     def __init__(self, base_url: str, api_key: str) -> None:
         if not base_url.startswith(("http://", "https://")):
@@ -136,13 +102,7 @@ class _Service:
         """Every item of a list, page by page."""
         while True:
             result = self.call("GET", f"{path}?{urlencode({**query, 'page_size': 100})}")
-            yield from _dicts(result.get(key, ()))
+            yield from (item for item in result.get(key, ()) if isinstance(item, dict))
             if not result.get("has_more") or not result.get("next_cursor"):
                 return
             query["cursor"] = result["next_cursor"]
-
-
-def _dicts(items: Iterable[Any]) -> Iterator[Payload]:
-    for item in items:
-        if isinstance(item, dict):
-            yield item

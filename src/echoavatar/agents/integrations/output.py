@@ -3,14 +3,7 @@
 from typing import NamedTuple
 
 from echoavatar.timing import SAMPLES_PER_FRAME
-from echoavatar.wire import (
-    ActionStatus,
-    Flush,
-    Motion,
-    Ready,
-    Sound,
-    State,
-)
+from echoavatar.wire import ActionStatus, Flush, Motion, Ready, Sound, State
 
 _FRAME_BYTES = 2 * SAMPLES_PER_FRAME
 

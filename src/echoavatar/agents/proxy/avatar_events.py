@@ -13,12 +13,7 @@ import numpy as np
 from jaxtyping import Int16
 
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
-from echoavatar.wire import (
-    ActionStatus,
-    Flush,
-    Motion,
-    Ready,
-)
+from echoavatar.wire import ActionStatus, Flush, Motion, Ready
 
 from .speech_items import SpeechItem
 

@@ -1,8 +1,8 @@
 """`echoavatar bench proxy`: the delay that the avatar adds to the voice, compared with a plain relay in the same run.
 
-One scripted upstream sends the same speech three ways at nearly the same time: straight to the client, through a plain
-relay, and through the proxy with an avatar. Upstream, relay and proxy run in processes of their own. Every event
-carries the time it was sent, and the ways take turns in going first.
+One scripted upstream sends the same speech over three routes at nearly the same time: straight to the client, through a
+plain relay, and through the proxy with an avatar. Upstream, relay and proxy run in processes of their own. Every event
+carries the time it was sent, and the routes take turns in going first.
 """
 
 import asyncio
@@ -26,16 +26,16 @@ from .scripted import ScriptedSession, ScriptedUpstream
 from .settings import ProxySettings
 from .upstream import quiet_logger
 
-WAYS = ("direct", "relay", "proxy")
+ROUTES = ("direct", "relay", "proxy")
 DELTA_S = 0.04
 ITEM_S = 8.0
-APART_S = 0.004  # between the ways, so that no event waits for another one in the client
+APART_S = 0.004  # between the routes, so that no event waits for another one in the client
 WARM_UP_S = 3.0
 _STAMP = re.compile(r'"event_id": "at_(\d+)"')
 
 
-class Way(NamedTuple):
-    """How long events took one way, in milliseconds."""
+class Route(NamedTuple):
+    """How long events took one route, in milliseconds."""
 
     p50: float
     p95: float
@@ -45,27 +45,29 @@ class Way(NamedTuple):
 
 
 class ProxyReport(NamedTuple):
-    """The delays of all ways, and how much motion arrived beside the voice."""
+    """The delays of all routes, and how much motion arrived beside the voice."""
 
-    ways: dict[str, Way]
+    routes: dict[str, Route]
     frames: int  # of motion, for what was said
     expected_frames: int
 
     @property
     def added_p99_ms(self) -> float:
         """The proxy's 99th percentile minus the relay's."""
-        return self.ways["proxy"].p99 - self.ways["relay"].p99
+        return self.routes["proxy"].p99 - self.routes["relay"].p99
 
     @property
     def summary(self) -> dict[str, float]:
         """The numbers for one line of JSON."""
         facts = {
-            f"{name}_{key}_ms": round(getattr(way, key), 3) for name, way in self.ways.items() for key in ("p50", "p99")
+            f"{name}_{key}_ms": round(getattr(route, key), 3)
+            for name, route in self.routes.items()
+            for key in ("p50", "p99")
         }
         return facts | {
-            "added_p50_ms": round(self.ways["proxy"].p50 - self.ways["relay"].p50, 3),
+            "added_p50_ms": round(self.routes["proxy"].p50 - self.routes["relay"].p50, 3),
             "added_p99_ms": round(self.added_p99_ms, 3),
-            "events": self.ways["proxy"].events,
+            "events": self.routes["proxy"].events,
             "frames": self.frames,
             "expected_frames": self.expected_frames,
         }
@@ -92,31 +94,31 @@ def bench_proxy(avatar: str, *, seconds: float = 60.0) -> ProxyReport:
 
 
 async def _listen(urls: list[str], seconds: float) -> ProxyReport:
-    took: dict[str, list[float]] = {way: [] for way in WAYS}
+    took: dict[str, list[float]] = {route: [] for route in ROUTES}
     frames = 0
 
-    async def one(way: str, url: str) -> None:
+    async def one(route: str, url: str) -> None:
         nonlocal frames
         async with connect(url, compression=None, max_size=None, logger=quiet_logger()) as websocket:
-            await websocket.send(json.dumps({"type": "way", "way": way}))
+            await websocket.send(json.dumps({"type": "route", "route": route}))
             async for message in websocket:
                 now = time.perf_counter_ns()
                 assert isinstance(message, str)
                 stamp = _STAMP.search(message, 0, 120)
                 if stamp:
-                    took[way].append((now - int(stamp[1])) / 1e6)
+                    took[route].append((now - int(stamp[1])) / 1e6)
                 elif '"response.animation_blendshapes.delta"' in message[:60]:
                     frames += len(json.loads(message)["frames"])
                 elif '"bye"' in message[:40]:
                     return
 
-    await asyncio.gather(*(one(way, url) for way, url in zip(WAYS, urls, strict=True)))
+    await asyncio.gather(*(one(route, url) for route, url in zip(ROUTES, urls, strict=True)))
     skipped = round(WARM_UP_S / DELTA_S)
-    ways = {}
-    for way, times in took.items():
+    routes = {}
+    for route, times in took.items():
         p50, p95, p99 = np.percentile(times[skipped:], (50, 95, 99))
-        ways[way] = Way(float(p50), float(p95), float(p99), max(times[skipped:]), len(times))
-    return ProxyReport(ways, frames, round(seconds * 30))
+        routes[route] = Route(float(p50), float(p95), float(p99), max(times[skipped:]), len(times))
+    return ProxyReport(routes, frames, round(seconds * 30))
 
 
 # ---- what runs in processes of its own
@@ -132,8 +134,8 @@ async def _serve_upstream(pipe: Connection, seconds: float) -> None:
     is_over = asyncio.Event()
 
     async def script(session: ScriptedSession) -> None:
-        sessions[(await session.until("way"))["way"]] = session
-        if len(sessions) == len(WAYS):
+        sessions[(await session.until("route"))["route"]] = session
+        if len(sessions) == len(ROUTES):
             all_there.set()
         await is_over.wait()
         await session.send("bye")
@@ -142,14 +144,14 @@ async def _serve_upstream(pipe: Connection, seconds: float) -> None:
         pipe.send(int(upstream.url.split(":")[2].split("/")[0]))
         await all_there.wait()
         await asyncio.sleep(WARM_UP_S)  # time for the avatar's session to start
-        await _say([sessions[way] for way in WAYS], seconds)
+        await _say([sessions[route] for route in ROUTES], seconds)
         await asyncio.sleep(2.0)
         is_over.set()
         await asyncio.sleep(1.0)
 
 
 async def _say(sessions: list[ScriptedSession], seconds: float) -> None:
-    """Send syllables of noise at the pace of playback, each way in turn."""
+    """Send syllables of noise at the pace of playback, each route in turn."""
     rng = np.random.default_rng(0)
     size = round(DELTA_S * SAMPLE_RATE_HZ)
     begun = time.perf_counter()

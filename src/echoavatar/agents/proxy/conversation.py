@@ -16,16 +16,7 @@ from echoavatar.wire import Audio, Sound
 
 from ..client import Avatar
 from .decoder import Decoder, Pcm
-from .events import (
-    AUDIO_DELTA,
-    AUDIO_DONE,
-    SESSION,
-    Event,
-    audio_format,
-    inside,
-    interrupts,
-    sound,
-)
+from .events import AUDIO_DELTA, AUDIO_DONE, SESSION, Event, audio_format, inside, interrupts, sound
 from .speech_items import SpeechItem, SpeechItems
 
 GRACE_S = 0.25  # after the user starts to speak: time for the client to report how much was heard

@@ -4,14 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from echoavatar.wire import (
-    ActionStatus,
-    Flush,
-    Motion,
-    Ready,
-    ServerMessage,
-    Sound,
-)
+from echoavatar.wire import ActionStatus, Flush, Motion, Ready, ServerMessage, Sound
 
 from . import avatar_events
 from .conversation import Conversation

@@ -23,13 +23,7 @@ from ..client import Avatar, RemoteTools, connect
 from . import avatar_events
 from .conversation import Conversation
 from .event_writer import EventWriter
-from .events import (
-    Event,
-    inside,
-    is_for_us,
-    read,
-    with_tools,
-)
+from .events import Event, inside, is_for_us, read, with_tools
 from .settings import ProxySettings
 from .tool_calls import ToolCalls
 

@@ -3,12 +3,7 @@
 May import `kinematics` and below. Metres, Y up, facing +Z, quaternions `wxyz`; colours sRGB.
 """
 
-from .character import (
-    MATERIALS,
-    Character,
-    Material,
-    load_character,
-)
+from .character import MATERIALS, Character, Material, load_character
 from .skinning import skin
 
 __all__ = ["MATERIALS", "Character", "Material", "load_character", "skin"]

@@ -204,21 +204,7 @@ def ray_through(rays, px, py):  # type: ignore[no-untyped-def]
 
 @kernel(fastmath=True, parallel=True)
 def shade(  # type: ignore[no-untyped-def]
-    screen,
-    points,
-    normals,
-    colours,
-    triangles,
-    ids,
-    depth,
-    samples,
-    camera,
-    rays,
-    to_light,
-    shadow,
-    look,
-    tone,
-    image,
+    screen, points, normals, colours, triangles, ids, depth, samples, camera, rays, to_light, shadow, look, tone, image
 ):
     """Colour every pixel of `image` (h, w, 3) uint8 from `samples` x `samples` visibility samples each.
 

@@ -117,13 +117,7 @@ def _animation(stage: Any, path: str, take: Take, character: Character) -> Any:
 
 
 def _mesh(
-    stage: Any,
-    path: str,
-    character: Character,
-    triangles: Int[np.ndarray, "f 3"],
-    skeleton: Any,
-    *,
-    has_shapes: bool,
+    stage: Any, path: str, character: Character, triangles: Int[np.ndarray, "f 3"], skeleton: Any, *, has_shapes: bool
 ) -> None:
     from pxr import UsdGeom, UsdSkel, Vt
 

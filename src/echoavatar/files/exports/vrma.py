@@ -13,13 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from echoavatar.errors import MotionError
-from echoavatar.motion.arkit import (
-    ARKIT_NAMES,
-    LIVE_LINK_NAMES,
-    VRM_NAMES,
-    to_live_link,
-    to_vrm,
-)
+from echoavatar.motion.arkit import ARKIT_NAMES, LIVE_LINK_NAMES, VRM_NAMES, to_live_link, to_vrm
 from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton
 from echoavatar.motion.kinematics.resample import align_signs
 from echoavatar.motion.kinematics.retarget import retarget

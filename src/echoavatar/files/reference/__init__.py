@@ -6,6 +6,6 @@ May import `pipeline` and below.
 
 from .convert import convert
 from .folder import Release
-from .inspection import Inspection, inspect_release
+from .inspection import inspect_release
 
-__all__ = ["Inspection", "Release", "convert", "inspect_release"]
+__all__ = ["Release", "convert", "inspect_release"]

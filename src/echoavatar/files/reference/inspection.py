@@ -19,21 +19,9 @@ from echoavatar.models.tokens import REFERENCE_LAYOUT
 from echoavatar.motion.kinematics import FeatureStatistics, Skeleton, SkeletonConfig
 
 from . import folder
-from .expected_tensors import (
-    differences,
-    face_shapes,
-    generator_shapes,
-    hubert_of,
-    tokenizer_shapes,
-)
+from .expected_tensors import differences, face_shapes, generator_shapes, hubert_of, tokenizer_shapes
 from .folder import Release
-from .foreign_files import (
-    read_array,
-    read_arrays,
-    read_matrices,
-    read_table,
-    read_tensors,
-)
+from .foreign_files import read_array, read_arrays, read_matrices, read_table, read_tensors
 from .release_rig import JOINTS, rig_config, skeleton_config
 from .statistics import body_statistics
 from .vocabulary import compacted

@@ -40,12 +40,7 @@ def pull(
     """
     try:
         from huggingface_hub import HfApi, snapshot_download
-        from huggingface_hub.errors import (
-            GatedRepoError,
-            HfHubHTTPError,
-            HFValidationError,
-            RepositoryNotFoundError,
-        )
+        from huggingface_hub.errors import GatedRepoError, HfHubHTTPError, HFValidationError, RepositoryNotFoundError
     except ImportError as error:
         raise DependencyError("pull needs huggingface_hub: pip install huggingface_hub") from error
     try:

@@ -1,15 +1,13 @@
 """Sound: codec, streaming resampler, level control, files. May import `quantize`, `nn` and below."""
 
 from .codec import AudioCodec, nearest_codes
-from .config import CODE_LAYERS, CodecConfig
+from .config import CodecConfig
 from .io import read_audio, stream_audio, write_wav
-from .level import LEVEL_BLOCK_SAMPLES, LevelControl, LevelState
+from .level import LevelControl, LevelState
 from .resample import StreamResampler, as_mono
 from .stream import NetworkState
 
 __all__ = [
-    "CODE_LAYERS",
-    "LEVEL_BLOCK_SAMPLES",
     "AudioCodec",
     "CodecConfig",
     "NetworkState",

@@ -18,12 +18,7 @@ from echoavatar.nn import Checkpointed, StreamingModule
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_AUDIO_TOKEN
 
 from .config import CODE_LAYERS, CodecConfig
-from .stream import (
-    NetworkState,
-    advance,
-    init_network_state,
-    shortest_start,
-)
+from .stream import NetworkState, advance, init_network_state, shortest_start
 
 _BLOCK_SAMPLES = 60 * SAMPLE_RATE_HZ  # `encode` works on pieces of this length, to bound its memory
 

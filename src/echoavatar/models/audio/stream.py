@@ -51,12 +51,7 @@ def init_network_state(network: nn.Module, rows: int) -> NetworkState:
 
 
 def advance(
-    network: nn.Module,
-    x: Float[Tensor, "b t c"],
-    state: NetworkState,
-    active: Bool[Tensor, " b"],
-    *,
-    padding: str,
+    network: nn.Module, x: Float[Tensor, "b t c"], state: NetworkState, active: Bool[Tensor, " b"], *, padding: str
 ) -> Float[Tensor, "b n d"]:
     """Outputs for the next inputs; `state` moves on in place, in the active rows only.
 

@@ -17,15 +17,7 @@ from torch import Tensor, nn
 
 from echoavatar import checkpoint
 from echoavatar.timing import SAMPLES_PER_AUDIO_TOKEN
-from echoavatar.training import (
-    Gather,
-    Loss,
-    Progress,
-    TrainingConfig,
-    TrainingTask,
-    adamw,
-    train,
-)
+from echoavatar.training import Gather, Loss, Progress, TrainingConfig, TrainingTask, adamw, train
 
 from ..quantize import ResidualVectorQuantizer, Share, code_usage
 from .augment import augment, source_samples

@@ -3,12 +3,7 @@
 May import `generator` (the hash of its noise), `audio`, `nn`, `checkpoint` and below.
 """
 
-from .config import (
-    FaceConfig,
-    HubertConfig,
-    MelConfig,
-    paper_face,
-)
+from .config import FaceConfig, HubertConfig, MelConfig, paper_face
 from .model import FaceModel
 from .stream import FaceState, FaceStream
 

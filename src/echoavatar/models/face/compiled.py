@@ -9,14 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from echoavatar.nn.kernel_math import (
-    ONE,
-    ZERO,
-    F,
-    attend,
-    gelu,
-    silu,
-)
+from echoavatar.nn.kernel_math import ONE, ZERO, F, attend, gelu, silu
 from echoavatar.nn.kernels import kernel
 
 ONE_THREAD = 2**18  # multiplications up to which OpenBLAS starts no threads, which would compete with torch's

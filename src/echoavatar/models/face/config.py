@@ -66,8 +66,7 @@ class FaceConfig(Config):
     head_width: int = Field(default=128, gt=0, description="channels of the flow-matching head")
     head_blocks: int = Field(default=3, gt=0, description="AdaLN blocks of the head")
     head_split: bool = Field(
-        default=False,
-        description="two MLPs per block, steered by time and by condition (release), instead of one",
+        default=False, description="two MLPs per block, steered by time and by condition (release), instead of one"
     )
     sampling_steps: int = Field(default=3, gt=0, le=1000, description="Euler steps of a frame")
     guidance: float = Field(default=2.0, ge=0, description="classifier-free guidance; 1 is none")
@@ -88,8 +87,7 @@ class FaceConfig(Config):
         description="frames by which the face follows the sound, so that the ends of chunks hear what comes (paper: 0)",
     )
     order: ChannelOrder = Field(
-        default="live_link",
-        description="of the model's channels; they differ in left and right of jaw and mouth",
+        default="live_link", description="of the model's channels; they differ in left and right of jaw and mouth"
     )
     least_std: float = Field(
         default=0.02, ge=0, description="deviation below which a channel is not blown up when normalised"

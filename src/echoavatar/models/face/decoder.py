@@ -14,12 +14,7 @@ from torch import Tensor, nn
 from echoavatar.nn import Mlp
 
 from .attention import RingAttention
-from .compiled import (
-    Affine,
-    Steps,
-    Weights,
-    run_frames,
-)
+from .compiled import Affine, Steps, Weights, run_frames
 from .flow import Schedule
 from .gpt import GptState, RingBlock
 from .model import FaceModel

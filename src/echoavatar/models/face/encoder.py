@@ -13,19 +13,8 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
-from echoavatar.nn import (
-    Mlp,
-    StateT,
-    StreamingModule,
-    StreamState,
-    write_rows,
-)
-from echoavatar.timing import (
-    CHUNK_FRAMES,
-    CHUNK_SAMPLES,
-    SAMPLES_PER_FRAME,
-    exact_div,
-)
+from echoavatar.nn import Mlp, StateT, StreamingModule, StreamState, write_rows
+from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES, SAMPLES_PER_FRAME, exact_div
 
 from ..audio.mel import mel_matrix
 from .config import MelConfig

@@ -43,10 +43,7 @@ class FlowHead(nn.Module):
         self.output_proj = nn.Linear(width, channels)
 
     def forward(
-        self,
-        noisy: Float[Tensor, "*b c"],
-        times: Int[Tensor, "*b"],
-        condition: Float[Tensor, "*b d"],
+        self, noisy: Float[Tensor, "*b c"], times: Int[Tensor, "*b"], condition: Float[Tensor, "*b d"]
     ) -> Float[Tensor, "*b c"]:
         """The clean face that the network predicts."""
         return self.clean(noisy, self.steer(self.steer_time(times), self.condition_proj(condition)))
@@ -100,12 +97,7 @@ class FlowHead(nn.Module):
         return [(steering[i], levels[i], levels[i + 1]) for i in range(steps)]
 
     def sample(
-        self,
-        condition: Float[Tensor, "b 2 d"],
-        noise: Float[Tensor, "b c"],
-        schedule: Schedule,
-        *,
-        guidance: float,
+        self, condition: Float[Tensor, "b 2 d"], noise: Float[Tensor, "b c"], schedule: Schedule, *, guidance: float
     ) -> Float[Tensor, "b c"]:
         """From noise to a face. Axis 1 of `condition`: without sound, with sound (classifier-free guidance)."""
         times = torch.stack([time for time, _, _ in schedule])[:, None, None]

@@ -18,12 +18,7 @@ from torch import Tensor, nn
 
 from echoavatar.nn import Mlp, StreamState, write_rows
 
-from .attention import (
-    Attention,
-    RingAttention,
-    RotaryVectorAttention,
-    SinusoidAttention,
-)
+from .attention import Attention, RingAttention, RotaryVectorAttention, SinusoidAttention
 from .config import FaceConfig
 
 BRANCHES = 2  # without sound, with sound: both guidance branches of a session ride in one batch

@@ -71,12 +71,7 @@ def read_live_link(path: Path, *, timecode_hz: int | None = None) -> LiveLinkTak
 
 
 def pair_with_audio(
-    name: str,
-    take: LiveLinkTake,
-    audio: Float[np.ndarray, " s"],
-    *,
-    offset_s: float = 0.0,
-    split: str = "train",
+    name: str, take: LiveLinkTake, audio: Float[np.ndarray, " s"], *, offset_s: float = 0.0, split: str = "train"
 ) -> FaceClip:
     """A clip from a take and its sound (24 kHz mono); `offset_s` is when the take begins in the sound.
 

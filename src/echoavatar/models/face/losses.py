@@ -68,12 +68,7 @@ def draw_noise(curves: Float[Tensor, "b t c"], training: FaceTraining, random: t
 
 
 def flow_loss(
-    model: FaceModel,
-    batch: FaceBatch,
-    training: FaceTraining,
-    random: FlowNoise,
-    *,
-    features: Float[Tensor, "b t a"],
+    model: FaceModel, batch: FaceBatch, training: FaceTraining, random: FlowNoise, *, features: Float[Tensor, "b t a"]
 ) -> Float[Tensor, ""]:
     """Squared error of the clean face seen behind noise (normalised), over the channels that move, and of the lips.
 

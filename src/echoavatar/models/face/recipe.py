@@ -16,15 +16,10 @@ class FaceTraining(TrainingConfig):
     learning_rate: float = Field(default=1e-3, gt=0, description="peak of the schedule (paper: 2e-4, constant)")
     audio_dropout: float = Field(default=0.1, ge=0, le=1, description="share of windows without sound (paper: 0.1)")
     history_noise: float = Field(
-        default=1.5,
-        ge=0,
-        description="largest deviation of the noise on a window's history; 0 as in the paper",
+        default=1.5, ge=0, description="largest deviation of the noise on a window's history; 0 as in the paper"
     )
     history_dropout: float = Field(
-        default=0.3,
-        ge=0,
-        le=1,
-        description="share of windows whose history is the mean face; 0 as in the paper",
+        default=0.3, ge=0, le=1, description="share of windows whose history is the mean face; 0 as in the paper"
     )
     gain_db: float = Field(default=6.0, ge=0, description="windows are made louder or softer by up to this")
     high_noise: float = Field(
@@ -38,18 +33,13 @@ class FaceTraining(TrainingConfig):
         description="weight of the error of the lips' opening, four times where they touch; 0 as in the paper",
     )
     listen: int = Field(
-        default=0,
-        ge=0,
-        description="first steps, in which the encoder alone learns, by a readout of the face; cheap",
+        default=0, ge=0, description="first steps, in which the encoder alone learns, by a readout of the face; cheap"
     )
     listening_rate: float = Field(default=2e-3, gt=0, description="peak of their schedule")
     readout: float = Field(
-        default=0.3,
-        ge=0,
-        description="weight of that readout's error in the steps that follow; 0 as in the paper",
+        default=0.3, ge=0, description="weight of that readout's error in the steps that follow; 0 as in the paper"
     )
     tempo: bool = Field(
-        default=True,
-        description="clips also a tenth slower and faster (paper), which triples what is kept of them",
+        default=True, description="clips also a tenth slower and faster (paper), which triples what is kept of them"
     )
     draws: int = Field(default=2, gt=0, description="noise levels per frame and step")

@@ -52,11 +52,7 @@ class FaceStream:
 
     @torch.no_grad()
     def step(
-        self,
-        audio: Float[Tensor, "b s"],
-        state: FaceState,
-        active: Bool[Tensor, " b"],
-        seeds: Int[Tensor, " b"],
+        self, audio: Float[Tensor, "b s"], state: FaceState, active: Bool[Tensor, " b"], seeds: Int[Tensor, " b"]
     ) -> Float[Tensor, "b t 52"]:
         """Curves (0 to 1) of the next steps, 6,400 samples or the config's; the curves of inactive rows mean nothing.
 

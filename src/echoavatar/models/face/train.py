@@ -14,22 +14,11 @@ import numpy as np
 import torch
 
 from echoavatar import checkpoint
-from echoavatar.training import (
-    Loss,
-    Progress,
-    TrainingTask,
-    has_state,
-    train,
-)
+from echoavatar.training import Loss, Progress, TrainingTask, has_state, train
 
 from .clip import FaceClip
 from .config import FaceConfig
-from .losses import (
-    FaceReader,
-    FlowNoise,
-    draw_noise,
-    flow_loss,
-)
+from .losses import FaceReader, FlowNoise, draw_noise, flow_loss
 from .model import FaceModel
 from .recipe import FaceTraining
 from .tempo import SPEEDS

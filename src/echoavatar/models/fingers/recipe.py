@@ -19,9 +19,7 @@ class FingerTraining(TrainingConfig):
     one_known: float = Field(default=0.25, ge=0, le=1, description="share of windows with one hand given")
     pure_noise: float = Field(default=0.3, ge=0, le=1, description="share of windows with pure noise")
     body_noise: float = Field(
-        default=0.15,
-        ge=0,
-        description="largest deviation of the noise on body features, in standard deviations",
+        default=0.15, ge=0, description="largest deviation of the noise on body features, in standard deviations"
     )
     body_offset: float = Field(
         default=0.5,

@@ -68,13 +68,7 @@ def _windows(count: int, frames: int, patch: int) -> Tensor:
 
 
 def _blend(
-    model: FingerModel,
-    hands: Tensor,
-    is_known: Tensor,
-    level: float,
-    body: Tensor,
-    index: Tensor,
-    weight: Tensor,
+    model: FingerModel, hands: Tensor, is_known: Tensor, level: float, body: Tensor, index: Tensor, weight: Tensor
 ) -> Tensor:
     total, share = torch.zeros_like(hands), torch.zeros(len(hands))
     for first in range(0, len(index), _ROWS):

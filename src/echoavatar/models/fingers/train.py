@@ -12,12 +12,7 @@ import torch
 from torch import Tensor
 
 from echoavatar.errors import MotionError
-from echoavatar.training import (
-    Loss,
-    Progress,
-    TrainingTask,
-    train,
-)
+from echoavatar.training import Loss, Progress, TrainingTask, train
 
 from .body_features import mirror_body
 from .clips import FingerClip
@@ -25,14 +20,7 @@ from .config import FingerConfig
 from .hand_poses import fit_basis
 from .model import FingerModel
 from .recipe import FingerTraining
-from .windows import (
-    FingerBatch,
-    FingerNoise,
-    FingerSampler,
-    count_learned_hands,
-    denoising_loss,
-    draw_noise,
-)
+from .windows import FingerBatch, FingerNoise, FingerSampler, count_learned_hands, denoising_loss, draw_noise
 
 _NOISE = 30  # factor of the seed, so that noise and windows of a step differ
 

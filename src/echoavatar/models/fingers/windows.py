@@ -28,12 +28,7 @@ class FingerSampler:
     """Draws windows from groups of clips and mirrors half of them; deterministic for seed and step."""
 
     def __init__(
-        self,
-        model: FingerModel,
-        groups: Sequence[Sequence[FingerClip]],
-        shares: Sequence[float],
-        *,
-        seed: int,
+        self, model: FingerModel, groups: Sequence[Sequence[FingerClip]], shares: Sequence[float], *, seed: int
     ) -> None:
         """Clips must be at least as long as a window; `shares` are the probabilities of the groups."""
         frames = model.config.frames

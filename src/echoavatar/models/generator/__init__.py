@@ -3,34 +3,16 @@
 from .config import GeneratorConfig, qwen_half_billion
 from .exemplar import Exemplar, draw_exemplar
 from .initial import align_embeddings, init_from_qwen
-from .linear import Precision
 from .model import Generator
 from .reliance import nll_by_domain
-from .stream import (
-    GeneratorStream,
-    InterleavedStream,
-    PrefixStream,
-    open_stream,
-)
-from .windows import (
-    DOMAINS,
-    TokenClip,
-    Window,
-    WindowSampler,
-    patience_of,
-)
+from .stream import open_stream
+from .windows import TokenClip, WindowSampler, patience_of
 
 __all__ = [
-    "DOMAINS",
     "Exemplar",
     "Generator",
     "GeneratorConfig",
-    "GeneratorStream",
-    "InterleavedStream",
-    "Precision",
-    "PrefixStream",
     "TokenClip",
-    "Window",
     "WindowSampler",
     "align_embeddings",
     "draw_exemplar",

@@ -15,10 +15,7 @@ def in_band(query: Int[Tensor, " t"], key: Int[Tensor, " s"], lookback: int | No
 
 
 def banded_attention(
-    q: Float[Tensor, "b h t d"],
-    k: Float[Tensor, "b h t d"],
-    v: Float[Tensor, "b h t d"],
-    lookback: int | None,
+    q: Float[Tensor, "b h t d"], k: Float[Tensor, "b h t d"], v: Float[Tensor, "b h t d"], lookback: int | None
 ) -> Float[Tensor, "b h t d"]:
     """Each position attends to itself and the `lookback` - 1 positions before it."""
     length = q.shape[2]

@@ -11,15 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from torch import Tensor
 
-from echoavatar.nn.kernel_math import (
-    HALF,
-    ONE,
-    ZERO,
-    F,
-    attend,
-    exponential,
-    silu,
-)
+from echoavatar.nn.kernel_math import HALF, ONE, ZERO, F, attend, exponential, silu
 from echoavatar.nn.kernels import kernel
 
 from .linear import StoredWeight

@@ -72,8 +72,7 @@ class GeneratorConfig(Config):
         default=(), description="segments whose codes a directive may name; (): the upper body's first layer"
     )
     example_bias: float | None = Field(
-        default=None,
-        description="nats that a directive adds to the logits of its codes; None: the pipeline's",
+        default=None, description="nats that a directive adds to the logits of its codes; None: the pipeline's"
     )
 
     @model_validator(mode="after")

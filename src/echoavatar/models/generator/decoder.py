@@ -22,12 +22,7 @@ from echoavatar.nn.stream import StreamState
 
 from . import compiled
 from .exemplar import Steer, member_rows
-from .linear import (
-    FloatLinear,
-    FrozenLinear,
-    Precision,
-    frozen_linear,
-)
+from .linear import FloatLinear, FrozenLinear, Precision, frozen_linear
 from .model import DecoderLayer, Generator
 from .sampling import Sampler
 

@@ -17,13 +17,7 @@ from echoavatar.nn.rotary import phase_table, rotary, rotary_phases
 from ..tokens import Sequences
 from .attention import banded_attention, masked_attention
 from .config import GeneratorConfig
-from .exemplar import (
-    Exemplar,
-    ExemplarControl,
-    member_rows,
-    raise_logits,
-    spread_hints,
-)
+from .exemplar import Exemplar, ExemplarControl, member_rows, raise_logits, spread_hints
 
 
 class RMSNorm(nn.Module):

@@ -13,12 +13,7 @@ from torch import Tensor
 from ..tokens import corrupt_hierarchically
 from .loss import code_nll, to_device
 from .model import Generator
-from .windows import (
-    DOMAINS,
-    TokenClip,
-    Window,
-    WindowSampler,
-)
+from .windows import DOMAINS, TokenClip, Window, WindowSampler
 
 
 @torch.no_grad()

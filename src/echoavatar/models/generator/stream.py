@@ -74,11 +74,7 @@ class GeneratorStream(StreamingModule[StateT]):
 
     @abstractmethod
     def prime(
-        self,
-        x: Int[Tensor, "b f l"],
-        motion: Int[Tensor, "b n p q"],
-        state: StateT,
-        active: Bool[Tensor, " b"],
+        self, x: Int[Tensor, "b f l"], motion: Int[Tensor, "b n p q"], state: StateT, active: Bool[Tensor, " b"]
     ) -> None:
         """Take whole chunks of audio codes and their known motion as the past, for a prompt that begins with one."""
 
@@ -98,12 +94,7 @@ class GeneratorStream(StreamingModule[StateT]):
 
     @abstractmethod
     def _generate(
-        self,
-        x: Int[Tensor, "b f l"],
-        state: StateT,
-        active: Bool[Tensor, " b"],
-        sampler: Sampler,
-        steer: Steer | None,
+        self, x: Int[Tensor, "b f l"], state: StateT, active: Bool[Tensor, " b"], sampler: Sampler, steer: Steer | None
     ) -> Int[Tensor, "b n p q"]: ...
 
 
@@ -151,11 +142,7 @@ class InterleavedStream(GeneratorStream[RingState]):
 
     @torch.no_grad()
     def prime(
-        self,
-        x: Int[Tensor, "b f l"],
-        motion: Int[Tensor, "b n p q"],
-        state: RingState,
-        active: Bool[Tensor, " b"],
+        self, x: Int[Tensor, "b f l"], motion: Int[Tensor, "b n p q"], state: RingState, active: Bool[Tensor, " b"]
     ) -> None:
         """See `GeneratorStream.prime`. Two passes a chunk, because the ring has no room to write it all at once."""
         sound, moves = (
@@ -254,11 +241,7 @@ class PrefixStream(GeneratorStream[HistoryState]):
 
     @torch.no_grad()
     def prime(
-        self,
-        x: Int[Tensor, "b f l"],
-        motion: Int[Tensor, "b n p q"],
-        state: HistoryState,
-        active: Bool[Tensor, " b"],
+        self, x: Int[Tensor, "b f l"], motion: Int[Tensor, "b n p q"], state: HistoryState, active: Bool[Tensor, " b"]
     ) -> None:
         """See `GeneratorStream.prime`."""
         for past, new in ((state.audio, x), (state.motion, motion)):

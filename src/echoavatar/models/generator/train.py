@@ -14,14 +14,7 @@ from torch import Tensor, nn
 
 from echoavatar import checkpoint
 from echoavatar.errors import CheckpointError
-from echoavatar.training import (
-    Loss,
-    Progress,
-    TrainingTask,
-    adamw,
-    has_state,
-    train,
-)
+from echoavatar.training import Loss, Progress, TrainingTask, adamw, has_state, train
 
 from ..tokens import corrupt_hierarchically, corrupt_uniformly
 from .config import GeneratorConfig

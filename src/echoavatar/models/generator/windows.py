@@ -69,11 +69,8 @@ class TokenClip:
         try:
             with NpzArrays(path, MotionError) as file:
                 cues, patience = file.get("cues"), float(file.get("patience", 0.0))
-                codes, has_truth = (
-                    (file["audio_codes"], file["motion_codes"]),
-                    bool(file.get("has_truth", True)),
-                )
-                return cls(*codes, file["domain"], str(file["split"]), cues, patience, has_truth)
+                codes = file["audio_codes"], file["motion_codes"], file["domain"]
+                return cls(*codes, str(file["split"]), cues, patience, bool(file.get("has_truth", True)))
         except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
             raise MotionError(f"{path} is not a token file ({error}); tokenize the corpus again") from error
 

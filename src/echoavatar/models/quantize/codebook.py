@@ -94,10 +94,7 @@ class Codebook(nn.Module):
 
     @torch.no_grad()
     def update(
-        self,
-        vectors: Float[Tensor, "n c"],
-        codes: Int[Tensor, " n"],
-        generator: torch.Generator | None = None,
+        self, vectors: Float[Tensor, "n c"], codes: Int[Tensor, " n"], generator: torch.Generator | None = None
     ) -> Bool[Tensor, " k"]:
         """One moving-average step towards the vectors each code stood for; returns the revived codes."""
         sums, counts = self._totals(vectors, codes)

@@ -15,22 +15,11 @@ from torch import Tensor, nn
 
 from echoavatar import checkpoint
 from echoavatar.config import Config
-from echoavatar.motion.kinematics import (
-    FeatureStatistics,
-    Skeleton,
-    SkeletonConfig,
-    part_sizes,
-    split_parts,
-)
+from echoavatar.motion.kinematics import FeatureStatistics, Skeleton, SkeletonConfig, part_sizes, split_parts
 from echoavatar.nn import Checkpointed, StreamState
 from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
 
-from .model import (
-    DecoderState,
-    EncoderState,
-    MotionTokenizer,
-    MotionTokenizerConfig,
-)
+from .model import DecoderState, EncoderState, MotionTokenizer, MotionTokenizerConfig
 
 PIECE_TOKENS = 60  # whole clips go through the streams in pieces of this length, so memory does not grow
 PartState = TypeVar("PartState", EncoderState, DecoderState)

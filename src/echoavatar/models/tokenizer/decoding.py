@@ -21,14 +21,7 @@ from echoavatar.config import Config
 from echoavatar.errors import MotionError
 from echoavatar.motion.kinematics import mirror_features
 from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
-from echoavatar.training import (
-    Loss,
-    Progress,
-    TrainingConfig,
-    TrainingTask,
-    adamw,
-    train,
-)
+from echoavatar.training import Loss, Progress, TrainingConfig, TrainingTask, adamw, train
 
 from .body import BodyTokenizer
 from .losses import LossWeights, MotionLoss, total

@@ -17,12 +17,7 @@ from torch import Tensor, nn
 from echoavatar.config import Config
 from echoavatar.motion.kinematics import Skeleton
 
-from .planes import (
-    PlaneKinematics,
-    finger_joints,
-    travel_columns,
-    wrist_of,
-)
+from .planes import PlaneKinematics, finger_joints, travel_columns, wrist_of
 
 CENTIMETRES = 100.0
 PLANTED_BELOW = 0.2  # cm per frame (6 cm/s): a foot slower than this in the data stands still

@@ -16,12 +16,7 @@ from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
 
 from ..quantize import code_usage
 from .body import BodyTokenizer
-from .planes import (
-    PlaneKinematics,
-    finger_joints,
-    travel_columns,
-    wrist_of,
-)
+from .planes import PlaneKinematics, finger_joints, travel_columns, wrist_of
 
 MILLIMETRES = 1000.0
 

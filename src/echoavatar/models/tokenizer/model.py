@@ -15,13 +15,7 @@ from pydantic import Field, model_validator
 from torch import Tensor, nn
 
 from echoavatar.config import Config
-from echoavatar.nn import (
-    CausalBlock,
-    CausalConvBlock,
-    Mlp,
-    StreamingModule,
-    StreamState,
-)
+from echoavatar.nn import CausalBlock, CausalConvBlock, Mlp, StreamingModule, StreamState
 from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
 
 from ..quantize import ResidualVectorQuantizer, Share

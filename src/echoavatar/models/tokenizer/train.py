@@ -17,15 +17,7 @@ from torch import Tensor
 from echoavatar import checkpoint
 from echoavatar.config import Config
 from echoavatar.motion.kinematics import split_parts
-from echoavatar.training import (
-    Gather,
-    Loss,
-    Progress,
-    TrainingTask,
-    adamw,
-    has_state,
-    train,
-)
+from echoavatar.training import Gather, Loss, Progress, TrainingTask, adamw, has_state, train
 
 from ..quantize import Share
 from .body import BodyTokenizer, BodyTokenizerConfig
@@ -34,13 +26,7 @@ from .measure import measure
 from .model import MotionTokenizer, TokenizerPass
 from .recipe import TokenizerTraining
 from .start import start_from_principal_axes
-from .windows import (
-    MovingBody,
-    WindowSampler,
-    clip_features,
-    floored_statistics,
-    reach_statistics,
-)
+from .windows import MovingBody, WindowSampler, clip_features, floored_statistics, reach_statistics
 
 START_WINDOWS = 400  # windows the principal axes are taken from
 START_BATCHES = 12  # how many batches the codebooks are taken from after a start as an auto-encoder

@@ -9,13 +9,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from echoavatar.errors import MotionError
-from echoavatar.motion.kinematics import (
-    FeatureStatistics,
-    Skeleton,
-    measure_features,
-    mirror_features,
-    to_features,
-)
+from echoavatar.motion.kinematics import FeatureStatistics, Skeleton, measure_features, mirror_features, to_features
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
 
@@ -98,12 +92,7 @@ class WindowSampler:
     """Draws batches of windows, every frame of the corpus equally likely; all randomness comes from one generator."""
 
     def __init__(
-        self,
-        skeleton: Skeleton,
-        clips: Sequence[Float[Tensor, "_ c"]],
-        *,
-        frames: int,
-        is_mirrored: bool,
+        self, skeleton: Skeleton, clips: Sequence[Float[Tensor, "_ c"]], *, frames: int, is_mirrored: bool
     ) -> None:
         if frames % FRAMES_PER_MOTION_TOKEN:
             raise ValueError(f"window of {frames} frames is not a multiple of {FRAMES_PER_MOTION_TOKEN}")

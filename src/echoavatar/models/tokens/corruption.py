@@ -11,11 +11,7 @@ from torch import Tensor
 
 
 def corrupt_uniformly(
-    codes: Int[Tensor, "b n p q"],
-    rate: float | Float[Tensor, " b"],
-    *,
-    codebook: int,
-    generator: torch.Generator,
+    codes: Int[Tensor, "b n p q"], rate: float | Float[Tensor, " b"], *, codebook: int, generator: torch.Generator
 ) -> Int[Tensor, "b n p q"]:
     """Replace each code with probability `rate` (one, or one per row) by one drawn from 0..`codebook` - 1."""
     rates = torch.as_tensor(rate).expand(len(codes))
@@ -24,11 +20,7 @@ def corrupt_uniformly(
 
 
 def corrupt_hierarchically(
-    codes: Int[Tensor, "b n p q"],
-    rate: float | Float[Tensor, " b"],
-    *,
-    codebook: int,
-    generator: torch.Generator,
+    codes: Int[Tensor, "b n p q"], rate: float | Float[Tensor, " b"], *, codebook: int, generator: torch.Generator
 ) -> Int[Tensor, "b n p q"]:
     """Replace, in floor(rate x n) time steps of each row and part, all layers from a random depth on.
 

@@ -1,4 +1,4 @@
-"""Codes and vocabulary ids, converted by arithmetic in both directions, and the cyclic grammar of motion.
+"""Codes to vocabulary ids, by arithmetic, and the cyclic grammar of motion.
 
 Paper, Audio Driven Motion Generation: the multi-layer RVQ indices of audio and motion are flattened into one
 autoregressive stream (after MusicGen). One time step of motion is 3 Q ids in the order of the segments: the layers
@@ -53,13 +53,7 @@ class TokenLayout(Config):
 
     @classmethod
     def compact(
-        cls,
-        *,
-        audio_codes: int,
-        motion_layers: int,
-        motion_codes: int,
-        audio_layers: int = 2,
-        parts: int = PARTS,
+        cls, *, audio_codes: int, motion_layers: int, motion_codes: int, audio_layers: int = 2, parts: int = PARTS
     ) -> Self:
         """The smallest vocabulary for these codebooks: four specials, audio rows, motion rows."""
         motion_base = 4 + audio_layers * audio_codes
@@ -83,11 +77,6 @@ class TokenLayout(Config):
         layer = torch.arange(self.audio_layers, device=codes.device) * self.audio_codes + self.audio_base
         return (codes.long() + layer).flatten(1)
 
-    def audio_codes_of(self, ids: Int[Tensor, "b t"]) -> Int[Tensor, "b f l"]:
-        """The inverse of `audio_ids`."""
-        layer = torch.arange(self.audio_layers, device=ids.device) * self.audio_codes + self.audio_base
-        return ids.reshape(len(ids), -1, self.audio_layers) - layer
-
     def flatten(self, codes: Int[Tensor, "b n p q"]) -> Int[Tensor, "b t"]:
         """Motion codes (b, n, 3, Q) to codes (b, n x 3 Q) in grammar order (codes, not ids)."""
         return codes.flatten(1)
@@ -98,18 +87,12 @@ class TokenLayout(Config):
 
     def motion_ids(self, codes: Int[Tensor, "b n p q"]) -> Int[Tensor, "b t"]:
         """Flatten motion codes into ids (b, n x 3 Q), segment by segment."""
-        return (codes.long().flatten(2) + self._segment_rows(codes.device)).flatten(1)
-
-    def motion_codes_of(self, ids: Int[Tensor, "b t"]) -> Int[Tensor, "b n p q"]:
-        """The inverse of `motion_ids`."""
-        return self.unflatten((ids.reshape(len(ids), -1, self.segments) - self._segment_rows(ids.device)).flatten(1))
+        rows = torch.arange(self.segments, device=codes.device) * self.motion_codes + self.motion_base
+        return (codes.long().flatten(2) + rows).flatten(1)
 
     def segment_start(self, segment: int) -> int:
         """The id of code 0 in a segment of the motion grammar."""
         return self.motion_base + segment * self.motion_codes
-
-    def _segment_rows(self, device: torch.device) -> Int[Tensor, " k"]:
-        return torch.arange(self.segments, device=device) * self.motion_codes + self.motion_base
 
 
 REFERENCE_LAYOUT = TokenLayout(

@@ -32,6 +32,6 @@ def from_environment(environment: Mapping[str, str] = os.environ) -> Companion:
         url,
         model=environment.get("ECHOAVATAR_CHAT_MODEL", ""),
         key=environment.get("ECHOAVATAR_CHAT_KEY", ""),
-        ears=environment.get("ECHOAVATAR_CHAT_EARS", ""),
+        transcriber=environment.get("ECHOAVATAR_CHAT_EARS", ""),
         persona=persona,
     )

@@ -37,8 +37,8 @@ something beside every call, and never mention the tools themselves.
 class ChatModel:
     """A model at `url`, such as http://127.0.0.1:11434/v1."""
 
-    def __init__(self, url: str, *, model: str, key: str = "", ears: str = "", persona: str = PERSONA) -> None:
-        """`ears` names a model for `/audio/transcriptions` at the same address; empty: no transcription.
+    def __init__(self, url: str, *, model: str, key: str = "", transcriber: str = "", persona: str = PERSONA) -> None:
+        """`transcriber` names a model for `/audio/transcriptions` at the same address; empty: no transcription.
 
         Raises:
             EchoAvatarError: the address is not valid, or no model is named.
@@ -49,8 +49,8 @@ class ChatModel:
             )
         if not model:
             raise EchoAvatarError("ECHOAVATAR_CHAT_MODEL is not set; name a model of ECHOAVATAR_CHAT_URL")
-        self.name, self.hears = model, bool(ears)
-        self._url, self._key, self._transcriber, self._persona = url.rstrip("/"), key, ears, persona
+        self.name, self.hears = model, bool(transcriber)
+        self._url, self._key, self._transcriber, self._persona = url.rstrip("/"), key, transcriber, persona
 
     async def reply(self, said: str, history: Sequence[ChatTurn], doing: ToolAccess) -> str:
         """The model's answer; its tool calls are carried out on the way."""

@@ -10,13 +10,7 @@ import uuid
 import numpy as np
 from jaxtyping import Float
 
-from echoavatar.motion.arkit import (
-    APPLE_NAMES,
-    ARKIT_NAMES,
-    HEAD_AND_EYES,
-    reorder,
-    to_live_link,
-)
+from echoavatar.motion.arkit import APPLE_NAMES, ARKIT_NAMES, HEAD_AND_EYES, reorder, to_live_link
 from echoavatar.wire import Rig
 
 from .sink import Frame

@@ -7,14 +7,7 @@ from collections import deque
 from collections.abc import Callable
 
 from echoavatar.timing import SAMPLES_PER_FRAME
-from echoavatar.wire import (
-    Flush,
-    Motion,
-    Pose,
-    Rig,
-    ServerMessage,
-    unpack_pose,
-)
+from echoavatar.wire import Flush, Motion, Pose, Rig, ServerMessage, unpack_pose
 
 from .clock import FollowingClock
 from .sink import Frame, Sink
@@ -22,7 +15,7 @@ from .track import PoseTrack
 
 _LOG = logging.getLogger(__name__)
 JOIN_TIMEOUT_S = 1.0
-INBOX = 1_000  # messages kept for the thread; when full, the oldest are dropped
+MAX_QUEUED = 1_000  # messages kept for the thread; when full, the oldest are dropped
 
 
 class SinkPlayer:
@@ -34,7 +27,7 @@ class SinkPlayer:
         self._sink, self._name = sink, name
         self._joints, self._curves = len(rig.names), curves
         self._clock, self._track = FollowingClock(), PoseTrack()
-        self._inbox = deque[Motion | Flush | tuple[int, Pose] | None](maxlen=INBOX)
+        self._queue = deque[Motion | Flush | tuple[int, Pose] | None](maxlen=MAX_QUEUED)
         self._told: tuple[float, float] | None = None
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._play, name=f"sink {name}", daemon=True)
@@ -43,11 +36,11 @@ class SinkPlayer:
     def take(self, message: ServerMessage) -> None:
         """Take one message of a session; messages other than motion and flushes are ignored."""
         if isinstance(message, Motion | Flush):
-            self._inbox.append(message)
+            self._queue.append(message)
 
     def put(self, at: int, pose: Pose) -> None:
         """Take frames that begin at `at`, in samples of the session's clock."""
-        self._inbox.append((at, pose))
+        self._queue.append((at, pose))
 
     def tell(self, at: float, now: float) -> None:
         """Report the sample `at` that is heard at the time `now` (`time.monotonic`)."""
@@ -56,7 +49,7 @@ class SinkPlayer:
     def begin(self) -> None:
         """Start another session; the last pose stays visible until motion arrives."""
         self._told = None
-        self._inbox.append(None)
+        self._queue.append(None)
 
     def close(self) -> None:
         """Stop the thread; a thread that hangs in its sink is abandoned."""
@@ -81,9 +74,9 @@ class SinkPlayer:
         self._quietly(self._sink.close)
 
     def _hear(self) -> None:
-        """Process the inbox; runs on the sink's thread."""
-        while self._inbox:
-            match self._inbox.popleft():
+        """Process what is queued; runs on the sink's thread."""
+        while self._queue:
+            match self._queue.popleft():
                 case None:
                     self._track, self._clock = PoseTrack(), FollowingClock()
                 case Flush(at=at):

@@ -6,13 +6,7 @@ from collections.abc import Iterable
 from types import TracebackType
 
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
-from echoavatar.wire import (
-    Flush,
-    Motion,
-    Pose,
-    Rig,
-    ServerMessage,
-)
+from echoavatar.wire import Flush, Motion, Pose, Rig, ServerMessage
 
 from .address import make_sink
 from .player import SinkPlayer
