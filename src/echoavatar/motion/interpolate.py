@@ -15,7 +15,7 @@ more. `finish` passes on the rest. Not in the paper.
 from fractions import Fraction
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from echoavatar.errors import MotionError
 from echoavatar.timing import FRAME_RATE_HZ
@@ -94,7 +94,7 @@ def _fraction(fps: float) -> Fraction:
 
 
 def _cubic(
-    values: Float[Array, "t ..."], index: Float[Array, " n"], share: Float[Array, " n"]
+    values: Float[Array, "t ..."], index: Int[Array, " n"], share: Float[Array, " n"]
 ) -> Float[Array, "n ..."]:
     """Catmull-Rom between frames `index` and `index` + 1; before the first frame it goes straight."""
     before = values[:1] * 2 - values[1:2] if len(values) > 1 else values

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 from tests.motion.kinematics.samples import chain, recorded, swaying
-from tests.motion.kinematics.test_footing import FEET, REST, standing
+from tests.motion.kinematics.test_foot_planting import FEET, REST, standing
 from tests.motion.stages.test_modes import walking
 
 from echoavatar.errors import MotionError

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 from tests.motion.kinematics.samples import swaying
-from tests.motion.kinematics.test_footing import standing
+from tests.motion.kinematics.test_foot_planting import standing
 
 from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.motion.kinematics.statistics import describe, wrist_speeds

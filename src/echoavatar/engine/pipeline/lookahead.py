@@ -52,7 +52,7 @@ class LookaheadPipeline(Pipeline):
         return LookaheadState(**vars(super().init_state(rows)), chunks=torch.zeros(rows, dtype=torch.int64))
 
     def hear(
-        self, level: Float[Tensor, "b 6400"], state: PipelineState, active: Bool[Tensor, " b"]
+        self, level: Float[Tensor, "b s"], state: PipelineState, active: Bool[Tensor, " b"]
     ) -> Int[Tensor, "b f l"]:
         """Codes of what each row's sound will be; the sound that is pushed is not listened to."""
         assert isinstance(state, LookaheadState)

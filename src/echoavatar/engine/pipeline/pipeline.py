@@ -228,7 +228,7 @@ class Pipeline:
         write_rows(state.still, torch.where(is_free & (moved < STILL), state.still + 1, 0), active)
 
     def hear(
-        self, level: Float[Tensor, "b 6400"], state: PipelineState, active: Bool[Tensor, " b"]
+        self, level: Float[Tensor, "b s"], state: PipelineState, active: Bool[Tensor, " b"]
     ) -> Int[Tensor, "b f l"]:
         """Codes of the sound that the generator is told in this step."""
         return self.codec.step(level.to(self.device), state.codec, active.to(self.device))
