@@ -1,4 +1,4 @@
-"""What a test run checks of annotations: shapes and dtypes of arrays. Plain types are mypy's, so fakes need no base class."""
+"""What a test run checks of annotations: shapes and dtypes of arrays. Plain types are mypy's, so fakes stay plain."""
 
 from collections.abc import Callable
 from types import UnionType

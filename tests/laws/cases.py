@@ -1,6 +1,6 @@
 """Every streaming class of the package: how the laws run it, or which other class's case runs it.
 
-A streaming class is one with a method `init_...(rows)` that makes the state of some sessions. A new one needs a line here.
+A streaming class is one with a method `init_...(rows)` that makes the state of some sessions. A new one needs an entry.
 """
 
 import math
@@ -141,9 +141,12 @@ def codec() -> Stream:
 
 
 def sound(rows: int, samples: int, random: torch.Generator) -> Tensor:
-    """Noise whose loudness changes ten times a second."""
-    loud = torch.rand(rows, -(-samples // 2400), 1, generator=random).expand(-1, -1, 2400).flatten(1)[:, :samples]
-    return loud * torch.randn(rows, samples, generator=random)
+    """Ten times a second a tone of another pitch and loudness, or noise."""
+    loud, pitch, is_noise = torch.rand(3, rows, -(-samples // 2400), 1, generator=random)
+    time = torch.arange(2400) / 24_000
+    tone = torch.sin(2 * math.pi * (100 + 3_000 * pitch**2) * time)
+    made = loud * torch.where(is_noise < 0.3, torch.randn(*tone.shape, generator=random), tone)
+    return made.flatten(1)[:, :samples]
 
 
 def quiet(rows: int, samples: int, random: torch.Generator) -> Tensor:
@@ -260,12 +263,14 @@ def pipeline() -> Stream:
     telling_apart(bundle.codec)
     torch.manual_seed(0)
     for parameter in bundle.generator.parameters():
-        torch.nn.init.normal_(parameter, std=0.3)
+        torch.nn.init.normal_(parameter)
     whole = Pipeline(bundle, precision="float32")
 
     def step(x: Tensor, state: Any, active: Tensor) -> Tensor:
         shown = whole.step(x, state, active)
-        return flat(MotionBatch(*(np.stack(part) for part in zip(*((c.rotations, c.root) for c in shown), strict=True))))
+        return flat(
+            MotionBatch(*(np.stack(part) for part in zip(*((c.rotations, c.root) for c in shown), strict=True)))
+        )
 
     return Stream(whole.init_state, in_chunks(step, CHUNK_SAMPLES))
 

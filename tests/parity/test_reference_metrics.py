@@ -1,11 +1,11 @@
-"""Our metrics against the released implementation's, run with random weights (fixtures in ../shared)."""
+"""Our metrics against the released implementation's, run with random weights (tests/fixtures/golden)."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from tests import golden as fixtures
 from tests.parity.test_reference_tokenizer import procedural
 
 from echoavatar.evaluation.metrics.audio_events import EMAGE_RATE_HZ, speech_onsets
@@ -21,16 +21,13 @@ from echoavatar.evaluation.metrics.gesture_alignment import (
 from echoavatar.evaluation.metrics.skeleton_convolution import SkeletonConvolution, SkeletonConvolutionConfig
 from echoavatar.evaluation.metrics.skeleton_edges import SMPLX_PARENTS, merged, skeleton_edges
 
-FOLDER = Path(__file__).parents[2] / "../shared/golden/reference_release"
-pytestmark = pytest.mark.skipif(not FOLDER.exists(), reason="the reference fixtures (../shared) are not here")
-
 
 def stored(name: str) -> dict[str, np.ndarray]:
-    return dict(np.load(FOLDER / name))
+    return dict(np.load(fixtures.golden(f"reference_release/{name}")))
 
 
 def told(name: str) -> dict:
-    return json.loads((FOLDER / name).read_text())
+    return json.loads(fixtures.golden(f"reference_release/{name}").read_text())
 
 
 def test_fid() -> None:

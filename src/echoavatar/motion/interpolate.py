@@ -93,9 +93,7 @@ def _fraction(fps: float) -> Fraction:
     return film if is_film else Fraction(fps).limit_denominator(1001)
 
 
-def _cubic(
-    values: Float[Array, "t ..."], index: Int[Array, " n"], share: Float[Array, " n"]
-) -> Float[Array, "n ..."]:
+def _cubic(values: Float[Array, "t ..."], index: Int[Array, " n"], share: Float[Array, " n"]) -> Float[Array, "n ..."]:
     """Catmull-Rom between frames `index` and `index` + 1; before the first frame it goes straight."""
     before = values[:1] * 2 - values[1:2] if len(values) > 1 else values
     wide = np.concatenate([before, values, values[-1:], values[-1:]]).astype(np.float64)
