@@ -48,7 +48,8 @@ def test_a_tokenizer_of_the_published_size(part: str, features: int) -> None:
     assert 1 < whole.abs().max() < 100
     for context, published in facts["tail12_err_vs_latent_context"].items():
         error = float((model.decode(codes[:, -int(context) :])[:, -12:] - whole[:, -12:]).abs().max())
-        assert published / 30 < error < published * 30 if int(context) < 14 else error < 2e-5, context
+        far = 10 if context == "13" else 2  # at 13 a single code decides
+        assert published / far < error < published * far if int(context) < 14 else error < 2e-5, context
     x = torch.randn(1, 64, features, generator=random)
     changed = x.clone()
     changed[:, 0] += 1
