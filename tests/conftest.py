@@ -7,21 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from tests.tiny_bundle import write_bundle
 
-from echoavatar import checkpoint
-from echoavatar.models.audio import AudioCodec, CodecConfig
-from echoavatar.models.generator import Generator, GeneratorConfig
-from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizerConfig
-from echoavatar.models.tokenizer.body import body_config
-from echoavatar.models.tokens import TokenLayout
-from echoavatar.motion.kinematics import HUMANOID, to_features
+from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle
-
-CARD: dict[str, object] = {
-    "data": "none, random weights",
-    "command": "tests/conftest.py",
-    "licence": "Apache-2.0",
-}
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -36,24 +25,8 @@ def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
 
 @pytest.fixture(scope="session")
 def tiny_bundle(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A bundle of random weights, small enough to run in milliseconds; its statistics are those of a standing body."""
-    torch.manual_seed(0)
-    folder = tmp_path_factory.mktemp("bundle")
-    codec = AudioCodec(CodecConfig(filters=2, width=8, codes=16))
-    checkpoint.save(folder / "codec", config=codec.config, weights=codec.state_dict(), card=CARD)
-    template = MotionTokenizerConfig(features=1, width=16, heads=2, layers=2, codes=8)
-    tokenizer = BodyTokenizer(body_config(HUMANOID, template))
-    still = torch.eye(3).expand(2, HUMANOID.joints, 3, 3)
-    tokenizer.mean.copy_(to_features(HUMANOID, still, HUMANOID.offsets[0].expand(2, 3))[0])
-    tokenizer.std.fill_(0.02)
-    for name, book in tokenizer.named_buffers():
-        if name.endswith("codebook"):
-            book.normal_()
-    tokenizer.save(folder / "tokenizer", CARD)
-    layout = TokenLayout.compact(audio_codes=16, motion_layers=2, motion_codes=8)
-    config = GeneratorConfig(layout=layout, window_chunks=3, width=16, layers=1, heads=2, kv_heads=1, mlp=32)
-    Generator(config).save(folder / "generator", CARD)
-    return folder
+    """A bundle of random weights, small enough to run in milliseconds."""
+    return write_bundle(tmp_path_factory.mktemp("bundle"))
 
 
 @pytest.fixture(scope="session")

@@ -11,9 +11,3 @@ class Small(Config):
 def test_unknown_keys_are_errors() -> None:
     with pytest.raises(ValidationError, match="widht"):
         Small.model_validate({"widht": 8})
-
-
-def test_values_do_not_change() -> None:
-    small = Small()
-    with pytest.raises(ValidationError, match="frozen"):
-        small.width = 8

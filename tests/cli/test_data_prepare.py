@@ -88,7 +88,9 @@ def test_speakers_of_beat2_are_chosen(tmp_path, capsys):
     assert "left out, not among --speakers: 1 (1_wayne_0_1_1)" in capsys.readouterr().out
 
 
-@pytest.mark.skipif(not SHARED.exists(), reason="the real recordings (../shared) are not here")
+@pytest.mark.skipif(
+    not SHARED.exists(), reason="needs ../shared/data, which only a checkout with the authors' recordings has"
+)
 def test_the_real_samples(tmp_path, capsys):
     assert prepare("zeroeggs", SHARED / "zeroeggs_cc_by_nc_nd", "-o", tmp_path / "z", "--test-every", 0) == 0
     said = capsys.readouterr().out

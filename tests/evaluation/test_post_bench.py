@@ -11,9 +11,12 @@ def test_every_stage_is_timed_for_one_session_and_for_many() -> None:
     report = bench_post(chunks=24, sessions=4)
     for stages in (report.one_ms, report.many_ms):
         assert set(stages) == {*POST_STAGES, "all"}
-        parts = sum(stages[stage] for stage in POST_STAGES)
-        assert 0.5 < parts / stages["all"] < 1.5  # medians of each
-    assert report.summary == {"post_ms": report.one_ms["all"], "sessions": 4, "ms_per_session": report.many_ms["all"]}
+        assert all(0 <= stages[stage] <= stages["all"] for stage in POST_STAGES)  # medians: no part above the whole
+    assert report.summary == {
+        "post_ms": report.one_ms["all"],
+        "sessions": 4,
+        "ms_per_session": report.many_ms["all"],
+    }
 
 
 def test_the_motion_gives_every_stage_work() -> None:

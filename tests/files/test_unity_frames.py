@@ -1,10 +1,9 @@
 """What is sent to Unity, compared with the release's own numbers."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import torch
+from tests import golden as fixtures
 
 from echoavatar.engine.pipeline.foreign_rig import RigConfig
 from echoavatar.errors import CheckpointError
@@ -21,8 +20,6 @@ from echoavatar.files.unity_frames import (
 from echoavatar.motion.arkit import APPLE_NAMES, index_of
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion, quaternion_from_matrix
 
-FILE = Path(__file__).parents[2] / "../shared/golden/reference_release/stream_post.npz"
-needs_golden = pytest.mark.skipif(not FILE.exists(), reason="the reference fixtures (../shared) are not here")
 EYE = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
 
 
@@ -37,10 +34,9 @@ def same_rotations(ours: np.ndarray, theirs: np.ndarray, atol: float = 1e-5) -> 
 
 @pytest.fixture(scope="module")
 def golden() -> dict[str, np.ndarray]:
-    return dict(np.load(FILE))
+    return dict(np.load(fixtures.golden("reference_release/stream_post.npz")))
 
 
-@needs_golden
 def test_the_matrix_of_each_joint_found_on_half_the_frames_turns_the_other_half(golden) -> None:
     """U = M R M^-1 determines M (negative determinant) up to a factor; the user's stats folder contains M itself."""
     theirs = golden["quat_wxyz"].astype(np.float64)
@@ -60,14 +56,12 @@ def test_the_matrix_of_each_joint_found_on_half_the_frames_turns_the_other_half(
     np.testing.assert_allclose([np.linalg.det(m) for m in found], -1, atol=1e-6)
 
 
-@needs_golden
 def test_positions(golden) -> None:
     metres = golden["trans"] @ np.array(AXES).T * 0.01
     sent = UnityAxes(rig((EYE,) * 88)).positions(metres)
     np.testing.assert_allclose(sent, golden["unity_trans"], atol=2e-5)
 
 
-@needs_golden
 def test_sixty_frames_a_second(golden) -> None:
     rotations, trans = golden["unity_quat_xyzw"], golden["unity_trans"]
     for name, part in (("a", slice(0, 12)), ("b", slice(12, 24))):
@@ -75,7 +69,6 @@ def test_sixty_frames_a_second(golden) -> None:
         np.testing.assert_allclose(at_60_fps(trans[part]), golden[f"body60_{name}_trans"], atol=1e-5)
 
 
-@needs_golden
 def test_the_face(golden) -> None:
     np.testing.assert_array_equal(merge_channels(golden["bs52"]), golden["bs47"])
     first = smoothed(golden["bs47"][:12], None)

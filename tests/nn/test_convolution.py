@@ -1,5 +1,4 @@
 import torch
-from tests.laws import streaming
 
 from echoavatar.nn import CausalBlock
 from echoavatar.nn.convolution import CausalConvBlock, CausalConvolution
@@ -7,12 +6,6 @@ from echoavatar.nn.convolution import CausalConvBlock, CausalConvolution
 
 def frames(rows: int, length: int, generator: torch.Generator) -> torch.Tensor:
     return torch.randn(rows, length, 16, generator=generator, dtype=torch.double)
-
-
-def test_the_five_laws():
-    torch.manual_seed(0)
-    with torch.no_grad():
-        streaming.hold(CausalConvBlock(width=16).double().eval(), frames, atol=1e-9)
 
 
 def test_a_convolution_sees_the_present_and_two_dilated_steps_back():

@@ -1,4 +1,4 @@
-"""Our metrics against numbers of the published code, computed once on synthetic input (fixtures in ../shared).
+"""Our metrics against numbers of the published code, computed once on synthetic input (tests/fixtures/golden).
 
 Every entry of `expected.json` is named here; the last test says so.
 """
@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.golden import golden, metric_inputs
 
 from echoavatar.evaluation.metrics import (
     beat_alignment,
@@ -27,8 +28,6 @@ from echoavatar.evaluation.metrics.gesture_alignment import (
     gesture_beat_frames,
 )
 
-FOLDER = Path(__file__).parents[2] / "../shared/golden/metrics"
-pytestmark = pytest.mark.skipif(not FOLDER.exists(), reason="the reference fixtures (../shared) are not here")
 EXACT = 1e-9  # relative
 BETWEEN_VARIANTS = 1e-3  # the fixtures' tolerance for FID
 SINGLE = 1e-6  # AIST++ was computed in single precision
@@ -36,17 +35,12 @@ Array = np.ndarray
 
 
 @lru_cache
-def inputs() -> dict[str, Array]:
-    return dict(np.load(FOLDER / "inputs.npz"))
-
-
-@lru_cache
 def expected() -> dict:
-    return json.loads((FOLDER / "expected.json").read_text())
+    return json.loads(golden("metrics/expected.json").read_text())
 
 
 def sound(name: str) -> Array:
-    return inputs()[name].astype(np.float32) / 32768
+    return metric_inputs()[name].astype(np.float32) / 32768
 
 
 def trimmed(audio: Array, frames: int = 0) -> Array:
@@ -57,7 +51,7 @@ def trimmed(audio: Array, frames: int = 0) -> Array:
 
 
 def beats(form: str, motion: Array, window: tuple[int, int] | None = None) -> list[Array]:
-    return gesture_beat_frames(motion, GESTURE_RULES[form], inputs()["mean_vel_smplxflame_30"], window=window)
+    return gesture_beat_frames(motion, GESTURE_RULES[form], metric_inputs()["mean_vel_smplxflame_30"], window=window)
 
 
 def score(form: str, motion: Array, onsets: list[float], window: tuple[int, int] | None = None) -> float:
@@ -85,31 +79,31 @@ def test_onsets(entry: str) -> None:
 @pytest.mark.parametrize("clip", ["a", "b"])
 def test_onsets_of_the_evaluation_tools(clip: str) -> None:
     pytest.importorskip("librosa")
-    frames = len(inputs()[f"motion_{clip}"])
+    frames = len(metric_inputs()[f"motion_{clip}"])
     found = speech_onsets(trimmed(sound("audio_i16"), frames), EMAGE_RATE_HZ)
     np.testing.assert_allclose(found, expected()["bc_emage_evaltools"][f"onsets_{clip}"], rtol=EXACT)
 
 
 def test_ba_g_of_emage_meco_and_echoavatar() -> None:
     theirs = expected()["bc_echo_meco_emage2024"]
-    near(score("emage", inputs()["motion_a"], expected()["onsets"]["echo_cut_60f_s"]), theirs["value"])
+    near(score("emage", metric_inputs()["motion_a"], expected()["onsets"]["echo_cut_60f_s"]), theirs["value"])
 
 
 def test_ba_g_motion_beats_of_all_55_joints_with_the_index_quirk() -> None:
     theirs = expected()["bc_echo_meco_emage2024"]["motion_beats_idx_relative_to_t_start"]
-    assert [own.tolist() for own in beats("emage", inputs()["motion_a"])] == theirs
+    assert [own.tolist() for own in beats("emage", metric_inputs()["motion_a"])] == theirs
 
 
 def test_ba_g_without_trimming() -> None:
     theirs = expected()["bc_echo_meco_emage2024"]
-    motion = inputs()["motion_a"]
+    motion = metric_inputs()["motion_a"]
     assert [own.tolist() for own in beats("emage", motion, WHOLE)] == theirs["motion_beats_no_trim"]
     near(score("emage", motion, expected()["onsets"]["full_s"], WHOLE), theirs["value_no_trim"])
 
 
 def test_ba_g_of_motion_that_l1_diversity_overwrote() -> None:
     """The published scripts score beats after L1 diversity turned the positions into |p - mean|."""
-    motion = inputs()["motion_a"]
+    motion = metric_inputs()["motion_a"]
     rectified = np.abs(motion - motion.mean(0))
     theirs = expected()["bc_echo_meco_emage2024"]["value_after_inplace_l1div_bug"]
     near(score("emage", rectified, expected()["onsets"]["echo_cut_60f_s"]), theirs)
@@ -117,23 +111,23 @@ def test_ba_g_of_motion_that_l1_diversity_overwrote() -> None:
 
 @pytest.mark.parametrize(("form", "entry"), [("emage", "bc_echo_meco_emage2024"), ("evaltools", "bc_emage_evaltools")])
 def test_ba_g_of_a_statue_is_zero(form: str, entry: str) -> None:
-    statue = np.repeat(inputs()["motion_a"][:1], 600, 0)
+    statue = np.repeat(metric_inputs()["motion_a"][:1], 600, 0)
     assert score(form, statue, expected()["onsets"]["echo_cut_60f_s"]) == expected()[entry]["static_motion"]
 
 
 def test_ba_g_of_the_evaluation_tools() -> None:
     theirs = expected()["bc_emage_evaltools"]
-    assert [own.tolist() for own in beats("evaltools", inputs()["motion_a"])] == theirs["beats_a"]
-    near(score("evaltools", inputs()["motion_a"], theirs["onsets_a"]), theirs["clip_a"])
+    assert [own.tolist() for own in beats("evaltools", metric_inputs()["motion_a"])] == theirs["beats_a"]
+    near(score("evaltools", metric_inputs()["motion_a"], theirs["onsets_a"]), theirs["clip_a"])
     near(
-        score("evaltools", inputs()["motion_a"], expected()["onsets"]["full_s"], WHOLE),
+        score("evaltools", metric_inputs()["motion_a"], expected()["onsets"]["full_s"], WHOLE),
         theirs["clip_a_no_trim"],
     )
 
 
 def test_ba_g_over_clips_is_weighted_by_what_was_left_of_them() -> None:
     theirs = expected()["bc_emage_evaltools"]
-    clips = [inputs()["motion_a"], inputs()["motion_b"]]
+    clips = [metric_inputs()["motion_a"], metric_inputs()["motion_b"]]
     scores = [score("evaltools", clip, theirs[f"onsets_{k}"]) for k, clip in zip("ab", clips, strict=True)]
     weights = [len(clip) - 2 * TRIMMED_FRAMES for clip in clips]
     near(np.average(scores, weights=weights), theirs["clips_a_b_length_weighted"])
@@ -154,7 +148,7 @@ def test_ba_g_rules_are_those_of_the_fixtures() -> None:
 
 @pytest.mark.parametrize(("entry", "clips"), [("a", "a"), ("echo_meco_a_b", "ab"), ("evaltools_a_b", "ab")])
 def test_l1_diversity(entry: str, clips: str) -> None:
-    near(diversity.l1_diversity([inputs()[f"motion_{k}"] for k in clips]), expected()["l1div"][entry])
+    near(diversity.l1_diversity([metric_inputs()[f"motion_{k}"] for k in clips]), expected()["l1div"][entry])
 
 
 FID_INPUTS = {"full_rank": ("feat_g", "feat_r"), "rank_deficient": ("feat_g_small", "feat_r_small")}
@@ -162,7 +156,7 @@ FID_INPUTS = {"full_rank": ("feat_g", "feat_r"), "rank_deficient": ("feat_g_smal
 
 @pytest.mark.parametrize("rank", FID_INPUTS)
 def test_fid_in_eigen_form(rank: str) -> None:
-    made, true = (inputs()[name] for name in FID_INPUTS[rank])
+    made, true = (metric_inputs()[name] for name in FID_INPUTS[rank])
     ours = frechet.frechet_distance(made, true)
     near(ours, expected()["fid"][rank]["independent_eigh"], EXACT if rank == "full_rank" else 1e-8)
     for theirs in expected()["fid"][rank].values():
@@ -173,7 +167,7 @@ def test_fid_in_eigen_form(rank: str) -> None:
 @pytest.mark.parametrize("rank", FID_INPUTS)
 def test_fid_of_meco_and_bailando(rank: str, who: str) -> None:
     theirs = next(value for key, value in expected()["fid"][rank].items() if key.startswith(who))
-    made, true = (inputs()[name] for name in FID_INPUTS[rank])
+    made, true = (metric_inputs()[name] for name in FID_INPUTS[rank])
     near(frechet.frechet_distance(made, true), theirs, EXACT if rank == "full_rank" else 2e-8)
 
 
@@ -181,17 +175,22 @@ def test_fid_of_meco_and_bailando(rank: str, who: str) -> None:
 def test_fid_of_the_evaluation_tools(rank: str) -> None:
     """1e-6 on both diagonals, inside the root."""
     theirs = next(v for k, v in expected()["fid"][rank].items() if k.startswith("emage_evaltools"))
-    made, true = (inputs()[name] for name in FID_INPUTS[rank])
+    made, true = (metric_inputs()[name] for name in FID_INPUTS[rank])
     ours = frechet.frechet_distance(made, true, ridge=1e-6)
     near(ours, theirs, 1e-8)
 
 
+def test_fid_of_features_scaled_by_the_truth() -> None:
+    made, true = frechet.scaled_by_truth(*(metric_inputs()[k].astype(np.float64) for k in ("feat_g", "feat_r")))
+    near(frechet.frechet_distance(made, true), expected()["fid"]["bailando_z_normalised_by_gt(full_rank)"])
+
+
 def test_foot_contact_score_of_edge() -> None:
-    ours = physical.foot_contact_score(inputs()["motion_a"][:, :24], up=2)
+    ours = physical.foot_contact_score(metric_inputs()["motion_a"][:, :24], up=2)
     near(ours, expected()["edge_pfc_motion_a_first24"], SINGLE)
 
 
-DANCES = {60: lambda: inputs()["motion_a24_60fps"], 30: lambda: inputs()["motion_a"][:, :24]}
+DANCES = {60: lambda: metric_inputs()["motion_a24_60fps"], 30: lambda: metric_inputs()["motion_a"][:, :24]}
 
 
 def dance(fps: int) -> dict:
@@ -250,7 +249,7 @@ def test_the_papers_form_is_its_formula_at_three_frames_of_sixty() -> None:
 
 @lru_cache
 def similarity() -> Array:
-    return retrieval.similarity(inputs()["emb_audio"], inputs()["emb_motion"])
+    return retrieval.similarity(metric_inputs()["emb_audio"], metric_inputs()["emb_motion"])
 
 
 @pytest.mark.parametrize("way", ["a2m", "m2a"])

@@ -2,23 +2,20 @@
 
 import hashlib
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from tests import golden as fixtures
 from tests.parity.test_reference_tokenizer import procedural
 
 from echoavatar.checkpoint import load_into
 from echoavatar.models.quantize.usage import code_usage
 from echoavatar.models.tokenizer import MotionTokenizer, MotionTokenizerConfig
 
-FOLDER = Path(__file__).parents[2] / "../shared/golden/reference_release"
-pytestmark = pytest.mark.skipif(not FOLDER.exists(), reason="the reference fixtures (../shared) are not here")
-
 
 def told() -> dict:
-    return json.loads((FOLDER / "meta.json").read_text())
+    return json.loads(fixtures.golden("reference_release/meta.json").read_text())
 
 
 def digest(weights: dict[str, torch.Tensor]) -> str:
@@ -50,7 +47,8 @@ def test_a_tokenizer_of_the_published_size(part: str, features: int) -> None:
     assert 1 < whole.abs().max() < 100
     for context, published in facts["tail12_err_vs_latent_context"].items():
         error = float((model.decode(codes[:, -int(context) :])[:, -12:] - whole[:, -12:]).abs().max())
-        assert published / 30 < error < published * 30 if int(context) < 14 else error < 2e-5, context
+        far = 10 if context == "13" else 2  # at 13 a single code decides
+        assert published / far < error < published * far if int(context) < 14 else error < 2e-5, context
     x = torch.randn(1, 64, features, generator=random)
     changed = x.clone()
     changed[:, 0] += 1
@@ -67,9 +65,9 @@ def test_a_tokenizer_of_the_published_size(part: str, features: int) -> None:
 def test_the_small_weights_by_their_hash() -> None:
     from safetensors.torch import load_file
 
-    stored = load_file(FOLDER / "tok_small_lower.safetensors")
+    stored = load_file(fixtures.golden("reference_release/tok_small_lower.safetensors"))
     assert digest(stored) == told()["tok_small_lower.weights"]["sha256"]
-    face = load_file(FOLDER / "face_core.safetensors")
+    face = load_file(fixtures.golden("reference_release/face_core.safetensors"))
     own = {key: value for key, value in face.items() if not key.endswith((".cos_angles", ".sin_angles", ".pe"))}
     shapes = {key: tuple(value.shape) for key, value in own.items()}
     weights = procedural(shapes, told()["face_core.weights"]["procedural_seed"])
@@ -80,7 +78,10 @@ def test_the_small_weights_by_their_hash() -> None:
 @torch.no_grad()
 def test_what_else_is_stored_of_the_small_tokenizer() -> None:
     """Blocks behind each level, the vectors of every layer, and the perplexity of its codes."""
-    golden = {name: torch.from_numpy(value) for name, value in np.load(FOLDER / "tok_small_lower.npz").items()}
+    golden = {
+        name: torch.from_numpy(value)
+        for name, value in np.load(fixtures.golden("reference_release/tok_small_lower.npz")).items()
+    }
     model = MotionTokenizer(MotionTokenizerConfig(features=117, width=64, heads=8, layers=6, codes=32)).eval()
     load_into(model, drawn(model, 1001), origin="procedural weights")
     seen: dict[str, torch.Tensor] = {}

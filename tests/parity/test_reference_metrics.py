@@ -1,9 +1,8 @@
-"""Our metrics against the released implementation's, run with random weights (fixtures in ../shared)."""
-
-from pathlib import Path
+"""Our metrics against the released implementation's, run with random weights (tests/fixtures/golden)."""
 
 import numpy as np
 import pytest
+from tests import golden as fixtures
 
 from echoavatar.evaluation.metrics.audio_events import EMAGE_RATE_HZ, speech_onsets
 from echoavatar.evaluation.metrics.beat_alignment import hit_rate
@@ -16,12 +15,9 @@ from echoavatar.evaluation.metrics.gesture_alignment import (
     gesture_beat_frames,
 )
 
-FOLDER = Path(__file__).parents[2] / "../shared/golden/reference_release"
-pytestmark = pytest.mark.skipif(not FOLDER.exists(), reason="the reference fixtures (../shared) are not here")
-
 
 def stored(name: str) -> dict[str, np.ndarray]:
-    return dict(np.load(FOLDER / name))
+    return dict(np.load(fixtures.golden(f"reference_release/{name}")))
 
 
 def test_fid() -> None:

@@ -1,17 +1,16 @@
 """The prompt of the release, id by id, and what is drawn after it, against a generator that reads everything anew."""
 
 import json
-from pathlib import Path
 
 import pytest
 import torch
+from tests import golden as fixtures
 from tests.models.generator.tiny import generator
 
 from echoavatar.models.generator import GeneratorConfig, open_stream
 from echoavatar.models.generator.config import Opening
 from echoavatar.models.tokens import REFERENCE_LAYOUT, TokenLayout
 
-GOLDEN = Path(__file__).parents[2] / "../shared/golden/reference_release/actions.json"
 START, END, LINE = 151_644, 151_645, 198
 USER, SYSTEM, ASSISTANT = 872, 8_948, 77_091
 TINY = TokenLayout.compact(audio_codes=16, motion_layers=2, motion_codes=8).model_copy(
@@ -48,10 +47,9 @@ def test_every_id_of_the_prompt(step: int, example: list[int]) -> None:
     assert ids.shape[1] == 8 + 600 + (540 - 18 * step) + (len(example) + 5 if example else 0)
 
 
-@pytest.mark.skipif(not GOLDEN.exists(), reason="the reference fixtures (../shared) are not here")
 def test_examples_and_biased_ids_are_those_of_the_release() -> None:
     """The golden table writes lower-body codes of the first layer as code - 6 x 512."""
-    golden = json.loads(GOLDEN.read_text())
+    golden = json.loads(fixtures.golden("reference_release/actions.json").read_text())
     for name, codes in golden["state_dict"].items():
         own = [REFERENCE_LAYOUT.segment_start(6 if c >= 0 else 0) + (c if c >= 0 else c + 3072) for c in codes]
         assert own == golden["prompt"][name]["bias_ids"]

@@ -1,17 +1,13 @@
-"""Our tokenizer against the released implementation, run with random weights (fixtures in ../shared)."""
-
-from pathlib import Path
+"""Our tokenizer against the released implementation, run with random weights (tests/fixtures/golden)."""
 
 import numpy as np
 import pytest
 import torch
+from tests import golden as fixtures
 
 from echoavatar.checkpoint import load_into
 from echoavatar.models.tokenizer import MotionTokenizer, MotionTokenizerConfig
 from echoavatar.nn import lookback_mask
-
-FOLDER = Path(__file__).parents[2] / "../shared/golden/reference_release"
-pytestmark = pytest.mark.skipif(not FOLDER.exists(), reason="the reference fixtures (../shared) are not here")
 
 
 def procedural(shapes: dict[str, tuple[int, ...]], seed: int) -> dict[str, torch.Tensor]:
@@ -33,7 +29,10 @@ def procedural(shapes: dict[str, tuple[int, ...]], seed: int) -> dict[str, torch
 
 @pytest.fixture(scope="module")
 def golden() -> dict[str, torch.Tensor]:
-    return {name: torch.from_numpy(value) for name, value in np.load(FOLDER / "tok_small_lower.npz").items()}
+    return {
+        name: torch.from_numpy(value)
+        for name, value in np.load(fixtures.golden("reference_release/tok_small_lower.npz")).items()
+    }
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +91,7 @@ def test_streams_give_the_released_numbers(model, golden):
 
 
 def test_masks():
-    masks = np.load(FOLDER / "tok_masks.npz")
+    masks = np.load(fixtures.golden("reference_release/tok_masks.npz"))
     for name in masks.files:
         size, lookback = (int(part) for part in name.removeprefix("mask").split("_lb"))
         assert np.array_equal(lookback_mask(size, lookback).numpy(), masks[name]), name

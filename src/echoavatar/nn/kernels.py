@@ -52,6 +52,7 @@ def kernel(*, reorders: bool = False, **options: Any) -> Callable[[Callable[...,
         options["fastmath"] = REORDERED
 
     def compile_lazily(function: Callable[..., Any]) -> Any:
+        function = inspect.unwrap(function)
         digest = fingerprint(function, sorted(options.items()))
         folder, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(cache_folder() / digest)
         try:

@@ -16,7 +16,9 @@ def test_content_and_style_are_read_from_the_name(tmp_path):
     assert [name for name, _ in found.left_out] == ["odd"]
 
 
-@pytest.mark.skipif(not SHARED.exists(), reason="the real recordings (../shared) are not here")
+@pytest.mark.skipif(
+    not SHARED.exists(), reason="needs ../shared/data, which only a checkout with the authors' recordings has"
+)
 def test_the_real_subset_is_found_completely():
     found = survey(SHARED / "bandai_namco_cc_by_nc")
     assert len(found.recordings) == 190

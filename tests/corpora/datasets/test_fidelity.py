@@ -31,7 +31,9 @@ def test_feet_that_leave_the_floor_show_in_the_contacts():
     assert fidelity(motion, replace(motion, root=root))["contacts_agree"] == pytest.approx(0.5, abs=0.05)
 
 
-@pytest.mark.skipif(not SHARED.exists(), reason="the real recordings (../shared) are not here")
+@pytest.mark.skipif(
+    not SHARED.exists(), reason="needs ../shared/data, which only a checkout with the authors' recordings has"
+)
 @pytest.mark.parametrize(
     ("path", "contacts"),
     [

@@ -63,7 +63,9 @@ def test_the_seed_decides_the_new_fingers():
     assert not np.allclose(one.rotations, other.rotations, atol=1e-3)
 
 
-@pytest.mark.skipif(not SHARED.exists(), reason="the real recordings (../shared) are not here")
+@pytest.mark.skipif(
+    not SHARED.exists(), reason="needs ../shared/data, which only a checkout with the authors' recordings has"
+)
 def test_a_real_speakers_hands_are_good():
     motion = read_bvh(SHARED / "zeroeggs_cc_by_nc_nd" / "067_Speech_2_x_1_0.bvh")
     assert hand_states(motion) == {"left": "good", "right": "good"}

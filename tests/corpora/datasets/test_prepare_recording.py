@@ -171,7 +171,9 @@ def test_the_native_rig_is_kept_as_it_is(tmp_path):
     assert is_symmetric(Skeleton(receipt.skeleton))
 
 
-@pytest.mark.skipif(not SHARED.exists(), reason="the real recordings (../shared) are not here")
+@pytest.mark.skipif(
+    not SHARED.exists(), reason="needs ../shared/data, which only a checkout with the authors' recordings has"
+)
 def test_the_real_zeroeggs_pair(tmp_path):
     only = survey_of("zeroeggs", SHARED / "zeroeggs_cc_by_nc_nd").recordings[0]
     receipt = prepare_recording(only, Options(), tmp_path / "set")
@@ -185,7 +187,9 @@ def test_the_real_zeroeggs_pair(tmp_path):
     assert len(receipt.events["stress"]) > 40
 
 
-@pytest.mark.skipif(not SHARED.exists(), reason="the real recordings (../shared) are not here")
+@pytest.mark.skipif(
+    not SHARED.exists(), reason="needs ../shared/data, which only a checkout with the authors' recordings has"
+)
 def test_a_real_bow_of_bandai_namco(tmp_path):
     found = survey_of("bandai", SHARED / "bandai_namco_cc_by_nc", only=["*bow_normal*"])
     receipt = prepare_recording(with_splits(found.recordings, 0)[0], Options(sound="none"), tmp_path / "set")

@@ -1,12 +1,9 @@
 """Another rig's features become ours: bones where they were, any cutting, hands kept off in its own way."""
 
-from pathlib import Path
-
 import numpy as np
-import pytest
 import torch
 from scripts.synthetic_release import skeleton
-from tests.laws.streaming import hold
+from tests.golden import golden
 
 from echoavatar.corpora.rehearsal.action_clips import SCRIPTS
 from echoavatar.corpora.rehearsal.action_clips import clip as motion_of
@@ -32,7 +29,6 @@ from echoavatar.motion.kinematics.features import REFERENCE, travel_slice
 from echoavatar.motion.kinematics.retarget import retarget
 from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle, quaternion_from_matrix
 
-GOLDEN = Path(__file__).parents[3] / "../shared/golden/reference_release"
 C = torch.tensor(AXES)
 
 
@@ -120,24 +116,10 @@ def test_on_the_humanoid_bones_point_the_same_way_and_the_root_travels_to_scale(
     torch.testing.assert_close(travel[0], travel[1], atol=1e-4, rtol=0)  # both rigs are as tall
 
 
-def test_the_laws_hold() -> None:
-    own = source()
-
-    class Stream(RigAdapter):
-        def __call__(self, x):
-            return self.step(x, self.init_state(len(x)), torch.ones(len(x), dtype=torch.bool))
-
-    def make(rows, frames, generator):
-        return clip(own, rows, frames, int(torch.randint(1000, (), generator=generator)))[2]
-
-    hold(Stream(config(own), own), make, cuts=((3, 1, 4), (1, 7)), atol=2e-5)
-
-
-@pytest.mark.skipif(not GOLDEN.exists(), reason="the reference fixtures (../shared) are not here")
 def test_hands_are_kept_off_as_published_in_our_axes_and_metres() -> None:
     """The golden clip through features, our axes and back: the released result, centimetres and Z up."""
-    stored = {name: torch.from_numpy(array) for name, array in np.load(GOLDEN / "ik.npz").items()}
-    theirs = read_bvh(GOLDEN / "sample_60fps.bvh", metres_per_unit=1.0).skeleton
+    stored = {name: torch.from_numpy(array) for name, array in np.load(golden("reference_release/ik.npz")).items()}
+    theirs = read_bvh(golden("reference_release/sample_60fps.bvh"), metres_per_unit=1.0).skeleton
     own = Skeleton(skeleton_config(theirs.names, theirs.parents, theirs.offsets.numpy(), origin="bvh"))
     features = to_features(own, stored["R_in"], stored["trans_in"], convention=REFERENCE)
     rotations, _ = RigAdapter(config(own), own, "native").canonical(features[None])
@@ -148,12 +130,11 @@ def test_hands_are_kept_off_as_published_in_our_axes_and_metres() -> None:
     assert int(moved.sum()) == 28
 
 
-@pytest.mark.skipif(not GOLDEN.exists(), reason="the reference fixtures (../shared) are not here")
 def test_the_mean_of_the_published_statistics_is_somebody_who_stands() -> None:
     """Upright, on the floor, hands in front of the hips, facing +Z: order, axes, unit and height are theirs."""
-    theirs = read_bvh(GOLDEN / "sample_60fps.bvh", metres_per_unit=1.0).skeleton
+    theirs = read_bvh(golden("reference_release/sample_60fps.bvh"), metres_per_unit=1.0).skeleton
     own = Skeleton(skeleton_config(theirs.names, theirs.parents, theirs.offsets.numpy(), origin="bvh"))
-    mean = torch.from_numpy(np.load(GOLDEN / "body_norm.npz")["mean"])[feature_order(own)]
+    mean = torch.from_numpy(np.load(golden("reference_release/body_norm.npz"))["mean"])[feature_order(own)]
     adapter = RigAdapter(config(own), own)
     features = adapter.step(mean.expand(1, 8, -1), adapter.init_state(1), torch.ones(1, dtype=torch.bool))
     moved = from_features(HUMANOID, features[0, -1:])

@@ -1,9 +1,6 @@
-from typing import Any
-
 import numpy as np
 import pytest
 import torch
-from tests.laws import streaming
 
 from echoavatar.engine.pipeline.time_warp import LARGEST_LAG, LARGEST_ROTATION, TimeWarp
 from echoavatar.motion.motion_chunk import MotionBatch, MotionChunk, join_batches
@@ -77,32 +74,3 @@ def test_catching_up_turns_no_joint_faster_than_the_bound() -> None:
     assert pace.min() < 0.5
     assert np.deg2rad(36.0) * pace.max() <= LARGEST_ROTATION * 1.001
     assert np.deg2rad(36.0) * pace.max() > 0.99 * LARGEST_ROTATION
-
-
-class Numbers:
-    """Rotations, root and brake in one row of numbers, as the laws want them."""
-
-    def __init__(self) -> None:
-        self.time_warp = TimeWarp(JOINTS)
-
-    def init_state(self, rows: int) -> Any:
-        return self.time_warp.init_state(rows)
-
-    def step(self, x: torch.Tensor, state: Any, active: torch.Tensor) -> torch.Tensor:
-        turns = torch.nn.functional.normalize(x[..., : 4 * JOINTS].unflatten(-1, (JOINTS, 4)), dim=-1)
-        made = MotionBatch(turns.numpy(), x[..., -4:-1].numpy())
-        shown = self.time_warp.step(made, x[..., -1], state, active)
-        return torch.cat([torch.from_numpy(shown.rotations).flatten(2), torch.from_numpy(shown.root)], 2)
-
-    def __call__(self, x: torch.Tensor) -> torch.Tensor:
-        return self.step(x, self.init_state(len(x)), torch.ones(len(x), dtype=torch.bool))
-
-
-def test_it_streams() -> None:
-    def motion(rows: int, frames: int, generator: torch.Generator) -> torch.Tensor:
-        still = torch.tensor([1.0, 0, 0, 0]).repeat(JOINTS)
-        turns = still + 0.1 * torch.randn(rows, frames, 4 * JOINTS, generator=generator)
-        root = torch.randn(rows, frames, 3, generator=generator)
-        return torch.cat([turns, root, torch.rand(rows, frames, 1, generator=generator)], 2)
-
-    streaming.hold(Numbers(), motion, unit=2, atol=1e-4)

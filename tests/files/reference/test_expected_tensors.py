@@ -1,24 +1,20 @@
 """Names and shapes of the published files, against what was recorded of them."""
 
 import json
-from pathlib import Path
 
-import pytest
+from tests import golden as fixtures
 
 from echoavatar.files.reference.expected_tensors import differences, face_shapes, hubert_of, tokenizer_shapes
 from echoavatar.models.face import HubertConfig
 from echoavatar.models.tokenizer import MotionTokenizerConfig
 
-FOLDER = Path(__file__).parents[3] / "../shared/golden/reference_release"
-needs_golden = pytest.mark.skipif(not FOLDER.exists(), reason="the reference fixtures (../shared) are not here")
 HUBERT = HubertConfig(
     width=48, layers=2, heads=4, mlp=96, convolutions=(24,) * 7, position_kernel=16, position_groups=4
 )
 
 
-@needs_golden
 def test_the_face_has_the_152_recorded_tensors_beside_its_ear():
-    recorded = json.loads((FOLDER / "face_state_keys.json").read_text())
+    recorded = json.loads(fixtures.golden("reference_release/face_state_keys.json").read_text())
     own = {
         key: list(shape) for key, shape in face_shapes(64, 52, HUBERT).items() if not key.startswith("audio_encoder")
     }

@@ -1,7 +1,7 @@
 """Everything that is wrong with a download is found before anything is written, and said with its place."""
 
 import torch
-from tests.files.reference.test_untrusted import Bomb
+from tests.files.reference.test_foreign_files import Bomb
 
 from echoavatar.files.reference import Release, inspect_release
 

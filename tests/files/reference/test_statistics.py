@@ -1,18 +1,13 @@
 """Statistics in the order of our features, and what hardly varies held still."""
 
-from pathlib import Path
-
 import numpy as np
-import pytest
 import torch
 from scripts.synthetic_release import skeleton
+from tests import golden as fixtures
 
 from echoavatar.files.reference.release_rig import skeleton_config
 from echoavatar.files.reference.statistics import body_statistics, feature_order
 from echoavatar.motion.kinematics import Skeleton
-
-FOLDER = Path(__file__).parents[3] / "../shared/golden/reference_release"
-needs_golden = pytest.mark.skipif(not FOLDER.exists(), reason="the reference fixtures (../shared) are not here")
 
 
 def rig() -> Skeleton:
@@ -20,16 +15,14 @@ def rig() -> Skeleton:
     return Skeleton(skeleton_config(names, parents, offsets, origin="test"))
 
 
-@needs_golden
 def test_the_order_is_that_of_the_published_parts():
-    stored = np.load(FOLDER / "parts.npz")
+    stored = np.load(fixtures.golden("reference_release/parts.npz"))
     wanted = [*stored["lower_feat"], *stored["upper_feat"], *stored["hands_feat"]]
     assert feature_order(rig()) == wanted
 
 
-@needs_golden
 def test_154_published_deviations_are_held_and_features_come_back():
-    stored = np.load(FOLDER / "body_norm.npz")
+    stored = np.load(fixtures.golden("reference_release/body_norm.npz"))
     statistics = body_statistics(rig(), np.stack([stored["mean"], stored["std"]]))
     order = feature_order(rig())
     held = sorted(order[i] for i in range(531) if not statistics.varies[i])

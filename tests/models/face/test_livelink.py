@@ -94,7 +94,9 @@ def test_sound_and_face_are_cut_to_one_length(tmp_path):
         pair_with_audio("a", take, np.zeros(120_000, np.float32))
 
 
-@pytest.mark.skipif(not REAL.exists(), reason="the real takes (../shared) are not here")
+@pytest.mark.skipif(
+    not REAL.exists(), reason="needs ../shared/data, which only a checkout with the authors' recordings has"
+)
 def test_a_real_take_is_read():
     take = read_live_link(REAL / "alex_rom_3.csv")
     assert take.rate_hz == pytest.approx(30, abs=0.1)

@@ -1,12 +1,13 @@
-"""Our face model against the released implementation, run with random weights (fixtures in ../shared)."""
+"""Our face model against the released implementation, run with random weights (tests/fixtures/golden)."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 from safetensors.torch import load_file
+from tests.golden import golden
+from tests.parity.test_reference_tokenizer import procedural
 
 from echoavatar.checkpoint import load_into
 from echoavatar.models.face import FaceModel, FaceStream, HubertConfig, paper_face
@@ -15,12 +16,9 @@ from echoavatar.models.face.flow import euler_levels
 from echoavatar.models.face.hubert import normalize_window, pad_window
 from echoavatar.models.face.reference import from_reference
 
-FOLDER = Path(__file__).parents[3] / "../shared/golden/reference_release"
-pytestmark = pytest.mark.skipif(not FOLDER.exists(), reason="the reference fixtures (../shared) are not here")
-
 
 def arrays(name: str) -> dict[str, torch.Tensor]:
-    return {key: torch.from_numpy(value) for key, value in np.load(FOLDER / name).items()}
+    return {key: torch.from_numpy(value) for key, value in np.load(golden(f"reference_release/{name}")).items()}
 
 
 @pytest.fixture(scope="module")
@@ -34,8 +32,9 @@ def model() -> FaceModel:
         width=48, layers=2, heads=4, mlp=96, convolutions=(24,) * 7, position_kernel=16, position_groups=4
     )
     face = FaceModel(paper_face(width=64, encoder=ear))
-    theirs = load_file(FOLDER / "face_core.safetensors")
-    ears = load_file(FOLDER / "face_tiny_hubert.safetensors")
+    keys = json.loads(golden("reference_release/face_state_keys.json").read_text())
+    theirs = procedural({key: tuple(shape) for key, (shape, _, kind) in keys.items() if kind == "param"}, 4001)
+    ears = load_file(golden("reference_release/face_tiny_hubert.safetensors"))
     weights = from_reference(theirs | {f"audio_encoder.{key}": value for key, value in ears.items()})
     load_into(face, weights | {"mean": face.mean, "std": face.std}, origin="the reference")
     return face.eval()
@@ -46,7 +45,7 @@ def near(ours: torch.Tensor, theirs: torch.Tensor, atol: float = 1e-5) -> None:
 
 
 def test_names_of_the_release_are_all_known():
-    keys = json.loads((FOLDER / "face_state_keys.json").read_text())
+    keys = json.loads(golden("reference_release/face_state_keys.json").read_text())
     theirs = {key for key, (_, _, kind) in keys.items() if kind == "param"}
     ours = from_reference({key: torch.zeros(1) for key in keys})
     # past_proj and anchor_proj have no use; the steering of three blocks becomes one matrix

@@ -1,19 +1,11 @@
 import pytest
 import torch
-from tests.laws.streaming import hold
 from tests.models.face.tiny import CONFIG, Seeded, make, sound
 
 from echoavatar.models.face import FaceStream
 from echoavatar.timing import CHUNK_SAMPLES
 
 ALL = torch.ones(1, dtype=torch.bool)
-CUTS = ((3, 1, 4),)
-
-
-@pytest.mark.parametrize("memory", ["ring", "window"])
-def test_the_laws_hold(memory):
-    model = make(CONFIG.model_copy(update={"memory": memory}))
-    hold(Seeded(model), sound, unit=CHUNK_SAMPLES, cuts=CUTS)
 
 
 def test_eight_frames_of_52_curves_between_0_and_1_per_chunk():

@@ -2,18 +2,11 @@
 
 import pytest
 import torch
-from tests.laws.streaming import hold
 from tests.models.generator.tiny import audio, generator
 
 from echoavatar.models.generator import open_stream
 
 NONE = torch.zeros(2, dtype=torch.int64)
-
-
-@pytest.mark.parametrize("sequence", ["interleaved", "prefix"])
-def test_the_laws_hold(sequence):
-    stream = open_stream(generator(sequence=sequence, window_chunks=2))
-    hold(stream, audio, unit=20, cuts=((1, 1, 2),))
 
 
 def greedy(stream, x):

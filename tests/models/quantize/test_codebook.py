@@ -1,18 +1,17 @@
-from pathlib import Path
-
 import numpy as np
 import pytest
 import torch
+from tests import golden as fixtures
 
 from echoavatar.models.quantize import Codebook
 
-GOLDEN = Path(__file__).parents[3] / "../shared/golden/reference_release/tok_ema_step.npz"
 
-
-@pytest.mark.skipif(not GOLDEN.exists(), reason="the reference fixtures (../shared) are not here")
 def test_initialisation_and_one_ema_step_match_the_release():
     """tok_ema_step: first batch initialises, the second moves every code by 1 % of what it stood for."""
-    golden = {name: torch.from_numpy(value) for name, value in np.load(GOLDEN).items()}
+    golden = {
+        name: torch.from_numpy(value)
+        for name, value in np.load(fixtures.golden("reference_release/tok_ema_step.npz")).items()
+    }
     book = Codebook(codes=8, width=4)
     book.initialise(golden["x_init"].transpose(1, 2).reshape(-1, 4))
     torch.testing.assert_close(book.codebook, golden["codebook_after_init"], atol=1e-6, rtol=0)

@@ -1,10 +1,6 @@
-from dataclasses import dataclass
-from typing import Any
-
 import pytest
 import torch
 from pydantic import ValidationError
-from tests.laws import streaming
 from tests.models.tokenizer.fixtures import dance, small_body, small_config
 
 from echoavatar.checkpoint import read_card
@@ -13,50 +9,12 @@ from echoavatar.models.tokenizer import BodyTokenizer, BodyTokenizerConfig, clip
 from echoavatar.motion.kinematics import HUMANOID
 
 
-@dataclass
-class Decoding:
-    body: BodyTokenizer
-
-    def __call__(self, x: torch.Tensor) -> torch.Tensor:
-        return self.body.decode(x)
-
-    def init_state(self, rows: int) -> Any:
-        return self.body.init_decoder(rows)
-
-    def step(self, x: torch.Tensor, state: Any, active: torch.Tensor) -> torch.Tensor:
-        return self.body.decode_step(x, state, active)
-
-
-@dataclass
-class Encoding:
-    body: BodyTokenizer
-
-    def __call__(self, x: torch.Tensor) -> torch.Tensor:
-        return self.body.encode(x)
-
-    def init_state(self, rows: int) -> Any:
-        return self.body.init_encoder(rows)
-
-    def step(self, x: torch.Tensor, state: Any, active: torch.Tensor) -> torch.Tensor:
-        return self.body.encode_step(x, state, active)
-
-
 def codes(rows: int, length: int, generator: torch.Generator) -> torch.Tensor:
     return torch.randint(0, 16, (rows, length, 3, 2), generator=generator)
 
 
 def frames(rows: int, length: int, generator: torch.Generator) -> torch.Tensor:
     return torch.randn(rows, length, 315, generator=generator, dtype=torch.double)
-
-
-@torch.no_grad()
-def test_decoding_holds_the_five_laws():
-    streaming.hold(Decoding(small_body().double()), codes, atol=1e-6)
-
-
-@torch.no_grad()
-def test_encoding_holds_the_five_laws():
-    streaming.hold(Encoding(small_body().double()), frames, unit=4, atol=0)
 
 
 def test_long_clips_in_pieces_equal_one_pass_of_the_parts():

@@ -1,10 +1,6 @@
-from dataclasses import dataclass
-from typing import Any
-
 import pytest
 import torch
 from pydantic import ValidationError
-from tests.laws import streaming
 
 from echoavatar.models.tokenizer import MotionTokenizer, MotionTokenizerConfig
 
@@ -20,52 +16,12 @@ def tokenizer() -> MotionTokenizer:
     return model.eval()
 
 
-@dataclass
-class Encoding:
-    """The encoder as a stream (latents would hide behind codes: a code may jump at a tie)."""
-
-    model: MotionTokenizer
-
-    def __call__(self, x: torch.Tensor) -> torch.Tensor:
-        return self.model.encode(x)
-
-    def init_state(self, rows: int) -> Any:
-        return self.model.init_encoder(rows)
-
-    def step(self, x: torch.Tensor, state: Any, active: torch.Tensor) -> torch.Tensor:
-        return self.model.encode_step(x, state, active)
-
-
-@dataclass
-class Decoding:
-    model: MotionTokenizer
-
-    def __call__(self, x: torch.Tensor) -> torch.Tensor:
-        return self.model.decode(x)
-
-    def init_state(self, rows: int) -> Any:
-        return self.model.init_decoder(rows)
-
-    def step(self, x: torch.Tensor, state: Any, active: torch.Tensor) -> torch.Tensor:
-        return self.model.decode_step(x, state, active)
-
-
 def frames(rows: int, length: int, generator: torch.Generator) -> torch.Tensor:
     return torch.randn(rows, length, 10, generator=generator, dtype=torch.double)
 
 
 def codes(rows: int, length: int, generator: torch.Generator) -> torch.Tensor:
     return torch.randint(0, 24, (rows, length, 3), generator=generator)
-
-
-def test_encoding_holds_the_five_laws(tokenizer):
-    with torch.no_grad():
-        streaming.hold(Encoding(tokenizer), frames, unit=4, atol=0)
-
-
-def test_decoding_holds_the_five_laws(tokenizer):
-    with torch.no_grad():
-        streaming.hold(Decoding(tokenizer), codes, atol=1e-6)
 
 
 def test_a_token_depends_on_45_frames_by_gradient(tokenizer):
@@ -105,20 +61,6 @@ def test_lookback_halves_with_the_rate():
 def test_heads_must_divide_the_width():
     with pytest.raises(ValidationError, match="twice the heads"):
         MotionTokenizerConfig(features=4, width=12, heads=4)
-
-
-VARIANTS = [{"blocks": "convolution", "resampling": "strided"}, {"resampling": "learned"}]
-
-
-@pytest.mark.parametrize("choice", VARIANTS, ids=str)
-def test_what_the_ablation_puts_in_place_streams_as_well(choice):
-    torch.manual_seed(0)
-    model = MotionTokenizer(MotionTokenizerConfig.model_validate(CONFIG.model_dump() | choice)).double()
-    for book in model.quantizer.books():
-        torch.nn.init.normal_(book.codebook)
-    with torch.no_grad():
-        streaming.hold(Encoding(model.eval()), frames, unit=4, atol=0)
-        streaming.hold(Decoding(model), codes, atol=1e-6)
 
 
 def test_without_look_back_a_token_sees_its_own_four_frames_only():

@@ -2,7 +2,6 @@ from pathlib import Path
 
 import pytest
 import torch
-from tests.laws import streaming
 from tests.models.warp.tiny import CONFIG
 
 from echoavatar.errors import CheckpointError
@@ -12,14 +11,6 @@ from echoavatar.models.warp import WarpModel
 def make() -> WarpModel:
     torch.manual_seed(0)
     return WarpModel(CONFIG).eval()
-
-
-def test_it_streams() -> None:
-    def sound(rows: int, samples: int, generator: torch.Generator) -> torch.Tensor:
-        return torch.randn(rows, samples, generator=generator, dtype=torch.float64)
-
-    with torch.no_grad():
-        streaming.hold(make().double(), sound, unit=6400)
 
 
 def test_a_curve_is_the_logits_made_steeper() -> None:

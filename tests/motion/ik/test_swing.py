@@ -1,9 +1,9 @@
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from tests import golden as fixtures
 from tests.motion.ik.poses import left_wrist_at
 
 from echoavatar.motion.ik.swing import (
@@ -16,7 +16,6 @@ from echoavatar.motion.ik.swing import (
 from echoavatar.motion.kinematics import HUMANOID, forward_kinematics, read_bvh
 from echoavatar.motion.kinematics.rotations import angle_between
 
-GOLDEN = Path(__file__).parents[3] / "../shared/golden/reference_release"
 REFERENCE = SwingConfig(  # centimetres, Z up: the reference character's
     profile=(
         (-80, 22),
@@ -32,21 +31,17 @@ REFERENCE = SwingConfig(  # centimetres, Z up: the reference character's
     up=2,
     snap=1e-6,
 )
-needs_golden = pytest.mark.skipif(
-    not (GOLDEN / "ik.npz").exists(), reason="the reference fixtures (../shared/golden) are not here"
-)
 
 
 def golden() -> dict[str, torch.Tensor]:
-    with np.load(GOLDEN / "ik.npz") as stored:
+    with np.load(fixtures.golden("reference_release/ik.npz")) as stored:
         return {name: torch.from_numpy(stored[name]) for name in stored}
 
 
-@needs_golden
 def test_rotations_are_those_of_the_reference_release() -> None:
     """24 frames of the reference's 88-joint rig; 18 right and 10 left arms are corrected, nothing else moves."""
     stored = golden()
-    skeleton = read_bvh(GOLDEN / "sample_60fps.bvh", metres_per_unit=1.0).skeleton
+    skeleton = read_bvh(fixtures.golden("reference_release/sample_60fps.bvh"), metres_per_unit=1.0).skeleton
     arms = tuple((skeleton.index(f"Shoulder_{s}"), skeleton.index(f"Wrist_{s}")) for s in "RL")
     ours = swing_clear(skeleton, stored["R_in"], REFERENCE, arms)
     torch.testing.assert_close(ours, stored["R_out"], atol=1e-5, rtol=0)
@@ -55,16 +50,14 @@ def test_rotations_are_those_of_the_reference_release() -> None:
     assert int(moved.sum()) == 28
 
 
-@needs_golden
 def test_without_the_snap_the_reference_is_met_to_its_snap() -> None:
     stored = golden()
-    skeleton = read_bvh(GOLDEN / "sample_60fps.bvh", metres_per_unit=1.0).skeleton
+    skeleton = read_bvh(fixtures.golden("reference_release/sample_60fps.bvh"), metres_per_unit=1.0).skeleton
     arms = tuple((skeleton.index(f"Shoulder_{s}"), skeleton.index(f"Wrist_{s}")) for s in "RL")
     ours = swing_clear(skeleton, stored["R_in"], REFERENCE.model_copy(update={"snap": 0.0}), arms)
     torch.testing.assert_close(ours, stored["R_out"], atol=2e-3, rtol=0)
 
 
-@needs_golden
 def test_radius_remap_and_swing_are_those_of_the_reference_release() -> None:
     stored = golden()
     torch.testing.assert_close(radius_at(stored["thr_z"], REFERENCE), stored["thr"], atol=1e-5, rtol=0)

@@ -21,7 +21,7 @@ def recorded(name: str) -> Path:
     """A file of the reference data; the test is skipped where there is none."""
     path = DATA / name
     if not path.exists():
-        pytest.skip("the reference data are not beside the repository")
+        pytest.skip("needs ../shared/data, which only a checkout with the authors' recordings has")
     return path
 
 

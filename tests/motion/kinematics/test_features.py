@@ -1,12 +1,11 @@
 """Motion features: layout, exact return, any cutting, statistics, and the reference release's own features."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests import golden as fixtures
 
 from echoavatar.motion.kinematics import (
     HUMANOID,
@@ -21,8 +20,6 @@ from echoavatar.motion.kinematics import (
 )
 from echoavatar.motion.kinematics.features import REFERENCE
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion, matrix_to_6d
-
-GOLDEN = Path(__file__).parents[3] / "../shared/golden/reference_release"
 
 
 def random_clip(*shape: int, seed: int = 0) -> tuple[torch.Tensor, torch.Tensor]:
@@ -112,10 +109,11 @@ def test_nothing_to_measure_is_said():
 @pytest.fixture(scope="module")
 def reference():
     """The reference's sample in centimetres, its features, and a skeleton with its parts."""
-    if not GOLDEN.exists():
-        pytest.skip("the reference release's fixtures are not beside the repository")
-    motion = read_bvh(GOLDEN / "sample_60fps.bvh", metres_per_unit=1.0)
-    with np.load(GOLDEN / "bvh_features.npz") as stored, np.load(GOLDEN / "parts.npz") as parts:
+    motion = read_bvh(fixtures.golden("reference_release/sample_60fps.bvh"), metres_per_unit=1.0)
+    with (
+        np.load(fixtures.golden("reference_release/bvh_features.npz")) as stored,
+        np.load(fixtures.golden("reference_release/parts.npz")) as parts,
+    ):
         golden = {key: torch.from_numpy(stored[key]) for key in stored.files}
         joints = {part: tuple(parts[f"{part}_joints"].tolist()) for part in ("lower", "upper", "hands")}
     skeleton = Skeleton(motion.skeleton.config.model_copy(update={"parts": joints}))

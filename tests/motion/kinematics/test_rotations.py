@@ -1,16 +1,14 @@
 """Rotations: against the reference release's numbers, and between their forms."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests import golden as fixtures
 
 from echoavatar.motion.kinematics import rotations as r
 
-GOLDEN = Path(__file__).parents[3] / "../shared/golden/reference_release/rotations.npz"
 ORDERS = ("xyz", "xzy", "yxz", "yzx", "zxy", "zyx")
 
 
@@ -21,9 +19,7 @@ def random_quaternions(count: int, seed: int = 0) -> torch.Tensor:
 
 @pytest.fixture(scope="module")
 def golden() -> dict[str, torch.Tensor]:
-    if not GOLDEN.exists():
-        pytest.skip("the reference release's fixtures are not beside the repository")
-    with np.load(GOLDEN) as stored:
+    with np.load(fixtures.golden("reference_release/rotations.npz")) as stored:
         return {key: torch.from_numpy(stored[key]) for key in stored.files}
 
 

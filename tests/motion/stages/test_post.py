@@ -1,11 +1,9 @@
 """The stages behind the decoder together: against plain torch, and the laws of streaming."""
 
-import math
-
 import numpy as np
 import pytest
 import torch
-from tests.laws import streaming
+from tests.laws.cases import gestures
 
 from echoavatar.motion.kinematics import (
     HUMANOID,
@@ -17,26 +15,6 @@ from echoavatar.motion.kinematics.features import from_features
 from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle, matrix_from_quaternion
 from echoavatar.motion.motion_chunk import MotionBatch
 from echoavatar.motion.stages.post import POST_STAGES, Post, PostState
-
-
-def gestures(rows: int, frames: int, generator: torch.Generator) -> torch.Tensor:
-    """Features of bodies that sway, step and wave, with noise as sampled codes leave it."""
-    time = torch.arange(frames) / 30
-    turns = torch.zeros(rows, frames, HUMANOID.joints, 3)
-    phase = 6 * torch.rand(rows, 1, generator=generator)
-    wave = torch.sin(2 * math.pi * 0.9 * time + phase)
-    for side, sign in (("left", 1.0), ("right", -1.0)):
-        turns[..., HUMANOID.index(f"{side}UpperArm"), 2] = -sign * (1.0 + 0.2 * wave)
-        turns[..., HUMANOID.index(f"{side}LowerArm"), 1] = -sign * (1.4 + 0.5 * wave)
-        knee = (sign * wave).clamp_min(0) * 0.5
-        turns[..., HUMANOID.index(f"{side}UpperLeg"), 0] = -knee
-        turns[..., HUMANOID.index(f"{side}LowerLeg"), 0] = 2 * knee
-        turns[..., HUMANOID.index(f"{side}Foot"), 0] = -knee
-    turns += 0.03 * torch.randn(turns.shape, generator=generator)
-    root = torch.zeros(rows, frames, 3)
-    root[..., 0] = 0.05 * wave
-    root[..., 1] = 0.94
-    return to_features(HUMANOID, matrix_from_axis_angle(turns), root)
 
 
 def run(
@@ -54,26 +32,6 @@ def run(
 
 def flat(motion: MotionBatch) -> np.ndarray:
     return np.concatenate([motion.rotations.reshape(*motion.root.shape[:2], -1), motion.root], 2)
-
-
-class AsStream:
-    """A whole clip, or pieces of whole chunks, as the laws ask for."""
-
-    def __init__(self, post: Post) -> None:
-        self._post = post
-
-    def init_state(self, rows: int) -> PostState:
-        return self._post.init_state(rows)
-
-    def step(self, x: torch.Tensor, state: PostState, active: torch.Tensor) -> torch.Tensor:
-        return run(self._post, x, state, active)
-
-    def __call__(self, x: torch.Tensor) -> torch.Tensor:
-        return run(self._post, x)
-
-
-def test_the_laws_of_streaming_hold() -> None:
-    streaming.hold(AsStream(Post(HUMANOID)), gestures, unit=8, cuts=((3, 1, 4), (1, 1, 2)), atol=1e-5)
 
 
 def test_without_smoothing_upper_body_rotations_are_what_was_decoded() -> None:

@@ -52,7 +52,7 @@ class LookaheadPipeline(Pipeline):
         return LookaheadState(**vars(super().init_state(rows)), chunks=torch.zeros(rows, dtype=torch.int64))
 
     def encode_audio(
-        self, level: Float[Tensor, "b 6400"], state: PipelineState, active: Bool[Tensor, " b"]
+        self, level: Float[Tensor, "b s"], state: PipelineState, active: Bool[Tensor, " b"]
     ) -> Int[Tensor, "b f l"]:
         """Codes of each row's sound `ahead_chunks` later; the sound that is pushed is not used."""
         assert isinstance(state, LookaheadState)

@@ -232,7 +232,7 @@ class Pipeline:
         write_rows(state.still, torch.where(is_free & (moved < STILL), state.still + 1, 0), active)
 
     def encode_audio(
-        self, level: Float[Tensor, "b 6400"], state: PipelineState, active: Bool[Tensor, " b"]
+        self, level: Float[Tensor, "b s"], state: PipelineState, active: Bool[Tensor, " b"]
     ) -> Int[Tensor, "b f l"]:
         """The audio codes that the generator gets in this step."""
         return self.codec.step(level.to(self.device), state.codec, active.to(self.device))

@@ -103,7 +103,7 @@ def normalize_window(audio: Float[Tensor, "b s"]) -> Float[Tensor, "b s"]:
     return (audio - audio.mean(1, keepdim=True)) / (audio.std(1, keepdim=True) + 1e-5)
 
 
-def pad_window(audio: Float[Tensor, "b s"]) -> Float[Tensor, "b s"]:
+def pad_window(audio: Float[Tensor, "b s"]) -> Float[Tensor, "b p"]:
     """Lengthen so that 50 Hz states cover the sound: reflected twice at both ends, as the release does.
 
     For 63 frames nothing is missing and nothing is added.

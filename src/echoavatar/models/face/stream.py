@@ -84,9 +84,9 @@ class FaceStream:
         features: Float[Tensor, "b n a"],
         state: GptState,
         active: Bool[Tensor, " b"],
-        noise: Float[Tensor, "b n c"],
+        noise: Float[Tensor, "b t c"],
         schedule: Schedule | None = None,
-    ) -> Float[Tensor, "b n c"]:
+    ) -> Float[Tensor, "b t c"]:
         """Normalised frames of one step, from the features of its frames (and, in front, of earlier ones)."""
         gpt, head, config = self.model.gpt, self.model.head, self.model.config
         schedule = schedule or head.schedule(config.sampling_steps)

@@ -1,0 +1,329 @@
+"""Every streaming class of the package: how the laws run it, or which other class's case runs it.
+
+A streaming class is one with a method `init_...(rows)` that makes the state of some sessions. A new one needs an entry.
+"""
+
+import math
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from echoavatar.engine.pipeline.rig import RigAdapter
+from scripts.synthetic_release import skeleton
+from tests.models.face import tiny as face
+from tests.models.generator import tiny as generators
+from tests.models.tokenizer.fixtures import fill, small_body
+from tests.models.warp.tiny import CONFIG as WARP
+from tests.tiny_bundle import write_bundle
+from torch import Tensor
+
+from echoavatar.engine.pipeline import Pipeline, load_bundle
+from echoavatar.engine.pipeline.lookahead import LookaheadPipeline
+from echoavatar.engine.pipeline.time_warp import TimeWarp
+from echoavatar.files.reference.release_rig import rig_config, skeleton_config
+from echoavatar.models.audio import AudioCodec, CodecConfig, LevelControl
+from echoavatar.models.face import FaceStream, HubertConfig
+from echoavatar.models.face.encoder import MelEncoder
+from echoavatar.models.face.gpt import FaceGpt
+from echoavatar.models.face.hubert import HubertEncoder
+from echoavatar.models.face.idle import IdleFace
+from echoavatar.models.generator import open_stream
+from echoavatar.models.generator.stream import InterleavedStream, PrefixStream
+from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizer, MotionTokenizerConfig
+from echoavatar.models.warp import WarpModel
+from echoavatar.motion.kinematics import HUMANOID, Skeleton, to_features
+from echoavatar.motion.kinematics.features import REFERENCE
+from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle
+from echoavatar.motion.motion_chunk import MotionBatch
+from echoavatar.motion.stages.feet import Feet
+from echoavatar.motion.stages.ground import Ground
+from echoavatar.motion.stages.leash import Leash
+from echoavatar.motion.stages.modes import FREE, IdleLegs, MotionOptions
+from echoavatar.motion.stages.post import Post
+from echoavatar.motion.stages.smoother import Smoother
+from echoavatar.nn import CausalAttention, CausalBlock
+from echoavatar.nn.convolution import CausalConvBlock, CausalConvolution
+from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES
+
+Cuts = Sequence[Sequence[int]]
+JOINTS = 3  # of the body whose time is warped
+TOKENIZER = MotionTokenizerConfig(features=10, width=16, heads=2, layers=3, codes=24)
+EAR = HubertConfig(width=16, layers=1, heads=2, mlp=16, convolutions=(4,) * 7, position_kernel=4, position_groups=2)
+FEW: Cuts = ((3, 1, 4), (1, 1, 2))
+
+
+@dataclass
+class Stream:
+    """A class's own methods under the names that the laws call."""
+
+    init_state: Callable[[int], Any]
+    step: Callable[[Tensor, Any, Tensor], Tensor]
+    whole: Callable[[Tensor], Tensor] | None = None  # else one step from a fresh state
+
+    def __call__(self, x: Tensor) -> Tensor:
+        if self.whole is not None:
+            return self.whole(x)
+        return self.step(x, self.init_state(len(x)), torch.ones(len(x), dtype=torch.bool))
+
+
+@dataclass(frozen=True)
+class Case:
+    """`make(rows, frames, generator)` draws input; `unit` frames are the smallest step."""
+
+    stream: Callable[[], Any]
+    make: Callable[[int, int, torch.Generator], Tensor]
+    unit: int = 1
+    cuts: Cuts = ((1, 1, 1, 1, 1, 1, 1, 1), (3, 1, 4), (2, 6), (7, 1))
+    atol: float = 1e-6
+
+
+def in_chunks(step: Callable[[Tensor, Any, Tensor], Tensor], size: int) -> Callable[[Tensor, Any, Tensor], Tensor]:
+    """A step that takes any number of chunks, for a class whose own step takes one."""
+
+    def many(x: Tensor, state: Any, active: Tensor) -> Tensor:
+        return torch.cat([step(part, state, active) for part in x.split(size, 1)], 1)
+
+    return many
+
+
+def numbers(*sizes: int) -> Callable[[int, int, torch.Generator], Tensor]:
+    """Normal noise (rows, frames, *sizes) in double precision."""
+    return lambda rows, frames, random: torch.randn(rows, frames, *sizes, generator=random, dtype=torch.double)
+
+
+def codes(book: int, *sizes: int) -> Callable[[int, int, torch.Generator], Tensor]:
+    return lambda rows, frames, random: torch.randint(book, (rows, frames, *sizes), generator=random)
+
+
+def seeded(module: Callable[..., Any], **sizes: int) -> Callable[[], Any]:
+    """Its weights are drawn from seed 0, in double precision."""
+
+    def made() -> Any:
+        torch.manual_seed(0)
+        return module(**sizes).double().eval()
+
+    return made
+
+
+def tokenizer(**changes: str) -> MotionTokenizer:
+    torch.manual_seed(0)
+    model = MotionTokenizer(MotionTokenizerConfig.model_validate(TOKENIZER.model_dump() | changes)).double()
+    fill(model.quantizer)
+    return model.eval()
+
+
+def encoding(model: MotionTokenizer | BodyTokenizer) -> Stream:
+    """Held to the bit: latents could hide behind codes, and a code may jump at a tie."""
+    return Stream(model.init_encoder, model.encode_step, model.encode)
+
+
+def decoding(model: MotionTokenizer | BodyTokenizer) -> Stream:
+    return Stream(model.init_decoder, model.decode_step, model.decode)
+
+
+def telling_apart(codec: AudioCodec) -> AudioCodec:
+    """With code vectors that tell sounds apart: some of its own latents."""
+    noise = sound(1, 48_000, torch.Generator().manual_seed(0)).to(codec.codebooks)
+    with torch.no_grad():
+        latents = codec.encoder(noise[:, None])[0].T
+    codec.codebooks[0] = latents[:: len(latents) // 16][:16]
+    return codec
+
+
+def codec() -> Stream:
+    torch.manual_seed(0)
+    model = telling_apart(AudioCodec(CodecConfig(filters=2, width=8, codes=16)).double().eval())
+    return Stream(model.init_state, model.step, model.encode)
+
+
+def sound(rows: int, samples: int, random: torch.Generator) -> Tensor:
+    """Ten times a second a tone of another pitch and loudness, or noise."""
+    loud, pitch, is_noise = torch.rand(3, rows, -(-samples // 2400), 1, generator=random)
+    time = torch.arange(2400) / 24_000
+    tone = torch.sin(2 * math.pi * (100 + 3_000 * pitch**2) * time)
+    made = loud * torch.where(is_noise < 0.3, torch.randn(*tone.shape, generator=random), tone)
+    return made.flatten(1)[:, :samples]
+
+
+def quiet(rows: int, samples: int, random: torch.Generator) -> Tensor:
+    return 0.02 * sound(rows, samples, random)
+
+
+def hubert() -> Stream:
+    """Each chunk's own frames of the window; `forward` hears a clip in the same way."""
+    torch.manual_seed(0)
+    encoder = HubertEncoder(EAR).eval()
+
+    def step(x: Tensor, state: Any, active: Tensor) -> Tensor:
+        return encoder.step(x, state, active)[:, -CHUNK_FRAMES:]
+
+    return Stream(encoder.init_state, in_chunks(step, CHUNK_SAMPLES), encoder)
+
+
+def face_stream(memory: str) -> Any:
+    return face.Seeded(face.make(face.CONFIG.model_copy(update={"memory": memory})))
+
+
+def idle_face() -> Stream:
+    """Over curves that rest, for a loudness."""
+    model = IdleFace(torch.zeros(52))
+
+    def step(loudness: Tensor, state: Any, active: Tensor) -> Tensor:
+        still = torch.zeros(*loudness.shape, 52)
+        return model.step(still, loudness, state, active, torch.arange(len(loudness)))
+
+    return Stream(model.init_state, step)
+
+
+def generator(sequence: str) -> Any:
+    return open_stream(generators.generator(sequence=sequence, window_chunks=2))
+
+
+def gestures(rows: int, frames: int, random: torch.Generator) -> Tensor:
+    """Features of bodies that sway, step and wave, with noise as sampled codes leave it."""
+    time = torch.arange(frames) / 30
+    turns = torch.zeros(rows, frames, HUMANOID.joints, 3)
+    phase = 6 * torch.rand(rows, 1, generator=random)
+    wave = torch.sin(2 * math.pi * 0.9 * time + phase)
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        turns[..., HUMANOID.index(f"{side}UpperArm"), 2] = -sign * (1.0 + 0.2 * wave)
+        turns[..., HUMANOID.index(f"{side}LowerArm"), 1] = -sign * (1.4 + 0.5 * wave)
+        knee = (sign * wave).clamp_min(0) * 0.5
+        turns[..., HUMANOID.index(f"{side}UpperLeg"), 0] = -knee
+        turns[..., HUMANOID.index(f"{side}LowerLeg"), 0] = 2 * knee
+        turns[..., HUMANOID.index(f"{side}Foot"), 0] = -knee
+    turns += 0.03 * torch.randn(turns.shape, generator=random)
+    root = torch.zeros(rows, frames, 3)
+    root[..., 0] = 0.05 * wave
+    root[..., 1] = 0.94
+    return to_features(HUMANOID, matrix_from_axis_angle(turns), root)
+
+
+def post(options: MotionOptions = FREE) -> Stream:
+    """All stages behind the decoder, with these options in every row that is active."""
+    stages = Post(HUMANOID)
+
+    def step(x: Tensor, state: Any, active: Tensor) -> Tensor:
+        state.modes.choose(active, options)
+        return flat(stages.step(x, state, active))
+
+    return Stream(stages.init_state, in_chunks(step, CHUNK_FRAMES))
+
+
+def flat(motion: MotionBatch) -> Tensor:
+    """(b, t, joints x 4 + 3): rotations and root."""
+    rotations = motion.rotations.reshape(*motion.root.shape[:2], -1)
+    return torch.from_numpy(np.concatenate([rotations, motion.root], 2))
+
+
+def time_warp() -> Stream:
+    """Rotations, root and brake in one row of numbers."""
+    warp = TimeWarp(JOINTS)
+
+    def step(x: Tensor, state: Any, active: Tensor) -> Tensor:
+        turns = torch.nn.functional.normalize(x[..., : 4 * JOINTS].unflatten(-1, (JOINTS, 4)), dim=-1)
+        return flat(warp.step(MotionBatch(turns.numpy(), x[..., -4:-1].numpy()), x[..., -1], state, active))
+
+    return Stream(warp.init_state, step)
+
+
+def braked_motion(rows: int, frames: int, random: torch.Generator) -> Tensor:
+    still = torch.tensor([1.0, 0, 0, 0]).repeat(JOINTS)
+    turns = still + 0.1 * torch.randn(rows, frames, 4 * JOINTS, generator=random)
+    root = torch.randn(rows, frames, 3, generator=random)
+    return torch.cat([turns, root, torch.rand(rows, frames, 1, generator=random)], 2)
+
+
+def released() -> Skeleton:
+    """A rig of 88 joints, as the published release has."""
+    names, parents, offsets = skeleton()
+    return Skeleton(skeleton_config(names, parents, offsets, origin="test"))
+
+
+def rig() -> Stream:
+    own, same = released(), np.stack([np.eye(3)] * 88)
+    adapter = RigAdapter(rig_config(own.config, same, same), own)
+    return Stream(adapter.init_state, adapter.step)
+
+
+def released_features(rows: int, frames: int, random: torch.Generator) -> Tensor:
+    turns = matrix_from_axis_angle(0.1 * torch.randn(rows, frames, 88, 3, generator=random))
+    root = torch.tensor([0.0, -2.0, 95.0]) + torch.randn(rows, frames, 3, generator=random).cumsum(1)
+    return to_features(released(), turns, root, previous_ground=root[:, 0, :2], convention=REFERENCE)
+
+
+def pipeline() -> Stream:
+    """A whole bundle of random weights, wide enough that every sound matters: sound in, motion out."""
+    with tempfile.TemporaryDirectory() as folder:
+        bundle = load_bundle(write_bundle(Path(folder)))
+    telling_apart(bundle.codec)
+    torch.manual_seed(0)
+    for parameter in bundle.generator.parameters():
+        torch.nn.init.normal_(parameter)
+    whole = Pipeline(bundle, precision="float32")
+
+    def step(x: Tensor, state: Any, active: Tensor) -> Tensor:
+        shown = whole.step(x, state, active)
+        return flat(
+            MotionBatch(*(np.stack(part) for part in zip(*((c.rotations, c.root) for c in shown), strict=True)))
+        )
+
+    return Stream(whole.init_state, in_chunks(step, CHUNK_SAMPLES))
+
+
+CASES: dict[type, dict[str, Case]] = {
+    CausalConvolution: {"": Case(seeded(CausalConvolution, width=16, dilation=3), numbers(16), atol=1e-9)},
+    CausalConvBlock: {"": Case(seeded(CausalConvBlock, width=16), numbers(16), atol=1e-9)},
+    CausalAttention: {"": Case(seeded(CausalAttention, width=16, heads=2, lookback=5), numbers(16))},
+    CausalBlock: {"": Case(seeded(CausalBlock, width=16, heads=2, lookback=3), numbers(16))},
+    MotionTokenizer: {
+        "encoder": Case(lambda: encoding(tokenizer()), numbers(10), unit=4, atol=0),
+        "decoder": Case(lambda: decoding(tokenizer()), codes(24, 3)),
+        "encoder, convolutions": Case(
+            lambda: encoding(tokenizer(blocks="convolution", resampling="strided")), numbers(10), unit=4, atol=0
+        ),
+        "decoder, convolutions": Case(
+            lambda: decoding(tokenizer(blocks="convolution", resampling="strided")), codes(24, 3)
+        ),
+        "encoder, learned": Case(lambda: encoding(tokenizer(resampling="learned")), numbers(10), unit=4, atol=0),
+        "decoder, learned": Case(lambda: decoding(tokenizer(resampling="learned")), codes(24, 3)),
+    },
+    BodyTokenizer: {
+        "encoder": Case(lambda: encoding(small_body().double()), numbers(315), unit=4, atol=0),
+        "decoder": Case(lambda: decoding(small_body().double()), codes(16, 3, 2)),
+    },
+    AudioCodec: {"": Case(codec, lambda *of: sound(*of).double(), unit=7 * 320, cuts=FEW, atol=0)},
+    LevelControl: {"": Case(LevelControl, quiet, unit=160 * 30, atol=0)},
+    MelEncoder: {"": Case(seeded(MelEncoder, config=face.EAR), face.sound, CHUNK_SAMPLES, cuts=FEW, atol=1e-9)},
+    HubertEncoder: {"": Case(hubert, sound, CHUNK_SAMPLES, cuts=FEW, atol=1e-5)},
+    FaceStream: {
+        "ring": Case(lambda: face_stream("ring"), face.sound, CHUNK_SAMPLES, cuts=FEW[:1], atol=1e-9),
+        "window": Case(lambda: face_stream("window"), face.sound, CHUNK_SAMPLES, cuts=FEW[:1], atol=1e-9),
+    },
+    IdleFace: {"": Case(idle_face, lambda *of: numbers()(*of).abs().clamp(max=1).float(), unit=24)},
+    InterleavedStream: {"": Case(lambda: generator("interleaved"), generators.audio, unit=20, cuts=FEW[1:], atol=0)},
+    PrefixStream: {"": Case(lambda: generator("prefix"), generators.audio, unit=20, cuts=FEW[1:], atol=0)},
+    WarpModel: {"": Case(seeded(WarpModel, config=WARP), numbers(), CHUNK_SAMPLES, atol=1e-9)},
+    Post: {
+        "free": Case(post, gestures, CHUNK_FRAMES, cuts=FEW, atol=1e-5),
+        "on a leash": Case(lambda: post(MotionOptions(leash_m=0.02)), gestures, CHUNK_FRAMES, cuts=FEW, atol=1e-5),
+        "upper body": Case(lambda: post(MotionOptions(upper_body=True)), gestures, CHUNK_FRAMES, cuts=FEW, atol=1e-5),
+    },
+    TimeWarp: {"": Case(time_warp, braked_motion, unit=2, atol=1e-4)},
+    RigAdapter: {"": Case(rig, released_features, cuts=((3, 1, 4), (1, 7)), atol=2e-5)},
+    Pipeline: {"": Case(pipeline, sound, CHUNK_SAMPLES, cuts=FEW[1:], atol=1e-5)},
+}
+
+COVERED: dict[type, tuple[type, str]] = {
+    FaceGpt: (FaceStream, "its state is a part of the stream's, which runs it frame by frame"),
+    Smoother: (Post, "runs in every chunk"),
+    Ground: (Post, "runs in every chunk"),
+    Feet: (Post, "runs in every chunk"),
+    Leash: (Post, "runs where a leash was asked for"),
+    IdleLegs: (Post, "runs where the upper body alone moves"),
+    LookaheadPipeline: (Pipeline, "changes only what the generator hears: it knows the future, so one law cannot hold"),
+}
