@@ -2,8 +2,8 @@
 
 The mock server encodes the clock in the sound (a sawtooth with a period of one second) and in the hips (Z = seconds /
 1000). At each display frame the test reads the sound at the output and the pose on screen. Messages are delayed by up
-to 50 ms at random, and once for 500 ms. With software rendering, poses are applied but not drawn, because drawing would be
-too slow for the measurement.
+to 50 ms at random, and once for 500 ms. With software rendering, poses are applied but not drawn, because drawing would
+be too slow for the measurement.
 """
 
 import logging
