@@ -50,8 +50,8 @@ def test_what_is_typed_is_answered_aloud_and_may_be_cut_across(page, tmp_path):
 def test_what_is_said_aloud_is_answered(page):
     """The browser's fake microphone beeps once a second: half a second of sound, then silence."""
     page.click("#microphone")
-    page.wait("document.getElementById('ear').getAttribute('aria-pressed') === 'true'")
+    page.wait("document.getElementById('microphone').getAttribute('aria-pressed') === 'true'")
     page.wait("document.querySelectorAll('#messages p.assistant').length > 0")
     assert page.ask(MESSAGES)[0] == "user: something aloud"
     page.click("#microphone")
-    page.wait("document.getElementById('ear').getAttribute('aria-pressed') === 'false'")
+    page.wait("document.getElementById('microphone').getAttribute('aria-pressed') === 'false'")
