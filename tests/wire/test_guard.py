@@ -6,6 +6,7 @@ from echoavatar.wire.guard import (
     check_token,
     has_token,
     is_loopback,
+    network_of,
 )
 
 
@@ -62,3 +63,17 @@ def test_loopback() -> None:
     assert is_loopback("::1")
     assert not is_loopback("0.0.0.0")
     assert not is_loopback("example.org")
+
+
+@pytest.mark.parametrize(
+    ("address", "network"),
+    [
+        ("203.0.113.7", "203.0.113.7"),
+        ("2001:db8:1:2:3:4:5:6", "2001:db8:1:2::/64"),
+        ("fe80::1%eth0", "fe80::/64"),
+        ("::ffff:203.0.113.7", "203.0.113.7"),
+        ("unix", "unix"),
+    ],
+)
+def test_an_ipv6_network_counts_as_one_address(address, network):
+    assert network_of(address) == network

@@ -3,6 +3,8 @@
 from collections import Counter
 from typing import Protocol
 
+from echoavatar.wire.guard import network_of
+
 
 class Waiting(Protocol):
     """The hello of a connection, as far as it can be called off: a cancel scope."""
@@ -15,9 +17,9 @@ class Waiting(Protocol):
 class Admission:
     """The places, and the connections that have not said hello. Each is known by its wait, which can be cancelled."""
 
-    def __init__(self, limit: int) -> None:
-        self._limit = limit
-        self._greeted: set[Waiting] = set()
+    def __init__(self, limit: int, per_address: int | None = None) -> None:
+        self._limit, self._per_address = limit, per_address or limit
+        self._greeted: dict[Waiting, str] = {}  # with the client's address
         self._waiting: dict[Waiting, str] = {}  # with the client's address, the oldest first
 
     def __len__(self) -> int:
@@ -26,13 +28,23 @@ class Admission:
     def enter(self, scope: Waiting, address: str) -> bool:
         """Take a place; returns whether there was one.
 
-        If all are taken, the address with the most silent connections gives up its oldest.
+        If an address has as many as it may, it gives up its own oldest silent connection; if all are taken, the address
+        with the most silent connections does.
         """
-        if len(self) >= self._limit:
-            if not self._waiting:
-                return False
+        address = network_of(address)
+        own = [*self._waiting.values(), *self._greeted.values()].count(address)
+        if own >= self._per_address:
+            crowd = address
+        elif len(self) >= self._limit and self._waiting:
             crowd, _ = Counter(self._waiting.values()).most_common(1)[0]
-            oldest = next(scope for scope, address in self._waiting.items() if address == crowd)
+        elif len(self) >= self._limit:
+            return False
+        else:
+            crowd = None
+        if crowd is not None:
+            oldest = next((scope for scope, held in self._waiting.items() if held == crowd), None)
+            if oldest is None:
+                return False
             del self._waiting[oldest]
             oldest.cancel()
         self._waiting[scope] = address
@@ -40,10 +52,11 @@ class Admission:
 
     def greet(self, scope: Waiting) -> None:
         """The connection said hello, so it keeps its place."""
-        if self._waiting.pop(scope, None) is not None:
-            self._greeted.add(scope)
+        address = self._waiting.pop(scope, None)
+        if address is not None:
+            self._greeted[scope] = address
 
     def leave(self, scope: Waiting) -> None:
         """The connection is closed."""
         self._waiting.pop(scope, None)
-        self._greeted.discard(scope)
+        self._greeted.pop(scope, None)
