@@ -1,6 +1,6 @@
 import pytest
 
-from echoavatar.wire import ProtocolError
+from echoavatar.wire import ProtocolError, guard
 from echoavatar.wire.guard import (
     check_origin,
     check_token,
@@ -77,3 +77,10 @@ def test_loopback() -> None:
 )
 def test_an_ipv6_network_counts_as_one_address(address, network):
     assert network_of(address) == network
+
+
+def test_tokens_are_compared_in_constant_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    compared = []
+    monkeypatch.setattr(guard.hmac, "compare_digest", lambda a, b: compared.append((a, b)) or a == b)
+    check_token("secret", "secret", {"authorization": "Bearer guess"})
+    assert compared == [(b"secret", b"guess"), (b"secret", b"secret")]
