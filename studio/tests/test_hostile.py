@@ -274,6 +274,34 @@ def test_refusals_are_logged_but_cannot_fill_the_store(maker: Maker, monkeypatch
     assert actions(maker).count("refused: bad_invitation") == 5
 
 
+SCRIPT = "<script>alert(1)</script><img src=x onerror=alert(2)>\"'"
+
+
+def test_stored_scripts_leave_only_as_data(maker: Maker, library):
+    """Answers are JSON that browsers may not guess about, exports are downloads, and pages allow no inline script."""
+    study = canned.make_pairwise(maker, library, title=SCRIPT, intro=SCRIPT, consent=SCRIPT)
+    owner, rater = OwnerPerson(app_of(maker)), RaterPerson(app_of(maker))
+    owner.log_in()
+    path = f"/api/owner/studies/{study}"
+    owner.post(f"{path}/invitations", {"count": 1, "label": SCRIPT})
+    answers = [rater.join(tokens(maker, study, 1)[0]), owner.post(f"{path}/raters/1/exclude", {"reason": SCRIPT})]
+    answers += [owner.get(path + below) for below in ("", "/invitations", "/raters", "/results")]
+    answers += [owner.get("/api/owner/studies"), owner.get("/api/owner/audit")]
+    assert sum("script" in answer.text for answer in answers) >= 5
+    for answer in answers:
+        assert answer.headers["content-type"] == "application/json"
+        assert answer.headers["x-content-type-options"] == "nosniff"
+    found = answers[5].json()
+    for name in (*found["exports"], *found["plots"]):
+        answer = owner.get(f"{path}/export/{name}")
+        assert answer.headers["content-disposition"].startswith("attachment")
+        assert answer.headers["x-content-type-options"] == "nosniff"
+    for page in ("/", "/rate"):
+        policy = owner.get(page).headers["content-security-policy"]
+        assert "default-src 'none'" in policy
+        assert "script-src 'self';" in policy
+
+
 def test_nothing_of_all_this_was_kept(scene):
     maker, bad, _, _ = scene
     bad.post("/api/rater/tasks/none/answer", usual(bad.task()), idempotency_key="key-12345")

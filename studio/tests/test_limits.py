@@ -2,7 +2,7 @@
 
 import pytest
 
-from echoavatar_studio.limits import Limiter, Rate, network_of
+from echoavatar_studio.limits import Limiter, Rate
 
 
 def test_a_burst_passes_then_one_at_a_time():
@@ -22,17 +22,3 @@ def test_old_keys_are_forgotten():
     for number in range(25_000):
         limiter.wait(str(number), Rate(1, 1))
     assert len(limiter._levels) == 20_000
-
-
-@pytest.mark.parametrize(
-    ("address", "network"),
-    [
-        ("203.0.113.7", "203.0.113.7"),
-        ("2001:db8:1:2:3:4:5:6", "2001:db8:1:2::/64"),
-        ("fe80::1%eth0", "fe80::/64"),
-        ("::ffff:203.0.113.7", "203.0.113.7"),
-        ("unix", "unix"),
-    ],
-)
-def test_an_ipv6_network_counts_as_one_address(address, network):
-    assert network_of(address) == network

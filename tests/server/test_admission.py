@@ -41,3 +41,27 @@ def test_an_evicted_connection_cannot_keep_its_place_by_a_late_hello() -> None:
     admission.greet(late)
     admission.leave(late)
     assert len(admission) == 1
+
+
+def test_one_address_does_not_take_all_places() -> None:
+    admission = Admission(10, per_address=2)
+    first, second, third, fourth = (Scope() for _ in range(4))
+    assert admission.enter(first, "a")
+    admission.greet(first)
+    assert admission.enter(second, "a")
+    assert admission.enter(third, "a")
+    assert (first.cancel_called, second.cancel_called) == (False, True)  # its own silent one gives way
+    admission.greet(third)
+    assert not admission.enter(fourth, "a")
+    assert admission.enter(fourth, "b")
+    admission.leave(first)
+    assert admission.enter(Scope(), "a")
+
+
+def test_an_ipv6_network_is_one_address() -> None:
+    admission = Admission(10, per_address=1)
+    scope = Scope()
+    assert admission.enter(scope, "2001:db8::1")
+    admission.greet(scope)
+    assert not admission.enter(Scope(), "2001:db8::2")
+    assert admission.enter(Scope(), "2001:db8:0:1::2")

@@ -1,6 +1,7 @@
 """Sockets of strangers: they may be many, silent, or noisy; a client is served all the same."""
 
 import contextlib
+import dataclasses
 import logging
 import socket
 import time
@@ -8,11 +9,11 @@ from collections.abc import Iterator
 
 import pytest
 from tests.server.fakes import FAST, RunningServer, serving
-from websockets.exceptions import ConnectionClosed
+from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from echoavatar.server import run, transport
+from echoavatar.server import connection, run, transport
 from echoavatar.server.transport import ConnectionGuard, RepeatFilter, raise_file_limit
-from echoavatar.wire import Hello, Motion
+from echoavatar.wire import Hello, Motion, Ping, encode
 
 LIMIT = 40
 
@@ -116,3 +117,58 @@ def test_a_repeated_line_is_logged_once_for_a_while(monkeypatch: pytest.MonkeyPa
     assert [is_logged("out of files"), is_logged("out of files"), is_logged("another")] == [True, False, True]
     now += 11
     assert is_logged("out of files")
+
+
+def deaf(place: RunningServer) -> socket.socket:
+    """A WebSocket whose client sends and never reads."""
+    line = socket.socket()
+    line.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4_096)
+    line.settimeout(20)
+    line.connect(address(place))
+    line.sendall(
+        f"GET /v1/stream HTTP/1.1\r\nHost: {place.address}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+        "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n"
+        "Sec-WebSocket-Protocol: echoavatar.v1.msgpack\r\n\r\n".encode()
+    )
+    assert line.recv(12) == b"HTTP/1.1 101"
+    return line
+
+
+def frame(opcode: int, content: bytes) -> bytes:
+    """A frame as a client sends it; the mask is zero."""
+    return bytes([0x80 | opcode, 0x80 | len(content)]) + bytes(4) + content
+
+
+@pytest.mark.parametrize("kind", ["control frame", "message"])
+def test_pongs_that_are_not_read_do_not_pile_up(monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
+    """32 MB of pings whose answers nobody takes: the connection is closed long before that, and memory is not taken."""
+    monkeypatch.setattr(transport, "CONTROL_FRAMES_AT_ONCE", 1e9)
+    monkeypatch.setattr(connection, "SEND_S", 0.5)
+    ping = frame(9, bytes(125)) if kind == "control frame" else frame(2, encode(Ping(nonce=7)))
+    with serving() as place, place.call(Hello()) as neighbour, deaf(place) as line:
+        line.sendall(frame(2, encode(Hello(want=()))))
+        most, is_open = 0, True
+        for _ in range((32 << 20) // len(ping * 100)):
+            try:
+                line.sendall(ping * 100)
+            except OSError:
+                is_open = False
+                break
+            for one in list(place.server.server_state.connections):
+                most = max(most, one.transport.get_write_buffer_size())
+        assert not is_open
+        assert most <= transport.MAX_UNREAD_BYTES + (1 << 16)
+        neighbour.until(Motion)
+
+
+def test_one_address_does_not_take_all_places_whatever_it_says_its_address_is() -> None:
+    few = dataclasses.replace(FAST, connections_per_address=2)
+    with serving(settings=few) as place, place.call(Hello()), place.call(Hello()), pytest.raises(InvalidStatus):
+        place.call(additional_headers={"X-Forwarded-For": "203.0.113.7"})
+    with (
+        serving(settings=dataclasses.replace(few, proxies=("127.0.0.1",))) as place,
+        contextlib.ExitStack() as stack,
+    ):
+        for number in range(4):
+            forwarded = {"X-Forwarded-For": f"203.0.113.{number}"}
+            stack.enter_context(place.call(Hello(), additional_headers=forwarded)).until(Motion)

@@ -1,7 +1,13 @@
 import pytest
 
-from echoavatar.wire import ProtocolError
-from echoavatar.wire.guard import check_origin, check_token, has_token, is_loopback
+from echoavatar.wire import ProtocolError, guard
+from echoavatar.wire.guard import (
+    check_origin,
+    check_token,
+    has_token,
+    is_loopback,
+    network_of,
+)
 
 
 def test_the_token_may_stand_in_the_hello_or_in_the_header() -> None:
@@ -57,3 +63,24 @@ def test_loopback() -> None:
     assert is_loopback("::1")
     assert not is_loopback("0.0.0.0")
     assert not is_loopback("example.org")
+
+
+@pytest.mark.parametrize(
+    ("address", "network"),
+    [
+        ("203.0.113.7", "203.0.113.7"),
+        ("2001:db8:1:2:3:4:5:6", "2001:db8:1:2::/64"),
+        ("fe80::1%eth0", "fe80::/64"),
+        ("::ffff:203.0.113.7", "203.0.113.7"),
+        ("unix", "unix"),
+    ],
+)
+def test_an_ipv6_network_counts_as_one_address(address, network):
+    assert network_of(address) == network
+
+
+def test_tokens_are_compared_in_constant_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    compared = []
+    monkeypatch.setattr(guard.hmac, "compare_digest", lambda a, b: compared.append((a, b)) or a == b)
+    check_token("secret", "secret", {"authorization": "Bearer guess"})
+    assert compared == [(b"secret", b"guess"), (b"secret", b"secret")]

@@ -46,6 +46,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="URL",
         help="let pages of this host connect, such as https://avatar.example.org; repeat for more",
     )
+    parser.add_argument(
+        "--proxy",
+        action="append",
+        default=[],
+        metavar="ADDRESS",
+        help="address or network of a proxy whose X-Forwarded-For is believed; repeat for more (default: none)",
+    )
     parser.add_argument("--music", type=Path, metavar="FOLDER", help="folder with more tracks for play_music")
     parser.add_argument(
         "--ahead",
@@ -104,6 +111,7 @@ def run(args: argparse.Namespace) -> int:
     settings = ServerSettings(
         token=token,
         origins=tuple(origin.rstrip("/") for origin in args.origin),
+        proxies=tuple(args.proxy),
         music=args.music,
         ahead_seconds=args.ahead,
         drain_seconds=args.drain,

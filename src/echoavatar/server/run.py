@@ -64,7 +64,8 @@ def serve(
 def configure(app: Starlette, *, ssl_certfile: str | None = None, ssl_keyfile: str | None = None) -> uvicorn.Config:
     """Uvicorn's settings for our application, within the limits of this process."""
     files = raise_file_limit()
-    wanted = app.state.manager.settings.connections + HTTP_CONNECTIONS
+    settings = app.state.manager.settings
+    wanted = settings.connections + HTTP_CONNECTIONS
     guard = ConnectionGuard(max(16, min(wanted, files - SPARE_FILES)))
     _quiet()
     return uvicorn.Config(
@@ -78,6 +79,8 @@ def configure(app: Starlette, *, ssl_certfile: str | None = None, ssl_keyfile: s
         log_level="warning",
         access_log=False,
         server_header=False,
+        proxy_headers=bool(settings.proxies),
+        forwarded_allow_ips=list(settings.proxies),
         timeout_graceful_shutdown=5,
         ssl_certfile=ssl_certfile,
         ssl_keyfile=ssl_keyfile,

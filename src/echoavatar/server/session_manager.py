@@ -41,7 +41,7 @@ class SessionManager:
         self.metrics = Metrics()
         self.metrics.seats.set(engine.seats)
         self.tracks = Tracks(settings.music)
-        self.admission = Admission(settings.connections)
+        self.admission = Admission(settings.connections, settings.connections_per_address)
         self.is_draining = False
         self._thread = EngineThread(engine)
         self._sessions: dict[str, ServerSession] = {}  # by public name

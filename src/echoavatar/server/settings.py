@@ -20,6 +20,8 @@ class ServerSettings:
     hello_seconds: float = 10.0  # a client must send hello in this time
     drain_seconds: float = 10.0  # at shutdown, for speech to end
     connections: int = 256  # WebSockets at once, sources and viewers
+    connections_per_address: int = 64  # of them
+    proxies: tuple[str, ...] = ()  # addresses or networks whose X-Forwarded-For is believed
     lists_sessions: bool = True  # to clients with the token; where strangers share a server, names are secrets
     music: Path | None = None  # folder of further tracks
     sinks: tuple[str, ...] = ()  # programs that show the first session's avatar, such as vmc://127.0.0.1:39539

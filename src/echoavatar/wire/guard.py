@@ -1,4 +1,4 @@
-"""Access checks: the token, and the origin of browser pages."""
+"""Access checks: the token, the origin of browser pages, and what counts as one address."""
 
 import hmac
 import ipaddress
@@ -56,6 +56,17 @@ def is_loopback(host: str) -> bool:
         return host == "localhost" or ipaddress.ip_address(host).is_loopback
     except ValueError:
         return False
+
+
+def network_of(address: str) -> str:
+    """The part of an address that its holder cannot change at will: all of IPv4, the first 64 bits of IPv6."""
+    try:
+        found = ipaddress.ip_address(address.partition("%")[0])
+    except ValueError:
+        return address
+    if found.version == 4:
+        return str(found)
+    return str(found.ipv4_mapped or ipaddress.ip_network((int(found) >> 64 << 64, 64)))
 
 
 def _is_bare(host: str) -> bool:

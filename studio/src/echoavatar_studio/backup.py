@@ -84,8 +84,17 @@ def restore(store: Store, media: Path, path: Path) -> dict[str, int]:
     return counts
 
 
-_FOREIGN: tuple[type[Exception], ...] = (OSError, zipfile.BadZipFile, zlib.error, LookupError, ValueError, TypeError)
-_FOREIGN += (AttributeError, NotImplementedError, RuntimeError, StopIteration, SQLAlchemyError)
+_FOREIGN = (  # what readers of a damaged or forged ZIP raise
+    OSError,
+    RuntimeError,
+    LookupError,
+    ValueError,
+    TypeError,
+    AttributeError,
+    zipfile.BadZipFile,
+    zlib.error,
+    SQLAlchemyError,
+)
 
 
 def _check_sizes(whole: zipfile.ZipFile, media: Path, path: Path) -> None:

@@ -1,6 +1,5 @@
 """Rate limits: token buckets in memory. Addresses are never written to disk."""
 
-import ipaddress
 import threading
 import time
 from collections import OrderedDict
@@ -28,17 +27,6 @@ class Rates:
     read: Rate = Rate(400, 1200)  # per session, clips and sounds included
     stranger: Rate = Rate(120, 240)  # per address, for requests without a session
     account: Rate = Rate(100, 60)  # sign-ins to one account from addresses that never succeeded
-
-
-def network_of(address: str) -> str:
-    """The part of an address that its holder cannot change at will: all of IPv4, the first 64 bits of IPv6."""
-    try:
-        found = ipaddress.ip_address(address.partition("%")[0])
-    except ValueError:
-        return address
-    if found.version == 4:
-        return str(found)
-    return str(found.ipv4_mapped or ipaddress.ip_network((int(found) >> 64 << 64, 64)))
 
 
 class Limiter:
