@@ -1,7 +1,9 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
+import soundfile
 
 from echoavatar.cli import main
 from echoavatar.corpora.rehearsal.corpus import Plan, rehearse
@@ -44,6 +46,23 @@ def test_actions_of_the_head_are_told_by_how_far_it_turns(
     assert on > 2 * off
     assert own == pytest.approx(48, abs=5)
     assert said[-2].split() == ["disagree", *(f"{turn:.0f}" for way in turns.values() for turn in way)]
+
+
+def test_liveliness_needs_recordings_and_ends_with_json(
+    tiny_bundle: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from echoavatar.evaluation import alive_picture
+
+    monkeypatch.setattr(alive_picture, "contact_sheet", lambda *_, **__: np.zeros((4, 4, 3), np.uint8))
+    assert main(["evaluate", str(tiny_bundle), "--alive"]) == 1
+    assert "--recordings" in capsys.readouterr().err
+    soundfile.write(tmp_path / "voice.wav", np.random.default_rng(0).normal(0, 0.1, 5 * 24_000), 24_000)
+    asked = ["--recordings", str(tmp_path), "--seconds", "5", "--pictures", str(tmp_path / "a.png")]
+    assert main(["evaluate", str(tiny_bundle), "--alive", *asked]) == 0
+    said = capsys.readouterr().out.strip().splitlines()
+    assert json.loads(said[-1])["speech"]["hand_speed"] >= 0
+    assert (tmp_path / "a.png").exists()
+    assert (tmp_path / "a_plot.png").exists()
 
 
 def test_a_corpus_without_test_clips_is_refused(

@@ -3,7 +3,7 @@ from tests.motion.kinematics.samples import chain, recorded
 
 from echoavatar.errors import MotionError
 from echoavatar.motion.kinematics import HUMANOID, Skeleton, read_bvh
-from echoavatar.motion.kinematics.rigs import bone_map, finger_bones
+from echoavatar.motion.kinematics.rigs import bone_map, finger_bones, known_bones
 
 RIGS = {
     "motion_permissive/mesh2motion_cc0/greeting.bvh": (52, "thumb_01_l"),
@@ -54,6 +54,15 @@ MIXAMO = [
     *("LeftArm", "LeftForeArm", "LeftHand", "RightArm", "RightForeArm", "RightHand"),
     *("LeftUpLeg", "LeftLeg", "LeftFoot", "RightUpLeg", "RightLeg", "RightFoot"),
 ]
+
+
+def test_daz_is_known_and_a_rig_without_hands_in_part():
+    """FreeMoCap's forearms end in the wrist: nothing to retarget a hand from."""
+    assert bone_map(read_bvh(recorded("motion_permissive/cmu_dance/60_01.bvh")).skeleton)["leftLowerArm"]
+    skeleton = read_bvh(recorded("motion_permissive/reactidle_mit/000_genuine.bvh")).skeleton
+    assert skeleton.names[known_bones(skeleton)["leftLowerArm"]] == "forearm.L"
+    with pytest.raises(MotionError, match="no joint is leftHand"):
+        bone_map(skeleton)
 
 
 def test_an_unknown_rig_is_explained():
