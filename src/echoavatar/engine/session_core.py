@@ -100,7 +100,7 @@ class SessionCore:
         self._actions = ActionScheduler(host.actions, self.chunk)
         self._listener = Listener(seed)
         self._user_resampler: StreamResampler | None = None
-        self._gaze, self._life = Gaze(self.chunk), IdleMotion(seed, options, self.chunk)
+        self._gaze, self._idle_motion = Gaze(self.chunk), IdleMotion(seed, options, self.chunk)
         self._settling = Settling(self.chunk)
         self._making: tuple[int, Heard] | None = None  # the chunk in the making, and its sound
 
@@ -342,7 +342,7 @@ class SessionCore:
         """Breath and shifts of weight, eye contact, and the clip of an action on top."""
         skeleton, is_free = self._host.skeleton, self._is_free(chunk)
         is_idle = source in ("idle", "action") and is_free
-        motion = self._life.apply(chunk, motion, skeleton, is_idle=is_idle)
+        motion = self._idle_motion.apply(chunk, motion, skeleton, is_idle=is_idle)
         return self._gaze.apply(
             chunk,
             motion,

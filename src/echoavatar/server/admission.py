@@ -34,15 +34,15 @@ class Admission:
         address = network_of(address)
         own = [*self._waiting.values(), *self._greeted.values()].count(address)
         if own >= self._per_address:
-            crowd = address
+            busiest = address
         elif len(self) >= self._limit and self._waiting:
-            crowd, _ = Counter(self._waiting.values()).most_common(1)[0]
+            busiest, _ = Counter(self._waiting.values()).most_common(1)[0]
         elif len(self) >= self._limit:
             return False
         else:
-            crowd = None
-        if crowd is not None:
-            oldest = next((scope for scope, held in self._waiting.items() if held == crowd), None)
+            busiest = None
+        if busiest is not None:
+            oldest = next((scope for scope, held in self._waiting.items() if held == busiest), None)
             if oldest is None:
                 return False
             del self._waiting[oldest]
