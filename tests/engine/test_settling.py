@@ -73,7 +73,7 @@ class Dancer(FakePipeline):
     def __init__(self) -> None:
         self.forgot = 0
 
-    def forget(self, state: Heard, rows: torch.Tensor) -> None:
+    def restart_generator(self, state: Heard, rows: torch.Tensor) -> None:
         self.forgot += int(rows.sum())
 
     def step(self, audio: torch.Tensor, state: Heard, active: torch.Tensor) -> list[MotionChunk]:
