@@ -36,7 +36,7 @@ def test_sounds_become_prompts_and_prompts_a_tuned_generator(
     assert (tmp_path / "run/model.safetensors").exists()
     parts = ["--codec", str(tiny_bundle / "codec"), "--tokenizer", str(tiny_bundle / "tokenizer")]
     assert main(["train", "generator", str(tokens), "-o", str(tmp_path / "g"), *parts]) == 1
-    assert "own motion only" in capsys.readouterr().err
+    assert "motion that a generator made" in capsys.readouterr().err
 
 
 def test_a_service_speaks_and_failures_are_reported(

@@ -47,7 +47,7 @@ def test_an_environment_in_which_animate_crashes_is_not_called_well(monkeypatch:
 def test_a_module_that_does_not_load_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "echoavatar.files.exports.usd", None)
     faults = [finding for finding in doctor._modules() if finding[0] == doctor.BROKEN]
-    assert [what for _, what, _ in faults] == ["exports"]
+    assert [what for _, what, _ in faults] == ["files"]
     assert "echoavatar.files.exports.usd does not load" in faults[0][2]
 
 
