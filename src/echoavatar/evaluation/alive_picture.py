@@ -9,7 +9,8 @@ from jaxtyping import UInt8
 from echoavatar.errors import DependencyError, EchoAvatarError
 from echoavatar.files.avatar.sheet import contact_sheet
 
-from .alive import KINDS, PEOPLE, AliveReport, Measured, Take, captured_kind
+from .alive import AliveReport, Measured, Take, captured_kind
+from .captured_people import KINDS, PEOPLE
 from .metrics.liveliness import STATISTICS
 
 _MADE, _CAPTURED = "#1f5fa8", "#8a8a8a"
