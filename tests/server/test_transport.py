@@ -154,7 +154,7 @@ def test_pongs_that_are_not_read_do_not_pile_up(monkeypatch: pytest.MonkeyPatch,
             except OSError:
                 is_open = False
                 break
-            for one in list(place.server.server_state.connections):
+            for one in list(place.uvicorn.server_state.connections):
                 most = max(most, one.transport.get_write_buffer_size())
         assert not is_open
         assert most <= transport.MAX_UNREAD_BYTES + (1 << 16)

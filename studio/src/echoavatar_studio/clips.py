@@ -60,7 +60,7 @@ def save_sound(path: Path, audio: Float[np.ndarray, " s"]) -> None:
     partial.replace(path)
 
 
-def fit(audio: Float[np.ndarray, " s"], frames: int) -> Float[np.ndarray, " s"]:
+def fit(audio: Float[np.ndarray, " s"], frames: int) -> Float[np.ndarray, " n"]:
     """Cut the sound to a number of frames, or pad it with silence."""
     wanted = frames * SAMPLES_PER_FRAME
     return np.pad(audio[:wanted], (0, max(0, wanted - len(audio)))).astype(np.float32)
