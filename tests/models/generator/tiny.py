@@ -17,6 +17,9 @@ def config(**changes) -> GeneratorConfig:
         "kv_heads": 2,
         "mlp": 48,
         "window_chunks": 3,
+        "depth_width": 24,
+        "depth_layers": 2,
+        "depth_heads": 2,
     }
     return GeneratorConfig(**(sizes | changes))
 

@@ -5,12 +5,12 @@ from .exemplar import Exemplar, draw_exemplar
 from .initial import align_embeddings, init_from_qwen
 from .linear import Precision
 from .model import Generator
+from .orders import open_stream
 from .reliance import nll_by_domain
 from .stream import (
     GeneratorStream,
     InterleavedStream,
     PrefixStream,
-    open_stream,
 )
 from .windows import (
     DOMAINS,

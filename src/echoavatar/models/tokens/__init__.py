@@ -3,6 +3,7 @@
 from .corruption import corrupt_hierarchically, corrupt_uniformly
 from .layout import PARTS, REFERENCE_LAYOUT, TokenLayout
 from .sequence import (
+    Depth,
     Interleaved,
     Prefix,
     SequenceOrder,
@@ -13,6 +14,7 @@ from .sequence import (
 __all__ = [
     "PARTS",
     "REFERENCE_LAYOUT",
+    "Depth",
     "Interleaved",
     "Prefix",
     "SequenceOrder",
