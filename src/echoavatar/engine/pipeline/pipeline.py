@@ -22,6 +22,7 @@ from echoavatar.errors import CheckpointError
 from echoavatar.models.audio import LevelControl, LevelState, NetworkState
 from echoavatar.models.face import FaceState, FaceStream
 from echoavatar.models.generator import open_stream
+from echoavatar.models.generator.depth_stream import FrameState
 from echoavatar.models.generator.linear import Precision
 from echoavatar.models.generator.stream import GeneratorStream, HistoryState, RingState
 from echoavatar.models.tokenizer.body import BodyState
@@ -67,7 +68,7 @@ class PipelineState(StreamState):
 
     level: LevelState
     codec: NetworkState
-    generator: RingState | HistoryState
+    generator: RingState | HistoryState | FrameState
     decoder: BodyState[DecoderState]
     post: PostState
     rig: list[RigState]  # one where the tokenizer speaks of another rig

@@ -102,6 +102,11 @@ class Decoder:
         self._compiled = self._compile() if self.device.type == "cpu" and precision != "bfloat16" else None
         self._graphs = GraphCache[Sequence[KeyValueRing]](self._generate, _tensors)
 
+    def keep_compiled(self) -> None:
+        """Drop the layers that `run` reads prompts with, where the compiled loop reads every position."""
+        if self._compiled is not None:
+            self._layers.clear()
+
     @property
     def device(self) -> torch.device:
         """Where the weights are."""

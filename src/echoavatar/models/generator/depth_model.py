@@ -39,13 +39,35 @@ class DepthReader(nn.Module):
         self, backbone: "Body", ids: Int[Tensor, "b t"], hints: Float[Tensor, "b n c"] | None
     ) -> Float[Tensor, "b m c"]:
         """The hidden state that predicts each code, frame after frame; see `tokens.Depth` for the ids."""
-        layout = self.config.layout
-        sizes = [AUDIO_FRAMES_PER_TOKEN * layout.audio_layers, layout.segments]
+        sizes = self._sizes
         sound, moves = ids.unflatten(1, (-1, sum(sizes))).split(sizes, dim=2)
         x = self.heard(backbone, sound) + self.moved(backbone, moves)
         x = x if hints is None else x + hints
+        return self.codes(self._run(backbone, x), moves)
+
+    def apart(
+        self, backbone: "Body", sound: Int[Tensor, "b t"], moves: Int[Tensor, "b m"]
+    ) -> tuple[Float[Tensor, "b t c"], Float[Tensor, "b m c"]]:
+        """The hidden states that predict each audio id from sound alone, and each motion id from motion alone."""
+        sounds, codes = (ids.unflatten(1, (-1, size)) for ids, size in zip((sound, moves), self._sizes, strict=True))
+        heard = torch.cat([self._start(backbone, sound), self.heard(backbone, sounds)[:, :-1]], dim=1)
+        by_sound, by_motion = self._run(backbone, heard), self._run(backbone, self.moved(backbone, codes))
+        return self.codes(by_sound, sounds), self.codes(by_motion, codes)
+
+    @property
+    def _sizes(self) -> list[int]:
+        """Audio ids and motion ids of a frame."""
+        layout = self.config.layout
+        return [AUDIO_FRAMES_PER_TOKEN * layout.audio_layers, layout.segments]
+
+    def _run(self, backbone: "Body", x: Float[Tensor, "b n c"]) -> Float[Tensor, "b n c"]:
         frames = torch.arange(x.shape[1], device=x.device)[None]
-        return self.codes(backbone(x, frames, self.config.order.lookback), moves)
+        hidden: Tensor = backbone(x, frames, self.config.order.lookback)
+        return hidden
+
+    def _start(self, backbone: "Body", ids: Int[Tensor, "b t"]) -> Float[Tensor, "b 1 c"]:
+        start: Tensor = backbone.embed_tokens(torch.full_like(ids[:, :1], self.config.layout.start_id))
+        return start
 
     def heard(self, backbone: "Body", sound: Int[Tensor, "b n i"]) -> Float[Tensor, "b n c"]:
         """The backbone's input from the audio ids of each frame."""
@@ -55,8 +77,7 @@ class DepthReader(nn.Module):
 
     def moved(self, backbone: "Body", moves: Int[Tensor, "b n k"]) -> Float[Tensor, "b n c"]:
         """The backbone's input from the motion ids of the frame before; the start id stands before the first."""
-        start = torch.full_like(moves[:, :1, 0], self.config.layout.start_id)
-        return torch.cat([backbone.embed_tokens(start), backbone.embed_tokens(moves[:, :-1]).sum(2)], dim=1)
+        return torch.cat([self._start(backbone, moves[:, :, 0]), backbone.embed_tokens(moves[:, :-1]).sum(2)], dim=1)
 
     def codes(self, hidden: Float[Tensor, "b n c"], ids: Int[Tensor, "b n k"]) -> Float[Tensor, "b m c"]:
         """The hidden state that predicts each id of each frame, from the backbone's and the ids before in the frame."""

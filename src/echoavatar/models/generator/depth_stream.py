@@ -53,6 +53,8 @@ class DepthDecoder(Decoder):
         self._backbone = Decoder(Part(config, generator.model, depth.condition.weight[None]), precision)
         self._table = generator.model.embed_tokens.weight.detach().float()
         self._sound = frozen_linear(precision, depth.sound.weight)
+        for part in (self, self._backbone):
+            part.keep_compiled()
         self._frames = GraphCache[Sequence[KeyValueRing]](self._frame, lambda rings: [*_tensors(rings)])
 
     @property
