@@ -19,7 +19,7 @@ from echoavatar.nn.stream import StreamState, write_rows
 from .config import AUDIO_FRAMES_PER_TOKEN, GeneratorConfig
 from .decoder import Decodable, Decoder, KeyValueRing, Places
 from .exemplar import ExemplarControl, Steer, member_rows
-from .linear import Precision, frozen_linear
+from .linear import Precision
 from .model import Body, Generator
 from .sampling import Sampler
 from .stream import GeneratorStream
@@ -42,7 +42,8 @@ class Part:
 class DepthDecoder(Decoder):
     """The frozen depth transformer, and the backbone before it.
 
-    The backbone's one head is the map into the depth transformer.
+    The backbone's one head is the map into the depth transformer. What each audio code adds to the backbone's input is
+    looked up, because the map of a frame's ten embeddings would read as many weights as a layer has.
     """
 
     def __init__(self, generator: Decodable, precision: Precision) -> None:
@@ -52,7 +53,9 @@ class DepthDecoder(Decoder):
         super().__init__(Part(config.depth, depth.body, generator.segment_head(), generator.exemplar), precision)
         self._backbone = Decoder(Part(config, generator.model, depth.condition.weight[None]), precision)
         self._table = generator.model.embed_tokens.weight.detach().float()
-        self._sound = frozen_linear(precision, depth.sound.weight)
+        layout, by_place = config.layout, depth.sound.weight.detach().float().unflatten(1, (AUDIO_FRAMES_PER_TOKEN, -1))
+        sounds = self._table[layout.audio_base :][: layout.audio_layers * layout.audio_codes]
+        self._sounds = torch.einsum("opi,ai->pao", by_place, sounds)
         for part in (self, self._backbone):
             part.keep_compiled()
         self._frames = GraphCache[Sequence[KeyValueRing]](self._frame, lambda rings: [*_tensors(rings)])
@@ -77,9 +80,10 @@ class DepthDecoder(Decoder):
         self, sound: Int[Tensor, "b i"], last: Int[Tensor, "b k"], is_first: Bool[Tensor, " b"]
     ) -> Float[Tensor, "b c"]:
         """The backbone's input from a frame's audio ids and the motion ids of the frame before, if there was one."""
-        by_layer = self._table[sound].unflatten(1, (AUDIO_FRAMES_PER_TOKEN, -1))
-        heard = self._sound(by_layer.sum(2).flatten(1).to(self._sound.dtype)).float()
-        start = self._table[self.config.layout.start_id]
+        layout = self.config.layout
+        place = torch.arange(AUDIO_FRAMES_PER_TOKEN, device=sound.device).repeat_interleave(layout.audio_layers)
+        heard = self._sounds[place, sound - layout.audio_base].sum(1)
+        start = self._table[layout.start_id]
         return heard + torch.where(is_first[:, None], start, self._table[last].sum(1))
 
     def frame(
