@@ -10,10 +10,11 @@ from tests.models.generator.tiny import generator
 from tests.training.test_processes import launch
 
 from echoavatar.align.grpo import GrpoTask
+from echoavatar.align.ppo import PpoTask
 from echoavatar.align.probe import Probe
 from echoavatar.align.prompts import PromptSampler
 from echoavatar.align.start import tune
-from echoavatar.align.trainer import RunContext
+from echoavatar.align.trainer import NO_CONTEXT, RunContext
 from echoavatar.errors import CheckpointError
 from echoavatar.models.generator import Generator
 from echoavatar.training import Loop
@@ -73,6 +74,15 @@ def test_in_how_many_pieces_a_batch_is_taken_changes_nothing_but_rounding():
         assert one["reward"] == pytest.approx(two["reward"])
         assert one["loss"] == pytest.approx(two["loss"], abs=1e-6)
         assert one["gradient"] == pytest.approx(two["gradient"], rel=1e-5)
+
+
+@pytest.mark.parametrize("method", ["grpo", "ppo"])
+def test_a_policy_of_the_depth_order_is_tuned_like_any(method):
+    kind = {"grpo": GrpoTask, "ppo": PpoTask}[method]
+    model, settings = policy("depth"), training(method, epochs=2, kl_weight=0.01)
+    loop = Loop(kind(model, policy("depth"), settings, wants_threes, NO_CONTEXT, book=book()))
+    steps = [loop.advance() for _ in range(12)]
+    assert sum(step["reward"] for step in steps[-4:]) > sum(step["reward"] for step in steps[:4])
 
 
 SHARED = """

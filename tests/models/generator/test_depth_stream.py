@@ -133,6 +133,7 @@ def test_a_captured_frame_draws_what_a_plain_one_does():
         return run
 
     decoder = stream._decoder
-    decoder._frames = GraphCache(decoder._frame, lambda rings: [t for ring in rings for t in ring.tensors()],
-                                 capture=capture)
+    decoder._frames = GraphCache(
+        decoder._frame, lambda rings: [t for ring in rings for t in ring.tensors()], capture=capture
+    )
     assert torch.equal(greedy(stream, x), plain)

@@ -24,7 +24,10 @@ ON_WEIGHT = 16.0  # cues are on for about one frame in thirty
 
 
 class CueReader(nn.Module):
-    """Two linear readouts (depth order: one) of a generator's hidden states while it trains; the generator itself stays as it is."""
+    """Two linear readouts (depth order: one) of a generator's hidden states while it trains.
+
+    The generator itself stays as it is.
+    """
 
     def __init__(self, generator: Generator) -> None:
         super().__init__()

@@ -199,9 +199,7 @@ class Decoder:
             x.view(rows, length, -1)[:, -hinted:] += hint[:, None]
         return self.read(x, places, rings)
 
-    def read(
-        self, x: Float[Tensor, "n c"], places: Places, rings: Sequence[KeyValueRing]
-    ) -> Float[Tensor, "b c"]:
+    def read(self, x: Float[Tensor, "n c"], places: Places, rings: Sequence[KeyValueRing]) -> Float[Tensor, "b c"]:
         """The same for what is embedded already, row by row; a single position takes the compiled way."""
         rows, length = places.slots.shape
         if self._compiled is not None and length == 1:

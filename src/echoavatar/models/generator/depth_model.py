@@ -40,7 +40,7 @@ class DepthReader(nn.Module):
     ) -> Float[Tensor, "b m c"]:
         """The hidden state that predicts each code, frame after frame; see `tokens.Depth` for the ids."""
         sizes = self._sizes
-        sound, moves = ids.unflatten(1, (-1, sum(sizes))).split(sizes, dim=2)
+        sound, moves = torch.split(ids.view(len(ids), -1, sum(sizes)), sizes, dim=2)
         x = self.heard(backbone, sound) + self.moved(backbone, moves)
         x = x if hints is None else x + hints
         return self.codes(self._run(backbone, x), moves)
@@ -49,7 +49,7 @@ class DepthReader(nn.Module):
         self, backbone: "Body", sound: Int[Tensor, "b t"], moves: Int[Tensor, "b m"]
     ) -> tuple[Float[Tensor, "b t c"], Float[Tensor, "b m c"]]:
         """The hidden states that predict each audio id from sound alone, and each motion id from motion alone."""
-        sounds, codes = (ids.unflatten(1, (-1, size)) for ids, size in zip((sound, moves), self._sizes, strict=True))
+        sounds, codes = (ids.view(len(ids), -1, size) for ids, size in zip((sound, moves), self._sizes, strict=True))
         heard = torch.cat([self._start(backbone, sound), self.heard(backbone, sounds)[:, :-1]], dim=1)
         by_sound, by_motion = self._run(backbone, heard), self._run(backbone, self.moved(backbone, codes))
         return self.codes(by_sound, sounds), self.codes(by_motion, codes)

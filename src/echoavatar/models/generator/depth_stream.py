@@ -53,7 +53,7 @@ class DepthDecoder(Decoder):
         super().__init__(Part(config.depth, depth.body, generator.segment_head(), generator.exemplar), precision)
         self._backbone = Decoder(Part(config, generator.model, depth.condition.weight[None]), precision)
         self._table = generator.model.embed_tokens.weight.detach().float()
-        layout, by_place = config.layout, depth.sound.weight.detach().float().unflatten(1, (AUDIO_FRAMES_PER_TOKEN, -1))
+        layout, by_place = config.layout, depth.sound.weight.detach().float().view(config.width, -1, config.width)
         sounds = self._table[layout.audio_base :][: layout.audio_layers * layout.audio_codes]
         self._sounds = torch.einsum("opi,ai->pao", by_place, sounds)
         for part in (self, self._backbone):

@@ -224,4 +224,9 @@ class Depth(SequenceOrder):
 
 def sequence_order(name: str, layout: TokenLayout, window_chunks: int) -> SequenceOrder:
     """The order of that name: `interleaved`, `prefix` or `depth`."""
-    return {"interleaved": Interleaved, "prefix": Prefix, "depth": Depth}[name](layout, window_chunks)
+    orders: dict[str, type[Interleaved | Prefix | Depth]] = {
+        "interleaved": Interleaved,
+        "prefix": Prefix,
+        "depth": Depth,
+    }
+    return orders[name](layout, window_chunks)
